@@ -16,7 +16,6 @@ from twolink.simulation import (
     Cost,
     Event,
     Explanation,
-    Simulation,
     Trajectory,
     Worlds,
     explain,
@@ -42,6 +41,7 @@ if TYPE_CHECKING:
     from twolink.service.client import connect
     from twolink.simulation.energy_balance import EnergyBalance, energy_book, loop_forces
     from twolink.simulation.sensitivities import Sensitivities, sensitivities
+    from twolink.simulation.stepwise import Simulation
     from twolink.sweeps.sweeping import sweep
 
 _IMPORTED_WHEN_USED = {
@@ -62,6 +62,7 @@ _IMPORTED_WHEN_USED = {
     "service.client": ("connect",),
     "simulation.energy_balance": ("EnergyBalance", "energy_book", "loop_forces"),
     "simulation.sensitivities": ("Sensitivities", "sensitivities"),
+    "simulation.stepwise": ("Simulation",),
     "sweeps.sweeping": ("sweep",),
 }
 

@@ -2,7 +2,7 @@
 
     python -m scripts.studies.real_data [--windows 4,10,20,30,40]
 
-Fitted on runs 00, 02 and 04 of tests/identification/double_pendulum, judged on the swing-up of run 12: root mean square
+Fitted on runs 00, 02 and 04 of tests/identification/double_pendulum, judged on run 12: root mean square
 of the measured torques less their prediction, N m, all with the same states, filtered at 6 Hz. by hand: the
 same base parameters by NumPy's least squares, filtered with 8 Hz. published: the parameters of its authors. Ends 0 if
 the default is within 10 % of every other row. Rows go to out/real-data.csv.

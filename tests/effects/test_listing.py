@@ -21,6 +21,7 @@ def test_every_effect_is_listed_and_completed() -> None:
     bases = {base for value in defined for base in value.__mro__[1:]}
     assert set(TYPES.values()) == {value.__name__ for value in defined - bases} - {
         "Touching",
+        "DofTorques",
         "HeldTorques",
         "Controller",
     }

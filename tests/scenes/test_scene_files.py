@@ -77,7 +77,7 @@ def test_continuous_joints_take_an_angle(tmp_path: Path) -> None:
 
 
 def test_a_urdf_is_no_scene() -> None:
-    with pytest.raises(SceneError, match=r"a URDF is a robot, not a scene; tl\.Scene\(tl\.load_robot\('arm\.urdf'\)"):
+    with pytest.raises(SceneError, match=r"a URDF is a robot, not a scene; tl\.scene_of\('arm\.urdf'\)"):
         tl.load_scene("arm.urdf")
 
 

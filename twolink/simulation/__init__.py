@@ -11,7 +11,6 @@ from twolink.simulation.cost import Cost
 from twolink.simulation.explanation import Explanation, explain
 from twolink.simulation.many_runs import Worlds
 from twolink.simulation.scene_run import simulate
-from twolink.simulation.stepwise import Simulation
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.worlds import simulate_many
 
@@ -20,7 +19,6 @@ __all__ = [
     "Cost",
     "Event",
     "Explanation",
-    "Simulation",
     "Trajectory",
     "Worlds",
     "explain",
