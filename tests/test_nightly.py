@@ -10,7 +10,18 @@ import pytest
 
 TOP = Path(__file__).parents[1]
 NIGHTLY = TOP / "scripts" / "nightly"
-STEPS = ["slow-tests", "hard-cases", "error-bars", "sensitivities", "stops", "loops", "catalogue", "price", "mutations", "attacks"]
+STEPS = [
+    "slow-tests",
+    "hard-cases",
+    "error-bars",
+    "sensitivities",
+    "stops",
+    "loops",
+    "catalogue",
+    "price",
+    "mutations",
+    "attacks",
+]
 
 
 @pytest.fixture
