@@ -31,7 +31,7 @@ from twolink.errors import AccuracyError
 from twolink.integrate.motion.scene_equations import make_equations
 from twolink.integrate.solvers.taylor_code import Integrator, number_type
 from twolink.loop.clock import ACT, PARTS, READ, UPDATE, Random
-from twolink.loop.session import Measured
+from twolink.loop.sampled_loop import Measured
 
 SECONDS, SAMPLES, LIMITS = Fraction(1, 2), 21, (5.0, 20.0, 60.0)
 SAMPLE = 9  # after all else that happens at an instant

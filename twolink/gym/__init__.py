@@ -1,6 +1,6 @@
-"""Environments of Gymnasium from scenes: an agent gives torques, and sees states. Needs `twolink[gym]`.
+"""Environments of Gymnasium from scenes: torques are given, states are seen. Needs `twolink[gym]`.
 
-In: a scene, a reward, what an agent sees and does. Out: `Environment`, one world, and `VectorEnvironment`, many in a
+In: a scene, a reward, what is seen and given. Out: `Environment`, one world, and `VectorEnvironment`, many in a
 batch of compiled steps. This room knows no learning.
 """
 

@@ -30,8 +30,8 @@ Start = Callable[[np.random.Generator], tuple[Array, Array]]
 EFFORT = 1.0  # N m or N, of joints without a limit of effort
 
 
-class Agent:
-    """What an agent of a scene sees, does and gets.
+class Task:
+    """What is to be done in a scene: what is seen, what is given, and the reward.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class Agent:
 
 
 class Environment(gymnasium.Env[Array, Array]):
-    """A scene as an environment of Gymnasium. Takes what `Agent` takes.
+    """A scene as an environment of Gymnasium. Takes what `Task` takes.
 
     Examples
     --------
@@ -99,28 +99,28 @@ class Environment(gymnasium.Env[Array, Array]):
     >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
     """
 
-    def __init__(self, scene: Scene, reward: Reward, **agent: Any) -> None:
-        self.agent = Agent(scene, reward, **agent)
-        self.action_space, self.observation_space = self.agent.actions, self.agent.observations
-        self.simulation = Simulation(scene, accuracy=self.agent.accuracy)
+    def __init__(self, scene: Scene, reward: Reward, **task: Any) -> None:
+        self.task = Task(scene, reward, **task)
+        self.action_space, self.observation_space = self.task.actions, self.task.observations
+        self.simulation = Simulation(scene, accuracy=self.task.accuracy)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Begin an episode. options: q and v of its start."""
         super().reset(seed=seed)
-        q, v = self.agent.start(self.np_random)
+        q, v = self.task.start(self.np_random)
         chosen = {"q": q, "v": v} | (options or {})
         self.simulation.set_state(chosen["q"], chosen["v"], t=0.0)
-        return np.asarray(self.agent.observe(self.simulation.state), dtype=float), {}
+        return np.asarray(self.task.observe(self.simulation.state), dtype=float), {}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Act for a period."""
-        tau = self.agent.torques(action)
-        state = self.simulation.step(self.agent.period, tau)
-        return *self.agent.outcome(state, tau), {"t": state.t}
+        tau = self.task.torques(action)
+        state = self.simulation.step(self.task.period, tau)
+        return *self.task.outcome(state, tau), {"t": state.t}
 
 
 class VectorEnvironment(gymnasium.vector.VectorEnv[Array, Array, Array]):
-    """Many worlds of a scene as a vector environment: a batch of compiled steps. Takes what `Agent` takes.
+    """Many worlds of a scene as a vector environment: a batch of compiled steps. Takes what `Task` takes.
 
     A world that has ended begins its next episode with the next step, whose action it ignores.
 
@@ -131,11 +131,11 @@ class VectorEnvironment(gymnasium.vector.VectorEnv[Array, Array, Array]):
 
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012 Gymnasium's
 
-    def __init__(self, scene: Scene, reward: Reward, num_envs: int, **agent: Any) -> None:
-        self.agent, self.num_envs = Agent(scene, reward, **agent), num_envs
-        self.single_action_space, self.single_observation_space = self.agent.actions, self.agent.observations
-        self.action_space = gymnasium.vector.utils.batch_space(self.agent.actions, num_envs)
-        self.observation_space = gymnasium.vector.utils.batch_space(self.agent.observations, num_envs)
+    def __init__(self, scene: Scene, reward: Reward, num_envs: int, **task: Any) -> None:
+        self.task, self.num_envs = Task(scene, reward, **task), num_envs
+        self.single_action_space, self.single_observation_space = self.task.actions, self.task.observations
+        self.action_space = gymnasium.vector.utils.batch_space(self.task.actions, num_envs)
+        self.observation_space = gymnasium.vector.utils.batch_space(self.task.observations, num_envs)
         equations, self._torques = with_held_torques(scene, scene.q, scene.v)
         if equations.constraints is not None:
             raise SceneError("worlds with loops are not solved in a batch", where="effects", code="not-step-by-step",
@@ -143,27 +143,27 @@ class VectorEnvironment(gymnasium.vector.VectorEnv[Array, Array, Array]):
         self._map = step_map(equations, METHOD)
         x = np.repeat(equations.start[:, None], num_envs, axis=1)
         self._state, self._limit = start_state(self._map, x, 0.0, scene.duration,
-                                               first_tolerance(METHOD, self.agent.accuracy))  # fmt: skip
+                                               first_tolerance(METHOD, self.task.accuracy))  # fmt: skip
         self._begin, self._ended = self._state[:, 0].copy(), np.zeros(num_envs, dtype=bool)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Begin an episode in every world."""
         super().reset(seed=seed if isinstance(seed, int) else None, options=options)
         self._restart(np.arange(self.num_envs))
-        return np.array([self.agent.observe(self._seen(i)) for i in range(self.num_envs)], dtype=float), {}
+        return np.array([self.task.observe(self._seen(i)) for i in range(self.num_envs)], dtype=float), {}
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Act for a period in every world."""
-        state, rows, tau = self._state, self._map.rows, self.agent.torques(actions)
+        state, rows, tau = self._state, self._map.rows, self.task.torques(actions)
         again = np.flatnonzero(self._ended)
-        state[self._torques], state[rows.end] = tau.T, state[rows.time] + self.agent.period
+        state[self._torques], state[rows.end] = tau.T, state[rows.time] + self.task.period
         state[rows.end, again], before = state[rows.time, again], state[rows.step].copy()
         lost = np.zeros(self.num_envs, dtype=bool)
         for block in advance(self._map, state, self._limit, BLOCK, LANES, (NO_PERTURBATION,)):
             lost[block.worlds[block.outcome != FINE]] = True
         state[rows.step] = np.fmax(state[rows.step], before)  # a period ends steps, and does not make them smaller
         self._restart(again)
-        out = [self.agent.outcome(self._seen(i), tau[i]) for i in range(self.num_envs)]
+        out = [self.task.outcome(self._seen(i), tau[i]) for i in range(self.num_envs)]
         seen, rewards, terminated, truncated = (np.array(part) for part in zip(*out, strict=True))
         rewards[again], terminated[again], truncated[again] = 0.0, False, False
         self._ended = terminated | truncated | lost
@@ -173,11 +173,11 @@ class VectorEnvironment(gymnasium.vector.VectorEnv[Array, Array, Array]):
         space = self._map.equations.space
         for i in worlds:
             self._state[:, i] = self._begin
-            self._state[: space.nq, i], self._state[space.v_rows, i] = self.agent.start(self.np_random)
+            self._state[: space.nq, i], self._state[space.v_rows, i] = self.task.start(self.np_random)
         self._ended[worlds] = False
 
     def _seen(self, i: int) -> State:
         space, x = self._map.equations.space, self._state[:, i]
-        q = self.agent.scene.robot.normalize(x[: space.nq]) if space.curved else x[: space.nq].copy()
+        q = self.task.scene.robot.normalize(x[: space.nq]) if space.curved else x[: space.nq].copy()
         z = dict(zip(space.states, x[space.z_rows].tolist(), strict=True))
         return State(float(x[self._map.rows.time]), q, x[space.v_rows].copy(), z)

@@ -24,7 +24,7 @@ from twolink.integrate.motion.layout import NO_SLOTS, Layout
 from twolink.integrate.motion.state import Array, StateSpace
 
 if TYPE_CHECKING:
-    from twolink.loop.session import Sampling
+    from twolink.loop.sampled_loop import Sampling
 
 SAME_TIME = 1e-14  # relative: breaks nearer to each other than this are one, for no step resolves them
 

@@ -35,7 +35,7 @@ from twolink.scenes import Scene
 from twolink.scenes.parameters import PREFIX, numbers_of
 
 if TYPE_CHECKING:
-    from twolink.loop.session import Sampling
+    from twolink.loop.sampled_loop import Sampling
 
 _kept: weakref.WeakKeyDictionary[Scene, dict[tuple[str, ...], Equations]] = weakref.WeakKeyDictionary()
 
@@ -76,7 +76,7 @@ def sampling_of(scene: Scene) -> "Sampling | None":
     """The controllers and sensors of a scene; None where there are no controllers."""
     if all(effect.at_ticks != "controller" for effect in scene.effects):
         return None
-    from twolink.loop.session import Sampling  # which other scenes do not load
+    from twolink.loop.sampled_loop import Sampling  # which other scenes do not load
 
     controllers, sensors = ({i: effect for i, effect in enumerate(scene.effects) if effect.at_ticks == kind}
                             for kind in ("controller", "sensor"))  # fmt: skip

@@ -22,7 +22,7 @@ from twolink.integrate.steps.outcomes import FINE, Block, failure_of, outcome_of
 from twolink.integrate.steps.perturbation import MIN_STEPS, NO_PERTURBATION, Perturbation, disturbances
 from twolink.integrate.steps.step_map import StepMap, step_map
 from twolink.integrate.steps.stepping import start_state
-from twolink.loop.session import Sampling, Session
+from twolink.loop.sampled_loop import SampledLoop, Sampling
 
 LOOK = 64  # attempted steps between two looks at whether they get on
 FEW = 8  # ticks whose disturbances are drawn at once
@@ -147,18 +147,18 @@ class Lanes:
 class _Run:
     """A run from tick to tick. t, x: where steps of the first solution ended, and with which held numbers."""
 
-    def __init__(self, equations: Equations, lanes: Lanes, session: Session, beside: Beside | None) -> None:
-        self._equations, self._lanes, self._session, self._beside = equations, lanes, session, beside
+    def __init__(self, equations: Equations, lanes: Lanes, loop: SampledLoop, beside: Beside | None) -> None:
+        self._equations, self._lanes, self._loop, self._beside = equations, lanes, loop, beside
         self.t, self.x = [lanes.time], [lanes.x[:, 0].copy()]
 
     def go(self, end: float) -> None:
         """Go to the end."""
-        lanes, session, breaks = self._lanes, self._session, self._equations.breaks(end)
+        lanes, loop, breaks = self._lanes, self._loop, self._equations.breaks(end)
         stops = np.unique(np.append(breaks, end if self._beside is None else self._beside.t))
         for stop in stops[stops > lanes.time]:
-            while session.time <= stop * (1.0 + SAME_TIME):
-                self._to(min(session.time, end))
-                session.tick(lanes.x)
+            while loop.time <= stop * (1.0 + SAME_TIME):
+                self._to(min(loop.time, end))
+                loop.tick(lanes.x)
                 self.x[-1] = lanes.x[:, 0].copy()
             if stop > self.t[-1] * (1.0 + SAME_TIME):
                 self._to(float(stop))
@@ -193,8 +193,8 @@ class _Run:
         accepted, rejected = self._lanes.counts
         evaluations = (accepted + rejected + int(between.sum())) * by.method.evaluations
         piece = Piece(self._equations, float(t[0]), len(times), (t, x[:, :moving]), held=x[:, moving:],
-                      readings=self._session.readings)  # fmt: skip
-        found = self._session.ambiguous()
+                      readings=self._loop.readings)  # fmt: skip
+        found = self._loop.ambiguous()
         events = [Event(at, AMBIGUOUS, what, "solutions of the error bar got different answers")
                   for at, what in found[:NAMED]]  # fmt: skip
         if len(found) > NAMED:
@@ -221,9 +221,9 @@ def solve_ticks(
     others, by = () if beside is None else beside.perturbations, step_map(equations, method)
     lanes = Lanes(by, float(times[0]), float(times[-1]), setting, (perturbation, *others), progress)
     rows = {table.name: at.start for at, table in equations.layout.rows_of_tables() if isinstance(table, Slot)}
-    session = Session(sampling, rows, lanes.x, functools.partial(forces_seen, equations))
+    loop = SampledLoop(sampling, rows, lanes.x, functools.partial(forces_seen, equations))
     interrupted = False
-    run = _Run(equations, lanes, session, beside)
+    run = _Run(equations, lanes, loop, beside)
     try:
         run.go(float(times[-1]))
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""A session: the controllers and sensors of a scene in a run, for each of its solutions.
+"""A sampled loop: the controllers and sensors of a scene in a run, for each of its solutions.
 
 Every solution has its own controller state, calls and readings; noise and jitter are the same for all. Their distance
 contains what the controllers make of an error.
@@ -77,7 +77,7 @@ class _Measuring:
     log: list[tuple[float, Array]] = field(default_factory=list)
 
 
-class Session:
+class SampledLoop:
     """Controllers and sensors from tick to tick.
 
     Parameters
