@@ -87,7 +87,8 @@ def test_the_examples_run(tmp_path: Path) -> None:
     pages = [str(page) for page in PAGES if "{code-cell}" in page.read_text("utf-8")]
     assert len(pages) >= 8
     command = [sys.executable, "-c", RUNNER, str(tmp_path), str(TOP / "README.md"), *pages]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment(tmp_path), timeout=600)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment(tmp_path),
+                          timeout=3600)  # fmt: skip
     assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-3000:]
 
 
