@@ -71,3 +71,44 @@ def test_a_world_that_ends_early_says_so() -> None:
 def test_a_scene_with_events_is_refused() -> None:
     with pytest.raises(tl.errors.SceneError, match="events"):
         Environment(tl.load_scene("bouncing-ball"), reward)
+
+
+def test_seeds_and_options_of_worlds_are_those_of_single_environments() -> None:
+    worlds, env = VectorEnvironment(SWING, reward, 2, start=around), Environment(SWING, reward, start=around)
+    for seeds in (7, [7, 8]):
+        seen, _ = worlds.reset(seed=seeds)
+        np.testing.assert_array_equal(seen, [env.reset(seed=7)[0], env.reset(seed=8)[0]])
+    seen, _ = worlds.reset(options={"q": [0.1, 0.2], "v": [0.0, 0.3]})
+    np.testing.assert_array_equal(seen, [[0.1, 0.2, 0.0, 0.3]] * 2)
+
+
+def test_worlds_begin_with_the_states_of_effects() -> None:
+    scene = tl.load_scene("stick-slip")
+    seen = lambda at: np.concatenate([at.q, at.v, list(at.z.values())])  # noqa: E731
+    worlds, env = (made(scene, lambda *_: 0.0, **more, observe=seen)
+                   for made, more in ((VectorEnvironment, {"num_envs": 2}), (Environment, {})))  # fmt: skip
+    first, _ = env.reset(seed=0)
+    np.testing.assert_array_equal(worlds.reset(seed=0)[0][0], first)
+    assert worlds.single_observation_space.shape == first.shape
+
+
+@pytest.mark.parametrize(
+    ("wrong", "part"),
+    [
+        ({"limit": 0.0}, "limit"),
+        ({"limit": [1.0, -1.0]}, "limit"),
+        ({"limit": [1.0]}, "limit"),
+        ({"period": 0.0}, "period"),
+    ],
+)
+def test_wrong_numbers_are_refused(wrong: dict, part: str) -> None:
+    with pytest.raises(tl.errors.TwolinkError) as caught:
+        Environment(SWING, reward, **wrong)
+    assert part in str(caught.value) or caught.value.argument == part
+
+
+def test_unknown_options_and_seeds_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(tl.errors.SceneError, match="unknown option 'p'"):
+        Environment(SWING, reward).reset(options={"p": 1})
+    with pytest.raises(tl.errors.SceneError, match="3 seeds for 2 worlds"):
+        VectorEnvironment(SWING, reward, 2).reset(seed=[1, 2, 3])

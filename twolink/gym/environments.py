@@ -1,10 +1,11 @@
 """Environments of Gymnasium (Towers et al. 2024) from a scene, one world or many in a batch."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
+from twolink.dynamics.arguments import positive
 from twolink.errors import MissingExtraError, SceneError
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solvers.method_choice import first_tolerance
@@ -14,7 +15,7 @@ from twolink.integrate.steps.step_map import LANES, step_map
 from twolink.integrate.steps.stepping import BLOCK, advance, start_state
 from twolink.scenes import Scene
 from twolink.simulation.sampling import duration_for
-from twolink.simulation.stepwise import METHOD, Simulation, State, with_held_torques
+from twolink.simulation.stepwise import METHOD, Simulation, State, one, start_of, state_of, with_held_torques
 
 try:
     import gymnasium
@@ -65,16 +66,30 @@ class Task:
         limit: Any = None,
         accuracy: float = 1e-6,
     ) -> None:
-        duration_for(scene, None)  # it is a scene
-        self.scene, self.reward, self.period, self.accuracy = scene, reward, period, accuracy
+        duration_for(scene, None)  # raises SceneError for what is no scene
+        self.scene, self.reward, self.accuracy = scene, reward, accuracy
+        self.period = positive(period, "period", SceneError, "a time in s")
         self.observe = observe or (lambda state: np.concatenate([state.q, state.v]))
         self.terminated = terminated or (lambda _: False)
         self.start = start or (lambda _: (scene.q, scene.v))
-        effort = np.asarray(scene.robot.model.effortLimit) if limit is None else np.asarray(limit, dtype=float)
-        self.limit = np.where(np.isfinite(effort) & (effort > 0.0), effort, EFFORT) * np.ones(scene.robot.nv)
+        effort, nv = np.asarray(scene.robot.model.effortLimit), scene.robot.nv
+        self.limit = np.where(np.isfinite(effort) & (effort > 0.0), effort, EFFORT)
+        if limit is not None:
+            self.limit = one("limit", np.full(nv, limit) if np.ndim(limit) == 0 else limit, nv)
+            positive(self.limit.min(initial=np.inf) if nv else 1.0, "limit", SceneError, "largest torques, N m or N")
         self.actions = gymnasium.spaces.Box(-self.limit, self.limit, dtype=np.float64)
-        seen = np.asarray(self.observe(State(0.0, scene.q, scene.v, {})), dtype=float)
-        self.observations = gymnasium.spaces.Box(-np.inf, np.inf, seen.shape, dtype=np.float64)
+
+    def observations(self, state: State) -> gymnasium.spaces.Box:
+        """The space of what is seen, by a state."""
+        return gymnasium.spaces.Box(-np.inf, np.inf, np.shape(self.observe(state)), dtype=np.float64)
+
+    def begin(self, random: np.random.Generator, options: Mapping[str, Any] | None) -> tuple[Any, Any]:
+        """q and v of a start: those of the options, others as the task begins. Raises SceneError for other options."""
+        wrong = set(options or {}) - {"q", "v"}
+        if wrong:
+            raise SceneError(f"unknown option {min(wrong)!r}", argument="options", remedy="q and v of the start")
+        chosen = dict(zip("qv", self.start(random), strict=True)) | dict(options or {})
+        return chosen["q"], chosen["v"]
 
     def torques(self, action: Any) -> Array:
         """The torques of actions, within their limits."""
@@ -101,15 +116,13 @@ class Environment(gymnasium.Env[Array, Array]):
 
     def __init__(self, scene: Scene, reward: Reward, **task: Any) -> None:
         self.task = Task(scene, reward, **task)
-        self.action_space, self.observation_space = self.task.actions, self.task.observations
         self.simulation = Simulation(scene, accuracy=self.task.accuracy)
+        self.action_space, self.observation_space = self.task.actions, self.task.observations(self.simulation.state)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Begin an episode. options: q and v of its start."""
         super().reset(seed=seed)
-        q, v = self.task.start(self.np_random)
-        chosen = {"q": q, "v": v} | (options or {})
-        self.simulation.set_state(chosen["q"], chosen["v"], t=0.0)
+        self.simulation.set_state(*self.task.begin(self.np_random, options), t=0.0)
         return np.asarray(self.task.observe(self.simulation.state), dtype=float), {}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -133,9 +146,6 @@ class VectorEnvironment(gymnasium.vector.VectorEnv[Array, Array, Array]):
 
     def __init__(self, scene: Scene, reward: Reward, num_envs: int, **task: Any) -> None:
         self.task, self.num_envs = Task(scene, reward, **task), num_envs
-        self.single_action_space, self.single_observation_space = self.task.actions, self.task.observations
-        self.action_space = gymnasium.vector.utils.batch_space(self.task.actions, num_envs)
-        self.observation_space = gymnasium.vector.utils.batch_space(self.task.observations, num_envs)
         equations, self._torques = with_held_torques(scene, scene.q, scene.v)
         if equations.constraints is not None:
             raise SceneError("worlds with loops are not solved in a batch", where="effects", code="not-step-by-step",
@@ -145,11 +155,25 @@ class VectorEnvironment(gymnasium.vector.VectorEnv[Array, Array, Array]):
         self._state, self._limit = start_state(self._map, x, 0.0, scene.duration,
                                                first_tolerance(METHOD, self.task.accuracy))  # fmt: skip
         self._begin, self._ended = self._state[:, 0].copy(), np.zeros(num_envs, dtype=bool)
+        self._random = [np.random.default_rng() for _ in range(num_envs)]
+        batch = gymnasium.vector.utils.batch_space
+        self.single_action_space = self.task.actions
+        self.single_observation_space = self.task.observations(self._seen(0))
+        self.action_space = batch(self.single_action_space, num_envs)
+        self.observation_space = batch(self.single_observation_space, num_envs)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Begin an episode in every world."""
-        super().reset(seed=seed if isinstance(seed, int) else None, options=options)
-        self._restart(np.arange(self.num_envs))
+        """Begin an episode in every world. seed: of the first world, the next ones have seed + 1, ...; or one of each.
+
+        options: q and v of the start of all.
+        """
+        if seed is not None:
+            seeds = seed + np.arange(self.num_envs) if np.ndim(seed) == 0 else seed
+            self._random = [gymnasium.utils.seeding.np_random(int(one))[0] for one in seeds]
+        if len(self._random) != self.num_envs:
+            raise SceneError(f"{len(self._random)} seeds for {self.num_envs} worlds", argument="seed",
+                             remedy="one, or one of each")  # fmt: skip
+        self._restart(np.arange(self.num_envs), options)
         return np.array([self.task.observe(self._seen(i)) for i in range(self.num_envs)], dtype=float), {}
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
@@ -169,15 +193,14 @@ class VectorEnvironment(gymnasium.vector.VectorEnv[Array, Array, Array]):
         self._ended = terminated | truncated | lost
         return seen, rewards, terminated | lost, truncated, {"lost": lost}
 
-    def _restart(self, worlds: Array) -> None:
-        space = self._map.equations.space
+    def _restart(self, worlds: Array, options: Mapping[str, Any] | None = None) -> None:
+        equations = self._map.equations
         for i in worlds:
+            q, v = self.task.begin(self._random[i], options)
             self._state[:, i] = self._begin
-            self._state[: space.nq, i], self._state[space.v_rows, i] = self.task.start(self.np_random)
+            self._state[: equations.space.size, i] = start_of(self.task.scene, equations, q, v)
         self._ended[worlds] = False
 
     def _seen(self, i: int) -> State:
-        space, x = self._map.equations.space, self._state[:, i]
-        q = self.task.scene.robot.normalize(x[: space.nq]) if space.curved else x[: space.nq].copy()
-        z = dict(zip(space.states, x[space.z_rows].tolist(), strict=True))
-        return State(float(x[self._map.rows.time]), q, x[space.v_rows].copy(), z)
+        x = self._state[:, i]
+        return state_of(self.task.scene, self._map.equations, float(x[self._map.rows.time]), x)

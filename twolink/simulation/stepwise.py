@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,14 +14,14 @@ from scipy.optimize import brentq
 
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
-from twolink.dynamics.arguments import array, positive
+from twolink.dynamics.arguments import array, configuration, positive
 from twolink.effects.conditions import Condition, FrameReaches, JointReaches
 from twolink.effects.inputs import Slot
 from twolink.effects.sampled_control import DofTorques
 from twolink.effects.switching import switching_of
-from twolink.errors import SceneError
+from twolink.errors import QueryError, SceneError
 from twolink.integrate.motion.equations import Equations
-from twolink.integrate.motion.scene_equations import make_equations
+from twolink.integrate.motion.scene_equations import make_equations, starting_states
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solvers.method_choice import first_tolerance
 from twolink.integrate.solvers.ticks import Lanes
@@ -84,6 +84,32 @@ def with_held_torques(scene: Scene, q: Array, v: Array) -> tuple[Equations, slic
     return equations, slice(rows[0], rows[-1] + 1)
 
 
+def start_of(scene: Scene, equations: Equations, q: ArrayLike, v: ArrayLike) -> Array:
+    """The state (size,) of equations without loops at q, v: effects begin there, and no torques act."""
+    at = (
+        configuration("q", one("q", q, scene.robot.nq), scene.robot.nq, scene.robot.joints),
+        one("v", v, scene.robot.nv),
+    )
+    motion = Motion(equations.robot.model, equations.mechanism, list(at[0]), list(at[1]), 0.0, Numbers)
+    z = np.array(list(starting_states(scene.effects, motion).values()), dtype=float)
+    return np.concatenate([*at, z, equations.layout.numbers_at(0.0)])
+
+
+def one(name: str, value: ArrayLike, size: int) -> Array:
+    """Finite numbers (size,). Raises QueryError that names the argument."""
+    given = array(name, value, size)
+    if given.ndim != 1:
+        raise QueryError(f"expected shape ({size},), got {given.shape}", argument=name, remedy="give one state")
+    return given
+
+
+def state_of(scene: Scene, equations: Equations, t: float, x: Array) -> State:
+    """A row of states (size,) as what is seen, in copies."""
+    space = equations.space
+    q = scene.robot.normalize(x[: space.nq]) if space.curved else x[: space.nq].copy()
+    return State(t, q, x[space.v_rows].copy(), dict(zip(space.states, x[space.z_rows].tolist(), strict=True)))
+
+
 class Simulation:
     """A scene that is solved step by step, with torques that are given from step to step.
 
@@ -117,7 +143,7 @@ class Simulation:
     """
 
     def __init__(self, scene: Scene, *, accuracy: float = 1e-6, verify: bool = False) -> None:
-        duration_for(scene, None)  # it is a scene
+        duration_for(scene, None)  # raises SceneError for what is no scene
         self.scene, self._tolerance = scene, first_tolerance(METHOD, accuracy_of(accuracy))
         others = (finer_solution(METHOD, self._tolerance), *disturbed_solutions(ROUNDED)) if verify else ()
         self._solutions, self._bar, self._steps = (NO_PERTURBATION, *others), 0.0, 0
@@ -138,12 +164,7 @@ class Simulation:
     @property
     def state(self) -> State:
         """Where the motion is, in copies."""
-        return self._seen(self._lanes.time, self._lanes.x[:, 0])
-
-    def _seen(self, t: float, x: Array) -> State:
-        space = self._equations.space
-        q = self.scene.robot.normalize(x[: space.nq]) if space.curved else x[: space.nq].copy()
-        return State(t, q, x[space.v_rows].copy(), dict(zip(space.states, x[space.z_rows].tolist(), strict=True)))
+        return state_of(self.scene, self._equations, self._lanes.time, self._lanes.x[:, 0])
 
     @property
     def error(self) -> float:
@@ -182,7 +203,7 @@ class Simulation:
         if tau is not None:
             given = np.asarray(tau, dtype=float)
             if given.shape != (self._torques.stop - self._torques.start,) or not np.isfinite(given).all():
-                array("tau", tau, self.scene.robot.nv)  # says what is wrong
+                one("tau", tau, self.scene.robot.nv)  # says what is wrong
             lanes.x[self._torques] = given[:, None]
         if not 0.0 < dt < math.inf:
             positive(dt, "dt", SceneError, "a time in s")
@@ -210,10 +231,15 @@ class Simulation:
         Returns
         -------
         bool
-            Whether the event came: the simulation stands at it, else at the limit. Of two events within one step of the
-            method it may miss both.
+            Whether the event came: the simulation stands at it, else at the limit. Of two events within a 64th of the
+            limit it may miss both.
+
+        Raises
+        ------
+        SceneError
+            The limit is not a time, or the condition does not fit the robot.
         """
-        missing = self._distance(event)
+        limit, missing = positive(limit, "limit", SceneError, "a time in s"), self._distance(event)
         end, value = self.t + limit, missing(self.state)
         while self.t < end * (1.0 - SAME_TIME):
             before = self.save()
@@ -252,10 +278,13 @@ class Simulation:
         t : float, optional
             s; by default the time it is.
         """
-        now, robot = self.state, self.scene.robot
-        q = now.q if q is None else array("q", q, robot.nq)
-        v = now.v if v is None else array("v", v, robot.nv)
-        self._equations, _ = with_held_torques(self.scene, np.asarray(q), np.asarray(v))
+        now = self.state
+        start = start_of(self.scene, self._equations, now.q if q is None else q, now.v if v is None else v)
+        if self._equations.constraints is None:
+            self._equations = replace(self._equations, start=start)
+        else:  # loops are closed
+            space = self._equations.space
+            self._equations, _ = with_held_torques(self.scene, start[: space.nq], start[space.v_rows])
         self._bar, self._steps = 0.0, 0
         self._lanes = self._begun(self._equations, now.t if t is None else float(t))
 
