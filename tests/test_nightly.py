@@ -21,6 +21,9 @@ STEPS = [
     "price",
     "mutations",
     "attacks",
+    "coverage",
+    "without-heyoka",
+    "pythons",
 ]
 
 

@@ -24,10 +24,19 @@ PAGES = [page for page in DOCS.rglob("*.md") if page.parent.name not in ("genera
 NOT_RUN = {"console"}  # what installs or serves; everything else is run
 
 RUNNER = """
-import os, re, sys, time, warnings
+import atexit, os, re, signal, sys, time, warnings
 from pathlib import Path
 from IPython.core.interactiveshell import InteractiveShell
 from shell_cells import STARTUP
+
+
+def end_what_cells_started():
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    os.killpg(0, signal.SIGTERM)
+
+
+os.setsid()
+atexit.register(end_what_cells_started)
 
 shell = InteractiveShell.instance(colors="nocolor")
 folder = Path(sys.argv[1])
