@@ -23,8 +23,9 @@ def pytest_configure(config: pytest.Config) -> None:
     """Begin with an empty cache: what earlier runs compiled or measured must not decide what tests see.
 
     The workers of pytest-xdist inherit the folder, so that each kernel is compiled once. Who sets TWOLINK_CACHE keeps
-    a warm cache between runs.
+    a warm cache between runs. Kernels are not optimized, unless TWOLINK_OPT_LEVEL says so: most are called a few times.
     """
+    os.environ.setdefault("TWOLINK_OPT_LEVEL", "0")
     if "TWOLINK_CACHE" not in os.environ:
         config.stash[_own_cache] = os.environ["TWOLINK_CACHE"] = tempfile.mkdtemp(prefix="twolink-tests-")
 

@@ -60,6 +60,7 @@ def test_rows_are_by_method_and_errors_fall_with_the_setting(study: tl.Study) ->
             assert (row.tolerance is None) != (row.step is None)
 
 
+@pytest.mark.slow
 def test_the_reference_is_far_better_and_right(study: tl.Study, arm: tl.Scene) -> None:
     assert study.reference.error * 100 <= min(row.error for row in study.rows)
     assert all(row.resolved for row in study.rows)

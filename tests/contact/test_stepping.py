@@ -170,6 +170,7 @@ def test_what_an_accuracy_is_refused_for_can_be_asked_for() -> None:
     assert run.error[-1] <= float(offered[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("stiff", "accuracy"), [(1e5, None), (1e5, 2e-2), (1e7, None)])
 def test_steps_too_long_for_a_stiff_spring_are_made_smaller(stiff: float, accuracy: float | None) -> None:
     """x'' = -k x of a block that slides without friction: steps of 0.01 s grow without end for k > 4e4 / s^2."""

@@ -197,6 +197,7 @@ def _in_a_process(folder: str) -> list[float]:
     return tl.load_robot("ur5").gravity_torque(np.full((9, 6), 0.3), engine="compiled")[0].tolist()
 
 
+@pytest.mark.slow
 def test_many_processes_at_once(folder: Path) -> None:
     context = multiprocessing.get_context("spawn")
     with concurrent.futures.ProcessPoolExecutor(4, mp_context=context) as pool:

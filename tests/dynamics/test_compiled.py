@@ -77,6 +77,7 @@ def test_signatures_are_those_of_the_robot() -> None:
             assert all(own[key].default == robots[key].default for key in expected), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["two_link", "ur5", "kinova"])
 def test_derivatives_equal_pinocchios(name: str) -> None:
     robot = tl.load_robot(name)

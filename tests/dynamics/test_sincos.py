@@ -55,6 +55,7 @@ def errors(points: np.ndarray, pair: Pair) -> tuple[float, float]:
     return float(max(s for s, _ in off)), float(max(c for _, c in off))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [math.pi / 2, 10.0, 1e3, 1e5, LIMIT])
 def test_error_stays_within_its_bound(pair: Pair, limit: float) -> None:
     rng = np.random.default_rng(1)

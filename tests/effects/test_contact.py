@@ -52,6 +52,7 @@ def test_a_free_block_on_four_corners_slides_down_an_incline_that_exceeds_its_fr
     assert np.abs(run.q[:, 3:] - run.q[0, 3:]).max() < 1e-10
 
 
+@pytest.mark.slow
 def test_a_free_block_slides_up_a_slope_and_down_again() -> None:
     """Where it stops, each corner has a slow slip of its own; down they slide in one direction."""
     angle, mu, v0, half = 0.48, 0.442, 2.798, 0.026
@@ -139,6 +140,7 @@ def test_a_ball_rolls_down_an_incline(share: float) -> None:
     assert np.abs(down - slope * G * run.t**2 / 2).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_a_ladder_leaves_the_wall_when_it_has_fallen_by_a_third() -> None:
     """Without friction theta'^2 = 3 g (cos theta_0 - cos theta) for 1 m; it leaves at cos theta = 2/3 cos theta_0."""
     first = 0.3

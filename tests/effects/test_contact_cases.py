@@ -60,6 +60,7 @@ def hinged_cradle(count: int, angle: float) -> tl.Scene:
     return tl.Scene(robot, [-angle] + [0] * (count - 1), effects=[E.Gravity(), contact])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [2, 4])
 def test_balls_that_touch_at_rest_pass_the_blow_on(count: int) -> None:
     """I th'' = -m g l sin th of the first ball; from the bottom on it is the last ball's motion."""
@@ -75,6 +76,7 @@ def test_balls_that_touch_at_rest_pass_the_blow_on(count: int) -> None:
     assert times(run, "impact")[0] == pytest.approx(period / 4, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_rod_slides_although_it_could_not_at_other_angles(monkeypatch: pytest.MonkeyPatch) -> None:
     """Until its other end meets the ground; steps are compared where the rod's sliding is not singular (Painleve)."""
     mu, inertia, start, speed = 1.4, 1.0 / 12.0, -0.395, 1.83
@@ -144,6 +146,7 @@ def test_a_cylinder_that_meets_a_wall_with_its_end(tilt: float) -> None:
     assert caught.value.code == "no-single-point"
 
 
+@pytest.mark.slow
 def test_a_cylinder_stands_and_slides_until_its_load_tips_it() -> None:
     """x'' = k t - mu g to its rest, with a push at the ground; then one at a height h tips it at m g R = k t h."""
     mu, v0, radius, half, k, high = 0.4, 1.0, 0.15, 0.25, 4.0, 0.4
@@ -271,6 +274,7 @@ def bodies_on_sliders(**axes: tuple[float, str, str]) -> tl.Robot:
     return tl.load_robot(f'<robot name="sliders"><link name="hand"/>{text}</robot>')
 
 
+@pytest.mark.slow
 def test_a_body_that_slides_across_a_slope_turns_downhill_as_it_stops() -> None:
     """After v0 (mu cos + sin d) / (g (mu^2 cos^2 - sin^2)), with the direction d downhill, which goes to 1."""
     angle, mu, v0, turn = 0.3, 0.35, 0.7, math.radians(40.0)
@@ -286,6 +290,7 @@ def test_a_body_that_slides_across_a_slope_turns_downhill_as_it_stops() -> None:
     assert np.abs(run.v[-1]).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_a_peg_slips_when_its_fingers_press_at_the_edge_of_the_cone() -> None:
     """Pressed with F = F_0 - k t from both sides it slips where 2 mu F = m g, and falls with g - 2 mu F / m."""
     mu, first, k, mass = 0.4, 30.0, 20.0, 2.0
@@ -394,6 +399,7 @@ def test_an_arm_that_hits_a_table_moves_as_an_independent_integration_does() -> 
     assert np.abs(run.q - q).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_a_coin_spins_as_its_equations_of_rolling_say() -> None:
     """The hard case at one accuracy: a thin cylinder rolls on its rim."""
     scene = coin()

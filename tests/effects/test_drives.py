@@ -145,6 +145,7 @@ def test_gear_without_losses_is_its_ratio() -> None:
     assert np.abs(runs[0].q - runs[1].q).max() < 1e-10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["effects.1.of.of.kp.axle", "effects.1.efficiency.axle", "effects.1.inertia.axle", "q"]
 )

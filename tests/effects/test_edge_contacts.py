@@ -147,6 +147,7 @@ def test_a_cube_hits_an_edge_with_an_edge(name: str) -> None:
     assert run.v[-1] == pytest.approx([*last.turn.inv().apply(last.v), *last.turn.inv().apply(last.w)], abs=1e-8)
 
 
+@pytest.mark.slow
 def test_an_edge_hits_an_edge_in_a_turned_world_and_with_roles_exchanged() -> None:
     start, turn, law = blow("slips at a slant")
     v = np.concatenate([turn.inv().apply(start.v), turn.inv().apply(start.w)])

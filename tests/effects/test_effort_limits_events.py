@@ -70,6 +70,7 @@ def test_limits_friction_and_stops_together_lose_what_friction_and_impacts_take(
     assert v[-1] ** 2 / 2 == pytest.approx(work[-1] - 0.7 * way[-1] - lost, abs=2e-2)
 
 
+@pytest.mark.slow
 def test_limits_on_the_arm_against_small_steps() -> None:
     """Events change the effort, not the result: a second way by small steps that know nothing of events."""
     target, effort = {"shoulder": 0.5, "elbow": -0.5}, {"shoulder": 30.0, "elbow": 8.0}

@@ -48,6 +48,7 @@ def test_without_restitution_it_stays_down() -> None:
     assert kinds(run) == ["impact", "rest"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.0, 0.2])
 def test_without_gravity_nothing_presses_and_nothing_rubs(friction: float) -> None:
     effects = [E.PlaneContact("body", friction=friction)]
@@ -106,6 +107,7 @@ def test_a_sliding_ball_begins_to_roll(accuracy: float) -> None:
     assert run.v[-1, 4] == pytest.approx(5 / 7 * v0 / R, abs=100 * accuracy)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("duration", [0.8, 0.9, 1.2])
 def test_a_ball_whose_sliding_turns_begins_to_roll_whatever_the_steps(duration: float) -> None:
     """Drag turns the direction of sliding: it ends beside no sliding, by the error of a step, and goes on from there.
@@ -169,6 +171,7 @@ def falling_rod(theta: float, first: float) -> tuple[float, float, float]:
     return square, force, G - 0.5 * (turn * math.sin(theta) + square * math.cos(theta))
 
 
+@pytest.mark.slow
 def test_a_falling_rod_slips_when_its_foot_needs_more_than_friction() -> None:
     """It sticks till F = mu N, after t = int d theta / theta'."""
     first, mu = 0.2, 0.3
@@ -220,6 +223,7 @@ def test_a_box_on_four_feet_rests() -> None:
     assert not run.events
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("friction", "speed"), [(0.5, -2.0), (1.2, -2.0), (2.0, -2.0), (2.0, 2.0)])
 def test_painleves_rod_has_an_answer_or_a_named_error(friction: float, speed: float) -> None:
     """No normal force stops the end where friction turns the rod into the ground: said so. Else energy falls."""

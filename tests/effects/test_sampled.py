@@ -75,6 +75,7 @@ def exact(interpolation: str, t: np.ndarray) -> np.ndarray:
     return np.array([out[x] for x in t])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["dop853", "rk45", "rk4", "esdirk43", "taylor", "scipy-dop853", "scipy-lsoda"])
 @pytest.mark.parametrize("interpolation", ["linear", "cubic", "hold"])
 def test_a_wheel_driven_by_a_table(interpolation: str, method: str) -> None:
@@ -99,6 +100,7 @@ def test_samples_at_and_beside_breaks_and_quadruple_precision() -> None:
     assert precise.error[-1] <= 1e-25
 
 
+@pytest.mark.slow
 def test_long_tables_share_one_compiled_step_and_their_bars_hold() -> None:
     """Where each piece is hardly a step, two tolerances must still take different ones: else the bar would be 0."""
     knots = np.linspace(0, 1, 501)

@@ -48,6 +48,7 @@ def test_c_agrees_with_pinocchio(name: str, tmp_path: Path) -> None:
                                    atol=1e-12 * max(1, np.abs(bias[i]).max()))  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flags", [[], ["-DTWOLINK_FLOAT"]])
 @pytest.mark.parametrize("name", ["two_link", "kinova"])
 def test_the_self_test_passes_and_finds_a_changed_number(name: str, flags: list[str], tmp_path: Path) -> None:

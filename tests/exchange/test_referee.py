@@ -65,6 +65,7 @@ def test_friction_that_is_left_out_is_named() -> None:
     assert tl.judge(scene, tl.simulate(scene, 1.0, accuracy=1e-9)).right
 
 
+@pytest.mark.slow
 def test_other_numbers_are_fitted() -> None:
     moon = blamed(exact(ARM, law_of(ARM.robot.with_gravity([0, 0, -1.62]), 0.3), 2.0, 0.005))
     assert moon.startswith("gravity differs")
@@ -103,6 +104,7 @@ def test_a_run_beyond_its_stops_is_told() -> None:
     assert tl.judge(scene, tl.simulate(scene, 1.0, accuracy=1e-9)).right
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pendulum-friction", "four-bar", "panda-hold"])
 def test_our_own_runs_of_bundled_scenes_are_right(name: str) -> None:
     scene = tl.load_scene(name)

@@ -20,7 +20,22 @@ from twolink.hard.page import lines, page, summary
 from twolink.hard.truths import distance
 
 PATIENCE = 300.0  # seconds: more is a hang on any machine
-LONG = ("chaos-30s", "stiff-spring", "thirty-years")  # run by `twolink hard-cases`, as those that are slow
+LONG = {
+    "chaos-30s",
+    "dzhanibekov",
+    "fast-spin",
+    "four-bar-singular",
+    "governor",
+    "painleve",
+    "parallelogram",
+    "pendulum-1000s",
+    "redundant-hinge",
+    "stiction-reversals",
+    "stiff-elbow",
+    "stiff-spring",
+    "thirty-years",
+}
+# run by `twolink hard-cases`, as those that are slow
 
 
 def parameters() -> list[object]:

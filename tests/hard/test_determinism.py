@@ -46,6 +46,7 @@ def test_every_method_twice(method: str) -> None:
     assert first == second
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
 def test_the_first_run_of_a_new_process_without_kernels(method: str, tmp_path: Path) -> None:
     """With the setting, all runs have the same bits from the first on. Without it, they agree within their bars."""
@@ -69,6 +70,7 @@ print(*(hashlib.sha256(r.q.tobytes()).hexdigest() for r in runs), max(np.ptp([r.
     assert len(known) == 1
 
 
+@pytest.mark.slow
 def test_threads_and_processes_do_not_change_bits() -> None:
     digests = set()
     for threads in ("1", "2", "3"):

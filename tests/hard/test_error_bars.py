@@ -39,6 +39,7 @@ def test_the_error_bar_holds_at_every_sample(seed: int) -> None:
     assert np.all(true[sure] <= run.error[sure]), (name, (true[1:] / run.error[1:]).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [4, 14, 5, 15, 6, 16, 26, 8, 18, 2, 12, 3, 13, 9, 19])
 def test_bars_of_random_scenes_hold(number: int) -> None:
     """By the last digit: 2 and 3 start beside saddles, 4 are long, 5 loops, 6 events, 8 worlds, 9 between samples."""

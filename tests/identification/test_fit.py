@@ -137,6 +137,7 @@ def test_a_stated_noise_counts_until_the_residuals_contradict_it() -> None:
     assert wrong.half_width[0] > 0.5 * stated.half_width[0]
 
 
+@pytest.mark.slow
 def test_a_common_factor_of_all_masses_cannot_be_told_and_is_not_fitted() -> None:
     """M q'' + h = 0 under gravity alone is the same motion for any factor of all inertias."""
     scene = tl.Scene(ARM, [1.0, 0.7], effects=[E.Gravity()])

@@ -40,6 +40,7 @@ def test_exact_data_give_the_true_values_and_name_what_they_cannot_tell() -> Non
     assert found.not_excited == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["ordinary", "weighted", "robust"])
 def test_true_values_are_inside_the_intervals_as_often_as_stated(method: str) -> None:
     inside = []

@@ -54,6 +54,7 @@ def test_two_joints_slip_at_the_same_instant() -> None:
     assert run.q[-1] == pytest.approx([1 / 6, 1 / 12], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_rod_is_lifted_off_both_feet_at_once() -> None:
     feet = [E.PlaneContact("body", point=(s, 0.0, 0.0)) for s in (0.5, -0.5)]
     lift = E.FrameWrench("body", (0.0, 0.0, E.Polynomial((0.0, G))))

@@ -36,6 +36,7 @@ def advance(steps: StepMap, x: np.ndarray, h: float, end: float, tolerance: floa
     return out
 
 
+@pytest.mark.slow
 @EVERY
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_compiled_is_portable(robot: str, method: Method) -> None:

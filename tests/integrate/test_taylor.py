@@ -133,6 +133,7 @@ def test_quadruple_precision_against_an_independent_integration() -> None:
         assert max(off) < mp.mpf(10) ** -20
 
 
+@pytest.mark.slow
 def test_quadruple_precision_of_the_chaotic_rods_at_ten_seconds() -> None:
     """The reference has 1/12 and 9.81 themselves, our model their doubles, and the motion multiplies that by 1e4."""
     run = tl.simulate(rods(), 10.0, accuracy=1e-12, precision="quad", samples_per_second=1)

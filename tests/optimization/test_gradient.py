@@ -23,6 +23,7 @@ def swing() -> tl.Gradient:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CONSTANTS)
 def test_constants_agree_with_worlds_that_have_others(swing: tl.Gradient, name: str) -> None:
     scene, step = tl.load_scene("arm-swing"), 0.01

@@ -63,6 +63,7 @@ def test_the_least_effort_from_rest_to_rest_is_the_textbook_one() -> None:
     assert np.isnan(found.hessian).all()
 
 
+@pytest.mark.slow
 def test_the_path_of_least_jerk_from_rest_to_rest_is_the_textbook_one() -> None:
     """Flash and Hogan 1985: 10 s^3 - 15 s^4 + 6 s^5, of which the squared jerk is 720 D^2 / T^5."""
     (a, b), duration, level = (np.array([0.6, -2.1]), np.array([1.3, -1.5])), 2.0, {"shoulder": -1.0, "elbow": -1.0}
@@ -106,6 +107,7 @@ def held() -> tl.Scene:
     return tl.Scene(tl.load_robot("two_link"), [0.2, 0.4], effects=[tl.effects.Gravity(), control])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_derivatives_along_a_run_agree_with_differences_of_runs(case: str) -> None:
     make, wrt, objective = CASES[case]

@@ -128,6 +128,7 @@ def test_a_bowled_ball_lands_as_a_parabola_does() -> None:
 NEAR = [("pitch", PITCHED, "ball"), ("pitch", PITCHED, "elbow"), ("bowl", BOWLED, "ball")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "times", "what"), NEAR)
 def test_no_throw_beside_the_best_is_as_good(name: str, times: dict[str, float], what: str) -> None:
     scene = tl.load_scene(name)

@@ -148,6 +148,7 @@ def test_chains_too_long_are_refused_not_fatal(n: int, kind: str) -> None:
         tl.load_robot(chain(n, kind))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "kind", "nv"), [(300, "revolute", 300), (1_000, "fixed", 0)])
 def test_the_longest_accepted_chains_load_on_a_small_stack(n: int, kind: str, nv: int, tmp_path: Path) -> None:
     """Pinocchio's reader recurses: on the caller's stack of 256 kB, 500 links end the process."""

@@ -85,6 +85,7 @@ def test_coupled_discs(ratio: float) -> None:
     np.testing.assert_allclose(column(run, "one"), ratio * expected + 0.2, rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_energy_and_the_loop_are_kept_where_nothing_dissipates() -> None:
     """A slider-crank in gravity, spun so that it goes round."""
     given = tl.load_scene("crankshaft")
@@ -115,6 +116,7 @@ def test_loops_that_cannot_meet_are_refused() -> None:
         tl.simulate(scene, 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["scipy-dop853", "scipy-radau", "rk4", "esdirk43", "taylor"])
 def test_every_kind_of_method_keeps_a_coupling(method: str) -> None:
     scene = tl.Scene(tl.load_robot("two_link"), effects=[E.Gravity(), E.Coupling("elbow", "shoulder", 1.0)])
@@ -245,6 +247,7 @@ def test_many_loops_are_compiled_in_parts_with_a_word_beforehand(
     assert run.error[-1] <= 1e-8
 
 
+@pytest.mark.slow
 def test_a_four_bar_of_ones_own_passes_its_singular_position_again_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """20 s at 1e-6, exact by an elliptic function; and what cannot be reached is said with its cause."""
     monkeypatch.setattr(compile_time, "MAX_COMPILING", 0.0)  # in parts: a whole step compiles for longer than this

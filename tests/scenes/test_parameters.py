@@ -80,6 +80,7 @@ def test_a_payload_that_is_released_is_kept_beside_other_constants() -> None:
         assert np.abs(worlds.q[i] - tl.simulate(forearm_of(mass), accuracy=1e-8).q[-1]).max() < 2e-8
 
 
+@pytest.mark.slow
 def test_derivatives_are_by_the_links_own_mass_where_a_payload_is_released() -> None:
     s, step = tl.sensitivities(forearm_of(1.0), wrt=["forearm.mass"], accuracy=1e-7), 1e-3
     weights = {1: 2 / 3, -1: -2 / 3, 2: -1 / 12, -2: 1 / 12}
@@ -87,6 +88,7 @@ def test_derivatives_are_by_the_links_own_mass_where_a_payload_is_released() -> 
     assert np.abs(s.q["forearm.mass"][-1, :, 0] - sum(ends) / step).max() <= s.error["forearm.mass"][-1] + 1e-7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["forearm.first_moment.z", "forearm.origin_inertia.yy"])
 def test_moments_of_a_link_are_parameters(name: str) -> None:
     """Names that `tl.fit` takes: worlds that have others, and derivatives; the other nine parameters stay."""

@@ -292,6 +292,7 @@ def test_an_answer_that_is_not_read_is_given_up(small: Served) -> None:
     assert status() == 200
 
 
+@pytest.mark.slow
 def test_json_has_a_limit_of_its_own(small: Served) -> None:
     with small.client() as http:
         refused = http.post(BIAS, content=b'{"q": [' + b"[0,0]," * 300_000 + b"[0,0]]}")

@@ -6,6 +6,7 @@ import socket
 import time
 
 import httpx
+import pytest
 
 from tests.service.hostile import Case, cases
 from tests.service.serving import Served
@@ -15,6 +16,7 @@ def sent(http: httpx.Client, case: Case) -> httpx.Response:
     return http.post(case.path, content=case.body, headers={"Content-Type": case.media})
 
 
+@pytest.mark.slow
 def test_each_is_refused_and_the_service_goes_on(served: Served, http: httpx.Client) -> None:
     corpus = cases()
     assert len(corpus) >= 200

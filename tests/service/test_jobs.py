@@ -191,6 +191,7 @@ def test_problems_of_simulations(http: httpx.Client, body: dict[str, Any], statu
     assert answer.json()["where"].startswith(where), answer.text
 
 
+@pytest.mark.slow
 def test_quotas_limit_results_queue_and_time(tmp_path: Path) -> None:
     quotas = ["jobs=1", "queue=1", "job_seconds=6", "disk_mb=0.05", "result_mb=0.03", "answer_mb=0.05"]
     with serving(tmp_path / "data", *(x for q in quotas for x in ("--quota", q))) as served, served.client() as http:

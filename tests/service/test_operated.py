@@ -66,6 +66,7 @@ def test_an_empty_token_in_the_environment_is_refused(tmp_path: Path, monkeypatc
     one_line(call("serve", "--data", str(tmp_path / "data")), 1, "token: a token is empty")
 
 
+@pytest.mark.slow
 def test_a_smaller_quota_deletes_results_only_when_told_to(tmp_path: Path) -> None:
     keys = [f"simulation-{k:020x}" for k in range(3)]
     with opened(tmp_path / "data") as store:
@@ -79,6 +80,7 @@ def test_a_smaller_quota_deletes_results_only_when_told_to(tmp_path: Path) -> No
         assert "2 jobs were deleted" in served.log
 
 
+@pytest.mark.slow
 def test_every_answer_has_an_id_by_which_the_log_names_it(tmp_path: Path) -> None:
     with serving(tmp_path / "data", "--log", "json", "--token", "secret") as served:
         with served.client(headers={"Authorization": "Bearer secret"}) as http:
@@ -170,6 +172,7 @@ def test_no_lock_outlives_its_use() -> None:
     asyncio.run(work())
 
 
+@pytest.mark.slow
 def test_a_disk_that_fails_is_a_clear_state_that_passes(tmp_path: Path) -> None:
     """The service's process may write no more bytes, and then again: as if its disk were full for a time."""
     with serving(tmp_path / "data", "--log", "off") as served, served.client() as http:
@@ -189,6 +192,7 @@ def test_a_disk_that_fails_is_a_clear_state_that_passes(tmp_path: Path) -> None:
         assert http.post("/v1/simulations", json={**SWING, "duration": 0.7}).json()["state"] == "done"
 
 
+@pytest.mark.slow
 def test_sigterm_tells_who_waits_and_leaves_the_job_to_the_next_start(tmp_path: Path) -> None:
     answers: list[httpx.Response] = []
     job = {**SLOW, "duration": 40.0, "wait": 30}
@@ -208,6 +212,7 @@ def test_sigterm_tells_who_waits_and_leaves_the_job_to_the_next_start(tmp_path: 
         assert ended(http, f"/v1/simulations/{key}")["state"] == "done"
 
 
+@pytest.mark.slow
 def test_sigterm_waits_for_no_worker_that_hangs(tmp_path: Path) -> None:
     answers: list[httpx.Response] = []
     with serving(tmp_path / "data") as served, served.client() as http:

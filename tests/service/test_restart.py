@@ -98,6 +98,7 @@ def test_a_service_that_ends_leaves_its_job_to_the_next_and_no_process(tmp_path:
         assert "interrupted" not in second.log
 
 
+@pytest.mark.slow
 def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:
     """Two services on one folder would each take the other's jobs for interrupted."""
     with serving(tmp_path / "data") as served, served.client() as http:

@@ -14,6 +14,7 @@ from tests.service.serving import Served
 RUNS = pytest.mark.parametrize("count", [3, pytest.param(60, marks=pytest.mark.slow)])
 
 
+@pytest.mark.slow
 @RUNS
 @pytest.mark.filterwarnings("ignore")
 def test_no_server_errors(served: Served, count: int) -> None:

@@ -250,6 +250,7 @@ def test_a_worker_is_replaced_by_its_memory_and_not_by_the_number_of_its_tasks()
     run(work, megabytes=500)
 
 
+@pytest.mark.slow
 def test_a_task_that_takes_all_memory_is_ended_and_says_so() -> None:
     async def work(workers: Workers) -> None:
         other = asyncio.create_task(workers.run("sleep", 60, nap=1.0))

@@ -34,6 +34,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]
     return found
 
 
+@pytest.mark.slow
 def test_robots_and_scenes_are_tables(shown: dict[str, dict[str, Any]]) -> None:
     assert "<table>" in shown["robot"]["text/html"]
     assert "The arm swings, and its elbow is damped" in shown["scene"]["text/html"]

@@ -74,6 +74,7 @@ def speed(run: tl.Trajectory) -> float:
     return float(run.v[-1, 1])
 
 
+@pytest.mark.slow
 def test_searches() -> None:
     names = HARD[1]
     wrt = {"v.elbow": (-3.0, 3.0), "effects.2.inputs.shoulder.values.2": (-1.0, 1.0), "forearm.mass": (1.0, 2.0)}

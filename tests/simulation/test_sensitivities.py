@@ -116,6 +116,7 @@ def test_the_arm_agrees_with_quadruple_precision_to_nine_digits() -> None:
         assert s.error[name][-1] <= 1e-9 * size[-1]
 
 
+@pytest.mark.slow
 def test_free_bodies_are_differentiated_in_the_tangent_space() -> None:
     """A brick with an arm, thrown: six degrees of freedom with a quaternion, and a (cos, sin) pair."""
     robot = tl.load_robot(FREE, root="free")
@@ -157,6 +158,7 @@ EFFECTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", EFFECTS)
 def test_numbers_of_effects_agree_with_scenes_that_have_others(case: str) -> None:
     effect, path = EFFECTS[case]
@@ -205,6 +207,7 @@ def test_they_go_on_through_events(case: str) -> None:
         require_within_bars(s, name, truth, 1e-8, column)
 
 
+@pytest.mark.slow
 def test_constants_change_events_too() -> None:
     """Gravity changes when a joint sticks and slips, and a mass what an impact does to the other joint."""
     start = (tl.load_robot("two_link"), [0.2, 0.4], [0.3, -1.0])

@@ -88,6 +88,7 @@ def test_what_decides_events(case: str) -> None:
         require_within_bars(s, name, truth, 1e-6)
 
 
+@pytest.mark.slow
 def test_limits_of_effort_are_reached_and_left() -> None:
     """Torques have corners there, no jumps; where a piece ends, rounding does not decide on which side it is."""
     drive = fx.JointPD({"elbow": fx.Sine(1.0, 4.0)}, {"elbow": 30.0}, {"elbow": 2.0}, effort={"elbow": 1.5})

@@ -113,6 +113,7 @@ def test_bars_of_many_worlds_hold_near_the_limit() -> None:
     assert sure > 25
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("height", "duration", "accuracy"), [(1.0, 200.0, 1e-9), (1.3, 100.0, 2e-10)])
 def test_the_bar_of_an_elastic_ball(height: float, duration: float, accuracy: float) -> None:
     """It bounces without loss: parabolas, which the steps solve exactly, so that rounding is all of the error."""

@@ -95,12 +95,14 @@ def test_the_client_is_killed(tmp_path: Path, log: Callable[[], list[float]]) ->
     check_resumed(out, log, done, "slow_start")
 
 
+@pytest.mark.slow
 def test_a_worker_is_killed_once(tmp_path: Path, log: Callable[[], list[float]]) -> None:
     swept(tmp_path / "x.zarr", "kills_once", chunk=3)
     assert check_right(tmp_path / "x.zarr").all()
     assert log().count(3.0) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("function", "chunk"), [("kills", 1), ("lacks_memory", 4)])
 def test_a_run_that_ends_its_workers_is_given_up_after_three_tries(
     function: str, chunk: int, tmp_path: Path, log: Callable[[], list[float]]

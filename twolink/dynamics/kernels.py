@@ -55,6 +55,7 @@ def _imported() -> Any:
     It imports SymPy where it can, for conversions: more than half of its import time. It keeps a database of compiled
     code in the user's cache folder, up to 20 GB, which each process checks from end to end before it compiles anything,
     and up to 2 GB of code in memory after its functions are gone. Our own cache has what is compiled here.
+    TWOLINK_OPT_LEVEL (0 to 3) is its level of optimization: code of level 0 compiles sooner and runs slower.
     """
     if os.environ.get("TWOLINK_HEYOKA") == "0":
         return None
@@ -70,6 +71,9 @@ def _imported() -> Any:
             del sys.modules["sympy"]
     module.llvm_state.set_diskcache_enabled(False)
     module.llvm_state.set_memcache_limit(0)
+    if level := os.environ.get("TWOLINK_OPT_LEVEL"):
+        for name in ("cfunc", "taylor_adaptive", "taylor_adaptive_batch"):
+            setattr(module, name, functools.partial(getattr(module, name), opt_level=int(level)))
     return module
 
 

@@ -6,6 +6,7 @@ A pin.Data takes about nv^3 numbers. That of many bodies in one model fills any 
 
 import functools
 import hashlib
+import os
 import platform
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -195,4 +196,5 @@ def _environment() -> str:
         processor = sorted({line for line in lines if line.startswith(("model name", "flags", "Features"))})
     except OSError:
         processor = [platform.processor()]
-    return repr((KERNEL_FORMAT, code_key(*TRACED_ROOMS), platform.machine(), processor))
+    level = os.environ.get("TWOLINK_OPT_LEVEL")
+    return repr((KERNEL_FORMAT, code_key(*TRACED_ROOMS), platform.machine(), processor, level))
