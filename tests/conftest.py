@@ -26,7 +26,7 @@ def pytest_configure(config: pytest.Config) -> None:
     a warm cache between runs. Kernels are not optimized, unless TWOLINK_OPT_LEVEL says so: most are called a few times.
     """
     os.environ.setdefault("TWOLINK_OPT_LEVEL", "0")
-    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of tests start processes: each would compile every module
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else each of the processes compiles every module
     if "TWOLINK_CACHE" not in os.environ:
         config.stash[_own_cache] = os.environ["TWOLINK_CACHE"] = tempfile.mkdtemp(prefix="twolink-tests-")
 

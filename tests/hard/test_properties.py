@@ -103,8 +103,8 @@ def simulated(scene: tl.Scene, accuracy: float, method: str, samples: float) -> 
 
 
 EXAMPLES: dict[Check, tuple[int, int]] = {
-    identities: (60, 5000), energy_rate_is_power: (40, 3000), portable_meets_its_accuracy: (2, 1500),
-    compiled_is_portable: (1, 300),
+    identities: (60, 5000), energy_rate_is_power: (40, 3000), portable_meets_its_accuracy: (2, 100),
+    compiled_is_portable: (1, 60),
 }  # fmt: skip
 MAX_REFUSED = 0.2  # the share of examples that may be refused
 
