@@ -10,6 +10,7 @@ from collections.abc import Set as AbstractSet
 
 import numpy as np
 
+from twolink.algorithms.namespaces import Numbers
 from twolink.errors import AccuracyError
 from twolink.integrate.hybrid.contact_problem import (
     Held,
@@ -25,6 +26,7 @@ from twolink.integrate.hybrid.contact_problem import (
 )
 from twolink.integrate.hybrid.force_share import share_of
 from twolink.integrate.hybrid.modes import Mode, ModeState
+from twolink.integrate.motion.formulas import projected
 from twolink.integrate.motion.state import Array
 
 TINY = 1e-11  # relative: velocities that are 0
@@ -63,7 +65,7 @@ def consistent(state: ModeState, opened: frozenset[Key] = frozenset()) -> ModeSt
     for slow in (SLOW, SLOWEST):
         found = _with_consistent_contacts(state, still, opened, slow)
         if found is not None and _is_determined(found):
-            return found
+            return _with_contacts_at_rest(state.mode, found, still)
         indeterminate |= found is not None
     if indeterminate:
         raise AccuracyError("bodies slide on more points than determine their forces, and the motion depends on the "
@@ -95,6 +97,15 @@ def _with_joints_at_rest(state: ModeState, still: float, opened: frozenset[Key])
         if ("joint", k) not in opened and system.holds(k, x):
             mode = mode.locking(k)
     return state._replace(mode=mode, x=x)
+
+
+def _with_contacts_at_rest(before: Mode, state: ModeState, still: float) -> ModeState:
+    """The state without the slips of contacts that slid before and stick now: those are small, but no rounding."""
+    stuck = [i for i, (old, new) in enumerate(zip(before.contacts, state.mode.contacts, strict=True))
+             if (old, new) == ("sliding", "rolling")]  # fmt: skip
+    if not stuck or np.abs(state.evaluate().contacts[stuck, 2:4, 0]).max() <= still:
+        return state
+    return state._replace(x=projected(state.own.equations, state.full_state(), Numbers)[: len(state.x)])
 
 
 def _with_closed_contacts(state: ModeState, still: float, opened: frozenset[Key], slow: float) -> Mode:
