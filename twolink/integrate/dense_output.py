@@ -152,8 +152,8 @@ class DenseOutput:
         before = np.searchsorted(stored_t, times[places], side="right") - 1
         piece = self.pieces[number]
         x = stored_x[:, before]
-        if piece.held is not None and piece.taken is not None:  # the numbers that hold then, behind the states
-            x = np.append(x, piece.held[np.searchsorted(piece.taken[0], stored_t[before], side="right") - 1].T, axis=0)
+        if piece.held is not None:
+            x = np.append(x, piece.numbers(stored_t[before]), axis=0)
         return _Group(piece.equations, piece.taken is not None, places, times[places], stored_t[before], x)
 
     @functools.cached_property

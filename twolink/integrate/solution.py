@@ -43,6 +43,13 @@ class Piece:
     held: np.ndarray | None = None
     readings: Any = None
 
+    def numbers(self, times: np.ndarray) -> np.ndarray:
+        """The numbers (size - nq - nv, n) behind (q, v, z) at times (n,)."""
+        if self.held is None or self.taken is None:
+            fixed = np.asarray(self.equations.start[self.equations.moving :], dtype=float)
+            return np.repeat(fixed[:, None], len(times), axis=1)
+        return np.asarray(self.held[np.searchsorted(self.taken[0], times, side="right") - 1].T)
+
 
 @dataclass(frozen=True)
 class Solution:

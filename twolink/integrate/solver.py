@@ -83,6 +83,26 @@ def solve(
     return solution if solution.pieces else replace(solution, pieces=(whole,))
 
 
+def solve_beside(
+    equations: Equations,
+    method: Method,
+    times: Array,
+    setting: float,
+    progress: Progress | None = None,
+    others: tuple[Perturbation, ...] = (),
+    checks: Array | None = None,
+) -> list[Solution]:
+    """Solve a scene with events and sampled controllers: the run, and others at the checks (k,), from tick to tick."""
+    from twolink.integrate.hybrid.ticks import solve_ticks  # with it come the effects of modes
+
+    return solve_ticks(equations, equations.sampling, method, times, setting, progress, others, checks)
+
+
+def follows_ticks(equations: Equations, method: Method) -> bool:
+    """Whether a run and those beside it go from tick to tick by `solve_beside`."""
+    return equations.sampling is not None and equations.has_events and _is_stepping(method)
+
+
 def has_lanes(equations: Equations, method: Method, precision: Precision) -> bool:
     """Whether solutions beside a run are lanes of one batch."""
     if method.kind == "taylor":
@@ -117,6 +137,8 @@ def _solve(
         if not stepping:
             raise SceneError(f"{method.name} does not end steps at ticks of controllers", argument="method",
                              remedy='method="auto", or one of rk45, dop853, esdirk43')  # fmt: skip
+        if equations.has_events:
+            return solve_beside(equations, method, times, setting, progress)[0]
         return solve_ticks(equations, equations.sampling, method, times, setting, progress, perturbation, beside)
     if stepping and equations.has_events:
         from twolink.integrate.hybrid.engine import solve as solve_events  # with it come the effects of modes

@@ -150,8 +150,8 @@ def _states(switching: Switching, solution: Solution) -> Iterator[_States]:
         if piece.taken is not None:
             within = (piece.taken[0] > piece.begin) & (piece.taken[0] < end)
             t, at = np.append(t, piece.taken[0][within]), np.concatenate([at, piece.taken[1][within].T], axis=1)
-        x = np.repeat(np.asarray(own.start, dtype=float)[:, None], 1 + len(t), axis=1)
-        x[:moving, 1:] = at
+        first_state = np.asarray(own.start, dtype=float)[:, None]
+        x = np.append(first_state, np.concatenate([at, piece.numbers(t)]), axis=1)
         lasts = np.zeros(1 + len(t))
         lasts[0] = end - piece.begin
         key = id(own.robot), id(own.effects), id(own.constraints)

@@ -11,7 +11,7 @@ from twolink.integrate.event import AMBIGUOUS
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array, StateSpace
 from twolink.integrate.solution import Progress, Solution
-from twolink.integrate.solver import has_lanes, solve
+from twolink.integrate.solver import follows_ticks, has_lanes, solve, solve_beside
 from twolink.integrate.solvers.method_choice import MethodChoice
 from twolink.integrate.steps.beside import SELDOM, Beside
 from twolink.integrate.steps.perturbation import (
@@ -114,6 +114,8 @@ class Verification:
     def _tried(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         if has_lanes(self._equations, choice.method, choice.precision):
             return self._in_lanes(choice, finer)
+        if follows_ticks(self._equations, choice.method):
+            return self._from_tick_to_tick(choice, finer)
         return self._one_by_one(choice, finer)
 
     def _in_lanes(self, choice: MethodChoice, finer: Perturbation) -> Verified:
@@ -122,9 +124,7 @@ class Verification:
         equations = self._equations
         disturbed = disturbed_solutions(BY_TAYLOR, finer.finer) if taylor else disturbed_solutions(IN_LANES)
         if equations.sampling is not None:
-            # Each calls the controllers. Of two that mirror each other, one is on the other side of a threshold that is
-            # near to the run.
-            disturbed = (disturbed[0], replace(disturbed[0], sign=-1.0), disturbed[1])
+            disturbed = _mirrored()
         others = (finer, *disturbed)
         beside = Beside.of(others, self._times[self._checks], equations.start[: equations.moving])
         solution, seconds = self._solved(choice, self._times, beside=beside)
@@ -138,12 +138,19 @@ class Verification:
         each[:, 1:] = distances(equations.space, undisturbed, x[:, :, 1:])
         if not taylor:  # between two checks, what the later one shows
             each[1:, 1:] = each[beside.seldom, 1:].repeat(SELDOM, axis=0)[-len(each) + 1 :]
-        if equations.sampling is not None:  # what mirrors another tells no more of the size of rounding
-            each = np.stack([each[:, 0], each[:, 1:3].max(axis=1), each[:, 3]], axis=1)
-        doubtful = [event.t for event in solution.events if event.kind == AMBIGUOUS]
-        if doubtful:  # which branch the motion takes is chance, as where solutions have parted
-            each[solution.t[run.checks] > doubtful[0]] *= CHANCE
-        return self._with_parts(run, each)
+        return self._with_parts(run, each if equations.sampling is None else _of_mirrored(run, each))
+
+    def _from_tick_to_tick(self, choice: MethodChoice, finer: Perturbation) -> Verified:
+        """The run and the others side by side, each with its own events and controllers."""
+        start = time.perf_counter()
+        solution, *others = solve_beside(self._equations, choice.method, self._times, choice.setting, self._progress,
+                                         (finer, *_mirrored()), self._times[self._checks])  # fmt: skip
+        seconds = time.perf_counter() - start - solution.compile_seconds
+        run = Verified(choice, solution, seconds, self._numbers(solution))
+        if solution.interrupted:
+            return run
+        each = np.stack([_distance(self._equations.space, run, other) for other in others], axis=1)
+        return self._with_parts(run, _of_mirrored(run, each))
 
     def _one_by_one(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run, then the others."""
@@ -202,6 +209,25 @@ class Verification:
         """The numbers of the samples that are compared, and of the last one of a solution that ended before."""
         last = len(solution.t) - 1
         return self._checks if self._checks[-1] == last else np.append(self._checks[self._checks < last], last)
+
+
+def _mirrored() -> tuple[Perturbation, ...]:
+    """The disturbed solutions of a sampled loop, each of which calls the controllers.
+
+    Of two that mirror each other, one is on the other side of a threshold that is near to the run.
+    """
+    one, other = disturbed_solutions(ALONE)
+    return one, replace(one, sign=-1.0), other
+
+
+def _of_mirrored(run: Verified, each: Array) -> Array:
+    """The distances (k, 3) to the finer solution and to two disturbed ones, from those to the mirrored ones (k, 4)."""
+    # What mirrors another tells no more of the size of rounding.
+    each = np.stack([each[:, 0], each[:, 1:3].max(axis=1), each[:, 3]], axis=1)
+    doubtful = [event.t for event in run.solution.events if event.kind == AMBIGUOUS]
+    if doubtful:  # which branch the motion takes is chance, as where solutions have parted
+        each[run.solution.t[run.checks] > doubtful[0]] *= CHANCE
+    return each
 
 
 def _distance(space: StateSpace, run: Verified, other: Solution) -> Array:

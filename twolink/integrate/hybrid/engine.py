@@ -4,12 +4,13 @@ mode -> equations -> steps to the first zero of a guard -> its transition -> con
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twolink.errors import AccuracyError
-from twolink.integrate.hybrid.locating import Hit, Watcher
+from twolink.integrate.hybrid.locating import Guard, Hit, Watcher
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.hybrid.transitions import fire_timed, guards_of, same_time
 from twolink.integrate.motion.equations import Equations
@@ -60,14 +61,7 @@ class Engine:
 
     def solution(self) -> Solution:
         """The samples up to the end, or to where the run ends or is interrupted."""
-        run = self.run
-        self.whole.require(run.t, self.end)
-        stops = [*(t for t in self.whole.breaks(self.end) if t > run.t), self.end]
-        run.require_room("the start")
-        run.resolve_mode()
-        run.events.clear()  # the mode at the start is no event
-        if fire_timed(run):
-            run.resolve_mode()
+        run, stops = self.run, self._begin()
         parts: list[Solution] = []
         try:
             while run.t < self.end and not run.ended:
@@ -78,7 +72,22 @@ class Engine:
             if not parts:
                 raise
             parts[-1] = replace(parts[-1], interrupted=True)
-        solution = joined(parts)
+        return self._joined(parts)
+
+    def _begin(self) -> list[float]:
+        """Find the mode at the start. Returns the times at which pieces end."""
+        run = self.run
+        self.whole.require(run.t, self.end)
+        run.require_room("the start")
+        run.resolve_mode()
+        run.events.clear()  # the mode at the start is no event
+        if fire_timed(run):
+            run.resolve_mode()
+        return [*(t for t in self.whole.breaks(self.end) if t > run.t), self.end]
+
+    def _joined(self, parts: list[Solution]) -> Solution:
+        """The solution of its pieces, with the events, and the state where one ended the run."""
+        run, solution = self.run, joined(parts)
         if run.ended and solution.t[-1] < run.t:
             solution = _with_sample(solution, run.t, run.x)
         return replace(solution, events=tuple(sorted(run.events, key=lambda event: event.t)))
@@ -123,27 +132,35 @@ class Engine:
                                 remedy="more restitution, smooth friction, or a shorter duration",
                                 code="events-without-end", t=run.t)  # fmt: skip
 
-    def _piece(self, grid: Array, stop: float) -> tuple[Equations, Solution, Hit | None]:
-        """Solve from now to the next event or stop."""
+    def _in_mode(self, stop: float) -> tuple[StepMap, Watcher, Array]:
+        """The steps of the mode, of equations that hold up to a break; its guards; and the rate at the start."""
         self.run.drop_open_features()
         run, state = self.run, self.run.mode_state
         equations = replace(state.own.equations, start=state.full_state(0.5 * (run.t + stop)))
         steps = step_map(equations, self.method)
         snapshot = state.evaluate()
-        guards = guards_of(run, snapshot)
-        watcher = Watcher(state.own.evaluate, steps, guards, self.perturbation.touch_margin)
+        watcher = Watcher(state.own.evaluate, steps, guards_of(run, snapshot), self.perturbation.touch_margin)
         space, x = equations.space, snapshot.x
         rate = np.concatenate([space.rate(x[: space.nq], x[space.v_rows]), snapshot.a, snapshot.rates])
+        return steps, watcher, rate
+
+    def _keep_sides(self, guards: Sequence[Guard]) -> None:
+        """Keep on which side triggers are."""
+        for guard in guards:
+            if guard.key[0] == "trigger" and guard.side is not None:
+                self.run.sides[guard.key] = guard.side
+
+    def _piece(self, grid: Array, stop: float) -> tuple[Equations, Solution, Hit | None]:
+        """Solve from now to the next event or stop."""
+        steps, watcher, rate = self._in_mode(stop)
         part = integrate(steps, grid, self.setting, self.progress, perturbation=self.perturbation, watcher=watcher,
                          span=self.span, rate=rate, first_block=self.block)  # fmt: skip
         taken = 4 + 5 * (part.steps + part.rejected) // 4  # the next piece may be about as long
         self.block = min(max(taken, self.block // 2, FIRST_BLOCK), BLOCK)
         if part.hit is not None and not self.method.adaptive:
             part = self._resolved(part, steps, watcher, grid)
-        for guard in guards:
-            if guard.key[0] == "trigger" and guard.side is not None:
-                run.sides[guard.key] = guard.side
-        return equations, part, part.hit
+        self._keep_sides(watcher.guards)
+        return steps.equations, part, part.hit
 
     def _resolved(self, part: Solution, steps: StepMap, watcher: Watcher, grid: Array) -> Solution:
         """A piece of a few steps of fixed size again in more: else half the step would take the same ones.

@@ -133,6 +133,7 @@ class System:
             self._holds[hold.dof].append(hold)
         self.kinetic = {k: sum(hold.kinetic for hold in holds) for k, holds in self._holds.items()}
         self.has_friction = {k for k, holds in self._holds.items() if any(hold.entry is None for hold in holds)}
+        self.held: Mapping[str, float] = {}  # numbers by name, which controllers change at ticks
         self._seen: tuple[object, Snapshot] | None = None
         self._modes: dict[object, ModeEquations] = (
             {} if equations.switching is None else _kept.setdefault(equations.switching, {})
@@ -146,6 +147,12 @@ class System:
         every = (*self.switching.contacts, *own)
         other.places, other.contacts = tuple(place for place, _ in every), tuple(contact for _, contact in every)
         other.static = np.array([contact.static for contact in other.contacts])
+        return other
+
+    def holding(self, held: Mapping[str, float]) -> System:
+        """The system with other numbers that hold from now on."""
+        other = copy.copy(self)
+        other.held, other._seen = held, None
         return other
 
     def every_hold(self, k: int) -> list[Hold]:
@@ -247,9 +254,10 @@ class ModeState(NamedTuple):
         system, mode, layout = self.system, self.mode, self.own.equations.layout
         locks = [1.0 if k in mode.locked else 0.0 for k in system.lockable]
         friction = [0.0 if k in mode.locked else -mode.slip.get(k, 0.0) * system.kinetic[k] for k in system.lockable]
-        slots = {slot.name: value for i, kind in enumerate(mode.contacts) if kind != "free"
-                 for slot, value in zip(contact_slots(i), mode.directions[i], strict=True)}  # fmt: skip
-        numbers = layout.numbers_at(self.t if t is None else t, slots, np.array(locks + friction))
+        closed = {slot.name: value for i, kind in enumerate(mode.contacts) if kind != "free"
+                  for slot, value in zip(contact_slots(i), mode.directions[i], strict=True)}  # fmt: skip
+        slots, rest = {**system.held, **closed}, np.array(locks + friction)
+        numbers = layout.numbers_at(self.t if t is None else t, slots, rest)
         return np.concatenate([self.x, numbers])
 
     def evaluate(self) -> Snapshot:

@@ -54,20 +54,13 @@ def equations_of(scene: Scene, parameters: Sequence[str] = (), *, ticks: bool = 
     known = _kept.setdefault(scene, {})
     name = tuple(parameters)
     if name not in known:
-        switching = switching_of(scene.base, scene.robot, scene.effects)
-        acting = tuple(enumerate(scene.effects)) if switching is None else switching.acting()
-        if sampling is not None:
-            acting = tuple(
-                (i, sampling.controllers[i].held(scene.robot, i) if i in sampling.controllers else e) for i, e in acting
-            )
+        controllers: Mapping[int, Any] = {} if sampling is None else sampling.controllers
+        effects = [controllers[i].held(scene.robot, i) if i in controllers else e for i, e in enumerate(scene.effects)]
+        switching = switching_of(scene.base, scene.robot, effects)
+        acting = tuple(enumerate(effects)) if switching is None else switching.acting()
         robot = scene.robot if switching is None else switching.robot_with([effect for _, effect in acting])
         lockable = () if switching is None else switching.lockable
         equations = make_equations(robot, scene.q, scene.v, acting, lockable, switching, name)
-        if sampling is not None and equations.has_events:
-            what = "a scene with a sampled controller and events, such as stops, friction or limits of effort"
-            raise SceneError(f"{what}, is not solved yet", where=f"effects[{min(sampling.controllers)}]",
-                             remedy="leave the others out, or use smooth ones: SmoothFriction, the controller's limit=",
-                             code="controller-with-events")  # fmt: skip
         known[name] = replace(equations, sampling=sampling)
     return known[name]
 

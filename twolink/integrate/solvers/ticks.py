@@ -47,6 +47,8 @@ class Lanes:
         Of each.
     progress : callable, optional
         Called with the time now and then.
+    rate : ndarray (nq + nv, 1), optional
+        Of the states at the start, where the caller knows it.
 
     Attributes
     ----------
@@ -62,17 +64,19 @@ class Lanes:
         setting: float,
         perturbations: tuple[Perturbation, ...],
         progress: Progress | None = None,
+        rate: Array | None = None,
     ) -> None:
         count, size = len(perturbations), by.equations.space.size
         vector = 4 if by.compiled and count > 1 else 1
         every = perturbations + perturbations[-1:] * (-count % vector)
         start = np.repeat(by.equations.start[:, None], len(every), axis=1)
         self._by, self._rows, self._setting = by, by.rows, setting
-        self.state, self._limit = start_state(by, start, t, end, setting, every, span=end - t)
+        self.state, self._limit = start_state(by, start, t, end, setting, every, span=end - t, rate=rate)
         self.state[by.rows.time, count:] = np.inf  # they fill the vector
         self.spare, self._call, self._size, self._count = np.empty_like(self.state), by.call(len(every)), size, count
         self._rounded = tuple(one for one in perturbations if one.rounding)  # the last ones
-        self._finer = [i for i, one in enumerate(perturbations) if one.finer > 1.0 and i > 0]
+        self._finer = [i for i, one in enumerate(perturbations) if one.finer > 1.0]
+        self._moves = by.equations.layout.moves(self.x[by.equations.moving :])[:, count - len(self._rounded) :]
         self._progress, self._longest = progress, (end - t) / MIN_STEPS
         self._start, self._ticks, self._tried = self.state[by.rows.time].copy(), 0, 1
         self._added = np.empty(0)
@@ -88,6 +92,11 @@ class Lanes:
         return float(self.state[self._rows.time, 0])
 
     @property
+    def step(self) -> float:
+        """How long the next step of the first is meant to be, s."""
+        return float(self.state[self._rows.step, 0])
+
+    @property
     def counts(self) -> tuple[int, int]:
         """Accepted and rejected steps of the first."""
         return int(self.state[self._rows.accepted, 0]), int(self.state[self._rows.rejected, 0])
@@ -97,7 +106,8 @@ class Lanes:
         rows, state, on_the_way, time = self._rows, self.state, [], self._rows.time
         before, start = state[rows.step].copy(), state.item(time, 0)
         for i in self._finer:  # its steps are at most half as long as the run's, also where a tick ends both
-            half = 0.5 * min(end - start, max(before.item(0), LEAST * (end - start)))
+            longest = max(before.item(0), LEAST * (end - start)) if i > 0 else math.inf
+            half = 0.5 * min(end - start, longest)
             state[rows.step, i], state[rows.longest, i] = min(before.item(i), half), min(self._longest, half)
         state[rows.end] = end
         self._disturb()
@@ -129,6 +139,7 @@ class Lanes:
         if row == 0 or self._ticks < FEW:  # by the size of the state then
             counts = self._ticks - row + np.repeat(np.arange(FEW)[:, None], len(self._rounded), axis=1)
             self._added = math.sqrt(self._tried) * disturbances(self._rounded, counts, part, equations.space)
+            self._added *= self._moves
         part += self._added[row]
 
     def _require_fine(self) -> None:
@@ -142,6 +153,16 @@ class Lanes:
             raise failure_of(
                 self._by, Block(np.zeros(1, int), alone, alone[:, self._rows.time], outcome[[i]]), self._limit
             )
+
+
+def ambiguous_events(loop: SampledLoop) -> list[Event]:
+    """The ambiguous ticks of a loop so far."""
+    found = loop.ambiguous()
+    events = [Event(at, AMBIGUOUS, what, "solutions of the error bar got different answers")
+              for at, what in found[:NAMED]]  # fmt: skip
+    if len(found) > NAMED:
+        events.append(Event(found[NAMED][0], AMBIGUOUS, f"{len(found) - NAMED} more"))
+    return events
 
 
 class _Run:
@@ -194,13 +215,8 @@ class _Run:
         evaluations = (accepted + rejected + int(between.sum())) * by.method.evaluations
         piece = Piece(self._equations, float(t[0]), len(times), (t, x[:, :moving]), held=x[:, moving:],
                       readings=self._loop.readings)  # fmt: skip
-        found = self._loop.ambiguous()
-        events = [Event(at, AMBIGUOUS, what, "solutions of the error bar got different answers")
-                  for at, what in found[:NAMED]]  # fmt: skip
-        if len(found) > NAMED:
-            events.append(Event(found[NAMED][0], AMBIGUOUS, f"{len(found) - NAMED} more"))
         return Solution(times, samples[:moving], accepted, evaluations, rejected, by.compile_seconds, by.compiled,
-                        interrupted, events=tuple(events), pieces=(piece,))  # fmt: skip
+                        interrupted, events=tuple(ambiguous_events(self._loop)), pieces=(piece,))  # fmt: skip
 
 
 def solve_ticks(
