@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
 from twolink.contact.joints import LoopRows
 from twolink.contact.stepping import Stepper
-from twolink.contact.steps import Record, Step, plan_steps
+from twolink.contact.steps import SAME_TIME, Plan, Record, Step, plan_steps
 from twolink.effects.contact import Contact
 from twolink.effects.loops import Loop
 from twolink.effects.switching import Hold, Stop, SwitchingEffect
-from twolink.errors import SceneError
+from twolink.effects.inputs import Slot
+from twolink.effects.sensors import Forces
+from twolink.errors import ControllerError, SceneError
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
 from twolink.integrate.motion.equations import Equations
-from twolink.integrate.motion.scene_equations import make_equations
+from twolink.integrate.motion.scene_equations import make_equations, sampled
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece, Progress
+from twolink.loop.sampled_loop import SampledLoop, Sampling
 from twolink.scenes import Scene
 
 OVERLAP = 1e-9  # m, at the start
@@ -43,12 +46,14 @@ def stepper_of(scene: Scene) -> Stepper:
                          argument="contact", remedy='contact="located", or leave them out',
                          code="not-stepped")  # fmt: skip
     if scene not in _smooth:  # the same scene has the same equations, which are kept as long as it is
-        smooth = [(place, effect) for place, effect in enumerate(scene.effects)
+        sampling, every = sampled(scene)
+        smooth = [(place, effect) for place, effect in enumerate(every)
                   if not isinstance(effect, SwitchingEffect)]  # fmt: skip
-        looped = make_equations(scene.robot, scene.q, scene.v, smooth)
+        looped = replace(make_equations(scene.robot, scene.q, scene.v, smooth), sampling=sampling)
         free = [(place, effect) for place, effect in smooth if not isinstance(effect, Loop)]
         q, v = looped.space.rows(looped.start)
-        _smooth[scene] = looped, looped if looped.constraints is None else make_equations(scene.robot, q, v, free)
+        _smooth[scene] = looped, looped if looped.constraints is None else replace(
+            make_equations(scene.robot, q, v, free), sampling=sampling)  # fmt: skip
     with_loops, equations = _smooth[scene]
     if equations.space.states:
         raise SceneError(f"effects with states of their own, such as {equations.space.states[0]!r}, cannot be stepped",
@@ -79,9 +84,11 @@ class SteppedSolution:
         Times of the samples, s.
     q, v, a : ndarray (n, nq), (n, nv), (n, nv)
         Configurations, velocities, and the mean accelerations over the step before each sample; over the first step at
-        the first sample. So it is with `held` and `pressing`.
+        the first sample. So it is with `held`, `numbers` and `pressing`.
     held : ndarray (n, nv)
         The mean torques of joints' stops and dry friction over that step, N m or N.
+    numbers : ndarray (n, m)
+        The numbers that held behind (q, v) in that step.
     pressing : sequence of dict
         Of each sample by pair the points that pressed in the step before it, with their mean forces, N.
     record : Record
@@ -100,6 +107,7 @@ class SteppedSolution:
     v: Array
     a: Array
     held: Array
+    numbers: Array
     pressing: Sequence[Pressing]
     record: Record
     overlap: float
@@ -119,7 +127,7 @@ class SteppedSolution:
 
     def accelerations_and_torques(self) -> tuple[Array, Array]:
         """Mean accelerations over the step before each sample (n, nv), and applied joint torques (n, nv)."""
-        states = np.concatenate([self.q, self.v], axis=1).T
+        states = np.concatenate([self.q, self.v, self.numbers], axis=1).T
         return self.a, accelerations_and_joint_torques(self.pieces[0].equations, self.t, states)[1].T + self.held
 
     def forces_on_links(self) -> dict[str, tuple[Array, Array]]:
@@ -164,32 +172,73 @@ def solve_stepped(
     equations, record = stepper.equations, Record()
     nq, local = equations.space.nq, stepper.bodies.to_local_velocity
     q, v = np.array(equations.start[:nq]), np.array(equations.start[nq : equations.moving])
+    plan, first = plan_steps(equations, times, step, halvings), 0
     none = np.zeros_like(v)
-    states, overlap = [(q, v, none, none)], stepper.overlap(q)[0]
+    states, overlap = [(q, v, none, none, plan.numbers[0])], stepper.overlap(q)[0]
     pressing: list[Pressing] = [{}]
+    ticks = None if equations.sampling is None else _Ticks(equations, equations.sampling, plan)
     v = local(q, v, -1)
     memory = stepper.start(float(times[0]), q, v, equations.layout.numbers_at(float(times[0])))
-    stepper.record, interrupted = record, False
-    plan, first = plan_steps(equations, times, step, halvings), 0
+    stepper.record, interrupted, failed = record, False, None
     try:
         while first < len(plan.h):
-            steps = stepper.run(plan, first, q, v, memory)
+            until = len(plan.h) if ticks is None else ticks.next(first, q, local(q, v))
+            steps = stepper.run(plan, first, until, q, v, memory)
             if first == 0:
-                states[0] = (*states[0][:2], *_means(stepper, steps[0]))
+                states[0] = (*states[0][:2], *_means(stepper, steps[0]), plan.numbers[0].copy())
                 pressing[0] = _pressing(stepper, steps[0])
             for j in np.flatnonzero(plan.sampled[first : first + len(steps)]).tolist():
                 one = steps[j]
                 pressing.append(_pressing(stepper, one))
-                states.append((one.q, local(one.q, one.v), *_means(stepper, one)))
+                numbers = plan.numbers[plan.piece[first + j]].copy()
+                states.append((one.q, local(one.q, one.v), *_means(stepper, one), numbers))
                 overlap = max(overlap, stepper.overlap(one.q)[0] if one.overlap is None else one.overlap)
             end = steps[len(steps) - 1]
             q, v, memory = end.q, end.v, end.memory
             last, first = first, first + len(steps)
             if progress is not None and first // REPORT > last // REPORT:
                 progress(float(plan.t[first - 1]))
+        if ticks is not None:
+            ticks.next(first, q, local(q, v))
     except KeyboardInterrupt:
         interrupted = True
-    qs, vs, accelerations, held = (np.array(column) for column in zip(*states, strict=True))
-    n = len(qs)
-    return SteppedSolution((Piece(equations, float(times[0]), n),), times[:n], qs, vs, accelerations, held,
-                           pressing[:n], record, overlap, float(plan.h.max()), interrupted)  # fmt: skip
+    except ControllerError as error:
+        interrupted, failed = True, error
+    columns = (np.array(column) for column in zip(*states, strict=True))
+    n, readings = len(states), None if ticks is None else ticks.loop.readings
+    solution = SteppedSolution((Piece(equations, float(times[0]), n, readings=readings),), times[:n], *columns,
+                               pressing[:n], record, overlap, float(plan.h.max()), interrupted)  # fmt: skip
+    if failed is not None:
+        failed.run = solution
+        raise failed
+    return solution
+
+
+class _Ticks:
+    """The controllers and sensors of one solution; ends of steps are their ticks."""
+
+    def __init__(self, equations: Equations, sampling: Sampling, plan: Plan) -> None:
+        self._plan, moving = plan, equations.moving
+        self._x = np.array(equations.start[:, None], dtype=float)
+        self._x[moving:, 0] = plan.numbers[0]
+        rows = {table.name: at.start for at, table in equations.layout.rows_of_tables() if isinstance(table, Slot)}
+        self._rows = np.array(list(rows.values()), dtype=int)
+        self._numbers = self._rows - moving
+        self.loop = SampledLoop(sampling, rows, self._x, _no_forces)
+
+    def next(self, first: int, q: Array, v: Array) -> int:
+        """Let happen what is due before the step `first` from (q, v). Returns the step before which more is."""
+        plan, loop = self._plan, self.loop
+        t = float(plan.t[first]) if first < len(plan.t) else float(plan.t[-1] + plan.h[-1])
+        while loop.time <= t * (1.0 + SAME_TIME):
+            self._x[: len(q) + len(v), 0] = np.concatenate([q, v])
+            loop.tick(self._x)
+            if first < len(plan.t):
+                plan.numbers[plan.piece[first] :, self._numbers] = self._x[self._rows, 0]
+        return int(np.searchsorted(plan.t, loop.time * (1.0 - SAME_TIME)))
+
+
+def _no_forces(*_: object) -> Forces:
+    raise SceneError("the forces of stepped contacts are means over steps: no sensor reads them", where="effects",
+                     remedy='contact="located", or sensors of positions and velocities; afterwards run.tau and '
+                            "run.contact_forces", code="sensor-of-forces")  # fmt: skip

@@ -108,12 +108,17 @@ class Stepper:
         rows = self.bodies.jacobian(points, axes)
         return self.joints.with_rows(rows, points) if self.joints else rows
 
-    def run(self, plan: Plan, first: int, q: Array, v: Array, memory: Memory) -> HeldRun | list[Step]:
-        """One or more steps of a plan: compiled ones while the same points press, else one. Raises as `advance`."""
+    def run(
+        self, plan: Plan, first: int, until: int, q: Array, v: Array, memory: Memory
+    ) -> HeldRun | list[Step]:  # fmt: skip
+        """One or more steps of a plan, up to the one of a number: compiled ones while the same points press, else one.
+
+        Raises as `advance`.
+        """
         ahead, self.ahead = self.ahead, FIRST
         known = self.held.of(memory) if ahead and self.loops is None else None
         if known is not None:
-            found = self.held.run(known, plan, slice(first, first + ahead), q, v, memory)
+            found = self.held.run(known, plan, slice(first, min(first + ahead, until)), q, v, memory)
             if len(found):
                 self.ahead = min(2 * ahead, MOST) if len(found) == len(found.h) else 0  # what ended it ends it again
                 self.record.add(found.impulses, len(found))

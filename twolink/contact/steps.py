@@ -10,6 +10,9 @@ import numpy as np
 from twolink.contact.impulses import Impulses
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
+from twolink.loop.clock import Clock
+
+SAME_TIME = 1e-12  # relative: a tick so near to a sample or a break is there
 
 
 class Plan(NamedTuple):
@@ -26,12 +29,16 @@ class Plan(NamedTuple):
 
 
 def plan_steps(equations: Equations, times: Array, step: float, halvings: int) -> Plan:
-    """Steps of at most `step` [s] for samples at times (n,). Samples and breaks end a step.
+    """Steps of at most `step` [s] for samples at times (n,). Samples, breaks and ticks end a step.
 
     halvings: how often the steps between two of those are doubled in number, and one more: else many steps began at the
     same times, and an impact would fall on the same place within them.
     """
-    grid = np.union1d(times, equations.breaks(float(times[-1])))
+    grid, sampling = np.union1d(times, equations.breaks(float(times[-1]))), equations.sampling
+    if sampling is not None:
+        ticks = np.array(Clock({**sampling.controllers, **sampling.sensors}).until(float(times[-1])))
+        near = grid[np.minimum(np.searchsorted(grid, ticks * (1.0 - SAME_TIME)), len(grid) - 1)]
+        grid = np.union1d(grid, ticks[np.abs(ticks - near) > SAME_TIME * near])
     count = (np.maximum(1, np.ceil(np.diff(grid) / step - 1e-9).astype(int)) + 1) * 2**halvings - 1
     after, piece = np.cumsum(count), np.repeat(np.arange(len(count)), count)
     h, sampled = (np.diff(grid) / count)[piece], np.zeros(len(piece), dtype=bool)

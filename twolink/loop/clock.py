@@ -72,6 +72,14 @@ class Clock:
         self.time = self._next()
         return actions
 
+    def until(self, end: float) -> list[float]:
+        """The instants up to an end, s."""
+        times = []
+        while self.time <= end:
+            times.append(self.time)
+            self.due()
+        return times
+
     def _push(self, kind: int, place: int, tick: int) -> None:
         period, offset, _, jitter = self._times[place]
         late = jitter // PARTS * int(self._late[place](tick)[2, 0]) if jitter else 0

@@ -10,7 +10,7 @@ import numpy as np
 
 from twolink.contact.solver import SteppedSolution, solve_stepped, stepper_of
 from twolink.contact.stepping import Stepper
-from twolink.errors import AccuracyError
+from twolink.errors import AccuracyError, ControllerError
 from twolink.integrate.solution import Progress
 from twolink.integrate.steps.failures import failure
 from twolink.scenes import Scene
@@ -51,7 +51,7 @@ def simulate_stepped(
     default 60], and the best run is returned. Raises AccuracyError, with the best run, where an accuracy takes too many
     steps, or more time than a patience that is given.
     """
-    solve = functools.partial(_solved, stepper_of(scene), times, progress)
+    solve = functools.partial(_solved, scene, stepper_of(scene), times, progress)
     if step is None:
         limit = patience or (PATIENCE if accuracy is None else math.inf)
         return _StepRefinement(scene, solve, float(times[-1]), accuracy, limit).run(verify=verify)
@@ -63,9 +63,15 @@ def simulate_stepped(
     return _trajectory(scene, coarse, seconds, more, off)
 
 
-def _solved(stepper: Stepper, times: np.ndarray, progress: Progress | None, step: float, halvings: int) -> Solved:
+def _solved(
+    scene: Scene, stepper: Stepper, times: np.ndarray, progress: Progress | None, step: float, halvings: int
+) -> Solved:
     start = time.perf_counter()
-    solution = solve_stepped(stepper, times, step, progress, halvings)
+    try:
+        solution = solve_stepped(stepper, times, step, progress, halvings)
+    except ControllerError as error:
+        error.run = _trajectory(scene, error.run, time.perf_counter() - start)
+        raise
     return solution, time.perf_counter() - start
 
 

@@ -46,7 +46,7 @@ def equations_of(scene: Scene, parameters: Sequence[str] = (), *, ticks: bool = 
     parameters: physical constants kept as run-time inputs. ticks: whether the caller solves from tick to tick, as
     controllers call for. Raises SceneError.
     """
-    sampling = sampling_of(scene)
+    sampling, effects = sampled(scene)
     if sampling is not None and not ticks:
         raise SceneError("a sampled controller acts at ticks, which tl.simulate and tl.explain alone follow",
                          where=f"effects[{min(sampling.controllers)}]", code="controller-not-followed",
@@ -54,8 +54,6 @@ def equations_of(scene: Scene, parameters: Sequence[str] = (), *, ticks: bool = 
     known = _kept.setdefault(scene, {})
     name = tuple(parameters)
     if name not in known:
-        controllers: Mapping[int, Any] = {} if sampling is None else sampling.controllers
-        effects = [controllers[i].held(scene.robot, i) if i in controllers else e for i, e in enumerate(scene.effects)]
         switching = switching_of(scene.base, scene.robot, effects)
         acting = tuple(enumerate(effects)) if switching is None else switching.acting()
         robot = scene.robot if switching is None else switching.robot_with([effect for _, effect in acting])
@@ -65,15 +63,17 @@ def equations_of(scene: Scene, parameters: Sequence[str] = (), *, ticks: bool = 
     return known[name]
 
 
-def sampling_of(scene: Scene) -> "Sampling | None":
-    """The controllers and sensors of a scene; None where there are no controllers."""
+def sampled(scene: Scene) -> "tuple[Sampling | None, Sequence[Effect]]":
+    """The controllers and sensors of a scene, None without controllers; and its effects, with what those hold."""
     if all(effect.at_ticks != "controller" for effect in scene.effects):
-        return None
+        return None, scene.effects
     from twolink.loop.sampled_loop import Sampling  # which other scenes do not load
 
     controllers, sensors = ({i: effect for i, effect in enumerate(scene.effects) if effect.at_ticks == kind}
                             for kind in ("controller", "sensor"))  # fmt: skip
-    return Sampling(scene.robot, controllers, sensors)  # type: ignore[arg-type]
+    sampling = Sampling(scene.robot, controllers, sensors)  # type: ignore[arg-type]
+    held = {i: one.held(scene.robot, i) for i, one in sampling.controllers.items()}
+    return sampling, [held.get(i, effect) for i, effect in enumerate(scene.effects)]
 
 
 def with_parameters(equations: Equations, parameters: Sequence[str]) -> Equations:
