@@ -202,7 +202,6 @@ def test_fields_that_do_not_fit_are_refused(fields: dict, where: str) -> None:
         lambda s: tl.simulate(s, method="taylor"),
         lambda s: tl.simulate(s, method="scipy-dop853"),
         lambda s: tl.simulate(s, precision="quad"),
-        lambda s: tl.simulate(s.with_effects([*s.effects, E.JointStops({"rail": (-1.0, 1.0)})])),
         lambda s: tl.energy_book(tl.simulate(s, 0.2)),
         lambda s: tl.accuracy_study(s),
         lambda s: s.save("/tmp/never-written.toml"),

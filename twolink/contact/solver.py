@@ -13,10 +13,10 @@ from twolink.contact.joints import LoopRows
 from twolink.contact.stepping import Stepper
 from twolink.contact.steps import SAME_TIME, Plan, Record, Step, plan_steps
 from twolink.effects.contact import Contact
-from twolink.effects.loops import Loop
-from twolink.effects.switching import Hold, Stop, SwitchingEffect
 from twolink.effects.inputs import Slot
+from twolink.effects.loops import Loop
 from twolink.effects.sensors import Forces
+from twolink.effects.switching import Hold, Stop, SwitchingEffect
 from twolink.errors import ControllerError, SceneError
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
 from twolink.integrate.motion.equations import Equations

@@ -15,7 +15,16 @@ from twolink.integrate.steps.step_map import LANES, step_map
 from twolink.integrate.steps.stepping import BLOCK, advance, start_state
 from twolink.scenes import Scene
 from twolink.simulation.sampling import duration_for
-from twolink.simulation.stepwise import METHOD, Simulation, State, one, start_of, state_of, with_held_torques
+from twolink.simulation.stepwise import (
+    METHOD,
+    Simulation,
+    State,
+    equations_held,
+    one,
+    start_of,
+    state_of,
+    with_held_torques,
+)
 
 try:
     import gymnasium
@@ -146,10 +155,10 @@ class VectorEnvironment(gymnasium.vector.VectorEnv[Array, Array, Array]):
 
     def __init__(self, scene: Scene, reward: Reward, num_envs: int, **task: Any) -> None:
         self.task, self.num_envs = Task(scene, reward, **task), num_envs
-        equations, self._torques = with_held_torques(scene, scene.q, scene.v)
-        if equations.constraints is not None:
-            raise SceneError("worlds with loops are not solved in a batch", where="effects", code="not-step-by-step",
-                             remedy="several Environment")  # fmt: skip
+        equations, self._torques = equations_held(*with_held_torques(scene))
+        if equations.constraints is not None or equations.has_events:
+            raise SceneError("worlds with loops or events are not solved in a batch", where="effects",
+                             remedy="several Environment", code="not-step-by-step")  # fmt: skip
         self._map = step_map(equations, METHOD)
         x = np.repeat(equations.start[:, None], num_envs, axis=1)
         self._state, self._limit = start_state(self._map, x, 0.0, scene.duration,

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,30 +13,25 @@ from scipy.optimize import brentq
 
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
+from twolink.contact.choice import choose_contact_method
 from twolink.dynamics.arguments import array, configuration, positive
 from twolink.effects.conditions import Condition, FrameReaches, JointReaches
 from twolink.effects.inputs import Slot
 from twolink.effects.sampled_control import DofTorques
-from twolink.effects.switching import switching_of
 from twolink.errors import QueryError, SceneError
+from twolink.integrate.event import Event
 from twolink.integrate.motion.equations import Equations
-from twolink.integrate.motion.scene_equations import make_equations, starting_states
+from twolink.integrate.motion.scene_equations import equations_of, starting_states
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solvers.method_choice import first_tolerance
-from twolink.integrate.solvers.ticks import Lanes
-from twolink.integrate.steps.methods import METHODS
-from twolink.integrate.steps.perturbation import NO_PERTURBATION, disturbed_solutions, finer_solution
 from twolink.integrate.steps.step_map import step_map
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
-from twolink.simulation.error_bar import DISTURBED, common_rounding, distances, error_bar, truncation_factor
+from twolink.simulation.motions import METHOD, Located, Smooth, Stepped, solutions_of
 from twolink.simulation.sampling import duration_for
 
-METHOD = METHODS["dop853"]
-ROUNDED = 2  # solutions that are disturbed by rounding, with verify
 SAME_TIME = 1e-12  # relative
 LOOKS = 64  # parts of the longest time to an event, after which it is looked for
-MANY = 1_000_000  # steps, after which the count of steps begins anew
 
 
 class State(NamedTuple):
@@ -57,31 +51,32 @@ class Saved:
     """Where a simulation was; for `Simulation.restore`."""
 
     scene: Scene
-    lanes: Lanes
-    state: Array
+    motion: Smooth | Located | Stepped
+    state: Any
     bar: float
-    steps: int
 
 
-def with_held_torques(scene: Scene, q: Array, v: Array) -> tuple[Equations, slice]:
-    """The equations of a scene from a state on, with torques that are rows of the state; and these rows.
+def with_held_torques(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
+    """The scene with torques that are numbers of a state, and their names.
 
     Raises SceneError, code "not-step-by-step".
     """
-    names = [f"torque {k}" for k in range(scene.robot.nv)]
+    names = tuple(f"torque {k}" for k in range(scene.robot.nv))
+    if any(effect.at_ticks == "controller" for effect in scene.effects):
+        raise SceneError("sampled controllers are not called step by step", where="effects", code="not-step-by-step",
+                         remedy="tl.simulate; or leave them out, and give their torques as tau")  # fmt: skip
     held = DofTorques({name: Slot(name) for name in names})
-    switches = switching_of(scene.base, scene.robot, scene.effects)
-    if switches is not None or any(effect.at_ticks == "controller" for effect in scene.effects):
-        raise SceneError("events and sampled controllers are not solved step by step yet", where="effects",
-                         remedy="tl.simulate; or smooth effects, and the controller's torques as tau",
-                         code="not-step-by-step")  # fmt: skip
-    equations = make_equations(scene.robot, q, v, [*enumerate(scene.effects), (len(scene.effects), held)])
-    if equations.has_events or len(equations.layout.tables) > len(names):
-        raise SceneError("limits of effort and tables of samples are not solved step by step", where="effects",
-                         remedy="limit and look up the torques before step(dt, tau)",
-                         code="not-step-by-step")  # fmt: skip
-    rows = [at.start for at, _ in equations.layout.rows_of_tables()]  # of the slots, as there are no tables
-    return equations, slice(rows[0], rows[-1] + 1)
+    return scene.with_effects([*scene.effects, held]), names
+
+
+def equations_held(scene: Scene, names: Sequence[str]) -> tuple[Equations, slice]:
+    """The equations of a scene with torques of these names, and their rows. Raises SceneError, "not-step-by-step"."""
+    equations = equations_of(scene)
+    if len(equations.layout.tables) > len(names):
+        raise SceneError("tables of samples are not solved step by step", where="effects", code="not-step-by-step",
+                         remedy="look up the torques before step(dt, tau)")  # fmt: skip
+    first = next((at.start for at, _ in equations.layout.rows_of_tables()), equations.moving)
+    return equations, slice(first, first + len(names))
 
 
 def start_of(scene: Scene, equations: Equations, q: ArrayLike, v: ArrayLike) -> Array:
@@ -91,7 +86,8 @@ def start_of(scene: Scene, equations: Equations, q: ArrayLike, v: ArrayLike) -> 
         one("v", v, scene.robot.nv),
     )
     motion = Motion(equations.robot.model, equations.mechanism, list(at[0]), list(at[1]), 0.0, Numbers)
-    z = np.array(list(starting_states(scene.effects, motion).values()), dtype=float)
+    effects = scene.effects if equations.switching is None else equations.switching.every
+    z = np.array(list(starting_states(effects, motion).values()), dtype=float)
     return np.concatenate([*at, z, equations.layout.numbers_at(0.0)])
 
 
@@ -114,22 +110,27 @@ class Simulation:
     """A scene that is solved step by step, with torques that are given from step to step.
 
     The steps of the method go on across calls: their size is that of the accuracy, and a call only ends one of them.
+    Events (stops, dry friction, contacts, limits of effort) are located, as `simulate` does.
 
     Parameters
     ----------
     scene : Scene
-        Without events (stops, friction, contact, limits of effort) and sampled controllers.
+        Without sampled controllers and tables of samples.
     accuracy : float
         Which the tolerance of the steps is chosen for, rad or m. The error is kept below it over about the scene's
         duration; `error` tells, with `verify`.
     verify : bool
         Solve beside the motion a finer solution, and two that are disturbed by rounding: `error`. All have the torques
         that are given; how they would differ, were they computed from the others' states, is not in it.
+    contact : {"located", "stepped"}, optional
+        How contacts are computed, as of `simulate`.
+    step : float
+        The longest step of stepped contacts, s; their error is estimated.
 
     Raises
     ------
     SceneError
-        The scene has events, tables or sampled controllers (code "not-step-by-step").
+        The scene has tables or sampled controllers (code "not-step-by-step").
 
     Examples
     --------
@@ -142,41 +143,60 @@ class Simulation:
     0.1
     """
 
-    def __init__(self, scene: Scene, *, accuracy: float = 1e-6, verify: bool = False) -> None:
+    def __init__(
+        self, scene: Scene, *, accuracy: float = 1e-6, verify: bool = False, contact: str | None = None,
+        step: float = 1e-3,
+    ) -> None:  # fmt: skip
         duration_for(scene, None)  # raises SceneError for what is no scene
-        self.scene, self._tolerance = scene, first_tolerance(METHOD, accuracy_of(accuracy))
-        others = (finer_solution(METHOD, self._tolerance), *disturbed_solutions(ROUNDED)) if verify else ()
-        self._solutions, self._bar, self._steps = (NO_PERTURBATION, *others), 0.0, 0
-        self._equations, self._torques = with_held_torques(scene, scene.q, scene.v)
-        self._map = step_map(self._equations, METHOD)
-        self._lanes = self._begun(self._equations, 0.0)
+        self.scene, self._verify, self._bar = scene, verify, 0.0
+        self._tolerance = first_tolerance(METHOD, accuracy_of(accuracy))
+        self._solutions = solutions_of(self._tolerance, verify=verify)
+        self._stepped = choose_contact_method(scene, contact).method == "stepped"
+        self._step = positive(step, "step", SceneError, "such as 1e-3")
+        self._driven, self._names = with_held_torques(scene)
+        self._motion = self._begun(scene.q, scene.v, 0.0)
 
-    def _begun(self, equations: Equations, t: float) -> Lanes:
-        """Solutions that begin at a time with the equations' start."""
-        self._map.equations = equations
-        return Lanes(self._map, t, t + self.scene.duration, self._tolerance, self._solutions)
+    def _begun(self, q: ArrayLike, v: ArrayLike, t: float) -> Smooth | Located | Stepped:
+        """The motion from a state on."""
+        driven = self._driven
+        if self._stepped:
+            return Stepped(_moved(driven, q, v), t, self._step, verify=self._verify)
+        equations, torques = equations_held(driven, self._names)
+        if equations.constraints is None:
+            equations = replace(equations, start=start_of(driven, equations, q, v))
+        elif not (np.array_equal(q, driven.q) and np.array_equal(v, driven.v)):  # loops are closed
+            self._driven = _moved(driven, q, v)
+            equations, torques = equations_held(self._driven, self._names)
+        if equations.has_events:
+            return Located(equations, self._names, t, self._tolerance, self._solutions)
+        by = step_map(equations, METHOD)
+        return Smooth(equations, by, torques, t, self.scene.duration, self._tolerance, self._solutions)
 
     @property
     def t(self) -> float:
         """The time, s."""
-        return self._lanes.time
+        return self._motion.t
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """The located events so far."""
+        return tuple(self._motion.events)
 
     @property
     def state(self) -> State:
         """Where the motion is, in copies."""
-        return state_of(self.scene, self._equations, self._lanes.time, self._lanes.x[:, 0])
+        motion = self._motion
+        return state_of(self.scene, motion.equations, motion.t, motion.x[:, 0])
 
     @property
     def error(self) -> float:
-        """A bound on the error of q so far, rad or m, for the torques that were given; NaN without `verify`."""
-        if len(self._solutions) == 1:
+        """A bound on the error of q so far, rad or m, for the torques that were given; NaN without `verify`.
+
+        Of stepped contacts an estimate.
+        """
+        if not self._verify:
             return math.nan
-        x, space = self._lanes.x[: self._equations.moving], self._equations.space
-        steps = self._steps + self._lanes.counts[0]
-        off = distances(space, x[None, :, :1], x[None, :, 1:])[0]
-        bar = truncation_factor(METHOD, steps) * off[0] + DISTURBED[ROUNDED] * off[1:].max()
-        same = common_rounding(space, np.array([0.0, 1.0]), np.stack([x[:, 0]] * 2), steps)[1]
-        self._bar = max(self._bar, float(error_bar(np.array([bar]), np.zeros(1))[0] + same))
+        self._bar = max(self._bar, self._motion.apart)
         return self._bar
 
     def step(self, dt: float, tau: ArrayLike | None = None) -> State:
@@ -198,22 +218,23 @@ class Simulation:
         ------
         AccuracyError
             The motion cannot be solved on; the simulation stays where it got to.
+        SceneError
+            An event has ended the motion (code "motion-ended").
         """
-        lanes = self._lanes
+        motion = self._motion
         if tau is not None:
             given = np.asarray(tau, dtype=float)
-            if given.shape != (self._torques.stop - self._torques.start,) or not np.isfinite(given).all():
+            if given.shape != (len(self._names),) or not np.isfinite(given).all():
                 one("tau", tau, self.scene.robot.nv)  # says what is wrong
-            lanes.x[self._torques] = given[:, None]
+            motion.hold(given)
         if not 0.0 < dt < math.inf:
             positive(dt, "dt", SceneError, "a time in s")
-        lanes.advance(lanes.time + dt)
-        if len(self._solutions) > 1:
+        if motion.ended:
+            raise SceneError("an event has ended the motion", where=f"t = {motion.t:.9g} s", code="motion-ended",
+                             remedy="look at events; then restore, or set_state")  # fmt: skip
+        motion.advance(float(motion.t + dt))
+        if self._verify:
             _ = self.error
-        if lanes.counts[0] > MANY:
-            x, self._steps = lanes.x.copy(), self._steps + lanes.counts[0]
-            self._lanes = self._begun(self._equations.starting_at(x[:, 0], lanes.time), lanes.time)
-            self._lanes.x[:] = x
         return self.state
 
     def run_until(self, event: Condition | Missing, limit: float, tau: ArrayLike | None = None) -> bool:
@@ -265,7 +286,7 @@ class Simulation:
         if not isinstance(event, JointReaches | FrameReaches):
             return event
         event.check(self.scene.robot, "event")
-        model, mech = self._equations.robot.model, self._equations.mechanism
+        model, mech = self._motion.equations.robot.model, self._motion.equations.mechanism
         return lambda at: float(event.distance(Motion(model, mech, list(at.q), list(at.v), at.t, Numbers)))
 
     def set_state(self, q: ArrayLike | None = None, v: ArrayLike | None = None, t: float | None = None) -> None:
@@ -279,23 +300,22 @@ class Simulation:
             s; by default the time it is.
         """
         now = self.state
-        start = start_of(self.scene, self._equations, now.q if q is None else q, now.v if v is None else v)
-        if self._equations.constraints is None:
-            self._equations = replace(self._equations, start=start)
-        else:  # loops are closed
-            space = self._equations.space
-            self._equations, _ = with_held_torques(self.scene, start[: space.nq], start[space.v_rows])
-        self._bar, self._steps = 0.0, 0
-        self._lanes = self._begun(self._equations, now.t if t is None else float(t))
+        self._motion, self._bar = self._begun(now.q if q is None else q, now.v if v is None else v,
+                                              now.t if t is None else float(t)), 0.0  # fmt: skip
 
     def save(self) -> Saved:
         """All that the motion goes on from."""
-        return Saved(self.scene, copy.copy(self._lanes), self._lanes.state.copy(), self._bar, self._steps)
+        return Saved(self.scene, self._motion, self._motion.save(), self._bar)
 
     def restore(self, saved: Saved) -> None:
         """Go on from where it was saved, with the same bits. Raises SceneError for what another scene saved."""
         if saved.scene is not self.scene:
             raise SceneError("it was saved by a simulation of another scene", where="saved", code="other-scene",
                              remedy="restore it there, or set_state")  # fmt: skip
-        self._lanes, self._bar, self._steps = copy.copy(saved.lanes), saved.bar, saved.steps
-        self._lanes.state, self._lanes.spare = saved.state.copy(), np.empty_like(saved.state)
+        self._motion, self._bar = saved.motion, saved.bar
+        self._motion.restore(saved.state)
+
+
+def _moved(scene: Scene, q: ArrayLike, v: ArrayLike) -> Scene:
+    """The scene from another start."""
+    return Scene(scene.base, q, v, scene.effects, scene.duration, scene.title)

@@ -116,9 +116,7 @@ class Engine:
         run = self.run
         if not same_time(run.t, begin):
             self.at_once = 0
-            run.opened.clear()
-            run.passed.clear()
-            run.fired.clear()
+            run.moved_on()
         self.at_once += 1
         if hit is not None:
             run.fired.add(hit.guard.key)

@@ -12,7 +12,6 @@ Reference: Leine, Nijmeijer: Dynamics and Bifurcations of Non-Smooth Mechanical 
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -273,10 +272,8 @@ def _rate(run: RunState, begin: float | None = None) -> Array:
 
 def _copy(run: RunState) -> RunState:
     """A run that may be changed."""
-    other = copy.copy(run)
-    other.x, other.events, other.sides = run.x.copy(), [], dict(run.sides)
-    other.fired, other.opened, other.passed = set(run.fired), set(run.opened), set(run.passed)
-    other._rest_noted = set(run._rest_noted)
+    other = run.copied()
+    other.events = []
     return other
 
 

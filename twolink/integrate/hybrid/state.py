@@ -1,5 +1,6 @@
 """The state of a run with events: time, motion, mode, and what has happened."""
 
+import copy
 import itertools
 from collections.abc import Sequence
 
@@ -47,6 +48,19 @@ class RunState:
         self.small = small
         self.passed: set[tuple[int, int]] = set()
         self._rest_noted: set[str] = set()
+
+    def copied(self) -> "RunState":
+        """A run that may be changed."""
+        other = copy.copy(self)
+        other.x, other.events, other.sides = self.x.copy(), list(self.events), dict(self.sides)
+        other.fired, other.opened, other.passed = set(self.fired), set(self.opened), set(self.passed)
+        other._rest_noted = set(self._rest_noted)
+        return other
+
+    def moved_on(self) -> None:
+        """Forget what has happened at an instant that is over."""
+        for happened in (self.opened, self.passed, self.fired):
+            happened.clear()
 
     @property
     def mode_state(self) -> ModeState:

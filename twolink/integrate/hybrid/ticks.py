@@ -15,6 +15,7 @@ from twolink.errors import ControllerError
 from twolink.integrate.forces_seen import forces_seen
 from twolink.integrate.hybrid.engine import FIRST_BLOCK, Engine
 from twolink.integrate.hybrid.locating import Hit, Watcher
+from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.hybrid.transitions import same_time
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
@@ -31,7 +32,7 @@ class OpenPiece:
 
     def __init__(self, steps: StepMap, watcher: Watcher, lanes: Lanes) -> None:
         self.steps, self.watcher, self._lanes, equations = steps, watcher, lanes, steps.equations
-        self.t, self.x = [lanes.time], [lanes.x[:, 0].copy()]
+        self.begin, self.t, self.x = lanes.time, [lanes.time], [lanes.x[:, 0].copy()]
         self._rows = {table.name: at.start for at, table in equations.layout.rows_of_tables()
                       if isinstance(table, Slot)}  # fmt: skip
         self._forces = [guard for guard in watcher.guards if guard.is_force]
@@ -51,6 +52,15 @@ class OpenPiece:
             if hit is not None:
                 return hit
         return None
+
+    @property
+    def steps_taken(self) -> int:
+        """Accepted steps."""
+        return self._lanes.counts[0]
+
+    def forget(self) -> None:
+        """Keep no more than the present."""
+        del self.t[:-1], self.x[:-1]
 
     def hold(self, engine: "TickEngine") -> bool:
         """Let the numbers of an engine hold from now on; whether the laws of the mode do then too."""
@@ -89,6 +99,12 @@ class TickEngine(Engine):
         super().__post_init__()
         self._stops, self._parts = self._begin(), list[Solution]()
         self._open: OpenPiece | None = None
+        self._done = 0
+
+    @property
+    def steps(self) -> int:
+        """Accepted steps."""
+        return self._done + (0 if self._open is None else self._open.steps_taken)
 
     def advance(self, end: float) -> None:
         """Go to a time, or to where the run ends."""
@@ -121,6 +137,27 @@ class TickEngine(Engine):
             self._open = None
         return self._joined(self._parts)
 
+    def forget(self) -> None:
+        """Keep no more than the present, for a run whose solution is not asked for."""
+        self._parts.clear()
+        if self._open is not None:
+            self._open.forget()
+
+    def saved(self) -> tuple[RunState, int]:
+        """Where it is. Its steps begin anew from there, as they do where it is restored."""
+        piece, run = self._open, self.run
+        if piece is not None:
+            self._keep_sides(piece.watcher.guards)
+            if not same_time(run.t, piece.begin):
+                self.at_once = 0
+                run.moved_on()
+            self._done, self._open = self.steps, None
+        return run.copied(), self._done
+
+    def restore(self, saved: tuple[RunState, int]) -> None:
+        """Go on from where it was saved."""
+        self.run, self._done, self._open, self.at_once = saved[0].copied(), saved[1], None, 0
+
     def _opened(self) -> OpenPiece:
         """The piece that goes on from now."""
         if self._open is None:
@@ -136,9 +173,9 @@ class TickEngine(Engine):
         last = np.array((piece.x[-1] if hit is None else hit.x)[: self.whole.moving])
         run.t, run.x = stop if hit is None or same_time(hit.t, stop) else hit.t, last.copy()
         self._parts.append(piece.solution(self.times, run.t, last, first=not self._parts))
-        self._open = None
+        self._done, self._open = self.steps, None
         self._keep_sides(piece.watcher.guards)
-        self._transit(hit, piece.t[0], stop)
+        self._transit(hit, piece.begin, stop)
 
 
 def solve_ticks(

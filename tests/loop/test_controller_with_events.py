@@ -1,0 +1,186 @@
+"""Sampled controllers with stops, dry friction and contacts, against arithmetic of 60 digits and closed forms."""
+
+import math
+from decimal import Decimal
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.loop.loops import slider
+from tests.loop.quadruped import KD, KP, TARGET, quadruped
+from tests.loop.switched import exact_switched_slider
+from twolink.errors import ControllerError, SceneError
+
+E = tl.effects
+G = 9.81
+STOP = {"rail": (-50.0, 0.6)}
+SWITCHES = {
+    "bounces": ({"stop": "0.6", "restitution": "0.5"}, [E.JointStops(STOP, restitution=0.5)]),
+    "rests at the stop": ({"stop": "0.6"}, [E.JointStops(STOP)]),
+    "sticks and slips": ({"friction": "1.5"}, [E.DryFriction({"rail": 1.5})]),
+    "all": (
+        {"stop": "0.6", "restitution": "0.5", "friction": "1.5"},
+        [E.JointStops(STOP, restitution=0.5), E.DryFriction({"rail": 1.5})],
+    ),
+}
+
+
+@pytest.mark.parametrize("switches", SWITCHES)
+@pytest.mark.parametrize(
+    ("kp", "kd", "target", "period"), [(40, 2, "0.5", "0.01"), (8, 1, "0.75", "0.05"), (300, 3, "0.55", "0.002")]
+)
+def test_a_sampled_law_on_a_slider_is_exact(switches: str, kp: int, kd: int, target: str, period: str) -> None:
+    """Impacts, rest, stick and slip between ticks and at them; the bar holds."""
+    exact_of, effects = SWITCHES[switches]
+    times, aim = [f"{k / 20:.2f}" for k in range(41)], float(target)
+
+    def update(t: float, y: object, state: object) -> tuple[np.ndarray, object]:
+        return -kp * (y.q - aim) - kd * y.v + (3.0 if int(2.0 * t + 1e-9) % 2 else -3.0), state
+
+    exact = exact_switched_slider(
+        lambda t, q, v: -kp * (q - Decimal(target)) - kd * v + (3 if int(2 * t) % 2 else -3), ("0.1", "0"), period,
+        times, **exact_of,
+    )  # fmt: skip
+    scene = tl.Scene(slider(), [0.1], effects=[E.Controller(update, period=float(period)), *effects])
+    run = tl.simulate(scene, 2.0, accuracy=1e-8, t_eval=[float(t) for t in times])
+    off = np.abs(run.q[:, 0] - [float(q) for q, _ in exact])
+    assert off.max() < 1e-12
+    assert (off <= run.error).all()
+    assert np.abs(run.v[:, 0] - [float(v) for _, v in exact]).max() < 1e-11
+    assert run.certificate is not None
+    assert run.bound == "verified"
+    between = np.array([0.013, 0.737, 1.511])
+    again = tl.simulate(scene, 2.0, accuracy=1e-8, t_eval=between)
+    assert np.abs(run.at(between)[0] - again.q).max() < 1e-12
+
+
+def test_an_integral_that_grows_breaks_static_friction_at_the_tick_that_it_should() -> None:
+    """u_k = ki T e (k + 1) with e constant: it slips at the first tick where u > 1.5, and moves as the exact one."""
+    period, ki, aim = 0.02, 4.0, 1.0
+
+    def update(_: float, y: object, state: float) -> tuple[list[float], float]:
+        state += ki * period * (aim - y.q[0])
+        return [state], state
+
+    friction = E.DryFriction({"rail": 0.8}, {"rail": 1.5})
+    scene = tl.Scene(slider(), [0.0], effects=[E.Controller(update, period=period, state=0.0), friction])
+    run = tl.simulate(scene, 2.0, accuracy=1e-9)
+    first = next(event for event in run.events if event.kind == "slip")
+    tick = math.ceil(1.5 / (ki * period * aim) - 1e-9) - 1  # u = 0.08 (k + 1) > 1.5
+    assert first.t == pytest.approx(tick * period, abs=1e-12)
+    after = (run.t > first.t) & (run.t <= first.t + period)
+    drive = ki * period * aim * (tick + 1) - 0.8
+    assert run.q[after, 0] == pytest.approx(drive * (run.t[after] - first.t) ** 2 / 2, abs=1e-13)
+
+
+def test_a_panda_is_pressed_on_its_stop() -> None:
+    """The stop takes what the controller pushes beyond the limit, less gravity: tau there is that of rest."""
+    panda = tl.load_robot("panda")
+    scene = tl.scene_of(panda, 0.6)
+    kp = np.array([400.0, 400, 400, 400, 100, 100, 50, 500, 500])
+    upper, aim = panda.model.upperPositionLimit[0], scene.q.copy()
+    aim[0] = upper + 0.5
+
+    def update(_: float, y: object, state: object) -> tuple[np.ndarray, object]:
+        return kp * (aim - y.q) - 2.0 * np.sqrt(kp) * y.v + panda.gravity_torque(y.q), state
+
+    start = scene.q.copy()
+    start[0] = upper - 0.1
+    control = E.Controller(update, period=2e-3)
+    run = tl.simulate(tl.Scene(panda, start, effects=[*scene.effects, control]), 0.6, accuracy=1e-6)
+    assert {"impact", "rest"} & {event.kind for event in run.events}
+    assert run.q[-1, 0] == pytest.approx(upper, abs=1e-12)
+    assert run.tau[-1, 0] == pytest.approx(0.0, abs=1e-2)  # 200 N m of the controller less as much of the stop
+    assert run.error is not None
+    assert run.error.max() < 1e-6
+
+
+def test_a_quantized_encoder_that_differs_is_named_beside_friction() -> None:
+    """From the middle of two quanta: rounding decides what the first reading is."""
+    encoder = E.Encoder(("rail",), name="angle", quantum=0.2)
+    control = E.Controller(lambda _, y, s: (-5.0 * (y.angle - 1.0), s), period=0.05, inputs=("angle",))
+    scene = tl.Scene(slider(), [0.0], [1.0], effects=[encoder, control, E.DryFriction({"rail": 0.1})])
+    run = tl.simulate(scene, 1.0, accuracy=1e-6)
+    assert "ambiguous-tick" in {event.kind for event in run.events}
+
+
+def test_what_an_event_ends_has_its_readings_up_to_there() -> None:
+    watch = E.Watch("half", when=E.JointReaches("rail", 0.5), stop=True)
+    encoder = E.Encoder(("rail",), name="angle", period=0.1)
+    control = E.Controller(lambda _, y, s: (0.0 * y.angle, s), period=0.1, inputs=("angle",))
+    run = tl.simulate(tl.Scene(slider(), [0.0], [1.0], effects=[encoder, control, watch]), 3.0)
+    assert run.end == pytest.approx(0.5)
+    assert run.sensors["angle"].t[-1] <= 0.5
+    assert run.error is not None
+    assert run.error[-1] < 1e-6
+
+
+def test_a_controller_that_fails_keeps_the_run_so_far() -> None:
+    def update(t: float, y: object, state: object) -> tuple[np.ndarray, object]:
+        return 1.0 / (0.3 - t) * y.q, state
+
+    for scene, options in (
+        (tl.Scene(slider(), [0.1], effects=[E.Controller(update, period=0.1), E.JointStops(STOP)]), {}),
+        (_on_ground(update), {"contact": "stepped", "step": 0.01}),
+    ):
+        with pytest.raises(ControllerError, match="ZeroDivisionError") as refused:
+            tl.simulate(scene, 1.0, **options)
+        assert refused.value.run.t[-1] == pytest.approx(0.3)
+        assert refused.value.run.interrupted
+
+
+BALL = """<robot name="ball"><link name="base"/><link name="ball"><inertial><mass value="2"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="up" type="prismatic">
+<parent link="base"/><child link="ball"/><axis xyz="0 0 1"/><limit lower="-99" upper="99" effort="9" velocity="9"/>
+</joint></robot>"""
+
+
+def _on_ground(update: object, height: float = 0.6) -> tl.Scene:
+    ground = E.Contact((("ball", "ground"),), shapes={"ball": (E.Sphere(0.1),)})
+    return tl.Scene(tl.load_robot(BALL), [height], effects=[E.Gravity(), E.Controller(update, period=0.1), ground])
+
+
+def test_a_ball_leaves_the_ground_at_the_tick_that_lifts_it() -> None:
+    """u = 2 g + 4 from t = 0.5 on lifts 2 kg with 2 m/s^2; before it rests. Located and stepped."""
+
+    def update(t: float, _: object, state: object) -> tuple[list[float], object]:
+        return [2.0 * G + 4.0 if t > 0.45 else 5.0], state
+
+    located = tl.simulate(_on_ground(update, 0.1), 1.0, accuracy=1e-9, contact="located")
+    late = np.maximum(located.t - 0.5, 0.0)
+    assert np.abs(located.q[:, 0] - 0.1 - late**2).max() < 1e-12
+    assert [(event.kind, event.t) for event in located.events if event.t] == [("leave", 0.5)]
+    stepped = tl.simulate(_on_ground(update, 0.1), 1.0, contact="stepped", step=0.02)
+    assert stepped.bound == "estimated"
+    assert np.abs(stepped.q[:, 0] - 0.1 - np.maximum(stepped.t - 0.5, 0.0) ** 2).max() < 1e-9
+    assert stepped.tau[-1, 0] == pytest.approx(2.0 * G + 4.0)
+    weight = next(iter(stepped.contact_forces.values()))
+    assert weight[20, 2] == pytest.approx(2.0 * G - 5.0, abs=1e-9)
+
+
+def test_a_quadruped_stands_on_its_feet() -> None:
+    """At rest its feet carry its weight; ticks that samples and steps do not share are ends of steps."""
+    scene, law = quadruped(0.0)
+    times: list[float] = []
+
+    def update(t: float, y: object, state: object) -> tuple[np.ndarray, object]:
+        times.append(t)
+        return law(t, y, state)
+
+    control = E.Controller(update, period=1e-3, offset=3e-4, outputs=tuple(TARGET))
+    run = tl.simulate(scene.with_effects([*scene.effects, control]), 0.8, contact="stepped", step=2e-3, verify=False)
+    assert run.bound == ""
+    weight = sum(inertia.mass for inertia in run.robot.model.inertias) * G
+    assert sum(force[-1, 2] for force in run.contact_forces.values()) == pytest.approx(weight, rel=1e-3)
+    kept = [t for i, t in enumerate(times) if i == 0 or t != times[i - 1]]
+    assert kept == pytest.approx([3e-4 + 1e-3 * k for k in range(800)], abs=1e-15)
+    wanted = KP * (np.array(list(TARGET.values())) - run.q[-1, 7:]) - KD * run.v[-1, 6:]
+    assert run.tau[-1, 6:] == pytest.approx(wanted, abs=2e-3)
+
+
+def test_sensors_of_forces_are_refused_beside_stepped_contacts() -> None:
+    scene = _on_ground(lambda _, y, s: (0.0 * y.q, s))
+    touch = E.TouchSensor("ball", name="touch")
+    with pytest.raises(SceneError, match="means over steps"):
+        tl.simulate(scene.with_effects([*scene.effects, touch]), 0.2, contact="stepped")

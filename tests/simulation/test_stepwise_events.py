@@ -1,0 +1,82 @@
+"""tl.Simulation with stops, friction and contacts: as in one run, and as arithmetic of 60 digits says."""
+
+from decimal import Decimal
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.loop.loops import slider
+from tests.loop.quadruped import TARGET, quadruped
+from tests.loop.switched import exact_switched_slider
+
+E = tl.effects
+STOP = E.JointStops({"rail": (-50.0, 0.6)}, restitution=0.5)
+
+
+def test_a_bouncing_ball_comes_to_rest_as_in_one_run() -> None:
+    scene = tl.load_scene("bouncing-ball")
+    sim = tl.Simulation(scene, accuracy=1e-9, verify=True)
+    for dt in np.random.default_rng(0).dirichlet(np.ones(60)) * 2.0:
+        state = sim.step(dt)
+    assert np.abs(state.q).max() < sim.error < 1e-9  # it rests on the ground
+    run = tl.simulate(scene, 2.0, accuracy=1e-10)
+    assert [event.kind for event in sim.events] == [event.kind for event in run.events]
+    assert [event.t for event in sim.events] == pytest.approx([event.t for event in run.events], abs=1e-9)
+
+
+@pytest.mark.parametrize("verify", [False, True])
+def test_torques_from_call_to_call_with_a_stop_and_dry_friction(verify: bool) -> None:
+    """The law is computed by the caller; the bar holds; what is saved goes on with the same bits."""
+    exact = exact_switched_slider(
+        lambda t, q, v: -40 * (q - Decimal("0.5")) - 2 * v + (3 if int(2 * t) % 2 else -3), ("0.1", "0"), "0.01",
+        [f"{k / 100:.2f}" for k in range(300)], stop="0.6", restitution="0.5", friction="1.5",
+    )  # fmt: skip
+    sim = tl.Simulation(tl.Scene(slider(), [0.1], effects=[STOP, E.DryFriction({"rail": 1.5})]), verify=verify)
+    seen: list[float] = []
+    for again in (False, True):
+        for k in range(120 if again else 0, 300):
+            state = sim.state
+            if k == 120 and not again:
+                saved = sim.save()
+            seen.append(state.q[0])
+            sim.step(0.01, -40.0 * (state.q - 0.5) - 2.0 * state.v + (3.0 if (k // 50) % 2 else -3.0))
+        error = sim.error
+        sim.restore(saved)
+    assert seen[120:300] == seen[300:]
+    off = np.abs(np.array(seen[:300]) - [float(q) for q, _ in exact]).max()
+    assert off < 1e-12
+    assert not verify or off < error < 1e-9
+    assert {"impact", "slip", "stick"} <= {event.kind for event in sim.events}
+
+
+def test_it_stands_at_an_event_after_a_bounce() -> None:
+    """At 0.3 on the way back from the stop at 0.6, with half the speed: v^2 = 4 / 4 + 2 * 2 * 0.3."""
+    sim = tl.Simulation(tl.Scene(slider(), [0.0], [2.0], effects=[STOP]))
+    assert sim.run_until(lambda at: at.v[0], 1.0)
+    assert [event.kind for event in sim.events] == ["impact"]
+    assert sim.run_until(E.JointReaches("rail", 0.3), 1.0, [-2.0])
+    assert sim.state.v[0] == pytest.approx(-np.sqrt(1.0 + 4.0 * 0.3), abs=1e-12)
+    sim.set_state([0.0], [1.0], t=3.0)
+    assert not sim.events
+    assert sim.step(0.1).q[0] == pytest.approx(0.1)
+
+
+def test_a_motion_that_an_event_ends_goes_no_farther() -> None:
+    watch = E.Watch("half", when=E.JointReaches("rail", 0.5), stop=True)
+    sim = tl.Simulation(tl.Scene(slider(), [0.0], [1.0], effects=[watch]))
+    assert sim.step(1.0).t == pytest.approx(0.5)
+    with pytest.raises(tl.errors.SceneError, match="ended the motion"):
+        sim.step(0.1)
+
+
+def test_a_quadruped_stands_the_same_with_its_controller_outside_and_inside() -> None:
+    scene, law = quadruped()
+    control = E.Controller(law, period=1e-3, outputs=tuple(TARGET))
+    run = tl.simulate(scene.with_effects([*scene.effects, control]), 0.1, contact="stepped", step=1e-3)
+    sim = tl.Simulation(scene, contact="stepped", verify=True)
+    for _ in range(100):
+        state = sim.state
+        sim.step(1e-3, np.append(np.zeros(6), law(0.0, state, None)[0]))
+    assert np.abs(sim.state.q - run.q[-1]).max() < 1e-13
+    assert 0.0 < sim.error < 1e-2

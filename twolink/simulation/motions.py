@@ -1,0 +1,220 @@
+"""Motions that go on from call to call: smooth, with located events, and with stepped contacts.
+
+Each has the time t, the states x (moving, n) of its solutions, whether it has ended, and its events so far; it takes
+torques, advances to a time, and tells how far its solutions are apart.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from twolink.contact.solver import stepper_of
+from twolink.contact.steps import Plan, Record
+from twolink.integrate.event import Event
+from twolink.integrate.hybrid.ticks import TickEngine
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.state import Array
+from twolink.integrate.solvers.ticks import Lanes
+from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.perturbation import NO_PERTURBATION, disturbed_solutions, finer_solution
+from twolink.integrate.steps.step_map import StepMap
+from twolink.scenes import Scene
+from twolink.simulation.error_bar import DISTURBED, common_rounding, distances, error_bar, truncation_factor
+from twolink.simulation.stepped_run import SAFETY
+
+METHOD = METHODS["dop853"]
+ROUNDED = 2  # solutions that are disturbed by rounding, with verify
+MANY = 1_000_000  # steps, after which the count of steps begins anew
+
+
+def solutions_of(tolerance: float, *, verify: bool) -> tuple[Any, ...]:
+    """The perturbations of a motion, and of those that show its error."""
+    others = (finer_solution(METHOD, tolerance), *disturbed_solutions(ROUNDED)) if verify else ()
+    return NO_PERTURBATION, *others
+
+
+def distance_of(equations: Equations, x: Array, steps: int) -> float:
+    """A bound on the error of the first of the solutions x (moving, n), rad or m, after so many steps."""
+    space = equations.space
+    off = distances(space, x[None, :, :1], x[None, :, 1:])[0]
+    bar = truncation_factor(METHOD, steps) * off[0] + DISTURBED[ROUNDED] * off[1:].max()
+    same = common_rounding(space, np.array([0.0, 1.0]), np.stack([x[:, 0]] * 2), steps)[1]
+    return float(error_bar(np.array([bar]), np.zeros(1))[0] + same)
+
+
+class Smooth:
+    """Solutions as lanes of one batch. span: the time that sets their first steps, s."""
+
+    events: Sequence[Event] = ()
+    ended = False
+
+    def __init__(
+        self, equations: Equations, by: StepMap, torques: slice, t: float, span: float, tolerance: float,
+        solutions: tuple[Any, ...],
+    ) -> None:  # fmt: skip
+        self.equations, self._torques, self._steps = equations, torques, 0
+        self._map, self._span, self._tolerance, self._solutions = by, span, tolerance, solutions
+        self._lanes = self._begun(equations, t)
+
+    def _begun(self, equations: Equations, t: float) -> Lanes:
+        self._map.equations = equations
+        return Lanes(self._map, t, t + self._span, self._tolerance, self._solutions)
+
+    @property
+    def t(self) -> float:
+        """The time, s."""
+        return self._lanes.time
+
+    @property
+    def x(self) -> Array:
+        """The states."""
+        return self._lanes.x[: self.equations.moving]
+
+    @property
+    def apart(self) -> float:
+        """A bound on the error, rad or m."""
+        return distance_of(self.equations, self.x, self._steps + self._lanes.counts[0])
+
+    def hold(self, tau: Array) -> None:
+        """Let torques (nv,) act from now on."""
+        self._lanes.x[self._torques] = tau[:, None]
+
+    def advance(self, t: float) -> None:
+        """Go to a time, s."""
+        lanes = self._lanes
+        lanes.advance(t)
+        if lanes.counts[0] > MANY:
+            x, self._steps = lanes.x.copy(), self._steps + lanes.counts[0]
+            self._lanes = self._begun(self.equations.starting_at(x[:, 0], t), t)
+            self._lanes.x[:] = x
+
+    def save(self) -> tuple[Lanes, Array, int]:
+        """All that it goes on from."""
+        return copy.copy(self._lanes), self._lanes.state.copy(), self._steps
+
+    def restore(self, saved: tuple[Lanes, Array, int]) -> None:
+        """Go on from there."""
+        lanes, state, self._steps = saved
+        self._lanes = copy.copy(lanes)
+        self._lanes.state, self._lanes.spare = state.copy(), np.empty_like(state)
+
+
+class Located:
+    """Solutions with modes, each with its own events."""
+
+    def __init__(
+        self, equations: Equations, names: Sequence[str], t: float, tolerance: float, solutions: tuple[Any, ...]
+    ) -> None:
+        self.equations, self._names = equations, names
+        times = np.array([t, math.inf])
+        self._engines = [TickEngine(equations, METHOD, times, tolerance, None, one) for one in solutions]
+
+    @property
+    def t(self) -> float:
+        """The time, s."""
+        return self._engines[0].run.t
+
+    @property
+    def x(self) -> Array:
+        """The states."""
+        return np.stack([engine.run.x for engine in self._engines], axis=1)
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """What has happened."""
+        return self._engines[0].run.events
+
+    @property
+    def ended(self) -> bool:
+        """Whether an event has ended it."""
+        return self._engines[0].run.ended
+
+    @property
+    def apart(self) -> float:
+        """A bound on the error, rad or m."""
+        return distance_of(self.equations, self.x, self._engines[0].steps)
+
+    def hold(self, tau: Array) -> None:
+        """Let torques (nv,) act from now on."""
+        held = dict(zip(self._names, tau.tolist(), strict=True))
+        for engine in self._engines:
+            if engine.run.system.held != held:
+                engine.hold(held)
+
+    def advance(self, t: float) -> None:
+        """Go to a time, s."""
+        for engine in self._engines:
+            engine.advance(t)
+            engine.forget()
+
+    def save(self) -> list[Any]:
+        """All that it goes on from."""
+        return [engine.saved() for engine in self._engines]
+
+    def restore(self, saved: list[Any]) -> None:
+        """Go on from there."""
+        for engine, one in zip(self._engines, saved, strict=True):
+            engine.restore(one)
+
+
+class Stepped:
+    """A motion with stepped contacts, and with verify one of three times as many steps. step: the longest, s."""
+
+    events: Sequence[Event] = ()
+    ended = False
+
+    def __init__(self, scene: Scene, t: float, step: float, *, verify: bool) -> None:
+        self._stepper, self._step, self.t = stepper_of(scene), step, t
+        self.equations = equations = self._stepper.equations
+        self._stepper.record, nq = Record(), equations.space.nq
+        self._numbers = equations.layout.numbers_at(t)
+        q, v = np.array(equations.start[:nq]), np.array(equations.start[nq : equations.moving])
+        w = self._stepper.bodies.to_local_velocity(q, v, -1)
+        self._states = [(q, w, self._stepper.start(t, q, w, self._numbers))] * (2 if verify else 1)
+
+    @property
+    def x(self) -> Array:
+        """The states."""
+        local = self._stepper.bodies.to_local_velocity
+        return np.stack([np.concatenate([q, local(q, w)]) for q, w, _ in self._states], axis=1)
+
+    @property
+    def apart(self) -> float:
+        """An estimate of the error, rad or m: of first order, a third of the step has a third of it."""
+        (q, *_), (other, *_) = self._states
+        off = 1.5 * self.equations.space.distance(q[None], other[None])
+        return float(error_bar(off, np.zeros(1), SAFETY)[0])
+
+    def hold(self, tau: Array) -> None:
+        """Let torques (nv,) act from now on."""
+        self._numbers = tau.copy()
+
+    def advance(self, t: float) -> None:
+        """Go to a time, s."""
+        count = max(1, math.ceil((t - self.t) / self._step - 1e-9))
+        self._states = [self._solved(state, t, count * 3**k) for k, state in enumerate(self._states)]
+        self.t = t
+
+    def _solved(self, state: tuple[Any, ...], end: float, count: int) -> tuple[Any, ...]:
+        h, first, (q, w, memory) = (end - self.t) / count, 0, state
+        steps = np.arange(count)
+        plan = Plan(self.t + h * steps, np.full(count, h), 0 * steps, steps < 0, self._numbers[None])
+        while first < count:
+            found = self._stepper.run(plan, first, count, q, w, memory)
+            last, first = found[len(found) - 1], first + len(found)
+            q, w, memory = last.q, last.v, last.memory
+        return q, w, memory
+
+    def save(self) -> tuple[Any, ...]:
+        """All that it goes on from."""
+        return self.t, self._numbers, list(self._states), self._stepper.ahead
+
+    def restore(self, saved: tuple[Any, ...]) -> None:
+        """Go on from there."""
+        self.t, self._numbers, states, self._stepper.ahead = saved
+        self._states = list(states)
