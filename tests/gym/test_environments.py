@@ -68,9 +68,14 @@ def test_a_world_that_ends_early_says_so() -> None:
     assert any(env.step(np.zeros(2))[2] for _ in range(100))
 
 
-def test_a_scene_with_events_is_refused() -> None:
+def test_events_are_located_in_one_environment_and_refused_in_a_batch() -> None:
+    ball = tl.load_scene("bouncing-ball")
+    env = Environment(ball, reward, period=0.6)
+    env.reset(seed=0)
+    env.step(np.zeros(1))
+    assert env.simulation.events[0].t == pytest.approx(np.sqrt(2.0 / 9.80665), rel=1e-3)
     with pytest.raises(tl.errors.SceneError, match="events"):
-        Environment(tl.load_scene("bouncing-ball"), reward)
+        VectorEnvironment(ball, reward, 2)
 
 
 def test_seeds_and_options_of_worlds_are_those_of_single_environments() -> None:

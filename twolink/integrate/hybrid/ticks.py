@@ -113,7 +113,7 @@ class TickEngine(Engine):
             stop = next(t for t in self._stops if t > run.t)
             piece, to = self._opened(), min(stop, end)
             hit = piece.advance(to)
-            if hit is not None or to == stop:
+            if hit is not None or to == stop < self.end:
                 self._close(hit, to)
             else:
                 run.t, run.x = to, piece.x[-1][: self.whole.moving].copy()
@@ -131,9 +131,12 @@ class TickEngine(Engine):
 
     def solution(self) -> Solution:
         """The samples so far."""
-        if self._open is not None or not self._parts:
-            piece = self._opened()
-            self._parts.append(piece.solution(self.times, self.run.t, self.run.x.copy(), first=not self._parts))
+        if self._open is not None and self.run.t == self.end:
+            self._close(None, self.end)
+        elif self._open is not None or not self._parts:
+            self._parts.append(
+                self._opened().solution(self.times, self.run.t, self.run.x.copy(), first=not self._parts)
+            )
             self._open = None
         return self._joined(self._parts)
 
