@@ -117,11 +117,7 @@ def simulate(
         patience = positive(patience, "patience", AccuracyError, "such as 600")
     chosen = choose_contact_method(scene, contact)
     if chosen.method == "stepped":
-        try:
-            run = _stepped(scene, times, asked, method, tolerance, step, precision, told, patience, verify=verify)
-        except ControllerError as error:
-            error.run = only_at(error.run, wanted, end)
-            raise
+        run = _stepped(scene, times, asked, method, tolerance, step, precision, told, patience, verify=verify)
         return only_at(run, wanted, end)
     limit = TimeLimit(patience or PATIENCE, progress=told, from_now=True)
     accuracy, equations = ACCURACY if asked is None else asked, equations_of(scene, ticks=True)

@@ -12,6 +12,7 @@ import numpy as np
 from twolink.effects.inputs import Slot
 from twolink.effects.sensors import Forces
 from twolink.errors import ControllerError
+from twolink.integrate.event import Event
 from twolink.integrate.forces_seen import forces_seen
 from twolink.integrate.hybrid.engine import FIRST_BLOCK, Engine
 from twolink.integrate.hybrid.locating import Hit, Watcher
@@ -24,14 +25,21 @@ from twolink.integrate.solvers.ticks import SAME_TIME, Lanes, ambiguous_events
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
 from twolink.integrate.steps.step_map import StepMap
+from twolink.loop.readings import Readings
 from twolink.loop.sampled_loop import SampledLoop, Sampling
+
+SHORT = 1e-3  # of the time to a tick: what is left is part of the step before it
 
 
 class OpenPiece:
-    """A piece in one mode that goes on. t, x: where its steps ended, and the states (size,) with the held numbers."""
+    """A piece in one mode that goes on. t, x: where its steps ended, and the states (size,) with the held numbers.
 
-    def __init__(self, steps: StepMap, watcher: Watcher, lanes: Lanes) -> None:
+    parts: steps from tick to tick, at least.
+    """
+
+    def __init__(self, steps: StepMap, watcher: Watcher, lanes: Lanes, parts: int) -> None:
         self.steps, self.watcher, self._lanes, equations = steps, watcher, lanes, steps.equations
+        self._parts = parts
         self.begin, self.t, self.x = lanes.time, [lanes.time], [lanes.x[:, 0].copy()]
         self._rows = {table.name: at.start for at, table in equations.layout.rows_of_tables()
                       if isinstance(table, Slot)}  # fmt: skip
@@ -39,10 +47,10 @@ class OpenPiece:
 
     def advance(self, end: float) -> Hit | None:
         """Advance to a time, or to the first event."""
-        lanes = self._lanes
+        lanes, length = self._lanes, end - self._lanes.time
         while lanes.time < end:
-            far = lanes.time + FIRST_BLOCK * lanes.step
-            on_the_way = lanes.advance(end if far >= end else far)
+            far = lanes.time + min(FIRST_BLOCK * lanes.step, length / self._parts)
+            on_the_way = lanes.advance(far if far < end - SHORT * length else end)
             t = [self.t[-1], *(at for at, _ in on_the_way), lanes.time]
             x = [self.x[-1], *(state for _, state in on_the_way), lanes.x[:, 0].copy()]
             hit = self.watcher.first(np.array(t), np.array(x))
@@ -167,7 +175,8 @@ class TickEngine(Engine):
             run = self.run
             steps, watcher, rate = self._in_mode(next((t for t in self._stops if t > run.t), self.end))
             lanes = Lanes(steps, run.t, self.end, self.setting, (self.perturbation,), rate=rate)
-            self._open = OpenPiece(steps, watcher, lanes)
+            # Where a tick is shorter than a step, a finer solution would take the same ones.
+            self._open = OpenPiece(steps, watcher, lanes, 2 if self.perturbation.finer > 1.0 else 1)
         return self._open
 
     def _close(self, hit: Hit | None, stop: float) -> None:
@@ -183,7 +192,7 @@ class TickEngine(Engine):
 
 def solve_ticks(
     equations: Equations,
-    sampling: Sampling,
+    sampling: Sampling | None,
     method: Method,
     times: Array,
     setting: float,
@@ -221,7 +230,7 @@ class _Ticks:
         self._engines, whole = engines, engines[0].whole
         self._rows = {table.name: at.start for at, table in whole.layout.rows_of_tables() if isinstance(table, Slot)}
         self._x = np.repeat(whole.start[:, None], len(engines), axis=1)
-        self._ended = self._told = None
+        self._told: tuple[dict[str, Readings], list[Event]] | None = None
         self.loop = SampledLoop(sampling, self._rows, self._states(), self._look)
 
     def go(self) -> None:
@@ -249,7 +258,8 @@ class _Ticks:
         events = tuple(sorted((*run.events, *ambiguous), key=lambda event: event.t))
         return [replace(run, pieces=pieces, events=events), *others]
 
-    def _tell(self):
+    def _tell(self) -> tuple[dict[str, Readings], list[Event]]:
+        """The readings and the ambiguous ticks so far."""
         return self.loop.readings, ambiguous_events(self.loop)
 
     def _states(self) -> Array:

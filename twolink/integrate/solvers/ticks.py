@@ -75,7 +75,7 @@ class Lanes:
         self.state[by.rows.time, count:] = np.inf  # they fill the vector
         self.spare, self._call, self._size, self._count = np.empty_like(self.state), by.call(len(every)), size, count
         self._rounded = tuple(one for one in perturbations if one.rounding)  # the last ones
-        self._finer = [i for i, one in enumerate(perturbations) if one.finer > 1.0]
+        self._finer = [i for i, one in enumerate(perturbations) if one.finer > 1.0 and i > 0]
         self._moves = by.equations.layout.moves(self.x[by.equations.moving :])[:, count - len(self._rounded) :]
         self._progress, self._longest = progress, (end - t) / MIN_STEPS
         self._start, self._ticks, self._tried = self.state[by.rows.time].copy(), 0, 1
@@ -106,8 +106,7 @@ class Lanes:
         rows, state, on_the_way, time = self._rows, self.state, [], self._rows.time
         before, start = state[rows.step].copy(), state.item(time, 0)
         for i in self._finer:  # its steps are at most half as long as the run's, also where a tick ends both
-            longest = max(before.item(0), LEAST * (end - start)) if i > 0 else math.inf
-            half = 0.5 * min(end - start, longest)
+            half = 0.5 * min(end - start, max(before.item(0), LEAST * (end - start)))
             state[rows.step, i], state[rows.longest, i] = min(before.item(i), half), min(self._longest, half)
         state[rows.end] = end
         self._disturb()
