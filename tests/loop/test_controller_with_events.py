@@ -57,6 +57,31 @@ def test_a_sampled_law_on_a_slider_is_exact(switches: str, kp: int, kd: int, tar
     assert np.abs(run.at(between)[0] - again.q).max() < 1e-12
 
 
+@pytest.mark.parametrize(
+    "fields", [{}, {"hold": "first"}, {"delay": 0.017}, {"jitter": 0.004, "seed": 3}, {"limit": {"rail": 0.5}}]
+)
+def test_a_stop_that_is_never_reached_changes_nothing(fields: dict) -> None:
+    """Two controllers and a late, noisy, rounded encoder: the same as in lanes."""
+    encoder = E.Encoder(("rail",), period=0.003, noise=1e-3, delay=0.004, quantum=1e-4)
+    one = E.Controller(lambda _, y, s: (-4.0 * y.encoder - 2.0 * y.v + s, 0.99 * s), period=0.01, state=np.ones(1),
+                       inputs=("encoder", "v"), **fields)  # fmt: skip
+    other = E.Controller(lambda _, y, s: (-y.q, s), period=1 / 70)
+    without = tl.Scene(slider(), [1.0], effects=[one, other, encoder])
+    within = without.with_effects([*without.effects, E.JointStops({"rail": (-50.0, 50.0)})])
+    runs = [tl.simulate(scene, 0.4, method="dop853") for scene in (without, within)]
+    assert np.abs(runs[0].q - runs[1].q).max() < 1e-12
+    assert np.abs(runs[0].tau - runs[1].tau).max() < 1e-11
+    for mine, theirs in zip(*(run.sensors["encoder"] for run in runs), strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+
+
+def test_a_controller_inside_another_effect_is_refused() -> None:
+    control = E.Controller(lambda _, y, s: (-y.q, s))
+    for effect in (E.Engage(control, at=0.2), E.Release(control, at=0.2)):
+        with pytest.raises(SceneError, match="inside another effect"):
+            tl.simulate(tl.Scene(slider(), [1.0], effects=[effect]), 0.5)
+
+
 def test_an_integral_that_grows_breaks_static_friction_at_the_tick_that_it_should() -> None:
     """u_k = ki T e (k + 1) with e constant: it slips at the first tick where u > 1.5, and moves as the exact one."""
     period, ki, aim = 0.02, 4.0, 1.0

@@ -190,8 +190,8 @@ def solve_stepped(
             for j in np.flatnonzero(plan.sampled[first : first + len(steps)]).tolist():
                 one = steps[j]
                 pressing.append(_pressing(stepper, one))
-                numbers = plan.numbers[plan.piece[first + j]].copy()
-                states.append((one.q, local(one.q, one.v), *_means(stepper, one), numbers))
+                now = plan.numbers[plan.piece[first + j]].copy()
+                states.append((one.q, local(one.q, one.v), *_means(stepper, one), now))
                 overlap = max(overlap, stepper.overlap(one.q)[0] if one.overlap is None else one.overlap)
             end = steps[len(steps) - 1]
             q, v, memory = end.q, end.v, end.memory
@@ -204,10 +204,11 @@ def solve_stepped(
         interrupted = True
     except ControllerError as error:
         interrupted, failed = True, error
-    columns = (np.array(column) for column in zip(*states, strict=True))
-    n, readings = len(states), None if ticks is None else ticks.loop.readings
-    solution = SteppedSolution((Piece(equations, float(times[0]), n, readings=readings),), times[:n], *columns,
-                               pressing[:n], record, overlap, float(plan.h.max()), interrupted)  # fmt: skip
+    qs, vs, accelerations, held, numbers = (np.array(column) for column in zip(*states, strict=True))
+    n, readings = len(qs), None if ticks is None else ticks.loop.readings
+    solution = SteppedSolution((Piece(equations, float(times[0]), n, readings=readings),), times[:n], qs, vs,
+                               accelerations, held, numbers, pressing[:n], record, overlap, float(plan.h.max()),
+                               interrupted)  # fmt: skip
     if failed is not None:
         failed.run = solution
         raise failed

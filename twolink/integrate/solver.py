@@ -1,9 +1,12 @@
 """Solving a scene's equations by any method: one door to the solvers."""
 
+from __future__ import annotations
+
 import functools
 import itertools
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +22,9 @@ from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
 from twolink.integrate.steps.step_map import step_map
 from twolink.integrate.steps.stepping import SMALLEST_TOLERANCE, integrate
+
+if TYPE_CHECKING:
+    from twolink.loop.sampled_loop import Sampling
 
 SMALLEST = {"explicit": SMALLEST_TOLERANCE, "implicit": SMALLEST_TOLERANCE, "taylor": 1e-16,
             "scipy": scipy_solver.SMALLEST_TOLERANCE}  # fmt: skip
@@ -85,6 +91,7 @@ def solve(
 
 def solve_beside(
     equations: Equations,
+    sampling: Sampling,
     method: Method,
     times: Array,
     setting: float,
@@ -95,12 +102,12 @@ def solve_beside(
     """Solve a scene with events and sampled controllers: the run, and others at the checks (k,), from tick to tick."""
     from twolink.integrate.hybrid.ticks import solve_ticks  # with it come the effects of modes
 
-    return solve_ticks(equations, equations.sampling, method, times, setting, progress, others, checks)
+    return solve_ticks(equations, sampling, method, times, setting, progress, others, checks)
 
 
-def follows_ticks(equations: Equations, method: Method) -> bool:
-    """Whether a run and those beside it go from tick to tick by `solve_beside`."""
-    return equations.sampling is not None and equations.has_events and _is_stepping(method)
+def sampling_beside(equations: Equations, method: Method) -> Sampling | None:
+    """What is sampled, where a run and those beside it go from tick to tick by `solve_beside`; else None."""
+    return equations.sampling if equations.has_events and _is_stepping(method) else None
 
 
 def has_lanes(equations: Equations, method: Method, precision: Precision) -> bool:
@@ -138,7 +145,7 @@ def _solve(
             raise SceneError(f"{method.name} does not end steps at ticks of controllers", argument="method",
                              remedy='method="auto", or one of rk45, dop853, esdirk43')  # fmt: skip
         if equations.has_events:
-            return solve_beside(equations, method, times, setting, progress)[0]
+            return solve_beside(equations, equations.sampling, method, times, setting, progress)[0]
         return solve_ticks(equations, equations.sampling, method, times, setting, progress, perturbation, beside)
     if stepping and equations.has_events:
         from twolink.integrate.hybrid.engine import solve as solve_events  # with it come the effects of modes

@@ -1,8 +1,11 @@
 """Verification: a run with the solutions beside it that show its truncation and its rounding."""
 
+from __future__ import annotations
+
 import math
 import time
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,7 +14,7 @@ from twolink.integrate.event import AMBIGUOUS
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array, StateSpace
 from twolink.integrate.solution import Progress, Solution
-from twolink.integrate.solver import follows_ticks, has_lanes, solve, solve_beside
+from twolink.integrate.solver import has_lanes, sampling_beside, solve, solve_beside
 from twolink.integrate.solvers.method_choice import MethodChoice
 from twolink.integrate.steps.beside import SELDOM, Beside
 from twolink.integrate.steps.perturbation import (
@@ -30,6 +33,9 @@ from twolink.simulation.error_bar import (
     error_bar,
     truncation_factor,
 )
+
+if TYPE_CHECKING:
+    from twolink.loop.sampled_loop import Sampling
 
 LOST = "loops-singular", "steps-collapsed"  # codes of a solution beside a run that gets no farther
 # Disturbed solutions: as lanes of a batch with the run they cost little, as lanes of Taylor's method more.
@@ -114,8 +120,8 @@ class Verification:
     def _tried(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         if has_lanes(self._equations, choice.method, choice.precision):
             return self._in_lanes(choice, finer)
-        if follows_ticks(self._equations, choice.method):
-            return self._from_tick_to_tick(choice, finer)
+        if (sampling := sampling_beside(self._equations, choice.method)) is not None:
+            return self._from_tick_to_tick(sampling, choice, finer)
         return self._one_by_one(choice, finer)
 
     def _in_lanes(self, choice: MethodChoice, finer: Perturbation) -> Verified:
@@ -140,10 +146,10 @@ class Verification:
             each[1:, 1:] = each[beside.seldom, 1:].repeat(SELDOM, axis=0)[-len(each) + 1 :]
         return self._with_parts(run, each if equations.sampling is None else _of_mirrored(run, each))
 
-    def _from_tick_to_tick(self, choice: MethodChoice, finer: Perturbation) -> Verified:
+    def _from_tick_to_tick(self, sampling: Sampling, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run and the others side by side, each with its own events and controllers."""
         start = time.perf_counter()
-        solution, *others = solve_beside(self._equations, choice.method, self._times, choice.setting, self._progress,
+        solution, *others = solve_beside(self._equations, sampling, choice.method, self._times, choice.setting, self._progress,
                                          (finer, *_mirrored()), self._times[self._checks])  # fmt: skip
         seconds = time.perf_counter() - start - solution.compile_seconds
         run = Verified(choice, solution, seconds, self._numbers(solution))

@@ -192,7 +192,7 @@ class TickEngine(Engine):
 
 def solve_ticks(
     equations: Equations,
-    sampling: Sampling | None,
+    sampling: Sampling,
     method: Method,
     times: Array,
     setting: float,

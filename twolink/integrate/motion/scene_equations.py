@@ -65,6 +65,13 @@ def equations_of(scene: Scene, parameters: Sequence[str] = (), *, ticks: bool = 
 
 def sampled(scene: Scene) -> "tuple[Sampling | None, Sequence[Effect]]":
     """The controllers and sensors of a scene, None without controllers; and its effects, with what those hold."""
+    for i, effect in enumerate(scene.effects):
+        inner = effect
+        while (inner := getattr(inner, "of", None)) is not None:
+            if getattr(inner, "at_ticks", ""):
+                raise SceneError("a controller or sensor inside another effect is not called", where=f"effects[{i}].of",
+                                 remedy="make it an effect of the scene; its update may return 0 while it waits",
+                                 code="controller-not-followed")  # fmt: skip
     if all(effect.at_ticks != "controller" for effect in scene.effects):
         return None, scene.effects
     from twolink.loop.sampled_loop import Sampling  # which other scenes do not load
