@@ -149,8 +149,8 @@ class Verification:
     def _from_tick_to_tick(self, sampling: Sampling, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run and the others side by side, each with its own events and controllers."""
         start = time.perf_counter()
-        solution, *others = solve_beside(self._equations, sampling, choice.method, self._times, choice.setting, self._progress,
-                                         (finer, *_mirrored()), self._times[self._checks])  # fmt: skip
+        solution, *others = solve_beside(self._equations, sampling, choice.method, self._times, choice.setting,
+                                         self._progress, (finer, *_mirrored()), self._times[self._checks])  # fmt: skip
         seconds = time.perf_counter() - start - solution.compile_seconds
         run = Verified(choice, solution, seconds, self._numbers(solution))
         if solution.interrupted:
