@@ -66,7 +66,7 @@ def equations_of(scene: Scene, parameters: Sequence[str] = (), *, ticks: bool = 
 def sampled(scene: Scene) -> "tuple[Sampling | None, Sequence[Effect]]":
     """The controllers and sensors of a scene, None without controllers; and its effects, with what those hold."""
     for i, effect in enumerate(scene.effects):
-        inner = effect
+        inner: Any = effect
         while (inner := getattr(inner, "of", None)) is not None:
             if getattr(inner, "at_ticks", ""):
                 raise SceneError("a controller or sensor inside another effect is not called", where=f"effects[{i}].of",
