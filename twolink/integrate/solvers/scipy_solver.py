@@ -98,8 +98,8 @@ def _in_parts(
     moving, stride = equations.moving, -(-(len(times) - 1) // DISTURBANCES)
     out = [x[:moving, None]]
     for i in range(0, len(times) - 1, stride):
-        added = disturbances((perturbation,), np.full((1, 1), float(i)), x[:moving, None], equations.space)[0, :, 0]
-        x[:moving] += math.sqrt(each) * added
+        count = np.full((1, 1), float(i))
+        x[:moving] += disturbances((perturbation,), count, x[:moving, None], equations.space, each)[0, :, 0]
         part = times[i : i + stride + 1]
         piece = solve(replace(equations, start=x), method, part, tolerance, progress, plain)
         if piece.interrupted:

@@ -16,6 +16,9 @@ from twolink.integrate.steps.methods import Method
 
 MIN_STEPS = 16.0  # of an adaptive method in a run
 ROUNDING = 2 * np.finfo(float).eps  # of each entry of a state, relative to its size, in each step
+# Of each entry in each step on the mean, relative to it: rounding that is no chance, which all solutions have alike. A
+# swing of 46,000 steps of DOP853 lost 0.09 eps in each; its energy drifts, and its phase by the square of the steps.
+BIAS = 0.2 * np.finfo(float).eps
 SHARE = 0.1  # of the largest entry of q, or of v: the least size that counts, as forces of one joint act on others
 PERIOD = 4096  # random numbers of an entry, then they repeat
 APART = 613  # places between the random numbers of two solutions
@@ -36,7 +39,7 @@ class Perturbation:
     touch_margin : float
         A guard of a stop or a plane that comes as near to 0 as this counts as 0, m or rad.
     sign : float
-        Of the disturbances: -1 mirrors those of another solution of the same number.
+        Of the disturbances: -1 mirrors those of another solution of the same number. Odd numbers have the opposite bias.
     restarts : bool
         Of SciPy's methods: begin anew where solutions are disturbed.
     """
@@ -81,14 +84,16 @@ def _random(size: int) -> Array:
 
 @functools.lru_cache(64)
 def _numbers(perturbations: tuple[Perturbation, ...]) -> tuple[Array, Array, Array]:
-    """The places of the first random numbers of each, its rounding and its sign."""
-    return (np.array([APART * one.number for one in perturbations], dtype=int),
-            np.array([one.rounding for one in perturbations]),
-            np.array([one.sign for one in perturbations]))  # fmt: skip
+    """The places of the first random numbers of each, its rounding with its sign, and its bias."""
+    rounding = np.array([one.sign * one.rounding for one in perturbations])
+    numbers = np.array([one.number for one in perturbations], dtype=int)
+    return APART * numbers, rounding, BIAS / ROUNDING * rounding * (1 - 2 * (numbers % 2))
 
 
-def disturbances(perturbations: tuple[Perturbation, ...], counts: Array, x: Array, space: StateSpace) -> Array:
-    """What is added to states.
+def disturbances(
+    perturbations: tuple[Perturbation, ...], counts: Array, x: Array, space: StateSpace, steps: float = 1.0
+) -> Array:
+    """What is added to states: sqrt(steps) r |x| + steps b x, r random, b the bias.
 
     Parameters
     ----------
@@ -101,14 +106,16 @@ def disturbances(perturbations: tuple[Perturbation, ...], counts: Array, x: Arra
         The states, of which the sizes count.
     space : StateSpace
         Of the states: which entries are of q and of v.
+    steps : float
+        How many steps are disturbed at once.
 
     Returns
     -------
     ndarray (k, size, n)
     """
-    first, rounding, sign = _numbers(perturbations)
-    size = rounding * np.abs(x)
+    first, rounding, bias = _numbers(perturbations)
+    size = np.abs(rounding) * np.abs(x)
     for part in (size[: space.nq], size[space.v_rows]):
         np.fmax(part, SHARE * part.max(axis=0, initial=0.0), out=part)
     random = _random(len(x))[(counts.astype(int) + first) % PERIOD].swapaxes(1, 2)
-    return np.asarray(random * (sign * size))
+    return np.asarray(math.sqrt(steps) * random * (np.sign(rounding) * size) + steps * bias * x)
