@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
+from scipy.optimize import brentq
 
 import twolink as tl
 from twolink.algorithms.motion import Motion
@@ -210,6 +211,48 @@ def test_backlash_makes_a_limit_cycle() -> None:
         hunting[side] = np.ptp(run.q[run.t > 6.0, 0])
     assert hunting["joint"] > 0.05
     assert hunting["motor"] < 1e-3
+
+
+def test_backlash_limit_cycle_by_exact_pieces() -> None:
+    """Linear between contacts: matrix exponentials of (q, v, theta, w, integral, 1) from one contact to the next."""
+    k, inertia, half, damping, kp, ki, kd, target, end, h = 50.0, 0.5, 0.1, 2.0, 8.0, 8.0, 0.5, 0.5, 10.0, 2e-3
+    pid = fx.PID(of_all(target), of_all(kp), of_all(ki), of_all(kd))
+    drive = fx.Backlash(pid, of_all(k), of_all(inertia), gap=of_all(2 * half))
+    run = tl.simulate(scene(drive, fx.JointDamping(of_all(damping)), duration=end), accuracy=1e-6)
+
+    def system(side: int) -> np.ndarray:
+        a, pressed = np.zeros((6, 6)), abs(side) * k * np.array([-1.0, 0.0, 1.0, 0.0, 0.0, -side * half])
+        a[0, 1] = a[2, 3] = 1.0
+        a[1] = (np.array([0.0, -damping, 0.0, 0.0, 0.0, 0.0]) + pressed) / I
+        a[3] = (np.array([-kp, -kd, 0.0, 0.0, 1.0, kp * target]) - pressed) / inertia
+        a[4, [0, 5]] = -ki, ki * target
+        return a
+
+    def room(x: np.ndarray, side: int) -> float:
+        """To the flank: from inside the gap, or from outside."""
+        return half - (side * (x[2] - x[0]) if side else abs(x[2] - x[0]))
+
+    t, x, side, exact, met = 0.0, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), 0, np.zeros_like(run.t), []
+    while t < end:
+        a, n = system(side), 1
+        step = expm(a * h)
+        after = step @ x
+        while room(after, side) * (1 if side == 0 else -1) > 0.0 and t + n * h < end + h:
+            after, n = step @ after, n + 1
+        crossed = room(after, side) * (1 if side == 0 else -1) <= 0.0
+        length = brentq(lambda dt, a=a, x=x, side=side: room(expm(a * dt) @ x, side), (n - 1) * h or 1e-9, n * h,
+                        xtol=1e-13) if crossed else np.inf  # fmt: skip
+        for i in np.flatnonzero((run.t >= t) & (run.t < t + length)):
+            exact[i] = (expm(a * (run.t[i] - t)) @ x)[0]
+        if crossed:
+            x = expm(a * length) @ x
+            met.append(t + length)
+        t, side = t + length, 0 if side else int(np.sign(x[2] - x[0]))
+    assert [event.t for event in run.events] == pytest.approx([at for at in met if at < end], abs=1e-5)
+    assert (np.abs(run.q[:, 0] - exact) <= run.error + 1e-11).all()
+    early, late = (np.ptp(run.q[(run.t > t) & (run.t < t + 2.5), 0]) for t in (5.0, 7.5))
+    assert late == pytest.approx(early, rel=0.05)  # it goes on
+    assert late > half
 
 
 SLIDE = """<robot name="slide"><link name="base"/><link name="block"><inertial><mass value="1"/><inertia ixx="1" ixy="0"

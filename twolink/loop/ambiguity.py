@@ -19,14 +19,17 @@ class Ambiguity:
     """Looks at the answers of one controller tick by tick."""
 
     def __init__(self) -> None:
-        self._rows: list[tuple[float, Array, Array]] = []
+        self._count, self._t, self._u, self._x = 0, np.empty(BLOCK), np.empty(0), np.empty(0)  # of a block
         self._found: list[float] = []
         self._ratio, self._apart, self._sizes = 0.0, 0.0, np.zeros(2)
 
     def add(self, t: float, u: Array, x: Array) -> None:
         """Take the answers u (m, n) to the states x (size, n) at a time."""
-        self._rows.append((t, u, x.copy()))
-        if len(self._rows) == BLOCK:
+        k = self._count
+        if not k:
+            self._u, self._x = np.empty((BLOCK, *u.shape)), np.empty((BLOCK, *x.shape))
+        self._t[k], self._u[k], self._x[k], self._count = t, u, x, k + 1
+        if self._count == BLOCK:
             self._look()
 
     def ticks(self) -> list[float]:
@@ -35,10 +38,10 @@ class Ambiguity:
         return self._found
 
     def _look(self) -> None:
-        if not self._rows:
+        if not self._count:
             return
-        times, u, x = (np.array(values) for values in zip(*self._rows, strict=True))
-        self._rows = []
+        times, u, x = (values[: self._count] for values in (self._t, self._u, self._x))
+        self._count = 0
         with np.errstate(invalid="ignore"):
             du, dx = (np.nan_to_num(np.abs(y[:, :, 1:] - y[:, :, :1]).max(axis=(1, 2), initial=0.0)) for y in (u, x))
         size_u, size_x = (np.maximum.accumulate(np.append(size, np.abs(y).max(axis=(1, 2), initial=0.0)))[1:]

@@ -57,18 +57,24 @@ class Clock:
         self._late = {place: Random(one.seed, f"controller {place}") for place, one in parts.items() if times[place][3]}
         self._heap: list[tuple[int, int, int, int]] = []
         for place, one in parts.items():
-            self._push(READ if isinstance(one, Sensor) else UPDATE, place, 0)
+            heapq.heappush(self._heap, self._at(READ if isinstance(one, Sensor) else UPDATE, place, 0))
         self.time = self._next()
 
     def due(self) -> list[tuple[int, int, int]]:
         """What happens at `time`, in order: (READ, ARRIVE, UPDATE or ACT; the place of what does it; its tick)."""
-        now, actions = self._heap[0][0], []
-        while self._heap and self._heap[0][0] == now:
-            _, kind, place, tick = heapq.heappop(self._heap)
+        heap, actions = self._heap, []
+        now = heap[0][0]
+        while heap and heap[0][0] == now:
+            _, kind, place, tick = heap[0]
             actions.append((kind, place, tick))
-            if kind in (READ, UPDATE):
-                heapq.heappush(self._heap, (now + self._times[place][2], kind + 1, place, tick))
-                self._push(kind, place, tick + 1)
+            if kind not in (READ, UPDATE):
+                heapq.heappop(heap)
+                continue
+            heapq.heapreplace(heap, self._at(kind, place, tick + 1))
+            if delay := self._times[place][2]:
+                heapq.heappush(heap, (now + delay, kind + 1, place, tick))
+            else:  # at once: what else is read or answered at this instant does not depend on it
+                actions.append((kind + 1, place, tick))
         self.time = self._next()
         return actions
 
@@ -80,10 +86,10 @@ class Clock:
             self.due()
         return times
 
-    def _push(self, kind: int, place: int, tick: int) -> None:
+    def _at(self, kind: int, place: int, tick: int) -> tuple[int, int, int, int]:
         period, offset, _, jitter = self._times[place]
         late = jitter // PARTS * int(self._late[place](tick)[2, 0]) if jitter else 0
-        heapq.heappush(self._heap, (offset + tick * period + late, kind, place, tick))
+        return offset + tick * period + late, kind, place, tick
 
     def _next(self) -> float:
         return self._heap[0][0] / self._common if self._heap else math.inf

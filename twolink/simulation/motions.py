@@ -101,7 +101,7 @@ class Smooth:
         """Go on from there."""
         lanes, state, self._steps = saved
         self._lanes = copy.copy(lanes)
-        self._lanes.state, self._lanes.spare = state.copy(), np.empty_like(state)
+        self._lanes.state = state.copy()
 
 
 class Located:

@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 LOST = "loops-singular", "steps-collapsed"  # codes of a solution beside a run that gets no farther
 # Disturbed solutions: as lanes of a batch with the run they cost little, as lanes of Taylor's method more.
 IN_LANES, BY_TAYLOR, ALONE = 6, 3, 2
+PAIRS = 1, 3  # of a sampled loop: more where rounding counts
+WIDE = 50.0  # times rounding: their disturbances
 LESS_FINE = 3  # times that the finer solution is tried, each time nearer to the run
 
 
@@ -119,7 +121,7 @@ class Verification:
 
     def _tried(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         if has_lanes(self._equations, choice.method, choice.precision):
-            return self._in_lanes(choice, finer)
+            return (self._in_lanes if self._equations.sampling is None else self._in_loop)(choice, finer)
         if (sampling := sampling_beside(self._equations, choice.method)) is not None:
             return self._from_tick_to_tick(sampling, choice, finer)
         return self._one_by_one(choice, finer)
@@ -127,24 +129,35 @@ class Verification:
     def _in_lanes(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run and the others as lanes of one batch; by Taylor's method, whose order all lanes have, the others."""
         taylor = choice.method.kind == "taylor"
-        equations = self._equations
         disturbed = disturbed_solutions(BY_TAYLOR, finer.finer) if taylor else disturbed_solutions(IN_LANES)
-        if equations.sampling is not None:
-            disturbed = _mirrored()
-        others = (finer, *disturbed)
-        beside = Beside.of(others, self._times[self._checks], equations.start[: equations.moving])
-        solution, seconds = self._solved(choice, self._times, beside=beside)
-        run = Verified(choice, solution, seconds, self._numbers(solution))
-        if solution.interrupted:
+        run, own, x, beside = self._batch(choice, (finer, *disturbed))
+        if run.solution.interrupted:
             return run
-        own, x = solution.x[: equations.moving, run.checks].T[:, :, None], beside.x.swapaxes(1, 2)
-        undisturbed = x[:, :, :1] if taylor else own
-        each = np.empty((len(x), len(others)))
-        each[:, :1] = distances(equations.space, own, x[:, :, :1])
-        each[:, 1:] = distances(equations.space, undisturbed, x[:, :, 1:])
+        space, undisturbed = self._equations.space, x[:, :, :1] if taylor else own
+        each = np.concatenate([distances(space, own, x[:, :, :1]), distances(space, undisturbed, x[:, :, 1:])], axis=1)
         if not taylor:  # between two checks, what the later one shows
             each[1:, 1:] = each[beside.seldom, 1:].repeat(SELDOM, axis=0)[-len(each) + 1 :]
-        return self._with_parts(run, each if equations.sampling is None else _of_mirrored(run, each))
+        return self._with_parts(run, each)
+
+    def _in_loop(self, choice: MethodChoice, finer: Perturbation) -> Verified:
+        """The run of a sampled loop and pairs of finer solutions, whose disturbances mirror each other, as lanes.
+
+        Each calls the controllers. The middle of a pair shows truncation, the distance from it rounding. Disturbances
+        are so much larger than rounding that a threshold which is near to the motion lies between two solutions.
+        """
+        space = self._equations.space
+        for pairs in PAIRS:
+            others = (replace(one, rounding=WIDE * one.rounding, sign=sign)
+                      for one in disturbed_solutions(pairs, finer.finer) for sign in (1.0, -1.0))  # fmt: skip
+            run, own, x, _ = self._batch(choice, tuple(others))
+            if run.solution.interrupted:
+                return run
+            one, other = x[:, :, ::2], x[:, :, 1::2]
+            truncation = distances(space, own, 0.5 * (one + other)).max(axis=1, keepdims=True)
+            each = np.concatenate([truncation, 0.5 / WIDE * distances(space, one, other)], axis=1)
+            if DISTURBED[pairs] * each[-1, 1:].max() <= max(ENOUGH * self._accuracy, each[-1, 0]):
+                break
+        return self._with_parts(run, _in_doubt(run, each))
 
     def _from_tick_to_tick(self, sampling: Sampling, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run and the others side by side, each with its own events and controllers."""
@@ -157,6 +170,15 @@ class Verification:
             return run
         each = np.stack([_distance(self._equations.space, run, other) for other in others], axis=1)
         return self._with_parts(run, _of_mirrored(run, each))
+
+    def _batch(self, choice: MethodChoice, others: tuple[Perturbation, ...]) -> tuple[Verified, Array, Array, Beside]:
+        """The run with others as lanes: its states (k, nq + nv, 1), and theirs (k, nq + nv, n), where they are seen."""
+        equations = self._equations
+        beside = Beside.of(others, self._times[self._checks], equations.start[: equations.moving])
+        solution, seconds = self._solved(choice, self._times, beside=beside)
+        run = Verified(choice, solution, seconds, self._numbers(solution))
+        own = solution.x[: equations.moving, run.checks].T[:, :, None]
+        return run, own, beside.x.swapaxes(1, 2), beside
 
     def _one_by_one(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run, then the others."""
@@ -229,7 +251,11 @@ def _mirrored() -> tuple[Perturbation, ...]:
 def _of_mirrored(run: Verified, each: Array) -> Array:
     """The distances (k, 3) to the finer solution and to two disturbed ones, from those to the mirrored ones (k, 4)."""
     # What mirrors another tells no more of the size of rounding.
-    each = np.stack([each[:, 0], each[:, 1:3].max(axis=1), each[:, 3]], axis=1)
+    return _in_doubt(run, np.stack([each[:, 0], each[:, 1:3].max(axis=1), each[:, 3]], axis=1))
+
+
+def _in_doubt(run: Verified, each: Array) -> Array:
+    """Distances (k, n), larger behind an ambiguous tick."""
     doubtful = [event.t for event in run.solution.events if event.kind == AMBIGUOUS]
     if doubtful:  # which branch the motion takes is chance, as where solutions have parted
         each[run.solution.t[run.checks] > doubtful[0]] *= CHANCE

@@ -17,15 +17,17 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece, Progress, Solution
 from twolink.integrate.steps.beside import Beside
+from twolink.integrate.steps.chain import LONGEST, Room
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.outcomes import FINE, Block, failure_of, outcome_of
 from twolink.integrate.steps.perturbation import MIN_STEPS, NO_PERTURBATION, Perturbation, disturbances
+from twolink.integrate.steps.step_control import MAX_FACTOR, MIN_SQUARE
 from twolink.integrate.steps.step_map import StepMap, step_map
 from twolink.integrate.steps.stepping import start_state
 from twolink.loop.sampled_loop import SampledLoop, Sampling
 
 LOOK = 64  # attempted steps between two looks at whether they get on
-FEW = 8  # ticks whose disturbances are drawn at once
+FEW = 64  # ticks whose disturbances are drawn at once
 LEAST = 0.1  # of the time to the next tick: steps may grow to it
 SAME_TIME = 1e-12  # relative: a time this near to a tick is that tick
 NAMED = 20  # ticks that are named
@@ -66,20 +68,20 @@ class Lanes:
         progress: Progress | None = None,
         rate: Array | None = None,
     ) -> None:
-        count, size = len(perturbations), by.equations.space.size
-        vector = 4 if by.compiled and count > 1 else 1
-        every = perturbations + perturbations[-1:] * (-count % vector)
-        start = np.repeat(by.equations.start[:, None], len(every), axis=1)
+        count, size, width = len(perturbations), by.equations.space.size, by.padded(len(perturbations))
+        every = perturbations + perturbations[-1:] * (width - count)
+        start = np.repeat(by.equations.start[:, None], width, axis=1)
         self._by, self._rows, self._setting = by, by.rows, setting
         self.state, self._limit = start_state(by, start, t, end, setting, every, span=end - t, rate=rate)
         self.state[by.rows.time, count:] = np.inf  # they fill the vector
-        self.spare, self._call, self._size, self._count = np.empty_like(self.state), by.call(len(every)), size, count
+        self._call, self._at_once, self._size, self._count = by.call(width), by.steps_at_once(width), size, count
         self._rounded = tuple(one for one in perturbations if one.rounding)  # the last ones
-        self._finer = [i for i, one in enumerate(perturbations) if one.finer > 1.0 and i > 0]
+        finer = sum(one.finer > 1.0 for one in perturbations[1:])
+        self._finer = slice(1, 1 + finer) if finer else None  # the next ones
         self._moves = by.equations.layout.moves(self.x[by.equations.moving :])[:, count - len(self._rounded) :]
         self._progress, self._longest = progress, (end - t) / MIN_STEPS
-        self._start, self._ticks, self._tried = self.state[by.rows.time].copy(), 0, 1
-        self._added = np.empty(0)
+        self._start, self._ticks, self._tried, self._half = self.state[by.rows.time].copy(), 0, 1, 0.0
+        self._rooms, self._added, self._moving = dict[int, Room](), np.empty(0), by.equations.moving
 
     @property
     def x(self) -> Array:
@@ -103,43 +105,72 @@ class Lanes:
 
     def advance(self, end: float) -> list[tuple[float, Array]]:
         """Advance all to a time, s. Returns where steps of the first ended on the way: times and states (size,)."""
-        rows, state, on_the_way, time = self._rows, self.state, [], self._rows.time
-        before, start = state[rows.step].copy(), state.item(time, 0)
-        for i in self._finer:  # its steps are at most half as long as the run's, also where a tick ends both
-            half = 0.5 * min(end - start, max(before.item(0), LEAST * (end - start)))
-            state[rows.step, i], state[rows.longest, i] = min(before.item(i), half), min(self._longest, half)
+        rows, state, on_the_way, count = self._rows, self.state, [], self._count
+        time, start, step = rows.time, state.item(rows.time, 0), state.item(rows.step, 0)
+        short = end - start  # the tick ends a step before its time, and would make the next ones shorter
+        planned = state[rows.step].copy() if step > MAX_FACTOR * short or not self._by.method.adaptive else None
+        # The steps of finer solutions are at most half as long as the run's, also where a tick ends both.
+        half = 0.5 * (short if step > short else max(step, LEAST * short))
+        if self._finer is not None and abs(half - self._half) > SAME_TIME * end:
+            self._half = half
+            state[rows.step, self._finer] = np.minimum(state[rows.step, self._finer], half)
+            state[rows.longest, self._finer] = min(self._longest, half)
         state[rows.end] = end
         self._disturb()
-        new, tried, late = self.spare, 0, list(range(self._count))
+        tried, late, looked = 0, list(range(count)), LOOK
         while late:
-            self._call(state, new)
-            state, new, tried = new, state, tried + 1
-            if late[0] == 0 and start < (start := state.item(time, 0)) < end:
-                on_the_way.append((start, state[: self._size, 0].copy()))
+            steps = self._attempt(min(self._tried, self._at_once))
+            for k in range(len(steps)):
+                if start < (start := steps.item(k, time, 0)) < end:
+                    on_the_way.append((start, steps[k, : self._size, 0].copy()))
+            state, tried = self.state, tried + len(steps)
             late = [i for i in late if state.item(time, i) < end]
-            self.state, self.spare = state, new
-            if tried % LOOK == 0:
+            if tried >= looked:
+                looked += LOOK
                 self._require_fine()
-        self._tried = tried
-        if tried <= 2 or not self._by.method.adaptive:  # the tick was shorter than the step
-            np.maximum(state[rows.step], before, out=state[rows.step])
+        self._tried = tried - (len(steps) > 1 and steps.item(-2, time, count - 1) >= end)
+        if planned is not None and (tried <= 2 or not self._by.method.adaptive):
+            np.maximum(state[rows.step], planned, out=state[rows.step])
+        elif step < short and state.item(rows.previous, 0) <= MIN_SQUARE:
+            state[rows.step] *= 2.0  # two steps to a tick are as short as their end makes them, not as their error
         self._ticks += 1
         if self._ticks % LOOK == 0:
             self._require_fine()
-            self._call = self._by.call(state.shape[1])
+            width = state.shape[1]
+            self._call, self._at_once = self._by.call(width), self._by.steps_at_once(width)
         return on_the_way
 
+    def _attempt(self, count: int) -> Array:
+        """Attempt so many steps, in one call; the states (count, rows, n) after each."""
+        if count == 1:
+            self._call(self.state, new := np.empty_like(self.state))
+            self.state = new
+            return new[None]
+        if count not in self._rooms:  # a room of its own: a controller may solve too
+            self._rooms[count] = Room(1, count, *self.state.shape)
+        room = self._rooms[count]
+        source, start, target, after = room.calls[0]
+        source[self._rows.accepted, start.shape[1] :] = np.nan
+        start[:] = self.state
+        self._call(source, target)
+        if math.isnan(after.item(self._rows.accepted, 0)):  # not one step after the other
+            self._at_once = 1
+            return self._attempt(1)
+        self.state[:] = after
+        steps: Array = room.written[0]
+        return steps
+
     def _disturb(self) -> None:
-        """Disturb the solutions that show rounding."""
-        if not self._rounded:
+        """Disturb the solutions that show rounding, as often as a chain of steps does."""
+        every = max(1, LONGEST // self._tried)
+        if not self._rounded or self._ticks % every:
             return
-        equations, row = self._by.equations, self._ticks % FEW
-        part = self.state[: equations.moving, self._count - len(self._rounded) : self._count]
-        if row == 0 or self._ticks < FEW:  # by the size of the state then
+        row, space = self._ticks % FEW, self._by.equations.space
+        part = self.state[: self._moving, self._count - len(self._rounded) : self._count]
+        if self._ticks & (self._ticks - 1) == 0 or row == 0:  # by the size of the state then
             counts = self._ticks - row + np.repeat(np.arange(FEW)[:, None], len(self._rounded), axis=1)
-            self._added = math.sqrt(self._tried) * disturbances(self._rounded, counts, part, equations.space)
-            self._added *= self._moves
-        part += self._added[row]
+            self._added = disturbances(self._rounded, counts, part, space) * self._moves
+        part += math.sqrt(every * self._tried) * self._added[row]
 
     def _require_fine(self) -> None:
         """Tell the time, and require that the steps get on. Raises AccuracyError."""
@@ -169,7 +200,7 @@ class _Run:
 
     def __init__(self, equations: Equations, lanes: Lanes, loop: SampledLoop, beside: Beside | None) -> None:
         self._equations, self._lanes, self._loop, self._beside = equations, lanes, loop, beside
-        self.t, self.x = [lanes.time], [lanes.x[:, 0].copy()]
+        self.t, self.x, self._size = [lanes.time], [lanes.x[:, 0].copy()], equations.space.size
 
     def go(self, end: float) -> None:
         """Go to the end."""
@@ -177,11 +208,14 @@ class _Run:
         stops = np.unique(np.append(breaks, end if self._beside is None else self._beside.t))
         for stop in stops[stops > lanes.time]:
             while loop.time <= stop * (1.0 + SAME_TIME):
-                self._to(min(loop.time, end))
-                loop.tick(lanes.x)
-                self.x[-1] = lanes.x[:, 0].copy()
+                try:
+                    self._to(min(loop.time, end))
+                    loop.tick(lanes.x)
+                finally:
+                    self._keep()
             if stop > self.t[-1] * (1.0 + SAME_TIME):
                 self._to(float(stop))
+                self._keep()
             if stop in breaks:
                 self._take_tables(0.5 * (stop + min((t for t in breaks if t > stop), default=end)))
             if self._beside is not None:
@@ -189,18 +223,22 @@ class _Run:
 
     def _to(self, t: float) -> None:
         """Advance to a time."""
-        if t <= self.t[-1]:
-            return
-        for at, x in (*self._lanes.advance(t), (t, self._lanes.x[:, 0].copy())):
-            self.t.append(at)
-            self.x.append(x)
+        if t > self.t[-1]:
+            for at, x in self._lanes.advance(t):
+                self.t.append(at)
+                self.x.append(x)
+            self.t.append(t)
+
+    def _keep(self) -> None:
+        """Keep the state of the first at the last of the times."""
+        self.x[len(self.t) - 1 :] = [self._lanes.state[: self._size, 0].copy()]
 
     def _take_tables(self, t: float) -> None:
         """Write the pieces of tables that hold at a time."""
         for rows, table in self._equations.layout.rows_of_tables():
             if isinstance(table, Sampled):
                 self._lanes.x[rows] = table.rows_at(t)[:, None]
-        self.x[-1] = self._lanes.x[:, 0].copy()
+        self._keep()
 
     def solution(self, by: StepMap, times: Array, *, interrupted: bool) -> Solution:
         """The solution so far, with the samples at times (n,)."""

@@ -90,7 +90,7 @@ def take_steps(
     return states
 
 
-class _Room:
+class Room:
     """Memory for calls of a chain.
 
     calls: of each call what it reads, the columns of its start in that, what it writes, and the columns of its last
@@ -110,7 +110,7 @@ class _Kept(threading.local):
     """The rooms of a thread by their shapes, kept from block to block."""
 
     def __init__(self) -> None:
-        self.rooms: dict[tuple[int, ...], _Room] = {}
+        self.rooms: dict[tuple[int, ...], Room] = {}
 
 
 _kept = _Kept()
@@ -118,12 +118,12 @@ if hasattr(os, "register_at_fork"):  # a child process must not write what its p
     os.register_at_fork(after_in_child=lambda: _kept.rooms.clear())
 
 
-def _room(*shape: int) -> _Room:
+def _room(*shape: int) -> Room:
     rooms = _kept.rooms
     if shape not in rooms:
         if len(rooms) >= MAX_KEPT:
             rooms.clear()
-        rooms[shape] = _Room(*shape)
+        rooms[shape] = Room(*shape)
     return rooms[shape]
 
 

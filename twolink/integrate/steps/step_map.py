@@ -82,7 +82,16 @@ class StepMap:
         """How many steps of so many worlds one call can make, by `chain.take_steps`."""
         if self.compiled != "steps" or (worlds > 1 and self._on_threads(worlds)):
             return 1
-        return longest_chain(worlds, getattr(self._call, "batch_size", 1))
+        return longest_chain(worlds, self._vector)
+
+    @property
+    def _vector(self) -> int:
+        """How many worlds fill a vector of compiled code."""
+        return getattr(self._call, "batch_size", LANES)
+
+    def padded(self, worlds: int) -> int:
+        """So many worlds or more, which a call takes no longer for than for fewer."""
+        return worlds + (-worlds % self._vector if self.compiled and worlds > 1 else 0)
 
     def _on_threads(self, worlds: int) -> bool:
         """Whether a call with so many worlds pays threads."""
