@@ -63,7 +63,9 @@ def test_bars_of_double_pendulums_hold_near_the_limit(method: str, seed: int) ->
 
 
 @pytest.mark.parametrize(("method", "start", "duration"), [("auto", 2.524749203936725, 4236.0),
-                                                           ("dop853", 1.0236796294986434, 2439.0)])  # fmt: skip
+                                                           ("dop853", 1.0236796294986434, 2439.0),
+                                                           ("dop853", 1.0731, 1982.0),
+                                                           ("dop853", 1.1232, 3260.0)])  # fmt: skip
 def test_bars_of_pendulums_hold_over_an_hour(method: str, start: float, duration: float) -> None:
     """Against Jacobi's elliptic functions: I = 1/2 kg m^2, m g c = G / 2."""
     robot = tl.load_robot(PENDULUM.format(kind="revolute", com=-0.5, inertia=0.25, limit=LIMIT))

@@ -27,7 +27,7 @@ from twolink.integrate.steps.stepping import start_state
 from twolink.loop.sampled_loop import SampledLoop, Sampling
 
 LOOK = 64  # attempted steps between two looks at whether they get on
-FEW = 64  # ticks whose disturbances are drawn at once
+FEW = 64  # disturbances that are drawn at once
 LEAST = 0.1  # of the time to the next tick: steps may grow to it
 SAME_TIME = 1e-12  # relative: a time this near to a tick is that tick
 NAMED = 20  # ticks that are named
@@ -81,7 +81,8 @@ class Lanes:
         self._moves = by.equations.layout.moves(self.x[by.equations.moving :])[:, count - len(self._rounded) :]
         self._progress, self._longest = progress, (end - t) / MIN_STEPS
         self._start, self._ticks, self._tried, self._half = self.state[by.rows.time].copy(), 0, 1, 0.0
-        self._rooms, self._added, self._moving = dict[int, Room](), np.empty(0), by.equations.moving
+        self._rooms, self._added, self._disturbed = dict[int, Room](), np.empty(0), 0
+        self._moving = by.equations.moving
 
     @property
     def x(self) -> Array:
@@ -165,12 +166,13 @@ class Lanes:
         every = max(1, LONGEST // self._tried)
         if not self._rounded or self._ticks % every:
             return
-        row, space = self._ticks % FEW, self._by.equations.space
+        number, space = self._disturbed, self._by.equations.space
+        row, self._disturbed = number % FEW, number + 1
         part = self.state[: self._moving, self._count - len(self._rounded) : self._count]
-        if self._ticks & (self._ticks - 1) == 0 or row == 0:  # by the size of the state then
-            counts = self._ticks - row + np.repeat(np.arange(FEW)[:, None], len(self._rounded), axis=1)
-            self._added = disturbances(self._rounded, counts, part, space) * self._moves
-        part += math.sqrt(every * self._tried) * self._added[row]
+        if number & (number - 1) == 0 or row == 0:  # by the size of the state then
+            counts = number - row + np.repeat(np.arange(FEW)[:, None], len(self._rounded), axis=1)
+            self._added = disturbances(self._rounded, counts, part, space, every * self._tried) * self._moves
+        part += self._added[row]
 
     def _require_fine(self) -> None:
         """Tell the time, and require that the steps get on. Raises AccuracyError."""
