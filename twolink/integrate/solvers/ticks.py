@@ -274,7 +274,7 @@ def solve_ticks(
     others, by = () if beside is None else beside.perturbations, step_map(equations, method)
     lanes = Lanes(by, float(times[0]), float(times[-1]), setting, (perturbation, *others), progress)
     rows = {table.name: at.start for at, table in equations.layout.rows_of_tables() if isinstance(table, Slot)}
-    loop = SampledLoop(sampling, rows, lanes.x, functools.partial(forces_seen, equations))
+    loop = SampledLoop(sampling, rows, equations.space.states, lanes.x, functools.partial(forces_seen, equations))
     interrupted = False
     run = _Run(equations, lanes, loop, beside)
     try:
