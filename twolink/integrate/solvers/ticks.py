@@ -91,7 +91,7 @@ class Lanes:
     @property
     def time(self) -> float:
         """Where they are, s."""
-        return float(self.state[self._rows.time, 0])
+        return self.state.item(self._rows.time, 0)
 
     @property
     def step(self) -> float:
