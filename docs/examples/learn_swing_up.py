@@ -13,7 +13,7 @@ LIMIT, SPEED = 8.0, 8.0  # N m: a third of what holds the arm straight out; rad/
 WORLDS, KEPT, GENERATIONS = 96, 12, 40
 
 
-def reward(state, action):
+def reward(state, _):
     """The height of the tip, from -1 to 1."""
     return np.sin(state.q[0])
 

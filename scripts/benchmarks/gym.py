@@ -32,7 +32,7 @@ INTEGRATORS = {"Euler": mujoco.mjtIntegrator.mjINT_EULER, "implicitfast": mujoco
 OVERHEAD = 10.0  # us a call of step, beyond what is compiled
 
 
-def reward(state: Any, action: np.ndarray) -> float:
+def reward(state: Any, _: np.ndarray) -> float:
     """Of no importance."""
     return float(state.q[0])
 
@@ -47,7 +47,7 @@ class MujocoWorld(gymnasium.Env):
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (self.model.nv,))
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (2 * self.model.nv,), dtype=np.float64)
 
-    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[np.ndarray, dict]:
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[np.ndarray, dict]:  # noqa: ARG002
         super().reset(seed=seed)
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = self.start

@@ -100,8 +100,8 @@ class Truth:
         self.motion.time = self.number(0)
         self.motion.state[:] = np.array([*scene.q, *scene.v, 0.0]).astype(self.number)
         self.motion.pars[:] = np.zeros(len(self.motion.pars)).astype(self.number)  # it was used before
-        self.parts: dict[int, Any] = {i: one for i, one in enumerate(scene.effects) if one.at_ticks}
-        self.memory = {i: one.state for i, one in self.parts.items() if one.at_ticks == "controller"}
+        self.parts: dict[int, Any] = {i: one for i, one in enumerate(scene.effects) if one.is_sensor or one.sampled}
+        self.memory = {i: one.state for i, one in self.parts.items() if one.sampled}
         self.lines: dict[int, tuple[np.ndarray, np.ndarray, float]] = {}  # of each controller: value, slope, since
         self.readings: dict[str, np.ndarray] = {}
         self.ticks = 0

@@ -152,7 +152,7 @@ def test_gymnasiums_wrappers_of_vectors_work() -> None:
 
 
 def test_swinging_up_is_learned() -> None:
-    """From starts that no learning has seen: without torques the pendulum hangs, afterwards it stands most of the time."""
+    """From starts that no learning has seen: the pendulum hangs before, and stands most of the time after."""
     before, after = (learn_swing_up.judged(one) for one in (np.zeros(5), learn_swing_up.learn()))
     assert before.max() < -0.5
     assert after.mean() > 0.1

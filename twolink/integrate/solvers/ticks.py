@@ -91,7 +91,7 @@ class Lanes:
     @property
     def time(self) -> float:
         """Where they are, s."""
-        return self.state.item(self._rows.time, 0)
+        return float(self.state.item(self._rows.time, 0))
 
     @property
     def step(self) -> float:

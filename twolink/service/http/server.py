@@ -96,7 +96,7 @@ class Protocol(HttpToolsProtocol):
         self._in_body = False
         self._piece = 0  # bytes that the parser reads now
         self._unused = 0  # bytes since its begin or its last piece of body: headers, trailers, extensions of chunks
-        self._ended: float | None = None  # when it was refused
+        self._ended: float | None = None  # when it was refused, or handed on
         self._stuck: float | None = None  # since when bytes wait to be sent
         self._idle_since: float | None = None  # when the last answer was sent
 
@@ -158,7 +158,8 @@ class Protocol(HttpToolsProtocol):
             raise self._refuse(self._too_large())
         self._in_body = True
         super().on_headers_complete()
-        self.headers = []  # of trailers, which nobody reads
+        if not (self.parser.should_upgrade() and self._should_upgrade()):
+            self.headers = []  # of trailers, which nobody reads
 
     def on_body(self, body: bytes) -> None:
         """A piece of the body."""
@@ -196,6 +197,17 @@ class Protocol(HttpToolsProtocol):
         self.transport.write(b"".join((STATUS_LINE[200], date, headers, length, body)))
         cycle.response_started = cycle.response_complete = True
         self.on_response_complete()
+
+    def handle_websocket_upgrade(self) -> None:
+        """Hand the connection on. It is no longer counted here: live simulations are, and few."""
+        timer, self._timer = self._timer, None
+        if timer is not None:
+            timer.cancel()
+        if self._holder is not None:
+            self._limits.connections.give(self._holder)
+            self._holder = None
+        self._ended = self.loop.time()  # what came behind the request is not read here
+        super().handle_websocket_upgrade()
 
     def on_response_complete(self) -> None:
         """As of uvicorn, which sets a timer for each request: `_check` looks at the time anyway."""
@@ -258,6 +270,7 @@ class Protocol(HttpToolsProtocol):
 
 
 _BACKLOG = 2048
+WS_BYTES = 2**20  # of a message of a WebSocket
 _GRACE = 2  # seconds for answers under way when it ends
 
 
@@ -323,7 +336,9 @@ def uvicorn_options(settings: Settings) -> dict[str, Any]:
     """The options of uvicorn.Config."""
     return {
         "http": functools.partial(Protocol, Limits.of(settings.quotas, _open_files())),
-        "ws": "none",
+        "ws": "websockets-sansio",
+        "ws_max_size": WS_BYTES,
+        "ws_per_message_deflate": False,
         "log_level": "error",  # a warning for each malformed request would fill the log
         "log_config": None,  # its messages go where ours go
         "access_log": False,

@@ -1,0 +1,173 @@
+"""Live simulations over a WebSocket: the motion, its pace, what pulls it, and what is refused."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+import twolink as tl
+from tests.service.serving import Served, serving
+
+PATH = "/v1/live"
+
+
+def address(served: Served) -> str:
+    return served.url.replace("http", "ws", 1) + PATH
+
+
+def frame(socket: ClientConnection) -> dict:
+    return json.loads(socket.recv(timeout=60))
+
+
+def problem(socket: ClientConnection) -> dict:
+    """The next problem."""
+    return next(one for one in iter(lambda: frame(socket), None) if "problem" in one)["problem"]
+
+
+@contextlib.contextmanager
+def live(served: Served, **request: object) -> Iterator[ClientConnection]:
+    with connect(address(served)) as socket:
+        socket.send(json.dumps({"scene": "arm-swing"} | request))
+        yield socket
+
+
+def test_frames_are_the_motion_in_real_time(served: Served) -> None:
+    sim, tau = tl.Simulation(tl.load_scene("arm-swing"), accuracy=1e-9), [3.0, -1.0]
+    with live(served, frames_per_second=50, accuracy=1e-8) as socket:
+        first = frame(socket)
+        assert first["links"] == list(sim.scene.robot.frame_names)
+        began = time.monotonic()
+        frames = [frame(socket) for _ in range(50)]
+        assert time.monotonic() - began > 0.9
+        socket.send(json.dumps({"tau": tau}))
+        frames += [frame(socket) for _ in range(50)]
+    assert [one["t"] for one in frames] == pytest.approx(np.arange(1, 101) / 50)
+    for one in frames[:50]:
+        assert one["q"] == pytest.approx(sim.step(0.02).q, abs=1e-6)
+    free = tl.Simulation(tl.load_scene("arm-swing"), accuracy=1e-9)
+    free.set_state(frames[90]["q"], frames[90]["v"], frames[90]["t"])
+    assert frames[91]["q"] == pytest.approx(free.step(0.02, tau).q, abs=1e-7)
+    tip = sim.scene.robot.frame_pose(frames[99]["q"], "tip")[1]
+    assert frames[99]["poses"][first["links"].index("tip")][:3] == pytest.approx(tip, abs=1e-12)
+
+
+def test_a_link_follows_what_drags_it(served: Served) -> None:
+    """Without gravity a point comes to rest where it is drawn to; let go, the arm stays."""
+    scene = {"robot": {"source": "two_link"}, "duration": 1.0, "q": {"elbow": 0.5}, "effects": []}
+    to = [1.2, 0.0, 0.9]
+    with live(served, scene=scene) as socket:
+        links = frame(socket)["links"]
+        drag = {"link": "forearm", "point": [1.0, 0.0, 0.0], "to": to}
+        socket.send(json.dumps({"drag": drag}))
+        last = [frame(socket) for _ in range(60)][-1]
+        assert last["poses"][links.index("tip")][:3] == pytest.approx(to, abs=0.01)
+        socket.send("{}")
+        assert [frame(socket) for _ in range(30)][-1]["q"] == pytest.approx(last["q"], abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("message", "detail"),
+    [
+        ('{"tau": [NaN, 0]}', "malformed"),
+        ('{"tau": [1e999, 0]}', "out of range"),
+        ('{"tau": [1]}', "shape"),
+        ('{"drag": {"link": "tip", "point": [0, 0, 0], "to": [1e9, 0, 0]}}', "<= 10000"),
+        ('{"drag": {"link": "tipp", "point": [0, 0, 0], "to": [1, 0, 0]}}', "'tipp'"),
+        ('{"tau": null, "tau": [1, 0]}', "twice"),
+        ('{"torque": [1, 0]}', "torque"),
+        ("[" * 17_000, "characters"),
+    ],
+)
+def test_a_message_that_does_not_fit_is_told_and_the_motion_goes_on(served: Served, message: str, detail: str) -> None:
+    with live(served) as socket:
+        before = frame(socket)["t"]
+        socket.send(message)
+        assert detail in problem(socket)["detail"]
+        later = frame(socket)
+        assert "problem" not in later
+        assert later["t"] > before
+
+
+@pytest.mark.parametrize(
+    ("request_", "detail"),
+    [
+        ({"scene": "bouncing-ball"}, "step by step"),
+        ({"scene": "no-scene"}, "no-scene"),
+        ({"scene": "../etc/passwd"}, "paths"),
+        ({"frames_per_second": 1e6}, "<= 120"),
+        ({"accuracy": -1.0}, "> 0"),
+        ({"more": 1}, "more"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused_and_ends(served: Served, request_: dict, detail: str) -> None:
+    with live(served, **request_) as socket:
+        assert detail in str(problem(socket))
+        with pytest.raises(ConnectionClosed):
+            frame(socket)
+
+
+def test_huge_messages_and_floods_end_the_connection(served: Served) -> None:
+    with live(served) as socket:
+        frame(socket)
+        socket.send("x" * 2**21)
+        with pytest.raises(ConnectionClosed) as closed:
+            [*iter(lambda: frame(socket), None)]
+        assert closed.value.rcvd.code == 1009
+    with live(served) as socket, contextlib.suppress(ConnectionClosed):
+        frame(socket)
+        for _ in range(5000):
+            socket.send("{}")
+        assert "messages a second" in problem(socket)["detail"]
+        while True:
+            frame(socket)
+
+
+def test_those_that_go_make_room(served: Served) -> None:
+    """A client has at most half of four; a connection that breaks gives its place back."""
+    with contextlib.ExitStack() as stack:
+        for _ in range(2):
+            frame(stack.enter_context(live(served)))
+        with live(served) as third:
+            assert problem(third)["code"] == "busy"
+    for _ in range(6):
+        with connect(address(served)) as socket:
+            socket.send(json.dumps({"scene": "arm-swing"}))
+            frame(socket)
+            socket.socket.close()
+        time.sleep(0.3)
+    with live(served) as socket:
+        assert "t" in frame(socket)
+
+
+def test_other_sites_other_paths_and_strangers_are_refused(tmp_path: Path) -> None:
+    with serving(tmp_path, "--token", "se/cret=") as served:
+        token = base64.urlsafe_b64encode(b"se/cret=").decode().rstrip("=")
+        for headers, protocols, path, status in (
+            ({}, None, PATH, 401),
+            ({}, ["bearer", "AAAA"], PATH, 401),
+            ({}, ["bearer", "A"], PATH, 401),
+            ({"Origin": "https://evil.example"}, ["bearer", token], PATH, 403),
+            ({}, ["bearer", token], "/v1/other", 404),
+        ):
+            origin = headers.get("Origin")
+            with pytest.raises((InvalidStatus, ValueError)) as refused:
+                connect(served.url.replace("http", "ws", 1) + path, origin=origin, subprotocols=protocols)
+            if isinstance(refused.value, InvalidStatus):
+                assert refused.value.response.status_code == status
+                assert json.loads(refused.value.response.body)["status"] == status
+        for allowed in (
+            {"subprotocols": ["bearer", token]},
+            {"additional_headers": {"Authorization": "Bearer se/cret="}},
+        ):
+            with connect(address(served), **allowed) as socket:
+                socket.send('{"scene": "arm-swing"}')
+                assert frame(socket)["t"] == 0.0
