@@ -153,7 +153,7 @@ class Truth:
 
 def rhythm(i: int, one: Any, end: Fraction) -> Iterator[tuple[Fraction, int, int, int]]:
     """The ticks of a sensor or a controller."""
-    random, what = Random(one.seed, f"controller {i}"), READ if one.at_ticks == "sensor" else UPDATE
+    random, what = Random(one.seed, f"controller {i}"), READ if one.is_sensor else UPDATE
     for k in range(int(end / exact(one.period)) + 1):
         late = exact(getattr(one, "jitter", 0.0)) * int(random(k)[2, 0]) / PARTS
         yield k * exact(one.period) + late, what, i, k

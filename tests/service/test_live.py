@@ -10,11 +10,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 import twolink as tl
+from tests.service.page_driver import Page
 from tests.service.serving import Served, serving
 
 PATH = "/v1/live"
@@ -171,3 +173,42 @@ def test_other_sites_other_paths_and_strangers_are_refused(tmp_path: Path) -> No
             with connect(address(served), **allowed) as socket:
                 socket.send('{"scene": "arm-swing"}')
                 assert frame(socket)["t"] == 0.0
+
+
+LISTEN = """(() => { const send = WebSocket.prototype.send; window.sent = [];
+    WebSocket.prototype.send = function (text) {
+      if (!window.sent.length) this.addEventListener("message", e => { window.seen = JSON.parse(e.data);
+        window.links ??= window.seen.links; });
+      window.sent.push(text); return send.call(this, text); }; return true; })()"""
+
+
+@pytest.mark.browser
+def test_a_link_is_dragged_with_the_mouse(page: Page) -> None:
+    """The point that was taken hold of comes to where the mouse is, but for its sag under gravity, g / w^2."""
+    page.open("#scene=arm-swing")
+    page.evaluate(LISTEN)
+    page.click("#live-button")
+    page.wait_for("document.getElementById('live-status').innerText.includes('Drag')")
+    left, top, width, height = page.box("#pane")
+    grabbed = "sent.some(text => text.includes('drag'))"
+    places = [(x, y) for y in np.linspace(0.2, 0.8, 13) for x in np.linspace(0.2, 0.8, 13)]
+    for x, y in places:
+        page.mouse("mousePressed", left + x * width, top + y * height)
+        if page.evaluate(grabbed):
+            break
+        page.mouse("mouseReleased", left + x * width, top + y * height)
+    assert page.evaluate(grabbed)
+    page.browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=left + 0.45 * width, y=top + 0.4 * height,
+                      button="left", buttons=1)  # fmt: skip
+    page.wait_for("sent.filter(text => text.includes('drag')).length > 1")
+    began = page.evaluate("seen.t")
+    page.wait_for(f"seen.t > {began + 2.0}")
+    frame, links = json.loads(page.evaluate("JSON.stringify(seen)")), page.evaluate("links")
+    drag = json.loads(page.evaluate("sent.at(-1)"))["drag"]
+    place = pin.XYZQUATToSE3(np.array(frame["poses"][links.index(drag["link"])]))
+    assert np.linalg.norm(place.act(np.array(drag["point"])) - drag["to"]) < 0.12
+    page.mouse("mouseReleased", left + 0.45 * width, top + 0.4 * height)
+    page.wait_for("sent.at(-1) === '{}'")
+    page.click("#live-button")
+    page.wait_for("document.getElementById('live-button').innerText === 'Live'")
+    assert page.text("#live-problem") == ""
