@@ -94,8 +94,8 @@ def compare(table: Table, name: str, worlds: int, error: float, rounds: int) -> 
                    few, exact, error)  # fmt: skip
     theirs = []
     for kind in INTEGRATORS:
-        sync = {n: lambda n=n, kind=kind: synced(scene, kind, n, count) for n in PARTS}
-        found = loosest(sync, few, exact, error)
+        makers = {n: lambda n=n, kind=kind: synced(scene, kind, n, count) for n in PARTS}
+        found = loosest(makers, few, exact, error)
         if found:
             one = MujocoWorld(scene, kind, found[0])
             theirs.append((seconds_of(lambda one=one: one.act(few[0, 0]), rounds=99)[0], kind, *found))
@@ -134,8 +134,8 @@ def overhead(rounds: int) -> float:
     lanes = sim._lanes
     state, out = lanes.state.copy(), lanes.spare.copy()
 
-    def calls(call: Callable[[], object]) -> Callable[[], None]:
-        return lambda: [call() for _ in range(200)] and None
+    def calls(call: Callable[[], object]) -> Callable[[], object]:
+        return lambda: [call() for _ in range(200)]
 
     compiled = calls(lambda: lanes._call(state, out))
     whole, bare = seconds_of(

@@ -31,7 +31,8 @@ class Session:
 
     def __init__(self, socket: WebSocket[Any, Any, Any], rate: float) -> None:
         self._socket, self._period, self._words = socket, 1.0 / rate, LiveWords()
-        self._next, self._problem, self._gone = 0.0, {}, False
+        self._next, self._gone = 0.0, False
+        self._problem: dict[str, Any] = {}
 
     async def read(self) -> None:
         """Take messages until the client goes; the last one counts."""
@@ -110,7 +111,7 @@ async def _run(socket: WebSocket[Any, Any, Any], service: Shared, client: str) -
         session = Session(socket, decode_unique(body, LiveRequest).frames_per_second)
         reading = asyncio.create_task(session.read())
         try:
-            await service.live.run("live", service.settings.quotas.job_seconds, reply=session.reply, body=body,
+            await service.live.run("live", service.settings.quotas.job_seconds, on_question=session.reply, body=body,
                                    robots=service.robots.folder)  # fmt: skip
         finally:
             reading.cancel()

@@ -6,8 +6,8 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
+from twolink.algorithms.functions import frame_index
 from twolink.dynamics import Robot
-from twolink.dynamics.arguments import frame_index
 from twolink.errors import TwolinkError
 from twolink.service.problems import decode_unique, problem_of
 from twolink.service.work.requests import LiveRequest, LiveWords, link_poses
@@ -64,4 +64,4 @@ def torques(robot: Robot, state: State, said: LiveWords) -> np.ndarray:
     jacobian = whole[:3] - pin.skew(arm) @ whole[3:]
     mobility = jacobian @ np.linalg.solve(robot.mass_matrix(state.q), jacobian.T)
     wanted = PULL**2 * (np.array(said.drag.to) - place.translation - arm) - 2.0 * PULL * jacobian @ state.v
-    return tau + jacobian.T @ np.linalg.pinv(mobility, rcond=SINGULAR, hermitian=True) @ wanted
+    return np.asarray(tau + jacobian.T @ np.linalg.pinv(mobility, rcond=SINGULAR, hermitian=True) @ wanted)

@@ -95,7 +95,7 @@ class Workers:
         seconds: float,
         *,
         on_progress: Callable[[Any], None] | None = None,
-        reply: Reply | None = None,
+        on_question: Reply | None = None,
         **arguments: Any,
     ) -> Any:
         """Run a task in a worker process, in at most `seconds` from its begin. Cancelling kills the process.
@@ -103,7 +103,9 @@ class Workers:
         Raises the task's failure; Refusal when the process is lost: 422 with code "worker-died", "too-slow" or
         "too-large", 503 where it had to make room for others, where too many tasks wait, or where no process begins.
         """
-        return (await self.exchange(task, seconds, None, on_progress=on_progress, reply=reply, **arguments))[0]
+        return (
+            await self.exchange(task, seconds, None, on_progress=on_progress, on_question=on_question, **arguments)
+        )[0]
 
     async def exchange(
         self,
@@ -112,12 +114,12 @@ class Workers:
         content: bytes | None,
         *,
         on_progress: Callable[[Any], None] | None = None,
-        reply: Reply | None = None,
+        on_question: Reply | None = None,
         **arguments: Any,
     ) -> tuple[Any, bytes]:
         """Run a task that finds `content` in its exchange file: its result, and what it has written there.
 
-        reply: what a task is told that asks.
+        on_question: what a task is told that asks.
         """
         written = b""
         async with self._turns.turn():
@@ -126,7 +128,7 @@ class Workers:
                 async with asyncio.timeout(seconds):
                     if content is not None:
                         await worker.exchange.put(content)
-                    answer = await _converse(worker.process, Call(task, arguments), on_progress, reply)
+                    answer = await _converse(worker.process, Call(task, arguments), on_progress, on_question)
             except TimeoutError:
                 await self._kill(worker)
                 remedy = "ask for less, or start the service with a larger quota"
@@ -208,20 +210,20 @@ class Workers:
 
 
 async def _converse(
-    process: WorkerProcess | Process, call: Call, on_progress: Callable[[Any], None] | None, reply: Reply | None
+    process: WorkerProcess | Process, call: Call, on_progress: Callable[[Any], None] | None, on_question: Reply | None
 ) -> Done | Failed:
     """Send a call, and wait for its end. Raises IncompleteReadError or OSError when the process dies."""
     if process.stdin is None:
         raise ConnectionError
     process.stdin.write(packed(call))
     await process.stdin.drain()
-    return await _answer(process, on_progress, reply)
+    return await _answer(process, on_progress, on_question)
 
 
 async def _answer(
     process: WorkerProcess | Process,
     on_progress: Callable[[Any], None] | None = None,
-    reply: Reply | None = None,
+    on_question: Reply | None = None,
 ) -> Done | Failed:
     """Wait for the end of a call, or of the start. Raises as `_converse`."""
     if process.stdout is None:
@@ -235,8 +237,8 @@ async def _answer(
             return message
         if on_progress is not None:
             on_progress(message.value)
-        if reply is not None and process.stdin is not None:
-            process.stdin.write(packed(Call("", await reply(message.value))))
+        if on_question is not None and process.stdin is not None:
+            process.stdin.write(packed(Call("", await on_question(message.value))))
 
 
 def _death(code: int) -> Refusal:
