@@ -102,9 +102,13 @@ def compare(table: Table, name: str, worlds: int, error: float, rounds: int) -> 
     _, kind, parts, their_error = min(theirs)
     env, sync = VectorEnvironment(scene, reward, worlds, accuracy=ours[0], **common), synced(scene, kind, parts, worlds)
 
+    singles = [MujocoWorld(scene, kind, parts) for _ in range(worlds)]
+
     def loop() -> None:
+        for one in singles:
+            one.reset()
         for action in actions:
-            for one, tau in zip(sync.envs, action, strict=True):
+            for one, tau in zip(singles, action, strict=True):
                 one.act(tau)
 
     calls = (lambda: played(env, actions), lambda: played(sync, actions), loop)

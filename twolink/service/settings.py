@@ -1,6 +1,8 @@
 """Settings of the service: address, data folder, access, and quotas."""
 
+import contextlib
 import ipaddress
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -151,3 +153,16 @@ def read_quotas(texts: Sequence[str]) -> Quotas:
     except msgspec.ValidationError as error:
         what, name = split_path(str(error))
         raise TwolinkError(f"{name}: {what}", argument="quota", remedy="give numbers, such as jobs=4") from None
+
+
+def open_files() -> float:
+    """Allow this process as many open files as its user may have, as each connection takes one; and their number."""
+    try:
+        import resource
+    except ImportError:  # Windows has no such limit
+        return math.inf
+    allowed, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with contextlib.suppress(ValueError, OSError):
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+        allowed = most
+    return math.inf if allowed == resource.RLIM_INFINITY else allowed

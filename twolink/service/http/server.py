@@ -11,7 +11,6 @@ behind a reverse proxy.
 import contextlib
 import dataclasses
 import functools
-import math
 import socket
 from asyncio.events import TimerHandle
 from collections.abc import Callable
@@ -26,7 +25,7 @@ from twolink.service.http.components import Service
 from twolink.service.http.messages import SLICE, header
 from twolink.service.logs import configure
 from twolink.service.problems import Refusal
-from twolink.service.settings import Quotas, Settings
+from twolink.service.settings import Quotas, Settings, open_files
 from twolink.service.work.sharing import Shares, busy, client_of
 
 _OTHER_FILES = 200  # that are no connections: the database, worker processes, results
@@ -335,7 +334,7 @@ def _listening(settings: Settings) -> socket.socket:
 def uvicorn_options(settings: Settings) -> dict[str, Any]:
     """The options of uvicorn.Config."""
     return {
-        "http": functools.partial(Protocol, Limits.of(settings.quotas, _open_files())),
+        "http": functools.partial(Protocol, Limits.of(settings.quotas, open_files())),
         "ws": "websockets-sansio",
         "ws_max_size": WS_BYTES,
         "ws_per_message_deflate": False,
@@ -348,16 +347,3 @@ def uvicorn_options(settings: Settings) -> dict[str, Any]:
         "timeout_keep_alive": 30,
         "timeout_graceful_shutdown": _GRACE,
     }
-
-
-def _open_files() -> float:
-    """Allow this process as many open files as its user may have, as each connection takes one; and their number."""
-    try:
-        import resource
-    except ImportError:  # Windows has no such limit
-        return math.inf
-    allowed, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    with contextlib.suppress(ValueError, OSError):
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
-        allowed = most
-    return math.inf if allowed == resource.RLIM_INFINITY else allowed

@@ -4,9 +4,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
-import pinocchio as pin
 
-from twolink.algorithms.functions import frame_index
 from twolink.dynamics import Robot
 from twolink.errors import TwolinkError
 from twolink.service.problems import decode_unique, problem_of
@@ -56,12 +54,10 @@ def torques(robot: Robot, state: State, said: LiveWords) -> np.ndarray:
     tau = np.zeros(robot.nv) if said.tau is None else one("tau", said.tau, robot.nv)
     if said.drag is None:
         return tau
-    frame, (model, data) = frame_index(robot.model, said.drag.link, "drag.link"), (robot.model, robot.data)
-    pin.computeJointJacobians(model, data, state.q)
-    place = pin.updateFramePlacement(model, data, frame)
-    arm = place.rotation @ np.array(said.drag.point)
-    whole = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-    jacobian = whole[:3] - pin.skew(arm) @ whole[3:]
+    rotation, position = robot.frame_pose(state.q, said.drag.link)
+    arm = rotation @ np.array(said.drag.point)
+    linear, turning = np.split(robot.frame_jacobian(state.q, said.drag.link), 2)
+    jacobian = linear + np.cross(turning, arm[:, None], axis=0)
     mobility = jacobian @ np.linalg.solve(robot.mass_matrix(state.q), jacobian.T)
-    wanted = PULL**2 * (np.array(said.drag.to) - place.translation - arm) - 2.0 * PULL * jacobian @ state.v
+    wanted = PULL**2 * (np.array(said.drag.to) - position - arm) - 2.0 * PULL * jacobian @ state.v
     return np.asarray(tau + jacobian.T @ np.linalg.pinv(mobility, rcond=SINGULAR, hermitian=True) @ wanted)
