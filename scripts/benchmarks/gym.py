@@ -135,7 +135,7 @@ def overhead(rounds: int) -> float:
     """us of a call of step beyond one compiled step."""
     sim, tau = tl.Simulation(tl.load_scene("arm-swing")), np.array([0.1, 0.2])
     sim.step(1e-3, tau)
-    lanes = sim._lanes
+    lanes = sim._motion._lanes
     state, out = lanes.state.copy(), lanes.spare.copy()
 
     def calls(call: Callable[[], object]) -> Callable[[], object]:

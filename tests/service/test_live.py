@@ -103,7 +103,7 @@ def test_a_message_that_does_not_fit_is_told_and_the_motion_goes_on(served: Serv
 @pytest.mark.parametrize(
     ("request_", "detail"),
     [
-        ({"scene": "bouncing-ball"}, "step by step"),
+        ({"scene": "swing-up"}, "step by step"),
         ({"scene": "no-scene"}, "no-scene"),
         ({"scene": "../etc/passwd"}, "paths"),
         ({"frames_per_second": 1e6}, "<= 120"),
