@@ -100,8 +100,8 @@ class Truth:
         self.motion.time = self.number(0)
         self.motion.state[:] = np.array([*scene.q, *scene.v, 0.0]).astype(self.number)
         self.motion.pars[:] = np.zeros(len(self.motion.pars)).astype(self.number)  # it was used before
-        self.parts: dict[int, Any] = {i: one for i, one in enumerate(scene.effects) if one.at_ticks}
-        self.memory = {i: one.state for i, one in self.parts.items() if one.at_ticks == "controller"}
+        self.parts: dict[int, Any] = {i: one for i, one in enumerate(scene.effects) if one.is_sensor or one.sampled}
+        self.memory = {i: one.state for i, one in self.parts.items() if one.sampled}
         self.lines: dict[int, tuple[np.ndarray, np.ndarray, float]] = {}  # of each controller: value, slope, since
         self.readings: dict[str, np.ndarray] = {}
         self.ticks = 0
@@ -153,7 +153,7 @@ class Truth:
 
 def rhythm(i: int, one: Any, end: Fraction) -> Iterator[tuple[Fraction, int, int, int]]:
     """The ticks of a sensor or a controller."""
-    random, what = Random(one.seed, f"controller {i}"), READ if one.at_ticks == "sensor" else UPDATE
+    random, what = Random(one.seed, f"controller {i}"), READ if one.is_sensor else UPDATE
     for k in range(int(end / exact(one.period)) + 1):
         late = exact(getattr(one, "jitter", 0.0)) * int(random(k)[2, 0]) / PARTS
         yield k * exact(one.period) + late, what, i, k

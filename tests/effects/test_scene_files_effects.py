@@ -79,6 +79,7 @@ FILES = {
     "force-torque": ('joint = "elbow"\nnoise = 0.1', E.ForceTorque("elbow", noise=0.1)),
     "imu": ('link = "tip"\nname = "nose"\nwalk = 0.1', E.Imu("tip", name="nose", walk=0.1)),
     "pose-sensor": ('link = "tip"\ndelay = 0.1', E.PoseSensor("tip", delay=0.1)),
+    "state-sensor": ('names = []\ndelay = 0.1', E.StateSensor((), delay=0.1)),
     "tachometer": ('joints = ["elbow"]\nbias = 0.1', E.Tachometer(("elbow",), bias=0.1)),
     "torque-sensor": ('joints = ["elbow"]\noffset = 0.1', E.TorqueSensor(("elbow",), offset=0.1)),
     "touch-sensor": ('link = "tip"', E.TouchSensor("tip")),

@@ -5,8 +5,11 @@ import warnings
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import twolink as tl
+from docs.examples import learn_swing_up
 from twolink.gym import Environment, VectorEnvironment
 from twolink.simulation.stepwise import State
 
@@ -117,3 +120,40 @@ def test_unknown_options_and_seeds_that_do_not_fit_are_refused() -> None:
         Environment(SWING, reward).reset(options={"p": 1})
     with pytest.raises(tl.errors.SceneError, match="3 seeds for 2 worlds"):
         VectorEnvironment(SWING, reward, 2).reset(seed=[1, 2, 3])
+
+
+def test_worlds_are_those_of_gymnasiums_own_vector_environment() -> None:
+    """Spaces, episodes, rewards and new episodes; Gymnasium 1.4 has no checker of vector environments of its own."""
+    short = tl.Scene(SWING.base, SWING.q, SWING.v, SWING.effects, duration=0.2)
+    task = {"period": 0.05, "start": around, "limit": 2.0, "accuracy": 1e-9}
+    worlds = VectorEnvironment(short, reward, 3, **task)
+    sync = SyncVectorEnv([lambda: Environment(short, reward, **task)] * 3)
+    assert worlds.metadata["autoreset_mode"] == sync.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
+    for name in ("observation_space", "action_space", "single_observation_space", "single_action_space"):
+        assert getattr(worlds, name) == getattr(sync, name)
+    np.testing.assert_array_equal(worlds.reset(seed=3)[0], sync.reset(seed=3)[0])
+    worlds.action_space.seed(0)
+    for _ in range(9):  # with two new episodes
+        action = worlds.action_space.sample()
+        ours, theirs = worlds.step(action)[:4], sync.step(action)[:4]
+        assert worlds.observation_space.contains(ours[0])
+        for one, other in zip(ours, theirs, strict=True):
+            assert (one.shape, one.dtype) == (other.shape, other.dtype)
+            np.testing.assert_allclose(one, other, atol=1e-8)
+
+
+def test_gymnasiums_wrappers_of_vectors_work() -> None:
+    short = tl.Scene(SWING.base, SWING.q, SWING.v, SWING.effects, duration=0.2)
+    worlds = RecordEpisodeStatistics(VectorEnvironment(short, lambda *_: 1.0, 2, period=0.05))
+    worlds.reset(seed=0)
+    infos = [worlds.step(worlds.action_space.sample())[4] for _ in range(4)]
+    assert infos[-1]["episode"]["r"] == pytest.approx([4.0, 4.0])
+    assert infos[-1]["episode"]["l"].tolist() == [4, 4]
+
+
+def test_swinging_up_is_learned() -> None:
+    """From starts that no learning has seen: the pendulum hangs before, and stands most of the time after."""
+    before, after = (learn_swing_up.judged(one) for one in (np.zeros(5), learn_swing_up.learn()))
+    assert before.max() < -0.5
+    assert after.mean() > 0.1
+    assert (after > before + 0.5).all()

@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 import twolink as tl
 from tests.loop.loops import exact_slider, slider
@@ -230,3 +231,41 @@ def test_states_of_effects_are_in_the_loop() -> None:
     same = E.JointPD({"rail": 0.0}, {"rail": 4.0}, {"rail": 2.0})
     other = tl.simulate(tl.Scene(slider(), [1.0], effects=[friction, same]), 0.5, accuracy=1e-7)
     assert 1e-6 < np.abs(run.q - other.q).max() < 3e-3
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.013])
+def test_a_controller_inside_a_geared_motor_is_exact(delay: float) -> None:
+    """Voltages held from tick to tick, on a cart that a motor drives: the matrix exponential of (q, v, i) and u."""
+    r, coil, k, n, rotor, period = 1.2, 0.01, 0.5, 3.0, 0.2, 0.01
+    law = lambda q, i: 4.0 * (1.0 - q) - 0.1 * i  # noqa: E731
+    control = E.Controller(
+        lambda _, y, s: (law(y.q, y.current), s), period=period, delay=delay, inputs=("q", "current")
+    )
+    motor = E.DCMotor(control, resistance={"rail": r}, inductance={"rail": coil}, constant={"rail": k})
+    gear = E.Gear(motor, {"rail": n}, inertia={"rail": rotor})
+    current = E.StateSensor(("rail.current",), name="current", period=period)
+    scene = tl.Scene(slider(), effects=[gear, current])
+    times = [0.0, 0.5, 1.0]
+    run = tl.simulate(scene, 1.0, accuracy=1e-9, t_eval=times)
+    mass, whole = 1.0 + n * n * rotor, np.zeros((4, 4))
+    whole[:3] = [[0, 1, 0, 0], [0, 0, n * k / mass, 0], [0, -n * k / coil, -r / coil, 1 / coil]]
+    late = Fraction(delay).limit_denominator(1000)
+    instants = sorted({Fraction(j, 100) + d for j in range(101) for d in (Fraction(0), late)})
+    x, waiting, kept = np.zeros(4), [], {}
+    for begin, end in itertools.pairwise([*instants, Fraction(2)]):
+        if (begin * 100).denominator == 1:
+            kept[float(begin)] = x.copy()
+            waiting.append((begin + late, law(x[0], x[2])))
+        if waiting and waiting[0][0] == begin:
+            x[3] = waiting.pop(0)[1]
+        x = expm(whole * float(end - begin)) @ x
+    exact = np.array([kept[t] for t in times])
+    assert np.abs(run.q[:, 0] - exact[:, 0]).max() < 1e-11
+    assert np.abs(run.states["rail.current"] - exact[:, 2]).max() < 1e-10
+    assert run.sensors["current"].values[50, 0] == pytest.approx(exact[1, 2], abs=1e-10)
+    assert {share.effect: share.operations for share in tl.explain(scene).shares}["state-sensor"] == 0
+
+
+def test_a_state_that_no_effect_has_is_refused() -> None:
+    with pytest.raises(SceneError, match=r"effects\[0\].names: there is no state 'rail.current'"):
+        tl.Scene(slider(), effects=[E.StateSensor(("rail.current",))])

@@ -222,3 +222,16 @@ def test_sensors_of_forces_are_refused_beside_stepped_contacts() -> None:
     touch = E.TouchSensor("ball", name="touch")
     with pytest.raises(SceneError, match="means over steps"):
         tl.simulate(scene.with_effects([*scene.effects, touch]), 0.2, contact="stepped")
+
+
+def test_a_drives_controller_stands_at_a_stop() -> None:
+    """A motor whose controller gives a constant voltage presses a cart against its stop: there the current is u / R."""
+    control = E.Controller(lambda _, y, s: ([6.0 + 0.0 * y.current[0]], s), period=0.01, inputs=("current",))
+    motor = E.DCMotor(control, resistance={"rail": 2.0}, inductance={"rail": 0.02}, constant={"rail": 0.5})
+    current = E.StateSensor(("rail.current",), name="current", period=0.01)
+    stops = E.JointStops({"rail": (-1.0, 0.2)})
+    scene = tl.Scene(slider(), effects=[motor, stops, current])
+    run = tl.simulate(scene, 2.0)
+    assert run.q[-1, 0] == pytest.approx(0.2, abs=1e-9)
+    assert run.states["rail.current"][-1] == pytest.approx(3.0, abs=1e-6)
+    assert run.sensors["current"].values[-1, 0] == pytest.approx(3.0, abs=1e-6)

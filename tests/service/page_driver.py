@@ -114,7 +114,7 @@ class Page:
 
     def outside(self) -> list[str]:
         """What was asked of others than the service."""
-        allowed = (f"{self.url}/", f"blob:{self.url}/", "data:", "about:")
+        allowed = (f"{self.url}/", f"ws{self.url[4:]}/", f"blob:{self.url}/", "data:", "about:")
         return [url for url in self.browser.requests if not url.startswith(allowed)]
 
     def faults(self) -> list[str]:

@@ -225,7 +225,7 @@ class _Ticks:
         rows = {table.name: at.start for at, table in equations.layout.rows_of_tables() if isinstance(table, Slot)}
         self._rows = np.array(list(rows.values()), dtype=int)
         self._numbers = self._rows - moving
-        self.loop = SampledLoop(sampling, rows, self._x, _no_forces)
+        self.loop = SampledLoop(sampling, rows, equations.space.states, self._x, _no_forces)
 
     def next(self, first: int, q: Array, v: Array) -> int:
         """Let happen what is due before the step `first` from (q, v). Returns the step before which more is."""

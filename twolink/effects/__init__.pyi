@@ -45,6 +45,7 @@ from twolink.effects.sensors import Encoder as Encoder
 from twolink.effects.sensors import ForceTorque as ForceTorque
 from twolink.effects.sensors import Imu as Imu
 from twolink.effects.sensors import PoseSensor as PoseSensor
+from twolink.effects.sensors import StateSensor as StateSensor
 from twolink.effects.sensors import Tachometer as Tachometer
 from twolink.effects.sensors import TorqueSensor as TorqueSensor
 from twolink.effects.sensors import TouchSensor as TouchSensor

@@ -39,6 +39,15 @@ class Drive(Effect, frozen=True):
         """Whether what is inside changes the robot."""
         return self.of is not None and self.of.changes
 
+    @property
+    def sampled(self) -> Any:
+        """The sampled controller inside."""
+        return getattr(self.of, "sampled", None)
+
+    def held(self, robot: Robot, place: int) -> Effect:
+        """The drive with what its sampled controller holds."""
+        return msgspec.structs.replace(self, of=self.of.held(robot, place))
+
     def check_inside(self, robot: Robot, joints: Any, field: str, *, needed: bool = True) -> None:
         """Require joints of one coordinate, and inside an effect that gives torques. Raises SceneError."""
         check_joints(joints, robot, field, coordinates=True)

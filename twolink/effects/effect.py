@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -92,7 +92,7 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
     """
 
     touches: ClassVar[bool] = False  # whether bodies touch by it
-    at_ticks: ClassVar[Literal["", "controller", "sensor"]] = ""  # what it is, if it is called at ticks
+    is_sensor: ClassVar[bool] = False
 
     @property
     def analytic(self) -> bool:
@@ -103,6 +103,16 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
     def changes(self) -> bool:
         """Whether it changes constants of the robot."""
         return type(self).change is not Effect.change
+
+    @property
+    def sampled(self) -> Any:
+        """The sampled controller that it is, or that a drive has inside; None for others."""
+        return None
+
+    def held(self, robot: Robot, place: int) -> Effect:
+        """What acts between the ticks of its sampled controller; place: of the effect in its scene."""
+        del robot, place
+        return self
 
     def check(self, robot: Robot) -> None:
         """Raise SceneError where the effect does not fit the robot; `where` begins with the field's name.

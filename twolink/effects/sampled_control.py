@@ -99,18 +99,16 @@ class Controller(Effect, frozen=True):
 
     Notes
     -----
-    Before the first u acts, the torque is 0. Beside stops, dry friction and contacts events are located between ticks;
-    stepped contacts have steps that end at ticks. Each of the solutions that make the error bar, three (without events)
-    to seven, has its own controller state and calls `update` at each tick. A tick at which their answers differ by more
-    than continuity explains, as those of a threshold or a quantizer do, is an event "ambiguous-tick" of the run, and
-    the error bar widens from then on.
+    Before the first u acts, the torque is 0. Inside a drive u is what the drive takes: volts of a motor. Beside stops,
+    dry friction and contacts events are located between ticks; stepped contacts have steps that end at ticks. Each of
+    the solutions that make the error bar, three (without events) to seven, has its own controller state and calls
+    `update` at each tick. A tick at which their answers differ by more than continuity explains, as those of a
+    threshold or a quantizer do, is an event "ambiguous-tick" of the run, and the error bar widens from then on.
 
     References
     ----------
     Åström, Wittenmark: Computer-Controlled Systems, 1997, chapters 2 and 3.
     """
-
-    at_ticks: ClassVar[Literal["", "controller", "sensor"]] = "controller"
 
     update: Any
     period: Seconds = 1e-3
@@ -123,6 +121,11 @@ class Controller(Effect, frozen=True):
     outputs: tuple[str, ...] = ()
     hold: Literal["zero", "first"] = "zero"
     limit: Limits = None
+
+    @property
+    def sampled(self) -> Any:
+        """Itself."""
+        return self
 
     def check(self, robot: Robot) -> None:
         """Require a function, times, and joints with one degree of freedom."""

@@ -1,14 +1,17 @@
 """Sensors: what a robot's own instruments would read of its motion, with their rates, delays and errors."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
 
+from twolink.algorithms.mechanism import mechanism
+from twolink.algorithms.motion import Motion
+from twolink.algorithms.namespaces import Numbers
 from twolink.dynamics import Robot
-from twolink.effects.checks import check_frame, check_joints
+from twolink.effects.checks import check_frame, check_joints, check_subset
 from twolink.effects.contact import Contact, PlaneContact
 from twolink.effects.effect import Effect, LinkName, NotNegative
 from twolink.effects.loops import HingeLoop, PointLoop, WeldLoop
@@ -33,10 +36,13 @@ class Forces:
 
 
 class Seen:
-    """What sensors see: states (q, v) of a robot, (n, nq) and (n, nv), and forces, which are computed when needed."""
+    """What sensors see: states of a robot, q (n, nq) and v (n, nv), and of effects, by name z (n,); and forces.
 
-    def __init__(self, robot: Robot, q: Array, v: Array, look: Callable[[], Forces]) -> None:
-        self.robot, self.q, self.v, self._look = robot, q, v, look
+    look: computes the forces when they are needed.
+    """
+
+    def __init__(self, robot: Robot, q: Array, v: Array, z: Mapping[str, Array], look: Callable[[], Forces]) -> None:
+        self.robot, self.q, self.v, self.z, self._look = robot, q, v, z, look
         self._forces: Forces | None = None
 
     @property
@@ -80,7 +86,7 @@ class Sensor(Effect, frozen=True, kw_only=True):
         Of the noise: the same for the same seed, name and tick.
     """
 
-    at_ticks: ClassVar[Literal["", "controller", "sensor"]] = "sensor"
+    is_sensor: ClassVar[bool] = True
 
     name: str = ""
     period: NotNegative = 1e-3
@@ -98,7 +104,7 @@ class Sensor(Effect, frozen=True, kw_only=True):
         shared = (Sensor.__doc__ or "").partition("----------\n")[2].rstrip()
         cls.__doc__ = f"{(cls.__doc__ or '').rstrip()}\n{shared}\n"
 
-    def check_beside(self, effects: Sequence[Effect]) -> None:
+    def check_beside(self, effects: Sequence[Effect], robot: Robot) -> None:
         """Require that the sensor sees all that it measures in a scene with these effects. Raises SceneError."""
 
     @property
@@ -173,6 +179,30 @@ class Tachometer(_OfJoints, frozen=True):
     def read(self, seen: Seen) -> Array:
         """The velocities (n, m)."""
         return seen.v[:, self.dofs(seen.robot)]
+
+
+class StateSensor(Sensor, frozen=True):
+    """States of effects as drives measure them: a motor's current [A], or its angle [rad] before an elastic joint.
+
+    Parameters
+    ----------
+    names : tuple of str
+        As in run.states, such as "elbow.current"; in the order of the values.
+    """
+
+    names: tuple[str, ...]
+
+    def check_place(self, robot: Robot) -> None:
+        """Names are known beside the other effects."""
+
+    def check_beside(self, effects: Sequence[Effect], robot: Robot) -> None:
+        """Require states that the effects have."""
+        start = Motion(robot.model, mechanism(robot.model), list(robot.neutral), [0.0] * robot.nv, 0.0, Numbers)
+        check_subset(self.names, [name for one in effects for name in one.states(start)], "names", "state")
+
+    def read(self, seen: Seen) -> Array:
+        """The states (n, m)."""
+        return np.stack([seen.z[name] for name in self.names], axis=1)
 
 
 class TorqueSensor(_OfJoints, frozen=True):
@@ -259,8 +289,9 @@ class ForceTorque(Sensor, frozen=True):
         """Require a joint."""
         check_joints((self.joint,), robot, "joint")
 
-    def check_beside(self, effects: Sequence[Effect]) -> None:
+    def check_beside(self, effects: Sequence[Effect], robot: Robot) -> None:
         """Require that no link is held by forces that no joint transmits."""
+        del robot
         held = Contact, PlaneContact, PointLoop, HingeLoop, WeldLoop
         other = next((one for one in effects if isinstance(one, held)), None)
         if other is not None:

@@ -120,7 +120,7 @@ def intervals_of(scene: Scene, log: Log) -> Intervals | None:
     """The intervals without an event; None where the scene has other events than of stops and dry friction, or states
     beside q and v."""
     switching = [effect for effect in scene.effects if isinstance(effect, SwitchingEffect)]
-    sampled = any(effect.at_ticks == "controller" for effect in scene.effects)
+    sampled = any(effect.sampled is not None for effect in scene.effects)
     if sampled or not all(isinstance(effect, DryFriction | JointStops | Watch) for effect in switching):
         return None
     if _smooth_equations(scene).space.states:
@@ -171,7 +171,7 @@ def _smooth(effect: Effect, robot: Robot) -> Effect | None:
     if isinstance(effect, DryFriction):
         names = {joint.v.start: joint.name for joint in robot.joints}
         return SmoothFriction({names[hold.dof]: hold.kinetic for hold in effect.modes(robot)}, SLIPS)
-    return None if isinstance(effect, SwitchingEffect) or effect.at_ticks else effect
+    return None if isinstance(effect, SwitchingEffect) or effect.is_sensor else effect
 
 
 def causes_of(intervals: Intervals) -> list[Cause]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.effects.sampled_control import STATE, Controller
-from twolink.effects.sensors import Forces, Seen, Sensor
+from twolink.effects.sensors import Forces, Seen, Sensor, StateSensor
 from twolink.errors import ControllerError
 from twolink.loop.ambiguity import Ambiguity
 from twolink.loop.clock import ACT, READ, UPDATE, Clock, Random
@@ -50,7 +50,10 @@ class Sampling:
 
 @dataclass(eq=False)
 class _Control:
-    """A controller in a run. limits (m, 1). states: of each solution. waiting: answers (m, n) to come, by tick."""
+    """A controller in a run. limits (m, 1). states: of each solution. waiting: answers (m, n) to come, by tick.
+
+    states_seen: how many states of effects are behind q and v, if it sees any.
+    """
 
     place: int
     controller: Controller
@@ -61,6 +64,7 @@ class _Control:
     slopes: slice | None
     since: int
     states: list[Any]
+    states_seen: int
     ambiguity: Ambiguity = field(default_factory=Ambiguity)
     waiting: dict[int, Array] = field(default_factory=dict)
     last: tuple[float, Array] | None = None
@@ -85,6 +89,8 @@ class SampledLoop:
     sampling : Sampling
     rows : mapping of str to int
         The rows of a state by the names of held numbers.
+    states : tuple of str
+        The names of the states of effects.
     x : ndarray (size, n)
         The states of the solutions at the start, the first of which is the run.
     look : callable
@@ -92,10 +98,16 @@ class SampledLoop:
     """
 
     def __init__(
-        self, sampling: Sampling, rows: Mapping[str, int], x: Array, look: Callable[[float, Array], Forces]
+        self,
+        sampling: Sampling,
+        rows: Mapping[str, int],
+        states: tuple[str, ...],
+        x: Array,
+        look: Callable[[float, Array], Forces],
     ) -> None:
-        self._robot, self._look = sampling.robot, look
+        self._robot, self._states, self._look = sampling.robot, states, look
         self._nq, self._nv = sampling.robot.nq, sampling.robot.nv
+        self._of_states = {one.label for one in sampling.sensors.values() if isinstance(one, StateSensor)}
         self._clock = Clock({**sampling.controllers, **sampling.sensors})
         self._controls = {place: self._control(place, one, rows, x.shape[1])
                           for place, one in sampling.controllers.items()}  # fmt: skip
@@ -111,7 +123,9 @@ class SampledLoop:
         since = -1 if held.since is None else rows[held.since.name]
         states = [copy.deepcopy(one.state) for _ in range(count)]
         limits = one.limits(self._robot)[:, None]
-        return _Control(place, one, joints, limits, bool(np.isfinite(limits).any()), values, slopes, since, states)
+        limited = bool(np.isfinite(limits).any())
+        seen = len(self._states) if self._of_states & {*one.inputs} else 0
+        return _Control(place, one, joints, limits, limited, values, slopes, since, states, seen)
 
     @property
     def time(self) -> float:
@@ -146,7 +160,8 @@ class SampledLoop:
 
     def _seen(self, t: float, x: Array) -> Seen:
         q, v = x[: self._nq].T.copy(), x[self._nq : self._nq + self._nv].T.copy()
-        return Seen(self._robot, q, v, lambda: self._look(t, x))
+        z = dict(zip(self._states, x[self._nq + self._nv :].copy(), strict=False))
+        return Seen(self._robot, q, v, z, lambda: self._look(t, x))
 
     def _inputs(self, control: _Control, x: Array) -> list[Measured]:
         """y of each solution, as new copies."""
@@ -183,7 +198,7 @@ class SampledLoop:
                          remedy="look at what it divides by", joint=joint)  # fmt: skip
         u = u.T
         if len(given) > 1:
-            control.ambiguity.add(t, u, x[: self._nq + self._nv])
+            control.ambiguity.add(t, u, x[: self._nq + self._nv + control.states_seen])
         if control.limited:
             u = np.clip(u, -control.limits, control.limits)
         control.waiting[tick] = u

@@ -185,7 +185,7 @@ class Scene:
     @property
     def sensors(self) -> dict[str, Sensor]:
         """The sensors among the effects, by name."""
-        return {effect.label: effect for effect in self.effects if effect.at_ticks == "sensor"}  # type: ignore
+        return {effect.label: effect for effect in self.effects if effect.is_sensor}  # type: ignore
 
     def notes(self) -> list[str]:
         """What may be a mistake in the start, and what the effects say of themselves, one line each."""
@@ -267,20 +267,24 @@ def _checked(effects: Sequence[Effect], robot: Robot) -> tuple[Effect, ...]:
             raise SceneError(what, where="effects", remedy=remedy, argument="effects")
     if sum(type(effect).__name__ == "Gravity" for effect in effects) > 1:
         raise SceneError("gravity is given twice", where="effects", remedy="keep one", argument="effects")
-    names = [effect.label for effect in effects if effect.at_ticks == "sensor"]  # type: ignore[attr-defined]
+    names = [effect.label for effect in effects if effect.is_sensor]  # type: ignore[attr-defined]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise SceneError(f"two sensors are called {twice!r}", where="effects", remedy="give one a name=",
                          argument="effects")  # fmt: skip
-    for i, effect in enumerate(effects):
-        try:
-            check_effect(effect, robot)
-            if effect.at_ticks == "sensor":
-                effect.check_beside(effects)  # type: ignore[attr-defined]
-            if effect.at_ticks == "controller":
-                effect.check_inputs([*robot.frame_names, *names])  # type: ignore[attr-defined]
-        except TwolinkError as error:
-            raise at_effect(error, i) from None
+
+    def beside_others(effect: Effect) -> None:
+        if effect.is_sensor:
+            effect.check_beside(effects, robot)  # type: ignore[attr-defined]
+        if effect.sampled is not None:
+            effect.sampled.check_inputs([*robot.frame_names, *names])
+
+    for check in (lambda effect: check_effect(effect, robot), beside_others):
+        for i, effect in enumerate(effects):
+            try:
+                check(effect)
+            except TwolinkError as error:
+                raise at_effect(error, i) from None
     return tuple(effects)
 
 

@@ -1,6 +1,8 @@
 """Settings of the service: address, data folder, access, and quotas."""
 
+import contextlib
 import ipaddress
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,16 +25,17 @@ _TOKEN = re.compile(r"[!-+\--~]+")  # what a header carries, without the comma t
 class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Limits of a request, a job and the store.
 
-    body_mb: size of a request. json_mb: of one in JSON. upload_mb: unpacked size of a zip. files: in a zip. states:
-    in a batch. runs: of a sweep. answer_mb: size of an answer. moving_joints: degrees of freedom of an uploaded robot.
-    uploads: robots kept. load_seconds: for reading a robot or a scene, or writing a file. query_seconds: for a batch.
-    memory_mb: of all worker processes together. robots_mb: of the robots that stay loaded. jobs: at once. queue: jobs
-    of a client that wait. job_seconds: computing time of a job. duration: simulated seconds. samples: of a run.
-    result_mb: size of a result. disk_mb: size of all results and uploads together; the results not used for longest go
-    first. body_seconds: time in which a request must arrive. connections: open at once. header_kb: size of a request's
-    line and headers. rate_kb: kB/s at which requests must arrive and answers be read. memory_in_flight_mb: of bodies,
-    of what is made of them, and of answers until they are read. waiting: requests that wait to be computed. A client
-    may hold at most as many connections, as much memory in flight and as many waiting requests as stay free for others.
+    body_mb: size of a request. json_mb: of one in JSON. upload_mb: unpacked size of a zip. files: in a zip. states: in
+    a batch. runs: of a sweep. answer_mb: size of an answer. moving_joints: degrees of freedom of an uploaded robot.
+    uploads: robots kept. live: simulations at once that clients watch and pull. load_seconds: for reading a robot or a
+    scene, or writing a file. query_seconds: for a batch. memory_mb: of all worker processes together. robots_mb: of the
+    robots that stay loaded. jobs: at once. queue: jobs of a client that wait. job_seconds: computing time of a job.
+    duration: simulated seconds. samples: of a run. result_mb: size of a result. disk_mb: size of all results and
+    uploads together; the results not used for longest go first. body_seconds: time in which a request must arrive.
+    connections: open at once. header_kb: size of a request's line and headers. rate_kb: kB/s at which requests must
+    arrive and answers be read. memory_in_flight_mb: of bodies, of what is made of them, and of answers until they are
+    read. waiting: requests that wait to be computed. A client may hold at most as many connections, as much memory in
+    flight and as many waiting requests as stay free for others.
 
     Raises TwolinkError where a body or an answer of the allowed size could never be in memory, or a result on disk.
     """
@@ -45,6 +48,7 @@ class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     answer_mb: Amount = 96
     moving_joints: Count = 100
     uploads: Count = 1000
+    live: Count = 4
     load_seconds: Amount = 20
     query_seconds: Amount = 60
     memory_mb: Amount = 1200
@@ -149,3 +153,16 @@ def read_quotas(texts: Sequence[str]) -> Quotas:
     except msgspec.ValidationError as error:
         what, name = split_path(str(error))
         raise TwolinkError(f"{name}: {what}", argument="quota", remedy="give numbers, such as jobs=4") from None
+
+
+def open_files() -> float:
+    """Allow this process as many open files as its user may have, as each connection takes one; and their number."""
+    try:
+        import resource
+    except ImportError:  # Windows has no such limit
+        return math.inf
+    allowed, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with contextlib.suppress(ValueError, OSError):
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+        allowed = most
+    return math.inf if allowed == resource.RLIM_INFINITY else allowed

@@ -171,13 +171,10 @@ def explain(
     equations = equations_of(scene, ticks=True)
     more = precisions_of(equations, PATIENCE) if method in ("auto", "taylor") else ()
     choice = first_choice(equations, accuracy, length, method, "auto", more if method == "auto" else ())
-    shares = [
-        Share(
-            kebab_case(type(effect).__name__),
-            equations.operations - equations_of(scene.without(i), ticks=True).operations,
-        )
-        for i, effect in enumerate(scene.effects)
-    ]
+    acting = {i: one.held(scene.robot, i) for i, one in enumerate(scene.effects) if not one.is_sensor}
+    fewer = {i: scene.with_effects([one for j, one in acting.items() if j != i]) for i in acting}
+    taken = {i: equations.operations - equations_of(other).operations for i, other in fewer.items()}
+    shares = [Share(kebab_case(type(effect).__name__), taken.get(i, 0)) for i, effect in enumerate(scene.effects)]
     return Explanation(
         scene.title or scene.robot.name,
         tuple(repr(effect) for effect in scene.effects),

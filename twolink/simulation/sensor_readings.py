@@ -47,7 +47,8 @@ def _read_along(sensor: Sensor, solution: DenseOutput | SteppedSolution) -> Read
     whole = [(solution.pieces[0].equations, np.arange(len(times)))]
     for equations, places in solution.by_piece(times) if isinstance(solution, DenseOutput) else whole:
         q, v = equations.space.rows(states[:, places])
-        seen = Seen(equations.robot, q, v, functools.partial(look, equations, places))
+        z = dict(zip(equations.space.states, states[equations.space.z_rows, places], strict=True))
+        seen = Seen(equations.robot, q, v, z, functools.partial(look, equations, places))
         values |= dict(zip(places.tolist(), sensor.read(seen), strict=True))
     random = random_of(sensor, len(values[0]))
     return Readings(times, np.array([reading(sensor, random, k, values[k][None])[0] for k in range(len(times))]))

@@ -62,7 +62,7 @@ def with_held_torques(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
     Raises SceneError, code "not-step-by-step".
     """
     names = tuple(f"torque {k}" for k in range(scene.robot.nv))
-    if any(effect.at_ticks == "controller" for effect in scene.effects):
+    if any(effect.sampled is not None for effect in scene.effects):
         raise SceneError("sampled controllers are not called step by step", where="effects", code="not-step-by-step",
                          remedy="tl.simulate; or leave them out, and give their torques as tau")  # fmt: skip
     held = DofTorques({name: Slot(name) for name in names})
@@ -102,8 +102,10 @@ def one(name: str, value: ArrayLike, size: int) -> Array:
 def state_of(scene: Scene, equations: Equations, t: float, x: Array) -> State:
     """A row of states (size,) as what is seen, in copies."""
     space = equations.space
-    q = scene.robot.normalize(x[: space.nq]) if space.curved else x[: space.nq].copy()
-    return State(t, q, x[space.v_rows].copy(), dict(zip(space.states, x[space.z_rows].tolist(), strict=True)))
+    own = x[: space.moving].copy()
+    q = scene.robot.normalize(own[: space.nq]) if space.curved else own[: space.nq]
+    z = dict(zip(space.states, own[space.z_rows].tolist(), strict=True)) if space.states else {}
+    return State(t, q, own[space.v_rows], z)
 
 
 class Simulation:
@@ -224,7 +226,7 @@ class Simulation:
         motion = self._motion
         if tau is not None:
             given = np.asarray(tau, dtype=float)
-            if given.shape != (len(self._names),) or not np.isfinite(given).all():
+            if given.shape != (len(self._names),) or not math.isfinite(sum(given.tolist())):
                 one("tau", tau, self.scene.robot.nv)  # says what is wrong
             motion.hold(given)
         if not 0.0 < dt < math.inf:

@@ -231,7 +231,7 @@ class _Ticks:
         self._rows = {table.name: at.start for at, table in whole.layout.rows_of_tables() if isinstance(table, Slot)}
         self._x = np.repeat(whole.start[:, None], len(engines), axis=1)
         self._told: tuple[dict[str, Readings], list[Event]] | None = None
-        self.loop = SampledLoop(sampling, self._rows, self._states(), self._look)
+        self.loop = SampledLoop(sampling, self._rows, whole.space.states, self._states(), self._look)
 
     def go(self) -> None:
         """Go to the next tick, and let happen what is due there."""

@@ -68,19 +68,18 @@ def sampled(scene: Scene) -> "tuple[Sampling | None, Sequence[Effect]]":
     for i, effect in enumerate(scene.effects):
         inner: Any = effect
         while (inner := getattr(inner, "of", None)) is not None:
-            if getattr(inner, "at_ticks", ""):
+            if getattr(inner, "is_sensor", False) or (effect.sampled is None and getattr(inner, "sampled", None)):
                 raise SceneError("a controller or sensor inside another effect is not called", where=f"effects[{i}].of",
                                  remedy="make it an effect of the scene; its update may return 0 while it waits",
                                  code="controller-not-followed")  # fmt: skip
-    if all(effect.at_ticks != "controller" for effect in scene.effects):
+    controllers = {i: effect.sampled for i, effect in enumerate(scene.effects) if effect.sampled is not None}
+    if not controllers:
         return None, scene.effects
     from twolink.loop.sampled_loop import Sampling  # which other scenes do not load
 
-    controllers, sensors = ({i: effect for i, effect in enumerate(scene.effects) if effect.at_ticks == kind}
-                            for kind in ("controller", "sensor"))  # fmt: skip
+    sensors = {i: effect for i, effect in enumerate(scene.effects) if effect.is_sensor}
     sampling = Sampling(scene.robot, controllers, sensors)  # type: ignore[arg-type]
-    held = {i: one.held(scene.robot, i) for i, one in sampling.controllers.items()}
-    return sampling, [held.get(i, effect) for i, effect in enumerate(scene.effects)]
+    return sampling, [effect.held(scene.robot, i) for i, effect in enumerate(scene.effects)]
 
 
 def with_parameters(equations: Equations, parameters: Sequence[str]) -> Equations:

@@ -92,7 +92,7 @@ class Lanes:
     @property
     def time(self) -> float:
         """Where they are, s."""
-        return float(self.state[self._rows.time, 0])
+        return float(self.state.item(self._rows.time, 0))
 
     @property
     def step(self) -> float:
@@ -276,7 +276,7 @@ def solve_ticks(
     others, by = () if beside is None else beside.perturbations, step_map(equations, method)
     lanes = Lanes(by, float(times[0]), float(times[-1]), setting, (perturbation, *others), progress)
     rows = {table.name: at.start for at, table in equations.layout.rows_of_tables() if isinstance(table, Slot)}
-    loop = SampledLoop(sampling, rows, lanes.x, functools.partial(forces_seen, equations))
+    loop = SampledLoop(sampling, rows, equations.space.states, lanes.x, functools.partial(forces_seen, equations))
     interrupted = False
     run = _Run(equations, lanes, loop, beside)
     try:

@@ -12,10 +12,11 @@ from litestar.openapi import OpenAPIConfig
 
 from twolink._version import __version__
 from twolink.dynamics.queries import Query
-from twolink.service.http import api_jobs, api_models, api_site
+from twolink.service.http import api_jobs, api_live, api_models, api_site
 from twolink.service.http.components import PREFIX, Service
 from twolink.service.http.messages import (
     DENY_ALL,
+    LIVE,
     SECURITY,
     AccessControl,
     Header,
@@ -35,7 +36,7 @@ from twolink.service.settings import Settings
 from twolink.service.work.requests import QUERIES
 from twolink.service.work.sharing import HOLD, RequestMemory, Shares, client_of_scope, hold
 
-_PARTS = (api_models, api_jobs, api_site)
+_PARTS = (api_models, api_jobs, api_live, api_site)
 _HANDLERS = [handler for part in _PARTS for handler in part.HANDLERS]
 _QUERY_HEADERS = b"".join(b"%s: %s\r\n" % pair for pair in ((b"content-type", JSON.encode()), DENY_ALL, *SECURITY))
 _ABOUT = "Rigid-body dynamics from a URDF: queries, experiments and playback."
@@ -78,6 +79,9 @@ class Shell:
         service.metrics.gauge("twolink_bytes_in_flight", "Bytes of bodies and answers", lambda: self._memory.held)
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] == "websocket":
+            await self._socket(scope, receive, send)
+            return
         if scope["type"] != "http":
             await self._inner(scope, receive, send)
             if scope["type"] == "lifespan":
@@ -112,6 +116,26 @@ class Shell:
             self._under_way -= 1
             entry.seconds = time.perf_counter() - start
             self._log.note(entry)
+
+    async def _socket(self, scope: Any, receive: Any, send: Any) -> None:
+        """Hand a WebSocket on, or refuse it with the answer that a request would have."""
+        sent_id = request_id(header(scope, b"x-request-id"))
+        REQUEST_ID.set(sent_id)
+        start, status, body = time.perf_counter(), 101, b""
+        try:
+            self._access.check({**scope, "method": "GET"})
+            if scope["path"] != LIVE:
+                raise Refusal(404, "there is no WebSocket at this path", where="path", remedy=f"GET {LIVE}")
+        except Refusal as error:
+            status, headers, body = answer_of(error)
+            headers.append((b"content-length", b"%d" % len(body)))
+            await send({"type": "websocket.http.response.start", "status": status, "headers": headers})
+            await send({"type": "websocket.http.response.body", "body": body})
+        else:
+            await self._inner(scope, receive, send)
+        client, seconds = scope["client"], time.perf_counter() - start
+        self._log.note(Answered(time.time() - seconds, sent_id, client[0] if client else "", "GET",
+                                scope["path"].encode(), status, len(body), seconds))  # fmt: skip
 
     def answer_now(self, scope: Any, body: bytes) -> tuple[bytes, bytes] | None:
         """Headers and body of the answer to a query of a few states, in half of the time that a task takes.

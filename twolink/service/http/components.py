@@ -35,6 +35,7 @@ from twolink.service.work.jobs import Jobs
 from twolink.service.work.metrics import Metrics
 from twolink.service.work.requests import JobRequest, answer_query, arguments_from_json, count_of, prepare
 from twolink.service.work.sandbox import protection
+from twolink.service.work.sharing import Shares
 from twolink.service.work.worker_pool import Workers
 from twolink.service.work.worker_process import WorkerMemory
 
@@ -172,6 +173,8 @@ class Service:
         senders = (
             pool(quotas.jobs, tasks="twolink.service.work.sweep_tasks", writable=folders) if settings.dask else None
         )
+        self.live = pool(quotas.live, niceness=0)
+        self.lives = Shares(quotas.live)
         self._pools = [self._readers, self._computers, self._job_workers, *([senders] if senders else [])]
         self.jobs = Jobs(settings, self.store, self._job_workers, self.metrics, senders)
 
@@ -259,7 +262,7 @@ class Service:
                 task.cancel()
             await asyncio.gather(*background, return_exceptions=True)
             await self.drain()
-            for workers in self._pools:
+            for workers in (*self._pools, self.live):
                 await workers.close()
             self.store.close()
 

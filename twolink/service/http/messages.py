@@ -1,6 +1,8 @@
 """What HTTP's handlers share: reading a body within limits, sending an answer, media types; and access control."""
 
 import asyncio
+import base64
+import contextlib
 import gzip
 import hmac
 from collections.abc import Coroutine, Sequence
@@ -163,6 +165,8 @@ _OPEN_PATHS = (
     "/docs/",
 )  # what a browser or a monitor asks for before it has a token
 _OPEN_PREFIX = "/page/"
+LIVE = "/v1/live"
+BEARER = "bearer"  # the subprotocol before a token as base64url: browsers send no other header with a WebSocket
 _MAX_HOSTS = 1000  # checked ones that are remembered
 
 
@@ -188,7 +192,7 @@ class AccessControl:
         path: str = scope["path"]
         is_open = scope["method"] == "OPTIONS" or path in _OPEN_PATHS or path.startswith(_OPEN_PREFIX)
         if self._tokens and not is_open:
-            self._check_token(headers.get(b"authorization", b""))
+            self._check_token(headers.get(b"authorization") or _offered_token(scope.get("subprotocols", ())))
         return foreign
 
     def _check_host(self, host: bytes) -> None:
@@ -209,6 +213,15 @@ class AccessControl:
         if kind.lower() != b"bearer" or not any(matches):
             what = "the token is not one of the service's" if authorization else "a token is required"
             raise Refusal(401, what, where="header: Authorization", remedy="send Authorization: Bearer TOKEN")
+
+
+def _offered_token(subprotocols: Sequence[str]) -> bytes:
+    """An Authorization from the subprotocols of a WebSocket, bearer and a token; empty where there is none."""
+    if len(subprotocols) != 2 or subprotocols[0] != BEARER:
+        return b""
+    with contextlib.suppress(ValueError):
+        return b"Bearer " + base64.urlsafe_b64decode(subprotocols[1] + "==")
+    return b""
 
 
 def _is_own(origin: bytes, host: bytes) -> bool:

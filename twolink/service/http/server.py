@@ -11,7 +11,6 @@ behind a reverse proxy.
 import contextlib
 import dataclasses
 import functools
-import math
 import socket
 from asyncio.events import TimerHandle
 from collections.abc import Callable
@@ -26,7 +25,7 @@ from twolink.service.http.components import Service
 from twolink.service.http.messages import SLICE, header
 from twolink.service.logs import configure
 from twolink.service.problems import Refusal
-from twolink.service.settings import Quotas, Settings
+from twolink.service.settings import Quotas, Settings, open_files
 from twolink.service.work.sharing import Shares, busy, client_of
 
 _OTHER_FILES = 200  # that are no connections: the database, worker processes, results
@@ -96,7 +95,7 @@ class Protocol(HttpToolsProtocol):
         self._in_body = False
         self._piece = 0  # bytes that the parser reads now
         self._unused = 0  # bytes since its begin or its last piece of body: headers, trailers, extensions of chunks
-        self._ended: float | None = None  # when it was refused
+        self._ended: float | None = None  # when it was refused, or handed on
         self._stuck: float | None = None  # since when bytes wait to be sent
         self._idle_since: float | None = None  # when the last answer was sent
 
@@ -158,7 +157,8 @@ class Protocol(HttpToolsProtocol):
             raise self._refuse(self._too_large())
         self._in_body = True
         super().on_headers_complete()
-        self.headers = []  # of trailers, which nobody reads
+        if not (self.parser.should_upgrade() and self._should_upgrade()):
+            self.headers = []  # of trailers, which nobody reads
 
     def on_body(self, body: bytes) -> None:
         """A piece of the body."""
@@ -196,6 +196,17 @@ class Protocol(HttpToolsProtocol):
         self.transport.write(b"".join((STATUS_LINE[200], date, headers, length, body)))
         cycle.response_started = cycle.response_complete = True
         self.on_response_complete()
+
+    def handle_websocket_upgrade(self) -> None:
+        """Hand the connection on. It is no longer counted here: live simulations are, and few."""
+        timer, self._timer = self._timer, None
+        if timer is not None:
+            timer.cancel()
+        if self._holder is not None:
+            self._limits.connections.give(self._holder)
+            self._holder = None
+        self._ended = self.loop.time()  # what came behind the request is not read here
+        super().handle_websocket_upgrade()
 
     def on_response_complete(self) -> None:
         """As of uvicorn, which sets a timer for each request: `_check` looks at the time anyway."""
@@ -258,6 +269,7 @@ class Protocol(HttpToolsProtocol):
 
 
 _BACKLOG = 2048
+WS_BYTES = 2**20  # of a message of a WebSocket
 _GRACE = 2  # seconds for answers under way when it ends
 
 
@@ -322,8 +334,10 @@ def _listening(settings: Settings) -> socket.socket:
 def uvicorn_options(settings: Settings) -> dict[str, Any]:
     """The options of uvicorn.Config."""
     return {
-        "http": functools.partial(Protocol, Limits.of(settings.quotas, _open_files())),
-        "ws": "none",
+        "http": functools.partial(Protocol, Limits.of(settings.quotas, open_files())),
+        "ws": "websockets-sansio",
+        "ws_max_size": WS_BYTES,
+        "ws_per_message_deflate": False,
         "log_level": "error",  # a warning for each malformed request would fill the log
         "log_config": None,  # its messages go where ours go
         "access_log": False,
@@ -333,16 +347,3 @@ def uvicorn_options(settings: Settings) -> dict[str, Any]:
         "timeout_keep_alive": 30,
         "timeout_graceful_shutdown": _GRACE,
     }
-
-
-def _open_files() -> float:
-    """Allow this process as many open files as its user may have, as each connection takes one; and their number."""
-    try:
-        import resource
-    except ImportError:  # Windows has no such limit
-        return math.inf
-    allowed, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    with contextlib.suppress(ValueError, OSError):
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
-        allowed = most
-    return math.inf if allowed == resource.RLIM_INFINITY else allowed

@@ -59,6 +59,13 @@ export async function request(path, { method = "GET", body, headers = {}, signal
   }
 }
 
+/** A WebSocket of the service. Browsers send no header with it: the token is a subprotocol, as base64url. */
+export function socket(path) {
+  const url = new URL(path, location.href.replace(/^http/, "ws"));
+  const coded = btoa(token).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
+  return new WebSocket(url, token ? ["bearer", coded] : []);
+}
+
 async function problemOf(answer) {
   try {
     return new Problem(await answer.json());

@@ -7,6 +7,7 @@ import { byId, clearProblem, debounce, el, showProblem, wireTabs } from "./dom.j
 import { Identify } from "./identify.js";
 import { finished, Job } from "./jobs.js";
 import { Linear } from "./linear.js";
+import { Live } from "./live.js";
 import { QueryForm } from "./query.js";
 import { Results } from "./results.js";
 import { Robots } from "./robots.js";
@@ -62,6 +63,11 @@ const run = new Job(
     remember(true);
   },
 );
+const live = new Live(
+  viewer,
+  () => editor.current(),
+  () => poseAt(sliders.q),
+);
 new Study(() => editor.current());
 const sweep = new Sweep(() => editor.request, runCell);
 const sensitivity = new Sensitivity(() => editor.request);
@@ -116,6 +122,7 @@ async function useScene(id, written = null, changes = {}) {
 
 async function arrange(content, robot, id, changes = {}) {
   running = null;
+  live.stop();
   viewer.stop();
   results.clear();
   comparison.clear();
@@ -291,6 +298,7 @@ run.onProblem = problem => {
 let runRobot = null; // id of the robot of the run
 
 async function showRun(job) {
+  live.stop();
   if (runRobot !== robots.robot.id) {
     byId("run-status").textContent = "Done, but another robot was picked meanwhile: see Earlier runs.";
     return;

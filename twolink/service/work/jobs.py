@@ -150,7 +150,7 @@ class Jobs:
             running.progress = progress
 
         robots, seconds = str(self._store.folder / "robots"), self._quotas.job_seconds
-        arguments = {"folder": str(folder), "body": body, "robots": robots, "quotas": self._quotas}
+        arguments: dict[str, Any] = {"folder": str(folder), "body": body, "robots": robots, "quotas": self._quotas}
         try:
             if running.kind == "sweep" and self._senders is None:
                 return await self._sweep(seconds, on_progress=note, **arguments)

@@ -201,6 +201,32 @@ class SimulationRequest(ExplainRequest, frozen=True, forbid_unknown_fields=True)
     wait: Wait = 2.0
 
 
+class LiveRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
+    """A live simulation. accuracy: as of `tl.Simulation`. frames_per_second: of frames and of torques."""
+
+    accuracy: Positive = 1e-4
+    frames_per_second: Annotated[float, msgspec.Meta(ge=1, le=120)] = 30.0
+
+
+Near = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]  # m
+
+
+class Drag(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A point of a link, along its axes, is drawn to a point of the world, m."""
+
+    link: str
+    point: tuple[Near, Near, Near]
+    to: tuple[Near, Near, Near]
+
+
+class LiveWords(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What acts from the next frame on. tau: torques (nv), N m and N. end: the simulation ends."""
+
+    tau: list[float] | None = None
+    drag: Drag | None = None
+    end: bool = False
+
+
 class LinearizationRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
     """As `tl.linearize`: the state, the scene's own where it is left out."""
 

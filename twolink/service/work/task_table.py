@@ -10,6 +10,7 @@ from twolink.errors import QueryError, SceneError
 from twolink.io.tables import parse_csv
 from twolink.service.problems import decode_unique
 from twolink.service.settings import Quotas
+from twolink.service.work.live_tasks import live
 from twolink.service.work.requests import (
     IdentificationRequest,
     LinearizationRequest,
@@ -92,7 +93,7 @@ def identify(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
 
 
 _ABOUT_ROBOTS = (receive, load, draw)
-_ABOUT_SCENES = (validate, explain, quantities, linearize)
+_ABOUT_SCENES = (validate, explain, quantities, linearize, live)
 _JOBS = (prepare, pack_robot, simulate, study, sense, identify, sweep)
 _RESULTS = (export, motion, export_sweep, sweep_columns, sweep_run)
 TASKS = {task.__name__: task for task in (*_ABOUT_ROBOTS, *_ABOUT_SCENES, *_JOBS, *_RESULTS)}

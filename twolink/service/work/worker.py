@@ -1,8 +1,9 @@
 """A worker process: runs one task after another for the service, under limits, and may die without harm to it.
 
 A task is a function with annotated keyword arguments: they are converted to these types. An argument `report` is a
-function that sends the progress; `exchange` is a file that the service has open too, for what is too large for a
-message: it holds what the task is to read, and then what the task has written.
+function that sends the progress; `ask` sends it too, and returns the arguments of the service's answer; `exchange` is a
+file that the service has open too, for what is too large for a message: it holds what the task is to read, and then
+what the task has written.
 
 Messages are msgpack with their length before them (8 bytes): `Call` on stdin; on stdout any number of `Progress`, then
 `Done` or `Failed`. The first `Done` is of no call: it says that the process is ready.
@@ -18,7 +19,7 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO, get_type_hints
+from typing import Any, get_type_hints
 
 import msgspec
 import numpy as np
@@ -30,6 +31,7 @@ LENGTH = 8
 _NEAR = 0.95  # of the limit: large pieces of memory are refused before it is reached
 _PR_SET_PDEATHSIG = 1
 Report = Callable[[Any], None]  # how a task reports its progress
+Ask = Callable[[Any], dict[str, Any]]
 
 
 class Call(msgspec.Struct):
@@ -100,23 +102,32 @@ def main(tasks: str, megabytes: float, file: int | str, writable: Sequence[Path]
         answers.write(packed(message))
         answers.flush()
 
+    def heard() -> Call | None:
+        head = sys.stdin.buffer.read(LENGTH)
+        if len(head) < LENGTH:
+            return None
+        return msgspec.msgpack.decode(sys.stdin.buffer.read(int.from_bytes(head, "big")), type=Call)
+
+    def ask(value: Any) -> dict[str, Any]:
+        send(Progress(value))
+        said = heard()
+        return sys.exit() if said is None else said.arguments
+
     send(Done(None))
-    while len(head := sys.stdin.buffer.read(LENGTH)) == LENGTH:
-        call = msgspec.msgpack.decode(sys.stdin.buffer.read(int.from_bytes(head, "big")), type=Call)
+    while (call := heard()) is not None:
         with open(file, "r+b", closefd=isinstance(file, str)) as exchange:
             exchange.seek(0)  # the service has moved it
-            answer = _answer(functions[call.task], call.arguments, lambda value: send(Progress(value)), exchange)
+            tools = {"report": lambda value: send(Progress(value)), "ask": ask, "exchange": exchange}
+            answer = _answer(functions[call.task], call.arguments, tools)
         if isinstance(answer, Failed) and answer.problem.status >= 500 and _has_filled(megabytes):
             answer = _TOO_LARGE
         send(answer)
 
 
-def _answer(
-    function: Callable[..., Any], arguments: dict[str, Any], report: Report, exchange: BinaryIO
-) -> Done | Failed:
+def _answer(function: Callable[..., Any], arguments: dict[str, Any], tools: dict[str, Any]) -> Done | Failed:
     try:
         kinds = get_type_hints(function)
-        given = {name: value for name, value in (("report", report), ("exchange", exchange)) if name in kinds}
+        given = {name: value for name, value in tools.items() if name in kinds}
         converted = {name: msgspec.convert(value, kinds[name]) for name, value in arguments.items() if name in kinds}
         return Done(function(**converted, **given))
     except MemoryError:

@@ -13,7 +13,7 @@ import logging
 import os
 import sys
 from asyncio.subprocess import Process
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,7 @@ _ENVIRONMENT = (
     "HOME", "USERPROFILE", "PATH", "LANG", "LC_ALL", "LC_CTYPE", "TZ", "PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH",
     "DYLD_LIBRARY_PATH", "SYSTEMROOT", "TWOLINK_CACHE_MB",
 )  # fmt: skip
+Reply = Callable[[Any], Awaitable[dict[str, Any]]]  # to what a task asks
 _decode: Callable[[bytes], Progress | Done | Failed] = msgspec.msgpack.Decoder(Progress | Done | Failed).decode
 
 
@@ -89,14 +90,22 @@ class Workers:
             self._idle.append(worker)
 
     async def run(
-        self, task: str, seconds: float, *, on_progress: Callable[[Any], None] | None = None, **arguments: Any
+        self,
+        task: str,
+        seconds: float,
+        *,
+        on_progress: Callable[[Any], None] | None = None,
+        on_question: Reply | None = None,
+        **arguments: Any,
     ) -> Any:
         """Run a task in a worker process, in at most `seconds` from its begin. Cancelling kills the process.
 
         Raises the task's failure; Refusal when the process is lost: 422 with code "worker-died", "too-slow" or
         "too-large", 503 where it had to make room for others, where too many tasks wait, or where no process begins.
         """
-        return (await self.exchange(task, seconds, None, on_progress=on_progress, **arguments))[0]
+        return (
+            await self.exchange(task, seconds, None, on_progress=on_progress, on_question=on_question, **arguments)
+        )[0]
 
     async def exchange(
         self,
@@ -105,9 +114,13 @@ class Workers:
         content: bytes | None,
         *,
         on_progress: Callable[[Any], None] | None = None,
+        on_question: Reply | None = None,
         **arguments: Any,
     ) -> tuple[Any, bytes]:
-        """Run a task that finds `content` in its exchange file: its result, and what it has written there."""
+        """Run a task that finds `content` in its exchange file: its result, and what it has written there.
+
+        on_question: what a task is told that asks.
+        """
         written = b""
         async with self._turns.turn():
             worker = await self._take()
@@ -115,7 +128,7 @@ class Workers:
                 async with asyncio.timeout(seconds):
                     if content is not None:
                         await worker.exchange.put(content)
-                    answer = await _converse(worker.process, Call(task, arguments), on_progress)
+                    answer = await _converse(worker.process, Call(task, arguments), on_progress, on_question)
             except TimeoutError:
                 await self._kill(worker)
                 remedy = "ask for less, or start the service with a larger quota"
@@ -197,17 +210,21 @@ class Workers:
 
 
 async def _converse(
-    process: WorkerProcess | Process, call: Call, on_progress: Callable[[Any], None] | None
+    process: WorkerProcess | Process, call: Call, on_progress: Callable[[Any], None] | None, on_question: Reply | None
 ) -> Done | Failed:
     """Send a call, and wait for its end. Raises IncompleteReadError or OSError when the process dies."""
     if process.stdin is None:
         raise ConnectionError
     process.stdin.write(packed(call))
     await process.stdin.drain()
-    return await _answer(process, on_progress)
+    return await _answer(process, on_progress, on_question)
 
 
-async def _answer(process: WorkerProcess | Process, on_progress: Callable[[Any], None] | None = None) -> Done | Failed:
+async def _answer(
+    process: WorkerProcess | Process,
+    on_progress: Callable[[Any], None] | None = None,
+    on_question: Reply | None = None,
+) -> Done | Failed:
     """Wait for the end of a call, or of the start. Raises as `_converse`."""
     if process.stdout is None:
         raise ConnectionError
@@ -220,6 +237,8 @@ async def _answer(process: WorkerProcess | Process, on_progress: Callable[[Any],
             return message
         if on_progress is not None:
             on_progress(message.value)
+        if on_question is not None and process.stdin is not None:
+            process.stdin.write(packed(Call("", await on_question(message.value))))
 
 
 def _death(code: int) -> Refusal:

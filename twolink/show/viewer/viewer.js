@@ -76,6 +76,34 @@ export class Viewer {
     this.#show(0);
   }
 
+  /** What is under the pointer: {link, point (along its axes), to(event): the point of the world under a pointer, as far
+   * from the eye}; null: no link. */
+  grab(event) {
+    if (!this.stage || !this.robot) return null;
+    const { THREE, viewer } = this.stage;
+    const ray = pointer => {
+      const { left, top, width, height } = this.pane.getBoundingClientRect();
+      const at = { x: (2 * (pointer.clientX - left)) / width - 1, y: 1 - (2 * (pointer.clientY - top)) / height };
+      const caster = new THREE.Raycaster();
+      caster.setFromCamera(at, viewer.camera);
+      return caster;
+    };
+    const hits = [...this.robot.links].flatMap(([link, { group }]) =>
+      ray(event).intersectObject(group, true).map(hit => ({ ...hit, link, group })),
+    );
+    const hit = hits.sort((a, b) => a.distance - b.distance)[0];
+    if (!hit) return null;
+    const plane = new THREE.Plane().setFromNormalAndCoplanarPoint(
+      viewer.camera.getWorldDirection(new THREE.Vector3()),
+      hit.point,
+    );
+    const to = pointer => {
+      const at = ray(pointer).ray.intersectPlane(plane, new THREE.Vector3()) ?? hit.point;
+      return hit.group.parent.worldToLocal(at.clone()).toArray();
+    };
+    return { link: hit.link, point: hit.group.worldToLocal(hit.point.clone()).toArray(), to };
+  }
+
   /** Play a motion of the robot: {t, links, poses, ...} as `Motion` takes it. */
   play(data, { speed = null, loop = false } = {}) {
     this.motion = new Motion(revive(data));

@@ -1,0 +1,83 @@
+"""The controllers of docs/examples, by what their theory says."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from docs.examples import delayed_pendulum, mpc, panda_cascade, pid_arm, state_machine
+
+
+def bias(scene: tl.Scene, q: np.ndarray) -> np.ndarray:
+    return scene.robot.bias(q, np.zeros(scene.robot.nv))
+
+
+def test_pid_gives_the_arm_its_weight() -> None:
+    """At rest the integral holds gravity; the seed of the noise decides about the rest."""
+    scene = pid_arm.scene()
+    run, other = (tl.simulate(one, 4.0, accuracy=1e-4) for one in (scene, pid_arm.scene(seed=8)))
+    assert np.abs(run.q[-200:].mean(axis=0) - pid_arm.TARGET).max() < 0.015
+    assert run.tau[-400:].mean(axis=0) == pytest.approx(bias(scene, pid_arm.TARGET), abs=0.3)
+    assert run.error.max() < 1e-4 < np.abs(run.q - other.q).max()
+
+
+@pytest.mark.parametrize("share", [0.9, 0.99, 1.01, 1.1])
+def test_the_pendulum_goes_unstable_at_the_delay_that_theory_says(share: float) -> None:
+    """Tick by tick the motion is that of the exact linear map; it grows where an eigenvalue leaves the unit circle."""
+    delay, start = share * delayed_pendulum.longest_delay(), 1e-4
+    ticks = delayed_pendulum.PERIOD * np.arange(401)
+    run = tl.simulate(delayed_pendulum.scene(delay, start), accuracy=1e-10, t_eval=ticks)
+    forward = delayed_pendulum.step_map(delay)
+    x = [start * np.eye(len(forward))[0]]
+    for _ in ticks[1:]:
+        x.append(forward @ x[-1])
+    off = run.q[:, 0] - delayed_pendulum.TOP
+    assert np.abs(off - np.array(x)[:, 0]).max() < 10 * np.abs(off).max() ** 3 + run.error.max()
+    assert (delayed_pendulum.growth(delay) > 1.0) == (share > 1.0)
+    early, late = (np.ptp(part) for part in np.array_split(off[60:], 2))
+    assert (late > early) == (share > 1.0)
+
+
+def test_the_state_machine_swings_up_and_catches() -> None:
+    """Its motor is too weak to lift the pendulum at once: the energy grows until it is that of the top."""
+    scene, robot = state_machine.scene(), state_machine.robot
+    assert np.abs(bias(scene, np.zeros(1))).max() > 2 * state_machine.LIMIT
+    run = tl.simulate(scene, accuracy=1e-4)
+    assert np.abs(run.tau).max() <= state_machine.LIMIT * (1 + 1e-12)
+    off = (run.q[:, 0] - state_machine.TOP + np.pi) % (2 * np.pi) - np.pi
+    assert abs(off[-1]) < 1e-3
+    first = np.flatnonzero(np.abs(off) < state_machine.CATCH)[0]
+    energy = sum(robot.energy(run.q, run.v))
+    assert energy[0] + 10 < energy[first] == pytest.approx(state_machine.level, abs=0.1)
+    assert (np.abs(off[first:]) < state_machine.GIVE_UP).all()
+
+
+def test_predictive_control_without_limits_is_the_linear_quadratic_regulator() -> None:
+    free = mpc.Predictive(np.full(2, 1e6))
+    a, b = mpc.model()
+    gain = np.linalg.solve(mpc.R + b.T @ free.last @ b, b.T @ free.last @ a)
+    for x in np.random.default_rng(0).normal(0, 0.1, (5, 4)):
+        u, _ = free(0.0, SimpleNamespace(q=mpc.TOP + x[:2], v=x[2:]), None)
+        assert u == pytest.approx(-gain @ x, abs=1e-9)
+
+
+def test_predictive_control_keeps_to_its_limits() -> None:
+    run = tl.simulate(mpc.scene(), accuracy=1e-4)
+    assert np.abs(run.tau[:, 0]).max() == pytest.approx(mpc.LIMIT[0])
+    assert (np.abs(run.tau) <= mpc.LIMIT * (1 + 1e-9)).all()
+    assert np.abs(run.q[-1] - mpc.TOP).max() < 1e-6
+    assert run.error.max() < 1e-4
+
+
+def test_the_cascade_holds_the_elbow_by_the_current_that_its_weight_needs() -> None:
+    scene, joint = panda_cascade.scene(), f"{panda_cascade.JOINT}.current"
+    run = tl.simulate(scene, accuracy=1e-4, samples_per_second=8000)
+    late = run.t > 1.8
+    assert np.abs(run.q[late, 0] - panda_cascade.TARGET).max() < 2 * panda_cascade.QUANTUM
+    change = (run.v[-1, 0] - run.v[late, 0][0]) / np.ptp(run.t[late])
+    needed = bias(scene, run.q[-1])[0] + scene.robot.mass_matrix(run.q[-1])[0, 0] * change
+    needed /= panda_cascade.RATIO * panda_cascade.K
+    assert run.states[joint][late].mean() == pytest.approx(needed, abs=1e-3)
+    assert np.abs(run.states[joint]).max() < 1.1 * panda_cascade.AMPERES
+    assert np.abs(run.v).max() == pytest.approx(1.0, rel=0.1)  # the cascade's limit of the speed
