@@ -12,6 +12,7 @@ from twolink.cli.common import (
     FAILED,
     ROBOT_HELP,
     Files,
+    Foreign,
     Gravity,
     Json,
     Lock,
@@ -33,11 +34,12 @@ def diff(
     a: Annotated[str, Argument(metavar="A", help=ROBOT_HELP, autocompletion=completion(catalogue_names))],
     b: Annotated[str, Argument(metavar="B", help="The other one.", autocompletion=completion(catalogue_names))],
     root: Root = "fixed",
+    foreign: Foreign = "refuse",
     tolerance: Annotated[float, Option(help="Relative; of lengths, of the robot's reach.")] = 1e-6,
     out: Files = None,
     as_json: Json = False,
 ) -> None:
-    """Say whether two URDFs are the same mechanism, or why not.
+    """Say whether two robots are the same mechanism, or why not.
 
     Each difference has its place and cause. Names of links, the order of joints, fixed joints and the frames of
     inertias do not count. --out writes the comparison (.json). The exit code is 1 when they differ.
@@ -48,7 +50,7 @@ def diff(
     from twolink.exchange.model_comparison import compare_models
 
     require_writable(out or [], (".json",))
-    first, second = (robot_from(name, root, None, unphysical="report") for name in (a, b))
+    first, second = (robot_from(name, root, None, unphysical="report", foreign=foreign) for name in (a, b))
     found = compare_models(first, second, tolerance=tolerance)
     deliver(found.to_dict(), found, out, found.save, as_json)
     if not found.equal:
@@ -88,7 +90,7 @@ def export(
     ] = "forward_dynamics,step:rk4",
     root: Root = "fixed",
     lock: Lock = None,
-    gravity: Gravity = "0 0 -9.81",
+    gravity: Gravity = None,
     as_json: Json = False,
 ) -> None:
     """Write a robot as C code or as a URDF.
