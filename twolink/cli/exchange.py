@@ -84,7 +84,9 @@ def judge(
 
 def export(
     robot: RobotName,
-    file: Annotated[Path, Argument(metavar="FILE", help="The file to write: .c (with its header) or .urdf.")],
+    file: Annotated[
+        Path, Argument(metavar="FILE", help="The file to write: .c (with its header), .urdf or .xml (MJCF).")
+    ],
     functions: Annotated[
         str, Option(help="Of C: such as forward_dynamics,mass_matrix,frame_pose:tip,step:rk4.")
     ] = "forward_dynamics,step:rk4",
@@ -93,20 +95,20 @@ def export(
     gravity: Gravity = None,
     as_json: Json = False,
 ) -> None:
-    """Write a robot as C code or as a URDF.
+    """Write a robot as C code, a URDF or an MJCF.
 
     The C99 file needs nothing but libm and allocates nothing. It holds its certificate and a self test. The URDF has
-    merged bodies, locked joints fixed, and inertias about centres of mass.
+    merged bodies, locked joints fixed, and inertias about centres of mass; so has the MJCF.
 
     \b
     twolink export panda panda.c --functions forward_dynamics,mass_matrix
     twolink export panda arm.urdf --lock panda_finger_joint1=0 --lock panda_finger_joint2=0
     """
-    require_writable([file], (".c", ".urdf"))
+    require_writable([file], (".c", ".urdf", ".xml"))
     loaded = robot_from(robot, root, lock, gravity)
     if file.suffix.lower() == ".c":
         names = [name.strip() for name in functions.split(",") if name.strip()]
         written = list(loaded.export_c(file, names))
     else:
-        written = [loaded.export_urdf(file)]
+        written = [(loaded.export_urdf if file.suffix.lower() == ".urdf" else loaded.export_mjcf)(file)]
     show({"robot": loaded.name, "written": written}, "\n".join(f"wrote {path}" for path in written), as_json)

@@ -529,6 +529,19 @@ class Robot(RobotModel):
         written: Path = _exchange("urdf_text").export_urdf(self, path)
         return written
 
+    def export_mjcf(self, path: str | os.PathLike[str]) -> Path:
+        """Write the robot as an MJCF: bodies merged as in `export_urdf`, and the springs and loops of its own file.
+
+        `tl.compare_models` finds it equal but for limits of velocity, which an MJCF has not. Meshes are left out.
+
+        Raises
+        ------
+        RobotError
+            It has coupled joints, or joints or forces that are not written to an MJCF (code "no-mjcf").
+        """
+        written: Path = _exchange("mjcf_text").export_mjcf(self, path)
+        return written
+
     def _answer(self, name: str, engine: str, *arguments: Any) -> Array:
         """A query by name: one state straight from Pinocchio, other arguments checked, by the engine of the rule."""
         query = self._queries.get(name) or self._query(name)

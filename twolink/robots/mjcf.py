@@ -198,5 +198,5 @@ def _shape(m: Any, geom: int, folder: Path | None) -> Element | None:
         file = m.paths[at:].split(b"\0")[0].decode()
         return Element("mesh", {"filename": str(folder / file), "scale": _text(m.mesh_scale[mesh])}, 0)
     sizes = {"sphere": {"radius": size[0]}, "box": {"size": 2 * size}}
-    return kind and Element(kind, {key: _text(value) for key, value in sizes.get(
+    return None if kind is None else Element(kind, {key: _text(value) for key, value in sizes.get(
         kind, {"radius": size[0], "length": 2 * size[1]}).items()}, 0)  # fmt: skip

@@ -107,13 +107,13 @@ def effects_of(mjcf: Mjcf) -> Iterator[tuple[str, Mapping[str, Any]]]:
                 "rest": {name: float(m.qpos_spring[m.jnt_qposadr[k]]) for name, k in sprung.items()},
             },
         )
-    for k in np.flatnonzero(m.body_gravcomp * (m.body_weldid > 0)):
+    for k in map(int, np.flatnonzero(m.body_gravcomp * (m.body_weldid > 0))):
         if not mjcf.is_off("GRAVITY"):
             force = -m.opt.gravity * m.body_mass[k] * m.body_gravcomp[k]
             yield "frame-wrench", {"frame": mjcf.bodies[k], "force": _three(force), "point": _three(m.body_ipos[k])}
-    for k in range(m.neq):
-        if m.eq_active0[k] and _has_loop(m, k) and not mjcf.is_off("EQUALITY", "CONSTRAINT"):
-            yield _loop(mjcf, k)
+    for equality in range(m.neq):
+        if m.eq_active0[equality] and _has_loop(m, equality) and not mjcf.is_off("EQUALITY", "CONSTRAINT"):
+            yield _loop(mjcf, equality)
 
 
 def _has_loop(m: Any, equality: int) -> bool:
