@@ -526,8 +526,7 @@ class Robot(RobotModel):
         RobotError
             It has coupled joints, or joints that a URDF has not (code "no-urdf").
         """
-        written: Path = _exchange("urdf_text").export_urdf(self, path)
-        return written
+        return Path(_exchange("urdf_text").export_urdf(self, path))
 
     def export_mjcf(self, path: str | os.PathLike[str]) -> Path:
         """Write the robot as an MJCF: bodies merged as in `export_urdf`, and the springs and loops of its own file.
@@ -539,8 +538,7 @@ class Robot(RobotModel):
         RobotError
             It has coupled joints, or joints or forces that are not written to an MJCF (code "no-mjcf").
         """
-        written: Path = _exchange("mjcf_text").export_mjcf(self, path)
-        return written
+        return Path(_exchange("mjcf_text").export_mjcf(self, path))
 
     def _answer(self, name: str, engine: str, *arguments: Any) -> Array:
         """A query by name: one state straight from Pinocchio, other arguments checked, by the engine of the rule."""

@@ -264,8 +264,8 @@ class _Comparison:
         )
 
     def _numbers(self, m: Match) -> Iterator[Difference]:
-        """Limits, damping, friction and armature of a joint with one degree of freedom."""
-        if self.a.screws[m.a].shape != (6, 1) or self.b.screws[m.b].shape != (6, 1):
+        """Limits, damping, friction and armature of a joint, as far as it has them."""
+        if self.a.screws[m.a].shape != self.b.screws[m.b].shape or not self.a.screws[m.a].size:
             return
         ours, theirs = (_constants(s.model, j) for s, j in ((self.a, m.a), (self.b, m.b)))
         mapped = dict(theirs)
@@ -303,11 +303,11 @@ def _kind(model: pin.Model, joint: int) -> str:
 
 
 def _constants(model: pin.Model, joint: int) -> dict[str, float]:
-    """The numbers of a joint with one degree of freedom; infinite where there is no limit."""
+    """The numbers of a joint, those of its first degree of freedom; infinite where there is no limit."""
     q, v = model.idx_qs[joint], model.idx_vs[joint]
-    numbers = {"velocity limit": model.velocityLimit[v], "effort limit": model.upperEffortLimit[v],
-               "damping": model.damping[v], "friction": model.upperDryFrictionLimit[v],
-               "armature": model.armature[v]}  # fmt: skip
+    numbers = {"damping": model.damping[v], "friction": model.upperDryFrictionLimit[v], "armature": model.armature[v]}
+    if model.nvs[joint] == 1:
+        numbers |= {"velocity limit": model.velocityLimit[v], "effort limit": model.upperEffortLimit[v]}
     if model.nqs[joint] == 1:
         numbers |= {"lower limit": model.lowerPositionLimit[q], "upper limit": model.upperPositionLimit[q]}
     return {name: float(x) if abs(x) < NO_LIMIT else math.copysign(math.inf, x) for name, x in numbers.items()}

@@ -16,9 +16,9 @@ _xacro_lock = threading.Lock()  # xacro keeps its state in its modules
 _USD = (b"PXR-USDC", b"#usda", b"PK\3\4")
 # What converts a file into one that is read.
 _CONVERTERS = {
-    "SDF": "pip install sdformat-mjcf sdformat14-py-bindings (Python 3.11), then sdf2mjcf {} robot.xml, and load "
-           "robot.xml",
-    "USD": "pip install nvidia-srl-usd-to-urdf, then usd_to_urdf {} robot.urdf, and load robot.urdf",
+    "SDF": "convert it where Gazebo and its Python bindings are installed: pip install sdformat-mjcf, then "
+           "sdf2mjcf {} robot.xml, and load robot.xml",
+    "USD": "pip install nvidia-srl-usd-to-urdf, then usd_to_urdf {} -o robot.urdf, and load robot.urdf",
 }  # fmt: skip
 
 
@@ -88,32 +88,38 @@ def _expanded(path: Path, label: str, arguments: Mapping[str, object], folders: 
             text = xacro.process_file(str(path), mappings=mappings).toxml()
         except Exception as error:  # xacro raises errors of any type
             files = [macro.history[-1][-1] for macro in reversed(xacro.macrostack or [])] + xacro.filestack[::-1]
-            what = " ".join(str(error).split()) or type(error).__name__
-            raise RobotError(f"xacro: {what}", where=_place(what, files, getattr(error, "lineno", None)), code="xacro",
-                             remedy="correct it; xacro_arguments= gives arguments, package_dirs= the folders of "
-                             "packages") from None  # fmt: skip
+            cause = getattr(error, "exc", None)
+            what = " ".join(str(cause if isinstance(cause, FileNotFoundError) else error).split())
+            remedy = "correct it, or give xacro_arguments=, or the folders of packages by package_dirs="
+            raise RobotError(f"xacro: {what or type(error).__name__}", code="xacro", remedy=remedy,
+                             where=_place(what, files, getattr(error, "lineno", None))) from None  # fmt: skip
         finally:
             names._eval_find = found
-    return parse_xml(text.encode(), label, "utf-8")
+    return _unplaced(parse_xml(text.encode(), label, "utf-8"))
+
+
+def _unplaced(element: Element) -> Element:
+    """The element with no lines: those of the expanded text are not in the file."""
+    return Element(element.tag, element.attributes, 0, list(map(_unplaced, element.children)), element.has_text)
 
 
 def _package(name: str, folders: Sequence[Path]) -> str:
-    """The folder of a package: one of its name, or one whose package.xml has its name."""
+    """The folder of a package: one of its name, or one, in a folder or itself, whose package.xml has its name."""
     for folder in folders:
         if (folder / name).is_dir():
             return str(folder / name)
-        manifest = folder / "package.xml"
-        if manifest.is_file() and f"<name>{name}</name>" in manifest.read_text("utf-8", "replace"):
-            return str(folder)
-    raise LookupError(f"package '{name}' is not found")
+        for manifest in (folder / "package.xml", *folder.glob("*/package.xml")):
+            if manifest.is_file() and f"<name>{name}</name>" in manifest.read_text("utf-8", "replace"):
+                return str(manifest.parent)
+    raise FileNotFoundError(f"package '{name}' is not found")
 
 
 def _place(what: str, files: Sequence[str], line: int | None) -> str:
     """The file and the line of a fault in a xacro: the first line with the last text that the message quotes."""
-    for quoted in reversed(re.findall(r"'([^']+)'|\"([^\"]+)\"", what)):
+    quoted = ["".join(pair) for pair in re.findall(r"'([^']+)'|\"([^\"]+)\"", what)]
+    for text in [] if line else [f"$(arg {what.rpartition(' ')[2]})", *reversed(quoted)]:
         for file in dict.fromkeys(files):
-            lines = Path(file).read_text("utf-8", "replace").splitlines() if line is None else []
-            line = next((k for k, text in enumerate(lines, 1) if "".join(quoted) in text), line)
-            if line is not None:
-                return f"{file}:{line}"
-    return f"{files[0]}:{line or 1}"
+            for number, content in enumerate(Path(file).read_text("utf-8", "replace").splitlines(), 1):
+                if text in content:
+                    return f"{file}:{number}"
+    return f"{files[0]}:{line}" if line else files[0]

@@ -38,7 +38,7 @@ _CHANGES_MOTION = {
 
 @dataclass(slots=True)
 class Element:
-    """One XML element: its tag, attributes, the line it starts on and its children."""
+    """One XML element: its tag, attributes, the line it starts on (0: it stands in no file) and its children."""
 
     tag: str
     attributes: dict[str, str]
@@ -151,7 +151,9 @@ class Reader:
 
     def where(self, element: Element, owner: str = "") -> str:
         """The place of an element, for errors. `owner` is the link or joint it belongs to."""
-        return self.source + (f":{element.line}" if self.lines else "") + (f", {owner}" if owner else "")
+        return (
+            self.source + (f":{element.line}" if self.lines and element.line else "") + (f", {owner}" if owner else "")
+        )
 
     def error(self, element: Element, owner: str, what: str, remedy: str) -> RobotError:
         """An error at an element."""
