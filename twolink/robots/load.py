@@ -103,8 +103,8 @@ def load_model(
     folders = meshes or mesh_folders(packages, urdf.path, examples_share())
     options: dict[str, Any] = {"mimic": mimic, "odd_inertias": odd_inertias, "unphysical": unphysical,
                                "missing": missing_meshes(tree.element, folders)}  # fmt: skip
-    usual = urdf.entry.usual_root if urdf.entry else ""
-    choices: dict[str, Any] = {"root": root, "usual_root": usual, "gravity": model.gravity.linear,
+    choices: dict[str, Any] = {"root": root, "usual_root": urdf.entry and urdf.entry.usual_root,
+                               "gravity": model.gravity.linear,
                                "locked": tuple(lock or ()),
                                "beyond": beyond_limits(full, locked, reference)}  # fmt: skip
     findings = [

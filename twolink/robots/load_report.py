@@ -198,7 +198,7 @@ def _lacks_limit(joint: Element) -> bool:
 
 
 def choice_findings(
-    tree: Tree, *, root: str, usual_root: str, gravity: np.ndarray, locked: Sequence[str], beyond: Sequence[str]
+    tree: Tree, *, root: str, usual_root: str | None, gravity: np.ndarray, locked: Sequence[str], beyond: Sequence[str]
 ) -> list[Finding]:
     """What the arguments of `load_robot` decide. `beyond`: the joints that are locked beyond their limits."""
     base = tree.links[tree.root]
