@@ -6,7 +6,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args
+from typing import Literal, TypeVar, get_args
 
 import pinocchio as pin
 
@@ -101,19 +101,17 @@ def load_model(
     if weightless and purpose == "dynamics":
         raise without_inertia(tree, model, weightless)
     folders = meshes or mesh_folders(packages, urdf.path, examples_share())
-    options: dict[str, Any] = {"mimic": mimic, "odd_inertias": odd_inertias, "unphysical": unphysical,
-                               "missing": missing_meshes(tree.element, folders)}  # fmt: skip
-    choices: dict[str, Any] = {"root": root, "usual_root": urdf.entry and urdf.entry.usual_root,
-                               "gravity": model.gravity.linear,
-                               "locked": tuple(lock or ()),
-                               "beyond": beyond_limits(full, locked, reference)}  # fmt: skip
+    missing, beyond = missing_meshes(tree.element, folders), beyond_limits(full, locked, reference)
     findings = [
         load_report.summary(tree, model, len(urdf.data)),
-        *load_report.content_findings(tree, **options),
+        *load_report.content_findings(
+            tree, mimic=mimic, odd_inertias=odd_inertias, unphysical=unphysical, missing=missing
+        ),
         *said.findings,
         *load_report.findings("assumed", {"joints that move no inertia: dynamics is refused": weightless}),
-        *load_report.choice_findings(tree, **choices),
-    ]
+        *load_report.choice_findings(tree, root=root, usual_root=urdf.entry and urdf.entry.usual_root,
+                                     gravity=model.gravity.linear, locked=tuple(lock or ()), beyond=beyond),
+    ]  # fmt: skip
     text, visual_meshes, collision_meshes = drawable_urdf(tree.element, folders)
     visuals = Visuals(text, visual_meshes, full, locked, reference, collision_meshes, said.laws)
     report = LoadReport(urdf.label, tuple(findings))
