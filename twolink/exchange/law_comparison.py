@@ -31,6 +31,7 @@ def law_differences(a: Robot, b: Robot, tolerance: float) -> Iterator[tuple[str,
 def _laws(robot: Robot) -> dict[Law, np.ndarray]:
     """The numbers of each, by kind and joints; points and directions in the frames of the joints that carry them."""
     found: dict[Law, np.ndarray] = {}
+    key: Law
     for kind, given in robot.visuals.laws.effects:
         if kind == "joint-spring":
             found |= {(kind, (joint,)): np.array([k, given["rest"].get(joint, 0.0)])

@@ -109,7 +109,7 @@ def load_model(
         ),
         *said.findings,
         *load_report.findings("assumed", {"joints that move no inertia: dynamics is refused": weightless}),
-        *load_report.choice_findings(tree, root=root, usual_root=urdf.entry and urdf.entry.usual_root,
+        *load_report.choice_findings(tree, root=root, usual_root=urdf.entry.usual_root if urdf.entry else None,
                                      gravity=model.gravity.linear, locked=tuple(lock or ()), beyond=beyond),
     ]  # fmt: skip
     text, visual_meshes, collision_meshes = drawable_urdf(tree.element, folders)
