@@ -37,7 +37,7 @@ MISUSED = {
     "frame of another": ([*BIAS, "--frame", "hand"], "bias takes no frame"),
     "method of another": (["query", "arm", "mass-matrix", "--q", "0 0", "--method", "crba"], "takes no method"),
     "lock": ([*BIAS, "--lock", "elbow"], "lock: expected JOINT=VALUE, got 'elbow'"),
-    "lock twice": ([*BIAS, "--lock", "elbow=0", "--lock", "elbow=1"], "lock: joint 'elbow' is given twice"),
+    "lock twice": ([*BIAS, "--lock", "elbow=0", "--lock", "elbow=1"], "lock: 'elbow' is given twice"),
     "locked joint": (["inspect", "arm", "--lock", "elbw=0"], "did you mean 'elbow'"),
     "gravity": (["inspect", "arm", "--gravity", "1 2"], "gravity: expected 3 finite numbers"),
     "unphysical": (["inspect", "arm", "--unphysical", "ignore"], "unphysical: 'ignore' is unknown"),

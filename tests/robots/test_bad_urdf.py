@@ -111,9 +111,9 @@ BAD = {
     "undefined entity": (swapped('name="r"', 'name="&x;"'), ["not XML", "undefined entity"]),
     "xacro element": (
         '<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:property name="m" value="1"/></robot>',
-        ["xacro", "xacrodoc"],
+        ["xacro", "twolink[xacro]"],
     ),
-    "xacro expression": (swapped('mass value="2"', 'mass value="${2 * m}"'), ["xacro", "xacrodoc"]),
+    "xacro expression": (swapped('mass value="2"', 'mass value="${2 * m}"'), ["xacro", "twolink[xacro]"]),
     "nested absurdly": ("<robot>" + "<a>" * 500 + "</a>" * 500 + "</robot>", ["nested"]),
     "many elements": ("<robot>" + "<a/>" * 400_001 + "</robot>", ["400000 elements"]),
 }  # fmt: skip

@@ -112,3 +112,25 @@ def test_what_belongs_to_other_programs_is_reported_and_changes_nothing(case: st
 def test_namespace_declarations_are_not_mentioned() -> None:
     text = changed('<robot name="r">', '<robot name="r" xmlns="http://a/b" xmlns:drake="http://c/d">')
     assert "xmlns" not in str(tl.load_robot(text).report)
+
+
+LEFT_OUT = (
+    "attribute of robot", "attribute of link", "attribute of inertial", "origin of a joint", "unit of a mass",
+    "axis by angles", "attribute of a joint", "more in an inertia", "capital letters", "origin of a link",
+    "old name of dynamics", "closed loop", "another program's joint",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("case", LEFT_OUT)
+def test_unknown_names_are_left_out_and_listed_where_that_is_asked_for(case: str) -> None:
+    old, new, _ = UNKNOWN[case]
+    robot = tl.load_robot(changed(old, new), foreign="report")
+    (listed,) = [finding for finding in robot.report.ignored if 'foreign="report"' in finding.what]
+    assert len(listed.names) == 1
+    assert listed.names[0].startswith("1 x ")
+    assert robot.model == tl.load_robot(TEXT).model
+
+
+def test_what_is_required_is_refused_still() -> None:
+    with pytest.raises(RobotError, match="has no value"):
+        tl.load_robot(changed('mass value="2"', 'mass valeu="2"'), foreign="report")

@@ -52,6 +52,22 @@ def test_options_make_another_robot(http: httpx.Client) -> None:
     assert (anymal["nq"], anymal["nv"]) == (19, 18)
 
 
+def test_unknown_names_are_reported_where_that_is_asked_for(http: httpx.Client) -> None:
+    text = (URDFS / "arm.urdf").read_text().replace("<robot ", '<robot units="mm" ', 1)
+    refused = http.post("/v1/robots", content=text, headers=XML)
+    assert refused.status_code >= 400
+    assert "units= is unknown" in refused.text
+    about = http.post("/v1/robots?foreign=report", content=text, headers=XML).json()
+    assert "1 x units= in <robot>" in str(about["report"]["ignored"])
+
+
+def test_an_mjcf_of_a_stranger_is_refused(http: httpx.Client) -> None:
+    text = '<mujoco><asset><mesh name="m" file="/etc/passwd"/></asset></mujoco>'
+    answer = http.post("/v1/robots", content=text, headers=XML)
+    assert answer.status_code >= 400
+    assert "export_urdf" in answer.text
+
+
 def test_a_robot_with_mimic_joints_answers(http: httpx.Client) -> None:
     about = http.post("/v1/robots", json={"source": "panda", "mimic": True}).json()
     robot = tl.load_robot("panda", mimic=True)

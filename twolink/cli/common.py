@@ -23,7 +23,7 @@ from twolink.exchange.urdf_scene import scene_of
 from twolink.integrate.steps.methods import METHODS
 from twolink.io.tables import SUFFIXES, require_format
 from twolink.io.text import parse_numbers
-from twolink.robots.catalogue import catalogue_names
+from twolink.robots.catalogue import FILES, catalogue_names
 from twolink.scenes import Scene, bundled_scenes, load_scene
 from twolink.show.figure import FORMATS
 from twolink.simulation.trajectory import Trajectory
@@ -186,7 +186,7 @@ SceneName = Annotated[
     str,
     Argument(
         metavar="SCENE",
-        help="A bundled scene, a scene file (.toml), or a robot: with all that its URDF says.",
+        help="A bundled scene, a scene file (.toml), or a robot: with all that its file says.",
         autocompletion=completion(bundled_scenes),
     ),
 ]
@@ -205,17 +205,21 @@ Method = Annotated[
     Option(help="auto (the cheapest), or one of `twolink methods`.", autocompletion=completion(lambda: METHODS)),
 ]
 
-ROBOT_HELP = "A name (see `twolink robots`), or the path of a URDF."
+ROBOT_HELP = "A name (see `twolink robots`), or the path of a URDF, xacro or MJCF."
 RobotName = Annotated[str, Argument(metavar="ROBOT", help=ROBOT_HELP, autocompletion=completion(catalogue_names))]
 Root = Annotated[str, Option(help="Root: fixed to the world, or free (a floating base).")]
 Lock = Annotated[list[str] | None, Option(metavar="JOINT=VALUE", help="Lock a joint, rad or m; repeatable.")]
-Gravity = Annotated[str, Option(help="Gravity along the world's axes, m/s^2.")]
+Gravity = Annotated[
+    str | None, Option(help="Gravity along the world's axes, m/s^2.", show_default="0 0 -9.81, or the MJCF's")
+]
 Mimic = Annotated[bool, Option("--mimic", help="Couple mimic joints; else they move freely.")]
 Unphysical = Annotated[str, Option(help="refuse or report physically impossible inertias.")]
+Foreign = Annotated[str, Option(help="refuse or report names that a URDF has not, and MJCF without counterpart.")]
 Purpose = Annotated[str, Option(help="dynamics; kinematics or identification take missing inertias.")]
 Folders = Annotated[
     list[Path] | None, Option("--package-dir", metavar="FOLDER", help="Root of package://; repeatable.")
 ]
+XacroArguments = Annotated[list[str] | None, Option(metavar="NAME=VALUE", help="Of a xacro; repeatable.")]
 RobotLoader = Callable[[str], Robot]
 
 
@@ -228,15 +232,19 @@ def robot_from(
     source: str,
     root: Root = "fixed",
     lock: Lock = None,
-    gravity: Gravity = "0 0 -9.81",
+    gravity: Gravity = None,
     mimic: Mimic = False,
     unphysical: Unphysical = "refuse",
+    foreign: Foreign = "refuse",
     purpose: Purpose = "dynamics",
     package_dirs: Folders = None,
+    xacro_argument: XacroArguments = None,
 ) -> Robot:
     """The robot that the options describe."""
-    locks, field = locks_of(lock), parse_numbers("gravity", gravity)
-    choices: dict[str, Any] = {"root": root, "unphysical": unphysical, "purpose": purpose}  # load_robot refuses others
+    locks, field = locks_of(lock), None if gravity is None else parse_numbers("gravity", gravity)
+    # load_robot refuses other words
+    choices: dict[str, Any] = {"root": root, "unphysical": unphysical, "foreign": foreign, "purpose": purpose}
+    choices["xacro_arguments"] = _pairs(xacro_argument, "xacro_argument", "NAME=VALUE, such as ur_type=ur5e")
     return load_robot(source, lock=locks, gravity=field, mimic=mimic, package_dirs=package_dirs or [], **choices)
 
 
@@ -258,18 +266,27 @@ def with_robot_options(command: Callable[..., None]) -> Callable[..., None]:
 
 def locks_of(lock: Lock) -> dict[str, list[float]]:
     """The locked joints' configurations."""
-    locks: dict[str, list[float]] = {}
-    for text in lock or []:
+    return {
+        name: parse_numbers("lock", value)
+        for name, value in _pairs(lock, "lock", "JOINT=VALUE, such as elbow=0.5").items()
+    }
+
+
+def _pairs(texts: list[str] | None, option: str, form: str) -> dict[str, str]:
+    """The values of an option that is repeatable, by name."""
+    pairs: dict[str, str] = {}
+    for text in texts or []:
         name, _, value = (part.strip() for part in text.rpartition("="))
         if not name:
-            raise Misuse(f"expected JOINT=VALUE, got {text!r}", where="lock", remedy='such as "elbow=0.5"')
-        if name in locks:
-            raise Misuse(f"joint {name!r} is given twice", where="lock", remedy="keep one")
-        locks[name] = parse_numbers("lock", value)
-    return locks
+            expected, _, example = form.partition(", ")
+            raise Misuse(f"expected {expected}, got {text!r}", where=option, remedy=example)
+        if name in pairs:
+            raise Misuse(f"{name!r} is given twice", where=option, remedy="keep one")
+        pairs[name] = value
+    return pairs
 
 
 def scene_from(source: str) -> Scene:
-    """A bundled scene, or that of a file; of a robot one with all that its URDF says."""
-    of_robot = source.endswith(".urdf") or (source in catalogue_names() and source not in bundled_scenes())
+    """A bundled scene, or that of a file; of a robot one with all that its file says."""
+    of_robot = source.endswith(FILES) or (source in catalogue_names() and source not in bundled_scenes())
     return scene_of(source) if of_robot else load_scene(source)

@@ -12,6 +12,7 @@ from twolink.cli.common import (
     FAILED,
     ROBOT_HELP,
     Files,
+    Foreign,
     Gravity,
     Json,
     Lock,
@@ -33,11 +34,12 @@ def diff(
     a: Annotated[str, Argument(metavar="A", help=ROBOT_HELP, autocompletion=completion(catalogue_names))],
     b: Annotated[str, Argument(metavar="B", help="The other one.", autocompletion=completion(catalogue_names))],
     root: Root = "fixed",
+    foreign: Foreign = "refuse",
     tolerance: Annotated[float, Option(help="Relative; of lengths, of the robot's reach.")] = 1e-6,
     out: Files = None,
     as_json: Json = False,
 ) -> None:
-    """Say whether two URDFs are the same mechanism, or why not.
+    """Say whether two robots are the same mechanism, or why not.
 
     Each difference has its place and cause. Names of links, the order of joints, fixed joints and the frames of
     inertias do not count. --out writes the comparison (.json). The exit code is 1 when they differ.
@@ -48,7 +50,7 @@ def diff(
     from twolink.exchange.model_comparison import compare_models
 
     require_writable(out or [], (".json",))
-    first, second = (robot_from(name, root, None, unphysical="report") for name in (a, b))
+    first, second = (robot_from(name, root, None, unphysical="report", foreign=foreign) for name in (a, b))
     found = compare_models(first, second, tolerance=tolerance)
     deliver(found.to_dict(), found, out, found.save, as_json)
     if not found.equal:
@@ -82,29 +84,31 @@ def judge(
 
 def export(
     robot: RobotName,
-    file: Annotated[Path, Argument(metavar="FILE", help="The file to write: .c (with its header) or .urdf.")],
+    file: Annotated[
+        Path, Argument(metavar="FILE", help="The file to write: .c (with its header), .urdf or .xml (MJCF).")
+    ],
     functions: Annotated[
         str, Option(help="Of C: such as forward_dynamics,mass_matrix,frame_pose:tip,step:rk4.")
     ] = "forward_dynamics,step:rk4",
     root: Root = "fixed",
     lock: Lock = None,
-    gravity: Gravity = "0 0 -9.81",
+    gravity: Gravity = None,
     as_json: Json = False,
 ) -> None:
-    """Write a robot as C code or as a URDF.
+    """Write a robot as C code, a URDF or an MJCF.
 
     The C99 file needs nothing but libm and allocates nothing. It holds its certificate and a self test. The URDF has
-    merged bodies, locked joints fixed, and inertias about centres of mass.
+    merged bodies, locked joints fixed, and inertias about centres of mass; so has the MJCF.
 
     \b
     twolink export panda panda.c --functions forward_dynamics,mass_matrix
     twolink export panda arm.urdf --lock panda_finger_joint1=0 --lock panda_finger_joint2=0
     """
-    require_writable([file], (".c", ".urdf"))
+    require_writable([file], (".c", ".urdf", ".xml"))
     loaded = robot_from(robot, root, lock, gravity)
     if file.suffix.lower() == ".c":
         names = [name.strip() for name in functions.split(",") if name.strip()]
         written = list(loaded.export_c(file, names))
     else:
-        written = [loaded.export_urdf(file)]
+        written = [(loaded.export_urdf if file.suffix.lower() == ".urdf" else loaded.export_mjcf)(file)]
     show({"robot": loaded.name, "written": written}, "\n".join(f"wrote {path}" for path in written), as_json)

@@ -3,7 +3,7 @@
 import importlib
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from math import isfinite, nan
 from pathlib import Path
@@ -27,7 +27,7 @@ from twolink.errors import CertificationError
 from twolink.io.text import facts_html
 from twolink.robots.checks import mass_matrix_by_columns
 from twolink.robots.joint_layout import Lock
-from twolink.robots.load import Purpose, load_model
+from twolink.robots.load import Policy, Purpose, load_model
 from twolink.robots.load_report import LoadReport
 from twolink.robots.model import RobotModel, Visuals
 
@@ -526,8 +526,19 @@ class Robot(RobotModel):
         RobotError
             It has coupled joints, or joints that a URDF has not (code "no-urdf").
         """
-        written: Path = _exchange("urdf_text").export_urdf(self, path)
-        return written
+        return Path(_exchange("urdf_text").export_urdf(self, path))
+
+    def export_mjcf(self, path: str | os.PathLike[str]) -> Path:
+        """Write the robot as an MJCF: bodies merged as in `export_urdf`, and the springs and loops of its own file.
+
+        `tl.compare_models` finds it equal but for limits of velocity, which an MJCF has not. Meshes are left out.
+
+        Raises
+        ------
+        RobotError
+            It has coupled joints, or joints or forces that are not written to an MJCF (code "no-mjcf").
+        """
+        return Path(_exchange("mjcf_text").export_mjcf(self, path))
 
     def _answer(self, name: str, engine: str, *arguments: Any) -> Array:
         """A query by name: one state straight from Pinocchio, other arguments checked, by the engine of the rule."""
@@ -598,32 +609,40 @@ def load_robot(
     package_dirs: Sequence[str | os.PathLike[str]] = (),
     root: Literal["fixed", "free"] = "fixed",
     lock: Lock | None = None,
-    gravity: Sequence[float] = (0.0, 0.0, -9.81),
+    gravity: Sequence[float] | None = None,
     mimic: bool = False,
-    unphysical: Literal["refuse", "report"] = "refuse",
+    unphysical: Policy = "refuse",
+    foreign: Policy = "refuse",
     purpose: Purpose = "dynamics",
+    xacro_arguments: Mapping[str, object] | None = None,
 ) -> Robot:
     """Load and check a robot. `robot.report` says what was read, ignored, repaired and assumed.
 
     Parameters
     ----------
     source : str or path
-        A name (`twolink robots` lists them), a path, or the text of a URDF.
+        A name (`twolink robots` lists them), a path, or text: of a URDF, or of an MJCF, which MuJoCo compiles
+        (twolink[mjcf]). The file may also be a xacro (twolink[xacro]).
     package_dirs : sequence of paths, optional
-        Folders that package://... in mesh names counts from.
+        Folders that package://... in mesh names counts from, and where a xacro finds packages.
     root : {"fixed", "free"}
         "fixed" to the world, or "free": a floating base with 7 more entries in q and 6 in v.
     lock : mapping of joint name to configuration, optional
         Joints to hold still, with their configuration in rad or m; they become fixed.
     gravity : sequence of float, (3,)
-        The gravity field in m/s^2, along the world's axes.
+        The gravity field in m/s^2, along the world's axes; by default that of the MJCF, else (0, 0, -9.81).
     mimic : bool
         Couple mimic joints (then use method="crba"). Otherwise they move on their own, and the report says so.
     unphysical : {"refuse", "report"}
         Refuse bodies with inertias that no real body has, or report them and take them as they are.
+    foreign : {"refuse", "report"}
+        Refuse names that a URDF has not, and parts of an MJCF that change the motion and have no counterpart, such as
+        springs of tendons (code "no-counterpart"); or leave them out and report them.
     purpose : {"dynamics", "kinematics", "identification"}
         Links whose inertia is missing or zero are refused for dynamics. For the others they are taken: frames,
         Jacobians and the regressor answer, dynamics is refused (code "no-inertia").
+    xacro_arguments : mapping of str to values, optional
+        Arguments of a xacro.
 
     Returns
     -------
@@ -643,5 +662,7 @@ def load_robot(
         gravity=gravity,
         mimic=mimic,
         unphysical=unphysical,
+        foreign=foreign,
         purpose=purpose,
+        xacro_arguments=xacro_arguments,
     )

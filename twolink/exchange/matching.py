@@ -67,7 +67,7 @@ def mechanism_of(model: pin.Model) -> Mechanism:
     points = [data.oMi[j].translation for j in range(model.njoints)] + [body.lever for body in inertias]
     return Mechanism(
         model,
-        tuple(np.array(data.J[:, part]) for part in columns),
+        tuple(np.reshape(data.J, (6, -1), order="F")[:, part].copy() for part in columns),
         inertias,
         {name: pin.SE3(pose) for name, _, pose in bodies},
         tuple(tuple(name for name, owner, _ in bodies if owner == j) for j in range(model.njoints)),

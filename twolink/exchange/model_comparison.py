@@ -14,6 +14,7 @@ import pinocchio as pin
 from twolink.dynamics import Robot, load_robot
 from twolink.errors import QueryError
 from twolink.exchange.inertia_causes import LinkInertia, centre_cause, inertia_cause, link_inertia, mirror_faults
+from twolink.exchange.law_comparison import couplings, law_differences
 from twolink.exchange.matching import (
     STATES,
     Match,
@@ -155,6 +156,8 @@ class _Comparison:
         for match in self.matches:
             found += [*self._place(match), *self._body(match), *self._numbers(match)]
         found += self._gravity()
+        found += [Difference(what, f"{self.labels[1]}, {where}", x, y, cause)
+                  for what, where, x, y, cause in law_differences(*self.robots, self.tolerance)]  # fmt: skip
         dynamics = dynamics_differences(self.a, self.b, self.matches) if self._same_coordinates() else {}
         if not found and max(dynamics.values(), default=0.0) > 10 * self.tolerance:
             found.append(Difference("equations of motion", self.labels[1], None, None, "M, h or g differ"))
@@ -180,10 +183,11 @@ class _Comparison:
             if ours != theirs:
                 yield Difference("type", self._joint(m, "type"), ours, theirs, "another kind of joint")
         followed = [{j.name: j.mimic for j in tree.moving if j.mimic and j.mimic.joint in robot.model.names}
+                    | couplings(robot)
                     for tree, robot in zip(self.trees, self.robots, strict=True)]  # fmt: skip
         for m in self.matches:
             x, y = followed[0].get(self.a.model.names[m.a]), followed[1].get(self.b.model.names[m.b])
-            if (x and x[1:]) != (y and y[1:]):
+            if (x is None) != (y is None) or (x and y and not np.allclose(x[1:], y[1:], atol=self.tolerance)):
                 cause = "left out in b" if y is None else "not in a" if x is None else "another relation"
                 yield Difference("mimic", self._joint(m, "<mimic>"), x, y, cause)
 
@@ -260,8 +264,8 @@ class _Comparison:
         )
 
     def _numbers(self, m: Match) -> Iterator[Difference]:
-        """Limits, damping, friction and armature of a joint with one degree of freedom."""
-        if self.a.screws[m.a].shape != (6, 1) or self.b.screws[m.b].shape != (6, 1):
+        """Limits, damping, friction and armature of a joint, as far as it has them."""
+        if self.a.screws[m.a].shape != self.b.screws[m.b].shape or not self.a.screws[m.a].size:
             return
         ours, theirs = (_constants(s.model, j) for s, j in ((self.a, m.a), (self.b, m.b)))
         mapped = dict(theirs)
@@ -299,11 +303,11 @@ def _kind(model: pin.Model, joint: int) -> str:
 
 
 def _constants(model: pin.Model, joint: int) -> dict[str, float]:
-    """The numbers of a joint with one degree of freedom; infinite where there is no limit."""
+    """The numbers of a joint, those of its first degree of freedom; infinite where there is no limit."""
     q, v = model.idx_qs[joint], model.idx_vs[joint]
-    numbers = {"velocity limit": model.velocityLimit[v], "effort limit": model.upperEffortLimit[v],
-               "damping": model.damping[v], "friction": model.upperDryFrictionLimit[v],
-               "armature": model.armature[v]}  # fmt: skip
+    numbers = {"damping": model.damping[v], "friction": model.upperDryFrictionLimit[v], "armature": model.armature[v]}
+    if model.nvs[joint] == 1:
+        numbers |= {"velocity limit": model.velocityLimit[v], "effort limit": model.upperEffortLimit[v]}
     if model.nqs[joint] == 1:
         numbers |= {"lower limit": model.lowerPositionLimit[q], "upper limit": model.upperPositionLimit[q]}
     return {name: float(x) if abs(x) < NO_LIMIT else math.copysign(math.inf, x) for name, x in numbers.items()}

@@ -1,19 +1,22 @@
-"""A scene with all that a URDF says: gravity, damping, friction, stops; started within limits and off equilibrium."""
+"""A scene with all that a robot's file says: gravity, damping, friction, stops, springs, loops; started within limits
+and off equilibrium.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from twolink.dynamics import Robot, load_robot
-from twolink.effects import Effect
+from twolink.effects import Effect, effect_class
 from twolink.effects.constants import Gravity
-from twolink.effects.forces import JointDamping
+from twolink.effects.forces import FrameWrench, JointDamping, JointSpring
 from twolink.effects.joint_switches import DryFriction, JointStops
-from twolink.effects.loops import Coupling
+from twolink.effects.loops import Coupling, Loop, PointLoop, WeldLoop
 from twolink.errors import SceneError
 from twolink.robots.joint_layout import NO_LIMIT, JointLayout, turns, urdf_limits
 from twolink.robots.load_report import Finding, LoadReport, findings
@@ -34,12 +37,12 @@ class UrdfScene(Scene):
     Attributes
     ----------
     report : LoadReport
-        What was taken from the URDF, what was not, and what was assumed.
+        What was taken from the file, what was not, and what was assumed.
     """
 
     @property
     def report(self) -> LoadReport:
-        """What was taken from the URDF, what was not, and what was assumed."""
+        """What was taken from the file, what was not, and what was assumed."""
         robot, model = self.base, self.base.model
         names = {
             "damping (JointDamping)": _joints(robot, model.damping),
@@ -47,7 +50,16 @@ class UrdfScene(Scene):
             "limits of position (JointStops, without restitution)": [
                 joint.name for joint, ends in _limited(robot) if np.isfinite(ends).any()
             ],
-            "mimic (Coupling)": [effect.joint for effect in self.effects if isinstance(effect, Coupling)],
+            "mimic joints (Coupling)": [effect.joint for effect in self.effects if isinstance(effect, Coupling)],
+            "loops (PointLoop, WeldLoop; rigid)": [
+                f"{effect.a} to {effect.b}" for effect in self.effects if isinstance(effect, (PointLoop, WeldLoop))
+            ],
+            "springs (JointSpring)": [
+                joint for effect in self.effects if isinstance(effect, JointSpring) for joint in effect.stiffness
+            ],
+            "gravity compensation (FrameWrench)": [
+                effect.frame for effect in self.effects if isinstance(effect, FrameWrench)
+            ],
         }
         effort = [name for name, limit in _limits_by_joint(robot, model.upperEffortLimit).items() if limit > 0]
         ignored = {
@@ -73,10 +85,11 @@ class UrdfScene(Scene):
 
 
 def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 5.0) -> UrdfScene:
-    """A scene with gravity and all that a robot's URDF says: damping, friction, stops, mimic joints.
+    """A scene with gravity and all that a robot's file says: damping, friction, stops, mimic joints; of an MJCF also
+    springs, equality constraints (as rigid loops) and gravity compensation.
 
     It starts at rest, off equilibrium and within the limits, always the same. `print(scene)` says what was taken from
-    the URDF, what was not, and what was assumed.
+    the file, what was not, and what was assumed.
 
     Parameters
     ----------
@@ -112,18 +125,23 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 5.0) -> Ur
              if joint.name not in followers and np.isfinite(ends).any()}  # fmt: skip
     if stops:
         effects.append(JointStops(stops if followers else "urdf"))
-    q = loaded.neutral
+    laws, q = loaded.visuals.laws, loaded.neutral
+    others = [effect for kind, given in laws.effects if (effect := _effect(loaded, kind, given))]
+    looped = any(isinstance(effect, Loop) for effect in others)
     for joint in loaded.joints:
-        q[joint.q] = _start(loaded, joint, q[joint.q])
+        home = np.array(laws.start.get(joint.name, q[joint.q]))
+        q[joint.q] = home if looped else _start(loaded, joint, home)
     entries = {joint.name: joint for joint in loaded.joints}
     for coupling in couplings:
         q[entries[coupling.joint].q] = coupling.ratio * q[entries[coupling.other].q] + coupling.offset
-    effects += couplings
-    still = np.all(np.abs(loaded.gravity_torque(q)) <= np.maximum(model.friction, AT_REST))
+    effects += [*couplings, *others]
+    weight = np.concatenate([pin.computeGeneralizedGravity(tree.model, data, q[tree.q])
+                             for tree, data in zip(loaded.trees, loaded.tree_data, strict=True)])  # fmt: skip
+    still = np.all(np.abs(weight) <= np.maximum(model.friction, AT_REST))
     v = np.full(loaded.nv, STARTING_SPEED) if still else np.zeros(loaded.nv)
     for coupling in couplings:
         v[entries[coupling.joint].v] = coupling.ratio * v[entries[coupling.other].v]
-    return UrdfScene(loaded, q, v, effects, duration, f"{loaded.name} under gravity, with all that its URDF says")
+    return UrdfScene(loaded, q, v, effects, duration, f"{loaded.name} under gravity, with all that its file says")
 
 
 def limit_notes(run: Trajectory) -> list[str]:
@@ -166,17 +184,28 @@ def _couplings(robot: Robot) -> list[Coupling]:
     return sorted(found.values(), key=lambda coupling: depth(coupling.joint))
 
 
-def _start(robot: Robot, joint: JointLayout, neutral: np.ndarray) -> np.ndarray:
-    """The configuration of a joint at the start."""
+def _effect(robot: Robot, kind: str, given: Mapping[str, Any]) -> Effect | None:
+    """An effect of the robot's file; without joints that are locked."""
+    if kind == "joint-spring":
+        given = {name: {joint: x for joint, x in values.items() if joint in robot.joint_names}
+                 for name, values in given.items()}  # fmt: skip
+        if not given["stiffness"]:
+            return None
+    made: Effect = effect_class(kind)(**given)
+    return made
+
+
+def _start(robot: Robot, joint: JointLayout, home: np.ndarray) -> np.ndarray:
+    """The configuration of a joint at the start, near the one that its file gives, or zero."""
     if joint.kind == "cos-sin":
         return joint.configuration(OFFSET)
     if joint.kind != "vector":
-        return neutral
+        return home
     lower, upper = urdf_limits(robot.model, joint.q.start)
     if not np.isfinite([lower, upper]).all():
         away = OFFSET if turns(robot.model, joint) else 0.0
-        return np.clip([away], lower, upper)
-    zero = min(max(0.0, lower), upper)
+        return np.clip(home + away, lower, upper)
+    zero = min(max(float(home[0]), lower), upper)
     aim = lower + SHARE * (upper - lower)
     return np.array([zero + min(max(aim - zero, -OFFSET), OFFSET)])
 

@@ -98,8 +98,10 @@ def _moving_joint(root: ET.Element, robot: Robot, index: int, parent: str, child
     if kind in ("revolute", "prismatic"):
         limits |= {"lower": model.lowerPositionLimit[q], "upper": model.upperPositionLimit[q]}
     ET.SubElement(joint, "limit", {name: repr(_finite(float(x))) for name, x in limits.items()})
-    ET.SubElement(joint, "dynamics", damping=repr(float(model.damping[v])),
-                  friction=repr(float(model.upperDryFrictionLimit[v])))  # fmt: skip
+    numbers = {"damping": model.damping[v], "friction": model.upperDryFrictionLimit[v]}
+    if model.armature[v]:
+        numbers["armature"] = model.armature[v]  # which other programs leave out
+    ET.SubElement(joint, "dynamics", {key: repr(float(value)) for key, value in numbers.items()})
 
 
 def _finite(limit: float) -> float:

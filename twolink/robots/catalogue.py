@@ -23,7 +23,8 @@ _NOT_URDF = {
     "cassie": "example-robot-data describes Cassie in SDF only (it has closed loops, which URDF cannot hold)",
     "talos_legs": "it is not a file: the former loader cut it out of Talos in code",
 }
-_REMEDY = "pass a name, a path or URDF text"
+FILES = (".urdf", ".xml", ".xacro", ".mjcf", ".sdf", ".usd", ".usda", ".usdc", ".usdz")
+_REMEDY = "pass a name, a path, or the text of a URDF or MJCF"
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ def open_source(source: str | os.PathLike[str]) -> Source:
     text = os.fspath(source)
     if not isinstance(text, str) or not text.strip():
         raise RobotError("the source is empty", where="load_robot", remedy=_REMEDY, argument="source")
-    looks_like_path = isinstance(source, os.PathLike) or os.sep in text or text.endswith((".urdf", ".xml", ".xacro"))
+    looks_like_path = isinstance(source, os.PathLike) or os.sep in text or text.endswith(FILES)
     if not looks_like_path and (text in catalogue_names() or not os.path.isfile(text)):
         entry = catalogue_entry(text)
         return Source(entry.path.name, read_bytes(entry.path, RobotError, MAX_BYTES), entry.path, entry)

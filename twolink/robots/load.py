@@ -1,12 +1,12 @@
-"""Loading a robot: source -> elements -> tree -> pin.Model -> checks -> RobotModel and load report."""
+"""Loading a robot: source -> elements of a URDF -> tree -> pin.Model -> checks -> RobotModel and load report."""
 
 import functools
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Literal, TypeVar, get_args
 
 import pinocchio as pin
 
@@ -23,20 +23,27 @@ from twolink.robots.checks import (
     weightless_joints,
     without_inertia,
 )
+from twolink.robots.formats import describe
 from twolink.robots.joint_layout import Lock, beyond_limits, gravity_field, lock_configuration, without_joints
 from twolink.robots.load_report import LoadReport
 from twolink.robots.meshes import MeshFolders, drawable_urdf, mesh_folders, missing_meshes
 from twolink.robots.model import RobotModel, Visuals
 from twolink.robots.tree import Tree, canonical, read_tree
-from twolink.robots.xml import parse_xml
 
 Purpose = Literal["dynamics", "kinematics", "identification"]
+Policy = Literal["refuse", "report"]
+_WORDS = {"root": ("fixed", "free"), "unphysical": get_args(Policy), "foreign": get_args(Policy),
+          "purpose": get_args(Purpose)}  # fmt: skip
 R = TypeVar("R", bound=RobotModel)
 
 # A pin.Data holds tensors of nv^3 numbers (second derivatives): 0.9 GB at nv = 300, 32 GB at nv = 1,000.
 MAX_FREEDOM = 300
+_OF_JOINTS = ("lowerEffortLimit", "upperEffortLimit", "lowerVelocityLimit", "upperVelocityLimit", "lowerPositionLimit",
+              "upperPositionLimit", "positionLimitMargin", "lowerDryFrictionLimit", "upperDryFrictionLimit",
+              "damping")  # as pin.Model.addJoint takes them  # fmt: skip
 _STACK_BYTES = 64 * 2**20
 _stack_size_lock = threading.Lock()
+EARTH = (0.0, 0.0, -9.81)  # m/s^2
 COLUMNS = ("name", "from", "root", "nq", "nv", "mass", "refused")
 
 
@@ -47,22 +54,25 @@ def load_model(
     package_dirs: Sequence[str | os.PathLike[str]] = (),
     root: Literal["fixed", "free"] = "fixed",
     lock: Lock | None = None,
-    gravity: Sequence[float] = (0.0, 0.0, -9.81),
+    gravity: Sequence[float] | None = None,
     mimic: bool = False,
-    unphysical: Literal["refuse", "report"] = "refuse",
+    unphysical: Policy = "refuse",
+    foreign: Policy = "refuse",
     purpose: Purpose = "dynamics",
+    xacro_arguments: Mapping[str, object] | None = None,
     meshes: MeshFolders | None = None,
 ) -> R:
-    """A robot of class `kind` from a name, a path, or URDF text.
+    """A robot of class `kind` from a name, a path, or the text of a URDF or MJCF.
 
     Parameters
     ----------
     kind : type
         RobotModel or a subclass with the same constructor.
-    source, package_dirs, root, lock, gravity, mimic, unphysical, purpose
+    source, package_dirs, root, lock, gravity, mimic, unphysical, foreign, purpose, xacro_arguments
         As in `twolink.load_robot`.
     meshes : MeshFolders, optional
-        Where meshes are looked for, in place of `package_dirs` and the folders of the URDF.
+        Where meshes are looked for, in place of `package_dirs` and the folders of the URDF, which is a stranger's: no
+        other files are opened.
 
     Returns
     -------
@@ -74,12 +84,10 @@ def load_model(
     RobotError
         The URDF is refused, or an argument is wrong; it names the file, line, link or joint, and what to do.
     """
-    require_known(root, ("fixed", "free"), RobotError, argument="root")
-    require_known(unphysical, ("refuse", "report"), RobotError, argument="unphysical")
-    require_known(purpose, ("dynamics", "kinematics", "identification"), RobotError, argument="purpose")
-    field = gravity_field(gravity, RobotError)
-    urdf = open_source(source)
-    tree = read_tree(parse_xml(urdf.data, urdf.label, urdf.encoding), urdf.label)
+    _require_words(root=root, unphysical=unphysical, foreign=foreign, purpose=purpose)
+    urdf, packages = open_source(source), _folders(package_dirs)
+    said = describe(urdf, foreign, root, xacro_arguments or {}, packages, trusted=meshes is None)
+    tree = read_tree(said.robot, urdf.label, foreign)
     if mimic:
         check_mimic(tree, _build(tree, urdf.label, root, mimic=False))
         check_lock(tree, lock or {})
@@ -87,28 +95,35 @@ def load_model(
     check_agreement(full, tree, urdf.label, root)
     locked, reference = lock_configuration(full, lock or {})
     model = without_joints(full, locked, reference)
-    model.gravity.linear = field
+    model.gravity.linear = gravity_field(gravity if gravity is not None else said.gravity or EARTH, RobotError)
     odd_inertias = check_bodies(tree, full, unphysical)
     weightless = weightless_joints(model)
     if weightless and purpose == "dynamics":
         raise without_inertia(tree, model, weightless)
-    folders = meshes or mesh_folders(_folders(package_dirs), urdf.path, examples_share())
-    said: dict[str, Any] = {"mimic": mimic, "odd_inertias": odd_inertias, "unphysical": unphysical}
-    usual = urdf.entry.usual_root if urdf.entry else ""
-    choices: dict[str, Any] = {"root": root, "usual_root": usual, "gravity": field, "locked": tuple(lock or ()),
-                               "beyond": beyond_limits(full, locked, reference)}  # fmt: skip
+    folders = meshes or mesh_folders(packages, urdf.path, examples_share())
+    missing, beyond = missing_meshes(tree.element, folders), beyond_limits(full, locked, reference)
     findings = [
         load_report.summary(tree, model, len(urdf.data)),
-        *load_report.content_findings(tree, missing=missing_meshes(tree.element, folders), **said),
+        *load_report.content_findings(
+            tree, mimic=mimic, odd_inertias=odd_inertias, unphysical=unphysical, missing=missing
+        ),
+        *said.findings,
         *load_report.findings("assumed", {"joints that move no inertia: dynamics is refused": weightless}),
-        *load_report.choice_findings(tree, **choices),
-    ]
+        *load_report.choice_findings(tree, root=root, usual_root=urdf.entry.usual_root if urdf.entry else None,
+                                     gravity=model.gravity.linear, locked=tuple(lock or ()), beyond=beyond),
+    ]  # fmt: skip
     text, visual_meshes, collision_meshes = drawable_urdf(tree.element, folders)
-    visuals = Visuals(text, visual_meshes, full, locked, reference, collision_meshes)
-    name = urdf.entry.name if urdf.entry else tree.name or urdf.label
-    robot = kind(name, model, LoadReport(urdf.label, tuple(findings)), visuals)
+    visuals = Visuals(text, visual_meshes, full, locked, reference, collision_meshes, said.laws)
+    report = LoadReport(urdf.label, tuple(findings))
+    robot = kind(urdf.entry.name if urdf.entry else tree.name or urdf.label, model, report, visuals)
     robot.weightless = weightless
     return robot
+
+
+def _require_words(**given: str) -> None:
+    """Require words that the options have."""
+    for name, word in given.items():
+        require_known(word, _WORDS[name], RobotError, argument=name)
 
 
 def _small(model: pin.Model, label: str) -> pin.Model:
@@ -139,11 +154,45 @@ def _build(tree: Tree, label: str, root: str, mimic: bool) -> pin.Model:
         finally:
             threading.stack_size(before)
     try:
-        return build.result()
+        return _completed(build.result(), tree)
     except Exception as error:  # Pinocchio raises errors of any type
         what = f"Pinocchio refuses it: {' '.join(str(error).split())}"
         remedy = "the messages of its parser are on stderr"
         raise RobotError(what, where=label, remedy=remedy, code="pinocchio") from None
+
+
+def _completed(model: pin.Model, tree: Tree) -> pin.Model:
+    """The model with what Pinocchio's parser leaves out: ball joints, armature, and damping of joints of many axes."""
+    balls = [joint.name for joint in tree.moving if joint.type == "spherical"]
+    model = _with_balls(model, balls) if balls else model
+    armature, damping = model.armature.copy(), model.damping.copy()
+    for joint in tree.moving:
+        index = model.getJointId(joint.name)
+        dofs = slice(model.idx_vs[index], model.idx_vs[index] + model.nvs[index])
+        armature[dofs], damping[dofs] = joint.armature, joint.damping
+    model.armature, model.damping = armature, damping
+    return model
+
+
+def _with_balls(model: pin.Model, balls: Sequence[str]) -> pin.Model:
+    """The model with ball joints in place of some free ones."""
+    out = pin.Model()
+    out.name = model.name
+    for j in range(1, model.njoints):
+        place = (model.jointPlacements[j], model.names[j])
+        if model.names[j] in balls:
+            out.addJoint(model.parents[j], pin.JointModelSpherical(), *place)
+        else:
+            q = slice(model.idx_qs[j], model.idx_qs[j] + model.nqs[j])
+            v = slice(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])
+            numbers = [getattr(model, name)[q if "osition" in name else v] for name in _OF_JOINTS]
+            out.addJoint(model.parents[j], model.joints[j], *place, *numbers)
+    out.inertias[0] = model.inertias[0]
+    for j in range(1, model.njoints):
+        out.inertias[j] = model.inertias[j]
+    for frame in model.frames.tolist()[1:]:
+        out.addFrame(frame, False)
+    return out
 
 
 def _folders(package_dirs: Sequence[str | os.PathLike[str]]) -> list[Path]:

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.io.text import facts_html
+from twolink.robots.joint_layout import NO_LIMIT
 from twolink.robots.tree import Tree
 from twolink.robots.xml import Element, Foreign
 
@@ -131,7 +132,7 @@ def content_findings(
         f"joint damping (in robot.model.damping; {not_applied})": [j.name for j in moving if j.damping != 0],
         f"joint friction (in robot.model; {not_applied})": [j.name for j in moving if j.friction != 0],
         "joint limits (in robot.model; forward and inverse dynamics do not enforce them)": [
-            j.name for j in moving if j.limits is not None
+            j.name for j in moving if j.limits is not None and min(map(abs, j.limits)) < NO_LIMIT
         ],
         "mimic (these joints move independently; mimic=True couples them)": () if mimic else mimics,
         "mimic of a joint that does not exist": [name for name, target in mimics.items() if target not in joint_names],
@@ -155,7 +156,7 @@ def content_findings(
             k.name for k in links if k.mass == 0 and np.any(k.inertia)
         ],
         "joints without <axis> turn or slide along x": [
-            j.name for j in moving if j.axis is None and j.type != "floating"
+            j.name for j in moving if j.axis is None and j.type not in ("floating", "spherical")
         ],
         "limits without lower or upper: taken as 0": [
             j.name for j in moving if j.limits is not None and _lacks_limit(j.element)
@@ -197,7 +198,7 @@ def _lacks_limit(joint: Element) -> bool:
 
 
 def choice_findings(
-    tree: Tree, *, root: str, usual_root: str, gravity: np.ndarray, locked: Sequence[str], beyond: Sequence[str]
+    tree: Tree, *, root: str, usual_root: str | None, gravity: np.ndarray, locked: Sequence[str], beyond: Sequence[str]
 ) -> list[Finding]:
     """What the arguments of `load_robot` decide. `beyond`: the joints that are locked beyond their limits."""
     base = tree.links[tree.root]
@@ -224,6 +225,7 @@ def _foreign_findings(foreign: Foreign) -> list[Finding]:
     named = {
         "values of other programs that change the motion there (effects of a scene can model them)": foreign.motion,
         "attributes of other programs": foreign.attributes,
+        'unknown names, left out (foreign="report")': foreign.unknown,
         "text": foreign.text,
     }
     counted = {what: [f"{count} x {name}" for name, count in names.items()] for what, names in named.items()}

@@ -9,7 +9,7 @@ import copyreg
 import functools
 import re
 import threading
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Self
 
@@ -71,9 +71,18 @@ copyreg.pickle(pin.Model, reduce_model)
 
 
 @dataclass(frozen=True)
+class FileLaws:
+    """What a robot's file says of a scene that a URDF cannot: effects, by type and arguments as in scene files, and the
+    configuration at the start, by joint."""
+
+    effects: tuple[tuple[str, Mapping[str, Any]], ...] = ()
+    start: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Visuals:
     """What drawing and contact need: URDF text with visuals and collisions, the meshes of both by Pinocchio's names,
-    the model before joints were locked, and where they were locked."""
+    the model before joints were locked, and where they were locked. laws: what acts on it by its file."""
 
     text: str
     meshes: dict[str, MeshFile]
@@ -81,6 +90,7 @@ class Visuals:
     locked: tuple[int, ...]
     reference: np.ndarray
     collision_meshes: dict[str, MeshFile] = field(default_factory=dict)
+    laws: FileLaws = field(default_factory=FileLaws)
 
 
 class RobotModel:

@@ -37,7 +37,7 @@ class Tree:
         return tuple(j for j in self.joints if j.type != "fixed")
 
 
-def read_tree(element: Element, source: str) -> Tree:
+def read_tree(element: Element, source: str, foreign: str = "refuse") -> Tree:
     """The tree in a <robot> element.
 
     Parameters
@@ -46,6 +46,8 @@ def read_tree(element: Element, source: str) -> Tree:
         The element. The quaternions of its origins are replaced by angles, and its version by one that Pinocchio reads.
     source : str
         The name of the file for errors.
+    foreign : {"refuse", "report"}
+        Refuse names that are unknown, or count them in the tree's `foreign`.
 
     Raises
     ------
@@ -56,7 +58,7 @@ def read_tree(element: Element, source: str) -> Tree:
     version = _version(element, source)
     element.attributes["version"] = "1.2" if version == (1, 2) else "1.1"  # 1.1 differs from 1.0 in shapes only
     reader = Reader(source, version)
-    foreign = foreign_content(reader, element)
+    other = foreign_content(reader, element, foreign == "report")
     links = [read_link(reader, e) for e in element.all("link")]
     if not links:
         raise _error("it has no <link>", source, "a robot needs at least one link")
@@ -73,7 +75,7 @@ def read_tree(element: Element, source: str) -> Tree:
                 raise _error(f"{role} link {name!r} does not exist", joint.where, nearest(name, by_name))
     ordered = _ordered(by_name, joints, source)
     root = ordered[0].parent if ordered else links[0].name
-    return Tree(element.attributes.get("name", ""), element, by_name, ordered, root, foreign)
+    return Tree(element.attributes.get("name", ""), element, by_name, ordered, root, other)
 
 
 def _error(what: str, where: str, remedy: str) -> RobotError:
@@ -83,19 +85,27 @@ def _error(what: str, where: str, remedy: str) -> RobotError:
 def _require_robot(root: Element, source: str) -> None:
     """Require a <robot> without xacro."""
     if root.tag != "robot":
-        hint = {"sdf": ", it is SDF", "mujoco": ", it is MJCF", "html": ", it is a web page"}.get(root.tag, "")
+        hint = ", it is a web page" if root.tag == "html" else ""
         raise _error(f"the top element is <{root.tag}>, expected <robot>{hint}", f"{source}:{root.line}", "pass a URDF")
+    element = xacro_element(root)
+    if element is not None:
+        what = f"<{element.tag}> is xacro, a macro language that has to be expanded first"
+        remedy = "load it as a file, with pip install 'twolink[xacro]'; or expand it: xacro FILE > robot.urdf"
+        raise _error(what, f"{source}:{element.line}", remedy)
+
+
+def xacro_element(root: Element) -> Element | None:
+    """The first element of a robot that holds xacro."""
     stack = [root]
     while stack:
         element = stack.pop()
         values = element.attributes.items()
         if element.tag.startswith("xacro:") or any("${" in v or "$(" in v for k, v in values if k != "name"):
-            what = f"<{element.tag}> is xacro, a macro language that has to be expanded first"
-            remedy = "pip install xacrodoc, then load_robot(xacrodoc.XacroDoc.from_file(path).to_urdf_string())"
-            raise _error(what, f"{source}:{element.line}", remedy)
+            return element
         # Gazebo's and the controllers' blocks hold $(...) of their own; they are ignored as a whole.
         tags = ("link", "joint")
         stack += [c for c in element.children if element is not root or c.tag in tags or c.tag.startswith("xacro:")]
+    return None
 
 
 def _version(robot: Element, source: str) -> tuple[int, int]:
@@ -153,6 +163,8 @@ def _reduced(element: Element) -> Element:
     """The element with the attributes and children that dynamics needs; of repeated children, the first."""
     entry = URDF_ELEMENTS[element.tag]
     out = Element(element.tag, {k: v for k, v in element.attributes.items() if k in (entry.attributes or ())}, 0)
+    if out.attributes.get("type") == "spherical":  # which Pinocchio's parser has not
+        out.attributes["type"] = "floating"
     for tag in entry.children or ():
         children = [] if tag in _NOT_DYNAMICS else element.all(tag)
         out.children += map(_reduced, children if URDF_ELEMENTS[tag].repeatable else children[:1])

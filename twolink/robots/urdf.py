@@ -14,7 +14,7 @@ import pinocchio as pin
 from twolink.errors import nearest
 from twolink.robots.xml import Element, Reader, Vector
 
-JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
 UNIT_TOLERANCE = 1e-3  # files write quaternions with few digits
 _LIMITED = ("revolute", "prismatic")
 _RATES = ("acceleration", "deceleration", "jerk")
@@ -45,7 +45,8 @@ class Mimic(NamedTuple):
 class UrdfJoint:
     """A joint: the links it connects, its axis as written (None: not in the file) and its limits, rad or m.
 
-    rate_limits: those of acceleration, deceleration and jerk that it has (URDF 1.2).
+    rate_limits: those of acceleration, deceleration and jerk that it has (URDF 1.2). armature: inertia of its motor on
+    its own side, kg m^2 or kg, which no version of URDF has; nor has it the type spherical, which PyBullet reads too.
     """
 
     name: str
@@ -60,6 +61,7 @@ class UrdfJoint:
     friction: float
     rate_limits: tuple[str, ...]
     mimic: Mimic | None
+    armature: float = 0.0
 
 
 def read_link(reader: Reader, element: Element) -> UrdfLink:
@@ -100,14 +102,19 @@ def read_joint(reader: Reader, element: Element) -> UrdfJoint:
     quaternions_to_angles(reader, element, owner)
     _orientation(reader, element, owner)
     axis = _axis(reader, element, owner, kind) if kind in _WITH_AXIS else None
-    damping = friction = 0.0
+    damping = friction = armature = 0.0
     dynamics = element.first("dynamics")
     if dynamics is not None:
-        damping, friction = (reader.number(dynamics, key, owner, 0.0) for key in ("damping", "friction"))
+        damping, friction, armature = (
+            reader.number(dynamics, key, owner, 0.0) for key in ("damping", "friction", "armature")
+        )
+        if armature < 0 or (armature and kind in ("floating", "planar")):
+            what = f"armature {armature} of a {kind} joint"
+            raise reader.error(dynamics, owner, what, "give 0 or more, of a joint that turns or slides")
     limits = _limits(reader, element, owner, kind)
     rates, mimic = _rate_limits(reader, element, owner), _mimic(reader, element, owner)
     where = reader.where(element, owner)
-    return UrdfJoint(name, where, element, kind, parent, child, axis, limits, damping, friction, rates, mimic)
+    return UrdfJoint(name, where, element, kind, parent, child, axis, limits, damping, friction, rates, mimic, armature)
 
 
 def roll_pitch_yaw(quaternion: np.ndarray) -> list[float]:

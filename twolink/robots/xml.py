@@ -1,5 +1,5 @@
 """URDF text to a tree of elements with line numbers, within limits and without entities. Names that are not URDF's:
-those of other programs are counted, unknown ones are refused.
+those of other programs are counted, unknown ones are refused, or counted where that is asked for.
 
 Expat is driven directly: the standard tree builders drop line numbers, and none of them refuses a DOCTYPE.
 
@@ -38,7 +38,7 @@ _CHANGES_MOTION = {
 
 @dataclass(slots=True)
 class Element:
-    """One XML element: its tag, attributes, the line it starts on and its children."""
+    """One XML element: its tag, attributes, the line it starts on (0: it stands in no file) and its children."""
 
     tag: str
     attributes: dict[str, str]
@@ -151,7 +151,9 @@ class Reader:
 
     def where(self, element: Element, owner: str = "") -> str:
         """The place of an element, for errors. `owner` is the link or joint it belongs to."""
-        return self.source + (f":{element.line}" if self.lines else "") + (f", {owner}" if owner else "")
+        return (
+            self.source + (f":{element.line}" if self.lines and element.line else "") + (f", {owner}" if owner else "")
+        )
 
     def error(self, element: Element, owner: str, what: str, remedy: str) -> RobotError:
         """An error at an element."""
@@ -221,17 +223,21 @@ class Foreign:
     """What a URDF holds of other programs, with counts.
 
     elements: by tag. attributes: as "D= in <dynamics>". motion: elements that change the motion in their program, as
-    "mu1 in <gazebo>". text: text between elements, as "in <link>".
+    "mu1 in <gazebo>". text: text between elements, as "in <link>". unknown: names of no known program, as
+    "rpy= in <axis>"; they are refused unless `lenient`.
     """
+
+    lenient: bool = False
 
     elements: Counter[str] = field(default_factory=Counter)
     attributes: Counter[str] = field(default_factory=Counter)
     motion: Counter[str] = field(default_factory=Counter)
     text: Counter[str] = field(default_factory=Counter)
+    unknown: Counter[str] = field(default_factory=Counter)
 
 
-def foreign_content(reader: Reader, robot: Element) -> Foreign:
-    """What a <robot> holds of other programs.
+def foreign_content(reader: Reader, robot: Element, lenient: bool = False) -> Foreign:
+    """What a <robot> holds of other programs. lenient: unknown names are counted, not refused.
 
     Raises
     ------
@@ -239,7 +245,7 @@ def foreign_content(reader: Reader, robot: Element) -> Foreign:
         A URDF element has an attribute or a child that is neither URDF's nor a known program's, has a child twice that
         counts once, or has text in place of attributes.
     """
-    found = Foreign()
+    found = Foreign(lenient)
     _look(reader, robot, "", found)
     return found
 
@@ -258,7 +264,7 @@ def _look(reader: Reader, element: Element, owner: str, found: Foreign) -> None:
         if key in entry.foreign_attributes or ":" in key:
             found.attributes[f"{key}= in <{tag}>"] += 1
         else:
-            raise reader.error(element, owner, f"{key}= is unknown in <{tag}>", _remedy(key, entry.attributes))
+            _unknown(reader, element, owner, (f"{key}=", key, tag), entry.attributes, found)
     if element.has_text:
         if not element.attributes and not children:
             what = f"<{tag}> has text in place of attributes"
@@ -275,12 +281,18 @@ def _look(reader: Reader, element: Element, owner: str, found: Foreign) -> None:
             found.elements[child.tag] += 1
             _count_motion(child, child.tag, found)
         else:
-            raise reader.error(child, owner, f"<{child.tag}> is unknown in <{tag}>", _remedy(child.tag, children))
+            _unknown(reader, child, owner, (f"<{child.tag}>", child.tag, tag), children, found)
 
 
-def _remedy(name: str, known: tuple[str, ...]) -> str:
-    """What to do about an unknown name."""
-    return f"{nearest(name.lower(), known)} (Else remove it, or give it its program's prefix)"
+def _unknown(
+    reader: Reader, place: Element, owner: str, names: tuple[str, str, str], known: tuple[str, ...], found: Foreign
+) -> None:
+    """Refuse or count a name; `names` are it as shown, it, and the tag that holds it."""
+    shown, name, tag = names
+    if not found.lenient:
+        remedy = f"{nearest(name.lower(), known)} (Else remove it, give it its program's prefix, or load with "
+        raise reader.error(place, owner, f"{shown} is unknown in <{tag}>", f'{remedy}foreign="report")')
+    found.unknown[f"{shown} in <{tag}>"] += 1
 
 
 def _is_prefixed(tag: str) -> bool:

@@ -97,7 +97,7 @@ class Client:
         urdf : str
             The text of a URDF.
         **options
-            As of `tl.load_robot`: root, lock, gravity, mimic, unphysical.
+            As of `tl.load_robot`: root, lock, gravity, mimic, unphysical, foreign.
 
         Raises
         ------

@@ -25,7 +25,7 @@ from twolink.service.settings import Quotas
 from twolink.service.work.requests import QUERIES, version_key
 from twolink.service.work.robot_tasks import ReceivedRobot, RobotOptions
 
-_PARAMETERS = ("root", "mimic", "unphysical", "urdf", "gravity", "lock")  # of uploads whose body is not JSON
+_PARAMETERS = ("root", "mimic", "unphysical", "foreign", "urdf", "gravity", "lock")  # of uploads whose body is not JSON
 
 
 @get("/v1/robots", tags=["robots"], summary="List robots")
@@ -63,7 +63,7 @@ async def inspect_robot(service: Shared, robot: FromPath[str]) -> dict[str, Any]
 async def upload_robot(request: Request[Any, Any, Any], service: Shared) -> Response[dict[str, Any]]:
     """Load a URDF (application/xml), a zip of one with its meshes (application/zip), or JSON that says either.
 
-    The query string has the options of bodies that are not JSON: root, mimic, unphysical, urdf, gravity as
+    The query string has the options of bodies that are not JSON: root, mimic, unphysical, foreign, urdf, gravity as
     "0,0,-9.81", lock as "elbow:0.5" (repeatable). The answer is as of GET /v1/robots/{robot}, with the robot's id,
     which comes from its content: the same upload has the same id (200 instead of 201).
     """
@@ -120,7 +120,7 @@ def _options(query: MultiDict[str]) -> RobotOptions:
             raise Refusal(400, f"{name[:80]} is given twice", where="query", remedy="give it once")
     for name in query:
         require_known(name, _PARAMETERS, TwolinkError, where="query")
-    plain: dict[str, Any] = {name: query[name] for name in _PARAMETERS[:4] if name in query}
+    plain: dict[str, Any] = {name: query[name] for name in _PARAMETERS[:5] if name in query}
     if "gravity" in query:
         plain["gravity"] = query["gravity"].split(",")
     if "lock" in query:

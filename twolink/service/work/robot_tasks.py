@@ -82,6 +82,7 @@ class RobotOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     mimic: bool = False
     unphysical: Literal["refuse", "report"] = "refuse"
+    foreign: Literal["refuse", "report"] = "refuse"
 
 
 class ReceivedRobot(msgspec.Struct):
@@ -124,7 +125,8 @@ def _load(folder: str) -> Robot:
     try:
         return load_model(
             Robot, source, root=chosen.root, lock=chosen.lock, gravity=chosen.gravity, mimic=chosen.mimic,
-            unphysical=chosen.unphysical, meshes=None if chosen.source else upload_folders(place / _FILES, chosen.urdf),
+            unphysical=chosen.unphysical, foreign=chosen.foreign,
+            meshes=None if chosen.source else upload_folders(place / _FILES, chosen.urdf),
         )  # fmt: skip
     except RobotError as error:
         if chosen.urdf in ("", _URDF):

@@ -1,0 +1,218 @@
+"""MJCF: the same accelerations, places and loops as MuJoCo's own, and refusals that name the element."""
+
+import sys
+from pathlib import Path
+
+import gymnasium
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import twolink as tl
+from scripts.studies.mjcf import accelerations, difference, smooth_mujoco
+from twolink.algorithms.motion import Motion
+from twolink.algorithms.namespaces import Numbers
+from twolink.effects.loops import Loop
+from twolink.errors import MissingExtraError, RobotError
+from twolink.integrate.motion.formulas import motion_of
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.robots import load_model
+from twolink.robots.meshes import MeshFolders
+
+# All kinds of joints; anchors off the body's origin, references, several joints of a body, turned inertias, motors.
+EVERYTHING = """<mujoco model="everything"><option gravity="1 2 -9"/><worldbody><body name="a" pos="0 0 1">
+<joint name="h" axis="0 1 0" pos=".1 .2 .3" ref=".4" stiffness="3" springref=".2" damping=".1" frictionloss=".3"
+ range="-1 2" limited="true"/>
+<joint name="s" type="slide" axis="1 1 0" ref=".3" armature=".4"/>
+<geom type="box" size=".1 .2 .3" pos=".1 0 0" euler="10 20 30"/>
+<body name="b" pos=".3 0 0" euler="20 30 0" gravcomp=".7"><joint axis="1 0 1" pos="0 .1 .2"/>
+<joint name="ball" type="ball" pos=".1 0 0" armature=".2" damping=".3"/><geom type="capsule" size=".05 .2"/>
+<body name="c" pos="0 0 .4"><joint type="hinge" name="k"/><geom size=".1"/></body></body></body>
+<body name="f" pos="1 2 3" euler="10 20 30"><freejoint name="free"/><geom type="box" size=".1 .2 .3" pos=".1 .2 .1"/>
+<body pos=".2 0 0"><joint type="ball" damping=".1"/><geom size=".1" pos=".1 0 0"/></body></body></worldbody>
+<actuator><motor joint="k" gear="3" armature=".7" damping=".5" forcerange="-2 1"/></actuator></mujoco>"""
+ASSETS = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
+
+
+@pytest.fixture
+def everything(tmp_path: Path) -> Path:
+    path = tmp_path / "everything.xml"
+    path.write_text(EVERYTHING)
+    return path
+
+
+@pytest.mark.parametrize("name", ["everything", "ant", "humanoid", "walker2d_v5"])
+def test_accelerations_are_mujocos(everything: Path, name: str) -> None:
+    path = everything if name == "everything" else ASSETS / f"{name}.xml"
+    assert difference(tl.load_robot(path), smooth_mujoco(path), 20) < 1e-12
+
+
+def test_a_changed_inertia_is_seen(everything: Path) -> None:
+    model = smooth_mujoco(everything)
+    model.body_iquat[1] = (1, 0, 0, 0)
+    assert difference(tl.load_robot(everything), model, 5) > 1e-3
+
+
+def test_links_are_where_mujoco_has_them(everything: Path) -> None:
+    robot, model = tl.load_robot(everything), smooth_mujoco(everything)
+    data, rng = mujoco.MjData(model), np.random.default_rng(3)
+    q = pin.integrate(robot.model, robot.neutral, rng.uniform(-1, 1, robot.nv))
+    accelerations(robot, model, data, q, np.zeros(robot.nv), np.zeros(robot.nv))
+    for name in ("a", "b", "c", "f"):
+        rotation, position = robot.frame_pose(q, name)
+        np.testing.assert_allclose(position, data.body(name).xpos, atol=1e-14)
+        np.testing.assert_allclose(rotation.ravel(), data.body(name).xmat, atol=1e-14)
+
+
+def test_what_belongs_to_joints_is_in_the_model(everything: Path) -> None:
+    robot = tl.load_robot(everything)
+    joints, model = {joint.name: joint for joint in robot.joints}, robot.model
+    np.testing.assert_allclose(robot.gravity, (1, 2, -9))
+    np.testing.assert_allclose(model.armature[joints["k"].v], 9 * 0.7)
+    np.testing.assert_allclose(model.damping[joints["k"].v], 9 * 0.5)
+    np.testing.assert_allclose(model.upperEffortLimit[joints["k"].v], 3 * 2)
+    np.testing.assert_allclose(model.upperPositionLimit[joints["h"].q], np.radians(2))
+    np.testing.assert_allclose(model.upperDryFrictionLimit[joints["h"].v], 0.3)
+    np.testing.assert_allclose(tl.load_robot(everything, gravity=(0, 0, 0)).gravity, 0)
+    np.testing.assert_allclose(tl.scene_of(robot).q[joints["free"].q][:3], (1, 2, 3))
+    assert "actuators (no command is given, none acts): actuator0" in str(robot.report)
+
+
+LOOPS = """<mujoco><worldbody>
+<body name="a"><joint name="p" axis="0 1 0"/><geom size=".1"/><site name="s" pos=".1 .2 0"/>
+<body name="b" pos=".5 0 0"><joint name="q" axis="0 1 1" ref=".2"/><geom size=".1"/></body></body>
+<body name="c" pos="1 0 0"><freejoint/><geom size=".1"/><site name="t" pos="0 .1 0" euler="10 0 20"/></body></worldbody>
+<equality>{}</equality></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<connect body1="c" body2="b" anchor=".1 .2 .3"/>',
+        '<connect site1="s" site2="t"/>',
+        '<weld body1="c" body2="b" relpose=".1 .2 .3 .5 .5 .5 .5" anchor=".1 0 .3"/>',
+        '<weld site1="s" site2="t"/>',
+        '<weld body1="c"/>',
+        '<joint joint1="p" joint2="q" polycoef=".1 .5 0 0 0"/>',
+    ],
+)
+def test_loops_are_as_far_open_as_mujocos(text: str) -> None:
+    robot, model = tl.load_robot(LOOPS.format(text)), mujoco.MjModel.from_xml_string(LOOPS.format(text))
+    scene, data = tl.scene_of(robot), mujoco.MjData(model)
+    (loop,) = [effect for effect in scene.effects if isinstance(effect, Loop)]
+    rng, smooth = np.random.default_rng(4), equations_of(tl.Scene(robot, robot.neutral))
+    for _ in range(3):
+        q = pin.integrate(robot.model, scene.q, rng.uniform(-1, 1, robot.nv))
+        accelerations(robot, model, data, q, np.zeros(robot.nv), np.zeros(robot.nv))
+        theirs = data.efc_pos[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]
+        x = np.concatenate([q, np.zeros(robot.nv)])[:, None]
+        motion: Motion = motion_of(smooth, smooth.mechanism, np.zeros(1), x, Numbers)
+        ours = np.array([np.broadcast_to(row, 1)[0] for row in loop.rows(motion)], dtype=float)
+        assert len(ours) == len(theirs)
+        assert np.linalg.norm(ours[:3]) == pytest.approx(np.linalg.norm(theirs[:3]), abs=1e-12)
+
+
+def test_a_weld_is_closed_where_mujocos_is() -> None:
+    text = LOOPS.format('<weld body1="b" body2="c" relpose=".1 .2 .3 .5 -.5 .5 .5" anchor=".1 0 .3"/>')
+    robot, model = tl.load_robot(text), mujoco.MjModel.from_xml_string(text)
+    (loop,) = [effect for effect in tl.scene_of(robot).effects if isinstance(effect, Loop)]
+    data, b = mujoco.MjData(model), model.body("b").id
+    mujoco.mj_forward(model, data)
+    relative = pin.Quaternion(*model.eq_data[0][6:10]).matrix()
+    place = pin.SE3(data.xmat[b].reshape(3, 3), data.xpos[b]) * pin.SE3(relative, model.eq_data[0][3:6])
+    place = place * pin.SE3(np.eye(3), -model.eq_data[0][:3])
+    q = np.array([*model.qpos0[:2], *pin.SE3ToXYZQUAT(place)])
+    q = q if robot.joints[0].name == "p" else np.roll(q, 7)
+    smooth = equations_of(tl.Scene(robot, robot.neutral))
+    x = np.concatenate([q, np.zeros(robot.nv)])[:, None]
+    rows = loop.rows(motion_of(smooth, smooth.mechanism, np.zeros(1), x, Numbers))
+    np.testing.assert_allclose([float(np.ravel(row)[0]) for row in rows], 0, atol=1e-14)
+
+
+ARM = """<mujoco>{top}<worldbody><body name="a"><joint name="j" axis="0 1 0"{joint}/><geom size=".1" pos=".1 0 0"/>
+<body name="b"><joint name="o" type="ball"{ball}/><geom size=".1"/></body></body>
+<body name="f"><joint name="g" type="free"{free}/><geom size=".1"/></body></worldbody>{end}</mujoco>"""
+TENDON = '<tendon><fixed name="t"{}><joint joint="j" coef="1"/></fixed></tendon>'
+# What is written where, and what the refusal names.
+MISSING = {
+    "fluid": ({"top": '<option density="1.2"/>'}, ["option density", "a fluid"]),
+    "tendon's spring": ({"end": TENDON.format(' stiffness="2"')}, ["tendon 't'", "spring"]),
+    "tendon's damping": ({"end": TENDON.format(' damping="2"')}, ["tendon 't'", "damping"]),
+    "tendon's friction": ({"end": TENDON.format(' frictionloss="2"')}, ["tendon 't'", "friction"]),
+    "tendon's armature": ({"end": TENDON.format(' armature="2"')}, ["tendon 't'", "armature"]),
+    "ball's spring": ({"ball": ' stiffness="2"'}, ["joint 'o'", "spring"]),
+    "ball's friction": ({"ball": ' frictionloss="2"'}, ["joint 'o'", "friction"]),
+    "armature of a free body": ({"free": ' armature="1"'}, ["joint 'g'", "armature"]),
+    "curved damping": ({"joint": ' damping="1 2"'}, ["joint 'j'", "not linear"]),
+    "joint to a curve": (
+        {"end": '<equality><joint name="e" joint1="j"/></equality>'}, ["equality 'e' (joint)", "equality"]),
+}  # fmt: skip
+
+
+def arm(**parts: str) -> str:
+    return ARM.format(**dict.fromkeys(("top", "joint", "ball", "free", "end"), "") | parts)
+
+
+@pytest.mark.parametrize("case", MISSING)
+def test_what_changes_the_motion_and_has_no_counterpart_is_refused_or_reported(case: str) -> None:
+    parts, words = MISSING[case]
+    with pytest.raises(RobotError) as caught:
+        tl.load_robot(arm(**parts))
+    assert caught.value.code == "no-counterpart"
+    said = " | ".join(map(str, tl.load_robot(arm(**parts), foreign="report").report.ignored))
+    for word in words:
+        assert word in str(caught.value)
+        assert word in said
+    tl.load_robot(arm())
+
+
+def test_disabled_laws_do_not_act() -> None:
+    parts = {"joint": ' damping="1" stiffness="2" range="-1 1" limited="true"'}
+    flags = '<option><flag spring="disable" damper="disable" limit="disable" gravity="disable"/></option>'
+    robot = tl.load_robot(arm(top=flags, **parts))
+    assert [type(effect).__name__ for effect in tl.scene_of(robot).effects] == ["Gravity"]
+    assert not robot.gravity.any()
+    assert "disable" in str(robot.report)
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "word"),
+    [("<mujoco><wrldbody/></mujoco>", "mjcf", "wrldbody"), ("<mujoco><worldbody/></mujoco>", "", ""),
+     ("<sdf version='1.9'/>", "other-format", "sdf2mjcf"), ("#usda 1.0", "other-format", "usd_to_urdf")],
+)  # fmt: skip
+def test_other_files_are_refused_with_a_remedy(tmp_path: Path, text: str, code: str, word: str) -> None:
+    path = tmp_path / "robot.xml"
+    path.write_text(text)
+    if not code:
+        assert tl.load_robot(path).nv == 0
+        return
+    with pytest.raises(RobotError, match=word) as caught:
+        tl.load_robot(path)
+    assert caught.value.code == code
+
+
+def test_what_strangers_send_opens_no_files() -> None:
+    with pytest.raises(RobotError, match="export_urdf"):
+        load_model(tl.Robot, arm(), meshes=MeshFolders((), None, ()))
+
+
+def test_a_free_base_is_refused() -> None:
+    with pytest.raises(RobotError, match="freejoint"):
+        tl.load_robot(arm(), root="free")
+
+
+def test_without_the_extra_the_command_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'twolink\[mjcf\]'"):
+        tl.load_robot(arm())
+
+
+def test_the_scene_runs_and_is_saved(everything: Path, tmp_path: Path) -> None:
+    scene = tl.scene_of(tl.load_robot(ASSETS / "inverted_double_pendulum.xml"), duration=0.2)
+    saved = tl.load_scene(scene.save(tmp_path / "scene.toml"))
+    a, b = tl.simulate(scene, accuracy=1e-6), tl.simulate(saved, accuracy=1e-6)
+    np.testing.assert_allclose(a.q[-1], b.q[-1], atol=1e-5)
+    springs = tl.load_scene(tl.scene_of(tl.load_robot(everything)).save(tmp_path / "all.toml"))
+    assert {"JointSpring", "FrameWrench"} <= {type(effect).__name__ for effect in springs.effects}
+    np.testing.assert_allclose(springs.robot.model.armature, tl.load_robot(everything).model.armature)

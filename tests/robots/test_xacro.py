@@ -1,0 +1,73 @@
+"""xacro: arguments, packages found without ROS, and errors with file and line."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+import twolink as tl
+from twolink.errors import RobotError
+
+TEXT = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:arg name="mass" default="2"/>
+<xacro:include filename="$(find my_arm)/parts/link.xacro"/>
+<link name="base"/>
+<xacro:body name="arm" mass="$(arg mass)"/>
+<joint name="hinge" type="continuous"><parent link="base"/><child link="arm"/></joint>
+</robot>"""
+PART = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="body" params="name mass">
+<link name="${name}"><inertial><mass value="${mass}"/>
+<inertia ixx="${mass * 0.1}" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></xacro:macro></robot>"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A package whose folder has another name than itself."""
+    for name, text in {
+        "checkout/urdf/arm.urdf.xacro": TEXT,
+        "checkout/parts/link.xacro": PART,
+        "checkout/package.xml": "<package><name>my_arm</name></package>",
+    }.items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return tmp_path
+
+
+def test_arguments_and_packages(folder: Path) -> None:
+    path = folder / "checkout" / "urdf" / "arm.urdf.xacro"
+    assert tl.load_robot(path).mass == 2
+    assert tl.load_robot(path, xacro_arguments={"mass": 5}).mass == 5
+    away = folder / "away.urdf.xacro"
+    away.write_text(TEXT)
+    assert tl.load_robot(away, package_dirs=[folder / "checkout"]).mass == 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("$(arg mass)", "$(arg mess)", ["arm.urdf.xacro:5", "mess"]),
+        ("my_arm", "my_leg", ["arm.urdf.xacro:3", "'my_leg' is not found", "package_dirs"]),
+        ("${mass * 0.1}", "${mas * 0.1}", ["link.xacro:3", "mas"]),
+        ("</robot>", "</rbot>", ["arm.urdf.xacro:7"]),
+        ('name="hinge"', 'name="hinge" armature="1"', ["joint 'hinge'", "armature="]),
+    ],
+)
+def test_errors_name_file_and_line(folder: Path, old: str, new: str, words: list[str]) -> None:
+    for path in folder.rglob("*.xacro"):
+        path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(RobotError) as caught:
+        tl.load_robot(folder / "checkout" / "urdf" / "arm.urdf.xacro")
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_without_the_extra_the_command_is_given(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xacro", None)
+    with pytest.raises(ImportError, match=r"pip install 'twolink\[xacro\]'"):
+        tl.load_robot(folder / "checkout" / "urdf" / "arm.urdf.xacro")
+
+
+def test_arguments_of_no_xacro_are_refused() -> None:
+    with pytest.raises(RobotError, match="no xacro"):
+        tl.load_robot("arm", xacro_arguments={"a": 1})

@@ -1,0 +1,152 @@
+"""What an MJCF has beside bodies and joints: springs, loops and gravity compensation as effects of a scene; and what
+twolink has not, by whether it changes the motion.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from twolink.robots.mjcf_model import SHAPES, Mjcf, pose
+
+_FREE, _BALL = 0, 1  # mjtJoint
+_CONNECT, _WELD, _JOINT = 0, 1, 2  # mjtEq
+_EQUALITIES = ("connect", "weld", "joint", "tendon", "flex", "flexvert", "flexstrain", "distance")
+_SITE = 6  # mjtObj
+
+
+def without_counterpart(mjcf: Mjcf) -> dict[str, list[str]]:
+    """What changes the motion and has no counterpart: what it is, and the elements by name; the others left out."""
+    m, joints = mjcf.model, [f"joint {name!r}" for name in mjcf.joints]
+    tendons, count = mjcf.names("tendon", "tendon"), len(m.actuator_trntype)
+    many = [m.jnt_type[k] in (_FREE, _BALL) for k in range(m.njnt)]
+    springs, damped = not mjcf.is_off("SPRING"), not mjcf.is_off("DAMPER")
+    rubbed = not mjcf.is_off("FRICTIONLOSS", "CONSTRAINT")
+    first = [int(k) for k in m.jnt_dofadr]
+    away = [m.actuator_trntype[k] not in (0, 1) or many[m.actuator_trnid[k, 0]] for k in range(count)]
+
+    def where(names: list[str], values: np.ndarray, among: Any = True) -> list[str]:
+        return [name for name, on in zip(names, np.any(values, axis=-1) & np.array(among, bool), strict=True) if on]
+
+    def tendon(what: str) -> list[str]:
+        return where(tendons, mjcf.numbers(f"tendon_{what}", m.ntendon))
+
+    def actuator(what: str, among: Any = True) -> list[str]:
+        return where(mjcf.names("actuator", "actuator"), mjcf.numbers(f"actuator_{what}", count), among)
+
+    equalities = [] if mjcf.is_off("EQUALITY", "CONSTRAINT") else [
+        f"{name} ({_EQUALITIES[m.eq_type[k]]})" for k, name in enumerate(mjcf.names("eq", "equality"))
+        if m.eq_active0[k] and not _has_loop(m, k)]  # fmt: skip
+    found = {
+        "a fluid": [f"option {name}" for name in ("density", "viscosity") if getattr(m.opt, name)],
+        "a flexible body": mjcf.names("flex", "flex"),
+        "a plugin of a body": where(mjcf.names("body", "body"), mjcf.numbers("body_plugin", m.nbody) >= 0,
+                                    m.nplugin > 0),
+        "the spring of a tendon": springs * (tendon("stiffness") + tendon("stiffnesspoly")),
+        "the damping of a tendon": damped * (tendon("damping") + tendon("dampingpoly")),
+        "the friction of a tendon": rubbed * tendon("frictionloss"),
+        "the armature of a tendon": tendon("armature"),
+        "the spring of a ball or free joint": springs * where(joints, mjcf.numbers("jnt_stiffness", m.njnt), many),
+        "the friction of a ball or free joint": rubbed * where(joints, m.dof_frictionloss[first].reshape(-1, 1), many),
+        "the armature of a free joint": where(joints, m.dof_armature[first].reshape(-1, 1), m.jnt_type == _FREE),
+        "a spring that is not linear": springs * where(joints, mjcf.numbers("jnt_stiffnesspoly", m.njnt)),
+        "damping that is not linear": damped * (
+            where(joints, mjcf.numbers("dof_dampingpoly", m.nv)[first]) + actuator("dampingpoly")),
+        "the armature of an actuator that acts on no joint of one axis": actuator("armature", away),
+        "the damping of an actuator that acts on no joint of one axis": damped * actuator("damping", away),
+        "an equality constraint of this kind": equalities,
+    }  # fmt: skip
+    return {what: names for what, names in found.items() if names}
+
+
+def left_out(mjcf: Mjcf) -> dict[str, list[str]]:
+    """What has no effect on the answers: what it is, with names."""
+    m = mjcf.model
+    unknown = {k for k in range(m.ngeom) if int(m.geom_type[k]) not in SHAPES}
+    off = [name for name, flag in (("springs", "SPRING"), ("damping", "DAMPER"), ("joint friction", "FRICTIONLOSS"),
+           ("limits", "LIMIT"), ("equality constraints", "EQUALITY"), ("gravity", "GRAVITY"),
+           ("constraints", "CONSTRAINT")) if mjcf.is_off(flag)]  # fmt: skip
+    geoms, tendons = mjcf.names("geom"), mjcf.names("tendon")
+    found = {
+        "what the file's flags disable": off,
+        "actuators (no command is given, none acts)": mjcf.names("actuator"),
+        "tendons (they exert no force by themselves; their limits are left out)": tendons,
+        "equality constraints that are not active": [
+            name for k, name in enumerate(mjcf.names("eq")) if not m.eq_active0[k]
+        ],
+        "shapes that a URDF has not": [geoms[k] for k in sorted(unknown)],
+        "contact pairs": mjcf.names("pair"),
+        "excluded contacts": mjcf.names("exclude"),
+        "bodies that a program moves (mocap): they stay": [
+            name for k, name in enumerate(mjcf.bodies) if m.body_mocapid[k] >= 0
+        ],
+        "sensors": mjcf.names("sensor"),
+        "plugins": mjcf.names("plugin") if m.nplugin else [],
+        "skins": mjcf.names("skin"),
+        "keyframes": mjcf.names("key"),
+        "sites": mjcf.names("site"),
+        "cameras and lights": mjcf.names("cam") + mjcf.names("light"),
+        "data of other programs": mjcf.names("numeric") + mjcf.names("text"),
+    }
+    solver = [f"time step {m.opt.timestep:g} s", "integrator, solver, and the softness of contacts and constraints"]
+    return {what: names for what, names in {**found, "options of MuJoCo's simulation": solver}.items() if names}
+
+
+def effects_of(mjcf: Mjcf) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Springs, gravity compensation and loops, by type and arguments as in scene files."""
+    m = mjcf.model
+    sprung = {
+        name: k for k, name in enumerate(mjcf.joints) if m.jnt_stiffness[k] and m.jnt_type[k] not in (_FREE, _BALL)
+    }
+    if sprung and not mjcf.is_off("SPRING"):
+        yield (
+            "joint-spring",
+            {
+                "stiffness": {name: float(m.jnt_stiffness[k]) for name, k in sprung.items()},
+                "rest": {name: float(m.qpos_spring[m.jnt_qposadr[k]]) for name, k in sprung.items()},
+            },
+        )
+    for k in map(int, np.flatnonzero(m.body_gravcomp * (m.body_weldid > 0))):
+        if not mjcf.is_off("GRAVITY"):
+            force = -m.opt.gravity * m.body_mass[k] * m.body_gravcomp[k]
+            yield "frame-wrench", {"frame": mjcf.bodies[k], "force": _three(force), "point": _three(m.body_ipos[k])}
+    for equality in range(m.neq):
+        if m.eq_active0[equality] and _has_loop(m, equality) and not mjcf.is_off("EQUALITY", "CONSTRAINT"):
+            yield _loop(mjcf, equality)
+
+
+def _has_loop(m: Any, equality: int) -> bool:
+    """Whether an equality constraint has a counterpart."""
+    kind, data = m.eq_type[equality], m.eq_data[equality]
+    return kind in (_CONNECT, _WELD) or (kind == _JOINT and m.eq_obj2id[equality] >= 0 and not data[2:5].any())
+
+
+def _loop(mjcf: Mjcf, equality: int) -> tuple[str, Mapping[str, Any]]:
+    """An equality constraint of points, bodies or joints."""
+    m, data = mjcf.model, mjcf.model.eq_data[equality]
+    ends = int(m.eq_obj1id[equality]), int(m.eq_obj2id[equality])
+    if m.eq_type[equality] == _JOINT:  # q - q0 = c + r (q' - q0')
+        q, other = (float(m.qpos0[m.jnt_qposadr[k]]) for k in ends)
+        ratio = float(data[1])
+        return "coupling", {"joint": mjcf.joints[ends[0]], "other": mjcf.joints[ends[1]], "ratio": ratio,
+                            "offset": q + float(data[0]) - ratio * other}  # fmt: skip
+    if m.eq_objtype[equality] == _SITE:
+        bodies = [int(m.site_bodyid[k]) for k in ends]
+        first, second = (pose(m.site_pos[k], m.site_quat[k]) for k in ends)
+    else:
+        bodies, still = list(ends), np.array([1.0, 0.0, 0.0, 0.0])
+        if m.eq_type[equality] == _CONNECT:
+            first, second = pose(data[:3], still), pose(data[3:6], still)
+        else:
+            first, second = pose(data[3:6], data[6:10]), pose(data[:3], still)
+    names = {"a": mjcf.bodies[bodies[0]], "b": mjcf.bodies[bodies[1]],
+             "point_a": _three(first.translation), "point_b": _three(second.translation)}  # fmt: skip
+    if m.eq_type[equality] == _CONNECT:
+        return "point-loop", names
+    turned = second.rotation @ first.rotation.T  # of a as b sees it
+    return "weld-loop", {**names, "rpy": _three(pin.rpy.matrixToRpy(turned))}
+
+
+def _three(values: Any) -> tuple[float, ...]:
+    return tuple(float(x) for x in values)
