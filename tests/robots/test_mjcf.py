@@ -18,6 +18,7 @@ from twolink.errors import MissingExtraError, RobotError
 from twolink.integrate.motion.formulas import motion_of
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.robots import load_model
+from twolink.robots.checks import compare
 from twolink.robots.meshes import MeshFolders
 
 # All kinds of joints; anchors off the body's origin, references, several joints of a body, turned inertias, motors.
@@ -63,6 +64,10 @@ def test_links_are_where_mujoco_has_them(everything: Path) -> None:
         rotation, position = robot.frame_pose(q, name)
         np.testing.assert_allclose(position, data.body(name).xpos, atol=1e-14)
         np.testing.assert_allclose(rotation.ravel(), data.body(name).xmat, atol=1e-14)
+
+
+def test_a_second_reader_agrees(everything: Path) -> None:
+    assert compare(tl.load_robot(everything))["agree"]
 
 
 def test_what_belongs_to_joints_is_in_the_model(everything: Path) -> None:

@@ -270,6 +270,9 @@ def compare(robot: RobotModel, configurations: int = 5) -> dict[str, Any]:
     import yourdfpy  # 1.7 s: only where it is asked for
 
     root = ElementTree.fromstring(robot.visuals.text)
+    for joint in root.iter("joint"):
+        if joint.get("type") in ("floating", "spherical"):  # yourdfpy cannot move them: they stay at zero
+            joint.set("type", "fixed")
     for link in root.iter("link"):  # yourdfpy refuses capsules
         for shape in link.findall("visual") + link.findall("collision"):
             link.remove(shape)
