@@ -171,6 +171,7 @@ def test_pages_have_their_pictures(site: Path) -> None:
             assert (page.parent / source).is_file(), (page, source)
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_pages_fit_narrow_and_wide_screens(site: Path, browser: Browser) -> None:
     for width in (390, 1400):

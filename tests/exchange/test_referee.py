@@ -82,6 +82,7 @@ def test_other_numbers_are_fitted() -> None:
     assert "upper_arm_link" in blamed(exact(scene, heavy, 2.0, 0.005), scene)
 
 
+@pytest.mark.slow
 def test_delays_starts_and_units_are_named() -> None:
     t, q, v = RIGHT
     assert blamed((t + 0.05, q, v)) == "it is late by 0.05 s"

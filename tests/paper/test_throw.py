@@ -109,6 +109,7 @@ def test_a_bowled_ball_slides_and_rolls_by_the_laws() -> None:
     np.testing.assert_allclose(run.v[rolling, 4] * BALL, one.end, rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_bowled_ball_lands_as_a_parabola_does() -> None:
     """The path, the time of the first impact, and each next one e times as fast."""
     one = bowled()

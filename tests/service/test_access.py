@@ -64,6 +64,7 @@ def test_tokens_allowed_hosts_and_origins(tmp_path: Path) -> None:
         assert http.options(PATH, headers={"Origin": "https://lab.example"}).status_code == 204
 
 
+@pytest.mark.slow
 def test_requests_too_large_or_too_slow_are_ended(tmp_path: Path) -> None:
     with serving(tmp_path / "data", "--quota", "body_mb=0.01", "--quota", "body_seconds=1") as served:
         with served.client() as http:

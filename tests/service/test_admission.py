@@ -269,6 +269,7 @@ def test_bodies_that_do_not_arrive_are_limited_and_cut_off(small: Served) -> Non
         assert http.post(BIAS, content=body, headers=media).status_code == 200
 
 
+@pytest.mark.slow
 def test_an_answer_that_is_not_read_is_given_up(small: Served) -> None:
     path, body = "/v1/robots/panda/mass-matrix", packed(q=np.zeros((18_000, 9)))
     head = f"POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/x-npz\r\n".encode()

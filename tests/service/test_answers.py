@@ -18,6 +18,7 @@ def client(served: Any) -> Client:
     return tl.connect(served.url)
 
 
+@pytest.mark.slow
 def test_quantities_are_what_can_be_varied_with_the_values_of_the_scene(http: httpx.Client) -> None:
     scene = {**http.get("/v1/scenes/arm-human").json(), "q": {"shoulder": 0.3}, "v": {"elbow": 0.5}}
     rows = {row["name"]: row for row in http.post("/v1/scenes/quantities", json={"scene": scene}).json()}

@@ -13,7 +13,8 @@ from scripts.studies.attacks import QUICK, attack
 from tests.service.serving import Served, wait_until
 
 
-@pytest.mark.parametrize("seconds", [QUICK, pytest.param(60.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seconds", [QUICK, 60.0])
 def test_the_service_stays_up_under_attack(seconds: float) -> None:
     figures = attack(seconds)
     bars = figures.bars(busy=True)  # tests run beside others

@@ -143,6 +143,7 @@ def test_deleting_a_job_ends_its_streams(served: Served, http: httpx.Client) -> 
     assert "Traceback" not in served.log
 
 
+@pytest.mark.slow
 def test_the_progress_of_a_job_rises_to_its_end(http: httpx.Client) -> None:
     asked = {"scene": "arm-swing", "duration": 40.0, "samples_per_second": 1, "method": "rk4", "step": 1e-4, "wait": 0}
     path = http.post("/v1/simulations", json=asked).headers["location"]
@@ -153,6 +154,7 @@ def test_the_progress_of_a_job_rises_to_its_end(http: httpx.Client) -> None:
     assert (seen[-1][0], seen[-1][1]["state"], fractions[-1]) == ("end", "done", 1.0)
 
 
+@pytest.mark.slow
 def test_a_study_has_rows_tables_and_a_figure(http: httpx.Client) -> None:
     asked = {"scene": "arm-swing", "duration": 0.5, "methods": ["rk4", "dop853"], "tolerances": [1e-3, 1e-6],
              "repeats": 1, "wait": 30}  # fmt: skip

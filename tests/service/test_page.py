@@ -170,6 +170,7 @@ def test_sliders_move_the_robot(page: Page) -> None:
     assert page.moves(moved)
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_an_effect_is_switched_off_and_another_added(page: Page) -> None:
     page.open("#scene=arm-human")
@@ -195,6 +196,7 @@ def test_the_price_follows_the_accuracy(page: Page) -> None:
     assert page.evaluate("document.getElementById('accuracy').getAttribute('aria-valuetext')") == "1e-12"
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_events_are_listed_and_lead_there(page: Page) -> None:
     page.open("#scene=bouncing-ball")
@@ -226,6 +228,7 @@ def test_a_bad_urdf_is_explained_where_it_was_given(page: Page, tmp_path: Path) 
     assert page.text("#robot-problem") == ""
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_a_bad_scene_is_explained_in_the_scene(page: Page) -> None:
     page.open()

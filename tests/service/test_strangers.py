@@ -89,6 +89,7 @@ def traced(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[str, dict[str
     return asyncio.run(work())
 
 
+@pytest.mark.slow
 def test_nothing_outside_the_upload_is_opened(traced: list[tuple[str, dict[str, Any], str]]) -> None:
     (_, control, _), *cases = traced
     assert [Path(path).name for path in control["opened"]] == ["secret.png"]  # so the check below can fail

@@ -83,6 +83,7 @@ def test_a_process_that_cannot_begin_is_no_fault_of_the_task(tmp_path: Path, mon
     assert caught.value.status == 503
 
 
+@pytest.mark.slow
 def test_a_task_that_takes_too_long_is_killed() -> None:
     async def work(workers: Workers) -> None:
         seen: list[int] = []

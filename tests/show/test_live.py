@@ -159,6 +159,7 @@ def test_a_configuration_between_samples_is_interpolated(arm: tuple[Any, Any], n
     np.testing.assert_allclose(resample(arm[0], t, q, np.array([now]))[0], expected, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_a_browser_shows_the_motion_once(arm: tuple[Any, Any], browser: Browser) -> None:
     with player(*arm, *motion(6.0)) as (url, _):

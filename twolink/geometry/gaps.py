@@ -46,6 +46,7 @@ FLAT = 1e-18  # the square of the sine of the tilt below it: a disc lies flat
 NO_DIRECTION = 1e-30  # the square of a length below which it has no direction
 AWAY = 1.0  # m: of a disc or point that does not touch as the disc lies
 NEVER = 1e30  # m^2: the square of the distance from what is not below the ball
+FACE_FIRST = 1.0 - 1e-14  # of the square of the distance from a face: it is nearer than its edges
 PARALLEL = 1e-9  # the square of the sine between two segments, or of a tilt, below it: they count as parallel
 
 
@@ -417,11 +418,14 @@ def _on_edge(x: Vec, a: Vec, b: Vec, xp: Any) -> tuple[Scalar, Vec]:
 
 
 def _on_face(x: Vec, corners: tuple[Vec, ...], xp: Any) -> tuple[Scalar, Vec]:
-    """The square of the distance from a face, and the foot on it; NEVER where that is beside the face or behind it."""
+    """The square of the distance from a face, and the foot on it; NEVER where that is beside the face or behind it.
+
+    The square is a little smaller: by rounding alone the face's edge would be the nearest from sqrt(eps) h before it.
+    """
     normal = unit(cross(sub(corners[1], corners[0]), sub(corners[2], corners[1])), "vertices")
     height = dot(normal, sub(x, corners[0]))
     inside = height
     for a, b in zip(corners, (*corners[1:], corners[0]), strict=True):
         beside = dot(unit(cross(normal, sub(b, a)), "vertices"), sub(x, a))
         inside = xp.where(xp.less(beside, inside), beside, inside)
-    return xp.where(xp.less(inside, 0.0), NEVER, height * height), sub(x, scale(height, normal))
+    return xp.where(xp.less(inside, 0.0), NEVER, FACE_FIRST * height * height), sub(x, scale(height, normal))

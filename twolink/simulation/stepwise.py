@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
@@ -282,6 +281,8 @@ class Simulation:
             return missing(self.step(dt, tau) if dt > 0.0 else self.state)
 
         self.restore(before)
+        from scipy.optimize import brentq  # a service's workers start without it
+
         at(brentq(at, 0.0, after - self.t, xtol=1e-15 * max(1.0, after), rtol=1e-15))
 
     def _distance(self, event: Condition | Missing) -> Missing:

@@ -20,6 +20,7 @@ from twolink.service.work.requests import LiveRequest, LiveWords
 from twolink.service.work.sharing import busy, client_of_scope
 
 FIRST = 10.0  # seconds for the request
+LEAVES = 2.0  # s: how long a newcomer waits for a place
 MESSAGES = 500  # of a client in a second, on the mean
 WORDS_BYTES = 16_384
 READ = 10.0  # seconds in which a client must take a frame
@@ -98,10 +99,19 @@ async def live(socket: WebSocket[Any, Any, Any], service: Shared) -> None:
         await socket.close()
 
 
+async def _take_place(service: Shared, client: str) -> None:
+    """Take a place, of those that a page that is loaded again, say, is about to leave. Raises busy."""
+    try:
+        async with asyncio.timeout(LEAVES):
+            while not service.lives.take(client):
+                await asyncio.sleep(0.05)
+    except TimeoutError:
+        raise busy(f"{service.lives.held} simulations are live already", "connection") from None
+
+
 async def _run(socket: WebSocket[Any, Any, Any], service: Shared, client: str) -> None:
     """Run a client's simulation. Raises its failure."""
-    if not service.lives.take(client):
-        raise busy(f"{service.lives.held} simulations are live already", "connection")
+    await _take_place(service, client)
     try:
         try:
             async with asyncio.timeout(FIRST):
