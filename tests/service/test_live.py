@@ -191,6 +191,7 @@ LISTEN = """(() => { const send = WebSocket.prototype.send; window.sent = [];
       window.sent.push(text); return send.call(this, text); }; return true; })()"""
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_a_link_is_dragged_with_the_mouse(page: Page) -> None:
     """The point that was taken hold of comes as near to the mouse as its link can, but for its sag, some g / w^2."""

@@ -1,6 +1,6 @@
 """A live simulation: a scene solved step by step, at the pace of the service, and pulled by its clients."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -11,7 +11,9 @@ from twolink.service.problems import decode_unique, problem_of
 from twolink.service.work.requests import LiveRequest, LiveWords, link_poses
 from twolink.service.work.scene_tasks import scene_of
 from twolink.service.work.worker import Ask
-from twolink.simulation.stepwise import Simulation, State, one
+
+if TYPE_CHECKING:
+    from twolink.simulation.stepwise import State
 
 PULL = 12.0  # rad/s: how quickly a link follows what drags it, critically damped
 SINGULAR = 1e-3  # of the largest: directions in which the link moves less than that are not pulled
@@ -23,6 +25,8 @@ def live(*, body: bytes, robots: str, ask: Ask) -> None:
     The first frame has the names of the links. A message that does not fit is a problem in the next frame, and what
     acted before goes on.
     """
+    from twolink.simulation.stepwise import Simulation  # workers start without what few tasks need
+
     request = decode_unique(body, LiveRequest)
     scene = scene_of(request.scene, robots)
     sim, heard, words = Simulation(scene, accuracy=request.accuracy), LiveWords(), LiveWords()
@@ -42,7 +46,7 @@ def live(*, body: bytes, robots: str, ask: Ask) -> None:
         sim.step(1.0 / request.frames_per_second, torques(scene.robot, state, words))
 
 
-def torques(robot: Robot, state: State, said: LiveWords) -> np.ndarray:
+def torques(robot: Robot, state: "State", said: LiveWords) -> np.ndarray:
     """The torques (nv,) of a message: those that it gives, and J' F of a spring that drags a point of a link.
 
         F = L (w^2 (to - p) - 2 w p'),   L = (J M^-1 J')^-1
@@ -51,6 +55,8 @@ def torques(robot: Robot, state: State, said: LiveWords) -> np.ndarray:
 
     Raises QueryError where names or sizes do not fit.
     """
+    from twolink.simulation.stepwise import one
+
     tau = np.zeros(robot.nv) if said.tau is None else one("tau", said.tau, robot.nv)
     if said.drag is None:
         return tau
