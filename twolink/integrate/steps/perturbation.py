@@ -21,8 +21,8 @@ MIN_STEPS = 16.0  # of an adaptive method in a run
 ROUNDING = 2 * np.finfo(float).eps  # of each entry of a state, relative to its size, in each step
 # Of each entry in each step on the mean, relative to it. Rounding is not all chance: energy drifts, in all solutions
 # alike, and the phase of a swing by the square of its steps. Without it, bars of swings of 1e5 steps of DOP853 were up
-# to 2.3 times too small; with 0.01 eps, 1.7 times the errors of 64 of them or more.
-BIAS = 0.02 * np.finfo(float).eps
+# to 2.3 times too small; with it, 1.7 times the errors of 64 of them or more.
+BIAS = 0.01 * np.finfo(float).eps
 SHARE = 0.1  # of the largest entry of q, or of v: the least size that counts, as forces of one joint act on others
 PERIOD = 4096  # random numbers of an entry, then they repeat
 APART = 613  # places between the random numbers of two solutions
