@@ -25,6 +25,7 @@ from twolink.algorithms.operation_count import Tape
 from twolink.algorithms.sincos import LIMIT
 from twolink.dynamics.arguments import UNIT_TOLERANCE
 from twolink.dynamics.threads import do_all, is_forked_child, is_shared, thread_count
+from twolink.errors import QueryError
 from twolink.robots.joint_layout import joint_layouts
 
 CHUNK_BYTES = 2**22  # of a chunk's inputs and outputs: threads that share smaller ones wait for the interpreter
@@ -72,6 +73,8 @@ def _imported() -> Any:
     module.llvm_state.set_diskcache_enabled(False)
     module.llvm_state.set_memcache_limit(0)
     if level := os.environ.get("TWOLINK_OPT_LEVEL"):
+        if level not in {"0", "1", "2", "3"}:
+            raise QueryError(f"{level[:40]!r} is no level", where="TWOLINK_OPT_LEVEL", remedy="set it to 0, 1, 2 or 3")
         for name in ("cfunc", "taylor_adaptive", "taylor_adaptive_batch"):
             setattr(module, name, functools.partial(getattr(module, name), opt_level=int(level)))
     return module

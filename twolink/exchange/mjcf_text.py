@@ -16,8 +16,7 @@ from twolink.dynamics import Robot
 from twolink.errors import RobotError
 from twolink.exchange.law_comparison import couplings
 from twolink.exchange.urdf_scene import urdf_tree
-from twolink.io.files import write_atomic
-from twolink.io.tables import require_format
+from twolink.exchange.urdf_text import write_robot
 from twolink.robots.joint_layout import NO_LIMIT, urdf_limits
 from twolink.robots.tree import Tree
 from twolink.robots.xml import Element, Reader
@@ -28,17 +27,11 @@ _SHAPES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "leng
 
 def export_mjcf(robot: Robot, path: str | os.PathLike[str]) -> Path:
     """Write a robot as an MJCF; see `Robot.export_mjcf`."""
-    target = Path(path)
-    require_format(target, (".xml", ".mjcf"))
-    text = mjcf_text(robot)
-    return write_atomic(target, lambda file: file.write(text.encode()), error=RobotError)
+    return write_robot(robot, path, (".xml", ".mjcf"), mjcf_text)
 
 
 def mjcf_text(robot: Robot) -> str:
-    """The MJCF of a robot."""
-    if robot.has_mimic:
-        raise RobotError("it has coupled joints", where=f"robot {robot.name!r}", code="mimic-joints",
-                         remedy="load it with mimic=False: <mimic> is written")  # fmt: skip
+    """The MJCF of a robot without coupled joints."""
     root = ET.Element("mujoco", model=robot.name)
     ET.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
     ET.SubElement(root, "option", gravity=_written(robot.gravity))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -24,17 +25,24 @@ _TYPES = {"revolute": "revolute", "continuous": "continuous", "prismatic": "pris
 
 def export_urdf(robot: Robot, path: str | os.PathLike[str]) -> Path:
     """Write a robot as a URDF; see `Robot.export_urdf`."""
+    return write_robot(robot, path, (".urdf",), urdf_text)
+
+
+def write_robot(
+    robot: Robot, path: str | os.PathLike[str], suffixes: tuple[str, ...], text_of: Callable[[Robot], str]
+) -> Path:
+    """Write a robot as text to a file with one of the suffixes. Raises RobotError for coupled joints."""
     target = Path(path)
-    require_format(target, (".urdf",))
-    text = urdf_text(robot)
+    require_format(target, suffixes)
+    if robot.has_mimic:
+        raise RobotError("it has coupled joints", where=f"robot {robot.name!r}", code="mimic-joints",
+                         remedy="load it with mimic=False: <mimic> is written")  # fmt: skip
+    text = text_of(robot)
     return write_atomic(target, lambda file: file.write(text.encode()), error=RobotError)
 
 
 def urdf_text(robot: Robot) -> str:
-    """The URDF of a robot."""
-    if robot.has_mimic:
-        raise RobotError("it has coupled joints", where=f"robot {robot.name!r}", code="mimic-joints",
-                         remedy="load it with mimic=False: <mimic> is written")  # fmt: skip
+    """The URDF of a robot without coupled joints."""
     model, said = robot.model, urdf_tree(robot)
     root = ET.Element("robot", name=robot.name)
     links = [[f for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint == j]

@@ -100,9 +100,9 @@ def solve_beside(
     checks: Array | None = None,
 ) -> list[Solution]:
     """Solve a scene with events and sampled controllers: the run, and others at the checks (k,), from tick to tick."""
-    from twolink.integrate.hybrid.ticks import solve_ticks  # with it come the effects of modes
+    from twolink.integrate.hybrid.ticks import solve_ticks_in_modes  # with it come the effects of modes
 
-    return solve_ticks(equations, sampling, method, times, setting, progress, others, checks)
+    return solve_ticks_in_modes(equations, sampling, method, times, setting, progress, others, checks)
 
 
 def sampling_beside(equations: Equations, method: Method) -> Sampling | None:

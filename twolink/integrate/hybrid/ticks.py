@@ -190,7 +190,7 @@ class TickEngine(Engine):
         self._transit(hit, piece.begin, stop)
 
 
-def solve_ticks(
+def solve_ticks_in_modes(
     equations: Equations,
     sampling: Sampling,
     method: Method,
