@@ -30,6 +30,15 @@ def test_states_between_samples_are_as_exact_as_at_samples(method: str) -> None:
     assert np.abs(v - truth.v[[3, 501, 999, 250, 1]]).max() <= 100 * run.error[-1]
 
 
+def test_a_lsoda_run_adds_no_error_between_its_samples() -> None:
+    """LSODA begins at order 1 with a guessed step: between samples it would err 1.7 times as much as at them."""
+    scene = tl.Scene(tl.load_scene("arm-swing").robot, v=[1.0, -2.0])
+    run = tl.simulate(scene, 4.0, accuracy=1e-3, method="scipy-lsoda", samples_per_second=4)
+    truth = tl.simulate(scene, 4.0, accuracy=1e-11, samples_per_second=32)
+    error = np.abs(run.at(truth.t)[0] - truth.q).max(axis=1)
+    assert error.max() < 1.2 * error[::8].max()
+
+
 def test_shapes_follow_the_times_and_samples_come_back_exactly() -> None:
     run = tl.simulate(tl.load_scene("spinning-top"), 0.5, samples_per_second=20)
     q, v = run.at(0.2)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from twolink import effects as fx
 from twolink.errors import SceneError, TwolinkError
 from twolink.scenes import bundled_scenes, scenes
 
@@ -23,6 +24,18 @@ def test_a_scene_cannot_be_changed() -> None:
             setattr(scene, name, 1.0)
     with pytest.raises(ValueError, match="read-only"):
         scene.q[0] = 1.0
+
+
+def test_an_effect_is_left_out_by_place_class_or_name() -> None:
+    scene = tl.load_scene("pitch")
+    names = [type(effect).__name__ for effect in scene.effects]
+    for effect in (names.index("AirDrag"), names.index("AirDrag") - len(names), fx.AirDrag, "AirDrag"):
+        left = [type(one).__name__ for one in scene.without(effect).effects]
+        assert left == [name for name in names if name != "AirDrag"]
+    for missing in (99, "gravty", fx.Muscle):
+        with pytest.raises(SceneError, match="the scene has Gravity") as refused:
+            scene.without(missing)
+        assert refused.value.code == "no-effect"
 
 
 def test_a_start_is_given_by_joint() -> None:

@@ -22,6 +22,9 @@ from twolink.integrate.solvers.taylor_code import Precision
 from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.step_map import step_map
 
+# A SciPy solver begins at low order and with a guessed step: between samples its tolerance is divided by this, so that
+# the step from a stored state adds nothing to that state's error.
+FINER_BETWEEN = 100.0
 Forces = Callable[[Equations, Array, Array], list[tuple[str, Array, Array]]]  # names, points and forces at some states
 
 
@@ -185,11 +188,13 @@ class DenseOutput:
     def _solved(self, group: _Group) -> Array:
         """By a solver of single worlds: the times after each stored state at once."""
         out = np.empty((len(self.x), len(group.t)))
+        method = METHODS[self.method]
+        setting = self.setting / FINER_BETWEEN if method.kind == "scipy" else self.setting
         for begin in np.unique(group.stored_t):
             chosen = np.flatnonzero(group.stored_t == begin)
             grid, places = np.unique(group.t[chosen], return_inverse=True)
             start = np.concatenate([group.stored_x[:, chosen[0]], group.equations.start[len(self.x) :]])
-            solution = solve(replace(group.equations, start=start), METHODS[self.method], np.append(begin, grid),
-                             self.setting, None, self.precision)  # fmt: skip
+            solution = solve(replace(group.equations, start=start), method, np.append(begin, grid), setting, None,
+                             self.precision)  # fmt: skip
             out[:, chosen] = solution.x[: len(self.x), 1 + places]
         return out

@@ -192,9 +192,26 @@ class Scene:
         of_effects = [note for effect in self.effects for note in effect.notes(self.robot)]
         return [*start_notes(self.base, self.q), *of_effects]
 
-    def without(self, index: int) -> Scene:
-        """The same scene without one of its effects."""
-        return self.with_effects(self.effects[:index] + self.effects[index + 1 :])
+    def without(self, effect: int | str | type[Effect]) -> Scene:
+        """The same scene without one of its effects, given by its place, or without all of a kind.
+
+        Parameters
+        ----------
+        effect : int, str or class
+            Its place among `effects`, or a class or its name: `effects.Gravity`, "Gravity".
+
+        Raises
+        ------
+        SceneError
+            The scene has no such effect; code "no-effect".
+        """
+        name = effect.__name__ if isinstance(effect, type) else effect
+        kept = [one for i, one in enumerate(self.effects) if name not in (i, i - len(self.effects), type(one).__name__)]
+        if len(kept) == len(self.effects):
+            names = ", ".join(type(one).__name__ for one in self.effects) or "none"
+            raise SceneError(f"no effect {name!r}; the scene has {names}", where="effects",
+                             remedy="give the place of an effect, its class or its name", code="no-effect")  # fmt: skip
+        return self.with_effects(kept)
 
     def with_effects(self, effects: Sequence[Effect]) -> Scene:
         """The same scene with other effects."""
