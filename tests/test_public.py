@@ -38,6 +38,14 @@ FACE = {
 }  # fmt: skip
 
 
+def test_the_version_is_the_same_wherever_it_stands() -> None:
+    declared = tomllib.loads((TOP / "pyproject.toml").read_text("utf-8"))["project"]["version"]
+    cited = [re.search(pattern, (TOP / name).read_text("utf-8")) for name, pattern in
+             (("CITATION.cff", r"(?m)^version: (\S+)$"), ("docs/cite.md", r"Version ([0-9.]+[0-9])"))]  # fmt: skip
+    assert {tl.__version__, *(found[1] for found in cited if found)} == {declared}
+    assert all(cited)
+
+
 def test_names_are_there() -> None:
     robot = tl.load_robot("two_link")
     examples = {tl.Robot: robot, tl.Scene: tl.Scene(robot), tl.Trajectory: tl.simulate(tl.Scene(robot), 0.01)}

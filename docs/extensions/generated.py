@@ -1,6 +1,7 @@
 """Pages that are made from the code before a build: catalogues, commands, and the Python reference."""
 
 import inspect
+import re
 import textwrap
 from importlib import resources
 from itertools import groupby
@@ -28,6 +29,7 @@ ROOMS = {  # the order and the titles of the reference's pages, by the room that
     "simulation": "Simulation",
     "accuracy": "Accuracy and methods",
     "integrate": "Accuracy and methods",
+    "io": "Simulation",
     "identification": "Identification",
     "lagrange": "The paper's arm",
     "service": "The service's client",
@@ -219,7 +221,9 @@ def reference() -> dict[str, str]:
     register = Table(("code", "when", "what to do"), tuple((f"`{c}`", *row) for c, row in tl.errors.codes().items()))
     entries["Errors"] = [tree, *(autodoc("autoexception", f"twolink.errors.{name}") for name in kinds), "## Codes",
                          autodoc("autofunction", "twolink.errors.codes"), markdown(register)]  # fmt: skip
-    return {f"api_{i}": page(title, *parts) for i, (title, parts) in enumerate(entries.items()) if parts}
+    return {
+        f"api_{re.sub('[^a-z]+', '_', title.lower())}": page(title, *parts) for title, parts in entries.items() if parts
+    }
 
 
 def write(app: Any) -> None:

@@ -45,13 +45,13 @@ MUTATIONS = {
     "stops": Mutation("a robot's stops are those of its URDF", "effects/joint_switches.py",
                       "return float(lower), float(upper)", "return float(lower), 1.01 * float(upper)",
                       "tests/effects/test_joint_stops.py"),
-    "damping": Mutation("the URDF's damping is read", "robots/urdf.py", 'for key in ("damping", "friction")',
-                        'for key in ("friction", "damping")', "tests/robots tests/effects/test_closed_forms.py"),
+    "damping": Mutation("the URDF's damping is read", "robots/urdf.py", '("damping", "friction", "armature")',
+                        '("friction", "damping", "armature")', "tests/robots tests/effects/test_closed_forms.py"),
     "cache-key": Mutation("the name of compiled code holds the effects", "integrate/motion/equations.py",
                           "{self.content}-", "{self.operations}-", "tests/integrate"),
     "huber": Mutation("robust weights are Huber's", "identification/regression.py", "HUBER = 1.345", "HUBER = 13.45",
                       "tests/identification"),
-    "token": Mutation("a request needs a token", "service/http/access.py", "or not any(matches)",
+    "token": Mutation("a request needs a token", "service/http/messages.py", "or not any(matches)",
                       "or not matches", "tests/service/test_access.py"),
 }  # fmt: skip
 

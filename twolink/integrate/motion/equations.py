@@ -43,6 +43,7 @@ class Equations:
     sides: of each joint with a limit of effort, on which side of it the equations stay, -1 below, 0 within, 1 above;
     None: they follow the torque.
     variant: which formula of forward dynamics has the fewest operations, and `operations`, how many an evaluation has.
+    steady: the rows of v and z whose rate is 0 whatever the state: no rounding changes them.
     numbers_as_inputs: whether compiled steps take the numbers of robot and effects as inputs, for scenes that
     differ in them.
     content: a digest of all this but the start and that.
@@ -63,6 +64,7 @@ class Equations:
     sides: tuple[Any, ...] | None = None
     variant: int = 0
     operations: int = 0
+    steady: tuple[int, ...] = ()
     content: str = ""
     assembled: tuple[float, float] = (0.0, 0.0)
     numbers_as_inputs: bool = False

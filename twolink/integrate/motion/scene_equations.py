@@ -161,9 +161,10 @@ def make_equations(
         places=tuple(place for place, _ in (*acting, *loops)),
         assembled=(float(moved[: robot.nq].max(initial=0.0)), float(moved[robot.nq :].max(initial=0.0))),
     )
-    variant, operations = _fewest_operations(equations)
+    variant, operations, steady = _fewest_operations(equations)
     limits, content = _effort_limits(equations), _content(equations)
-    return replace(equations, variant=variant, operations=operations, effort_limits=limits, content=content)
+    return replace(equations, variant=variant, operations=operations, steady=steady, effort_limits=limits,
+                   content=content)  # fmt: skip
 
 
 def starting_states(effects: Sequence[Effect], motion: Motion) -> dict[str, Any]:
@@ -218,23 +219,26 @@ def _effort_limits(equations: Equations) -> tuple[tuple[int, str], ...]:
                      for name, _ in effect_loads(equations, motion, numbers, [effect]).limits)  # fmt: skip
 
 
-def _fewest_operations(equations: Equations) -> tuple[int, int]:
-    """Which formula of the accelerations has the fewest operations, and how many."""
+def _fewest_operations(equations: Equations) -> tuple[int, int, tuple[int, ...]]:
+    """Which formula of the accelerations has the fewest operations, how many, and the rows whose rate is 0 by it."""
     variants = len(function(equations.robot.model, "forward_dynamics").variants)
     if equations.constraints is not None or equations.layout.lockable:
         variants = 1
-    totals = [_operations(replace(equations, variant=i)) for i in range(variants)]
-    return totals.index(min(totals)), min(totals)
+    found = [(i, *_operations(replace(equations, variant=i))) for i in range(variants)]
+    return min(found, key=lambda one: one[1])
 
 
-def _operations(equations: Equations) -> int:
-    """The operations of one evaluation of the accelerations."""
+def _operations(equations: Equations) -> tuple[int, tuple[int, ...]]:
+    """The operations of one evaluation of the accelerations, and the rows of a state whose rate is 0 by it."""
     tape = Tape()
     x = [tape.variable() for _ in range(equations.space.size)]
     values = {name: tape.variable() for name in equations.parameters}
     mech = mechanism(equations.robot.model, physical(values))
     own = with_effect_numbers(equations, values)
-    return sum(tape.count(accelerations(own, mech, tape.variable(), x, tape)).values())
+    rates = accelerations(own, mech, tape.variable(), x, tape)
+    steady = tuple(equations.space.v_rows.start + i for i, rate in enumerate(rates)
+                   if not isinstance(rate, tape.symbol) and rate == 0.0)  # fmt: skip
+    return sum(tape.count(rates).values()), steady
 
 
 def _content(equations: Equations, model: pin.Model | None = None) -> str:

@@ -99,7 +99,7 @@ def _in_parts(
     out = [x[:moving, None]]
     for i in range(0, len(times) - 1, stride):
         count = np.full((1, 1), float(i))
-        x[:moving] += disturbances((perturbation,), count, x[:moving, None], equations.space, each)[0, :, 0]
+        x[:moving] += disturbances((perturbation,), count, x[:moving, None], equations, each)[0, :, 0]
         part = times[i : i + stride + 1]
         piece = solve(replace(equations, start=x), method, part, tolerance, progress, plain)
         if piece.interrupted:

@@ -159,7 +159,7 @@ def _disturb(
 ) -> None:
     """Disturb the state as much as so many steps would."""
     x, count = integrator.state[: equations.moving], np.full((1, 1), number)
-    added = disturbances((perturbation,), count, x.astype(float)[:, None], equations.space, max(1, steps))[0, :, 0]
+    added = disturbances((perturbation,), count, x.astype(float)[:, None], equations, max(1, steps))[0, :, 0]
     x += (ROUNDING_UNIT[precision] / ROUNDING_UNIT["double"] * added).astype(x.dtype)
 
 
@@ -181,7 +181,7 @@ def _propagate_beside(
         part = np.repeat(grid[begin : begin + stride + 1, None], len(lanes), axis=1)
         x = integrator.state[:size]
         counts = np.full((1, len(lanes)), begin)
-        x += disturbances(lanes, counts, x, equations.space, max(1.0, steps))[0]
+        x += disturbances(lanes, counts, x, equations, max(1.0, steps))[0]
         start = time.perf_counter()
         _, states = integrator.propagate_grid(part, max_steps=MAX_STEPS, max_delta_t=longest)
         code.spend(time.perf_counter() - start)

@@ -166,12 +166,13 @@ class Lanes:
         every = max(1, LONGEST // self._tried)
         if not self._rounded or self._ticks % every:
             return
-        number, space = self._disturbed, self._by.equations.space
+        number = self._disturbed
         row, self._disturbed = number % FEW, number + 1
         part = self.state[: self._moving, self._count - len(self._rounded) : self._count]
         if number & (number - 1) == 0 or row == 0:  # by the size of the state then
             counts = number - row + np.repeat(np.arange(FEW)[:, None], len(self._rounded), axis=1)
-            self._added = disturbances(self._rounded, counts, part, space, every * self._tried) * self._moves
+            added = disturbances(self._rounded, counts, part, self._by.equations, every * self._tried)
+            self._added = added * self._moves
         part += self._added[row]
 
     def _require_fine(self) -> None:

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twolink.integrate.motion.state import Array, StateSpace
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.state import Array
 from twolink.integrate.steps.methods import Method
 
 MIN_STEPS = 16.0  # of an adaptive method in a run
@@ -95,7 +96,7 @@ def _numbers(perturbations: tuple[Perturbation, ...]) -> tuple[Array, Array, Arr
 
 
 def disturbances(
-    perturbations: tuple[Perturbation, ...], counts: Array, x: Array, space: StateSpace, steps: float = 1.0
+    perturbations: tuple[Perturbation, ...], counts: Array, x: Array, equations: Equations, steps: float = 1.0
 ) -> Array:
     """What is added to states, time after time: sqrt(steps) r |x|, r random, and at first k steps b x, b the bias.
 
@@ -108,8 +109,8 @@ def disturbances(
         else is solved.
     x : ndarray (size, n)
         The states, of which the sizes count.
-    space : StateSpace
-        Of the states: which entries are of q and of v.
+    equations : Equations
+        Of the states: which entries are of q and of v, and which never change, so that nothing is rounded.
     steps : float
         How many steps are disturbed at once, k times one after the other.
 
@@ -119,9 +120,10 @@ def disturbances(
     """
     first, rounding, bias = _numbers(perturbations)
     size = np.abs(rounding) * np.abs(x)
-    for part in (size[: space.nq], size[space.v_rows]):
+    for part in (size[: equations.space.nq], size[equations.space.v_rows]):
         np.fmax(part, SHARE * part.max(axis=0, initial=0.0), out=part)
     random = _random(len(x))[(counts.astype(int) + first) % PERIOD].swapaxes(1, 2)
     added = math.sqrt(steps) * random * (np.sign(rounding) * size)
     added[0] += len(counts) * steps * bias * x  # as long as x is the state
+    added[:, list(equations.steady)] = 0.0
     return np.asarray(added)

@@ -250,7 +250,7 @@ def _disturbances(
     padding = start.shape[1] - len(perturbations) if len(perturbations) > 1 else 0
     every = perturbations + perturbations[-1:] * padding
     counts = start[rows.accepted] + start[rows.rejected] + at_once * np.arange(calls)[:, None]
-    added = disturbances(every, counts, start[: equations.moving], equations.space, at_once)
+    added = disturbances(every, counts, start[: equations.moving], equations, at_once)
     return added * equations.layout.moves(start[equations.moving : equations.space.size])
 
 
