@@ -1,5 +1,6 @@
 """The figure of a trajectory: what is drawn where, in which colour, under which name."""
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -71,7 +72,7 @@ def test_of_many_joints_those_are_drawn_that_move_the_most(talos: tl.Robot) -> N
     q = np.tile(talos.neutral, (30, 1))
     q[:, 7:19] = np.linspace(0, 1, 30)[:, None] * np.arange(12, 0, -1)  # the first joint moves the most
     figure = moved(talos, q)
-    assert list(panels(figure)) == ["angle", "angular velocity", "energy (J)", "error bar"]
+    assert list(panels(figure)) == ["angle", "angular velocity", "energy change", "error bar"]
     assert list(curves(figure.axes[0])) == list(talos.joint_names[1:11])
     assert len({line.get_color() for line in curves(figure.axes[0]).values()}) == 10
     assert f"the 10 of {len(talos.joints)} joints that move the most" in figure.get_suptitle()
@@ -94,3 +95,28 @@ def test_the_angle_of_a_continuous_joint_is_counted_on() -> None:
     angle = curves(run.plot().axes[0])["a"].get_ydata()
     assert angle[-1] > 10
     np.testing.assert_allclose(np.cos(angle), run.q[:, 0], atol=1e-9)
+
+
+def test_events_are_lines_in_every_panel_and_named_where_there_is_room() -> None:
+    run = tl.simulate(tl.load_scene("bouncing-ball"), 1.5)
+    figure = run.plot()
+    times = [event.t for event in run.events]
+    for axis in figure.axes:
+        marked = [line.get_xdata()[0] for line in axis.get_lines() if line.get_label() == "_event"]
+        assert marked == times[:60]
+    names = [text for text in figure.axes[0].texts if text.get_text() == "impact"]
+    figure.draw_without_rendering()
+    places = [text.get_window_extent() for text in names]
+    assert 2 <= len(names) <= len(times)
+    assert all(a.x0 < b.x0 for a, b in itertools.pairwise(places))
+    assert "error of q: at most" in figure.get_suptitle()
+
+
+def test_curves_that_cover_each_other_are_dashed() -> None:
+    figure = tl.simulate(tl.Scene(tl.load_robot(run_of_names("a", "b"))), 0.05).plot()  # both at rest at 0
+    assert [line.is_dashed() for line in curves(figure.axes[0]).values()] == [False, True]
+
+
+def test_the_error_axis_spans_a_decade() -> None:
+    low, high = tl.simulate(tl.load_scene("arm-swing"), 0.2).plot().axes[-1].get_ylim()
+    assert high > 8.0 * low

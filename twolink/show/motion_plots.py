@@ -33,6 +33,9 @@ MAX_CURVES = 300  # worlds that are drawn over time, at equal distances in their
 MAX_PANELS = 6
 UNITS = {"angle": "rad", "position": "m"}
 MAP = "viridis"
+MAX_EVENTS = 60  # that are marked
+EVENT_ROOM = 0.04  # of the axis, which the name of an event takes
+COVERS = 0.004  # of a panel's range: a curve that is nearer to another one all the time is covered by it
 
 
 class JointCurve(NamedTuple):
@@ -52,11 +55,14 @@ def plot_trajectory(
     error: tuple[np.ndarray, np.ndarray | None],
     *,
     estimated: bool = False,
+    events: Sequence[tuple[float, str]] = (),
+    note: str = "",
 ) -> Figure:
     """Draw coordinates, velocities, energy and the error bar over time, one above the other.
 
     Angles, positions and quaternions have panels of their own. A joint has one colour in all of them, and its name
-    beside its curves. Of many joints those are drawn that move the most.
+    beside its curves; where curves may coincide, every other one is dashed. Of many joints those are drawn that move
+    the most. Events are vertical lines, with their kinds above where there is room.
 
     Parameters
     ----------
@@ -72,6 +78,10 @@ def plot_trajectory(
         Times (n,), s, and the error bar (n,), rad or m; None when it was not verified.
     estimated : bool
         The error is an estimate and no bound.
+    events : sequence of (t, kind)
+        Times, s, and kinds of events.
+    note : str
+        Stands below the title.
 
     Returns
     -------
@@ -94,9 +104,11 @@ def plot_trajectory(
     figure.align_ylabels(axes[:, 0])
     axes[-1, 0].set_xlim(t[0], t[-1] if t[-1] > t[0] else None)
     moving = len({c.joint for c in drawn})
-    note = f"\nthe {len(joints)} of {moving} joints that move the most" if len(joints) < moving else ""
-    figure.suptitle(plain(title) + note)
-    label_right(figure, {axis: [(line, line.get_label()) for line in axis.get_lines()] for axis in axes[:-2, 0]})
+    few = [f"the {len(joints)} of {moving} joints that move the most"] if len(joints) < moving else []
+    figure.suptitle("\n".join([plain(title), *few, *([note] if note else [])]), fontsize=11)
+    _mark_events(axes[:, 0], events)
+    label_right(figure, {axis: [(line, line.get_label()) for line in axis.get_lines() if line.get_label() != "_event"]
+                         for axis in axes[:-2, 0]})  # fmt: skip
     return figure
 
 
@@ -144,18 +156,36 @@ def those_that_move_most(curves: Sequence[JointCurve]) -> list[str]:
 
 
 def draw(axis: Any, t: np.ndarray, curves: Sequence[JointCurve], colours: dict[str, str]) -> None:
-    """The curves of a panel; those of one joint differ by their line styles."""
+    """The curves of a panel; those of one joint differ by their line styles, as do those that an earlier one covers."""
     drawn: dict[str, int] = {}
-    for curve in curves:
-        style = STYLES[drawn.setdefault(curve.joint, 0)]
+    span = max((float(np.ptp(curve.values)) for curve in curves), default=0.0)
+    for i, curve in enumerate(curves):
+        style: Any = STYLES[drawn.setdefault(curve.joint, 0)]
         drawn[curve.joint] += 1
+        if any(np.abs(curve.values - other.values).max() <= COVERS * span for other in curves[:i]):
+            style = (0, (5, 5)) if style == "-" else style
         name = f"{curve.joint} {curve.entry}".rstrip()
-        axis.plot(t, curve.values, style, color=colours[curve.joint], linewidth=1.2, label=plain(name))
+        axis.plot(t, curve.values, linestyle=style, color=colours[curve.joint], linewidth=1.2, label=plain(name))
 
 
 def _draw_energy(axis: Any, t: np.ndarray, energy: np.ndarray) -> None:
     axis.plot(t, energy - energy[0], color="0.2", linewidth=1.2)
-    axis.set_ylabel(f"energy (J)\nabove {energy[0]:.4g} J")
+    axis.set_ylabel("energy change\n(J)")
+    axis.text(1.0, 1.0, f"from {energy[0]:.4g} J", transform=axis.transAxes, fontsize=7, color="0.4", ha="right",
+              va="bottom")  # fmt: skip
+
+
+def _mark_events(axes: Sequence[Any], events: Sequence[tuple[float, str]]) -> None:
+    """A line at each of the first events in all panels, and above the first panel their kinds, where they have room."""
+    first, last = axes[0].get_xlim()
+    named = -np.inf
+    for t, kind in events[:MAX_EVENTS]:
+        for axis in axes:
+            axis.axvline(t, color="0.6", linewidth=0.6, linestyle=(0, (1, 2)), zorder=0.5, label="_event")
+        if t - named > EVENT_ROOM * (last - first):
+            named = t
+            axes[0].annotate(plain(kind), (t, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 2), fontsize=7,
+                             textcoords="offset points", rotation=30, color="0.4")  # fmt: skip
 
 
 def _draw_error(error_axis: Any, t: np.ndarray, error: np.ndarray | None) -> None:
@@ -167,6 +197,8 @@ def _draw_error(error_axis: Any, t: np.ndarray, error: np.ndarray | None) -> Non
     else:
         positive = error > 0
         error_axis.semilogy(t[positive], error[positive], color="#D55E00", linewidth=1.2)
+        if positive.any() and error.max() < 10.0 * error[positive].min():  # ticks are powers of ten
+            error_axis.set_ylim(error[positive].min() / 3.0, 3.0 * error.max())
 
 
 def plot_sensitivities(

@@ -349,8 +349,9 @@ class Trajectory(Result, Plotted):
         title = self.title or f"{self.robot.name}: {self.end:g} s"
         at = None if self.solution is None else self.at
         curves, energy = tables.drawn_curves(self._samples, at, self.robots)
-        return plot_trajectory(self.robot, title, curves, energy, (self.t, self.error),
-                               estimated=self.estimated)  # fmt: skip
+        return plot_trajectory(self.robot, title, curves, energy, (self.t, self.error), estimated=self.estimated,
+                               events=[(event.t, event.kind) for event in self.events if event.t > 0.0],
+                               note=f"error of q: {self.error_text}")  # fmt: skip
 
     @overload
     def playback(self, *, speed: float | None = ..., trails: Sequence[str] | None = ...,
