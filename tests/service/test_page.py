@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from pathlib import Path
 from typing import Any
 
@@ -417,6 +418,25 @@ def test_the_page_outlives_the_service(tmp_path: Path, browser: Browser) -> None
         page.click("#effects [role=switch]")
         page.wait_for("document.getElementById('expected')")
         page.run()
+    assert page.faults() == []
+
+
+@pytest.mark.browser
+def test_a_late_drawing_does_not_replace_the_run(page: Page) -> None:
+    page.open()
+    page.evaluate("""(() => { const plain = window.fetch; window.fetch = async (...all) => {
+        const answer = await plain(...all);
+        if (all[0].endsWith('/visuals')) await new Promise(done => { window.drawNow = done; });
+        window.moved ||= all[0].includes('/motion');
+        return answer; }; })()""")
+    page.choose("#scene-select", "bouncing-ball")
+    page.wait_for("window.drawNow")
+    page.click("#run-button")
+    page.wait_for("window.moved")
+    page.evaluate("setTimeout(window.drawNow, 1000)")
+    page.wait_for("!document.getElementById('result').hidden")
+    time.sleep(2.0)  # the drawing is there by now
+    assert page.evaluate("!document.getElementById('playback').hidden")
     assert page.faults() == []
 
 

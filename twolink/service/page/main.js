@@ -82,6 +82,7 @@ let drawn = null; // id of the robot in the 3D view
 let placed = {}; // where the links are at the start: {frames, poses}
 let turn = 0; // counts picks: an answer to an earlier pick is dropped
 let holding = 0; // changes of what is shown that are under way: the address is written after them
+let drawing = null; // the picture of the robot that is under way: a run is shown after it
 let stepping = false; // the next address that is written is a new step of the browser's history
 
 // Picking ---------------------------------------------------------------------------------------------------------
@@ -129,8 +130,9 @@ async function arrange(content, robot, id, changes = {}) {
   editor.set(content, robot, id, changes);
   sliders.set(robot, robot.neutral);
   query.set(robot);
-  await showStart();
-  await draw(robot);
+  drawing = showStart().then(() => draw(robot));
+  byId("run-button").disabled = !byId("cancel-button").hidden; // enabled from the first scene on
+  await drawing;
 }
 
 /** Show the start of the scene: sliders, velocities and the robot. */
@@ -299,11 +301,12 @@ let runRobot = null; // id of the robot of the run
 
 async function showRun(job) {
   live.stop();
+  const loaded = await get(`/v1/simulations/${job.id}/motion?frames=${FRAMES}`);
+  await drawing; // which would replace the motion
   if (runRobot !== robots.robot.id) {
     byId("run-status").textContent = "Done, but another robot was picked meanwhile: see Earlier runs.";
     return;
   }
-  const loaded = await get(`/v1/simulations/${job.id}/motion?frames=${FRAMES}`);
   await results.show(job, robots.robot.joints);
   results.outdated(differences(editor.request, job.request));
   comparison.refresh();
