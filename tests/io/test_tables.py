@@ -1,12 +1,13 @@
 """Tables: every digit survives, and a damaged file gives one error of one line."""
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from twolink.errors import TwolinkError
+from twolink.errors import MissingExtraError, TwolinkError
 from twolink.io.tables import read_table, write_table
 
 
@@ -53,3 +54,12 @@ def test_a_single_array_is_no_archive(tmp_path: Path) -> None:
 def test_the_byte_order_mark_of_spreadsheets_is_skipped(tmp_path: Path) -> None:
     (tmp_path / "x.csv").write_bytes(b"\xef\xbb\xbft\r\n\r\n1\r\n")
     assert read_table(tmp_path / "x.csv")[0] == {"t": [1.0]}
+
+
+def test_parquet_without_its_library_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_table(tmp_path / "x.parquet", {"t": np.zeros(2)}, {})
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    for ask in (lambda: read_table(path), lambda: write_table(tmp_path / "y.parquet", {"t": np.ones(2)}, {})):
+        with pytest.raises(MissingExtraError, match=r"pyarrow is not installed.*twolink\[sweeps\]"):
+            ask()
+    assert not (tmp_path / "y.parquet").exists()

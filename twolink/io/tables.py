@@ -8,7 +8,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from twolink.errors import TwolinkError
+from twolink.errors import TwolinkError, import_extra
 from twolink.io.files import write_atomic
 from twolink.io.text import decode, first_repeated, parse_number
 
@@ -141,24 +141,22 @@ def _read_csv(path: Path) -> tuple[Columns, dict[str, str]]:
 
 
 def _write_parquet(file: BinaryIO, columns: Columns, notes: Mapping[str, str]) -> None:
-    import pyarrow
-    import pyarrow.parquet
-
+    pyarrow, parquet = import_extra("pyarrow", "sweeps"), import_extra("pyarrow.parquet", "sweeps")
     lists = {name: pyarrow.FixedSizeListArray.from_arrays(values.ravel(), values.shape[1])
              for name, values in columns.items() if values.ndim == 2}  # fmt: skip
     table = pyarrow.table({**columns, **lists}).replace_schema_metadata(dict(notes))
-    pyarrow.parquet.write_table(table, file)
+    parquet.write_table(table, file)
 
 
 def _read_parquet(path: Path) -> tuple[Columns, dict[str, str]]:
-    import pyarrow.parquet
+    pyarrow, parquet = import_extra("pyarrow", "sweeps"), import_extra("pyarrow.parquet", "sweeps")
 
     def numbers(column: Any) -> np.ndarray:
         lists = pyarrow.types.is_fixed_size_list(column.type)
         return np.asarray(column.combine_chunks().flatten().to_numpy().reshape(len(column), -1) if lists
                           else column.to_numpy())  # fmt: skip
 
-    table = pyarrow.parquet.read_table(path)
+    table = parquet.read_table(path)
     notes = {k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items() if not k.startswith(b"ARROW")}
     return {name: numbers(table[name]) for name in table.column_names}, notes
 
