@@ -1,5 +1,6 @@
 """For all tests: a cache of their own, Ctrl-C, their order, and the browser."""
 
+import collections
 import os
 import shutil
 import signal
@@ -49,6 +50,17 @@ def pytest_runtest_call() -> Generator[None]:
         raise
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the longest tests: at the end no process should have one before it while the others have none."""
+    """Mark as slow what `some(n)` leaves to the nightly run: all but the first n parameters of a test.
+
+    Begin with the longest tests: at the end no process should have one before it while the others have none.
+    """
+    seen = collections.Counter[str]()
+    for item in items:
+        name = item.nodeid.partition("[")[0]
+        seen[name] += 1
+        marked = item.get_closest_marker("some")
+        if marked is not None and seen[name] > marked.args[0]:
+            item.add_marker(pytest.mark.slow)
     items.sort(key=lambda item: not item.nodeid.startswith(_LONG))

@@ -94,6 +94,7 @@ def test_output_that_cannot_be_written(arguments: list[str]) -> None:
     assert done.stderr == "twolink: output: cannot be written: No space left on device; check the disk\n"
 
 
+@pytest.mark.slow
 def test_paper_answers_the_claims(tmp_path: Path) -> None:
     done = answer("paper", "--out", str(tmp_path))
     assert done["difference"] < 1e-8

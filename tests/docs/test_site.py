@@ -107,6 +107,7 @@ def test_no_example_is_left_out() -> None:
         assert not kinds & {"python", "sh", "bash", "shell", "javascript", "js"} or page.name == "operating.md", page
 
 
+@pytest.mark.slow
 def test_the_catalogues_are_complete(site: Path) -> None:
     effects = (site / "generated/effects.html").read_text("utf-8")
     for name in dir(tl.effects):

@@ -39,6 +39,7 @@ def robot(request: pytest.FixtureRequest) -> tl.Robot:
     return tl.load_robot(request.param, root=ROBOTS[request.param])
 
 
+@pytest.mark.some(2)
 def test_queries_equal_pinocchios(robot: tl.Robot) -> None:
     q, v, w = states(robot, 40)
     fast = robot.compiled()

@@ -68,6 +68,7 @@ def test_a_free_block_slides_up_a_slope_and_down_again() -> None:
     assert np.abs(run.q[:, :3] - np.outer(way, up) - q[:3]).max() < 1e-8
 
 
+@pytest.mark.slow
 def test_a_free_block_that_slides_to_rest_stops_with_all_corners() -> None:
     """Where it stops, rounding has given it a turn of 1e-8 rad/s: each corner still slides in its own direction."""
     angle, mu, v0, high = 0.52, 0.878, 3.3, 0.0445
@@ -89,6 +90,7 @@ def test_a_free_block_that_slides_to_rest_stops_with_all_corners() -> None:
     assert run.error.max() <= 1e-6
 
 
+@pytest.mark.slow
 def test_a_block_that_is_pushed_high_tips() -> None:
     """Push P = k t at a height h over the ground: it tips at m g b / 2 h, before it would slide at mu m g."""
     mu, k, width, height = 0.5, 10.0, 0.4, 0.6

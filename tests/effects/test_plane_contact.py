@@ -207,6 +207,7 @@ def test_what_is_lifted_leaves() -> None:
     assert [(e.kind, e.t) for e in run.events] == [("leave", pytest.approx(1.0, abs=1e-9))]
 
 
+@pytest.mark.slow
 def test_the_same_contact_twice_is_one_contact() -> None:
     contact = E.PlaneContact("body", friction=0.2)
     run = tl.simulate(tl.Scene(planar(), v=[1.0, 0, 0], effects=[E.Gravity(), contact, contact]), 1.0, accuracy=1e-9)

@@ -29,6 +29,7 @@ def call(function: object, size: int, *arguments: np.ndarray | float) -> np.ndar
     return out
 
 
+@pytest.mark.some(3)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_c_agrees_with_pinocchio(name: str, tmp_path: Path) -> None:
     robot = tl.load_robot(name, root="free" if name in ("solo12", "anymal") else "fixed")

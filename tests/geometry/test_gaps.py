@@ -71,6 +71,7 @@ def distance(robot: tl.Robot, shapes: dict, q: np.ndarray, plane: Plane | None) 
     return float(coal.distance(a, p, b, r, coal.DistanceRequest(), coal.DistanceResult()))
 
 
+@pytest.mark.some(5)
 @pytest.mark.parametrize("kinds", PAIRS, ids=lambda kinds: "-".join(kinds))
 def test_gaps_are_coals_distances_and_their_rates_those_of_the_nearest_points(kinds: tuple[str, str]) -> None:
     robot, plane = free_bodies("a", "b"), None

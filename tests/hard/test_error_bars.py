@@ -17,6 +17,7 @@ from twolink.errors import AccuracyError
 from twolink.hard.truths import distance, extended_reference
 
 
+@pytest.mark.some(5)
 @pytest.mark.parametrize("seed", range(15))
 def test_the_error_bar_holds_at_every_sample(seed: int) -> None:
     """2 degrees of freedom, sometimes 3; 1 to 4 s, method "auto"; the best run of a refusal has a true bar as well."""

@@ -130,6 +130,7 @@ def check_examples(check: Check, examples: int) -> None:
     assert sum(refused) <= MAX_REFUSED * len(refused), f"{sum(refused)} of {len(refused)} are refused"
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("check", [identities, energy_rate_is_power, compiled_is_portable])
 def test_physics_of_random_robots(check: Check) -> None:
     check_examples(check, EXAMPLES[check][0])

@@ -55,6 +55,7 @@ def test_order_on_the_arm(method: Method) -> None:
     assert orders[-1] == pytest.approx(method.order, abs=0.2), orders
 
 
+@pytest.mark.some(4)
 @EVERY
 def test_order_on_a_body_that_tumbles(method: Method) -> None:
     """The quaternion is scaled to length 1 after each step, which must not cost an order."""

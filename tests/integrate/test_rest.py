@@ -46,6 +46,7 @@ def test_fingers_that_throw_each_other_off_come_to_rest(restitution: float) -> N
     assert len(run.events) < (40 if not restitution else 400)
 
 
+@pytest.mark.slow
 def test_an_arm_whose_tip_slides_rests_at_its_stop() -> None:
     """Tip and stop hold the arm more than once: two rows for one joint. Small steps agree that it stays there."""
     stop = 0.5072309610463079
@@ -91,6 +92,7 @@ def chain() -> tl.Robot:
     return tl.load_robot(f'<robot name="chain"><link name="world"/>{text}</robot>')
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("restitution", [0.0, 0.6])
 def test_energy_of_an_arm_in_its_stops_with_friction_balances(restitution: float) -> None:
     """Stops on all joints near the start, dry friction and damping: what is stored, lost and dissipated adds up."""

@@ -142,6 +142,7 @@ def chain(n: int, kind: str = "revolute") -> str:
     return robot(*parts)
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize(("n", "kind"), [(301, "revolute"), (1_001, "fixed"), (5_001, "fixed"), (20_000, "revolute")])
 def test_chains_too_long_are_refused_not_fatal(n: int, kind: str) -> None:
     with pytest.raises(RobotError, match="joints"):

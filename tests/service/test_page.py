@@ -149,6 +149,7 @@ def test_a_dropped_robot_and_a_free_base(page: Page) -> None:
     assert "pitch" in page.text("#sliders")
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_a_zip_with_its_urdf(page: Page, tmp_path: Path) -> None:
     (tmp_path / "a.zip").write_bytes(zipped({"a/zipped.urdf": pendulum(VISUAL, name="zipped")}))
@@ -267,6 +268,7 @@ def test_an_accuracy_out_of_reach_offers_a_shorter_run(page: Page) -> None:
     assert page.text("#run-problem") == ""
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_a_run_is_cancelled(page: Page) -> None:
     page.open()

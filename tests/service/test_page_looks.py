@@ -97,6 +97,7 @@ def test_nothing_sticks_out_and_all_text_can_be_read(full: Page) -> None:
     assert any("IMG" in name for name in full.evaluate(STICKS_OUT))
 
 
+@pytest.mark.slow
 def test_the_keyboard_reaches_every_control(full: Page) -> None:
     full.browser.resize(1400, 900)
     full.evaluate("document.querySelector('#panel-sense .picker').replaceChildren()")

@@ -22,6 +22,7 @@ def drawn(page: Page, selector: str) -> int:
     return int(page.evaluate(script))
 
 
+@pytest.mark.slow
 def test_a_tube_shows_what_one_per_cent_of_a_mass_does(page: Page) -> None:
     page.open("#scene=arm-swing")
     page.choose("#duration", "0.5")
@@ -38,6 +39,7 @@ def test_a_tube_shows_what_one_per_cent_of_a_mass_does(page: Page) -> None:
     assert drawn(page, "#sense-result canvas") > 20
 
 
+@pytest.mark.slow
 def test_eigenvalues_tell_the_raised_arm_from_the_hanging_one(page: Page) -> None:
     page.open("#robot=two_link")
     page.click("#tab-linear")

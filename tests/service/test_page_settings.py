@@ -81,6 +81,7 @@ def test_the_values_of_an_effect_are_edited_in_a_form(page: Page) -> None:
     assert page.text("#scene-problem") == ""
 
 
+@pytest.mark.slow
 def test_masses_and_start_velocities_are_edited_and_decide_the_run(page: Page) -> None:
     page.open("#robot=two_link")
     page.evaluate("document.getElementById('speeds-details').open = true")
@@ -202,6 +203,7 @@ def test_one_robot_of_a_zip_is_chosen(page: Page, tmp_path: Path) -> None:
     page.wait_for("document.getElementById('robot-facts').innerText.startsWith('one')")
 
 
+@pytest.mark.slow
 def test_long_lists_are_searched(page: Page) -> None:
     page.open()
     page.evaluate("document.getElementById('robot-search').focus()")

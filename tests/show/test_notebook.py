@@ -40,6 +40,7 @@ def test_robots_and_scenes_are_tables(shown: dict[str, dict[str, Any]]) -> None:
     assert "The arm swings, and its elbow is damped" in shown["scene"]["text/html"]
 
 
+@pytest.mark.slow
 def test_a_run_is_a_table_with_its_curves(shown: dict[str, dict[str, Any]]) -> None:
     html = shown["run"]["text/html"]
     assert "<caption>The arm swings, and its elbow is damped</caption>" in html

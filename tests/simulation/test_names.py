@@ -63,6 +63,7 @@ def test_numbers_are_changed_where_they_are(names: dict[str, str]) -> None:
     assert not np.array_equal(tl.simulate(moved).q, tl.simulate(scene_of(names)).q)
 
 
+@pytest.mark.some(1)
 def test_many_worlds(names: dict[str, str]) -> None:
     values = {"forearm.mass": [1.5, 1.9], "effects.1.damping.elbow": [0.1, 0.25]}
     expected = tl.simulate_many(scene_of(PLAIN), parameters=values)

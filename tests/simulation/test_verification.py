@@ -62,6 +62,7 @@ def test_bars_of_double_pendulums_hold_near_the_limit(method: str, seed: int) ->
     assert (true <= run.error)[1:].all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "start", "duration"), [("auto", 2.524749203936725, 4236.0),
                                                            ("dop853", 1.0236796294986434, 2439.0),
                                                            ("dop853", 1.0731, 1982.0),
@@ -176,6 +177,7 @@ def test_rounding_of_a_pendulum_that_topples_is_in_the_bar(method: str) -> None:
     assert (true_error(scene, run) <= run.error)[1:].all()
 
 
+@pytest.mark.some(4)
 @pytest.mark.parametrize("method", ["rk45", "scipy-rk45", "dop853", "rk23", "scipy-dop853"])
 @pytest.mark.parametrize(("start", "duration"), [(3.141592632945389, 5.306555492429107), (3.1415926, 5.0)])
 def test_steps_resolve_a_pendulum_that_topples(method: str, start: float, duration: float) -> None:
