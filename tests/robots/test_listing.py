@@ -1,7 +1,11 @@
 """What there is, and what a load report prints."""
 
+import pytest
+
 import twolink as tl
+from twolink.dynamics.robot_record import robot_record
 from twolink.robots import catalogue_names, robots
+from twolink.robots.joint_layout import urdf_kind
 
 
 def test_the_table_of_robots_gives_sizes_or_why_a_robot_is_refused() -> None:
@@ -38,3 +42,11 @@ def test_links_of_no_mass_with_an_inertia_are_reported() -> None:
     <parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>"""
     said = [f for f in tl.load_robot(text).report.assumed if "no mass with an inertia" in f.what]
     assert [f.names for f in said] == [("b",)]
+
+
+@pytest.mark.parametrize(("name", "kinds"), [("panda", {"revolute", "prismatic"}), ("bouncing_ball", {"prismatic"}),
+                                            ("anymal", {"floating", "revolute"})])  # fmt: skip
+def test_joints_have_the_words_of_a_urdf(name: str, kinds: set[str]) -> None:
+    robot = tl.load_robot(name, root="free" if name == "anymal" else "fixed")
+    assert {urdf_kind(robot.model, joint.index) for joint in robot.joints} == kinds
+    assert {row["kind"] for row in robot_record(robot)["joints"]} == kinds

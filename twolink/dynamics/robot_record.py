@@ -15,6 +15,7 @@ from twolink.dynamics.robot import Robot
 from twolink.errors import RobotError, SceneError
 from twolink.io.fingerprints import model_digest
 from twolink.robots.catalogue import catalogue_entry
+from twolink.robots.joint_layout import urdf_kind
 
 PASS_IT = "pass the robot: robot=..."
 
@@ -53,7 +54,7 @@ def _joint(robot: Robot, i: int) -> dict[str, Any]:
     joint, model = robot.joints[i], robot.model
     return {
         "name": joint.name,
-        "kind": model.joints[joint.index].shortname().removeprefix("JointModel"),
+        "kind": urdf_kind(model, joint.index),
         "layout": joint.kind,
         "q": [joint.q.start, joint.q.stop],
         "v": [joint.v.start, joint.v.stop],

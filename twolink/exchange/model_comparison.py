@@ -27,7 +27,7 @@ from twolink.exchange.matching import (
     same_pose,
 )
 from twolink.exchange.urdf_scene import urdf_tree
-from twolink.robots.joint_layout import NO_LIMIT
+from twolink.robots.joint_layout import NO_LIMIT, urdf_kind
 from twolink.robots.tree import Tree
 from twolink.simulation.text import Result
 
@@ -179,7 +179,7 @@ class _Comparison:
             if partner[above] != there:
                 yield Difference("parent", self._joint(m, "<parent>"), self.a.model.names[above],
                                  self.b.model.names[there], "it hangs on another body")  # fmt: skip
-            ours, theirs = _kind(self.a.model, m.a), _kind(self.b.model, m.b)
+            ours, theirs = urdf_kind(self.a.model, m.a), urdf_kind(self.b.model, m.b)
             if ours != theirs:
                 yield Difference("type", self._joint(m, "type"), ours, theirs, "another kind of joint")
         followed = [{j.name: j.mimic for j in tree.moving if j.mimic and j.mimic.joint in robot.model.names}
@@ -288,18 +288,11 @@ class _Comparison:
         return f"{self.labels[1]}, joint {self.b.model.names[m.b]!r}, {attribute}"
 
     def _same_coordinates(self) -> bool:
-        return all(_kind(self.a.model, m.a) == _kind(self.b.model, m.b) for m in self.matches)
+        return all(urdf_kind(self.a.model, m.a) == urdf_kind(self.b.model, m.b) for m in self.matches)
 
 
 def _in_world(body: pin.Inertia) -> LinkInertia:
     return LinkInertia(float(body.mass), np.array(body.lever), np.array(body.inertia), np.eye(3))
-
-
-def _kind(model: pin.Model, joint: int) -> str:
-    name = str(model.joints[joint].shortname()).removeprefix("JointModel")
-    if model.nvs[joint] != 1:
-        return name
-    return "prismatic" if name.startswith("P") else "continuous" if model.nqs[joint] == 2 else "revolute"
 
 
 def _constants(model: pin.Model, joint: int) -> dict[str, float]:

@@ -83,6 +83,19 @@ def _kind(joint: pin.JointModel) -> JointKind:
     return sizes.get((joint.nq, joint.nv), "vector")
 
 
+def urdf_kind(model: pin.Model, joint: int) -> str:
+    """The URDF's word for a joint of the model: "revolute", "continuous", "prismatic", "planar" or "floating".
+
+    Of joints that no URDF has, Pinocchio's name in lower case, such as "spherical".
+    """
+    name = str(model.joints[joint].shortname()).removeprefix("JointModel")
+    if "Mimic" in name:
+        return "mimic"
+    if model.nvs[joint] == 1:
+        return "prismatic" if name.startswith("P") else "continuous" if model.nqs[joint] == 2 else "revolute"
+    return "floating" if name == "FreeFlyer" else name.lower()
+
+
 def turns(model: pin.Model, joint: JointLayout) -> bool:
     """Whether the coordinate of a joint with one coordinate is an angle [rad], not a length [m]."""
     return str(model.joints[joint.index].shortname()).startswith("JointModelR")

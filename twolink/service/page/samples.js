@@ -41,7 +41,7 @@ export function byMotion(samples) {
 /** The unit of q: rad, m, or both. v's: the same with "/s". */
 export function unitOf(joints, suffix = "") {
   const both = joints.some(joint => ["free-flyer", "planar"].includes(joint.layout));
-  const slides = joints.map(joint => /^P[XYZ]|Prismatic|Translation/.test(joint.kind));
+  const slides = joints.map(joint => joint.kind === "prismatic");
   if (both || (slides.includes(true) && slides.includes(false))) return `rad${suffix}, m${suffix}`;
   return slides.includes(true) ? `m${suffix}` : `rad${suffix}`;
 }

@@ -7,7 +7,7 @@ const LONG = 13; // letters of a name from which on it has a line of its own
 
 /** What a joint's sliders show, and how they make its part of q: {name, unit, low, high, value} each. */
 function knobs(joint, part) {
-  const turns = !/^P|Prismatic/.test(joint.kind);
+  const turns = joint.kind !== "prismatic";
   const limit = (k, fallback) => {
     const [low, high] = [joint.lower[k], joint.upper[k]];
     const bounded = low !== null && high !== null && low < high && high - low <= (turns ? 8 * TURN : 20);

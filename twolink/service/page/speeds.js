@@ -18,7 +18,7 @@ export function listSpeeds(host, robot, v, onChange) {
       const values = [v[joint.name] ?? Array(size).fill(0)].flat();
       return values.map((value, k) => {
         const name = V_PARTS[joint.layout]?.[k];
-        const unit = (name ? name.startsWith("v") : /^P[XYZ]|Prismatic/.test(joint.kind)) ? "m/s" : "rad/s";
+        const unit = (name ? name.startsWith("v") : joint.kind === "prismatic") ? "m/s" : "rad/s";
         const part = name ? `${name}, ${unit}` : unit;
         const label = `${joint.name}: velocity, ${part}`;
         const change = to => {
