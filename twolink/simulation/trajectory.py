@@ -14,17 +14,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
-from twolink.dynamics.robot_record import robot_notes
+from twolink.dynamics.robot_record import link_frames, link_poses, robot_notes
 from twolink.errors import SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.event import Event
-from twolink.io.tables import write_table
+from twolink.io.bags import BAGS
+from twolink.io.tables import SUFFIXES, require_format, write_table
 from twolink.io.text import facts_html
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted
 from twolink.simulation import trajectory_tables as tables
 from twolink.simulation.certificate import Certificate
 from twolink.simulation.cost import Cost
+from twolink.simulation.recording import save_bag
 from twolink.simulation.text import ContactForces, Result, as_data
 
 if TYPE_CHECKING:
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
 log = logging.getLogger("twolink")
 Skipped = Callable[[list[str]], None] | None
 SHOWN_EVENTS = 5  # in notebooks
+SAVED = (*SUFFIXES, ".mat", *BAGS, ".rrd")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -306,14 +309,41 @@ class Trajectory(Result, Plotted):
         return {name: as_data(value) for name, value in record.items()}
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the samples to .csv, .parquet, .npz or MATLAB's .mat; all keep every digit. Returns the path.
+        """Write the samples to a file, by its ending. Returns the path.
 
-        All but .csv keep the robot's name and the events; .parquet and .npz contacts and forces on links too. A .mat
-        file has t, energy, and q (n, nq) and v (n, nv) with q_names and v_names.
+        .csv, .parquet, .npz, MATLAB's .mat
+            Every digit. All but .csv keep the robot's name and the events; .parquet and .npz contacts and forces on
+            links too. A .mat file has t, energy, and q (n, nq) and v (n, nv) with q_names and v_names.
+        .mcap, .db3
+            Messages of ROS 2 (pip install 'twolink[mcap]'): /joint_states with torques, /tf of all links,
+            /robot_description (the URDF), /odometry of free bodies (velocities along their own axes), /contacts and
+            /forces (wrenches about the world's origin), /error_bar, /energy, /states of effects, events in /rosout.
+            Times are rounded to 1 ns. Raises SceneError for planar and ball joints (code "not-in-format").
+        .rrd
+            A recording of Rerun (pip install 'twolink[rerun]'): the robot's surfaces on its links, and curves. It is
+            not read again.
         """
-        notes = {"title": self.title, "bound": self.bound, **tables.mark_notes(self.events or ())}
+        target = Path(path)
+        suffix = require_format(target, SAVED)
+        notes = {**robot_notes(self.robot), "title": self.title, "bound": self.bound,
+                 **tables.mark_notes(self.events or ())}  # fmt: skip
+        if suffix in BAGS:
+            return save_bag(self, target, notes)
+        if suffix == ".rrd":
+            return self._save_rrd(target)
         columns = {**self.columns(), **tables.mark_columns(self.contacts, self.forces_on_links)}
-        return write_table(Path(path), columns, {**robot_notes(self.robot), **notes})
+        return write_table(target, columns, notes)
+
+    def _save_rrd(self, path: Path) -> Path:
+        from twolink.show.rerun_file import write_rrd
+
+        curves = {tuple(name.split(".", 1)): values for name, values in self.columns().items() if name != "t"}
+        robot, links = self.robot, {i: self.robot.model.frames[i].name for i in link_frames(self.robot)}
+        visible = robot.model, robot.visual_model()
+        skipped = write_rrd(path, self.title or robot.name, visible, links, self.t, link_poses(robot, self.q), curves)
+        if skipped:
+            _log_skipped(skipped)
+        return path
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], robot: Robot | None = None) -> Trajectory:
@@ -322,15 +352,16 @@ class Trajectory(Result, Plotted):
         Parameters
         ----------
         path : path-like
-            A .npz, .parquet, .mat or .csv file.
+            A .npz, .parquet, .mat, .csv, .mcap or .db3 file, or a rosbag2 folder, also of joint states that another
+            program recorded.
         robot : Robot, optional
-            Its robot. A .csv needs it. A .npz or .parquet file names its robot: one of the catalogue is loaded again
-            as it was then; any other one must be passed.
+            Its robot. A .csv or another program's log needs it. All others name their robot: one of the catalogue is
+            loaded again as it was then; any other one must be passed.
 
         Returns
         -------
         Trajectory
-            Without cost and solution; from a .csv also without events and contacts.
+            Without cost and solution; from a .csv also without events, from all but .npz and .parquet without contacts.
 
         Raises
         ------
