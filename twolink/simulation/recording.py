@@ -1,23 +1,60 @@
-"""A trajectory as messages of ROS 2, which Foxglove, Rerun, PlotJuggler and RViz know unaided."""
+"""A trajectory in files: tables, recordings of Rerun, and bags of messages of ROS 2, which Foxglove, PlotJuggler and
+RViz know unaided.
+"""
 
 import json
+import logging
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from twolink.dynamics.robot_record import link_poses
+from twolink.dynamics.robot_record import link_frames, link_poses, robot_notes
 from twolink.errors import SceneError
 from twolink.io import bags
 from twolink.io.bags import message, stamp, topic_of
+from twolink.io.tables import SUFFIXES, require_format, write_table
 from twolink.robots.joint_layout import JointLayout
+from twolink.simulation import trajectory_tables as tables
+
+SAVED = (*SUFFIXES, ".mat", *bags.BAGS, ".rrd")
 
 INFO = 20  # of rcl_interfaces/msg/Log
 
 
-def save_bag(run: Any, path: Path, notes: Mapping[str, str]) -> Path:
-    """Write a Trajectory as a bag; see `Trajectory.save`."""
+log = logging.getLogger("twolink")
+
+
+def save_run(run: Any, path: Path) -> Path:
+    """Write a Trajectory; see its `save`."""
+    suffix = require_format(path, SAVED)
+    if suffix == ".rrd":
+        return _save_rrd(run, path)
+    notes = {**robot_notes(run.robot), "title": run.title, "bound": run.bound, **tables.mark_notes(run.events or ())}
+    if suffix in bags.BAGS:
+        return _save_bag(run, path, notes)
+    return write_table(path, {**run.columns(), **tables.mark_columns(run.contacts, run.forces_on_links)}, notes)
+
+
+def log_skipped(names: list[str]) -> None:
+    """Say in the log which shapes are not drawn."""
+    log.warning("not drawn: %s", ", ".join(names))
+
+
+def _save_rrd(run: Any, path: Path) -> Path:
+    from twolink.show.rerun_file import write_rrd
+
+    robot, links = run.robot, {i: run.robot.model.frames[i].name for i in link_frames(run.robot)}
+    curves = {tuple(name.split(".", 1)): values for name, values in run.columns().items() if name != "t"}
+    visible = robot.model, robot.visual_model()
+    skipped = write_rrd(path, run.title or robot.name, visible, links, run.t, link_poses(robot, run.q), curves)
+    if skipped:
+        log_skipped(skipped)
+    return path
+
+
+def _save_bag(run: Any, path: Path, notes: Mapping[str, str]) -> Path:
     for joint in run.robot.joints:
         if joint.kind in ("planar", "quaternion"):
             raise SceneError(f"a bag has no place for a {joint.kind} joint", where=f"joint {joint.name!r}",

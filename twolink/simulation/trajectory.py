@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,19 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
-from twolink.dynamics.robot_record import link_frames, link_poses, robot_notes
 from twolink.errors import SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.event import Event
-from twolink.io.bags import BAGS
-from twolink.io.tables import SUFFIXES, require_format, write_table
 from twolink.io.text import facts_html
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted
 from twolink.simulation import trajectory_tables as tables
 from twolink.simulation.certificate import Certificate
 from twolink.simulation.cost import Cost
-from twolink.simulation.recording import save_bag
+from twolink.simulation.recording import log, log_skipped, save_run
 from twolink.simulation.text import ContactForces, Result, as_data
 
 if TYPE_CHECKING:
@@ -35,10 +31,8 @@ if TYPE_CHECKING:
     from twolink.contact.solver import SteppedSolution
     from twolink.show.playback import InlinePage
 
-log = logging.getLogger("twolink")
 Skipped = Callable[[list[str]], None] | None
 SHOWN_EVENTS = 5  # in notebooks
-SAVED = (*SUFFIXES, ".mat", *BAGS, ".rrd")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -323,27 +317,7 @@ class Trajectory(Result, Plotted):
             A recording of Rerun (pip install 'twolink[rerun]'): the robot's surfaces on its links, and curves. It is
             not read again.
         """
-        target = Path(path)
-        suffix = require_format(target, SAVED)
-        notes = {**robot_notes(self.robot), "title": self.title, "bound": self.bound,
-                 **tables.mark_notes(self.events or ())}  # fmt: skip
-        if suffix in BAGS:
-            return save_bag(self, target, notes)
-        if suffix == ".rrd":
-            return self._save_rrd(target)
-        columns = {**self.columns(), **tables.mark_columns(self.contacts, self.forces_on_links)}
-        return write_table(target, columns, notes)
-
-    def _save_rrd(self, path: Path) -> Path:
-        from twolink.show.rerun_file import write_rrd
-
-        curves = {tuple(name.split(".", 1)): values for name, values in self.columns().items() if name != "t"}
-        robot, links = self.robot, {i: self.robot.model.frames[i].name for i in link_frames(self.robot)}
-        visible = robot.model, robot.visual_model()
-        skipped = write_rrd(path, self.title or robot.name, visible, links, self.t, link_poses(robot, self.q), curves)
-        if skipped:
-            _log_skipped(skipped)
-        return path
+        return save_run(self, Path(path))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], robot: Robot | None = None) -> Trajectory:
@@ -505,7 +479,7 @@ class Trajectory(Result, Plotted):
 
         play_live(*self._motion, **self._told, speed=self._speed(speed), open_browser=open_browser,
                   on_url=on_url or functools.partial(log.info, "playing at %s"),
-                  on_skipped=on_skipped or _log_skipped)  # fmt: skip
+                  on_skipped=on_skipped or log_skipped)  # fmt: skip
 
     def _speed(self, speed: float | None) -> float:
         from twolink.show.viewer_data import usual_speed
@@ -554,7 +528,3 @@ class Trajectory(Result, Plotted):
             "cost": [] if self.cost is None else repr(self.cost).splitlines(),
         }
         return facts_html(self.title or "Trajectory", facts) + figure_html(self.plot())
-
-
-def _log_skipped(names: list[str]) -> None:
-    log.warning("not drawn: %s", ", ".join(names))
