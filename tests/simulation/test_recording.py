@@ -14,6 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 import twolink as tl
+from tests.command import answer
 from twolink import effects as fx
 from twolink.errors import SceneError, TwolinkError
 from twolink.io.bags import message, stamp
@@ -203,3 +204,10 @@ def test_notes_are_in_the_file_and_the_bag_of_another_robot_is_refused(arm: tl.T
     assert json.loads(contents(path)["/twolink"][0][2].data)["robot"] == "two_link"
     with pytest.raises(SceneError, match="nq = 2"):
         tl.Trajectory.load(path, tl.load_robot("panda"))
+
+
+def test_parameters_are_found_from_a_bag(tmp_path: Path) -> None:
+    path = tl.simulate(tl.load_scene("swing-up"), 2.0, samples_per_second=500).save(tmp_path / "x.mcap")
+    found = {entry["parameter"]: entry["value"] for entry in answer("identify", "two_link", str(path))["found"]}
+    body = tl.load_robot("two_link").model.inertias[2]
+    assert found["forearm.first_moment.x"] == pytest.approx(body.mass * body.lever[0], rel=1e-6)

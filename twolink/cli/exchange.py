@@ -93,10 +93,10 @@ def compare(
     out: Files = None,
     as_json: Json = False,
 ) -> None:
-    """Let another simulator run a scene at its default setting, and judge what it logs.
+    """Judge another simulator's run of a scene.
 
-    It prints until when the log is right, what is wrong with it, and both costs. --out writes a figure (.png .svg
-    .pdf), the verdict (.json), or the log (.csv .mcap ...).
+    MuJoCo runs it at its default setting, or Drake or SciPy. It prints until when the log is right, what is wrong with
+    it, and both costs. --out writes a figure (.png .svg .pdf), the verdict (.json), or the log (.csv .mcap ...).
 
     \b
     twolink compare my.urdf --with mujoco --out compare.png
