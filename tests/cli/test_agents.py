@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import numpy as np
 import pytest
 from mcp import Client, StdioServerParameters
@@ -60,9 +59,7 @@ def test_every_declared_query_is_answered_as_by_the_robot(tmp_path: Path) -> Non
     given = [{"robot": "two_link", "what": name, "arguments": {x: state[x] for x in query.arguments},
               "options": {"frame": "tip"} if "frame" in query.options else {}}
              for name, query in QUERIES.items() if name != "inverse-kinematics"]  # fmt: skip
-    schema = next(tool for tool in listed(tmp_path) if tool.name == "query").input_schema
     for arguments, result in zip(given, ask(tmp_path, *(("query", one) for one in given)), strict=True):
-        jsonschema.validate(arguments, schema)
         query = QUERIES[arguments["what"]]
         expected = query.answer(robot, arguments["arguments"], **arguments["options"])
         answer = data(result)["data"]

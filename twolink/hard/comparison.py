@@ -110,8 +110,8 @@ def compare(scene: Scene, peer: str = "mujoco", duration: float | None = None) -
         raise SceneError(f"{NAMES[peer]}: {error}", where=scene.title or scene.robot.name, code="no-peer",
                          remedy="leave that out, or judge a log that you have made: tl.judge") from None  # fmt: skip
     seconds = time.perf_counter() - begun
-    log = Trajectory(scene.robot, *track, None, None, title=scene.title)
+    log = Trajectory(scene.robot, track.t, track.q, track.v, None, None, title=scene.title)
     version = getattr(module, "VERSION", "")
     ours = best_run(scene, times, ACCURACY)
-    verdict = verdict_of(scene, Log(*track), ours, TOLERANCE)
+    verdict = verdict_of(scene, Log(log.t, log.q, log.v), ours, TOLERANCE)
     return Comparison(f"{NAMES[peer]} {version}".strip(), str(setting), log, verdict, seconds, ours)

@@ -159,7 +159,7 @@ def _stamped(rows: list[tuple[int, Any]]) -> np.ndarray:
 def _joint_states(bag: Any, connection: Any, path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     rows = list(_messages(bag, [connection]))
     names = list(rows[0][1].name)
-    columns = {}
+    columns: dict[str, np.ndarray] = {}
     for letter, field in (("q", "position"), ("v", "velocity"), ("tau", "effort")):
         if all(len(getattr(m, field)) == 0 for _, m in rows):
             continue

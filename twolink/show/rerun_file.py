@@ -1,7 +1,7 @@
 """A motion as a recording of Rerun: its robot's surfaces on links that move, and curves."""
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +10,16 @@ import pinocchio as pin
 
 from twolink.errors import import_extra
 from twolink.io.files import write_atomic
+from twolink.show.meshcat_shapes import Floats
 from twolink.show.surfaces import surfaces
-from twolink.show.viewer_data import Floats, place_on_link
+from twolink.show.viewer_data import place_on_link
 
 EXTRA = "rerun"  # of twolink, which installs rerun-sdk
 
 
 def write_rrd(
     path: Path, title: str, robot: tuple[Any, Any], links: Mapping[int, str], t: Floats, poses: Floats,
-    curves: Mapping[Sequence[str], Floats],
+    curves: Mapping[tuple[str, ...], Floats],
 ) -> list[str]:  # fmt: skip
     """Write a .rrd file, and return the names of the pieces that cannot be drawn.
 
@@ -34,7 +35,7 @@ def write_rrd(
         s.
     poses : ndarray (n, links, 7)
         Position [m] and quaternion (x y z w) of each link in the world.
-    curves : mapping of sequence of str to ndarray (n,)
+    curves : mapping of tuple of str to ndarray (n,)
         Curves by the path of their entity, such as ("q", "elbow").
     """
     rr, views = import_extra("rerun", EXTRA), import_extra("rerun.blueprint", EXTRA)
@@ -53,8 +54,8 @@ def write_rrd(
     drawn, skipped = surfaces(visuals)
     for surface in drawn:
         item = visuals.geometryObjects[surface.index]
-        link, place = place_on_link(model, links, item)
-        name = entity("robot", *([] if link is None else [link]), item.name)
+        carrier, place = place_on_link(model, links, item)
+        name = entity("robot", *([] if carrier is None else [carrier]), item.name)
         corners, normals, colours = (x.reshape(-1, 3) for x in (surface.triangles, surface.normals, surface.colours))
         pose = pin.SE3ToXYZQUAT(place)
         record.log(name, rr.Transform3D(translation=pose[:3], quaternion=pose[3:]), static=True)

@@ -112,8 +112,8 @@ def build(task: PeerTask) -> mujoco.MjModel:
             _add_geom(spec, bodies[solid.body], f"{side}{k}", solid)
         spec.add_pair(geomname1=f"a{k}", geomname2=f"b{k}", condim=3, friction=[friction, friction, 0.0, 0.0, 0.0])
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    for joint, other, ratio, offset in task.couplings:
-        equality = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, name1=joint,
+    for driven, other, ratio, offset in task.couplings:
+        equality = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, name1=driven,
                                      name2=other)  # fmt: skip
         equality.data[:5] = [offset, ratio, 0.0, 0.0, 0.0]
     try:

@@ -173,7 +173,8 @@ def task_of(scene: Scene, times: np.ndarray, *, soft: bool = False) -> PeerTask:
 
 def _softened(robot: Robot, effects: Sequence[Any]) -> dict[str, Any]:
     """The fields friction, stops and couplings of a task. Raises UnsupportedError for what MuJoCo has not."""
-    names, friction, stops, couplings = {j.v.start: j.name for j in robot.joints}, {}, {}, []
+    names, couplings = {j.v.start: j.name for j in robot.joints}, []
+    friction, stops = dict[str, float](), dict[str, tuple[float, float]]()
     for effect in effects:
         if isinstance(effect, fx.Coupling):
             couplings.append((effect.joint, effect.other, effect.ratio, effect.offset))
