@@ -11,9 +11,9 @@ from twolink._version import __version__
 from twolink.cli.common import FAILED, INTERRUPTED, MISUSED, Command
 from twolink.cli.demo import demo
 from twolink.cli.evidence import hard_cases, paper, throw
-from twolink.cli.exchange import diff, export, judge
+from twolink.cli.exchange import compare, diff, export, judge
 from twolink.cli.fitting import fit, identify, optimize
-from twolink.cli.play import play, serve, video
+from twolink.cli.play import mcp, play, serve, video
 from twolink.cli.robots import check, inspect, query, robots
 from twolink.cli.scenes import accuracy, explain, linearize, methods, new, run, scenes
 from twolink.cli.sweep import sweep
@@ -28,8 +28,8 @@ app = typer.Typer(
     "Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted.",
 )
 _QUESTIONS = demo, robots, inspect, query, check, diff, linearize, identify, fit
-_EXPERIMENTS = scenes, new, explain, run, accuracy, sweep, optimize, judge, methods, play, video, throw, hard_cases
-_WRITERS = paper, export, serve
+_EXPERIMENTS = scenes, new, explain, run, accuracy, sweep, optimize, judge, compare, methods, play, video, throw
+_WRITERS = hard_cases, paper, export, serve, mcp
 for _command in (*_QUESTIONS, *_EXPERIMENTS, *_WRITERS):
     app.command(cls=Command)(_command)
 

@@ -26,11 +26,12 @@ from twolink.io.text import parse_numbers
 from twolink.robots.catalogue import FILES, catalogue_names
 from twolink.scenes import Scene, bundled_scenes, load_scene
 from twolink.show.figure import FORMATS
+from twolink.simulation.recording import SAVED
 from twolink.simulation.trajectory import Trajectory
 
 FAILED, MISUSED, INTERRUPTED = 1, 2, 130
 _CALLS = ("load_robot", "load_scene")  # places in Python, which mean nothing on a command line
-RUN_ENDINGS = (*SUFFIXES, ".mat", *FORMATS, ".html")
+RUN_ENDINGS = (*SAVED, *FORMATS, ".html")
 STUDY_ENDINGS = (*FORMATS, ".json", *SUFFIXES)
 
 

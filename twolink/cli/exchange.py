@@ -11,6 +11,7 @@ from typer import Argument, Option
 from twolink.cli.common import (
     FAILED,
     ROBOT_HELP,
+    Duration,
     Files,
     Foreign,
     Gravity,
@@ -28,6 +29,7 @@ from twolink.cli.common import (
 )
 from twolink.robots.catalogue import catalogue_names
 from twolink.show.figure import FORMATS
+from twolink.simulation.recording import SAVED
 
 
 def diff(
@@ -59,7 +61,9 @@ def diff(
 
 def judge(
     scene: SceneName,
-    log: Annotated[Path, Argument(metavar="LOG", help="A .csv, .npz or .parquet file: t, q.JOINT, v.JOINT.")],
+    log: Annotated[
+        Path, Argument(metavar="LOG", help="A .csv, .npz or .parquet (t, q.JOINT, v.JOINT), or a bag (.mcap, .db3).")
+    ],
     tolerance: Annotated[float, Option(help="A distance that does not count, rad or m.")] = 1e-6,
     out: Files = None,
     as_json: Json = False,
@@ -80,6 +84,33 @@ def judge(
             lambda path: (verdict.plot if path.suffix in FORMATS else verdict.save)(path), as_json)  # fmt: skip
     if not verdict.right:
         raise typer.Exit(FAILED)
+
+
+def compare(
+    scene: SceneName,
+    peer: Annotated[str, Option("--with", help="mujoco, drake or scipy, where installed.")] = "mujoco",
+    duration: Duration = None,
+    out: Files = None,
+    as_json: Json = False,
+) -> None:
+    """Judge another simulator's run of a scene.
+
+    MuJoCo runs it at its default setting, or Drake or SciPy. It prints until when the log is right, what is wrong with
+    it, and both costs. --out writes a figure (.png .svg .pdf), the verdict (.json), or the log (.csv .mcap ...).
+
+    \b
+    twolink compare my.urdf --with mujoco --out compare.png
+    """
+    from twolink.hard.comparison import compare as compare_with
+
+    require_writable(out or [], (".json", *FORMATS, *SAVED))
+    found = compare_with(scene_from(scene), peer, duration)
+
+    def write_one(path: Path) -> Path:
+        suffix = path.suffix.lower()
+        return found.plot(path) if suffix in FORMATS else (found.log if suffix in SAVED else found).save(path)
+
+    deliver(found.to_dict(), found, out, write_one, as_json)
 
 
 def export(

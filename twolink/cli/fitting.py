@@ -29,7 +29,7 @@ ENDINGS = (".toml", ".urdf", ".png", ".svg", ".pdf")
 @with_robot_options
 def identify(
     robot: RobotName,
-    data: Annotated[Path, Argument(metavar="DATA", help="Measurements: a .csv, .parquet or .npz file.")],
+    data: Annotated[Path, Argument(metavar="DATA", help="Measurements: a .csv, .parquet, .npz, .mcap or .db3 file.")],
     parameters: Annotated[
         list[str] | None,
         Option(
@@ -87,7 +87,7 @@ def identify(
 
 def fit(
     scene: SceneName,
-    data: Annotated[Path, Argument(metavar="DATA", help="Measurements: a .csv, .parquet or .npz file.")],
+    data: Annotated[Path, Argument(metavar="DATA", help="Measurements: a .csv, .parquet, .npz, .mcap or .db3 file.")],
     parameters: Annotated[
         list[str], Option(metavar="NAMES", help="What to find, with commas; * stands for any text; repeatable.")
     ],

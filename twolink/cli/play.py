@@ -16,7 +16,7 @@ from twolink.cli.common import (
     with_robot_options,
 )
 from twolink.dynamics.arguments import positive
-from twolink.errors import QueryError, import_extra
+from twolink.errors import QueryError, import_extra, require_extra
 from twolink.io.progress import progress_bar
 
 
@@ -156,3 +156,22 @@ def serve(
     server = import_extra("twolink.service.http.server", "service")
     data_note = f"(data in {settings.data}; Ctrl-C ends it)"
     server.run(settings, on_start=lambda url: typer.echo(f"twolink serves {url}  {data_note}"))
+
+
+def mcp(
+    folder: Annotated[
+        Path, Option(metavar="PATH", help="Where files are read and written.", show_default="this folder")
+    ] = Path(),
+) -> None:
+    """Serve tools for agents over stdin and stdout (MCP).
+
+    Tools: catalogue, load_robot, query, explain, simulate, accuracy_study, linearize, judge, compare_models, export.
+    They read and write in one folder only. Needs pip install 'twolink[mcp]'.
+
+    \b
+    {"mcpServers": {"twolink": {"command": "twolink", "args": ["mcp", "--folder", "robots"]}}}
+    """
+    require_extra("mcp", "mcp")
+    from twolink.cli.agents import Tools
+
+    Tools(folder).server().run("stdio")

@@ -143,7 +143,8 @@ def run(
 ) -> None:
     """Simulate a scene, with an error bar and its cost.
 
-    --out writes samples (.csv .parquet .npz .mat), a figure (.png .svg .pdf) or a playback (.html).
+    --out writes samples (.csv .parquet .npz .mat), a recording (.mcap .db3 .rrd), a figure (.png .svg .pdf) or a
+    playback (.html).
 
     \b
     twolink run panda                                    with the damping, friction and stops of its URDF

@@ -4,13 +4,16 @@ belongs to, and how it is loaded again.
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
+from twolink.algorithms.functions import frame_index
 from twolink.dynamics import load_robot
+from twolink.dynamics.arguments import configuration, rows
 from twolink.dynamics.robot import Robot
 from twolink.errors import RobotError, SceneError
 from twolink.io.fingerprints import model_digest
@@ -74,6 +77,23 @@ def _limits(values: np.ndarray) -> list[float | None]:
 def link_frames(robot: Robot) -> list[int]:
     """The indices of the links' frames, in the model's order."""
     return [i for i, frame in enumerate(robot.model.frames) if frame.type == pin.FrameType.BODY]
+
+
+def link_poses(robot: Robot, q: ArrayLike, frames: Sequence[str] | None = None) -> np.ndarray:
+    """Poses (..., n, 7) in the world: position [m] and quaternion (x y z w), of frames by name, or of all links.
+
+    One pass through the tree for all links of a state: `Robot.frame_pose` takes one for each.
+    """
+    states = configuration("q", q, robot.nq, robot.joints)
+    batch = states.shape[:-1]
+    indices = link_frames(robot) if frames is None else [frame_index(robot.model, name, "frames") for name in frames]
+    flat = rows(states, batch)
+    poses = np.empty((len(flat), len(indices), 7))
+    for i, state in enumerate(flat):
+        pin.framesForwardKinematics(robot.model, robot.data, state)
+        for k, index in enumerate(indices):
+            poses[i, k] = pin.SE3ToXYZQUAT(robot.data.oMf[index])
+    return poses.reshape(*batch, len(indices), 7)
 
 
 def robot_notes(robot: Robot) -> dict[str, str]:

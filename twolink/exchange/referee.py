@@ -111,7 +111,8 @@ def judge(scene: Scene, trajectory: Given, *, tolerance: float = 1e-6, accuracy:
         What was to be simulated, from its start.
     trajectory : Trajectory, mapping, sequence, str or path
         t (n,), q (n, nq), v (n, nv), by name or in this order; or a .csv, .npz or .parquet file with columns t, and
-        q.JOINT and v.JOINT or q0, q1, ..., v0, ... A continuous joint may have its angle in place of (cos, sin).
+        q.JOINT and v.JOINT or q0, q1, ..., v0, ...; or a bag of ROS 2 (.mcap, .db3 or a folder) with joint states. A
+        continuous joint may have its angle in place of (cos, sin).
     tolerance : float
         A distance that does not count, rad or m.
     accuracy : float
@@ -129,7 +130,11 @@ def judge(scene: Scene, trajectory: Given, *, tolerance: float = 1e-6, accuracy:
         The scene cannot be solved.
     """
     log, units = _si(_read(trajectory, scene.robot), scene)
-    run = _solution(scene, log.t, accuracy)
+    return verdict_of(scene, log, best_run(scene, log.t, accuracy), tolerance, units)
+
+
+def verdict_of(scene: Scene, log: Log, run: Trajectory, tolerance: float, units: Sequence[Cause] = ()) -> Verdict:
+    """What a log is worth beside a run at its samples. units: which ones it had, if not SI."""
     log = log.part(np.arange(len(log.t)) < len(run.t))
     bar = np.zeros(len(run.t)) if run.error is None else run.error
     offset = scene.robot.difference(run.q, log.q)
@@ -151,8 +156,8 @@ def _since(t: np.ndarray, beyond: np.ndarray) -> float:
     return float(t[np.argmax(beyond)])
 
 
-def _solution(scene: Scene, t: np.ndarray, accuracy: float) -> Trajectory:
-    """The solution at the samples."""
+def best_run(scene: Scene, t: np.ndarray, accuracy: float) -> Trajectory:
+    """The solution at the samples, as accurate as can be kept."""
     try:
         return simulate(scene, float(t[-1]), accuracy=accuracy, t_eval=t)
     except AccuracyError as error:

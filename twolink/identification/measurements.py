@@ -228,7 +228,7 @@ def table_columns(measurements: Any) -> dict[str, np.ndarray]:
 
 
 def read_measurements(robot: Robot, path: Path) -> dict[str, Any]:
-    """t, q, v, a and tau from a .csv, .parquet or .npz file: the arguments of `identify`.
+    """t, q, v, a and tau from a .csv, .parquet or .npz file, or a bag of ROS 2: the arguments of `identify`.
 
     Columns are t, then q0, q1, ... or q.JOINT, and so on for v, a and tau. v and a may be missing. An .npz file may
     hold whole arrays t, q, v, a, tau instead.

@@ -1,4 +1,4 @@
-"""Tables of named columns: .csv, .parquet, .npz and .mat files, and CSV text whose errors name the line."""
+"""Tables of named columns: .csv, .parquet, .npz, .mat, bags of ROS 2, and CSV text whose errors name the line."""
 
 import csv
 import io
@@ -9,6 +9,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from twolink.errors import TwolinkError, import_extra
+from twolink.io.bags import BAGS, is_bag, read_bag
 from twolink.io.files import write_atomic
 from twolink.io.text import decode, first_repeated, parse_number
 
@@ -99,7 +100,7 @@ def write_table(path: Path, columns: Columns, notes: Mapping[str, str]) -> Path:
 
 
 def read_table(path: Path) -> tuple[Columns, dict[str, str]]:
-    """The columns and notes of a file that `write_table` wrote.
+    """The columns and notes of a file that `write_table` wrote, or the joint states of a bag (see `read_bag`).
 
     Raises
     ------
@@ -107,7 +108,7 @@ def read_table(path: Path) -> tuple[Columns, dict[str, str]]:
         The format is unknown, or the file cannot be read (code "not-readable", of CSV "csv").
     """
     readers = {".csv": _read_csv, ".parquet": _read_parquet, ".npz": _read_npz, ".mat": _read_mat}
-    reader = readers[require_format(path, readers)]
+    reader = read_bag if is_bag(path) else readers[require_format(path, (*readers, *BAGS))]
     try:
         path.stat()  # pyarrow's own error for a missing file says less
         return reader(path)

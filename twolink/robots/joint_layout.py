@@ -60,8 +60,18 @@ def columns_to_read(table: Iterable[str], joints: Iterable[JointLayout], letter:
     return by_joint if set(numbered).isdisjoint(table) else numbered
 
 
+def without_angles(table: Mapping[str, np.ndarray], joints: Iterable[JointLayout]) -> dict[str, np.ndarray]:
+    """The table with cos and sin, q.JOINT.0 and q.JOINT.1, in place of the angle q.JOINT of continuous joints."""
+    changed = dict(table)
+    for angle in (f"q.{joint.name}" for joint in joints if joint.kind == "cos-sin"):
+        if angle in changed:
+            values = changed.pop(angle)
+            changed |= {f"{angle}.0": np.cos(values), f"{angle}.1": np.sin(values)}
+    return changed
+
+
 def read_columns(
-    table: Mapping[str, np.ndarray], joints: Iterable[JointLayout], letter: str
+    table: Mapping[str, np.ndarray], joints: Sequence[JointLayout], letter: str
 ) -> tuple[np.ndarray | None, list[str]]:
     """The values (n, k) of some joints in a table, and the columns that lack for them.
 
@@ -69,6 +79,7 @@ def read_columns(
     """
     if letter in table:
         return np.asarray(table[letter]), []
+    table = without_angles(table, joints)
     wanted = columns_to_read(table, joints, letter)
     lacking = [column for column in wanted if column not in table]
     return None if lacking else np.column_stack([table[column] for column in wanted]), lacking

@@ -5,7 +5,7 @@ it is below the next one that no number before it has reached.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -109,6 +109,20 @@ _SAMPLES = 12  # configurations that tell whether a robot moves in a plane
 Place = tuple[str | None, Any]  # the link that a piece is fixed to, or None for the world, and its pin.SE3 there
 # A pair's contacts (n, k, 3): points m and forces N, NaN where it is apart.
 Contacts = Mapping[str, tuple[Floats, Floats]]
+
+
+def place_on_link(model: pin.Model, links: Container[int], item: Any) -> Place:
+    """The link a piece is fixed to, and its place there: Pinocchio places it relative to the joint.
+
+    links: indices of the links' frames.
+    """
+    frame = int(item.parentFrame)
+    if frame not in links or model.frames[frame].parentJoint != item.parentJoint:
+        own = (i for i, f in enumerate(model.frames) if i in links and f.parentJoint == item.parentJoint)
+        frame = next(own, -1)
+        if frame < 0:
+            return None, item.placement
+    return model.frames[frame].name, model.frames[frame].placement.inverse() * item.placement
 
 
 def robot_data(model: Any, visuals: Any, nodes: Sequence[Node], place: Callable[[Any], Place] | None = None) -> Json:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,17 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
-from twolink.dynamics.robot_record import robot_notes
 from twolink.errors import SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.event import Event
-from twolink.io.tables import write_table
 from twolink.io.text import facts_html
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted
 from twolink.simulation import trajectory_tables as tables
 from twolink.simulation.certificate import Certificate
 from twolink.simulation.cost import Cost
+from twolink.simulation.recording import log, log_skipped, save_run
 from twolink.simulation.text import ContactForces, Result, as_data
 
 if TYPE_CHECKING:
@@ -33,7 +31,6 @@ if TYPE_CHECKING:
     from twolink.contact.solver import SteppedSolution
     from twolink.show.playback import InlinePage
 
-log = logging.getLogger("twolink")
 Skipped = Callable[[list[str]], None] | None
 SHOWN_EVENTS = 5  # in notebooks
 
@@ -306,14 +303,21 @@ class Trajectory(Result, Plotted):
         return {name: as_data(value) for name, value in record.items()}
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the samples to .csv, .parquet, .npz or MATLAB's .mat; all keep every digit. Returns the path.
+        """Write the samples to a file, by its ending. Returns the path.
 
-        All but .csv keep the robot's name and the events; .parquet and .npz contacts and forces on links too. A .mat
-        file has t, energy, and q (n, nq) and v (n, nv) with q_names and v_names.
+        .csv, .parquet, .npz, MATLAB's .mat
+            Every digit. All but .csv keep the robot's name and the events; .parquet and .npz contacts and forces on
+            links too. A .mat file has t, energy, and q (n, nq) and v (n, nv) with q_names and v_names.
+        .mcap, .db3
+            Messages of ROS 2 (pip install 'twolink[mcap]'): /joint_states with torques, /tf of all links,
+            /robot_description (the URDF), /odometry of free bodies (velocities along their own axes), /contacts and
+            /forces (wrenches about the world's origin), /error_bar, /energy, /states of effects, events in /rosout.
+            Times are rounded to 1 ns. Raises SceneError for planar and ball joints (code "not-in-format").
+        .rrd
+            A recording of Rerun (pip install 'twolink[rerun]'): the robot's surfaces on its links, and curves. It is
+            not read again.
         """
-        notes = {"title": self.title, "bound": self.bound, **tables.mark_notes(self.events or ())}
-        columns = {**self.columns(), **tables.mark_columns(self.contacts, self.forces_on_links)}
-        return write_table(Path(path), columns, {**robot_notes(self.robot), **notes})
+        return save_run(self, Path(path))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], robot: Robot | None = None) -> Trajectory:
@@ -322,15 +326,16 @@ class Trajectory(Result, Plotted):
         Parameters
         ----------
         path : path-like
-            A .npz, .parquet, .mat or .csv file.
+            A .npz, .parquet, .mat, .csv, .mcap or .db3 file, or a rosbag2 folder, also of joint states that another
+            program recorded.
         robot : Robot, optional
-            Its robot. A .csv needs it. A .npz or .parquet file names its robot: one of the catalogue is loaded again
-            as it was then; any other one must be passed.
+            Its robot. A .csv or another program's log needs it. All others name their robot: one of the catalogue is
+            loaded again as it was then; any other one must be passed.
 
         Returns
         -------
         Trajectory
-            Without cost and solution; from a .csv also without events and contacts.
+            Without cost and solution; from a .csv also without events, from all but .npz and .parquet without contacts.
 
         Raises
         ------
@@ -474,7 +479,7 @@ class Trajectory(Result, Plotted):
 
         play_live(*self._motion, **self._told, speed=self._speed(speed), open_browser=open_browser,
                   on_url=on_url or functools.partial(log.info, "playing at %s"),
-                  on_skipped=on_skipped or _log_skipped)  # fmt: skip
+                  on_skipped=on_skipped or log_skipped)  # fmt: skip
 
     def _speed(self, speed: float | None) -> float:
         from twolink.show.viewer_data import usual_speed
@@ -523,7 +528,3 @@ class Trajectory(Result, Plotted):
             "cost": [] if self.cost is None else repr(self.cost).splitlines(),
         }
         return facts_html(self.title or "Trajectory", facts) + figure_html(self.plot())
-
-
-def _log_skipped(names: list[str]) -> None:
-    log.warning("not drawn: %s", ", ".join(names))

@@ -11,8 +11,9 @@ from twolink.dynamics import Robot
 from twolink.dynamics.robot_record import find_robot, require_same
 from twolink.errors import AccuracyError, SceneError, import_extra, require_known
 from twolink.integrate.event import Event
+from twolink.io.bags import is_bag
 from twolink.io.tables import read_table
-from twolink.robots.joint_layout import joint_columns
+from twolink.robots.joint_layout import joint_columns, without_angles
 
 EXTRA = "sweeps"  # of twolink, which installs xarray and pandas
 # Before the names of contacts and of forces on links, for columns (n, 6 k); the name of a note.
@@ -95,7 +96,7 @@ def read_samples(path: Path, robot: Robot | None) -> Samples:
     content, notes = read_table(path)
     robot = find_robot(notes, label) if robot is None else require_same(robot, notes, label)
     marks = {name: content.pop(name) for name in list(content) if name.startswith((CONTACT, FORCE))}
-    table = _numbers(content, label)
+    table = without_angles(_numbers(content, label), robot.joints)
     n = len(table["t"]) if "t" in table else 0
     error = np.empty(n) if "error" in table else None
     states = {name.removeprefix("z."): np.empty(n) for name in table if name.startswith("z.")}
@@ -104,6 +105,10 @@ def read_samples(path: Path, robot: Robot | None) -> Samples:
                       notes.get("title", ""), notes.get("bound") == "estimated", _events(notes, label),
                       contacts, forces, states)  # fmt: skip
     wanted = columns(samples)
+    if is_bag(path):
+        known = wanted if "robot" in notes else {name: place for name, place in wanted.items() if name != "energy"}
+        table = {name: x for name, x in table.items() if name in known or ("robot" in notes and name[:4] != "tau.")}
+        wanted = known
     missing = [name for name in wanted if name not in table]
     unknown = [name for name in table if name not in wanted]
     if missing or unknown:
@@ -111,6 +116,8 @@ def read_samples(path: Path, robot: Robot | None) -> Samples:
         raise SceneError(what, where=label, remedy=f"it is not a trajectory of robot {robot.name!r}")
     for name, place in wanted.items():
         place[:] = table[name]
+    if "energy" not in wanted:
+        samples.energy[:] = np.sum(robot.energy(samples.q, samples.v), axis=0)
     if np.any(np.diff(samples.t) <= 0):
         row = int(np.argmax(np.diff(samples.t) <= 0)) + 1
         raise SceneError(f"t does not increase at sample {row}", where=label, remedy="sort its samples by time")

@@ -1,8 +1,9 @@
 """MuJoCo: the bodies and joints of the pin.Model; everything that the task does not use is switched off.
 
-Springs, dampers and equality constraints are MuJoCo's own, with its default solver parameters. Torques are applied
-once a step, as a controller does it. Contacts are pairs of geoms with default solver parameters and elliptic
-cones, which the manual advises against slip. mj_step with `nstep` advances; mujoco.rollout took 2 to 20 % longer.
+Springs, dampers, dry friction, stops and equality constraints are MuJoCo's own, with its default solver parameters.
+Torques are applied once a step, as a controller does it. Contacts are pairs of geoms with default solver parameters and
+elliptic cones, which the manual advises against slip. mj_step with `nstep` advances; mujoco.rollout took 2 to 20 %
+longer.
 """
 
 from collections.abc import Callable
@@ -111,14 +112,18 @@ def build(task: PeerTask) -> mujoco.MjModel:
             _add_geom(spec, bodies[solid.body], f"{side}{k}", solid)
         spec.add_pair(geomname1=f"a{k}", geomname2=f"b{k}", condim=3, friction=[friction, friction, 0.0, 0.0, 0.0])
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    for driven, other, ratio, offset in task.couplings:
+        equality = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, name1=driven,
+                                     name2=other)  # fmt: skip
+        equality.data[:5] = [offset, ratio, 0.0, 0.0, 0.0]
     try:
         model = spec.compile()
     except ValueError as error:
         raise PeerError(f"the model is refused: {' '.join(str(error).split())}") from None
-    off = ["FRICTIONLOSS", "LIMIT", "ACTUATION", "SENSOR"]
-    off += [] if task.contacts else ["CONTACT"]
-    off += [] if task.loops else ["EQUALITY"]
-    off += [] if task.loops or task.contacts else ["CONSTRAINT", "WARMSTART"]
+    used = {"FRICTIONLOSS": task.friction, "LIMIT": task.stops, "CONTACT": task.contacts,
+            "EQUALITY": task.loops or task.couplings}  # fmt: skip
+    off = ["ACTUATION", "SENSOR", *(name for name, given in used.items() if not given)]
+    off += [] if any(used.values()) else ["CONSTRAINT", "WARMSTART"]
     off += [] if task.springs else ["SPRING"]
     off += [] if task.damping else ["DAMPER", "EULERDAMP"]
     for name in off:
@@ -138,9 +143,12 @@ def _add_body(task: PeerTask, parent: Any, joint: PeerJoint) -> Any:
         body.add_freejoint(name=joint.name)
         return body
     stiffness, rest = task.springs.get(joint.name, (0.0, 0.0))
+    far = 1e10  # of no stop; a stop at one end needs a range
     body.add_joint(  # stiffness and damping are polynomials: the first coefficient is the linear one
         name=joint.name, type=KINDS[joint.kind], axis=joint.axis, stiffness=[stiffness, 0.0, 0.0], springref=rest,
-        damping=[task.damping.get(joint.name, 0.0), 0.0, 0.0],
+        damping=[task.damping.get(joint.name, 0.0), 0.0, 0.0], armature=task.model.armature[joint.v.start],
+        frictionloss=task.friction.get(joint.name, 0.0), limited=joint.name in task.stops,
+        range=np.clip(task.stops.get(joint.name, (0.0, 0.0)), -far, far),
     )  # fmt: skip
     return body
 

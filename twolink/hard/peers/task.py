@@ -104,7 +104,8 @@ PeerContact = tuple[PeerSolid, PeerSolid, float]
 class PeerTask:
     """A robot under gravity that is solved from (q, v) for the `times` (n,) [s], equally spaced from 0.
 
-    springs: (stiffness, rest position) by joint. damping: by joint. torques: inputs in time by joint. SI units.
+    springs: (stiffness, rest position) by joint. damping: by joint. torques: inputs in time by joint. Those that peers
+    soften: dry friction, stops (lower, upper), and couplings (joint, other, ratio, offset). SI units.
     """
 
     robot: Robot
@@ -117,6 +118,9 @@ class PeerTask:
     torques: Mapping[str, Any] = field(default_factory=dict)
     loops: tuple[Loop, ...] = ()
     contacts: tuple[PeerContact, ...] = ()
+    friction: Mapping[str, float] = field(default_factory=dict)
+    stops: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    couplings: tuple[tuple[str, str, float, float], ...] = ()
 
     @property
     def model(self) -> pin.Model:
@@ -129,18 +133,22 @@ class PeerTask:
         return float(self.times[1] - self.times[0])
 
 
-def task_of(scene: Scene, times: np.ndarray) -> PeerTask:
-    """The task of a scene. Raises UnsupportedError for effects and joints that are not modelled for peers."""
+def task_of(scene: Scene, times: np.ndarray, *, soft: bool = False) -> PeerTask:
+    """The task of a scene. Raises UnsupportedError for effects and joints that are not modelled for peers.
+
+    soft: whether the peer softens dry friction, stops and couplings, and takes armature; else they are not modelled.
+    """
     springs: dict[str, tuple[float, float]] = {}
     damping: dict[str, float] = {}
     torques: dict[str, Any] = {}
     loops: list[Loop] = []
     contacts: list[PeerContact] = []
+    softened: list[Any] = []
     for effect in scene.effects:
         if isinstance(effect, fx.JointSpring):
             springs |= {name: (k, effect.rest.get(name, 0.0)) for name, k in effect.stiffness.items()}
-        elif isinstance(effect, fx.JointDamping) and effect.damping is not None:
-            damping |= effect.damping
+        elif isinstance(effect, fx.JointDamping):
+            damping |= effect.damping or {j.name: scene.robot.model.damping[j.v.start] for j in scene.robot.joints}
         elif isinstance(effect, fx.Torque):
             torques |= effect.inputs
         elif isinstance(effect, fx.PointLoop | fx.HingeLoop):
@@ -152,11 +160,35 @@ def task_of(scene: Scene, times: np.ndarray) -> PeerTask:
             ball = fx.Contact(((effect.frame, plane),), effect.friction, effect.restitution,
                               shapes={effect.frame: (shape,)})  # fmt: skip
             contacts += _contacts(scene.robot, ball)
+        elif soft and isinstance(effect, fx.DryFriction | fx.JointStops | fx.Coupling):
+            softened.append(effect)
         elif not isinstance(effect, fx.Gravity):
             raise UnsupportedError(f"{type(effect).__name__} is not modelled for peers")
+    if scene.robot.model.armature.any() and not soft:
+        raise UnsupportedError("armature is not modelled for peers")
     joints = _joints(scene.robot)
     return PeerTask(scene.robot, scene.q, scene.v, times, joints, springs, damping, torques, tuple(loops),
-                    tuple(contacts))  # fmt: skip
+                    tuple(contacts), **_softened(scene.robot, softened))  # fmt: skip
+
+
+def _softened(robot: Robot, effects: Sequence[Any]) -> dict[str, Any]:
+    """The fields friction, stops and couplings of a task. Raises UnsupportedError for what MuJoCo has not."""
+    names, couplings = {j.v.start: j.name for j in robot.joints}, []
+    friction, stops = dict[str, float](), dict[str, tuple[float, float]]()
+    for effect in effects:
+        if isinstance(effect, fx.Coupling):
+            couplings.append((effect.joint, effect.other, effect.ratio, effect.offset))
+        elif isinstance(effect, fx.DryFriction):
+            friction |= {names[hold.dof]: hold.kinetic for hold in effect.modes(robot)}
+            if any(hold.greatest > hold.kinetic for hold in effect.modes(robot)):
+                raise UnsupportedError("static friction above the kinetic one is not modelled for peers")
+        elif effect.restitution:
+            raise UnsupportedError("stops with restitution are not modelled for peers")
+        else:
+            for stop in effect.modes(robot):
+                lower, upper = stops.get(stop.name, (-np.inf, np.inf))
+                stops[stop.name] = (stop.position, upper) if stop.side > 0 else (lower, stop.position)
+    return {"friction": friction, "stops": stops, "couplings": tuple(couplings)}
 
 
 def _point_pairs(robot: Robot, effect: Any) -> list[Loop]:
@@ -198,8 +230,6 @@ def _carrier(robot: Robot, link: str) -> tuple[int, pin.SE3]:
 
 def _joints(robot: Robot) -> tuple[PeerJoint, ...]:
     model = robot.model
-    if model.armature.any():
-        raise UnsupportedError("armature is not modelled for peers")
     data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))
     out = []

@@ -6,9 +6,10 @@ import msgspec
 import numpy as np
 
 from twolink.dynamics import Robot
+from twolink.dynamics.robot_record import link_poses
 from twolink.errors import TwolinkError
 from twolink.service.problems import decode_unique, problem_of
-from twolink.service.work.requests import LiveRequest, LiveWords, link_poses
+from twolink.service.work.requests import LiveRequest, LiveWords
 from twolink.service.work.scene_tasks import scene_of
 from twolink.service.work.worker import Ask
 

@@ -4,19 +4,16 @@ import functools
 import hashlib
 import math
 from collections import ChainMap
-from collections.abc import Sequence
 from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from twolink.algorithms.functions import Shape, frame_index
+from twolink.algorithms.functions import Shape
 from twolink.dynamics import Robot, queries
-from twolink.dynamics.arguments import configuration, rows
 from twolink.dynamics.queries import OPTIONS, Numbers, Query
-from twolink.dynamics.robot_record import link_frames
+from twolink.dynamics.robot_record import link_poses
 from twolink.errors import QueryError
 from twolink.io.fingerprints import code_key, files_digest
 from twolink.robots.catalogue import our_urdfs
@@ -27,23 +24,6 @@ from twolink.service.settings import Quotas
 _JSON_NUMBER = 32  # bytes of memory for a number on its way to JSON: an object, and a place in a list
 _numbers = functools.cache(Query.numbers)
 _SINGLE_STATE: set[tuple[int, ...]] = {()}
-
-
-def link_poses(robot: Robot, q: ArrayLike, frames: Sequence[str] | None = None) -> np.ndarray:
-    """Poses (..., n, 7) in the world: position [m] and quaternion (x y z w), of frames by name, or of all links.
-
-    One pass through the tree for all links of a state: `Robot.frame_pose` takes one for each.
-    """
-    states = configuration("q", q, robot.nq, robot.joints)
-    batch = states.shape[:-1]
-    indices = link_frames(robot) if frames is None else [frame_index(robot.model, name, "frames") for name in frames]
-    flat = rows(states, batch)
-    poses = np.empty((len(flat), len(indices), 7))
-    for i, state in enumerate(flat):
-        pin.framesForwardKinematics(robot.model, robot.data, state)
-        for k, index in enumerate(indices):
-            poses[i, k] = pin.SE3ToXYZQUAT(robot.data.oMf[index])
-    return poses.reshape(*batch, len(indices), 7)
 
 
 def _kinematics(robot: Robot, q: ArrayLike, frames: list[str] | None = None) -> dict[str, Any]:

@@ -7,7 +7,6 @@ from typing import Any, BinaryIO, Literal
 
 import msgspec
 import numpy as np
-import pinocchio as pin
 
 from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.robot_record import link_frames, robot_record
@@ -36,7 +35,7 @@ from twolink.service.work.requests import (
     require_size,
 )
 from twolink.show.meshcat_scene import scene_nodes
-from twolink.show.viewer_data import Place, robot_data
+from twolink.show.viewer_data import place_on_link, robot_data
 
 _OPTIONS, _URDF, _FILES = "options.json", "robot.urdf", "files"  # in the folder of an uploaded robot
 _UPLOADED = re.compile(r"u-[0-9a-f]{20}")  # an uploaded robot's id
@@ -54,18 +53,8 @@ def visuals_of(robot: Robot) -> bytes:
     geometry = robot.visual_model()
     nodes, skipped = scene_nodes(geometry)
     links = set(link_frames(robot))
-    drawn = robot_data(robot.model, geometry, nodes, lambda item: _link(robot.model, links, item))
+    drawn = robot_data(robot.model, geometry, nodes, lambda item: place_on_link(robot.model, links, item))
     return msgspec.json.encode({"links": robot.frame_names, **drawn, "skipped": skipped})
-
-
-def _link(model: pin.Model, links: set[int], item: Any) -> Place:
-    """The link a piece is fixed to, and its place there: Pinocchio places it relative to the joint."""
-    frame = int(item.parentFrame)
-    if frame >= model.nframes or frame not in links or model.frames[frame].parentJoint != item.parentJoint:
-        frame = min((i for i in links if model.frames[i].parentJoint == item.parentJoint), default=-1)
-        if frame < 0:
-            return None, item.placement
-    return model.frames[frame].name, model.frames[frame].placement.inverse() * item.placement
 
 
 class RobotOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):

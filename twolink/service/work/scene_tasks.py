@@ -14,7 +14,7 @@ import numpy as np
 
 from twolink.accuracy import Study, accuracy_study
 from twolink.dynamics import Robot, load_robot
-from twolink.dynamics.robot_record import robot_record
+from twolink.dynamics.robot_record import link_poses, robot_record
 from twolink.errors import RobotError, SceneError, TwolinkError
 from twolink.robots.catalogue import catalogue_names
 from twolink.scenes import Scene, load_scene
@@ -29,7 +29,6 @@ from twolink.service.work.requests import (
     SceneRequest,
     SimulationRequest,
     StudyRequest,
-    link_poses,
 )
 from twolink.service.work.robot_tasks import robot_by_id
 from twolink.service.work.worker import Report

@@ -1,0 +1,151 @@
+"""`twolink mcp`: its tools, called by the client of the official SDK."""
+
+import asyncio
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcp import Client, StdioServerParameters
+
+import twolink as tl
+from twolink.cli.agents import LARGEST, Tools
+from twolink.dynamics.queries import QUERIES
+
+
+def ask(folder: Path, *calls: tuple[str, dict], progress: list | None = None, server: Any = None) -> list:
+    """The results of calls of tools in one session."""
+
+    async def told(done: float, total: float | None, label: str | None) -> None:
+        if progress is not None:
+            progress.append((done, total, label))
+
+    async def session() -> list:
+        async with Client(server or Tools(folder).server()) as client:
+            return [await client.call_tool(name, given, progress_callback=told) for name, given in calls]
+
+    return asyncio.run(session())
+
+
+def data(result: Any) -> dict:
+    assert not result.is_error, result.content[0].text
+    return result.structured_content
+
+
+def listed(folder: Path) -> list:
+    async def session() -> list:
+        async with Client(Tools(folder).server()) as client:
+            return (await client.list_tools()).tools
+
+    return asyncio.run(session())
+
+
+def test_tools_are_few_typed_and_explained(tmp_path: Path) -> None:
+    tools = {tool.name: tool for tool in listed(tmp_path)}
+    assert len(tools) <= 10
+    for tool in tools.values():
+        assert len(tool.description) > 40
+        assert {"text", "data", "error", "bound", "files"} <= tool.output_schema["properties"].keys()
+    assert tools["query"].input_schema["properties"]["what"]["enum"] == list(QUERIES)
+    assert {name for name, tool in tools.items() if not tool.annotations.read_only_hint} == {"simulate", "export"}
+
+
+def test_every_declared_query_is_answered_as_by_the_robot(tmp_path: Path) -> None:
+    robot = tl.load_robot("two_link")
+    state = {"q": [0.3, -0.4], "v": [1.0, 2.0], "tau": [0.1, 0.2], "a": [0.5, -0.5]}
+    given = [{"robot": "two_link", "what": name, "arguments": {x: state[x] for x in query.arguments},
+              "options": {"frame": "tip"} if "frame" in query.options else {}}
+             for name, query in QUERIES.items() if name != "inverse-kinematics"]  # fmt: skip
+    for arguments, result in zip(given, ask(tmp_path, *(("query", one) for one in given)), strict=True):
+        query = QUERIES[arguments["what"]]
+        expected = query.answer(robot, arguments["arguments"], **arguments["options"])
+        answer = data(result)["data"]
+        assert answer["units"] == {name: unit for name, (_, unit) in query.results.items()}
+        for name, value in expected.items():
+            np.testing.assert_allclose(answer["results"][name], value, atol=1e-12)
+
+
+def test_simulate_has_a_bar_progress_and_files(tmp_path: Path) -> None:
+    told: list = []
+    given = {"scene": "arm-swing", "duration": 2.0, "accuracy": 1e-8, "at": [0.5, 1.0], "save": ["a.mcap", "b.png"]}
+    answer = data(ask(tmp_path, ("simulate", given), progress=told)[0])
+    run = tl.simulate(tl.load_scene("arm-swing"), 2.0, accuracy=1e-10)
+    assert answer["bound"] == "verified"
+    assert 0 < answer["error"] <= 1e-8
+    for state in answer["data"]["states"]:
+        assert np.abs(run.at(state["t"])[0] - state["q"]).max() <= answer["error"] + run.error.max()
+    assert [Path(name).name for name in answer["files"]] == ["a.mcap", "b.png"]
+    assert told
+    assert all(done <= total == 2.0 for done, total, _ in told)
+    again, wrong = ask(tmp_path, ("judge", {"scene": "arm-swing", "log": "a.mcap"}),
+                       ("judge", {"scene": "pendulum-friction", "log": "a.mcap"}))  # fmt: skip
+    assert data(again)["data"]["right"] is True
+    assert wrong.structured_content["code"] == "not-a-trajectory"
+
+
+def test_the_other_tools(tmp_path: Path) -> None:
+    found = ask(tmp_path, ("catalogue", {}), ("load_robot", {"robot": "panda"}), ("explain", {"scene": "four-bar"}),
+                ("linearize", {"scene": "arm-swing"}), ("export", {"robot": "z1", "file": "z1.urdf"}),
+                ("compare_models", {"a": "z1", "b": "z1.urdf"}),
+                ("accuracy_study", {"scene": "arm-swing", "duration": 0.2}))  # fmt: skip
+    whole = [data(result) for result in found]
+    assert "two_link" in str(whole[0])
+    assert whole[5]["data"]["equal"] is True
+    assert (tmp_path / "z1.urdf").is_file()
+
+
+@pytest.mark.parametrize(
+    ("tool", "given", "code"),
+    [
+        ("load_robot", {"robot": "/etc/passwd"}, "not-allowed"),
+        ("load_robot", {"robot": "../x.urdf"}, "not-allowed"),
+        ("load_robot", {"robot": "x.xacro"}, "not-allowed"),
+        ("load_robot", {"robot": "x.urdf"}, "not-readable"),
+        ("load_robot", {"robot": "<robot name='r'><link name='a'/><link name='a'/></robot>"}, "urdf"),
+        ("simulate", {"scene": "/etc/hosts"}, "not-allowed"),
+        ("simulate", {"scene": "arm-swing", "save": ["../../x.csv"]}, "not-allowed"),
+        ("simulate", {"scene": "arm-swing", "accuracy": -1.0}, "accuracy"),
+        ("simulate", {"scene": "arm-swong"}, "not-allowed"),
+        ("query", {"robot": "two_link", "what": "no-such", "arguments": {"q": [0, 0]}}, "query"),
+        ("query", {"robot": "two_link", "what": "energy", "arguments": {"q": [0, 0, 0]}}, "query"),
+        ("export", {"robot": "two_link", "file": "x.exe"}, "unknown-format"),
+    ],
+)
+def test_refusals_are_data(tool: str, given: dict, code: str, tmp_path: Path) -> None:
+    (result,) = ask(tmp_path, (tool, given))
+    assert result.is_error
+    assert result.structured_content["code"] == code
+    assert result.structured_content["remedy"]
+    assert code in tl.errors.codes()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_links_out_of_the_folder_are_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "in"
+    folder.mkdir()
+    (tmp_path / "out.urdf").write_text("<robot name='r'><link name='a'/></robot>")
+    os.symlink(tmp_path / "out.urdf", folder / "x.urdf")
+    (result,) = ask(folder, ("load_robot", {"robot": "x.urdf"}))
+    assert result.structured_content["code"] == "not-allowed"
+
+
+def test_long_answers_go_to_a_file(tmp_path: Path) -> None:
+    states = np.random.default_rng(0).uniform(-1, 1, (500, 2)).tolist()
+    given = {"robot": "two_link", "what": "mass-matrix", "arguments": {"q": states}}
+    (result,) = ask(tmp_path, ("query", given))
+    answer = data(result)
+    assert len(json.dumps(answer)) + sum(len(part.text) for part in result.content) < 2 * LARGEST
+    (file,) = answer["files"]
+    kept = json.loads(Path(file).read_text())["data"]["results"][next(iter(QUERIES["mass-matrix"].results))]
+    np.testing.assert_allclose(kept, tl.load_robot("two_link").mass_matrix(np.array(states)), atol=1e-12)
+
+
+def test_over_stdin_and_stdout(tmp_path: Path) -> None:
+    command = StdioServerParameters(command=sys.executable, args=["-m", "twolink", "mcp", "--folder", str(tmp_path)],
+                                    env=dict(os.environ))  # fmt: skip
+    (answer,) = ask(tmp_path, ("query", {"robot": "two_link", "what": "energy", "arguments": {"q": [0, 0]}}),
+                    server=command)  # fmt: skip
+    assert data(answer)["data"]["units"]["kinetic"] == "J"

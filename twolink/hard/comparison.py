@@ -1,0 +1,117 @@
+"""Another simulator's log of a scene, made at its default settings, judged, and its cost beside ours."""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twolink.errors import SceneError, require_extra, require_known
+from twolink.exchange.local_errors import Log
+from twolink.exchange.referee import Verdict, best_run, verdict_of
+from twolink.hard.peers import NAMES, peer_module
+from twolink.hard.peers.task import PeerError, UnsupportedError, task_of
+from twolink.scenes import Scene
+from twolink.show.figure import Plotted
+from twolink.simulation.text import Result
+from twolink.simulation.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+INTERVAL = 0.002  # s, between the samples of a log: MuJoCo's default step
+LIMIT = 1e-3  # rad or m: how near is told first
+TOLERANCE, ACCURACY = 1e-6, 1e-7  # rad or m: a distance that does not count; of the run beside the log
+_EXTRAS = {"mujoco": "mjcf", "drake": "peers", "scipy": ""}
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison(Plotted, Result):
+    """What another simulator makes of a scene.
+
+    Attributes
+    ----------
+    peer, setting : str
+        The simulator with its version, and how it was run.
+    log : Trajectory
+        Its motion, without an error bar.
+    verdict : Verdict
+        What that is worth, see `judge`.
+    seconds : float
+        What its run took, without building its model.
+    ours : Trajectory
+        The scene's run, with its cost.
+    """
+
+    peer: str
+    setting: str
+    log: Trajectory
+    verdict: Verdict
+    seconds: float
+    ours: Trajectory
+
+    def _figure(self) -> Figure:
+        figure = self.verdict.plot()
+        figure.suptitle(f"{self.peer}, {self.setting}", fontsize="medium")
+        return figure
+
+    def __str__(self) -> str:
+        since, cost = self.verdict.beyond.get(f"{LIMIT:g}"), self.ours.cost
+        whole = f"{self.peer} ({self.setting}) is within {LIMIT:g} rad or m "
+        lines = [whole + ("throughout" if since is None else f"until {since:.4g} s"), str(self.verdict)]
+        lines.append(f"  cost: {self.peer.partition(' ')[0]} {self.seconds:.3g} s, off by at most "
+                     f"{self.verdict.distance.max():.2g} rad or m")  # fmt: skip
+        if cost is not None:
+            lines.append(f"  cost: twolink {cost.seconds + cost.verify_seconds:.3g} s, {self.ours.error_text}, and "
+                         f"{cost.compile_seconds:.3g} s of compiling")  # fmt: skip
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+
+def compare(scene: Scene, peer: str = "mujoco", duration: float | None = None) -> Comparison:
+    """Let another simulator run a scene at its default setting, and judge what it logs.
+
+    Parameters
+    ----------
+    scene : Scene
+        Dry friction, stops and couplings are MuJoCo's own, as soft as it makes them by default.
+    peer : {"mujoco", "drake", "scipy"}
+    duration : float, optional
+        s; the scene's own by default.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    SceneError
+        An effect or a joint of the scene is not modelled for the peer, or it fails (code "no-peer").
+    MissingExtraError
+        It is not installed.
+    """
+    require_known(peer, NAMES, SceneError, argument="peer")
+    library = {"drake": "pydrake"}.get(peer, peer)
+    if importlib.util.find_spec(library) is None:
+        require_extra(library, _EXTRAS[peer])
+    end = scene.duration if duration is None else duration
+    times = np.linspace(0.0, end, max(3, round(end / INTERVAL)) + 1)
+    try:
+        module, task = peer_module(peer), task_of(scene, times, soft=peer == "mujoco")
+        setting = next(setting for setting in module.usual_settings(task) if setting.default)
+        run = module.prepare(task, setting)
+        begun = time.perf_counter()
+        track = run().track
+    except (UnsupportedError, PeerError) as error:
+        raise SceneError(f"{NAMES[peer]}: {error}", where=scene.title or scene.robot.name, code="no-peer",
+                         remedy="leave that out, or judge a log that you have made: tl.judge") from None  # fmt: skip
+    seconds = time.perf_counter() - begun
+    log = Trajectory(scene.robot, track.t, track.q, track.v, None, None, title=scene.title)
+    version = getattr(module, "VERSION", "")
+    ours = best_run(scene, times, ACCURACY)
+    verdict = verdict_of(scene, Log(log.t, log.q, log.v), ours, TOLERANCE)
+    return Comparison(f"{NAMES[peer]} {version}".strip(), str(setting), log, verdict, seconds, ours)
