@@ -5,12 +5,13 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 import twolink as tl
 from twolink import effects as fx
 from twolink.show.surfaces import surfaces
+
+RrdReader = pytest.importorskip("rerun.chunk", reason="the extra `rerun` is not installed: half a gigabyte").RrdReader
 
 
 def contents(path: Path) -> dict[str, dict[str, list]]:

@@ -106,7 +106,7 @@ def plot_trajectory(
     moving = len({c.joint for c in drawn})
     few = [f"the {len(joints)} of {moving} joints that move the most"] if len(joints) < moving else []
     figure.suptitle("\n".join([plain(title), *few, *([note] if note else [])]), fontsize=11)
-    _mark_events(axes[:, 0], events)
+    _mark_events(list(axes[:, 0]), events)
     label_right(figure, {axis: [(line, line.get_label()) for line in axis.get_lines() if line.get_label() != "_event"]
                          for axis in axes[:-2, 0]})  # fmt: skip
     return figure
