@@ -85,8 +85,17 @@ def judge(
 def export(
     robot: RobotName,
     file: Annotated[
-        Path, Argument(metavar="FILE", help="The file to write: .c (with its header), .urdf or .xml (MJCF).")
-    ],
+        Path | None, Argument(metavar="FILE", help="The file to write: .c (with its header), .urdf or .xml (MJCF).")
+    ] = None,
+    fmu: Annotated[
+        Path | None, Option(help="Write a scene, given in place of the robot, as this FMU.", metavar="FILE.fmu")
+    ] = None,
+    parameters: Annotated[
+        str | None, Option(help="Of an FMU: numbers that can be set in it, such as forearm.mass,gravity.z.")
+    ] = None,
+    platform: Annotated[
+        list[str] | None, Option(help="Of an FMU: such as x86_64-windows; the present one by default. Repeatable.")
+    ] = None,
     functions: Annotated[
         str, Option(help="Of C: such as forward_dynamics,mass_matrix,frame_pose:tip,step:rk4.")
     ] = "forward_dynamics,step:rk4",
@@ -95,20 +104,36 @@ def export(
     gravity: Gravity = None,
     as_json: Json = False,
 ) -> None:
-    """Write a robot as C code, a URDF or an MJCF.
+    """Write a robot as C code, a URDF or an MJCF; or a scene as an FMU 3.0.
 
     The C99 file needs nothing but libm and allocates nothing. It holds its certificate and a self test. The URDF has
-    merged bodies, locked joints fixed, and inertias about centres of mass; so has the MJCF.
+    merged bodies, locked joints fixed, and inertias about centres of mass; so has the MJCF. The FMU
+    is for Model Exchange and Co-Simulation.
 
     \b
     twolink export panda panda.c --functions forward_dynamics,mass_matrix
     twolink export panda arm.urdf --lock panda_finger_joint1=0 --lock panda_finger_joint2=0
+    twolink export arm-swing --fmu arm.fmu
     """
+    if (file is None) == (fmu is None):
+        raise typer.BadParameter("give a FILE, or --fmu FILE.fmu with a scene")
+    if (parameters or platform) if fmu is None else (lock or gravity or root != "fixed"):
+        raise typer.BadParameter("--parameters and --platform are of an FMU; --root, --lock and --gravity of a robot")
+    if fmu is not None:
+        require_writable([fmu], (".fmu",))
+        fmu = scene_from(robot).export_fmu(fmu, parameters and _names(parameters), platform)
+        show({"scene": robot, "written": [fmu]}, f"wrote {fmu}", as_json)
+        return
+    assert file is not None
     require_writable([file], (".c", ".urdf", ".xml"))
     loaded = robot_from(robot, root, lock, gravity)
     if file.suffix.lower() == ".c":
-        names = [name.strip() for name in functions.split(",") if name.strip()]
-        written = list(loaded.export_c(file, names))
+        written = list(loaded.export_c(file, _names(functions)))
     else:
         written = [(loaded.export_urdf if file.suffix.lower() == ".urdf" else loaded.export_mjcf)(file)]
     show({"robot": loaded.name, "written": written}, "\n".join(f"wrote {path}" for path in written), as_json)
+
+
+def _names(text: str) -> list[str]:
+    """Names with commas between them."""
+    return [name.strip() for name in text.split(",") if name.strip()]
