@@ -16,6 +16,7 @@ from twolink.cli.common import (
     Gravity,
     Json,
     Lock,
+    Misuse,
     RobotName,
     Root,
     SceneName,
@@ -93,8 +94,9 @@ def export(
     parameters: Annotated[
         str | None, Option(help="Of an FMU: numbers that can be set in it, such as forearm.mass,gravity.z.")
     ] = None,
-    platform: Annotated[
-        list[str] | None, Option(help="Of an FMU: such as x86_64-windows; the present one by default. Repeatable.")
+    platforms: Annotated[
+        list[str] | None,
+        Option("--platform", metavar="PLATFORM", help="Of an FMU: such as x86_64-windows; repeatable."),
     ] = None,
     functions: Annotated[
         str, Option(help="Of C: such as forward_dynamics,mass_matrix,frame_pose:tip,step:rk4.")
@@ -104,7 +106,7 @@ def export(
     gravity: Gravity = None,
     as_json: Json = False,
 ) -> None:
-    """Write a robot as C code, a URDF or an MJCF; or a scene as an FMU 3.0.
+    """Write a robot as C, URDF or MJCF, or a scene as an FMU.
 
     The C99 file needs nothing but libm and allocates nothing. It holds its certificate and a self test. The URDF has
     merged bodies, locked joints fixed, and inertias about centres of mass; so has the MJCF. The FMU
@@ -115,16 +117,16 @@ def export(
     twolink export panda arm.urdf --lock panda_finger_joint1=0 --lock panda_finger_joint2=0
     twolink export arm-swing --fmu arm.fmu
     """
-    if (file is None) == (fmu is None):
-        raise typer.BadParameter("give a FILE, or --fmu FILE.fmu with a scene")
-    if (parameters or platform) if fmu is None else (lock or gravity or root != "fixed"):
-        raise typer.BadParameter("--parameters and --platform are of an FMU; --root, --lock and --gravity of a robot")
-    if fmu is not None:
+    if (parameters or platforms) if fmu is None else (lock or gravity or root != "fixed"):
+        raise Misuse("--parameters and --platform are of an FMU, --root, --lock and --gravity of a robot",
+                     remedy="leave them out")  # fmt: skip
+    if fmu is not None and file is None:
         require_writable([fmu], (".fmu",))
-        fmu = scene_from(robot).export_fmu(fmu, parameters and _names(parameters), platform)
+        fmu = scene_from(robot).export_fmu(fmu, parameters and _names(parameters), platforms)
         show({"scene": robot, "written": [fmu]}, f"wrote {fmu}", as_json)
         return
-    assert file is not None
+    if fmu is not None or file is None:
+        raise Misuse("one file is written", remedy="give a FILE, or --fmu FILE.fmu with a scene")
     require_writable([file], (".c", ".urdf", ".xml"))
     loaded = robot_from(robot, root, lock, gravity)
     if file.suffix.lower() == ".c":

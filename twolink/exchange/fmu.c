@@ -114,7 +114,7 @@ static double follow(double *z) {
 /* ---------- the stepper: an explicit method with two error estimates, as DOP853, and the PI controller of Gustafsson (ACM TOMS 17, 1991, 533-554) ---------- */
 
 /* One attempt over h from x: the new state, back on its manifold, and the square of its error over what is admitted. */
-static double attempt(Instance *s, double t, double h) {
+static double attempt(Instance *s, double t, double h, bool last) {
   double *z = s->now.z, high = 0.0, low = 0.0;
   for (int i = 0; i < STAGES; i++) {
     z[T] = t + C[i] * h;
@@ -142,6 +142,8 @@ static double attempt(Instance *s, double t, double h) {
     z[X + n] = after;
   }
   MODEL(projected)(z, s->new);
+  if (last && !all_finite(s->new, NX)) /* near a singular position: the next step goes back */
+    memcpy(s->new, z + X, sizeof s->new);
   return all_finite(s->new, NX) ? high * high / (high + 0.01 * low + 1e-300) : NAN;
 }
 
@@ -156,7 +158,7 @@ static bool advance(Instance *s, double end) {
     const double arrival = h == left ? end : t + h;
     h = arrival - t;
     memcpy(s->x, now->z + X, sizeof s->x);
-    const double square = attempt(s, t, h);
+    const double square = attempt(s, t, h, arrival == end);
     const bool admitted = square <= 1.0;
     if (square <= 1e300) {
       const double e = fmin(fmax(square, MIN_SQUARE), MAX_SQUARE);
@@ -164,7 +166,7 @@ static bool advance(Instance *s, double end) {
       const double factor = fmax(MIN_FACTOR, SAFETY * (admitted ? grown : pow(e, -0.5 / ERROR_ORDER)));
       now->step = admitted && h < now->step ? fmax(now->step, h * factor) : h * factor;
       if (admitted)
-        now->good = h, now->previous = e;
+        now->good = now->step, now->previous = e;
     } else {
       now->step = now->good *= NO_NUMBER_FACTOR;
     }

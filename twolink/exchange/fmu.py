@@ -16,12 +16,12 @@ import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from twolink._version import __version__
-from twolink.errors import MissingExtraError, SceneError, TwolinkError, require_known
+from twolink.errors import MissingExtraError, QueryError, SceneError, TwolinkError, require_known
 from twolink.exchange.c_code import c_files, identifier
 from twolink.exchange.fmu_model import FmuModel, Variable, fmu_model
 from twolink.integrate.solvers.method_choice import MARGINS
@@ -62,7 +62,7 @@ def export_fmu(
     here = _present_platform()
     chosen = ([here] if here in _TARGETS else []) if platforms is None else list(platforms)
     for name in chosen:
-        require_known(name, _TARGETS, SceneError, "there is no platform {!r}", argument="platforms")
+        require_known(name, _TARGETS, QueryError, "there is no platform {!r}", argument="platforms")
     compilers = {name: _compiler(name, here) for name in chosen}
     model, stem = fmu_model(scene, parameters), identifier(target.stem)
     code, header = c_files(stem, model.functions, [f"{_title(scene)}, written by twolink {__version__}."])
@@ -96,8 +96,8 @@ def _title(scene: Scene) -> str:
 
 def _data(model: FmuModel, stem: str) -> str:
     """data.h: what the runtime needs to know of the model, and the method of Co-Simulation."""
-    tableau, counts = METHOD.tableau, dict(zip(("NX", "NU", "NP", "NC"), model.counts, strict=True))
-    assert tableau is not None
+    tableau: Any = METHOD.tableau
+    counts = dict(zip(("NX", "NU", "NP", "NC"), model.counts, strict=True))
     stages = len(tableau.b)
     fixed = [v.start or 0.0 for v in model.variables if v.variability == "constant"]
     rows = [[*row, *[0.0] * (stages - len(row))] for row in tableau.a]
@@ -122,8 +122,8 @@ def _data(model: FmuModel, stem: str) -> str:
     ])  # fmt: skip
 
 
-def _braces(values: Iterable[object]) -> str:
-    return "{" + ", ".join(_braces(x) if np.ndim(x) else repr(float(x)) for x in values) + "}"  # type: ignore
+def _braces(values: Iterable[Any]) -> str:
+    return "{" + ", ".join(_braces(x) if np.ndim(x) else repr(float(x)) for x in values) + "}"
 
 
 def _description(scene: Scene, model: FmuModel, stem: str, token: str) -> str:

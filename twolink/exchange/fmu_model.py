@@ -19,7 +19,7 @@ from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.spatial import plus
 from twolink.effects.inputs import Sampled, curve_end
 from twolink.effects.switching import SwitchingEffect
-from twolink.errors import CertificationError, SceneError
+from twolink.errors import CertificationError, SceneError, nearest
 from twolink.exchange.traced_functions import CTape, Traced
 from twolink.integrate.derivatives.variational_rate import certify_variation, row_sizes, traced_variation
 from twolink.integrate.motion.effect_numbers import nominal_vector, physical
@@ -101,17 +101,16 @@ def _equations(scene: Scene, parameters: Sequence[str] | None) -> tuple[Equation
         place, name = equations.effort_limits[0]
         raise _refused(f"its limit makes events ({name})", scene, place)
     equations.require(0.0, 0.0)
+    usual = structure_of(equations)[0].parameters
     if parameters is None:
-        chosen: Sequence[str] = structure_of(equations)[0].parameters
-    else:
-        known = _numbers(scene)
-        named_parameters(scene, parameters, "parameters")
-        for name in parameters:
-            if name not in known:
-                raise SceneError(f"{name!r} is no number of the equations", argument="parameters", code="no-fmu",
-                                 remedy=f"some are {', '.join(list(known)[:4])}")  # fmt: skip
-        chosen = tuple(dict.fromkeys(parameters))
-    return with_parameters(equations, chosen), len(names)
+        return with_parameters(equations, usual), len(names)
+    named_parameters(scene, parameters, "parameters")
+    known = {*usual, *_numbers(scene)}
+    for name in parameters:
+        if name not in known:
+            raise SceneError(f"{name!r} is no number of the equations", argument="parameters", code="no-fmu",
+                             remedy=nearest(name, sorted(known)))  # fmt: skip
+    return with_parameters(equations, tuple(dict.fromkeys(parameters))), len(names)
 
 
 def _refused(why: str, scene: Scene, place: int) -> SceneError:
@@ -120,9 +119,9 @@ def _refused(why: str, scene: Scene, place: int) -> SceneError:
                       remedy=f"scene.without({place}): torques in its place are inputs of the FMU")  # fmt: skip
 
 
-def _numbers(scene: Scene) -> dict[str, Any]:
-    """The numbers of the scene's equations by name; a joint's damping in the URDF is none: a JointDamping acts."""
-    return {name: one for name, one in parameters_of(scene).items() if one.acts and not name.endswith(".damping")}
+def _numbers(scene: Scene) -> list[str]:
+    """The numbers of the equations by name. A joint's damping in the URDF is none: a JointDamping acts."""
+    return [name for name, one in parameters_of(scene).items() if one.acts and not name.endswith(".damping")]
 
 
 def _functions(equations: Equations, sizes: Sequence[int], inputs: int) -> dict[str, Traced]:
@@ -205,7 +204,7 @@ def _variables(
     scene: Scene, equations: Equations, sizes: Sequence[int], inputs: int, traced: tuple[Traced, Traced]
 ) -> tuple[list[Variable], int]:
     """The variables in the order of their value references, and how many constants there are."""
-    space, joints, known = equations.space, scene.robot.joints, _numbers(scene)
+    space, joints, known = equations.space, scene.robot.joints, parameters_of(scene)
     units = {letter: [unit for joint in joints for unit in _units(scene, joint, letter)] for letter in ("q", "v")}
     names = {letter: [name for name, _ in joint_columns(joints, letter)] for letter in ("q", "v", "a", "tau")}
     states = [
@@ -233,7 +232,7 @@ def _variables(
               for name, unit in zip(names["tau"], units["v"], strict=True)]  # fmt: skip
     found.append(Variable("energy", "kinetic energy, and potential energy of gravity", "J", "output",
                           depends=depends(traced[1], 0)))  # fmt: skip
-    fixed = [name for name in known if name not in equations.parameters]
+    fixed = [name for name in _numbers(scene) if name not in equations.parameters]
     nominal = dict(zip(equations.parameters, nominal_vector(equations), strict=True))
     for name in (*equations.parameters, *fixed):
         one, kept = known[name], name in nominal
