@@ -358,9 +358,40 @@ def test_what_an_fmu_cannot_hold_is_refused(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_curve_ends_the_fmu(folder: Path) -> None:
-    SCENES["curve"] = lambda: tl.load_scene("meal-smooth")
-    fmu, end = Fmu("curve", folder).started(), SCENES["curve"]().duration
+def with_table(beyond: str) -> tl.Scene:
+    arm = tl.load_scene("arm-swing")
+    table = fx.Sampled(times=(0.0, 0.2, 0.25, 0.6), values=(0.0, 3.0, -2.0, 1.0), interpolation="cubic", beyond=beyond)
+    return arm.with_effects([*arm.effects, fx.Torque({arm.robot.joints[0].name: table})])
+
+
+@pytest.mark.parametrize(("name", "scene", "end"), [
+    ("curve", lambda: tl.load_scene("meal-smooth"), 3.0), ("table", lambda: with_table("error"), 0.6),
+])  # fmt: skip
+def test_what_ends_ends_the_fmu(name: str, scene: Callable[[], tl.Scene], end: float, folder: Path) -> None:
+    SCENES[name] = scene
+    run = tl.simulate(scene(), end, accuracy=1e-9, t_eval=[0, end])
+    fmu = Fmu(name, folder).started()
     fmu.step(0.0, end)
+    np.testing.assert_allclose(fmu.x, states_of(run)[-1], atol=1e-6)
     with pytest.raises(FMICallException):
         fmu.step(end, 0.1)
+    rows = fmpy.simulate_fmu(str(folder / f"{name}.fmu"), fmi_type="ModelExchange", stop_time=2 * end)
+    assert rows["time"][-1] == pytest.approx(end, abs=1e-9)
+
+
+def test_a_table_has_time_events(folder: Path) -> None:
+    SCENES["zero"] = lambda: with_table("zero")
+    run = tl.simulate(SCENES["zero"](), T, accuracy=1e-9, t_eval=[0, T])
+    fmu = Fmu("zero", folder, model_exchange=True).started()
+    t, x, times = 0.0, fmu.x, []
+    while t < T:
+        *_, defined, following = fmu.fmu.updateDiscreteStates()
+        to = min(following, T) if defined else T
+        times.append(to)
+        fmu.fmu.enterContinuousTimeMode()
+        x = solve_ivp(fmu.f, (t, to), x, "DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+        fmu.f(to, x)
+        fmu.fmu.enterEventMode()
+        t = to
+    assert times == [0.2, 0.25, 0.6, T]
+    np.testing.assert_allclose(x, states_of(run)[-1], atol=1e-9)

@@ -96,7 +96,7 @@ def export(
     ] = None,
     platforms: Annotated[
         list[str] | None,
-        Option("--platform", metavar="PLATFORM", help="Of an FMU: such as x86_64-windows; repeatable."),
+        Option("--platform", metavar="PLATFORM", help="Of an FMU: such as x86_64-windows."),
     ] = None,
     functions: Annotated[
         str, Option(help="Of C: such as forward_dynamics,mass_matrix,frame_pose:tip,step:rk4.")

@@ -382,7 +382,6 @@ EXPORT fmi3Status FMI(GetDirectionalDerivative)(fmi3Instance instance, const fmi
 
 EXPORT fmi3Status FMI(SetTime)(fmi3Instance instance, fmi3Float64 t) {
   SELF(EVENTS | CONTINUOUS);
-  REQUIRE(t <= END * (1.0 + 1e-12), "a table or a curve of the scene ends before this time");
   s->now.z[T] = t;
   s->fresh = false;
   return fmi3OK;
@@ -447,8 +446,9 @@ EXPORT fmi3Status FMI(UpdateDiscreteStates)(fmi3Instance instance, fmi3Boolean *
                                             fmi3Boolean *nominals, fmi3Boolean *values, fmi3Boolean *next,
                                             fmi3Float64 *time) {
   SELF(EVENTS);
-  *again = *terminate = *nominals = *values = false;
-  *time = follow(s->now.z);
+  *again = *nominals = *values = false;
+  *time = fmin(follow(s->now.z), END);
+  *terminate = s->now.z[T] >= END * (1.0 - 1e-12); /* a table or a curve of the scene ends */
   *next = *time < INFINITY;
   s->fresh = false;
   return fmi3OK;

@@ -105,9 +105,9 @@ def _data(model: FmuModel, stem: str) -> str:
                "MAX_SQUARE", "FIRST_SQUARE"}  # fmt: skip
     values = {**{name: getattr(step_control, name) for name in sorted(control)}, "ERROR_ORDER": METHOD.error_order,
               "TOLERANCE": TOLERANCE, "MARGIN": MARGINS[METHOD.name], "FIRST_STEP": FIRST_STEP,
-              "LOOPS": model.equations.constraints is not None, "END": min(model.end, sys.float_info.max)}  # fmt: skip
+              "LOOPS": model.equations.constraints is not None}  # fmt: skip
     sizes = "".join(f"{{{len(t.times)}, {t.rows}}}, " for t in model.tables)
-    pieces = [np.array([t.rows_at(at) for at in (-np.inf, *t.times)]) for t in model.tables]
+    pieces = [np.nan_to_num([t.rows_at(at) for at in (-np.inf, *t.times)]) for t in model.tables]  # NaN: beyond END
     arrays = {"START[]": model.start, "FIXED[]": [*fixed, 0.0], "A[][STAGES]": rows, "B[]": tableau.b,
               "C[]": tableau.c, "E[][STAGES]": tableau.errors,
               "KNOTS[]": [0.0, *(x for t in model.tables for x in t.times)],
@@ -117,6 +117,7 @@ def _data(model: FmuModel, stem: str) -> str:
         f"enum {{ {', '.join(f'{k} = {n}' for k, n in counts.items())}, NQ = {model.equations.space.nq}, "
         f"STAGES = {stages}, TABLES = {len(pieces)}, NT = {sum(t.rows for t in model.tables)} }};",
         f"static const int SIZES[][2] = {{{sizes}{{0, 0}}}};",
+        f"#define END {'INFINITY' if np.isinf(model.end) else model.end}",
         *(f"#define {name} {value + 0!r}" for name, value in values.items()),
         *(f"static const double {name} = {_braces(value)};" for name, value in arrays.items()), "",
     ])  # fmt: skip
