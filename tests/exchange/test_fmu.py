@@ -45,6 +45,11 @@ def free_body() -> tl.Scene:
     return tl.Scene(robot, q[0], v[0], effects=[fx.Gravity()])
 
 
+def with_friction() -> tl.Scene:
+    arm = tl.load_scene("arm-swing")
+    return arm.with_effects([*arm.effects, fx.SmoothFriction({arm.robot.joints[0].name: 0.3})])
+
+
 SCENES: dict[str, Callable[[], tl.Scene]] = {
     "arm": lambda: tl.load_scene("arm-swing"),
     "double_pendulum": double_pendulum,
@@ -52,6 +57,7 @@ SCENES: dict[str, Callable[[], tl.Scene]] = {
     "free_body": free_body,
     "elastic": lambda: tl.load_scene("elastic-joint"),
     "tables": lambda: tl.load_scene("muscles"),
+    "friction": with_friction,
     "top": lambda: tl.load_scene("spinning-top"),
     "crankshaft": lambda: tl.load_scene("crankshaft"),
 }
