@@ -48,3 +48,17 @@ def test_export_writes_c_and_urdf(tmp_path: Path) -> None:
     answer("export", "panda", str(tmp_path / "p.urdf"), "--lock", "panda_joint1=0.3")
     assert call("diff", "panda", str(tmp_path / "p.urdf")).returncode == 1
     assert call("export", "two_link", str(tmp_path / "arm.c"), "--functions", "none").returncode == 2
+
+
+def test_export_writes_an_fmu_of_a_scene(tmp_path: Path) -> None:
+    fmu = tmp_path / "arm.fmu"
+    options = ["--parameters", "gravity.z, forearm.mass"]
+    assert answer("export", "arm-swing", "--fmu", str(fmu), *options)["written"] == [str(fmu)]
+    assert fmu.read_bytes().startswith(b"PK")
+    for arguments in (["arm-swing"], ["panda", str(tmp_path / "p.c"), "--fmu", str(fmu)],
+                      ["two_link", str(tmp_path / "p.c"), "--platform", "x86_64-linux"],
+                      ["arm-swing", "--fmu", str(fmu), "--root", "free"],
+                      ["arm-swing", "--fmu", str(fmu), "--platform", "amiga"]):  # fmt: skip
+        assert call("export", *arguments).returncode == 2
+    done = call("export", "pitch", "--fmu", str(fmu))
+    assert "JointStops cannot be in an FMU" in done.stderr

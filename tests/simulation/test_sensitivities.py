@@ -8,7 +8,9 @@ import pytest
 import twolink as tl
 from twolink.algorithms.mechanism import nominal, with_nominal
 from twolink.effects.conditions import JointReaches
-from twolink.errors import AccuracyError, SceneError
+from twolink.errors import AccuracyError, CertificationError, SceneError
+from twolink.integrate.derivatives.variational_rate import certify_variation, variational_rate
+from twolink.integrate.motion.scene_equations import equations_of
 from twolink.scenes.parameters import effect_numbers, with_number
 
 CART = """<robot name="cart"><link name="rail"/><link name="cart"><inertial><mass value="2"/>
@@ -311,3 +313,21 @@ def test_names_that_mean_nothing_are_named() -> None:
     assert caught.value.code == "unknown-parameter"
     with pytest.raises(SceneError, match="names nothing"):
         tl.sensitivities(scene, wrt=[], duration=1.0)
+
+
+def test_steep_friction_is_differentiable() -> None:
+    """Differences of forces that change within 0.01 rad/s take steps far below that."""
+    arm = tl.load_scene("arm-swing")
+    scene = arm.with_effects([*arm.effects, tl.effects.SmoothFriction({"shoulder": 0.3})])
+    s = tl.sensitivities(scene, wrt="q", duration=0.5, accuracy=1e-8, samples_per_second=10)
+    truth = differences(scene, lambda shift: moved(scene, 0, shift), 1e-4, 0.5, 10, FOUR)
+    require_within_bars(s, "q", truth, 1e-6)
+
+
+def test_wrong_derivatives_are_refused() -> None:
+    equations = equations_of(tl.load_scene("arm-swing"))
+    code = variational_rate(equations, 1, 0).call
+    certify_variation(equations, code, 1, 0)
+    wrong = np.array([0, 0, 0, 0, 0, 0, 0, 1e-4])[:, None]
+    with pytest.raises(CertificationError, match="differ"):
+        certify_variation(equations, lambda rows: code(rows) * (1 + wrong), 1, 0)

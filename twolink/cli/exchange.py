@@ -17,6 +17,7 @@ from twolink.cli.common import (
     Gravity,
     Json,
     Lock,
+    Misuse,
     RobotName,
     Root,
     SceneName,
@@ -116,8 +117,18 @@ def compare(
 def export(
     robot: RobotName,
     file: Annotated[
-        Path, Argument(metavar="FILE", help="The file to write: .c (with its header), .urdf or .xml (MJCF).")
-    ],
+        Path | None, Argument(metavar="FILE", help="The file to write: .c (with its header), .urdf or .xml (MJCF).")
+    ] = None,
+    fmu: Annotated[
+        Path | None, Option(help="Write a scene, given in place of the robot, as this FMU.", metavar="FILE.fmu")
+    ] = None,
+    parameters: Annotated[
+        str | None, Option(help="Of an FMU: numbers that can be set in it, such as forearm.mass,gravity.z.")
+    ] = None,
+    platforms: Annotated[
+        list[str] | None,
+        Option("--platform", metavar="PLATFORM", help="Of an FMU: such as x86_64-windows."),
+    ] = None,
     functions: Annotated[
         str, Option(help="Of C: such as forward_dynamics,mass_matrix,frame_pose:tip,step:rk4.")
     ] = "forward_dynamics,step:rk4",
@@ -126,20 +137,36 @@ def export(
     gravity: Gravity = None,
     as_json: Json = False,
 ) -> None:
-    """Write a robot as C code, a URDF or an MJCF.
+    """Write a robot as C, URDF or MJCF, or a scene as an FMU.
 
     The C99 file needs nothing but libm and allocates nothing. It holds its certificate and a self test. The URDF has
-    merged bodies, locked joints fixed, and inertias about centres of mass; so has the MJCF.
+    merged bodies, locked joints fixed, and inertias about centres of mass; so has the MJCF. The FMU
+    is for Model Exchange and Co-Simulation.
 
     \b
     twolink export panda panda.c --functions forward_dynamics,mass_matrix
     twolink export panda arm.urdf --lock panda_finger_joint1=0 --lock panda_finger_joint2=0
+    twolink export arm-swing --fmu arm.fmu
     """
+    if (parameters or platforms) if fmu is None else (lock or gravity or root != "fixed"):
+        raise Misuse("--parameters and --platform are of an FMU, --root, --lock and --gravity of a robot",
+                     remedy="leave them out")  # fmt: skip
+    if fmu is not None and file is None:
+        require_writable([fmu], (".fmu",))
+        fmu = scene_from(robot).export_fmu(fmu, parameters and _names(parameters), platforms)
+        show({"scene": robot, "written": [fmu]}, f"wrote {fmu}", as_json)
+        return
+    if fmu is not None or file is None:
+        raise Misuse("one file is written", remedy="give a FILE, or --fmu FILE.fmu with a scene")
     require_writable([file], (".c", ".urdf", ".xml"))
     loaded = robot_from(robot, root, lock, gravity)
     if file.suffix.lower() == ".c":
-        names = [name.strip() for name in functions.split(",") if name.strip()]
-        written = list(loaded.export_c(file, names))
+        written = list(loaded.export_c(file, _names(functions)))
     else:
         written = [(loaded.export_urdf if file.suffix.lower() == ".urdf" else loaded.export_mjcf)(file)]
     show({"robot": loaded.name, "written": written}, "\n".join(f"wrote {path}" for path in written), as_json)
+
+
+def _names(text: str) -> list[str]:
+    """Names with commas between them."""
+    return [name.strip() for name in text.split(",") if name.strip()]

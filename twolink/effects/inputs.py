@@ -294,17 +294,22 @@ def _derivative(coefficients: list[Scalar]) -> list[Scalar]:
 
 def require_curves(signal: Any, end: float) -> None:
     """Require that the curves in an effect, or in one of its fields, reach to a time. Raises SceneError."""
+    if end > curve_end(signal) * (1.0 + SAME_TIME):
+        raise SceneError(f"a curve ends at {curve_end(signal):g} s, the run at {end:g} s",
+                         where="effects: bezier input", remedy="give it the duration of the run, or a shorter run",
+                         code="curve-ends")  # fmt: skip
+
+
+def curve_end(signal: Any) -> float:
+    """The time at which the first of the curves in an effect, or in one of its fields, ends; infinite without one."""
     if isinstance(signal, Bezier):
-        if end > signal.duration * (1.0 + SAME_TIME):
-            raise SceneError(f"a curve ends at {signal.duration:g} s, the run at {end:g} s",
-                             where="effects: bezier input", remedy="give it the duration of the run, or a shorter run",
-                             code="curve-ends")  # fmt: skip
-    elif isinstance(signal, Effect):
-        for name in signal.__struct_fields__:
-            require_curves(getattr(signal, name), end)
+        return signal.duration
+    parts: Any = ()
+    if isinstance(signal, Effect):
+        parts = [getattr(signal, name) for name in signal.__struct_fields__]
     elif isinstance(signal, (Mapping, tuple, list)):
-        for value in signal.values() if isinstance(signal, Mapping) else signal:
-            require_curves(value, end)
+        parts = signal.values() if isinstance(signal, Mapping) else signal
+    return min(map(curve_end, parts), default=math.inf)
 
 
 def tables_of(effect: Effect) -> list[Sampled | Slot]:

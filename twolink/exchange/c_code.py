@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import re
 from collections.abc import Sequence
@@ -21,7 +22,8 @@ from twolink.io.files import write_atomic
 from twolink.io.tables import require_format
 
 _C = {"+": "{0} + {1}", "-": "{0} - {1}", "*": "{0} * {1}", "/": "{0} / {1}", "neg": "-{0}",
-      "sin": "SIN({0})", "cos": "COS({0})", "sqrt": "SQRT({0})", "atan2": "ATAN2({0}, {1})"}  # fmt: skip
+      "sin": "SIN({0})", "cos": "COS({0})", "sqrt": "SQRT({0})", "exp": "EXP({0})", "tanh": "TANH({0})",
+      "atan2": "ATAN2({0}, {1})", "less": "{0} < {1}", "where": "{0} != 0 ? {1} : {2}"}  # fmt: skip
 
 
 def export_c(
@@ -30,35 +32,41 @@ def export_c(
     """Write functions of a robot as one C99 file and its header; see `Robot.export_c`."""
     target = Path(path)
     require_format(target, (".c",))
-    if isinstance(functions, str) or not functions or len({*map(_identifier, functions)}) < len(functions):
+    if isinstance(functions, str) or not functions or len({*map(identifier, functions)}) < len(functions):
         raise QueryError("expected different names of functions", argument="functions",
                          remedy='such as ["forward_dynamics"]')  # fmt: skip
     if robot.nv == 0:
         raise QueryError("no joint moves", where=f"robot {robot.name!r}", code="nothing-moves",
                          remedy='free its base: load_robot(..., root="free")')  # fmt: skip
-    prefix = _identifier(target.stem)
+    prefix = identifier(target.stem)
     traced, certificates, tests = [], [], []
     for name in functions:
         one, told, vectors = (step_of if name.startswith("step") else function_of)(robot, name)
         traced.append(one)
         certificates.append(told)
         tests.append(_test(prefix, one, *vectors))
-    heads = {one: _code(one, prefix) for one in traced}
-    about = _comment(
+    about = [
         f"Robot {robot.name}, written by twolink {__version__}. SI units, radians; matrices row by row.",
         f"Gravity {', '.join(f'{g:g}' for g in robot.gravity)} m/s^2. Joints, as slices of q and v:",
         *(f"  {j.name}: {j.q.start}:{j.q.stop}, {j.v.start}:{j.v.stop}" for j in robot.joints),
         "Certificate:", *(f"  {text}" for text in certificates),
         f"cc -std=c99 -O2 -D{prefix.upper()}_SELF_TEST {target.name} -lm builds a self test, -DTWOLINK_FLOAT floats.",
-    )  # fmt: skip
-    declared = "\n\n".join(f"{_comment(one.about)}\n{heads[one][0]};" for one in traced)
-    header = _HEADER.format(about=about, guard=f"{prefix.upper()}_H", prefix=prefix, declared=declared)
-    bodies = "\n\n".join(f"{head} {{\n{body}\n}}" for head, body in heads.values())
+    ]  # fmt: skip
     selftest = _MAIN.format(macro=f"{prefix.upper()}_SELF_TEST", tests="\n".join(tests), bound=BOUND)
-    source = _SOURCE.format(about=about, header=target.stem, prefix=prefix, bodies=bodies, selftest=selftest)
+    source, header = c_files(target.stem, traced, about, selftest)
     for file, text in ((target.with_suffix(".h"), header), (target, source)):
         write_atomic(file, lambda out, text=text: out.write(text.encode()))  # type: ignore[misc]
     return target, target.with_suffix(".h")
+
+
+def c_files(stem: str, traced: Sequence[Traced], about: Sequence[str], selftest: str = "") -> tuple[str, str]:
+    """The texts of STEM.c and STEM.h with these functions. about: lines of the comment that both begin with."""
+    prefix, comment = identifier(stem), _comment(*about)
+    heads = {one: _code(one, prefix) for one in traced}
+    declared = "\n\n".join(f"{_comment(one.about)}\n{heads[one][0]};" for one in traced)
+    header = _HEADER.format(about=comment, guard=f"{prefix.upper()}_H", prefix=prefix, declared=declared)
+    bodies = "\n\n".join(f"{head} {{\n{body}\n}}" for head, body in heads.values())
+    return _SOURCE.format(about=comment, header=stem, prefix=prefix, bodies=bodies, selftest=selftest), header
 
 
 def _code(traced: Traced, prefix: str) -> tuple[str, str]:
@@ -67,10 +75,10 @@ def _code(traced: Traced, prefix: str) -> tuple[str, str]:
              for name, symbols in traced.arguments for i, symbol in enumerate(symbols)}  # fmt: skip
     real = f"{prefix}_real"
     taken = [f"{real} {name}" if len(s) == 1 else f"const {real} {name}[{len(s)}]" for name, s in traced.arguments]
-    head = f"void {prefix}_{_identifier(traced.name)}({', '.join(taken)}, {real} out[{len(traced.outputs)}])"
+    head = f"void {prefix}_{identifier(traced.name)}({', '.join(taken)}, {real} out[{len(traced.outputs)}])"
 
     def operand(x: Any) -> str:
-        return names[x] if isinstance(x, int) else f"K({float(x)!r})"
+        return names[x] if isinstance(x, int) else "K(NAN)" if math.isnan(x) else f"K({float(x)!r})"
 
     lines = []
     for key, (kind, *operands) in traced.needed():
@@ -84,7 +92,7 @@ def _code(traced: Traced, prefix: str) -> tuple[str, str]:
 
 def _test(prefix: str, traced: Traced, columns: list[np.ndarray], expected: np.ndarray, scale: np.ndarray) -> str:
     """The self test of a function."""
-    name, width = _identifier(traced.name), len(traced.outputs)
+    name, width = identifier(traced.name), len(traced.outputs)
     inputs = np.concatenate([column.reshape(len(column), -1) for column in columns], axis=1)
     starts = itertools.accumulate((len(symbols) for _, symbols in traced.arguments), initial=0)
     passed = [f"{'*' if len(symbols) == 1 else ''}(in[k] + {start})"
@@ -106,7 +114,8 @@ def _braces(values: np.ndarray) -> str:
     return "{" + ", ".join(parts) + "}"
 
 
-def _identifier(name: str) -> str:
+def identifier(name: str) -> str:
+    """A name of C."""
     text = re.sub(r"\W", "_", name, flags=re.ASCII)
     return f"_{text}" if text[:1].isdigit() else text
 
@@ -139,11 +148,15 @@ _SOURCE = """{about}
 #define SIN sinf
 #define COS cosf
 #define SQRT sqrtf
+#define EXP expf
+#define TANH tanhf
 #define ATAN2 atan2f
 #else
 #define SIN sin
 #define COS cos
 #define SQRT sqrt
+#define EXP exp
+#define TANH tanh
 #define ATAN2 atan2
 #endif
 #define K(x) ((real)(x))

@@ -24,7 +24,7 @@ VECTORS = 4  # states of a test
 Vectors = tuple[list[np.ndarray], np.ndarray, np.ndarray]  # arguments, results and their scale, (VECTORS, ...)
 _NUMPY: dict[str, Callable[..., Any]] = {
     "+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "neg": np.negative, "sin": np.sin, "cos": np.cos,
-    "sqrt": np.sqrt, "atan2": np.arctan2,
+    "sqrt": np.sqrt, "exp": np.exp, "tanh": np.tanh, "atan2": np.arctan2, "less": np.less, "where": np.where,
 }  # fmt: skip
 
 
@@ -34,6 +34,15 @@ class CTape(Tape):
     def atan2(self, y: Any, x: Any) -> Symbol:
         """The angle of (x, y)."""
         return self.enter("atan2", y, x)
+
+    def both(self, a: Any, b: Any) -> Any:
+        """Whether both hold."""
+        return a * b
+
+    @staticmethod
+    def lift(x: Any) -> Any:
+        """x itself: a symbol or a constant."""
+        return x
 
 
 @dataclass(frozen=True, eq=False)

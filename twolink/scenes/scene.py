@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -237,6 +238,45 @@ class Scene:
             The path ends otherwise, an effect holds a function, or other files have these names.
         """
         return save_scene(Path(path), self.base, self.q, self.v, self.effects, self.duration, self.title)
+
+    def export_fmu(
+        self,
+        path: str | os.PathLike[str],
+        parameters: Sequence[str] | None = None,
+        platforms: Sequence[str] | None = None,
+    ) -> Path:
+        """Write the scene as an FMU 3.0, for Model Exchange with directional derivatives and for Co-Simulation.
+
+        It holds C sources and compiled libraries, no Python. Its equations are compared with Pinocchio first. Inputs
+        are torques of all degrees of freedom, outputs q, v, a, states of effects and the energy. Co-Simulation steps
+        by DOP853, with the tolerance that its importer sets.
+
+        Parameters
+        ----------
+        path : str or path
+            A file that ends in .fmu. Its stem is the model's identifier.
+        parameters : sequence of str, optional
+            Numbers that can be set in the FMU, such as ["forearm.mass", "gravity.z"]; the others are constants, which
+            take fewer operations. By default all but lengths and what is 0.
+        platforms : sequence of str, optional
+            Such as ["x86_64-linux", "x86_64-windows"]; by default the present one, by cc. Others take `twolink[fmu]`.
+
+        Returns
+        -------
+        Path
+            The path.
+
+        Raises
+        ------
+        SceneError
+            An effect makes events or is called at ticks (code "no-fmu").
+        CertificationError
+            A function differs from Pinocchio.
+        MissingExtraError
+            There is no compiler for a platform.
+        """
+        exchange = importlib.import_module("twolink.exchange.fmu")  # a room above
+        return Path(exchange.export_fmu(self, path, parameters, platforms))
 
     def _summary(self) -> dict[str, str]:
         """What a person wants to know of the scene, by its name."""

@@ -8,6 +8,7 @@ the value.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ from twolink.integrate.steps.compiled_functions import compiled_function
 QUICK = 1.0  # s of compiling, within which one evaluation serves as many directions as possible
 DERIVATIVE = 2.0  # times as many operations as the value, along one direction
 STATES, AROUND = 4, 0.3  # compared with differences of Pinocchio's rates: so many, within [rad, m, per second]
-STEP = 1e-3  # of these differences, whose error is its fourth power
+STEPS = 1e-3, 1e-4, 1e-5  # of these differences, whose error is the fourth power; forces may be steep
 AGREEMENT = 1e-6  # relative
 
 
@@ -59,7 +60,7 @@ def variational_rate(equations: Equations, directions: int, numbers: int) -> Var
     def build() -> Any:
         with announced(f"the sensitivities of {equations.robot.name}", _compiling(equations, width)):
             code = _compiled(equations, width, numbers)
-            _certify(equations, code, width, numbers)
+            certify_variation(equations, code, width, numbers)
         return code
 
     code, seconds = compiled_function(equations.key("variational", str(width), str(numbers)), build)
@@ -94,14 +95,20 @@ def _compiling(equations: Equations, width: int) -> float:
     return compiling_seconds(equations.operations * (1.0 + DERIVATIVE * width))
 
 
-def _compiled(equations: Equations, width: int, driven: int) -> Any:
-    """heyoka's function."""
-    module, space, count = heyoka(), equations.space, len(equations.parameters)
-    xp, moving = Expressions(module, own_sine=True), equations.moving
+def row_sizes(equations: Equations, width: int, driven: int) -> list[int]:
+    """How many rows of each kind `traced_variation` takes, in order; see `VariationalRate`."""
+    moving, count = equations.moving, len(equations.parameters)
+    numbers, directions = equations.space.size - moving, width * (driven + count)
+    return [1, numbers, count, side_count(equations), directions, moving, width * moving]
+
+
+def traced_variation(equations: Equations, width: int, driven: int, rows: Array, xp: Any) -> list[Any]:
+    """The rates of x and of each direction as expressions of the rows, ((1 + width) moving)."""
+    space, count, moving = equations.space, len(equations.parameters), equations.moving
     constant = space.size - moving - driven
-    sizes = [1, space.size - moving, count, side_count(equations), width * (driven + count), moving, width * moving]
-    rows = np.array([module.expression(f"x{i}") for i in range(sum(sizes))], dtype=object)
-    (t,), numbers, values, sides, directions, x, tangents = np.split(rows, np.cumsum(sizes)[:-1])
+    (t,), numbers, values, sides, directions, x, tangents = np.split(
+        rows, np.cumsum(row_sizes(equations, width, driven))[:-1]
+    )
     equations = replace(equations, sides=tuple(sides))
     by_value, by_entry = directions.reshape(width, driven + count).T, tangents.reshape(width, moving).T
     state = [Dual(a, list(d)) for a, d in zip(x, by_entry, strict=True)]
@@ -116,11 +123,19 @@ def _compiled(equations: Equations, width: int, driven: int) -> Any:
         raise SceneError(f"one of {', '.join(equations.parameters)} is used as a constant", argument="wrt",
                          remedy="leave it out", code="sensitivities-constant") from error  # fmt: skip
     tangent_rows = [[entry.tangents[i] if entry.tangents else 0.0 for entry in out] for i in range(width)]
-    entries = [*(entry.value for entry in out), *(e for row in tangent_rows for e in row)]
+    return [*(entry.value for entry in out), *(e for row in tangent_rows for e in row)]
+
+
+def _compiled(equations: Equations, width: int, driven: int) -> Any:
+    """heyoka's function."""
+    module, count = heyoka(), sum(row_sizes(equations, width, driven))
+    xp = Expressions(module, own_sine=True)
+    rows = np.array([module.expression(f"x{i}") for i in range(count)], dtype=object)
+    entries = traced_variation(equations, width, driven, rows, xp)
     return module.cfunc([xp.lift(e) for e in entries], vars=list(rows))
 
 
-def _certify(equations: Equations, code: Any, width: int, driven: int) -> None:
+def certify_variation(equations: Equations, code: Any, width: int, driven: int) -> None:
     """Compare with differences of Pinocchio's rates. Raises CertificationError."""
     equations = sides_in_turn(equations)
     space, moving, count = equations.space, equations.moving, len(equations.parameters)
@@ -137,18 +152,21 @@ def _certify(equations: Equations, code: Any, width: int, driven: int) -> None:
                            along[:, :moving].reshape(-1, STATES)])  # fmt: skip
     ours = np.asarray(code(rows)).reshape(1 + width, moving, STATES)
 
-    def rate(k: float) -> Array:
+    def rate(k: float, step: float) -> Array:
         """(width, moving, states)."""
-        return np.array([rate_by_pinocchio(equations, 0.0, x + k * STEP * d)[:moving] for d in along])
+        return np.array([rate_by_pinocchio(equations, 0.0, x + k * step * d)[:moving] for d in along])
 
-    theirs = derivative(rate, STEP)
-    scale = 1.0 + np.nan_to_num(np.abs(theirs)).max(axis=(0, 1)) + np.nan_to_num(np.abs(ours[0])).max(axis=0)
-    error = np.abs(ours[1:] - theirs).max(axis=(0, 1)) / scale
-    if equations.constraints is not None or not np.isfinite(theirs).all():
-        error[np.isnan(theirs).any(axis=(0, 1)) & (np.arange(STATES) > 0)] = 0.0
-    if not error.max() <= AGREEMENT:
-        raise CertificationError(
-            f"compiled derivatives differ from those of Pinocchio's rates by {np.nanmax(error):.1e}",
-            where=f"x = {x[:, int(np.argmax(error))].tolist()}",
-            remedy="report it with the URDF",
-        )
+    error = np.full(STATES, np.inf)
+    for step in STEPS:
+        theirs = derivative(partial(rate, step=step), step)
+        scale = 1.0 + np.nan_to_num(np.abs(theirs)).max(axis=(0, 1)) + np.nan_to_num(np.abs(ours[0])).max(axis=0)
+        error = np.fmin(error, np.abs(ours[1:] - theirs).max(axis=(0, 1)) / scale)
+        if equations.constraints is not None or not np.isfinite(theirs).all():
+            error[np.isnan(theirs).any(axis=(0, 1)) & (np.arange(STATES) > 0)] = 0.0
+        if error.max() <= AGREEMENT:
+            return
+    raise CertificationError(
+        f"compiled derivatives differ from those of Pinocchio's rates by {error.max():.1e}",
+        where=f"x = {x[:, int(np.argmax(error))].tolist()}",
+        remedy="report it with the URDF",
+    )
