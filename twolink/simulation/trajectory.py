@@ -352,8 +352,7 @@ class Trajectory(Result, Plotted):
         from twolink.show.motion_plots import plot_trajectory
 
         title = self.title or f"{self.robot.name}: {self.end:g} s"
-        at = None if self.solution is None else self.at
-        curves, energy = tables.drawn_curves(self._samples, at, self.robots)
+        curves, energy = tables.drawn_curves(self._samples, self.at if self.solution else None, self.robots)
         return plot_trajectory(self.robot, title, curves, energy, (self.t, self.error), estimated=self.estimated,
                                events=[(event.t, event.kind) for event in self.events if event.t > 0.0],
                                note=f"error of q: {self.error_text}")  # fmt: skip
