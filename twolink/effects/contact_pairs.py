@@ -56,7 +56,8 @@ def select_pairs(
     """
     if not solids:
         raise SceneError("no link of the robot has a collision shape", where="pairs",
-                         remedy="add <collision> elements to the URDF, or give shapes=", code="no-shapes")  # fmt: skip
+                         remedy="add <collision> elements to the URDF, or give shapes= (objects of the scene come first)",
+                         code="no-shapes")  # fmt: skip
     chosen: dict[tuple[object, object], Pair] = {}
     alone = Counter(solid.link for solid in solids)
     excluded: list[tuple[str, str]] = []

@@ -125,11 +125,11 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 5.0) -> Ur
              if joint.name not in followers and np.isfinite(ends).any()}  # fmt: skip
     if stops:
         effects.append(JointStops(stops if followers else "urdf"))
-    laws, q = loaded.visuals.laws, loaded.neutral
+    laws, q, starts = loaded.visuals.laws, loaded.neutral, {**loaded.visuals.laws.start, **loaded.visuals.placed}
     others = [effect for kind, given in laws.effects if (effect := _effect(loaded, kind, given))]
     looped = any(isinstance(effect, Loop) for effect in others)
     for joint in loaded.joints:
-        home = np.array(laws.start.get(joint.name, q[joint.q]))
+        home = np.array(starts.get(joint.name, q[joint.q]))
         q[joint.q] = home if looped else _start(loaded, joint, home)
     entries = {joint.name: joint for joint in loaded.joints}
     for coupling in couplings:
