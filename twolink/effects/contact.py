@@ -120,8 +120,8 @@ class Contact(SwitchingEffect, frozen=True):
     pairs : str, or tuple of str or pair
         Which bodies may touch: pairs of names of links or of collision shapes, "ground" or a `Plane`, such as
         ("foot", "ground"). Alone, "ground" means every link against the ground z = 0, and "self" the robot's links
-        against each other, without those that a joint connects and those that overlap in the neutral configuration,
-        which `explain` lists; bodies that only a free joint connects count as separate.
+        against each other, without those that a joint connects, that overlap in the neutral configuration, or that an
+        SRDF beside the URDF disables, which `explain` lists; bodies that only a free joint connects count as separate.
     friction : float
         mu of sliding bodies, not negative.
     restitution : float
@@ -134,6 +134,8 @@ class Contact(SwitchingEffect, frozen=True):
         In place of the URDF's <collision> elements of these links: `Sphere`, `Box`, `Cylinder`, `Capsule`, `Convex`.
     margin : float
         Pairs of "self" that are nearer than this in the neutral configuration are left out too, m.
+    exclude : tuple of pair
+        Pairs that do not touch: of all those of `pairs` but these.
 
     Notes
     -----
@@ -156,6 +158,7 @@ class Contact(SwitchingEffect, frozen=True):
     impacts: Literal["newton", "reflections"] = "newton"
     shapes: Mapping[str, tuple[AnyShape, ...]] = {}
     margin: NotNegative = 0.0
+    exclude: tuple[tuple[Body, Body], ...] = ()
 
     def check(self, robot: Robot) -> None:
         """Names exist, and at least one pair may touch."""
@@ -168,7 +171,7 @@ class Contact(SwitchingEffect, frozen=True):
     def selected(self, robot: Robot) -> Pairs:
         """The pairs that may touch, and those of "self" that may not."""
         asked = (self.pairs,) if isinstance(self.pairs, str) else self.pairs
-        return select_pairs(robot, solids_of(robot, self.shapes), asked, float(self.margin))
+        return select_pairs(robot, solids_of(robot, self.shapes), asked, float(self.margin), self.exclude)
 
     def notes(self, robot: Robot) -> list[str]:
         """How many pairs are watched, which of "self" are not, and what the hulls of meshes fill."""

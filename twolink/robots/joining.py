@@ -159,7 +159,14 @@ def joined(robot: R, parts: Sequence[tuple[RobotModel, str, pin.SE3, bool]]) -> 
     for one, names in zip(everyone, renamed, strict=True):
         _require_unchanged(one, out, names)
     placed = {name: tuple(pin.SE3ToXYZQUAT(pose).tolist()) for _, name, pose, free in parts if free}
-    visuals = dataclasses.replace(out.visuals, laws=robot.visuals.laws, placed={**robot.visuals.placed, **placed})
+    apart = frozenset(
+        frozenset(names.get(link, link) for link in pair)
+        for one, names in zip(everyone, renamed, strict=True)
+        for pair in one.visuals.srdf.apart
+    )
+    srdf = dataclasses.replace(robot.visuals.srdf, apart=apart)
+    visuals = dataclasses.replace(out.visuals, laws=robot.visuals.laws, srdf=srdf,
+                                  placed={**robot.visuals.placed, **placed})  # fmt: skip
     label = f"{robot.report.source.removesuffix(BESIDE)}{BESIDE}"
     return type(robot)(robot.name, out.model, LoadReport(label, tuple(findings)), visuals)
 

@@ -22,6 +22,7 @@ from twolink.robots.collisions import Solid, read_solids
 from twolink.robots.joint_layout import JointLayout, gravity_field, joint_layouts, shapes_without_joints
 from twolink.robots.load_report import LoadReport
 from twolink.robots.meshes import MeshFile, set_mesh, without_meshes
+from twolink.robots.srdf import Srdf
 
 _Mimic = tuple[int, int, str, tuple[float, ...], float, float]
 
@@ -74,7 +75,7 @@ copyreg.pickle(pin.Model, reduce_model)
 @dataclass(frozen=True)
 class FileLaws:
     """What a robot's file says of a scene that a URDF cannot: effects, by type and arguments as in scene files, and the
-    configuration at the start, by joint."""
+    configuration at the start, by joint. srdf: what stands beside the URDF."""
 
     effects: tuple[tuple[str, Mapping[str, Any]], ...] = ()
     start: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
@@ -94,6 +95,7 @@ class Visuals:
     collision_meshes: dict[str, MeshFile] = field(default_factory=dict)
     laws: FileLaws = field(default_factory=FileLaws)
     placed: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    srdf: Srdf = field(default_factory=Srdf)
 
 
 class RobotModel:
