@@ -50,6 +50,7 @@ def test_the_coin_whirls_about_a_centre_that_stays() -> None:
     np.testing.assert_allclose(run.contact_forces["coin - ground"], np.tile([0, 0, m * G], (len(run.t), 1)), atol=1e-5)
 
 
+@pytest.mark.slow
 def test_the_rattleback_reverses_and_the_other_way_it_does_not() -> None:
     scene = tl.load_scene("rattleback")
     other = tl.Scene(scene.base, scene.q, -scene.v, scene.effects)
@@ -106,26 +107,27 @@ def test_the_gripper_lifts_the_box_without_slip() -> None:
 
 @pytest.mark.slow
 def test_dominoes_fall_in_their_order_and_lose_energy() -> None:
+    """A step adds energy of third order in the angle that it turns by, 6 rad/s h at most (docs/how/contact.md)."""
     run = run_of("dominoes", step=0.002)
     uprights = np.stack([turns(run, f"domino_{k}")[:, 2, 2] for k in range(1, 7)], axis=1)
     fallen = np.argmax(uprights < 0.8, axis=0)
     assert np.all(np.diff(fallen) > 0)
-    assert np.all(np.diff(run.energy) < 1e-9)
+    assert np.all(np.diff(run.energy) < (6.0 * 0.002) ** 3 * np.ptp(run.energy))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "step"), [("sphere-pile", 0.004), ("quadruped-stands", 0.002)])
-def test_forces_of_the_ground_change_the_momentum(name: str, step: float) -> None:
-    """sum F h = m g T + p(T) - p(0), with each step sampled: the forces of a step are its impulses over h."""
+@pytest.mark.parametrize(("name", "step", "within"), [("sphere-pile", 0.004, 1e-6), ("quadruped-stands", 0.002, 1e-5)])
+def test_forces_from_outside_change_the_momentum(name: str, step: float, within: float) -> None:
+    """sum F h = m g T + p(T) - p(0), with each step sampled: the forces of a step are its impulses over h.
+
+    Of joints that turn p has an error of second order in h.
+    """
     run = run_of(name, step=step, samples_per_second=1 / step)
-    pressed = sum(force[1:, 2] for pair, force in run.contact_forces.items() if pair.endswith("- ground"))
-    before, after = run.robot.momentum(run.q[[0, -1]], run.v[[0, -1]])[:, 2]
-    others = 0.0  # of the walls, by friction
+    pressed = 0.0
     for pair, force in run.contact_forces.items():
-        first, second = pair.split(" - ")
-        others += (first.startswith("wall") != second.startswith("wall")) * force[1:, 2].sum() * (
-            -1 if first.startswith("wall") else 1)  # fmt: skip
-    assert pressed.sum() * step + others * step == pytest.approx(
-        run.robot.mass * G * run.t[-1] + after - before, rel=1e-6
-    )
-    assert abs(run.v[-1]).max() < 0.5 * abs(run.v).max()
+        first, second = (body == "ground" or body.startswith("wall") for body in pair.split(" - "))
+        pressed += (second - first) * force[1:, 2].sum()
+    before, after = run.robot.momentum(run.q[[0, -1]], run.v[[0, -1]])[:, 2]
+    weight = run.robot.mass * G
+    assert pressed * step == pytest.approx(weight * run.t[-1] + after - before, rel=within)
+    assert run.contact_record["overlap"] < 1e-6

@@ -162,3 +162,24 @@ def test_errors_of_files_name_the_object(tmp_path: Path) -> None:
     path.write_text('robot = "world"\n[[objects]]\nsource = "can"\n[[objects]]\nsource = "cann"')
     with pytest.raises(SceneError, match=r"objects\[1\].*'cann'"):
         tl.load_scene(path)
+
+
+@pytest.mark.parametrize("name", ["go2", "anymal"])
+def test_a_quadruped_of_the_catalogue_stands_above_the_ground_with_its_own_shapes(name: str) -> None:
+    """`scene_of(contact=True)`: its SRDF's state, the lowest vertex of its collision meshes 1 mm above the ground."""
+    scene = tl.scene_of(name, contact=True)
+    robot, standing = scene.base, scene.base.visuals.srdf.states["standing"]
+    angles = {joint.name: scene.q[joint.q] for joint in robot.joints if joint.name != "root_joint"}
+    assert all(angles[joint] == pytest.approx(value) for joint, value in standing.items() if joint in angles)
+    heights = []
+    for solid in robot.solids:
+        turn, place = robot.frame_pose(scene.q, solid.link)
+        points, radius = getattr(solid.shape, "vertices", ((0, 0, 0),)), getattr(solid.shape, "radius", 0.0)
+        at = pin.SE3(turn, place) * solid.shape.placement
+        heights += [at.act(np.array(point, dtype=float))[2] - radius for point in points]
+    assert min(heights) <= 1e-3 + 1e-9
+    if all(hasattr(solid.shape, "vertices") for solid in robot.solids):
+        assert min(heights) == pytest.approx(1e-3, abs=1e-9)
+    assert "friction 0.8 of bodies that touch" in str(scene)
+    assert any(isinstance(effect, fx.Contact) for effect in scene.effects)
+    assert not any(isinstance(effect, fx.Contact) for effect in tl.scene_of(name).effects)

@@ -24,14 +24,15 @@ from twolink.algorithms.spatial import (
     unit,
 )
 from twolink.dynamics import Robot
-from twolink.effects.checks import check_frame, finite, floats
+from twolink.effects.checks import check_frame, floats
 from twolink.effects.contact import contact_point
-from twolink.effects.effect import Effect, LinkName, Loads, NotNegative, number
+from twolink.effects.effect import Effect, LinkName, Loads, NotNegative, finite, number
 from twolink.effects.joint_switches import check_restitution
 from twolink.effects.switching import ContactPoint, SwitchingEffect
 from twolink.errors import SceneError
 from twolink.geometry.gaps import Ball, Gap, Nearest, Place, PlaneGap, tangents
 
+AXES: tuple[Vec, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 SPIN = 8 / (3 * np.pi)  # of Zhuravlev's friction: what spin takes from that against slip
 SLIP = 15 * np.pi / 16  # and slip from that against spin
 TWIST = 3 * np.pi / 16  # of mu N times the radius: the moment against spin alone
@@ -52,7 +53,7 @@ class EllipsoidGap(Gap, frozen=True):
 
     def nearest(self, motion: Motion) -> Nearest:
         """The ellipsoid's lowest point."""
-        n, axes = self.normal, [motion.direction(self.link, axis) for axis in np.eye(3).tolist()]
+        n, axes = self.normal, [motion.direction(self.link, axis) for axis in AXES]
         sizes = [times(radius, dot(n, axis)) for radius, axis in zip(self.radii, axes, strict=True)]
         length = motion.xp.sqrt(dot(tuple(sizes), tuple(sizes)))
         offset = add(*(scale(times(-radius / length, size), axis)

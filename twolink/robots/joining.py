@@ -126,7 +126,8 @@ def joined(robot: R, parts: Sequence[tuple[RobotModel, str, pin.SE3, bool]]) -> 
     RobotError
         A name is taken, or the constants of a part were changed after it was loaded.
     """
-    everyone, root = [robot, *(part for part, *_ in parts)], _element(robot)
+    everyone: list[RobotModel] = [robot, *(part for part, *_ in parts)]
+    root = _element(robot)
     lock, renamed = _locks(robot, {}), list[dict[str, str]]([{}])
     base = first = _root_link(root)
     if robot.root == "free":
