@@ -106,9 +106,8 @@ def load_model(
     missing, beyond = missing_meshes(tree.element, folders), beyond_limits(full, locked, reference)
     findings = [
         load_report.summary(tree, model, len(urdf.data)),
-        *load_report.content_findings(
-            tree, mimic=mimic, odd_inertias=odd_inertias, unphysical=unphysical, missing=missing
-        ),
+        *load_report.content_findings(tree, mimic=mimic, odd_inertias=odd_inertias, unphysical=unphysical,
+                                      missing=missing),
         *said.findings,
         *load_report.findings("read", {"pairs that do not touch, and states": [srdf.file] * bool(srdf.file)}),
         *load_report.findings("assumed", {"joints that move no inertia: dynamics is refused": weightless}),
@@ -116,8 +115,7 @@ def load_model(
                                      gravity=model.gravity.linear, locked=tuple(lock or ()), beyond=beyond),
     ]  # fmt: skip
     text, visual_meshes, collision_meshes = drawable_urdf(tree.element, folders)
-    visuals = Visuals(text, visual_meshes, full, locked, reference, collision_meshes, said.laws,
-                      srdf=srdf)  # fmt: skip
+    visuals = Visuals(text, visual_meshes, full, locked, reference, collision_meshes, said.laws, srdf=srdf)
     report = LoadReport(urdf.label, tuple(findings))
     robot = kind(urdf.entry.name if urdf.entry else tree.name or urdf.label, model, report, visuals)
     robot.weightless = weightless
