@@ -54,7 +54,10 @@ def measure(found: Measurements, robots: int) -> None:
     """All cases that can be made."""
     gravity = [tl.effects.Gravity()]
     for name, *_ in tl.scenes().rows:
-        found.scene("bundled", name, tl.load_scene(name), 1e-6)
+        try:
+            found.scene("bundled", name, tl.load_scene(name), 1e-6)
+        except TwolinkError as error:  # some stepped contacts do not keep 1e-6
+            print(f"{name}: {error}"[:160])
     catalogue = [row[0] for row in tl.robots().rows]
     chosen = catalogue if robots >= len(catalogue) else catalogue[:: max(1, len(catalogue) // robots)][:robots]
     for name in chosen:

@@ -56,6 +56,8 @@ FILES = {
                     E.JointStops({"elbow": (-1.0, math.inf)}, 0.5)),
     "plane-contact": ('frame = "tip"\nradius = 0.1\nheight = -9\nfriction = 0.5',
                       E.PlaneContact("tip", radius=0.1, height=-9.0, friction=0.5)),
+    "compliant-contact": ('frame = "tip"\nstiffness = 1e4\nradii = [0.1, 0.2, 0.1]\nheight = -9\nfriction = 0.5',
+                          E.CompliantContact("tip", 1e4, radii=(0.1, 0.2, 0.1), height=-9.0, friction=0.5)),
     "engage": ('when = {kind = "joint-reaches", joint = "elbow", value = 0.5}\n'
                'of = {type = "joint-damping", damping = {elbow = 2}}',
                E.Engage(E.JointDamping({"elbow": 2.0}), when=E.JointReaches("elbow", 0.5))),

@@ -59,3 +59,24 @@ def test_two_link_has_the_dynamics_of_the_paper() -> None:
     np.testing.assert_allclose(
         robot.forward_dynamics(theta, speed, torque), by_hand.forward_dynamics(theta, speed, torque), rtol=1e-12
     )
+
+
+BODIES = {"ball": tl.effects.Sphere(0.05), "box": tl.effects.Box((0.1, 0.1, 0.1)),
+          "can": tl.effects.Cylinder(0.033, 0.115), "plank": tl.effects.Box((1.0, 0.1, 0.03))}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_bundled_objects_are_filled_evenly_and_touch_as_they_look(name: str) -> None:
+    empty = tl.Scene(tl.load_robot("world"))
+    robot = empty.with_object(name).base
+    alike = empty.with_object(BODIES[name], mass=robot.mass, name=name).base
+    np.testing.assert_allclose(robot.model.inertias[1].inertia, alike.model.inertias[1].inertia, rtol=1e-9)
+    assert [solid.shape for solid in robot.solids] == [BODIES[name]]
+
+
+def test_the_balls_of_the_cradle_touch_at_rest_and_are_solid() -> None:
+    robot = tl.load_robot("newtons_cradle")
+    places = np.array([robot.frame_pose(robot.neutral, f"ball_{k}")[1] for k in range(1, 6)])
+    np.testing.assert_allclose(np.diff(places[:, 0]), 0.1, rtol=1e-15, atol=1e-16)
+    for body in list(robot.model.inertias)[1:]:
+        np.testing.assert_allclose(body.inertia, np.eye(3) * 0.4 * body.mass * 0.05**2, rtol=1e-12)

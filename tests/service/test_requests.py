@@ -5,8 +5,11 @@ from pathlib import Path
 
 import pytest
 
+import twolink as tl
+from twolink.errors import SceneError
 from twolink.io import fingerprints
-from twolink.service.work import requests
+from twolink.scenes.file_format import ObjectEntry, SceneFile
+from twolink.service.work import requests, scene_tasks
 
 
 @pytest.fixture
@@ -42,3 +45,16 @@ def test_results_of_other_code_scenes_or_libraries_are_not_given(
     monkeypatch.setattr(fingerprints, "versions", lambda names: dict.fromkeys(names, "99"))
     keys.append(key())
     assert len(set(keys)) == 4
+
+
+def test_objects_of_a_scene_are_joined_once_and_read_no_files() -> None:
+    entries = [ObjectEntry("can", (0.0, 0.0, 1.0)), ObjectEntry(tl.effects.Box((1, 1, 0.1)), name="table")]
+    asked = SceneFile("world", objects=entries)
+    scene = scene_tasks.scene_of(asked, "")
+    again = scene_tasks.scene_of(asked, "", scene_tasks.packed(asked, ""))
+    assert scene.base.frame_names == again.base.frame_names == ("world", "can", "table")
+    assert scene.q.tolist() == again.q.tolist() == [0, 0, 1, 0, 0, 0, 1]
+    with pytest.raises(SceneError, match=r"files are not read here: 'a\.stl'"):
+        scene_tasks.scene_of(SceneFile("world", objects=[ObjectEntry("a.stl", mass=1.0)]), "")
+    with pytest.raises(SceneError, match="201 objects, the limit is 200"):
+        scene_tasks.scene_of(SceneFile("world", objects=entries[:1] * 201), "")

@@ -110,13 +110,11 @@ def robot_notes(robot: Robot) -> dict[str, str]:
         robot (its name), source, catalogue, root, lock, mimic, gravity [m/s^2] and nq, as text or JSON; and digest,
         by which another robot of the same name is noticed.
     """
-    full = robot.visuals.model
-    free = full.njoints > 1 and full.names[1] == "root_joint"
     return {
         "robot": robot.name,
         "source": robot.report.source,
         "catalogue": json.dumps(_is_from_catalogue(robot)),
-        "root": "free" if free else "fixed",
+        "root": robot.root,
         "lock": json.dumps(_lock(robot)),
         "mimic": json.dumps(robot.has_mimic),
         "gravity": json.dumps(robot.gravity.tolist()),

@@ -7,7 +7,6 @@ from twolink.effects.constants import Gravity as Gravity
 from twolink.effects.constants import Payload as Payload
 from twolink.effects.constants import Rotor as Rotor
 from twolink.effects.contact import Contact as Contact
-from twolink.effects.contact import PlaneContact as PlaneContact
 from twolink.effects.controllers import PID as PID
 from twolink.effects.controllers import ComputedTorque as ComputedTorque
 from twolink.effects.controllers import GravityCompensation as GravityCompensation
@@ -40,6 +39,8 @@ from twolink.effects.loops import HingeLoop as HingeLoop
 from twolink.effects.loops import PointLoop as PointLoop
 from twolink.effects.loops import WeldLoop as WeldLoop
 from twolink.effects.muscles import Muscle as Muscle
+from twolink.effects.plane_contact import CompliantContact as CompliantContact
+from twolink.effects.plane_contact import PlaneContact as PlaneContact
 from twolink.effects.sampled_control import Controller as Controller
 from twolink.effects.sensors import Encoder as Encoder
 from twolink.effects.sensors import ForceTorque as ForceTorque

@@ -6,18 +6,17 @@ import functools
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal
 
-from twolink.algorithms.motion import GROUND, Motion
-from twolink.algorithms.spatial import Scalar, Vec, add, minus, plus, scale, times, unit
+from twolink.algorithms.motion import Motion
+from twolink.algorithms.spatial import Scalar, Vec, add, minus, plus, scale, times
 from twolink.dynamics import Robot
-from twolink.effects.checks import check_frame, floats
 from twolink.effects.contact_pairs import Body, Pairs, hollow_notes, select_pairs, solids_of
-from twolink.effects.effect import LinkName, NotNegative
+from twolink.effects.effect import NotNegative
 from twolink.effects.inputs import Slot
 from twolink.effects.joint_switches import check_restitution
 from twolink.effects.loops import Loop
 from twolink.effects.switching import ContactPair, ContactPoint, SwitchingEffect
 from twolink.errors import SceneError
-from twolink.geometry.gaps import Ball, Gap, PlaneGap
+from twolink.geometry.gaps import Gap
 from twolink.geometry.pairs import Pair, are_hulls, features_of, gaps_of
 from twolink.robots.collisions import AnyShape
 
@@ -120,8 +119,8 @@ class Contact(SwitchingEffect, frozen=True):
     pairs : str, or tuple of str or pair
         Which bodies may touch: pairs of names of links or of collision shapes, "ground" or a `Plane`, such as
         ("foot", "ground"). Alone, "ground" means every link against the ground z = 0, and "self" the robot's links
-        against each other, without those that a joint connects and those that overlap in the neutral configuration,
-        which `explain` lists; bodies that only a free joint connects count as separate.
+        against each other, without those that a joint connects, that overlap in the neutral configuration, or that an
+        SRDF beside the URDF disables, which `explain` lists; bodies that only a free joint connects count as separate.
     friction : float
         mu of sliding bodies, not negative.
     restitution : float
@@ -134,6 +133,8 @@ class Contact(SwitchingEffect, frozen=True):
         In place of the URDF's <collision> elements of these links: `Sphere`, `Box`, `Cylinder`, `Capsule`, `Convex`.
     margin : float
         Pairs of "self" that are nearer than this in the neutral configuration are left out too, m.
+    exclude : tuple of pair
+        Pairs that do not touch: of all those of `pairs` but these.
 
     Notes
     -----
@@ -156,6 +157,7 @@ class Contact(SwitchingEffect, frozen=True):
     impacts: Literal["newton", "reflections"] = "newton"
     shapes: Mapping[str, tuple[AnyShape, ...]] = {}
     margin: NotNegative = 0.0
+    exclude: tuple[tuple[Body, Body], ...] = ()
 
     def check(self, robot: Robot) -> None:
         """Names exist, and at least one pair may touch."""
@@ -168,7 +170,7 @@ class Contact(SwitchingEffect, frozen=True):
     def selected(self, robot: Robot) -> Pairs:
         """The pairs that may touch, and those of "self" that may not."""
         asked = (self.pairs,) if isinstance(self.pairs, str) else self.pairs
-        return select_pairs(robot, solids_of(robot, self.shapes), asked, float(self.margin))
+        return select_pairs(robot, solids_of(robot, self.shapes), asked, float(self.margin), self.exclude)
 
     def notes(self, robot: Robot) -> list[str]:
         """How many pairs are watched, which of "self" are not, and what the hulls of meshes fill."""
@@ -201,53 +203,3 @@ def _pairs(count: int) -> str:
 def _listed(names: Sequence[str]) -> str:
     """The first names of a list."""
     return ", ".join(names[:SHOWN]) + (", ..." if len(names) > SHOWN else "")
-
-
-class PlaneContact(SwitchingEffect, frozen=True):
-    """A ball or a point of a link in contact with a plane.
-
-        gap = n . x - height - radius >= 0
-        gap'+ = -e gap'-             at an impact (Newton 1687)
-        |f_t| <= mu f_n              Coulomb's friction; |f_t| = mu f_n against the sliding while the ball slides
-
-    x is the ball's centre; a point is a ball of radius 0. The friction impulse of an impact is mu times its normal
-    impulse, or less if that stops the sliding. Bounces that have become smaller than the accuracy end in rest.
-
-    Parameters
-    ----------
-    frame : str
-        The link.
-    point : (float, float, float)
-        The centre x in the link's axes, m.
-    radius : float
-        Of the ball, m.
-    normal : (float, float, float)
-        n, along the world's axes, of any length: it is scaled to 1.
-    height : float
-        Of the plane along n, m.
-    restitution : float
-        e, from 0 to 1.
-    friction : float
-        mu, not negative.
-    """
-
-    frame: LinkName
-    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    radius: NotNegative = 0.0
-    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    height: float = 0.0
-    restitution: NotNegative = 0.0
-    friction: NotNegative = 0.0
-
-    def check(self, robot: Robot) -> None:
-        """Require a link that moves, and a normal that has a direction."""
-        check_frame(self.frame, robot, "frame")
-        unit(self.normal, "normal")
-        check_restitution(self.restitution)
-
-    def modes(self, robot: Robot) -> list[ContactPoint]:
-        """The gap to the plane."""
-        del robot
-        ball = Ball(self.frame, floats(self.point), float(self.radius))
-        gap = PlaneGap(ball, GROUND, unit(self.normal, "normal"), float(self.height))
-        return [contact_point(self.frame, gap, float(self.friction), float(self.restitution))]

@@ -48,16 +48,19 @@ def solids_of(robot: Robot, given: Mapping[str, Sequence[AnyShape]]) -> tuple[So
 
 
 def select_pairs(
-    robot: Robot, solids: Sequence[Solid], asked: Sequence[str | tuple[Body, Body]], margin: float = 0.0
-) -> Pairs:
-    """The pairs that a scene asks for. margin: of "self" those nearer than this at rest are left out, m.
+    robot: Robot, solids: Sequence[Solid], asked: Sequence[str | tuple[Body, Body]], margin: float = 0.0,
+    exclude: Sequence[tuple[Body, Body]] = (),
+) -> Pairs:  # fmt: skip
+    """The pairs that a scene asks for, but for those to exclude. margin: of "self" those nearer than this at rest are
+    left out, m.
 
     Raises SceneError for names that do not exist and bodies that never meet.
     """
     if not solids:
         raise SceneError("no link of the robot has a collision shape", where="pairs",
-                         remedy="add <collision> elements to the URDF, or give shapes=", code="no-shapes")  # fmt: skip
-    chosen: dict[tuple[object, object], Pair] = {}
+                         remedy="add <collision> elements to the URDF, or objects first, or give shapes=",
+                         code="no-shapes")  # fmt: skip
+    chosen: dict[tuple[int, object], Pair] = {}
     alone = Counter(solid.link for solid in solids)
     excluded: list[tuple[str, str]] = []
     if not isinstance(asked, (tuple, list)):
@@ -72,13 +75,22 @@ def select_pairs(
         else:
             allowed = _named_pairs(robot, solids, item, f"pairs[{i}]")
         for pair in allowed:
-            second = pair.second if isinstance(pair.second, Plane) else id(pair.second)
-            chosen.setdefault((id(pair.first), second), pair)
+            chosen.setdefault(_key(pair), pair)
+    for i, item in enumerate(exclude):
+        for pair in _named_pairs(robot, solids, item, f"exclude[{i}]"):
+            if chosen.pop(_key(pair), None):
+                excluded.append((pair.name, "by the scene"))
     if not chosen:
         why = f" ({excluded[0][0]}: {excluded[0][1]})" if excluded else ""
         raise SceneError(f"no two bodies may touch{why}", where="pairs", code="no-pairs",
                          remedy="name two bodies, or leave the effect out")  # fmt: skip
     return Pairs(tuple(chosen.values()), tuple(excluded))
+
+
+def _key(pair: Pair) -> tuple[int, object]:
+    """What two equal pairs have in common, in whichever order their bodies were named."""
+    first, second = id(pair.first), pair.second if isinstance(pair.second, Plane) else id(pair.second)
+    return (first, second) if isinstance(second, Plane) else (min(first, second), max(first, second))
 
 
 def hollow_notes(pairs: Pairs) -> list[str]:
@@ -102,6 +114,9 @@ def _own_pairs(robot: Robot, solids: Sequence[Solid], margin: float) -> tuple[li
     for i, k in itertools.combinations(range(len(solids)), 2):
         a, b = bodies[i], bodies[k]
         if a == b:
+            continue
+        if frozenset((solids[i].link, solids[k].link)) in robot.visuals.srdf.apart:
+            excluded.append((f"{solids[i].link} - {solids[k].link}", f"by {robot.visuals.srdf.file}"))
             continue
         pair, separate = _pair(alone, solids[i], solids[k]), free[a] != free[b]
         if not separate and len(_joints_between(model, a, b)) == 1:

@@ -12,9 +12,10 @@ from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.dynamics import Robot
 from twolink.effects.checks import check_frame, check_joints, check_subset
-from twolink.effects.contact import Contact, PlaneContact
+from twolink.effects.contact import Contact
 from twolink.effects.effect import Effect, LinkName, NotNegative
 from twolink.effects.loops import HingeLoop, PointLoop, WeldLoop
+from twolink.effects.plane_contact import PlaneContact
 from twolink.effects.sampled_control import check_clock
 from twolink.errors import SceneError
 from twolink.io.text import kebab_case

@@ -8,16 +8,20 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 
 from twolink.dynamics import Robot, load_robot
 from twolink.effects import Effect, effect_class
 from twolink.effects.constants import Gravity
+from twolink.effects.contact import Contact
 from twolink.effects.forces import FrameWrench, JointDamping, JointSpring
 from twolink.effects.joint_switches import DryFriction, JointStops
 from twolink.effects.loops import Coupling, Loop, PointLoop, WeldLoop
 from twolink.errors import SceneError
+from twolink.robots.catalogue import catalogue_entry, catalogue_names
+from twolink.robots.collisions import collision_model
 from twolink.robots.joint_layout import NO_LIMIT, JointLayout, turns, urdf_limits
 from twolink.robots.load_report import Finding, LoadReport, findings
 from twolink.robots.tree import Tree, read_tree
@@ -28,6 +32,8 @@ from twolink.simulation.trajectory import Trajectory
 OFFSET = 0.5  # rad or m, from 0 at most: how far a joint is moved at the start
 SHARE = 0.6  # of the range between its limits, towards which it is moved
 STARTING_SPEED = 0.5  # rad/s or m/s, of a robot that would stay at rest
+FRICTION = 0.8  # of bodies that touch: rubber on a floor
+ABOVE = 1e-3  # m: how far the lowest point of a robot with a free base is above the ground at the start
 AT_REST = 1e-6  # N m, N: joint torques of gravity and friction below which a robot would
 
 
@@ -69,13 +75,19 @@ class UrdfScene(Scene):
         g = ", ".join(f"{x:g}" for x in robot.gravity)
         assumed = [
             Finding("assumed", f"gravity ({g}) m/s^2"),
-            Finding("assumed", f"a start of at most {OFFSET:g} rad or m from 0, within limits"),
+            Finding("assumed", f"a start of at most {OFFSET:g} rad or m from 0, within limits, or as an SRDF says"
+                    if self._touches else f"a start of at most {OFFSET:g} rad or m from 0, within limits"),
             *findings("assumed", {f"a start with {STARTING_SPEED:g} rad/s or m/s, for gravity alone moves nothing": [
                 name for name, moving in zip(robot.joint_names, [bool(self.v[j.v].any()) for j in robot.joints],
                                              strict=True) if moving]}),
-            Finding("assumed", "no body touches another, no motor acts"),
+            Finding("assumed", f"friction {FRICTION:g} of bodies that touch, no motor acts" if self._touches
+                    else "no body touches another, no motor acts"),
         ]  # fmt: skip
         return LoadReport(robot.report.source, (*findings("read", names), *findings("ignored", ignored), *assumed))
+
+    @property
+    def _touches(self) -> bool:
+        return any(isinstance(effect, Contact) for effect in self.effects)
 
     def __repr__(self) -> str:
         return f"{super().__repr__()}\n{self.report}"
@@ -84,7 +96,7 @@ class UrdfScene(Scene):
         return UrdfScene, (self.base, self.q, self.v, self.effects, self.duration, self.title)
 
 
-def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 5.0) -> UrdfScene:
+def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 5.0, *, contact: bool = False) -> UrdfScene:
     """A scene with gravity and all that a robot's file says: damping, friction, stops, mimic joints; of an MJCF also
     springs, equality constraints (as rigid loops) and gravity compensation.
 
@@ -97,6 +109,10 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 5.0) -> Ur
         A robot, or what `load_robot` takes.
     duration : float
         Time to simulate, s.
+    contact : bool
+        Its links touch each other and the ground, with their own collision shapes and a friction of 0.8. A robot of the
+        catalogue that is meant to move about has a free base then, and starts just above the ground; one with an SRDF
+        in its state "standing", else in the first.
 
     Returns
     -------
@@ -110,7 +126,8 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 5.0) -> Ur
     RobotError
         The robot is refused.
     """
-    loaded = robot if isinstance(robot, Robot) else load_robot(robot)
+    usual = catalogue_entry(robot).usual_root if contact and robot in catalogue_names() else "fixed"
+    loaded = robot if isinstance(robot, Robot) else load_robot(robot, root=usual)
     if loaded.nv == 0:
         raise SceneError("no joint moves", where=f"robot {loaded.name!r}", argument="robot", code="nothing-moves",
                          remedy='free its base: load_robot(..., root="free")')  # fmt: skip
@@ -125,16 +142,24 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 5.0) -> Ur
              if joint.name not in followers and np.isfinite(ends).any()}  # fmt: skip
     if stops:
         effects.append(JointStops(stops if followers else "urdf"))
-    laws, q = loaded.visuals.laws, loaded.neutral
+    if contact:
+        effects.append(Contact(friction=FRICTION))
+    laws, q, starts = loaded.visuals.laws, loaded.neutral, {**loaded.visuals.laws.start, **loaded.visuals.placed}
     others = [effect for kind, given in laws.effects if (effect := _effect(loaded, kind, given))]
+    states = loaded.visuals.srdf.states if contact else {}
+    named = states.get("standing") or next(iter(states.values()), {})
     looped = any(isinstance(effect, Loop) for effect in others)
     for joint in loaded.joints:
-        home = np.array(laws.start.get(joint.name, q[joint.q]))
+        home = np.array(starts.get(joint.name, q[joint.q]))
         q[joint.q] = home if looped else _start(loaded, joint, home)
+        if len(state := named.get(joint.name, ())) in (1, joint.q.stop - joint.q.start):
+            q[joint.q] = joint.configuration(state)
     entries = {joint.name: joint for joint in loaded.joints}
     for coupling in couplings:
         q[entries[coupling.joint].q] = coupling.ratio * q[entries[coupling.other].q] + coupling.offset
     effects += [*couplings, *others]
+    if contact and loaded.root == "free":
+        q[2] += ABOVE - _lowest(loaded, q)
     weight = np.concatenate([pin.computeGeneralizedGravity(tree.model, data, q[tree.q])
                              for tree, data in zip(loaded.trees, loaded.tree_data, strict=True)])  # fmt: skip
     still = np.all(np.abs(weight) <= np.maximum(model.friction, AT_REST))
@@ -142,6 +167,17 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 5.0) -> Ur
     for coupling in couplings:
         v[entries[coupling.joint].v] = coupling.ratio * v[entries[coupling.other].v]
     return UrdfScene(loaded, q, v, effects, duration, f"{loaded.name} under gravity, with all that its file says")
+
+
+def _lowest(robot: Robot, q: np.ndarray) -> float:
+    """The height of the lowest point of its collision shapes, m."""
+    ground, shapes = coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), collision_model(robot.model, robot.solids)
+    data = pin.GeometryData(shapes)
+    pin.updateGeometryPlacements(robot.model, robot.model.createData(), shapes, data, q)
+    asked = coal.DistanceRequest(), coal.DistanceResult()
+    return min(float(coal.distance(item.geometry, coal.Transform3s(at.rotation, at.translation), ground,
+                                   coal.Transform3s(), *asked))
+               for item, at in zip(shapes.geometryObjects, data.oMg, strict=True))  # fmt: skip
 
 
 def limit_notes(run: Trajectory) -> list[str]:

@@ -47,7 +47,7 @@ def urdf_text(robot: Robot) -> str:
     root = ET.Element("robot", name=robot.name)
     links = [[f for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint == j]
              for j in range(model.njoints)]  # fmt: skip
-    free = model.njoints > 1 and model.names[1] == "root_joint"
+    free = robot.root == "free"
     kept = [own[0].name if own else "world" if j == 0 else f"{model.names[j]}_link" for j, own in enumerate(links)]
     for j in range(free, model.njoints):
         _link(root, kept[j], model.inertias[j])

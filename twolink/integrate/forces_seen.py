@@ -24,9 +24,12 @@ def forces_seen(equations: Equations, t: float | Array, x: Array) -> Forces:
         felt[:, body] = np.array([np.broadcast_to(part, count) for part in wrench]).T
 
     def on(link: str) -> Array:
-        total = np.zeros((count, 3))
+        total, loops = np.zeros((count, 3)), equations.constraints.loops if equations.constraints else ()
+        touching = [loop for loop in loops if loop.touches]
+        nearest = {loop.pair: loop.gap.nearest(motion)  # type: ignore[attr-defined]
+                   for loop in equations.layout.with_numbers(touching, list(states[equations.moving :]))}  # fmt: skip
         for pair, _, force in contacts(equations, times, states):
-            first, _, second = pair.partition(" - ")
+            first, second = nearest[pair].first.frame, nearest[pair].second.frame
             total += (int(first == link) - int(second == link)) * force.T
         return total
 

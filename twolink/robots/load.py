@@ -28,6 +28,7 @@ from twolink.robots.joint_layout import Lock, beyond_limits, gravity_field, lock
 from twolink.robots.load_report import LoadReport
 from twolink.robots.meshes import MeshFolders, drawable_urdf, mesh_folders, missing_meshes
 from twolink.robots.model import RobotModel, Visuals
+from twolink.robots.srdf import srdf_beside
 from twolink.robots.tree import Tree, canonical, read_tree
 
 Purpose = Literal["dynamics", "kinematics", "identification"]
@@ -101,19 +102,20 @@ def load_model(
     if weightless and purpose == "dynamics":
         raise without_inertia(tree, model, weightless)
     folders = meshes or mesh_folders(packages, urdf.path, examples_share())
+    srdf = srdf_beside(urdf.path if meshes is None else None)
     missing, beyond = missing_meshes(tree.element, folders), beyond_limits(full, locked, reference)
     findings = [
         load_report.summary(tree, model, len(urdf.data)),
-        *load_report.content_findings(
-            tree, mimic=mimic, odd_inertias=odd_inertias, unphysical=unphysical, missing=missing
-        ),
+        *load_report.content_findings(tree, mimic=mimic, odd_inertias=odd_inertias, unphysical=unphysical,
+                                      missing=missing),
         *said.findings,
+        *load_report.findings("read", {"pairs that do not touch, and states": [srdf.file] * bool(srdf.file)}),
         *load_report.findings("assumed", {"joints that move no inertia: dynamics is refused": weightless}),
         *load_report.choice_findings(tree, root=root, usual_root=urdf.entry.usual_root if urdf.entry else None,
                                      gravity=model.gravity.linear, locked=tuple(lock or ()), beyond=beyond),
     ]  # fmt: skip
     text, visual_meshes, collision_meshes = drawable_urdf(tree.element, folders)
-    visuals = Visuals(text, visual_meshes, full, locked, reference, collision_meshes, said.laws)
+    visuals = Visuals(text, visual_meshes, full, locked, reference, collision_meshes, said.laws, srdf=srdf)
     report = LoadReport(urdf.label, tuple(findings))
     robot = kind(urdf.entry.name if urdf.entry else tree.name or urdf.label, model, report, visuals)
     robot.weightless = weightless

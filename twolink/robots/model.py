@@ -11,7 +11,7 @@ import re
 import threading
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 import pinocchio as pin
@@ -22,6 +22,7 @@ from twolink.robots.collisions import Solid, read_solids
 from twolink.robots.joint_layout import JointLayout, gravity_field, joint_layouts, shapes_without_joints
 from twolink.robots.load_report import LoadReport
 from twolink.robots.meshes import MeshFile, set_mesh, without_meshes
+from twolink.robots.srdf import Srdf
 
 _Mimic = tuple[int, int, str, tuple[float, ...], float, float]
 
@@ -65,6 +66,7 @@ def restore_model(arguments: tuple[Any, ...], state: Any, mimics: list[_Mimic]) 
     return model
 
 
+ROOT = "root_joint"  # of a robot with a free base, as Pinocchio calls it
 LARGEST = 200  # degrees of freedom of several trees: that of the whole takes 0.3 GB
 
 copyreg.pickle(pin.Model, reduce_model)
@@ -73,7 +75,7 @@ copyreg.pickle(pin.Model, reduce_model)
 @dataclass(frozen=True)
 class FileLaws:
     """What a robot's file says of a scene that a URDF cannot: effects, by type and arguments as in scene files, and the
-    configuration at the start, by joint."""
+    configuration at the start, by joint. srdf: what stands beside the URDF."""
 
     effects: tuple[tuple[str, Mapping[str, Any]], ...] = ()
     start: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
@@ -82,7 +84,8 @@ class FileLaws:
 @dataclass(frozen=True)
 class Visuals:
     """What drawing and contact need: URDF text with visuals and collisions, the meshes of both by Pinocchio's names,
-    the model before joints were locked, and where they were locked. laws: what acts on it by its file."""
+    the model before joints were locked, and where they were locked. laws: what acts on it by its file. placed:
+    the poses at which free objects beside it start, by joint."""
 
     text: str
     meshes: dict[str, MeshFile]
@@ -91,6 +94,8 @@ class Visuals:
     reference: np.ndarray
     collision_meshes: dict[str, MeshFile] = field(default_factory=dict)
     laws: FileLaws = field(default_factory=FileLaws)
+    placed: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    srdf: Srdf = field(default_factory=Srdf)
 
 
 class RobotModel:
@@ -135,6 +140,13 @@ class RobotModel:
         units = [j.unit for j in self.joints if j.unit is not None]
         self._unit_entries = tuple((u.start, u.start + 1, u.stop - 2, u.stop - 1) for u in units)
         self._local = threading.local()
+
+    @property
+    def root(self) -> Literal["fixed", "free"]:
+        """The base it was loaded with."""
+        model = self.visuals.model
+        free = model.njoints > 1 and model.names[1] == ROOT and f'joint name="{ROOT}"' not in self.visuals.text
+        return "free" if free else "fixed"
 
     @property
     def neutral(self) -> np.ndarray:

@@ -15,7 +15,8 @@ from twolink.dynamics import Robot, load_robot
 from twolink.effects import TYPES, Effect, effect_class
 from twolink.errors import SceneError, TwolinkError, nearest, require_known
 from twolink.io.text import Table, read_text, split_path
-from twolink.scenes.file_format import RobotEntry, SceneFile
+from twolink.scenes.file_format import ObjectEntry, RobotEntry, SceneFile
+from twolink.scenes.objects import is_mesh, with_objects
 from twolink.scenes.scene import Scene, at_effect
 
 MAX_BYTES = 2**20
@@ -48,6 +49,7 @@ def scene_from_data(content: SceneFile, load: Callable[[RobotEntry], Robot]) -> 
         except SceneError as error:
             raise at_effect(error, i) from None
     robot = load(RobotEntry(content.robot) if isinstance(content.robot, str) else content.robot)
+    robot = with_objects(robot, content.objects, load)
     return Scene(robot, content.q, content.v, effects, content.duration, content.title)
 
 
@@ -56,7 +58,7 @@ def scene_tables(content: Any) -> SceneFile:
     try:
         return msgspec.convert(content, SceneFile)
     except msgspec.ValidationError as error:
-        raise _schema_error(error, {"": SceneFile, "robot": RobotEntry}) from None
+        raise _schema_error(error, {"": SceneFile, "robot": RobotEntry, "objects[]": ObjectEntry}) from None
 
 
 def _effect(table: dict[str, Any], path: str = "") -> Effect:
@@ -80,8 +82,9 @@ def _schema_error(
     what, path = split_path(str(error))
     unknown = re.search(r"unknown field `(.*)`", what)
     remedy = "see a bundled scene for an example"
-    if unknown and path in schemas:
-        remedy = nearest(unknown.group(1), [field.name for field in msgspec.structs.fields(schemas[path])])
+    schema = schemas.get(re.sub(r"\[\d+\]", "[]", path))
+    if unknown and schema is not None:
+        remedy = nearest(unknown.group(1), [field.name for field in msgspec.structs.fields(schema)])
     where = ".".join(part for part in (inside, path) if part)
     return SceneError(what, where=where, remedy=remedy, code="schema")
 
@@ -176,7 +179,7 @@ def _from_content(content: dict[str, Any], label: str, folder: Path | None) -> S
 
 
 def _with_paths(value: Any, folder: Path | None) -> Any:
-    """A file's content, where the paths of sampled inputs start from the file's folder."""
+    """A file's content, where the paths of sampled inputs and meshes start from the file's folder."""
     if isinstance(value, list):
         return [_with_paths(item, folder) for item in value]
     if not isinstance(value, dict):
@@ -184,4 +187,6 @@ def _with_paths(value: Any, folder: Path | None) -> Any:
     table = {key: _with_paths(item, folder) for key, item in value.items()}
     if folder is not None and table.get("kind") == "sampled" and isinstance(table.get("file"), str):
         table["file"] = os.path.join(folder, table["file"])
+    if folder is not None and is_mesh(table.get("source")):
+        table["source"] = os.path.join(folder, table["source"])
     return table

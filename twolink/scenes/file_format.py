@@ -19,6 +19,7 @@ from twolink.effects.effect import plain
 from twolink.errors import SceneError
 from twolink.io.files import write_atomic
 from twolink.io.text import kebab_case
+from twolink.robots.collisions import AnyShape
 
 JointValues = dict[str, float | list[float]]
 _HEAD = """\
@@ -75,6 +76,30 @@ class RobotEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_d
     lock: JointValues = {}
 
 
+class ObjectEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """A robot or object beside the robot of a scene, see `Scene.with_object`.
+
+    Parameters
+    ----------
+    source : str or shape
+        A robot's name, the path of a robot or mesh, or a shape.
+    pose : sequence of float
+        Its position, m, or position and quaternion x y z w, in the world.
+    mass : float, optional
+        Of a shape or mesh, kg; without it that is fixed.
+    name : str
+        By default that of the robot, file or shape.
+    root : {"fixed", "free"}, optional
+        Whether it is fixed to the world.
+    """
+
+    source: str | AnyShape
+    pose: tuple[float, ...] = (0.0, 0.0, 0.0)
+    mass: float | None = None
+    name: str = ""
+    root: Literal["fixed", "free"] | None = None
+
+
 class SceneFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The tables of a scene file. States are by joint name; other joints are neutral and at rest."""
 
@@ -83,6 +108,7 @@ class SceneFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_de
     duration: Annotated[float, msgspec.Meta(gt=0)] = 10.0
     q: JointValues = {}
     v: JointValues = {}
+    objects: list[ObjectEntry] = []
     effects: list[dict[str, Any]] = []
 
 
@@ -132,15 +158,16 @@ def save_scene(
 
 def scene_content(
     entry: RobotEntry, robot: Robot, q: np.ndarray, v: np.ndarray, effects: Sequence[Effect], duration: float,
-    title: str,
+    title: str, objects: Sequence[ObjectEntry] = (),
 ) -> SceneFile:  # fmt: skip
-    """The tables of a scene file. entry: how the file names the robot."""
+    """The tables of a scene file. entry: how the file names the robot, or that part of it which is beside objects."""
     return SceneFile(
         robot=entry if entry.root != "fixed" or entry.lock else entry.source,
         title=title,
         duration=duration,
-        q=_by_joint(robot, q, robot.neutral, "q"),
+        q=_by_joint(robot, q, np.full(robot.nq, np.nan) if objects else robot.neutral, "q"),
         v=_by_joint(robot, v, np.zeros(robot.nv), "v"),
+        objects=list(objects),
         effects=[_without_none(_table(effect)) for effect in effects],
     )
 

@@ -7,20 +7,23 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from twolink.dynamics import Robot
+from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.arguments import array, configuration, positive
 from twolink.effects import Effect
 from twolink.effects.checks import check_effect
 from twolink.errors import AccuracyError, SceneError, TwolinkError, nearest
 from twolink.io.text import facts_html
+from twolink.robots.collisions import Shape
+from twolink.robots.joining import pose_of
 from twolink.robots.joint_layout import turns, urdf_limits
-from twolink.scenes.file_format import save_scene
+from twolink.scenes.file_format import ObjectEntry, save_scene
+from twolink.scenes.objects import with_objects
 
 if TYPE_CHECKING:
     from twolink.effects.sensors import Sensor
@@ -31,7 +34,8 @@ _OWN = "one of your own is a class that derives from tl.effects.Effect"
 
 
 def state_by_joint(robot: Robot, values: Mapping[str, ArrayLike], name: str) -> np.ndarray:
-    """A configuration (nq,) or velocity (nv,) from values by joint name; others are neutral, and at rest.
+    """A configuration (nq,) or velocity (nv,) from values by joint name; others are neutral, objects at their poses,
+    and at rest.
 
     Parameters
     ----------
@@ -52,7 +56,7 @@ def state_by_joint(robot: Robot, values: Mapping[str, ArrayLike], name: str) -> 
     """
     state = np.array(robot.neutral if name == "q" else np.zeros(robot.nv))
     joints = {joint.name: joint for joint in robot.joints}
-    for joint_name, value in values.items():
+    for joint_name, value in (dict(robot.visuals.placed if name == "q" else {}) | dict(values)).items():
         if joint_name not in joints:
             what, remedy = f"robot {robot.name!r} has no joint {joint_name!r}", nearest(joint_name, joints)
             raise SceneError(what, where=name, remedy=remedy, code="unknown-joint", argument=name)
@@ -111,7 +115,7 @@ class Scene:
         From `tl.load_robot`. Its own gravity does not count: a `tl.effects.Gravity` among the effects does.
     q, v : array_like or mapping of joint to array_like, optional
         Initial configuration (nq,) and velocity (nv,), or values of some joints by name (a continuous joint's may be
-        its angle); rad, m, per second. Neutral and at rest by default.
+        its angle); rad, m, per second. Neutral and at rest by default, objects at their poses.
     effects : sequence of Effect
         What acts on the robot, in order.
     duration : float
@@ -217,6 +221,50 @@ class Scene:
     def with_effects(self, effects: Sequence[Effect]) -> Scene:
         """The same scene with other effects."""
         return Scene(self.base, self.q, self.v, effects, self.duration, self.title)
+
+    def with_object(
+        self,
+        source: Robot | Shape | str | os.PathLike[str],
+        pose: ArrayLike | pin.SE3 = (0.0, 0.0, 0.0),
+        *,
+        mass: float | None = None,
+        name: str = "",
+        root: Literal["fixed", "free"] | None = None,
+    ) -> Scene:
+        """The same scene with another robot or object beside the robot; `scene.base.report` says what was joined.
+
+        Parameters
+        ----------
+        source : Robot, shape, str or path
+            A robot, or what `load_robot` takes; a shape such as `tl.effects.Box`; or a mesh file. Bundled objects are
+            "ball", "box", "can" and "plank".
+        pose : array_like or pin.SE3
+            The position (3,) of its root link in the world, m, or position and quaternion x y z w (7,).
+        mass : float, optional
+            Of a shape or mesh, which it fills evenly, kg; without it the shape is fixed to the world.
+        name : str
+            By default that of the robot, file or shape, with a number where it is taken. An object that is free has a
+            joint of this name, whose configuration is its pose in the world.
+        root : {"fixed", "free"}, optional
+            By default a robot is free if it was loaded so, and one without joints too; of the catalogue, if it usually
+            is.
+
+        Returns
+        -------
+        Scene
+            The scene, at the same state, with the object at rest at its pose.
+
+        Raises
+        ------
+        RobotError
+            The object cannot be loaded, its name is taken, or a mass is not above 0 or of what has one of its own.
+        """
+        at = pin.SE3ToXYZQUAT(pose_of(pose)).tolist()
+        entry = ObjectEntry(source, tuple(at), mass, name, root)  # type: ignore[arg-type]
+        robot = with_objects(self.base, [entry], lambda it: load_robot(it.source))
+        q, v = ({joint.name: x[part] for joint in self.base.joints if (part := getattr(joint, key)).stop > part.start}
+                for key, x in (("q", self.q), ("v", self.v)))  # fmt: skip
+        return Scene(robot, q, v, self.effects, self.duration, self.title)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the scene to a file that `load_scene` reads again.

@@ -31,6 +31,7 @@ from twolink.robots.catalogue import examples_share
 from twolink.robots.load_report import Finding, LoadReport
 from twolink.robots.meshes import MeshFile, MeshFolders
 from twolink.robots.model import FileLaws, Visuals, restore_model
+from twolink.robots.srdf import Srdf
 from twolink.service.problems import Refusal
 from twolink.service.settings import Quotas
 
@@ -195,7 +196,7 @@ def save_npz(out: BinaryIO, arrays: Mapping[str, np.ndarray]) -> None:
                 file.write(whole.reshape(-1).view(np.uint8).data)
 
 
-_PARTS = (Robot, pin.Model, LoadReport, Finding, Visuals, FileLaws, MeshFile, type(Path()), np.ndarray, np.dtype)
+_PARTS = (Robot, pin.Model, LoadReport, Finding, Visuals, FileLaws, Srdf, MeshFile, type(Path()), np.ndarray, np.dtype)
 _NAMES = {
     **{(part.__module__, part.__qualname__): part for part in _PARTS},
     (restore_model.__module__, restore_model.__name__): restore_model,

@@ -20,6 +20,7 @@ from twolink.robots.catalogue import catalogue_names
 from twolink.scenes import Scene, load_scene
 from twolink.scenes.file import scene_from_data
 from twolink.scenes.file_format import RobotEntry, SceneFile
+from twolink.scenes.objects import is_mesh
 from twolink.service.problems import Refusal, decode_unique
 from twolink.service.settings import Quotas
 from twolink.service.store.archives import read_robot, write_robot
@@ -38,7 +39,7 @@ from twolink.simulation.explanation import explain as explain_scene
 from twolink.simulation.scene_run import simulate as simulate_scene
 from twolink.simulation.trajectory import Trajectory
 
-_MAX_EFFECTS = 200
+_MOST = 200  # effects or objects
 SAMPLES, ROBOT, ROWS = "result.npz", "robot.pickle", "result.json"  # of simulations: samples, robot; of studies: all
 _POSE_BYTES = 80  # of seven numbers as JSON
 _REPORT_EVERY = 0.1  # seconds
@@ -54,10 +55,12 @@ def scene_of(scene: str | SceneFile, robots: str, robot: bytes = b"") -> Scene:
             raise SceneError("paths are not read here", argument="scene", remedy="GET /v1/scenes lists the scenes")
         return load_scene(scene)
     try:
-        if len(scene.effects) > _MAX_EFFECTS:
-            what = f"{len(scene.effects)} effects, the limit is {_MAX_EFFECTS}"
-            raise SceneError(what, argument="effects", remedy="leave some out")
-        _refuse_files(scene.effects)
+        for name, items in (("effects", scene.effects), ("objects", scene.objects)):
+            if len(items) > _MOST:
+                raise SceneError(f"{len(items)} {name}, the limit is {_MOST}", argument=name, remedy="leave some out")
+        _refuse_files([*scene.effects, *({"file": one.source} for one in scene.objects if is_mesh(one.source))])
+        if robot:  # which has them
+            scene = msgspec.structs.replace(scene, objects=[])
         return scene_from_data(scene, (lambda _: read_robot(robot)) if robot else functools.partial(_robot, robots))
     except TwolinkError as error:
         where = f"scene.{error.where}" if error.where else "scene"
@@ -84,7 +87,7 @@ def _refuse_files(value: Any) -> None:
     if isinstance(value, dict):
         if isinstance(value.get("file"), str):
             what = f"files are not read here: {value['file'][:80]!r}"
-            raise SceneError(what, argument="effects", remedy="send times and values")
+            raise SceneError(what, argument="effects", remedy="send times and values, or shapes")
         value = list(value.values())
     for item in value if isinstance(value, list) else ():
         _refuse_files(item)

@@ -190,7 +190,7 @@ def sweep_run(*, body: bytes, robots: str, number: int) -> bytes:
     tables = scene_tables(bundled_content(request.scene)) if isinstance(request.scene, str) else request.scene
     robot = RobotEntry(values["robot"]) if "robot" in values else tables.robot
     entry = RobotEntry(robot) if isinstance(robot, str) else robot
-    content = scene_content(entry, own.base, own.q, own.v, own.effects, duration, scene.title)
+    content = scene_content(entry, own.base, own.q, own.v, own.effects, duration, scene.title, tables.objects)
     asked = {"scene": content, "duration": duration, "accuracy": accuracy, "verify": request.verify}
     return msgspec.json.encode({"run": number, "values": values, "simulation": asked}, enc_hook=np.generic.item)
 

@@ -1,0 +1,185 @@
+"""Objects and robots beside a robot: what is joined moves as it would alone, names stay unique, files say the same."""
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import twolink as tl
+from twolink.errors import RobotError, SceneError, TwolinkError
+
+fx = tl.effects
+EMPTY = tl.Scene(tl.load_robot("world"), effects=[fx.Gravity()], duration=1.0)
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+
+
+@pytest.mark.parametrize(
+    ("shape", "moments"),  # of 1 kg that is spread evenly
+    [
+        (fx.Sphere(0.1), [0.004] * 3),
+        (fx.Box((0.1, 0.2, 0.3)), [0.13 / 12, 0.1 / 12, 0.05 / 12]),
+        (fx.Cylinder(0.1, 0.3), [0.12 / 12, 0.12 / 12, 0.005]),
+    ],
+)
+def test_shapes_are_filled_evenly(shape: fx.Sphere, moments: list[float]) -> None:
+    robot = EMPTY.with_object(shape, mass=1.0).base
+    np.testing.assert_allclose(robot.model.inertias[1].inertia, np.diag(moments), rtol=1e-12, atol=1e-17)
+    assert robot.mass == 1.0
+
+
+def test_a_capsule_has_the_moments_of_its_parts() -> None:
+    r, h = 0.1, 0.3
+    cylinder, ball = np.pi * r**2 * h, 4 / 3 * np.pi * r**3
+    whole = cylinder + ball
+    along = (cylinder * r**2 / 2 + ball * 0.4 * r**2) / whole
+    half_ball = ball / 2 * (83 / 320 * r**2 + (h / 2 + 3 / 8 * r) ** 2)
+    across = (cylinder * (3 * r**2 + h**2) / 12 + 2 * half_ball) / whole
+    inertia = EMPTY.with_object(fx.Capsule(r, h), mass=1.0).base.model.inertias[1].inertia
+    np.testing.assert_allclose(np.diag(inertia), [across, across, along], rtol=1e-12)
+
+
+def test_a_mesh_has_the_centre_and_moments_of_what_it_encloses(tmp_path: Path) -> None:
+    """A tetrahedron at the origin of three unit edges: centre 1/4, I_xx = 3/40 m about it (Tonon 2004)."""
+    (tmp_path / "corner.obj").write_text(TETRAHEDRON)
+    scene = EMPTY.with_object(tmp_path / "corner.obj", mass=2.0)
+    body = scene.base.model.inertias[1]
+    np.testing.assert_allclose(body.lever, [0.25] * 3, rtol=1e-12)
+    np.testing.assert_allclose(np.diag(body.inertia), [2 * 3 / 40] * 3, rtol=1e-12)
+    assert scene.base.joint_names == ("corner",)
+    turned = TETRAHEDRON.replace("f 1 3 2", "f 1 2 3").replace("f 1 2 4", "f 1 4 2")
+    (tmp_path / "inside.obj").write_text(turned.replace("f 2 3 4", "f 2 4 3").replace("f 3 1 4", "f 3 4 1"))
+    with pytest.raises(RobotError, match="encloses no volume"):
+        EMPTY.with_object(tmp_path / "inside.obj", mass=2.0)
+
+
+def test_two_robots_move_as_each_would_alone() -> None:
+    arm, solo = tl.load_robot("ur5"), tl.load_robot("solo12", root="free", lock={"FL_KFE": 0.5})
+    scene = tl.Scene(arm, q=arm.neutral + 0.3).with_object(arm, (1, 0, 0, 0, 0, 1, 0), name="left").with_object(solo)
+    both, rng = scene.base, np.random.default_rng(1)
+    q, (v, tau) = both.random_state(1, seed=3)[0][0], rng.uniform(-1, 1, (2, both.nv))
+    a = both.forward_dynamics(q, v, tau)
+    for one, prefix in ((arm, ""), (arm, "left_"), (solo, "solo12_")):
+        there = {joint.name: joint for joint in both.joints}
+        names = ["solo12" if name == "root_joint" else f"{prefix}{name}" for name in one.joint_names]
+        parts = [np.concatenate([x[getattr(there[name], key)] for name in names])
+                 for key, x in (("q", q), ("v", v), ("v", tau), ("v", a))]  # fmt: skip
+        np.testing.assert_allclose(one.forward_dynamics(*parts[:3]), parts[3], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(both.frame_pose(q, "left_base_link")[1], [1, 0, 0], atol=1e-15)
+    np.testing.assert_array_equal(scene.q[there["left_elbow_joint"].q], [0.0])
+    np.testing.assert_array_equal(scene.q[there["elbow_joint"].q], [0.3])
+
+
+def test_objects_start_at_their_poses_and_names_are_unique() -> None:
+    pose = pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.2, 0.3), np.array([1.0, 2.0, 3.0]))
+    scene = EMPTY.with_object("can", pose).with_object("can").with_object("can", name="tin", root="fixed")
+    assert scene.base.joint_names == ("can", "can_2")
+    assert scene.base.frame_names == ("world", "can", "can_2", "tin")
+    np.testing.assert_allclose(scene.q[:7], pin.SE3ToXYZQUAT(pose), atol=1e-15)
+    assert [str(line) for line in scene.base.report.read[1:]] == [
+        "joined 'can' as 'can', free, at 1.0 2.0 3.0 m", "joined 'can' as 'can_2', free, at 0.0 0.0 0.0 m",
+        "joined 'can' as 'tin', fixed, at 0.0 0.0 0.0 m",
+    ]  # fmt: skip
+
+
+def test_a_free_base_stays_free_and_keeps_its_name() -> None:
+    solo = tl.load_robot("solo12", root="free")
+    scene = tl.Scene(solo, q={"root_joint": [0, 0, 0.4, 0, 0, 0, 1]}).with_object("box", (1, 0, 0)).with_object("ball")
+    joints = {joint.name: joint for joint in scene.base.joints}
+    np.testing.assert_array_equal(scene.q[joints["root_joint"].q], [0, 0, 0.4, 0, 0, 0, 1])
+    assert {"box", "ball"} < joints.keys()
+
+
+def test_files_say_the_same_and_are_saved(tmp_path: Path) -> None:
+    (tmp_path / "corner.obj").write_text(TETRAHEDRON)
+    (tmp_path / "a.toml").write_text("""
+        robot = "world"
+        [q]
+        tin = [0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 1.0]
+        [[objects]]
+        source = "can"
+        name = "tin"
+        [[objects]]
+        source = { kind = "sphere", radius = 0.1 }
+        mass = 0.5
+        pose = [0.0, 1.0, 0.0]
+        [[objects]]
+        source = "corner.obj"
+        mass = 1.0
+        [[effects]]
+        type = "contact"
+    """)
+    scene = tl.load_scene(tmp_path / "a.toml")
+    joints = {joint.name: scene.q[joint.q][:3].tolist() for joint in scene.base.joints}
+    assert joints == {"tin": [0, 0, 2], "sphere": [0, 1, 0], "corner": [0, 0, 0]}
+    again = tl.load_scene(scene.save(tmp_path / "b.toml"))
+    np.testing.assert_array_equal(again.q, scene.q)
+    np.testing.assert_allclose(again.base.mass_matrix(scene.q), scene.base.mass_matrix(scene.q), rtol=1e-12, atol=1e-15)
+
+
+def test_a_dropped_object_falls_and_rests() -> None:
+    scene = EMPTY.with_object(fx.Sphere(0.1), (0, 0, 0.1 + 9.81 / 8), mass=0.3)
+    scene = scene.with_effects([*scene.effects, fx.Contact(("ground",))])
+    run = tl.simulate(scene, accuracy=1e-9)
+    assert run.events[0].t == pytest.approx(0.5, abs=1e-9)
+    np.testing.assert_allclose(run.q[-1, :3], [0, 0, 0.1], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"source": "can", "mass": 1.0}, "masses of its own"),
+        ({"source": fx.Sphere(0.1), "mass": -1.0}, "it is -1.0 kg"),
+        ({"source": fx.Sphere(0.0), "mass": 1.0}, "has no volume"),
+        ({"source": fx.Convex(((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))), "mass": 1.0}, "save it as a mesh file"),
+        ({"source": "can", "name": "world"}, "the name 'world' is taken; such as 'world_2'"),
+        ({"source": "can", "pose": (0, 0)}, "expected 3 or 7 finite numbers"),
+        ({"source": "can", "pose": (0, 0, 0, 0, 0, 0, 0)}, "expected 3 or 7 finite numbers"),
+        ({"source": "cann"}, "did you mean 'can'"),
+        ({"source": fx.Sphere(0.1), "root": "free"}, "no-inertia|cannot be accelerated"),
+    ],
+)
+def test_what_cannot_be_is_refused(arguments: dict, said: str) -> None:
+    with pytest.raises(TwolinkError, match=said):
+        EMPTY.with_object(**arguments)
+
+
+def test_changed_constants_are_not_lost_in_silence() -> None:
+    arm = tl.load_robot("ur5")
+
+    def heavier(model: pin.Model) -> None:
+        model.inertias[3] = model.inertias[3] + model.inertias[3]
+
+    with pytest.raises(RobotError, match="changed after it was loaded"):
+        tl.Scene(arm.changed(heavier)).with_object("can")
+
+
+def test_errors_of_files_name_the_object(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text('robot = "world"\n[[objects]]\nsource = "can"\nposse = [0.0, 0.0, 0.0]')
+    with pytest.raises(SceneError, match=r"objects\[0\].*posse.*did you mean 'pose'"):
+        tl.load_scene(path)
+    path.write_text('robot = "world"\n[[objects]]\nsource = "can"\n[[objects]]\nsource = "cann"')
+    with pytest.raises(SceneError, match=r"objects\[1\].*'cann'"):
+        tl.load_scene(path)
+
+
+@pytest.mark.parametrize("name", ["go2", "anymal"])
+def test_a_quadruped_of_the_catalogue_stands_above_the_ground_with_its_own_shapes(name: str) -> None:
+    """`scene_of(contact=True)`: its SRDF's state, the lowest vertex of its collision meshes 1 mm above the ground."""
+    scene = tl.scene_of(name, contact=True)
+    robot, standing = scene.base, scene.base.visuals.srdf.states["standing"]
+    angles = {joint.name: scene.q[joint.q] for joint in robot.joints if joint.name != "root_joint"}
+    assert all(angles[joint] == pytest.approx(value) for joint, value in standing.items() if joint in angles)
+    heights = []
+    for solid in robot.solids:
+        turn, place = robot.frame_pose(scene.q, solid.link)
+        points, radius = getattr(solid.shape, "vertices", ((0, 0, 0),)), getattr(solid.shape, "radius", 0.0)
+        at = pin.SE3(turn, place) * solid.shape.placement
+        heights += [at.act(np.array(point, dtype=float))[2] - radius for point in points]
+    assert min(heights) <= 1e-3 + 1e-9
+    if all(hasattr(solid.shape, "vertices") for solid in robot.solids):
+        assert min(heights) == pytest.approx(1e-3, abs=1e-9)
+    assert "friction 0.8 of bodies that touch" in str(scene)
+    assert any(isinstance(effect, fx.Contact) for effect in scene.effects)
+    assert not any(isinstance(effect, fx.Contact) for effect in tl.scene_of(name).effects)
