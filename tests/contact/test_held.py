@@ -18,7 +18,7 @@ from twolink.contact.held_step import missed, moved, newton, velocities
 from twolink.contact.impulses import Problem, solve_impulses
 from twolink.contact.stepping import Stepper
 from twolink.contact.steps import Memory
-from twolink.dynamics import cache
+from twolink.io import cache
 from twolink.dynamics.kernels import heyoka
 from twolink.integrate.motion.scene_equations import equations_of
 

@@ -48,6 +48,7 @@ DEEPEST = 0.25  # of half the bodies' thickness: a step that brings bodies deepe
 FARTHEST = 0.5  # of it: so is one half of which they move farther against each other, for they could pass through
 HALVINGS = 10
 UNSEEN, UNSEEN_HALVINGS = 0.01, 6  # of the reach of a step: one after which hulls overlap by so much more is halved
+FACE = 4  # points of a pair that come to the contact problem at a time
 ROUNDS = 20  # of adding contacts that the others push together
 FIRST, MOST = 8, 64  # compiled steps that are looked at together
 
@@ -278,12 +279,20 @@ class _Law:
         self.guess[known] = h * memory.forces[kept]
         self.slower = laws.friction[points.pair]
         self.mu = np.where(self.stuck, laws.static[points.pair], self.slower)
-        closes = points.gap + 0.5 * h * after[:, 2] < CLOSED
-        self.active = closes | known
+        self.active = known | self._lowest(points.gap + 0.5 * h * after[:, 2], CLOSED)
 
     def ends(self, velocities: Array) -> Array:
         """The gaps (n,) at the end of the step."""
         return np.asarray(self.points.gap + 0.5 * self.h * velocities.reshape(-1, 3)[:, 2])
+
+    def _lowest(self, ends: Array, limit: float) -> Array:
+        """Of each pair the points that end lowest, below a limit: what these hold up needs no impulse of its own."""
+        order = np.lexsort((ends, self.points.pair))
+        pair = self.points.pair[order]
+        rank = np.arange(len(pair)) - np.searchsorted(pair, pair)
+        chosen = np.zeros(len(pair), dtype=bool)
+        chosen[order[rank < FACE]] = True
+        return chosen & (ends < limit)
 
     def solved(self, rows: Array, inverse: Array, free: Array) -> tuple[Array, Array, Impulses] | None:
         """The active points, M^-1 J^T of them, and their impulses; None where the laws are not reached."""
@@ -301,7 +310,8 @@ class _Law:
                 return None
             self.guess[active] = impulses.p
             slips = (self.mu[active] > self.slower[active]) & (np.hypot(*impulses.u[:, :2].T) > STILL)
-            missed = ~self.active & (self.ends(rows @ (free + response @ impulses.p.ravel())) < -CLOSED)
+            ends = self.ends(rows @ (free + response @ impulses.p.ravel()))
+            missed = self._lowest(np.where(self.active, 0.0, ends), -CLOSED)
             if not (slips.any() or missed.any()):
                 return active, response, impulses
             self.mu[active[slips]] = self.slower[active[slips]]

@@ -14,7 +14,8 @@ from twolink.algorithms.functions import FrameForce, frame_pose, function
 from twolink.algorithms.mechanism import nominal
 from twolink.algorithms.recursions import Axes
 from twolink.algorithms.sincos import LIMIT
-from twolink.dynamics import cache, pinocchio_queries
+from twolink.dynamics import pinocchio_queries
+from twolink.io import cache
 from twolink.dynamics.arguments import FExt, array, batch_shape, configuration, one_of, read_wrenches, rows
 from twolink.dynamics.certificates import KernelCertificate, certify
 from twolink.dynamics.kernels import Kernel, build, heyoka

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from twolink.dynamics import cache
+from twolink.io import cache
 from twolink.effects.effect import plain
 from twolink.errors import TwolinkError
 from twolink.integrate.motion.equations import Equations

@@ -22,7 +22,7 @@ import numpy as np
 
 from twolink.algorithms.mechanism import nominal, parameter_names
 from twolink.algorithms.namespaces import Expressions
-from twolink.dynamics import cache
+from twolink.io import cache
 from twolink.dynamics.kernels import heyoka
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import traced_rate

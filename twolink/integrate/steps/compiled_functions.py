@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from twolink.dynamics import cache
+from twolink.io import cache
 from twolink.dynamics.kernels import heyoka
 
 MAX_KEPT = 256  # in this process
