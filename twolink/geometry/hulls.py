@@ -15,18 +15,21 @@ Axis Test between Convex Polyhedra, GDC 2013.
 from __future__ import annotations
 
 import functools
+import hashlib
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from twolink.algorithms.namespaces import Array
+from twolink.io import cache
 from twolink.robots.collisions import Box, Convex, no_volume
 
 FLAT = 1e-9  # of unit normals and, in m, of distances: triangles that are so alike are one face
 PARALLEL = 1e-6  # the sine between edges below which they count as parallel
 FACE_FIRST = 1e-6  # m by which edges must be farther apart, so that faces that lie on each other keep their points
 WITHIN = 1e-9  # m: a point so far outside of a prism is within
+MANY, VERSION = 200, 1  # vertices of hulls that are kept, and the kind of what is
 FEW = 3000  # pairs of edges: of more, those are looked at that look at each other
 SLAB = 1e-3  # of a hull's height: so deep below its farthest corner features look that way
 Name = tuple[object, ...]
@@ -90,22 +93,30 @@ class Hull:
 
 @functools.lru_cache(maxsize=256)
 def hull_of(shape: Box | Convex) -> Hull:
-    """The hull of a shape in the shape's own axes."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import ConvexHull, QhullError
-
+    """The hull of a shape in the shape's own axes. That of many vertices is kept by its content."""
     if isinstance(shape, Box):
         signs = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, -1).T
-        cloud = signs * np.array(shape.size, dtype=float)
-    else:
-        cloud = np.array(shape.vertices, dtype=float)
+        return _hull_of_points(signs * np.array(shape.size, dtype=float))
+    cloud = np.array(shape.vertices, dtype=float)
+    name = f"faces-{VERSION}-{hashlib.sha256(cloud.tobytes()).hexdigest()}" if len(cloud) > MANY else ""
+    known = cache.load(name) if name else None
+    if known is not None:
+        return Hull(**known)
     try:
-        found = ConvexHull(cloud)
-    except (QhullError, ValueError):
-        if isinstance(shape, Convex):
-            raise no_volume(shape) from None
-        raise
+        hull = _hull_of_points(cloud)
+    except (RuntimeError, ValueError):  # Qhull's is the former
+        raise no_volume(shape) from None
+    if name:
+        cache.store(name, vars(hull))
+    return hull
+
+
+def _hull_of_points(cloud: Array) -> Hull:
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import ConvexHull
+
+    found = ConvexHull(cloud)
     # Triangles of one plane are one face; whose side an edge is on is told by order, which rounding does not change.
     near = np.abs(found.equations[found.neighbors] - found.equations[:, None]).max(axis=2) < FLAT
     triangle, side = np.nonzero(near)
