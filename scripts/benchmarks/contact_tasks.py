@@ -1,6 +1,6 @@
 """Tasks with contacts: what the first answer and the second run of one cost, beside MuJoCo.
 
-    python -m scripts.benchmarks.contact_tasks [TASK ...]
+python -m scripts.benchmarks.contact_tasks [TASK ...]
 """
 
 from collections.abc import Callable

@@ -40,7 +40,7 @@ DAMPING = 0.3  # e, relative to the share of the velocities by which the laws ar
 REGULAR = 1e-11  # the smallest e: what makes Newton's matrix regular where forces are not determined
 FEW = 50  # contacts for which Newton's method begins at the guess itself
 EXACT = 1e-11  # m/s, and relative to the velocities: what the laws may be missed by
-NEARLY = 1e-8  # m/s: by so much where no method comes nearer, as in piles whose forces are far from determined
+NEARLY = 1e-7  # m/s: by so much where no method comes nearer, as in piles whose forces are far from determined
 
 
 @dataclass(frozen=True)

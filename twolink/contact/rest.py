@@ -45,17 +45,48 @@ class Rest(Sequence[Step]):
         return replace(self.one, h=float(self.h[j]), on_first=share * self.one.on_first, joints=joints)
 
 
-def at_rest(q: Array, v: Array, step: Step, memory: Memory, rows: Any) -> Step | None:
-    """A step at rest in place of one that moves less than the laws may be missed by; None where bodies move.
+class Resting:
+    """Whether bodies are at rest. one: the step at rest; forces (nv,): those that act then; None while bodies move."""
 
-    rows (m, nv): J of the points that press.
-    """
-    still = max(np.abs(v).max(), np.abs(step.v).max()) <= EXACT and bool(step.memory.stuck.all())
-    if not (still and np.array_equal(step.memory.keys, memory.keys) and _determined(rows)):
-        return None
-    zero = np.zeros_like(v)
-    passed = replace(step.memory, change=np.zeros_like(memory.change))
-    return replace(step, q=q, v=zero, mean=zero, memory=passed)
+    def __init__(self, bodies: Multibody) -> None:
+        self.bodies, self.forces = bodies, np.empty(0)
+        self.one: Step | None = None
+
+    def steps(self, plan: Plan, steps: range, q: Array) -> Rest | None:
+        """Those of the steps up to the first in which other forces act; None for none."""
+        if self.one is None:
+            return None
+        count = self._unchanged(plan, steps, q)
+        if not count:
+            self.one = None
+            return None
+        return Rest(self.one, plan.h[steps.start : steps.start + count])
+
+    def found(self, plan: Plan, number: int, q: Array, v: Array, step: Step, memory: Memory, rows: Any) -> Step:
+        """The step, or one at rest in place of one that moves less than the laws may be missed by.
+
+        number: of the step in the plan. rows (m, nv): J of the points that press.
+        """
+        speed = max(np.abs(v).max(), np.abs(step.v).max())
+        stays = step.impulses is not None and step.memory.stuck.all() and np.array_equal(step.memory.keys, memory.keys)
+        if not stays or speed > EXACT or not _determined(rows):
+            return step
+        zero = np.zeros_like(v)
+        passed = replace(step.memory, change=np.zeros_like(memory.change))
+        self.one, self.forces = replace(step, q=q, v=zero, mean=zero, memory=passed), self._forces(plan, number, q)
+        return self.one
+
+    def _forces(self, plan: Plan, number: int, q: Array) -> Array:
+        """tau - h in the middle of a step."""
+        t, zero = float(plan.t[number] + 0.5 * plan.h[number]), np.zeros(self.bodies.model.nv)
+        return self.bodies.forces(t, q, zero, plan.numbers[plan.piece[number]])
+
+    def _unchanged(self, plan: Plan, steps: range, q: Array) -> int:
+        """How many of the steps pass while the forces stay what they are."""
+        if not self.bodies.equations.effects:
+            return len(steps)
+        changed = (k for k in steps if not np.array_equal(self._forces(plan, k, q), self.forces))
+        return next(changed, steps.stop) - steps.start
 
 
 def _determined(rows: Any) -> bool:
@@ -69,15 +100,3 @@ def _determined(rows: Any) -> bool:
     except RuntimeError:  # exactly singular
         return False
     return bool(pivots.min() > DETERMINED * pivots.max())
-
-
-def unchanged(bodies: Multibody, plan: Plan, steps: range, q: Array, forces: Array) -> int:
-    """How many of the steps pass while the forces on bodies at rest stay what they are."""
-    zero = np.zeros(bodies.model.nv)
-    if not bodies.equations.effects:
-        return len(steps)
-    for k in steps:
-        now = bodies.forces(float(plan.t[k] + 0.5 * plan.h[k]), q, zero, plan.numbers[plan.piece[k]])
-        if not np.array_equal(now, forces):
-            return k - steps.start
-    return len(steps)

@@ -33,7 +33,7 @@ from twolink.contact.held import HeldRun, HeldSteps
 from twolink.contact.impulses import Impulses, Problem, solve_impulses
 from twolink.contact.joints import JointPoints, Kept, Laws, LoopRows, complete
 from twolink.contact.positions import correction
-from twolink.contact.rest import Rest, at_rest, unchanged
+from twolink.contact.rest import Resting
 from twolink.contact.steps import STILL, Memory, Plan, Record, Step
 from twolink.effects.contact import Contact
 from twolink.effects.switching import Hold, Stop
@@ -73,12 +73,12 @@ class Stepper:
         self.bodies, self.loops = bodies_of(equations) if loops is None else Multibody(equations), loops
         self.held = HeldSteps(self.bodies, self.detector, self.joints, self.laws)
         self.record, self.ahead = Record(), FIRST
-        self.rest: tuple[Step, Array] | None = None  # the step at rest, and the forces that act then
+        self.resting = Resting(self.bodies)
         self._pressing: Any = None  # J of the points that press in the last step
 
     def start(self, t: float, q: Array, v: Array, numbers: Array) -> Memory:
         """The memory at the start of a run: what touches and does not slip sticks."""
-        self.ahead, self.rest = FIRST, None
+        self.ahead, self.resting.one = FIRST, None
         points = self._points(self.bodies.places(q, self.bodies.to_local_velocity(q, v))[0], CLOSED, q)
         if not len(points.gap):
             return Memory.empty(np.zeros((2, len(v))))
@@ -112,21 +112,15 @@ class Stepper:
         rows = self.bodies.jacobian(points, axes)
         return self.joints.with_rows(rows, points) if self.joints else rows
 
-    def run(
-        self, plan: Plan, first: int, until: int, q: Array, v: Array, memory: Memory
-    ) -> HeldRun | Sequence[Step]:  # fmt: skip
-        """One or more steps of a plan, up to the one of a number: at rest, compiled while the same points press, or one.
+    def run(self, plan: Plan, first: int, until: int, q: Array, v: Array, memory: Memory) -> HeldRun | Sequence[Step]:
+        """One or more steps of a plan, up to the one of a number: at rest, while the same points press, or one.
 
         Raises as `advance`.
         """
-        t, h, numbers = float(plan.t[first]), float(plan.h[first]), plan.numbers[plan.piece[first]]
-        if self.rest is not None:
-            one, forces = self.rest
-            count = unchanged(self.bodies, plan, range(first, until), q, forces)
-            if count and one.impulses is not None:
-                self.record.add(replace(one.impulses, solver="rest"), count)
-                return Rest(one, plan.h[first : first + count])
-            self.rest = None
+        rest = self.resting.steps(plan, range(first, until), q)
+        if rest is not None and rest.one.impulses is not None:
+            self.record.add(replace(rest.one.impulses, solver="rest"), len(rest))
+            return rest
         ahead, self.ahead = self.ahead, FIRST
         known = self.held.of(memory) if ahead and self.loops is None else None
         if known is not None:
@@ -135,11 +129,9 @@ class Stepper:
                 self.ahead = min(2 * ahead, MOST) if len(found) == len(found.h) else 0  # what ended it ends it again
                 self.record.add(found.impulses, len(found))
                 return found
-        step = self.advance(t, h, q, v, numbers, memory)
-        rested = at_rest(q, v, step, memory, self._pressing) if step.impulses is not None else None
-        if rested is not None:
-            self.rest = rested, self.bodies.forces(t + 0.5 * h, q, rested.v, numbers)
-        return [rested or step]
+        numbers = plan.numbers[plan.piece[first]]
+        step = self.advance(float(plan.t[first]), float(plan.h[first]), q, v, numbers, memory)
+        return [self.resting.found(plan, first, q, v, step, memory, self._pressing)]
 
     def advance(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory, depth: int = 0) -> Step:
         """One step, or where its laws are not reached two halves. Raises AccuracyError where these are too small.

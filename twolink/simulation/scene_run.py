@@ -136,12 +136,26 @@ def simulate(
         error.run = only_at(_trajectory(scene, equations, so_far, times, None), wanted, end)
         raise
     except AccuracyError as error:
-        reflects = any(getattr(effect, "impacts", "") == "reflections" for effect in scene.effects)  # is not stepped
-        if chosen.method == "located" and error.code in NOT_LOCATED and not reflects:
-            parts = {"where": error.where, "code": error.code, "run": error.run, **error.data}
-            remedy = f'{error.remedy}; or contact="stepped" and step=1e-3, whose error is estimated'
-            raise AccuracyError(error.what, remedy=remedy, **parts) from None
-        raise
+        if chosen.method != "located" or not _may_be_stepped(scene, error):
+            raise
+        if error.code == "events-without-end" and free and contact is None and asked is None:
+            run = _stepped(scene, times, None, method, None, None, precision, told, patience, verify=verify)
+            why = f"{run.cost.why}; stepped, for located at {error.where}: {error.what}"
+            return only_at(replace(run, cost=replace(run.cost, why=why)), wanted, end)
+        raise _or_stepped(error) from None
+
+
+def _or_stepped(error: AccuracyError) -> AccuracyError:
+    """A failure of located contacts, with the other way as a remedy."""
+    remedy = f'{error.remedy}; or contact="stepped" and step=1e-3, whose error is estimated'
+    parts = {"where": error.where, "code": error.code, "run": error.run, **error.data}
+    return AccuracyError(error.what, remedy=remedy, **parts)
+
+
+def _may_be_stepped(scene: Scene, error: AccuracyError) -> bool:
+    """Whether stepping may solve what located contacts did not."""
+    reflects = any(getattr(effect, "impacts", "") == "reflections" for effect in scene.effects)  # is not stepped
+    return error.code in NOT_LOCATED and not reflects
 
 
 def _stepped(
