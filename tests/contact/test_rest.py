@@ -1,4 +1,4 @@
-"""Bodies at rest: their steps are those of the contact problem, cost nothing, and end with the forces that held them."""
+"""Bodies at rest: their steps are those of the contact problem, and end with the forces that held them."""
 
 import numpy as np
 import pytest

@@ -22,6 +22,7 @@ from twolink.geometry.points import Links, Places, Points, each, joined, key_of,
 from twolink.robots.collisions import AnyShape, Box, Capsule, Convex, Cylinder, Solid, Sphere
 
 BURIED = 1e-9  # m: cores that are nearer have no normal
+NEAREST, ITERATIONS = 1e-10, 1000  # of Coal's nearest points, whose default of 1e-6 m shows at cylinders
 FLAT = 1e-9  # of a rim: below it the disc lies flat on the plane
 MANY = 2_000  # pairs beyond which a tree finds those that are near
 
@@ -139,6 +140,8 @@ class OfSolids(Group):
         import coal
 
         request, (rotations, origins) = coal.DistanceRequest(), self._placed(pairs, links)
+        request.gjk_tolerance = request.epa_tolerance = NEAREST
+        request.gjk_max_iterations = request.epa_max_iterations = ITERATIONS
         for k, rotation, origin in zip(pairs.tolist(), rotations, origins, strict=True):
             (first, second), result = (self.shapes[i] for i in self.ends[k].tolist()), coal.DistanceResult()
             at = [coal.Transform3s(one, x) for one, x in zip(rotation, origin, strict=True)]
