@@ -175,7 +175,7 @@ def test_located_events_without_end_are_stepped_where_nothing_was_asked_for(monk
     assert "estimate" in run.cost.why
     for asked in ({"accuracy": 1e-3}, {"contact": "located"}):
         with pytest.raises(tl.errors.AccuracyError) as failure:
-            tl.simulate(scene, 1.0, **asked)  # type: ignore[arg-type]
+            tl.simulate(scene, 1.0, **asked)
         assert failure.value.code == "events-without-end"
 
 

@@ -140,9 +140,15 @@ def simulate(
             raise
         if error.code == "events-without-end" and free and contact is None and asked is None:
             run = _stepped(scene, times, None, method, None, None, precision, told, patience, verify=verify)
-            why = f"{run.cost.why}; stepped, for located at {error.where}: {error.what}"
-            return only_at(replace(run, cost=replace(run.cost, why=why)), wanted, end)
+            return only_at(_instead_of_located(run, error), wanted, end)
         raise _or_stepped(error) from None
+
+
+def _instead_of_located(run: Trajectory, error: AccuracyError) -> Trajectory:
+    """A stepped run, which says what located contacts failed of."""
+    from twolink.simulation.stepped_run import with_reason
+
+    return with_reason(run, f"stepped, for located at {error.where}: {error.what}")
 
 
 def _or_stepped(error: AccuracyError) -> AccuracyError:

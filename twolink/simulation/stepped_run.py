@@ -103,9 +103,7 @@ class _StepRefinement:
     def run(self, *, verify: bool) -> Trajectory:
         """The run whose estimate is below the accuracy, or the best. Its cost says what was tried."""
         run = self._found(verify=verify)
-        if not self.tried:
-            return run
-        return replace(run, cost=replace(run.cost, why=f"many contacts; tried {', '.join(self.tried)}"))
+        return with_reason(run, f"tried {', '.join(self.tried)}") if self.tried else run
 
     def _found(self, *, verify: bool) -> Trajectory:
         step, halvings = min(FIRST, self.end / 4), 0
@@ -182,6 +180,11 @@ class _StepRefinement:
                              where=f"t = {until:.6g} s", argument="accuracy", code="too-many-steps", run=self.best,
                              remedy=f"give {smaller}no accuracy for the best effort (error.run, with the estimate "
                                     f"{self.least:.1g}), or step={now:.1g}")  # fmt: skip
+
+
+def with_reason(run: Trajectory, more: str) -> Trajectory:
+    """The run with one more reason for the way it was solved."""
+    return run if run.cost is None else replace(run, cost=replace(run.cost, why=f"{run.cost.why}; {more}"))
 
 
 def _trajectory(
