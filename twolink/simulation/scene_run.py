@@ -159,9 +159,8 @@ def _or_stepped(error: AccuracyError) -> AccuracyError:
 
 
 def _may_be_stepped(scene: Scene, error: AccuracyError) -> bool:
-    """Whether stepping may solve what located contacts did not."""
-    reflects = any(getattr(effect, "impacts", "") == "reflections" for effect in scene.effects)  # is not stepped
-    return error.code in NOT_LOCATED and not reflects
+    """Whether stepping, which has no reflections, may solve what located contacts did not."""
+    return error.code in NOT_LOCATED and not any(getattr(e, "impacts", "") == "reflections" for e in scene.effects)
 
 
 def _stepped(
