@@ -19,7 +19,7 @@ Comput. Math. 15 (2015) 715-732, for the restarts; Mazhar, Heyn, Negrut, Tasora,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -40,7 +40,6 @@ DAMPING = 0.3  # e, relative to the share of the velocities by which the laws ar
 REGULAR = 1e-11  # the smallest e: what makes Newton's matrix regular where forces are not determined
 FEW = 50  # contacts for which Newton's method begins at the guess itself
 EXACT = 1e-11  # m/s, and relative to the velocities: what the laws may be missed by
-NEARLY = 1e-7  # m/s: by so much where no method comes nearer, as in piles whose forces are far from determined
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class Impulses:
 
     feasibility: the largest approach beyond the gap and the largest |P_t| - mu P_n as a velocity, m/s.
     complementarity: the largest P_n (U_n + c) and mu P_n |U_t| + P_t . U_t, J. residual: |g F|, m/s. solver: what
-    found them; "nearest" where they miss the laws by more than EXACT, yet less than NEARLY.
+    found them.
     """
 
     p: Array
@@ -61,8 +60,8 @@ class Impulses:
 
     @property
     def solved(self) -> bool:
-        """Whether the laws hold, or all but hold."""
-        return self.residual <= (NEARLY if self.solver == "nearest" else EXACT)
+        """Whether the laws hold."""
+        return self.residual <= EXACT
 
 
 class Problem:
@@ -117,8 +116,7 @@ def solve_impulses(problem: Problem, guess: Array) -> Impulses:
     if not best.solved:
         best = problem.answer(proximal(problem, accelerated(problem, p, LEADING)), "proximal")
     if not best.solved:
-        last = problem.answer(newton(problem, accelerated(problem, p, LED)), "newton")
-        best = min(replace(best, solver="nearest"), last, key=lambda one: (not one.solved, one.residual))
+        best = problem.answer(newton(problem, accelerated(problem, p, LED)), "newton")
     return best
 
 
