@@ -37,7 +37,7 @@ def codes_in(text: str) -> set[str]:
         elif isinstance(node, ast.Assign):
             pairs = zip(node.targets, [node.value], strict=False)
             if isinstance(node.targets[0], ast.Tuple) and isinstance(node.value, ast.Tuple):
-                pairs = zip(node.targets[0].elts, node.value.elts, strict=True)
+                pairs = zip(node.targets[0].elts, node.value.elts, strict=False)
             values = [value for target, value in pairs if isinstance(target, ast.Name) and target.id == "code"]
         choices = [[x.body, x.orelse] if isinstance(x, ast.IfExp) else getattr(x, "values", [x]) for x in values]
         parts = [part for choice in choices for part in choice]

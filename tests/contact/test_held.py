@@ -18,9 +18,9 @@ from twolink.contact.held_step import missed, moved, newton, velocities
 from twolink.contact.impulses import Problem, solve_impulses
 from twolink.contact.stepping import Stepper
 from twolink.contact.steps import Memory
-from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
 from twolink.integrate.motion.scene_equations import equations_of
+from twolink.io import cache
 
 E = tl.effects
 BALL = {"ball": (E.Sphere(0.1),)}

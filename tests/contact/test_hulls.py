@@ -6,7 +6,8 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
-from twolink.geometry.hulls import hull_of, separation, touching
+from twolink.geometry import hulls
+from twolink.geometry.hulls import facing, hull_of, separation, touching
 from twolink.robots.collisions import Box, Convex
 
 E = tl.effects
@@ -112,3 +113,29 @@ def test_cubes_that_tumble_onto_each_other_do_not_overlap() -> None:
     assert run.contact_record is not None
     assert run.contact_record["overlap"] < 5e-5
     assert deepest(run) < 5e-5
+
+
+@pytest.mark.parametrize("deep", [1e-5, 1e-3])
+def test_features_that_look_at_each_other_decide_how_far_large_hulls_are_apart(deep: float) -> None:
+    """Of hulls of up to 400 corners, placed so that they overlap, from normals that are off by some degrees."""
+    random, large = np.random.default_rng(4), [stone(400, 5), stone(60, 6), SHAPES["box"]]
+    for k in range(12):
+        shapes = [large[k % 2], large[k % 3]]
+        places = overlapping(shapes, deep, random)
+        a, b = (hull_of(shape).placed(*place) for shape, place in zip(shapes, places, strict=True))
+        rough = places[0][1] / np.linalg.norm(places[0][1])
+        parts = facing(a, b, rough)
+        assert len(parts[0].edges) <= len(a.edges)
+        assert separation(*parts).gap == pytest.approx(depth(shapes, places), abs=1e-10)
+        if k % 2 and k % 3:
+            assert separation(*parts).gap == separation(a, b).gap
+
+
+def test_the_hull_of_many_corners_is_kept_by_its_content(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A second process, which knows the file alone, has the same hull."""
+    shape = stone(300, 7)
+    first = hull_of.__wrapped__(shape)
+    monkeypatch.setattr(hulls, "_hull_of_points", None)
+    again = hull_of.__wrapped__(shape)
+    assert np.array_equal(first.normals, again.normals)
+    assert [face.tolist() for face in first.faces] == [face.tolist() for face in again.faces]

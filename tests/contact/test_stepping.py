@@ -12,6 +12,7 @@ import twolink as tl
 from tests.effects.bodies import G, ball, bouncing, free_bodies, planar
 from twolink.contact import bodies as sparse_bodies
 from twolink.geometry.hulls import hull_of, touching
+from twolink.integrate.hybrid import engine
 from twolink.simulation.stepped_run import simulate_stepped
 
 E = tl.effects
@@ -158,6 +159,24 @@ def test_without_an_accuracy_the_best_effort_is_returned_with_its_estimate() -> 
     quick = simulate_stepped(rod(), times, None, None, None, verify=True, patience=1e-9)
     assert quick.error is not None
     assert run.error[-1] < 0.2 * quick.error[-1]
+
+
+def test_located_events_without_end_are_stepped_where_nothing_was_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ball that bounces more often than events are followed keeps to its parabolas, and its cost says what was."""
+    bounces = E.Contact(("ground",), restitution=0.5, shapes={"ball": (E.Sphere(0.1),)})
+    scene = tl.Scene(ball(), [0, 0, 0.6, 0, 0, 0, 1], effects=[E.Gravity((0.0, 0.0, -10.0)), bounces])
+    free = tl.simulate(scene, 1.0, samples_per_second=20)
+    monkeypatch.setattr(engine, "MAX_EVENTS", 1)
+    run = tl.simulate(scene, 1.0, samples_per_second=20)
+    assert (free.bound, run.bound) == ("verified", "estimated")
+    assert run.error is not None
+    assert (np.abs(run.q[:, 2] - free.q[:, 2]) <= run.error + 1e-6).all()
+    assert "events follow each other without end" in run.cost.why
+    assert "estimate" in run.cost.why
+    for asked in ({"accuracy": 1e-3}, {"contact": "located"}):
+        with pytest.raises(tl.errors.AccuracyError) as failure:
+            tl.simulate(scene, 1.0, **asked)
+        assert failure.value.code == "events-without-end"
 
 
 def test_what_an_accuracy_is_refused_for_can_be_asked_for() -> None:

@@ -11,8 +11,8 @@ import pytest
 
 import twolink as tl
 from tests.dynamics.states import close, states
-from twolink.dynamics import cache, compiled, kernels
-from twolink.io import fingerprints
+from twolink.dynamics import compiled, kernels
+from twolink.io import cache, fingerprints
 from twolink.io.fingerprints import kernel_key
 from twolink.lagrange.check import arm_urdf
 

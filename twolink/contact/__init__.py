@@ -10,6 +10,7 @@ joints        stops and dry friction of joints, as points of the contact problem
 impulses      the contact problem: impulses that obey the laws of contact and friction
 positions     what removes overlap and drift from positions
 held          steps in which the same points press, compiled; held_step: their formulas
+rest          steps in which nothing moves
 stepping      one step; steps: what it is, and those of a run
 solver        the run from step to step
 choice        whether contacts are located or stepped

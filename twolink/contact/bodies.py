@@ -70,7 +70,7 @@ class Multibody:
         v = self.to_local_velocity(q, w)
         upper = np.array(pin.computeMinverse(self.model, self.data, q))
         inverse = np.triu(upper) + np.triu(upper, 1).T
-        a = inverse @ self._forces(t, q, v, numbers)
+        a = inverse @ self.forces(t, q, v, numbers)
         self._at, self._ways = q, list(self._axes(q))
         for lin, rotation in self._ways:
             a[lin] = rotation @ (a[lin] + _turning(v, lin))
@@ -104,7 +104,7 @@ class Multibody:
                 c, s = q[joint.q.start + 2 : joint.q.stop]
                 yield slice(first, first + 2), np.array([[c, -s], [s, c]])
 
-    def _forces(self, t: float, q: Array, v: Array, numbers: Array) -> Array:
+    def forces(self, t: float, q: Array, v: Array, numbers: Array) -> Array:
         """tau - h (nv,), of all that acts but contacts."""
         equations = self.equations
         if not equations.effects:
@@ -204,7 +204,7 @@ class FreeBodies(Multibody):
         v = self.to_local_velocity(q, w)
         rotations, inverses, velocity = self.places_now.rotations[1:], self.inverses.copy(), v[self.v + np.arange(6)]
         lin, ang = velocity[:, :3], velocity[:, 3:]
-        a = np.einsum("nij,nj->ni", inverses, self._wrenches(t, q, v, numbers) - self._bias(velocity))
+        a = np.einsum("nij,nj->ni", inverses, self.forces(t, q, v, numbers) - self._bias(velocity))
         a[:, :3] += cross(ang, lin)
         a[:, :3] = np.einsum("nij,nj->ni", rotations, a[:, :3]) + self.model.gravity.linear
         inverses[:, :3] = rotations @ inverses[:, :3]
@@ -234,7 +234,7 @@ class FreeBodies(Multibody):
         turned[1] += cross(velocity[:, :3], momentum[:, :3])
         return np.concatenate(turned, axis=1)
 
-    def _wrenches(self, t: float, q: Array, v: Array, numbers: Array) -> Array:
+    def forces(self, t: float, q: Array, v: Array, numbers: Array) -> Array:
         """f (n, 6) of all effects but gravity."""
         if not self.equations.effects:
             return np.zeros((len(self.v), 6))

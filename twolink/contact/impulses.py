@@ -11,8 +11,8 @@ Newton's method on F (Alart, Curnier, Comput. Methods Appl. Mech. Engrg. 92 (199
 in proportion to what F misses: a proximal term, which keeps the steps small where contacts leave their forces
 undetermined, and which ends with F, so that the solution obeys the laws as exactly as without. Where Newton's method
 goes in circles, as in piles that come to rest, the proximal point method leads on from the best it found: the laws with
-U + e g (P - P_k) in place of U have one solution near P_k; what Newton's method finds that misses them by a tenth of
-what P_k misses is the next P_k, and e falls tenfold (Rockafellar, SIAM J. Control Optim. 14 (1976) 877-898, also for
+U + e g (P - P_k) in place of U have one solution near P_k; what Newton's method finds that misses them by a third of
+what P_k misses is the next P_k, and e falls as much (Rockafellar, SIAM J. Control Optim. 14 (1976) 877-898, also for
 points that are not exact). Each begins after steps of P - F / 3 with Nesterov's momentum (O'Donoghue, Candes, Found.
 Comput. Math. 15 (2015) 715-732, for the restarts; Mazhar, Heyn, Negrut, Tasora, ACM Trans. Graph. 34 (2015) 32).
 """
@@ -31,10 +31,11 @@ from twolink.integrate.motion.state import Array
 NEWTON = 15  # steps before another method leads on
 PATIENT = 60  # of few contacts, which cost little: those of faces that grip leave forces undetermined
 LEADING = 30  # accelerated steps before Newton's
+LED = 1000  # where nothing else leads there
 POINTS = 60  # of the proximal point method
-INNER = 15  # Newton's steps for each of them
-NEARER = 0.1  # what they may miss, relative to what the last one missed of the laws themselves
-FIRST, LAST, LARGEST = 1e-3, 1e-8, 1.0  # e of the proximal points: the first, the smallest, the largest
+INNER = 20  # Newton's steps for each of them
+NEARER = 0.3  # what they may miss, relative to what the last one missed of the laws themselves; and by how much e falls
+FIRST, LAST, LARGEST = 1e-3, 1e-10, 1.0  # e of the proximal points: the first, the smallest, the largest
 DAMPING = 0.3  # e, relative to the share of the velocities by which the laws are missed, and the largest
 REGULAR = 1e-11  # the smallest e: what makes Newton's matrix regular where forces are not determined
 FEW = 50  # contacts for which Newton's method begins at the guess itself
@@ -115,7 +116,7 @@ def solve_impulses(problem: Problem, guess: Array) -> Impulses:
     if not best.solved:
         best = problem.answer(proximal(problem, accelerated(problem, p, LEADING)), "proximal")
     if not best.solved:
-        best = problem.answer(newton(problem, accelerated(problem, best.p, LEADING)), "newton")
+        best = problem.answer(newton(problem, accelerated(problem, p, LED)), "newton")
     return best
 
 
@@ -146,9 +147,9 @@ def proximal(problem: Problem, guess: Array) -> Array:
             break
         found = _proximal_point(problem, p, damping, max(0.01 * EXACT, NEARER * residual))
         if found is None:
-            damping = min(30.0 * damping, LARGEST)
+            damping = min(5.0 * damping, LARGEST)
         else:
-            p, damping = found, max(0.1 * damping, LAST)
+            p, damping = found, max(NEARER * damping, LAST)
     return best[1]
 
 

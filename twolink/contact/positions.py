@@ -41,14 +41,18 @@ def correction(inverse: Any, rows: Any, off: Array, lasts: Array, rests: Array) 
     normal[:, 2] = rests
     if np.abs(off[lasts]).max(initial=0.0) < CLOSED and off[normal & ~lasts].min(initial=0.0) > -CLOSED:
         return np.zeros(rows.shape[1])
-    for sought, equal in ((lasts | normal, lasts), (normal, np.zeros_like(lasts))):
-        near = np.flatnonzero(sought)
-        own = rows[near]
-        response = inverse @ own.T
+    for equal in (lasts, np.zeros_like(lasts)):
+        sought = equal | normal & (off < 0.0)
         try:
-            return np.asarray(
-                response @ solve_normal(own @ response, off.ravel()[near], equal.ravel()[near], near % 3 < 2)
-            )
+            for _ in range(SETS):
+                near = np.flatnonzero(sought)
+                own = rows[near]
+                response = inverse @ own.T
+                push = response @ solve_normal(own @ response, off.ravel()[near], equal.ravel()[near], near % 3 < 2)
+                missed = normal & ~sought & (off + (rows @ push).reshape(off.shape) < -CLOSED)
+                if not missed.any():
+                    return np.asarray(push)
+                sought |= missed
         except (ArithmeticError, np.linalg.LinAlgError):
             continue
     return None

@@ -33,6 +33,7 @@ from twolink.contact.held import HeldRun, HeldSteps
 from twolink.contact.impulses import Impulses, Problem, solve_impulses
 from twolink.contact.joints import JointPoints, Kept, Laws, LoopRows, complete
 from twolink.contact.positions import correction
+from twolink.contact.rest import Resting
 from twolink.contact.steps import STILL, Memory, Plan, Record, Step
 from twolink.effects.contact import Contact
 from twolink.effects.switching import Hold, Stop
@@ -48,6 +49,7 @@ DEEPEST = 0.25  # of half the bodies' thickness: a step that brings bodies deepe
 FARTHEST = 0.5  # of it: so is one half of which they move farther against each other, for they could pass through
 HALVINGS = 10
 UNSEEN, UNSEEN_HALVINGS = 0.01, 6  # of the reach of a step: one after which hulls overlap by so much more is halved
+FACE = 4  # points of a pair that come to the contact problem at a time
 ROUNDS = 20  # of adding contacts that the others push together
 FIRST, MOST = 8, 64  # compiled steps that are looked at together
 
@@ -71,10 +73,12 @@ class Stepper:
         self.bodies, self.loops = bodies_of(equations) if loops is None else Multibody(equations), loops
         self.held = HeldSteps(self.bodies, self.detector, self.joints, self.laws)
         self.record, self.ahead = Record(), FIRST
+        self.resting = Resting(self.bodies)
+        self._pressing: Any = None  # J of the points that press in the last step
 
     def start(self, t: float, q: Array, v: Array, numbers: Array) -> Memory:
         """The memory at the start of a run: what touches and does not slip sticks."""
-        self.ahead = FIRST
+        self.ahead, self.resting.one = FIRST, None
         points = self._points(self.bodies.places(q, self.bodies.to_local_velocity(q, v))[0], CLOSED, q)
         if not len(points.gap):
             return Memory.empty(np.zeros((2, len(v))))
@@ -108,13 +112,15 @@ class Stepper:
         rows = self.bodies.jacobian(points, axes)
         return self.joints.with_rows(rows, points) if self.joints else rows
 
-    def run(
-        self, plan: Plan, first: int, until: int, q: Array, v: Array, memory: Memory
-    ) -> HeldRun | list[Step]:  # fmt: skip
-        """One or more steps of a plan, up to the one of a number: compiled ones while the same points press, else one.
+    def run(self, plan: Plan, first: int, until: int, q: Array, v: Array, memory: Memory) -> HeldRun | Sequence[Step]:
+        """One or more steps of a plan, up to the one of a number: at rest, while the same points press, or one.
 
         Raises as `advance`.
         """
+        rest = self.resting.steps(plan, range(first, until), q)
+        if rest is not None and rest.one.impulses is not None:
+            self.record.add(replace(rest.one.impulses, solver="rest"), len(rest))
+            return rest
         ahead, self.ahead = self.ahead, FIRST
         known = self.held.of(memory) if ahead and self.loops is None else None
         if known is not None:
@@ -124,7 +130,8 @@ class Stepper:
                 self.record.add(found.impulses, len(found))
                 return found
         numbers = plan.numbers[plan.piece[first]]
-        return [self.advance(float(plan.t[first]), float(plan.h[first]), q, v, numbers, memory)]
+        step = self.advance(float(plan.t[first]), float(plan.h[first]), q, v, numbers, memory)
+        return [self.resting.found(plan, first, q, v, step, memory, self._pressing)]
 
     def advance(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory, depth: int = 0) -> Step:
         """One step, or where its laws are not reached two halves. Raises AccuracyError where these are too small.
@@ -221,6 +228,7 @@ class Stepper:
         mean = (ends - v) / h
         passed = Memory(keys, own[order] / h, stuck[closed][order], still[closed][order],
                         memory.changes(mean, smooth=smooth))  # fmt: skip
+        self._pressing = rows[_rows(active[pressing])]
         joints, chosen, p = self._of_joints(rows, law, active[pressing], impulses.p[pressing])
         on_first = np.einsum("ni,nij->nj", p, axes[chosen])
         end = self.bodies.moved(middle, move)
@@ -278,12 +286,20 @@ class _Law:
         self.guess[known] = h * memory.forces[kept]
         self.slower = laws.friction[points.pair]
         self.mu = np.where(self.stuck, laws.static[points.pair], self.slower)
-        closes = points.gap + 0.5 * h * after[:, 2] < CLOSED
-        self.active = closes | known
+        self.active = known | self._lowest(points.gap + 0.5 * h * after[:, 2], CLOSED)
 
     def ends(self, velocities: Array) -> Array:
         """The gaps (n,) at the end of the step."""
         return np.asarray(self.points.gap + 0.5 * self.h * velocities.reshape(-1, 3)[:, 2])
+
+    def _lowest(self, ends: Array, limit: float) -> Array:
+        """Of each pair the points that end lowest, below a limit: what these hold up needs no impulse of its own."""
+        order = np.lexsort((ends, self.points.pair))
+        pair = self.points.pair[order]
+        rank = np.arange(len(pair)) - np.searchsorted(pair, pair)
+        chosen = np.zeros(len(pair), dtype=bool)
+        chosen[order[rank < FACE]] = True
+        return chosen & (ends < limit)
 
     def solved(self, rows: Array, inverse: Array, free: Array) -> tuple[Array, Array, Impulses] | None:
         """The active points, M^-1 J^T of them, and their impulses; None where the laws are not reached."""
@@ -301,7 +317,8 @@ class _Law:
                 return None
             self.guess[active] = impulses.p
             slips = (self.mu[active] > self.slower[active]) & (np.hypot(*impulses.u[:, :2].T) > STILL)
-            missed = ~self.active & (self.ends(rows @ (free + response @ impulses.p.ravel())) < -CLOSED)
+            ends = self.ends(rows @ (free + response @ impulses.p.ravel()))
+            missed = self._lowest(np.where(self.active, 0.0, ends), -CLOSED)
             if not (slips.any() or missed.any()):
                 return active, response, impulses
             self.mu[active[slips]] = self.slower[active[slips]]

@@ -14,11 +14,12 @@ from twolink.algorithms.functions import FrameForce, frame_pose, function
 from twolink.algorithms.mechanism import nominal
 from twolink.algorithms.recursions import Axes
 from twolink.algorithms.sincos import LIMIT
-from twolink.dynamics import cache, pinocchio_queries
+from twolink.dynamics import pinocchio_queries
 from twolink.dynamics.arguments import FExt, array, batch_shape, configuration, one_of, read_wrenches, rows
 from twolink.dynamics.certificates import KernelCertificate, certify
 from twolink.dynamics.kernels import Kernel, build, heyoka
 from twolink.errors import CertificationError, MissingExtraError, QueryError, nearest
+from twolink.io import cache
 from twolink.io.fingerprints import kernel_key
 from twolink.robots.model import RobotModel
 

@@ -16,12 +16,13 @@ import pinocchio as pin
 from twolink.algorithms.namespaces import Array
 from twolink.dynamics import Robot
 from twolink.geometry.gaps import Gap, PlaneGap, RimGap, down_rim
-from twolink.geometry.hulls import Name, Touch, hull_of, touching
+from twolink.geometry.hulls import Hull, Name, Touch, facing, hull_of, touching
 from twolink.geometry.pairs import Pair, Plane, gaps_of
 from twolink.geometry.points import Links, Places, Points, each, joined, key_of, points_of, stacked
 from twolink.robots.collisions import AnyShape, Box, Capsule, Convex, Cylinder, Solid, Sphere
 
 BURIED = 1e-9  # m: cores that are nearer have no normal
+NEAREST, ITERATIONS = 1e-10, 1000  # of Coal's nearest points, whose default of 1e-6 m shows at cylinders
 FLAT = 1e-9  # of a rim: below it the disc lies flat on the plane
 MANY = 2_000  # pairs beyond which a tree finds those that are near
 
@@ -139,6 +140,8 @@ class OfSolids(Group):
         import coal
 
         request, (rotations, origins) = coal.DistanceRequest(), self._placed(pairs, links)
+        request.gjk_tolerance = request.epa_tolerance = NEAREST
+        request.gjk_max_iterations = request.epa_max_iterations = ITERATIONS
         for k, rotation, origin in zip(pairs.tolist(), rotations, origins, strict=True):
             (first, second), result = (self.shapes[i] for i in self.ends[k].tolist()), coal.DistanceResult()
             at = [coal.Transform3s(one, x) for one, x in zip(rotation, origin, strict=True)]
@@ -201,6 +204,10 @@ class ByFormula(OfSolids):
 class Hulls(OfSolids):
     """Boxes and convex meshes against each other."""
 
+    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
+        super().__init__(items, number)
+        self.hulls: dict[int, Hull] = {}  # of those that have been near
+
     def overlaps(self, links: Links) -> Iterator[tuple[float, int]]:
         """How deep the solids overlap [m], and the numbers of the pairs."""
         for k, result, *_ in self._looked_at(self._near(links, 0.0), links, 0.0):
@@ -208,9 +215,14 @@ class Hulls(OfSolids):
 
     def _between(self, number: int, result: Any, rotations: Array, origins: Array, reach: float) -> list[Touch]:
         """The corners of faces that lie over each other, or the crossing of two edges."""
-        del result
-        a, b = (hull_of(cast(Box | Convex, self.solids[i].shape)) for i in self.ends[number].tolist())
-        return touching(a.placed(rotations[0], origins[0]), b.placed(rotations[1], origins[1]), reach)
+        a, b = (self.hull(i).placed(rotations[k], origins[k]) for k, i in enumerate(self.ends[number].tolist()))
+        return touching(*facing(a, b, -np.array(result.normal)), reach)
+
+    def hull(self, number: int) -> Hull:
+        """The hull of a solid."""
+        if number not in self.hulls:
+            self.hulls[number] = hull_of(cast(Box | Convex, self.solids[number].shape))
+        return self.hulls[number]
 
 
 class Detector:

@@ -15,18 +15,23 @@ Axis Test between Convex Polyhedra, GDC 2013.
 from __future__ import annotations
 
 import functools
+import hashlib
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from twolink.algorithms.namespaces import Array
+from twolink.io import cache
 from twolink.robots.collisions import Box, Convex, no_volume
 
 FLAT = 1e-9  # of unit normals and, in m, of distances: triangles that are so alike are one face
 PARALLEL = 1e-6  # the sine between edges below which they count as parallel
 FACE_FIRST = 1e-6  # m by which edges must be farther apart, so that faces that lie on each other keep their points
 WITHIN = 1e-9  # m: a point so far outside of a prism is within
+MANY, VERSION = 200, 1  # vertices of hulls that are kept, and the kind of what is
+FEW = 3000  # pairs of edges: of more, those are looked at that look at each other
+SLAB = 1e-3  # of a hull's height: so deep below its farthest corner features look that way
 Name = tuple[object, ...]
 
 
@@ -38,7 +43,7 @@ class Hull:
     (faces,): of the faces along their normals. edges (edges, 2): vertices. sides (edges, 2): the faces that have an
     edge in this order, and in the other. ways (edges, 3): directions, of length 1. inward (sides, 3), depths (sides,):
     of the sides of all faces the inward directions along the face, and the heights along these; they begin at starts
-    (faces,).
+    (faces,). corners (n,): vertices whose faces and edges are all there.
     """
 
     vertices: Array
@@ -51,13 +56,27 @@ class Hull:
     inward: Array
     depths: Array
     starts: Array
+    corners: Array
 
     def placed(self, rotation: Array, origin: Array) -> Hull:
         """The hull in other axes."""
         normals, inward = self.normals @ rotation.T, self.inward @ rotation.T
         return Hull(self.vertices @ rotation.T + origin, self.faces, normals, self.heights + normals @ origin,
                     self.edges, self.sides, self.ways @ rotation.T, inward, self.depths + inward @ origin,
-                    self.starts)  # fmt: skip
+                    self.starts, self.corners)  # fmt: skip
+
+    def towards(self, direction: Array) -> Hull:
+        """The same vertices with the faces and edges at those that are farthest in a direction (3,)."""
+        heights = self.vertices @ direction
+        top = heights >= heights.max() - SLAB * np.ptp(heights)
+        kept = top[self.edges].any(axis=1)
+        faces = np.unique(self.sides[kept])
+        sizes = np.array([len(self.faces[face]) for face in faces.tolist()])
+        starts = np.cumsum(sizes) - sizes
+        sides = np.repeat(self.starts[faces] - starts, sizes) + np.arange(sizes.sum())
+        return Hull(self.vertices, tuple(self.faces[face] for face in faces.tolist()), self.normals[faces],
+                    self.heights[faces], self.edges[kept], np.searchsorted(faces, self.sides[kept]), self.ways[kept],
+                    self.inward[sides], self.depths[sides], starts, np.flatnonzero(top))  # fmt: skip
 
     def sides_of(self, face: int) -> slice:
         """The numbers of a face's sides."""
@@ -74,22 +93,30 @@ class Hull:
 
 @functools.lru_cache(maxsize=256)
 def hull_of(shape: Box | Convex) -> Hull:
-    """The hull of a shape in the shape's own axes."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import ConvexHull, QhullError
-
+    """The hull of a shape in the shape's own axes. That of many vertices is kept by its content."""
     if isinstance(shape, Box):
         signs = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, -1).T
-        cloud = signs * np.array(shape.size, dtype=float)
-    else:
-        cloud = np.array(shape.vertices, dtype=float)
+        return _hull_of_points(signs * np.array(shape.size, dtype=float))
+    cloud = np.array(shape.vertices, dtype=float)
+    name = f"faces-{VERSION}-{hashlib.sha256(cloud.tobytes()).hexdigest()}" if len(cloud) > MANY else ""
+    known = cache.load(name) if name else None
+    if known is not None:
+        return Hull(**known)
     try:
-        found = ConvexHull(cloud)
-    except (QhullError, ValueError):
-        if isinstance(shape, Convex):
-            raise no_volume(shape) from None
-        raise
+        hull = _hull_of_points(cloud)
+    except (RuntimeError, ValueError):  # Qhull's is the former
+        raise no_volume(shape) from None
+    if name:
+        cache.store(name, vars(hull))
+    return hull
+
+
+def _hull_of_points(cloud: Array) -> Hull:
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import ConvexHull
+
+    found = ConvexHull(cloud)
     # Triangles of one plane are one face; whose side an edge is on is told by order, which rounding does not change.
     near = np.abs(found.equations[found.neighbors] - found.equations[:, None]).max(axis=2) < FLAT
     triangle, side = np.nonzero(near)
@@ -101,18 +128,21 @@ def hull_of(shape: Box | Convex) -> Hull:
     for (i, k), face in owner.items():
         if owner[k, i] != face:
             borders[face][i] = k
-    normals = found.equations[[int(np.argmax(face_of == face)) for face in range(count)], :3]
+    normals = found.equations[np.unique(face_of, return_index=True)[1], :3]
     faces = tuple(np.array(_loop(border)) for border in borders)
     edges = np.array(sorted((i, k) for border in borders for i, k in border.items() if i < k))
     ways = cloud[edges[:, 1]] - cloud[edges[:, 0]]
-    ends, after = cloud[np.concatenate(faces)], cloud[np.concatenate([np.roll(face, -1) for face in faces])]
-    sizes = [len(face) for face in faces]
+    sizes = np.array([len(face) for face in faces])
+    starts, corners = np.cumsum(sizes) - sizes, np.concatenate(faces)
+    following = np.arange(len(corners)) + 1
+    following[starts + sizes - 1] = starts
+    ends, after = cloud[corners], cloud[corners[following]]
     inward = np.cross(np.repeat(normals, sizes, axis=0), after - ends)
     inward /= np.linalg.norm(inward, axis=1)[:, None]
     return Hull(cloud, faces, normals, np.einsum("ni,ni->n", normals, cloud[[face[0] for face in faces]]), edges,
                 np.array([(owner[i, k], owner[k, i]) for i, k in edges.tolist()]),
                 ways / np.linalg.norm(ways, axis=1)[:, None], inward, np.einsum("ni,ni->n", inward, ends),
-                np.cumsum([0, *sizes[:-1]]))  # fmt: skip
+                starts, np.arange(len(cloud)))  # fmt: skip
 
 
 class Separation(NamedTuple):
@@ -131,6 +161,20 @@ def separation(a: Hull, b: Hull) -> Separation:
     """The separation of two placed hulls."""
     face = separation_by_faces(a, b)
     return separation_by_edges(a, b, face.gap) or face
+
+
+def facing(a: Hull, b: Hull, normal: Array) -> tuple[Hull, Hull]:
+    """The parts of two placed hulls that decide how far they are apart. normal: roughly that between them.
+
+    Of large hulls the features that look at each other are searched alone, again along the normal that these have, as
+    long as that brings more: of bodies that are apart there is one largest separation. Of small ones all are.
+    """
+    if len(a.edges) * len(b.edges) <= FEW:
+        return a, b
+    parts, gap = (a.towards(-normal), b.towards(normal)), -np.inf
+    while (now := separation(*parts)).gap > gap + FLAT:
+        gap, parts = now.gap, (a.towards(-now.normal), b.towards(now.normal))
+    return parts
 
 
 def separation_by_faces(a: Hull, b: Hull, second: float = 0.0) -> Separation:
@@ -175,17 +219,19 @@ def edge_sides(
 
 def _in_order(found: Any) -> list[tuple[int, int, int]]:
     """The corners of Qhull's triangles in order around their outward normals, passed on from one to its neighbours."""
-    triangles, x = found.simplices, found.points[found.simplices]
+    x = found.points[found.simplices]
     cross = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
     first = int(np.einsum("ni,ni->n", cross, cross).argmax())
-    i, k, m = triangles[first].tolist()
+    triangles, neighbours = found.simplices.tolist(), found.neighbors.tolist()  # each across from a corner
+    i, k, m = triangles[first]
     order = {first: (i, k, m) if cross[first] @ found.equations[first, :3] > 0.0 else (k, i, m)}
     seen = [first]
     for number in seen:
-        for i, k in _ways(order[number]):
-            beside = next(j for j in found.neighbors[number].tolist() if {i, k} <= set(triangles[j].tolist()))
+        corners = order[number]
+        for (i, k), across in zip(_ways(corners), (corners[2], corners[0], corners[1]), strict=True):
+            beside = neighbours[number][triangles[number].index(across)]
             if beside not in order:
-                order[beside] = k, i, next(m for m in triangles[beside].tolist() if m not in (i, k))
+                order[beside] = k, i, next(m for m in triangles[beside] if m not in (i, k))
                 seen.append(beside)
     return [order[number] for number in range(len(triangles))]
 
@@ -237,7 +283,7 @@ def _over_face(base: Hull, other: Hull, number: int, second: bool) -> list[tuple
     the second hull.
     """
     normal, loop = base.normals[number], base.faces[number].tolist()
-    lowest = int((other.vertices @ normal).argmin())
+    lowest = int(other.corners[(other.vertices[other.corners] @ normal).argmin()])
     at_it = np.unique(other.sides[(other.edges == lowest).any(axis=1)])
     corners = other.faces[int(at_it[(other.normals[at_it] @ normal).argmin()])].tolist()
     # Of the polygon the corners, and the name of the side after each.

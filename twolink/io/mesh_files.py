@@ -120,6 +120,9 @@ def read_triangles(raw: bytes, suffix: str) -> tuple[Floats, Faces]:
         parts = read_collada(raw)
         vertices = np.concatenate([part.position for part in parts]) if parts else np.empty((0, 3))
         faces = np.arange(len(vertices)).reshape(-1, 3)
+    elif suffix == ".stl" and len(raw) == 84 + 50 * (count := int.from_bytes(raw[80:84], "little")):  # binary
+        rows = np.frombuffer(raw, np.dtype([("normal", "<f4", 3), ("corners", "<f4", 9), ("more", "<u2")]), offset=84)
+        vertices, faces = rows["corners"].astype(float).reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)
     elif suffix in SUFFIXES:
         vertices, faces = _by_trimesh(raw, suffix)
     else:

@@ -5,6 +5,8 @@ The fields are those of URDF: a cylinder's and a capsule's axis is z; a capsule'
 
 from __future__ import annotations
 
+import functools
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,8 +17,9 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.errors import RobotError, ShowError, nearest
+from twolink.io import cache
 from twolink.io.files import read_confined
-from twolink.io.mesh_files import read_triangles
+from twolink.io.mesh_files import Floats, read_triangles
 from twolink.io.text import kebab_case
 from twolink.robots.meshes import LARGEST
 from twolink.robots.xml import Element, Reader, parse_xml
@@ -28,7 +31,8 @@ if TYPE_CHECKING:
 Length = Annotated[float, msgspec.Meta(extra_json_schema={"minimum": 0.0})]
 Vector = tuple[float, float, float]
 FLAT = 1e-3  # of a mesh's size: what lies less deep below its convex hull counts as on it
-MOST_LOOKED_AT = 2_000_000  # triangles times sides of the hull
+MOST_LOOKED_AT = 500_000  # triangles times sides of the hull
+VERSION = 1  # of hulls that are kept
 _ATTRIBUTES = {"origin": {"xyz", "rpy"}, "sphere": {"radius"}, "box": {"size"}, "mesh": {"filename", "scale"},
                "cylinder": {"radius", "length"}, "capsule": {"radius", "length"}}  # fmt: skip
 
@@ -145,13 +149,17 @@ class Convex(Shape, frozen=True):
 
     def coal(self) -> Any:
         """Coal's convex hull."""
-        cloud = coal.StdVec_Vec3s()
-        for vertex in self.vertices:
-            cloud.append(np.array(vertex, dtype=float))
         try:
-            return coal.Convex.convexHull(cloud, False, None)
+            return _coal_hull(self.vertices)
         except (RuntimeError, ValueError):
             raise no_volume(self) from None
+
+
+@functools.lru_cache(maxsize=512)
+def _coal_hull(vertices: tuple[Vector, ...]) -> Any:
+    cloud = coal.StdVec_Vec3s()
+    cloud.extend(np.array(vertices, dtype=float))
+    return coal.Convex.convexHull(cloud, False, None)
 
 
 def no_volume(shape: Convex) -> RobotError:
@@ -268,23 +276,38 @@ def _convex(
         what = f"its mesh {element.attributes.get('filename', '')!r} was not found"
         raise RobotError(what, where=reader.where(element, owner), code="mesh-not-readable",
                          remedy="give package_dirs= to load_robot, or shapes= to Contact")  # fmt: skip
-    from scipy.spatial import ConvexHull, QhullError  # 0.1 s: only where it is used
-
     scale = reader.numbers(element, "scale", owner, 3, (1.0, 1.0, 1.0))
     try:
-        vertices, faces = read_triangles(read_confined(mesh.root, mesh.path, LARGEST), mesh.path.suffix.lower())
-        vertices = np.asarray(vertices) * scale
-        cloud = np.unique(vertices, axis=0)
-        found = ConvexHull(cloud)
-        hull, sides = cloud[found.vertices], found.equations
-    except (OSError, ValueError, ShowError, QhullError) as error:
-        if isinstance(error, QhullError):
-            error = ValueError("all of its points lie in a plane")
+        raw = read_confined(mesh.root, mesh.path, LARGEST)
+        hull, hollow = _hull(raw, mesh.path.suffix.lower(), scale)
+    except (OSError, ValueError, ShowError) as error:
         what = f"the mesh {mesh.path.name!r} cannot be read: {str(error).splitlines()[0] if str(error) else error!r}"
         raise RobotError(what, where=reader.where(element, owner), code="mesh-not-readable",
                          remedy="repair it, or give shapes= to Contact") from None  # fmt: skip
+    return Convex(tuple(map(tuple, hull.tolist())), point, rpy), hollow
+
+
+def _hull(raw: bytes, suffix: str, scale: tuple[float, ...]) -> tuple[Floats, float]:
+    """The corners (n, 3) of a mesh's convex hull, and how far its surface lies below, m. Kept by content.
+
+    Raises ValueError for what is no mesh, and for one without volume.
+    """
+    name = "hull-" + hashlib.sha256(repr((VERSION, suffix, scale)).encode() + raw).hexdigest()
+    known = cache.load(name)
+    if known is not None:
+        return known  # type: ignore[no-any-return]
+    from scipy.spatial import ConvexHull, QhullError  # 0.1 s: only where it is used
+
+    vertices, faces = read_triangles(raw, suffix)
+    vertices = np.asarray(vertices) * scale
+    try:
+        found = ConvexHull(vertices)
+    except QhullError:
+        raise ValueError("all of its points lie in a plane") from None
+    hull, sides = np.unique(vertices[found.vertices], axis=0), found.equations
     faces = np.asarray(faces)[:: 1 + len(faces) * len(sides) // MOST_LOOKED_AT]
     middles = vertices[faces].mean(axis=1)
     hollow = -float((middles @ sides[:, :3].T + sides[:, 3]).max(axis=1).min())
-    convex = Convex(tuple((float(x), float(y), float(z)) for x, y, z in hull), point, rpy)
-    return convex, hollow if hollow > FLAT * float(np.ptp(cloud, axis=0).max()) else 0.0
+    found_hull = hull, hollow if hollow > FLAT * float(np.ptp(hull, axis=0).max()) else 0.0
+    cache.store(name, found_hull)
+    return found_hull

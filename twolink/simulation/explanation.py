@@ -35,7 +35,7 @@ from twolink.simulation.text import Result
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PILOT_STEPS = 20  # of stepped contacts
+PILOT_STEPS = 2, 20  # of stepped contacts
 LONG_COMPILING = 1.0  # s: steps that compile longer are not compiled to measure an evaluation
 BATCH = 1024  # worlds that an evaluation is timed in
 PILOT = 0.05  # of the duration, from which the time of the whole is extrapolated
@@ -221,10 +221,13 @@ def _of_steps(scene: Scene, chosen: Choice, accuracy: float, length: float) -> E
 
     stepper = stepper_of(scene)
     step = min(FIRST, length / 4)
-    pilot = min(length, PILOT_STEPS * step)
-    start = time.perf_counter()
-    solve_stepped(stepper, np.array([0.0, pilot]), step)
-    expected = (time.perf_counter() - start) * length / pilot
+    for count in PILOT_STEPS:  # the first ones build what they need
+        pilot, start = min(length, count * step), time.perf_counter()
+        solve_stepped(stepper, np.array([0.0, pilot]), step)
+        taken = time.perf_counter() - start
+        if taken > MAX_SECONDS / 4:
+            break
+    expected = taken * length / pilot
     return Explanation(
         scene.title or scene.robot.name,
         tuple(repr(effect) for effect in scene.effects),

@@ -136,12 +136,31 @@ def simulate(
         error.run = only_at(_trajectory(scene, equations, so_far, times, None), wanted, end)
         raise
     except AccuracyError as error:
-        reflects = any(getattr(effect, "impacts", "") == "reflections" for effect in scene.effects)  # is not stepped
-        if chosen.method == "located" and error.code in NOT_LOCATED and not reflects:
-            parts = {"where": error.where, "code": error.code, "run": error.run, **error.data}
-            remedy = f'{error.remedy}; or contact="stepped" and step=1e-3, whose error is estimated'
-            raise AccuracyError(error.what, remedy=remedy, **parts) from None
-        raise
+        if chosen.method != "located" or not _may_be_stepped(scene, error):
+            raise
+        if error.code == "events-without-end" and free and contact is None and asked is None:
+            run = _stepped(scene, times, None, method, None, None, precision, told, patience, verify=verify)
+            return only_at(_instead_of_located(run, error), wanted, end)
+        raise _or_stepped(error) from None
+
+
+def _instead_of_located(run: Trajectory, error: AccuracyError) -> Trajectory:
+    """A stepped run, which says what located contacts failed of."""
+    from twolink.simulation.stepped_run import with_reason
+
+    return with_reason(run, f"stepped, for located at {error.where}: {error.what}")
+
+
+def _or_stepped(error: AccuracyError) -> AccuracyError:
+    """A failure of located contacts, with the other way as a remedy."""
+    remedy = f'{error.remedy}; or contact="stepped" and step=1e-3, whose error is estimated'
+    parts = {"where": error.where, "code": error.code, "run": error.run, **error.data}
+    return AccuracyError(error.what, remedy=remedy, **parts)
+
+
+def _may_be_stepped(scene: Scene, error: AccuracyError) -> bool:
+    """Whether stepping, which has no reflections, may solve what located contacts did not."""
+    return error.code in NOT_LOCATED and not any(getattr(e, "impacts", "") == "reflections" for e in scene.effects)
 
 
 def _stepped(

@@ -4,7 +4,7 @@ import functools
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -84,7 +84,8 @@ def _distance(coarse: SteppedSolution, fine: SteppedSolution) -> np.ndarray:
 class _StepRefinement:
     """Runs of smaller and smaller steps up to the time `end`, s. best: the one with the smallest estimate so far.
 
-    least, last: the estimates of that one and of the last one. tries: of smaller steps that did not help.
+    least, last: the estimates of that one and of the last one. tries: of smaller steps that did not help. tried: what
+    was, in words.
     """
 
     scene: Scene
@@ -96,10 +97,15 @@ class _StepRefinement:
     least: float = math.inf
     last: float = math.inf
     tries: int = 0
+    tried: list[str] = field(default_factory=list)
     began: float = field(default_factory=time.perf_counter)
 
     def run(self, *, verify: bool) -> Trajectory:
-        """The run whose estimate is below the accuracy, or the best."""
+        """The run whose estimate is below the accuracy, or the best. Its cost says what was tried."""
+        run = self._found(verify=verify)
+        return with_reason(run, f"tried {', '.join(self.tried)}") if self.tried else run
+
+    def _found(self, *, verify: bool) -> Trajectory:
         step, halvings = min(FIRST, self.end / 4), 0
         coarse: Solved | None = None
         while True:
@@ -113,6 +119,7 @@ class _StepRefinement:
                     return _trajectory(self.scene, *coarse)
                 run = self._estimated(coarse[0], *fine)
             except AccuracyError as error:
+                self.tried.append(f"{now:.2g} s: {error.code}")
                 if error.code not in TOO_LONG or now / SMALLER < self._smallest(now, 0.0):
                     return self._ended(now, error)
                 step, halvings, coarse = now / SMALLER, 0, None
@@ -134,6 +141,7 @@ class _StepRefinement:
         run = _trajectory(self.scene, fine, seconds, others, off, self.accuracy)
         error = float(run.error[-1]) if run.error is not None else 0.0
         self.tries += error > HELPS * self.last
+        self.tried.append(f"{fine.step:.2g} s: estimate {error:.1g}")
         if error < self.least:
             self.best, self.least = run, error
         self.last = error
@@ -172,6 +180,11 @@ class _StepRefinement:
                              where=f"t = {until:.6g} s", argument="accuracy", code="too-many-steps", run=self.best,
                              remedy=f"give {smaller}no accuracy for the best effort (error.run, with the estimate "
                                     f"{self.least:.1g}), or step={now:.1g}")  # fmt: skip
+
+
+def with_reason(run: Trajectory, more: str) -> Trajectory:
+    """The run with one more reason for the way it was solved."""
+    return run if run.cost is None else replace(run, cost=replace(run.cost, why=f"{run.cost.why}; {more}"))
 
 
 def _trajectory(

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import msgspec
 
-from twolink.dynamics import cache
 from twolink.effects.effect import plain
 from twolink.errors import TwolinkError
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.steps.methods import METHODS
+from twolink.io import cache
 from twolink.io.files import write_atomic
 from twolink.io.fingerprints import kernel_key
 

@@ -22,12 +22,12 @@ import numpy as np
 
 from twolink.algorithms.mechanism import nominal, parameter_names
 from twolink.algorithms.namespaces import Expressions
-from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import traced_rate
 from twolink.integrate.motion.scene_equations import structure_of
 from twolink.integrate.steps.compile_time import UNOPTIMIZED, count, is_reproducible, spent, taylor_seconds
+from twolink.io import cache
 
 COMPACT_FROM = 4  # degrees of freedom from which heyoka compiles loops in place of straight code
 RESTORING = 1.0  # 1/s: how fast a quaternion's length returns to 1, which the exact motion never leaves

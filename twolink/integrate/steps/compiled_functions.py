@@ -5,8 +5,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
+from twolink.io import cache
 
 MAX_KEPT = 256  # in this process
 _kept: dict[str, Any] = {}

@@ -19,7 +19,7 @@ from typing import Any
 
 import msgspec
 
-from twolink.dynamics import cache
+from twolink.io import cache
 from twolink.service.problems import Refusal, error_from
 from twolink.service.work.sharing import Turns
 from twolink.service.work.worker import LENGTH, Call, Done, Failed, Progress, packed

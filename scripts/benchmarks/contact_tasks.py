@@ -1,0 +1,143 @@
+"""Tasks with contacts: what the first answer costs, one run by steps, and MuJoCo at its default and at the same error.
+
+Of each task a line for `simulate(scene)` without arguments, with its estimate beside its error; for one run with a step
+of 5 ms, the second one, without an estimate; for MuJoCo's default, Euler with 2 ms; and for MuJoCo's longest steps that
+are as exact as the run of 5 ms. Errors are of q at 20 samples a second, against a run with steps of 0.5 ms; in piles,
+whose motion depends on roundings, they say little. ms are of the processor, ratios to MuJoCo's default.
+
+    python -m scripts.benchmarks.contact_tasks [upright_box stack pile dominoes spheres quadruped]
+"""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+import twolink as tl
+from scripts.runner import Table, once, options
+from scripts.studies.scenes.robots import free_robot
+from twolink.hard.peers import peer_module
+from twolink.hard.peers.task import Setting, task_of
+from twolink.robots.collisions import AnyShape
+
+E = tl.effects
+GRAVITY = E.Gravity((0.0, 0.0, -9.75))
+Task = tuple[tl.Scene, float]  # and its duration, s
+
+
+def boxes(sizes: np.ndarray, places: np.ndarray, friction: float, *, v: np.ndarray | None = None) -> tl.Scene:
+    """Boxes of 1000 kg/m^3 with edges (n, 3) at places (n, 7) over the ground."""
+    masses = 1000.0 * sizes.prod(axis=1)
+    moments = [tuple((m / 12.0 * (e @ e - e**2)).tolist()) for m, e in zip(masses, sizes, strict=True)]
+    names = [f"b{k}" for k in range(len(sizes))]
+    robot = free_robot(*zip(names, masses.tolist(), moments, strict=True))
+    shapes = {name: (E.Box(tuple(size)),) for name, size in zip(names, sizes.tolist(), strict=True)}
+    q = robot.normalize(places.ravel())
+    return tl.Scene(robot, q, v, [GRAVITY, E.Contact(("self", "ground"), friction, shapes=shapes)])
+
+
+def upright_box() -> Task:
+    """An upright box slides to rest."""
+    v = np.array([1.0, 0, 0, 0, 0, 0])
+    return boxes(np.array([[0.1, 0.1, 0.3]]), np.array([[0, 0, 0.15, 0, 0, 0, 1.0]]), 0.2, v=v), 1.0
+
+
+def stack() -> Task:
+    """Ten boxes on each other."""
+    heights = 0.05 + 0.1 * np.arange(10)[:, None]
+    places = np.concatenate([np.zeros((10, 2)), heights, np.tile([0, 0, 0, 1.0], (10, 1))], axis=1)
+    return boxes(np.full((10, 3), 0.1), places, 0.5), 1.0
+
+
+def pile() -> Task:
+    """Ten boxes tumble onto each other and come to rest."""
+    random = np.random.default_rng(1)
+    high = 0.15 + 0.17 * np.arange(10)[:, None]
+    places = np.concatenate([random.uniform(-0.06, 0.06, (10, 2)), high, random.normal(size=(10, 4))], axis=1)
+    return boxes(np.full((10, 3), 0.1), places, 0.5), 2.0
+
+
+def dominoes() -> Task:
+    """The first of ten falls on the others."""
+    places = np.zeros((10, 7))
+    places[:, 0], places[:, 2], places[:, 6] = 0.06 * np.arange(10), 0.06, 1.0
+    v = np.zeros(60)
+    v[:6] = 2.5 * np.array([0.06, 0, 0.01, 0, 1.0, 0])  # about its front edge
+    return boxes(np.tile([0.02, 0.06, 0.12], (10, 1)), places, 0.4, v=v), 1.0
+
+
+def spheres() -> Task:
+    """50 spheres fall into a box."""
+    random, r, names = np.random.default_rng(1), 0.05, [f"s{k}" for k in range(50)]
+    robot = free_robot(*((name, 0.5, (0.4 * 0.5 * r * r,) * 3) for name in names))
+    side = 4
+    wide = 0.5 * 2.4 * r * side
+    places = np.array([(i, j, k) for k in range(4) for j in range(side) for i in range(side)][:50], float)
+    places = places * 2.4 * r + [r * 1.2 - wide, r * 1.2 - wide, 3 * r] + random.uniform(-0.1 * r, 0.1 * r, (50, 3))
+    q = np.concatenate([places, np.tile([0, 0, 0, 1.0], (50, 1))], axis=1).ravel()
+    walls = [E.Plane(n, -wide) for n in ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0))]
+    pairs = ("self", "ground", *((name, wall) for name in names for wall in walls))
+    shapes: dict[str, tuple[AnyShape, ...]] = {name: (E.Sphere(r),) for name in names}
+    return tl.Scene(robot, q, effects=[GRAVITY, E.Contact(pairs, 0.3, shapes=shapes)]), 1.5
+
+
+def quadruped() -> Task:
+    """Solo on its own collision meshes falls 1 cm and stands, by springs and dampers in its joints."""
+    robot, target = tl.load_robot("solo12", root="free"), {}
+    q = robot.neutral
+    for joint in robot.joints[1:]:
+        side = -1.0 if "H" in joint.name[:2] else 1.0
+        q[joint.q] = target[joint.name] = side * {"HAA": 0.0, "HFE": 0.8, "KFE": -1.6}[joint.name[-3:]]
+    q[2] = 0.25
+    drives = [E.JointSpring(dict.fromkeys(target, 5.0), rest=target), E.JointDamping(dict.fromkeys(target, 0.1))]
+    return tl.Scene(robot, q, effects=[GRAVITY, *drives, E.Contact(("ground",), 0.6)]), 1.0
+
+
+TASKS: dict[str, Callable[[], Task]] = {
+    one.__name__: one for one in (upright_box, stack, pile, dominoes, spheres, quadruped)}  # fmt: skip
+STEP, EXACT, DEFAULT = 5e-3, 5e-4, 2e-3  # s: of the run, of the truth, MuJoCo's
+FINER, FINEST = 4.0, 1e-5  # by which MuJoCo's steps become shorter, and the shortest, s
+
+
+def compare(name: str, table: Table) -> None:
+    """The lines of a task."""
+    scene, duration = TASKS[name]()
+    times = np.linspace(0.0, duration, round(20 * duration) + 1)
+    mujoco = peer_module("mujoco")
+
+    def stepped(step: float) -> Callable[[], tl.Trajectory]:
+        return lambda: tl.simulate(scene, duration, t_eval=times, contact="stepped", step=step, verify=False)
+
+    def peer(step: float) -> tuple[float, np.ndarray]:
+        run = mujoco.prepare(task_of(scene, times), Setting("Euler", "", step=step))
+        run()
+        taken, answer = once(run, time.process_time)
+        return taken, answer.track.q
+
+    exact, (default, usual) = stepped(EXACT)().q, peer(DEFAULT)
+
+    def line(way: str, taken: float, q: np.ndarray, more: str = "") -> float:
+        off = max(float(np.abs(scene.robot.difference(a, b)).max()) for a, b in zip(q, exact, strict=True))
+        table.add(name, way, off, 1e3 * taken, taken / default, more)
+        return off
+
+    taken, run = once(lambda: tl.simulate(scene, duration, t_eval=times), time.process_time)
+    line("simulate(scene)", taken, run.q, f"{run.bound}, error <= {run.error[-1]:.1e}; {run.cost.why}")
+    stepped(STEP)()
+    taken, run = once(stepped(STEP), time.process_time)
+    least = line(f"stepped, {1e3 * STEP:g} ms", taken, run.q, str(run.contact_record))
+    off, step = line(f"MuJoCo, {1e3 * DEFAULT:g} ms", default, usual), DEFAULT
+    while off > least and (step := step / FINER) >= FINEST:
+        taken, q = peer(step)
+        off = line(f"MuJoCo, {1e3 * step:g} ms", taken, q)
+
+
+def main() -> None:
+    given = options(__doc__, rest=tuple(TASKS))
+    table = Table("task <12 | way <18 | error >8.1e | ms >9.1f | ratio >7.1f | more <1")
+    for name in given.rest:
+        compare(name, table)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,95 @@
+"""Bodies at rest: their steps are those of the contact problem, and end with the forces that held them."""
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from twolink.contact.rest import Resting
+from twolink.contact.steps import Step
+
+E, G = tl.effects, 9.81
+MASS, EDGE, MU = 2.0, 0.2, 0.4
+INERTIA = MASS * EDGE**2 / 6
+LINK = """<link name="{0}"><inertial><mass value="{1}"/>
+<inertia ixx="{2}" iyy="{2}" izz="{2}" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="{0}_joint" type="floating"><parent link="ground"/><child link="{0}"/></joint>"""
+
+
+def cubes(count: int, *effects: tl.effects.Effect, speed: float = 0.0) -> tl.Scene:
+    """A tower of cubes, the lowest of which may slide."""
+    names = [f"b{k}" for k in range(count)]
+    text = "".join(LINK.format(name, MASS, INERTIA) for name in names)
+    robot = tl.load_robot(f'<robot name="cubes"><link name="ground"/>{text}</robot>')
+    q = np.concatenate([[0, 0, EDGE * (k + 0.5), 0, 0, 0, 1] for k in range(count)])
+    v = np.zeros(6 * count)
+    v[::6] = speed
+    contact = E.Contact(("self", "ground"), MU, shapes={name: (E.Box((EDGE,) * 3),) for name in names})
+    return tl.Scene(robot, q, v, [E.Gravity((0.0, 0.0, -G)), contact, *effects])
+
+
+def run_of(scene: tl.Scene, duration: float = 1.0, step: float = 0.01) -> tl.Trajectory:
+    return tl.simulate(scene, duration, contact="stepped", step=step, verify=False, samples_per_second=50)
+
+
+def solved(run: tl.Trajectory) -> dict[str, int]:
+    assert run.contact_record is not None
+    return run.contact_record["solvers"]
+
+
+def test_a_tower_at_rest_is_solved_for_once_and_carries_its_weight() -> None:
+    run = run_of(cubes(5))
+    assert solved(run)["rest"] > 90
+    assert np.array_equal(run.q, np.tile(run.q[0], (len(run.t), 1)))
+    assert not run.v.any()
+    forces = run.contact_forces["b0 - ground"]
+    assert forces[:, 2] == pytest.approx(5 * MASS * G, rel=1e-9)
+
+
+def test_a_cube_slides_to_rest_as_the_contact_problem_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, v0 = cubes(1, speed=1.0), 1.0
+    run = run_of(scene)
+    assert solved(run)["rest"] > 50
+    assert run.q[-1, 0] == pytest.approx(v0**2 / (2 * MU * G), abs=1e-4)
+    monkeypatch.setattr(Resting, "steps", lambda *_: None)
+    every = run_of(scene)
+    assert "rest" not in solved(every)
+    assert np.abs(run.q - every.q).max() < 1e-9
+
+
+@pytest.mark.parametrize("wakes", [0.3, 0.505])
+def test_a_force_that_begins_wakes_what_rests(wakes: float) -> None:
+    """A cube is pushed at its foot with twice what friction holds: x'' = mu g from then on."""
+    size = 2 * MU * MASS * G
+    push = E.FrameWrench("b0", (E.Sampled((0.0, wakes), (0.0, size), interpolation="hold"), 0.0, 0.0),
+                         point=(0.0, 0.0, -EDGE / 2))  # fmt: skip
+    run = run_of(cubes(1, push), 0.8, 0.005)
+    assert 0 < solved(run)["rest"] < 0.7 * 160
+    x = 0.5 * MU * G * np.maximum(run.t - wakes, 0.0) ** 2
+    assert np.abs(run.q[:, 0] - x).max() < 1e-9
+
+
+def test_bodies_that_may_move_do_not_rest() -> None:
+    """A ball on a plane may roll: what is slower than any number is not at rest."""
+    text = LINK.format("ball", MASS, 0.4 * MASS * 0.01)
+    robot = tl.load_robot(f'<robot name="ball"><link name="ground"/>{text}</robot>')
+    contact = E.Contact(("ground",), MU, shapes={"ball": (E.Sphere(0.1),)})
+    scene = tl.Scene(robot, [0, 0, 0.1, 0, 0, 0, 1], effects=[E.Gravity((0.0, 0.0, -G)), contact])
+    assert "rest" not in solved(run_of(scene, 0.2))
+
+
+def test_a_rest_of_other_lengths_has_the_same_forces() -> None:
+    steps = []
+    found = Resting.steps
+
+    def seen(self: Resting, *arguments: object) -> object:
+        rest = found(self, *arguments)
+        steps.extend([] if rest is None else [(self.one, step) for step in rest])
+        return rest
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Resting, "steps", seen)
+        tl.simulate(cubes(2), 0.5, contact="stepped", step=0.01, verify=False, t_eval=[0.0, 0.1, 0.103, 0.5])
+    assert len({round(step.h, 6) for _, step in steps}) > 1
+    for one, step in steps:
+        assert isinstance(step, Step)
+        assert step.on_first / step.h == pytest.approx(one.on_first / one.h, rel=1e-12)
