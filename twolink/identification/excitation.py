@@ -100,8 +100,8 @@ def exciting_motion(
     coarse = np.linspace(0, duration, max(8 * HARMONICS, 4 * len(members) // robot.nv), endpoint=False)
 
     def logarithm(coefficients: np.ndarray) -> float:
-        regressor = robot.regressor(*_states(robot, coefficients, coarse, duration)) @ chosen.columns[:, members]
-        flat = regressor.reshape(-1, len(members))
+        columns = chosen.system(robot, *_states(robot, coefficients, coarse, duration))[0]
+        flat = columns[..., members].reshape(-1, len(members))
         return float(np.log(np.linalg.cond(flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300))))
 
     starts = np.random.default_rng(seed).standard_normal((_STARTS, 2 * HARMONICS * robot.nv))

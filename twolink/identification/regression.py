@@ -6,6 +6,7 @@ robust     weighted, and residuals beyond 1.345 standard deviations count less (
 total      weighted, and the regressor has errors of known covariance too (Golub and Van Loan 1980)
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ import scipy.linalg
 
 METHODS = ("ordinary", "weighted", "robust", "total")
 CLEARLY = 4.0  # standard errors of an estimated noise, from which it counts more than a stated one
+BLOCKS = 20
 HUBER = 1.345  # 95 % of the efficiency of least squares for normal errors
 _EPSILON = float(np.finfo(float).eps)
 
@@ -26,6 +28,8 @@ class Fit:
     then takes it in. condition: of the weighted regressor, its columns scaled to length 1.
     rounding (r,): a bound on the error of x from rounding.
     metric (r, r): the covariance of least squares, had the residuals been independent: the inverse of the information.
+    by_blocks (r, r): the covariance from the sums of the scores over blocks of time, with `blocks` - 1 degrees of
+    freedom: it assumes nothing of the correlation within them (Ibragimov and Mueller 2010; Liang and Zeger 1986).
     """
 
     x: np.ndarray
@@ -36,17 +40,20 @@ class Fit:
     condition: float
     rounding: np.ndarray
     metric: np.ndarray
+    by_blocks: np.ndarray
+    blocks: int
 
 
 def fit(
     columns: np.ndarray, y: np.ndarray, method: str, error: np.ndarray | None = None, *,
-    least: float = 0.0, sigma: np.ndarray | None = None, prior: tuple[np.ndarray, np.ndarray] | None = None,
+    least: float = 0.0, sigma: np.ndarray | None = None, blocks: Sequence[int] | None = None,
+    prior: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Fit:  # fmt: skip
     """Fit y (n, nv) by columns (n, nv, r) of full rank; error (n, nv, r + 1): of columns and y, for "total".
 
     least: what the noise is at least. sigma (nv,): the noise, where it is known; residuals that are clearly larger
-    count instead. prior: x (r,) as it is expected, and the reciprocals of the standard deviations of that; "ordinary"
-    and "total" have none.
+    count instead. blocks: where each ends; by default 20 of one length. prior: x (r,) as it is expected, and the
+    reciprocals of the standard deviations of that; "ordinary" and "total" have none.
     """
     r = columns.shape[-1]
     expected, sure = prior if prior is not None and method != "ordinary" else (np.zeros(r), np.zeros(r))
@@ -70,7 +77,8 @@ def fit(
         residuals = y - columns @ x
     lengths = np.linalg.norm(columns * weights[..., None], axis=(0, 1))
     scaled = columns / lengths
-    covariance, correlated = _covariance(scaled, residuals, weights, noise, full, sure / lengths)
+    ends = np.linspace(0, len(y), min(BLOCKS, len(y)) + 1).round().astype(int)[1:] if blocks is None else blocks
+    covariance, by_blocks, correlated = _covariance(scaled, residuals, weights, noise, full, sure / lengths, ends)
     singular = np.linalg.svd(_triangle(scaled * weights[..., None]), compute_uv=False)
     information = _triangle(np.vstack([(scaled / noise[:, None]).reshape(-1, r), np.diag(sure / lengths)]))
     root = scipy.linalg.solve_triangular(information, np.eye(r))
@@ -79,7 +87,8 @@ def fit(
     left, size = np.linalg.norm(residuals * weights), np.linalg.norm(x * lengths)
     rounding = 4 * _EPSILON * (condition * size + condition**2 * left) / lengths
     sizes = np.outer(lengths, lengths)
-    return Fit(x, covariance / sizes, residuals, noise, correlated, condition, rounding, root @ root.T / sizes)
+    return Fit(x, covariance / sizes, residuals, noise, correlated, condition, rounding, root @ root.T / sizes,
+               by_blocks / sizes, len(ends))  # fmt: skip
 
 
 def _solve(
@@ -129,9 +138,9 @@ def _total(columns: np.ndarray, y: np.ndarray, error: np.ndarray, first: np.ndar
 
 def _covariance(
     columns: np.ndarray, residuals: np.ndarray, weights: np.ndarray, noise: np.ndarray, full: np.ndarray,
-    sure: np.ndarray,
-) -> tuple[np.ndarray, bool]:  # fmt: skip
-    """The covariance A^-1 B A^-1 of x, and whether residuals are correlated in time.
+    sure: np.ndarray, ends: Sequence[int] | np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, bool]:  # fmt: skip
+    """The covariance A^-1 B A^-1 of x, the same by blocks, and whether residuals are correlated in time.
 
     A = sum of w^2 G^T G over residuals of full weight, and the prior's information, which B has too. B = sum of w^4
     s_k^2 G^T G for independent residuals of joint k; for correlated ones, or some of less weight, Newey and West's
@@ -142,23 +151,32 @@ def _covariance(
     rows = (columns * (weights * full)[..., None]).reshape(-1, r)
     inverse = scipy.linalg.solve_triangular(_triangle(np.vstack([rows, np.diag(sure)])), np.eye(r))
     columns = columns @ inverse
-    length = _correlation_length(residuals / noise)
+    length = correlation_length(residuals / noise)
+    score = np.einsum("nkr,nk->nr", columns, weights**2 * residuals)
+    sums = np.add.reduceat(score, [0, *ends[:-1]], axis=0)
     if length == 0 and full.all():
         flat = (columns * (weights**2 * noise)[..., None]).reshape(-1, r)
         middle = flat.T @ flat
     else:
-        score = np.einsum("nkr,nk->nr", columns, weights**2 * residuals)
-        # Weights 1 - lag / (length + 1) of the lags are those of squared sums over a moving window.
-        sums = np.cumsum(np.vstack([score, np.zeros((length, r))]), axis=0)
-        moving = sums - np.vstack([np.zeros((length + 1, r)), sums])[: n + length]
+        moving = moving_sums(score, length)
         middle = moving.T @ moving / (length + 1)
         middle *= n * dofs / (n * dofs - r)
-    middle = middle + inverse.T @ np.diag(sure**2) @ inverse
-    covariance = inverse @ middle @ inverse.T
-    return (covariance + covariance.T) / 2, length > 0
+    of_prior, count = inverse.T @ np.diag(sure**2) @ inverse, max(len(ends) - 1, 1)
+    first, second = (inverse @ (part + of_prior) @ inverse.T for part in (middle, sums.T @ sums * len(ends) / count))
+    return (first + first.T) / 2, (second + second.T) / 2, length > 0
 
 
-def _correlation_length(residuals: np.ndarray) -> int:
+def moving_sums(score: np.ndarray, length: int) -> np.ndarray:
+    """Sums (n + length, r) over a moving window of scores (n, r).
+
+    Weights 1 - lag / (length + 1) of the lags in Newey and West's covariance are those of the squares of these.
+    """
+    n, r = score.shape
+    sums = np.cumsum(np.vstack([score, np.zeros((length, r))]), axis=0)
+    return np.asarray(sums - np.vstack([np.zeros((length + 1, r)), sums])[: n + length])
+
+
+def correlation_length(residuals: np.ndarray) -> int:
     """Samples over which residuals (n, nv) follow each other, 0 where their correlation is that of white noise."""
     n = len(residuals)
     if n < 20:
