@@ -91,8 +91,8 @@ def select(
         if link != name and chosen.isdisjoint(f"{link}.{entry}" for entry in BODY_PARAMETERS[1:]):
             lever = robot.model.inertias[row // 10 + 1].lever
             columns[row : row + 10, k] = pin.Inertia(1.0, lever, np.zeros((3, 3))).toDynamicParameters()
-    chosen = Selection(names, robot.parameter_values[[known.index(name) for name in names]], columns)
-    return replace(chosen.beside(tuple(term.name for term in terms), np.zeros(len(terms))), terms=terms)
+    own = Selection(names, robot.parameter_values[[known.index(name) for name in names]], columns)
+    return replace(own.beside(tuple(term.name for term in terms), np.zeros(len(terms))), terms=terms)
 
 
 def _expand(parameters: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
@@ -197,7 +197,7 @@ def base_parameters(robot: Robot, parameters: Selection | list[str] | None = Non
     count = 8 + 3 * len(chosen.names) // robot.nv
     q, v = robot.random_state(count, seed)
     a = np.random.default_rng(seed).uniform(-3, 3, v.shape)
-    columns = chosen.system(robot, q, 2 * v, a)[0]
+    columns = chosen.system(robot, q, v + v, a)[0]
     return independent(chosen.names, columns.reshape(-1, len(chosen.names)))
 
 

@@ -144,7 +144,7 @@ class Consistency:
     def verdict(self) -> str:
         """What the distance means."""
         if self.model_errors:
-            return f"the intervals are wrong, since the model lacks something: {self.model_errors[0]}"
+            return f"not consistent, the model lacks something: {self.model_errors[0]}"
         if self.distance < 0.1:
             return "physically consistent"
         text = f"the nearest bodies that can exist are {self.distance:.2g} standard errors away ({self.moved})"

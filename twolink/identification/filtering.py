@@ -30,7 +30,7 @@ SMALLEST = 3  # half a window: 7 samples for the 5 coefficients of the polynomia
 _EXCESS = 1.1  # residuals of a window that is not too wide exceed those of the narrowest by less, and by chance
 _FOLDS, _LOOKED_AT, _CANDIDATES = 5, 800, 20
 _WORSE = 1.0  # in the logarithm of the mean square: windows twice that much above the best end the search
-ALIKE = 0.02  # of windows that do as well as the best within this, the narrowest keeps most of the motion
+_ALIKE = 0.02  # of windows that do as well as the best within this, the narrowest keeps most of the motion
 _PART = 2_000  # samples whose windows are in memory at once
 Source = Literal["q", "v"]
 System = Callable[["States", np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -132,7 +132,7 @@ def choose(robot: Robot, runs: Sequence[Recording], system: System, half: int | 
             if beyond == 2:
                 break
     least = min(one[0] for one in tried)
-    _, source, chosen, _ = min((one for one in tried if one[0] <= least + ALIKE), key=lambda one: one[2])
+    _, source, chosen, _ = min((one for one in tried if one[0] <= least + _ALIKE), key=lambda one: one[2])
     table = tuple((by, size, tuple(root.tolist())) for _, by, size, root in tried)
     return Filter(chosen, source, cutoff(chosen, rate), table)
 

@@ -22,12 +22,13 @@ from twolink.dynamics.arguments import array
 from twolink.dynamics.regressors import JOINT_PARAMETERS
 from twolink.errors import QueryError, require_known
 from twolink.identification.base_parameters import Selection, Term
-from twolink.identification.filtering import ALIKE, left_out
+from twolink.identification.filtering import left_out
 from twolink.io.text import Table
 
 WORDS = {"viscous": "damping", "coulomb": "friction", "rotor": "armature", "offset": "offset",
          "asymmetric": "asymmetry", "stribeck": "stribeck"}  # fmt: skip
 STRIBECK = 0.1  # rad/s or m/s, of Stribeck's friction where none is stated
+_PAYS = 0.05  # of the mean square: a joint model that leaves that much less is worth its coefficients
 _FRICTION = ("", "viscous", "coulomb", "viscous+coulomb", "viscous+coulomb+offset", "viscous+coulomb+stribeck",
              "viscous+coulomb+offset+stribeck")  # fmt: skip
 CANDIDATES = tuple("+".join(filter(None, (words, rotor))) for rotor in ("", "rotor") for words in _FRICTION)
@@ -154,7 +155,7 @@ def best_terms(robot: Robot, chosen: Selection, columns: np.ndarray, y: np.ndarr
         for name, dof in joints.items():
             here = {w: np.log(score({**best, name: w})) for w in CANDIDATES} if number else scores
             least = min(values[dof] for values in here.values())
-            good = [words for words, values in here.items() if values[dof] <= least + ALIKE]
+            good = [words for words, values in here.items() if values[dof] <= least + _PAYS]
             best[name] = min(good, key=lambda words: (len(words.split("+")) if words else 0, here[words][dof]))
     rows = [(words or "none", *np.exp(values / 2).tolist()) for words, values in scores.items()]
     rows.append(

@@ -27,7 +27,7 @@ HARM = 3.0  # standard errors that an estimate may be wrong by
 
 @dataclass(frozen=True)
 class ModelError:
-    """A name, the value it seems to have and its standard error, and how far it moves the estimates.
+    """A name, how far it is off the model with its standard error, and how far it moves the estimates.
 
     moved: standard errors of the combination `of` that would move most.
     """
@@ -40,7 +40,7 @@ class ModelError:
 
     def __str__(self) -> str:
         where = f"; with it {self.of} would move by {self.moved:.2g} standard errors"
-        return f"{self.name} = {self.value:.3g} +- {self.error:.1g} is seen in the residuals{where}"
+        return f"the residuals show {self.name} off by {self.value:.3g} +- {self.error:.1g}{where}"
 
     def to_dict(self) -> dict[str, Any]:
         """A record for JSON."""

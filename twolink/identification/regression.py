@@ -14,7 +14,8 @@ import scipy.linalg
 
 METHODS = ("ordinary", "weighted", "robust", "total")
 CLEARLY = 4.0  # standard errors of an estimated noise, from which it counts more than a stated one
-BLOCKS = 20
+BLOCKS, FEWEST = 20, 4
+_SLOWEST = 0.97  # correlation of neighbouring scores that is taken away first
 HUBER = 1.345  # 95 % of the efficiency of least squares for normal errors
 _EPSILON = float(np.finfo(float).eps)
 
@@ -30,6 +31,7 @@ class Fit:
     metric (r, r): the covariance of least squares, had the residuals been independent: the inverse of the information.
     by_blocks (r, r): the covariance from the sums of the scores over blocks of time, with `blocks` - 1 degrees of
     freedom: it assumes nothing of the correlation within them (Ibragimov and Mueller 2010; Liang and Zeger 1986).
+    length: samples over which residuals follow each other.
     """
 
     x: np.ndarray
@@ -42,6 +44,7 @@ class Fit:
     metric: np.ndarray
     by_blocks: np.ndarray
     blocks: int
+    length: int
 
 
 def fit(
@@ -52,8 +55,8 @@ def fit(
     """Fit y (n, nv) by columns (n, nv, r) of full rank; error (n, nv, r + 1): of columns and y, for "total".
 
     least: what the noise is at least. sigma (nv,): the noise, where it is known; residuals that are clearly larger
-    count instead. blocks: where each ends; by default 20 of one length. prior: x (r,) as it is expected, and the
-    reciprocals of the standard deviations of that; "ordinary" and "total" have none.
+    count instead. blocks: where each ends; by default as long as residuals follow each other. prior: x (r,) as it is
+    expected, and the reciprocals of the standard deviations of that; "ordinary" and "total" have none.
     """
     r = columns.shape[-1]
     expected, sure = prior if prior is not None and method != "ordinary" else (np.zeros(r), np.zeros(r))
@@ -77,8 +80,10 @@ def fit(
         residuals = y - columns @ x
     lengths = np.linalg.norm(columns * weights[..., None], axis=(0, 1))
     scaled = columns / lengths
-    ends = np.linspace(0, len(y), min(BLOCKS, len(y)) + 1).round().astype(int)[1:] if blocks is None else blocks
-    covariance, by_blocks, correlated = _covariance(scaled, residuals, weights, noise, full, sure / lengths, ends)
+    length = correlation_length(residuals / noise)
+    ends = np.asarray(blocks if blocks is not None else _block_ends(len(y), length))
+    covariance, by_blocks = _covariance(scaled, residuals, weights, noise, full, sure / lengths, ends, length)
+    correlated = length > 0
     singular = np.linalg.svd(_triangle(scaled * weights[..., None]), compute_uv=False)
     information = _triangle(np.vstack([(scaled / noise[:, None]).reshape(-1, r), np.diag(sure / lengths)]))
     root = scipy.linalg.solve_triangular(information, np.eye(r))
@@ -88,7 +93,7 @@ def fit(
     rounding = 4 * _EPSILON * (condition * size + condition**2 * left) / lengths
     sizes = np.outer(lengths, lengths)
     return Fit(x, covariance / sizes, residuals, noise, correlated, condition, rounding, root @ root.T / sizes,
-               by_blocks / sizes, len(ends))  # fmt: skip
+               by_blocks / sizes, len(ends), length)  # fmt: skip
 
 
 def _solve(
@@ -102,6 +107,11 @@ def _solve(
     q, r = scipy.linalg.qr(np.vstack([flat / lengths, *ridge]), mode="economic")
     x = scipy.linalg.solve_triangular(r, q.T @ right) / lengths
     return np.asarray(x), np.sum(q[: y.size] ** 2, axis=1).reshape(y.shape)
+
+
+def _block_ends(n: int, length: int) -> np.ndarray:
+    """Where blocks end that are as long as residuals follow each other, from 4 to 20 of them."""
+    return np.linspace(0, n, min(max(FEWEST, min(BLOCKS, n // max(length, 1))), n) + 1).round().astype(int)[1:]
 
 
 def _triangle(columns: np.ndarray) -> np.ndarray:
@@ -138,32 +148,44 @@ def _total(columns: np.ndarray, y: np.ndarray, error: np.ndarray, first: np.ndar
 
 def _covariance(
     columns: np.ndarray, residuals: np.ndarray, weights: np.ndarray, noise: np.ndarray, full: np.ndarray,
-    sure: np.ndarray, ends: Sequence[int] | np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, bool]:  # fmt: skip
-    """The covariance A^-1 B A^-1 of x, the same by blocks, and whether residuals are correlated in time.
+    sure: np.ndarray, ends: np.ndarray, length: int,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """The covariance A^-1 B A^-1 of x, and the same by blocks.
 
     A = sum of w^2 G^T G over residuals of full weight, and the prior's information, which B has too. B = sum of w^4
-    s_k^2 G^T G for independent residuals of joint k; for correlated ones, or some of less weight, Newey and West's
-    (1987) from the scores w^2 G^T e.
+    s_k^2 G^T G for independent residuals of joint k; for correlated ones, or some of less weight, the long-run
+    covariance of the scores w^2 G^T e (Newey and West 1987).
     """
     n, dofs, r = columns.shape
     # Scores are taken in coordinates in which A is 1: forming A would square the condition number.
     rows = (columns * (weights * full)[..., None]).reshape(-1, r)
     inverse = scipy.linalg.solve_triangular(_triangle(np.vstack([rows, np.diag(sure)])), np.eye(r))
     columns = columns @ inverse
-    length = correlation_length(residuals / noise)
     score = np.einsum("nkr,nk->nr", columns, weights**2 * residuals)
     sums = np.add.reduceat(score, [0, *ends[:-1]], axis=0)
     if length == 0 and full.all():
         flat = (columns * (weights**2 * noise)[..., None]).reshape(-1, r)
         middle = flat.T @ flat
     else:
-        moving = moving_sums(score, length)
-        middle = moving.T @ moving / (length + 1)
-        middle *= n * dofs / (n * dofs - r)
+        middle = _long_run(score, length) * n * dofs / (n * dofs - r)
     of_prior, count = inverse.T @ np.diag(sure**2) @ inverse, max(len(ends) - 1, 1)
     first, second = (inverse @ (part + of_prior) @ inverse.T for part in (middle, sums.T @ sums * len(ends) / count))
-    return (first + first.T) / 2, (second + second.T) / 2, length > 0
+    return (first + first.T) / 2, (second + second.T) / 2
+
+
+def _long_run(score: np.ndarray, length: int) -> np.ndarray:
+    """n times the long-run covariance (r, r) of scores (n, r), prewhitened where they follow each other.
+
+    Newey and West's weights alone take too little of slow correlations; what is left of a score after the one before it
+    has hardly any (Andrews and Monahan 1992).
+    """
+    if length == 0:
+        return np.asarray(score.T @ score)
+    share = np.sum(score[1:] * score[:-1], axis=0) / np.maximum(np.sum(score**2, axis=0), 1e-300)
+    share = np.clip(share, -_SLOWEST, _SLOWEST)
+    lags = int(np.ceil(4 * (len(score) / 100) ** (2 / 9)))
+    moving = moving_sums(score[1:] - share * score[:-1], lags)
+    return np.asarray(moving.T @ moving / (lags + 1) / np.outer(1 - share, 1 - share))
 
 
 def moving_sums(score: np.ndarray, length: int) -> np.ndarray:

@@ -3,9 +3,10 @@
 `Estimate` is what it shares with a fit by simulation.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from twolink.identification.base_parameters import Selection
 from twolink.identification.consistency import Consistency, consistent
 from twolink.identification.filtering import Filter
 from twolink.identification.model_errors import HARM, ModelError
+from twolink.identification.report import write_report
 from twolink.identification.setup import Setup
 from twolink.io.text import Table
 from twolink.show.figure import COLOURS, Plotted, new_figure, plain
@@ -129,7 +131,7 @@ class Estimate(Result, Plotted):
             "correlated": self.correlated,
         }
 
-    def _not_told(self, nothing: str, weak: str) -> list[str]:
+    def not_told(self, nothing: str, weak: str) -> list[str]:
         """Lines on what cannot be told. nothing: what does not depend on it; weak: what is said of what is too weak."""
         alone = [text.partition(":")[0] for text in self.not_identifiable if ":" in text]
         lines = [f"no {nothing} depends on: {', '.join(alone)}"] if alone else []
@@ -232,6 +234,26 @@ class Identification(Estimate):
         terms = (of.parameters[term.name] * term.torque(q, v, a) for term in self.selection.terms)
         return np.asarray(sum(terms, tau))
 
+    def report(self, path: str | Path, notes: Sequence[str] = ()) -> Path:
+        """Write one .html file with its figures: data, choices, residuals, parameters, model errors, validation.
+
+        Parameters
+        ----------
+        path : str or path
+        notes : sequence of str
+            What was done to the data, such as the notes of `read_log`.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        ShowError
+            The ending is another one, or the file cannot be written.
+        """
+        return write_report(self, path, notes)
+
     def to_dict(self) -> dict[str, Any]:
         """A record for JSON."""
         names = coordinate_names(self.robot, "v")
@@ -280,7 +302,7 @@ class Identification(Estimate):
         lines += [] if self.filter is None else [str(self.filter)]
         if self.validation is not None:
             lines.append(self.validation.in_words(coordinate_names(self.robot, "v")))
-        lines += self._not_told("torque", "not excited by these data")
+        lines += self.not_told("torque", "not excited by these data")
         lines += [] if self.joint_models is None else [f"joint models: {self.joint_models.rows[-1][0]}"]
         lines += [f"model error: {error}" for error in self.model_errors[:MOST_SAID]]
         return "\n".join([*lines, str(self.consistency)])

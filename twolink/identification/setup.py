@@ -45,7 +45,7 @@ class Setup:
 
     def dof(self, name: str) -> int:
         """The degree of freedom that JOINT.zero and the like are of."""
-        return next(joint.v.start for joint in self.robot.joints if joint.name == name.rpartition(".")[0])
+        return next(int(joint.v.start) for joint in self.robot.joints if joint.name == name.rpartition(".")[0])
 
     @property
     def true_robot(self) -> Robot:

@@ -23,6 +23,7 @@ _STILL = 2.0  # times its filter's error: a joint's q, v or a below it does not 
 _ROUNDS, _STEPS, _CLOSE = 2, 15, 0.02  # of the filter and of the setup; standard errors of a step that ends the search
 _ANY_TILT = 0.1  # rad: gravity that is not known to be along an axis shows more parameters
 _LARGEST_STEP = 1.0  # of the logarithm of a motor constant
+_FEWEST = 3  # degrees of freedom of a covariance
 _RUNS = 8  # so many runs tell the covariance from run to run, fewer are cut in blocks
 
 
@@ -157,9 +158,10 @@ def _solved(
 
 
 def _half_width(plan: Plan, y: np.ndarray, found: Fit) -> np.ndarray:
-    """Of the intervals; residuals that follow each other may make the covariance by blocks the larger one."""
+    """Of the intervals. Residuals that follow each other count for few; their covariance by blocks may be larger."""
     level = (1 + plan.confidence) / 2
-    width = stdtrit(y.size - len(found.x), level) * np.sqrt(np.diag(found.covariance))
+    free = y.size - len(found.x) if found.length == 0 else max(len(y) / (2 * found.length), _FEWEST)
+    width = stdtrit(free, level) * np.sqrt(np.diag(found.covariance))
     if found.correlated and found.blocks > 1:
         width = np.maximum(width, stdtrit(found.blocks - 1, level) * np.sqrt(np.diag(found.by_blocks)))
     return np.asarray(width)
