@@ -197,7 +197,7 @@ def base_parameters(robot: Robot, parameters: Selection | list[str] | None = Non
     count = 8 + 3 * len(chosen.names) // robot.nv
     q, v = robot.random_state(count, seed)
     a = np.random.default_rng(seed).uniform(-3, 3, v.shape)
-    columns = chosen.system(robot, q, v + v, a)[0]
+    columns = chosen.system(robot, q, 2 * v, np.asarray(a))[0]
     return independent(chosen.names, columns.reshape(-1, len(chosen.names)))
 
 

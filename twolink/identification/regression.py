@@ -14,7 +14,7 @@ import scipy.linalg
 
 METHODS = ("ordinary", "weighted", "robust", "total")
 CLEARLY = 4.0  # standard errors of an estimated noise, from which it counts more than a stated one
-BLOCKS, FEWEST = 20, 4
+BLOCKS, FEWEST = 10, 4
 _SLOWEST = 0.97  # correlation of neighbouring scores that is taken away first
 HUBER = 1.345  # 95 % of the efficiency of least squares for normal errors
 _EPSILON = float(np.finfo(float).eps)
@@ -29,8 +29,8 @@ class Fit:
     then takes it in. condition: of the weighted regressor, its columns scaled to length 1.
     rounding (r,): a bound on the error of x from rounding.
     metric (r, r): the covariance of least squares, had the residuals been independent: the inverse of the information.
-    by_blocks (r, r): the covariance from the sums of the scores over blocks of time, with `blocks` - 1 degrees of
-    freedom: it assumes nothing of the correlation within them (Ibragimov and Mueller 2010; Liang and Zeger 1986).
+    by_blocks (r, r): the covariance from leaving out one block of time after the other (jackknife), with `blocks` - 1
+    degrees of freedom: it assumes nothing of the correlation within them (Bell and McCaffrey 2002).
     length: samples over which residuals follow each other.
     """
 
@@ -110,7 +110,7 @@ def _solve(
 
 
 def _block_ends(n: int, length: int) -> np.ndarray:
-    """Where blocks end that are as long as residuals follow each other, from 4 to 20 of them."""
+    """Where blocks end that are as long as residuals follow each other, from 4 to 10 of them."""
     return np.linspace(0, n, min(max(FEWEST, min(BLOCKS, n // max(length, 1))), n) + 1).round().astype(int)[1:]
 
 
@@ -162,15 +162,23 @@ def _covariance(
     inverse = scipy.linalg.solve_triangular(_triangle(np.vstack([rows, np.diag(sure)])), np.eye(r))
     columns = columns @ inverse
     score = np.einsum("nkr,nk->nr", columns, weights**2 * residuals)
-    sums = np.add.reduceat(score, [0, *ends[:-1]], axis=0)
+    whole = columns * weights[..., None]
+    sums = np.stack([_left_out(whole[start:end].reshape(-1, r), score[start:end])
+                     for start, end in zip((0, *ends[:-1]), ends, strict=True)])  # fmt: skip
     if length == 0 and full.all():
         flat = (columns * (weights**2 * noise)[..., None]).reshape(-1, r)
         middle = flat.T @ flat
     else:
         middle = _long_run(score, length) * n * dofs / (n * dofs - r)
     of_prior, count = inverse.T @ np.diag(sure**2) @ inverse, max(len(ends) - 1, 1)
-    first, second = (inverse @ (part + of_prior) @ inverse.T for part in (middle, sums.T @ sums * len(ends) / count))
+    first, second = (inverse @ (part + of_prior) @ inverse.T for part in (middle, sums.T @ sums * count / len(ends)))
     return (first + first.T) / 2, (second + second.T) / 2
+
+
+def _left_out(block: np.ndarray, score: np.ndarray) -> np.ndarray:
+    """The change (r,) of x without a block, in coordinates in which A is 1: (1 - G^T G)^-1 times its scores' sum."""
+    rest = (1 + _EPSILON) * np.eye(block.shape[1]) - block.T @ block
+    return np.asarray(np.linalg.lstsq(rest, score.sum(axis=0), rcond=None)[0])
 
 
 def _long_run(score: np.ndarray, length: int) -> np.ndarray:
