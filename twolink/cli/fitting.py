@@ -123,14 +123,14 @@ def excite(
     noise: Annotated[
         float | None, Option(help="Of the torques, N m or N.", show_default="1 % of each joint's largest")
     ] = None,
-    steps: Annotated[int, Option(min=0, help="Of the optimiser.")] = 10,
-    seed: Annotated[int, Option(help="Of the first guesses.")] = 0,
+    steps: Annotated[int, Option(min=0, metavar="COUNT", help="Of the optimiser.")] = 10,
+    seed: Annotated[int, Option(metavar="NUMBER", help="Of the first guesses.")] = 0,
     out: Files = None,
     *,
     load: RobotLoader,
     as_json: Json = False,
 ) -> None:
-    """Make a motion that shows a robot's parameters, and say how well.
+    """Make a motion that shows a robot's parameters.
 
     A Fourier series between ramps from and to rest, within the limits of positions, speeds, accelerations and torques,
     in which links do not touch each other. The surroundings are not known: watch the motion before it is made.
