@@ -1,13 +1,14 @@
 """Do the stated intervals hold? `tl.identify` and `tl.fit` on simulated measurements with noise, again and again.
 
-    python -m scripts.studies.intervals [--scenes 100] [--seed 0] [--first 0] [--cases arm,panda,fit]
+    python -m scripts.studies.intervals [--scenes 100] [--seed 0] [--first 0] [--cases arm,panda,fit,twin]
         [--noise 0,1e-5] [--methods weighted]
 
 arm, panda: `tl.identify` from motions that are known exactly and torques with noise; also from positions alone, with a
 noise of 1e-5 rad (an encoder of 19 bits). fit: `tl.fit` of an arm that falls with damping, from 3 s of joint angles
-with a noise of 2e-3 rad. A repetition asks which true values are inside their 95 % intervals. Rows go to
-out/intervals-SEED.csv. Ends 0 if the share of each case is above 95 % less three standard deviations, as of repetitions
-whose intervals hold or fail together.
+with a noise of 2e-3 rad. twin: the arm as a log has it: encoders of 16 bits alone, torques late by 8 ms, quantised,
+with noise of 50 ms of memory and a steady drift; delay and offsets are looked for, the filter chosen. A repetition asks
+which true values are inside their 95 % intervals. Rows go to out/intervals-SEED.csv. Ends 0 if the share of each case
+is above 95 % less three standard deviations, as of repetitions whose intervals hold or fail together.
 """
 
 import argparse
@@ -17,11 +18,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
 import twolink as tl
 from scripts.runner import FINGERS, Bars, Some, Table, study
 from twolink.scenes.parameters import scene_with
 
+LATE, COUNT = 0.008, 2 * np.pi / 2**16  # s, rad
 NOISE = {"arm": 0.05, "panda": 0.1}  # N m
 ANGLES = 2e-3  # rad: the noise of those that are fitted
 TRUE = {"forearm.mass": 1.9, "effects.1.damping.elbow": 0.25, "effects.1.damping.shoulder": 0.4, "q.elbow": 0.72}
@@ -43,10 +46,10 @@ def robot_of(name: str) -> tl.Robot:
 
 
 @functools.cache
-def motion(robot: tl.Robot) -> tuple[np.ndarray, ...]:
+def motion(robot: tl.Robot, n: int = 400, duration: float = 10.0) -> tuple[np.ndarray, ...]:
     """t, q, v, a of a Fourier series of five harmonics, and the torques."""
     rng = np.random.default_rng(0)
-    t, k = np.linspace(0, 10.0, 400), 2 * np.pi / 10.0 * np.arange(1, 6)[:, None]
+    t, k = np.linspace(0, duration, n), 2 * np.pi / duration * np.arange(1, 6)[:, None]
     sines, cosines = rng.uniform(-0.5, 0.5, (2, 5, robot.nv))
     q = np.sin(k * t).T @ (sines / k) - np.cos(k * t).T @ (cosines / k)
     v = np.cos(k * t).T @ sines + np.sin(k * t).T @ cosines
@@ -64,6 +67,20 @@ def identified(name: str, shake: float, method: str, random: np.random.Generator
     else:
         found = tl.identify(robot, t, q, v, noisy, a=a, method=method)
     return np.abs(found.estimate - found.matrix @ found.selection.nominal) <= found.half_width
+
+
+def late_and_coloured(random: np.random.Generator) -> list[bool]:
+    """Which base parameters, and the delay, are inside their intervals."""
+    robot = robot_of("arm")
+    t, q, _, _, tau = motion(robot, 1500)
+    colour = lfilter([1.0], [1.0, -np.exp(-(t[1] - t[0]) / 0.05)], random.standard_normal(tau.shape), axis=0)
+    drift = random.standard_normal(robot.nv) * (t / t[-1])[:, None]
+    late = np.stack([np.interp(t - LATE, t, x) for x in tau.T], axis=1)
+    log = np.round((late + 0.02 * colour + 0.02 * drift) / 0.005) * 0.005
+    found = tl.identify(robot, t, COUNT * np.round(q / COUNT), None, log, find=["delay"], joint_model="offset")
+    truth = np.where(np.array(found.parameters) == "delay", LATE, found.selection.nominal)
+    inside = np.abs(found.estimate - found.matrix @ truth) <= found.half_width
+    return [x for x, name in zip(inside.tolist(), found.combinations, strict=True) if not name.endswith(".offset")]
 
 
 @functools.cache
@@ -86,10 +103,10 @@ def fitted(random: np.random.Generator) -> list[bool]:
 def rows_of(number: int, given: argparse.Namespace) -> Iterator[Row]:
     """A repetition of every case, all with the same random numbers."""
     calls = {f"{name}, {f'positions, {shake:g} rad' if shake else 'q, v, a'}, {method}":
-             functools.partial(identified, name, shake, method) for name in given.cases if name != "fit"
+             functools.partial(identified, name, shake, method) for name in given.cases if name in NOISE
              for shake in given.noise for method in given.methods}  # fmt: skip
-    if "fit" in given.cases:
-        calls["fit"] = fitted
+    others = {"fit": fitted, "twin": late_and_coloured}
+    calls |= {name: call for name, call in others.items() if name in given.cases}
     for case, call in calls.items():
         start = time.process_time()
         inside = call(np.random.default_rng(number + 1_000_000 * given.seed))
@@ -110,5 +127,7 @@ def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
 
 
 if __name__ == "__main__":
-    raise SystemExit(study(__doc__, "intervals", Row, rows_of, show, cases=Some((*NOISE, "fit")), noise=(0.0, 1e-5),
-                           methods=("weighted",)))  # fmt: skip
+    cases = Some((*NOISE, "fit", "twin"))
+    raise SystemExit(
+        study(__doc__, "intervals", Row, rows_of, show, cases=cases, noise=(0.0, 1e-5), methods=("weighted",))
+    )

@@ -1,8 +1,11 @@
 """Exciting motions: within the limits, at rest at both ends, and better than random ones."""
 
+import re
 from pathlib import Path
 
+import coal
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import twolink as tl
@@ -51,3 +54,41 @@ def test_what_cannot_be_driven_is_refused() -> None:
     with pytest.raises(QueryError, match="no joint torque depends on") as caught:
         exciting_motion(tl.load_robot("arm"), 5.0, ["forearm.first_moment.y"])
     assert caught.value.code == "nothing-identifiable"
+
+
+def test_links_do_not_touch_and_torques_keep_their_limits() -> None:
+    robot = tl.load_robot("ur5")
+    motion = exciting_motion(robot, 8.0, samples=200, steps=0, ramps=True)
+    assert motion.share < 1
+    model, geometry = robot.model, robot.solids
+    bodies = [(model.frames[model.getFrameId(solid.link)], solid.shape) for solid in geometry if "wrist_3" in solid.link
+              or "upper_arm" in solid.link]  # fmt: skip
+    for q in motion.q[::5]:
+        data = model.createData()
+        pin.forwardKinematics(model, data, q)
+        places = [data.oMi[frame.parentJoint] * frame.placement * shape.placement for frame, shape in bodies]
+        poses = [coal.Transform3s(place.rotation, place.translation) for place in places]
+        assert len(bodies) == 2
+        (_, a), (_, b) = bodies
+        result = coal.DistanceResult()
+        assert coal.distance(a.coal(), poses[0], b.coal(), poses[1], coal.DistanceRequest(), result) > 0
+    torques = robot.inverse_dynamics(motion.q, motion.v, motion.a)
+    assert np.all(np.abs(torques).max(axis=0) < np.array(robot.model.effortLimit))
+
+
+def test_the_predicted_intervals_are_those_that_identify_gives() -> None:
+    robot = tl.load_robot("arm")
+    motion = exciting_motion(robot, 6.0, samples=1000, steps=0)
+    tau = robot.inverse_dynamics(motion.q, motion.v, motion.a)
+    noisy = tau + 0.05 * np.random.default_rng(0).standard_normal(tau.shape)
+    found = identify(robot, motion.t, motion.q, motion.v, noisy, a=motion.a, method="weighted")
+    rows = list(motion.intervals(0.05))
+    assert tuple(row["parameter"] for row in rows) == found.combinations
+    np.testing.assert_allclose([row["+-"] for row in rows], found.half_width, rtol=0.1)
+
+
+def test_a_motion_that_its_torques_do_not_allow_is_refused() -> None:
+    text = re.sub(r'effort="[^"]*"', 'effort="0.01"', tl.load_robot("arm").visuals.text)
+    with pytest.raises(QueryError, match="needs") as caught:
+        exciting_motion(tl.load_robot(text, gravity=(0, 0, 0)).with_gravity([9.81, 0, 0]), 5.0, steps=0)
+    assert caught.value.code == "no-motion"

@@ -10,6 +10,7 @@ from twolink.identification.excitation import ExcitingMotion, exciting_motion
 from twolink.identification.fit_result import SceneFit
 from twolink.identification.found_urdf import write_urdf
 from twolink.identification.identify import identify
+from twolink.identification.log_files import Log, read_log
 from twolink.identification.result import Identification
 from twolink.identification.scene_fit import fit
 
@@ -17,10 +18,12 @@ __all__ = [
     "BaseParameters",
     "ExcitingMotion",
     "Identification",
+    "Log",
     "SceneFit",
     "base_parameters",
     "exciting_motion",
     "fit",
     "identify",
+    "read_log",
     "write_urdf",
 ]

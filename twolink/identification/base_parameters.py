@@ -6,8 +6,8 @@ Columns of the regressor that depend on each other linearly belong to parameters
 Y_d = Y_b K, so tau = Y_b (pi_b + K pi_d), and the entries of pi_b + K pi_d are the base parameters.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -20,20 +20,55 @@ from twolink.errors import QueryError, nearest
 
 
 @dataclass(frozen=True)
+class Term:
+    """A coefficient of a joint model: its name, and the torques (..., nv) of a unit of it at q, v and a."""
+
+    name: str
+    torque: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
 class Selection:
-    """pi = pi0 + C (theta - theta0): names (k,) of theta, the robot's own values theta0 (k,), and C (p, k)."""
+    """pi = pi0 + C (theta - theta0): names (k,) of theta, the robot's own values theta0 (k,), and C (p, k).
+
+    terms: those of theta that are no parameters of the robot; their columns of C are 0.
+    """
 
     names: tuple[str, ...]
     nominal: np.ndarray
     columns: np.ndarray
+    terms: tuple[Term, ...] = ()
 
     def parameters(self, robot: Robot, theta: np.ndarray) -> np.ndarray:
         """pi (p,) for theta (k,)."""
         return np.asarray(robot.parameter_values + self.columns @ (theta - self.nominal))
 
+    def system(self, robot: Robot, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """G (..., nv, k) and c (..., nv) of tau = G theta + c."""
+        regressor = robot.regressor(q, v, a)
+        columns = regressor @ self.columns
+        for term in self.terms:
+            columns[..., self.names.index(term.name)] = term.torque(q, v, a)
+        return columns, regressor @ self.parameters(robot, np.zeros(len(self.names)))
 
-def select(robot: Robot, parameters: Sequence[str] | None) -> Selection:
+    def without(self, names: Collection[str]) -> "Selection":
+        """The same but for these names."""
+        keep = [k for k, name in enumerate(self.names) if name not in names]
+        terms = tuple(term for term in self.terms if term.name not in names)
+        return Selection(tuple(self.names[k] for k in keep), self.nominal[keep], self.columns[:, keep], terms)
+
+    def beside(self, names: tuple[str, ...], nominal: np.ndarray) -> "Selection":
+        """The same, and names with these values that no column of C belongs to."""
+        columns = np.hstack([self.columns, np.zeros((len(self.columns), len(names)))])
+        return Selection((*self.names, *names), np.append(self.nominal, nominal), columns, self.terms)
+
+
+def select(
+    robot: Robot, parameters: Sequence[str] | None, of_joints: Sequence[str] = (), terms: tuple[Term, ...] = ()
+) -> Selection:
     """The parameters that names and patterns ("forearm.*") stand for; None: all that belong to bodies.
+
+    of_joints: more names of parameters; terms: of a joint model.
 
     A mass that is looked for without the other nine parameters of its link keeps the link's centre of mass and its
     inertia about that, as in `robot.compiled(parameters=...)`: dpi/dm = (1, c, -[c x]^2). All other parameters are
@@ -46,6 +81,7 @@ def select(robot: Robot, parameters: Sequence[str] | None) -> Selection:
     """
     known = robot.parameter_names
     names = known[: 10 * (robot.model.njoints - 1)] if parameters is None else _expand(parameters, known)
+    names = tuple(dict.fromkeys([*names, *of_joints]))
     columns = np.zeros((len(known), len(names)))
     chosen = set(names)
     for k, name in enumerate(names):
@@ -55,7 +91,8 @@ def select(robot: Robot, parameters: Sequence[str] | None) -> Selection:
         if link != name and chosen.isdisjoint(f"{link}.{entry}" for entry in BODY_PARAMETERS[1:]):
             lever = robot.model.inertias[row // 10 + 1].lever
             columns[row : row + 10, k] = pin.Inertia(1.0, lever, np.zeros((3, 3))).toDynamicParameters()
-    return Selection(names, robot.parameter_values[[known.index(name) for name in names]], columns)
+    own = Selection(names, robot.parameter_values[[known.index(name) for name in names]], columns)
+    return replace(own.beside(tuple(term.name for term in terms), np.zeros(len(terms))), terms=terms)
 
 
 def _expand(parameters: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
@@ -160,8 +197,8 @@ def base_parameters(robot: Robot, parameters: Selection | list[str] | None = Non
     count = 8 + 3 * len(chosen.names) // robot.nv
     q, v = robot.random_state(count, seed)
     a = np.random.default_rng(seed).uniform(-3, 3, v.shape)
-    regressor = robot.regressor(q, 2 * v, a) @ chosen.columns
-    return independent(chosen.names, regressor.reshape(-1, len(chosen.names)))
+    columns = chosen.system(robot, q, 2 * v, np.asarray(a))[0]
+    return independent(chosen.names, columns.reshape(-1, len(chosen.names)))
 
 
 def independent(names: tuple[str, ...], columns: np.ndarray, error: np.ndarray | None = None) -> BaseParameters:

@@ -126,22 +126,25 @@ class Consistency:
 
     parameters: by name, of those that were looked for. vector (p,): all of pi.
     distance: how far the estimate had to move, in standard errors of the combination that moved most.
-    moved: that combination. verdict: in words.
+    moved: that combination. model_errors: what the residuals show that makes the intervals wrong. verdict: in words.
     """
 
     parameters: dict[str, float]
     vector: np.ndarray
     distance: float
     moved: str
+    model_errors: tuple[str, ...] = ()
 
     @property
     def consistent(self) -> bool:
-        """Whether bodies with these parameters exist within three standard errors of the estimate."""
-        return self.distance < 3.0
+        """Whether such bodies exist within three standard errors of the estimate, and no model error moves it more."""
+        return self.distance < 3.0 and not self.model_errors
 
     @property
     def verdict(self) -> str:
         """What the distance means."""
+        if self.model_errors:
+            return f"not consistent, the model lacks something: {self.model_errors[0]}"
         if self.distance < 0.1:
             return "physically consistent"
         text = f"the nearest bodies that can exist are {self.distance:.2g} standard errors away ({self.moved})"

@@ -3,7 +3,8 @@
     q(t) = c + s f(t),  f(t) = sum over k of A_k / (k w) sin(k w t) - B_k / (k w) cos(k w t),  w = 2 pi / duration
 
 The motion is periodic, and with sum A_k = sum k B_k = 0 it starts and ends at rest. The scale s of each joint is the
-largest that its limits allow, so that any coefficients give a motion that can be made.
+largest that its limits allow, so that any coefficients give a motion that can be made; it is made smaller where torques
+are beyond theirs or links touch. Ramps of least jerk (Flash and Hogan 1985) lead from the middle to it and back.
 
 Source: Swevers, Ganseman, Tukel, De Schutter and Van Brussel 1997, "Optimal robot excitation and identification", IEEE
 Transactions on Robotics and Automation 13.
@@ -14,16 +15,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import ndtri
 
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import positive
 from twolink.errors import QueryError
-from twolink.identification.base_parameters import base_parameters, select
+from twolink.identification.base_parameters import Selection, base_parameters, select
+from twolink.identification.reach import Reach
 from twolink.io.tables import write_table
+from twolink.io.text import Table
 from twolink.robots.joint_layout import joint_columns
 
 HARMONICS = 5
 _SHARE = 0.9  # of the limits that is used
+_SHARES = tuple(0.8**k for k in range(12))  # of the range, until torques and collisions allow it
+_TRIED = 5  # random motions beside the one that was improved
 _STARTS = 20  # random coefficients of which the best is improved
 _USUAL = (np.pi, 2.0)  # half a range [rad, m] and a speed [rad/s, m/s] for joints without limits
 
@@ -33,6 +40,7 @@ class ExcitingMotion:
     """A motion t (n,), q (n, nq), v, a (n, nv), and the condition number of the regressor along it.
 
     condition: its columns scaled to length 1, as `Identification.condition`. first: that of the best random motion.
+    share: of the range that its limits allow, which torques and collisions left. chosen: the parameters.
     """
 
     robot: Robot
@@ -42,6 +50,25 @@ class ExcitingMotion:
     a: np.ndarray
     condition: float
     first: float
+    share: float
+    chosen: Selection
+
+    def intervals(self, noise: ArrayLike | None = None, confidence: float = 0.95) -> Table:
+        """The half-widths that `identify` will give, by combination, for white noise of the torques.
+
+        noise: standard deviations (nv,) or one, N m or N; by default 1 % of each joint's largest torque.
+        """
+        columns, known = self.chosen.system(self.robot, self.q, self.v, self.a)
+        base = base_parameters(self.robot, self.chosen)
+        largest = np.abs(columns @ self.chosen.nominal + known).max(axis=0)
+        deviation = 0.01 * np.maximum(largest, 1e-3 * largest.max()) if noise is None else np.asarray(noise, float)
+        rows = columns[..., list(base.members)] / np.broadcast_to(deviation, (self.robot.nv,))[:, None]
+        lengths = np.linalg.norm(rows, axis=(0, 1))
+        triangle = np.linalg.qr((rows / lengths).reshape(-1, len(lengths)), mode="r")
+        spread = np.linalg.norm(np.linalg.inv(triangle), axis=1) / lengths
+        half = (ndtri((1 + confidence) / 2) * spread).tolist()
+        values = (base.matrix @ self.chosen.nominal).tolist()
+        return Table(("parameter", "value", "+-"), tuple(zip(base.combinations, values, half, strict=True)))
 
     def save(self, path: str | Path) -> Path:
         """Write t, q.JOINT, v.JOINT and a.JOINT to a .csv, .parquet or .npz file."""
@@ -53,9 +80,9 @@ class ExcitingMotion:
 
 def exciting_motion(
     robot: Robot, duration: float, parameters: Sequence[str] | None = None, *, samples: int = 500, steps: int = 10,
-    seed: int = 0,
+    seed: int = 0, acceleration: float | None = None, ramps: bool = False,
 ) -> ExcitingMotion:  # fmt: skip
-    """A motion within 0.9 of the joints' limits along which the parameters can be told well.
+    """A motion within 0.9 of the joints' limits, and without collision, along which parameters can be told well.
 
     Parameters
     ----------
@@ -71,6 +98,10 @@ def exciting_motion(
         Iterations of the optimiser (BFGS with finite differences); 0 takes the best of 20 random motions.
     seed : int
         Seed of the random coefficients.
+    acceleration : float, optional
+        Limit of all joints, rad/s^2 or m/s^2; a URDF has none.
+    ramps : bool
+        Whether the motion starts and ends at rest in the middle of the joints' ranges, longer by both ramps.
 
     Returns
     -------
@@ -79,11 +110,13 @@ def exciting_motion(
     Raises
     ------
     QueryError
-        Codes "floating-base" for joints with several degrees of freedom, "nothing-identifiable", "unknown-parameter".
+        Codes "floating-base" for joints with several degrees of freedom, "nothing-identifiable", "unknown-parameter",
+        "no-motion" where torques or collisions leave none.
 
     Notes
     -----
-    Collisions are not looked at: check the motion before it is made.
+    Collisions are those of links that are no neighbours, by the shapes of the URDF's <collision>; the surroundings are
+    not known. Torques are those of the robot as its URDF says, without friction.
     """
     duration = positive(duration, "duration", QueryError, "give the period in seconds, such as 10")
     driven = [joint for joint in robot.joints if joint.v.stop > joint.v.start]
@@ -98,37 +131,69 @@ def exciting_motion(
         what = f"no joint torque depends on {', '.join(chosen.names[:6])}"
         raise QueryError(what, argument="parameters", remedy="look for others", code="nothing-identifiable")
     coarse = np.linspace(0, duration, max(8 * HARMONICS, 4 * len(members) // robot.nv), endpoint=False)
+    most = np.inf if acceleration is None else positive(acceleration, "acceleration", QueryError, "such as 5")
 
-    def logarithm(coefficients: np.ndarray) -> float:
-        regressor = robot.regressor(*_states(robot, coefficients, coarse, duration)) @ chosen.columns[:, members]
-        flat = regressor.reshape(-1, len(members))
+    middle, _, speed = _limits(robot)
+
+    def motion(coefficients: np.ndarray, at: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        x, v, a = _states(robot, coefficients, at, duration, most)
+        return middle + share * (x - middle), share * v, share * a
+
+    def logarithm(coefficients: np.ndarray, share: float = 1.0) -> float:
+        x, v, a = motion(coefficients, coarse, share)
+        columns = chosen.system(robot, _configurations(robot, x), v, a)[0]
+        flat = columns[..., members].reshape(-1, len(members))
         return float(np.log(np.linalg.cond(flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300))))
 
     starts = np.random.default_rng(seed).standard_normal((_STARTS, 2 * HARMONICS * robot.nv))
-    values = [logarithm(x) for x in starts]
-    best = int(np.argmin(values))
+    values = np.array([logarithm(x) for x in starts])
+    order = np.argsort(values)
     from scipy.optimize import minimize  # 0.2 s: only where it is used
 
-    found = minimize(logarithm, starts[best], method="BFGS", options={"maxiter": steps})
-    better = found.x if found.fun < values[best] else starts[best]
-    t = np.linspace(0, duration, samples)
-    q, v, a = _states(robot, better, t, duration)
-    condition, first = np.exp([min(found.fun, values[best]), values[best]]).tolist()
-    return ExcitingMotion(robot, t, q, v, a, condition, first)
+    found = minimize(logarithm, starts[order[0]], method="BFGS", options={"maxiter": steps})
+    candidates = [*([found.x] if found.fun < values[order[0]] else []), *starts[order[:_TRIED]]]
+    t, beyond, what = np.linspace(0, duration, samples), Reach(robot), ""
+    for share in _SHARES:
+        for coefficients in candidates:
+            parts = [t, *motion(coefficients, t, share)]
+            moved = _with_ramps(parts, middle, speed, most) if ramps else parts
+            q = _configurations(robot, moved[1])
+            if not (what := beyond(q, moved[2], moved[3])):
+                condition, first = np.exp([logarithm(coefficients, share), values[order[0]]]).tolist()
+                return ExcitingMotion(robot, moved[0], q, moved[2], moved[3], condition, first, share, chosen)
+    raise QueryError(f"even {_SHARES[-1]:.0%} of the range is too much: {what}", argument="robot", code="no-motion",
+                     remedy="narrow the joints' limits about a place that is clear")  # fmt: skip
 
 
-def _states(robot: Robot, coefficients: np.ndarray, t: np.ndarray, duration: float) -> tuple[np.ndarray, ...]:
-    """q, v and a at times t."""
+def _with_ramps(parts: list[np.ndarray], middle: np.ndarray, speed: np.ndarray, most: float) -> list[np.ndarray]:
+    """The motion between ramps s(u) = 10 u^3 - 15 u^4 + 6 u^5 from the middle to its start, and back."""
+    t, x, v, a = parts
+    step, way = t[1] - t[0], x[0] - middle
+    shortest = max(1.0, float(np.max(1.875 * np.abs(way) / speed)), float(np.sqrt(5.774 * np.abs(way).max() / most)))
+    count = int(np.ceil(shortest / step))
+    u = np.arange(count)[:, None] / count
+    rates = [np.polynomial.Polynomial([0, 0, 0, 10, -15, 6]).deriv(k)(u) / (count * step) ** k for k in range(3)]
+    up = [middle * (k == 0) + rate * way for k, rate in enumerate(rates)]
+    down = [(-1) ** k * part[::-1] for k, part in enumerate(up)]
+    joined = [np.concatenate(parts) for parts in zip(up, (x, v, a), down, strict=True)]
+    return [step * np.arange(len(joined[0])), *joined]
+
+
+def _states(
+    robot: Robot, coefficients: np.ndarray, t: np.ndarray, duration: float, most: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Angles or lengths (n, nv), v and a at times t."""
     sines, cosines = coefficients.reshape(2, HARMONICS, robot.nv)
     w = 2 * np.pi / duration * np.arange(1, HARMONICS + 1)[:, None]
     sines = sines - sines.mean(axis=0)
     cosines = cosines - w * (w * cosines).sum(axis=0) / (w * w).sum()
     middle, reach, speed = _limits(robot)
-    x, v, _ = _series(sines, cosines, w, np.linspace(0, duration, 40 * HARMONICS))
+    x, v, a = _series(sines, cosines, w, np.linspace(0, duration, 40 * HARMONICS))
     offset = (x.max(axis=0) + x.min(axis=0)) / 2
-    scale = np.minimum(reach / np.abs(x - offset).max(axis=0), speed / np.abs(v).max(axis=0))
+    ranges = ((reach, x - offset), (speed, v), (_SHARE * most, a))
+    scale = np.min([limit / np.abs(values).max(axis=0) for limit, values in ranges], axis=0)
     x, v, a = _series(sines, cosines, w, t)
-    return _configurations(robot, middle + scale * (x - offset)), scale * v, scale * a
+    return middle + scale * (x - offset), scale * v, scale * a
 
 
 def _series(sines: np.ndarray, cosines: np.ndarray, w: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, ...]:

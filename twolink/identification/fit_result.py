@@ -113,7 +113,7 @@ class SceneFit(Estimate):
         lines.append(f"low, high: {100 * self.confidence:g} % intervals; condition {self.condition:.3g}")
         noises = zip(self.channels, self.noise.tolist(), strict=True)
         lines.append("noise: " + ", ".join(f"{name} {value:.3g}" for name, value in noises))
-        lines += self._not_told("measurement", "too weak beside the noise")
+        lines += self.not_told("measurement", "too weak beside the noise")
         return "\n".join([*lines, *(f"warning: {text}" for text in self.warnings)])
 
     __repr__ = __str__

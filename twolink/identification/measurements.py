@@ -18,7 +18,7 @@ from twolink.io.tables import read_table
 from twolink.robots.joint_layout import read_columns, turns
 
 _NARROWER = 0.7  # a window is compared with one wider by 1 / 0.7: errors of a grow with its fourth power
-_GAP = 20.0  # times the usual step of time, from which it is a jump
+GAP = 20.0  # times the usual step of time, from which it is a jump
 LIKELY = {180 / np.pi: "is v in degrees?", np.pi / 180: "is q in degrees?", 1e3: "is t in milliseconds?"}
 
 
@@ -117,7 +117,7 @@ def _recording(
 def _require_no_gap(t: np.ndarray) -> None:
     """Refuse a jump in time: nothing is differentiated across it. Raises QueryError (code "times")."""
     steps = np.diff(t)
-    if len(steps) and steps.max() > _GAP * np.median(steps):
+    if len(steps) and steps.max() > GAP * np.median(steps):
         row = int(np.argmax(steps))
         what = (
             f"time jumps by {steps[row]:.4g} s at t[{row}] = {t[row]:.9g} s, the usual step is {np.median(steps):.4g} s"
@@ -227,24 +227,12 @@ def table_columns(measurements: Any) -> dict[str, np.ndarray]:
                      remedy='give a DataFrame, a path, or {"t": ..., "q.elbow": ...}')  # fmt: skip
 
 
-def read_measurements(robot: Robot, path: Path) -> dict[str, Any]:
-    """t, q, v, a and tau from a .csv, .parquet or .npz file, or a bag of ROS 2: the arguments of `identify`.
-
-    Columns are t, then q0, q1, ... or q.JOINT, and so on for v, a and tau. v and a may be missing. An .npz file may
-    hold whole arrays t, q, v, a, tau instead.
-
-    Raises
-    ------
-    TwolinkError
-        The file cannot be read.
-    QueryError
-        A column is missing (code "column-missing").
-    """
-    return measurements_of(robot, read_table(path)[0], str(path))
-
-
 def measurements_of(robot: Robot, content: Mapping[str, np.ndarray], where: str) -> dict[str, Any]:
-    """The same from columns by name; `where` they are from, for messages."""
+    """t, q, v, a and tau from columns by name, the arguments of `identify`; where: they are from, for messages.
+
+    Columns are t, then q0, q1, ... or q.JOINT, and so on for v, a and tau, or whole arrays. v and a may be missing.
+    Raises QueryError for a missing column (code "column-missing").
+    """
     out: dict[str, Any] = {"t": content.get("t")}
     for name in ("q", "v", "a", "tau"):
         out[name], lacking = read_columns(content, robot.joints, name)

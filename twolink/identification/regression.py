@@ -6,6 +6,7 @@ robust     weighted, and residuals beyond 1.345 standard deviations count less (
 total      weighted, and the regressor has errors of known covariance too (Golub and Van Loan 1980)
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,8 @@ import scipy.linalg
 
 METHODS = ("ordinary", "weighted", "robust", "total")
 CLEARLY = 4.0  # standard errors of an estimated noise, from which it counts more than a stated one
+BLOCKS, FEWEST = 10, 4
+_SLOWEST = 0.97  # correlation of neighbouring scores that is taken away first
 HUBER = 1.345  # 95 % of the efficiency of least squares for normal errors
 _EPSILON = float(np.finfo(float).eps)
 
@@ -26,6 +29,9 @@ class Fit:
     then takes it in. condition: of the weighted regressor, its columns scaled to length 1.
     rounding (r,): a bound on the error of x from rounding.
     metric (r, r): the covariance of least squares, had the residuals been independent: the inverse of the information.
+    by_blocks (r, r): the covariance from leaving out one block of time after the other (jackknife), with `blocks` - 1
+    degrees of freedom: it assumes nothing of the correlation within them (Bell and McCaffrey 2002).
+    length: samples over which residuals follow each other.
     """
 
     x: np.ndarray
@@ -36,17 +42,21 @@ class Fit:
     condition: float
     rounding: np.ndarray
     metric: np.ndarray
+    by_blocks: np.ndarray
+    blocks: int
+    length: int
 
 
 def fit(
     columns: np.ndarray, y: np.ndarray, method: str, error: np.ndarray | None = None, *,
-    least: float = 0.0, sigma: np.ndarray | None = None, prior: tuple[np.ndarray, np.ndarray] | None = None,
+    least: float = 0.0, sigma: np.ndarray | None = None, blocks: Sequence[int] | None = None,
+    prior: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Fit:  # fmt: skip
     """Fit y (n, nv) by columns (n, nv, r) of full rank; error (n, nv, r + 1): of columns and y, for "total".
 
     least: what the noise is at least. sigma (nv,): the noise, where it is known; residuals that are clearly larger
-    count instead. prior: x (r,) as it is expected, and the reciprocals of the standard deviations of that; "ordinary"
-    and "total" have none.
+    count instead. blocks: where each ends; by default as long as residuals follow each other. prior: x (r,) as it is
+    expected, and the reciprocals of the standard deviations of that; "ordinary" and "total" have none.
     """
     r = columns.shape[-1]
     expected, sure = prior if prior is not None and method != "ordinary" else (np.zeros(r), np.zeros(r))
@@ -70,7 +80,10 @@ def fit(
         residuals = y - columns @ x
     lengths = np.linalg.norm(columns * weights[..., None], axis=(0, 1))
     scaled = columns / lengths
-    covariance, correlated = _covariance(scaled, residuals, weights, noise, full, sure / lengths)
+    length = correlation_length(residuals / noise)
+    ends = np.asarray(blocks if blocks is not None else _block_ends(len(y), length))
+    covariance, by_blocks = _covariance(scaled, residuals, weights, noise, full, sure / lengths, ends, length)
+    correlated = length > 0
     singular = np.linalg.svd(_triangle(scaled * weights[..., None]), compute_uv=False)
     information = _triangle(np.vstack([(scaled / noise[:, None]).reshape(-1, r), np.diag(sure / lengths)]))
     root = scipy.linalg.solve_triangular(information, np.eye(r))
@@ -79,7 +92,8 @@ def fit(
     left, size = np.linalg.norm(residuals * weights), np.linalg.norm(x * lengths)
     rounding = 4 * _EPSILON * (condition * size + condition**2 * left) / lengths
     sizes = np.outer(lengths, lengths)
-    return Fit(x, covariance / sizes, residuals, noise, correlated, condition, rounding, root @ root.T / sizes)
+    return Fit(x, covariance / sizes, residuals, noise, correlated, condition, rounding, root @ root.T / sizes,
+               by_blocks / sizes, len(ends), length)  # fmt: skip
 
 
 def _solve(
@@ -93,6 +107,11 @@ def _solve(
     q, r = scipy.linalg.qr(np.vstack([flat / lengths, *ridge]), mode="economic")
     x = scipy.linalg.solve_triangular(r, q.T @ right) / lengths
     return np.asarray(x), np.sum(q[: y.size] ** 2, axis=1).reshape(y.shape)
+
+
+def _block_ends(n: int, length: int) -> np.ndarray:
+    """Where blocks end that are as long as residuals follow each other, from 4 to 10 of them."""
+    return np.linspace(0, n, min(max(FEWEST, min(BLOCKS, n // max(length, 1))), n) + 1).round().astype(int)[1:]
 
 
 def _triangle(columns: np.ndarray) -> np.ndarray:
@@ -129,36 +148,65 @@ def _total(columns: np.ndarray, y: np.ndarray, error: np.ndarray, first: np.ndar
 
 def _covariance(
     columns: np.ndarray, residuals: np.ndarray, weights: np.ndarray, noise: np.ndarray, full: np.ndarray,
-    sure: np.ndarray,
-) -> tuple[np.ndarray, bool]:  # fmt: skip
-    """The covariance A^-1 B A^-1 of x, and whether residuals are correlated in time.
+    sure: np.ndarray, ends: np.ndarray, length: int,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """The covariance A^-1 B A^-1 of x, and the same by blocks.
 
     A = sum of w^2 G^T G over residuals of full weight, and the prior's information, which B has too. B = sum of w^4
-    s_k^2 G^T G for independent residuals of joint k; for correlated ones, or some of less weight, Newey and West's
-    (1987) from the scores w^2 G^T e.
+    s_k^2 G^T G for independent residuals of joint k; for correlated ones, or some of less weight, the long-run
+    covariance of the scores w^2 G^T e (Newey and West 1987).
     """
     n, dofs, r = columns.shape
     # Scores are taken in coordinates in which A is 1: forming A would square the condition number.
     rows = (columns * (weights * full)[..., None]).reshape(-1, r)
     inverse = scipy.linalg.solve_triangular(_triangle(np.vstack([rows, np.diag(sure)])), np.eye(r))
     columns = columns @ inverse
-    length = _correlation_length(residuals / noise)
+    score = np.einsum("nkr,nk->nr", columns, weights**2 * residuals)
+    whole = columns * weights[..., None]
+    sums = np.stack([_left_out(whole[start:end].reshape(-1, r), score[start:end])
+                     for start, end in zip((0, *ends[:-1]), ends, strict=True)])  # fmt: skip
     if length == 0 and full.all():
         flat = (columns * (weights**2 * noise)[..., None]).reshape(-1, r)
         middle = flat.T @ flat
     else:
-        score = np.einsum("nkr,nk->nr", columns, weights**2 * residuals)
-        # Weights 1 - lag / (length + 1) of the lags are those of squared sums over a moving window.
-        sums = np.cumsum(np.vstack([score, np.zeros((length, r))]), axis=0)
-        moving = sums - np.vstack([np.zeros((length + 1, r)), sums])[: n + length]
-        middle = moving.T @ moving / (length + 1)
-        middle *= n * dofs / (n * dofs - r)
-    middle = middle + inverse.T @ np.diag(sure**2) @ inverse
-    covariance = inverse @ middle @ inverse.T
-    return (covariance + covariance.T) / 2, length > 0
+        middle = _long_run(score, length) * n * dofs / (n * dofs - r)
+    of_prior, count = inverse.T @ np.diag(sure**2) @ inverse, max(len(ends) - 1, 1)
+    first, second = (inverse @ (part + of_prior) @ inverse.T for part in (middle, sums.T @ sums * count / len(ends)))
+    return (first + first.T) / 2, (second + second.T) / 2
 
 
-def _correlation_length(residuals: np.ndarray) -> int:
+def _left_out(block: np.ndarray, score: np.ndarray) -> np.ndarray:
+    """The change (r,) of x without a block, in coordinates in which A is 1: (1 - G^T G)^-1 times its scores' sum."""
+    rest = (1 + _EPSILON) * np.eye(block.shape[1]) - block.T @ block
+    return np.asarray(np.linalg.lstsq(rest, score.sum(axis=0), rcond=None)[0])
+
+
+def _long_run(score: np.ndarray, length: int) -> np.ndarray:
+    """n times the long-run covariance (r, r) of scores (n, r), prewhitened where they follow each other.
+
+    Newey and West's weights alone take too little of slow correlations; what is left of a score after the one before it
+    has hardly any (Andrews and Monahan 1992).
+    """
+    if length == 0:
+        return np.asarray(score.T @ score)
+    share = np.sum(score[1:] * score[:-1], axis=0) / np.maximum(np.sum(score**2, axis=0), 1e-300)
+    share = np.clip(share, -_SLOWEST, _SLOWEST)
+    lags = int(np.ceil(4 * (len(score) / 100) ** (2 / 9)))
+    moving = moving_sums(score[1:] - share * score[:-1], lags)
+    return np.asarray(moving.T @ moving / (lags + 1) / np.outer(1 - share, 1 - share))
+
+
+def moving_sums(score: np.ndarray, length: int) -> np.ndarray:
+    """Sums (n + length, r) over a moving window of scores (n, r).
+
+    Weights 1 - lag / (length + 1) of the lags in Newey and West's covariance are those of the squares of these.
+    """
+    n, r = score.shape
+    sums = np.cumsum(np.vstack([score, np.zeros((length, r))]), axis=0)
+    return np.asarray(sums - np.vstack([np.zeros((length + 1, r)), sums])[: n + length])
+
+
+def correlation_length(residuals: np.ndarray) -> int:
     """Samples over which residuals (n, nv) follow each other, 0 where their correlation is that of white noise."""
     n = len(residuals)
     if n < 20:

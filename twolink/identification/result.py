@@ -3,9 +3,10 @@
 `Estimate` is what it shares with a fit by simulation.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,9 @@ from twolink.dynamics import Robot
 from twolink.identification.base_parameters import Selection
 from twolink.identification.consistency import Consistency, consistent
 from twolink.identification.filtering import Filter
+from twolink.identification.model_errors import HARM, ModelError
+from twolink.identification.report import write_report
+from twolink.identification.setup import Setup
 from twolink.io.text import Table
 from twolink.show.figure import COLOURS, Plotted, new_figure, plain
 from twolink.simulation.text import Result
@@ -23,7 +27,7 @@ from twolink.simulation.trajectory_tables import coordinate_names
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MAX_LINES, MAX_SPANS = 6, 20
+MAX_LINES, MAX_SPANS, MOST_SAID = 6, 20, 3
 MEASURED: dict[str, Any] = {"linestyle": "", "marker": ".", "markersize": 2.5, "alpha": 0.5}
 
 
@@ -127,7 +131,7 @@ class Estimate(Result, Plotted):
             "correlated": self.correlated,
         }
 
-    def _not_told(self, nothing: str, weak: str) -> list[str]:
+    def not_told(self, nothing: str, weak: str) -> list[str]:
         """Lines on what cannot be told. nothing: what does not depend on it; weak: what is said of what is too weak."""
         alone = [text.partition(":")[0] for text in self.not_identifiable if ":" in text]
         lines = [f"no {nothing} depends on: {', '.join(alone)}"] if alone else []
@@ -180,6 +184,15 @@ class Identification(Estimate):
         Measured torques, N m or N, averaged over the blocks of the filter, at the times t.
     validation : Validation or None
         Residuals of the runs that were kept out.
+    setup : Setup
+        Delay, zeros, gravity and motor constants, as they were found; see `find`.
+    block_covariance : ndarray, (r, r)
+        The covariance from blocks of time or from run to run, beside `covariance`; where residuals follow each other,
+        intervals are the wider of both.
+    model_errors : tuple of ModelError
+        What the residuals show that the model lacks, the clearest first.
+    joint_models : Table or None
+        With `joint_model="auto"`: the candidates, and what they left of left-out torques.
     """
 
     selection: Selection
@@ -187,6 +200,10 @@ class Identification(Estimate):
     filter: Filter | None
     torques: np.ndarray
     validation: Validation | None
+    setup: Setup
+    block_covariance: np.ndarray
+    model_errors: tuple[ModelError, ...]
+    joint_models: Table | None
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -197,16 +214,45 @@ class Identification(Estimate):
     def consistency(self) -> Consistency:
         """Whether bodies with such parameters can exist, and the nearest that can."""
         names, matrix = self.combinations, self.matrix
-        return consistent(self.robot, self.selection, names, matrix, self.estimate, self.covariance, self.metric)
+        nearest = consistent(self.robot, self.selection, names, matrix, self.estimate, self.covariance, self.metric)
+        harmful = tuple(str(error) for error in self.model_errors if error.moved > HARM)
+        return replace(nearest, model_errors=harmful)
 
     @cached_property
     def found(self) -> Robot:
         """The robot with what was found: the consistent parameters nearest to its own that fit the estimate."""
-        return self.consistency.robot_of(self.robot)
+        return self.consistency.robot_of(self.setup.true_robot)
 
     def predict(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> np.ndarray:
-        """Torques (..., nv) of the consistent parameters, N m or N, with the damping and friction that were found."""
-        return np.asarray(self.robot.regressor(q, v, a) @ self.consistency.vector)
+        """Torques (..., nv) of the consistent parameters and the joint model, N m or N, at positions as measured."""
+        return self.model_torques(self.setup.position(np.asarray(q, float)), np.asarray(v, float), np.asarray(a, float))
+
+    def model_torques(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, of: Consistency | None = None) -> np.ndarray:
+        """The same at the true positions. of: other parameters than the consistent ones."""
+        of = of or self.consistency
+        tau = self.setup.true_robot.regressor(q, v, a) @ of.vector
+        terms = (of.parameters[term.name] * term.torque(q, v, a) for term in self.selection.terms)
+        return np.asarray(sum(terms, tau))
+
+    def report(self, path: str | Path, notes: Sequence[str] = ()) -> Path:
+        """Write one .html file with its figures: data, choices, residuals, parameters, model errors, validation.
+
+        Parameters
+        ----------
+        path : str or path
+        notes : sequence of str
+            What was done to the data, such as the notes of `read_log`.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        ShowError
+            The ending is another one, or the file cannot be written.
+        """
+        return write_report(self, path, notes)
 
     def to_dict(self) -> dict[str, Any]:
         """A record for JSON."""
@@ -215,7 +261,10 @@ class Identification(Estimate):
         by = self.filter
         window = {} if by is None else {"filter": {"half_window": by.half_window, "velocities": by.source,
                                                    "cutoff": by.cutoff}}  # fmt: skip
-        return self._record(names) | {"consistency": self.consistency.to_dict()} | window | kept
+        more = {"model_errors": [error.to_dict() for error in self.model_errors]}
+        if self.joint_models is not None:
+            more["joint_models"] = self.joint_models.to_records()
+        return self._record(names) | {"consistency": self.consistency.to_dict()} | more | window | kept
 
     def _figure(self) -> "Figure":
         """Residuals in their standard deviations, the covariance of two values, and all intervals, relative."""
@@ -253,7 +302,9 @@ class Identification(Estimate):
         lines += [] if self.filter is None else [str(self.filter)]
         if self.validation is not None:
             lines.append(self.validation.in_words(coordinate_names(self.robot, "v")))
-        lines += self._not_told("torque", "not excited by these data")
+        lines += self.not_told("torque", "not excited by these data")
+        lines += [] if self.joint_models is None else [f"joint models: {self.joint_models.rows[-1][0]}"]
+        lines += [f"model error: {error}" for error in self.model_errors[:MOST_SAID]]
         return "\n".join([*lines, str(self.consistency)])
 
     __repr__ = __str__
