@@ -29,7 +29,7 @@ _TYPES = {
 }
 _CLASSES = {name: kind for kind, name in _TYPES.items()}
 _NOT_DATA = ("self", "what", "status", "retry_after", "run")  # arguments of their own
-_STATUS = {errors.CertificationError: 500, errors.MissingExtraError: 501}  # all others: 422
+_STATUS: dict[type[TwolinkError], int] = {errors.MissingExtraError: 501}  # all others: 422
 _STORAGE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 _LONGEST = 2000  # letters
 _SEE_DOCS = "see the API's description: /docs"
@@ -70,6 +70,8 @@ class Refusal(TwolinkError):
 def problem_of(error: BaseException) -> Problem:
     """Describe any failure. An unexpected one is logged with its traceback, and the answer has no details."""
     failure = error if isinstance(error, TwolinkError) else _refusal_of(error)
+    if isinstance(failure, errors.CertificationError):  # of a request that asks for the impossible, or a fault of ours
+        _log.error("not certified: %s", failure)
     if failure.code == "not-writable":  # no file that a client names is ever written
         failure = _storage_failure(failure.what)
     if isinstance(failure, Refusal):

@@ -34,7 +34,7 @@ from twolink.service.logs import REQUEST_ID, AccessLog, Answered, request_id
 from twolink.service.problems import JSON, Refusal, answer_of
 from twolink.service.settings import Settings
 from twolink.service.work.requests import QUERIES
-from twolink.service.work.sharing import HOLD, RequestMemory, Shares, client_of_scope, hold
+from twolink.service.work.sharing import HOLD, OWNER, RequestMemory, Shares, client_of_scope, hold
 
 _PARTS = (api_models, api_jobs, api_live, api_site)
 _HANDLERS = [handler for part in _PARTS for handler in part.HANDLERS]
@@ -123,7 +123,9 @@ class Shell:
         REQUEST_ID.set(sent_id)
         start, status, body = time.perf_counter(), 101, b""
         try:
-            self._access.check({**scope, "method": "GET"})
+            asked = {**scope, "method": "GET"}
+            self._access.check(asked)
+            scope[OWNER] = asked.get(OWNER, "")
             if scope["path"] != LIVE:
                 raise Refusal(404, "there is no WebSocket at this path", where="path", remedy=f"GET {LIVE}")
         except Refusal as error:
@@ -175,6 +177,7 @@ class Shell:
         route, cors = "refused", []
         try:
             origin = self._access.check(scope)
+            self._identify(scope)
             cors = [] if origin is None else cors_headers(origin)
             query = _query_of(scope)
             if query is None:
@@ -187,6 +190,12 @@ class Shell:
         hold().keep(len(body))
         await send_answer(send, status, [*headers, *cors, DENY_ALL], body)
         self._metrics.answered(route, status, time.perf_counter() - start)
+
+    def _identify(self, scope: Any) -> None:
+        """Let the request under way have what its owner may have."""
+        mine, owner = hold(), scope.get(OWNER, "")
+        mine.client, mine.owner = client_of_scope(scope), owner
+        mine.sees = None if owner in self.service.settings.admins else owner
 
     async def _to_litestar(self, scope: Any, receive: Any, send: Any, cors: list[Header], start: float) -> None:
         """Hand a request on with a body within limits, and add the security headers to the answer."""
