@@ -158,7 +158,7 @@ async def _receive(service: Service, key: str, kind: str, options: RobotOptions,
     finally:
         await store.run(store.unstage, staged)
     service.robots.put(key, loaded.robot)
-    return description
+    return {**description, "owner": owner}
 
 
 @get("/v1/robots/{robot:str}/visuals", tags=["robots"], summary="What a robot looks like")
@@ -181,7 +181,8 @@ async def delete_robot(service: Shared, robot: FromPath[str]) -> None:
     if robot in catalogue():
         raise Refusal(409, "robots of the catalogue stay", where="path: robot", remedy="delete uploaded ones")
     await service.robots.require(robot)
-    require_owner(await service.store.run(service.store.owner_of, robot), "robot")
+    kept = await service.store.run(service.store.robot, robot)
+    require_owner("" if kept is None else kept["owner"], "robot")
     await service.store.run(service.store.remove_robot, robot)
     service.robots.forget(robot)
 

@@ -21,9 +21,8 @@ import msgspec
 
 from twolink.service.problems import Refusal, problem_of
 from twolink.service.settings import Quotas
-from twolink.service.store.data_folder import (
-    RESULTS, ROBOTS, STAGING, VISUALS, open_folder, size_of, tidy, to_remove, unusable,
-)  # fmt: skip
+from twolink.service.store import data_folder
+from twolink.service.store.data_folder import RESULTS, ROBOTS, STAGING, VISUALS, size_of, to_remove
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -74,21 +73,21 @@ class Store:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._database = open_folder(folder)
+        self._database = data_folder.open_folder(folder)
         self._thread = ThreadPoolExecutor(1, "twolink-store")  # one: the order of calls is the order of changes
         self._loading: dict[str, tuple[str, int]] = {}  # uploads that load: their owner, and the bytes they may take
         try:
             self._repair()
         except (OSError, sqlite3.Error) as error:
             self._database.close()
-            raise unusable(folder, error) from None
+            raise data_folder.unusable(folder, error) from None
         self.kept_bytes = self.used_bytes()  # as of the last change
         self.secret: str = self._execute("SELECT ids FROM secrets")[0][0]  # without it no id of an owner can be told
 
     def _repair(self) -> None:
         """Bring folder and database to terms after a service that was killed."""
         robots, jobs = ({row[0] for row in self._execute(f"SELECT id FROM {table}")} for table in ("robots", "jobs"))
-        tidy(self.folder, robots, jobs)
+        data_folder.tidy(self.folder, robots, jobs)
         for (key,) in self._execute("SELECT id FROM jobs WHERE state = 'done'"):
             if not self.result_folder(key).exists():
                 self._delete_job(key)
@@ -184,9 +183,8 @@ class Store:
 
     def robot(self, key: str) -> dict[str, Any] | None:
         """The description of an uploaded robot, or None."""
-        rows = self._execute("SELECT description FROM robots WHERE id = ?", (key,))
-        description: dict[str, Any] | None = msgspec.json.decode(rows[0][0]) if rows else None
-        return description
+        rows = self._execute("SELECT description, owner FROM robots WHERE id = ?", (key,))
+        return {**msgspec.json.decode(rows[0][0]), "owner": rows[0][1]} if rows else None
 
     def has_robot(self, key: str) -> bool:
         """Whether a robot of this id was uploaded."""
@@ -203,10 +201,6 @@ class Store:
         """The number of uploaded robots, and their bytes."""
         count, size = self._execute("SELECT count(*), coalesce(sum(bytes), 0) FROM robots")[0]
         return count, size
-
-    def owner_of(self, key: str) -> str:
-        """The owner of an uploaded robot, "" where it has none."""
-        return next((row[0] for row in self._execute("SELECT owner FROM robots WHERE id = ?", (key,))), "")
 
     def use_robot(self, key: str) -> None:
         """Note that an uploaded robot is used."""
