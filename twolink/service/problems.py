@@ -134,6 +134,8 @@ def answer_of(error: BaseException) -> tuple[int, list[tuple[bytes, bytes]], byt
     headers = [(b"content-type", MEDIA_TYPE.encode())]
     if problem.retry_after is not None:
         headers.append((b"retry-after", str(max(1, round(problem.retry_after))).encode()))
+    if problem.status == 405 and "allow" in problem.data:
+        headers.append((b"allow", str(problem.data["allow"]).encode()))
     if problem.status == 401:
         headers.append((b"www-authenticate", b"Bearer"))
     return problem.status, headers, msgspec.json.encode(problem)

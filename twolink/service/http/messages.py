@@ -121,9 +121,13 @@ async def compressed(scope: Any, headers: Sequence[Header], body: bytes) -> tupl
     kept.append((b"vary", b"accept-encoding"))
     if accepts_gzip(scope):
         beside = len(body) >= _COMPRESS_BESIDE
-        body = await asyncio.to_thread(gzip.compress, body, GZIP_LEVEL) if beside else gzip.compress(body, GZIP_LEVEL)
+        body = await asyncio.to_thread(_gzip, body) if beside else _gzip(body)
         kept.append((b"content-encoding", b"gzip"))
     return [*kept, (b"content-length", b"%d" % len(body))], body
+
+
+def _gzip(body: bytes) -> bytes:
+    return gzip.compress(body, GZIP_LEVEL, mtime=0)  # the same each time
 
 
 def accepts_gzip(scope: Any) -> bool:
@@ -266,7 +270,7 @@ def cors_headers(origin: bytes) -> list[Header]:
     return [
         (b"access-control-allow-origin", origin),
         (b"vary", b"Origin"),
-        (b"access-control-allow-methods", b"GET, POST, DELETE"),
-        (b"access-control-allow-headers", b"authorization, content-type, accept"),
+        (b"access-control-allow-methods", b"GET, HEAD, POST, DELETE"),
+        (b"access-control-allow-headers", b"authorization, content-type, accept, if-none-match, if-range, range"),
         (b"access-control-max-age", b"600"),
     ]
