@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import signal
 import socket
+import time
 from pathlib import Path
 
 import httpx
@@ -100,7 +101,8 @@ def test_an_end_without_tasks_is_no_error(tmp_path: Path) -> None:
     with serving(tmp_path / "data") as served:
         address = "127.0.0.1", int(served.url.rpartition(":")[2])
         half = socket.create_connection(address, timeout=60)
-        half.sendall(b"POST /v1/robots HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9")
+        half.sendall(b"POST /v1/robots HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n")
+        time.sleep(0.5)  # the service has read it
         served.process.send_signal(signal.SIGTERM)
         served.process.wait(60)
         half.close()
