@@ -18,6 +18,8 @@ from twolink.service.work.robot_tasks import RobotOptions
 Json = dict[str, Any]
 _TEXT: Json = {"schema": {"type": "string"}}
 _BINARY: Json = {"schema": {"type": "string", "format": "binary"}}
+_NAMED = "by which the service's log names the request: up to 64 letters, digits, '.', '_' and '-'"
+_REQUEST_ID: Json = {"name": "X-Request-Id", "in": "header", "required": False, **_TEXT, "description": _NAMED}
 _NUMBERS: Json = {"anyOf": [{"type": "number"}, {"type": "array", "items": {}}]}
 _BODIES = {
     "/v1/scenes/validate": requests.SceneRequest,
@@ -127,7 +129,7 @@ def _query(what: str, body: Json) -> Json:
         "operationId": what.replace("-", "_"),
         "summary": QUERIES[what].summary,
         "description": _ABOUT,
-        "parameters": [{"name": "robot", "in": "path", "required": True, **_TEXT, "description": robot}],
+        "parameters": [{"name": "robot", "in": "path", "required": True, **_TEXT, "description": robot}, _REQUEST_ID],
         "requestBody": {"required": True, "content": {JSON: {"schema": body}, NPZ: _BINARY}},
         "responses": {"200": answer},
     }
