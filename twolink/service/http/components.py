@@ -37,7 +37,7 @@ from twolink.service.work.metrics import Metrics
 from twolink.service.work.requests import JobRequest, answer_query, arguments_from_json, count_of, prepare
 from twolink.service.work.sandbox import protection
 from twolink.service.work.sharing import Shares, hold
-from twolink.service.work.time_shares import PAUSED
+from twolink.service.work.time_shares import BESIDE, PAUSED
 from twolink.service.work.worker_pool import Workers
 from twolink.service.work.worker_process import WorkerMemory
 
@@ -163,7 +163,7 @@ class Service:
         pool = functools.partial(Workers, memory=self._worker_memory, waiting=quotas.waiting, on_death=died)
         self._readers = pool(_READERS, writable=folders)
         threads = max(1, thread_count() // quotas.jobs)
-        places = quotas.jobs + 1 + PAUSED
+        places = quotas.jobs + BESIDE + PAUSED
         self._job_workers = pool(places, threads=threads, writable=folders, spare=True)
         self._computers = pool(
             _COMPUTERS,

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from twolink.service.work.sharing import hold
 
 SHORT = 2.0  # s: a job that has run for more is long
+BESIDE = 4  # jobs at most beside the others: those that report seldom, as they compile
 SLICE = 4.0  # s: after which a job yields to others
 PAUSED = 16  # jobs at most that have begun and wait
 _LOOK = 0.25  # s: how soon it is seen that jobs have become long
@@ -32,6 +33,8 @@ class Turn:
 
 class TimeShares:
     """At most `slots` jobs run at once, and a short one beside them where all of them are long.
+
+    One that becomes long there yields at its next report; until then another short one may run beside it.
 
     may_pause: whether there is memory for one more job that has begun and waits.
     """
@@ -115,5 +118,7 @@ class TimeShares:
 
     def _fits(self, turn: Turn) -> bool:
         count = len(self._running)
-        beside = count == self._slots and turn.held <= SHORT and all(each.held > SHORT for each in self._running)
+        beside = (
+            count < self._slots + BESIDE and turn.held <= SHORT and all(each.held > SHORT for each in self._running)
+        )
         return count < self._slots or beside
