@@ -240,11 +240,10 @@ class Job(msgspec.Struct):
     result: Object | None = None
 
 
-def job_of(kind: JobKind) -> type[Job]:
+def job_of(kind: JobKind) -> Any:
     """A job with the request of its kind, which lists leave out where it is long."""
     name = f"{kind.request.__name__.removesuffix('Request')}Job"
-    found: type[Job] = msgspec.defstruct(name, [("request", kind.request | None)], bases=(Job,), kw_only=True)
-    return found
+    return msgspec.defstruct(name, [("request", kind.request | None)], bases=(Job,), kw_only=True)
 
 
 JOBS = {name: job_of(kind) for name, kind in JOB_KINDS.items()}

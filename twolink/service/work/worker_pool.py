@@ -88,7 +88,7 @@ class Workers:
 
     async def warm(self) -> None:
         """Start one process, so that the next task does not wait for it."""
-        if not self._idle:
+        if all(each.task for each in self._idle):
             worker = await self._start()
             worker.is_busy = False
             self._idle.append(worker)
@@ -131,7 +131,7 @@ class Workers:
         """
         written = b""
         async with self._turns.turn():
-            worker = await self._take()
+            worker = await self._take(task)
             try:
                 async with worker.limited(seconds, self._idle_counts):
                     if content is not None:
@@ -165,17 +165,26 @@ class Workers:
             _log.error("unexpected failure in a worker\n%s", answer.traceback)
         raise error_from(answer.problem)
 
-    async def _take(self) -> Worker:
-        """An idle worker that lives, or a new one."""
-        while self._idle:
-            worker = self._idle.pop()
+    async def _take(self, task: str) -> Worker:
+        """An idle worker that lives, at best one that did the same before or else nothing; or a new one.
+
+        Where there is always a spare, what others have loaded and compiled is left to them.
+        """
+        while idle := [
+            each
+            for each in reversed(self._idle)
+            if each.task in (task, "") or not self._spare or len(self._workers) >= self._count
+        ]:
+            worker = max(idle, key=lambda each: (each.task == task, not each.task))
+            self._idle.remove(worker)
             if worker.process.returncode is None and not worker.ended_at:
                 worker.is_busy = True
                 break
             await self._kill(worker)
         else:
             worker = await self._start()
-        if self._spare and not self._idle and not self._background and len(self._workers) < self._count:
+        worker.task = task
+        if self._spare and not self._background and len(self._workers) < self._count:
             starting = asyncio.create_task(self._warm_again())
             self._background.add(starting)
             starting.add_done_callback(self._background.discard)

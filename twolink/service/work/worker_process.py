@@ -149,12 +149,16 @@ def _yield_to_service(pid: int, niceness: int) -> None:
 
 @dataclass(eq=False)
 class Worker:
-    """A worker process. is_busy: a task runs in it. ended_at: the bytes it had when it was ended for its memory."""
+    """A worker process. is_busy: a task runs in it. ended_at: the bytes it had when it was ended for its memory.
+
+    task: what it has done last.
+    """
 
     process: WorkerProcess | Process
     exchange: Exchange
     is_busy: bool = True
     ended_at: int = 0
+    task: str = ""
 
     def memory(self) -> int:
         """Bytes that only this process has, which is what its end frees; 0 where the system does not say (no Linux)."""
