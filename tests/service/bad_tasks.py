@@ -27,6 +27,13 @@ def sleep(*, nap: float, report: Any) -> int:
     return os.getpid()
 
 
+def compute(*, nap: float, report: Any) -> None:
+    report(os.getpid())
+    end = time.monotonic() + nap
+    while time.monotonic() < end:
+        pass
+
+
 def hoard() -> int:
     return len(bytearray(10**12))
 
@@ -77,5 +84,5 @@ def fail() -> None:
     raise KeyError("secret detail")
 
 
-_ALL = (crash, leave, sleep, hoard, hoard_in_llvm, grow, chatter, large, reverse, refuse, fail)
+_ALL = (crash, leave, sleep, compute, hoard, hoard_in_llvm, grow, chatter, large, reverse, refuse, fail)
 TASKS = {f.__name__: f for f in _ALL}

@@ -1,9 +1,11 @@
 """Tasks that try to leave a worker process, for tests of the sandbox. Each returns what it got."""
 
 import ctypes
+import fcntl
 import functools
 import importlib
 import os
+import resource
 import socket
 import subprocess
 import sys
@@ -96,6 +98,56 @@ def signal_the_service() -> None:
     os.kill(os.getppid(), 0)
 
 
+def owner_of_signals() -> None:
+    """A signal of one's own choice, to the parent, when something can be read."""
+    end, other = os.pipe()
+    fcntl.fcntl(end, fcntl.F_SETOWN, os.getppid())
+    os.close(end)
+    os.close(other)
+
+
+def limits_of_the_service() -> None:
+    """The limit that ends a process by its processor time."""
+    resource.prlimit(os.getppid(), resource.RLIMIT_CPU, resource.getrlimit(resource.RLIMIT_CPU))
+
+
+def priority_of_the_service() -> None:
+    os.setpriority(os.PRIO_PROCESS, os.getppid(), os.getpriority(os.PRIO_PROCESS, os.getppid()))
+
+
+def processors_of_the_service() -> None:
+    os.sched_setaffinity(os.getppid(), os.sched_getaffinity(os.getppid()))
+
+
+def disk_priority_of_the_service() -> None:
+    if ctypes.CDLL(None, use_errno=True).syscall(251, 1, os.getppid(), 0) != 0:  # ioprio_set on x86-64
+        raise PermissionError(ctypes.get_errno(), "ioprio_set")
+
+
+def permissions(*, at: str) -> None:
+    os.chmod(at, 0o644)
+
+
+def times(*, at: str) -> None:
+    os.utime(at, (1, 1))
+
+
+def name_of_the_machine() -> None:
+    socket.sethostname(socket.gethostname())
+
+
+def all_calls(*, some: list[int]) -> dict[int, int]:
+    """The error of each of these system calls, with arguments of no use."""
+    libc = ctypes.CDLL(None, use_errno=True)
+
+    def error(number: int) -> int:
+        ctypes.set_errno(0)
+        libc.syscall(number, *[ctypes.c_ulong(2**64 - 1)] * 6)
+        return ctypes.get_errno()
+
+    return {number: error(number) for number in some}
+
+
 def environment() -> dict[str, str]:
     return dict(os.environ)
 
@@ -138,7 +190,9 @@ def compute() -> dict[str, float]:
 
 _ALL: list[Callable[..., object]] = [
     read, listing, write, link, remove, give_away, tcp, udp, pair, program, execute, forked, c_library, trace,
-    memory_of_the_service, signal_the_service, environment, status, death_signal, late_import, compute,
+    memory_of_the_service, signal_the_service, owner_of_signals, limits_of_the_service, priority_of_the_service,
+    processors_of_the_service, disk_priority_of_the_service, permissions, times, name_of_the_machine, all_calls,
+    environment, status, death_signal, late_import, compute,
 ]  # fmt: skip
 
 

@@ -24,11 +24,11 @@ from twolink.service.work.worker_process import WorkerMemory
 
 def run(
     work: Callable[[Workers], Awaitable[Any]], count: int = 1, megabytes: float = 1000, waiting: int = 100,
-    tasks: str = "tests.service.bad_tasks",
+    tasks: str = "tests.service.bad_tasks", **more: Any,
 ) -> Any:  # fmt: skip
     async def whole() -> Any:
         memory = WorkerMemory(megabytes)
-        workers = Workers(count, memory, waiting=waiting, tasks=tasks)
+        workers = Workers(count, memory, waiting=waiting, tasks=tasks, **more)
         watch = asyncio.create_task(memory.watch())
         try:
             return await work(workers)
@@ -83,18 +83,58 @@ def test_a_process_that_cannot_begin_is_no_fault_of_the_task(tmp_path: Path, mon
     assert caught.value.status == 503
 
 
-@pytest.mark.slow
-def test_a_task_that_takes_too_long_is_killed() -> None:
+@pytest.mark.parametrize(
+    ("task", "seconds", "idle"), [("compute", 0.5, 0.02), ("sleep", 0.05, 0.1), ("sleep", 0.5, 1.0)]
+)
+def test_a_task_that_takes_too_much_processor_time_is_killed_and_so_is_what_hangs(
+    task: str, seconds: float, idle: float
+) -> None:
     async def work(workers: Workers) -> None:
         seen: list[int] = []
         await workers.run("chatter", 60)
-        with pytest.raises(Refusal, match=r"0\.5 s"):
-            await workers.run("sleep", 0.5, on_progress=seen.append, nap=1000)
+        with pytest.raises(Refusal, match=rf"{seconds} s"):
+            await workers.run(task, seconds, on_progress=seen.append, nap=1000)
         with pytest.raises(ProcessLookupError):
             os.kill(seen[0], 0)
         assert await workers.run("chatter", 60) == "heard"
 
+    run(work, idle=idle)
+
+
+def test_time_in_which_a_process_gets_no_processor_hardly_counts() -> None:
+    async def work(workers: Workers) -> None:
+        await workers.run("chatter", 60)
+        assert await workers.run("sleep", 0.2, nap=1.0) > 0
+
     run(work)
+
+
+def test_a_task_goes_on_when_its_report_is_answered() -> None:
+    async def work(workers: Workers) -> None:
+        go, seen = asyncio.Event(), list[int]()
+
+        async def answer(value: int) -> dict[str, Any]:
+            seen.append(value)
+            await go.wait()
+            return {}
+
+        task = asyncio.create_task(workers.run("sleep", 60, on_question=answer, nap=0.0))
+        done, _ = await asyncio.wait([task], timeout=2.0)
+        assert not done
+        go.set()
+        assert await task == seen[0]
+
+    run(work)
+
+
+def test_what_others_have_compiled_is_left_to_them() -> None:
+    async def work(workers: Workers) -> None:
+        first = await workers.run("sleep", 60, nap=0.0)
+        await workers.run("chatter", 60)
+        await workers.run("chatter", 60)
+        assert await workers.run("sleep", 60, nap=0.0) == first
+
+    run(work, count=4, spare=True)
 
 
 def test_a_worker_killed_in_its_task_is_replaced() -> None:

@@ -26,7 +26,7 @@ def upload(*, folder: str, kind: str, also: str) -> dict[str, Any]:
         sys.addaudithook(_note)
     _opened.clear()
     robots = Path(folder).parent
-    about = receive(folder=folder, kind=kind, options=RobotOptions(), quotas=Quotas()).description
+    about = receive(folder=folder, kind=kind, options=RobotOptions(), quotas=Quotas(), ask=lambda _: {}).description
     refused = ""
     try:
         draw(key=Path(folder).name, robots=str(robots), path=str(Path(folder) / "visuals.json.gz"))

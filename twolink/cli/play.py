@@ -104,7 +104,12 @@ def serve(
     data: Annotated[
         str | None, Option(metavar="PATH", help="Folder of the results.", show_default="your user data folder")
     ] = None,
-    token: Annotated[list[str] | None, Option(metavar="TEXT", help="Ask for this bearer token; repeatable.")] = None,
+    token: Annotated[
+        list[str] | None, Option(metavar="TEXT", help="Ask for this bearer token, NAME:TOKEN of an owner; repeatable.")
+    ] = None,
+    admin: Annotated[
+        list[str] | None, Option(metavar="NAME", help="Owner who manages what all have; repeatable.")
+    ] = None,
     quota: Annotated[list[str] | None, Option(metavar="NAME=NUMBER", help="A limit; --quota help lists them.")] = None,
     allow_host: Annotated[list[str] | None, Option(metavar="NAME", help="Another name of it; repeatable.")] = None,
     allow_origin: Annotated[list[str] | None, Option(metavar="URL", help="Site that may call it; repeatable.")] = None,
@@ -144,6 +149,7 @@ def serve(
         host=host,
         port=port,
         tokens=tuple(text.strip() for text in (*(token or ()), *of_environment)),
+        admins=tuple(admin or []),
         hosts=tuple(allow_host or []),
         origins=tuple(allow_origin or []),
         quotas=read_quotas(quota or []),

@@ -5,6 +5,7 @@ when nobody else can write there, and when its digest matches its content and it
 kernel's name is refused. Other files are left alone, whoever put them there; a kernel that is refused is built again.
 """
 
+import contextlib
 import functools
 import hashlib
 import os
@@ -80,9 +81,10 @@ def load(name: str) -> Any:
         return None
     try:
         content = pickle.loads(payload)
-        os.utime(str(path))  # the least recently used is deleted first
     except Exception:  # whatever an outdated file raises, it is built again
         return None
+    with contextlib.suppress(OSError):  # a worker of the service may set no times
+        os.utime(str(path))  # the least recently used is deleted first
     return content
 
 

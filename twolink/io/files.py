@@ -5,8 +5,8 @@ A URDF or a mesh may come from a stranger. Whatever a name in it looks like, the
 
 import errno
 import os
+import secrets
 import stat
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
@@ -45,26 +45,17 @@ def write_atomic(
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        draft, mode = path.with_name(f".{path.name}.{secrets.token_hex(4)}"), 0o600 if private else 0o666
         try:
-            with os.fdopen(handle, "wb") as file:
+            with open(draft, "xb", opener=lambda name, flags: os.open(name, flags, mode)) as file:
                 write(file)
-            if not private:
-                os.chmod(name, 0o666 & ~_umask())
-            os.replace(name, path)
+            draft.replace(path)
         finally:
-            Path(name).unlink(missing_ok=True)  # nothing is left to remove after a success
+            draft.unlink(missing_ok=True)  # nothing is left to remove after a success
     except OSError as failure:
         what = f"cannot be written: {failure.strerror or failure}"
         raise error(what, where=str(path), remedy="check the folder and the disk", code="not-writable") from None
     return path
-
-
-def _umask() -> int:
-    """The permissions that new files do not get; the system reports them only while they are set."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def read_confined(root: Path, name: str | Path, limit: int) -> bytes:

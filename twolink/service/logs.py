@@ -71,6 +71,7 @@ class _Json(logging.Formatter):
 
 def configure(form: LogForm) -> None:
     """Let all messages of this process go to stderr in this form. Those of "off" are as text."""
+    logging.getLogger("uvicorn.error").addFilter(lambda record: record.args != (0,))  # "Cancel 0 running task(s)"
     handler = logging.StreamHandler()
     handler.setFormatter(_Json() if form == "json" else _Text())
     logging.basicConfig(level=logging.WARNING, handlers=[handler], force=True)

@@ -29,7 +29,7 @@ _TYPES = {
 }
 _CLASSES = {name: kind for kind, name in _TYPES.items()}
 _NOT_DATA = ("self", "what", "status", "retry_after", "run")  # arguments of their own
-_STATUS = {errors.CertificationError: 500, errors.MissingExtraError: 501}  # all others: 422
+_STATUS: dict[type[TwolinkError], int] = {errors.MissingExtraError: 501}  # all others: 422
 _STORAGE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 _LONGEST = 2000  # letters
 _SEE_DOCS = "see the API's description: /docs"
@@ -70,6 +70,8 @@ class Refusal(TwolinkError):
 def problem_of(error: BaseException) -> Problem:
     """Describe any failure. An unexpected one is logged with its traceback, and the answer has no details."""
     failure = error if isinstance(error, TwolinkError) else _refusal_of(error)
+    if isinstance(failure, errors.CertificationError):  # of a request that asks for the impossible, or a fault of ours
+        _log.error("not certified: %s", failure)
     if failure.code == "not-writable":  # no file that a client names is ever written
         failure = _storage_failure(failure.what)
     if isinstance(failure, Refusal):
@@ -132,6 +134,8 @@ def answer_of(error: BaseException) -> tuple[int, list[tuple[bytes, bytes]], byt
     headers = [(b"content-type", MEDIA_TYPE.encode())]
     if problem.retry_after is not None:
         headers.append((b"retry-after", str(max(1, round(problem.retry_after))).encode()))
+    if problem.status == 405 and "allow" in problem.data:
+        headers.append((b"allow", str(problem.data["allow"]).encode()))
     if problem.status == 401:
         headers.append((b"www-authenticate", b"Bearer"))
     return problem.status, headers, msgspec.json.encode(problem)

@@ -19,7 +19,7 @@ Count = Annotated[int, msgspec.Meta(ge=1, le=10**9)]
 Amount = Annotated[float, msgspec.Meta(gt=0, le=1e9)]  # which leaves out inf and nan
 _HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?")
 _ORIGIN = re.compile(r"https?://[^/\s?#@A-Z]+")
-_TOKEN = re.compile(r"[!-+\--~]+")  # what a header carries, without the comma that separates tokens
+_TOKEN = re.compile(r"(?:([A-Za-z0-9_.@-]{1,64}):)?([!-+\--9;-~]+)")  # NAME:TOKEN; a comma separates tokens
 
 
 class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -31,7 +31,10 @@ class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     scene, or writing a file. query_seconds: for a batch. memory_mb: of all worker processes together. robots_mb: of the
     robots that stay loaded. jobs: at once. queue: jobs of a client that wait. job_seconds: computing time of a job.
     duration: simulated seconds. samples: of a run. result_mb: size of a result. disk_mb: size of all results and
-    uploads together; the results not used for longest go first. body_seconds: time in which a request must arrive.
+    uploads together; half of what a result leaves of it is for uploads, the rest for results, and neither takes from
+    the other. Of results those not used for longest go first, of the owner who has most. owner_disk_mb: of all that a
+    named owner keeps. owner_rate: requests a second of a named owner. body_seconds: time in which a request must
+    arrive.
     connections: open at once. header_kb: size of a request's line and headers. rate_kb: kB/s at which requests must
     arrive and answers be read. memory_in_flight_mb: of bodies, of what is made of them, and of answers until they are
     read. waiting: requests that wait to be computed. A client may hold at most as many connections, as much memory in
@@ -61,6 +64,8 @@ class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     runs: Count = 1_000_000
     result_mb: Amount = 256
     disk_mb: Amount = 4096
+    owner_disk_mb: Amount = 1e9
+    owner_rate: Amount = 1e9
     body_seconds: Amount = 120
     connections: Count = 4000
     header_kb: Amount = 32
@@ -81,12 +86,24 @@ class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             remedy = f"give disk_mb={self.result_mb:g} or more, or less result_mb"
             raise TwolinkError(what, argument="quota", remedy=remedy)
 
+    @property
+    def uploads_mb(self) -> float:
+        """The part of the disk that is for uploaded robots."""
+        return (self.disk_mb - self.result_mb) / 2
+
+    @property
+    def results_mb(self) -> float:
+        """The part of the disk that is for results and drawings."""
+        return self.disk_mb - self.uploads_mb
+
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The settings of a service. data: the folder of everything that is kept.
 
-    tokens: bearer tokens, any of which opens the API; none: no token is asked for. hosts: names the service may be
-    called by, besides localhost and plain addresses. origins: of pages that may call it from browsers, besides its own.
+    tokens: bearer tokens, any of which opens the API; none: no token is asked for. NAME:TOKEN has an owner: who brings
+    it lists, cancels and deletes that owner's robots and jobs only; a token without a name has an owner without one.
+    admins: names of owners who may do so with those of all. hosts: names the service may be called by, besides
+    localhost and plain addresses. origins: of pages that may call it from browsers, besides its own.
     log: the form of its log. delete_results: whether it may start with more results than its quota allows. dask: the
     address of a Dask scheduler that sweeps are sent to; empty: they are computed here.
     """
@@ -95,6 +112,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     host: str = "127.0.0.1"
     port: int = 8000
     tokens: tuple[str, ...] = ()
+    admins: tuple[str, ...] = ()
     hosts: tuple[str, ...] = ()
     origins: tuple[str, ...] = ()
     quotas: Quotas = Quotas()
@@ -116,8 +134,16 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 raise TwolinkError(f"{origin!r} is not the origin of a page", argument="allow_origin", remedy=remedy)
         for token in self.tokens:
             if not _TOKEN.fullmatch(token):  # the message does not show it
-                what = "a token is empty, or has spaces, commas or letters beyond ASCII"
-                raise TwolinkError(what, argument="token", remedy="take plain letters and digits")
+                what = "a token is empty, or has spaces, commas, colons or letters beyond ASCII"
+                raise TwolinkError(what, argument="token", remedy="take plain letters and digits: TOKEN or NAME:TOKEN")
+        for name in self.admins:
+            require_known(name, {owner for owner, _ in self.owners if owner}, TwolinkError, argument="admin")
+
+    @property
+    def owners(self) -> list[tuple[str, str]]:
+        """The owner and the text of each token."""
+        matches = filter(None, map(_TOKEN.fullmatch, self.tokens))
+        return [(match[1] or "", match[2]) for match in matches]
 
 
 def default_folder() -> Path:

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 from litestar import MediaType, Request, Response, delete, get, post
-from litestar.params import FromPath, FromQuery, QueryParameter
+from litestar.params import FromPath, FromQuery, PathParameter, QueryParameter
 from litestar.response import File, Stream
 
 from twolink.errors import TwolinkError
@@ -54,7 +54,7 @@ async def result_file(service: Service, kind: str, key: str, name: str, task: st
     path = service.store.result_folder(key) / name
     with _removed_meanwhile(service, kind, key):
         await service.make(path, task, **arguments)
-    await service.store.run(service.store.measure, key, service.settings.quotas.disk_mb * 2**20)
+    await service.store.run(service.store.measure, key, service.settings.quotas.results_mb * 2**20)
     return path
 
 
@@ -255,13 +255,18 @@ async def figure(
 
 
 @get("/v1/sweeps/{job:str}/runs/{number:int}", tags=_TAGS, summary="One run of a sweep")
-async def run(service: Shared, job: FromPath[str], number: FromPath[int]) -> Response[bytes]:
+async def run(
+    service: Shared, job: FromPath[str], number: Annotated[int, PathParameter(ge=0, le=10**9)]
+) -> Response[bytes]:
     """{"run", "values", "simulation"}: what varied in this run, and the body by which /v1/simulations computes it.
 
     number: the run's place in the columns of the result.
     """
     body = await service.jobs.request("sweep", job)
-    return Response(await service.read("sweep_run", body=body, number=number), media_type=MediaType.JSON)
+    return Response(
+        await service.read("sweep_run", body=body, number=number, quotas=service.settings.quotas),
+        media_type=MediaType.JSON,
+    )
 
 
 HANDLERS = [

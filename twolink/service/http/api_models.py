@@ -20,19 +20,20 @@ from twolink.scenes.file import bundled_content
 from twolink.scenes.file_format import scene_schema
 from twolink.service.http.components import Service, Shared, catalogue
 from twolink.service.http.messages import OCTETS, UNSPECIFIED, XML, ZIP, accepts_gzip, body_limit, media_type, too_large
-from twolink.service.problems import JSON, Refusal, decode_unique
+from twolink.service.problems import JSON, Refusal, decode_unique, problem_of
 from twolink.service.settings import Quotas
 from twolink.service.work.requests import QUERIES, version_key
 from twolink.service.work.robot_tasks import ReceivedRobot, RobotOptions
+from twolink.service.work.sharing import hold, require_owner
 
 _PARAMETERS = ("root", "mimic", "unphysical", "foreign", "urdf", "gravity", "lock")  # of uploads whose body is not JSON
 
 
 @get("/v1/robots", tags=["robots"], summary="List robots")
 async def list_robots(service: Shared) -> list[dict[str, Any]]:
-    """The robots of the catalogue, whose names are their ids, and those uploaded."""
+    """The robots of the catalogue, whose names are their ids, and those that the token's owner has uploaded."""
     shown = ("id", "name", "origin", "nq", "nv", "mass", "root", "source", "lock")
-    uploaded = await service.store.run(service.store.robots, shown)
+    uploaded = await service.store.run(service.store.robots, shown, hold().sees)
     return [*({"name": name, **_about(name)} for name in catalogue()), *uploaded]
 
 
@@ -68,7 +69,7 @@ async def upload_robot(request: Request[Any, Any, Any], service: Shared) -> Resp
     which comes from its content: the same upload has the same id (200 instead of 201).
     """
     media = media_type(request.headers.get("content-type", "").encode())
-    parts = (await request.body(), media, request.query_params, service.settings.quotas)
+    parts = (await request.body(), media, request.query_params, service.settings.quotas, service.ids_of(hold().owner))
     key, kind, options, content = await asyncio.to_thread(_upload, *parts)  # to hash 100 MB takes 0.1 s
     async with service.locks(key):
         kept = await service.store.run(service.store.robot, key)
@@ -77,8 +78,10 @@ async def upload_robot(request: Request[Any, Any, Any], service: Shared) -> Resp
         return Response(await _receive(service, key, kind, options, content), status_code=201)
 
 
-def _upload(body: bytes, media: str, query: MultiDict[str], quotas: Quotas) -> tuple[str, str, RobotOptions, bytes]:
-    """The id of an upload, what it is, how to load it, and its content."""
+def _upload(
+    body: bytes, media: str, query: MultiDict[str], quotas: Quotas, ids: str
+) -> tuple[str, str, RobotOptions, bytes]:
+    """The id of an upload, what it is, how to load it, and its content. ids: as `Service.ids_of`."""
     media = _sniffed(body) if media in (*UNSPECIFIED, OCTETS) else media
     limit = body_limit(media, quotas)
     if len(body) > limit:
@@ -91,7 +94,7 @@ def _upload(body: bytes, media: str, query: MultiDict[str], quotas: Quotas) -> t
     else:
         remedy = "send application/xml, application/zip or application/json"
         raise Refusal(415, f"{media[:80]!r} is not understood", where="header: Content-Type", remedy=remedy)
-    digest = hashlib.sha256(msgspec.json.encode(options, order="sorted") + kind.encode())
+    digest = hashlib.sha256(ids.encode() + msgspec.json.encode(options, order="sorted") + kind.encode())
     digest.update(content)
     return f"u-{digest.hexdigest()[:20]}", kind, options, content
 
@@ -132,36 +135,41 @@ def _options(query: MultiDict[str]) -> RobotOptions:
 async def _receive(service: Service, key: str, kind: str, options: RobotOptions, content: bytes) -> dict[str, Any]:
     """Have a worker load an upload, and keep it once that has gone well."""
     quotas, store = service.settings.quotas, service.store
-    count, size = await store.run(store.robot_use)
+    owner, (count, _) = hold().owner, await store.run(store.robot_use)
     if count >= quotas.uploads:
         raise Refusal(429, f"{quotas.uploads} robots are kept already", where="request", remedy="delete some")
-    limit = (quotas.disk_mb - quotas.result_mb) * 2**20 - len(content)  # a result must always find room
-    if size > limit:
-        raise Refusal(413, "the service's disk quota is used up", where="body", remedy="delete some robots")
+
+    async def reserve(count: Any) -> dict[str, Any]:
+        try:
+            await store.run(store.reserve, key, owner, max(0, int(count)), quotas)
+        except Refusal as refusal:
+            return msgspec.structs.asdict(problem_of(refusal))
+        return {}
+
+    await store.run(store.reserve, key, owner, len(content), quotas)
     staged = await store.run(store.stage, key, content)
     try:
-        answer = await service.read("receive", folder=str(staged), kind=kind, options=options, quotas=quotas)
+        answer = await service.read("receive", on_question=reserve, folder=str(staged), kind=kind, options=options,
+                                    quotas=quotas)  # fmt: skip
         loaded = msgspec.convert(answer, ReceivedRobot)
         about = {"id": key, "origin": "uploaded", **msgspec.to_builtins(options), "root": options.root}
         description = {**about, **loaded.description}
-        await store.run(store.add_robot, key, staged, description, quotas.disk_mb * 2**20)
+        await store.run(store.add_robot, key, staged, description, owner, quotas)
     finally:
         await store.run(store.unstage, staged)
     service.robots.put(key, loaded.robot)
-    return description
+    return {**description, "owner": owner}
 
 
 @get("/v1/robots/{robot:str}/visuals", tags=["robots"], summary="What a robot looks like")
 async def visuals(request: Request[Any, Any, Any], service: Shared, robot: FromPath[str]) -> Response[bytes]:
     """Shapes by link, as three.js objects in JSON; see `kinematics` for where the links are."""
     await service.robots.require(robot)
-    store, limit = service.store, service.settings.quotas.disk_mb * 2**20
+    store = service.store
     path = store.visuals(f"{version_key()[:20]}-{robot}.json.gz")
-    if robot not in catalogue():
-        path = store.robot_folder(robot) / "visuals.json.gz"
     await service.make(path, "draw", key=robot)
     content = await asyncio.to_thread(path.read_bytes)
-    await store.run(store.measure_robot, robot, limit)
+    await store.run(store.drop_drawings, service.settings.quotas.results_mb * 2**20)
     if accepts_gzip(request.scope):
         return Response(content, media_type=MediaType.JSON, headers={"Content-Encoding": "gzip"})
     return Response(await asyncio.to_thread(gzip.decompress, content), media_type=MediaType.JSON)
@@ -173,6 +181,8 @@ async def delete_robot(service: Shared, robot: FromPath[str]) -> None:
     if robot in catalogue():
         raise Refusal(409, "robots of the catalogue stay", where="path: robot", remedy="delete uploaded ones")
     await service.robots.require(robot)
+    kept = await service.store.run(service.store.robot, robot)
+    require_owner("" if kept is None else kept["owner"], "robot")
     await service.store.run(service.store.remove_robot, robot)
     service.robots.forget(robot)
 

@@ -1,7 +1,6 @@
 """Paths outside /v1: the page, the API's description (OpenAPI 3.1) and its docs, health and metrics.
 
-The description is Litestar's, with the queries (which are plain ASGI) and the problems added. The docs are the same as
-HTML, with no script and no outside address.
+The docs are the description as HTML, with no script and no outside address.
 """
 
 import functools
@@ -10,89 +9,21 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-import msgspec
-from litestar import Litestar, MediaType, Request, Response, get
+from litestar import MediaType, Request, Response, get
 from litestar.params import FromPath
 
 from twolink._version import __version__
-from twolink.service.http.components import PREFIX, Shared
+from twolink.service.http.components import Shared
 from twolink.service.http.messages import PAGE_POLICY
-from twolink.service.problems import JSON, MEDIA_TYPE, Problem, Refusal
-from twolink.service.store.archives import NPZ
-from twolink.service.work import metrics, requests
-from twolink.service.work.requests import QUERIES, body_of
-from twolink.service.work.robot_tasks import RobotOptions
+from twolink.service.http.openapi import openapi_document
+from twolink.service.problems import Refusal
+from twolink.service.work import metrics
 from twolink.show.playback import VIEWER, viewer_script
 
 Json = dict[str, Any]
-_TEXT = {"type": "string"}
-_BINARY = {"schema": {"type": "string", "format": "binary"}}
-_BODIES = {
-    "/v1/scenes/validate": requests.SceneRequest,
-    "/v1/scenes/explain": requests.ExplainRequest,
-    "/v1/scenes/linearize": requests.LinearizationRequest,
-    **{f"/v1/{kind.path}": kind.request for kind in requests.JOB_KINDS.values()},
-}
-_ABOUT = (
-    "q is a configuration (nq numbers), v a velocity, a an acceleration, tau joint torques (nv numbers each), zero "
-    "when left out. A list of them is a batch: the answer has the same leading axes. SI units, radians, Pinocchio's "
-    "layout. In application/x-npz arrays go by their names, wrenches as f_ext.FRAME; npz is answered by npz unless "
-    "Accept says otherwise. The same request has the same answer to the last bit."
-)
 _PAGE = Path(__file__).parents[1] / "page"
 _MEDIA = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _HEADERS = {"Content-Security-Policy": PAGE_POLICY, "Cache-Control": "no-cache"}
-
-
-@functools.lru_cache(maxsize=1)
-def openapi_document(app: Litestar) -> Json:
-    """The document of an application."""
-    document = app.openapi_schema.to_schema()
-    bodies, components = msgspec.json.schema_components(
-        [*(body_of(query) for query in QUERIES.values()), *_BODIES.values(), Problem, RobotOptions],
-        ref_template="#/components/schemas/{name}",
-    )
-    document.setdefault("components", {}).setdefault("schemas", {}).update(components)
-    for what, body in zip(QUERIES, bodies, strict=False):
-        document["paths"][f"{PREFIX}{{robot}}/{what}"] = {"post": _query(what, body)}
-    for path, body in zip(_BODIES, bodies[len(QUERIES) :], strict=False):
-        document["paths"][path]["post"]["requestBody"] = {"required": True, "content": {JSON: {"schema": body}}}
-    upload = {"schema": {"$ref": "#/components/schemas/RobotOptions"}}
-    content = {JSON: upload, "application/xml": {"schema": _TEXT}, "application/zip": _BINARY}
-    document["paths"]["/v1/robots"]["post"]["requestBody"] = {"required": True, "content": content}
-    document["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
-    document["security"] = [{}, {"token": []}]
-    for operations in document["paths"].values():
-        for operation in operations.values():
-            _add_problems(operation)
-    return document
-
-
-def _query(what: str, body: Json) -> Json:
-    robot = "a robot's id: a name of the catalogue, or of an upload"
-    results = {
-        name: {"description": f"({', '.join(map(str, shape))}) for one state, {unit}"}
-        for name, (shape, unit) in QUERIES[what].results.items()
-    }
-    schema = {"schema": {"type": "object", "properties": results}}
-    answer = {"description": "The answer, by name", "content": {JSON: schema, NPZ: _BINARY}}
-    return {
-        "tags": ["queries"],
-        "operationId": what.replace("-", "_"),
-        "summary": QUERIES[what].summary,
-        "description": _ABOUT,
-        "parameters": [{"name": "robot", "in": "path", "required": True, "schema": _TEXT, "description": robot}],
-        "requestBody": {"required": True, "content": {JSON: {"schema": body}, NPZ: _BINARY}},
-        "responses": {"200": answer},
-    }
-
-
-def _add_problems(operation: Json) -> None:
-    """Every operation may be refused; what Litestar says of its own refusals is replaced."""
-    content = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
-    refused = {"description": "What is wrong with the request, where, and what to do", "content": content}
-    answers = {status: answer for status, answer in operation["responses"].items() if status[0] not in "45"}
-    operation["responses"] = {**answers, "4XX": refused}
 
 
 def docs_page(document: Json) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import time
 from typing import Any
 
@@ -21,20 +22,19 @@ from twolink.service.http.messages import (
     AccessControl,
     Header,
     body_limit,
-    compressed,
     cors_headers,
     header,
     media_type,
     read_body,
     send_answer,
-    send_body,
     while_connected,
 )
+from twolink.service.http.outgoing import Outgoing
 from twolink.service.logs import REQUEST_ID, AccessLog, Answered, request_id
 from twolink.service.problems import JSON, Refusal, answer_of
 from twolink.service.settings import Settings
 from twolink.service.work.requests import QUERIES
-from twolink.service.work.sharing import HOLD, RequestMemory, Shares, client_of_scope, hold
+from twolink.service.work.sharing import HOLD, OWNER, RequestMemory, Shares, client_of_scope, hold
 
 _PARTS = (api_models, api_jobs, api_live, api_site)
 _HANDLERS = [handler for part in _PARTS for handler in part.HANDLERS]
@@ -74,7 +74,7 @@ class Shell:
         self._inner, self._queries, self._metrics = inner, service.queries, service.metrics
         self._access = AccessControl(service.settings)
         self._memory = Shares(self._quotas.memory_in_flight_mb * 2**20)
-        self._under_way = 0
+        self._under_way, self._routes = 0, _routes(inner)
         service.metrics.gauge("twolink_requests_under_way", "Requests that are answered", lambda: self._under_way)
         service.metrics.gauge("twolink_bytes_in_flight", "Bytes of bodies and answers", lambda: self._memory.held)
 
@@ -123,7 +123,9 @@ class Shell:
         REQUEST_ID.set(sent_id)
         start, status, body = time.perf_counter(), 101, b""
         try:
-            self._access.check({**scope, "method": "GET"})
+            asked = {**scope, "method": "GET"}
+            self._access.check(asked)
+            scope[OWNER] = asked.get(OWNER, "")
             if scope["path"] != LIVE:
                 raise Refusal(404, "there is no WebSocket at this path", where="path", remedy=f"GET {LIVE}")
         except Refusal as error:
@@ -175,6 +177,7 @@ class Shell:
         route, cors = "refused", []
         try:
             origin = self._access.check(scope)
+            self._identify(scope)
             cors = [] if origin is None else cors_headers(origin)
             query = _query_of(scope)
             if query is None:
@@ -183,52 +186,62 @@ class Shell:
             route = query[1].name
             status, headers, body = await self._queries.answer(scope, receive, *query)
         except Exception as error:
-            status, headers, body = answer_of(error)
+            cause = error.__cause__  # Litestar wraps what is refused while an answer is sent
+            status, headers, body = answer_of(cause if isinstance(cause, Refusal) else error)
         hold().keep(len(body))
         await send_answer(send, status, [*headers, *cors, DENY_ALL], body)
         self._metrics.answered(route, status, time.perf_counter() - start)
 
+    def _identify(self, scope: Any) -> None:
+        """Let the request under way have what its owner may have."""
+        mine, owner = hold(), scope.get(OWNER, "")
+        mine.client, mine.owner = client_of_scope(scope), owner
+        mine.sees = None if owner in self.service.settings.admins else owner
+
     async def _to_litestar(self, scope: Any, receive: Any, send: Any, cors: list[Header], start: float) -> None:
         """Hand a request on with a body within limits, and add the security headers to the answer."""
-        if cors and scope["method"] == "OPTIONS":
-            await send_answer(send, 204, cors, b"")
+        allowed = self._allowed(scope["path"])
+        if allowed and scope["method"] not in allowed:
+            remedy = f"it takes {allowed}"
+            raise Refusal(
+                405, f"{scope['method'][:20]} is not for this path", remedy=remedy, where="method", allow=allowed
+            )
+        if allowed and scope["method"] == "OPTIONS":
+            await send_answer(send, 204, [(b"allow", allowed.encode()), *cors, DENY_ALL], b"")
             return
         body = b""
         if scope["method"] in ("POST", "PUT", "PATCH"):
             limit = body_limit(media_type(header(scope, b"content-type")), self._quotas)
             body = await read_body(scope, receive, limit)
-        status = 500
-        start_message: Any = None  # kept until there is room for the body
-        complete = False
-
-        async def send_secured(message: Any) -> None:
-            nonlocal status, start_message, complete
-            if message["type"] == "http.response.start":
-                status, start_message = message["status"], message
-                return
-            body, more = message.get("body", b""), message.get("more_body", False)
-            if start_message is not None:
-                headers = list(start_message["headers"])
-                if not more:
-                    headers, body = await compressed(scope, headers, body)
-                hold().add(len(body))
-                has_policy = any(name == DENY_ALL[0] for name, _ in headers)
-                added = [*SECURITY, *cors, *([] if has_policy else [DENY_ALL])]
-                await send({**start_message, "headers": [*headers, *added]})
-                start_message = None
-            complete = not more
-            await send_body(send, body, more)
+        outgoing = Outgoing(scope, send, cors)
 
         async def receive_end() -> Any:
             message = await receive()
-            if complete:  # uvicorn says then, too, that the client has gone
+            if outgoing.complete:  # uvicorn says then, too, that the client has gone
                 await asyncio.Future()
             return message
 
         try:
-            await while_connected(receive_end, self._inner(scope, _replay(body, receive), send_secured))
+            await while_connected(receive_end, self._inner(scope, _replay(body, receive), outgoing))
         finally:
-            self._metrics.answered(scope.get("path_template") or "unknown", status, time.perf_counter() - start)
+            route = scope.get("path_template") or "unknown"
+            self._metrics.answered(route, outgoing.status, time.perf_counter() - start)
+
+    def _allowed(self, path: str) -> str:
+        """The methods of a path, as the header Allow names them; empty where there is no such path."""
+        found = {method for pattern, methods in self._routes if pattern.fullmatch(path) for method in methods}
+        return ", ".join(sorted(found | ({"HEAD"} if "GET" in found else set())))
+
+
+def _routes(inner: Litestar) -> list[tuple[re.Pattern[str], set[str]]]:
+    """The paths of an application and of the queries, with their methods."""
+    found = [(re.compile(f"{PREFIX}[^/]+/({'|'.join(map(re.escape, QUERIES))})"), {"POST", "OPTIONS"})]
+    for route in inner.routes:
+        parts = re.split(r"\{\w+:(\w+)\}", route.path)
+        parts[1::2] = ["/?.+" if kind == "path" else "[^/]+" for kind in parts[1::2]]
+        methods = {str(method) for method in getattr(route, "methods", ())}
+        found.append((re.compile("".join(parts)), methods | {"OPTIONS"} if methods else set()))
+    return found
 
 
 def _query_of(scope: Any) -> tuple[str, Query] | None:

@@ -8,6 +8,7 @@ import asyncio
 import contextlib
 import functools
 import gc
+import hashlib
 import logging
 import math
 import time
@@ -35,7 +36,8 @@ from twolink.service.work.jobs import Jobs
 from twolink.service.work.metrics import Metrics
 from twolink.service.work.requests import JobRequest, answer_query, arguments_from_json, count_of, prepare
 from twolink.service.work.sandbox import protection
-from twolink.service.work.sharing import Shares
+from twolink.service.work.sharing import Shares, hold
+from twolink.service.work.time_shares import BESIDE, PAUSED
 from twolink.service.work.worker_pool import Workers
 from twolink.service.work.worker_process import WorkerMemory
 
@@ -70,6 +72,7 @@ class RobotPool:
         async with self._locks(key):
             robot = self.loaded(key)
             if robot is None:
+                await self._store.run(self._store.use_robot, key)
                 pickled = await self._workers.run("load", self._seconds, key=key, robots=self.folder)
                 robot = self.put(key, pickled)
         return robot
@@ -160,7 +163,8 @@ class Service:
         pool = functools.partial(Workers, memory=self._worker_memory, waiting=quotas.waiting, on_death=died)
         self._readers = pool(_READERS, writable=folders)
         threads = max(1, thread_count() // quotas.jobs)
-        self._job_workers = pool(quotas.jobs, threads=threads, writable=folders)
+        places = quotas.jobs + BESIDE + PAUSED
+        self._job_workers = pool(places, threads=threads, writable=folders, spare=True)
         self._computers = pool(
             _COMPUTERS,
             threads=thread_count(),
@@ -171,18 +175,23 @@ class Service:
         self.robots = RobotPool(settings, self.store, self._computers)
         self.queries = Queries(settings, self.robots, self._computers, self.metrics)
         senders = (
-            pool(quotas.jobs, tasks="twolink.service.work.sweep_tasks", writable=folders) if settings.dask else None
-        )
-        self.live = pool(quotas.live, niceness=0)
+            pool(places, tasks="twolink.service.work.sweep_tasks", writable=folders, idle=1.0)
+            if settings.dask
+            else None
+        )  # the cluster computes while they wait
+        self.live = pool(quotas.live, niceness=0, idle=1.0)
         self.lives = Shares(quotas.live)
         self._pools = [self._readers, self._computers, self._job_workers, *([senders] if senders else [])]
-        self.jobs = Jobs(settings, self.store, self._job_workers, self.metrics, senders)
+        may_pause = self._worker_memory.has_room
+        self.jobs = Jobs(settings, self.store, self._job_workers, self.metrics, senders, may_pause)
 
     def _require_room(self) -> None:
         """Keep to the quota of the disk; raise TwolinkError rather than delete results without being told to."""
         quota, kept = self.settings.quotas.disk_mb, self.store.kept_bytes / 2**20
         if kept > quota and self.settings.delete_results:
-            _log.warning("%d jobs were deleted, as all is to take %g MB", self.store.shrink(quota * 2**20), quota)
+            jobs = self.store.shrink(quota * 2**20 - self.store.robot_use()[1])
+            robots = self.store.shrink_robots(quota * 2**20 - self.store.result_bytes())
+            _log.warning("%d jobs and %d robots were deleted, as all is to take %g MB", jobs, robots, quota)
         elif kept > quota:
             self.store.close()
             what = f"results and robots take {kept:.0f} MB, more than disk_mb = {quota:g}"
@@ -214,9 +223,14 @@ class Service:
 
     async def prepare(self, kind: str, body: bytes) -> JobRequest:
         """Check the body of a request for a job."""
+        ids = self.ids_of(hold().owner)
         if len(body) <= _REQUEST_IN_LOOP:
-            return prepare(kind=kind, body=body)
-        return msgspec.convert(await self.read("prepare", kind=kind, body=body), JobRequest)
+            return prepare(kind=kind, body=body, ids=ids)
+        return msgspec.convert(await self.read("prepare", kind=kind, body=body, ids=ids), JobRequest)
+
+    def ids_of(self, owner: str) -> str:
+        """What makes the ids of a named owner's robots and jobs its own: who knows them has them from the owner."""
+        return hashlib.sha256(f"{self.store.secret} {owner}".encode()).hexdigest() if owner else ""
 
     async def make(self, path: Path, task: str, **arguments: Any) -> None:
         """Have a task write a file, unless it is there."""

@@ -5,6 +5,8 @@ import base64
 import contextlib
 import gzip
 import hmac
+import re
+import time
 from collections.abc import Coroutine, Sequence
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
@@ -12,7 +14,7 @@ from urllib.parse import urlsplit
 from twolink.service.problems import Refusal
 from twolink.service.settings import Quotas, Settings, ip_address
 from twolink.service.store.archives import GZIP_LEVEL, NPZ
-from twolink.service.work.sharing import hold
+from twolink.service.work.sharing import OWNER, hold
 
 T = TypeVar("T")
 Header = tuple[bytes, bytes]
@@ -119,9 +121,13 @@ async def compressed(scope: Any, headers: Sequence[Header], body: bytes) -> tupl
     kept.append((b"vary", b"accept-encoding"))
     if accepts_gzip(scope):
         beside = len(body) >= _COMPRESS_BESIDE
-        body = await asyncio.to_thread(gzip.compress, body, GZIP_LEVEL) if beside else gzip.compress(body, GZIP_LEVEL)
+        body = await asyncio.to_thread(_gzip, body) if beside else _gzip(body)
         kept.append((b"content-encoding", b"gzip"))
     return [*kept, (b"content-length", b"%d" % len(body))], body
+
+
+def _gzip(body: bytes) -> bytes:
+    return gzip.compress(body, GZIP_LEVEL, mtime=0)  # the same each time
 
 
 def accepts_gzip(scope: Any) -> bool:
@@ -167,6 +173,7 @@ _OPEN_PATHS = (
 _OPEN_PREFIX = "/page/"
 LIVE = "/v1/live"
 BEARER = "bearer"  # the subprotocol before a token as base64url: browsers send no other header with a WebSocket
+_HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::[0-9]{1,5})?")
 _MAX_HOSTS = 1000  # checked ones that are remembered
 
 
@@ -174,14 +181,20 @@ class AccessControl:
     """Checks each request before anything else looks at it."""
 
     def __init__(self, settings: Settings) -> None:
-        self._tokens = [token.encode() for token in settings.tokens]
+        self._owners = [(owner, token.encode()) for owner, token in settings.owners]
+        self._rates = Rates(settings.quotas.owner_rate)
         self._hosts = {"localhost", settings.host.lower(), *(host.lower() for host in settings.hosts)}
         self._origins = {origin.encode() for origin in settings.origins}
         self._checked_hosts: set[bytes] = set()
 
     def check(self, scope: Any) -> bytes | None:
-        """Raise Refusal unless the request may pass. Returns the foreign origin it came from, if one is allowed."""
+        """Raise Refusal unless the request may pass. Returns the foreign origin it came from, if one is allowed.
+
+        Notes in the scope who is the owner of the token.
+        """
         headers = headers_of(scope)
+        if len(headers) < len(scope["headers"]) and [name for name, _ in scope["headers"]].count(b"host") > 1:
+            raise Refusal(400, "there are several of it", where="header: Host", remedy="send one")
         host, origin = headers.get(b"host", b""), headers.get(b"origin")
         if host not in self._checked_hosts:
             self._check_host(host)
@@ -191,28 +204,51 @@ class AccessControl:
             raise Refusal(403, "pages of other sites may not call it", where="header: Origin", remedy=remedy)
         path: str = scope["path"]
         is_open = scope["method"] == "OPTIONS" or path in _OPEN_PATHS or path.startswith(_OPEN_PREFIX)
-        if self._tokens and not is_open:
-            self._check_token(headers.get(b"authorization") or _offered_token(scope.get("subprotocols", ())))
+        if self._owners and not is_open and OWNER not in scope:
+            sent = headers.get(b"authorization") or _offered_token(scope.get("subprotocols", ()))
+            scope[OWNER] = self._owner(sent)
+            self._rates.take(scope[OWNER])
         return foreign
 
     def _check_host(self, host: bytes) -> None:
         """Let addresses and allowed names pass: a site whose name points at this machine must not reach the service."""
-        try:
-            name = urlsplit(f"//{host.decode('ascii')}").hostname or ""
-        except ValueError:
-            name = ""
+        match = _HOST.fullmatch(host.decode("latin-1"))
+        name = match[1].lower() if match else ""
         if name not in self._hosts and ip_address(name) is None:
             remedy = "call it by its address, or start it with --allow-host"
             raise Refusal(421, f"the service has no name {name!r:.80}", where="header: Host", remedy=remedy)
         if len(self._checked_hosts) < _MAX_HOSTS:
             self._checked_hosts.add(host)
 
-    def _check_token(self, authorization: bytes) -> None:
+    def _owner(self, authorization: bytes) -> str:
+        """The owner of the token. Raises Refusal (401)."""
         kind, _, sent = authorization.partition(b" ")
-        matches = [hmac.compare_digest(sent.strip(), token) for token in self._tokens]  # all of them: constant time
-        if kind.lower() != b"bearer" or not any(matches):
+        compared = [(hmac.compare_digest(sent.strip(), token), owner) for owner, token in self._owners]  # constant time
+        owners = [owner for is_same, owner in compared if is_same]
+        if kind.lower() != b"bearer" or not owners:
             what = "the token is not one of the service's" if authorization else "a token is required"
             raise Refusal(401, what, where="header: Authorization", remedy="send Authorization: Bearer TOKEN")
+        return owners[0]
+
+
+class Rates:
+    """So many requests a second of each named owner, a second's at once."""
+
+    def __init__(self, rate: float) -> None:
+        self._rate, self._most = rate, max(1.0, rate)
+        self._left: dict[str, tuple[float, float]] = {}  # requests, and when there were so many
+
+    def take(self, owner: str) -> None:
+        """Count a request. Raises Refusal (429) where there were too many."""
+        if not owner:
+            return
+        now = time.monotonic()
+        left, since = self._left.get(owner, (self._most, now))
+        left = min(self._most, left + (now - since) * self._rate)
+        if left < 1.0:
+            what, remedy = f"{owner} has asked for more than {self._rate:g} requests a second", "ask more slowly"
+            raise Refusal(429, what, where="request", remedy=remedy, retry_after=(1.0 - left) / self._rate)
+        self._left[owner] = left - 1.0, now
 
 
 def _offered_token(subprotocols: Sequence[str]) -> bytes:
@@ -234,7 +270,7 @@ def cors_headers(origin: bytes) -> list[Header]:
     return [
         (b"access-control-allow-origin", origin),
         (b"vary", b"Origin"),
-        (b"access-control-allow-methods", b"GET, POST, DELETE"),
-        (b"access-control-allow-headers", b"authorization, content-type, accept"),
+        (b"access-control-allow-methods", b"GET, HEAD, POST, DELETE"),
+        (b"access-control-allow-headers", b"authorization, content-type, accept, if-none-match, if-range, range"),
         (b"access-control-max-age", b"600"),
     ]

@@ -37,13 +37,18 @@ async function wantToken() {
   return Boolean(answer);
 }
 
+/** A path of the service, from where its page is: a proxy may have put it below another path. */
+function below(path) {
+  return path.replace(/^\//, "");
+}
+
 /** The answer to a request. Throws Problem unless its status is 2xx; asks for a token when the service needs one. */
 export async function request(path, { method = "GET", body, headers = {}, signal } = {}) {
   for (let attempt = 0; ; attempt++) {
     const all = token ? { ...headers, Authorization: `Bearer ${token}` } : headers;
     let answer;
     try {
-      answer = await fetch(path, { method, headers: all, signal, ...(body !== undefined && { body }) });
+      answer = await fetch(below(path), { method, headers: all, signal, ...(body !== undefined && { body }) });
     } catch (failure) {
       if (failure.name === "AbortError") throw failure;
       window.dispatchEvent(new Event("service-gone"));
@@ -61,7 +66,7 @@ export async function request(path, { method = "GET", body, headers = {}, signal
 
 /** A WebSocket of the service. Browsers send no header with it: the token is a subprotocol, as base64url. */
 export function socket(path) {
-  const url = new URL(path, location.href.replace(/^http/, "ws"));
+  const url = new URL(below(path), location.href.replace(/^http/, "ws"));
   const coded = btoa(token).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
   return new WebSocket(url, token ? ["bearer", coded] : []);
 }

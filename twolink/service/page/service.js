@@ -31,7 +31,7 @@ export function watchService(onBack) {
 
 async function isBack() {
   try {
-    return (await fetch("/health")).ok;
+    return (await fetch("health")).ok;
   } catch {
     return false;
   }

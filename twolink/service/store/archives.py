@@ -18,7 +18,7 @@ import pickle
 import zipfile
 import zlib
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -47,8 +47,11 @@ _END, _ZIP64_LOCATOR = 22, 20  # bytes of the records at the end of a zip
 _MAX_DIRECTORY = 64 * 1024  # bytes of a zip's list of members
 
 
-def unpack(archive: Path, folder: Path, quotas: Quotas) -> list[str]:
-    """Unpack the robots and meshes of a zip into an empty folder. Returns their names. Raises RobotError."""
+def unpack(archive: Path, folder: Path, quotas: Quotas, room: Callable[[int], None]) -> list[str]:
+    """Unpack the robots and meshes of a zip into an empty folder. Returns their names. Raises RobotError.
+
+    room: called with the bytes that it will take, before.
+    """
     try:
         with zipfile.ZipFile(archive) as opened:
             members = [member for member in opened.infolist() if not member.is_dir()]
@@ -60,6 +63,7 @@ def unpack(archive: Path, folder: Path, quotas: Quotas) -> list[str]:
                 raise _refused(f"more than {quotas.upload_mb:g} MB unpacked", "simplify the meshes")
             by_name = {_safe(member.filename): member for member in reversed(members)}
             names = [name for name in by_name if name.lower().endswith(_KEPT)]
+            room(sum(by_name[name].file_size for name in names))
             for name in names:
                 _copy(opened, by_name[name], folder / name)
             return names

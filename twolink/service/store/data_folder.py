@@ -9,7 +9,7 @@ import re
 import shutil
 import sqlite3
 import time
-from collections.abc import Container
+from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
 
 from twolink.errors import TwolinkError
@@ -17,7 +17,7 @@ from twolink.errors import TwolinkError
 DATABASE = "twolink.sqlite"
 ROBOTS, RESULTS, VISUALS, STAGING = "robots", "results", "visuals", "staging"
 PARTS = (ROBOTS, RESULTS, VISUALS, STAGING)  # what worker processes may write
-_VERSION = 2
+_VERSION = 3
 _NAMES = {
     ROBOTS: re.compile(r"u-[0-9a-f]{20}"),
     RESULTS: re.compile(r"(simulation|study|sensitivity|identification|sweep|s)-[0-9a-f]{1,20}"),
@@ -83,9 +83,10 @@ def _open_database(path: Path) -> sqlite3.Connection:
         version = database.execute("PRAGMA user_version").fetchone()[0]
         if version > _VERSION:
             raise sqlite3.OperationalError(f"it is of a newer version of twolink ({version}, this one has {_VERSION})")
-        if version < _VERSION:
-            schema = Path(__file__).with_name(f"schema_{version}_to_{_VERSION}.sql").read_text(encoding="utf-8")
-            database.executescript(f"BEGIN; {schema} COMMIT")
+        while version < _VERSION:
+            (step,) = Path(__file__).parent.glob(f"schema_{version}_to_*.sql")
+            database.executescript(f"BEGIN; {step.read_text(encoding='utf-8')} COMMIT")
+            version = int(step.stem.rpartition("_")[2])
         state = database.execute("PRAGMA quick_check(1)").fetchone()[0]
         if state != "ok":
             raise sqlite3.DatabaseError(state)
@@ -128,3 +129,25 @@ def size_of(folder: Path) -> int:
         with contextlib.suppress(FileNotFoundError):
             total += path.stat().st_size if path.is_file() else 0
     return total
+
+
+def to_remove(
+    jobs: Sequence[tuple[str, str, int]], sizes: Mapping[str, int], limits: Mapping[str, float], excess: float
+) -> list[str]:
+    """The jobs to remove until their owners keep to their limits and all take `excess` bytes less.
+
+    jobs: id, owner and bytes, the last used first. sizes, limits: bytes by owner. The owner who has most loses first.
+    """
+    left, waiting, removed = dict(sizes), dict[str, list[tuple[str, int]]](), list[str]()
+    for key, owner, size in jobs:
+        waiting.setdefault(owner, []).append((key, size))
+    while waiting:
+        owner = max(waiting, key=lambda owner: (left[owner] > limits[owner], left[owner]))
+        if excess <= 0 and left[owner] <= limits[owner]:
+            break
+        key, size = waiting[owner].pop()
+        removed.append(key)
+        excess, left[owner] = excess - size, left[owner] - size
+        if not waiting[owner]:
+            del waiting[owner]
+    return removed

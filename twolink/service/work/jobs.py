@@ -11,7 +11,7 @@ import logging
 import math
 import sqlite3
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,7 +22,16 @@ from twolink.service.settings import Settings
 from twolink.service.store.store import ACTIVE, RESUMED, Job, KeyedLocks, Store
 from twolink.service.work.metrics import Metrics
 from twolink.service.work.requests import JOB_KINDS, JobRequest
-from twolink.service.work.sharing import NO_TASK, Shares, Turns, hold
+from twolink.service.work.sharing import (
+    HOLD,
+    NO_TASK,
+    RequestMemory,
+    Shares,
+    client_of_owner,
+    hold,
+    require_owner,
+)
+from twolink.service.work.time_shares import TimeShares, Turn
 from twolink.service.work.worker_pool import Workers
 
 View = dict[str, Any]
@@ -53,17 +62,21 @@ class _Running:
 
 
 class Jobs:
-    """The jobs of the service. senders: the worker processes that send sweeps to a cluster, if there is one."""
+    """The jobs of the service. senders: the worker processes that send sweeps to a cluster, if there is one.
+
+    may_pause: see `TimeShares`.
+    """
 
     def __init__(
-        self, settings: Settings, store: Store, workers: Workers, metrics: Metrics, senders: Workers | None = None
-    ) -> None:
+        self, settings: Settings, store: Store, workers: Workers, metrics: Metrics, senders: Workers | None = None,
+        may_pause: Callable[[], bool] = lambda: True,
+    ) -> None:  # fmt: skip
         self._quotas, self._store, self._workers, self._metrics = settings.quotas, store, workers, metrics
         self._senders, self._dask = senders, settings.dask  # processes that may reach the cluster
-        self._disk_bytes = settings.quotas.disk_mb * 2**20
+        self._disk_bytes = settings.quotas.results_mb * 2**20, settings.quotas.owner_disk_mb * 2**20
         self._running: dict[str, _Running] = {}
         self._locks = KeyedLocks()
-        self._turns = Turns(settings.quotas.jobs, math.inf)
+        self._turns = TimeShares(settings.quotas.jobs, may_pause)
         self._queue = Shares(2 * (settings.quotas.queue + settings.quotas.jobs))  # of which one client may have half
         self._closing = False
 
@@ -74,6 +87,7 @@ class Jobs:
     async def resume(self) -> None:
         """Take up the jobs that an earlier service has left."""
         for job in await self._store.run(self._store.waiting):
+            HOLD.set(RequestMemory(Shares(math.inf), client_of_owner(job.owner), job.owner))
             self._start(job.id, job.kind)
 
     async def submit(self, kind: str, request: JobRequest) -> View:
@@ -87,7 +101,7 @@ class Jobs:
             if job is not None and job.state == "done":
                 await self._store.run(self._store.use, key)
             elif key not in self._running:
-                await self._begin(key, kind, request.content)
+                await self._begin(key, kind, request.content, hold().owner)
         await self._wait(key, request.wait)
         job = await self._job(kind, key)
         if job.state == "failed":
@@ -97,18 +111,18 @@ class Jobs:
     async def again(self, kind: str, key: str) -> View:
         """Run a job again that failed, was cancelled or was interrupted."""
         async with self._locks(key):
-            job = await self._job(kind, key)
+            job = await self._own(kind, key)
             if not (key in self._running or job.state == "done"):
-                await self._begin(key, kind, bytes(job.request))
+                await self._begin(key, kind, bytes(job.request), job.owner)
         return await self.view(kind, key)
 
-    async def _begin(self, key: str, kind: str, content: bytes) -> None:
+    async def _begin(self, key: str, kind: str, content: bytes, owner: str) -> None:
         client = hold().client
         if not self._queue.take(client):
             what = f"{len(self._running)} jobs wait already"
             raise Refusal(429, what, where="request", remedy="wait until some are done", retry_after=10)
         try:
-            await self._store.run(self._store.new_job, key, kind, content)
+            await self._store.run(self._store.new_job, key, kind, content, owner)
             self._start(key, kind, client)
         except BaseException:
             self._queue.give(client)
@@ -124,10 +138,10 @@ class Jobs:
         """Run a job when a worker is free, and store how it ended. Its request waits in the store, not in memory."""
         end: dict[str, Any] = {}
         try:
-            async with self._turns.turn():
+            async with self._turns.turn() as turn:
                 running.started = time.time()
                 self._metrics.job_wait.observe(running.started - running.created)
-                result = await self._compute(key, running)
+                result = await self._compute(key, running, turn)
             end = {"state": "done", "ended": time.time(), "result": result, "progress": {"fraction": 1.0}}
         except asyncio.CancelledError:
             end = (
@@ -143,22 +157,24 @@ class Jobs:
                 self._queue.give(running.client)
             self._metrics.jobs.labels(running.kind, end["state"]).inc()
 
-    async def _compute(self, key: str, running: _Running) -> Any:
+    async def _compute(self, key: str, running: _Running, turn: Turn) -> Any:
         folder, body = await self._store.run(self._store.begin_job, key)
 
-        def note(progress: Any) -> None:
+        async def note(progress: Any) -> View:
             running.progress = progress
+            await self._turns.go_on(turn)
+            return {}
 
         robots, seconds = str(self._store.folder / "robots"), self._quotas.job_seconds
         arguments: dict[str, Any] = {"folder": str(folder), "body": body, "robots": robots, "quotas": self._quotas}
         try:
             if running.kind == "sweep" and self._senders is None:
-                return await self._sweep(seconds, on_progress=note, **arguments)
+                return await self._sweep(seconds, turn, on_question=note, **arguments)
             workers = self._workers
             if running.kind == "sweep" and self._senders is not None:
                 robot = await workers.run("pack_robot", seconds, body=body, robots=robots)
                 workers, arguments = self._senders, {**arguments, "robot": robot, "cluster": self._dask}
-            return await workers.run(JOB_KINDS[running.kind].task, seconds, on_progress=note, **arguments)
+            return await workers.run(JOB_KINDS[running.kind].task, seconds, on_question=note, **arguments)
         except Refusal as refusal:
             if refusal.code == "cluster-lost":
                 _log.error("the Dask scheduler %s cannot be reached", self._dask)
@@ -167,12 +183,12 @@ class Jobs:
                 raise Refusal(422, what, code="too-slow", remedy="run it again: it goes on") from None
             raise
 
-    async def _sweep(self, seconds: float, **arguments: Any) -> Any:
+    async def _sweep(self, seconds: float, turn: Turn, **arguments: Any) -> Any:
         """Run a sweep. Where a worker dies the next one goes on, which gives up the run that three died of."""
-        end, death = time.monotonic() + seconds, None
+        death = None
         while True:
             try:
-                left = max(0.0, end - time.monotonic())
+                left = seconds if death is None else max(0.0, seconds - turn.held)
                 return await self._workers.run("sweep", left, died=death is not None, **arguments)
             except Refusal as refusal:
                 if refusal.code == NO_TASK and death is not None:
@@ -185,7 +201,7 @@ class Jobs:
         """Store how a job ended. As long as that fails (the disk is full), the job runs, and it is tried again."""
         while True:
             try:
-                await self._store.run(self._store.end_job, key, self._disk_bytes, **end)
+                await self._store.run(self._store.end_job, key, *self._disk_bytes, **end)
                 return
             except (sqlite3.Error, OSError) as error:
                 _log.error("the end of job %s cannot be stored (%s); it is tried again", key, error)
@@ -211,6 +227,12 @@ class Jobs:
             raise self.removed(kind, key)
         return job
 
+    async def _own(self, kind: str, key: str) -> Job:
+        """A job of the store that the request under way may change. Raises Refusal (403, 404)."""
+        job = await self._job(kind, key)
+        require_owner(job.owner, kind)
+        return job
+
     @staticmethod
     def removed(kind: str, key: str) -> Refusal:
         """The refusal of a job that is not there."""
@@ -234,13 +256,13 @@ class Jobs:
         return self._view(await self._job(kind, key))
 
     async def all(self, kind: str, before: float, limit: int) -> list[View]:
-        """The views of the newest jobs asked for before that time, without results and without large requests."""
-        jobs = await self._store.run(self._store.jobs, kind, before, limit)
+        """The views of the owner's newest jobs asked for before that time, without results and large requests."""
+        jobs = await self._store.run(self._store.jobs, kind, before, limit, hold().sees)
         return [_without(self._view(job), "result") for job in jobs]
 
     def _view(self, job: Job) -> View:
         running = self._running.get(job.id)
-        names = ("id", "kind", "state", "created", "request", "problem", "result")
+        names = ("id", "kind", "state", "owner", "created", "request", "problem", "result")
         return {name: getattr(job, name) for name in names} | {
             "seconds": None if job.started is None else round((job.ended or time.time()) - job.started, 3),
             "progress": running.progress if running else job.progress,
@@ -248,7 +270,7 @@ class Jobs:
 
     async def cancel(self, kind: str, key: str) -> View:
         """Cancel a job that waits or runs."""
-        job = await self._job(kind, key)
+        job = await self._own(kind, key)
         running = self._running.get(key)
         if running is not None and not running.ending:
             running.task.cancel()

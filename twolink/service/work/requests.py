@@ -304,11 +304,11 @@ def version_key() -> str:
     return code_key() + files_digest(our_urdfs().glob("*.urdf"))
 
 
-def prepare(*, kind: str, body: bytes) -> JobRequest:
-    """Check the body of a request for a job. Raises what `decode_unique` raises."""
+def prepare(*, kind: str, body: bytes, ids: str = "") -> JobRequest:
+    """Check the body of a request for a job. ids: what sets an owner's ids apart. Raises as `decode_unique`."""
     request = decode_unique(body, JOB_KINDS[kind].request)
     fields = msgspec.to_builtins(request)
     del fields["wait"]
     content = msgspec.json.encode(fields, order="sorted")
-    digest = hashlib.sha256(version_key().encode() + content).hexdigest()
+    digest = hashlib.sha256((version_key() + ids).encode() + content).hexdigest()
     return JobRequest(f"{kind}-{digest[:20]}", request.wait, content)

@@ -14,7 +14,7 @@ from twolink.errors import RobotError
 from twolink.io.text import decode
 from twolink.robots import load_model
 from twolink.robots.catalogue import catalogue_names
-from twolink.service.problems import JSON
+from twolink.service.problems import JSON, Problem, error_from
 from twolink.service.settings import Quotas
 from twolink.service.store.archives import (
     GZIP_LEVEL,
@@ -34,6 +34,7 @@ from twolink.service.work.requests import (
     count_of,
     require_size,
 )
+from twolink.service.work.worker import Ask
 from twolink.show.meshcat_scene import scene_nodes
 from twolink.show.viewer_data import place_on_link, robot_data
 
@@ -81,15 +82,24 @@ class ReceivedRobot(msgspec.Struct):
     description: dict[str, Any]
 
 
-def receive(*, folder: str, kind: str, options: RobotOptions, quotas: Quotas) -> ReceivedRobot:
-    """Check and load what was uploaded into `folder` (as "body"), and leave there what is needed to load it again."""
+def receive(*, folder: str, kind: str, options: RobotOptions, quotas: Quotas, ask: Ask) -> ReceivedRobot:
+    """Check and load what was uploaded into `folder` (as "body"), and leave there what is needed to load it again.
+
+    ask: for room on the disk, bytes; answered by a problem where there is none.
+    """
     place = Path(folder)
+
+    def room(count: int) -> None:
+        if refused := ask(count):
+            raise error_from(msgspec.convert(refused, Problem))
+
     body, files = place / "body", place / _FILES
     if kind != "source":
         files.mkdir()
-        names = unpack(body, files, quotas) if kind == "zip" else []
+        names = unpack(body, files, quotas, room) if kind == "zip" else []
         urdf = choose_urdf(names, options.urdf) if kind == "zip" else _URDF
         text = decode((files / urdf if kind == "zip" else body).read_bytes(), Path(urdf), RobotError)
+        room(len(text.encode()))
         (place / _URDF).write_text(text, encoding="utf-8")
         options = msgspec.structs.replace(options, urdf=urdf)
     body.unlink()

@@ -1,23 +1,24 @@
 """What a worker process may do: read the program, write its own folders, compute. Nothing else, where Linux can say so.
 
 Landlock (Linux 5.13 and later) limits the files that a process may open, and from 6.7 and 6.12 on TCP and signals;
-seccomp refuses system calls: those that no task needs, by name, since a list of what numerical libraries do need would
-break with each of their versions. Both hold for native code too, and cannot be taken back. They are set with plain
-system calls: the libraries for them (py-landlock, pyseccomp) wrap the same few calls, and one needs a C library that
-few machines have.
+seccomp refuses all system calls but those that tasks need. Both hold for native code too, and cannot be taken back.
+They are set with plain system calls: the libraries for them (py-landlock, pyseccomp) wrap the same few calls, and one
+needs a C library that few machines have.
 
 Sources: Linux, Documentation/userspace-api/landlock.rst and seccomp_filter.rst; the numbers of the calls are those of
 arch/x86/entry/syscalls/syscall_64.tbl and include/uapi/asm-generic/unistd.h.
 """
 
+import contextlib
 import ctypes
 import errno
 import os
 import platform
 import struct
 import sys
+import threading
 import tomllib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import msgspec
@@ -36,16 +37,28 @@ _OF_NETWORK = ("/etc", Path.home() / ".config" / "dask", "/proc/stat", "/proc/ne
 _TCP, _SIGNALS_AND_SOCKETS = 0b11, 0b11  # what is refused from version 4 on, and from 6 on
 
 _X86_64, _AARCH64 = 0xC000003E, 0xC00000B7  # AUDIT_ARCH_...
-_Calls = dict[str, list[int]]
-_CALLS: dict[str, _Calls] = tomllib.loads(Path(__file__).with_name("system_calls.toml").read_text("utf-8"))
-_REFUSED = _CALLS["network"] | _CALLS["others"]
-_CLONE, _CLONE3, _NEW_THREAD = (56, 220), 435, 0x10000
+_Instruction = tuple[int, int, int, int]
+_Asked = tuple[int, int, int, bool]
+_CALLS: dict[str, dict[str, list[int]]] = tomllib.loads(
+    Path(__file__).with_name("system_calls.toml").read_text("utf-8")
+)
+_CLONE3, _UNKNOWN = 435, 452  # from which on calls are newer than the table
 _ALLOW, _KILL, _REFUSE = 0x7FFF0000, 0x80000000, 0x00050000  # SECCOMP_RET_ALLOW, KILL_PROCESS, ERRNO | number
-_LOAD, _EQUAL, _NOT_LESS, _ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x06  # instructions of the filter
+_LOAD, _EQUAL, _NOT_LESS, _ANY_BIT, _JUMP, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x05, 0x06  # instructions of the filter
+_ARGUED = {"clone": (56, 220), "fcntl": (72, 25), "prctl": (157, 167), "prlimit64": (302, 261), "tgkill": (234, 131)}
+_FIRST, _SECOND, _THIRD, _THIRD_HIGH = 16, 24, 32, 36  # where the words of arguments are
+_ASKED: list[tuple[str, list[_Asked]]] = [
+    ("clone", [(_FIRST, _ANY_BIT, 0x10000, True)]),  # a thread
+    ("fcntl", [(_SECOND, _NOT_LESS, 8, False)]),  # neither F_SETOWN nor F_SETSIG: they send signals
+    ("fcntl", [(_SECOND, _NOT_LESS, 36, True)]),
+    *(("prctl", [(_FIRST, _EQUAL, option, True)]) for option in (2, 15, 16, 0x53564D41)),  # names; PR_GET_PDEATHSIG
+    ("prlimit64", [(word, _EQUAL, 0, True) for word in (_FIRST, _THIRD, _THIRD_HIGH)]),  # read its own limits
+    ("tgkill", [(_FIRST, _EQUAL, os.getpid(), True)]),
+]
 
 
 class Protection(msgspec.Struct, frozen=True):
-    """How worker processes are kept in on this machine. landlock: the version of it; 0: files are not limited."""
+    """How worker processes are kept in, as was tried on this machine. landlock: its version; 0: none."""
 
     landlock: int
     seccomp: bool
@@ -56,17 +69,45 @@ class Protection(msgspec.Struct, frozen=True):
         return bool(self.landlock and self.seccomp)
 
     def __str__(self) -> str:
-        files = f"limited by Landlock {self.landlock}" if self.landlock else "NOT limited (this system has no Landlock)"
-        calls = "limited by seccomp" if self.seccomp else "NOT limited (no seccomp on this system)"
+        files = (
+            f"limited by Landlock {self.landlock}" if self.landlock else "NOT limited (this system refuses Landlock)"
+        )
+        calls = "limited by seccomp" if self.seccomp else "NOT limited (this system refuses seccomp)"
         return f"worker processes: files {files}; network, programs and other processes {calls}"
 
 
 def protection() -> Protection:
-    """What this machine can do. Nothing is changed."""
+    """What this machine can do: a thread tries it, as limits of a thread end with it."""
     if sys.platform != "linux":
         return Protection(0, False)
-    version = _libc().syscall(_CREATE_RULESET, None, ctypes.c_size_t(0), _ASK_VERSION)
-    return Protection(max(0, version), _processor() is not None and Path("/proc/sys/kernel/seccomp").is_dir())
+    found: list[int] = []
+
+    def attempt() -> None:
+        version = max(0, _libc().syscall(_CREATE_RULESET, None, ctypes.c_size_t(0), _ASK_VERSION))
+        with contextlib.suppress(TwolinkError):
+            _check(_libc().prctl(_NO_NEW_PRIVS, *map(ctypes.c_ulong, (1, 0, 0, 0))))
+            files = version and _holds(lambda: _limit_files(version, (), False), lambda: os.listdir("/"))
+            found.append(version if files else 0)
+            calls = _processor() and _holds(lambda: _limit_calls(False), lambda: os.kill(os.getpid(), 0))
+            found.append(bool(calls))
+
+    thread = threading.Thread(target=attempt)
+    thread.start()
+    thread.join()
+    landlock, seccomp = (*found, 0, 0)[:2]
+    return Protection(landlock, bool(seccomp))
+
+
+def _holds(limit: Callable[[], object], forbidden: Callable[[], object]) -> bool:
+    """Whether a limit can be set, and what it forbids is refused then."""
+    try:
+        limit()
+        forbidden()
+    except PermissionError:
+        return True
+    except TwolinkError:
+        pass
+    return False
 
 
 def restrict(writable: Sequence[Path], *, network: bool = False) -> None:
@@ -93,7 +134,7 @@ def restrict(writable: Sequence[Path], *, network: bool = False) -> None:
     if can.landlock:
         _limit_files(can.landlock, writable, network)
     if can.seccomp:
-        _limit_calls(_CALLS["others"] if network else _REFUSED)
+        _limit_calls(network)
 
 
 def _program() -> Iterable[str | Path]:
@@ -140,34 +181,45 @@ def _allow(rules: int, path: str | Path, rights: int) -> None:
         os.close(place)
 
 
-def _limit_calls(calls: _Calls) -> None:
-    """Refuse these system calls with EPERM, new processes included; threads are allowed."""
-    code = _filter(_processor() or 0, calls)
+def _limit_calls(network: bool) -> None:
+    """Refuse all system calls but those of the table, new processes included; threads are allowed."""
+    code = _filter(_processor() or 0, network)
     content = ctypes.create_string_buffer(b"".join(struct.pack("=HBBI", *instruction) for instruction in code))
     program = struct.pack("HxxxxxxP", len(code), ctypes.addressof(content))
     _check(_libc().prctl(_SET_SECCOMP, _FILTER, program, 0, 0))
 
 
-def _filter(processor: int, calls: _Calls) -> list[tuple[int, int, int, int]]:
+def _filter(processor: int, network: bool) -> list[_Instruction]:
     """The instructions (code, steps to jump if true, if false, value) that judge a system call."""
     column = 0 if processor == _X86_64 else 1
+    calls = _CALLS["all"] | (_CALLS["network"] if network else {})
     numbers = [pair[column] for pair in calls.values() if len(pair) > column]
-    refused = [(_EQUAL, len(numbers) - k + 2, 0, number) for k, number in enumerate(numbers)]
     return [
         (_LOAD, 0, 0, 4),  # the processor's kind: 32-bit calls have other numbers
         (_EQUAL, 1, 0, processor),
         (_RETURN, 0, 0, _KILL),
         (_LOAD, 0, 0, 0),  # the number of the call
-        (_NOT_LESS, len(refused) + 5, 0, 0x40000000),  # x32 has numbers of its own
-        (_EQUAL, 0, 1, _CLONE3),  # its flags are in memory: libc takes clone where there is no clone3
-        (_RETURN, 0, 0, _REFUSE | errno.ENOSYS),
-        *refused,
-        (_EQUAL, 0, 3, _CLONE[column]),
-        (_LOAD, 0, 0, 16),  # its flags
-        (_ANY_BIT, 1, 0, _NEW_THREAD),
-        (_RETURN, 0, 0, _REFUSE | errno.EPERM),
+        *((_EQUAL, len(numbers) - k, 0, number) for k, number in enumerate(numbers)),
+        (_JUMP, 0, 0, 1),
         (_RETURN, 0, 0, _ALLOW),
+        *(each for call, asked in _ASKED for each in _if(_ARGUED[call][column], asked)),
+        (_LOAD, 0, 0, 0),
+        (_NOT_LESS, 2, 0, 0x40000000),  # x32 has numbers of its own
+        (_NOT_LESS, 2, 0, _UNKNOWN),  # libc takes another where there is no such call
+        (_EQUAL, 1, 0, _CLONE3),  # its flags are in memory
+        (_RETURN, 0, 0, _REFUSE | errno.EPERM),
+        (_RETURN, 0, 0, _REFUSE | errno.ENOSYS),
     ]
+
+
+def _if(number: int, asked: Sequence[_Asked]) -> list[_Instruction]:
+    """Allow a call where its arguments are as asked: (offset of a word, instruction, value, answer)."""
+    left = 2 * len(asked)
+    code: list[_Instruction] = [(_LOAD, 0, 0, 0), (_EQUAL, 0, left + 1, number)]
+    for offset, instruction, value, answer in asked:
+        left -= 2
+        code += [(_LOAD, 0, 0, offset), (instruction, 0 if answer else left + 1, left + 1 if answer else 0, value)]
+    return [*code, (_RETURN, 0, 0, _ALLOW)]
 
 
 def _processor() -> int | None:

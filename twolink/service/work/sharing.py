@@ -23,6 +23,7 @@ from twolink.service.problems import Refusal
 
 SMALL = 16 * 1024  # bytes of a body or an answer that are not counted: the number of connections limits them
 _RETRY = 2.0  # seconds
+OWNER = "twolink.owner"  # in the scope of a request whose token has been checked
 _NOBODY = ""  # the client of what the service does by itself
 NO_TASK = "no-task-under-way"
 
@@ -59,10 +60,14 @@ class Shares:
 
 
 class RequestMemory:
-    """The memory of one request, in bytes: its body, what is made of it, and its answer until it is sent."""
+    """The memory of one request, in bytes: its body, what is made of it, and its answer until it is sent.
 
-    def __init__(self, shares: Shares, client: str) -> None:
+    client: who shares. owner: of the robots and jobs that it may list and end; sees: the same, None for those of all.
+    """
+
+    def __init__(self, shares: Shares, client: str, owner: str = "", *, admin: bool = False) -> None:
         self.client, self._shares, self._bytes = client, shares, 0
+        self.owner, self.sees = owner, None if admin else owner
 
     def add(self, count: float) -> None:
         """Take more memory. Raises Refusal: 413 when no client could ever have that much, 503 when others hold it."""
@@ -93,6 +98,13 @@ def hold() -> RequestMemory:
     return HOLD.get(None) or RequestMemory(Shares(math.inf), _NOBODY)
 
 
+def require_owner(owner: str, what: str) -> None:
+    """Raise Refusal (403) unless the request under way may end or delete what this owner has."""
+    if hold().sees not in (None, owner):
+        remedy = "ask its owner, or an administrator"
+        raise Refusal(403, f"the {what} is not yours", where="header: Authorization", remedy=remedy)
+
+
 def busy(what: str, where: str) -> Refusal:
     """The refusal of what may be asked again soon."""
     return Refusal(503, what, where=where, remedy="ask again in some seconds", code="busy", retry_after=_RETRY)
@@ -110,8 +122,15 @@ def client_of(address: str) -> str:
     return str(network)
 
 
+def client_of_owner(owner: str) -> str:
+    """The client that a named owner is, wherever from; nobody for an owner without a name."""
+    return f"owner {owner}" if owner else _NOBODY
+
+
 def client_of_scope(scope: Any) -> str:
-    """The client that an ASGI request comes from."""
+    """The client that an ASGI request comes from: the owner of its token, or its address."""
+    if owner := scope.get(OWNER):
+        return client_of_owner(owner)
     return client_of(scope["client"][0]) if scope.get("client") else _NOBODY
 
 

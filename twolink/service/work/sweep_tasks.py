@@ -21,7 +21,7 @@ from twolink.service.problems import Refusal
 from twolink.service.settings import Quotas
 from twolink.service.store.data_folder import size_of
 from twolink.service.work.requests import SweepRequest
-from twolink.service.work.scene_tasks import allowed_scene, packed, scene_of
+from twolink.service.work.scene_tasks import allowed_scene, packed
 from twolink.service.work.sharing import SweepThreads
 from twolink.service.work.worker import Report
 from twolink.sweeps import (
@@ -180,11 +180,10 @@ def _opened(folder: str) -> Any:
     return open_sweep(path)
 
 
-def sweep_run(*, body: bytes, robots: str, number: int) -> bytes:
-    """What to ask of /v1/simulations to see one run, as JSON. body: the SweepRequest."""
+def sweep_run(*, body: bytes, robots: str, number: int, quotas: Quotas) -> bytes:
+    """What to ask of /v1/simulations to see one run, as JSON. body: the SweepRequest. Raises as `sweep`."""
     request = msgspec.json.decode(body, type=SweepRequest)
-    scene = scene_of(request.scene, robots)
-    duration = request.duration or scene.duration
+    scene, duration = _allowed(request, robots, b"", quotas)
     design = make_design(scene, request.vary, request.design, request.count, request.seed)
     own, accuracy, values = run_scene(scene, design, request.accuracy, duration, number)
     tables = scene_tables(bundled_content(request.scene)) if isinstance(request.scene, str) else request.scene

@@ -1,12 +1,13 @@
 """A worker process: runs one task after another for the service, under limits, and may die without harm to it.
 
 A task is a function with annotated keyword arguments: they are converted to these types. An argument `report` is a
-function that sends the progress; `ask` sends it too, and returns the arguments of the service's answer; `exchange` is a
-file that the service has open too, for what is too large for a message: it holds what the task is to read, and then
-what the task has written.
+function that sends the progress, and returns when the task may go on; `ask` is the same, and returns the arguments of
+the service's answer; `exchange` is a file that the service has open too, for what is too large for a message: it holds
+what the task is to read, and then what the task has written.
 
-Messages are msgpack with their length before them (8 bytes): `Call` on stdin; on stdout any number of `Progress`, then
-`Done` or `Failed`. The first `Done` is of no call: it says that the process is ready.
+Messages are msgpack with their length before them (8 bytes): `Call` on stdin; on stdout any number of `Progress`, each
+answered by a `Call` of no task, then `Done` or `Failed`. The first `Done` is of no call: it says that the process is
+ready.
 """
 
 import contextlib
@@ -117,7 +118,7 @@ def main(tasks: str, megabytes: float, file: int | str, writable: Sequence[Path]
     while (call := heard()) is not None:
         with open(file, "r+b", closefd=isinstance(file, str)) as exchange:
             exchange.seek(0)  # the service has moved it
-            tools = {"report": lambda value: send(Progress(value)), "ask": ask, "exchange": exchange}
+            tools = {"report": ask, "ask": ask, "exchange": exchange}
             answer = _answer(functions[call.task], call.arguments, tools)
         if isinstance(answer, Failed) and answer.problem.status >= 500 and _has_filled(megabytes):
             answer = _TOO_LARGE

@@ -44,8 +44,9 @@ class Workers:
 
     memory: the limit that they share with other pools. threads: of each. niceness: how far they let the service, and
     other programs, run first. waiting: tasks that may wait, see `Turns`. tasks: the module whose TASKS they run.
-    writable: the folders that they may write, besides that of their kernels.
-    on_death: called for each process that dies during a task.
+    writable: the folders that they may write, besides that of their kernels. on_death: called for each process that
+    dies during a task. idle: what a second counts, of the time that a task may take, in which the process gets no
+    processor; 1: time is that of the wall. spare: one process more is started when the last one begins a task.
     """
 
     def __init__(
@@ -59,6 +60,8 @@ class Workers:
         tasks: str = "twolink.service.work.task_table",
         writable: Sequence[Path] = (),
         on_death: Callable[[], None] = lambda: None,
+        idle: float = 0.02,
+        spare: bool = False,
     ) -> None:
         addresses = str(memory.megabytes + _ADDRESSES)
         kernels = cache.location("workers")  # not the service's: who writes kernels decides what their readers run
@@ -76,18 +79,23 @@ class Workers:
             "OPENBLAS_NUM_THREADS": "1",
             "OMP_WAIT_POLICY": "PASSIVE",  # threads that spin take 100 states from 0.4 to 12 ms where cores are busy
         }
-        self._on_death = on_death
+        self._on_death, self._idle_counts, self._spare = on_death, idle, spare
+        self._count, self._background = count, set[asyncio.Task[None]]()
         self._turns = Turns(count, waiting)
         self._memory = memory
         self._idle: list[Worker] = []
         self._workers: set[Worker] = set()  # all that live
 
     async def warm(self) -> None:
-        """Start one process, so that the first task does not wait for it."""
-        if not self._idle:
+        """Start one process, so that the next task does not wait for it."""
+        if all(each.task for each in self._idle):
             worker = await self._start()
             worker.is_busy = False
             self._idle.append(worker)
+
+    async def _warm_again(self) -> None:
+        with contextlib.suppress(Refusal):  # it is tried again with the next task
+            await self.warm()
 
     async def run(
         self,
@@ -98,7 +106,7 @@ class Workers:
         on_question: Reply | None = None,
         **arguments: Any,
     ) -> Any:
-        """Run a task in a worker process, in at most `seconds` from its begin. Cancelling kills the process.
+        """Run a task in a worker process, in at most `seconds` of processor time. Cancelling kills the process.
 
         Raises the task's failure; Refusal when the process is lost: 422 with code "worker-died", "too-slow" or
         "too-large", 503 where it had to make room for others, where too many tasks wait, or where no process begins.
@@ -119,13 +127,13 @@ class Workers:
     ) -> tuple[Any, bytes]:
         """Run a task that finds `content` in its exchange file: its result, and what it has written there.
 
-        on_question: what a task is told that asks.
+        on_question: what a task is told that asks or reports; it goes on then.
         """
         written = b""
         async with self._turns.turn():
-            worker = await self._take()
+            worker = await self._take(task)
             try:
-                async with asyncio.timeout(seconds):
+                async with worker.limited(seconds, self._idle_counts):
                     if content is not None:
                         await worker.exchange.put(content)
                     answer = await _converse(worker.process, Call(task, arguments), on_progress, on_question)
@@ -157,15 +165,30 @@ class Workers:
             _log.error("unexpected failure in a worker\n%s", answer.traceback)
         raise error_from(answer.problem)
 
-    async def _take(self) -> Worker:
-        """An idle worker that lives, or a new one."""
-        while self._idle:
-            worker = self._idle.pop()
+    async def _take(self, task: str) -> Worker:
+        """An idle worker that lives, at best one that did the same before or else nothing; or a new one.
+
+        Where there is always a spare, what others have loaded and compiled is left to them.
+        """
+        while idle := [
+            each
+            for each in reversed(self._idle)
+            if each.task in (task, "") or not self._spare or len(self._workers) >= self._count
+        ]:
+            worker = max(idle, key=lambda each: (each.task == task, not each.task))
+            self._idle.remove(worker)
             if worker.process.returncode is None and not worker.ended_at:
                 worker.is_busy = True
-                return worker
+                break
             await self._kill(worker)
-        return await self._start()
+        else:
+            worker = await self._start()
+        worker.task = task
+        if self._spare and not self._background and len(self._workers) < self._count:
+            starting = asyncio.create_task(self._warm_again())
+            self._background.add(starting)
+            starting.add_done_callback(self._background.discard)
+        return worker
 
     async def _start(self) -> Worker:
         """Start a process, and wait until it is ready: its first task has the time that it is given for itself."""
@@ -204,6 +227,9 @@ class Workers:
 
     async def close(self) -> None:
         """End all processes."""
+        for starting in tuple(self._background):
+            starting.cancel()
+        await asyncio.gather(*self._background, return_exceptions=True)
         self._idle.clear()
         for worker in list(self._workers):
             await self._kill(worker)
@@ -237,8 +263,9 @@ async def _answer(
             return message
         if on_progress is not None:
             on_progress(message.value)
-        if on_question is not None and process.stdin is not None:
-            process.stdin.write(packed(Call("", await on_question(message.value))))
+        said = {} if on_question is None else await on_question(message.value)
+        if process.stdin is not None:
+            process.stdin.write(packed(Call("", said)))
 
 
 def _death(code: int) -> Refusal:

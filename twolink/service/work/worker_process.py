@@ -19,7 +19,7 @@ import sys
 import tempfile
 import time
 from asyncio.subprocess import DEVNULL, PIPE, Process
-from collections.abc import Mapping, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -149,12 +149,16 @@ def _yield_to_service(pid: int, niceness: int) -> None:
 
 @dataclass(eq=False)
 class Worker:
-    """A worker process. is_busy: a task runs in it. ended_at: the bytes it had when it was ended for its memory."""
+    """A worker process. is_busy: a task runs in it. ended_at: the bytes it had when it was ended for its memory.
+
+    task: what it has done last.
+    """
 
     process: WorkerProcess | Process
     exchange: Exchange
     is_busy: bool = True
     ended_at: int = 0
+    task: str = ""
 
     def memory(self) -> int:
         """Bytes that only this process has, which is what its end frees; 0 where the system does not say (no Linux)."""
@@ -163,6 +167,36 @@ class Worker:
         except OSError:
             return 0
         return (int(resident) - int(shared)) * mmap.PAGESIZE
+
+    def seconds(self) -> float:
+        """Processor time that all threads of this process have had; where the system does not say it, time."""
+        try:
+            fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            return time.monotonic()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    @contextlib.asynccontextmanager
+    async def limited(self, seconds: float, idle: float) -> AsyncIterator[None]:
+        """Raise TimeoutError in a task that takes more processor time; a second without processor counts `idle`."""
+        loop = asyncio.get_running_loop()
+        begin, since, timer = self.seconds(), loop.time(), None
+
+        def look() -> None:
+            nonlocal timer
+            left = seconds - max(self.seconds() - begin, idle * (loop.time() - since))
+            if left > 0:
+                timer = loop.call_later(max(_LOOK, left / (os.cpu_count() or 1)), look)
+            else:
+                limit.reschedule(loop.time())
+
+        async with asyncio.timeout(None) as limit:
+            look()
+            try:
+                yield
+            finally:
+                if timer is not None:
+                    timer.cancel()
 
     def kill(self) -> None:
         """End the process at once."""
@@ -188,6 +222,10 @@ class WorkerMemory:
         worker.is_busy = False
         if worker.memory() > self._limit / 8:
             self.look()
+
+    def has_room(self) -> bool:
+        """Whether there is memory for what the next tasks take."""
+        return sum(worker.memory() for worker in self.workers) < self._limit / 2
 
     def look(self) -> None:
         """End idle workers while all have more than half of the limit, busy ones while all have more than the limit.
