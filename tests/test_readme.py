@@ -31,6 +31,7 @@ def test_there_is_something_to_run() -> None:
     assert sum(kind == "python" for kind, _ in BLOCKS) >= 1
 
 
+@pytest.mark.slow
 def test_commands(tmp_path: Path) -> None:
     """In order, since later ones read what earlier ones wrote."""
     for line in COMMANDS:

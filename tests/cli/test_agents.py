@@ -86,6 +86,7 @@ def test_simulate_has_a_bar_progress_and_files(tmp_path: Path) -> None:
     assert wrong.structured_content["code"] == "not-a-trajectory"
 
 
+@pytest.mark.slow
 def test_the_other_tools(tmp_path: Path) -> None:
     found = ask(tmp_path, ("catalogue", {}), ("load_robot", {"robot": "panda"}), ("explain", {"scene": "four-bar"}),
                 ("linearize", {"scene": "arm-swing"}), ("export", {"robot": "z1", "file": "z1.urdf"}),

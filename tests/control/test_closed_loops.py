@@ -10,6 +10,7 @@ CRANK = tl.load_scene("crank-spring")
 WEIGHTS = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
 
 
+@pytest.mark.slow
 def test_along_a_motion_it_is_the_rate_of_sensitivities() -> None:
     s = tl.sensitivities(CRANK, wrt=["q", "v"], duration=0.3, accuracy=1e-9, samples_per_second=200)
     run = s.run

@@ -123,6 +123,7 @@ def test_the_catalogues_are_complete(site: Path) -> None:
     assert [name for name in tl.__all__ if f'id="twolink.{name}"' not in reference] == ["effects", "errors", "lagrange"]
 
 
+@pytest.mark.slow
 def test_the_reference_says_what_docstrings_say(site: Path) -> None:
     """A property's first line is no type before a colon, and parameters that share a text have it once."""
     pages = (page.read_text("utf-8") for page in (site / "generated").glob("api_*.html"))
@@ -148,6 +149,7 @@ def test_the_gallery_has_a_page_and_a_picture_of_each_motion(tmp_path: Path, mon
     assert gallery.picture(site, "case-misaligned-hinge", "A hinge") == ""
 
 
+@pytest.mark.slow
 def test_methods_have_pictures_of_what_accuracy_costs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(DOCS / "extensions")
     pictures = importlib.import_module("method_pictures")

@@ -46,6 +46,7 @@ def test_driven_oscillator_at_resonance() -> None:
     assert np.abs(run.q[:, 0] - expected).max() < 1e-10
 
 
+@pytest.mark.some(2)
 @pytest.mark.parametrize("method", ["auto", "dop853", "taylor", "esdirk43", "scipy-radau"])
 def test_falling_with_drag_from_rest(method: str) -> None:
     """v = vt tanh(g t / vt), from |u| = 0 exactly, where the smoothing and its derivatives matter."""

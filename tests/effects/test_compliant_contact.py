@@ -56,6 +56,7 @@ def test_spin_takes_friction_from_slip() -> None:
     assert tl.simulate(fast, 1e-3, accuracy=1e-9).acceleration[0, 0] == pytest.approx(-mu * G, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_rolling_resistance_slows_a_ball() -> None:
     r, v, k = 1e-3, 0.5, 1e4
     contact = E.CompliantContact("ball", k, friction=1.0, rolling=r, radius=R, slip=1e-4)

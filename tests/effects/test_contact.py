@@ -37,6 +37,7 @@ def test_a_block_slides_to_rest_on_its_corners_until_a_push_exceeds_static_frict
     assert np.array_equal(again.contact_forces["body - ground"], force)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.95, pytest.param(1.05, marks=pytest.mark.slow)])
 def test_a_free_block_on_four_corners_slides_down_an_incline_that_exceeds_its_friction(share: float) -> None:
     angle = 0.4

@@ -205,6 +205,7 @@ def test_a_block_that_turns_on_its_corners_has_a_determined_motion_only_about_it
     assert bounced.v[-1, 1] == pytest.approx(w0 - mu * 2 * (1 + e) * speed * arm / 0.5, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_ball_slides_down_a_wedge_and_flies_off_its_edge() -> None:
     """As down a plane, with g sin; too fast to turn about the edge it leaves there, on a parabola."""
     angle, r = 0.5, 0.1

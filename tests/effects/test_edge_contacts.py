@@ -85,6 +85,7 @@ LOWER = Edge(SIDE / 2 * np.array([1.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0]))  
 UPPER = Edge(np.zeros(3), np.array([1.0, 0.0, 0.0]))
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("mesh", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_cube_bounces_on_an_edge_until_it_rests_on_it(mesh: bool) -> None:
     """Upon crossing edges, v -> -e v: the bounces end after (1 + e) / (1 - e) times the fall."""
@@ -208,6 +209,7 @@ PLATE = E.Box((LONG, 0.2, HIGH))
 PLATES = [(0.0, -0.1, 0.5, 0.42), (0.0, -0.3, 1.0, 0.45), (0.3, -0.1, 1.0, 0.30), (0.3, -0.1, 0.5, 0.4)]
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize(
     ("width", "mu", "s", "ds", "end"),  # the narrow one crosses the edge of the table, the wide one its ends too
     [(0.2, *PLATES[0]), *(pytest.param(width, *plate, marks=pytest.mark.slow) for width in (0.2, 1.4)
@@ -245,6 +247,7 @@ def test_a_plate_slides_over_an_edge_in_a_turned_world_as_a_mesh_and_with_roles_
         assert np.abs(x[:, 1]).max() < 1e-9
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize(
     ("share", "mesh"),
     [(0.0, False), (0.49, False),
@@ -292,6 +295,7 @@ def beam(x: float, *, roof: bool) -> E.Box:
             else E.Box((SIDE, 0.6, SIDE), (x, 0.0, -SIDE / 2)))  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("beams", "mu"), [((0.05,), 0.0), *(pytest.param(x, 0.5, marks=pytest.mark.slow) for x in ((0.05,), (-0.3, 0.4)))]
 )
@@ -306,6 +310,7 @@ def test_a_plank_rests_on_flat_beams(beams: tuple[float, ...], mu: float, slant:
     assert total == pytest.approx(np.tile([0, 0, MASS * G], (len(run.t), 1)), abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slant", [0.3, pytest.param(0.0, marks=pytest.mark.slow)])
 def test_a_plank_rests_on_two_edges_by_its_levers(slant: float) -> None:
     """F_a + F_b = m g and F_a a = F_b b, with the edges at -a and b along the plank."""
@@ -371,6 +376,7 @@ def assert_as_on_a_plane(what: tl.Scene, duration: float, tolerance: float = 1e-
     return run
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize(
     ("name", "ground"),
     [pytest.param(name, ground, marks=[pytest.mark.slow] if (i + k) % len(GROUNDS) else [])
@@ -384,6 +390,7 @@ def test_a_body_tumbles_on_a_large_hull_as_on_a_plane(name: str, ground: str) ->
     assert len(times(run, "impact")) >= 2
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize(
     ("e", "mu"), [(0.0, 0.0), (0.5, 0.0), pytest.param(0.0, 0.4, marks=pytest.mark.slow), (0.4, 0.4)]
 )

@@ -162,6 +162,7 @@ def test_then_must_give_a_state(given: object) -> None:
         tl.simulate(scene, 1.0)
 
 
+@pytest.mark.some(4)
 @pytest.mark.parametrize("effect", [
     E.DryFriction({"elbow": 1.0}, {"elbow": 2.0}),
     E.JointStops({"elbow": (-1.0, math.inf), "shoulder": (-0.5, 0.5)}, 0.25),

@@ -30,6 +30,7 @@ CASES = {
 }  # fmt: skip
 
 
+@pytest.mark.some(2)
 @pytest.mark.parametrize("case", CASES)
 def test_values_of_the_urdf_act_as_those_given_by_joint(case: str) -> None:
     from_urdf, by_joint = CASES[case]

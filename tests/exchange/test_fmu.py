@@ -125,6 +125,7 @@ def states_of(run: tl.Trajectory) -> np.ndarray:
     return np.concatenate([run.q, run.v, *(z[:, None] for z in run.states.values())], axis=1)
 
 
+@pytest.mark.some(3)
 @pytest.mark.parametrize("name", SCENES)
 def test_fmpy_has_no_complaint(name: str, folder: Path) -> None:
     path = exported(name, folder)

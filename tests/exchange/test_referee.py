@@ -22,6 +22,7 @@ def damped(name: str, damping: float = 0.3, start: float = 0.4) -> tl.Scene:
 ARM = damped("two_link")
 
 
+@pytest.mark.some(2)
 @pytest.mark.parametrize("name", ["two_link", "ur5", "z1", "finger_edu", "xarm7"])
 @pytest.mark.parametrize("start", [0.2, *(pytest.param(x, marks=pytest.mark.slow) for x in (0.4, 0.7))])
 def test_right_trajectories_are_right(name: str, start: float) -> None:

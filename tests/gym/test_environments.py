@@ -151,6 +151,7 @@ def test_gymnasiums_wrappers_of_vectors_work() -> None:
     assert infos[-1]["episode"]["l"].tolist() == [4, 4]
 
 
+@pytest.mark.slow
 def test_swinging_up_is_learned() -> None:
     """From starts that no learning has seen: the pendulum hangs before, and stands most of the time after."""
     before, after = (learn_swing_up.judged(one) for one in (np.zeros(5), learn_swing_up.learn()))

@@ -32,6 +32,7 @@ def reproducible(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TWOLINK_REPRODUCIBLE", "1")
 
 
+@pytest.mark.some(1)
 @pytest.mark.usefixtures("reproducible")
 @pytest.mark.parametrize("name", SCENES)
 def test_the_same_scene_twice(name: str) -> None:

@@ -56,6 +56,7 @@ def test_what_cannot_be_driven_is_refused() -> None:
     assert caught.value.code == "nothing-identifiable"
 
 
+@pytest.mark.slow
 def test_links_do_not_touch_and_torques_keep_their_limits() -> None:
     robot = tl.load_robot("ur5")
     motion = exciting_motion(robot, 8.0, samples=200, steps=0, ramps=True)
@@ -87,6 +88,7 @@ def test_the_predicted_intervals_are_those_that_identify_gives() -> None:
     np.testing.assert_allclose([row["+-"] for row in rows], found.half_width, rtol=0.1)
 
 
+@pytest.mark.slow
 def test_a_motion_that_its_torques_do_not_allow_is_refused() -> None:
     text = re.sub(r'effort="[^"]*"', 'effort="0.01"', tl.load_robot("arm").visuals.text)
     with pytest.raises(QueryError, match="needs") as caught:

@@ -140,6 +140,7 @@ def test_what_the_model_lacks_is_said_and_never_called_consistent(name: str) -> 
     assert wrong.max() < 4 or not found.consistency.consistent
 
 
+@pytest.mark.slow
 def test_a_model_without_error_is_hardly_ever_accused() -> None:
     accused = [bool(identify(ARM, T, Q, V, noisy(CLEAN, 0.02, seed), a=A).model_errors) for seed in range(40)]
     assert sum(accused) <= 1

@@ -42,6 +42,7 @@ def raw_residual(found: Identification, *, projected: bool) -> np.ndarray:
     return np.sqrt(np.mean((run.tau[at] - predicted) ** 2, axis=0))
 
 
+@pytest.mark.slow
 def test_the_default_explains_a_held_out_run(found: Identification) -> None:
     """The limits are somewhat above what it left when this was written; the study compares it with other fits."""
     assert found.validation is not None

@@ -62,6 +62,7 @@ def test_a_rod_is_lifted_off_both_feet_at_once() -> None:
     assert run.q[-1] == pytest.approx([0, G / 6, 0], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_bars_of_fixed_steps_hold_where_pieces_are_shorter_than_steps() -> None:
     effects = [E.JointSpring({"x": 300.0}), E.Torque({"x": -9.81}), E.JointStops({"x": (0.9, 10.0)}, restitution=0.9)]
     scene = tl.Scene(slider(), [1.0], effects=effects)

@@ -28,6 +28,7 @@ SWITCHES = {
 }
 
 
+@pytest.mark.some(4)
 @pytest.mark.parametrize("switches", SWITCHES)
 @pytest.mark.parametrize(
     ("kp", "kd", "target", "period"), [(40, 2, "0.5", "0.01"), (8, 1, "0.75", "0.05"), (300, 3, "0.55", "0.002")]
@@ -57,6 +58,7 @@ def test_a_sampled_law_on_a_slider_is_exact(switches: str, kp: int, kd: int, tar
     assert np.abs(run.at(between)[0] - again.q).max() < 1e-12
 
 
+@pytest.mark.some(2)
 @pytest.mark.parametrize(
     "fields", [{}, {"hold": "first"}, {"delay": 0.017}, {"jitter": 0.004, "seed": 3}, {"limit": {"rail": 0.5}}]
 )
@@ -101,6 +103,7 @@ def test_an_integral_that_grows_breaks_static_friction_at_the_tick_that_it_shoul
     assert run.q[after, 0] == pytest.approx(drive * (run.t[after] - first.t) ** 2 / 2, abs=1e-13)
 
 
+@pytest.mark.slow
 def test_a_panda_is_pressed_on_its_stop() -> None:
     """The joint rests where its stop is; the stop gives what Pinocchio's inverse dynamics leaves of the controller."""
     panda = tl.load_robot("panda")
@@ -195,6 +198,7 @@ def test_a_ball_leaves_the_ground_at_the_tick_that_lifts_it() -> None:
     assert weight[20, 2] == pytest.approx(2.0 * G - 5.0, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_quadruped_stands_on_its_feet() -> None:
     """At rest its feet carry its weight; ticks that samples and steps do not share are ends of steps."""
     scene, law = quadruped(0.0)

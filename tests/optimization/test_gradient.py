@@ -47,6 +47,7 @@ def test_the_start_agrees_with_sensitivities(swing: tl.Gradient) -> None:
     assert "gravity.z" in str(swing)
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("case", ["stops", "stick and slip", "release at an angle"])
 def test_it_goes_back_through_events(case: str) -> None:
     scene = tl.Scene(tl.load_robot("two_link"), [0.2, 0.4], [0.3, -1.0], [GRAVITY, EVENTS[case]])

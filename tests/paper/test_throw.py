@@ -48,6 +48,7 @@ def landing(place: np.ndarray, velocity: np.ndarray, drag: float) -> float:
     return float(solution.y_events[0][0, 0])
 
 
+@pytest.mark.slow
 def test_a_pitched_ball_flies_as_a_point_mass_in_air() -> None:
     """Drag of rho c A / 2; an independent integration from the place and velocity at the release."""
     one = pitched()

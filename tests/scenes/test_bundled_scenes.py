@@ -41,6 +41,7 @@ def at(run: tl.Trajectory, t: float, *columns: str) -> list[float]:
     return [run.columns()[name][k] for name in columns]
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("name", ACCURACY)
 def test_loops_are_closed_at_every_sample(name: str) -> None:
     assert residual(*run_of(name)) < 1e-12

@@ -21,6 +21,7 @@ def turns(run: tl.Trajectory, link: str) -> np.ndarray:
     return run.robot.frame_pose(run.q, link)[0]
 
 
+@pytest.mark.slow
 def test_in_newtons_cradle_the_last_ball_leaves_with_the_speed_of_the_first() -> None:
     run = run_of("newtons-cradle", accuracy=1e-8)
     hit = next(event.t for event in run.events if event.kind == "impact")
@@ -65,6 +66,7 @@ def test_the_tippe_top_turns_over() -> None:
     assert turns(run_of("tippe-top"), "top")[-1, 2, 2] < -0.999
 
 
+@pytest.mark.slow
 def test_the_arm_pushes_with_the_force_that_moves_the_box() -> None:
     run = run_of("arm-pushes-box")
     joint = next(joint for joint in run.robot.joints if joint.name == "box")

@@ -9,6 +9,7 @@ from twolink.scenes import bundled_scenes
 G = 9.81
 
 
+@pytest.mark.some(2)
 @pytest.mark.parametrize("name", ["bouncing-ball", "pendulum-friction", "pitch", "bowl"])
 def test_they_run_as_they_are(name: str) -> None:
     assert name in bundled_scenes()

@@ -179,6 +179,7 @@ def test_a_browser_shows_the_motion_once(arm: tuple[Any, Any], browser: Browser)
     assert browser.errors == []
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_speed_two_plays_four_seconds_in_two(arm: tuple[Any, Any], browser: Browser) -> None:
     rate = """new Promise(done => {

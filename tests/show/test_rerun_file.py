@@ -37,6 +37,7 @@ def run() -> tl.Trajectory:
     return tl.simulate(tl.Scene(robot, q, np.linspace(1, 3, robot.nv), [fx.Gravity()]), 0.2, samples_per_second=50)
 
 
+@pytest.mark.slow
 def test_links_surfaces_and_curves(run: tl.Trajectory, tmp_path: Path) -> None:
     found, k = contents(run.save(tmp_path / "x.rrd")), 7
     robot, visuals = run.robot, run.robot.visual_model()

@@ -24,6 +24,7 @@ RESULTS = {
 }  # fmt: skip
 
 
+@pytest.mark.some(5)
 @pytest.mark.parametrize("name", RESULTS)
 def test_a_result_has_texts_data_a_file_and_a_figure(name: str, tmp_path: Path) -> None:
     result = RESULTS[name]()

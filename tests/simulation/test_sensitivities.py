@@ -199,6 +199,7 @@ EVENTS = {
 }
 
 
+@pytest.mark.some(2)
 @pytest.mark.parametrize("case", EVENTS)
 def test_they_go_on_through_events(case: str) -> None:
     scene = tl.Scene(tl.load_robot("two_link"), [0.2, 0.4], [0.3, -1.0], [GRAVITY, EVENTS[case]])

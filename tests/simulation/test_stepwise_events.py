@@ -70,6 +70,7 @@ def test_a_motion_that_an_event_ends_goes_no_farther() -> None:
         sim.step(0.1)
 
 
+@pytest.mark.slow
 def test_a_quadruped_stands_the_same_with_its_controller_outside_and_inside() -> None:
     scene, law = quadruped()
     control = E.Controller(law, period=1e-3, outputs=tuple(TARGET))

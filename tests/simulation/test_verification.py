@@ -98,6 +98,7 @@ def test_the_bar_of_a_pendulum_that_turns_freely(many: bool) -> None:
     assert true <= bar <= 1e-9
 
 
+@pytest.mark.slow
 def test_bars_of_many_worlds_hold_near_the_limit() -> None:
     """Of 30 double pendulums over 20 s at 1e-12; with one second solution 6 bars were too small, by up to 12."""
     random = np.random.default_rng(3)

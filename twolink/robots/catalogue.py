@@ -24,7 +24,9 @@ _SINGLE_BODIES = (
     "can",
     "heavy_top",
     "plank",
+    "rattleback",
     "spinning_box",
+    "tippe_top",
 )  # without a joint: fixed to the world they do not move
 _NOT_URDF = {
     "cassie": "example-robot-data describes Cassie in SDF only (it has closed loops, which URDF cannot hold)",
