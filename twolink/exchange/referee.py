@@ -84,8 +84,7 @@ class Verdict(Plotted, Result):
 
     def _figure(self) -> Figure:
         curves = {"distance from the solution": self.distance, "error bar of the solution": self.bar}
-        drawn = {name: np.log10(np.maximum(values, 1e-16)) for name, values in curves.items()}
-        return plot_lines(self.summary, ("t (s)", "log10 of rad or m"), self.t, drawn)
+        return plot_lines(self.summary, ("t (s)", "rad or m"), self.t, curves, log=True)
 
     def __str__(self) -> str:
         worst = int(np.argmax(self.distance))

@@ -6,6 +6,7 @@ import base64
 import functools
 import io
 import os
+import textwrap
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 FORMATS = (".png", ".svg", ".pdf")
 # Okabe and Ito's colours, which people with colour blindness can tell apart (Okabe and Ito 2008, jfly.uni-koeln.de).
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
+TITLE_WIDTH = 70  # letters of a line of a title
 HEIGHT, WIDTH = 1.25, 0.62  # of a letter, in font sizes
 # Places to try for a label's near end, in points from the line's end: near, right and above first.
 OFFSETS = [(dx, dy) for dx in (7, 16, 28, -7) for dy in (0, 9, -9, 18, -18, 28, -28, 40, -40, 54, -54, 68)]
@@ -259,14 +261,19 @@ def plot_bars(
     return figure
 
 
-def plot_lines(title: str, labels: tuple[str, str], x: np.ndarray, curves: Mapping[str, np.ndarray]) -> Figure:
-    """Draw curves (n,) by name over x (n,). labels: of the axes."""
+def plot_lines(
+    title: str, labels: tuple[str, str], x: np.ndarray, curves: Mapping[str, np.ndarray], *, log: bool = False
+) -> Figure:
+    """Draw curves (n,) by name over x (n,). labels: of the axes. log: on a logarithmic axis, which leaves out zeros."""
     figure, axes = new_figure(1, size=(6.4, 4.0))
     axis = axes[0, 0]
     for i, (name, values) in enumerate(curves.items()):
-        axis.plot(x, values, color=COLOURS[i % len(COLOURS)], label=plain(name))
+        shown = np.where(values > 0.0, values, np.nan) if log else values
+        axis.plot(x, shown, color=COLOURS[i % len(COLOURS)], label=plain(name))
+    if log:
+        axis.set_yscale("log")
     axis.set_xlabel(labels[0])
     axis.set_ylabel(labels[1])
-    axis.set_title(plain(title), fontsize=10)
+    axis.set_title(textwrap.fill(plain(title), TITLE_WIDTH), fontsize=10)
     axis.legend(frameon=False, fontsize=8)
     return figure
