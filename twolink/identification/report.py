@@ -71,6 +71,8 @@ def _lines(texts: Iterable[str], *, bad: bool = False) -> str:
 
 def _criterion(by: Filter, joints: Sequence[str]) -> str:
     """What each window leaves of left-out torques, against its cut-off."""
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
     rate = by.cutoff / cutoff(by.half_window, 1.0)
     figure, axes = new_figure(1, size=(8, 3.5))
     for source, style in (("q", "-"), ("v", "--")):
@@ -81,6 +83,10 @@ def _criterion(by: Filter, joints: Sequence[str]) -> str:
                               label=label if rows else None)  # fmt: skip
     axes[0, 0].axvline(by.cutoff, color="0.4", linewidth=1)
     axes[0, 0].set(xlabel="cut-off (Hz)", ylabel="left of left-out torques\n(N m or N)")
+    for axis in (axes[0, 0].xaxis, axes[0, 0].yaxis):  # 1, 2 and 5 of each decade: more names would not fit
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.set_minor_formatter(NullFormatter())
     axes[0, 0].legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8, frameon=False)
     return figure_html(figure)
 
