@@ -21,6 +21,7 @@ STEPS = [
     "price",
     "mutations",
     "attacks",
+    "api",
     "coverage",
     "without-heyoka",
     "pythons",

@@ -51,8 +51,8 @@ MUTATIONS = {
                           "{self.content}-", "{self.operations}-", "tests/integrate"),
     "huber": Mutation("robust weights are Huber's", "identification/regression.py", "HUBER = 1.345", "HUBER = 13.45",
                       "tests/identification"),
-    "token": Mutation("a request needs a token", "service/http/messages.py", "or not any(matches)",
-                      "or not matches", "tests/service/test_access.py"),
+    "token": Mutation("a request needs a token", "service/http/messages.py", "in compared if is_same]", "in compared]",
+                      "tests/service/test_access.py"),
 }  # fmt: skip
 
 
