@@ -22,8 +22,10 @@ from twolink.integrate.steps.stiffness import fastest
 LOOK = 8  # steps of an explicit method between two looks at how fast the motion changes
 DISTURBANCES = 8  # of a solution, evenly
 PACE_FROM = 5_000  # steps after which the pace so far is taken for the pace to the end
-# Of what does not decay, in a step of an explicit method. DOP853 resolves what its stability allows.
-E_FOLDS = {"RK45": 1.0}
+# Of what does not decay, in a step. DOP853 resolves what its stability allows. Without it, a start that is nearer to an
+# unstable equilibrium than the tolerance is followed by steps that no tolerance shortens. That of LSODA and Radau
+# is of the start: the longest step of LSODA cannot be changed on the way.
+E_FOLDS = {"RK45": 1.0, "LSODA": 1.0, "Radau": 1.0}
 EXPLICIT = ("RK45", "DOP853")
 SMALLEST_TOLERANCE = 2.3e-14  # 100 times the rounding unit, below which SciPy does not go
 
@@ -51,14 +53,15 @@ def solve(
     # In a piece of a table no step may depend on the piece alone: two tolerances would take the same steps.
     first = {"first_step": (end - start) * tolerance ** (1 / 8)} if equations.layout.tables else {}
     longest = max(1e-300, (end - start) / perturbation.min_steps(method))
-    solver = kind(rate, start, x0, end, rtol=tolerance, atol=tolerance, max_step=longest, **first)
-    explicit = method.solver in E_FOLDS
+    resolved = method.solver in E_FOLDS
+    at_first = _longest(equations, method, x0, longest, perturbation.finer) if resolved else longest
+    solver = kind(rate, start, x0, end, rtol=tolerance, atol=tolerance, max_step=at_first, **first)
     out = np.empty((len(x0), len(times)))
     out[:, 0] = x0
     done, steps = 1, 0
     try:
         while solver.status == "running" and done < len(times):
-            if explicit and steps % LOOK == 0:
+            if resolved and method.solver in EXPLICIT and steps % LOOK == 0:
                 solver.max_step = _longest(equations, method, solver.y, longest, perturbation.finer)
             solver.step()
             steps += 1
