@@ -52,7 +52,7 @@ def wait_for(condition: Callable[[], object], seconds: float = 240.0) -> None:
 
 
 def finished(out: Path) -> list[Path]:
-    return list((out / "status" / "c").glob("*"))
+    return [path for path in (out / "status" / "c").glob("*") if path.name.isdigit()]  # not one that is being written
 
 
 def check_right(out: Path) -> np.ndarray:
