@@ -27,6 +27,12 @@ def test_run_reports_and_writes(tmp_path: Path) -> None:
     assert answer("run", "arm-swing", "--duration", "0.1", "--no-verify")["error"] is None
 
 
+@pytest.mark.slow
+def test_a_stepped_scene_is_refused_only_for_an_accuracy_that_was_asked_for() -> None:
+    one_line(call("run", "quadruped-stands", "--accuracy", "1e-6"), code=2, part="1e-06 would take")
+    assert answer("run", "quadruped-stands")["error"] > 1e-6
+
+
 def test_run_refuses_endings_before_it_simulates(tmp_path: Path) -> None:
     out = ("--out", str(tmp_path / "x.npz"), "--out", str(tmp_path / "x.doc"))
     one_line(call("run", "arm-swing", "--duration", "1e4", *out), 2, "'.doc' is not a format we know")

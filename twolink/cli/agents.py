@@ -109,10 +109,10 @@ class Tools:
         return Answer(str(explained), as_data(explained))
 
     def simulate(
-        self, scene: str, context: Context, duration: float | None = None, accuracy: float = 1e-6,
+        self, scene: str, context: Context, duration: float | None = None, accuracy: float | None = None,
         at: list[float] | None = None, save: list[str] | None = None,
     ) -> Answer:  # fmt: skip
-        """Simulate a scene, with a bound on the global error of q.
+        """Simulate a scene, with a bound on the global error of q: 1e-6 unless given, or the best of a stepped scene.
 
         The answer has the end, events and cost. at: times, s, whose states it has too. save: files for the samples
         (.csv .npz .parquet .mcap ...), a figure (.png) or a playback (.html).

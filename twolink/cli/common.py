@@ -193,6 +193,11 @@ SceneName = Annotated[
 ]
 Duration = Annotated[float | None, Option(help="Simulated time, s.", show_default="the scene's")]
 Accuracy = Annotated[float, Option(help="Bound on the global error of q, rad or m.")]
+AskedAccuracy = Annotated[
+    float | None,
+    Option(help="Bound on the global error of q, rad or m. Of a stepped scene, unless given: the best within a minute.",
+           show_default="1e-06"),
+]  # fmt: skip
 SampleTimes = Annotated[
     str | None,
     Option("--t-eval", metavar="TIMES", help="Times of the samples, s, such as 0.1,0.5,2.", show_default="regular"),

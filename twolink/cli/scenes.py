@@ -16,6 +16,7 @@ from twolink.cli.common import (
     RUN_ENDINGS,
     STUDY_ENDINGS,
     Accuracy,
+    AskedAccuracy,
     ContactWay,
     Duration,
     Files,
@@ -127,7 +128,7 @@ def explain(
 def run(
     scene: SceneName,
     duration: Duration = None,
-    accuracy: Accuracy = 1e-6,
+    accuracy: AskedAccuracy = None,
     method: Method = "auto",
     tolerance: Annotated[float | None, Option(help="Tolerance of an adaptive method, in place of --accuracy.")] = None,
     step: Annotated[float | None, Option(help="Step of a fixed-step method, s, in place of --accuracy.")] = None,
