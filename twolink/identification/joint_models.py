@@ -46,7 +46,7 @@ def joint_terms(robot: Robot, model: Any, coupling: ArrayLike | None = None) -> 
         A word or joint is unknown, a number or shape is wrong.
     """
     inverse = _inverse(robot, coupling)
-    joints = {joint.name: joint.v.start for joint in robot.joints if joint.v.stop - joint.v.start == 1}
+    joints = single_joints(robot)
     parameters, terms = dict[str, None](), dict[str, Term]()
     for pattern, given in (model if isinstance(model, Mapping) else {"*": model}).items():
         fitting = [name for name in joints if fnmatchcase(name, pattern)]
@@ -65,6 +65,11 @@ def joint_terms(robot: Robot, model: Any, coupling: ArrayLike | None = None) -> 
                     own = f"{name}.{kind}" if coupling is None else f"{name}.motor_{kind}"
                     terms[own] = Term(own, _law(kind, speed, inverse, joints[name]))
     return list(parameters), tuple(terms.values())
+
+
+def single_joints(robot: Robot) -> dict[str, int]:
+    """The degrees of freedom of the joints that have one, by name."""
+    return {joint.name: joint.v.start for joint in robot.joints if joint.v.stop - joint.v.start == 1}
 
 
 def _words(given: Any) -> list[Any]:
@@ -135,8 +140,7 @@ def best_terms(robot: Robot, chosen: Selection, columns: np.ndarray, y: np.ndarr
     columns (n, nv, k), y (n, nv): of a selection with all terms. Each joint takes the candidate with fewest
     coefficients among those that leave it as little as the best.
     """
-    joints = {joint.name: joint.v.start for joint in robot.joints if joint.v.stop - joint.v.start == 1}
-
+    joints = single_joints(robot)
     every = {WORDS[word] for word in CANDIDATES[-1].split("+")}
 
     def unused(words: Mapping[str, str]) -> set[str]:

@@ -18,6 +18,7 @@ import numpy as np
 from twolink.dynamics import Robot
 from twolink.errors import QueryError, require_known
 from twolink.identification.filtering import Recording
+from twolink.identification.joint_models import single_joints
 from twolink.identification.measurements import Measurements
 
 WORDS = {"delay": "delay", "zero": "*.zero", "gravity": "gravity.*", "motor_constant": "*.motor_constant"}
@@ -81,7 +82,7 @@ class Setup:
 
 def names_of(robot: Robot) -> tuple[str, ...]:
     """What can be looked for of a setup of the robot."""
-    single = [joint.name for joint in robot.joints if joint.v.stop - joint.v.start == 1]
+    single = single_joints(robot)
     tilt = ("gravity.tilt_x", "gravity.tilt_y") if np.any(robot.gravity) else ()
     return ("delay", *(f"{name}.zero" for name in single), *tilt, *(f"{name}.motor_constant" for name in single))
 

@@ -61,8 +61,8 @@ def plot_trajectory(
     """Draw coordinates, velocities, energy and the error bar over time, one above the other.
 
     Angles, positions and quaternions have panels of their own. A joint has one colour in all of them, and its name
-    beside its curves; where curves may coincide, every other one is dashed. Of many joints those are drawn that move
-    the most. Events are vertical lines, with their kinds above where there is room.
+    beside its curves; a curve that covers an earlier one is dashed. Of many joints those are drawn that move the most.
+    Events are vertical lines, with their kinds above where there is room.
 
     Parameters
     ----------

@@ -22,10 +22,11 @@ from twolink.integrate.steps.stiffness import fastest
 LOOK = 8  # steps of an explicit method between two looks at how fast the motion changes
 DISTURBANCES = 8  # of a solution, evenly
 PACE_FROM = 5_000  # steps after which the pace so far is taken for the pace to the end
-# Of what does not decay, in a step. DOP853 resolves what its stability allows. Without it, a start that is nearer to an
-# unstable equilibrium than the tolerance is followed by steps that no tolerance shortens. That of LSODA and Radau
-# is of the start: the longest step of LSODA cannot be changed on the way.
-E_FOLDS = {"RK45": 1.0, "LSODA": 1.0, "Radau": 1.0}
+E_FOLDS = 1.0  # of what does not decay, in a step
+# Methods whose steps are kept so short: from nearer to an unstable equilibrium than the tolerance, no tolerance
+# shortens them. DOP853 resolves what its stability allows. The longest step of LSODA cannot be changed on the way:
+# that of implicit methods is set at the start.
+RESOLVING = ("RK45", "LSODA", "Radau")
 EXPLICIT = ("RK45", "DOP853")
 SMALLEST_TOLERANCE = 2.3e-14  # 100 times the rounding unit, below which SciPy does not go
 
@@ -41,7 +42,7 @@ def solve(
     """Solve from the equations' start for the samples `times` (n,), by SciPy's solver of the method.
 
     tolerance: the error admitted in each step, relative and absolute. Samples come from the method's interpolation.
-    Steps of an explicit method resolve what does not decay. Raises AccuracyError (codes
+    Steps resolve what does not decay, those of implicit methods what does not at the start. Raises AccuracyError (codes
     "steps-collapsed", "not-finite", "too-many-steps").
     """
     if (perturbation.rounding or perturbation.restarts) and len(times) > 2:
@@ -53,7 +54,7 @@ def solve(
     # In a piece of a table no step may depend on the piece alone: two tolerances would take the same steps.
     first = {"first_step": (end - start) * tolerance ** (1 / 8)} if equations.layout.tables else {}
     longest = max(1e-300, (end - start) / perturbation.min_steps(method))
-    resolved = method.solver in E_FOLDS
+    resolved = method.solver in RESOLVING
     at_first = _longest(equations, method, x0, longest, perturbation.finer) if resolved else longest
     solver = kind(rate, start, x0, end, rtol=tolerance, atol=tolerance, max_step=at_first, **first)
     out = np.empty((len(x0), len(times)))
@@ -84,7 +85,7 @@ def _longest(equations: Equations, method: Method, x: Array, longest: float, fin
     rates, decays = fastest(equations, np.append(x, equations.start[equations.moving :])[:, None])
     if decays[0] or not rates[0] > 0.0:
         return longest
-    return min(longest, float(E_FOLDS[method.solver] / rates[0] * finer ** (-1 / method.order)))
+    return min(longest, float(E_FOLDS / rates[0] * finer ** (-1 / method.order)))
 
 
 def _in_parts(
