@@ -1,6 +1,7 @@
 """Error bars: truncation and rounding, each shown by a solution of its own; more digits; limits of time."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from twolink.hard.truths import extended_reference
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solvers.method_choice import MethodChoice
 from twolink.integrate.steps.methods import METHODS
+from twolink.simulation.refinement import Refinement
 from twolink.simulation.verification import Verification
 
 pytest.importorskip("heyoka")
@@ -295,3 +297,25 @@ def test_bars_hold_where_rounding_is_measured(method: str, accuracy: float, seed
     assert run.error is not None
     assert (doubt <= 0.1 * run.error)[1:].all()
     assert (true <= run.error)[1:].all()
+
+
+def test_a_bar_that_another_run_refutes_is_not_told() -> None:
+    """The best run of a refusal: of two that are farther apart than their bars say, each has a bar that covers both."""
+    scene, duration = double_pendulum(18)
+    times = np.linspace(0.0, duration, 50)
+    coarse, fine = (tl.simulate(scene, duration, t_eval=times, method="dop853", tolerance=tolerance)
+                    for tolerance in (1e-5, 1e-9))  # fmt: skip
+    search = Refinement(equations_of(scene), 1e-12)
+    too_small = replace(coarse, error=1e-3 * np.minimum(coarse.error, fine.error), accuracy=1e-12)
+    choice = MethodChoice(METHODS["dop853"], 1e-9, "")
+    search.seen(choice, too_small)
+    search.seen(choice, replace(fine, accuracy=1e-12))
+    told = search.failure().run
+    reference, doubt = extended_reference(scene, told.t)
+    true = truths.distance(scene.robot, told.q.astype(np.longdouble), reference)
+    assert np.all(true <= told.error + doubt)
+    search = Refinement(equations_of(scene), 1e-12)
+    search.seen(choice, replace(coarse, accuracy=1e-12))
+    search.seen(choice, replace(fine, accuracy=1e-12))
+    assert search.best is not None
+    np.testing.assert_array_equal(search.best.error, fine.error)

@@ -71,8 +71,27 @@ class Refinement:
         digits = "" if choice.precision == "double" else f" with {DIGITS[choice.precision]}"
         self._digits = choice.precision
         self.tried.append(f"{choice.method.name}{digits} at {setting}")
-        if run is not None and (self.best is None or _worth(run) > _worth(self.best)):
+        if run is None:
+            return
+        if self.best is not None:
+            run, self.best = self._agreeing(run, self.best)
+        if self.best is None or _worth(run) > _worth(self.best):
             self.best = run
+
+    def _agreeing(self, *runs: Trajectory) -> tuple[Trajectory, ...]:
+        """Two runs, each with a bar that holds if the other's does: one that is refuted was too small.
+
+        Where their distance is above the sum of their bars, one of the two does not hold.
+        """
+        if any(run.error is None for run in runs):
+            return runs
+        n = min(len(run.t) for run in runs)  # an event may end one of them
+        apart, bars = self.equations.space.distance(*(run.q[:n] for run in runs)), [run.error[:n] for run in runs]
+        if not np.any(apart > bars[0] + bars[1]):
+            return runs
+        wider = [np.maximum.accumulate(np.maximum(bars[k], apart + bars[1 - k])) for k in (0, 1)]
+        return tuple(replace(run, error=np.append(bar, np.maximum(run.error[n:], bar[-1])))
+                     for run, bar in zip(runs, wider, strict=True))  # fmt: skip
 
     def after(self, one: Verified) -> MethodChoice | None:
         """What to try after a run; None where nothing is left."""
