@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 from fractions import Fraction
 
 import numpy as np
@@ -54,6 +55,29 @@ def test_a_loop_goes_unstable_at_the_gain_that_theory_says(periods: int, share: 
     assert run.v[-1, 0] == pytest.approx(v[ticks], rel=1e-6, abs=1e-9)
     early, late = (np.abs(part).max() for part in np.array_split(run.v[ticks // 5 :, 0], 2))
     assert (late > early) == (share > 1.0)
+
+
+def test_each_world_has_its_own_controller() -> None:
+    """Worlds of other starts and delays against rational arithmetic; a state that is changed in place is a world's."""
+    scene = tl.Scene(slider(), [1.0], effects=[E.Controller(pd, period=0.05)])
+    starts, delays = [1.0, -0.5, 2.0], [0.0, 0.02, 0.075]
+    worlds = tl.simulate_many(scene, 2.0, q=np.array(starts)[:, None], parameters={"effects.0.delay": delays})
+    for q, late, end, bar in zip(starts, delays, worlds.q[:, 0], worlds.error, strict=True):
+        exact = exact_slider(lambda q, v: -4 * q - 2 * v, Fraction(q), Fraction(1, 20),
+                             Fraction(late).limit_denominator(1000), [Fraction(2)])  # fmt: skip
+        assert abs(end - float(exact[-1][0])) < min(1e-12, bar)
+    counting = E.Controller(lambda _, __, s: (s.append(1) or [len(s) * 0.01], s), period=0.1, state=[])
+    same = tl.simulate_many(tl.Scene(slider(), effects=[counting]), 1.0, q=np.zeros((3, 1)))
+    assert np.ptp(same.q) == 0.0
+    assert same.q[0, 0] == pytest.approx(sum(0.01 * 0.01 * k * (0.5 + 10 - k) for k in range(1, 11)), abs=1e-14)
+
+
+def test_a_controller_that_fails_in_a_world_is_named() -> None:
+    control = E.Controller(lambda _, y, s: ([1.0 / float(y.q[0] - 2.0)], s), period=0.1)
+    with pytest.raises(ControllerError, match=r"world 1, effects\[0\] at t = 0 s.*ZeroDivisionError") as refused:
+        tl.simulate_many(tl.Scene(slider(), effects=[control]), 1.0, q=[[0.0], [2.0]])
+    assert refused.value.code == "controller-failed"
+    assert "Traceback" in refused.value.data["traceback"]
 
 
 def pid(_: float, y: object, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -194,14 +218,60 @@ def test_fields_that_do_not_fit_are_refused(fields: dict, where: str) -> None:
     assert refused.value.where == f"effects[0].{where}"
 
 
+@pytest.mark.parametrize("periods", [0, 3])
+@pytest.mark.parametrize("share", [0.95, 1.2])
+def test_an_unstable_loop_is_said_with_its_rate(periods: int, share: float) -> None:
+    """v_{n+1} = v_n - k T v_{n-m}: the largest |root| of z^(m+1) = z^m - k T, on both sides of the limit."""
+    period = 0.02
+    gain = share * 2 * math.sin(math.pi / (2 * (2 * periods + 1))) / period
+    control = E.Controller(lambda _, y, s: (-gain * y.v, s), period=period, delay=periods * period)
+    scene = tl.Scene(slider(), v=[1.0], effects=[control])
+    run = tl.simulate(scene, 120 * (periods + 1) * period, tolerance=1e-6, method="dop853")
+    rate = math.log(np.abs(np.roots([1.0, -1.0, *[0.0] * (periods - 1), gain * period] if periods else
+                                    [1.0, gain * period - 1.0])).max()) / period  # fmt: skip
+    said = [event for event in run.events if event.kind == "unstable-loop"]
+    assert len(said) == (rate > 0.0) == (share > 1.0)
+    for event in said:
+        assert float(re.search(r"at ([\d.]+) 1/s", event.detail)[1]) == pytest.approx(rate, rel=0.2)
+        assert 0.0 < event.t < 0.5 * run.end
+        assert "unstable-loop effects[0]" in str(event)
+        assert "unstable loop from" in run.text()
+
+
+def test_what_grows_without_an_unstable_loop_is_not_called_so() -> None:
+    """A path that begins at rest, a torque that grows and sees nothing, and drift that nothing holds."""
+
+    def follow(t: float, y: object, state: object) -> tuple[np.ndarray, object]:
+        z = min(t / 3.0, 1.0)
+        return 40.0 * (z**3 * (10.0 - 15.0 * z + 6.0 * z * z) - y.q) - 12.0 * y.v, state
+
+    for update in (follow, lambda t, y, s: (12.0 * t * t + 0.0 * y.q, s), lambda _, y, s: (0.3 + 1e-9 * y.v, s)):
+        run = tl.simulate(tl.Scene(slider(), v=[0.1], effects=[E.Controller(update, period=0.01)]), 3.0)
+        assert not run.events
+
+
+@pytest.mark.parametrize("method", ["rk4", "esdirk43", "taylor", "scipy-dop853"])
+def test_any_method_goes_from_tick_to_tick(method: str) -> None:
+    """The same loop, exact by all: between ticks q is a parabola. Samples and dense output are between ticks."""
+    control = E.Controller(pd, period=0.05, delay=0.02)
+    times = [Fraction(0), Fraction(1, 50), Fraction(1, 16), Fraction(1, 8)]
+    scene = tl.Scene(slider(), [1.0], effects=[control])
+    exact = exact_slider(lambda q, v: -4 * q - 2 * v, Fraction(1), Fraction(1, 20), Fraction(1, 50), times)
+    verify = not method.startswith("scipy")  # dozens of steps a tick, in Python
+    run = tl.simulate(scene, 0.125, method=method, t_eval=[float(t) for t in times], verify=verify)
+    assert run.q[:, 0] == pytest.approx([float(q) for q, _ in exact], abs=1e-12)
+    assert run.v[:, 0] == pytest.approx([float(v) for _, v in exact], abs=1e-12)
+    last = exact_slider(lambda q, v: -4 * q - 2 * v, Fraction(1), Fraction(1, 20), Fraction(1, 50), [Fraction(3, 32)])
+    assert run.at(3 / 32)[0][0] == pytest.approx(float(last[0][0]), abs=1e-12)
+    assert run.error is None or run.error.max() < 1e-6
+
+
 @pytest.mark.parametrize(
     "use",
     [
-        lambda s: tl.simulate_many(s, q=np.zeros((2, 1))),
         lambda s: tl.sensitivities(s, wrt=["q"]),
         tl.linearize,
-        lambda s: tl.simulate(s, method="taylor"),
-        lambda s: tl.simulate(s, method="scipy-dop853"),
+        lambda s: tl.simulate(s, method="taylor", precision="extended"),
         lambda s: tl.simulate(s, precision="quad"),
         lambda s: tl.energy_book(tl.simulate(s, 0.2)),
         lambda s: tl.accuracy_study(s),

@@ -198,6 +198,24 @@ def test_a_ball_leaves_the_ground_at_the_tick_that_lifts_it() -> None:
     assert weight[20, 2] == pytest.approx(2.0 * G - 5.0, abs=1e-9)
 
 
+def test_a_threshold_between_two_stepped_solutions_is_named() -> None:
+    """Damped, the ball is elsewhere by steps half as long: a threshold between the two is ambiguous, not one above."""
+
+    def scene(least: float) -> tl.Scene:
+        on_ground = _on_ground(lambda _, y, s: ([2.0 * G + (4.0 if y.q[0] < least else 3.0)], s), 0.1)
+        return on_ground.with_effects([*on_ground.effects, E.JointDamping({"up": 3.0})])
+
+    options = {"contact": "stepped", "t_eval": [0.0, 0.8, 1.0]}
+    runs = [tl.simulate(scene(9.0), 1.0, step=step, verify=False, **options) for step in (2e-3, 1e-3)]
+    one, other = (run.q[1, 0] for run in runs)
+    assert one != other
+    between, above = 0.5 * (one + other), max(one, other) + 10.0 * abs(one - other)
+    named, clear = (tl.simulate(scene(least), 1.0, step=2e-3, **options) for least in (between, above))
+    assert [(event.kind, event.t) for event in named.events] == [("ambiguous-tick", pytest.approx(0.8))]
+    assert not clear.events
+    assert named.error[-1] > 2.0 * clear.error[-1]
+
+
 @pytest.mark.slow
 def test_a_quadruped_stands_on_its_feet() -> None:
     """At rest its feet carry its weight; ticks that samples and steps do not share are ends of steps."""

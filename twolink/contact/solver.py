@@ -11,9 +11,8 @@ import pinocchio as pin
 
 from twolink.contact.joints import LoopRows
 from twolink.contact.stepping import Stepper
-from twolink.contact.steps import SAME_TIME, Plan, Record, Step, plan_steps
+from twolink.contact.steps import Plan, Record, Step, plan_steps
 from twolink.effects.contact import Contact
-from twolink.effects.inputs import Slot
 from twolink.effects.loops import Loop
 from twolink.effects.sensors import Forces
 from twolink.effects.switching import Hold, Stop, SwitchingEffect
@@ -23,6 +22,7 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import make_equations, sampled
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece, Progress
+from twolink.loop.clock import SAME_TIME
 from twolink.loop.sampled_loop import SampledLoop, Sampling
 from twolink.scenes import Scene
 
@@ -99,6 +99,8 @@ class SteppedSolution:
         The longest step, but for halved ones, s.
     interrupted : bool
         Ctrl-C ended it.
+    loop : SampledLoop or None
+        The controllers and sensors, where there are any.
     """
 
     pieces: tuple[Piece, ...]
@@ -113,6 +115,7 @@ class SteppedSolution:
     overlap: float
     step: float
     interrupted: bool = False
+    loop: SampledLoop | None = None
 
     def states(self, times: Array) -> Array:
         """The states (nq + nv, m) at times (m,), interpolated between samples."""
@@ -205,10 +208,11 @@ def solve_stepped(
     except ControllerError as error:
         interrupted, failed = True, error
     qs, vs, accelerations, held, numbers = (np.array(column) for column in zip(*states, strict=True))
-    n, readings = len(qs), None if ticks is None else ticks.loop.readings
+    n, loop = len(qs), None if ticks is None else ticks.loop
+    readings = None if loop is None else loop.readings
     solution = SteppedSolution((Piece(equations, float(times[0]), n, readings=readings),), times[:n], qs, vs,
                                accelerations, held, numbers, pressing[:n], record, overlap, float(plan.h.max()),
-                               interrupted)  # fmt: skip
+                               interrupted, loop)  # fmt: skip
     if failed is not None:
         failed.run = solution
         raise failed
@@ -222,7 +226,7 @@ class _Ticks:
         self._plan, moving = plan, equations.moving
         self._x = np.array(equations.start[:, None], dtype=float)
         self._x[moving:, 0] = plan.numbers[0]
-        rows = {table.name: at.start for at, table in equations.layout.rows_of_tables() if isinstance(table, Slot)}
+        rows = equations.layout.rows_of_slots()
         self._rows = np.array(list(rows.values()), dtype=int)
         self._numbers = self._rows - moving
         self.loop = SampledLoop(sampling, rows, equations.space.states, self._x, _no_forces)

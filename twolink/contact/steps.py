@@ -10,9 +10,7 @@ import numpy as np
 from twolink.contact.impulses import Impulses
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
-from twolink.loop.clock import Clock
-
-SAME_TIME = 1e-12  # relative: a tick so near to a sample or a break is there
+from twolink.loop.clock import SAME_TIME, Clock
 
 
 class Plan(NamedTuple):

@@ -103,7 +103,8 @@ class Controller(Effect, frozen=True):
     dry friction and contacts events are located between ticks; stepped contacts have steps that end at ticks. Each of
     the solutions that make the error bar, three (without events) to seven, has its own controller state and calls
     `update` at each tick. A tick at which their answers differ by more than continuity explains, as those of a
-    threshold or a quantizer do, is an event "ambiguous-tick" of the run, and the error bar widens from then on.
+    threshold or a quantizer do, is an event "ambiguous-tick" of the run, and the error bar widens from then on. Where
+    the solutions part at an exponential rate, an event "unstable-loop" says from when and how fast.
 
     References
     ----------

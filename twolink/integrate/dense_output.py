@@ -17,7 +17,7 @@ from twolink.integrate.joint_forces import accelerations_and_joint_torques, cont
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece
-from twolink.integrate.solver import solve
+from twolink.integrate.solver import is_stepping, solve
 from twolink.integrate.solvers.taylor_code import Precision
 from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.step_map import step_map
@@ -157,7 +157,14 @@ class DenseOutput:
         x = stored_x[:, before]
         if piece.held is not None:
             x = np.append(x, piece.numbers(stored_t[before]), axis=0)
-        return _Group(piece.equations, piece.taken is not None, places, times[places], stored_t[before], x)
+        return _Group(
+            piece.equations,
+            piece.taken is not None and is_stepping(METHODS[self.method]),
+            places,
+            times[places],
+            stored_t[before],
+            x,
+        )
 
     @functools.cached_property
     def _stored(self) -> list[tuple[Array, Array]]:
@@ -193,8 +200,8 @@ class DenseOutput:
         for begin in np.unique(group.stored_t):
             chosen = np.flatnonzero(group.stored_t == begin)
             grid, places = np.unique(group.t[chosen], return_inverse=True)
-            start = np.concatenate([group.stored_x[:, chosen[0]], group.equations.start[len(self.x) :]])
-            solution = solve(replace(group.equations, start=start), method, np.append(begin, grid), setting, None,
-                             self.precision)  # fmt: skip
+            start = np.concatenate([group.stored_x[:, chosen[0]], group.equations.start[len(group.stored_x) :]])
+            equations = replace(group.equations, start=start, sampling=None)
+            solution = solve(equations, method, np.append(begin, grid), setting, None, self.precision)
             out[:, chosen] = solution.x[: len(self.x), 1 + places]
         return out

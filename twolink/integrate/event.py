@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-AMBIGUOUS = "ambiguous-tick"
+AMBIGUOUS, UNSTABLE = "ambiguous-tick", "unstable-loop"
 
 
 @dataclass(frozen=True)
@@ -11,9 +11,10 @@ class Event:
 
     kind: "impact", "rest", "leave", "edge" (a corner or an edge passes the end of what it touches), "stick", "slip",
     "reverse" (of slip), "slide", "roll", "catch", "breakaway" (of a catch), "release", "engage", "limit" (of effort),
-    "assembled", "watch" or "ambiguous-tick" (of a controller: solutions of the error bar got different answers). what:
-    the joint, link or effect. detail: in words. energy: lost at once, J. effect: the
-    place among the scene's effects of what is watched, released or engaged; None of other events.
+    "assembled", "watch", "ambiguous-tick" (of a controller: solutions of the error bar got different answers) or
+    "unstable-loop" (of controllers: from here on errors grow at an exponential rate). what: the joint, link or effect.
+    detail: in words. energy: lost at once, J. effect: the place among the scene's effects of what is watched, released
+    or engaged; None of other events.
     direction: of a watch by a condition or a function, 1 where its value rises through 0, -1 where it falls.
     """
 

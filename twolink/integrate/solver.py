@@ -107,17 +107,18 @@ def solve_beside(
 
 def sampling_beside(equations: Equations, method: Method) -> Sampling | None:
     """What is sampled, where a run and those beside it go from tick to tick by `solve_beside`; else None."""
-    return equations.sampling if equations.has_events and _is_stepping(method) else None
+    return equations.sampling if equations.has_events and is_stepping(method) else None
 
 
 def has_lanes(equations: Equations, method: Method, precision: Precision) -> bool:
     """Whether solutions beside a run are lanes of one batch."""
-    if method.kind == "taylor":
+    if method.kind == "taylor" or (equations.sampling is not None and not equations.has_events):
         return precision == "double" and equations.space.size > 0
-    return _is_stepping(method) and not equations.has_events and equations.space.size > 0
+    return is_stepping(method) and not equations.has_events and equations.space.size > 0
 
 
-def _is_stepping(method: Method) -> bool:
+def is_stepping(method: Method) -> bool:
+    """Whether it is a step map that makes its steps."""
     return method.kind not in ("taylor", "scipy")
 
 
@@ -134,19 +135,20 @@ def _solve(
     """Solve by the method's own solver."""
     if equations.space.size == 0:  # nothing moves
         return Solution(times, np.empty((0, len(times))), 0, 0)
-    stepping = _is_stepping(method)
+    stepping = is_stepping(method)
     if equations.switching is not None and not stepping:
         raise SceneError(f"{method.name} does not locate events", argument="method",
                          remedy='method="auto", or one of rk45, dop853, esdirk43')  # fmt: skip
     if equations.sampling is not None:
         from twolink.integrate.solvers.ticks import solve_ticks  # which other scenes do not load
 
-        if not stepping:
-            raise SceneError(f"{method.name} does not end steps at ticks of controllers", argument="method",
-                             remedy='method="auto", or one of rk45, dop853, esdirk43')  # fmt: skip
+        if precision != "double":
+            raise SceneError("torques of controllers are held in double precision", argument="precision",
+                             remedy='precision="auto"')  # fmt: skip
         if equations.has_events:
             return solve_beside(equations, equations.sampling, method, times, setting, progress)[0]
-        return solve_ticks(equations, equations.sampling, method, times, setting, progress, perturbation, beside)
+        alone = None if stepping else functools.partial(_alone, method, setting)
+        return solve_ticks(equations, equations.sampling, method, times, setting, progress, perturbation, beside, alone)
     if stepping and equations.has_events:
         from twolink.integrate.hybrid.engine import solve as solve_events  # with it come the effects of modes
 
@@ -165,6 +167,11 @@ def _solve(
         return integrate(step_map(piece, method), part, setting, progress, perturbation=perturbation, beside=beside)
 
     return in_pieces(equations, times, smooth)
+
+
+def _alone(method: Method, setting: float, equations: Equations, times: Array, perturbation: Perturbation) -> Solution:
+    """A solution of equations without sampling."""
+    return _solve(equations, method, times, setting, None, "double", perturbation, None)
 
 
 def _require_pieces(equations: Equations, times: Array, step: float) -> None:

@@ -1,5 +1,7 @@
 """Ambiguous ticks: answers of a controller that differ between solutions by more than continuity explains.
 
+And loops whose solutions part as those of an unstable one do.
+
 Where |du| is the distance of the answers and |dx| that of the states so far, |du| / |dx| of a continuous controller is
 about its gain. At a threshold or the edge of a quantizer it is larger by orders: |dx| is rounding, |du| is not.
 """
@@ -8,20 +10,28 @@ from typing import Any
 
 import numpy as np
 
+from twolink.loop.growth import growth
+
 Array = np.ndarray[Any, np.dtype[Any]]
 BLOCK = 512  # ticks that are looked at together
 JUMP = 100.0  # times the largest ratio before
-FIRST = 1e6  # a ratio, relative to the sizes of u and x, that is not yet a jump
+FIRST, FIRST_STEPPED = 1e6, 1e2  # of solutions that differ by rounding, and of those of other steps
+ANSWERED = 0.9  # of the ticks: a controller that answers equally to states that differ leaves them alone
 SMALL = 1e-12  # relative: a smaller |du| is rounding
 
 
 class Ambiguity:
-    """Looks at the answers of one controller tick by tick."""
+    """Looks at the answers of one controller tick by tick.
 
-    def __init__(self) -> None:
+    first: a ratio, relative to the sizes of u and x, that is not yet a jump.
+    """
+
+    def __init__(self, first: float = FIRST) -> None:
+        self._first = first
         self._count, self._t, self._u, self._x = 0, np.empty(BLOCK), np.empty(0), np.empty(0)  # of a block
         self._found: list[float] = []
         self._ratio, self._apart, self._sizes = 0.0, 0.0, np.zeros(2)
+        self._ticks, self._answered, self._rounding = [np.empty(0)], 0, [np.empty(0)]
 
     def add(self, t: float, u: Array, x: Array) -> None:
         """Take the answers u (m, n) to the states x (size, n) at a time."""
@@ -37,6 +47,12 @@ class Ambiguity:
         self._look()
         return self._found
 
+    def growth(self) -> tuple[float, float] | None:
+        """From when solutions part as those of an unstable loop, s, and at which rate, 1/s; None where they do not."""
+        self._look()
+        times = np.concatenate(self._ticks)
+        return growth(times, np.concatenate(self._rounding)) if self._answered > ANSWERED * len(times) else None
+
     def _look(self) -> None:
         if not self._count:
             return
@@ -44,13 +60,16 @@ class Ambiguity:
         self._count = 0
         with np.errstate(invalid="ignore"):
             du, dx = (np.nan_to_num(np.abs(y[:, :, 1:] - y[:, :, :1]).max(axis=(1, 2), initial=0.0)) for y in (u, x))
+        self._ticks.append(times.copy())
+        self._answered += int(np.count_nonzero(du))
+        self._rounding.append(np.abs(x[:, :, -1] - x[:, :, -2]).max(axis=1))  # the last two differ by rounding alone
         size_u, size_x = (np.maximum.accumulate(np.append(size, np.abs(y).max(axis=(1, 2), initial=0.0)))[1:]
                           for size, y in zip(self._sizes, (u, x), strict=True))  # fmt: skip
         dx = np.maximum.accumulate(np.append(self._apart, dx))[1:]
         apart = du > SMALL * size_u
         with np.errstate(divide="ignore", invalid="ignore"):
             ratios = np.where(apart, du / dx, 0.0)
-            first = FIRST * np.where(size_x > 0.0, size_u / size_x, np.inf)
+            first = self._first * np.where(size_x > 0.0, size_u / size_x, np.inf)
         for t, ratio, least in zip(times[apart], ratios[apart], first[apart], strict=True):
             if ratio > JUMP * self._ratio and ratio > least:
                 self._found.append(float(t))

@@ -18,7 +18,7 @@ from twolink.dynamics import Robot
 from twolink.effects.sampled_control import STATE, Controller
 from twolink.effects.sensors import Forces, Seen, Sensor, StateSensor
 from twolink.errors import ControllerError
-from twolink.loop.ambiguity import Ambiguity
+from twolink.loop.ambiguity import FIRST_STEPPED, Ambiguity
 from twolink.loop.clock import ACT, READ, UPDATE, Clock, Random
 from twolink.loop.readings import Readings, random_of, reading
 
@@ -52,7 +52,8 @@ class Sampling:
 class _Control:
     """A controller in a run. limits (m, 1). states: of each solution. waiting: answers (m, n) to come, by tick.
 
-    states_seen: how many states of effects are behind q and v, if it sees any.
+    states_seen: how many states of effects are behind q and v, if it sees any. log: of a solution alone, the times, the
+    answers and what they were to.
     """
 
     place: int
@@ -68,6 +69,7 @@ class _Control:
     ambiguity: Ambiguity = field(default_factory=Ambiguity)
     waiting: dict[int, Array] = field(default_factory=dict)
     last: tuple[float, Array] | None = None
+    log: list[tuple[float, Array, Array]] = field(default_factory=list)
 
 
 @dataclass(eq=False)
@@ -158,6 +160,20 @@ class SampledLoop:
         """The ambiguous ticks so far: when, and what of."""
         return sorted((t, f"effects[{one.place}]") for one in self._controls.values() for t in one.ambiguity.ticks())
 
+    def ambiguous_beside(self, other: "SampledLoop") -> list[tuple[float, str]]:
+        """The ambiguous ticks of two solutions that were solved one after the other, by other steps."""
+        for place, one in self._controls.items():
+            one.ambiguity = Ambiguity(FIRST_STEPPED)
+            for (t, *mine), (_, *theirs) in zip(one.log, other._controls[place].log, strict=False):
+                one.ambiguity.add(t, *(np.concatenate(pair, axis=1) for pair in zip(mine, theirs, strict=True)))
+        return self.ambiguous()
+
+    def unstable(self) -> list[tuple[float, str, float, float]]:
+        """The controllers in unstable loops: from when, s, what, the rate of errors, 1/s, and the period, s."""
+        found = ((one, one.ambiguity.growth()) for one in self._controls.values())
+        return [(seen[0], f"effects[{one.place}]", seen[1], float(one.controller.period))
+                for one, seen in found if seen]  # fmt: skip
+
     def _seen(self, t: float, x: Array) -> Seen:
         q, v = x[: self._nq].T.copy(), x[self._nq : self._nq + self._nv].T.copy()
         z = dict(zip(self._states, x[self._nq + self._nv :].copy(), strict=False))
@@ -197,8 +213,11 @@ class SampledLoop:
             raise _error(control, t, f"the torque of {joint!r} is not finite", code="controller-answer",
                          remedy="look at what it divides by", joint=joint)  # fmt: skip
         u = u.T
+        seen = x[: self._nq + self._nv + control.states_seen]
         if len(given) > 1:
-            control.ambiguity.add(t, u, x[: self._nq + self._nv + control.states_seen])
+            control.ambiguity.add(t, u, seen)
+        else:
+            control.log.append((t, u, seen.copy()))
         if control.limited:
             u = np.clip(u, -control.limits, control.limits)
         control.waiting[tick] = u

@@ -1,4 +1,4 @@
-"""Worlds one after the other, each as `simulate` solves it: those with events, and those whose loops differ."""
+"""Worlds one after the other, as `simulate` solves them: with events or controllers, and those whose loops differ."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from twolink.errors import AccuracyError, SceneError
+from twolink.errors import AccuracyError, ControllerError, SceneError
 from twolink.integrate.event import Event
 from twolink.integrate.motion.assembly import assembled
 from twolink.integrate.motion.scene_equations import equations_of, with_starting_states
@@ -61,6 +61,9 @@ def solve_one_by_one(
         own = scene_with(scene, {name: float(value[i]) for name, value in values.items()}) if values else scene
         try:
             run = _run(own, states[:, i], times, accuracy, verify)
+        except ControllerError as failed:
+            raise ControllerError(failed.what, where=f"world {i}, {failed.where}", remedy=failed.remedy,
+                                  code=failed.code, run=failed.run, **failed.data) from failed  # fmt: skip
         except SceneError as refused:
             raise SceneError(refused.what, where=f"world {i}", remedy=refused.remedy, code=refused.code) from None
         events.append(tuple(run.events) if run else ())
@@ -82,7 +85,7 @@ def run_from(scene: Scene, x: Array, times: Array, accuracy: float, *, verify: b
 
     Runs of one scene share its equations, and so their compiled steps. Raises what `simulate` raises.
     """
-    equations = equations_of(scene)
+    equations = equations_of(scene, ticks=True)
     if equations.constraints is not None:
         x = assembled(equations.constraints, x)
     equations = replace(equations.starting_at(with_starting_states(equations, x), 0.0), assembled=(0.0, 0.0))

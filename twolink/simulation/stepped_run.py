@@ -3,7 +3,7 @@
 import functools
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,11 +11,13 @@ import numpy as np
 from twolink.contact.solver import SteppedSolution, solve_stepped, stepper_of
 from twolink.contact.stepping import Stepper
 from twolink.errors import AccuracyError, ControllerError
+from twolink.integrate.event import Event
 from twolink.integrate.solution import Progress
+from twolink.integrate.solvers.ticks import ambiguous_events
 from twolink.integrate.steps.failures import failure
 from twolink.scenes import Scene
 from twolink.simulation.cost import Cost
-from twolink.simulation.error_bar import error_bar
+from twolink.simulation.error_bar import CHANCE, error_bar
 from twolink.simulation.trajectory import Trajectory
 
 METHOD = "stepped"
@@ -59,8 +61,10 @@ def simulate_stepped(
     if not verify or coarse.interrupted:
         return _trajectory(scene, coarse, seconds)
     fine, more = solve(step, 1)
-    off = None if fine.interrupted else 2.0 * _distance(coarse, fine)  # of first order: half the step has half of it
-    return _trajectory(scene, coarse, seconds, more, off)
+    if fine.interrupted:
+        return _trajectory(scene, coarse, seconds, more)
+    off, events = _apart(coarse, fine)  # of first order: half the step has half of it
+    return _trajectory(scene, coarse, seconds, more, 2.0 * off, events=events)
 
 
 def _solved(
@@ -75,9 +79,13 @@ def _solved(
     return solution, time.perf_counter() - start
 
 
-def _distance(coarse: SteppedSolution, fine: SteppedSolution) -> np.ndarray:
-    """Of two solutions at each sample (n,), rad or m."""
-    return np.asarray(coarse.pieces[0].equations.space.distance(coarse.q, fine.q))
+def _apart(coarse: SteppedSolution, fine: SteppedSolution) -> tuple[np.ndarray, list[Event]]:
+    """The distance of two solutions at each sample (n,), rad or m, larger behind an ambiguous tick; and those ticks."""
+    off = np.asarray(coarse.pieces[0].equations.space.distance(coarse.q, fine.q))
+    found = [] if coarse.loop is None or fine.loop is None else coarse.loop.ambiguous_beside(fine.loop)
+    if found:  # which branch the motion takes is chance
+        off[coarse.t > found[0][0]] *= CHANCE
+    return off, ambiguous_events(found)
 
 
 @dataclass
@@ -135,10 +143,10 @@ class _StepRefinement:
 
     def _estimated(self, coarse: SteppedSolution, fine: SteppedSolution, seconds: float) -> Trajectory:
         """The run of the smaller steps, with its estimate."""
-        others, off = time.perf_counter() - self.began - seconds, _distance(coarse, fine)
+        others, (off, events) = time.perf_counter() - self.began - seconds, _apart(coarse, fine)
         if off.max() > BLOWN_UP:
             raise failure("step-too-large", self.end, step=fine.step)
-        run = _trajectory(self.scene, fine, seconds, others, off, self.accuracy)
+        run = _trajectory(self.scene, fine, seconds, others, off, self.accuracy, events)
         error = float(run.error[-1]) if run.error is not None else 0.0
         self.tries += error > HELPS * self.last
         self.tried.append(f"{fine.step:.2g} s: estimate {error:.1g}")
@@ -194,11 +202,12 @@ def _trajectory(
     verifying: float = 0.0,
     distance: np.ndarray | None = None,
     accuracy: float | None = None,
+    events: Sequence[Event] = (),
 ) -> Trajectory:
     """The trajectory of a stepped solution. distance: to its neighbour at each sample (n,), rad or m."""
     record = solution.record
     cost = Cost(METHOD, None, record.steps, record.steps, seconds, verifying, rejected=record.halved,
                 why="many contacts", step=solution.step)  # fmt: skip
     error = None if distance is None else error_bar(distance, np.zeros_like(distance), SAFETY)
-    return Trajectory(scene.robot, solution.t, solution.q, solution.v, error, cost, interrupted=solution.interrupted,
+    return Trajectory(scene.robot, solution.t, solution.q, solution.v, error, cost, events, solution.interrupted,
                       accuracy=accuracy, solution=solution, title=scene.title, estimated=True, scene=scene)  # fmt: skip

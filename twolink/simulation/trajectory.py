@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from twolink.dynamics import Robot
 from twolink.errors import SceneError
 from twolink.integrate.dense_output import DenseOutput
-from twolink.integrate.event import Event
+from twolink.integrate.event import UNSTABLE, Event
 from twolink.io.text import facts_html
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted
@@ -512,6 +512,7 @@ class Trajectory(Result, Plotted):
         error = "not verified" if self.error is None else f"error {sign} {self.error.max():.1e}"
         events = f", {len(self.events)} events" if self.events else ""
         ended = ", interrupted" if self.interrupted else ""
+        ended += "".join(f", unstable loop from {event.t:g} s" for event in self.events if event.kind == UNSTABLE)
         return f"<Trajectory of {self.robot.name!r}: {self.end:g} s, {len(self.t)} samples{events}, {error}{ended}>"
 
     def _repr_html_(self) -> str:

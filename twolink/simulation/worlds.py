@@ -72,9 +72,10 @@ def simulate_many(
 
     Notes
     -----
-    Smooth worlds are steps of one batch. Worlds of a scene with events are solved one after the other, each as
-    `simulate` solves it, by the same compiled steps. So are worlds that differ in parameters of closed loops or of a
-    scene with events, or in numbers of effects that change the robot; each of them compiles steps of its own.
+    Smooth worlds are steps of one batch. Worlds of a scene with events or sampled controllers are solved one after the
+    other, each as `simulate` solves it, by the same compiled steps; each has its own controller state. So are worlds
+    that differ in parameters of closed loops or of such a scene, or in numbers of effects that change the robot; each
+    of them compiles steps of its own.
 
     Raises
     ------
@@ -82,6 +83,8 @@ def simulate_many(
         An argument does not fit, or a name is unknown (code "unknown-parameter").
     AccuracyError
         The accuracy cannot be verified (code "accuracy-not-verifiable").
+    ControllerError
+        A controller fails in a world, which `where` names; its `run` is that world's motion so far.
     """
     end, accuracy = duration_for(scene, duration), accuracy_of(accuracy)
     states, values = world_states(scene, q, v, parameters)
@@ -117,9 +120,11 @@ def simulate_many(
 def differs_beyond_numbers(scene: Scene, names: Collection[str]) -> bool:
     """Whether worlds that differ in these parameters are no batch of one step.
 
-    They have events, loops of their own, or constants of their own.
+    They have events, sampled controllers, loops of their own, or constants of their own.
     """
-    equations, known = equations_of(scene), parameters_of(scene)
+    equations, known = equations_of(scene, ticks=True), parameters_of(scene)
+    if equations.sampling is not None:
+        return True
     constant = any(name not in known or not known[name].acts for name in names)
     if equations.has_events and equations.space.states:  # play, whose kinks are to be located
         return True

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from twolink.effects.inputs import Slot
 from twolink.effects.sensors import Forces
 from twolink.errors import ControllerError
 from twolink.integrate.event import Event
@@ -21,10 +20,11 @@ from twolink.integrate.hybrid.transitions import same_time
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece, Progress, Solution
-from twolink.integrate.solvers.ticks import SAME_TIME, Lanes, ambiguous_events
+from twolink.integrate.solvers.ticks import Lanes, events_of
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
 from twolink.integrate.steps.step_map import StepMap
+from twolink.loop.clock import SAME_TIME
 from twolink.loop.readings import Readings
 from twolink.loop.sampled_loop import SampledLoop, Sampling
 
@@ -41,8 +41,7 @@ class OpenPiece:
         self.steps, self.watcher, self._lanes, equations = steps, watcher, lanes, steps.equations
         self._parts = parts
         self.begin, self.t, self.x = lanes.time, [lanes.time], [lanes.x[:, 0].copy()]
-        self._rows = {table.name: at.start for at, table in equations.layout.rows_of_tables()
-                      if isinstance(table, Slot)}  # fmt: skip
+        self._rows = equations.layout.rows_of_slots()
         self._forces = [guard for guard in watcher.guards if guard.is_force]
 
     def advance(self, end: float) -> Hit | None:
@@ -228,7 +227,7 @@ class _Ticks:
 
     def __init__(self, engines: list[TickEngine], sampling: Sampling) -> None:
         self._engines, whole = engines, engines[0].whole
-        self._rows = {table.name: at.start for at, table in whole.layout.rows_of_tables() if isinstance(table, Slot)}
+        self._rows = whole.layout.rows_of_slots()
         self._x = np.repeat(whole.start[:, None], len(engines), axis=1)
         self._told: tuple[dict[str, Readings], list[Event]] | None = None
         self.loop = SampledLoop(sampling, self._rows, whole.space.states, self._states(), self._look)
@@ -260,7 +259,7 @@ class _Ticks:
 
     def _tell(self) -> tuple[dict[str, Readings], list[Event]]:
         """The readings and the ambiguous ticks so far."""
-        return self.loop.readings, ambiguous_events(self.loop)
+        return self.loop.readings, events_of(self.loop)
 
     def _states(self) -> Array:
         """The states (size, n) now, with the numbers that hold."""

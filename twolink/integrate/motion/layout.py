@@ -53,6 +53,10 @@ class Layout:
         ends = itertools.accumulate((table.rows for table in self.tables), initial=self.moving)
         return zip(itertools.starmap(slice, itertools.pairwise(ends)), self.tables, strict=True)
 
+    def rows_of_slots(self) -> dict[str, int]:
+        """The row of a state that each slot is, by its name."""
+        return {table.name: at.start for at, table in self.rows_of_tables() if isinstance(table, Slot)}
+
     def free(self, numbers: Sequence[Any]) -> list[Any]:
         """Of each degree of freedom, 0 where it is locked and 1 where not."""
         free: list[Any] = [1.0] * self.space.nv

@@ -48,9 +48,9 @@ def equations_of(scene: Scene, parameters: Sequence[str] = (), *, ticks: bool = 
     """
     sampling, effects = sampled(scene)
     if sampling is not None and not ticks:
-        raise SceneError("a sampled controller acts at ticks, which tl.simulate and tl.explain alone follow",
+        raise SceneError("a sampled controller acts at ticks, which this does not follow",
                          where=f"effects[{min(sampling.controllers)}]", code="controller-not-followed",
-                         remedy="use a continuous one, such as tl.effects.JointPD or StateFeedback")  # fmt: skip
+                         remedy="tl.simulate, tl.simulate_many; or a continuous one, such as JointPD")  # fmt: skip
     known = _kept.setdefault(scene, {})
     name = tuple(parameters)
     if name not in known:

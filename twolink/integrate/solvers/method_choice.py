@@ -87,7 +87,7 @@ def choose(
     "auto" takes the fastest method that a study of this scene measured, or else the cheapest by the built-in
     calibration: ESDIRK43 where stability makes explicit steps too many. Where whole steps take long to compile it takes
     DOP853 or ESDIRK43 in parts. Without heyoka, and where the rate takes long to compile, it takes SciPy's DOP853 or
-    Radau; for events ours.
+    Radau; for events and sampled controllers ours.
     """
     if precision not in ROUNDING_UNIT:
         remedy = f"""one of "auto", {", ".join(f'"{one}"' for one in ROUNDING_UNIT)}"""
@@ -124,7 +124,7 @@ def _cheapest(equations: Equations, accuracy: float, duration: float) -> MethodC
         if implicit < explicit:
             cost = f"{best} {explicit / implicit:.1f}x"
             best, why = "esdirk43", f"stiff: a mode decays at {decay:.1g} 1/s, and explicit steps are as short ({cost})"
-    if portable and not equations.has_events:
+    if portable and not equations.has_events and equations.sampling is None:
         why = "heyoka is not installed" if heyoka() is None else "compiling its equations would take long"
         best = {"dop853": "scipy-dop853", "esdirk43": "scipy-radau"}[best]
     return MethodChoice(METHODS[best], first_tolerance(METHODS[best], accuracy), why)

@@ -22,11 +22,12 @@ def in_pieces(equations: Equations, times: Array, solve: Callable[[Equations, Ar
     edges = [start, *(t for t in equations.breaks(end) if t > start), end]
     if len(edges) == 2 and not equations.layout.tables:
         return solve(equations, times)
+    held = {name: equations.start[row] for name, row in equations.layout.rows_of_slots().items()}
     parts: list[Solution] = []
     x: Any = equations.start
     for begin, stop in itertools.pairwise(edges):
         grid, extra = piece_times(times, begin, stop)
-        piece = equations.starting_at(x, 0.5 * (begin + stop))
+        piece = equations.starting_at(x, 0.5 * (begin + stop), slots=held)
         part = solve(piece, grid)
         x = part.x[:, -1] if part.precise is None else part.precise[-1]
         taken = slice(int(bool(parts)), len(part.t) - int(extra and len(part.t) == len(grid)))

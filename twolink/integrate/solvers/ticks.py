@@ -6,16 +6,19 @@ are asked for, and go on as if they had not.
 
 import functools
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from twolink.effects.inputs import Sampled, Slot
+from twolink.effects.inputs import Sampled
 from twolink.errors import ControllerError
-from twolink.integrate.event import AMBIGUOUS, Event
+from twolink.integrate.event import AMBIGUOUS, UNSTABLE, Event
 from twolink.integrate.forces_seen import forces_seen
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece, Progress, Solution
+from twolink.integrate.solvers.from_tick_to_tick import Restarted, Solve
 from twolink.integrate.steps.beside import Beside
 from twolink.integrate.steps.chain import LONGEST, Room
 from twolink.integrate.steps.methods import Method
@@ -24,12 +27,12 @@ from twolink.integrate.steps.perturbation import MIN_STEPS, NO_PERTURBATION, Per
 from twolink.integrate.steps.step_control import MAX_FACTOR, MIN_SQUARE
 from twolink.integrate.steps.step_map import StepMap, step_map
 from twolink.integrate.steps.stepping import start_state
+from twolink.loop.clock import SAME_TIME
 from twolink.loop.sampled_loop import SampledLoop, Sampling
 
 LOOK = 64  # attempted steps between two looks at whether they get on
 FEW = 64  # disturbances that are drawn at once
 LEAST = 0.1  # of the time to the next tick: steps may grow to it
-SAME_TIME = 1e-12  # relative: a time this near to a tick is that tick
 NAMED = 20  # ticks that are named
 
 
@@ -188,9 +191,8 @@ class Lanes:
             )
 
 
-def ambiguous_events(loop: SampledLoop) -> list[Event]:
-    """The ambiguous ticks of a loop so far."""
-    found = loop.ambiguous()
+def ambiguous_events(found: Sequence[tuple[float, str]]) -> list[Event]:
+    """Events of ambiguous ticks (when, what of), of which many are one."""
     events = [Event(at, AMBIGUOUS, what, "solutions of the error bar got different answers")
               for at, what in found[:NAMED]]  # fmt: skip
     if len(found) > NAMED:
@@ -198,12 +200,22 @@ def ambiguous_events(loop: SampledLoop) -> list[Event]:
     return events
 
 
+def events_of(loop: SampledLoop) -> list[Event]:
+    """The ambiguous ticks of a loop so far, and from when it is unstable."""
+    events = ambiguous_events(loop.ambiguous())
+    events += [Event(t, UNSTABLE, what, f"errors grow at {rate:.3g} 1/s, by {math.expm1(rate * period):.2%} a tick")
+               for t, what, rate, period in loop.unstable()]  # fmt: skip
+    return sorted(events, key=lambda event: event.t)
+
+
 class _Run:
     """A run from tick to tick. t, x: where steps of the first solution ended, and with which held numbers."""
 
-    def __init__(self, equations: Equations, lanes: Lanes, loop: SampledLoop, beside: Beside | None) -> None:
+    def __init__(
+        self, equations: Equations, lanes: Lanes | Restarted, loop: SampledLoop, beside: Beside | None
+    ) -> None:
         self._equations, self._lanes, self._loop, self._beside = equations, lanes, loop, beside
-        self.t, self.x, self._size = [lanes.time], [lanes.x[:, 0].copy()], equations.space.size
+        self.t, self.x = [lanes.time], [lanes.x[:, 0].copy()]
 
     def go(self, end: float) -> None:
         """Go to the end."""
@@ -234,7 +246,7 @@ class _Run:
 
     def _keep(self) -> None:
         """Keep the state of the first at the last of the times."""
-        self.x[len(self.t) - 1 :] = [self._lanes.state[: self._size, 0].copy()]
+        self.x[len(self.t) - 1 :] = [self._lanes.x[:, 0].copy()]
 
     def _take_tables(self, t: float) -> None:
         """Write the pieces of tables that hold at a time."""
@@ -243,7 +255,7 @@ class _Run:
                 self._lanes.x[rows] = table.rows_at(t)[:, None]
         self._keep()
 
-    def solution(self, by: StepMap, times: Array, *, interrupted: bool) -> Solution:
+    def solution(self, by: StepMap | Restarted, times: Array, *, interrupted: bool) -> Solution:
         """The solution so far, with the samples at times (n,)."""
         t, x, moving = np.array(self.t), np.array(self.x), self._equations.moving
         times = times[: np.searchsorted(times, t[-1] * (1.0 + SAME_TIME), side="right")]
@@ -256,7 +268,7 @@ class _Run:
         piece = Piece(self._equations, float(t[0]), len(times), (t, x[:, :moving]), held=x[:, moving:],
                       readings=self._loop.readings)  # fmt: skip
         return Solution(times, samples[:moving], accepted, evaluations, rejected, by.compile_seconds, by.compiled,
-                        interrupted, events=tuple(ambiguous_events(self._loop)), pieces=(piece,))  # fmt: skip
+                        interrupted, events=tuple(events_of(self._loop)), pieces=(piece,))  # fmt: skip
 
 
 def solve_ticks(
@@ -268,20 +280,34 @@ def solve_ticks(
     progress: Progress | None,
     perturbation: Perturbation = NO_PERTURBATION,
     beside: Beside | None = None,
+    alone: Solve | None = None,
 ) -> Solution:
     """Solve from the equations' start for samples; see `solver.solve`.
 
+    alone: how each solution is solved from tick to tick, for methods without a step map.
     Raises ControllerError, whose `run` is the solution so far.
     """
     equations.require(float(times[0]), float(times[-1]))
-    others, by = () if beside is None else beside.perturbations, step_map(equations, method)
-    lanes = Lanes(by, float(times[0]), float(times[-1]), setting, (perturbation, *others), progress)
-    rows = {table.name: at.start for at, table in equations.layout.rows_of_tables() if isinstance(table, Slot)}
-    loop = SampledLoop(sampling, rows, equations.space.states, lanes.x, functools.partial(forces_seen, equations))
+    start, end = float(times[0]), float(times[-1])
+    every = (perturbation, *(() if beside is None else beside.perturbations))
+    by: StepMap | Restarted
+    lanes: Lanes | Restarted
+    if alone is None:
+        by = step_map(equations, method)
+        lanes = Lanes(by, start, end, setting, every, progress)
+    else:
+        by = lanes = Restarted(replace(equations, sampling=None), method, start, every, alone, progress)
+    loop = SampledLoop(
+        sampling,
+        equations.layout.rows_of_slots(),
+        equations.space.states,
+        lanes.x,
+        functools.partial(forces_seen, equations),
+    )
     interrupted = False
     run = _Run(equations, lanes, loop, beside)
     try:
-        run.go(float(times[-1]))
+        run.go(end)
     except KeyboardInterrupt:
         interrupted = True
     except ControllerError as error:
