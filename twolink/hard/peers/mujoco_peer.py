@@ -61,7 +61,7 @@ def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
     per_interval = max(1, int(np.ceil(task.interval / setting.step * (1 - 1e-9))))
     model.opt.timestep = task.interval / per_interval
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{setting.method.upper()}")
-    (q0, v0), (q_at, v_at) = to_peer(task, body_spin=True), _columns(task, model)
+    (q0, v0), (q_at, v_at) = to_peer(task, body_spin=True), columns(task, model)
     mujoco.set_mju_user_warning(lambda _: None)  # looked at below; unhandled they go to the terminal and to a file
 
     def run() -> PeerRun:
@@ -84,7 +84,7 @@ def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
 def accelerations(task: PeerTask) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """a (nv,) of q and v by mj_forward; of a free body it is MuJoCo's, in other axes."""
     model = build(task)
-    data, (q_at, v_at) = mujoco.MjData(model), _columns(task, model)
+    data, (q_at, v_at) = mujoco.MjData(model), columns(task, model)
 
     def forward(q: np.ndarray, v: np.ndarray) -> np.ndarray:
         data.qpos[q_at], data.qvel[v_at] = to_peer(replace(task, q=q, v=v), body_spin=True)
@@ -181,7 +181,7 @@ def _quaternion(rotation: np.ndarray) -> np.ndarray:
     return np.asarray(pin.Quaternion(rotation).coeffs())[[3, 0, 1, 2]]
 
 
-def _columns(task: PeerTask, model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+def columns(task: PeerTask, model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
     """The entries of qpos and qvel in the order of the task's joints."""
     indices = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint.name) for joint in task.joints]
     return peer_columns(task, [(int(model.jnt_qposadr[i]), int(model.jnt_dofadr[i])) for i in indices])

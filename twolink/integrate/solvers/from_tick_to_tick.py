@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import cast
 
 import numpy as np
 
@@ -53,7 +52,8 @@ class Restarted:
     ) -> None:
         self.method, self.time, self.counts = method, t, (0, 0)
         self.x = np.repeat(equations.start[:, None].astype(float), len(perturbations), axis=1)
-        self.compile_seconds, self.compiled = 0.0, cast("Code", "")
+        self.compile_seconds = 0.0
+        self.compiled: Code = ""
         self._equations, self._perturbations, self._solve, self._progress = equations, perturbations, solve, progress
         self._ticks, self._steps = 0, 1.0
 

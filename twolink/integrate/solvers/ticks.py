@@ -136,7 +136,8 @@ class Lanes:
         if planned is not None and (tried <= 2 or not self._by.method.adaptive):
             np.maximum(state[rows.step], planned, out=state[rows.step])
         elif step < short and state.item(rows.previous, 0) <= MIN_SQUARE:
-            state[rows.step] *= 2.0  # two steps to a tick are as short as their end makes them, not as their error
+            # Two steps to a tick are as short as their end makes them, not as their error.
+            np.minimum(2.0 * state[rows.step], state[rows.longest], out=state[rows.step])
         self._ticks += 1
         if self._ticks % LOOK == 0:
             self._require_fine()
