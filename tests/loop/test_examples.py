@@ -39,6 +39,17 @@ def test_the_pendulum_goes_unstable_at_the_delay_that_theory_says(share: float) 
     assert (late > early) == (share > 1.0)
 
 
+@pytest.mark.parametrize("share", [0.95, 1.3])
+def test_the_run_says_that_the_pendulum_is_unstable(share: float) -> None:
+    """With the rate of the exact map. That the torque is small beside its gain makes no tick ambiguous."""
+    delay = share * delayed_pendulum.longest_delay()
+    run = tl.simulate(delayed_pendulum.scene(delay, 1e-9), 12.0, accuracy=1e-4)
+    assert [event.kind for event in run.events] == ["unstable-loop"] * (share > 1.0)
+    for event in run.events:
+        rate = np.log(delayed_pendulum.growth(delay)) / delayed_pendulum.PERIOD
+        assert float(event.detail.split()[3]) == pytest.approx(rate, rel=0.1)
+
+
 def test_the_state_machine_swings_up_and_catches() -> None:
     """Its motor is too weak to lift the pendulum at once: the energy grows until it is that of the top."""
     scene, robot = state_machine.scene(), state_machine.robot

@@ -14,7 +14,8 @@ from twolink.loop.growth import growth
 
 Array = np.ndarray[Any, np.dtype[Any]]
 BLOCK = 512  # ticks that are looked at together
-JUMP = 100.0  # times the largest ratio before
+JUMP = 100.0  # times the largest ratio before, and the median of a block: one that most ticks have is a gain
+MANY = 8  # ticks that have a median
 FIRST, FIRST_STEPPED = 1e6, 1e2  # of solutions that differ by rounding, and of those of other steps
 ANSWERED = 0.9  # of the ticks: a controller that answers equally to states that differ leaves them alone
 SMALL = 1e-12  # relative: a smaller |du| is rounding
@@ -70,8 +71,9 @@ class Ambiguity:
         with np.errstate(divide="ignore", invalid="ignore"):
             ratios = np.where(apart, du / dx, 0.0)
             first = self._first * np.where(size_x > 0.0, size_u / size_x, np.inf)
+        usual = float(np.median(ratios)) if len(ratios) >= MANY else 0.0
         for t, ratio, least in zip(times[apart], ratios[apart], first[apart], strict=True):
-            if ratio > JUMP * self._ratio and ratio > least:
+            if ratio > JUMP * max(self._ratio, usual) and ratio > least:
                 self._found.append(float(t))
             else:
                 self._ratio = max(self._ratio, ratio)
