@@ -72,6 +72,16 @@ def test_each_world_has_its_own_controller() -> None:
     assert same.q[0, 0] == pytest.approx(sum(0.01 * 0.01 * k * (0.5 + 10 - k) for k in range(1, 11)), abs=1e-14)
 
 
+def test_worlds_have_noise_of_their_own_by_the_seed() -> None:
+    law = E.Controller(lambda _, y, s: (-4.0 * y.encoder, s), period=0.05, inputs=("encoder",))
+    scenes = [tl.Scene(slider(), [1.0], effects=[E.Encoder(("rail",), period=0.05, noise=1e-3, seed=seed), law])
+              for seed in (1, 2)]  # fmt: skip
+    ends = [tl.simulate(scene, 0.5, accuracy=1e-6).q[-1, 0] for scene in scenes]
+    worlds = tl.simulate_many(scenes[0], 0.5, parameters={"effects.0.seed": [1, 2, 2]})
+    assert worlds.q[:, 0] == pytest.approx([*ends, ends[1]], abs=1e-14)
+    assert abs(ends[0] - ends[1]) > 1e-5
+
+
 def test_a_controller_that_fails_in_a_world_is_named() -> None:
     control = E.Controller(lambda _, y, s: ([1.0 / float(y.q[0] - 2.0)], s), period=0.1)
     with pytest.raises(ControllerError, match=r"world 1, effects\[0\] at t = 0 s.*ZeroDivisionError") as refused:

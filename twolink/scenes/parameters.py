@@ -221,8 +221,8 @@ def number_at(value: Any, path: Sequence[str]) -> float:
 
 def with_number(value: Any, path: Sequence[str], number: Any) -> Any:
     """An effect, or a part of one, with another number at the end of a path."""
-    if not path:
-        return number
+    if not path:  # a whole number, such as a seed, stays one
+        return int(number) if isinstance(value, int) and isinstance(number, float) and number.is_integer() else number
     key, rest = path[0], path[1:]
     if isinstance(value, msgspec.Struct):
         return msgspec.structs.replace(value, **{key: with_number(getattr(value, key), rest, number)})
