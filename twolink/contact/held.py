@@ -38,12 +38,11 @@ SIZE, SLIDING = 1.5, 4.0  # of compiled steps, in evaluations of the equations o
 
 
 class Held(NamedTuple):
-    """Points that press: the function of their steps, their keys, pairs and friction (k,), static where they stick, and
+    """Points that press: the function of their steps, their keys and friction (k,), static where they stick, and
     their axes (k, 3, 3), the normal last. faces (k,): whether others of the pair press. slides: whether they may."""
 
     function: Any
     keys: Array
-    pair: Array
     mu: Array
     axes: Array
     faces: Array
@@ -80,7 +79,7 @@ class HeldRun:
         """The step j."""
         h, held, mean = float(self.h[j]), self.held, self.change[j, 0]
         memory = Memory(held.keys, self.p[j] / h, np.hypot(*self.u[j, :, :2].T) < STILL, held.faces, self.change[j])
-        return Step(h, self.q[j], self.v[j], mean, memory, held.pair, self.places[j].copy(), self.on_first[j],
+        return Step(h, self.q[j], self.v[j], mean, memory, held.keys, self.places[j].copy(), self.on_first[j],
                     overlap=float(self.overlap[j]))  # fmt: skip
 
     @property
@@ -133,7 +132,7 @@ class HeldSteps:
                 return None
             function = compiled_function(name, lambda: _compiled(self.equations, group.gaps, chosen, faces, sliding))[0]
             normals = np.array([group.gaps[i].normal for i in chosen.tolist()])
-            self._known[known] = Held(function, keys, pair, mu, axes_of(normals), faces, slides)
+            self._known[known] = Held(function, keys, mu, axes_of(normals), faces, slides)
         held = self._known[known]
         return held if memory.still[held.faces].all() else None
 

@@ -17,6 +17,7 @@ from twolink.effects.loops import Loop
 from twolink.effects.sensors import Forces
 from twolink.effects.switching import Hold, Stop, SwitchingEffect
 from twolink.errors import ControllerError, SceneError
+from twolink.geometry.points import pair_of
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import make_equations, sampled
@@ -159,7 +160,7 @@ def _means(stepper: Stepper, one: Step) -> tuple[Array, Array]:
 def _pressing(stepper: Stepper, one: Step) -> Pressing:
     """By pair the points that press in a step, and their mean forces."""
     found: Pressing = {}
-    for pair, place, impulse in zip(one.pair.tolist(), one.place, one.on_first, strict=True):
+    for pair, place, impulse in zip(pair_of(one.keys).tolist(), one.place, one.on_first, strict=True):
         found.setdefault(stepper.detector.names[pair], []).append((place, impulse / one.h))
     return found
 

@@ -152,7 +152,7 @@ class Stepper:
                                        "that do not start overlapping")  # fmt: skip
         self.record.halved += 1
         half = self.advance(t, h / 2, q, v, numbers, memory, depth + 1)
-        return self.advance(t + h / 2, h / 2, half.q, half.v, numbers, half.memory, depth + 1)
+        return half.with_next(self.advance(t + h / 2, h / 2, half.q, half.v, numbers, half.memory, depth + 1))
 
     def _checked(self, step: Step, memory: Memory, *, halve: bool) -> Step | None:
         """The step with what hulls overlap at its end; None where it is to be halved for a contact that it has missed.
@@ -188,7 +188,7 @@ class Stepper:
         if not len(points.gap):
             none = Memory.empty(memory.changes(a, smooth=not len(memory.keys)))
             end = self.bodies.moved(middle, 0.5 * h * free + kept.closing)
-            return Step(h, end, free, a, none, points.pair, points.position, np.empty((0, 3)))
+            return Step(h, end, free, a, none, points.key, points.position, np.empty((0, 3)))
         if (-points.gap > DEEPEST * self.laws.thickness[points.pair]).any():
             return None
         return self._with_contacts(h, middle, v, kept, points, memory)
@@ -233,7 +233,7 @@ class Stepper:
         on_first = np.einsum("ni,nij->nj", p, axes[chosen])
         end = self.bodies.moved(middle, move)
         return Step(
-            h, end, ends, mean, passed, points.pair[chosen], points.position[chosen], on_first, impulses, joints=joints
+            h, end, ends, mean, passed, points.key[chosen], points.position[chosen], on_first, impulses, joints=joints
         )
 
     def _of_joints(self, rows: Any, law: _Law, chosen: Array, p: Array) -> tuple[Array | None, Array, Array]:
@@ -253,8 +253,8 @@ def _require_finite(v: Array, t: float, h: float) -> None:
 class _Law:
     """The laws of the points of a step. before, after: velocities (n, 3) at its begin, and at its end without impulses.
 
-    rests: points at which bodies must not overlap at the end; the others bounce. late: the time [s] by which impulses
-    act before the middle of the step: as the gap is g = g_0 - u s - b s^2 / 2 bodies meet after s with the approach
+    rests: points at which bodies must not overlap at the end; dry friction has none. late: the time [s] by which
+    impulses act before the middle of the step: as the gap is g = g_0 - u s - b s^2 / 2 bodies meet after s with the approach
     u + b s, and what presses after that does so for h - s.
     """
 
@@ -277,7 +277,7 @@ class _Law:
         rebound = laws.restitution[points.pair] * meets - b * left
         bounces = self.hits & (laws.restitution[points.pair] > 0.0) & (rebound > 0.0)
         self.given, self.of_joints = h * laws.pressing[points.pair], laws.of_joints[points.pair]
-        self.rests = ~bounces & (self.given == 0.0)
+        self.rests = self.given == 0.0
         self.open = np.where(bounces, -rebound, np.where(self.hits | still, 0.0, 2.0 / h * np.maximum(points.gap, 0.0)))
         pressing = (meets * left + 0.5 * b * left * left) / np.maximum(u + b * h, STILL) - 0.5 * h
         late = np.where(bounces, 0.5 * h - s, np.clip(pressing, -0.5 * h, 0.5 * h))

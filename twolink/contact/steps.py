@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -77,7 +77,7 @@ class Memory:
 
 @dataclass(frozen=True)
 class Step:
-    """The end of a step of length h: q, w, the memory, and of the points that pressed the pairs, places and impulses.
+    """The end of a step of length h: q, w, the memory, and of the points that pressed the keys, places and impulses.
 
     mean (nv,): of w'. on_first (n, 3): impulses on the first of two bodies, along the world's axes, N s. impulses: with
     the residuals of the laws. overlap: the largest at the end, m; None where it is not known. joints (nv,): impulses of
@@ -89,12 +89,23 @@ class Step:
     v: Array
     mean: Array
     memory: Memory
-    pair: Array
+    keys: Array
     place: Array
     on_first: Array
     impulses: Impulses | None = None
     overlap: float | None = None
     joints: Array | None = None
+
+    def with_next(self, after: Step) -> Step:
+        """This step and the next one as one: the impulses of both at each point, where it was last."""
+        h, both = self.h + after.h, (self, after)
+        keys, number = np.unique(np.concatenate([one.keys for one in both]), return_inverse=True)
+        place, on_first = np.zeros((2, len(keys), 3))
+        place[number] = np.concatenate([one.place for one in both])
+        np.add.at(on_first, number, np.concatenate([one.on_first for one in both]))
+        joints = [one.joints for one in both if one.joints is not None]
+        return replace(after, h=h, mean=sum(one.h * one.mean for one in both) / h, keys=keys, place=place,
+                       on_first=on_first, joints=np.sum(joints, axis=0) if joints else None)  # fmt: skip
 
 
 @dataclass

@@ -102,6 +102,11 @@ def key_of(pair: Array, feature: Array | int) -> Array:
     return np.asarray(pair * (1 << 32) + feature, dtype=np.int64)
 
 
+def pair_of(key: Array) -> Array:
+    """The numbers of the pairs of points."""
+    return key >> 32
+
+
 def points_of(
     pair: Array, feature: Array | int, links: Any, near: Nearest, reach: float, rows: Array | slice = slice(None)
 ) -> Points:

@@ -1,0 +1,47 @@
+"""What stepped piles owe to physics: momentum at each step, no overlap, no energy from nowhere."""
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.effects.bodies import G, free_bodies
+
+E = tl.effects
+H, NAMES = 0.004, tuple("abcdef")
+SHAPES = {"balls": E.Sphere(0.1), "boxes": E.Box((0.2, 0.15, 0.1)), "plates": E.Box((0.2, 0.15, 0.02))}
+
+
+def falling(shape: str, restitution: float, friction: float) -> tl.Trajectory:
+    """Six bodies of 1 kg that fall on each other and on the ground, each step sampled."""
+    robot, random = free_bodies(*NAMES), np.random.default_rng(0)
+    turns = random.normal(size=(6, 4))
+    places = np.column_stack([random.uniform(-0.1, 0.1, (6, 2)), 0.15 + 0.25 * np.arange(6)])
+    q = np.hstack([places, turns / np.linalg.norm(turns, axis=1)[:, None]]).ravel()
+    contact = E.Contact(("self", "ground"), friction, restitution, shapes={name: (SHAPES[shape],) for name in NAMES})
+    scene = tl.Scene(robot, q, 0.3 * random.normal(size=robot.nv), [E.Gravity(), contact])
+    return tl.simulate(scene, 0.8, contact="stepped", step=H, verify=False, samples_per_second=1 / H)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.4])
+@pytest.mark.parametrize("restitution", [0.0, 0.2, 0.8])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_forces_change_the_momentum_of_each_body_in_each_step(shape: str, restitution: float, friction: float) -> None:
+    """m (v+ - v) = h (sum F + m g), to rounding, also where a step was taken as two halves; and energy only falls."""
+    run = falling(shape, restitution, friction)
+    momentum = np.array([[run.robot.frame_pose(q, name)[0] @ v[6 * k :][:3] for k, name in enumerate(NAMES)]
+                         for q, v in zip(run.q, run.v, strict=True)])  # fmt: skip
+    pressed = np.zeros_like(momentum)
+    for pair, force in run.contact_forces.items():
+        for body, sign in zip(pair.split(" - "), (1.0, -1.0), strict=True):
+            if body in NAMES:
+                pressed[:, NAMES.index(body)] += sign * force
+    np.testing.assert_allclose(np.diff(momentum, axis=0), H * (pressed[1:] - [0.0, 0.0, G]), rtol=0.0, atol=1e-13)
+    assert np.diff(run.energy).max() < 1e-6 * run.energy[0]
+    assert run.contact_record is not None
+    assert run.contact_record["overlap"] < (1e-9 if shape == "balls" else 1e-4)
+
+
+def test_some_of_these_steps_are_taken_as_halves() -> None:
+    record = falling("plates", 0.2, 0.4).contact_record
+    assert record is not None
+    assert record["halved"] > 0
