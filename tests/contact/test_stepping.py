@@ -179,6 +179,22 @@ def test_located_events_without_end_are_stepped_where_nothing_was_asked_for(monk
         assert failure.value.code == "events-without-end"
 
 
+def test_a_box_that_slides_and_turns_on_four_corners_is_stepped() -> None:
+    """The share of the corners, on which the motion depends, is not determined: the answer says so, and carries m g."""
+    corners = E.Contact(("ground",), 0.5, shapes={"a": (E.Box((0.2, 0.3, 0.1)),)})
+    scene = tl.Scene(free_bodies("a"), [0, 0, 0.05, 0, 0, 0, 1], [0.5, 0, 0, 0, 0, 1], [E.Gravity(), corners])
+    with pytest.raises(tl.errors.AccuracyError, match='contact="stepped"'):
+        tl.simulate(scene, 0.2, contact="located")
+    run = tl.simulate(scene, 0.2, samples_per_second=50, patience=5.0)
+    assert run.bound == "estimated"
+    assert "stepped, for located at t = 0 s" in run.cost.why
+    force = run.contact_forces["a - ground"]
+    assert force[:, 2] == pytest.approx(np.full(len(run.t), G), abs=1e-8)
+    assert (np.hypot(*force.T[:2]) <= 0.5 * force[:, 2] + 1e-8).all()
+    assert np.abs(run.v[-1]).max() < 1e-9
+    assert np.diff(run.energy).max() < 1e-9
+
+
 def test_what_an_accuracy_is_refused_for_can_be_asked_for() -> None:
     with pytest.raises(tl.errors.AccuracyError) as failure:
         simulate_stepped(rod(), np.linspace(0.0, END, 9), 1e-9, None, None, verify=True)

@@ -138,7 +138,7 @@ def simulate(
     except AccuracyError as error:
         if chosen.method != "located" or not _may_be_stepped(scene, error):
             raise
-        if error.code == "events-without-end" and free and contact is None and asked is None:
+        if free and contact is None and asked is None:
             run = _stepped(scene, times, None, method, None, None, precision, told, patience, verify=verify)
             return only_at(_instead_of_located(run, error), wanted, end)
         raise _or_stepped(error) from None
