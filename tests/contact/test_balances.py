@@ -17,7 +17,7 @@ def falling(shape: str, restitution: float, friction: float) -> tl.Trajectory:
     turns = random.normal(size=(6, 4))
     places = np.column_stack([random.uniform(-0.1, 0.1, (6, 2)), 0.15 + 0.25 * np.arange(6)])
     q = np.hstack([places, turns / np.linalg.norm(turns, axis=1)[:, None]]).ravel()
-    contact = E.Contact(("self", "ground"), friction, restitution, shapes={name: (SHAPES[shape],) for name in NAMES})
+    contact = E.Contact(("self", "ground"), friction, restitution, shapes=dict.fromkeys(NAMES, (SHAPES[shape],)))
     scene = tl.Scene(robot, q, 0.3 * random.normal(size=robot.nv), [E.Gravity(), contact])
     return tl.simulate(scene, 0.8, contact="stepped", step=H, verify=False, samples_per_second=1 / H)
 

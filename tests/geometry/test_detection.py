@@ -1,14 +1,13 @@
 """Points of all pairs at once: gaps, normals and places are those of the formulas, and of Coal where cores overlap."""
 
-import itertools
-
 import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.optimize import brentq
 
 import twolink as tl
+from scripts.studies.geometry import ACCURACY, placed
+from scripts.studies.geometry import PAIRS as PLACED
 from tests.effects.bodies import free_bodies
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.motion import Motion
@@ -82,37 +81,10 @@ def test_where_cores_overlap_the_gap_is_coals(shapes: tuple[AnyShape, AnyShape])
     assert np.linalg.norm(points.normal) == pytest.approx(1.0)
 
 
-STONE = np.random.default_rng(1).normal(size=(60, 3))
-STONE *= 0.1 / np.linalg.norm(STONE, axis=1)[:, None]
-KINDS: dict[str, AnyShape] = {
-    "sphere": E.Sphere(0.1), "capsule": E.Capsule(0.05, 0.2), "cylinder": E.Cylinder(0.1, 0.2),
-    "box": E.Box((0.1, 0.2, 0.3)), "stone": E.Convex(tuple(map(tuple, STONE.tolist()))),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("kinds", list(itertools.combinations_with_replacement(KINDS, 2)), ids="-".join)
-def test_any_shapes_that_nearly_touch_are_as_far_apart_as_coal_says(kinds: tuple[str, str]) -> None:
-    """20 random placements, up to 0.1 mm apart or into each other. Hulls are no farther apart: corners face corners."""
-    robot, random, request = free_bodies("a", "b"), np.random.default_rng(5), coal.DistanceRequest()
-    request.gjk_tolerance = request.epa_tolerance = 1e-10
-    request.gjk_max_iterations = request.epa_max_iterations = 1000
-    shapes = {name: (KINDS[kind],) for name, kind in zip("ab", kinds, strict=True)}
-    detector = Detector(robot, select_pairs(robot, solids_of(robot, shapes), [("a", "b")]).chosen)
-    hulls = set(kinds) <= {"box", "stone"}
-
-    def apart(far: float) -> float:
-        q[:3] = far * way
-        places = [coal.Transform3s(pin.Quaternion(x[3:]).toRotationMatrix(), x[:3]) for x in (q[:7], q[7:])]
-        (a, b), result = (KINDS[kind].coal() for kind in kinds), coal.DistanceResult()
-        return float(coal.distance(a, places[0], b, places[1], request, result))
-
-    for gap in random.uniform(-1e-4, 1e-4, 20):
-        q = robot.normalize(random.normal(size=14))
-        way = q[:3] / np.linalg.norm(q[:3])
-        q[7:10] = 0.0
-        apart(brentq(lambda far, gap=gap: apart(far) - gap, 0.0, 1.0, xtol=1e-13))
-        true, least = apart(float(np.linalg.norm(q[:3]))), float(found(robot, detector, q).gap.min())
-        if hulls and true > 0.0:
-            assert 0.0 < least <= true + 1e-9
-        else:
-            assert least == pytest.approx(true, abs=2e-7)
+@pytest.mark.parametrize("pair", PLACED, ids=" - ".join)
+def test_any_shapes_touch_where_coal_and_their_supports_say(pair: tuple[str, str]) -> None:
+    """20 random placements: gap, normal and both nearest points."""
+    random = np.random.default_rng(5)
+    for _ in range(20):
+        _, *off = placed(pair, random)
+        assert max(off) < ACCURACY

@@ -254,8 +254,8 @@ class _Law:
     """The laws of the points of a step. before, after: velocities (n, 3) at its begin, and at its end without impulses.
 
     rests: points at which bodies must not overlap at the end; dry friction has none. late: the time [s] by which
-    impulses act before the middle of the step: as the gap is g = g_0 - u s - b s^2 / 2 bodies meet after s with the approach
-    u + b s, and what presses after that does so for h - s.
+    impulses act before the middle of the step: as the gap is g = g_0 - u s - b s^2 / 2 bodies meet after s with the
+    approach u + b s, and what presses after that does so for h - s.
     """
 
     def __init__(self, laws: Laws, points: Points, before: Array, after: Array, h: float, memory: Memory) -> None:

@@ -5,6 +5,7 @@ tumble    a block, capsule, cylinder or convex body that falls on the ground
 edges     a ball that falls on a fixed box, cylinder, capsule or ball
 arm       an arm of 2 or 3 joints that hits a table, or itself
 bodies    two free bodies over the ground, which meet
+mixed     two free bodies of any shapes over the ground, which meet
 and of boxes and convex meshes that touch each other at corners, sides and edges:
 slab      a hull that tumbles on a large one, whose truth is the run on a plane in its place
 ledge     a hull that falls on the edges of a fixed one of its size, with friction or without, turned in any way
@@ -127,11 +128,11 @@ def lowest(robot: tl.Robot, q: np.ndarray, shapes: dict) -> float:
                for (r, p), (shape,) in zip(places, shapes.values(), strict=True))  # fmt: skip
 
 
-def bodies(random: np.random.Generator) -> Case:
+def bodies(random: np.random.Generator, kinds: tuple[str, ...] = ("sphere", "capsule", "sphere off centre")) -> Case:
     parts: list[tuple[str, float, Moments]] = []
     shapes, numbers = dict[str, tuple[AnyShape, ...]](), law(random)
     for name in "ab":
-        shape, moments = a_shape(random, ("sphere", "capsule", "sphere off centre"))
+        shape, moments = a_shape(random, kinds)
         mass = uniform(random, 0.3, 3.0)
         shapes[name] = (shape,)
         parts.append((name, mass, times(mass, moments)))
@@ -147,6 +148,10 @@ def bodies(random: np.random.Generator) -> Case:
     kinds = " and ".join(type(shape[0]).__name__.lower() for shape in shapes.values())
     scene = tl.Scene(robot, q, v, [gravity(9.75), contact] if random.random() < 0.7 else [contact])
     return Case(f"{kinds}, {numbers}", scene, uniform(random, 0.3, 1.0), accuracy_of(random, -8))
+
+
+def mixed(random: np.random.Generator) -> Case:
+    return bodies(random, ("sphere", "box", "capsule", "cylinder", "convex"))
 
 
 def a_hull(random: np.random.Generator, most: float = 0.25) -> tuple[AnyShape, Moments]:
@@ -272,7 +277,7 @@ def _kind(shape: AnyShape) -> str:
     return "box" if isinstance(shape, fx.Box) else f"mesh of {len(shape.vertices)}"
 
 
-MAKERS = (billiard, spin, incline, tumble, edges, arm, bodies, slab, ledge, hulls, plate)
+MAKERS = (billiard, spin, incline, tumble, edges, arm, bodies, mixed, slab, ledge, hulls, plate)
 KINDS = tuple(make.__name__ for make in MAKERS)
 
 
