@@ -44,14 +44,15 @@ from twolink.integrate.steps.compiled_functions import compiled_function
 class Laws(NamedTuple):
     """Of each pair, stop and joint with dry friction, in this order: its numbers (n,).
 
-    friction, static, restitution: of the contact. thickness: as of `Detector`. pressing: the force [N or N m] that
-    presses a joint's friction, 0 for all else. of_joints: whether it is no pair of bodies.
+    friction, static, restitution, threshold: of the contact. thickness: as of `Detector`. pressing: the force [N or
+    N m] that presses a joint's friction, 0 for all else. of_joints: whether it is no pair of bodies.
     """
 
     names: list[str]
     friction: Array
     static: Array
     restitution: Array
+    threshold: Array
     thickness: Array
     pressing: Array
     of_joints: Array
@@ -78,9 +79,9 @@ class JointPoints:
 
     def laws(self, detector: Detector, effects: Sequence[Contact]) -> Laws:
         """The laws of a scene's pairs, each by its effect, and those of its joints behind them."""
-        of_pairs = [(float(e.friction), float(e.friction if e.static is None else e.static), float(e.restitution))
-                    for e in effects]  # fmt: skip
-        friction, static, restitution = np.array(of_pairs).reshape(-1, 3).T
+        of_pairs = [(float(e.friction), float(e.friction if e.static is None else e.static), float(e.restitution),
+                     float(e.threshold)) for e in effects]  # fmt: skip
+        friction, static, restitution, threshold = np.array(of_pairs).reshape(-1, 4).T
         stops, count, none = self.stops, len(self.dof), np.zeros(len(self.stops))
         names = [*(f"stop of {stop.name}" for stop in stops), *(f"friction of dof {hold.dof}" for hold in self.holds)]
         kinetic = np.array([hold.kinetic / hold.greatest for hold in self.holds])
@@ -89,6 +90,7 @@ class JointPoints:
             np.concatenate([friction, none, kinetic]),
             np.concatenate([static, none, np.ones(len(self.holds))]),
             np.concatenate([restitution, [stop.restitution for stop in stops], np.zeros(len(self.holds))]),
+            np.concatenate([threshold, np.zeros(count)]),
             np.concatenate([detector.thickness, np.full(count, np.inf)]),
             np.concatenate([np.zeros(self.pairs), none, [hold.greatest for hold in self.holds]]),
             np.arange(self.pairs + count) >= self.pairs,

@@ -275,7 +275,8 @@ class _Law:
         s = np.clip(2.0 * start / (u + np.sqrt(np.maximum(u * u + 2.0 * b * start, 0.0))), 0.0, h)
         left, meets = h - s, u + b * s
         rebound = laws.restitution[points.pair] * meets - b * left
-        bounces = self.hits & (laws.restitution[points.pair] > 0.0) & (rebound > 0.0)
+        quick = (laws.restitution[points.pair] > 0.0) & (meets > laws.threshold[points.pair])
+        bounces = self.hits & quick & (rebound > 0.0)
         self.given, self.of_joints = h * laws.pressing[points.pair], laws.of_joints[points.pair]
         self.rests = self.given == 0.0
         self.open = np.where(bounces, -rebound, np.where(self.hits | still, 0.0, 2.0 / h * np.maximum(points.gap, 0.0)))

@@ -25,12 +25,13 @@ STILL = 1e-11  # m/s: one whose direction is rounding
 
 
 def contact_point(
-    name: str, gap: Gap, friction: float, restitution: float, static: float | None = None, *, reflects: bool = False
-) -> ContactPoint:
+    name: str, gap: Gap, friction: float, restitution: float, static: float | None = None, *, reflects: bool = False,
+    threshold: float = 0.0,
+) -> ContactPoint:  # fmt: skip
     """A contact of the engine from a gap and the numbers of its law."""
     constraint, content = functools.partial(Touching, name, gap, friction), repr((gap, friction, restitution))
     return ContactPoint(name, restitution, friction, friction if static is None else static, gap.value, gap.velocity,
-                        constraint, content, gap.single, reflects)  # fmt: skip
+                        constraint, content, gap.single, reflects, threshold)  # fmt: skip
 
 
 class Touching(Loop, frozen=True):
@@ -135,6 +136,8 @@ class Contact(SwitchingEffect, frozen=True):
         Pairs of "self" that are nearer than this in the neutral configuration are left out too, m.
     exclude : tuple of pair
         Pairs that do not touch: of all those of `pairs` but these.
+    threshold : float
+        Bodies that approach more slowly do not bounce, m/s: e = 0 for g'- >= -threshold.
 
     Notes
     -----
@@ -158,6 +161,7 @@ class Contact(SwitchingEffect, frozen=True):
     shapes: Mapping[str, tuple[AnyShape, ...]] = {}
     margin: NotNegative = 0.0
     exclude: tuple[tuple[Body, Body], ...] = ()
+    threshold: NotNegative = 0.0
 
     def check(self, robot: Robot) -> None:
         """Names exist, and at least one pair may touch."""
@@ -188,6 +192,7 @@ class Contact(SwitchingEffect, frozen=True):
     def _modes_of(self, pair: Pair) -> Sequence[ContactPoint | ContactPair]:
         point = functools.partial(contact_point, pair.name, friction=float(self.friction),
                                   restitution=float(self.restitution), reflects=self.impacts == "reflections",
+                                  threshold=float(self.threshold),
                                   static=None if self.static is None else float(self.static))  # fmt: skip
         if not are_hulls(pair):
             return [point(gap) for gap in gaps_of(pair)]

@@ -83,7 +83,8 @@ class ContactPoint:
     friction, static: mu while the bodies slide and while they do not. gap: g, m. velocity: (g', slip along two
     tangents), m/s. constraint: from whether it rolls, and the direction of sliding when that began, the rows in force
     while the gap is 0. content: what gap and velocity are made of, as text. single: above 0 where they touch at one
-    point; None where they always do. reflects: impacts that it takes part in are solved in rounds.
+    point; None where they always do. reflects: impacts that it takes part in are solved in rounds. threshold: the speed
+    of approach up to which nothing bounces, m/s.
     """
 
     name: str
@@ -96,6 +97,7 @@ class ContactPoint:
     content: str
     single: Callable[[Motion], Scalar | None]
     reflects: bool
+    threshold: float
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,8 @@ ROUNDS = 1000  # of reflections
 class Touch:
     """What touches. rows: of its velocity, the normal one, with friction two tangential ones (1 or 3, nv).
 
-    contact: its number; None for a stop. unit: of the velocity. reflects: in rounds.
+    contact: its number; None for a stop. unit: of the velocity. reflects: in rounds. threshold: the speed of approach up
+    to which it does not bounce.
     """
 
     name: str
@@ -55,6 +56,12 @@ class Touch:
     unit: str
     contact: int | None = None
     reflects: bool = False
+    threshold: float = 0.0
+
+    def rebound(self, v: Array) -> float:
+        """The least speed of parting after an impact with velocities v."""
+        speed = -float(self.rows[0] @ v)
+        return self.restitution * speed if speed > self.threshold else 0.0
 
 
 @dataclass(frozen=True)
@@ -81,7 +88,7 @@ def contact_touch(state: ModeState, i: int) -> Touch:
     """A contact that is hit or closed."""
     contact, rows = state.system.contacts[i], contact_rows(state, i)
     return Touch(contact.name, rows if contact.friction else rows[:1], contact.restitution, contact.friction, "m/s",
-                 i, contact.reflects)  # fmt: skip
+                 i, contact.reflects, contact.threshold)  # fmt: skip
 
 
 def collide(state: ModeState, hit: Touch) -> tuple[Array, list[Impact]] | None:
@@ -148,7 +155,7 @@ def after(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array) -> Arra
     Raises AccuracyError where the laws would create energy, or are not fulfilled by any impulses.
     """
     inverse = inverse_under(mass, fixed)
-    wanted = [max(0.0, -touch.restitution * float(touch.rows[0] @ v)) for touch in touches]
+    wanted = [touch.rebound(v) for touch in touches]
     rows = [Rows(touch.rows, np.array([-speed, 0.0, 0.0])[: len(touch.rows)], touch.friction, touch.friction, None)
             for touch, speed in zip(touches, wanted, strict=True)]  # fmt: skip
     outcome = solve_contacts(v, inverse, rows)
