@@ -200,9 +200,10 @@ class Trajectory(Result, Plotted):
     def contact_forces(self) -> dict[str, np.ndarray]:
         """The forces between bodies that touch at a sample, by pair: on the first of the two (n, 3), world's axes, N.
 
-        A pair is named "LINK - LINK" or "LINK - ground". At an event the force after it. A pair that touches at several
-        points has the sum. Impulses of impacts are not in it. Raises SceneError (code "no-equations") for a trajectory
-        that was loaded from a file without contacts.
+        A pair is named "LINK - LINK" or "LINK - ground"; `contact_forces.on(LINK)` is the sum on one body. A pair that
+        touches at several points has the sum. Located: at an event the force after it, without impulses of impacts.
+        Stepped: the mean over the step before the sample, with impulses. Raises SceneError (code "no-equations") for a
+        trajectory that was loaded from a file without contacts.
         """
         if self.recorded_contacts is None:
             self._solution("contact_forces")
@@ -283,7 +284,8 @@ class Trajectory(Result, Plotted):
             trusted_until [s]; energy_drift: the range of the energy [J]; q, v at the end;
             cost: the fields of `Cost`, or None; events: dictionaries with the fields of `Event`; interrupted.
             states: those of effects at the end, by name, where there are some.
-            contacts: of stepped contacts `Trajectory.contact_record`.
+            contacts: of stepped contacts `Trajectory.contact_record`. contact_forces: of runs with contacts the forces
+            at the end by pair, on the first body, N.
             q_precise, v_precise: q and v at the end as texts with all digits, of runs in higher precision only.
         """
         record = {
@@ -297,6 +299,8 @@ class Trajectory(Result, Plotted):
             record["states"] = {name: values[-1] for name, values in self.states.items()}
         if self.contact_record is not None:
             record["contacts"] = self.contact_record
+        if self.contacts:
+            record["contact_forces"] = {pair: force[-1] for pair, force in self.contact_forces.items()}
         if self.precise is not None:  # as texts, because readers of JSON take numbers as doubles
             digits = [str(x) for x in self.precise[-1]]
             record |= {"q_precise": digits[: self.robot.nq], "v_precise": digits[self.robot.nq :][: self.robot.nv]}

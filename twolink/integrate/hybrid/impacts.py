@@ -45,8 +45,8 @@ ROUNDS = 1000  # of reflections
 class Touch:
     """What touches. rows: of its velocity, the normal one, with friction two tangential ones (1 or 3, nv).
 
-    contact: its number; None for a stop. unit: of the velocity. reflects: in rounds. threshold: the speed of approach up
-    to which it does not bounce.
+    contact: its number; None for a stop. unit: of the velocity. reflects: in rounds. threshold: the speed of approach
+    up to which it does not bounce.
     """
 
     name: str
