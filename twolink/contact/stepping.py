@@ -7,9 +7,10 @@
     q+ = q_m + h/2 v+ + M^-1 J^T (s P + nu)
 
 This is Moreau and Jean's method with theta = 1/2 and with the gaps g_m at the middle of the step: what is open there
-closes at most to the end. Points of a face that were closed have c = 0. The impulse of an impact acts from when in the
-step the bodies meet, s before its middle; nu removes from the positions what overlap is left, and what contacts that
-last have drifted (`positions`; Acary, Brogliato: Numerical Methods for Nonsmooth Dynamical Systems, 2008, chapter 10).
+closes at most to the end. Points that were closed have c = 0 on a face, or where g_m is below 1e-6 m. The impulse of
+an impact acts from when in the step the bodies meet, s before its middle; nu removes from the positions what overlap is
+left, and what contacts that last have drifted (`positions`; Acary, Brogliato: Numerical Methods for Nonsmooth Dynamical
+Systems, 2008, chapter 10).
 
 Contact impulses have the power P . (U- + U+) / 2, which is not positive where bodies close or slide and do not bounce.
 A contact that sticks begins a step with U- = h J' v, of any sign. The motion M^-1 J^T nu against its slip h/2 U- has
@@ -40,7 +41,7 @@ from twolink.effects.switching import Hold, Stop
 from twolink.errors import AccuracyError
 from twolink.geometry.detection import Detector
 from twolink.geometry.gaps import axes_of
-from twolink.geometry.points import CLOSED, Places, Points, joined
+from twolink.geometry.points import CLOSED, TOUCHING, Places, Points, joined
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.steps.failures import failure
@@ -267,8 +268,9 @@ class _Law:
         known[inside] = memory.keys[place[inside]] == points.key[inside]
         self.known, kept = known, place[known]
         self.stuck[known], still[known] = memory.stuck[kept], memory.still[kept]
-        # Points of a face: with gaps of 1e-8 m they would ask for motions of which not all are possible.
-        still &= np.bincount(points.pair[still], minlength=len(laws.names))[points.pair] > 1
+        # Gaps around a ring of bodies, and of a face's corners, ask for motions of which not all are possible.
+        face = np.bincount(points.pair[still], minlength=len(laws.names))[points.pair] > 1
+        still = still & (face | (points.gap < TOUCHING)) | (points.gap < CLOSED)
         self.hits = ~known & (u > np.maximum(b * h, STILL))
         start = np.maximum(points.gap + 0.5 * h * u, 0.0)
         u = np.where(self.hits, u, 1.0)
