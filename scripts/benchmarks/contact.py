@@ -1,9 +1,9 @@
 """Bodies that touch: what an error costs beside MuJoCo and Drake, and large scenes by time stepping.
 
 block       a block slides to rest, v0^2 / (2 mu g): error over seconds, located, stepped, and by the peers
-spheres     spheres fall into a box: energy, overlap, seconds a step, beside MuJoCo's
+spheres     spheres fall into a box: energy, overlap, speed at the end, seconds a step, beside MuJoCo's
 quadruped   Solo and ANYmal fall on their four feet and stand, under PD control: error over seconds, beside MuJoCo's
-Seconds are medians, of the processor for block and quadruped. Durations and steps in s are the part's own by default.
+Seconds are of the processor, medians for block and quadruped. Durations and steps in s are the part's own by default.
 
     python -m scripts.benchmarks.contact [block spheres quadruped] [--count 500] [--duration 1] [--step 2e-3]
 """
@@ -92,20 +92,13 @@ def spheres(count: int, duration: float, step: float) -> None:
     contact = E.Contact(pairs, 0.3, shapes={name: (E.Sphere(r),) for name in names})
     taken, scene = once(lambda: tl.Scene(robot, q, effects=[E.Gravity(), contact]))
     print(f"{count} spheres, {duration:g} s, step {step:g} s: scene in {taken:.1f} s", flush=True)
-    taken, run = once(
-        lambda: tl.simulate(
-            scene,
-            duration,
-            contact="stepped",
-            step=step,
-            samples_per_second=1 / step,
-            verify=False,
-            progress=lambda t, *_: print(f"    t = {t:.3f} s", flush=True),
-        )
-    )
-    grown = np.diff(run.energy).max() / abs(run.energy[0])
+    taken, run = once(lambda: tl.simulate(
+        scene, duration, contact="stepped", step=step, samples_per_second=1 / step, verify=False,
+        progress=lambda t, *_: print(f"    t = {t:.3f} s", flush=True)), time.process_time)  # fmt: skip
+    grown, fastest = np.diff(run.energy).max() / abs(run.energy[0]), np.abs(run.v[-1].reshape(-1, 6)).max(axis=0)
     print(f"  {taken * step / duration * 1e3:.1f} ms a step, energy grows by {grown:.1e} of itself in a step at most, "
-          f"{run.energy[0]:.1f} J to {run.energy[-1]:.1f} J, {run.contact_record}")  # fmt: skip
+          f"{run.energy[0]:.1f} J to {run.energy[-1]:.1f} J, at the end up to {fastest[:3].max():.1e} m/s and "
+          f"{fastest[3:].max():.1e} rad/s, {run.contact_record}")  # fmt: skip
     mujoco_spheres(q, [E.Plane(), *walls], duration, step)
 
 
@@ -127,7 +120,7 @@ def mujoco_spheres(q: np.ndarray, planes: list[tl.effects.Plane], duration: floa
     model = spec.compile()
     data, steps, deepest, taken = mujoco.MjData(model), round(duration / step), 0.0, 0.0
     for _ in range(steps):
-        taken += once(lambda: mujoco.mj_step(model, data))[0]
+        taken += once(lambda: mujoco.mj_step(model, data), time.process_time)[0]
         deepest = max(deepest, -float(data.contact.dist.min(initial=0.0)))
     print(f"  MuJoCo {mujoco.__version__}: {taken / steps * 1e3:.1f} ms a step, overlap up to {deepest:.1e} m")
 

@@ -28,8 +28,7 @@ from scipy.sparse.linalg import splu
 
 from twolink.integrate.motion.state import Array
 
-NEWTON = 15  # steps before another method leads on
-PATIENT = 60  # of few contacts, which cost little: those of faces that grip leave forces undetermined
+NEWTON = 80  # steps before another method leads on: where forces are not determined, it goes round before it finds them
 LEADING = 30  # accelerated steps before Newton's
 LED = 1000  # where nothing else leads there
 POINTS = 60  # of the proximal point method
@@ -123,7 +122,7 @@ def solve_impulses(problem: Problem, guess: Array) -> Impulses:
 def newton(problem: Problem, guess: Array) -> Array:
     """The best iterate of Newton's method on F."""
     p, best = guess, (np.inf, guess)
-    for _ in range((NEWTON if len(guess) > FEW else PATIENT) + 1):
+    for _ in range(NEWTON + 1):
         f, z, _ = problem.miss(p)
         residual = problem.residual(f)
         if not np.isfinite(residual):
@@ -187,10 +186,10 @@ def _newton_step(problem: Problem, f: Array, z: Array, damping: float) -> Array:
     """(I - C + C (G / g + e))^-1 F with C = dproj / dz. Where nothing presses, z_n <= 0, it is F."""
     pressing = z[:, 2] > 0.0
     chosen, step = np.flatnonzero(pressing), np.where(pressing[:, None], 0.0, f)
-    c = _derivative(problem.mu, z)
-    scaled = c / problem.size[:, None, None]
-    right = (f - np.einsum("nij,nj->ni", scaled, (problem.matrix @ step.ravel()).reshape(-1, 3)))[chosen].ravel()
-    own, scaled = np.eye(3) + (damping - 1.0) * c[chosen], scaled[chosen]
+    c = _derivative(problem.mu[chosen], z[chosen])
+    scaled, others = c / problem.size[chosen, None, None], (problem.matrix @ step.ravel()).reshape(-1, 3)[chosen]
+    right = (f[chosen] - np.einsum("nij,nj->ni", scaled, others)).ravel()
+    own = np.eye(3) + (damping - 1.0) * c
     solve = _solve_sparse if sparse.issparse(problem.matrix) else _solve_full
     step[chosen] = solve(problem, pressing, own, scaled, right).reshape(-1, 3)
     return step
@@ -226,16 +225,13 @@ def _solve_full(problem: Problem, pressing: Array, own: Array, scaled: Array, ri
 
 
 def _derivative(mu: Array, z: Array) -> Array:
-    """C (n, 3, 3): the derivative of proj at z."""
-    c = np.zeros((len(z), 3, 3))
-    length, limit = np.hypot(z[:, 0], z[:, 1]), mu * np.maximum(z[:, 2], 0.0)
-    presses = z[:, 2] > 0.0
-    c[presses, 2, 2] = 1.0
-    sticks = presses & (length <= limit)
-    c[sticks, 0, 0] = c[sticks, 1, 1] = 1.0
-    slips = presses & ~sticks
-    d = z[slips, :2] / length[slips, None]
-    share = (limit[slips] / length[slips])[:, None, None]
-    c[slips, :2, :2] = share * (np.eye(2) - d[:, :, None] * d[:, None, :])
-    c[slips, :2, 2] = mu[slips, None] * d
+    """C (n, 3, 3): the derivative of proj at z, of what presses."""
+    length, limit = np.hypot(z[:, 0], z[:, 1]), mu * z[:, 2]
+    slips = length > limit
+    over = np.where(slips, length, 1.0)
+    d, c = z[:, :2] * (slips / over)[:, None], np.zeros((len(z), 3, 3))
+    share = np.where(slips, limit / over, 1.0)[:, None, None]
+    c[:, :2, :2] = share * (np.eye(2) - d[:, :, None] * d[:, None, :])
+    c[:, :2, 2] = mu[:, None] * d
+    c[:, 2, 2] = 1.0
     return c
