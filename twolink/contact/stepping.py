@@ -8,7 +8,7 @@
 
 This is Moreau and Jean's method with theta = 1/2 and with the gaps g_m at the middle of the step: what is open there
 closes at most to the end. Points that were closed have c = 0 on a face, or where g_m is below 1e-6 m. The impulse of
-an impact acts from when in the step the bodies meet, s before its middle; nu removes from the positions what overlap is
+an impact that no lasting contact passes on acts from when in the step the bodies meet, s before its middle; nu removes from the positions what overlap is
 left, and what contacts that last have drifted (`positions`; Acary, Brogliato: Numerical Methods for Nonsmooth Dynamical
 Systems, 2008, chapter 10).
 
@@ -208,11 +208,14 @@ class Stepper:
             return None
         active, response, impulses = solution
         ends = free + response @ impulses.p.ravel()
-        move = 0.5 * h * ends + response @ (law.late[active, None] * impulses.p).ravel() + kept.closing
+        pressing, shift = impulses.p[:, 2] > 0.0, response @ (law.late[active, None] * impulses.p).ravel()
+        if np.abs((rows @ shift)[2::3][active][pressing & law.known[active]]).max(initial=0.0) > CLOSED:
+            shift = np.zeros_like(shift)  # what lasts passes the impact on, and would act at another time than it
+        move = 0.5 * h * ends + shift + kept.closing
         u, off = (rows @ ends).reshape(-1, 3), np.empty_like(before)
         off[:, :2] = 0.5 * h * (before + u)[:, :2]
         off[:, 2] = points.gap + (rows @ move).reshape(-1, 3)[:, 2]
-        pressing, stuck = impulses.p[:, 2] > 0.0, np.hypot(*impulses.u[:, :2].T) < STILL
+        stuck = np.hypot(*impulses.u[:, :2].T) < STILL
         lasts = np.zeros(off.shape, dtype=bool)
         lasts[active, 2] = pressing & law.known[active] & law.rests[active]
         lasts[active, :2] = (lasts[active, 2] & stuck & law.stuck[active] & ~law.of_joints[active])[:, None]
