@@ -39,6 +39,26 @@ def test_bodies_beyond_the_memory_of_a_whole_fall_without_overlap_or_gain_of_ene
     assert ground > 0.1 * COUNT * G
 
 
+def test_spheres_in_a_box_come_to_rest_without_overlap_or_gain_of_energy() -> None:
+    """They hold each other in rings, in which forces are not determined. One may spin on its place."""
+    names, wide = [f"s{k}" for k in range(27)], 3.6 * R
+    grid = np.stack(np.meshgrid(*[np.arange(3.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    shift = np.random.default_rng(1).uniform(-0.1, 0.1, grid.shape)
+    places = R * (2.4 * (grid - [1, 1, 0]) + [0, 0, 1.5] + shift)
+    q = np.concatenate([places, np.tile([0, 0, 0, 1.0], (27, 1))], axis=1).ravel()
+    walls = [E.Plane(n, -wide) for n in ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0))]
+    pairs = ("self", "ground", *((name, wall) for name in names for wall in walls))
+    contact = E.Contact(pairs, 0.3, shapes={name: (E.Sphere(R),) for name in names})
+    solid = free_bodies(*names).visuals.text.replace('="0.1"', f'="{0.4 * R**2}"')
+    scene = tl.Scene(tl.load_robot(solid), q, effects=[E.Gravity(), contact])
+    run = tl.simulate(scene, 2.0, contact="stepped", step=5e-3, samples_per_second=200, verify=False)
+    assert run.contact_record is not None
+    assert run.contact_record["overlap"] < 1e-8
+    assert run.contact_record["halved"] == 0
+    assert np.diff(run.energy).max() < 1e-12 * run.energy[0]
+    assert np.abs(run.v[-1].reshape(-1, 6)[:, :3]).max() < 1e-2
+
+
 def test_their_energy_is_that_of_each_body(towers: tl.Trajectory) -> None:
     robot, q, v = towers.robot, towers.q.reshape(-1, COUNT, 7), towers.v.reshape(-1, COUNT, 6)
     body = robot.model.inertias[1]

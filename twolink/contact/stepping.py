@@ -8,9 +8,9 @@
 
 This is Moreau and Jean's method with theta = 1/2 and with the gaps g_m at the middle of the step: what is open there
 closes at most to the end. Points that were closed have c = 0 on a face, or where g_m is below 1e-6 m. The impulse of
-an impact that no lasting contact passes on acts from when in the step the bodies meet, s before its middle; nu removes from the positions what overlap is
-left, and what contacts that last have drifted (`positions`; Acary, Brogliato: Numerical Methods for Nonsmooth Dynamical
-Systems, 2008, chapter 10).
+an impact that no lasting contact passes on acts from when in the step the bodies meet, s before its middle; nu removes
+from the positions what overlap is left, and what contacts that last have drifted (`positions`; Acary, Brogliato:
+Numerical Methods for Nonsmooth Dynamical Systems, 2008, chapter 10).
 
 Contact impulses have the power P . (U- + U+) / 2, which is not positive where bodies close or slide and do not bounce.
 A contact that sticks begins a step with U- = h J' v, of any sign. The motion M^-1 J^T nu against its slip h/2 U- has
