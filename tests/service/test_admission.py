@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import functools
 import json
+import math
 import socket
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,6 +26,7 @@ from twolink.service.http.server import uvicorn_options
 from twolink.service.problems import Refusal
 from twolink.service.settings import Quotas, Settings, read_quotas
 from twolink.service.store.store import Store
+from twolink.service.work.budget import Budget
 from twolink.service.work.jobs import Jobs
 from twolink.service.work.metrics import Metrics
 from twolink.service.work.requests import prepare
@@ -111,7 +113,13 @@ class Workers:
 def test_jobs_are_run_by_client_in_turn_and_each_has_its_queue(tmp_path: Path) -> None:
     async def work(store: Store) -> None:
         workers = Workers()
-        jobs = Jobs(Settings(str(tmp_path), quotas=Quotas(jobs=1, queue=3)), store, cast(Any, workers), Metrics())
+        jobs = Jobs(
+            Settings(str(tmp_path), quotas=Quotas(jobs=1, queue=3)),
+            store,
+            cast(Any, workers),
+            Metrics(),
+            Budget(store, math.inf),
+        )
 
         async def submit(client: str, number: int) -> None:
             HOLD.set(RequestMemory(Shares(1), client))

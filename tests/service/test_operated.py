@@ -26,7 +26,7 @@ from tests.service.test_jobs import SLOW, SWING, ended
 from tests.service.test_store import add_done, opened
 from tests.service.urdfs import pendulum
 from twolink.service.logs import AccessLog, Answered, configure
-from twolink.service.store.store import KeyedLocks
+from twolink.service.work.sharing import KeyedLocks
 
 BIAS = "/v1/robots/two_link/bias"
 REFUSED = {

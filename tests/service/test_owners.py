@@ -170,11 +170,11 @@ def test_uploads_keep_their_room_while_they_load_and_take_none_from_results(tmp_
     (store.begin_job("simulation-1")[0] / "result.npz").write_bytes(bytes(1_900_000))
     store.end_job("simulation-1", quotas.results_mb * 2**20, state="done", ended=1.0)
     one, two = "u-" + "0" * 20, "u-" + "1" * 20
-    store.reserve(one, "", 600_000, quotas)
+    store.accounts.reserve(one, "", 600_000, quotas)
     with pytest.raises(Refusal, match="uploads would take more than the 1 MB"):
-        store.reserve(two, "", 600_000, quotas)
+        store.accounts.reserve(two, "", 600_000, quotas)
     with pytest.raises(Refusal, match="ann keeps would take more"):
-        store.reserve(two, "ann", 440_000, quotas)
+        store.accounts.reserve(two, "ann", 440_000, quotas)
     staged = store.stage(one, bytes(700_000))
     store.add_robot(one, staged, {"id": one}, "", quotas)
     store.unstage(staged)
@@ -185,7 +185,7 @@ def test_uploads_keep_their_room_while_they_load_and_take_none_from_results(tmp_
     assert store.job("simulation-1") is not None
     assert size_of(tmp_path / "robots") == 700_000
     store.remove_robot(one)
-    store.reserve(two, "", 1_000_000, quotas)
+    store.accounts.reserve(two, "", 1_000_000, quotas)
     store.close()
 
 

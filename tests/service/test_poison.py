@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import shutil
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from twolink.service.problems import Refusal
 from twolink.service.settings import Quotas, Settings
 from twolink.service.store.data_folder import PARTS
 from twolink.service.store.store import Store
+from twolink.service.work.budget import Budget
 from twolink.service.work.jobs import Jobs
 from twolink.service.work.metrics import Metrics
 from twolink.service.work.requests import prepare
@@ -38,7 +40,7 @@ def test_the_service_gives_a_run_up_that_ends_its_workers(tmp_path: Path) -> Non
         store, settings = Store(tmp_path), Settings(data=str(tmp_path))
         workers = Workers(1, WorkerMemory(1000), tasks="tests.service.poison_tasks", on_death=lambda: deaths.append(1),
                           writable=[tmp_path / part for part in PARTS])  # fmt: skip
-        jobs = Jobs(settings, store, workers, Metrics())
+        jobs = Jobs(settings, store, workers, Metrics(), Budget(store, math.inf))
         body = {"scene": "arm-swing", "duration": 0.01, "vary": {"q.elbow": ELBOWS}}
         try:
             key = (await jobs.submit("sweep", prepare(kind="sweep", body=json.dumps(body).encode())))["id"]

@@ -20,6 +20,7 @@ from twolink.service.problems import problem_of
 from twolink.service.settings import Settings
 from twolink.service.store.data_folder import DATABASE
 from twolink.service.store.store import Store
+from twolink.service.work.budget import Budget
 from twolink.service.work.jobs import Jobs
 from twolink.service.work.metrics import Metrics
 from twolink.service.work.requests import prepare
@@ -162,7 +163,7 @@ def test_a_job_whose_end_finds_the_disk_full_is_stored_when_there_is_room(
 
     async def work(store: Store) -> None:
         workers: Any = Workers(lambda: set_limit(store, 1))  # SQLite takes the pages that there are
-        jobs = Jobs(Settings(str(tmp_path)), store, workers, Metrics())
+        jobs = Jobs(Settings(str(tmp_path)), store, workers, Metrics(), Budget(store, math.inf))
         view = await jobs.submit("simulation", request)
         assert view["state"] == "running"
         with pytest.raises(sqlite3.OperationalError) as caught:

@@ -120,6 +120,13 @@ def serve(
         bool, Option("--delete-results", help="Delete results that are beyond the quota.")
     ] = False,
     dask: Annotated[str, Option(metavar="ADDRESS", help="Send sweeps to this Dask scheduler.", show_default="")] = "",
+    database: Annotated[
+        str, Option(metavar="URL", help="PostgreSQL that several services share; needs --store.", show_default="")
+    ] = "",
+    store: Annotated[
+        str, Option(metavar="URL", help="Object store that they share, such as s3://bucket.", show_default="")
+    ] = "",
+    root_path: Annotated[str, Option(metavar="PATH", help="The path below which it is.", show_default="")] = "",
 ) -> None:
     """Serve queries, simulations and the page over HTTP.
 
@@ -156,6 +163,9 @@ def serve(
         log=log,
         delete_results=delete_results,
         dask=dask,
+        database=database or os.environ.get("TWOLINK_DATABASE", ""),
+        store=store or os.environ.get("TWOLINK_STORE", ""),
+        root_path=root_path,
     )
     if not is_loopback(host) and not settings.tokens:
         typer.echo(f"twolink: anybody who reaches {host} may use it; --token asks for one", err=True)

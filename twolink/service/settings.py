@@ -19,6 +19,7 @@ Count = Annotated[int, msgspec.Meta(ge=1, le=10**9)]
 Amount = Annotated[float, msgspec.Meta(gt=0, le=1e9)]  # which leaves out inf and nan
 _HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?")
 _ORIGIN = re.compile(r"https?://[^/\s?#@A-Z]+")
+_PATH = re.compile(r"(/[A-Za-z0-9._~-]+)+")
 _TOKEN = re.compile(r"(?:([A-Za-z0-9_.@-]{1,64}):)?([!-+\--9;-~]+)")  # NAME:TOKEN; a comma separates tokens
 
 
@@ -33,7 +34,8 @@ class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     duration: simulated seconds. samples: of a run. result_mb: size of a result. disk_mb: size of all results and
     uploads together; half of what a result leaves of it is for uploads, the rest for results, and neither takes from
     the other. Of results those not used for longest go first, of the owner who has most. owner_disk_mb: of all that a
-    named owner keeps. owner_rate: requests a second of a named owner. body_seconds: time in which a request must
+    named owner keeps. owner_rate: requests a second of a named owner. owner_seconds: processor time of its work in a
+    day (UTC). body_seconds: time in which a request must
     arrive.
     connections: open at once. header_kb: size of a request's line and headers. rate_kb: kB/s at which requests must
     arrive and answers be read. memory_in_flight_mb: of bodies, of what is made of them, and of answers until they are
@@ -66,6 +68,7 @@ class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     disk_mb: Amount = 4096
     owner_disk_mb: Amount = 1e9
     owner_rate: Amount = 1e9
+    owner_seconds: Amount = 1e9
     body_seconds: Amount = 120
     connections: Count = 4000
     header_kb: Amount = 32
@@ -105,7 +108,9 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     admins: names of owners who may do so with those of all. hosts: names the service may be called by, besides
     localhost and plain addresses. origins: of pages that may call it from browsers, besides its own.
     log: the form of its log. delete_results: whether it may start with more results than its quota allows. dask: the
-    address of a Dask scheduler that sweeps are sent to; empty: they are computed here.
+    address of a Dask scheduler that sweeps are sent to; empty: they are computed here. database, store: URLs of a
+    PostgreSQL database and of an object store that several services share, each with a folder of its own; empty: this
+    service is alone. root_path: the path below which it is, such as /twolink.
     """
 
     data: str
@@ -119,10 +124,23 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     log: LogForm = "text"
     delete_results: bool = False
     dask: str = ""
+    database: str = ""
+    store: str = ""
+    root_path: str = ""
 
     def __post_init__(self) -> None:
         if not self.data:
             raise TwolinkError("expected a folder, got ''", argument="data", remedy="give a path, or leave it out")
+        if bool(self.database) != bool(self.store):
+            missing = "store" if self.database else "database"
+            remedy = "such as --database postgresql://user@host/name --store s3://bucket/folder"
+            raise TwolinkError("services that share one need the other too", argument=missing, remedy=remedy)
+        if self.database and not self.database.startswith(("postgresql://", "postgres://")):
+            raise TwolinkError("it is not the URL of a PostgreSQL database", argument="database",
+                               remedy="such as postgresql://user@host/name")  # fmt: skip
+        if self.root_path and not _PATH.fullmatch(self.root_path):
+            raise TwolinkError(f"{self.root_path[:80]!r} is not a path", argument="root_path",
+                               remedy="such as /twolink, without a slash at its end")  # fmt: skip
         for argument, names in (("host", (self.host,)), ("allow_host", self.hosts)):
             for name in names:
                 if not _HOST.fullmatch(name) and (ip_address(name) is None or name.startswith("[")):

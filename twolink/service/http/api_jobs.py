@@ -50,7 +50,7 @@ async def result_file(service: Service, kind: str, key: str, name: str, task: st
 
     Raises Refusal unless the job is done.
     """
-    await service.jobs.require_done(kind, key)
+    await service.jobs.views.require_done(kind, key)
     path = service.store.result_folder(key) / name
     with _removed_meanwhile(service, kind, key):
         await service.make(path, task, **arguments)
@@ -67,7 +67,7 @@ async def result_bytes(service: Service, kind: str, key: str, name: str, *task: 
 
 async def samples_json(service: Service, key: str, points: int) -> bytes:
     """A simulation's samples as {"columns": {name: [numbers]}}, thinned to at most so many points, ends included."""
-    await service.jobs.require_done("simulation", key)
+    await service.jobs.views.require_done("simulation", key)
     with _removed_meanwhile(service, "simulation", key):
         return await asyncio.to_thread(_samples, service.store.result_folder(key) / SAMPLES, points)
 
@@ -80,7 +80,7 @@ def _removed_meanwhile(service: Service, kind: str, key: str) -> Iterator[None]:
     except (FileNotFoundError, TwolinkError) as error:
         if getattr(error, "code", "not-readable") != "not-readable":
             raise
-        raise service.jobs.removed(kind, key) from None
+        raise service.jobs.views.removed(kind, key) from None
 
 
 def _samples(path: Path, points: int) -> bytes:
@@ -127,19 +127,19 @@ def _shared(path: str, kind: str) -> list[Any]:
 
         At most `limit` jobs, those `created` before the time `before`: the last one's `created` asks for the next page.
         """
-        return await service.jobs.all(kind, before, limit)
+        return await service.jobs.views.all(kind, before, limit)
 
     @get(f"/v1/{path}/{{job:str}}", tags=tags, summary=f"A {kind}'s state and result")
     async def show_job(service: Shared, job: FromPath[str]) -> dict[str, Any]:
         """state: queued, running, done, failed, cancelled or interrupted."""
-        return await service.jobs.view(kind, job)
+        return await service.jobs.views.view(kind, job)
 
     @get(f"/v1/{path}/{{job:str}}/events", tags=tags, summary=f"A {kind}'s progress as server-sent events")
     async def events(service: Shared, job: FromPath[str]) -> Stream:
         """Events `progress` and at last `end`, each with the job as JSON, without request and result."""
-        await service.jobs.view(kind, job)
+        await service.jobs.views.view(kind, job)
         headers = {"Cache-Control": "no-store"}
-        return Stream(service.jobs.events(kind, job), media_type="text/event-stream", headers=headers)
+        return Stream(service.jobs.views.events(kind, job), media_type="text/event-stream", headers=headers)
 
     @post(f"/v1/{path}/{{job:str}}/cancel", tags=tags, summary=f"Cancel a {kind}", status_code=202)
     async def cancel(service: Shared, job: FromPath[str]) -> dict[str, Any]:
@@ -199,7 +199,7 @@ async def motion(service: Shared, job: FromPath[str], frames: Frames = 600) -> R
     With "centre_of_mass": [[x, y, z], ...a frame], "direction": from a motion in a plane to the camera, else null, and
     "contacts": [{"pair", "points" [m], "forces" [N]}], three numbers a frame, NaN where the pair is apart.
     """
-    await service.jobs.require_done("simulation", job)
+    await service.jobs.views.require_done("simulation", job)
     folder, quotas = str(service.store.result_folder(job)), service.settings.quotas
     content = await service.read("motion", folder=folder, frames=frames, quotas=quotas)
     return Response(content, media_type=MediaType.JSON)
@@ -229,7 +229,7 @@ async def result(
     and others by what was asked for. csv and parquet: a row a run. zip: the store, for Zarr's ZipStore.
     """
     if form == "json":
-        await service.jobs.view("sweep", job)
+        await service.jobs.views.bring_parts("sweep", job)
         folder, quotas = str(service.store.result_folder(job)), service.settings.quotas
         content = await service.read("sweep_columns", folder=folder, names=variable or [], quotas=quotas)
         return Response(content, media_type=MediaType.JSON)
@@ -262,7 +262,7 @@ async def run(
 
     number: the run's place in the columns of the result.
     """
-    body = await service.jobs.request("sweep", job)
+    body = await service.jobs.views.request("sweep", job)
     return Response(
         await service.read("sweep_run", body=body, number=number, quotas=service.settings.quotas),
         media_type=MediaType.JSON,

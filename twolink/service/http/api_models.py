@@ -141,12 +141,12 @@ async def _receive(service: Service, key: str, kind: str, options: RobotOptions,
 
     async def reserve(count: Any) -> dict[str, Any]:
         try:
-            await store.run(store.reserve, key, owner, max(0, int(count)), quotas)
+            await store.run(store.accounts.reserve, key, owner, max(0, int(count)), quotas)
         except Refusal as refusal:
             return msgspec.structs.asdict(problem_of(refusal))
         return {}
 
-    await store.run(store.reserve, key, owner, len(content), quotas)
+    await store.run(store.accounts.reserve, key, owner, len(content), quotas)
     staged = await store.run(store.stage, key, content)
     try:
         answer = await service.read("receive", on_question=reserve, folder=str(staged), kind=kind, options=options,
@@ -154,6 +154,7 @@ async def _receive(service: Service, key: str, kind: str, options: RobotOptions,
         loaded = msgspec.convert(answer, ReceivedRobot)
         about = {"id": key, "origin": "uploaded", **msgspec.to_builtins(options), "root": options.root}
         description = {**about, **loaded.description}
+        await asyncio.to_thread(store.copies.keep, key)
         await store.run(store.add_robot, key, staged, description, owner, quotas)
     finally:
         await store.run(store.unstage, staged)

@@ -31,12 +31,14 @@ from twolink.service.problems import JSON, Refusal
 from twolink.service.settings import Settings
 from twolink.service.store.archives import NPZ, RobotCache, read_robot
 from twolink.service.store.data_folder import PARTS
-from twolink.service.store.store import KeyedLocks, Store
+from twolink.service.store.store import Store
+from twolink.service.work.budget import Budget
+from twolink.service.work.cluster import Member
 from twolink.service.work.jobs import Jobs
 from twolink.service.work.metrics import Metrics
 from twolink.service.work.requests import JobRequest, answer_query, arguments_from_json, count_of, prepare
 from twolink.service.work.sandbox import protection
-from twolink.service.work.sharing import Shares, hold
+from twolink.service.work.sharing import KeyedLocks, Shares, hold
 from twolink.service.work.time_shares import BESIDE, PAUSED
 from twolink.service.work.worker_pool import Workers
 from twolink.service.work.worker_process import WorkerMemory
@@ -78,10 +80,12 @@ class RobotPool:
         return robot
 
     async def require(self, key: str) -> None:
-        """Raise Refusal (404) unless there is a robot of this id."""
+        """Raise Refusal (404) unless there is a robot of this id, whose files are here then."""
         if key not in catalogue() and not await self._store.run(self._store.has_robot, key):
             remedy = f"{nearest(key[:80], catalogue())} (GET /v1/robots lists them and the uploaded ones)"
             raise Refusal(404, f"there is no robot {key[:80]!r}", where="path: robot", remedy=remedy)
+        if self._store.shared:
+            await asyncio.to_thread(self._store.copies.bring_robots, key.encode())
 
     def put(self, key: str, pickled: bytes) -> Robot:
         """Keep a robot that a worker has loaded."""
@@ -152,7 +156,8 @@ class Service:
         self.settings = settings
         self.ending = False
         self._checked = -math.inf  # when the store was found well
-        self.store = Store(Path(settings.data))
+        self.store = Store(Path(settings.data), settings.database, settings.store)
+        self.budget = Budget(self.store, quotas.owner_seconds)
         self.protection = protection()
         self._require_room()
         self.metrics = Metrics()
@@ -160,7 +165,8 @@ class Service:
         died = self.metrics.worker_deaths.inc
         folders = [self.store.folder / part for part in PARTS]
         self._worker_memory = WorkerMemory(quotas.memory_mb)
-        pool = functools.partial(Workers, memory=self._worker_memory, waiting=quotas.waiting, on_death=died)
+        pool = functools.partial(Workers, memory=self._worker_memory, waiting=quotas.waiting, on_death=died,
+                                 budget=self.budget)  # fmt: skip
         self._readers = pool(_READERS, writable=folders)
         threads = max(1, thread_count() // quotas.jobs)
         places = quotas.jobs + BESIDE + PAUSED
@@ -183,7 +189,7 @@ class Service:
         self.lives = Shares(quotas.live)
         self._pools = [self._readers, self._computers, self._job_workers, *([senders] if senders else [])]
         may_pause = self._worker_memory.has_room
-        self.jobs = Jobs(settings, self.store, self._job_workers, self.metrics, senders, may_pause)
+        self.jobs = Jobs(settings, self.store, self._job_workers, self.metrics, self.budget, senders, may_pause)
 
     def _require_room(self) -> None:
         """Keep to the quota of the disk; raise TwolinkError rather than delete results without being told to."""
@@ -219,6 +225,7 @@ class Service:
     async def read(self, task: str, **arguments: Any) -> Any:
         """Run a short task in a worker process."""
         seconds, robots = self.settings.quotas.load_seconds, str(self.store.folder / "robots")
+        await asyncio.to_thread(self.store.copies.bring_robots, arguments.get("body", b""))
         return await self._readers.run(task, seconds, robots=robots, **arguments)
 
     async def prepare(self, kind: str, body: bytes) -> JobRequest:
@@ -265,8 +272,11 @@ class Service:
         gc.freeze()  # what is loaded stays: a collection that looks at it takes 100 ms
         _log.log(logging.INFO if self.protection.complete else logging.WARNING, "%s", self.protection)
         self._show_gauges()
-        await self.jobs.resume()
-        watching = (self._worker_memory.watch(), _measure_lag(self.metrics))
+        watching = [self._worker_memory.watch(), _measure_lag(self.metrics), self.budget.note()]
+        if self.store.shared:
+            watching.append(Member(self.store, self.jobs).take_part())
+        else:
+            await self.jobs.resume()
         work = (*watching, *(workers.warm() for workers in self._pools))
         background = [asyncio.create_task(coroutine) for coroutine in work]
         try:
@@ -278,6 +288,7 @@ class Service:
             await self.drain()
             for workers in (*self._pools, self.live):
                 await workers.close()
+            await self.budget.flush()
             self.store.close()
 
 

@@ -13,11 +13,11 @@ from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
 
 from twolink.errors import TwolinkError
+from twolink.service.store.database import VERSION
 
 DATABASE = "twolink.sqlite"
 ROBOTS, RESULTS, VISUALS, STAGING = "robots", "results", "visuals", "staging"
 PARTS = (ROBOTS, RESULTS, VISUALS, STAGING)  # what worker processes may write
-_VERSION = 3
 _NAMES = {
     ROBOTS: re.compile(r"u-[0-9a-f]{20}"),
     RESULTS: re.compile(r"(simulation|study|sensitivity|identification|sweep|s)-[0-9a-f]{1,20}"),
@@ -81,9 +81,9 @@ def _open_database(path: Path) -> sqlite3.Connection:
         for setting in ("locking_mode = EXCLUSIVE", "journal_mode = WAL", "synchronous = NORMAL"):
             database.execute(f"PRAGMA {setting}")
         version = database.execute("PRAGMA user_version").fetchone()[0]
-        if version > _VERSION:
-            raise sqlite3.OperationalError(f"it is of a newer version of twolink ({version}, this one has {_VERSION})")
-        while version < _VERSION:
+        if version > VERSION:
+            raise sqlite3.OperationalError(f"it is of a newer version of twolink ({version}, this one has {VERSION})")
+        while version < VERSION:
             (step,) = Path(__file__).parent.glob(f"schema_{version}_to_*.sql")
             database.executescript(f"BEGIN; {step.read_text(encoding='utf-8')} COMMIT")
             version = int(step.stem.rpartition("_")[2])
@@ -111,9 +111,10 @@ def _set_aside(folder: Path) -> Path:
     return place
 
 
-def tidy(folder: Path, robots: Container[str], results: Container[str]) -> None:
+def tidy(folder: Path, robots: Container[str], results: Container[str], *, staging: bool = True) -> None:
     """Delete what a service that was killed has left: staged uploads, and files of robots and jobs it had deleted."""
-    for part, known in ((STAGING, ()), (ROBOTS, robots), (RESULTS, results)):
+    parts: list[tuple[str, Container[str]]] = [(ROBOTS, robots), (RESULTS, results), *[(STAGING, ())] * staging]
+    for part, known in parts:
         pattern = _NAMES[ROBOTS if part == STAGING else part]
         for path in (folder / part).iterdir():
             if path.name not in known and pattern.fullmatch(path.name):

@@ -1,6 +1,7 @@
 """What the service keeps: uploaded robots, jobs and their results, in SQLite and files under one folder.
 
 One service uses a folder at a time: it holds SQLite's exclusive lock, which ends with its process however that ends.
+Several services share a PostgreSQL database and an object store: then the folder of each has copies.
 """
 
 import asyncio
@@ -15,14 +16,17 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
-from weakref import WeakValueDictionary
 
 import msgspec
 
 from twolink.service.problems import Refusal, problem_of
 from twolink.service.settings import Quotas
 from twolink.service.store import data_folder
+from twolink.service.store.accounts import Accounts
 from twolink.service.store.data_folder import RESULTS, ROBOTS, STAGING, VISUALS, size_of, to_remove
+from twolink.service.store.database import Database, PostgreSQL, SQLite
+from twolink.service.store.leases import Leases
+from twolink.service.store.objects import Copies
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -33,16 +37,6 @@ RESUMED = ("sweep",)  # kinds of jobs that go on from their files when they are 
 _log = logging.getLogger("twolink.service")
 _LISTED_REQUEST = 16_384  # bytes: lists leave larger requests out
 _JOB_TEXTS = ("request", "progress", "problem", "result")  # JSON
-
-
-class KeyedLocks:
-    """`async with locks(key)` lets one task at a time work on a key. A lock lives as long as somebody uses it."""
-
-    def __init__(self) -> None:
-        self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
-
-    def __call__(self, key: str) -> asyncio.Lock:
-        return self._locks.setdefault(key, asyncio.Lock())
 
 
 class Job(msgspec.Struct, frozen=True):
@@ -69,25 +63,37 @@ class Job(msgspec.Struct, frozen=True):
 
 
 class Store:
-    """The folder and its database. Its methods wait for the disk; an event loop calls them through `run`."""
+    """The folder and its database. Its methods wait for the disk; an event loop calls them through `run`.
 
-    def __init__(self, folder: Path) -> None:
+    database, objects: URLs of those that several services share; empty: all is in the folder.
+    """
+
+    def __init__(self, folder: Path, database: str = "", objects: str = "") -> None:
         self.folder = folder
-        self._database = data_folder.open_folder(folder)
+        self._lock = SQLite(data_folder.open_folder(folder))
         self._thread = ThreadPoolExecutor(1, "twolink-store")  # one: the order of calls is the order of changes
-        self._loading: dict[str, tuple[str, int]] = {}  # uploads that load: their owner, and the bytes they may take
         try:
-            self._repair()
-        except (OSError, sqlite3.Error) as error:
-            self._database.close()
-            raise data_folder.unusable(folder, error) from None
-        self.kept_bytes = self.used_bytes()  # as of the last change
-        self.secret: str = self._execute("SELECT ids FROM secrets")[0][0]  # without it no id of an owner can be told
+            self._database: Database = PostgreSQL(database) if database else self._lock
+            self.copies = Copies(folder, objects)
+            self.shared, self._execute = self._database.shared, self._database.execute
+            self.leases = Leases(self._database)
+            self.accounts = Accounts(self._database, self.leases.process)
+            if self.shared:
+                data_folder.tidy(folder, (), ())
+            else:
+                self._repair()
+            self.kept_bytes = self.used_bytes()  # as of the last change
+            self.secret: str = self._execute("SELECT ids FROM secrets")[0][0]  # without it no owner's id can be told
+        except BaseException as error:
+            self._lock.close()
+            if isinstance(error, (OSError, sqlite3.Error)):
+                raise data_folder.unusable(folder, error) from None
+            raise
 
     def _repair(self) -> None:
         """Bring folder and database to terms after a service that was killed."""
-        robots, jobs = ({row[0] for row in self._execute(f"SELECT id FROM {table}")} for table in ("robots", "jobs"))
-        data_folder.tidy(self.folder, robots, jobs)
+        self._execute("DELETE FROM loading")
+        self.tidy()
         for (key,) in self._execute("SELECT id FROM jobs WHERE state = 'done'"):
             if not self.result_folder(key).exists():
                 self._delete_job(key)
@@ -99,18 +105,22 @@ class Store:
             self._note_size(job.id)
             _log.warning("interrupted by the end of an earlier run: %s %s; it can be run again", job.kind, job.id)
 
+    def tidy(self) -> None:
+        """Delete files here of robots and jobs that there are no more, and of uploads that were never kept."""
+        for key in self.accounts.forgotten():
+            if not self.has_robot(key):
+                self.copies.drop(ROBOTS, key)
+        robots, jobs = ({row[0] for row in self._execute(f"SELECT id FROM {table}")} for table in ("robots", "jobs"))
+        data_folder.tidy(self.folder, robots, jobs, staging=not self.shared)
+
     async def run(self, method: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
         """Call a method of this store in its thread. Raises what it raises, such as sqlite3.Error and OSError."""
         call = functools.partial(method, *arguments, **options)
         return await asyncio.get_running_loop().run_in_executor(self._thread, call)
 
-    def _execute(self, statement: str, values: tuple[Any, ...] = ()) -> list[Any]:
-        return self._database.execute(statement, values).fetchall()
-
     def check(self, free_bytes: float) -> None:
         """Raise sqlite3.Error or OSError unless the database can be written and the disk has so much room."""
-        version = self._execute("PRAGMA user_version")[0][0]
-        self._execute(f"PRAGMA user_version = {version}")
+        self._database.check()
         free = shutil.disk_usage(self.folder).free
         if free < free_bytes:
             what = f"{free / 2**20:.0f} MB are free, a result may take {free_bytes / 2**20:.0f} MB"
@@ -120,39 +130,13 @@ class Store:
         """Let go of the database and its lock."""
         self._thread.shutdown()
         self._database.close()
+        self._lock.close()
 
     # Robots
 
     def robot_folder(self, key: str) -> Path:
         """Where an uploaded robot's files are."""
         return self.folder / ROBOTS / key
-
-    def reserve(self, key: str, owner: str, more: int, quotas: Quotas) -> None:
-        """Keep so many bytes more for an upload while it loads, until it is unstaged.
-
-        Raises Refusal (413) where that is more than uploads, or this owner, may take.
-        """
-        before = self._loading.get(key, (owner, 0))[1]
-        self._require_room(owner, more, quotas)
-        self._loading[key] = (owner, before + more)
-
-    def _require_room(self, owner: str, more: int, quotas: Quotas) -> None:
-        all_bytes, own = self.robot_use()[1] + more, self.owned(owner) + more
-        for whose, size in self._loading.values():
-            all_bytes, own = all_bytes + size, own + size * (whose == owner)
-        if all_bytes > quotas.uploads_mb * 2**20:
-            what = f"the service's uploads would take more than the {quotas.uploads_mb:g} MB of its disk quota"
-            raise Refusal(413, what, where="body", remedy="delete some robots")
-        if owner and own > quotas.owner_disk_mb * 2**20:
-            what = f"what {owner} keeps would take more than {quotas.owner_disk_mb:g} MB"
-            raise Refusal(413, what, where="body", remedy="delete some robots or results")
-
-    def owned(self, owner: str) -> int:
-        """Bytes of the robots and jobs of an owner."""
-        return sum(self._by_owner(table).get(owner, 0) for table in ("robots", "jobs"))
-
-    def _by_owner(self, table: str) -> dict[str, int]:
-        return dict(self._execute(f"SELECT owner, sum(bytes) FROM {table} GROUP BY owner"))
 
     def stage(self, key: str, content: bytes) -> Path:
         """A folder for the files of an upload, with its content as "body"."""
@@ -164,21 +148,22 @@ class Store:
 
     def unstage(self, staged: Path) -> None:
         """Delete the staged files of an upload, unless it was kept, and give its room back."""
-        self._loading.pop(staged.name, None)
+        self.accounts.give_back(staged.name)
         shutil.rmtree(staged, ignore_errors=True)
 
     def add_robot(self, key: str, staged: Path, description: dict[str, Any], owner: str, quotas: Quotas) -> None:
-        """Keep an uploaded robot, whose files are moved from the staging folder. Raises as `reserve`."""
+        """Keep an uploaded robot, whose files are moved from the staging folder. Raises as `Accounts.reserve`."""
         content = msgspec.json.encode(description)
         size = size_of(staged) + len(content)
-        self._loading.pop(key, None)
-        self._require_room(owner, size, quotas)  # whatever its worker has said
+        self.accounts.give_back(key)
+        self.accounts.reserve(key, owner, size, quotas)  # whatever its worker has said
         target, now = self.robot_folder(key), time.time()
         shutil.rmtree(target, ignore_errors=True)  # left by a process that was killed just here
         staged.rename(target)
-        columns = "id, created, used, bytes, description, owner"
-        self._execute(f"INSERT OR REPLACE INTO robots ({columns}) VALUES (?, ?, ?, ?, ?, ?)",
+        self._execute("INSERT INTO robots (id, created, used, bytes, description, owner) VALUES (?, ?, ?, ?, ?, ?) "
+                      "ON CONFLICT (id) DO UPDATE SET bytes = excluded.bytes, description = excluded.description",
                       (key, now, now, size, content.decode(), owner))  # fmt: skip
+        self.accounts.give_back(key)
         self._count()
 
     def robot(self, key: str) -> dict[str, Any] | None:
@@ -192,15 +177,15 @@ class Store:
 
     def robots(self, fields: tuple[str, ...], owner: str | None) -> list[dict[str, Any]]:
         """These fields of the descriptions of an owner's uploaded robots, of all for None, the newest first."""
-        picked = ", ".join(f"'{name}', json_extract(description, '$.{name}')" for name in fields)
         condition = "WHERE ? IS NULL OR owner = ? ORDER BY created DESC"
-        rows = self._execute(f"SELECT json_object('owner', owner, {picked}) FROM robots {condition}", (owner, owner))
-        return [msgspec.json.decode(row[0]) for row in rows]
+        rows = self._execute(f"SELECT owner, description FROM robots {condition}", (owner, owner))
+        shown = [(whose, msgspec.json.decode(text)) for whose, text in rows]
+        return [{"owner": whose, **{name: about.get(name) for name in fields}} for whose, about in shown]
 
     def robot_use(self) -> tuple[int, int]:
         """The number of uploaded robots, and their bytes."""
         count, size = self._execute("SELECT count(*), coalesce(sum(bytes), 0) FROM robots")[0]
-        return count, size
+        return count, int(size)
 
     def use_robot(self, key: str) -> None:
         """Note that an uploaded robot is used."""
@@ -208,8 +193,8 @@ class Store:
 
     def remove_robot(self, key: str) -> None:
         """Delete an uploaded robot and its drawings."""
+        self.copies.drop(ROBOTS, key)
         self._execute("DELETE FROM robots WHERE id = ?", (key,))
-        shutil.rmtree(self.robot_folder(key), ignore_errors=True)
         for path in (self.folder / VISUALS).glob(f"*-{key}.json.gz"):
             path.unlink(missing_ok=True)
         self._count()
@@ -217,8 +202,8 @@ class Store:
     # Jobs
 
     def job(self, key: str, *, whole: bool = True) -> Job | None:
-        """A job, or None. whole: with its request, progress, problem and result."""
-        return next(iter(self._jobs("WHERE id = ?", key, texts=_JOB_TEXTS if whole else ())), None)
+        """A job, or None. whole: with its request, problem and result."""
+        return next(iter(self._jobs("WHERE id = ?", key, texts=_JOB_TEXTS if whole else ("progress",))), None)
 
     def jobs(self, kind: str, before: float, limit: int, owner: str | None = None) -> list[Job]:
         """The newest jobs of a kind that were asked for before that time, the newest first, without their results.
@@ -237,38 +222,52 @@ class Store:
         plain = len(Job.__struct_fields__) - len(_JOB_TEXTS)
         return [Job(*row[:plain], *(msgspec.Raw(text or "null") for text in row[plain:])) for row in rows]
 
-    def new_job(self, key: str, kind: str, content: bytes, owner: str = "") -> None:
-        """Note a job that waits, in place of an earlier attempt at the same. content: its request, as JSON."""
-        self._drop_unfinished(key)
-        self._execute("DELETE FROM jobs WHERE id = ?", (key,))
-        columns, now = "id, kind, state, created, used, bytes, request, owner", time.time()
-        self._execute(f"INSERT INTO jobs ({columns}) VALUES (?, ?, 'queued', ?, ?, ?, ?, ?)",
-                      (key, kind, now, now, len(content), content.decode(), owner))  # fmt: skip
+    def new_job(self, key: str, kind: str, content: bytes, owner: str = "", waiting: float = math.inf) -> None:
+        """Note a job that waits, in place of an earlier attempt at the same. content: its request, as JSON.
+
+        Raises Refusal (429) where a named owner has so many jobs that wait or run.
+        """
+        if owner and self.shared:
+            active = "SELECT count(*) FROM jobs WHERE owner = ? AND state IN (?, ?)"
+            count = self._execute(active, (owner, *ACTIVE))[0][0]
+            if count >= waiting:
+                raise Refusal(429, f"{count} jobs of {owner} wait already", where="request",
+                              remedy="wait until some are done", retry_after=10)  # fmt: skip
+        cleared = ", ".join(f"{name} = NULL" for name in ("started", "ended", "progress", "problem", "result"))
+        self._execute(
+            "INSERT INTO jobs (id, kind, state, created, used, bytes, request, owner) VALUES (?, ?, 'queued', ?, ?, ?, "
+            "?, ?) ON CONFLICT (id) DO UPDATE SET state = 'queued', created = excluded.created, used = excluded.used, "
+            f"owner = excluded.owner, process = '', tries = 0, cancel = 0, {cleared} WHERE jobs.state NOT IN ('queued', 'running')",
+            (key, kind, (now := time.time()), now, len(content), content.decode(), owner),
+        )
         self._count()
 
-    def begin_job(self, key: str) -> tuple[Path, bytes]:
-        """Note that a job runs. Returns the folder of its result, and its request."""
+    def begin_job(self, key: str) -> tuple[Path, bytes] | None:
+        """Have a job run: the folder of its result, and its request; None where another process has claimed it."""
+        if not self.leases.claim(key=key) and not self.leases.has(key):
+            return None
         folder = self.result_folder(key)
+        self._drop_unfinished(key)
         folder.mkdir(exist_ok=True, mode=0o700)
-        self.update_job(key, state="running", started=time.time())
         request: str = self._execute("SELECT request FROM jobs WHERE id = ?", (key,))[0][0]
         return folder, request.encode()
 
-    def end_job(self, key: str, limit: float, own: float = math.inf, **values: Any) -> None:
-        """Note how a job ended, and keep to the limits of bytes. Files stay of what is done, or can go on from them."""
+    def end_job(self, key: str, limit: float, own: float = math.inf, **values: Any) -> bool:
+        """Note how a job ended, and keep to the limits of bytes. Files stay of what is done, or can go on from them.
+
+        Returns whether it was this process's to end, see `Leases`.
+        """
         if values["state"] != "done":
             self._drop_unfinished(key)
-        self.update_job(key, **values)
-        self.measure(key, limit, own)
+        if is_ours := self.leases.end(key, _plain(values)):
+            self.copies.note(key, values.get("ended"))
+            self.measure(key, limit, own)
+        return is_ours
 
     def update_job(self, key: str, **values: Any) -> None:
         """Set columns of a job; what is not a number, a text or None is stored as JSON."""
-        plain = [
-            v if isinstance(v, (int, float, str, type(None))) else msgspec.json.encode(v).decode()
-            for v in values.values()
-        ]
         columns = ", ".join(f"{name} = ?" for name in values)
-        self._execute(f"UPDATE jobs SET {columns} WHERE id = ?", (*plain, key))
+        self._execute(f"UPDATE jobs SET {columns} WHERE id = ?", (*_plain(values).values(), key))
 
     def use(self, key: str) -> None:
         """Note that a job's result is used."""
@@ -294,8 +293,8 @@ class Store:
         self._count()
 
     def _delete_job(self, key: str) -> None:
+        self.copies.drop(RESULTS, key)
         self._execute("DELETE FROM jobs WHERE id = ?", (key,))
-        shutil.rmtree(self.result_folder(key), ignore_errors=True)
 
     def _drop_unfinished(self, key: str) -> None:
         """Delete the files of a job that is not done, unless it can go on from them."""
@@ -317,7 +316,7 @@ class Store:
 
     def result_bytes(self) -> int:
         """Bytes of all jobs, results and drawings."""
-        return sum(self._by_owner("jobs").values()) + size_of(self.folder / VISUALS)
+        return sum(self.accounts.by_owner("jobs").values()) + size_of(self.folder / VISUALS)
 
     def _count(self) -> None:
         self.kept_bytes = self.used_bytes()
@@ -330,10 +329,10 @@ class Store:
         """
         self.drop_drawings(limit)
         ended = "FROM jobs WHERE state NOT IN (?, ?) AND id != ?"
-        forgotten = f"SELECT id {ended} ORDER BY created DESC LIMIT -1 OFFSET ?"
+        forgotten = f"SELECT id {ended} ORDER BY created DESC LIMIT 1000000000 OFFSET ?"
         removed = [row[0] for row in self._execute(forgotten, (*ACTIVE, keep, ENDED_JOBS))]
         rows = self._execute(f"SELECT id, owner, bytes {ended} ORDER BY used DESC", (*ACTIVE, keep))
-        sizes, robots = self._by_owner("jobs"), self._by_owner("robots")
+        sizes, robots = map(self.accounts.by_owner, ("jobs", "robots"))
         limits = {owner: own - robots.get(owner, 0) if owner else math.inf for owner in sizes}
         removed += to_remove(rows, sizes, limits, self.result_bytes() - limit)
         for key in removed:
@@ -362,4 +361,10 @@ class Store:
 
 def _length(column: str) -> str:
     """SQL: the bytes of a text."""
-    return f"coalesce(length(CAST({column} AS BLOB)), 0)"
+    return f"octet_length(coalesce({column}, ''))"
+
+
+def _plain(values: dict[str, Any]) -> dict[str, Any]:
+    """What is not a number, a text or None as JSON."""
+    simple = int, float, str, type(None)
+    return {name: v if isinstance(v, simple) else msgspec.json.encode(v).decode() for name, v in values.items()}

@@ -3,7 +3,7 @@
 A job's id comes from its request. The same request is answered from the store when its job is done, joins it while it
 runs, and runs again when it failed, was cancelled or was interrupted; a sweep then goes on where it was stopped. A
 service that ends puts its jobs back into the queue for its next start. A job that ran when the service was killed is
-interrupted, as it may be what killed it.
+interrupted, as it may be what killed it. Where several services share a database, `cluster` has them share the jobs.
 """
 
 import asyncio
@@ -11,84 +11,75 @@ import logging
 import math
 import sqlite3
 import time
-from collections.abc import AsyncIterator, Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from twolink.service.problems import Problem, Refusal, error_from, problem_of
 from twolink.service.settings import Settings
-from twolink.service.store.store import ACTIVE, RESUMED, Job, KeyedLocks, Store
+from twolink.service.store.store import RESUMED, Store
+from twolink.service.work.budget import Budget
+from twolink.service.work.job_views import LOOK, JobViews, Running, View
 from twolink.service.work.metrics import Metrics
 from twolink.service.work.requests import JOB_KINDS, JobRequest
 from twolink.service.work.sharing import (
     HOLD,
     NO_TASK,
+    KeyedLocks,
     RequestMemory,
     Shares,
     client_of_owner,
     hold,
-    require_owner,
 )
 from twolink.service.work.time_shares import TimeShares, Turn
 from twolink.service.work.worker_pool import Workers
 
-View = dict[str, Any]
-_PULSE = 0.1  # seconds between looks at a job's progress
-_KEEP_ALIVE = 10.0  # seconds between signs of life in a stream of events
 _RETRY = 2.0  # seconds between attempts to store how a job ended
 _log = logging.getLogger("twolink.service")
-
-
-@dataclass
-class _Running:
-    """A job that waits or runs. client: who asked for it, unless an earlier service has left it.
-
-    progress: what its worker has reported last. ending: only its end is left to store.
-    """
-
-    kind: str
-    client: str | None
-    task: asyncio.Task[None] = field(init=False)
-    created: float = field(default_factory=time.time)
-    started: float | None = None
-    progress: Any = None
-    ending: bool = False
-
-    @property
-    def state(self) -> str:
-        return ACTIVE[self.started is not None]
 
 
 class Jobs:
     """The jobs of the service. senders: the worker processes that send sweeps to a cluster, if there is one.
 
-    may_pause: see `TimeShares`.
+    may_pause: see `TimeShares`. running: those that wait or run in this process.
     """
 
     def __init__(
-        self, settings: Settings, store: Store, workers: Workers, metrics: Metrics, senders: Workers | None = None,
-        may_pause: Callable[[], bool] = lambda: True,
+        self, settings: Settings, store: Store, workers: Workers, metrics: Metrics, budget: Budget,
+        senders: Workers | None = None, may_pause: Callable[[], bool] = lambda: True,
     ) -> None:  # fmt: skip
         self._quotas, self._store, self._workers, self._metrics = settings.quotas, store, workers, metrics
-        self._senders, self._dask = senders, settings.dask  # processes that may reach the cluster
+        self._budget, self._senders, self._dask = budget, senders, settings.dask  # processes that may reach the cluster
         self._disk_bytes = settings.quotas.results_mb * 2**20, settings.quotas.owner_disk_mb * 2**20
-        self._running: dict[str, _Running] = {}
+        self.views = JobViews(store)
+        self.running = self.views.running
         self._locks = KeyedLocks()
         self._turns = TimeShares(settings.quotas.jobs, may_pause)
         self._queue = Shares(2 * (settings.quotas.queue + settings.quotas.jobs))  # of which one client may have half
-        self._closing = False
 
     def count(self, state: str) -> int:
         """How many jobs are "queued" or "running"."""
-        return sum(running.state == state for running in self._running.values())
+        return sum(running.state == state for running in self.running.values())
 
     async def resume(self) -> None:
         """Take up the jobs that an earlier service has left."""
         for job in await self._store.run(self._store.waiting):
-            HOLD.set(RequestMemory(Shares(math.inf), client_of_owner(job.owner), job.owner))
-            self._start(job.id, job.kind)
+            self.take_up(job.id, job.kind, job.owner)
+
+    def take_up(self, key: str, kind: str, owner: str, *, claimed: bool = False) -> None:
+        """Run a job of the store when it is its owner's turn."""
+        if key in self.running:  # it has come meanwhile, and waits here
+            self.running[key].claimed = claimed
+            return
+        HOLD.set(RequestMemory(Shares(math.inf), client_of_owner(owner), owner))
+        self._start(key, kind, claimed=claimed)
+
+    @property
+    def free(self) -> int:
+        """How many jobs more could run here now."""
+        return 0 if self.views.closing else self._turns.free
 
     async def submit(self, kind: str, request: JobRequest) -> View:
         """Run what is asked for, or find it; wait up to request.wait seconds for its end.
@@ -97,68 +88,76 @@ class Jobs:
         """
         key = request.key
         async with self._locks(key):
-            job = None if key in self._running else await self._store.run(self._store.job, key, whole=False)
+            job = None if key in self.running else await self._store.run(self._store.job, key, whole=False)
             if job is not None and job.state == "done":
                 await self._store.run(self._store.use, key)
-            elif key not in self._running:
+            elif key not in self.running and not (job is not None and job.active):
                 await self._begin(key, kind, request.content, hold().owner)
         await self._wait(key, request.wait)
-        job = await self._job(kind, key)
+        job = await self.views.job(kind, key)
         if job.state == "failed":
             raise error_from(msgspec.json.decode(job.problem, type=Problem))
-        return self._view(job)
+        return self.views.view_of(job)
 
     async def again(self, kind: str, key: str) -> View:
         """Run a job again that failed, was cancelled or was interrupted."""
         async with self._locks(key):
-            job = await self._own(kind, key)
-            if not (key in self._running or job.state == "done"):
+            job = await self.views.own(kind, key)
+            if not (key in self.running or job.active or job.state == "done"):
                 await self._begin(key, kind, bytes(job.request), job.owner)
-        return await self.view(kind, key)
+        return await self.views.view(kind, key)
 
     async def _begin(self, key: str, kind: str, content: bytes, owner: str) -> None:
-        client = hold().client
+        client, quotas = hold().client, self._quotas
+        await self._budget.require(owner)
         if not self._queue.take(client):
-            what = f"{len(self._running)} jobs wait already"
+            what = f"{len(self.running)} jobs wait already"
             raise Refusal(429, what, where="request", remedy="wait until some are done", retry_after=10)
         try:
-            await self._store.run(self._store.new_job, key, kind, content, owner)
+            await self._store.run(self._store.new_job, key, kind, content, owner, quotas.queue + quotas.jobs)
             self._start(key, kind, client)
         except BaseException:
             self._queue.give(client)
             raise
 
-    def _start(self, key: str, kind: str, client: str | None = None) -> None:
-        if self._closing:
+    def _start(self, key: str, kind: str, client: str | None = None, *, claimed: bool = False) -> None:
+        if self.views.closing:
             raise self._ending()
-        running = self._running[key] = _Running(kind, client)
+        running = self.running[key] = Running(kind, client, claimed=claimed)
         running.task = asyncio.create_task(self._run(key, running), name=key)
 
-    async def _run(self, key: str, running: _Running) -> None:
+    async def _run(self, key: str, running: Running) -> None:
         """Run a job when a worker is free, and store how it ended. Its request waits in the store, not in memory."""
         end: dict[str, Any] = {}
         try:
             async with self._turns.turn() as turn:
+                begun = await self._store.run(self._store.begin_job, key)
+                running.claimed, running.lost = begun is not None, begun is None
+                if begun is None:
+                    return
                 running.started = time.time()
                 self._metrics.job_wait.observe(running.started - running.created)
-                result = await self._compute(key, running, turn)
+                result = await self._compute(key, running, turn, *begun)
             end = {"state": "done", "ended": time.time(), "result": result, "progress": {"fraction": 1.0}}
         except asyncio.CancelledError:
-            end = (
-                {"state": "queued", "started": None} if self._closing else {"state": "cancelled", "ended": time.time()}
-            )
+            end = {"state": "queued", "started": None}
+            if not self.views.closing:
+                end = {"state": "cancelled", "ended": time.time()}
         except Exception as error:
             end = {"state": "failed", "ended": time.time(), "problem": problem_of(error)}
         finally:
             running.ending = True
-            await self._end(key, end)
-            del self._running[key]
+            if not running.lost and (running.claimed or not self._store.shared):
+                await self._end(key, end)
+                self._metrics.jobs.labels(running.kind, end["state"]).inc()
+            del self.running[key]
             if running.client is not None:
                 self._queue.give(running.client)
-            self._metrics.jobs.labels(running.kind, end["state"]).inc()
 
-    async def _compute(self, key: str, running: _Running, turn: Turn) -> Any:
-        folder, body = await self._store.run(self._store.begin_job, key)
+    async def _compute(self, key: str, running: Running, turn: Turn, folder: Path, body: bytes) -> Any:
+        if running.kind in RESUMED:
+            await asyncio.to_thread(self._store.copies.bring, key, None)
+        await asyncio.to_thread(self._store.copies.bring_robots, body)
 
         async def note(progress: Any) -> View:
             running.progress = progress
@@ -201,80 +200,40 @@ class Jobs:
         """Store how a job ended. As long as that fails (the disk is full), the job runs, and it is tried again."""
         while True:
             try:
-                await self._store.run(self._store.end_job, key, *self._disk_bytes, **end)
+                if end["state"] == "done" or key.partition("-")[0] in RESUMED:
+                    await asyncio.to_thread(self._store.copies.keep, key)
+                if not await self._store.run(self._store.end_job, key, *self._disk_bytes, **end):
+                    _log.warning("job %s was no longer of this process when it ended here: its end is left out", key)
                 return
             except (sqlite3.Error, OSError) as error:
                 _log.error("the end of job %s cannot be stored (%s); it is tried again", key, error)
-            if self._closing:
+            if self.views.closing:
                 return
             await asyncio.sleep(_RETRY)
 
     async def _wait(self, key: str, seconds: float) -> None:
-        if key in self._running:
-            await asyncio.wait([self._running[key].task], timeout=seconds or 0.001)
-            if self._closing:
+        end = time.monotonic() + seconds
+        if key in self.running:
+            await asyncio.wait([self.running[key].task], timeout=seconds or 0.001)
+            if self.views.closing:
                 raise self._ending()
+        while self._store.shared and time.monotonic() < end and await self.views.active(key) is not None:
+            await asyncio.sleep(LOOK)
 
     @staticmethod
     def _ending() -> Refusal:
         what, remedy = "the service is ending", "ask again: it takes the job up when it starts"
         return Refusal(503, what, code="ending", where="request", remedy=remedy, retry_after=5)
 
-    async def _job(self, kind: str, key: str, *, whole: bool = True) -> Job:
-        """A job of the store. Raises Refusal (404) when there is none."""
-        job = await self._store.run(self._store.job, key, whole=whole)
-        if job is None or job.kind != kind:
-            raise self.removed(kind, key)
-        return job
-
-    async def _own(self, kind: str, key: str) -> Job:
-        """A job of the store that the request under way may change. Raises Refusal (403, 404)."""
-        job = await self._job(kind, key)
-        require_owner(job.owner, kind)
-        return job
-
-    @staticmethod
-    def removed(kind: str, key: str) -> Refusal:
-        """The refusal of a job that is not there."""
-        remedy = "ask for it again: results not used for long are removed"
-        return Refusal(404, f"there is no {kind} {key[:80]!r}", where="path: id", remedy=remedy)
-
-    async def require_done(self, kind: str, key: str) -> None:
-        """Raise Refusal (404, 409) unless the job is done. Notes that its result is used."""
-        job = await self._job(kind, key, whole=False)
-        if job.state != "done":
-            remedy = "wait for it" if job.active else "run it again"
-            raise Refusal(409, f"the {kind} is {job.state}, there is no result", where="path: id", remedy=remedy)
-        await self._store.run(self._store.use, key)
-
-    async def request(self, kind: str, key: str) -> bytes:
-        """What was asked for, as JSON. Raises Refusal (404) when there is no such job."""
-        return bytes((await self._job(kind, key)).request)
-
-    async def view(self, kind: str, key: str) -> View:
-        """A job as clients see it. Raises Refusal (404) when there is none."""
-        return self._view(await self._job(kind, key))
-
-    async def all(self, kind: str, before: float, limit: int) -> list[View]:
-        """The views of the owner's newest jobs asked for before that time, without results and large requests."""
-        jobs = await self._store.run(self._store.jobs, kind, before, limit, hold().sees)
-        return [_without(self._view(job), "result") for job in jobs]
-
-    def _view(self, job: Job) -> View:
-        running = self._running.get(job.id)
-        names = ("id", "kind", "state", "owner", "created", "request", "problem", "result")
-        return {name: getattr(job, name) for name in names} | {
-            "seconds": None if job.started is None else round((job.ended or time.time()) - job.started, 3),
-            "progress": running.progress if running else job.progress,
-        }
-
     async def cancel(self, kind: str, key: str) -> View:
         """Cancel a job that waits or runs."""
-        job = await self._own(kind, key)
-        running = self._running.get(key)
+        job = await self.views.own(kind, key)
+        running = self.running.get(key)
+        if self._store.shared:
+            await self._store.run(self._store.leases.cancel, key)
         if running is not None and not running.ending:
             running.task.cancel()
-        return self._view(job)
+        return self.views.view_of(job)
 
     async def remove(self, kind: str, key: str) -> None:
         """Cancel a job if it runs, and delete it with its result."""
@@ -282,43 +241,10 @@ class Jobs:
         await self._wait(key, 5.0)
         await self._store.run(self._store.remove_job, key)
 
-    async def events(self, kind: str, key: str) -> AsyncIterator[bytes]:
-        """A job's views as server-sent events: `progress` whenever something is new, `end` at its end.
-
-        A job that is deleted ends in the state "deleted". A service that ends closes the stream without an `end`.
-        """
-        seen, sent = None, time.monotonic()
-        while (running := self._running.get(key)) is not None and not self._closing:
-            if (running.state, running.progress) != seen:
-                seen, sent = (running.state, running.progress), time.monotonic()
-                seconds = None if running.started is None else round(time.time() - running.started, 3)
-                yield _event(b"progress", {
-                    "id": key, "kind": kind, "state": running.state, "created": running.created, "problem": None,
-                    "seconds": seconds, "progress": running.progress,
-                })  # fmt: skip
-            elif time.monotonic() - sent > _KEEP_ALIVE:
-                sent = time.monotonic()
-                yield b": still there\n\n"
-            await asyncio.sleep(_PULSE)
-        job = await self._store.run(self._store.job, key)
-        if job is None:
-            yield _event(b"end", {"id": key, "kind": kind, "state": "deleted"})
-        elif not job.active:
-            yield _event(b"end", self._view(job))
-
     async def close(self) -> None:
         """End all jobs; they are taken up at the next start."""
-        self._closing = True
-        tasks = [running.task for running in self._running.values()]
+        self.views.closing = True
+        tasks = [running.task for running in self.running.values()]
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-
-
-def _without(view: View, *names: str) -> View:
-    return {name: value for name, value in view.items() if name not in names}
-
-
-def _event(name: bytes, view: View) -> bytes:
-    content = msgspec.json.encode(_without(view, "result", "request"))
-    return b"event: %s\ndata: %s\n\n" % (name, content)

@@ -13,6 +13,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
+from weakref import WeakValueDictionary
 
 import msgspec
 import numpy as np
@@ -26,6 +27,16 @@ _RETRY = 2.0  # seconds
 OWNER = "twolink.owner"  # in the scope of a request whose token has been checked
 _NOBODY = ""  # the client of what the service does by itself
 NO_TASK = "no-task-under-way"
+
+
+class KeyedLocks:
+    """`async with locks(key)` lets one task at a time work on a key. A lock lives as long as somebody uses it."""
+
+    def __init__(self) -> None:
+        self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+
+    def __call__(self, key: str) -> asyncio.Lock:
+        return self._locks.setdefault(key, asyncio.Lock())
 
 
 class Shares:

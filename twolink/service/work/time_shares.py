@@ -46,6 +46,11 @@ class TimeShares:
         self._used: dict[str, float] = {}  # s, by client, until nobody is here
         self._timer: asyncio.TimerHandle | None = None
 
+    @property
+    def free(self) -> int:
+        """How many jobs more could run now."""
+        return max(0, self._slots - len(self._running) - len(self._waiting))
+
     @contextlib.asynccontextmanager
     async def turn(self) -> AsyncIterator[Turn]:
         """Wait for a turn, and have it."""

@@ -9,7 +9,9 @@ and its processes inherit the service's environment, which cannot be changed bef
 
 import asyncio
 import contextlib
+import functools
 import logging
+import math
 import os
 import sys
 from asyncio.subprocess import Process
@@ -21,7 +23,8 @@ import msgspec
 
 from twolink.io import cache
 from twolink.service.problems import Refusal, error_from
-from twolink.service.work.sharing import Turns
+from twolink.service.work.budget import Budget
+from twolink.service.work.sharing import Turns, hold
 from twolink.service.work.worker import LENGTH, Call, Done, Failed, Progress, packed
 from twolink.service.work.worker_process import Exchange, Worker, WorkerMemory, WorkerProcess, start
 
@@ -47,6 +50,7 @@ class Workers:
     writable: the folders that they may write, besides that of their kernels. on_death: called for each process that
     dies during a task. idle: what a second counts, of the time that a task may take, in which the process gets no
     processor; 1: time is that of the wall. spare: one process more is started when the last one begins a task.
+    budget: of owners, to whom the time of their tasks is charged.
     """
 
     def __init__(
@@ -62,6 +66,7 @@ class Workers:
         on_death: Callable[[], None] = lambda: None,
         idle: float = 0.02,
         spare: bool = False,
+        budget: Budget | None = None,
     ) -> None:
         addresses = str(memory.megabytes + _ADDRESSES)
         kernels = cache.location("workers")  # not the service's: who writes kernels decides what their readers run
@@ -79,6 +84,7 @@ class Workers:
             "OPENBLAS_NUM_THREADS": "1",
             "OMP_WAIT_POLICY": "PASSIVE",  # threads that spin take 100 states from 0.4 to 12 ms where cores are busy
         }
+        self._budget = budget
         self._on_death, self._idle_counts, self._spare = on_death, idle, spare
         self._count, self._background = count, set[asyncio.Task[None]]()
         self._turns = Turns(count, waiting)
@@ -129,16 +135,20 @@ class Workers:
 
         on_question: what a task is told that asks or reports; it goes on then.
         """
-        written = b""
+        written, owner, budget = b"", hold().owner, self._budget
+        left = math.inf if budget is None else await budget.require(owner)
         async with self._turns.turn():
             worker = await self._take(task)
             try:
-                async with worker.limited(seconds, self._idle_counts):
+                charge = functools.partial(budget.charge, owner) if budget is not None else lambda _: None
+                async with worker.limited(min(seconds, left), self._idle_counts, charge):
                     if content is not None:
                         await worker.exchange.put(content)
                     answer = await _converse(worker.process, Call(task, arguments), on_progress, on_question)
             except TimeoutError:
                 await self._kill(worker)
+                if budget is not None and left < seconds:
+                    await budget.require(owner)
                 remedy = "ask for less, or start the service with a larger quota"
                 what = f"it takes more than {seconds:g} s of computing"
                 raise Refusal(422, what, code="too-slow", remedy=remedy) from None

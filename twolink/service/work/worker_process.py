@@ -19,7 +19,7 @@ import sys
 import tempfile
 import time
 from asyncio.subprocess import DEVNULL, PIPE, Process
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -177,8 +177,11 @@ class Worker:
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     @contextlib.asynccontextmanager
-    async def limited(self, seconds: float, idle: float) -> AsyncIterator[None]:
-        """Raise TimeoutError in a task that takes more processor time; a second without processor counts `idle`."""
+    async def limited(self, seconds: float, idle: float, charge: Callable[[float], None]) -> AsyncIterator[None]:
+        """Raise TimeoutError in a task that takes more processor time; a second without processor counts `idle`.
+
+        charge: told at last how much it took.
+        """
         loop = asyncio.get_running_loop()
         begin, since, timer = self.seconds(), loop.time(), None
 
@@ -197,6 +200,8 @@ class Worker:
             finally:
                 if timer is not None:
                     timer.cancel()
+                taken, most = self.seconds() - begin, (loop.time() - since) * (os.cpu_count() or 1)
+                charge(min(max(0.0, taken), most))  # of a process that has died nothing is known but this
 
     def kill(self) -> None:
         """End the process at once."""

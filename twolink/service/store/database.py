@@ -1,0 +1,103 @@
+"""The database of a service: SQLite in its data folder, or PostgreSQL by its URL, in the SQL that both know.
+
+Values stand as `?`. Beyond it both have `octet_length`; the time of the database, which is one for all processes, is
+`clock`, and `skip_locked` passes over rows that another process is about to claim.
+"""
+
+import errno
+import sqlite3
+import time
+from pathlib import Path
+from typing import Any, Protocol
+
+from twolink.errors import TwolinkError, import_extra
+
+EXTRA = "cluster"
+VERSION = 4  # of the tables
+_SILENT = 20_000  # ms after which a server that does not answer is given up
+
+
+class Database(Protocol):
+    """A database. shared: whether other processes use it at the same time."""
+
+    shared: bool
+    clock: str
+    skip_locked: str
+
+    def execute(self, statement: str, values: tuple[Any, ...] = ()) -> list[Any]:
+        """The rows of a statement, which is a transaction of its own. Raises sqlite3.Error or OSError."""
+        ...
+
+    def check(self) -> None:
+        """Raise sqlite3.Error or OSError unless it can be written."""
+
+    def close(self) -> None:
+        """Let go of it."""
+
+
+class SQLite:
+    """A database of one process."""
+
+    shared, clock, skip_locked = False, "clock()", ""
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._connection = connection
+        connection.create_function("clock", 0, time.time)
+        connection.create_function("octet_length", 1, lambda text: len(text.encode()), deterministic=True)
+        self.close = connection.close
+
+    def execute(self, statement: str, values: tuple[Any, ...] = ()) -> list[Any]:
+        """As of `Database`."""
+        return self._connection.execute(statement, values).fetchall()
+
+    def check(self) -> None:
+        """As of `Database`."""
+        version = self.execute("PRAGMA user_version")[0][0]
+        self.execute(f"PRAGMA user_version = {version}")
+
+
+class PostgreSQL:
+    """A database of several processes. What fails is an OSError; the next statement connects again.
+
+    Raises TwolinkError where it cannot be used.
+    """
+
+    shared, clock, skip_locked = True, "extract(epoch FROM clock_timestamp())", "FOR UPDATE SKIP LOCKED"
+
+    def __init__(self, url: str) -> None:
+        self._psycopg = import_extra("psycopg", EXTRA)
+        self._url, self._connection = url, None
+        try:
+            self.execute(Path(__file__).with_name("schema_postgresql.sql").read_text("utf-8"))
+            version = self.execute("SELECT max(version) FROM secrets")[0][0]
+        except OSError as error:
+            raise self._unusable(error.strerror, "check --database: the server, the name, the password") from None
+        if version > VERSION:
+            what = f"it is of a newer version of twolink ({version}, this one has {VERSION})"
+            raise self._unusable(what, "install that version")
+
+    @staticmethod
+    def _unusable(what: str, remedy: str) -> TwolinkError:
+        return TwolinkError(f"the database cannot be used: {what}", where="serve", code="data", remedy=remedy)
+
+    def execute(self, statement: str, values: tuple[Any, ...] = ()) -> list[Any]:
+        """As of `Database`."""
+        try:
+            if self._connection is None or self._connection.closed:
+                self._connection = self._psycopg.connect(
+                    self._url, autocommit=True, cursor_factory=self._psycopg.ClientCursor, connect_timeout=10,
+                    tcp_user_timeout=_SILENT,
+                )  # fmt: skip
+            cursor = self._connection.execute(statement.replace("?", "%s"), values)
+            return cursor.fetchall() if cursor.description else []
+        except self._psycopg.Error as error:
+            raise OSError(errno.EIO, " ".join(str(error).split())) from None
+
+    def check(self) -> None:
+        """As of `Database`."""
+        self.execute("UPDATE secrets SET version = version")
+
+    def close(self) -> None:
+        """As of `Database`."""
+        if self._connection is not None:
+            self._connection.close()
