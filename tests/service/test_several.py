@@ -7,14 +7,13 @@ import os
 import shutil
 import subprocess
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
 import pytest
 
-from tests.service.serving import Served, serving
+from tests.service.serving import Served, serving, wait_until
 from tests.service.test_jobs import SLOW, ended, started
 from tests.service.urdfs import pendulum
 from twolink.service.settings import Quotas
@@ -196,6 +195,7 @@ def test_of_a_hundred_jobs_none_is_lost_or_done_twice_when_a_service_is_killed(
 ) -> None:
     quotas = "--quota", "queue=200", "--quota", "jobs=1"
     with services(tmp_path, shared, "abc", *quotas) as running, contextlib.ExitStack() as stack:
+        count_ends(shared[0])
         clients = [stack.enter_context(each.client()) for each in running]
         paths = [
             clients[k % 2].post("/v1/simulations", json={**RUN, "duration": 0.5 + k / 1000}).headers["location"]
@@ -216,8 +216,22 @@ def test_of_a_hundred_jobs_none_is_lost_or_done_twice_when_a_service_is_killed(
         assert {answer.status_code for answer in answers} == {200}
 
 
+def count_ends(url: str) -> None:
+    """Have the database write down whenever a job is done."""
+    import psycopg
+
+    with psycopg.connect(url, autocommit=True) as connection:
+        connection.execute("""
+            CREATE TABLE ends (id TEXT);
+            CREATE FUNCTION note() RETURNS trigger LANGUAGE plpgsql AS
+                $$ BEGIN INSERT INTO ends VALUES (NEW.id); RETURN NEW; END $$;
+            CREATE TRIGGER note AFTER UPDATE OF state ON jobs FOR EACH ROW
+                WHEN (NEW.state = 'done') EXECUTE FUNCTION note();
+        """)
+
+
 def completions(url: str) -> dict[str, int]:
-    """How often each job was ended as done, by the trigger that `shared` has set."""
+    """How often each job was done."""
     import psycopg
 
     with psycopg.connect(url) as connection:

@@ -1,6 +1,5 @@
 """Where blocks are computed: local processes, a Dask cluster, or any executor of the concurrent.futures interface."""
 
-import contextlib
 import multiprocessing
 import os
 import signal
@@ -8,14 +7,13 @@ import sys
 import threading
 import time
 import types
-from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any
 
 from twolink.dynamics.threads import thread_count
-from twolink.errors import SceneError, TwolinkError, import_extra
+from twolink.errors import TwolinkError, import_extra
 from twolink.sweeps.runs import Columns, Task, compute
 
 AT_ONCE = 64  # blocks given to an executor that does not say how many it takes
@@ -173,27 +171,3 @@ def cluster_lost() -> TwolinkError:
     """The failure where a cluster is gone."""
     return TwolinkError("the cluster is gone", where="sweep", argument="executor", code="cluster-lost",
                         remedy="start it and call again: what is done is kept")  # fmt: skip
-
-
-@contextlib.contextmanager
-def engine_of(executor: Any, workers: int | None) -> Iterator[BlockEngine]:
-    """The engine for None, a Dask client or its address, or an executor. Raises SceneError for anything else."""
-    engine: BlockEngine
-    if executor is None:
-        engine = LocalProcesses(workers)
-    elif isinstance(executor, str) or _is_client(executor):
-        engine = Dask(executor)
-    elif callable(getattr(executor, "submit", None)):
-        engine = Futures(executor)
-    else:
-        raise SceneError(f"expected a Dask client, an address or an executor, got {type(executor).__name__}",
-                         argument="executor", remedy="leave it out for local processes")  # fmt: skip
-    try:
-        yield engine
-    finally:
-        engine.close()
-
-
-def _is_client(thing: Any) -> bool:
-    distributed = sys.modules.get("distributed")
-    return distributed is not None and isinstance(thing, distributed.Client)

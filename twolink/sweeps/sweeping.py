@@ -21,12 +21,12 @@ from twolink.scenes.scene import accuracy_of
 from twolink.simulation.sampling import duration_for, formerly, sample_times
 from twolink.simulation.trajectory import Trajectory
 from twolink.sweeps.design import make_design
-from twolink.sweeps.engines import BlockEngine, engine_of
+from twolink.sweeps.engines import BlockEngine
 from twolink.sweeps.outputs import Request, check_outputs
 from twolink.sweeps.plan import SweepPlan, make_plan
 from twolink.sweeps.runs import compute
 from twolink.sweeps.store import EXTRA, locked, open_store, read_record
-from twolink.sweeps.working import work
+from twolink.sweeps.working import engine_of, work
 
 log = logging.getLogger("twolink")
 PART = 1e-3  # of a run, that compiles its steps
@@ -83,8 +83,9 @@ def sweep(
     verify : bool
         Compute error bars.
     executor : optional
-        None: processes of this machine. A `dask.distributed.Client` or the address of a scheduler. Or what has the
-        interface of `concurrent.futures.Executor`, such as submitit's for SLURM.
+        None: processes of this machine. A `dask.distributed.Client` or the address of a scheduler. Slurm:
+        "slurm:/shared/folder?partition=cpu&time=60", with sbatch's long options. Or what has the interface of
+        `concurrent.futures.Executor`.
     workers : int, optional
         Number of local processes; by default one a core (TWOLINK_THREADS).
     chunk : int, optional

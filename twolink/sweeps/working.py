@@ -1,5 +1,7 @@
 """Working through blocks: given to an engine, written when they are done, tried again where a worker died."""
 
+import contextlib
+import sys
 import time
 from collections import deque
 from collections.abc import Collection, Iterator
@@ -9,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from twolink.errors import TwolinkError
+from twolink.errors import SceneError, TwolinkError
 from twolink.io.progress import Report
 from twolink.sweeps.design import Block
-from twolink.sweeps.engines import BlockEngine, cluster_lost
+from twolink.sweeps.engines import BlockEngine, Dask, Futures, LocalProcesses, cluster_lost
 from twolink.sweeps.outputs import ABANDONED
 from twolink.sweeps.plan import SweepPlan
 from twolink.sweeps.runs import Columns, Task
+from twolink.sweeps.slurm import SCHEME, Slurm
 from twolink.sweeps.store import SweepStore
 
 TRIES = 3
@@ -177,3 +180,29 @@ def work(store: SweepStore, engine: BlockEngine, report: Report) -> None:
     pending = sum(len(some) for _, some in store.pending())
     if pending:
         _Work(store, engine, report, store.plan.design.runs - pending).all()
+
+
+@contextlib.contextmanager
+def engine_of(executor: Any, workers: int | None) -> Iterator[BlockEngine]:
+    """The engine for None, a Dask client or its address, Slurm's URL, or an executor. Raises SceneError otherwise."""
+    engine: BlockEngine
+    if executor is None:
+        engine = LocalProcesses(workers)
+    elif isinstance(executor, str) and executor.startswith(SCHEME):
+        engine = Slurm(executor)
+    elif isinstance(executor, str) or _is_client(executor):
+        engine = Dask(executor)
+    elif callable(getattr(executor, "submit", None)):
+        engine = Futures(executor)
+    else:
+        raise SceneError(f"expected a Dask client, an address or an executor, got {type(executor).__name__}",
+                         argument="executor", remedy="leave it out for local processes")  # fmt: skip
+    try:
+        yield engine
+    finally:
+        engine.close()
+
+
+def _is_client(thing: Any) -> bool:
+    distributed = sys.modules.get("distributed")
+    return distributed is not None and isinstance(thing, distributed.Client)
