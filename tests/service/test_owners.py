@@ -14,7 +14,7 @@ from typing import Any
 import httpx
 import pytest
 
-from tests.service.serving import Served, serving
+from tests.service.serving import Served, serving, wait_until
 from tests.service.urdfs import pendulum, zipped
 from twolink.errors import TwolinkError
 from twolink.service.http.messages import Rates
@@ -254,6 +254,27 @@ def test_the_disk_quota_holds_while_compressed_uploads_come_at_once(shared: Serv
         for key in taken:
             assert http.delete(f"/v1/robots/{key}").status_code == 204
         assert upload(0).status_code == 201
+
+
+def test_an_owner_has_so_much_processor_time_a_day(tmp_path: Path) -> None:
+    tokens = "--token", "ann:one", "--token", "bob:two"
+    with serving(tmp_path / "data", *tokens, "--quota", "owner_seconds=0.2") as served, client(served, "one") as ann:
+        assert ann.post("/v1/scenes/validate", json={"scene": "arm-swing"}).status_code == 200
+
+        def refused() -> httpx.Response | None:
+            body = {**RUN, "duration": 0.5 + len(answers) / 100}
+            answers.append(ann.post("/v1/simulations", json=body))
+            return answers[-1] if answers[-1].status_code == 429 else None
+
+        answers: list[httpx.Response] = []
+        wait_until(refused)
+        assert len(answers) > 1
+        problem = answers[-1].json()
+        assert (problem["code"], "ann has had the 0.2 s" in problem["detail"]) == ("no-time-left", True)
+        assert 0 < int(answers[-1].headers["retry-after"]) <= 86_400
+        with client(served, "two") as bob:
+            assert bob.post("/v1/simulations", json=RUN).json()["state"] == "done"
+    assert "Traceback" not in served.log
 
 
 def test_a_run_of_a_refused_sweep_is_refused_at_once_and_one_beyond_all_is_unknown(http: httpx.Client) -> None:

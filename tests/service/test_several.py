@@ -6,6 +6,7 @@ import contextlib
 import os
 import shutil
 import subprocess
+import tempfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,13 +29,12 @@ RUN = {"scene": "arm-swing", "duration": 0.5, "wait": 0}
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+def server() -> Iterator[str]:
     """The URL of a PostgreSQL server of its own, which listens in its folder only; root starts it as its own user."""
-    folder = tmp_path_factory.mktemp("postgresql")
-    as_user = ["runuser", "-u", "postgres", "--"] if os.geteuid() == 0 else []
-    if as_user:
-        for path in (folder, *folder.parents[:2]):
-            path.chmod(0o755)
+    is_root = os.geteuid() == 0
+    as_user = ["runuser", "-u", "postgres", "--"] if is_root else []
+    folder = Path(tempfile.mkdtemp(prefix="twolink-postgresql-"))  # pytest's folders are closed to other users
+    if is_root:
         shutil.chown(folder, "postgres")
 
     def run(*command: str) -> None:
@@ -47,6 +47,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield f"postgresql://twolink@/postgres?host={folder}"
     finally:
         run("pg_ctl", "-D", str(folder / "data"), "-m", "immediate", "stop")
+        shutil.rmtree(folder)
 
 
 @pytest.fixture

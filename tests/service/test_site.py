@@ -13,7 +13,8 @@ import httpx
 import msgspec
 import pytest
 
-from tests.service.serving import TOP, Served
+import twolink as tl
+from tests.service.serving import TOP, Served, serving
 from twolink.service.work.requests import QUERIES
 from twolink.service.work.sandbox import protection
 
@@ -93,3 +94,19 @@ def test_clients_that_leave_in_the_middle_do_no_harm(served: Served, http: httpx
             connection.sendall(part)
     assert http.get("/health").status_code == 200
     assert "Traceback" not in served.log
+
+
+def test_it_may_be_below_a_path(tmp_path: Path) -> None:
+    with serving(tmp_path / "data", "--root-path", "/lab/twolink") as served, served.client() as http:
+        assert (http.get("/lab/twolink").status_code, http.get("/lab/twolink").headers["location"]) == (
+            308, "/lab/twolink/",
+        )  # fmt: skip
+        assert http.get("/lab/twolink/").text == http.get("/").text
+        body = {"scene": "arm-swing", "duration": 0.5, "wait": 0}
+        begun = http.post("/lab/twolink/v1/simulations", json=body)
+        assert begun.headers["location"].startswith("/lab/twolink/v1/simulations/")
+        assert http.get(begun.headers["location"]).json()["id"] == begun.json()["id"]
+        assert http.post("/v1/simulations", json=body).headers["location"].startswith("/v1/simulations/")
+        assert http.get("/lab/twolinkx/health").status_code == 404
+        here = tl.connect(f"{served.url}/lab/twolink").robot("two_link")
+        assert here.mass_matrix([0.1, 0.2]).shape == (2, 2)

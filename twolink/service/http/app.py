@@ -79,6 +79,13 @@ class Shell:
         service.metrics.gauge("twolink_bytes_in_flight", "Bytes of bodies and answers", lambda: self._memory.held)
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        root = self.service.settings.root_path if "path" in scope else ""
+        own = scope["path"].removeprefix(root) if root else ""
+        if is_below := own.startswith("/") and own != scope["path"]:
+            scope = {**scope, "path": own}
+        elif root and not own:
+            await send_answer(send, 308, [(b"location", f"{root}/".encode())], b"")  # links of the page are relative
+            return
         if scope["type"] == "websocket":
             await self._socket(scope, receive, send)
             return
@@ -95,7 +102,11 @@ class Shell:
         async def send_noted(message: Any) -> None:
             if message["type"] == "http.response.start":
                 entry.status = message["status"]
-                message["headers"] = [*message["headers"], (b"x-request-id", sent_id.encode())]
+                headers = [*message["headers"], (b"x-request-id", sent_id.encode())]
+                message["headers"] = [
+                    (name, root.encode() + value if is_below and name.lower() == b"location" else value)
+                    for name, value in headers
+                ]
             else:
                 entry.bytes += len(message.get("body", b""))
             await send(message)

@@ -156,13 +156,14 @@ export class QueryForm {
     } catch {
       return;
     } // sending says what is wrong
-    const address = `${location.origin}/v1/robots/${this.robot.id}/${this.name}`;
+    const origin = new URL(".", location.href).href.replace(/\/$/, "");
+    const address = `${origin}/v1/robots/${this.robot.id}/${this.name}`;
     const token = hasToken() ? ` \\\n  -H "Authorization: Bearer $TWOLINK_TOKEN"` : "";
     byId("curl").textContent =
       `curl -s ${address} \\\n  -H 'Content-Type: application/json'${token} \\\n  -d '${JSON.stringify(body).replaceAll("'", "'\\''")}'`;
     const connect = hasToken()
-      ? `tl.connect("${location.origin}", token=os.environ["TWOLINK_TOKEN"])`
-      : `tl.connect("${location.origin}")`;
+      ? `tl.connect("${origin}", token=os.environ["TWOLINK_TOKEN"])`
+      : `tl.connect("${origin}")`;
     const head = `${hasToken() ? "import os\n\n" : ""}import twolink as tl\n\n`;
     const inputs = Object.entries(body)
       .map(([name, value]) => `${name}=${JSON.stringify(value)}`)

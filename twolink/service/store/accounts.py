@@ -39,7 +39,10 @@ class Accounts:
             raise
 
     def _count(self, key: str, owner: str, more: int) -> None:
-        add = "ON CONFLICT (id, process) DO UPDATE SET bytes = loading.bytes + excluded.bytes, beat = excluded.beat"
+        add = (
+            "ON CONFLICT (id, process) DO UPDATE SET bytes = loading.bytes + excluded.bytes, beat = excluded.beat, "
+            "owner = excluded.owner"
+        )
         self._execute(f"INSERT INTO loading (id, process, owner, bytes, beat) VALUES (?, ?, ?, ?, {self._clock}) {add}",
                       (key, self._process, owner, more))  # fmt: skip
 

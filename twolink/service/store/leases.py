@@ -55,9 +55,7 @@ class Leases:
     def end(self, key: str, columns: dict[str, Any]) -> bool:
         """Set columns of a job that waits, or that this process has. False, and nothing is set, when it has it not."""
         names = ", ".join(f"{name} = ?" for name in columns)
-        statement = (
-            f"UPDATE jobs SET {names} WHERE id = ? AND (state = 'queued' OR process = ?) RETURNING id"
-        )
+        statement = f"UPDATE jobs SET {names} WHERE id = ? AND (state = 'queued' OR process = ?) RETURNING id"
         return bool(self._database.execute(statement, (*columns.values(), key, self.process)))
 
     def cancel(self, key: str) -> None:
