@@ -105,3 +105,54 @@ def test_a_client_is_generated_and_used(served: Served, tmp_path: Path, monkeypa
         assert again.request.duration == 0.5
         problem = part("api.robots.v1_robots_inspect_robot").sync("nobody", client=client)
         assert (type(problem).__name__, problem.code) == ("Problem", "not-found")
+
+
+ASK = """
+import type { components, paths } from "./made";
+
+type Asked = paths["/v1/simulations"]["post"]["requestBody"]["content"]["application/json"];
+type Job = components["schemas"]["SimulationJob"];
+const base = process.argv[2];
+const post = async <T>(path: keyof paths, body: unknown): Promise<T> => {
+  const headers = { "content-type": "application/json" };
+  return (await (await fetch(base + path, { method: "POST", headers, body: JSON.stringify(body) })).json()) as T;
+};
+const asked: Asked = { scene: "arm-swing", duration: 0.5, wait: 30 };
+const job = await post<Job>("/v1/simulations", asked);
+const wrong = await post<components["schemas"]["Problem"]>("/v1/simulations", { scene: "nothing" });
+const state: "queued" | "running" | "done" | "failed" | "cancelled" | "interrupted" = job.state;
+console.log(state, job.request?.duration, wrong.status);
+export {};
+"""
+TOOLS = [shutil.which(name) for name in ("openapi-typescript", "tsc", "node")]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(None in TOOLS, reason="openapi-typescript, tsc or node is not installed")
+def test_types_for_typescript_are_generated_and_used(served: Served, tmp_path: Path) -> None:
+    generator, compiler, node = TOOLS
+
+    def run(*command: str | None) -> str:
+        done = subprocess.run(
+            [str(each) for each in command], capture_output=True, text=True, cwd=tmp_path, check=False
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout + done.stderr
+
+    assert "warn" not in run(generator, f"{served.url}/openapi.json", "--output", "made.d.ts").lower()
+    (tmp_path / "ask.ts").write_text(ASK)
+    (tmp_path / "node.d.ts").write_text("declare const process: { argv: string[] };")
+    (tmp_path / "package.json").write_text('{"type": "module"}')
+    options = (
+        "--strict",
+        "--target",
+        "es2022",
+        "--module",
+        "es2022",
+        "--moduleResolution",
+        "bundler",
+        "--lib",
+        "es2022,dom",
+    )
+    run(compiler, *options, "--outDir", "out", "ask.ts", "node.d.ts", "made.d.ts")
+    assert run(node, "out/ask.js", served.url).split() == ["done", "0.5", "422"]

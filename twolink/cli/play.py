@@ -132,7 +132,8 @@ def serve(
 
     Without --host only this machine reaches it. Addresses always name it; --allow-host adds names. --allow-origin is a
     site whose pages may call it, such as https://lab.example. TWOLINK_TOKEN holds tokens too, with commas between;
-    other users of this machine cannot read it. --data is the folder of uploads, jobs and results.
+    other users of this machine cannot read it. TWOLINK_DATABASE and TWOLINK_STORE stand for --database and --store.
+    --data is the folder of uploads, jobs and results.
 
     \b
     twolink serve                                       then open http://127.0.0.1:8000/
@@ -140,6 +141,7 @@ def serve(
     TWOLINK_TOKEN=secret twolink serve --host 0.0.0.0   for others too; they send Authorization: Bearer secret
     twolink serve --quota jobs=4 --quota disk_mb=20000
     twolink serve --dask tcp://scheduler:8786           one service for a group with a cluster
+    twolink serve --database postgresql://db/twolink --store s3://bucket    one of several; --data is its own
 
     The API is described at /docs and /openapi.json; `tl.connect("http://127.0.0.1:8000")` asks it from Python. Results
     survive a restart, and jobs that were not done are taken up by the next start. Ctrl-C ends the service.

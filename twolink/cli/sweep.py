@@ -47,7 +47,14 @@ KEPT_HELP = "What is kept, with commas: final, samples, events, energy, cost, mo
 Outputs = Annotated[str | None, Option(metavar="NAMES", help=KEPT_HELP, show_default="final")]
 SamplesPerSecond = Annotated[float | None, Option(help="Of the output samples, without --t-eval.", show_default="200")]
 NoVerify = Annotated[bool, Option("--no-verify", help="Skip the solutions behind the error bar.")]
-Executor = Annotated[str | None, Option(metavar="ADDRESS", help="A Dask scheduler.", show_default="local processes")]
+Executor = Annotated[
+    str | None,
+    Option(
+        metavar="ADDRESS",
+        help="A Dask scheduler, or slurm:/shared/folder?partition=NAME.",
+        show_default="local processes",
+    ),
+]
 Workers = Annotated[int | None, Option(min=1, metavar="COUNT", help="Processes.", show_default="one a core")]
 Variable = Annotated[str, Option(help="What a figure shows, such as end.q.elbow.", show_default="the first")]
 Status = Annotated[bool, Option("--status", help="Say how far the store is, and compute nothing.")]
