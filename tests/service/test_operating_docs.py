@@ -10,9 +10,11 @@ from pathlib import Path
 
 import httpx
 import pytest
+import yaml
 
 from tests.command import call
 from tests.service.serving import TOP
+from twolink.errors import TwolinkError
 from twolink.service.http.messages import AccessControl
 from twolink.service.logs import Answered
 from twolink.service.problems import Refusal
@@ -34,6 +36,33 @@ def started_with(text: str) -> list[str]:
 def test_the_commands_have_options_that_there_are(text: str) -> None:
     done = call("serve", *started_with(text), "--quota", "help")
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_services_of_the_group_have_options_and_parts_that_there_are() -> None:
+    compose = yaml.safe_load((TOP / "docs/operating/compose.yaml").read_text(encoding="utf-8"))
+    own = compose["services"]["twolink"]
+    done = call("serve", *started_with(CONTAINER), *own["command"], "--quota", "help")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (TOP / "docs/operating" / own["build"]["context"] / own["build"]["dockerfile"]).resolve().exists()
+    assert set(own["environment"]) == {"TWOLINK_TOKEN", "TWOLINK_DATABASE"}
+    assert {volume.partition(":")[0] for volume in own["volumes"]} <= set(compose["volumes"])
+
+
+@pytest.mark.parametrize("given", [
+    {"database": "postgresql://db/x"}, {"store": "s3://bucket"}, {"database": "mysql://db/x", "store": "s3://bucket"},
+    {"root_path": "twolink"}, {"root_path": "/twolink/"}, {"root_path": "/a b"},
+])  # fmt: skip
+def test_what_makes_no_service_for_a_group_is_refused(given: dict[str, str]) -> None:
+    with pytest.raises(TwolinkError, match="such as"):
+        Settings("data", **given)
+
+
+def test_a_database_that_cannot_be_reached_is_refused_in_one_line(tmp_path: Path) -> None:
+    pytest.importorskip("psycopg")
+    urls = "--database", f"postgresql:///x?host={tmp_path}", "--store", f"file://{tmp_path}/objects"
+    done = call("serve", "--port", "0", "--data", str(tmp_path / "data"), *urls)
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert "--database" in done.stderr
 
 
 def test_the_container_takes_files_that_there_are() -> None:

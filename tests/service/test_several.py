@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
+import signal
 import subprocess
 import tempfile
 import threading
@@ -15,7 +16,8 @@ import httpx
 import pytest
 
 from tests.service.serving import Served, serving, wait_until
-from tests.service.test_jobs import SLOW, ended, started
+from tests.service.test_jobs import SLOW, ended, events, started
+from tests.service.test_sweeps import begun
 from tests.service.urdfs import pendulum
 from twolink.service.settings import Quotas
 from twolink.service.store import leases
@@ -190,14 +192,15 @@ def cancelled_elsewhere(first: httpx.Client, second: httpx.Client) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize(("which", "how"), [(0, signal.SIGKILL), (2, signal.SIGKILL), (1, signal.SIGTERM)])
 def test_of_a_hundred_jobs_none_is_lost_or_done_twice_when_a_service_is_killed(
-    which: int, tmp_path: Path, shared: tuple[str, str]
+    which: int, how: signal.Signals, tmp_path: Path, shared: tuple[str, str]
 ) -> None:
     quotas = "--quota", "queue=200", "--quota", "jobs=1"
     with services(tmp_path, shared, "abc", *quotas) as running, contextlib.ExitStack() as stack:
         count_ends(shared[0])
         clients = [stack.enter_context(each.client()) for each in running]
+        reader = clients[(which + 1) % 3]
         paths = [
             clients[k % 2].post("/v1/simulations", json={**RUN, "duration": 0.5 + k / 1000}).headers["location"]
             for k in range(100)
@@ -205,15 +208,16 @@ def test_of_a_hundred_jobs_none_is_lost_or_done_twice_when_a_service_is_killed(
         assert len(set(paths)) == 100
 
         def states() -> list[str]:
-            return [clients[2].get(path).json()["state"] for path in paths]
+            return [reader.get(path).json()["state"] for path in paths]
 
         wait_until(lambda: states().count("done") > 20)
-        running[which].kill()
+        running[which].process.send_signal(how)
+        running[which].process.wait(60)
         wait_until(lambda: set(states()) == {"done"}, 400)
         times = completions(shared[0])
         assert sorted(times) == sorted(path.rpartition("/")[2] for path in paths)
         assert set(times.values()) == {1}
-        answers = [clients[2].get(f"{path}/result?points=2") for path in paths]
+        answers = [reader.get(f"{path}/result?points=2") for path in paths]
         assert {answer.status_code for answer in answers} == {200}
 
 
@@ -237,3 +241,22 @@ def completions(url: str) -> dict[str, int]:
 
     with psycopg.connect(url) as connection:
         return dict(connection.execute("SELECT id, count(*) FROM ends GROUP BY id").fetchall())
+
+
+@pytest.mark.slow
+def test_another_service_goes_on_with_the_sweep_of_one_that_was_killed(tmp_path: Path, shared: tuple[str, str]) -> None:
+    with services(tmp_path, shared, "ab") as (a, b), a.client() as first, b.client() as second:
+        path = begun(first)
+        objects = tmp_path / "objects" / "results" / path.rpartition("/")[2]
+        wait_until(lambda: len(list(objects.glob("sweep.zarr/status/c/*/*"))) >= 2)
+        part = second.get(f"{path}/result").json()  # of a sweep that runs elsewhere
+        assert part["columns"]["status"]["values"].count(1) > 0
+        stored = len(list(objects.glob("sweep.zarr/status/c/*/*")))
+        a.kill()
+        wait_until(lambda: "is queued" in b.log)
+        _, progress = next(
+            (k, job["progress"]) for k, job in events(second, path) if (job["progress"] or {}).get("done")
+        )
+        assert progress["done"] >= stored
+        done = ended(second, path)
+        assert (done["state"], done["result"]["done"]) == ("done", 6400)

@@ -8,7 +8,7 @@ import errno
 import sqlite3
 import time
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 from twolink.errors import TwolinkError, import_extra
 
@@ -66,12 +66,12 @@ class PostgreSQL:
 
     def __init__(self, url: str) -> None:
         self._psycopg = import_extra("psycopg", EXTRA)
-        self._url, self._connection = url, None
+        self._url, self._connection = url, cast(Any, None)
         try:
             self.execute(Path(__file__).with_name("schema_postgresql.sql").read_text("utf-8"))
             version = self.execute("SELECT max(version) FROM secrets")[0][0]
         except OSError as error:
-            raise self._unusable(error.strerror, "check --database: the server, the name, the password") from None
+            raise self._unusable(error.strerror or "", "check --database: the server, the name, the password") from None
         if version > VERSION:
             what = f"it is of a newer version of twolink ({version}, this one has {VERSION})"
             raise self._unusable(what, "install that version")

@@ -238,7 +238,7 @@ class Store:
             "INSERT INTO jobs (id, kind, state, created, used, bytes, request, owner) VALUES (?, ?, 'queued', ?, ?, ?, "
             "?, ?) ON CONFLICT (id) DO UPDATE SET state = 'queued', created = excluded.created, used = excluded.used, "
             f"owner = excluded.owner, process = '', tries = 0, cancel = 0, {cleared} "
-            "WHERE jobs.state NOT IN ('queued', 'running')",
+            "WHERE jobs.state NOT IN ('queued', 'running', 'done')",
             (key, kind, (now := time.time()), now, len(content), content.decode(), owner),
         )
         self._count()
