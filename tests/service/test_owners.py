@@ -268,7 +268,6 @@ def test_an_owner_has_so_much_processor_time_a_day(tmp_path: Path) -> None:
 
         answers: list[httpx.Response] = []
         wait_until(refused)
-        assert len(answers) > 1
         problem = answers[-1].json()
         assert (problem["code"], "ann has had the 0.2 s" in problem["detail"]) == ("no-time-left", True)
         assert 0 < int(answers[-1].headers["retry-after"]) <= 86_400
