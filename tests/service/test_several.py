@@ -130,6 +130,11 @@ def test_a_silent_process_loses_its_job_and_cannot_end_it(stores: list[Store], m
     job = a.job(key)
     assert job is not None
     assert job.state == "failed"
+    a.new_job(key, "simulation", b"{}")
+    a.begin_job(key)
+    b.leases.cancel(key)
+    assert a.leases.beat(key, None) is True
+    assert b.leases.expire() == [(key, "cancelled")]
 
 
 def test_room_for_uploads_is_taken_once(stores: list[Store]) -> None:
@@ -249,8 +254,6 @@ def test_another_service_goes_on_with_the_sweep_of_one_that_was_killed(tmp_path:
         path = begun(first)
         objects = tmp_path / "objects" / "results" / path.rpartition("/")[2]
         wait_until(lambda: len(list(objects.glob("sweep.zarr/status/c/*/*"))) >= 2)
-        part = second.get(f"{path}/result").json()  # of a sweep that runs elsewhere
-        assert part["columns"]["status"]["values"].count(1) > 0
         stored = len(list(objects.glob("sweep.zarr/status/c/*/*")))
         a.kill()
         wait_until(lambda: "is queued" in b.log)

@@ -85,5 +85,6 @@ class Leases:
             f"WHERE {old} AND tries >= {TRIES} RETURNING id, state",
             (msgspec.json.encode(problem).decode(),),
         )
-        again = f"UPDATE jobs SET state = 'queued', started = NULL, process = '' WHERE {old} RETURNING id, state"
+        state = "CASE WHEN cancel = 1 THEN 'cancelled' ELSE 'queued' END"
+        again = f"UPDATE jobs SET state = {state}, started = NULL, process = '' WHERE {old} RETURNING id, state"
         return [tuple(row) for row in (*given_up, *self._database.execute(again))]
