@@ -7,11 +7,12 @@ import pandas as pd
 import pinocchio as pin
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, lsq_linear
 
 import twolink as tl
 from twolink.errors import QueryError, SceneError, TwolinkError
 from twolink.identification import base_parameters, write_urdf
+from twolink.identification.bounded_least_squares import Bounds, Limits, step_within
 from twolink.identification.consistency import body_of, central, from_central, log_cholesky_chart, pseudo_inertia
 from twolink.scenes.parameters import scene_with
 
@@ -213,6 +214,59 @@ def test_a_motion_that_a_plain_fit_loses_is_found_in_segments() -> None:
         assert found.values[name] == pytest.approx(value, rel=1e-3)
 
 
+def test_a_search_goes_on_along_its_bounds() -> None:
+    """Noise would make the damping negative: the best is at 0, or beside it, and the mass is found all the same."""
+    names = ["forearm.mass", "effects.1.damping.elbow"]
+    truth = {"forearm.mass": 1.9, "effects.1.damping.elbow": 0.0}
+    q = noisy(motion_of(scene_with(SCENE, truth))[0], 3)
+    found = tl.fit(SCENE, {"t": TIMES, "q": q}, names)
+    assert found.parameters["effects.1.damping.elbow"] >= 0.0
+    assert all(inside(found, truth))
+    held = tl.fit(SCENE, {"t": TIMES, "q": q}, names, bounds={"forearm.mass": (1.0, 1.7)})
+    assert held.converged
+    assert held.parameters["forearm.mass"] == pytest.approx(1.7, abs=1e-12)
+
+
+def test_a_part_of_a_body_is_moved_along_what_can_exist() -> None:
+    """The moments alone, where com and inertia of the truth are others: the best of such bodies is at their border."""
+    names = ["forearm.first_moment.z", "forearm.origin_inertia.yy"]
+    q = motion_of(scene_with(SCENE, {"forearm.com.z": ARM.model.inertias[2].lever[2] * 1.2}))[0]
+    found = tl.fit(SCENE, {"t": TIMES, "q": noisy(q, size=1e-4)}, names)
+    assert found.converged
+    assert np.linalg.eigvalsh(pseudo_inertia(found.found.parameter_values[10:20])).min() > 0
+
+
+def test_bounded_steps_are_those_of_scipy() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(30):
+        matrix, right = rng.standard_normal((12, 4)), rng.standard_normal(12)
+        low, high = -rng.uniform(0, 0.3, 4), rng.uniform(0, 0.3, 4)
+        bounds = Bounds(np.vstack([np.eye(4), -np.eye(4)]), np.concatenate([low, -high]))
+        limits = Limits(bounds, lambda _: Bounds(np.empty((0, 4)), np.empty(0)))
+        ours = step_within(matrix, -right, np.full(4, 1e-9), limits)
+        np.testing.assert_allclose(ours, lsq_linear(matrix, right, (low, high), tol=1e-14).x, rtol=0, atol=1e-6)
+
+
+def test_time_that_is_up_keeps_the_best_so_far() -> None:
+    found = tl.fit(scene_with(SCENE, {"forearm.mass": 1.2}), {"t": TIMES, "q": Q}, list(TRUE), patience=1e-6)
+    assert found.interrupted
+    assert any("best so far" in text for text in found.warnings)
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "cubic", "hold"])
+def test_a_motion_driven_by_a_table_is_found(interpolation: str) -> None:
+    """The truth is SciPy's, which begins anew at every knot."""
+    knots = np.linspace(0.0, 1.2, 60)
+    table = E.Sampled(times=tuple(knots), values=tuple(np.sin(7 * knots) - 0.3), interpolation=interpolation)
+    scene = tl.Scene(ARM, [1.0, 0.7], effects=[*SCENE.effects, E.Torque({"elbow": table})])
+    times = np.linspace(0.0, 1.2, 41)
+    q, _ = tl.simulate(scene_with(scene, TRUE), 1.2, accuracy=1e-9, method="scipy-dop853").at(times)
+    found = tl.fit(scene, {"t": times, "q": q}, list(TRUE))
+    for name, value in TRUE.items():
+        assert found.values[name] == pytest.approx(value, abs=2e-5)
+    assert found.converged
+
+
 @pytest.mark.parametrize("ending", [".csv", ".parquet", ".npz"])
 def test_files_and_what_is_written(tmp_path: Path, ending: str) -> None:
     from twolink.io.tables import write_table
@@ -260,6 +314,7 @@ REFUSED = {
               "mixed-parameters"),
     "unseen": (lambda: tl.fit(SCENE, {"t": TIMES, "q": Q}, ["forearm.com.y"]), "nothing-identifiable"),
     "segments": (lambda: tl.fit(SCENE, {"t": TIMES, "q": Q}, MASS, segments=50), "query"),
+    "bounds": (lambda: tl.fit(SCENE, {"t": TIMES, "q": Q}, MASS, bounds={"forearm.mass": (5, 9)}), "bounds"),
     "sigma": (lambda: tl.fit(SCENE, {"t": TIMES, "q": Q}, MASS, sigma={"q.elbow": 1.0}), "query"),
 }  # fmt: skip
 

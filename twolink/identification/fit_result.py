@@ -44,7 +44,7 @@ class SceneFit(Estimate):
     simulations : int
         How many motions were simulated.
     interrupted : bool
-        Ctrl-C ended the search; this is the best so far.
+        Ctrl-C or the end of its time ended the search; this is the best so far.
     """
 
     scene: Scene

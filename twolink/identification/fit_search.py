@@ -1,17 +1,19 @@
 """The search for parameters by simulation: least squares over z and the starts of later segments."""
 
 import math
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
 import scipy.linalg
-from scipy.optimize import least_squares
 
 from twolink.dynamics import Robot
 from twolink.errors import AccuracyError, QueryError, TwolinkError
 from twolink.identification import regression
 from twolink.identification.base_parameters import BaseParameters, independent
+from twolink.identification.bounded_least_squares import Bounds, Evaluated, Limits, least_squares, step_within
 from twolink.identification.measured_motion import MeasuredMotion
 from twolink.identification.shooting import MultipleShooting, Shot, State, later_starts, segment_ends
 from twolink.identification.unknowns import Unknowns
@@ -26,6 +28,7 @@ CLOSING = 3  # steps that close the gaps
 STILL = 0.7  # of the spread: changes from sample to sample that are noise alone
 GUESS = 0.1  # of what is measured: the noise at first
 SIMULATIONS = 60  # of each solve, at most
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -108,12 +111,13 @@ def _diagonal(like: np.ndarray, bound: np.ndarray) -> np.ndarray:
 class LeastSquaresSearch:
     """The search for one measured motion: by least squares in z and the starts of later segments.
 
-    interrupted: Ctrl-C ended it; what it gives then is the best so far.
+    interrupted: Ctrl-C or the end of its time ended it; what it gives then is the best so far. limits: of z.
     """
 
     def __init__(
         self, unknowns: Unknowns, data: MeasuredMotion, known: np.ndarray | None, method: str, accuracy: float, *,
-        in_segments: bool = True, progress: Report | None = None,
+        limits: tuple[np.ndarray, np.ndarray], patience: float, in_segments: bool = True,
+        progress: Report | None = None,
     ) -> None:  # fmt: skip
         values, count = len(data.t) * len(data.channels), len(unknowns.names)
         if values <= count:
@@ -121,6 +125,7 @@ class LeastSquaresSearch:
                              remedy="measure more, or look for fewer parameters", code="too-few-samples")  # fmt: skip
         self.unknowns, self.data, self.known, self.accuracy = unknowns, data, known, accuracy
         self.robust, self.progress, self.interrupted = method == "robust", progress, False
+        (self.low, self.high), self.deadline = limits, time.monotonic() + patience
         self.simulations = 1
         self.first: Shot | None = None
         try:
@@ -185,15 +190,14 @@ class LeastSquaresSearch:
 
     def _solved(self, point: Point, gap: float) -> tuple[Point, int]:
         """The least squares of residuals and gaps from a point, with its weights; and the number of directions."""
-        robot, nx, later = self.data.robot, 2 * self.data.robot.nv, len(point.starts)
+        nx, later = 2 * self.data.robot.nv, len(point.starts)
         weights, now = point.weights(self.robust), self.at(point)
         basis, per_gap = now.basis, 1.0 / (gap * float(point.noise.min()))
         r = basis.shape[1]
         shots: dict[bytes, Shot | None] = {np.zeros(r + nx * later).tobytes(): point.shot}
 
         def moved(u: np.ndarray) -> tuple[np.ndarray, list[State]]:
-            starts = [_moved(robot, start, d) for start, d in zip(point.starts, u[r:].reshape(later, nx), strict=True)]
-            return point.z + basis @ u[:r], starts
+            return self._moved(point, basis @ u[:r], list(u[r:].reshape(later, nx)))
 
         def shot(u: np.ndarray) -> Shot | None:
             key = u.tobytes()
@@ -201,34 +205,51 @@ class LeastSquaresSearch:
                 self._report(point, len(shots))
                 try:
                     shots[key] = point.shooting(*moved(u))
-                except TwolinkError:  # no such body, or no such motion: a step too far
+                except TwolinkError:  # no such motion, or none so accurate: a step too far
                     shots[key] = None
             return shots[key]
 
-        def residuals(u: np.ndarray) -> np.ndarray:
+        rows = np.concatenate([-weights.ravel(), np.full(nx * later, per_gap)])
+
+        def evaluate(u: np.ndarray) -> Evaluated | None:
             found = shot(u)
             if found is None:
-                return np.full(weights.size + nx * later, np.inf)
-            return np.concatenate([(found.residuals * weights).ravel(), (found.gaps * per_gap).ravel()])
-
-        def jacobian(u: np.ndarray) -> np.ndarray:
-            found = cast("Shot", shot(u))
-            rows = np.concatenate([-weights.ravel(), np.full(nx * later, per_gap)])
-            return np.asarray(found.jacobian(basis) * rows[:, None])
+                return None
+            residuals = np.concatenate([(found.residuals * weights).ravel(), (found.gaps * per_gap).ravel()])
+            return residuals, lambda: found.jacobian(basis) * rows[:, None]
 
         try:
-            found = least_squares(residuals, np.zeros(r + nx * later), jacobian, method="trf", x_scale=1.0, xtol=1e-10,
-                                  ftol=1e-10, gtol=1e-14, max_nfev=SIMULATIONS)  # fmt: skip
-            best, converged = found.x, found.status > 0
+            size = r + nx * later
+            best, converged = least_squares(evaluate, size, lambda u: self._limits(moved(u)[0], basis, nx * later),
+                                            SIMULATIONS)  # fmt: skip
         except KeyboardInterrupt:
             self.interrupted = True
             tried = [np.frombuffer(key) for key, one in shots.items() if one is not None]
-            best, converged = min(tried, key=lambda u: float((residuals(u) ** 2).sum())), False
+            best, converged = min(tried, key=lambda u: float((cast("Evaluated", evaluate(u))[0] ** 2).sum())), False
         z, starts = moved(best)
         return replace(point, z=z, starts=starts, shot=cast("Shot", shot(best)), converged=converged), r
 
+    def _limits(self, z: np.ndarray, basis: np.ndarray, more: int = 0) -> Limits:
+        """What moves of z along a basis must keep, with `more` unknowns that have no limits."""
+        rows, least = np.vstack([basis, -basis]), np.concatenate([self.low - z, z - self.high])
+        kept, r = np.isfinite(least), basis.shape[1]
+
+        def cut(u: np.ndarray) -> Bounds:
+            values, by_z = self.unknowns.lacking(z + basis @ u[:r])
+            by_u = by_z @ basis
+            return Bounds(np.pad(by_u, ((0, 0), (0, more))), by_u @ u[:r] - values)
+
+        return Limits(Bounds(np.pad(rows[kept], ((0, 0), (0, more))), np.minimum(least[kept], 0.0)), cut)
+
+    def _moved(self, point: Point, dz: np.ndarray, changes: Sequence[np.ndarray]) -> tuple[np.ndarray, list[State]]:
+        """z and starts, moved; z within its bounds, which rounding may pass."""
+        starts = [_moved(self.data.robot, *pair) for pair in zip(point.starts, changes, strict=True)]
+        return np.clip(point.z + dz, self.low, self.high), starts
+
     def _report(self, point: Point, done: int) -> None:
-        """Tell how far a solve from a point is."""
+        """Tell how far a solve from a point is, and end it like Ctrl-C where its time is up."""
+        if time.monotonic() > self.deadline:
+            raise KeyboardInterrupt
         if self.progress is not None:
             left = float(np.sqrt(np.mean((point.shot.residuals / point.noise) ** 2)))
             pieces = len(point.starts) + 1
@@ -239,15 +260,18 @@ class LeastSquaresSearch:
         now, weights = self.at(point), point.weights(self.robust)
         columns = now.columns @ self.unknowns.derivatives(point.z)[0] @ now.basis
         flat = (columns * weights[..., None]).reshape(-1, columns.shape[-1])
-        change = now.basis @ np.linalg.lstsq(flat, (now.residuals * weights).ravel(), rcond=None)[0]
+        undamped = _ROUNDING * np.linalg.norm(flat, axis=0)
+        change = now.basis @ step_within(
+            flat, -(now.residuals * weights).ravel(), undamped, self._limits(point.z, now.basis)
+        )
         moves = [move + along @ change for move, along in zip(now.moves, now.alongs, strict=True)]
-        starts = [_moved(self.data.robot, *pair) for pair in zip(point.starts, moves, strict=True)]
+        z, starts = self._moved(point, change, moves)
         try:
-            shot = point.shooting(point.z + change, starts)
+            shot = point.shooting(z, starts)
         except TwolinkError:
             return point
         closer = np.abs(shot.gaps).max() <= np.abs(point.shot.gaps).max()
-        return replace(point, z=point.z + change, starts=starts, shot=shot) if closer else point
+        return replace(point, z=z, starts=starts, shot=shot) if closer else point
 
 
 def _moved(robot: Robot, start: State, change: np.ndarray) -> State:

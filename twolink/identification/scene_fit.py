@@ -32,6 +32,8 @@ def fit(
     sigma: float | Mapping[str, float] | ArrayLike | None = None,
     method: str = "weighted",
     segments: int | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    patience: float = 600.0,
     accuracy: float = 1e-6,
     confidence: float = 0.95,
     progress: Report | None = None,
@@ -59,6 +61,11 @@ def fit(
     segments : int, optional
         Of multiple shooting. By default 1, and more where errors of the start grow a lot or one does not find the
         motion. Motions with events and closed loops are simulated in one piece.
+    bounds : mapping of names to (float, float), optional
+        The least and the largest values, infinite where there is none. Masses, damping and the like are never
+        negative, also without.
+    patience : float
+        Seconds, after which the search ends with the best so far.
     accuracy : float
         Bound on the error of simulated positions, rad or m, and of derivatives relative to the largest, or 1.
     confidence : float
@@ -79,16 +86,16 @@ def fit(
         A name is unknown (code "unknown-parameter"), or there are no derivatives by it (code "sensitivity-undefined").
     QueryError
         For arguments that do not fit; codes "mixed-parameters", "column-missing", "times",
-        "too-few-samples", "constant-data", "units", "nothing-identifiable".
+        "too-few-samples", "constant-data", "units", "nothing-identifiable", "bounds".
     AccuracyError
         The scene's own motion cannot be simulated, or its sensitivities do not exist.
 
     Notes
     -----
-    Trust-region Gauss-Newton steps (SciPy's least_squares, "trf") with Jacobians from `tl.sensitivities`, in
-    coordinates in which every body can exist (`identification.unknowns`), along those directions only that the
-    measurements show. In several segments the gaps are penalised ever more, and closed by steps of the condensed
-    equations (`identification.shooting`). The intervals are those of the linearised problem at the solution;
+    Levenberg and Marquardt's steps within bounds (`identification.bounded_least_squares`) with Jacobians from
+    `tl.sensitivities`, in coordinates in which every body can exist (`identification.unknowns`), along those directions
+    only that the measurements show. In several segments the gaps are penalised ever more, and closed by steps of the
+    condensed equations (`identification.shooting`). The intervals are those of the linearised problem at the solution;
     correlated residuals widen them (Newey and West). The numerical error is added: the step to the solution by
     simulations 30 times as accurate, and what their error bars may change.
 
@@ -104,8 +111,10 @@ def fit(
         raise QueryError(f"expected a Scene, got {type(scene).__name__}", argument="scene", remedy="tl.load_scene(...)")
     data = measured_motion(scene.robot, measurements)
     unknowns, noise = unknowns_of(scene, parameters), _noise_of(sigma, data)
-    search = LeastSquaresSearch(unknowns, data, noise, method, accuracy_of(accuracy),
-                                in_segments=segments != 1 and can_be_cut(scene), progress=progress)  # fmt: skip
+    seconds = positive(patience, "patience", QueryError, "such as 60")
+    search = LeastSquaresSearch(unknowns, data, noise, method, accuracy_of(accuracy), patience=seconds,
+                                limits=unknowns.limits(bounds or {}), progress=progress,
+                                in_segments=segments != 1 and can_be_cut(scene))  # fmt: skip
     points: list[Point] = []
     for count in segment_counts(segments, search.growth, data, scene):
         try:

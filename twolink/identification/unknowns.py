@@ -5,7 +5,7 @@ parameters of a body, where all of them are looked for, are its log-Cholesky par
 values are linear in z. Derivatives are complex steps (Squire and Trapp 1998).
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
@@ -15,16 +15,18 @@ from scipy.linalg import block_diag
 
 from twolink.algorithms.mechanism import BODY_PARAMETERS, body_names
 from twolink.effects import Constants, JointDamping
-from twolink.errors import QueryError, SceneError
-from twolink.identification.consistency import central, from_central, log_cholesky_chart, size_of
+from twolink.errors import QueryError, SceneError, require_known
+from twolink.identification.consistency import central, from_central, log_cholesky_chart, pseudo_inertia, size_of
 from twolink.robots.checks import is_impossible
 from twolink.scenes import Scene
 from twolink.scenes.parameters import PREFIX, named_parameters, parameters_of, scene_with
 
 _STEP = 1e-30
+_MARGIN = 1e-5  # of the largest eigenvalue of a pseudo-inertia
 _CENTRAL = ("mass", "com.x", "com.y", "com.z",
             "inertia.xx", "inertia.xy", "inertia.xz", "inertia.yy", "inertia.yz", "inertia.zz")  # fmt: skip
 ToBody = Callable[[np.ndarray], np.ndarray]
+ToCoordinate = Callable[[int, float], float]
 Chart = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
@@ -33,12 +35,17 @@ class _NameGroup:
     """Names that belong together. chart: z -> their values, and the values of the scene's constants behind them.
 
     constants: their names for `tl.sensitivities`; one name for several values where `joint`, a joint of the state.
+    inverse: a value of the name at a place -> its z, which it grows with; None: there are no bounds of them.
+    lowest: that it can have. to_body: of a part of a body's parameters, z -> all ten.
     """
 
     names: tuple[str, ...]
     constants: tuple[str, ...]
     chart: Chart
     of_state: bool = False
+    inverse: ToCoordinate | None = None
+    to_body: ToBody | None = None
+    lowest: float = -np.inf
 
 
 class Unknowns:
@@ -63,6 +70,51 @@ class Unknowns:
         """Derivatives by z of the values (k, k), and of the constants and initial states (., k)."""
         first, second = zip(*(_complex_step(group.chart, part) for group, part in self._parts(z)), strict=True)
         return np.asarray(block_diag(*first)), np.asarray(block_diag(*second))
+
+    def limits(self, bounds: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
+        """The least and the largest z (k,): what the names can have, and bounds by name. Raises QueryError."""
+        out, at = np.array([[-np.inf], [np.inf]]).repeat(len(self.names), axis=1), 0
+        values = dict(zip(self.names, self.values(np.zeros(len(self.names))).tolist(), strict=True))
+        for name in bounds:
+            require_known(name, self.names, QueryError, "nothing that is looked for is called {!r}", argument="bounds")
+        for group in self._groups:
+            for place, name in enumerate(group.names):
+                low, high = bounds.get(name, (-np.inf, np.inf))
+                if group.inverse is None and name in bounds:
+                    raise QueryError(f"{name} has no bounds where all ten parameters of a body are looked for",
+                                     argument="bounds", remedy="leave it out: only bodies that can exist are tried",
+                                     code="bounds")  # fmt: skip
+                low = max(float(low), group.lowest)
+                if not low <= values[name] <= float(high):
+                    raise QueryError(f"{name} starts at {values[name]:g}, not from {low:g} to {high:g}", code="bounds",
+                                     argument="bounds", remedy="give wider bounds, or a guess within them")  # fmt: skip
+                if group.inverse is not None:
+                    out[:, at] = [x if np.isinf(x) else group.inverse(place, float(x)) for x in (low, high)]
+                at += 1
+        return out[0], out[1]
+
+    def lacking(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What bodies of which a part is looked for lack to exist: eigenvalues (m,), and their derivatives (m, k).
+
+        A body can exist where no eigenvalue of its pseudo-inertia is negative (Wensing, Kim and Slotine 2018); those
+        that are here are nearer to 0 than a small margin, which is taken off.
+        """
+        values, rows, first = [np.empty(0)], [np.empty((0, len(z)))], 0
+        for group, part in self._parts(z):
+            own = slice(first, first := first + len(part))
+            if group.to_body is None:
+                continue
+            matrices = [pseudo_inertia(group.to_body(part + 1j * _STEP * e)) for e in np.eye(len(part))]
+            found, vectors = np.linalg.eigh(matrices[0].real)
+            least = np.linalg.eigvalsh(pseudo_inertia(group.to_body(np.zeros(len(part)))))[0]
+            margin = min(_MARGIN * found[-1], 0.5 * least)
+            late = found < 0.5 * margin
+            if least <= 0.0 or not late.any():  # the scene's own cannot exist
+                continue
+            values.append(found[late] - margin)
+            rows.append(np.zeros((int(late.sum()), len(z))))
+            rows[-1][:, own] = np.einsum("ai,jab,bi->ij", vectors, np.imag(matrices) / _STEP, vectors)[late]
+        return np.concatenate(values), np.concatenate(rows)
 
     def scene_at(self, z: np.ndarray) -> Scene:
         """The scene with the values of z. Raises SceneError where there is no such scene."""
@@ -108,7 +160,9 @@ def unknowns_of(scene: Scene, parameters: Sequence[str]) -> Unknowns:
         what, remedy = f"expected a list of names, got {parameters!r:.60}", 'such as ["forearm.mass", "q.elbow"]'
         raise QueryError(what, argument="parameters", remedy=remedy)
     constants = [i for i, effect in enumerate(scene.effects) if isinstance(effect, Constants)]
-    numbers = {name: parameter.nominal for name, parameter in parameters_of(scene).items()
+    every = parameters_of(scene)
+    lowest = {name: parameter.lowest for name, parameter in every.items()}
+    numbers = {name: parameter.nominal for name, parameter in every.items()
                if np.isfinite(parameter.nominal) and parameter.kind in ("constant", "effect")
                and not name.startswith(tuple(f"{PREFIX}{i}." for i in constants))}  # fmt: skip
     links = body_names(scene.robot.model)[1:]
@@ -126,7 +180,7 @@ def unknowns_of(scene: Scene, parameters: Sequence[str]) -> Unknowns:
         elif name in of_state:
             groups.append(_state(scene, name))
         else:
-            groups.append(_number(name, numbers[name]))
+            groups.append(_number(name, numbers[name], lowest[name]))
     bodies = [_body(scene, link, links.index(link), parts) for link, parts in by_link.items()]
     return Unknowns(scene, [*bodies, *groups])
 
@@ -157,14 +211,16 @@ def _of_an_effect(scene: Scene, joint: str, kind: str) -> str:
     return f"add tl.effects.JointDamping({{{joint!r}: 0.1}}) and look for effects.{len(scene.effects)}.damping.{joint}"
 
 
-def _number(name: str, value: float) -> _NameGroup:
-    """A constant or a number of an effect: value + z times its size."""
+def _number(name: str, value: float, lowest: float) -> _NameGroup:
+    """A constant or a number of an effect: value + z times its size; not lower, as rounding may make it."""
     scale = abs(value) or 1.0
 
     def chart(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return value + scale * z, value + scale * z
+        moved = value + scale * z
+        moved = moved + np.maximum(lowest - moved.real, 0.0)
+        return moved, moved
 
-    return _NameGroup((name,), (name,), chart)
+    return _NameGroup((name,), (name,), chart, inverse=lambda _, x: (x - value) / scale, lowest=lowest)
 
 
 def _state(scene: Scene, name: str) -> _NameGroup:
@@ -179,7 +235,7 @@ def _state(scene: Scene, name: str) -> _NameGroup:
         own = scene.q[joint.q]
         start = own.copy() if joint.kind == "vector" else np.array([np.arctan2(own[1], own[0])])
     names = (name,) if size == 1 else tuple(f"{name}.{k}" for k in range(size))
-    return _NameGroup(names, (name,), lambda z: (start + z, z), of_state=True)
+    return _NameGroup(names, (name,), lambda z: (start + z, z), of_state=True, inverse=lambda i, x: float(x - start[i]))
 
 
 def _body(scene: Scene, link: str, index: int, parts: Sequence[str]) -> _NameGroup:
@@ -194,10 +250,11 @@ def _body(scene: Scene, link: str, index: int, parts: Sequence[str]) -> _NameGro
     body = np.asarray(scene.robot.model.inertias[index + 1].toDynamicParameters())
     places = [kinds.index(part) for part in parts]
     shown = (lambda pi: pi) if of_origin else central
+    inverse = None
     if len(parts) == len(kinds):
         to_body = log_cholesky_chart(body, scene.robot.mass)
     else:
-        to_body = _linear_chart(body, places, of_origin)
+        to_body, inverse = _linear_chart(body, places, of_origin)
     used = _CENTRAL if of_origin else tuple(parts)
     wanted = [_CENTRAL.index(part) for part in used]
 
@@ -205,11 +262,12 @@ def _body(scene: Scene, link: str, index: int, parts: Sequence[str]) -> _NameGro
         pi = to_body(z)
         return shown(pi)[places], central(pi)[wanted]
 
-    return _NameGroup(tuple(f"{link}.{part}" for part in parts), tuple(f"{link}.{part}" for part in used), chart)
+    return _NameGroup(tuple(f"{link}.{part}" for part in parts), tuple(f"{link}.{part}" for part in used), chart,
+                      inverse=inverse, to_body=inverse and to_body)  # fmt: skip
 
 
-def _linear_chart(body: np.ndarray, places: Sequence[int], of_origin: bool) -> ToBody:
-    """z -> the ten parameters with others at these places; a mass is m0 exp(z)."""
+def _linear_chart(body: np.ndarray, places: Sequence[int], of_origin: bool) -> tuple[ToBody, ToCoordinate]:
+    """z -> the ten parameters with others at these places; a mass is m0 exp(z). And the z of a value at a place."""
     start = body if of_origin else central(body)
     length = size_of(body)
     scales = np.array([1.0, *[body[0] * length if of_origin else length] * 3, *[body[0] * length**2] * 6])
@@ -220,7 +278,11 @@ def _linear_chart(body: np.ndarray, places: Sequence[int], of_origin: bool) -> T
             values[place] = start[0] * np.exp(x) if place == 0 else start[place] + scales[place] * x
         return values if of_origin else from_central(values)
 
-    return chart
+    def inverse(number: int, value: float) -> float:
+        place = places[number]
+        return float(np.log(max(value, 1e-300) / start[0]) if place == 0 else (value - start[place]) / scales[place])
+
+    return chart, inverse
 
 
 def _can_exist(body: pin.Inertia) -> bool:

@@ -139,13 +139,14 @@ def _solve(
     if equations.switching is not None and not stepping:
         raise SceneError(f"{method.name} does not locate events", argument="method",
                          remedy='method="auto", or one of rk45, dop853, esdirk43')  # fmt: skip
-    if equations.sampling is not None:
+    tables = stepping and method.adaptive and bool(equations.layout.tables) and not equations.has_events
+    if equations.sampling is not None or tables:
         from twolink.integrate.solvers.ticks import solve_ticks  # which other scenes do not load
 
-        if precision != "double":
+        if equations.sampling is not None and precision != "double":
             raise SceneError("torques of controllers are held in double precision", argument="precision",
                              remedy='precision="auto"')  # fmt: skip
-        if equations.has_events:
+        if equations.sampling is not None and equations.has_events:
             return solve_beside(equations, equations.sampling, method, times, setting, progress)[0]
         alone = None if stepping else functools.partial(_alone, method, setting)
         return solve_ticks(equations, equations.sampling, method, times, setting, progress, perturbation, beside, alone)

@@ -11,7 +11,7 @@ Keys are names of joints and links, which may have dots, so that a name is read 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 import msgspec
 import numpy as np
@@ -152,7 +152,23 @@ def _acts(effect: Effect) -> bool:
 def _number(place: int, effect: Effect, path: Sequence[str], value: float, *, acts: bool) -> Parameter:
     where, kind = ".".join(path), kebab_case(type(effect).__name__)
     return Parameter(f"{PREFIX}{place}.{where}", "effect", value, "SI units", f"{where} of effect {place}, {kind}",
-                     acts=acts)  # fmt: skip
+                     _lowest(effect, path), acts=acts)  # fmt: skip
+
+
+def _lowest(value: Any, path: Sequence[str]) -> float:
+    """The least value that the field admits in which a path ends."""
+    declared: Any = None
+    for key in path:
+        if isinstance(value, msgspec.Struct):
+            declared = next(field.type for field in msgspec.structs.fields(value) if field.name == key)
+        value = _parts(value, tables=True)[key]
+    return _least(declared)
+
+
+def _least(declared: Any) -> float:
+    if get_origin(declared) is Annotated:
+        return float((getattr(declared.__metadata__[0], "extra_json_schema", None) or {}).get("minimum", -math.inf))
+    return max(map(_least, get_args(declared)), default=-math.inf)
 
 
 def _value_of_table(scene: Scene, name: str) -> Parameter | None:

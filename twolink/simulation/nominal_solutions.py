@@ -81,7 +81,8 @@ class NominalSolutions:
         """The leg of a piece, between those of times (m,) that are in it."""
         begin, end = nominal.edges[number]
         inside = times[(times > begin) & (times < end)]
-        between = np.concatenate([[begin], inside, [end]])
+        breaks = np.array(nominal.dense.pieces[number].equations.breaks(end))
+        between = np.unique(np.concatenate([[begin], inside, breaks[breaks > begin], [end]]))
         return leg_of(self._steps_of(nominal, number), nominal.dense, number, between, tolerance)
 
     def beside(self, leg: Leg, nominal: NominalSolution, number: int) -> Leg:
@@ -127,7 +128,8 @@ class NominalSolutions:
         gains = self.variation.gains(mode.idle, {k: slip for k, slip in mode.slip.items() if k not in mode.locked})
         if equations.content not in self._steps:
             self._steps[equations.content] = VariationalSteps(equations, gains)
-        return self._steps[equations.content].starting(equations, gains)
+        piece = nominal.dense.pieces[number]
+        return self._steps[equations.content].starting(equations, gains, None if piece.held is None else piece.numbers)
 
     def second_ones(self) -> list[Second]:
         """The finer solution and the disturbed ones."""

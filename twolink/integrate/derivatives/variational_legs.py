@@ -57,13 +57,14 @@ class Leg:
     def at(self, times: Array, s: Array, *, interpolating: bool = False) -> Array:
         """S (n, 2 nv, k) at times (n,) within the leg, from S (m, 2 nv + p, k) at its own times.
 
-        interpolating: between nodes, where the space is flat and there are enough, else by steps from those before.
+        interpolating: between nodes, where the space is flat, there are enough and no numbers change at them, else by
+        steps from those before.
         """
         step = np.searchsorted(self.t, times, side="right") - 1
         out = s[step, : self.steps.states]
         first, even = _nodes(self.t, step)
         late = times > self.t[step]
-        among = late & even & (interpolating and not self.steps.space.curved)
+        among = late & even & (interpolating and not self.steps.space.curved and self.steps.numbers is None)
         beside = late & ~among
         if among.any():
             slopes = self.steps.rates(self.t, self.x, np.ascontiguousarray(s.transpose(2, 1, 0))).transpose(2, 1, 0)

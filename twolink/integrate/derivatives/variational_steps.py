@@ -10,6 +10,7 @@ Derivatives are along tangent directions (nv), as velocities are: a quaternion's
 """
 
 import copy
+from collections.abc import Callable
 from typing import cast
 
 import numpy as np
@@ -32,7 +33,7 @@ class VariationalSteps:
 
     states: the rows of a derivative: 2 nv of q in the tangent space and of v, and those of effects. directions: these
     and p. width: of directions in a batch. gains (r, p): the derivatives of what is driven (`VariationalRate`) by the
-    parameters.
+    parameters. numbers: times (n,) -> the numbers (k, n) behind the state then, where they change on the way.
     """
 
     def __init__(self, equations: Equations, gains: Array) -> None:
@@ -42,11 +43,15 @@ class VariationalSteps:
         numbers = len(gains) - len(equations.parameters)
         self._rate, self.width, self.compile_seconds = variational_rate(equations, self.directions, numbers)
         self._constant = constant_rows(equations)
+        self.numbers: Callable[[Array], Array] | None = None
 
-    def starting(self, equations: Equations, gains: Array) -> "VariationalSteps":
+    def starting(
+        self, equations: Equations, gains: Array, numbers: Callable[[Array], Array] | None = None
+    ) -> "VariationalSteps":
         """The same for another piece of these equations, with the values that it has."""
         other = copy.copy(self)
         other.equations, other.gains, other._constant = equations, gains, constant_rows(equations)
+        other.numbers = numbers
         return other
 
     def matrices(self, t: Array, x: Array, end: Array, tolerance: float) -> tuple[Array, Array]:
@@ -105,14 +110,14 @@ class VariationalSteps:
         out = np.empty((len(seeds), self.states, len(t)))
         for group in range(0, len(seeds), self.width):
             own = seeds[group : group + self.width]
-            before, rows = self._rows(x, own)
+            before, rows = self._rows(t, x, own)
             rows[0] = t
             out[group : group + self.width] = np.asarray(self._rate(rows)).reshape(before.shape)[1 : 1 + len(own)]
         return out
 
     def _stages(self, t: Array, x: Array, end: Array, seeds: Array) -> tuple[Array, Array]:
         """(x and its derivatives (1 + width, nq + nv, n), the rates of all stages (s, rows, n))."""
-        before, rows = self._rows(x, seeds)
+        before, rows = self._rows(t, x, seeds)
         n, h, flat = len(t), end - t, before.reshape(-1, len(t))
         state, stages = rows[len(rows) - len(flat) :], np.empty((len(TABLEAU.b), *flat.shape))
         parallel = pays_threads(n, int(self.equations.operations * (1 + DERIVATIVE * self.width)))
@@ -124,7 +129,7 @@ class VariationalSteps:
             self._rate(rows, stages[i], batch_parallel=parallel)
         return before, stages
 
-    def _rows(self, x: Array, seeds: Array) -> tuple[Array, Array]:
+    def _rows(self, t: Array, x: Array, seeds: Array) -> tuple[Array, Array]:
         """(x and its derivatives (1 + width, nq + nv, n), the rows of the rate, without the time)."""
         space, moving, nv = self.space, self.equations.moving, self.space.nv
         count, n = len(seeds), x.shape[1]
@@ -135,7 +140,10 @@ class VariationalSteps:
         directions = np.zeros((self.width, len(self.gains), n))
         if directions.size:
             directions[:count] = np.einsum("rp,mpn->mrn", self.gains, seeds[:, self.states :])
-        fixed = np.broadcast_to(self._constant, (len(self._constant), n))
+        fixed = np.repeat(self._constant, n, axis=1)
+        if self.numbers is not None:
+            held = self.numbers(t)
+            fixed[: len(held)] = held
         return before, np.concatenate([np.empty((1, n)), fixed, directions.reshape(-1, n), before.reshape(-1, n)])
 
     def _tangents(self, after: Array, count: int) -> Array:

@@ -274,7 +274,7 @@ class _Run:
 
 def solve_ticks(
     equations: Equations,
-    sampling: Sampling,
+    sampling: Sampling | None,
     method: Method,
     times: Array,
     setting: float,
@@ -286,7 +286,8 @@ def solve_ticks(
     """Solve from the equations' start for samples; see `solver.solve`.
 
     alone: how each solution is solved from tick to tick, for methods without a step map.
-    Raises ControllerError, whose `run` is the solution so far.
+    sampling: None where only tables of samples change the numbers. Raises ControllerError, whose `run` is the solution
+    so far.
     """
     equations.require(float(times[0]), float(times[-1]))
     start, end = float(times[0]), float(times[-1])
@@ -299,7 +300,7 @@ def solve_ticks(
     else:
         by = lanes = Restarted(replace(equations, sampling=None), method, start, every, alone, progress)
     loop = SampledLoop(
-        sampling,
+        sampling or Sampling(equations.robot, {}, {}),
         equations.layout.rows_of_slots(),
         equations.space.states,
         lanes.x,

@@ -1,0 +1,98 @@
+"""Nonlinear least squares within linear bounds, by Levenberg and Marquardt's steps, each of a bounded problem.
+
+    minimise |J d + r|^2 + mu |D d|^2   with   A d >= b
+
+A step that leads nowhere, since the model has no answer there or residuals grow, is tried again shorter. One that comes
+to a bound goes on along it.
+
+References: Marquardt 1963; Nielsen 1999, "Damping parameter in Marquardt's method"; Lawson and Hanson 1974, "Solving
+least squares problems", chapter 23.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+from scipy.optimize import nnls
+
+ENOUGH = 1e-8  # of the sum of squares: a step that promises less ends the search
+SHORTEST = 1e-10  # of the length of u, or of 1
+FIRST = 1e-3  # mu at first
+CUTS = 20  # of the convex set
+CLOSE = 1e-4  # of the sum of squares: what may be left to an undamped step at the end
+NEAR = 1e-6  # or so long may that step be
+
+
+class Bounds(NamedTuple):
+    """A d >= b, of (m, n) and (m,)."""
+
+    rows: np.ndarray
+    least: np.ndarray
+
+
+Evaluated = tuple[np.ndarray, Callable[[], np.ndarray]]  # residuals and their Jacobian
+
+
+class Limits(NamedTuple):
+    """What a step must keep: bounds, and a convex set, by a function that gives bounds that a step outside breaks."""
+
+    bounds: Bounds
+    cut: Callable[[np.ndarray], Bounds]
+
+
+def step_within(jacobian: np.ndarray, residuals: np.ndarray, damping: np.ndarray, limits: Limits) -> np.ndarray:
+    """d (n,) that minimises |J d + r|^2 + |damping d|^2 within limits, which d = 0 keeps."""
+    q, triangle = scipy.linalg.qr(np.vstack([jacobian, np.diag(damping)]), mode="economic")
+    toward = -q[: len(residuals)].T @ residuals
+    d = free = scipy.linalg.solve_triangular(triangle, toward)
+    bounds = limits.bounds
+    for _ in range(CUTS):
+        if (bounds.rows @ free < bounds.least).any():
+            d = free + _back(triangle, bounds.rows, bounds.least - bounds.rows @ free)
+        cut = limits.cut(d)
+        if not len(cut.least):
+            break
+        bounds = Bounds(np.vstack([bounds.rows, cut.rows]), np.append(bounds.least, cut.least))
+    return np.asarray(d)
+
+
+def _back(triangle: np.ndarray, rows: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """The e with the least |R e| and A e >= h: its dual is least squares with multipliers that are not negative."""
+    slopes = scipy.linalg.solve_triangular(triangle, rows.T, trans="T")
+    lengths = np.linalg.norm(slopes, axis=0)
+    least, slopes = (x[..., lengths > 0.0] / lengths[lengths > 0.0] for x in (least, slopes))
+    size = least.max()  # |R e| is this or a little more
+    dual, last = np.vstack([slopes, least / size]), np.eye(len(triangle) + 1)[-1]
+    rest = dual @ nnls(dual, last)[0] - last
+    return np.asarray(-size * scipy.linalg.solve_triangular(triangle, rest[:-1]) / rest[-1])
+
+
+def least_squares(
+    evaluate: Callable[[np.ndarray], Evaluated | None], size: int, limits: Callable[[np.ndarray], Limits], most: int
+) -> tuple[np.ndarray, bool]:
+    """The u (size,) whose residuals are least, from u = 0; and whether the search came to an end.
+
+    evaluate: None where there is no answer, but at 0. limits: of the step from a u. most: evaluations.
+    """
+    u, now = np.zeros(size), evaluate(np.zeros(size))
+    assert now is not None
+    residuals, jacobian = now[0], now[1]()
+    scale, mu, grow = np.linalg.norm(jacobian, axis=0), FIRST, 2.0
+    for _ in range(1, most):
+        scale = np.maximum(scale, np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))
+        d = step_within(jacobian, residuals, np.sqrt(mu) * scale, limits(u))
+        cost = float(residuals @ residuals)
+        promised = cost - float(np.sum((residuals + jacobian @ d) ** 2))
+        if promised <= ENOUGH * cost or np.linalg.norm(d) <= SHORTEST * max(1.0, float(np.linalg.norm(u))):
+            break
+        after = evaluate(u + d)
+        gain = -1.0 if after is None else (cost - float(after[0] @ after[0])) / promised
+        if after is not None and gain > 0.0:
+            u, residuals, jacobian = u + d, after[0], after[1]()
+            mu, grow = mu * max(1 / 3, 1.0 - (2.0 * gain - 1.0) ** 3), 2.0
+        else:
+            mu, grow = mu * grow, 2.0 * grow
+    d = step_within(jacobian, residuals, np.sqrt(ENOUGH) * scale, limits(u))
+    left = float(residuals @ residuals) - float(np.sum((residuals + jacobian @ d) ** 2))
+    return u, left <= CLOSE * float(residuals @ residuals) or float(np.linalg.norm(d)) <= NEAR
