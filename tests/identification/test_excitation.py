@@ -61,6 +61,7 @@ def test_links_do_not_touch_and_torques_keep_their_limits() -> None:
     robot = tl.load_robot("ur5")
     motion = exciting_motion(robot, 8.0, samples=200, steps=0, ramps=True)
     assert motion.share < 1
+    assert motion.limit
     model, geometry = robot.model, robot.solids
     bodies = [(model.frames[model.getFrameId(solid.link)], solid.shape) for solid in geometry if "wrist_3" in solid.link
               or "upper_arm" in solid.link]  # fmt: skip

@@ -314,6 +314,7 @@ REFUSED = {
               "mixed-parameters"),
     "unseen": (lambda: tl.fit(SCENE, {"t": TIMES, "q": Q}, ["forearm.com.y"]), "nothing-identifiable"),
     "segments": (lambda: tl.fit(SCENE, {"t": TIMES, "q": Q}, MASS, segments=50), "query"),
+    "no pair": (lambda: tl.fit(SCENE, {"t": TIMES, "q": Q}, MASS, bounds={"forearm.mass": 5}), "bounds"),
     "bounds": (lambda: tl.fit(SCENE, {"t": TIMES, "q": Q}, MASS, bounds={"forearm.mass": (5, 9)}), "bounds"),
     "sigma": (lambda: tl.fit(SCENE, {"t": TIMES, "q": Q}, MASS, sigma={"q.elbow": 1.0}), "query"),
 }  # fmt: skip

@@ -150,9 +150,10 @@ def excite(
     found = exciting_motion(load(robot), duration, wanted, samples=samples, steps=steps, seed=seed,
                             acceleration=acceleration, ramps=True)  # fmt: skip
     table = found.intervals(noise)
-    head = (f"{found.t[-1]:.4g} s with ramps, {found.share:.0%} of the range, condition {found.condition:.3g}; "
+    more = f" (with more, {found.limit})" if found.limit else ""
+    head = (f"{found.t[-1]:.4g} s with ramps, {found.share:.0%} of the range{more}, condition {found.condition:.3g}; "
             "95 % intervals to expect:")  # fmt: skip
-    record = {"duration": found.t[-1], "share": found.share, "condition": found.condition,
+    record = {"duration": found.t[-1], "share": found.share, "limit": found.limit, "condition": found.condition,
               "expected": table.to_records()}  # fmt: skip
     deliver(record, f"{head}\n\n{table}", out, found.save, as_json, listed="files")
 
@@ -170,6 +171,8 @@ def fit(
     segments: Annotated[
         int | None, Option(min=1, metavar="COUNT", help="Of multiple shooting.", show_default="by the motion")
     ] = None,
+    bounds: Annotated[list[str] | None, Option(metavar="NAME=LOW:HIGH", help="Of a value; repeatable.")] = None,
+    patience: Annotated[float, Option(help="Seconds, after which the best so far is kept.")] = 600.0,
     accuracy: Accuracy = 1e-6,
     confidence: Annotated[float, Option(help="Probability of the intervals.")] = 0.95,
     out: Annotated[
@@ -202,6 +205,7 @@ def fit(
     names = [name.strip() for text in parameters for name in text.split(",")]
     with progress_bar() as report:
         found = find(loaded, data, names, sigma=sigma, method=method, segments=segments, accuracy=accuracy,
+                     bounds=dict(_bounds(text, "bounds") for text in bounds or []), patience=patience,
                      confidence=confidence, progress=report)  # fmt: skip
 
     def write_one(path: Path) -> Path:
@@ -279,11 +283,11 @@ def _words(text: str) -> list[str]:
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
-def _bounds(text: str) -> tuple[str, tuple[float, float]]:
+def _bounds(text: str, where: str = "wrt") -> tuple[str, tuple[float, float]]:
     """A variable's name and bounds from NAME=LOW:HIGH."""
     name, _, pair = text.partition("=")
     try:
         low, high = (float(number) for number in pair.split(":"))
     except ValueError:
-        raise Misuse(f"expected NAME=LOW:HIGH, got {text!r}", where="wrt", remedy='such as "v.elbow=-1:1"') from None
+        raise Misuse(f"expected NAME=LOW:HIGH, got {text!r}", where=where, remedy='such as "v.elbow=-1:1"') from None
     return name.strip(), (low, high)

@@ -40,7 +40,9 @@ class ExcitingMotion:
     """A motion t (n,), q (n, nq), v, a (n, nv), and the condition number of the regressor along it.
 
     condition: its columns scaled to length 1, as `Identification.condition`. first: that of the best random motion.
-    share: of the range that its limits allow, which torques and collisions left. chosen: the parameters.
+    share: of the range that its limits allow, which torques and collisions left. limit: what a larger share meets, ""
+    where all is used. Pairs of links that only an SRDF calls apart are looked at: it tells of samples. chosen: the
+    parameters.
     """
 
     robot: Robot
@@ -51,6 +53,7 @@ class ExcitingMotion:
     condition: float
     first: float
     share: float
+    limit: str
     chosen: Selection
 
     def intervals(self, noise: ArrayLike | None = None, confidence: float = 0.95) -> Table:
@@ -152,7 +155,7 @@ def exciting_motion(
 
     found = minimize(logarithm, starts[order[0]], method="BFGS", options={"maxiter": steps})
     candidates = [*([found.x] if found.fun < values[order[0]] else []), *starts[order[:_TRIED]]]
-    t, beyond, what = np.linspace(0, duration, samples), Reach(robot), ""
+    t, beyond, what, limit = np.linspace(0, duration, samples), Reach(robot), "", ""
     for share in _SHARES:
         for coefficients in candidates:
             parts = [t, *motion(coefficients, t, share)]
@@ -160,7 +163,8 @@ def exciting_motion(
             q = _configurations(robot, moved[1])
             if not (what := beyond(q, moved[2], moved[3])):
                 condition, first = np.exp([logarithm(coefficients, share), values[order[0]]]).tolist()
-                return ExcitingMotion(robot, moved[0], q, moved[2], moved[3], condition, first, share, chosen)
+                return ExcitingMotion(robot, moved[0], q, moved[2], moved[3], condition, first, share, limit, chosen)
+        limit = what
     raise QueryError(f"even {_SHARES[-1]:.0%} of the range is too much: {what}", argument="robot", code="no-motion",
                      remedy="narrow the joints' limits about a place that is clear")  # fmt: skip
 

@@ -79,7 +79,11 @@ class Unknowns:
             require_known(name, self.names, QueryError, "nothing that is looked for is called {!r}", argument="bounds")
         for group in self._groups:
             for place, name in enumerate(group.names):
-                low, high = bounds.get(name, (-np.inf, np.inf))
+                pair = bounds.get(name, (-np.inf, np.inf))
+                if np.shape(pair) != (2,):
+                    raise QueryError(f"expected the least and the largest {name}, got {pair!r}", argument="bounds",
+                                     remedy="such as (1.0, 3.0)", code="bounds")  # fmt: skip
+                low, high = pair
                 if group.inverse is None and name in bounds:
                     raise QueryError(f"{name} has no bounds where all ten parameters of a body are looked for",
                                      argument="bounds", remedy="leave it out: only bodies that can exist are tried",
