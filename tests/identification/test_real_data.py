@@ -51,7 +51,7 @@ def test_the_default_explains_a_held_out_run(found: Identification) -> None:
     assert found.not_excited == ()
     assert found.filter is not None
     assert 3 < found.filter.cutoff < 12
-    assert "held-out torques: Joint1" in str(found)
+    assert "held-out torques, residuals: Joint1" in str(found)
     assert "Hz), the best of" in str(found)
 
 

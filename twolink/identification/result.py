@@ -165,7 +165,8 @@ class Validation:
     def in_words(self, names: Iterable[str]) -> str:
         """The residuals by joint, in N m or N and in percent."""
         pairs = zip(names, self.rms, self.share, strict=True)
-        return "held-out torques: " + ", ".join(f"{name} {rms:.3g} ({100 * share:.0f} %)" for name, rms, share in pairs)
+        parts = (f"{name} {rms:.3g} ({100 * share:.0f} % of its torques)" for name, rms, share in pairs)
+        return "held-out torques, residuals: " + ", ".join(parts)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -303,7 +304,7 @@ class Identification(Estimate):
         if self.validation is not None:
             lines.append(self.validation.in_words(coordinate_names(self.robot, "v")))
         lines += self.not_told("torque", "not excited by these data")
-        lines += [] if self.joint_models is None else [f"joint models: {self.joint_models.rows[-1][0]}"]
+        lines += [] if self.joint_models is None else ["joint models:", str(self.joint_models)]
         lines += [f"model error: {error}" for error in self.model_errors[:MOST_SAID]]
         return "\n".join([*lines, str(self.consistency)])
 
