@@ -10,7 +10,7 @@ least squares problems", chapter 23.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 import scipy.linalg
@@ -75,8 +75,7 @@ def least_squares(
 
     evaluate: None where there is no answer, but at 0. limits: of the step from a u. most: evaluations.
     """
-    u, now = np.zeros(size), evaluate(np.zeros(size))
-    assert now is not None
+    u, now = np.zeros(size), cast("Evaluated", evaluate(np.zeros(size)))
     residuals, jacobian = now[0], now[1]()
     scale, mu, grow = np.linalg.norm(jacobian, axis=0), FIRST, 2.0
     for _ in range(1, most):
