@@ -104,7 +104,7 @@ class Step:
         place[number] = np.concatenate([one.place for one in both])
         np.add.at(on_first, number, np.concatenate([one.on_first for one in both]))
         joints = [one.joints for one in both if one.joints is not None]
-        return replace(after, h=h, mean=sum(one.h * one.mean for one in both) / h, keys=keys, place=place,
+        return replace(after, h=h, mean=(self.h * self.mean + after.h * after.mean) / h, keys=keys, place=place,
                        on_first=on_first, joints=np.sum(joints, axis=0) if joints else None)  # fmt: skip
 
 
