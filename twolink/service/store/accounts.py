@@ -55,6 +55,14 @@ class Accounts:
             what = f"what {owner} keeps would take more than {quotas.owner_disk_mb:g} MB"
             raise Refusal(413, what, where="body", remedy="delete some robots or results")
 
+    def require_place(self, owner: str, most: float) -> None:
+        """Raise Refusal (429) where an owner has so many jobs that wait or run."""
+        active = "SELECT count(*) FROM jobs WHERE owner = ? AND state IN ('queued', 'running')"
+        count = self._execute(active, (owner,))[0][0]
+        if count >= most:
+            raise Refusal(429, f"{count} jobs of {owner} wait already", where="request",
+                          remedy="wait until some are done", retry_after=10)  # fmt: skip
+
     def give_back(self, key: str) -> None:
         """Give back what an upload has reserved."""
         self._execute("DELETE FROM loading WHERE id = ? AND process = ?", (key, self._process))

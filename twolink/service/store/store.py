@@ -228,11 +228,7 @@ class Store:
         Raises Refusal (429) where a named owner has so many jobs that wait or run.
         """
         if owner and self.shared:
-            active = "SELECT count(*) FROM jobs WHERE owner = ? AND state IN (?, ?)"
-            count = self._execute(active, (owner, *ACTIVE))[0][0]
-            if count >= waiting:
-                raise Refusal(429, f"{count} jobs of {owner} wait already", where="request",
-                              remedy="wait until some are done", retry_after=10)  # fmt: skip
+            self.accounts.require_place(owner, waiting)
         cleared = ", ".join(f"{name} = NULL" for name in ("started", "ended", "progress", "problem", "result"))
         self._execute(
             "INSERT INTO jobs (id, kind, state, created, used, bytes, request, owner) VALUES (?, ?, 'queued', ?, ?, ?, "
