@@ -98,18 +98,26 @@ def _size(text: str) -> tuple[int, int]:
     return int(parts[0]), int(parts[1])
 
 
+Token = Annotated[
+    list[str] | None, Option(metavar="TEXT", help="Ask for this bearer token, NAME:TOKEN of an owner; repeatable.")
+]
+Admin = Annotated[list[str] | None, Option(metavar="NAME", help="Owner who manages what all have; repeatable.")]
+Database = Annotated[
+    str, Option(metavar="URL", help="PostgreSQL that several services share; needs --store.", show_default=False)
+]
+ObjectStore = Annotated[
+    str, Option(metavar="URL", help="Object store that they share, such as s3://bucket.", show_default=False)
+]
+
+
 def serve(
     host: Annotated[str, Option(help="Address to listen on; 0.0.0.0 is all of this machine's.")] = "127.0.0.1",
     port: Annotated[int, Option(min=0, max=65535, metavar="PORT", help="0 takes a free one.")] = 8000,
     data: Annotated[
         str | None, Option(metavar="PATH", help="Folder of the results.", show_default="your user data folder")
     ] = None,
-    token: Annotated[
-        list[str] | None, Option(metavar="TEXT", help="Ask for this bearer token, NAME:TOKEN of an owner; repeatable.")
-    ] = None,
-    admin: Annotated[
-        list[str] | None, Option(metavar="NAME", help="Owner who manages what all have; repeatable.")
-    ] = None,
+    token: Token = None,
+    admin: Admin = None,
     quota: Annotated[list[str] | None, Option(metavar="NAME=NUMBER", help="A limit; --quota help lists them.")] = None,
     allow_host: Annotated[list[str] | None, Option(metavar="NAME", help="Another name of it; repeatable.")] = None,
     allow_origin: Annotated[list[str] | None, Option(metavar="URL", help="Site that may call it; repeatable.")] = None,
@@ -120,13 +128,9 @@ def serve(
         bool, Option("--delete-results", help="Delete results that are beyond the quota.")
     ] = False,
     dask: Annotated[str, Option(metavar="ADDRESS", help="Send sweeps to this Dask scheduler.", show_default="")] = "",
-    database: Annotated[
-        str, Option(metavar="URL", help="PostgreSQL that several services share; needs --store.", show_default="")
-    ] = "",
-    store: Annotated[
-        str, Option(metavar="URL", help="Object store that they share, such as s3://bucket.", show_default="")
-    ] = "",
-    root_path: Annotated[str, Option(metavar="PATH", help="The path below which it is.", show_default="")] = "",
+    database: Database = "",
+    store: ObjectStore = "",
+    root_path: Annotated[str, Option(metavar="PATH", help="The path below which it is.", show_default=False)] = "",
 ) -> None:
     """Serve queries, simulations and the page over HTTP.
 
