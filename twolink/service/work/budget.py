@@ -3,7 +3,7 @@
 import asyncio
 import math
 import time
-from collections import Counter
+from collections import defaultdict
 
 from twolink.service.problems import Refusal
 from twolink.service.store.store import Store
@@ -18,7 +18,7 @@ class Budget:
 
     def __init__(self, store: Store, seconds: float) -> None:
         self._store, self._seconds = store, seconds
-        self._open = Counter[str]()  # s that are not in the database yet
+        self._open = defaultdict[str, float](float)  # s that are not in the database yet
 
     def charge(self, owner: str, seconds: float) -> None:
         """Note that work of an owner has taken this time of a processor."""
