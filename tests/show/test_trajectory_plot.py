@@ -1,13 +1,17 @@
 """The figure of a trajectory: what is drawn where, in which colour, under which name."""
 
 import itertools
+from pathlib import Path
 from typing import Any
 
+import matplotlib.style
+import matplotlib.text
 import numpy as np
 import pytest
 
 import twolink as tl
 from tests.simulation.test_trajectory import run_of_names
+from twolink.show.figure import COLOURS
 
 
 def names_beside(axis: Any) -> list[str]:
@@ -120,3 +124,58 @@ def test_curves_that_cover_each_other_are_dashed() -> None:
 def test_the_error_axis_spans_a_decade() -> None:
     low, high = tl.simulate(tl.load_scene("arm-swing"), 0.2).plot().axes[-1].get_ylim()
     assert high > 8.0 * low
+
+
+def texts_that_overlap(figure: Any) -> list[tuple[str, str]]:
+    """Pairs of texts, of those that are drawn, whose boxes share more than a pixel."""
+    figure.draw_without_rendering()
+    unseen = {text for axis in figure.axes for side in (axis.xaxis, axis.yaxis)
+              for text in side.get_ticklabels(which="both") if not drawn_tick(axis, side, text)}  # fmt: skip
+    shown = [t for t in figure.findobj(matplotlib.text.Text) if t.get_visible() and t.get_text() and t not in unseen]
+    boxes = [(text.get_text(), text.get_window_extent()) for text in shown]
+    return [(a, b) for (a, box), (b, other) in itertools.combinations(boxes, 2)
+            if min(box.x1, other.x1) - max(box.x0, other.x0) > 1.0
+            and min(box.y1, other.y1) - max(box.y0, other.y0) > 1.0]  # fmt: skip
+
+
+def drawn_tick(axis: Any, side: Any, text: Any) -> bool:
+    """Whether a tick's name is of a tick within the axis."""
+    low, high = sorted(side.get_view_interval())
+    place = text.get_position()[0 if side is axis.xaxis else 1]
+    return bool(low <= place <= high)
+
+
+@pytest.mark.some(9)
+@pytest.mark.parametrize("name", [row["name"] for row in tl.scenes().to_records()])
+def test_no_text_covers_another_one_in_the_figures_of_the_bundled_scenes(name: str) -> None:
+    scene = tl.load_scene(name)
+    run = tl.simulate(scene, min(scene.duration, 1.0), accuracy=1e-3, verify=False)
+    for joints in ((), scene.robot.joint_names[-1]):
+        assert texts_that_overlap(run.plot(joints=joints)) == []
+
+
+def test_texts_that_overlap_are_found() -> None:
+    figure = tl.simulate(tl.load_scene("arm-swing"), 0.2, verify=False).plot()
+    figure.axes[0].text(*figure.axes[0].texts[0].get_position(), "over it", transform=figure.axes[0].transAxes)
+    assert ("shoulder", "over it") in texts_that_overlap(figure)
+
+
+def test_a_limb_is_drawn_by_a_pattern_and_the_base_where_it_moves(talos: tl.Robot) -> None:
+    q = np.tile(talos.neutral, (30, 1))
+    q[:, 7:] = np.linspace(0, 1, 30)[:, None]
+    q[:, 2] = np.linspace(0, 1e-3, 30)  # less than all others, but it is the base
+    run = tl.Trajectory(talos, np.linspace(0, 1, 30), q, np.zeros((30, talos.nv)), None, None)
+    assert "root_joint z" in curves(panels(run.plot())["position"])
+    limb = [name for name in talos.joint_names if name.startswith("leg_left_")]
+    assert list(curves(run.plot(joints="leg_left_*").axes[0])) == limb
+    with pytest.raises(tl.errors.ShowError, match=r"'leg_leftt_1_joint'.*leg_left_1_joint"):
+        run.plot(joints=["leg_leftt_1_joint"])
+
+
+def test_the_style_is_for_all_and_the_caption_says_what_was_asked(tmp_path: Path) -> None:
+    figure = tl.simulate(tl.load_scene("arm-swing"), 0.2, accuracy=1e-5).plot(tmp_path / "run.pdf")
+    assert b"/Type0" in figure.read_bytes()  # TrueType letters, not bitmaps of them
+    assert "asked for 1e-05" in tl.simulate(tl.load_scene("arm-swing"), 0.2, accuracy=1e-5).plot().get_suptitle()
+    with matplotlib.style.context("twolink.show.twolink"):
+        cycle = matplotlib.rcParams["axes.prop_cycle"].by_key()["color"]
+    assert cycle == list(COLOURS)

@@ -126,7 +126,7 @@ def _draw_motion(above: Any, below: Any, fit: SceneFit) -> None:
         above.plot(fit.t, fit.measured[:, k] - fit.residuals[:, k], color=colour, linewidth=1.2, label=plain(name))
         below.plot(fit.t, fit.residuals[:, k] / fit.noise[k], color=colour, **MEASURED)
     title = None if len(fit.channels) <= MAX_LINES else f"the first {MAX_LINES} of {len(fit.channels)}"
-    above.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8, frameon=False, title=title)
+    above.legend(loc="upper left", bbox_to_anchor=(1.01, 1), title=title)
     above.set(ylabel="dots measured, lines fitted\n(rad, m, per second)")
     below.set(xlabel="time t (s)", ylabel="measured - fitted\n(standard deviations)")
 
@@ -141,5 +141,5 @@ def _draw_singular_values(axis: Any, fit: SceneFit) -> None:
     axis.axhline(1.0, color="0.4", linewidth=1)
     axis.set(xlabel="direction", ylim=(5e-7, None))
     axis.xaxis.get_major_locator().set_params(integer=True)
-    axis.set_title("change by the parameters' size, in noise", loc="left", fontsize=10)
-    axis.legend(fontsize=8, frameon=False)
+    axis.set_title("change by the parameters' size, in noise", loc="left")
+    axis.legend()

@@ -276,7 +276,7 @@ class Identification(Estimate):
         scaled = (self.residuals / np.maximum(self.noise, 1e-300)).T
         for name, values, colour in zip(coordinate_names(self.robot, "v"), scaled, COLOURS[:MAX_LINES], strict=False):
             above.plot(self.t, values, color=colour, label=plain(name), **MEASURED)
-        above.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8, frameon=False)
+        above.legend(loc="upper left", bbox_to_anchor=(1.01, 1))
         above.set(xlabel="time t (s)", ylabel="measured - fitted\n(standard deviations)")
         draw_ellipse(ellipse, self)
         relative = self.half_width / np.maximum(np.abs(self.estimate), 1e-300)
@@ -284,7 +284,7 @@ class Identification(Estimate):
         spans.semilogx(relative[order], np.arange(len(order)), "o", color=COLOURS[0])
         spans.set_yticks(np.arange(len(order)), [plain(_short(self.combinations[k])) for k in order], fontsize=7)
         spans.axvline(1.0, color="0.4", linewidth=1)
-        spans.set_title(f"{100 * self.confidence:g} % interval, relative", loc="left", fontsize=10)
+        spans.set_title(f"{100 * self.confidence:g} % interval, relative", loc="left")
         figure.suptitle(plain(f"{self.robot.name}: {len(self.estimate)} found from {len(self.t)} samples"))
         return figure
 
@@ -337,4 +337,4 @@ def draw_ellipse(axis: Any, fit: Estimate) -> None:
         axis.yaxis.label.set_fontsize(8)
     axis.ticklabel_format(useOffset=False)
     axis.tick_params(axis="x", labelrotation=20)
-    axis.set_title(f"{100 * fit.confidence:g} % region of the noise", loc="left", fontsize=10)
+    axis.set_title(f"{100 * fit.confidence:g} % region of the noise", loc="left")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import functools
 import io
 import os
+import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -22,8 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FORMATS = (".png", ".svg", ".pdf")
-# Okabe and Ito's colours, which people with colour blindness can tell apart (Okabe and Ito 2008, jfly.uni-koeln.de).
-COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
+STYLE = Path(__file__).with_name("twolink.mplstyle")
+COLOURS = tuple(f"#{colour}" for colour in re.findall('"([0-9A-F]{6})"', STYLE.read_text("utf-8")))
 TITLE_WIDTH = 70  # letters of a line of a title
 HEIGHT, WIDTH = 1.25, 0.62  # of a letter, in font sizes
 # Places to try for a label's near end, in points from the line's end: near, right and above first.
@@ -37,13 +39,16 @@ def new_figure(rows: int, columns: int = 1, *, size: tuple[float, float], **opti
 
     `size` is in inches; `options` go to matplotlib's `Figure.subplots`.
     """
-    figure = _shown_inline()(figsize=size, dpi=150, layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, **options)
-    for axis in axes.flat:
-        axis.grid(True, color="0.9", linewidth=0.6)
-        axis.set_axisbelow(True)
-        axis.spines[["top", "right"]].set_visible(False)
-    return figure, axes
+    with styled():
+        figure = _shown_inline()(figsize=size)
+        return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
+def styled() -> contextlib.AbstractContextManager[None]:
+    """The common style, for what is drawn and saved within."""
+    import matplotlib.style
+
+    return matplotlib.style.context(STYLE)
 
 
 @functools.cache
@@ -63,7 +68,8 @@ def _shown_inline() -> type[Figure]:
 def save_figure(figure: Figure, path: Path) -> Path:
     """Save a figure as .png, .svg or .pdf. Returns the path. Raises ShowError."""
     kind = require_format(path, FORMATS, ShowError)[1:]
-    return write_atomic(path, lambda file: figure.savefig(file, format=kind), error=ShowError)
+    with styled():
+        return write_atomic(path, lambda file: figure.savefig(file, format=kind), error=ShowError)
 
 
 class Plotted:
@@ -104,10 +110,14 @@ class Plotted:
         identification and of a fit, residuals and the covariance of the two values that are correlated most, with all
         intervals, or with the measured and fitted motion and the singular values.
         """
-        figure = self._figure()
+        return self._drawn(path)
+
+    def _drawn(self, path: str | os.PathLike[str] | None, **options: Any) -> Path | Figure:
+        with styled():
+            figure = self._figure(**options)
         return figure if path is None else save_figure(figure, Path(path))
 
-    def _figure(self) -> Figure:
+    def _figure(self, *_: Any, **__: Any) -> Figure:
         raise NotImplementedError
 
 
@@ -244,7 +254,7 @@ def plot_eigenvalues(title: str, values: np.ndarray, errors: np.ndarray, *, unit
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("real part" if unit_circle else "real part, 1/s")
     axis.set_ylabel("imaginary part" if unit_circle else "imaginary part, 1/s")
-    axis.set_title(plain(title), fontsize=10)
+    axis.set_title(plain(title))
     return figure
 
 
@@ -257,7 +267,7 @@ def plot_bars(
     axis.barh([plain(name) for name in names], values, xerr=errors, color=COLOURS[4], ecolor=COLOURS[6])
     axis.invert_yaxis()
     axis.set_xlabel(unit)
-    axis.set_title(plain(title), fontsize=10)
+    axis.set_title(plain(title))
     return figure
 
 
@@ -274,6 +284,6 @@ def plot_lines(
         axis.set_yscale("log")
     axis.set_xlabel(labels[0])
     axis.set_ylabel(labels[1])
-    axis.set_title(textwrap.fill(plain(title), TITLE_WIDTH), fontsize=10)
-    axis.legend(frameon=False, fontsize=8)
+    axis.set_title(textwrap.fill(plain(title), TITLE_WIDTH))
+    axis.legend()
     return figure

@@ -1,22 +1,26 @@
-"""The figures of a trajectory, of its sensitivities and of many worlds."""
+"""The figures of a trajectory and of its sensitivities."""
 
 from __future__ import annotations
 
+import fnmatch
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from twolink.errors import ShowError, nearest
 from twolink.robots.joint_layout import JointLayout, turns
 from twolink.robots.model import RobotModel
 from twolink.show.figure import COLOURS, label_right, new_figure, plain
+from twolink.show.figure import WIDTH as LETTER
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from twolink.dynamics import Robot
 
-MAX_JOINTS = 10
+MAX_JOINTS, MAX_LABELS = 10, 13  # labels beside a panel
 JOINT_COLOURS = (*COLOURS, "#882255", "#999933", "#44AA99")  # the last three are of Tol's muted scheme
 STYLES = ("-", "--", ":", "-.")  # of the coordinates of one joint
 PANELS = {
@@ -29,12 +33,10 @@ PANELS = {
 MAX_NAMES = 6
 STEP = 1e-6  # of differences of curves, rad or m
 SMALLEST = 1e-9  # of the largest move: the lower end of the axis
-MAX_CURVES = 300  # worlds that are drawn over time, at equal distances in their number
-MAX_PANELS = 6
-UNITS = {"angle": "rad", "position": "m"}
-MAP = "viridis"
 MAX_EVENTS = 60  # that are marked
-EVENT_ROOM = 0.04  # of the axis, which the name of an event takes
+NAME_SIZE, NAME_GAP = 7, 0.01  # of the names of events, in points; of the axis between two of them
+AXIS_SHARE = 0.8  # of the figure's width, at least
+NOISE = 1e-12  # of coordinates and velocities: a smaller range of a panel is not spread over it
 COVERS = 0.004  # of a panel's range: a curve that is nearer to another one all the time is covered by it
 
 
@@ -57,11 +59,13 @@ def plot_trajectory(
     estimated: bool = False,
     events: Sequence[tuple[float, str]] = (),
     note: str = "",
+    joints: Sequence[str] = (),
 ) -> Figure:
     """Draw coordinates, velocities, energy and the error bar over time, one above the other.
 
     Angles, positions and quaternions have panels of their own. A joint has one colour in all of them, and its name
-    beside its curves; a curve that covers an earlier one is dashed. Of many joints those are drawn that move the most.
+    beside its curves; a curve that covers an earlier one is dashed. Of many joints those are drawn that move the most,
+    and the base of a free robot.
     Events are vertical lines, with their kinds above where there is room.
 
     Parameters
@@ -82,17 +86,25 @@ def plot_trajectory(
         Times, s, and kinds of events.
     note : str
         Stands below the title.
+    joints : sequence of str
+        Names of joints to draw, or patterns of them; all where none is given.
 
     Returns
     -------
     Figure
+
+    Raises
+    ------
+    ShowError
+        No joint has the name, or fits the pattern.
     """
     t, q, v = curves
-    drawn = list(curves_of(robot, q, v))
-    joints = those_that_move_most(drawn)
-    colours = dict(zip(joints, JOINT_COLOURS, strict=False))
+    chosen = _chosen(robot, joints)
+    drawn = [curve for curve in curves_of(robot, q, v) if curve.joint in chosen]
+    most = those_that_move_most(drawn)
+    colours = dict(zip(most, JOINT_COLOURS, strict=False))
     panels = [name for name in PANELS if any(c.panel == name and c.joint in colours for c in drawn)]
-    heights = [2.2 if len(colours) > 3 else 1.6] * len(panels) + [1.2, 1.2]
+    heights = [2.2 if len(colours) > 3 else 1.6] * len(panels) + [1.4, 1.4]
     figure, axes = new_figure(len(heights), size=(9, 0.9 + sum(heights)), sharex=True, height_ratios=heights)
     for axis, name in zip(axes[:, 0], panels, strict=False):
         axis.set_ylabel(PANELS[name])
@@ -104,12 +116,23 @@ def plot_trajectory(
     figure.align_ylabels(axes[:, 0])
     axes[-1, 0].set_xlim(t[0], t[-1] if t[-1] > t[0] else None)
     moving = len({c.joint for c in drawn})
-    few = [f"the {len(joints)} of {moving} joints that move the most"] if len(joints) < moving else []
-    figure.suptitle("\n".join([plain(title), *few, *([note] if note else [])]), fontsize=11)
+    few = [f"the {len(most)} of {moving} joints that move the most"] if len(most) < moving else []
+    if len(events) > MAX_EVENTS:
+        few.append(f"the first {MAX_EVENTS} of {len(events)} events are marked")
+    figure.suptitle("\n".join(filter(None, [plain(title), "; ".join(few), note])))
     _mark_events(list(axes[:, 0]), events)
     label_right(figure, {axis: [(line, line.get_label()) for line in axis.get_lines() if line.get_label() != "_event"]
                          for axis in axes[:-2, 0]})  # fmt: skip
     return figure
+
+
+def _chosen(robot: RobotModel, wanted: Sequence[str]) -> set[str]:
+    """The joints that names or patterns mean. Raises ShowError where one means none."""
+    names = [joint.name for joint in robot.joints]
+    for name in wanted:
+        if not fnmatch.filter(names, name):
+            raise ShowError(f"no joint of {robot.name} fits {name!r}", argument="joints", remedy=nearest(name, names))
+    return {name for pattern in wanted or ["*"] for name in fnmatch.filter(names, pattern)}
 
 
 def curves_of(robot: RobotModel, q: np.ndarray, v: np.ndarray) -> Iterator[JointCurve]:
@@ -145,60 +168,81 @@ def _velocities(robot: RobotModel, joint: JointLayout, v: np.ndarray) -> list[tu
 
 
 def those_that_move_most(curves: Sequence[JointCurve]) -> list[str]:
-    """At most MAX_JOINTS joints in their order, by the largest share that they have of the range of any panel."""
+    """At most MAX_JOINTS joints in their order, by the largest share that they have of the range of any panel.
+
+    There are fewer where a panel has no room for the names of their curves.
+
+    The base of a free robot is among them where it moves.
+    """
     ranges = [float(np.ptp(curve.values)) for curve in curves]
     widest = {c.panel: max(r for d, r in zip(curves, ranges, strict=True) if d.panel == c.panel) for c in curves}
     share: dict[str, float] = {}
     for curve, extent in zip(curves, ranges, strict=True):
         share[curve.joint] = max(share.get(curve.joint, 0.0), extent / (widest[curve.panel] or 1.0))
-    most = sorted(share, key=lambda joint: -share[joint])[:MAX_JOINTS]
-    return [joint for joint in share if joint in most]
+    free = {c.joint for c in curves if c.panel == "orientation"} & {c.joint for c in curves if c.panel == "position"}
+    ranked = sorted(share, key=lambda joint: (not (joint in free and share[joint] > 0.0), -share[joint]))[:MAX_JOINTS]
+    while len(ranked) > 1 and max(Counter(c.panel for c in curves if c.joint in ranked).values()) > MAX_LABELS:
+        ranked.pop()
+    return [joint for joint in share if joint in ranked]
 
 
 def draw(axis: Any, t: np.ndarray, curves: Sequence[JointCurve], colours: dict[str, str]) -> None:
-    """The curves of a panel; those of one joint differ by their line styles, as do those that an earlier one covers."""
+    """The curves of a panel; those of one joint differ by their line styles, as do those that an earlier one covers.
+
+    Where all are of one joint they differ by their colours.
+    """
     drawn: dict[str, int] = {}
     span = max((float(np.ptp(curve.values)) for curve in curves), default=0.0)
     for i, curve in enumerate(curves):
-        style: Any = STYLES[drawn.setdefault(curve.joint, 0)]
+        entry = drawn.setdefault(curve.joint, 0)
         drawn[curve.joint] += 1
+        single = len(colours) == 1
+        style: Any = STYLES[0 if single else entry]
         if any(np.abs(curve.values - other.values).max() <= COVERS * span for other in curves[:i]):
             style = (0, (5, 5)) if style == "-" else style
         name = f"{curve.joint} {curve.entry}".rstrip()
-        axis.plot(t, curve.values, linestyle=style, color=colours[curve.joint], linewidth=1.2, label=plain(name))
+        axis.plot(t, curve.values, linestyle=style, color=COLOURS[entry] if single else colours[curve.joint],
+                  label=plain(name))  # fmt: skip
+    low, high = axis.get_ylim()
+    if span < NOISE and low < high:
+        middle = (low + high) / 2.0
+        axis.set_ylim(min(low, middle - NOISE), max(high, middle + NOISE))
 
 
 def _draw_energy(axis: Any, t: np.ndarray, energy: np.ndarray) -> None:
-    axis.plot(t, energy - energy[0], color="0.2", linewidth=1.2)
+    axis.plot(t, energy - energy[0], color="0.2")
     axis.set_ylabel("energy change\n(J)")
-    axis.text(1.0, 1.0, f"from {energy[0]:.4g} J", transform=axis.transAxes, fontsize=7, color="0.4", ha="right",
-              va="bottom")  # fmt: skip
+    place = {"transform": axis.transAxes, "ha": "right", "va": "bottom"}
+    axis.text(1.0, 1.0, f"from {energy[0]:.4g} J", fontsize=NAME_SIZE, color="0.4", **place)
 
 
 def _mark_events(axes: Sequence[Any], events: Sequence[tuple[float, str]]) -> None:
     """A line at each of the first events in all panels, and above the first panel their kinds, where they have room."""
     first, last = axes[0].get_xlim()
-    named = -np.inf
+    width = axes[0].get_figure().get_figwidth() * 72 * AXIS_SHARE
+    free = -np.inf  # from where on there is room for a name
     for t, kind in events[:MAX_EVENTS]:
         for axis in axes:
             axis.axvline(t, color="0.6", linewidth=0.6, linestyle=(0, (1, 2)), zorder=0.5, label="_event")
-        if t - named > EVENT_ROOM * (last - first):
-            named = t
-            axes[0].annotate(plain(kind), (t, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 2), fontsize=7,
-                             textcoords="offset points", rotation=30, color="0.4")  # fmt: skip
+        end = t + (len(kind) * LETTER * NAME_SIZE / width + NAME_GAP) * (last - first)
+        if t >= free and end <= last:
+            free = end
+            axes[0].annotate(plain(kind), (t, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 2), color="0.4",
+                             fontsize=NAME_SIZE, textcoords="offset points")  # fmt: skip
 
 
 def _draw_error(error_axis: Any, t: np.ndarray, error: np.ndarray | None) -> None:
     error_axis.set(xlabel="time t (s)", ylabel="error bar\n(rad, m)")
-    if error is None:
+    if error is None or not error.any():
         place = {"transform": error_axis.transAxes, "ha": "center", "va": "center"}
-        error_axis.text(0.5, 0.5, "not verified", color="0.4", **place)
+        error_axis.text(0.5, 0.5, "not verified" if error is None else "0 throughout", color="0.4", **place)
         error_axis.set_yticks([])
     else:
         positive = error > 0
-        error_axis.semilogy(t[positive], error[positive], color="#D55E00", linewidth=1.2)
-        if positive.any() and error.max() < 10.0 * error[positive].min():  # ticks are powers of ten
-            error_axis.set_ylim(error[positive].min() / 3.0, 3.0 * error.max())
+        error_axis.semilogy(t[positive], error[positive], color=COLOURS[5])
+        low, high = np.floor(np.log10(error[positive].min())), np.ceil(np.log10(error.max()))
+        error_axis.set_ylim(10.0**low, 10.0 ** max(high, low + 1))  # whole decades, and no names between them
+        error_axis.tick_params(which="minor", left=True, labelleft=False)
 
 
 def plot_sensitivities(
@@ -269,90 +313,5 @@ def _draw_moves(axis: Any, t: np.ndarray, moves: Mapping[str, np.ndarray]) -> No
     for name, colour in zip(names, COLOURS, strict=False):
         positive = moves[name] > SMALLEST * max(largest.values())
         if positive.any():
-            axis.semilogy(t[positive], moves[name][positive], color=colour, linewidth=1.2, label=plain(name))
+            axis.semilogy(t[positive], moves[name][positive], color=colour, label=plain(name))
     axis.set(xlabel="time t (s)", ylabel="motion moved by\n(rad, m)")
-
-
-def plot_worlds(
-    robot: RobotModel,
-    title: str,
-    t: np.ndarray,
-    q: np.ndarray,
-    varied: Mapping[str, np.ndarray],
-    error: np.ndarray | None,
-) -> Figure:
-    """Draw the coordinates of n worlds, and their error bars.
-
-    Parameters
-    ----------
-    robot : RobotModel
-        Whose joints the coordinates belong to.
-    title : str
-        The title of the figure.
-    t : (m,)
-        Times, s.
-    q : (m, n, nq)
-        Configurations, drawn over time; of one time over the first quantity that differs, or the world's number.
-    varied : mapping of str to (n,)
-        What differs between the worlds; the first one gives the colours.
-    error : (n,) or None
-        Their error bars, rad or m.
-
-    Returns
-    -------
-    Path or Figure
-    """
-    count = q.shape[1]
-    name, values = next(iter(varied.items()), ("number of the world", np.arange(count, dtype=float)))
-    some = np.unique(np.linspace(0, count - 1, MAX_CURVES).astype(int)) if len(q) > 1 else np.arange(count)
-    panels = _panels(robot, q[:, some])
-    figure, axes = new_figure(len(panels) + (error is not None), size=(9, 1.2 + 1.7 * len(panels)))
-    shades: Any = None
-    for axis, (label, curves) in zip(axes[:, 0], panels.items(), strict=False):
-        axis.set_ylabel(plain(label))
-        if len(q) > 1:
-            shades = _lines(axis, t, curves, values[some])
-        else:
-            axis.plot(values[some], curves[0], ".", color=COLOURS[0], markersize=3)
-    if len(q) > 1:
-        axes[len(panels) - 1, 0].set_xlabel("time t (s)")
-        figure.colorbar(shades, ax=list(axes[: len(panels), 0]), label=plain(name))
-    if error is not None:
-        bars = np.where(error > 0, error, np.nan)
-        axes[-1, 0].semilogy(values, bars, ".", color=COLOURS[5], markersize=3)
-        axes[-1, 0].set_ylabel("error bar\n(rad, m)")
-    if error is not None or len(q) == 1:
-        axes[-1, 0].set_xlabel(plain(name))
-    few = f", {len(some)} of them drawn" if len(some) < count else ""
-    figure.suptitle(plain(f"{title}: {count} worlds{few}"))
-    return figure
-
-
-def _panels(robot: RobotModel, q: np.ndarray) -> dict[str, np.ndarray]:
-    """The coordinates (m, n) that move the most, by name and unit; angles where q has cosine and sine."""
-    m, n, _ = q.shape
-    flat = np.nan_to_num(q.transpose(1, 0, 2).reshape(n * m, -1))
-    found = [c for c in curves_of(robot, flat, np.zeros((n * m, robot.model.nv))) if c.panel in UNITS]
-    joints = those_that_move_most(found)[:MAX_PANELS]
-    lost = ~np.isfinite(q).all(axis=2)
-    turning = {joint.name for joint in robot.joints if joint.kind in ("cos-sin", "planar")}
-    panels = {}
-    for curve in [c for c in found if c.joint in joints][:MAX_PANELS]:
-        values = curve.values.reshape(n, m).T.copy()
-        if curve.joint in turning and curve.panel == "angle":  # counted on in each world by itself
-            values = np.unwrap((values + np.pi) % (2.0 * np.pi) - np.pi, axis=0)
-        values[lost] = np.nan
-        panels[f"{curve.joint} {curve.entry}".rstrip() + f"\n({UNITS[curve.panel]})"] = values
-    return panels
-
-
-def _lines(axis: Any, t: np.ndarray, curves: np.ndarray, values: np.ndarray) -> Any:
-    """Curves (m, n) over time, coloured by values (n,)."""
-    from matplotlib.collections import LineCollection
-
-    lines = LineCollection([np.column_stack([t, curve]) for curve in curves.T], cmap=MAP, linewidths=0.8, alpha=0.7)
-    lines.set_array(values)
-    axis.add_collection(lines)
-    axis.autoscale_view()
-    axis.set_xlim(t[0], t[-1])
-    return lines

@@ -168,7 +168,7 @@ class Worlds(Result, Plotted):
         return write_table(Path(path), self.columns(), {"title": self.scene.title, "robot": self.robot.name})
 
     def _figure(self) -> Figure:
-        from twolink.show.motion_plots import plot_worlds
+        from twolink.show.world_plots import plot_worlds
 
         before = self.samples_t < self.t
         t = np.append(self.samples_t[before], self.t)

@@ -352,14 +352,44 @@ class Trajectory(Result, Plotted):
                    recorded_contacts=samples.contacts, recorded_forces=samples.forces,
                    states=samples.states)  # fmt: skip
 
-    def _figure(self) -> Figure:
+    @overload
+    def plot(self, *, joints: str | Sequence[str] = ...) -> Figure: ...
+
+    @overload
+    def plot(self, path: str | os.PathLike[str], *, joints: str | Sequence[str] = ...) -> Path: ...
+
+    def plot(self, path: str | os.PathLike[str] | None = None, *, joints: str | Sequence[str] = ()) -> Path | Figure:
+        """Draw coordinates, velocities, energy and the error bar over time, with the events.
+
+        Parameters
+        ----------
+        path : str or path, optional
+            A .png, .svg or .pdf file.
+        joints : str or sequence of str
+            Which joints: names or patterns, such as "LF_*" for a limb. By default those that move the most, the base of
+            a free robot among them.
+
+        Returns
+        -------
+        Path or matplotlib.figure.Figure
+            The path; without one the figure, which notebooks show. The style is matplotlib's "twolink.show.twolink".
+
+        Raises
+        ------
+        ShowError
+            No joint fits, the file's ending is another one, or it cannot be written.
+        """
+        return self._drawn(path, joints=[joints] if isinstance(joints, str) else joints)
+
+    def _figure(self, joints: Sequence[str] = ()) -> Figure:
         from twolink.show.motion_plots import plot_trajectory
 
         title = self.title or f"{self.robot.name}: {self.end:g} s"
+        asked = "" if self.accuracy is None else f", asked for {self.accuracy:.0e}"
         curves, energy = tables.drawn_curves(self._samples, self.at if self.solution else None, self.robots)
         return plot_trajectory(self.robot, title, curves, energy, (self.t, self.error), estimated=self.estimated,
                                events=[(event.t, event.kind) for event in self.events if event.t > 0.0],
-                               note=f"error of q: {self.error_text}")  # fmt: skip
+                               note=f"error of q: {self.error_text}{asked}", joints=joints)  # fmt: skip
 
     @overload
     def playback(self, *, speed: float | None = ..., trails: Sequence[str] | None = ...,

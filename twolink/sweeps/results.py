@@ -252,7 +252,7 @@ def _curve(
             axis.plot(x[some], np.full(some.sum(), 0.02 + 0.03 * code), "x", transform=axis.get_xaxis_transform(),
                       color=COLOURS[5], label=text)  # fmt: skip
     if axis.get_legend_handles_labels()[0]:
-        axis.legend(frameon=False)
+        axis.legend()
     axis.set(xlabel=name, ylabel=label)
     if _scale(x) == "log":  # to set "linear" again would take the names from the ticks
         axis.set_xscale("log")
