@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -94,12 +94,32 @@ def compare(scene: Scene, peer: str = "mujoco", duration: float | None = None) -
     MissingExtraError
         It is not installed.
     """
+    end = scene.duration if duration is None else duration
+    times = np.linspace(0.0, end, max(3, round(end / INTERVAL)) + 1)
+    found = peer_log(scene, peer, times)
+    ours = best_run(scene, times, ACCURACY)
+    verdict = verdict_of(scene, Log(found.log.t, found.log.q, found.log.v), ours, TOLERANCE)
+    return Comparison(found.peer, found.setting, found.log, verdict, found.seconds, ours)
+
+
+class PeerLog(NamedTuple):
+    """The first fields of a `Comparison`."""
+
+    peer: str
+    setting: str
+    log: Trajectory
+    seconds: float
+
+
+def peer_log(scene: Scene, peer: str, times: np.ndarray) -> PeerLog:
+    """Let another simulator run a scene at its default setting. times (n,): at equal distances from 0, s.
+
+    Raises as `compare`.
+    """
     require_known(peer, NAMES, SceneError, argument="peer")
     library = {"drake": "pydrake"}.get(peer, peer)
     if importlib.util.find_spec(library) is None:
         require_extra(library, _EXTRAS[peer])
-    end = scene.duration if duration is None else duration
-    times = np.linspace(0.0, end, max(3, round(end / INTERVAL)) + 1)
     try:
         module, task = peer_module(peer), task_of(scene, times, soft=peer == "mujoco")
         setting = next(setting for setting in module.usual_settings(task) if setting.default)
@@ -112,6 +132,4 @@ def compare(scene: Scene, peer: str = "mujoco", duration: float | None = None) -
     seconds = time.perf_counter() - begun
     log = Trajectory(scene.robot, track.t, track.q, track.v, None, None, title=scene.title)
     version = getattr(module, "VERSION", "")
-    ours = best_run(scene, times, ACCURACY)
-    verdict = verdict_of(scene, Log(log.t, log.q, log.v), ours, TOLERANCE)
-    return Comparison(f"{NAMES[peer]} {version}".strip(), str(setting), log, verdict, seconds, ours)
+    return PeerLog(f"{NAMES[peer]} {version}".strip(), str(setting), log, seconds)

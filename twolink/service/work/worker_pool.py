@@ -82,6 +82,7 @@ class Workers:
             "TWOLINK_CACHE": kernels or "off",
             "TWOLINK_THREADS": str(threads),
             "OPENBLAS_NUM_THREADS": "1",
+            "MUJOCO_GL": "disable",  # to look for windows it would start a process
             "OMP_WAIT_POLICY": "PASSIVE",  # threads that spin take 100 states from 0.4 to 12 ms where cores are busy
         }
         self._budget = budget
