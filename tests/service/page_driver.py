@@ -87,9 +87,10 @@ class Page:
               window.dispatchEvent(new DragEvent(kind, {{dataTransfer: data, cancelable: true}})); }})()""")
 
     def run(self) -> None:
-        """Press Run and wait for the curves."""
+        """Press Run and wait for the curves with their error bar."""
         self.click("#run-button")
-        self.wait_for("!document.getElementById('result').hidden && !document.getElementById('playback').hidden")
+        done = "!document.getElementById('run-button').disabled"
+        self.wait_for(f"{done} && ['result', 'playback', 'downloads'].every(id => !document.getElementById(id).hidden)")
 
     def colours(self, plot: int) -> int:
         """How many different pixels a plot has: 1 is a blank one."""

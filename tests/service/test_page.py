@@ -442,6 +442,89 @@ def test_a_late_drawing_does_not_replace_the_run(page: Page) -> None:
     assert page.faults() == []
 
 
+@pytest.mark.browser
+def test_a_robot_moves_on_arrival_and_its_error_bar_follows(page: Page) -> None:
+    page.open(until="document.getElementById('play')?.classList.contains('playing')")
+    assert page.evaluate("location.hash") in ("", "#scene=arm-swing")  # whoever gets the address sees the same
+    page.wait_for(VERIFIED)
+    assert page.text("#summary").count("≤") == 1
+    assert page.evaluate("document.getElementById('play').classList.contains('playing')")
+
+
+# The looks at three angles of the shoulder; the answer to one of them waits until the others have been shown.
+LATE = """(async late => { window.asked = null;
+  const plain = window.fetch, sent = []; let free, seen = 0;
+  const freed = new Promise(done => { free = done; });
+  window.fetch = async (...all) => {
+    const answer = await plain(...all);
+    if (!all[0].endsWith('/preview')) return answer;
+    if (sent.push(JSON.parse(all[1].body).scene.q.shoulder) - 1 === late) await freed;
+    seen += 1; return answer; };
+  const slider = document.querySelector('#sliders input');
+  for (const [k, angle] of [0.3, 0.6, 0.9].entries()) {
+    slider.value = angle; slider.dispatchEvent(new Event('input'));
+    while (sent.length <= k) await new Promise(done => setTimeout(done, 10));
+    while (seen < k + (k < late)) await new Promise(done => setTimeout(done, 10)); }
+  while (seen < 2) await new Promise(done => setTimeout(done, 10));
+  free();
+  while (seen < 3) await new Promise(done => setTimeout(done, 10));
+  window.fetch = plain; window.asked = sent; })(%d), 0"""
+VERIFIED = "document.getElementById('run-status').innerText === 'The error bar is there.'"
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("late", [0, 1, 2])
+def test_a_moved_slider_simulates_again_and_late_answers_replace_no_newer_ones(page: Page, late: int) -> None:
+    page.open()
+    page.wait_for(VERIFIED)
+    page.evaluate(LATE % late)
+    page.wait_for("window.asked")
+    assert page.evaluate("window.asked") == [0.3, 0.6, 0.9]
+    page.wait_for(VERIFIED)
+    page.choose("#scrub", "0")
+    assert float(page.evaluate("document.querySelector('#plots .legend .value').innerText")) == pytest.approx(0.9)
+    assert page.evaluate("document.getElementById('stale').hidden")
+    assert '"shoulder":0.9' in page.evaluate("decodeURIComponent(location.hash)")
+
+
+@pytest.mark.browser
+def test_mujoco_stands_beside_it_with_its_distance(page: Page) -> None:
+    pytest.importorskip("mujoco")
+    page.open()
+    page.wait_for(VERIFIED)
+    distances = []
+    for kind, name in (("mujoco", "MuJoCo"), ("coarse", "semi-implicit-euler")):
+        page.choose("#beside", kind)
+        page.wait_for(f"document.getElementById('compared').innerText.includes('{name}')")
+        page.choose("#scrub", "0.5")
+        number = "[...document.querySelectorAll('#plots figure')].find(x => x.innerText.startsWith('Distance'))"
+        distances.append(float(page.evaluate(f"{number}.querySelector('.value').innerText")))
+        assert page.evaluate("document.querySelectorAll('#compared li').length") == 1
+    assert all(1e-5 < far < 0.1 for far in distances)  # Euler's first order, at 2 ms
+    assert distances[0] == pytest.approx(distances[1], rel=0.5)
+
+
+SAID = (  # to programs
+    ("there is no scene 'x'", "GET /v1/scenes lists them"),
+    ("there is no robot 'x'", "did you mean 'y'? (GET /v1/robots lists them and the uploaded ones)"),
+    ("2 URDFs are in it, expected one", "say which: ?urdf=a.urdf"),
+    ("stopped after 5 s", "patience=50, or less accuracy"),
+    ("too many steps", "give no accuracy for the best effort (error.run, with the estimate 0.3), or step=0.005"),
+    ("Expected `float`, got `str`", "give accuracy=4e-03, or precision='quad'"),
+)
+
+
+@pytest.mark.browser
+def test_problems_are_told_in_the_words_of_the_page(page: Page) -> None:
+    page.open()
+    for what, remedy in SAID:
+        text = page.evaluate(f"""import('./page/dom.js').then(dom => {{ const host = document.createElement('div');
+            dom.showProblem(host, {{message: {json.dumps(what)}, remedy: {json.dumps(remedy)}, where: 'path: scene'}});
+            return host.innerText; }})""")
+        assert not re.search(r"/v1|GET|urdf=|\w=\w|`|error\.run|path:", text), text
+        assert len(text) > 40
+
+
 @pytest.mark.slow
 @pytest.mark.browser
 def test_a_token_is_asked_for(tmp_path: Path, browser: Browser) -> None:

@@ -67,6 +67,8 @@ def test_the_values_of_an_effect_are_edited_in_a_form(page: Page) -> None:
         {"type": "gravity", "field": [0, 0, -1.62]},
         {"type": "joint-damping", "damping": {"shoulder": 0.3, "elbow": 0.7}},
     ]
+    page.choose("[aria-label='Joint damping damping shoulder, slider']", "0.45")
+    assert page.evaluate(SCENE)["effects"][1]["damping"]["shoulder"] == 0.45
     page.choose("[aria-label='Joint damping damping elbow']", "-1")
     assert page.evaluate("document.querySelector(':focus-visible, [aria-invalid=true]').ariaLabel").endswith("elbow")
     assert page.evaluate(SCENE)["effects"][1]["damping"]["elbow"] == 0.7  # what is out of bounds is not taken

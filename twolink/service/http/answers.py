@@ -182,6 +182,14 @@ class Motion(msgspec.Struct):
     forces: list[Object]
 
 
+class Preview(msgspec.Struct):
+    """A run that is kept nowhere."""
+
+    result: Object
+    columns: dict[str, list[float | None]]
+    motion: Motion
+
+
 class Column(msgspec.Struct):
     """A column of a sweep, in C order."""
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
-import numpy as np
 from litestar import MediaType, Request, Response, delete, get, post
 from litestar.params import FromPath, FromQuery, PathParameter, QueryParameter
 from litestar.response import File, Stream
@@ -22,7 +21,7 @@ from twolink.io.tables import read_table
 from twolink.service.http.components import Service, Shared
 from twolink.service.store.store import ACTIVE, LISTED_JOBS
 from twolink.service.work.requests import JOB_KINDS
-from twolink.service.work.scene_tasks import SAMPLES
+from twolink.service.work.scene_tasks import SAMPLES, thinned
 
 MEDIA = {
     "json": "application/json",
@@ -85,10 +84,9 @@ def _removed_meanwhile(service: Service, kind: str, key: str) -> Iterator[None]:
 
 def _samples(path: Path, points: int) -> bytes:
     columns, _ = read_table(path)
-    count = len(columns["t"])
-    kept = np.unique(np.linspace(0, count - 1, min(points, count)).round().astype(int))
-    thinned = {name: values[kept].tolist() for name, values in columns.items() if values.ndim == 1}
-    return msgspec.json.encode({"samples": count, "points": len(kept), "columns": thinned})
+    kept = thinned(columns, points)
+    content = {name: values.tolist() for name, values in kept.items()}
+    return msgspec.json.encode({"samples": len(columns["t"]), "points": len(kept["t"]), "columns": content})
 
 
 # The playback brings its scripts with it; it is shut off from the service it came from.

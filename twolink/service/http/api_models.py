@@ -230,6 +230,13 @@ async def explain(request: Request[Any, Any, Any], service: Shared) -> Response[
     return Response(content, media_type=MediaType.JSON)
 
 
+@post("/v1/scenes/preview", tags=["scenes"], summary="A quick look at a run", status_code=200)
+async def preview(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
+    """A run without an error bar, which is kept nowhere: {result, columns, motion}, as simulations have them."""
+    content = await service.read("preview", body=await request.body(), quotas=service.settings.quotas)
+    return Response(content, media_type=MediaType.JSON)
+
+
 @post("/v1/scenes/quantities", tags=["scenes"], summary="What can be varied in a scene", status_code=200)
 async def quantities(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
     """By name: initial states, physical constants, numbers of effects; each with kind, unit and the scene's own value.
@@ -258,6 +265,7 @@ HANDLERS = [
     list_methods,
     validate,
     explain,
+    preview,
     quantities,
     linearize,
 ]

@@ -25,6 +25,7 @@ _BODIES = {
     "/v1/scenes/validate": requests.SceneRequest,
     "/v1/scenes/quantities": requests.SceneRequest,
     "/v1/scenes/explain": requests.ExplainRequest,
+    "/v1/scenes/preview": requests.PreviewRequest,
     "/v1/scenes/linearize": requests.LinearizationRequest,
     **{f"/v1/{kind.path}": kind.request for kind in JOB_KINDS.values()},
 }
@@ -40,6 +41,7 @@ _ANSWERS: dict[str, Any] = {  # in JSON, by method and path
     "get /v1/methods": list[answers.MethodAbout],
     "post /v1/scenes/validate": answers.UnderstoodScene,
     "post /v1/scenes/explain": answers.ExplainedScene,
+    "post /v1/scenes/preview": answers.Preview,
     "post /v1/scenes/quantities": list[answers.QuantityAbout],
     "post /v1/scenes/linearize": answers.Linearized,
     "get /v1/simulations/{job}/motion": answers.Motion,

@@ -77,7 +77,8 @@ async function problemOf(answer) {
   } catch {
     return new Problem({
       status: answer.status,
-      detail: `The service answered ${answer.status} ${answer.statusText}.`,
+      detail: "The service could not answer this.",
+      remedy: "Try it again in a moment.",
     });
   }
 }

@@ -2,7 +2,7 @@
 
 import { byId, el, short } from "./dom.js";
 import { differences } from "./settings.js";
-import { samplesOf } from "./samples.js";
+import { columnsOf, samplesOf } from "./samples.js";
 
 const MOST = 3;
 
@@ -18,14 +18,19 @@ export class Comparison {
   }
 
   clear() {
-    this.kept = [];
+    this.drop(() => true);
+  }
+
+  /** Compare with those no more that which(job) is true of. */
+  drop(which) {
+    this.kept = this.kept.filter(({ job }) => !which(job));
     this.refresh();
   }
 
   /** Keep a finished run of the robot shown. */
   async keep(job, joints) {
+    const samples = samplesOf(await columnsOf(job), joints);
     if (this.ids.includes(job.id)) return;
-    const samples = await samplesOf(job, joints);
     this.kept = [...this.kept, { job, samples }].slice(-MOST);
     this.refresh();
     this.onChange();
@@ -39,13 +44,15 @@ export class Comparison {
       const words = job ? differences(kept.request, job.request) : [];
       const same = job?.id === kept.id;
       const what = same ? "the run shown" : words.length ? `other ${words.join(", ")}` : "the same settings";
-      const far = job && !same ? `: q differs by up to ${short(this.results.distance(samples), 2)}` : "";
+      const far = job && !same ? `: q differs by up to ${short(Math.max(...this.results.distance(samples)), 2)}` : "";
       const title = kept.request.scene.title || kept.result.robot;
+      const { accuracy, cost, setting } = kept.result;
+      const how = setting ?? (accuracy === null ? `${cost.method}, not verified` : `at ${short(accuracy, 1)}`);
       return el(
         "li",
         {},
         el("span", { className: `line line-${i}`, "aria-hidden": "true" }),
-        el("span", {}, `${title}, ${short(kept.result.duration)} s at ${short(kept.result.accuracy, 1)}`),
+        el("span", {}, `${title}, ${short(kept.result.duration)} s, ${how}`),
         el("span", { className: "hint" }, `${what}${far}`),
         el(
           "button",

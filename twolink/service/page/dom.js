@@ -23,12 +23,20 @@ export function clearProblem(host) {
   host.replaceChildren();
 }
 
-/** What a check of JSON says, as a person says it. */
+/** What the service says to programs, as a person at the page says it. */
 function plainly(text) {
   return text
+    .replace(/\(GET \/v1\/\w+ lists [^)]*\)/g, "(the list has them)")
+    .replace(/GET \/v1\/\w+ lists( the)? \w+/g, "choose one of the list")
+    .replace(/POST \/v1\/robots with other options gives another id/g, "load it again with other options")
+    .replace(/say which: \?urdf=\S+/g, "choose one of them")
+    .replace(/\s*\((?:error\.run|tl\.)[^)]*\)/g, "")
+    .replace(/\bpatience=\S+, or (\w)/g, (_, next) => next)
+    .replace(/\b(accuracy|precision|method|duration|step|tolerance)=["']?([^\s,;)"']+)["']?/g, "$1 $2")
     .replace(/Expected `(?:float|int)` (>=?) ([\d.]+)/, (_, sign, least) => `a number ${sign === ">" ? "above" : "not below"} ${Number(least)} is needed`)
     .replace(/Expected `(?:float|int)`, got `(\w+)`/, (_, got) => `a number is needed, not ${got}`)
-    .replace(/Expected `(\w+)`, got `(\w+)`/, (_, wanted, got) => `${wanted} is needed, not ${got}`);
+    .replace(/Expected `(\w+)`, got `(\w+)`/, (_, wanted, got) => `${wanted} is needed, not ${got}`)
+    .replaceAll("`", "");
 }
 
 /** Show a problem in an element: what is wrong, where, and what to do. */
@@ -37,10 +45,10 @@ export function showProblem(host, problem) {
   if (!("remedy" in problem)) console.warn(problem); // a fault of this page, not an answer of the service
   const what = plainly(problem.message || String(problem));
   const box = el("div", { className: "problem", role: "alert" }, el("p", { className: "what" }, sentence(what)));
-  const where = problem.where && !["scene", "path"].includes(problem.where) ? problem.where : "";
+  const where = /^(scene|body|(path|query|header)\b.*|)$/.test(problem.where ?? "") ? "" : problem.where;
   if (where) box.append(el("p", {}, el("span", { className: "hint" }, "At "), el("code", {}, where)));
   if (problem.remedy && !problem.remedy.endsWith("/docs")) {
-    box.append(el("p", {}, el("span", { className: "hint" }, "What to do: "), sentence(problem.remedy)));
+    box.append(el("p", {}, el("span", { className: "hint" }, "What to do: "), sentence(plainly(problem.remedy))));
   }
   host.replaceChildren(box);
   box.scrollIntoView({ block: "nearest" });

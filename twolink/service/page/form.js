@@ -166,7 +166,7 @@ function choice(kinds, value, set, names, label) {
 function plainEditor(schema, value, set, names, label) {
   switch (kindOf(schema)) {
     case "number":
-      return numberInput(value, set, label, schema.minimum);
+      return (schema.type === "integer" ? numberInput : numberSlider)(value, set, label, schema.minimum);
     case "boolean": {
       const box = el("input", { type: "checkbox", checked: value === true, "aria-label": label });
       box.addEventListener("change", () => set(box.checked));
@@ -193,13 +193,28 @@ function plainEditor(schema, value, set, names, label) {
 
 export function numberInput(value, set, label, least) {
   const input = el("input", { type: "number", step: "any", value: value ?? "", "aria-label": label });
-  if (least !== undefined) input.min = least;
+  if (Number.isFinite(least)) input.min = least;
   input.addEventListener("input", () => {
     const wrong = input.value === "" || !Number.isFinite(Number(input.value)) || Number(input.value) < (least ?? -Infinity);
     input.setAttribute("aria-invalid", String(wrong));
     if (!wrong) set(Number(input.value));
   });
   return input;
+}
+
+/** A number with a slider below it, which reaches as far as the number on either side. */
+export function numberSlider(value, set, label, least = -Infinity) {
+  const [middle, reach] = [value ?? 0, Math.abs(value) || 1];
+  const range = el("input", { type: "range", min: Math.max(least, middle - reach), max: middle + reach, step: reach / 200 });
+  range.setAttribute("aria-label", `${label}, slider`);
+  range.value = middle;
+  const input = numberInput(value, set, label, least);
+  input.addEventListener("input", event => event.isTrusted && (range.value = input.value));
+  range.addEventListener("input", () => {
+    input.value = Number(Number(range.value).toPrecision(3));
+    input.dispatchEvent(new Event("input"));
+  });
+  return el("span", { className: "number" }, input, range);
 }
 
 /** A text whose meaning read(text) gives; read throws where it has none. */

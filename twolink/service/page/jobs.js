@@ -50,6 +50,13 @@ export class Job {
     });
   }
 
+  /** Wait no longer for what is under way. cancel: nobody else waits for it. */
+  drop(cancel = true) {
+    if (this.path && cancel) post(`${this.path}/cancel`, {}).catch(() => {});
+    this.abort?.abort();
+    this.abort = this.path = undefined;
+  }
+
   /** Wait for the end of a job that was asked for earlier, such as before the page was loaded again. */
   async follow(job) {
     this.duration = job.request?.duration ?? job.request?.scene?.duration;
@@ -58,16 +65,21 @@ export class Job {
 
   async #until(begin) {
     if (this.busy) return;
-    this.abort = new AbortController();
+    const abort = (this.abort = new AbortController());
     this.began = performance.now();
     clearProblem(this.parts.problem);
     this.#show(true);
     this.#say("Asking…");
     try {
       let [job, stored] = await begin();
+      if (abort.signal.aborted) {
+        if (!OVER.includes(job.state)) post(`/v1/${this.kind}/${job.id}/cancel`, {}).catch(() => {});
+        return;
+      }
       this.path = `/v1/${this.kind}/${job.id}`;
       this.onStart(job);
       while (!OVER.includes(job.state)) job = await this.#next(job);
+      if (abort.signal.aborted) return;
       if (job.state === "done") {
         job = job.result ? job : await get(this.path);
         const took = `Done in ${seconds((performance.now() - this.began) / 1000)}.`;
@@ -80,12 +92,15 @@ export class Job {
         throw new Problem(job.problem ?? { detail: `It was ${job.state}.`, remedy: "Run it again." });
       }
     } catch (failure) {
+      if (abort.signal.aborted) return;
       this.#say("");
       showProblem(this.parts.problem, failure);
       this.onProblem?.(failure);
     } finally {
-      this.abort = this.path = undefined;
-      this.#show(false);
+      if (this.abort === abort) {
+        this.abort = this.path = undefined;
+        this.#show(false);
+      }
     }
   }
 
@@ -98,7 +113,7 @@ export class Job {
         if (event === "end") return job;
       }
     } catch (failure) {
-      if (failure.gone || failure.status) throw failure;
+      if (failure.gone || failure.status || failure.name === "AbortError") throw failure;
     }
     await new Promise(done => setTimeout(done, 500));
     return get(this.path);

@@ -5,14 +5,16 @@ import { get, post } from "./api.js";
 import { Comparison } from "./comparison.js";
 import { byId, clearProblem, debounce, el, showProblem, wireTabs } from "./dom.js";
 import { Identify } from "./identify.js";
-import { finished, Job } from "./jobs.js";
+import { finished, Job, jobControls } from "./jobs.js";
 import { Linear } from "./linear.js";
 import { Live } from "./live.js";
+import { Preview } from "./preview.js";
 import { QueryForm } from "./query.js";
 import { Results } from "./results.js";
 import { Robots } from "./robots.js";
 import { OWN, SceneEditor } from "./scene.js";
 import { watchService } from "./service.js";
+import { columnsOf } from "./samples.js";
 import { differences } from "./settings.js";
 import { Sliders } from "./sliders.js";
 import { Sensitivity } from "./sensitivity.js";
@@ -47,6 +49,20 @@ const comparison = new Comparison(results, () => {
   remember();
   showGhost();
 });
+const preview = new Preview({
+  request: () => editor.request,
+  say: text => {
+    byId("run-status").textContent = text;
+  },
+  ready: () => Promise.all([drawing, posing]),
+  problem: byId("run-problem"),
+  onLook: showLook,
+  onVerified: showVerified,
+  onRefused: () => {
+    byId("run-status").textContent = "It takes more than a quick look: press Run.";
+    outdate();
+  },
+});
 const query = new QueryForm(() => sliders.q);
 const run = new Job(
   "simulations",
@@ -65,7 +81,10 @@ const run = new Job(
 );
 const live = new Live(
   viewer,
-  () => editor.current(),
+  () => {
+    preview.drop();
+    return editor.current();
+  },
   () => poseAt(sliders.q),
 );
 new Study(() => editor.current());
@@ -83,6 +102,8 @@ let placed = {}; // where the links are at the start: {frames, poses}
 let turn = 0; // counts picks: an answer to an earlier pick is dropped
 let holding = 0; // changes of what is shown that are under way: the address is written after them
 let drawing = null; // the picture of the robot that is under way: a run is shown after it
+let fitted = null; // id of the robot at whose motion the camera was aimed
+let awaited = false; // a run is shown after the scene: no look at it before
 let stepping = false; // the next address that is written is a new step of the browser's history
 
 // Picking ---------------------------------------------------------------------------------------------------------
@@ -122,7 +143,8 @@ async function useScene(id, written = null, changes = {}) {
 }
 
 async function arrange(content, robot, id, changes = {}) {
-  running = null;
+  running = fitted = null;
+  preview.drop();
   live.stop();
   viewer.stop();
   results.clear();
@@ -178,10 +200,17 @@ function remember(step = false) {
   document.title = `${editor.current().title || robots.robot.name} · twolink`;
 }
 
-function noteChange() {
-  if (results.job) results.outdated(differences(editor.request, results.job.request));
+function noteChange(numbers) {
+  if (!numbers || awaited) outdate();
+  else if (byId("cancel-button").hidden) preview.ask();
   relearn();
-  remember();
+  rememberSoon();
+}
+
+const rememberSoon = debounce(() => remember(), 200); // browsers refuse to write an address as often as a slider moves
+
+function outdate() {
+  if (results.job) results.outdated(differences(editor.request, results.job.request));
 }
 
 /** Change what is shown. What happens on the way is no step of the history, and does not replace the one before. */
@@ -199,6 +228,7 @@ async function restore() {
   const { robot, scene, changes, run: id, compared } = readAddress();
   await held(async () => {
     const job = id ? await finished(id).catch(() => null) : null;
+    awaited = job !== null;
     if (scene) await useScene(scene, null, changes ?? {});
     else if (robot) {
       await robots.pick(robot, changes ?? {});
@@ -210,6 +240,7 @@ async function restore() {
       await useScene(FIRST);
       if (failed) byId("robot-problem").replaceChildren(failed);
     }
+    awaited = false;
     if (job) await showAgain(job);
     else if (id) byId("run-status").textContent = "The run of this address is not kept here. Press Run.";
     for (const other of await Promise.all(compared.map(each => finished(each).catch(() => null)))) {
@@ -270,6 +301,7 @@ byId("start-reset").addEventListener("click", async () => {
 // Running ---------------------------------------------------------------------------------------------------------
 
 byId("run-button").addEventListener("click", () => {
+  preview.drop(false); // it may be the same run
   runRobot = robots.robot.id;
   run.run(editor.request);
 });
@@ -301,19 +333,90 @@ let runRobot = null; // id of the robot of the run
 
 async function showRun(job) {
   live.stop();
-  const loaded = await get(`/v1/simulations/${job.id}/motion?frames=${FRAMES}`);
+  const [loaded, columns] = await Promise.all([motionOf(job), columnsOf(job)]);
   await drawing; // which would replace the motion
   if (runRobot !== robots.robot.id) {
     byId("run-status").textContent = "Done, but another robot was picked meanwhile: see Earlier runs.";
     return;
   }
-  await results.show(job, robots.robot.joints);
-  results.outdated(differences(editor.request, job.request));
+  results.show(job, robots.robot.joints, columns);
+  outdate();
   comparison.refresh();
   viewer.play({ ...loaded, events: results.events });
+  fitted = robots.robot.id;
   await showGhost();
   if (matchMedia("(max-width: 899px)").matches) byId("results-title").scrollIntoView({ block: "start" });
 }
+
+/** Where the links are in a run. */
+function motionOf(job) {
+  return get(`/v1/simulations/${job.id}/motion?frames=${FRAMES}`);
+}
+
+/** Show a run without an error bar; once nothing changes any more it plays, over and over. */
+function showLook({ result, columns, motion }, request, rests) {
+  live.stop();
+  running = null;
+  results.show({ id: null, request, result }, robots.robot.joints, columns);
+  comparison.drop(besides);
+  rememberSoon();
+  if (!rests) return;
+  viewer.play({ ...motion, events: results.events }, { loop: true, fit: fitted !== robots.robot.id });
+  fitted = robots.robot.id;
+  showGhost();
+}
+
+/** Put the verified run in the place of the quick one, which plays. */
+async function showVerified(job, isLate) {
+  const [motion, columns] = await Promise.all([motionOf(job), columnsOf(job)]);
+  if (isLate()) return;
+  results.show(job, robots.robot.joints, columns);
+  outdate();
+  comparison.refresh();
+  byId("run-status").textContent = "The error bar is there.";
+  const { t, playing } = viewer.timeline;
+  viewer.play({ ...motion, events: results.events }, { loop: true, fit: false });
+  viewer.seek(t);
+  if (!playing) viewer.timeline.pause();
+  showGhost();
+  besideAgain();
+}
+
+// Another run beside the one shown, of the same settings: what other simulators do, or rough steps.
+
+const BESIDE = {
+  mujoco: { simulator: "mujoco", method: "auto" },
+  coarse: { simulator: "twolink", method: "semi-implicit-euler", step: 0.002, verify: false },
+};
+const beside = new Job(
+  "simulations",
+  { ...jobControls("besides", "").parts, status: byId("beside-status"), problem: byId("beside-problem") },
+  async job => {
+    byId("beside-status").textContent = "";
+    await comparison.keep(job, robots.robot.joints);
+  },
+);
+
+/** Whether a run was made to stand beside others. */
+function besides({ request: { simulator = "twolink", verify = true } }) {
+  return simulator !== "twolink" || !verify;
+}
+
+function besideAgain() {
+  comparison.drop(besides);
+  beside.drop();
+  const kind = BESIDE[byId("beside").value];
+  clearProblem(byId("beside-problem"));
+  if (kind && results.job) beside.run({ ...editor.request, ...kind });
+}
+
+beside.onProblem = problem => {
+  if (!["missing-extra", "no-peer"].includes(problem.code) || byId("beside").value === "coarse") return;
+  byId("beside").value = "coarse";
+  byId("beside-status").textContent = "A coarse run stands beside it instead.";
+  besideAgain();
+};
+byId("beside").addEventListener("change", besideAgain);
 
 /** Lay the run that was kept last over the one shown. */
 async function showGhost() {
@@ -322,8 +425,8 @@ async function showGhost() {
     viewer.uncompare();
     return;
   }
-  other.motion ??= await get(`/v1/simulations/${other.job.id}/motion?frames=${FRAMES}`);
-  viewer.compare(other.motion, null, "the run kept to compare");
+  other.motion ??= await motionOf(other.job);
+  viewer.compare(other.motion, null, other.job.result.setting ?? "the run kept to compare");
 }
 
 /** Set the controls as they were for the run that is shown. */
@@ -337,7 +440,9 @@ async function useRequest({ scene, accuracy, method = "auto", precision = "auto"
 
 /** Show one run of a sweep. */
 async function runCell(request) {
+  awaited = true;
   await held(() => useRequest(request));
+  awaited = false;
   remember(true);
   byId("run-button").click();
   byId("results-title").scrollIntoView({ block: "start" });
@@ -345,8 +450,10 @@ async function runCell(request) {
 
 async function openPast(job) {
   const compared = comparison.kept;
+  awaited = true;
   await held(async () => {
     await useRequest(job.request);
+    awaited = false;
     comparison.kept = compared.filter(each => each.job.result.robot === job.result.robot);
     await showAgain(job);
   });
@@ -374,9 +481,13 @@ async function learnQuantities() {
   }
 }
 
-async function begin() {
+function lists() {
+  return Promise.allSettled([robots.list(), editor.list(), query.list()]);
+}
+
+async function begin(listed = lists()) {
   try {
-    await Promise.all([robots.list(), editor.list(), query.list()]);
+    for (const { reason } of await listed) if (reason) throw reason;
     await restore();
   } catch (failure) {
     showProblem(byId("robot-problem"), failure);
@@ -387,7 +498,8 @@ watchService(() => {
   if (robots.robot) editor.refresh();
   else begin();
 });
+const listed = lists(); // while the viewer's script is loaded
 await loadMeshcat();
 viewer.start();
-await begin();
+await begin(listed);
 document.documentElement.dataset.ready = "yes";

@@ -147,6 +147,7 @@ export class Plot {
         high = Math.max(high, above);
       }
     }
+    if (this.level) [low, high] = [Math.min(low, this.level.value), Math.max(high, this.level.value)];
     if (!(low <= high)) return this.log ? [-16, 0] : [-1, 1];
     if (this.log)
       return [Math.floor(Math.log10(low)), Math.max(Math.ceil(Math.log10(high)), Math.floor(Math.log10(low)) + 1)];
@@ -218,6 +219,12 @@ export class Plot {
       if (at < LEFT || at > right) continue;
       stroke(c, at, TOP, at, bottom);
       if (mark.sign) c.fillText(mark.sign, at, TOP);
+    }
+    if (this.level && this.log) {
+      const at = Math.round(y(Math.log10(this.level.value))) + 0.5;
+      stroke(c, LEFT, at, right, at);
+      c.textAlign = "right";
+      c.fillText(this.level.text, right - 4, at + 3);
     }
     c.lineWidth = 1.6;
     c.lineJoin = "round";

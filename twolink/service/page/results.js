@@ -29,9 +29,9 @@ export class Results {
     this.outdated([]);
   }
 
-  /** Fetch and show the curves of a finished simulation. */
-  async show(job, joints) {
-    const samples = await samplesOf(job, joints);
+  /** Show the curves of a finished simulation, or of a look at one, which has no id. */
+  show(job, joints, columns) {
+    const samples = samplesOf(columns, joints);
     Object.assign(this, { job, joints, samples });
     byId("empty").hidden = true;
     byId("result").hidden = false;
@@ -42,6 +42,7 @@ export class Results {
     this.#draw();
     this.#events(this.events);
     this.#downloads(job);
+    if (job.id === null) return; // one look follows another
     const { error, bound } = job.result;
     const kind = bound === "estimated" ? "about" : "at most";
     announce(`The run is done${error === null ? "" : `: error ${kind} ${short(error, 2)}`}. The robot plays.`);
@@ -60,20 +61,19 @@ export class Results {
     if (this.samples) this.#draw();
   }
 
-  /** The largest difference of q between the run shown and another, while both last. */
+  /** The largest difference of an entry of q between the run shown and another, at each time; NaN after its end. */
   distance(samples) {
-    let most = 0;
+    const far = this.samples.t.map(t => (t > samples.t.at(-1) ? NaN : 0));
     for (const line of [...this.samples.q, ...this.samples.turn]) {
       const other = [...samples.q, ...samples.turn].find(each => each.name === line.name);
       if (!other) continue;
       this.samples.t.forEach((t, k) => {
-        if (t > samples.t.at(-1)) return;
         const [i, part] = locate(samples.t, t);
         const [a, b] = [other.values[i], other.values[Math.min(i + 1, other.values.length - 1)]];
-        most = Math.max(most, Math.abs(line.values[k] - (a + part * (b - a))));
+        far[k] = Math.max(far[k], Math.abs(line.values[k] - (a + part * (b - a))));
       });
     }
-    return most;
+    return far;
   }
 
   #summary(result) {
@@ -83,21 +83,26 @@ export class Results {
     const facts = [
       [
         "Error of q",
-        error === null ? "not estimated" : `${result.bound === "estimated" ? "about" : "≤"} ${short(error, 2)} ${unit}`,
-        error !== null && error > result.accuracy ? "bad" : "good",
+        error === null ? "not verified" : `${result.bound === "estimated" ? "about" : "≤"} ${short(error, 2)} ${unit}`,
+        error === null ? "" : error > result.accuracy ? "bad" : "good",
       ],
-      ["Trusted", missed ? `until ${short(result.trusted_until)} s` : "to the end", missed ? "bad" : ""],
+      error !== null && [
+        "Trusted",
+        missed ? `until ${short(result.trusted_until)} s` : "to the end",
+        missed ? "bad" : "",
+      ],
       ["Motion", `${short(result.duration, 4)} s, ${count(result.samples, "sample")}`],
-      ["Method", `${cost.method}, ${count(cost.steps, "step")}`],
-      [
+      ["Method", cost ? `${cost.method}, ${count(cost.steps, "step")}` : result.setting],
+      cost && [
         "Computing",
-        `${seconds(cost.seconds)} + ${seconds(cost.verify_seconds)} for the error bar` +
+        seconds(cost.seconds) +
+          (error === null ? "" : ` + ${seconds(cost.verify_seconds)} for the error bar`) +
           (cost.compile_seconds > 0.001 ? `, compiled in ${seconds(cost.compile_seconds)}` : ""),
       ],
       ["Energy changes by", `${short(result.energy_drift, 2)} J`],
     ];
     byId("summary").replaceChildren(
-      ...facts.map(([name, value, kind = ""]) =>
+      ...facts.filter(Boolean).map(([name, value, kind = ""]) =>
         el("div", { className: kind }, el("dt", {}, name), el("dd", {}, value)),
       ),
     );
@@ -105,15 +110,34 @@ export class Results {
   }
 
   #draw() {
-    byId("plots").replaceChildren();
+    const { accuracy, trusted_until: trusted, duration, error } = this.job.result;
+    const others = this.kept.filter(({ job }) => job.id !== this.job.id);
+    this.samples.distance = others.map(({ job, samples }) => ({
+      name: job.result.setting ?? (job.result.accuracy === null ? job.result.cost.method : `at ${short(job.result.accuracy, 1)}`),
+      joint: null,
+      values: this.distance(samples),
+    }));
     const kinds = [
       { key: "q", title: "q", unit: unitOf(this.joints) },
       { key: "turn", title: "Orientation", unit: "cos, sin, quaternion" },
       { key: "v", title: "v", unit: unitOf(this.joints, "/s") },
       { key: "energy", title: "Energy", unit: "J" },
+      { key: "distance", title: "Distance of q", unit: `to the other run, ${unitOf(this.joints).replace(", ", " or ")}`, log: true },
       { key: "error", title: "Error bar", unit: `of q, ${unitOf(this.joints).replace(", ", " or ")}`, log: true },
-    ];
-    this.plots = kinds.filter(kind => this.samples[kind.key].length).map(kind => this.#plot(kind));
+    ].filter(({ key }) => this.samples[key].length);
+    const drawn = kinds.map(({ key, unit }) => key + unit).join();
+    if (drawn !== this.drawn) {
+      byId("plots").replaceChildren();
+      this.plots = kinds.map(kind => this.#plot(kind));
+      this.drawn = drawn;
+    }
+    const runs = this.kept.map(({ samples }) => samples);
+    const trust = error !== null && trusted < duration * (1 - 1e-9) ? [{ t: trusted, text: "trusted until here", sign: "trusted until here" }] : [];
+    for (const plot of this.plots) {
+      const series = ["error", "distance"].includes(plot.key) ? [] : runs.map(run => ({ t: run.t, series: run[plot.key] }));
+      plot.level = plot.key === "error" ? { value: accuracy, text: `asked for: ${short(accuracy, 1)}` } : null;
+      plot.setData(this.samples.t, this.samples[plot.key], [...this.events, ...(plot.key === "error" ? trust : [])], series);
+    }
     this.#showChosen();
   }
 
@@ -129,8 +153,8 @@ export class Results {
         announce(`${values.join(", ")} at ${short(t)} s`);
       },
     });
-    const others = this.kept.map(({ samples }) => ({ t: samples.t, series: samples[kind.key] }));
-    plot.setData(this.samples.t, this.samples[kind.key], this.events, others);
+    plot.key = kind.key;
+    if (kind.key === "error") plot.canvas.parentElement.classList.add("grows"); // it follows the curves
     return plot;
   }
 
@@ -175,9 +199,10 @@ export class Results {
   }
 
   #downloads(job) {
+    byId("downloads").hidden = job.id === null;
     const path = `/v1/simulations/${job.id}`;
     const button = (text, address, name) => downloadButton(text, address, name, byId("run-problem"));
-    const name = `${job.result.robot}-${job.id.slice(-6)}`;
+    const name = `${job.result.robot}-${job.id?.slice(-6)}`;
     byId("downloads").replaceChildren(
       el("button", { type: "button", id: "keep", onclick: () => this.onKeep() }, "Keep to compare"),
       el("span", { className: "hint" }, "Download "),

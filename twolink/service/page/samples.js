@@ -8,9 +8,13 @@ const POINTS = 2000;
 const PARTS = { q: Q_PARTS, v: V_PARTS };
 const TURN = /^(q[xyzw]|cos|sin)$/; // parts of an orientation, which have no unit
 
+/** The samples of a job that is done, as columns. */
+export async function columnsOf(job) {
+  return (await get(`/v1/simulations/${job.id}/result?format=json&points=${POINTS}`)).columns;
+}
+
 /** {t, q, turn, v, energy, error}: lists of {name, joint, colour, values}. turn: parts of orientations. */
-export async function samplesOf(job, joints) {
-  const { columns } = await get(`/v1/simulations/${job.id}/result?format=json&points=${POINTS}`);
+export function samplesOf(columns, joints) {
   const out = { t: columns.t, q: [], turn: [], v: [], energy: [], error: [] };
   const layouts = new Map(joints.map(joint => [joint.name, joint.layout]));
   const places = new Map(joints.map(joint => [joint.name, joint.v[0]]));

@@ -12,7 +12,7 @@ const G = -9.81;
 const CONTROLS = { accuracy: "6", method: "auto", precision: "auto" }; // with what they show at first
 
 export class SceneEditor {
-  /** onPick(content, id): the user chose a scene. onChange(): what current() gives has changed. pose(): q, and where
+  /** onPick(content, id): the user chose a scene. onChange(numbers): what request gives has changed. pose(): q, and where
    * the links are, {frames, poses}. */
   constructor({ onPick, onChange, pose }) {
     Object.assign(this, { onPick, onChange, pose });
@@ -21,9 +21,10 @@ export class SceneEditor {
     byId("scene-select").addEventListener("change", event => this.onPick(event.target.value));
     byId("accuracy").addEventListener("input", () => {
       this.#sayAccuracy();
-      this.changed(false);
+      this.changed(false, false);
     });
-    for (const id of ["duration", "method", "precision"]) byId(id).addEventListener("change", () => this.changed(false));
+    for (const id of ["duration", "method", "precision"])
+      byId(id).addEventListener("change", () => this.changed(false, false));
     byId("scene-apply").addEventListener("click", () => this.#apply());
     byId("add-effect").addEventListener("change", event => this.#add(event.target));
   }
@@ -150,7 +151,8 @@ export class SceneEditor {
     this.changed(false);
   }
 
-  changed(redraw = true) {
+  /** numbers: of the scene, not of how it is run. */
+  changed(redraw = true, numbers = true) {
     if (redraw) {
       listEffects(byId("effects"), this.effects, this.names, {
         onChange: () => this.changed(false),
@@ -162,7 +164,7 @@ export class SceneEditor {
     }
     byId("scene-json").value = JSON.stringify(this.current(), null, 2);
     this.refresh();
-    this.onChange();
+    this.onChange(numbers);
   }
 
   /** The robot's physical constants, for forms. They wait for nobody: forms work without. */

@@ -1,7 +1,7 @@
 // Settings of a run: the scene with its accuracy, method and precision. Two of them are compared by what they mean.
 
 const SCENE = { title: "", duration: 10, q: {}, v: {}, effects: [] }; // what a scene leaves out
-const RUN = { accuracy: 1e-6, method: "auto", precision: "auto" };
+const RUN = { accuracy: 1e-6, method: "auto", precision: "auto", simulator: "twolink" };
 const WORDS = {
   robot: "robot",
   duration: "duration",
@@ -11,6 +11,7 @@ const WORDS = {
   accuracy: "accuracy",
   method: "method",
   precision: "precision",
+  simulator: "simulator",
 };
 
 /** A value as text, the same for equal values whatever the order of their keys. */

@@ -1,7 +1,7 @@
 // Start velocities: a number for each degree of freedom.
 
 import { el } from "./dom.js";
-import { numberInput } from "./form.js";
+import { numberSlider } from "./form.js";
 import { V_PARTS } from "./joint_parts.js";
 
 /** The velocities of all degrees of freedom, as one list. */
@@ -29,7 +29,7 @@ export function listSpeeds(host, robot, v, onChange) {
           "label",
           { className: "speed-row" },
           el("span", { className: "name", title: joint.name }, joint.name),
-          numberInput(value, change, label),
+          numberSlider(value, change, label),
           el("span", { className: "unit" }, part),
         );
       });

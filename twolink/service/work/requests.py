@@ -172,13 +172,24 @@ class ExplainRequest(RunRequest, frozen=True, forbid_unknown_fields=True):
 
 
 class SimulationRequest(ExplainRequest, frozen=True, forbid_unknown_fields=True):
-    """As `tl.simulate`. wait: seconds to wait for the answer, before a job's state is sent instead."""
+    """As `tl.simulate`. wait: seconds to wait for the answer, before a job's state is sent instead.
+
+    simulator: whose run it is; another one's is made at its default setting, as by `twolink compare`.
+    """
 
     verify: bool = True
+    simulator: Literal["twolink", "mujoco", "drake", "scipy"] = "twolink"
     precision: Literal["auto", "double", "extended", "quad"] = "auto"
     tolerance: Positive | None = None
     step: Positive | None = None
     wait: Wait = 2.0
+
+
+class PreviewRequest(ExplainRequest, frozen=True, forbid_unknown_fields=True):
+    """A run without an error bar. frames: of the links' poses."""
+
+    precision: Literal["auto", "double", "extended", "quad"] = "auto"
+    frames: Annotated[int, msgspec.Meta(ge=2, le=3600)] = 300
 
 
 class LiveRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):

@@ -26,6 +26,7 @@ from twolink.service.settings import Quotas
 from twolink.service.store.archives import read_robot, write_robot
 from twolink.service.work.requests import (
     ExplainRequest,
+    PreviewRequest,
     RunRequest,
     SceneRequest,
     SimulationRequest,
@@ -142,6 +143,8 @@ def simulate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
     """
     request = msgspec.json.decode(body, type=SimulationRequest)
     scene, duration = allowed_scene(request, robots, quotas)
+    if request.simulator != "twolink":
+        return _peers_run(request, scene, duration, Path(folder))
     run = simulate_scene(
         scene, duration, accuracy=request.accuracy, t_eval=request.t_eval,
         samples_per_second=request.samples_per_second, method=request.method, verify=request.verify,
@@ -158,6 +161,40 @@ def simulate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
         raise SceneError(what, argument="samples_per_second", remedy="ask for fewer samples")
     (Path(folder) / ROBOT).write_bytes(write_robot(run.robot))
     return {"title": scene.title, **run.to_dict()}
+
+
+def _peers_run(request: SimulationRequest, scene: Scene, duration: float, folder: Path) -> dict[str, Any]:
+    """The same of another simulator: `setting` says which one and how."""
+    from twolink.hard.comparison import peer_log  # few services are asked for it
+
+    if request.t_eval is not None:
+        what = "another simulator has samples at equal distances only"
+        raise SceneError(what, argument="t_eval", remedy="give samples_per_second instead")
+    times = np.linspace(0.0, duration, max(3, round(request.samples(duration)) + 1))
+    found = peer_log(scene, request.simulator, times)
+    found.log.save(folder / SAMPLES)
+    (folder / ROBOT).write_bytes(write_robot(scene.robot))
+    return {"title": scene.title, "setting": f"{found.peer}, {found.setting}", **found.log.to_dict()}
+
+
+def preview(*, body: bytes, robots: str, quotas: Quotas) -> bytes:
+    """A run without an error bar, with its samples and the poses of its links, as JSON. body: a PreviewRequest."""
+    request = decode_unique(body, PreviewRequest)
+    scene, duration = allowed_scene(request, robots, quotas)
+    run = simulate_scene(scene, duration, accuracy=request.accuracy, t_eval=request.t_eval,
+                         samples_per_second=request.samples_per_second, method=request.method, verify=False,
+                         precision=request.precision, contact=request.contact,
+                         patience=quotas.load_seconds)  # fmt: skip
+    columns = {name: values.tolist() for name, values in thinned(run.columns(), request.frames).items()}
+    result = {"title": scene.title, **run.to_dict()}
+    return msgspec.json.encode({"result": result, "columns": columns, "motion": _motion(run, request.frames, quotas)})
+
+
+def thinned(columns: dict[str, np.ndarray], points: int) -> dict[str, np.ndarray]:
+    """The columns (n,) at no more than so many samples, ends included; without those of more axes."""
+    count = len(columns["t"])
+    kept = np.unique(np.linspace(0, count - 1, min(points, count)).round().astype(int))
+    return {name: values[kept] for name, values in columns.items() if values.ndim == 1}
 
 
 class ProgressOf:
@@ -207,7 +244,10 @@ def export(*, path: str) -> None:
 
 def motion(*, folder: str, frames: int, quotas: Quotas) -> bytes:
     """Where the links are at `frames` times at equal distances, as JSON."""
-    run = _run_in(Path(folder))
+    return msgspec.json.encode(_motion(_run_in(Path(folder)), frames, quotas))
+
+
+def _motion(run: Trajectory, frames: int, quotas: Quotas) -> dict[str, Any]:
     count = frames * len(run.robot.frame_names)
     if count * _POSE_BYTES > quotas.answer_mb * 2**20:
         what = f"{count} poses take more than {quotas.answer_mb:g} MB"
@@ -215,7 +255,7 @@ def motion(*, folder: str, frames: int, quotas: Quotas) -> bytes:
     times = np.linspace(run.t[0], run.t[-1], frames)
     q = run.robot.normalize(resample(run.robot.model, run.t, run.q, times))
     poses = link_poses(run.robot, q)
-    content = {
+    return {
         "t": times.tolist(),
         "links": run.robot.frame_names,
         "poses": np.round(poses, 7).tolist(),
@@ -224,7 +264,6 @@ def motion(*, folder: str, frames: int, quotas: Quotas) -> bytes:
         "contacts": contact_data(run.t, run.contacts, times),
         "forces": contact_data(run.t, run.forces_on_links, times),
     }
-    return msgspec.json.encode(content)
 
 
 def _run_in(folder: Path) -> Trajectory:

@@ -25,6 +25,7 @@ from twolink.service.work.scene_tasks import (
     explain,
     export,
     motion,
+    preview,
     scene_of,
     simulate,
     study,
@@ -93,7 +94,7 @@ def identify(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
 
 
 _ABOUT_ROBOTS = (receive, load, draw)
-_ABOUT_SCENES = (validate, explain, quantities, linearize, live)
+_ABOUT_SCENES = (validate, explain, preview, quantities, linearize, live)
 _JOBS = (prepare, pack_robot, simulate, study, sense, identify, sweep)
 _RESULTS = (export, motion, export_sweep, sweep_columns, sweep_run)
 TASKS = {task.__name__: task for task in (*_ABOUT_ROBOTS, *_ABOUT_SCENES, *_JOBS, *_RESULTS)}

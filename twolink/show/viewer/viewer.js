@@ -104,11 +104,12 @@ export class Viewer {
     return { link: hit.link, point: hit.group.worldToLocal(hit.point.clone()).toArray(), to };
   }
 
-  /** Play a motion of the robot: {t, links, poses, ...} as `Motion` takes it. */
-  play(data, { speed = null, loop = false } = {}) {
+  /** Play a motion of the robot: {t, links, poses, ...} as `Motion` takes it. fit: the camera is aimed anew. */
+  play(data, { speed = null, loop = false, fit = true } = {}) {
     this.motion = new Motion(revive(data));
     this.posed = false;
-    this.fit();
+    if (fit) this.fit();
+    else this.#redraw();
     this.timeline.loop = loop;
     this.timeline.load(this.motion.begin, this.motion.end, this.motion.events, speed);
   }
