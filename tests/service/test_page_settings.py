@@ -125,7 +125,8 @@ def test_the_address_holds_scene_changes_and_run(page: Page) -> None:
     page.choose("#scene-select", "arm-swing")
     page.wait_for("location.hash === '#scene=arm-swing'")
     page.evaluate("history.back()")
-    page.wait_for("location.hash.startsWith('#scene=arm-human') && !document.getElementById('result').hidden")
+    page.wait_for("location.hash.startsWith('#scene=arm-human') && !document.getElementById('result').hidden && "
+                  "document.getElementById('scene-select').value === 'arm-human'")  # fmt: skip
     assert page.evaluate("window.loadedOnce")  # the choice was a step of this page's history
     assert page.evaluate(SCENE) == scene
 

@@ -228,7 +228,7 @@ async function restore() {
   const { robot, scene, changes, run: id, compared } = readAddress();
   await held(async () => {
     const job = id ? await finished(id).catch(() => null) : null;
-    awaited = job !== null;
+    awaited = Boolean(id); // where it is not kept, that is said, and stays
     if (scene) await useScene(scene, null, changes ?? {});
     else if (robot) {
       await robots.pick(robot, changes ?? {});
