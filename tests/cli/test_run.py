@@ -39,6 +39,19 @@ def test_run_refuses_endings_before_it_simulates(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def test_run_asks_for_a_missing_library_before_it_simulates(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
+    out = str(tmp_path / "x.mcap")
+    one_line(call("run", "arm-swing", "--duration", "1e4", "--out", out), 1, "pip install 'twolink[mcap]'")
+
+
+def test_unknown_names_are_near_to_scenes_and_robots_and_a_scene_is_no_saved_run(tmp_path: Path) -> None:
+    one_line(call("run", "pandda"), 1, part="no bundled scene or robot 'pandda'; did you mean 'panda'?")
+    film = str(tmp_path / "x.gif")
+    for command in (("play", "arm-swing", "--html", str(tmp_path / "x.html")), ("video", "arm-swing", film)):
+        one_line(call(*command), 2, "make one: twolink run arm-swing --out arm-swing.npz")
+
+
 def test_run_writes_into_new_folders_whatever_the_case(tmp_path: Path) -> None:
     paths = [tmp_path / "a" / "x.HTML", tmp_path / "b" / "x.CSV", tmp_path / "c" / "x.PNG"]
     answer("run", "arm-swing", "--duration", "0.1", *(part for path in paths for part in ("--out", str(path))))

@@ -23,6 +23,8 @@ def test_the_arm_has_four() -> None:
         assert each.stability == stability
     assert [int((each.eigenvalues.real > each.eigenvalue_errors).sum()) for each in found] == [0, 1, 1, 2]
     assert "centre" in str(found)
+    few = tl.equilibria(tl.Scene(ARM, effects=[E.Gravity()]), starts=0)
+    np.testing.assert_allclose(few[0].q, [-np.pi / 2, 0.0], atol=1e-12)  # hanging is found without luck
 
 
 @pytest.mark.parametrize(("damping", "stability"), [({"shoulder": 0.5}, "asymptotically stable"), ({}, "centre")])

@@ -18,13 +18,13 @@ from tests.show.browser import Browser
 from twolink.hard import all_cases
 
 TOP = Path(__file__).parents[2]
-SHOWN = ("index", "why", "gallery", "tutorials/own_urdf", "generated/effects", "generated/scenes", "generated/api_0")
+SHOWN = ("index", "why", "gallery", "tutorials/own_urdf", "generated/effects", "generated/scenes", "generated/api_scenes")
 DOCS = TOP / "docs"
 PAGES = [page for page in DOCS.rglob("*.md") if page.parent.name not in ("generated", "operating")]
 NOT_RUN = {"console"}  # what installs or serves; everything else is run
 
 RUNNER = """
-import atexit, os, re, signal, sys, time, warnings
+import atexit, json, os, re, signal, sys, time, warnings
 from pathlib import Path
 from IPython.core.interactiveshell import InteractiveShell
 from shell_cells import STARTUP
@@ -50,7 +50,11 @@ for path in sys.argv[3:]:
     os.chdir(place)
     shell.reset()
     shell.run_cell(STARTUP, store_history=False)
-    for cell in re.findall(r"^```{code-cell}.*?\\n(.*?)^```", page.read_text("utf-8"), re.M | re.S):
+    text = page.read_text("utf-8")
+    cells = re.findall(r"^```{code-cell}.*?\\n(.*?)^```", text, re.M | re.S)
+    if page.suffix == ".ipynb":
+        cells = ["".join(cell["source"]) for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
+    for cell in cells:
         code = re.sub(r"\\A(:\\w.*\\n)+", "", cell)
         if code.startswith("%%sh\\n") and set(code.strip().split("\\n")[1:]) <= done:
             continue
@@ -95,6 +99,7 @@ def test_the_examples_run(tmp_path: Path) -> None:
     """Every cell of every page, in one process, each page in a folder of its own."""
     pages = [str(page) for page in PAGES if "{code-cell}" in page.read_text("utf-8")]
     assert len(pages) >= 8
+    pages.append(str(DOCS / "tutorials" / "paper_exercise.ipynb"))
     command = [sys.executable, "-c", RUNNER, str(tmp_path), str(TOP / "README.md"), *pages]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment(tmp_path),
                           timeout=3600)  # fmt: skip

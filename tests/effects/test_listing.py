@@ -35,3 +35,9 @@ def test_types_of_scene_files() -> None:
     assert "sampled" not in TYPES  # an input, no effect
     with pytest.raises(AttributeError, match="no attribute 'Gravty'"):
         tl.effects.Gravty  # noqa: B018
+
+
+def test_a_star_import_gives_what_is_listed() -> None:
+    names: dict[str, object] = {}
+    exec("from twolink.effects import *", names)  # as a user writes it
+    assert set(dir(tl.effects)) <= set(names)

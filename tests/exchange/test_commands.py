@@ -53,7 +53,7 @@ def test_export_writes_c_and_urdf(tmp_path: Path) -> None:
 def test_export_writes_an_fmu_of_a_scene(tmp_path: Path) -> None:
     fmu = tmp_path / "arm.fmu"
     options = ["--parameters", "gravity.z, forearm.mass"]
-    assert answer("export", "arm-swing", "--fmu", str(fmu), *options)["written"] == [str(fmu)]
+    assert answer("export", "arm-swing", str(fmu), *options)["written"] == [str(fmu)]
     assert fmu.read_bytes().startswith(b"PK")
     for arguments in (["arm-swing"], ["panda", str(tmp_path / "p.c"), "--fmu", str(fmu)],
                       ["two_link", str(tmp_path / "p.c"), "--platform", "x86_64-linux"],

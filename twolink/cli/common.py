@@ -18,7 +18,7 @@ from typer.core import TyperCommand
 
 from twolink.accuracy import Study
 from twolink.dynamics import Robot, load_robot
-from twolink.errors import TwolinkError
+from twolink.errors import SceneError, TwolinkError, require_extra, require_known
 from twolink.exchange.urdf_scene import scene_of
 from twolink.integrate.steps.methods import METHODS
 from twolink.io.tables import SUFFIXES, require_format
@@ -44,6 +44,12 @@ class CommandFailure(TwolinkError):
         where = options[name] + rest if error.argument in ("", name) and name in options else where
         super().__init__(_spoken(error.what, options), where=where, remedy=_spoken(error.remedy, options))
         self.exit_code = exit_code
+
+
+LIBRARIES = {".parquet": ("pyarrow", "sweeps"), ".mcap": ("rosbags", "mcap"), ".db3": ("rosbags", "mcap"),
+             ".rrd": ("rerun", "rerun"), ".mp4": ("imageio_ffmpeg", "video"),
+             ".webm": ("imageio_ffmpeg", "video")}  # fmt: skip
+"""Of files by their ending: the library that writes them, and the extra of twolink that installs it."""
 
 
 class Misuse(TwolinkError):
@@ -118,12 +124,16 @@ def print_not_drawn(names: Sequence[str]) -> None:
 
 
 def require_writable(paths: Sequence[Path], endings: Sequence[str]) -> None:
-    """Refuse files with other endings, or that cannot be written, before the work begins. Raises Misuse.
+    """Refuse files with other endings, or that cannot be written, before the work begins.
+
+    Raises Misuse; MissingExtraError where the library that writes the format is not installed.
 
     The folder of a file may be new, but not the folder that it is in.
     """
     for path in paths:
-        require_format(path, endings, Misuse)
+        suffix = require_format(path, endings, Misuse)
+        if suffix in LIBRARIES:
+            require_extra(*LIBRARIES[suffix])
         folder = path.absolute().parent
         folder = folder if folder.exists() else folder.parent
         if not folder.is_dir():
@@ -294,5 +304,9 @@ def _pairs(texts: list[str] | None, option: str, form: str) -> dict[str, str]:
 
 def scene_from(source: str) -> Scene:
     """A bundled scene, or that of a file; of a robot one with all that its file says."""
-    of_robot = source.endswith(FILES) or (source in catalogue_names() and source not in bundled_scenes())
+    scenes, robots = bundled_scenes(), catalogue_names()
+    if not Path(source).suffix and os.sep not in source:
+        require_known(source, (*scenes, *robots), SceneError, "there is no bundled scene or robot {!r}",
+                      code="unknown-scene")  # fmt: skip
+    of_robot = source.endswith(FILES) or (source in robots and source not in scenes)
     return scene_of(source) if of_robot else load_scene(source)

@@ -117,10 +117,10 @@ def compare(
 def export(
     robot: RobotName,
     file: Annotated[
-        Path | None, Argument(metavar="FILE", help="The file to write: .c (with its header), .urdf or .xml (MJCF).")
+        Path | None, Argument(metavar="FILE", help="The file to write: .c (and its header), .urdf, .xml or .fmu.")
     ] = None,
     fmu: Annotated[
-        Path | None, Option(help="Write a scene, given in place of the robot, as this FMU.", metavar="FILE.fmu")
+        Path | None, Option(help="The same as FILE.fmu: a scene, given in place of the robot.", metavar="FILE.fmu")
     ] = None,
     parameters: Annotated[
         str | None, Option(help="Of an FMU: numbers that can be set in it, such as forearm.mass,gravity.z.")
@@ -146,8 +146,10 @@ def export(
     \b
     twolink export panda panda.c --functions forward_dynamics,mass_matrix
     twolink export panda arm.urdf --lock panda_finger_joint1=0 --lock panda_finger_joint2=0
-    twolink export arm-swing --fmu arm.fmu
+    twolink export arm-swing arm.fmu
     """
+    if fmu is None and file is not None and file.suffix.lower() == ".fmu":
+        file, fmu = None, file
     if (parameters or platforms) if fmu is None else (lock or gravity or root != "fixed"):
         raise Misuse("--parameters and --platform are of an FMU, --root, --lock and --gravity of a robot",
                      remedy="leave them out")  # fmt: skip
@@ -157,8 +159,8 @@ def export(
         show({"scene": robot, "written": [fmu]}, f"wrote {fmu}", as_json)
         return
     if fmu is not None or file is None:
-        raise Misuse("one file is written", remedy="give a FILE, or --fmu FILE.fmu with a scene")
-    require_writable([file], (".c", ".urdf", ".xml"))
+        raise Misuse("one file is written", remedy="give a FILE, of a scene FILE.fmu")
+    require_writable([file], (".c", ".urdf", ".xml", ".fmu"))
     loaded = robot_from(robot, root, lock, gravity)
     if file.suffix.lower() == ".c":
         written = list(loaded.export_c(file, _names(functions)))

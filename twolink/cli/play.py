@@ -9,15 +9,18 @@ from typer import Argument, Option
 
 from twolink.cli.common import (
     ROBOT_HELP,
+    Misuse,
     RobotLoader,
     print_address,
     print_not_drawn,
     require_writable,
     with_robot_options,
 )
+from twolink.dynamics import Robot
 from twolink.dynamics.arguments import positive
 from twolink.errors import QueryError, import_extra, require_extra
 from twolink.io.progress import progress_bar
+from twolink.simulation.trajectory import Trajectory
 
 
 @with_robot_options
@@ -38,13 +41,11 @@ def play(
     twolink play run.npz --speed 0.5
     twolink play run.npz --html run.html                a standalone page, which needs no twolink
     """
-    from twolink.simulation.trajectory import Trajectory
-
     require_writable([] if html is None else [html], (".html",))
     if speed is not None:
         positive(speed, "speed", QueryError, "1 is true speed")
     loaded = None if robot is None else load(robot)
-    run = Trajectory.load(file, loaded)
+    run = _saved(file, loaded)
     if html is None:
         run.play(speed=speed, open_browser=not no_browser, on_url=print_address, on_skipped=print_not_drawn)
     else:
@@ -77,11 +78,10 @@ def video(
     """
     from twolink.io.text import parse_numbers
     from twolink.show.video import FORMATS
-    from twolink.simulation.trajectory import Trajectory
 
     require_writable([out], FORMATS)
     towards = None if camera is None else parse_numbers("camera", camera)
-    run = Trajectory.load(file)
+    run = _saved(file)
     with progress_bar() as report:
         written = run.video(
             out, size=_size(size), rate=rate, speed=speed, at=at, direction=towards, forces=forces,
@@ -89,6 +89,14 @@ def video(
             progress=report, on_skipped=print_not_drawn,
         )  # fmt: skip
     typer.echo(f"wrote {written}")
+
+
+def _saved(file: Path, robot: Robot | None = None) -> Trajectory:
+    """The run in a file; the name of a scene is refused with the command that makes one."""
+    if not file.suffix and not file.exists():
+        remedy = f"make one: twolink run {file} --out {file.name}.npz"
+        raise Misuse("expected the file of a saved run", where=str(file), remedy=remedy)
+    return Trajectory.load(file, robot)
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -33,6 +33,7 @@ ROUNDS, HALVINGS = 50, 6  # of Newton's method, and of a step that does not help
 SMALL = 1e-13  # rad or m: a step below it is rounding
 STRIDE = 0.5  # rad or m: the longest step
 RANK = 1e-8  # relative: singular values below it belong to directions in which equilibria go on
+DRAWN = 64  # random configurations of which the one of the least potential energy is a start, too
 SAME = 1e-6  # rad or m: equilibria nearer to each other are one
 
 
@@ -98,7 +99,7 @@ def equilibria(
         The robot with its effects, whose forces must not depend on time.
     q : array_like (nq,), optional
         A guess: only the equilibrium that Newton's method finds from there. By default it begins from the scene's own
-        configuration, the neutral one, and random ones.
+        configuration, the neutral one, random ones, and the lowest of many random ones.
     starts : int
         How many random ones.
     seed : int
@@ -131,7 +132,9 @@ def equilibria(
     if q is None:
         if isinstance(starts, bool) or not isinstance(starts, int) or starts < 0:
             raise SceneError(f"expected a whole number, got {starts!r}", argument="starts", remedy="such as 64")
-        guesses = np.concatenate([[scene.q], [robot.neutral], robot.random_state(starts, seed)[0]])
+        drawn = robot.random_state(max(starts, DRAWN), seed)[0]
+        lowest = drawn[np.argmin(robot.energy(drawn, np.zeros((len(drawn), robot.nv)))[1])]  # near to hanging at rest
+        guesses = np.concatenate([[scene.q], [robot.neutral], [lowest], drawn[:starts]])
     else:
         guesses = configuration("q", array("q", q, robot.nq), robot.nq, robot.joints).reshape(-1, robot.nq)
     points, could = _closed(equations, guesses)

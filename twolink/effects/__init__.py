@@ -19,6 +19,7 @@ _MODULES = {name: module for module, name in _IMPORTS}
 _OTHERS = {"Bezier", "Box", "Capsule", "Controller", "Convex", "Cylinder", "Effect", "FrameReaches", "JointReaches",
            "Plane", "Polynomial", "Sampled", "Sine", "Sphere", "Winding"}  # fmt: skip
 TYPES = {kebab_case(n): n for n in _MODULES if n not in _OTHERS}
+__all__ = sorted(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
@@ -28,7 +29,7 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(_MODULES)
+    return __all__
 
 
 def effect_class(type_: str) -> Any:

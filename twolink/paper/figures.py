@@ -192,14 +192,15 @@ def draw(black: ArmMotion, grey: ArmMotion, title: str, path: Path) -> Path:
         for motion, style in ((grey, GREY_LINE), (black, BLACK_LINE)):
             axis.plot(motion.t, (motion.dtheta if speeds else motion.theta)[:, link], **style)
         ylabel = f"theta{link + 1}' (rad/s)" if speeds else f"theta{link + 1} (rad)"
-        axis.set(title=f"Fig. {6 + i}", xlabel="time t (s)", ylabel=ylabel)
+        quantity = "speed" if speeds else "angle"
+        axis.set(title=f"Fig. {6 + i}: {quantity} of link {link + 1}, both models", xlabel="time t (s)", ylabel=ylabel)
     for i, axis in enumerate(axes.flat[4:]):
         link, (motion, style) = i % 2, (black, BLACK_LINE) if i < 2 else (grey, GREY_LINE)
         theta, speed = motion.theta[:, link], motion.dtheta[:, link]
         axis.plot(theta, speed, color=style["color"], linewidth=1.3)
         axis.plot(theta[0], speed[0], "o", color=START, markersize=6, label="start")
-        axis.set(title=f"Fig. {10 + i}: link {link + 1}", xlabel=f"theta{link + 1} (rad)")
-        axis.set(ylabel=f"theta{link + 1}' (rad/s)")
+        axis.set(title=f"Fig. {10 + i}: phase plot of link {link + 1}, {style['label']}")
+        axis.set(xlabel=f"theta{link + 1} (rad)", ylabel=f"theta{link + 1}' (rad/s)")
     handles = [*axes[0, 0].get_lines()[::-1], axes[2, 0].get_lines()[1]]
     figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
     figure.suptitle(title)
