@@ -20,7 +20,7 @@ def sh(line, cell):
 
 get_ipython().register_magic_function(sh, "cell", "sh")
 """
-LANGUAGES = {"urdf": "xml", "mjs": "js"}
+LANGUAGES = {"urdf": "xml", "xacro": "xml", "mjs": "js"}
 
 
 def show(app: Any, document: nodes.document) -> None:

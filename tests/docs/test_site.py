@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import os
 import re
 import subprocess
@@ -12,6 +13,7 @@ from types import SimpleNamespace
 
 import pytest
 from PIL import Image
+from sphinx.search.en import SearchEnglish
 
 import twolink as tl
 from tests.show.browser import Browser
@@ -165,6 +167,29 @@ def test_methods_have_pictures_of_what_accuracy_costs(tmp_path: Path, monkeypatc
     assert {"rk45", "dop853"} == {file.stem for file in (tmp_path / pictures.FOLDER).glob("*.png")}
     assert 'src="../methods/rk45.png"' in pictures.picture(site, "rk45")
     assert pictures.picture(site, "none") == ""
+
+
+def test_the_search_finds_a_page_for_the_words_that_people_type(site: Path) -> None:
+    """As the search of the site: every word, by its stem, in the page's text or title."""
+    given = (site / "searchindex.js").read_text("utf-8")
+    index, english = json.loads(given[given.index("(") + 1 : -1]), SearchEnglish({})
+    places = [index[part] for part in ("terms", "titleterms")]
+
+    def pages(word: str) -> set[str]:
+        found = [part.get(english.stem(word.lower()), []) for part in places]
+        return {index["docnames"][i] for one in found for i in ([one] if isinstance(one, int) else one)}
+
+    rows = re.findall(r"^\| ([^|]+) \| (\[.+) \|$", (DOCS / "find.md").read_text("utf-8"), re.MULTILINE)
+    assert len(rows) > 30
+    missed = {}
+    for words, links in rows:
+        named = set(re.findall(r"\]\((.+?)\.(?:md|ipynb)\)", links))
+        for phrase in words.split(", "):
+            hits = set.intersection(*(pages(word) for word in re.findall(r"\w\w+", phrase) if english.word_filter(word)))
+            if not named & hits:
+                missed[phrase] = named, hits - {"find"}
+    assert missed == {}, missed
+    assert pages("flibbertigibbet") == set()
 
 
 def test_the_site_asks_no_other_host(site: Path) -> None:
