@@ -34,6 +34,7 @@ extensions = [
 exclude_patterns = ["extensions", "operating"]
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence", "attrs_inline"]
 myst_heading_anchors = 3
+myst_html_meta = {"description lang=en": "Rigid-body dynamics from a URDF: answers you can trust, with their price"}
 nb_execution_mode = (
     "force"  # scripts/docs --quick and the tests turn it off; the tests execute the cells in one process
 )
