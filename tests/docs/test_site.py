@@ -20,7 +20,8 @@ from tests.show.browser import Browser
 from twolink.hard import all_cases
 
 TOP = Path(__file__).parents[2]
-SHOWN = ("index", "why", "gallery", "tutorials/own_urdf", "generated/effects", "generated/scenes", "generated/api_scenes")
+SHOWN = ("index", "why", "gallery", "tutorials/own_urdf", "generated/effects", "generated/scenes",
+         "generated/api_scenes")  # fmt: skip
 DOCS = TOP / "docs"
 PAGES = [page for page in DOCS.rglob("*.md") if page.parent.name not in ("generated", "operating")]
 NOT_RUN = {"console"}  # what installs or serves; everything else is run
@@ -182,10 +183,11 @@ def test_the_search_finds_a_page_for_the_words_that_people_type(site: Path) -> N
     rows = re.findall(r"^\| ([^|]+) \| (\[.+) \|$", (DOCS / "find.md").read_text("utf-8"), re.MULTILINE)
     assert len(rows) > 30
     missed = {}
-    for words, links in rows:
+    for phrases, links in rows:
         named = set(re.findall(r"\]\((.+?)\.(?:md|ipynb)\)", links))
-        for phrase in words.split(", "):
-            hits = set.intersection(*(pages(word) for word in re.findall(r"\w\w+", phrase) if english.word_filter(word)))
+        for phrase in phrases.split(", "):
+            words = [word for word in re.findall(r"\w\w+", phrase) if english.word_filter(word)]
+            hits = set.intersection(*map(pages, words))
             if not named & hits:
                 missed[phrase] = named, hits - {"find"}
     assert missed == {}, missed
