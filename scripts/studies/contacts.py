@@ -114,6 +114,7 @@ def _judged(row: Row, one: Case, run: tl.Trajectory, *, laws: bool, located: tl.
     broken = broken_law(one, run) if laws else ""
     if broken:
         return replace(row, outcome="WRONG", why=broken)
+    assert run.error is not None
     bar, outcome = run.error + FLOOR * (row.way == "stepped"), "agrees"
     try:
         with processor_time(PATIENCE):

@@ -108,12 +108,12 @@ def placed(pair: tuple[str, str], random: np.random.Generator) -> tuple[float, f
     def places(far: float) -> list[pin.SE3]:
         return [pin.SE3(turns[0].matrix(), far * way), pin.SE3(turns[1].matrix(), np.zeros(3))]
 
-    gap = max(random.uniform(low, high), 0.9 * distance(*solids, places(0.0)))
-    at = places(brentq(lambda far: distance(*solids, places(far)) - gap, 0.0, 2.0, xtol=1e-13))
+    gap = max(random.uniform(low, high), 0.9 * distance(solids[0], solids[1], places(0.0)))
+    at = places(brentq(lambda far: distance(solids[0], solids[1], places(far)) - gap, 0.0, 2.0, xtol=1e-13))
     pairs = select_pairs(ROBOT, solids_of(ROBOT, {"a": shapes[:1], "b": shapes[1:]}), [("a", "b")]).chosen
     frames = Places(*map(np.array, zip(*((x.rotation, x.translation) for x in (pin.SE3.Identity(), *at)), strict=True)))
     points = Detector(ROBOT, pairs).points(frames, 10.0)
-    true, apart = distance(*solids, at), set(pair) <= HULLS and gap > 0.0
+    true, apart = distance(solids[0], solids[1], at), set(pair) <= HULLS and gap > 0.0
     if apart and not len(points.gap):
         return true, 0.0, 0.0, 0.0
     least = int(np.abs(points.gap - true).argmin() if set(pair) <= HULLS and true < 0.0 else points.gap.argmin())
