@@ -59,6 +59,7 @@ def plot_trajectory(
     estimated: bool = False,
     events: Sequence[tuple[float, str]] = (),
     note: str = "",
+    asked: float | None = None,
     joints: Sequence[str] = (),
 ) -> Figure:
     """Draw coordinates, velocities, energy and the error bar over time, one above the other.
@@ -86,6 +87,8 @@ def plot_trajectory(
         Times, s, and kinds of events.
     note : str
         Stands below the title.
+    asked : float, optional
+        The accuracy asked for, rad or m, which stands behind the note.
     joints : sequence of str
         Names of joints to draw, or patterns of them; all where none is given.
 
@@ -119,7 +122,8 @@ def plot_trajectory(
     few = [f"the {len(most)} of {moving} joints that move the most"] if len(most) < moving else []
     if len(events) > MAX_EVENTS:
         few.append(f"the first {MAX_EVENTS} of {len(events)} events are marked")
-    figure.suptitle("\n".join(filter(None, [plain(title), "; ".join(few), note])))
+    aim = "" if asked is None else f", asked for {asked:.0e}"
+    figure.suptitle("\n".join(filter(None, [plain(title), "; ".join(few), note + aim])))
     _mark_events(list(axes[:, 0]), events)
     label_right(figure, {axis: [(line, line.get_label()) for line in axis.get_lines() if line.get_label() != "_event"]
                          for axis in axes[:-2, 0]})  # fmt: skip

@@ -384,12 +384,11 @@ class Trajectory(Result, Plotted):
     def _figure(self, joints: Sequence[str] = ()) -> Figure:
         from twolink.show.motion_plots import plot_trajectory
 
-        title = self.title or f"{self.robot.name}: {self.end:g} s"
-        asked = "" if self.accuracy is None else f", asked for {self.accuracy:.0e}"
         curves, energy = tables.drawn_curves(self._samples, self.at if self.solution else None, self.robots)
-        return plot_trajectory(self.robot, title, curves, energy, (self.t, self.error), estimated=self.estimated,
-                               events=[(event.t, event.kind) for event in self.events if event.t > 0.0],
-                               note=f"error of q: {self.error_text}{asked}", joints=joints)  # fmt: skip
+        events = [(event.t, event.kind) for event in self.events if event.t > 0.0]
+        return plot_trajectory(self.robot, self.title or f"{self.robot.name}: {self.end:g} s", curves, energy,
+                               (self.t, self.error), estimated=self.estimated, events=events,
+                               note=f"error of q: {self.error_text}", asked=self.accuracy, joints=joints)  # fmt: skip
 
     @overload
     def playback(self, *, speed: float | None = ..., trails: Sequence[str] | None = ...,
