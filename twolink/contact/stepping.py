@@ -226,10 +226,9 @@ class Stepper:
         still = np.abs(u[active, 2]) < STILL
         closed = pressing | still & (np.abs(off[:, 2] + (rows @ push)[2::3])[active] < CLOSED)
         chosen, own = active[closed], impulses.p[closed]
-        order = np.argsort(points.key[chosen])
+        order, mean = np.argsort(points.key[chosen]), (ends - v) / h
         keys = points.key[chosen][order]
         smooth = np.array_equal(keys, memory.keys) and not law.hits[chosen].any()
-        mean = (ends - v) / h
         passed = Memory(keys, own[order] / h, stuck[closed][order], still[closed][order],
                         memory.changes(mean, smooth=smooth))  # fmt: skip
         self._pressing = rows[_rows(active[pressing])]
