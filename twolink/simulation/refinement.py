@@ -78,20 +78,19 @@ class Refinement:
         if self.best is None or _worth(run) > _worth(self.best):
             self.best = run
 
-    def _agreeing(self, *runs: Trajectory) -> tuple[Trajectory, ...]:
+    def _agreeing(self, run: Trajectory, other: Trajectory) -> tuple[Trajectory, Trajectory]:
         """Two runs, each with a bar that holds if the other's does: one that is refuted was too small.
 
         Where their distance is above the sum of their bars, one of the two does not hold.
         """
-        if any(run.error is None for run in runs):
-            return runs
-        n = min(len(run.t) for run in runs)  # an event may end one of them
-        apart, bars = self.equations.space.distance(*(run.q[:n] for run in runs)), [run.error[:n] for run in runs]
-        if not np.any(apart > bars[0] + bars[1]):
-            return runs
-        wider = [np.maximum.accumulate(np.maximum(bars[k], apart + bars[1 - k])) for k in (0, 1)]
-        return tuple(replace(run, error=np.append(bar, np.maximum(run.error[n:], bar[-1])))
-                     for run, bar in zip(runs, wider, strict=True))  # fmt: skip
+        if run.error is None or other.error is None:
+            return run, other
+        n = min(len(run.t), len(other.t))  # an event may end one of them
+        apart = self.equations.space.distance(run.q[:n], other.q[:n])
+        if not np.any(apart > run.error[:n] + other.error[:n]):
+            return run, other
+        return (replace(run, error=_at_least(run.error, apart + other.error[:n])),
+                replace(other, error=_at_least(other.error, apart + run.error[:n])))  # fmt: skip
 
     def after(self, one: Verified) -> MethodChoice | None:
         """What to try after a run; None where nothing is left."""
@@ -206,6 +205,12 @@ def precisions_of(equations: Equations, seconds: float) -> tuple[Precision, ...]
     if hasattr(heyoka(), "real128"):
         there.append("quad")
     return tuple(there)
+
+
+def _at_least(bar: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """An error bar of at least another one (m,) at its first samples, and the last of that after them."""
+    other = np.append(other, np.full(len(bar) - len(other), other[-1]))
+    return np.maximum.accumulate(np.maximum(bar, other))
 
 
 def _worth(run: Trajectory) -> tuple[float, float]:
