@@ -81,11 +81,12 @@ class Multibody:
 
     def jacobian(self, points: Points, axes: Array) -> Any:
         """J (3n, nv) of points (n,) with axes (n, 3, 3), the normal last."""
-        pin.computeJointJacobians(self.model, self.data, self._at)
+        # Pinocchio gives a matrix with one column as a vector.
+        every = pin.computeJointJacobians(self.model, self.data, self._at).reshape(6, self.model.nv)
         jacobian: Any = 0.0
         for x, joints, sign in points.ends:
             rows = np.concatenate([axes, cross(x[:, None, :], axes)], axis=2)
-            jacobian = jacobian + (rows @ self.data.J) * (sign * self.carries[joints])[:, None, :]
+            jacobian = jacobian + (rows @ every) * (sign * self.carries[joints])[:, None, :]
         return self.turned(jacobian.reshape(-1, self.model.nv))
 
     def turned(self, rows: Array) -> Array:

@@ -138,16 +138,21 @@ class DenseOutput:
                 count[pair] += 1
         return {pair: tuple(np.stack(columns, axis=2)) for pair, columns in found.items()}
 
-    def by_piece(self, times: Array) -> Iterator[tuple[Equations, Array]]:
-        """The equations of each piece that has some of the times (m,), and the places of those."""
-        for group in self._groups(times):
-            yield group.equations, group.places
+    def by_piece(self, times: Array) -> Iterator[tuple[Equations, Array, Array]]:
+        """Of each piece that has some of the times (m,), its equations, the places of those, and its numbers then."""
+        number = self._piece_of(times)
+        for i in np.unique(number):
+            piece, places = self.pieces[i], np.flatnonzero(number == i)
+            yield piece.equations, places, piece.numbers(times[places])
 
     def _groups(self, times: Array) -> Iterator[_Group]:
         """The times by pieces; a time at which a piece begins belongs to that piece."""
-        number = np.searchsorted([piece.begin for piece in self.pieces], times, side="right") - 1
+        number = self._piece_of(times)
         for i in np.unique(number):
             yield self._group(int(i), np.flatnonzero(number == i), times)
+
+    def _piece_of(self, times: Array) -> Array:
+        return np.searchsorted([piece.begin for piece in self.pieces], times, side="right") - 1
 
     def _group(self, number: int, places: Array, times: Array) -> _Group:
         """Those of the times that have these places, for one piece."""

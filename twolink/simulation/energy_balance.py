@@ -193,8 +193,7 @@ def _stretches(run: Trajectory, times: np.ndarray) -> Iterator[_Stretch]:
         raise SceneError("a run with stepped contacts has no smooth pieces", where="run", argument="run",
                          remedy='simulate it with contact="located"', code="stepped")  # fmt: skip
     states = run.solution.states(times)
-    for equations, places in run.solution.by_piece(times):
-        numbers = np.repeat(equations.start[equations.moving :, None], len(places), axis=1)
+    for equations, places, numbers in run.solution.by_piece(times):
         yield _Stretch(equations, times[places], np.concatenate([states[:, places], numbers]), places)
 
 

@@ -38,17 +38,17 @@ def _read_along(sensor: Sensor, solution: DenseOutput | SteppedSolution) -> Read
         return Readings(times, np.empty((0, 0)))
     states, values = solution.states(times), dict[int, np.ndarray]()
 
-    def look(equations: Equations, places: np.ndarray) -> Forces:
+    def look(equations: Equations, places: np.ndarray, numbers: np.ndarray) -> Forces:
         if not isinstance(solution, DenseOutput):
             raise SceneError("the forces of stepped contacts are means over steps: no sensor reads them",
                              where=sensor.label, remedy="take run.tau or run.contact_forces")  # fmt: skip
-        return forces_seen(equations, times[places], states[:, places])
+        return forces_seen(equations, times[places], np.append(states[:, places], numbers, axis=0))
 
-    whole = [(solution.pieces[0].equations, np.arange(len(times)))]
-    for equations, places in solution.by_piece(times) if isinstance(solution, DenseOutput) else whole:
+    whole = [(solution.pieces[0].equations, np.arange(len(times)), states[:0])]
+    for equations, places, numbers in solution.by_piece(times) if isinstance(solution, DenseOutput) else whole:
         q, v = equations.space.rows(states[:, places])
         z = dict(zip(equations.space.states, states[equations.space.z_rows, places], strict=True))
-        seen = Seen(equations.robot, q, v, z, functools.partial(look, equations, places))
+        seen = Seen(equations.robot, q, v, z, functools.partial(look, equations, places, numbers))
         values |= dict(zip(places.tolist(), sensor.read(seen), strict=True))
     random = random_of(sensor, len(values[0]))
     return Readings(times, np.array([reading(sensor, random, k, values[k][None])[0] for k in range(len(times))]))

@@ -116,8 +116,8 @@ class Slurm(BlockEngine):
         _write(listed, json.dumps(shards).encode())
         for name in (each for shard in shards for each in shard):
             _write(self._file(name, "task"), pickle.dumps(self._waiting[name][0]))
-        code = f"import sys; from {__name__} import main; main(*sys.argv[1:])"
-        command = shlex.join([sys.executable, "-c", code, str(self._folder), listed.name])
+        program = f"import sys; from {__name__} import main; main(*sys.argv[1:])"
+        command = shlex.join([sys.executable, "-c", program, str(self._folder), listed.name])
         job = _run("sbatch", "--parsable", "--job-name=twolink", f"--array=0-{len(shards) - 1}",
                    f"--output={self._folder}/slurm-%A_%a.log", *self._options, "--wrap", command)  # fmt: skip
         for name in (each for shard in shards for each in shard):
