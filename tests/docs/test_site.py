@@ -170,6 +170,7 @@ def test_methods_have_pictures_of_what_accuracy_costs(tmp_path: Path, monkeypatc
     assert pictures.picture(site, "none") == ""
 
 
+@pytest.mark.slow
 def test_the_search_finds_a_page_for_the_words_that_people_type(site: Path) -> None:
     """As the search of the site: every word, by its stem, in the page's text or title."""
     given = (site / "searchindex.js").read_text("utf-8")

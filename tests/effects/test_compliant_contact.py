@@ -104,6 +104,7 @@ def test_an_ellipsoid_touches_with_its_lowest_point() -> None:
     assert lowest == pytest.approx(-0.2, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_an_ellipsoid_with_equal_radii_is_a_ball() -> None:
     q, v = [0, 0, R + 0.05], [0.3, 0, 0, 4, 0, 0]
     ends = [tl.simulate(ball(q, v, E.PlaneContact("ball", friction=0.3, restitution=0.4, **shape)), accuracy=1e-9)

@@ -34,6 +34,7 @@ def cradle(impacts: str, e: float = 1.0) -> tl.Trajectory:
     )
 
 
+@pytest.mark.slow
 def test_the_law_of_reflections_passes_a_blow_through_balls_that_touch() -> None:
     run = cradle("reflections")
     assert run.v[-1] == pytest.approx([0, 0, 0, 0, 1], abs=1e-12)

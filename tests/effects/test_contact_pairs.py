@@ -65,6 +65,7 @@ def test_all_but_these() -> None:
         scene.with_effects([fx.Contact((("can", "box"),), exclude=(("box", "can"),))])
 
 
+@pytest.mark.slow
 def test_touch_sensors_feel_all_shapes_of_a_link() -> None:
     feet = [fx.Sphere(0.01, (x, y, -0.04)) for x, y in ((0.03, 0.0), (-0.03, 0.03), (-0.03, -0.03))]
     base = tl.Scene(tl.load_robot("world")).with_object("box").base

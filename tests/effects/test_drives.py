@@ -44,6 +44,7 @@ def lagged(t: np.ndarray, time: float = 0.05, u: float = 0.7, start: float = 0.1
     return (u * t * t / 2 + (start - u) * time * (t - time * (1 - np.exp(-t / time)))) / I
 
 
+@pytest.mark.some(2)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "esdirk43", "scipy-dop853", "rk4"])
 def test_lag_by_its_closed_form(method: str) -> None:
     run = tl.simulate(LAGGED, accuracy=1e-9, method=method)

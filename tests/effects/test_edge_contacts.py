@@ -209,7 +209,7 @@ PLATE = E.Box((LONG, 0.2, HIGH))
 PLATES = [(0.0, -0.1, 0.5, 0.42), (0.0, -0.3, 1.0, 0.45), (0.3, -0.1, 1.0, 0.30), (0.3, -0.1, 0.5, 0.4)]
 
 
-@pytest.mark.some(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("width", "mu", "s", "ds", "end"),  # the narrow one crosses the edge of the table, the wide one its ends too
     [(0.2, *PLATES[0]), *(pytest.param(width, *plate, marks=pytest.mark.slow) for width in (0.2, 1.4)
@@ -247,7 +247,7 @@ def test_a_plate_slides_over_an_edge_in_a_turned_world_as_a_mesh_and_with_roles_
         assert np.abs(x[:, 1]).max() < 1e-9
 
 
-@pytest.mark.some(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("share", "mesh"),
     [(0.0, False), (0.49, False),

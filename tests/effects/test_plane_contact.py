@@ -93,6 +93,7 @@ def test_the_impact_of_a_rod_with_friction_keeps_momentum() -> None:
     assert hit.energy == pytest.approx((before @ mass @ before - after @ mass @ after) / 2, abs=1e-5)
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-6, 1e-9])
 def test_a_sliding_ball_begins_to_roll(accuracy: float) -> None:
     """At t = 2 v0 / (7 mu g), with 5/7 of its speed."""
@@ -124,6 +125,7 @@ def test_a_ball_whose_sliding_turns_begins_to_roll_whatever_the_steps(duration: 
     assert np.abs(slip).max() < 1e-9
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("share", [0.95, 1.05])
 def test_a_ball_rolls_down_an_incline_if_friction_is_two_sevenths_of_its_tangent(share: float) -> None:
     angle = 0.5
@@ -137,6 +139,7 @@ def test_a_ball_rolls_down_an_incline_if_friction_is_two_sevenths_of_its_tangent
     assert np.abs(down - slope * G * run.t**2 / 2).max() < 1e-9
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("share", [0.98, 1.02])
 def test_a_block_on_two_feet_slides_if_the_slope_exceeds_its_friction(share: float) -> None:
     """How the feet share the friction is not determined; whether the block slides is, and how."""
@@ -199,6 +202,7 @@ def test_a_rod_falling_without_friction_keeps_its_centre_over_the_same_point() -
     assert np.ptp(run.energy) < 1e-8
 
 
+@pytest.mark.slow
 def test_what_is_lifted_leaves() -> None:
     """Pulled up by m g t: off at t = 1, then g (t - 1)^3 / 6."""
     effects = [E.Gravity(), E.FrameWrench("body", (0.0, 0.0, E.Polynomial((0.0, G)))), E.PlaneContact("body")]

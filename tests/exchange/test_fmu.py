@@ -125,7 +125,7 @@ def states_of(run: tl.Trajectory) -> np.ndarray:
     return np.concatenate([run.q, run.v, *(z[:, None] for z in run.states.values())], axis=1)
 
 
-@pytest.mark.some(3)
+@pytest.mark.some(1)
 @pytest.mark.parametrize("name", SCENES)
 def test_fmpy_has_no_complaint(name: str, folder: Path) -> None:
     path = exported(name, folder)
@@ -137,6 +137,7 @@ def test_fmpy_has_no_complaint(name: str, folder: Path) -> None:
     assert {v.unit for v in described.modelVariables} <= {u.name for u in described.unitDefinitions} | {None}
 
 
+@pytest.mark.some(2)
 @pytest.mark.parametrize("name", SCENES)
 def test_co_simulation_agrees_within_its_tolerance(name: str, folder: Path) -> None:
     run = tl.simulate(SCENES[name](), T, accuracy=1e-8, t_eval=np.linspace(0, T, 11))

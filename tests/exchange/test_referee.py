@@ -150,6 +150,7 @@ def test_what_is_no_trajectory_is_refused(given: object) -> None:
     assert failure.value.code == "not-a-trajectory"
 
 
+@pytest.mark.slow
 def test_mujoco_is_judged() -> None:
     mujoco = pytest.importorskip("mujoco")
     robot = tl.load_robot("ur5")

@@ -46,6 +46,7 @@ def parameters() -> list[object]:
     return out
 
 
+@pytest.mark.some(4)
 @pytest.mark.parametrize("name", parameters())
 def test_case_meets_its_bar_or_says_that_it_does_not(name: str) -> None:
     (case,) = select_cases([name])

@@ -80,6 +80,7 @@ def test_models_that_do_not_exist_are_refused(model: object, part: str) -> None:
         identify(ARM, T, Q, V, CLEAN, a=A, joint_model=model)
 
 
+@pytest.mark.slow
 def test_a_delay_is_found_from_positions_alone() -> None:
     late = np.stack([np.interp(T - 0.05, T, tau) for tau in CLEAN.T], axis=1)
     holds(identify(ARM, T, Q, None, noisy(late, 0.02), find=["delay"]), delay=0.05)

@@ -122,6 +122,7 @@ def test_a_missing_library_is_named_with_its_installation(monkeypatch: pytest.Mo
         run.to_xarray()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["arm-swing", "bouncing-ball", "four-bar", "pitch"])
 def test_runs_survive_pickling(name: str) -> None:
     run = tl.simulate(tl.load_scene(name), 0.3, accuracy=1e-5)

@@ -122,6 +122,7 @@ def test_a_start_within_rounding_below_the_plane_counts_as_on_it() -> None:
     assert times(run, "impact") == pytest.approx(flight * np.arange(1, 5), abs=1e-8)
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
 def test_a_rod_that_falls_flat_bounces_flat(e) -> None:
     feet = [E.PlaneContact("body", point=(s, 0.0, 0.0), restitution=e) for s in (0.5, -0.5)]

@@ -122,6 +122,7 @@ def test_a_parameter_of_a_world_is_a_robot_built_with_it() -> None:
     assert np.abs(steps.partial(x, np.zeros(4), np.full(4, 0.05), values * 1.01) - together).max() > 1e-6
 
 
+@pytest.mark.some(2)
 @pytest.mark.parametrize("name", ["dop853", "suzuki4"])
 def test_a_world_gets_the_same_bits_in_any_batch(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = box()

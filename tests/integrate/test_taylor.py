@@ -34,6 +34,7 @@ def test_every_order_leaves_symmetric_rest(order: int) -> None:
     assert 300 < found.steps < 600
 
 
+@pytest.mark.slow
 def test_equal_rods_leave_symmetric_rest_at_every_order() -> None:
     truth = [-1.207716238190638, -0.81439102309129635]  # absolute, from downward, after 1 s
     for order in range(3, 21):

@@ -28,6 +28,7 @@ def thrown(*more: tl.effects.Effect) -> tl.Scene:
     return tl.Scene(tl.load_robot(PLANE), [0.0, HEIGHT], [2.0, 2.0], [effects.Gravity(), *more, landed], 5.0)
 
 
+@pytest.mark.slow
 def test_the_farthest_throw_with_a_limited_speed_is_the_textbook_one() -> None:
     """From a height h: range V sqrt(V^2 + 2 g h) / g, at tan of the elevation V / sqrt(V^2 + 2 g h)."""
     limit = {"speed": lambda run: SPEED**2 - float(run.v[0] @ run.v[0])}

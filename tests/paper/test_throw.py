@@ -57,6 +57,7 @@ def test_a_pitched_ball_flies_as_a_point_mass_in_air() -> None:
     assert one.errors["end"] < 1e-9
 
 
+@pytest.mark.slow
 def test_without_air_it_lands_where_the_parabola_does() -> None:
     """From the same release, by the whole robot without drag."""
     one, scene = pitched(), tl.load_scene("pitch")

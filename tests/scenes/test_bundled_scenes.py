@@ -144,6 +144,7 @@ def test_spinning_top_follows_eulers_equations() -> None:
     assert turned.min() < -4.9  # it turns over
 
 
+@pytest.mark.slow
 def test_heavy_top_precesses_steadily() -> None:
     """Exact: the level axis turns at m g l / (J2 w) about the vertical."""
     scene, run = run_of("heavy-top")
@@ -155,6 +156,7 @@ def test_heavy_top_precesses_steadily() -> None:
     assert np.ptp(run.energy) < 1e-7 * run.energy[0]
 
 
+@pytest.mark.slow
 def test_bricard_moves_with_a_redundant_constraint() -> None:
     """IFToMM A04: one row of the last hinge is redundant; the other rows have the same rank."""
     scene, run = run_of("bricard")

@@ -33,6 +33,7 @@ def test_in_newtons_cradle_the_last_ball_leaves_with_the_speed_of_the_first() ->
     assert hit == pytest.approx(first, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_the_can_stops_where_friction_says() -> None:
     run = run_of("can-on-table", accuracy=1e-8)
     assert [event.t for event in run.events] == pytest.approx([0.8 / (0.3 * G)], abs=1e-8)

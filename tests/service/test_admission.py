@@ -259,6 +259,7 @@ def test_many_pipelined_requests_end_the_connection(small: Served) -> None:
     assert "Traceback" not in small.log
 
 
+@pytest.mark.slow
 def test_bodies_that_do_not_arrive_are_limited_and_cut_off(small: Served) -> None:
     """Of a client at most half of the memory is kept for announced bodies, and not for long."""
     unfinished = HEAD + b"Content-Type: application/x-npz\r\nContent-Length: 7000000\r\n\r\nPK"

@@ -97,6 +97,7 @@ def test_pages_have_relative_links(http: httpx.Client) -> None:
     assert not re.search(r"""(fetch|import|src =|href =|new URL)\s*\(?["'`]/""", scripts)
 
 
+@pytest.mark.slow
 def test_an_end_without_tasks_is_no_error(tmp_path: Path) -> None:
     with serving(tmp_path / "data") as served:
         address = "127.0.0.1", int(served.url.rpartition(":")[2])

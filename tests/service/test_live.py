@@ -135,6 +135,7 @@ def test_huge_messages_and_floods_end_the_connection(served: Served) -> None:
             frame(socket)
 
 
+@pytest.mark.slow
 def test_those_that_go_make_room(served: Served) -> None:
     """A client has at most half of four; a connection that breaks gives its place back."""
     for _ in range(6):
@@ -159,6 +160,7 @@ def begun(served: Served) -> Iterator[ClientConnection]:
         time.sleep(0.1)
 
 
+@pytest.mark.slow
 def test_other_sites_other_paths_and_strangers_are_refused(tmp_path: Path) -> None:
     with serving(tmp_path, "--token", "se/cret=") as served:
         token = base64.urlsafe_b64encode(b"se/cret=").decode().rstrip("=")

@@ -204,6 +204,7 @@ def client(served: Served, token: str) -> httpx.Client:
     return served.client(headers={"Authorization": f"Bearer {token}"})
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("what", ["robot", "simulation"])
 def test_an_owner_lists_and_ends_its_own_and_an_administrator_all(shared: Served, what: str) -> None:
     with client(shared, "one") as ann, client(shared, "two") as bob, client(shared, "three") as eve:
@@ -256,6 +257,7 @@ def test_the_disk_quota_holds_while_compressed_uploads_come_at_once(shared: Serv
         assert upload(0).status_code == 201
 
 
+@pytest.mark.slow
 def test_an_owner_has_so_much_processor_time_a_day(tmp_path: Path) -> None:
     tokens = "--token", "ann:one", "--token", "bob:two"
     with serving(tmp_path / "data", *tokens, "--quota", "owner_seconds=0.2") as served, client(served, "one") as ann:
@@ -296,6 +298,7 @@ EXTREME: list[tuple[str, dict[str, Any]]] = [
 ]  # fmt: skip
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize(("path", "body"), EXTREME)
 def test_extreme_numbers_are_no_fault_of_the_service(http: httpx.Client, path: str, body: dict[str, Any]) -> None:
     answer = http.post(f"/v1/scenes/{path}", json=body)

@@ -38,6 +38,7 @@ def test_nothing_in_the_page_points_outside_or_stands_inline() -> None:
         assert set(re.findall(r'byId\("([^"]+)"\)', path.read_text("utf-8"))) <= ids, path.name
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_every_control_has_a_name(page: Page) -> None:
     page.open()
@@ -117,6 +118,7 @@ def test_the_plots_zoom_hide_and_move_the_robot(page: Page) -> None:
     assert "elbow" in page.evaluate("document.getElementById('announce').textContent")  # the shoulder is hidden
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_from_a_new_robot_to_its_playing(page: Page, tmp_path: Path) -> None:
     """A newcomer's way."""
@@ -137,6 +139,7 @@ def test_from_a_new_robot_to_its_playing(page: Page, tmp_path: Path) -> None:
     assert page.evaluate("document.getElementById('result').hidden")
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_a_dropped_robot_and_a_free_base(page: Page) -> None:
     page.open()
@@ -158,6 +161,7 @@ def test_a_zip_with_its_urdf(page: Page, tmp_path: Path) -> None:
     page.wait_for("document.getElementById('robot-facts').innerText.startsWith('zipped')")
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_sliders_move_the_robot(page: Page) -> None:
     page.open("#robot=two_link")
@@ -209,6 +213,7 @@ def test_events_are_listed_and_lead_there(page: Page) -> None:
     assert page.text("#clock").startswith("0.45")
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_a_bad_urdf_is_explained_where_it_was_given(page: Page, tmp_path: Path) -> None:
     (tmp_path / "bad.urdf").write_text(BAD)
@@ -284,6 +289,7 @@ def test_a_run_is_cancelled(page: Page) -> None:
     assert not page.evaluate("document.getElementById('run-button').disabled")
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # the client's socket, left to the end
 def test_queries_are_answered_and_shown_as_programs(page: Page) -> None:
@@ -315,6 +321,7 @@ def test_queries_are_answered_and_shown_as_programs(page: Page) -> None:
                   "&& !document.getElementById('query-problem').innerText.includes('not a number')")  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_every_query_can_be_asked(page: Page) -> None:
     page.open("#robot=two_link")
@@ -358,6 +365,7 @@ def test_earlier_runs_are_shown_again(page: Page) -> None:
     assert "human arm" in page.text("#results-title")
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_the_keyboard_reaches_run(page: Page) -> None:
     page.open()
@@ -390,6 +398,7 @@ def test_the_page_fits_small_screens(page: Page, width: int, height: int) -> Non
     assert page.moves()
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_the_page_is_dark_when_the_system_is(page: Page) -> None:
     dark = {"name": "prefers-color-scheme", "value": "dark"}
@@ -423,6 +432,7 @@ def test_the_page_outlives_the_service(tmp_path: Path, browser: Browser) -> None
     assert page.faults() == []
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_a_late_drawing_does_not_replace_the_run(page: Page) -> None:
     page.open()
@@ -472,6 +482,7 @@ LATE = """(async late => { window.asked = null;
 VERIFIED = "document.getElementById('run-status').innerText === 'The error bar is there.'"
 
 
+@pytest.mark.some(1)
 @pytest.mark.browser
 @pytest.mark.parametrize("late", [0, 1, 2])
 def test_a_moved_slider_simulates_again_and_late_answers_replace_no_newer_ones(page: Page, late: int) -> None:
@@ -487,6 +498,7 @@ def test_a_moved_slider_simulates_again_and_late_answers_replace_no_newer_ones(p
     assert '"shoulder":0.9' in page.evaluate("decodeURIComponent(location.hash)")
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_mujoco_stands_beside_it_with_its_distance(page: Page) -> None:
     pytest.importorskip("mujoco")
@@ -540,6 +552,7 @@ def test_a_token_is_asked_for(tmp_path: Path, browser: Browser) -> None:
         assert page.faults() == []
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_hostile_names_stay_text(page: Page) -> None:
     name = "&lt;img src=x onerror=hacked=1&gt;"

@@ -55,6 +55,7 @@ def test_eigenvalues_tell_the_raised_arm_from_the_hanging_one(page: Page) -> Non
     assert page.evaluate("document.querySelectorAll('#linear-result circle').length") == 4
 
 
+@pytest.mark.slow
 def test_parameters_are_identified_from_a_file(page: Page, tmp_path: Path) -> None:
     robot, t = tl.load_robot("two_link"), np.linspace(0.0, 4.0, 200)
     w = np.array([1.7, 2.9])

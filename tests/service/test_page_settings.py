@@ -47,6 +47,7 @@ def legend(page: Page) -> list[str]:
     return list(page.evaluate(names))
 
 
+@pytest.mark.slow
 def test_every_effect_that_the_page_offers_is_taken_by_the_service(page: Page) -> None:
     page.open()
     refused, kinds = page.evaluate(REFUSED % json.dumps(["two_link", "bouncing_ball"]))
@@ -55,6 +56,7 @@ def test_every_effect_that_the_page_offers_is_taken_by_the_service(page: Page) -
     assert len(kinds) >= 23
 
 
+@pytest.mark.slow
 def test_the_values_of_an_effect_are_edited_in_a_form(page: Page) -> None:
     page.open("#scene=arm-human")
     for i in (0, 1):
@@ -176,6 +178,7 @@ def test_runs_are_compared(page: Page) -> None:
     assert "compare=" not in page.evaluate("location.hash")
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_after_a_reload(page: Page) -> None:
     page.open("#scene=arm-human")
     page.choose("#method", "midpoint")
@@ -191,6 +194,7 @@ def test_a_run_goes_on_after_a_reload(page: Page) -> None:
     page.wait_for("document.getElementById('cancel-button').hidden")
 
 
+@pytest.mark.slow
 def test_one_robot_of_a_zip_is_chosen(page: Page, tmp_path: Path) -> None:
     bad = pendulum(name="bad").replace('mass value="2"', 'mass value="-1"')
     (tmp_path / "two.zip").write_bytes(zipped({"a/one.urdf": pendulum(name="one"), "b/two.urdf": bad}))

@@ -93,6 +93,7 @@ def test_missing_meshes_are_in_the_load_report(http: httpx.Client) -> None:
     assert any("not found" in finding["what"] for finding in about["report"]["ignored"])
 
 
+@pytest.mark.slow
 def test_visuals_with_the_links_poses_are_where_pinocchio_draws_them(http: httpx.Client) -> None:
     import pinocchio as pin
 

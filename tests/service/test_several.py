@@ -160,6 +160,7 @@ def test_room_for_uploads_is_taken_once(stores: list[Store]) -> None:
 # Services
 
 
+@pytest.mark.slow
 def test_what_one_service_is_given_another_has(tmp_path: Path, shared: tuple[str, str]) -> None:
     def objects() -> list[Path]:
         return [path for path in (tmp_path / "objects" / "results").rglob("*") if path.is_file()]

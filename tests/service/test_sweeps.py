@@ -58,6 +58,7 @@ def test_results_are_those_of_the_library(store: Any, tmp_path: Path) -> None:
         tl.connect("http://127.0.0.1:1").sweep("arm-swing", vary=GRID, out=tmp_path / "x.zarr")
 
 
+@pytest.mark.slow
 def test_results_as_json_and_tables(http: httpx.Client, store: Any, job: str) -> None:
     record = http.get(job).json()["result"]
     assert (record["runs"], record["done"], record["failed"]) == (6, 3, 3)

@@ -40,6 +40,7 @@ def run(
     return asyncio.run(whole())
 
 
+@pytest.mark.some(2)
 @pytest.mark.parametrize(
     ("task", "kind", "part"),
     [

@@ -145,7 +145,7 @@ def drawn_tick(axis: Any, side: Any, text: Any) -> bool:
     return bool(low <= place <= high)
 
 
-@pytest.mark.some(9)
+@pytest.mark.some(3)
 @pytest.mark.parametrize("name", [row["name"] for row in tl.scenes().to_records()])
 def test_no_text_covers_another_one_in_the_figures_of_the_bundled_scenes(name: str) -> None:
     scene = tl.load_scene(name)

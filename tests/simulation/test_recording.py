@@ -92,6 +92,7 @@ def test_angles_of_continuous_joints_go_on_beyond_a_turn(tmp_path: Path) -> None
     np.testing.assert_allclose(np.diff(angles, axis=0), steps, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_a_contact_is_a_wrench_about_the_origin(tmp_path: Path) -> None:
     scene = tl.load_scene("bowl")
     run = tl.simulate(scene, samples_per_second=50)
