@@ -125,7 +125,8 @@ def test_huge_messages_and_floods_end_the_connection(served: Served) -> None:
             socket.send("x" * 2**21)
         with pytest.raises(ConnectionClosed) as closed:
             [*iter(lambda: frame(socket), None)]
-        assert closed.value.rcvd.code == 1009
+        if closed.value.rcvd is not None:  # a reset of a connection that still sends overtakes the close frame
+            assert closed.value.rcvd.code == 1009
     with live(served) as socket, contextlib.suppress(ConnectionClosed):
         frame(socket)
         for _ in range(5000):
