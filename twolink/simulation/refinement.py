@@ -79,9 +79,10 @@ class Refinement:
             self.best = run
 
     def _agreeing(self, run: Trajectory, other: Trajectory) -> tuple[Trajectory, Trajectory]:
-        """Two runs, each with a bar that holds if the other's does: one that is refuted was too small.
+        """The two runs with bars that do not contradict each other.
 
-        Where their distance is above the sum of their bars, one of the two does not hold.
+        Where their distance is above the sum of their bars, one of the bars does not hold, and it is not known which.
+        Each bar is then widened to the distance plus the other one.
         """
         if run.error is None or other.error is None:
             return run, other
