@@ -283,7 +283,6 @@ def test_any_method_goes_from_tick_to_tick(method: str) -> None:
         tl.linearize,
         lambda s: tl.simulate(s, method="taylor", precision="extended"),
         lambda s: tl.simulate(s, precision="quad"),
-        lambda s: tl.energy_book(tl.simulate(s, 0.2)),
         lambda s: tl.accuracy_study(s),
         lambda s: s.save("/tmp/never-written.toml"),
     ],
@@ -292,6 +291,21 @@ def test_what_does_not_follow_ticks_says_so(use: object) -> None:
     """Never a result without the controller."""
     with pytest.raises(SceneError):
         use(tl.Scene(slider(), [1.0], effects=[E.Controller(pd, period=0.1)], duration=1.0))
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_the_energy_book_has_the_work_of_held_torques(friction: float) -> None:
+    """The sum of u times the way between two ticks, which begins 0.03 s after a tick."""
+    effects = [E.Controller(pd, period=0.1, delay=0.03), *([E.DryFriction({"rail": friction})] if friction else [])]
+    scene = tl.Scene(slider(), [1.0], effects=effects, duration=1.0)
+    times = np.union1d(np.linspace(0.0, 1.0, 11), np.arange(10) * 0.1 + 0.03)
+    run = tl.simulate(scene, accuracy=1e-9, t_eval=times)
+    book = tl.energy_book(scene, run)
+    assert np.abs(book.residual).max() < 1e-9
+    (q, v), acting = run.at(0.1 * np.arange(10)), np.append(0.1 * np.arange(10) + 0.03, 1.0)
+    exact = float((-4.0 * q - 2.0 * v)[:, 0] @ np.diff(run.at(acting)[0][:, 0]))
+    assert book.work["controller"][-1] == pytest.approx(exact, abs=1e-9)
+    assert exact > 0.1
 
 
 def test_explain_and_cost() -> None:

@@ -145,6 +145,14 @@ class DenseOutput:
             piece, places = self.pieces[i], np.flatnonzero(number == i)
             yield piece.equations, places, piece.numbers(times[places])
 
+    def changes(self) -> Array:
+        """Times at which numbers behind the states change, as held torques do at ticks."""
+        found = [np.empty(0)]
+        for piece in self.pieces:
+            if piece.held is not None and piece.taken is not None:
+                found.append(piece.taken[0][1:][(np.diff(piece.held, axis=0) != 0.0).any(axis=1)])
+        return np.concatenate(found)
+
     def _groups(self, times: Array) -> Iterator[_Group]:
         """The times by pieces; a time at which a piece begins belongs to that piece."""
         number = self._piece_of(times)

@@ -119,7 +119,8 @@ def energy_book(scene: Scene, run: Trajectory | None = None) -> EnergyBalance:
     """
     run = simulate(scene, accuracy=1e-9) if run is None else run
     edges = np.union1d(run.t, [event.t for event in run.events if event.t < run.t[-1]])
-    edges = np.union1d(edges, equations_of(scene).breaks(float(run.t[-1])))
+    edges = np.union1d(edges, equations_of(scene, ticks=True).breaks(float(run.t[-1])))
+    edges = np.union1d(edges, _dense(run).changes())
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     middle, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
     inner = (middle[:, None] + half[:, None] * nodes).ravel()
@@ -184,16 +185,22 @@ def effect_names(scene: Scene) -> list[str]:
     return [f"{kind} [{i}]" if kinds.count(kind) > 1 else kind for i, kind in enumerate(kinds)]
 
 
-def _stretches(run: Trajectory, times: np.ndarray) -> Iterator[_Stretch]:
-    """The states of a run at other times, by its smooth pieces."""
+def _dense(run: Trajectory) -> DenseOutput:
+    """The solution of a run with equations of motion."""
     if run.solution is None:
         raise SceneError("a loaded trajectory has no equations of motion", where="run",
                          remedy="simulate it again with its scene", code="no-equations", argument="run")  # fmt: skip
     if not isinstance(run.solution, DenseOutput):
         raise SceneError("a run with stepped contacts has no smooth pieces", where="run", argument="run",
                          remedy='simulate it with contact="located"', code="stepped")  # fmt: skip
-    states = run.solution.states(times)
-    for equations, places, numbers in run.solution.by_piece(times):
+    return run.solution
+
+
+def _stretches(run: Trajectory, times: np.ndarray) -> Iterator[_Stretch]:
+    """The states of a run at other times, by its smooth pieces."""
+    solution = _dense(run)
+    states = solution.states(times)
+    for equations, places, numbers in solution.by_piece(times):
         yield _Stretch(equations, times[places], np.concatenate([states[:, places], numbers]), places)
 
 
@@ -217,7 +224,7 @@ def _powers(scene: Scene, stretch: _Stretch) -> Iterator[tuple[int, np.ndarray]]
     motion = _motion(stretch)
     for place, effect in zip(equations.places, equations.effects, strict=False):
         yield place, _power(motion, effect_loads(equations, motion, numbers, [effect]))
-    switching = equations_of(scene).switching
+    switching = equations_of(scene, ticks=True).switching
     for place, hold in switching.holds if switching is not None else ():
         if hold.kinetic:
             yield place, -hold.kinetic * np.abs(motion.v[hold.dof])
