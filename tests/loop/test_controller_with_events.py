@@ -196,6 +196,10 @@ def test_a_ball_leaves_the_ground_at_the_tick_that_lifts_it() -> None:
     assert stepped.tau[-1, 0] == pytest.approx(2.0 * G + 4.0)
     weight = next(iter(stepped.contact_forces.values()))
     assert weight[20, 2] == pytest.approx(2.0 * G - 5.0, abs=1e-9)
+    for contact in ("located", "stepped"):
+        sim = tl.Simulation(_on_ground(update, 0.1), contact=contact, step=0.02, verify=True)
+        heights = [sim.step(0.05).q[0] for _ in range(20)]
+        assert heights == pytest.approx([0.1 + max(0.0, 0.05 * k - 0.5) ** 2 for k in range(1, 21)], abs=1e-9)
 
 
 def test_a_threshold_between_two_stepped_solutions_is_named() -> None:
@@ -244,6 +248,8 @@ def test_sensors_of_forces_are_refused_beside_stepped_contacts() -> None:
     touch = E.TouchSensor("ball", name="touch")
     with pytest.raises(SceneError, match="means over steps"):
         tl.simulate(scene.with_effects([*scene.effects, touch]), 0.2, contact="stepped")
+    with pytest.raises(tl.errors.SceneError, match="means over steps"):
+        tl.Simulation(scene.with_effects([*scene.effects, touch]), contact="stepped").step(0.2)
 
 
 def test_a_drives_controller_stands_at_a_stop() -> None:

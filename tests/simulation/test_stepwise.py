@@ -10,7 +10,6 @@ from tests.effects.bodies import slider
 
 E = tl.effects
 SWING = tl.load_scene("arm-swing")
-CONTROL = E.Controller(lambda _, y, s: (-y.q, s))
 
 
 def test_steps_of_any_length_are_the_motion_within_the_bar() -> None:
@@ -89,7 +88,6 @@ def test_states_of_effects_and_free_bodies() -> None:
     ("make", "part"),
     [
         (lambda: tl.Simulation("arm-swing"), "expected a Scene"),
-        (lambda: tl.Simulation(tl.Scene(SWING.base, effects=[CONTROL])), "not called"),
         (lambda: tl.Simulation(SWING, contact="stepped"), "no Contact"),
         (lambda: tl.Simulation(SWING, step=0.0), "step"),
         (lambda: tl.Simulation(SWING).step(0.0), "above 0"),

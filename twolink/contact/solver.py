@@ -230,7 +230,7 @@ class _Ticks:
         rows = equations.layout.rows_of_slots()
         self._rows = np.array(list(rows.values()), dtype=int)
         self._numbers = self._rows - moving
-        self.loop = SampledLoop(sampling, rows, equations.space.states, self._x, _no_forces)
+        self.loop = SampledLoop(sampling, rows, equations.space.states, self._x, no_forces)
 
     def next(self, first: int, q: Array, v: Array) -> int:
         """Let happen what is due before the step `first` from (q, v). Returns the step before which more is."""
@@ -244,7 +244,8 @@ class _Ticks:
         return int(np.searchsorted(plan.t, loop.time * (1.0 - SAME_TIME)))
 
 
-def _no_forces(*_: object) -> Forces:
+def no_forces(*_: object) -> Forces:
+    """Raises SceneError, code "sensor-of-forces"."""
     raise SceneError("the forces of stepped contacts are means over steps: no sensor reads them", where="effects",
                      remedy='contact="located", or sensors of positions and velocities; afterwards run.tau and '
                             "run.contact_forces", code="sensor-of-forces")  # fmt: skip

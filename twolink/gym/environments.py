@@ -46,7 +46,7 @@ class Task:
     Parameters
     ----------
     scene : Scene
-        Without events and sampled controllers, see `tl.Simulation`.
+        Its controllers are called at their ticks, and actions add to them, see `tl.Simulation`.
     reward : callable
         (state, action) -> float, of the state at the end of a period.
     period : float
@@ -155,6 +155,10 @@ class VectorEnvironment(gymnasium.vector.VectorEnv[Array, Array, Array]):
 
     def __init__(self, scene: Scene, reward: Reward, num_envs: int, **task: Any) -> None:
         self.task, self.num_envs = Task(scene, reward, **task), num_envs
+        for i, effect in enumerate(scene.effects):
+            if effect.sampled is not None:
+                raise SceneError("a sampled controller is not called in a batch", where=f"effects[{i}]",
+                                 remedy="several Environment", code="not-step-by-step")  # fmt: skip
         equations, self._torques = equations_held(*with_held_torques(scene))
         if equations.constraints is not None or equations.has_events:
             raise SceneError("worlds with loops or events are not solved in a batch", where="effects",

@@ -43,6 +43,8 @@ class Clock:
     ----------
     parts : mapping of int to Controller or Sensor
         By their places among the effects.
+    start : float
+        What would begin before it is left out, s.
 
     Attributes
     ----------
@@ -50,15 +52,18 @@ class Clock:
         That instant, s; infinite where nothing happens any more.
     """
 
-    def __init__(self, parts: Mapping[int, Controller | Sensor]) -> None:
+    def __init__(self, parts: Mapping[int, Controller | Sensor], start: float = 0.0) -> None:
         names = ("period", "offset", "delay", "jitter")
         times = {place: [exact(getattr(one, name, 0)) for name in names] for place, one in parts.items()}
         self._common = PARTS * math.lcm(*(x.denominator for row in times.values() for x in row))
         self._times = {place: [int(x * self._common) for x in row] for place, row in times.items()}
         self._late = {place: Random(one.seed, f"controller {place}") for place, one in parts.items() if times[place][3]}
         self._heap: list[tuple[int, int, int, int]] = []
+        begin = int(start * (1.0 - SAME_TIME) * self._common)
         for place, one in parts.items():
-            heapq.heappush(self._heap, self._at(READ if isinstance(one, Sensor) else UPDATE, place, 0))
+            period, offset, *_ = self._times[place]
+            first = max(0, -((offset - begin) // period))
+            heapq.heappush(self._heap, self._at(READ if isinstance(one, Sensor) else UPDATE, place, first))
         self.time = self._next()
 
     def due(self) -> list[tuple[int, int, int]]:
@@ -78,6 +83,15 @@ class Clock:
                 actions.append((kind + 1, place, tick))
         self.time = self._next()
         return actions
+
+    def saved(self) -> tuple[list[tuple[int, int, int, int]], float]:
+        """Where it is."""
+        return self._heap.copy(), self.time
+
+    def restore(self, saved: tuple[list[tuple[int, int, int, int]], float]) -> None:
+        """Go on from there."""
+        heap, self.time = saved
+        self._heap = heap.copy()
 
     def until(self, end: float) -> list[float]:
         """The instants up to an end, s."""

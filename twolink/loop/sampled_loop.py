@@ -97,6 +97,8 @@ class SampledLoop:
         The states of the solutions at the start, the first of which is the run.
     look : callable
         (t, x) -> the forces at states x (size, n) at a time.
+    start : float
+        The time of the start, s: ticks before it are left out.
     """
 
     def __init__(
@@ -106,16 +108,17 @@ class SampledLoop:
         states: tuple[str, ...],
         x: Array,
         look: Callable[[float, Array], Forces],
+        start: float = 0.0,
     ) -> None:
         self._robot, self._states, self._look = sampling.robot, states, look
         self._nq, self._nv = sampling.robot.nq, sampling.robot.nv
         self._of_states = {one.label for one in sampling.sensors.values() if isinstance(one, StateSensor)}
-        self._clock = Clock({**sampling.controllers, **sampling.sensors})
+        self._clock = Clock({**sampling.controllers, **sampling.sensors}, start)
         self._controls = {place: self._control(place, one, rows, x.shape[1])
                           for place, one in sampling.controllers.items()}  # fmt: skip
         self._sensors: dict[int, _Measuring] = {}
         for place, sensor in sampling.sensors.items():  # before a reading arrives, that of the start without noise
-            values = sensor.read(self._seen(0.0, x))
+            values = sensor.read(self._seen(start, x))
             self._sensors[place] = _Measuring(sensor, values, random_of(sensor, values.shape[1]))
 
     def _control(self, place: int, one: Controller, rows: Mapping[str, int], count: int) -> _Control:
@@ -155,6 +158,28 @@ class SampledLoop:
                 one.log.append((t, one.waiting[tick][0]))
             else:
                 self._sensors[place].latest = self._sensors[place].waiting.pop(tick)
+
+    def forget(self) -> None:
+        """Keep no more of what was read and answered than what is to come."""
+        for control in self._controls.values():
+            control.log.clear()
+        for one in self._sensors.values():
+            one.log.clear()
+
+    def saved(self) -> Any:
+        """All that it goes on from; what controllers keep, in copies."""
+        controls = [(one.states, one.waiting, one.last, one.ambiguity) for one in self._controls.values()]
+        sensors = [(one.latest, one.waiting) for one in self._sensors.values()]
+        return self._clock.saved(), copy.deepcopy((controls, sensors))
+
+    def restore(self, saved: Any) -> None:
+        """Go on from there."""
+        self._clock.restore(saved[0])
+        controls, sensors = copy.deepcopy(saved[1])
+        for control, kept in zip(self._controls.values(), controls, strict=True):
+            control.states, control.waiting, control.last, control.ambiguity = kept
+        for one, kept in zip(self._sensors.values(), sensors, strict=True):
+            one.latest, one.waiting = kept
 
     def ambiguous(self) -> list[tuple[float, str]]:
         """The ambiguous ticks so far: when, and what of."""

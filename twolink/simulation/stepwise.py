@@ -15,14 +15,15 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.contact.choice import choose_contact_method
 from twolink.dynamics.arguments import array, configuration, positive
 from twolink.effects.conditions import Condition, FrameReaches, JointReaches
-from twolink.effects.inputs import Slot
+from twolink.effects.inputs import Sampled, Slot
 from twolink.effects.sampled_control import DofTorques
 from twolink.errors import QueryError, SceneError
 from twolink.integrate.event import Event
 from twolink.integrate.motion.equations import Equations
-from twolink.integrate.motion.scene_equations import equations_of, starting_states
+from twolink.integrate.motion.scene_equations import equations_of, sampled, starting_states
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solvers.method_choice import first_tolerance
+from twolink.integrate.solvers.ticks import events_of
 from twolink.integrate.steps.step_map import step_map
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
@@ -52,29 +53,25 @@ class Saved:
     scene: Scene
     motion: Smooth | Located | Stepped
     state: Any
+    loop: Any
     bar: float
 
 
 def with_held_torques(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
-    """The scene with torques that are numbers of a state, and their names.
-
-    Raises SceneError, code "not-step-by-step".
-    """
+    """The scene with torques that are numbers of a state, and their names."""
     names = tuple(f"torque {k}" for k in range(scene.robot.nv))
-    if any(effect.sampled is not None for effect in scene.effects):
-        raise SceneError("sampled controllers are not called step by step", where="effects", code="not-step-by-step",
-                         remedy="tl.simulate; or leave them out, and give their torques as tau")  # fmt: skip
     held = DofTorques({name: Slot(name) for name in names})
     return scene.with_effects([*scene.effects, held]), names
 
 
 def equations_held(scene: Scene, names: Sequence[str]) -> tuple[Equations, slice]:
     """The equations of a scene with torques of these names, and their rows. Raises SceneError, "not-step-by-step"."""
-    equations = equations_of(scene)
-    if len(equations.layout.tables) > len(names):
+    equations = equations_of(scene, ticks=True)
+    equations = equations if equations.sampling is None else replace(equations, sampling=None)
+    if any(isinstance(table, Sampled) for table in equations.layout.tables):
         raise SceneError("tables of samples are not solved step by step", where="effects", code="not-step-by-step",
                          remedy="look up the torques before step(dt, tau)")  # fmt: skip
-    first = next((at.start for at, _ in equations.layout.rows_of_tables()), equations.moving)
+    first = equations.layout.rows_of_slots().get(names[0], equations.moving) if names else equations.moving
     return equations, slice(first, first + len(names))
 
 
@@ -111,12 +108,13 @@ class Simulation:
     """A scene that is solved step by step, with torques that are given from step to step.
 
     The steps of the method go on across calls: their size is that of the accuracy, and a call only ends one of them.
-    Events (stops, dry friction, contacts, limits of effort) are located, as `simulate` does.
+    Events (stops, dry friction, contacts, limits of effort) are located, as `simulate` does. Sampled controllers and
+    sensors are called at their ticks; what is given as tau adds to the torques that controllers hold.
 
     Parameters
     ----------
     scene : Scene
-        Without sampled controllers and tables of samples.
+        Without tables of samples.
     accuracy : float
         Which the tolerance of the steps is chosen for, rad or m. The error is kept below it over about the scene's
         duration; `error` tells, with `verify`.
@@ -131,7 +129,7 @@ class Simulation:
     Raises
     ------
     SceneError
-        The scene has tables or sampled controllers (code "not-step-by-step").
+        The scene has tables of samples (code "not-step-by-step").
 
     Examples
     --------
@@ -158,20 +156,30 @@ class Simulation:
         self._motion = self._begun(scene.q, scene.v, 0.0)
 
     def _begun(self, q: ArrayLike, v: ArrayLike, t: float) -> Smooth | Located | Stepped:
-        """The motion from a state on."""
+        """The motion from a state on, whose controllers begin anew."""
+        motion = self._uncontrolled(q, v, t)
+        first = motion.equations.layout.rows_of_slots().get(self._names[0], 0) if self._names else 0
+        self._torques = slice(first, first + len(self._names))
+        sampling = sampled(self._driven)[0]
+        if sampling is not None:
+            motion.listen(sampling)
+        return motion
+
+    def _uncontrolled(self, q: ArrayLike, v: ArrayLike, t: float) -> Smooth | Located | Stepped:
+        """The motion from a state on, without controllers."""
         driven = self._driven
         if self._stepped:
             return Stepped(_moved(driven, q, v), t, self._step, verify=self._verify)
-        equations, torques = equations_held(driven, self._names)
+        equations = equations_held(driven, self._names)[0]
         if equations.constraints is None:
             equations = replace(equations, start=start_of(driven, equations, q, v))
         elif not (np.array_equal(q, driven.q) and np.array_equal(v, driven.v)):  # loops are closed
             self._driven = _moved(driven, q, v)
-            equations, torques = equations_held(self._driven, self._names)
+            equations = equations_held(self._driven, self._names)[0]
         if equations.has_events:
-            return Located(equations, self._names, t, self._tolerance, self._solutions)
+            return Located(equations, t, self._tolerance, self._solutions)
         by = step_map(equations, METHOD)
-        return Smooth(equations, by, torques, t, self.scene.duration, self._tolerance, self._solutions)
+        return Smooth(equations, by, t, self.scene.duration, self._tolerance, self._solutions)
 
     @property
     def t(self) -> float:
@@ -180,8 +188,9 @@ class Simulation:
 
     @property
     def events(self) -> Sequence[Event]:
-        """The located events so far."""
-        return tuple(self._motion.events)
+        """The located events so far, and with `verify` ambiguous ticks and from when a loop is unstable."""
+        loop = self._motion.loop if self._verify else None
+        return (*self._motion.events, *(() if loop is None else events_of(loop)))
 
     @property
     def state(self) -> State:
@@ -227,7 +236,9 @@ class Simulation:
             given = np.asarray(tau, dtype=float)
             if given.shape != (len(self._names),) or not math.isfinite(sum(given.tolist())):
                 one("tau", tau, self.scene.robot.nv)  # says what is wrong
-            motion.hold(given)
+            x = motion.held()
+            x[self._torques] = given[:, None]
+            motion.hold(x)
         if not 0.0 < dt < math.inf:
             positive(dt, "dt", SceneError, "a time in s")
         if motion.ended:
@@ -307,8 +318,9 @@ class Simulation:
                                               now.t if t is None else float(t)), 0.0  # fmt: skip
 
     def save(self) -> Saved:
-        """All that the motion goes on from."""
-        return Saved(self.scene, self._motion, self._motion.save(), self._bar)
+        """All that the motion goes on from; what controllers keep as their states, in copies."""
+        loop = self._motion.loop
+        return Saved(self.scene, self._motion, self._motion.save(), None if loop is None else loop.saved(), self._bar)
 
     def restore(self, saved: Saved) -> None:
         """Go on from where it was saved, with the same bits. Raises SceneError for what another scene saved."""
@@ -317,6 +329,8 @@ class Simulation:
                              remedy="restore it there, or set_state")  # fmt: skip
         self._motion, self._bar = saved.motion, saved.bar
         self._motion.restore(saved.state)
+        if self._motion.loop is not None:
+            self._motion.loop.restore(saved.loop)
 
 
 def _moved(scene: Scene, q: ArrayLike, v: ArrayLike) -> Scene:

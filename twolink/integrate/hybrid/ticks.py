@@ -4,7 +4,7 @@ A mode goes on across ticks, with the steps of its method, unless the new number
 mode begins at the tick.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -230,7 +230,8 @@ class _Ticks:
         self._rows = whole.layout.rows_of_slots()
         self._x = np.repeat(whole.start[:, None], len(engines), axis=1)
         self._told: tuple[dict[str, Readings], list[Event]] | None = None
-        self.loop = SampledLoop(sampling, self._rows, whole.space.states, self._states(), self._look)
+        self.loop = SampledLoop(sampling, self._rows, whole.space.states, self._states(),
+                                lambda *_: forces_in_modes(engines))  # fmt: skip
 
     def go(self) -> None:
         """Go to the next tick, and let happen what is due there."""
@@ -267,13 +268,14 @@ class _Ticks:
             self._x[: len(engine.run.x), i] = engine.run.x
         return self._x
 
-    def _look(self, *_: object) -> Forces:
-        """What sensors feel in each solution, which has its own mode."""
-        states = [engine.run.mode_state for engine in self._engines]
-        each = [forces_seen(one.own.equations, one.t, one.full_state()[:, None]) for one in states]
-        return Forces(
-            np.concatenate([one.a for one in each]),
-            np.concatenate([one.tau for one in each]),
-            [row for one in each for row in one.wrenches],
-            lambda link: np.concatenate([one.on(link) for one in each]),
-        )
+
+def forces_in_modes(engines: Sequence[TickEngine]) -> Forces:
+    """What sensors feel in each solution, which has its own mode."""
+    states = [engine.run.mode_state for engine in engines]
+    each = [forces_seen(one.own.equations, one.t, one.full_state()[:, None]) for one in states]
+    return Forces(
+        np.concatenate([one.a for one in each]),
+        np.concatenate([one.tau for one in each]),
+        [row for one in each for row in one.wrenches],
+        lambda link: np.concatenate([one.on(link) for one in each]),
+    )
