@@ -14,6 +14,7 @@ from tests.command import answer, call
 from twolink.cli.app import main
 
 
+@pytest.mark.slow
 def test_robots_lists_all_with_sizes_or_reasons() -> None:
     rows = {row["name"]: row for row in answer("robots")}
     assert rows["two_link"]["nq"] == 2

@@ -39,6 +39,7 @@ def test_bodies_beyond_the_memory_of_a_whole_fall_without_overlap_or_gain_of_ene
     assert ground > 0.1 * COUNT * G
 
 
+@pytest.mark.slow
 def test_spheres_in_a_box_come_to_rest_without_overlap_or_gain_of_energy() -> None:
     """They hold each other in rings, in which forces are not determined. One may spin on its place."""
     names, wide = [f"s{k}" for k in range(27)], 3.6 * R

@@ -179,6 +179,7 @@ def test_located_events_without_end_are_stepped_where_nothing_was_asked_for(monk
         assert failure.value.code == "events-without-end"
 
 
+@pytest.mark.slow
 def test_a_box_that_slides_and_turns_on_four_corners_is_stepped() -> None:
     """The share of the corners, on which the motion depends, is not determined: the answer says so, and carries m g."""
     corners = E.Contact(("ground",), 0.5, shapes={"a": (E.Box((0.2, 0.3, 0.1)),)})

@@ -25,6 +25,7 @@ def test_along_a_motion_it_is_the_rate_of_sensitivities() -> None:
     np.testing.assert_allclose(about.A @ middle, 200 * rate, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_equilibria_keep_loops_closed() -> None:
     found = tl.equilibria(CRANK, [0.7, -0.5, -2.8])[0]
     assert found.stability == "asymptotically stable"
@@ -33,6 +34,7 @@ def test_equilibria_keep_loops_closed() -> None:
     assert np.abs(scene.q - tl.simulate(scene, 1.0).q[-1]).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_a_motor_at_the_crank_holds_the_mechanism() -> None:
     regulator = tl.lqr(CRANK, [4.0, 1.0], 0.1, [1.0, 1.0, -0.5], inputs=["crank_joint"])
     closed = tl.Scene(CRANK.base, CRANK.q, effects=[*CRANK.effects, regulator])

@@ -195,12 +195,14 @@ def test_the_search_finds_a_page_for_the_words_that_people_type(site: Path) -> N
     assert pages("flibbertigibbet") == set()
 
 
+@pytest.mark.slow
 def test_the_site_asks_no_other_host(site: Path) -> None:
     for page in site.rglob("*.html"):
         asked = re.findall(r'<(?:script|link|img|iframe)[^>]+(?:src|href)="(https?://[^"]+)', page.read_text("utf-8"))
         assert asked == [], page
 
 
+@pytest.mark.slow
 def test_pages_have_their_pictures(site: Path) -> None:
     for page in site.rglob("*.html"):
         for source in re.findall(r'<img[^>]+src="([^":]+)"', page.read_text("utf-8")):

@@ -78,6 +78,7 @@ def differences(case: Case, algorithm: Any, x: np.ndarray) -> list[np.ndarray]:
     return [np.stack(group, axis=1) for group in zip(*columns, strict=True)]
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("name", ["panda", "odd"])
 def test_finite_differences(name: str) -> None:
     """Without Pinocchio's derivatives; damping and armature are those of every joint that can have them."""

@@ -16,6 +16,7 @@ ENDS = {"body": (E.Sphere(0.0, (0.5, 0.0, 0.0)), E.Sphere(0.0, (-0.5, 0.0, 0.0))
 WALL = E.Plane((1.0, 0.0, 0.0))
 
 
+@pytest.mark.slow
 def test_a_block_slides_to_rest_on_its_corners_until_a_push_exceeds_static_friction(tmp_path: Path) -> None:
     """x'' = k t - mu g to its rest; from k t = static g on it slides again. The ground gives weight and friction."""
     mu, static, v0, k = 0.3, 0.5, 1.0, 4.0

@@ -41,6 +41,7 @@ def test_the_law_of_reflections_passes_a_blow_through_balls_that_touch() -> None
     assert run.q[-1] == pytest.approx([0, 0.2, 0.4, 0.6, 0.8 + 0.2], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_newtons_law_gives_balls_that_touch_one_velocity() -> None:
     """The first contact reverses its rate, the others keep theirs: 4 u - 1 + u' = 0 with u - u' = 1."""
     run = cradle("newton")

@@ -99,6 +99,7 @@ def test_a_run_beyond_the_end_of_a_curve_is_refused() -> None:
         assert caught.value.code == "curve-ends"
 
 
+@pytest.mark.slow
 def test_computed_torque_on_the_ur5() -> None:
     path = {joint: E.Sine(0.3, 1.0 + 0.2 * i, 0.1 * i) for i, joint in enumerate(robot("ur5").joint_names)}
     q = [0.3 * np.sin(0.1 * i) for i in range(6)]

@@ -390,7 +390,7 @@ def test_a_body_tumbles_on_a_large_hull_as_on_a_plane(name: str, ground: str) ->
     assert len(times(run, "impact")) >= 2
 
 
-@pytest.mark.some(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("e", "mu"), [(0.0, 0.0), (0.5, 0.0), pytest.param(0.0, 0.4, marks=pytest.mark.slow), (0.4, 0.4)]
 )

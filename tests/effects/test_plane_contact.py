@@ -15,6 +15,7 @@ from tests.effects.cases import E, assert_refused, robot
 R = 0.1
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-6, 1e-9])
 def test_a_bouncing_point_comes_to_rest_when_the_series_ends(accuracy: float) -> None:
     scene = tl.Scene(planar(), [0, 1.0, 0], effects=[E.Gravity(), E.PlaneContact("body", restitution=0.5)])
@@ -139,7 +140,7 @@ def test_a_ball_rolls_down_an_incline_if_friction_is_two_sevenths_of_its_tangent
     assert np.abs(down - slope * G * run.t**2 / 2).max() < 1e-9
 
 
-@pytest.mark.some(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.98, 1.02])
 def test_a_block_on_two_feet_slides_if_the_slope_exceeds_its_friction(share: float) -> None:
     """How the feet share the friction is not determined; whether the block slides is, and how."""
@@ -155,6 +156,7 @@ def test_a_block_on_two_feet_slides_if_the_slope_exceeds_its_friction(share: flo
     assert np.abs(run.q[:, 2] - angle).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_a_block_beyond_the_edge_of_its_feet_tips() -> None:
     """Feet at 0.1 and 0.5 to one side: it turns about the nearer as a pendulum, and lifts the other at once."""
     feet = [E.PlaneContact("body", point=(x, 0.0, -0.1), friction=5.0) for x in (0.5, 0.1)]
@@ -192,6 +194,7 @@ def test_a_falling_rod_slips_when_its_foot_needs_more_than_friction() -> None:
     assert run.q[-1, 0] - 0.5 * math.cos(run.q[-1, 2]) < -1e-5  # backwards
 
 
+@pytest.mark.slow
 def test_a_rod_falling_without_friction_keeps_its_centre_over_the_same_point() -> None:
     foot = E.PlaneContact("body", point=(-0.5, 0.0, 0.0))
     run = tl.simulate(

@@ -45,6 +45,7 @@ LAW = law_of(ARM.robot, 0.3)
 RIGHT = exact(ARM, LAW, 2.0, 0.01)
 
 
+@pytest.mark.slow
 def test_steps_that_are_too_long_are_named() -> None:
     assert blamed(stepped(ARM, LAW, 2.0, 0.01, 0.002)) == "semi-implicit Euler with steps of 2 ms"
     assert blamed(stepped(ARM, LAW, 2.0, 0.01, 0.01, "rk4")) == "Runge-Kutta of order 4 with steps of 10 ms"
@@ -116,6 +117,7 @@ def test_our_own_runs_of_bundled_scenes_are_right(name: str) -> None:
     assert max(verdict.constraints.values(), default=0.0) < 1e-7
 
 
+@pytest.mark.slow
 def test_files_data_and_figures(tmp_path: Path) -> None:
     t, q, v = stepped(ARM, LAW, 1.0, 0.01, 0.01)
     table = np.column_stack([t, q, v])

@@ -95,6 +95,7 @@ def test_other_peers_do_not_soften() -> None:
     assert compare(tl.load_scene("arm-swing"), "scipy", 0.5).peer.startswith("SciPy")
 
 
+@pytest.mark.slow
 def test_the_command_writes_picture_verdict_and_log(tmp_path: Path) -> None:
     files = [tmp_path / name for name in ("x.png", "x.json", "x.mcap")]
     record = answer("compare", "arm-swing", "--duration", "0.2", *(x for file in files for x in ("--out", str(file))))

@@ -253,7 +253,7 @@ def test_time_that_is_up_keeps_the_best_so_far() -> None:
     assert any("best so far" in text for text in found.warnings)
 
 
-@pytest.mark.some(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("interpolation", ["linear", "cubic", "hold"])
 def test_a_motion_driven_by_a_table_is_found(interpolation: str) -> None:
     """The truth is SciPy's, which begins anew at every knot."""

@@ -55,6 +55,7 @@ def test_the_default_explains_a_held_out_run(found: Identification) -> None:
     assert "Hz), the best of" in str(found)
 
 
+@pytest.mark.slow
 def test_bodies_that_can_exist_explain_held_out_data_as_well_as_the_estimate(found: Identification) -> None:
     assert np.all(raw_residual(found, projected=True) < 1.05 * raw_residual(found, projected=False))
     model = found.found.model

@@ -66,6 +66,7 @@ def test_compiled_is_portable_on_six_joints(name: str) -> None:
     np.testing.assert_allclose(ours[: len(x)], theirs[: len(x)], rtol=0, atol=1e-12 * np.abs(theirs[: len(x)]).max())
 
 
+@pytest.mark.some(1)
 @EVERY
 @pytest.mark.parametrize("name", ["free", "crankshaft"])
 def test_compiled_in_parts_is_portable(name: str, method: Method, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -156,6 +156,7 @@ def test_a_function_of_what_a_variable_moves_unseen_is_found_out() -> None:
     assert (vz - np.sqrt(vz**2 - 2 * G * 0.1)) / G == pytest.approx(0.03, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_search_goes_on_from_its_file_with_the_same_result(tmp_path: Path) -> None:
     scene, wrt, out = thrown(), {"v.x": (0.5, 3.0), "v.z": (0.5, 3.0)}, tmp_path / "search.json"
 

@@ -70,6 +70,7 @@ def test_without_air_it_lands_where_the_parabola_does() -> None:
     assert exact > one.end + 1.0  # the air takes 1.5 m
 
 
+@pytest.mark.slow
 def test_nothing_jumps_at_the_release() -> None:
     """The ball leaves with the hand's velocity and spin, and in a microsecond the energy changes by the power's."""
     one, scene = pitched(), tl.load_scene("pitch")

@@ -105,6 +105,7 @@ def test_squeezer_has_the_solution_of_the_test_set() -> None:
     assert at(run, 0.03, "v.beta", "v.theta") == pytest.approx([1139.92030225911, -1424.37929517754], rel=1e-8)
 
 
+@pytest.mark.slow
 def test_four_bar_passes_its_singular_position() -> None:
     """IFToMM A02, N = 2, as the compound pendulum phi'' = -(P / I) g sin phi, by elliptic functions."""
     scene = tl.load_scene("four-bar")

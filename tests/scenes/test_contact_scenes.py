@@ -40,6 +40,7 @@ def test_the_can_stops_where_friction_says() -> None:
     np.testing.assert_allclose(run.q[-1], [0.64 / (0.6 * G), 0, 0.8075, 0, 0, 0, 1], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_coin_whirls_about_a_centre_that_stays() -> None:
     run = run_of("spinning-coin", accuracy=1e-6)
     assert np.abs(run.q[:, :3] - run.q[0, :3]).max() < 1e-6

@@ -57,6 +57,7 @@ def column(run: tl.Trajectory, name: str) -> np.ndarray:
     return np.asarray(run.columns()[f"q.{name}"])
 
 
+@pytest.mark.slow
 def test_a_hinge_loop_is_a_revolute_joint() -> None:
     ends = {"point_a": (1.0, 0.0, 0.0), "axis_a": (0.0, 1.0, 0.0), "axis_b": (0.0, -3.0, 0.0)}
     run = tl.simulate(in_pieces(E.HingeLoop(a="upper", b="lower", **ends)), 2.0, accuracy=1e-10)

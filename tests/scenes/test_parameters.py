@@ -73,6 +73,7 @@ def forearm_of(mass: float) -> tl.Scene:
     return tl.Scene(robot, [0.2, 0.4], [0.3, -1.0], RELEASE, 1.0)
 
 
+@pytest.mark.slow
 def test_a_payload_that_is_released_is_kept_beside_other_constants() -> None:
     scene = forearm_of(1.0)
     worlds = tl.simulate_many(scene, parameters={"forearm.mass": [1.0, 1.5]}, accuracy=1e-8)

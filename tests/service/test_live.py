@@ -63,6 +63,7 @@ def test_frames_are_the_motion_in_real_time(served: Served) -> None:
     assert frames[99]["poses"][first["links"].index("tip")][:3] == pytest.approx(tip, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_link_follows_what_drags_it(served: Served) -> None:
     """Without gravity a point comes to rest where it is drawn to; let go, the arm stays."""
     scene = {"robot": {"source": "two_link"}, "duration": 1.0, "q": {"elbow": 0.5}, "effects": []}

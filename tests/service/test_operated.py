@@ -145,6 +145,7 @@ def test_a_line_of_the_log_is_one_line_whatever_it_is_about(capsys: pytest.Captu
         assert len(line) < 1000
 
 
+@pytest.mark.slow
 def test_a_service_ends_though_nobody_reads_its_log() -> None:
     code = """
 import os

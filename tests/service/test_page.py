@@ -482,7 +482,7 @@ LATE = """(async late => { window.asked = null;
 VERIFIED = "document.getElementById('run-status').innerText === 'The error bar is there.'"
 
 
-@pytest.mark.some(1)
+@pytest.mark.slow
 @pytest.mark.browser
 @pytest.mark.parametrize("late", [0, 1, 2])
 def test_a_moved_slider_simulates_again_and_late_answers_replace_no_newer_ones(page: Page, late: int) -> None:

@@ -128,6 +128,7 @@ def test_a_task_goes_on_when_its_report_is_answered() -> None:
     run(work)
 
 
+@pytest.mark.slow
 def test_what_others_have_compiled_is_left_to_them() -> None:
     async def work(workers: Workers) -> None:
         first = await workers.run("sleep", 60, nap=0.0)
@@ -164,6 +165,7 @@ def test_cancelling_ends_the_process() -> None:
     run(work)
 
 
+@pytest.mark.slow
 def test_the_event_loop_goes_on_while_a_process_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     loop_goes_on, start = threading.Event(), subprocess.Popen
 
@@ -179,6 +181,7 @@ def test_the_event_loop_goes_on_while_a_process_starts(monkeypatch: pytest.Monke
     run(work)
 
 
+@pytest.mark.slow
 def test_cancelling_a_start_leaves_no_process_and_no_open_file(monkeypatch: pytest.MonkeyPatch) -> None:
     begun, cancelled, start = threading.Event(), threading.Event(), subprocess.Popen
     started: list[int] = []

@@ -51,6 +51,7 @@ def test_a_run_is_a_table_with_its_curves(shown: dict[str, dict[str, Any]]) -> N
     assert base64.b64decode(shown["figure"]["image/png"]).startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_a_playback_is_a_frame_with_the_page(shown: dict[str, dict[str, Any]]) -> None:
     html = shown["run.playback()"]["text/html"]
     assert html.startswith('<iframe srcdoc="&lt;!DOCTYPE html&gt;')
@@ -69,6 +70,7 @@ def test_long_work_has_a_bar(shown: dict[str, dict[str, Any]]) -> None:
     assert bar.group(1) == bar.group(2)
 
 
+@pytest.mark.slow
 def test_an_untitled_run_without_an_error_bar_shows_itself(tmp_path: Path) -> None:
     run = tl.simulate(tl.Scene(tl.load_robot("two_link")), 0.1, verify=False)
     assert "not verified" in run._repr_html_()

@@ -272,6 +272,7 @@ def test_the_page_plays_offline(
     assert browser.errors == []
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_what_is_drawn_over_the_robot_is_where_it_belongs(
     arm: Robot,
@@ -326,6 +327,7 @@ def test_what_is_drawn_over_the_robot_is_where_it_belongs(
     assert browser.errors == []
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_a_ball_that_flies_away_does_not_shrink_the_arm(tmp_path: Path, browser: Browser) -> None:
     scene, t = tl.load_scene("pitch"), np.linspace(0.0, 2.0, 61)
@@ -340,6 +342,7 @@ def test_a_ball_that_flies_away_does_not_shrink_the_arm(tmp_path: Path, browser:
     assert browser.evaluate(distance) > 50.0
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_the_animation_repeats(arm: Robot, tmp_path: Path, browser: Browser) -> None:
     page = write_playback(*arm, [0.0, 1.0], [[0.0, 0.0], [1.0, 1.0]], tmp_path / "short.html")

@@ -145,7 +145,7 @@ def drawn_tick(axis: Any, side: Any, text: Any) -> bool:
     return bool(low <= place <= high)
 
 
-@pytest.mark.some(3)
+@pytest.mark.some(1)
 @pytest.mark.parametrize("name", [row["name"] for row in tl.scenes().to_records()])
 def test_no_text_covers_another_one_in_the_figures_of_the_bundled_scenes(name: str) -> None:
     scene = tl.load_scene(name)
@@ -160,6 +160,7 @@ def test_texts_that_overlap_are_found() -> None:
     assert ("shoulder", "over it") in texts_that_overlap(figure)
 
 
+@pytest.mark.slow
 def test_a_limb_is_drawn_by_a_pattern_and_the_base_where_it_moves(talos: tl.Robot) -> None:
     q = np.tile(talos.neutral, (30, 1))
     q[:, 7:] = np.linspace(0, 1, 30)[:, None]

@@ -115,6 +115,7 @@ def dropped() -> Trajectory:
     return tl.simulate(tl.Scene(robot, [0.1 + G * 0.15**2 / 2], effects=effects), 0.4, accuracy=1e-6)
 
 
+@pytest.mark.slow
 def test_a_film_of_a_dropped_box_shows_the_contacts_once_it_touches(dropped: Trajectory, tmp_path: Path) -> None:
     path = dropped.video(tmp_path / "a.gif", size=SIZE, speed=1.0, rate=10, direction=(0, -1, 0))
     with Image.open(path) as film:

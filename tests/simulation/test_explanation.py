@@ -6,6 +6,7 @@ import twolink as tl
 from twolink.dynamics.kernels import heyoka
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(heyoka() is None, reason="without heyoka nothing is compiled")
 def test_an_evaluation_is_measured_without_steps_that_compile_long(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:

@@ -46,6 +46,7 @@ def names(request: pytest.FixtureRequest) -> dict[str, str]:
     return request.param
 
 
+@pytest.mark.some(1)
 def test_runs_and_their_derivatives(names: dict[str, str]) -> None:
     plain, scene = scene_of(PLAIN), scene_of(names)
     assert np.array_equal(tl.simulate(scene).q, tl.simulate(plain).q)

@@ -47,6 +47,7 @@ def contents(path: Path) -> dict[str, list]:
     return found
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("suffix", [".mcap", ".db3"])
 def test_saved_and_loaded_is_the_same(run: tl.Trajectory, suffix: str, tmp_path: Path) -> None:
     again = tl.Trajectory.load(run.save(tmp_path / "deep" / f"x{suffix}"))
@@ -57,6 +58,7 @@ def test_saved_and_loaded_is_the_same(run: tl.Trajectory, suffix: str, tmp_path:
     assert (again.robot.name, again.title, again.bound) == (run.robot.name, run.title, run.bound)
 
 
+@pytest.mark.some(1)
 def test_the_library_of_mcap_reads_it(run: tl.Trajectory, tmp_path: Path) -> None:
     topics, robot = contents(run.save(tmp_path / "x.mcap")), run.robot
     named = {topic: rows[0][0] for topic, rows in topics.items()}
@@ -81,6 +83,7 @@ def test_the_library_of_mcap_reads_it(run: tl.Trajectory, tmp_path: Path) -> Non
         np.testing.assert_allclose(decoded.effort, run.tau[k, [joint.v.start for joint in single]])
 
 
+@pytest.mark.slow
 def test_angles_of_continuous_joints_go_on_beyond_a_turn(tmp_path: Path) -> None:
     robot = tl.load_robot("double_pendulum_continuous")
     run = tl.simulate(tl.Scene(robot, robot.neutral, [9.0, 0.0], [fx.JointDamping({robot.joint_names[0]: 0.0})]), 3.0)
@@ -138,6 +141,7 @@ def arm() -> tl.Trajectory:
     return tl.simulate(tl.load_scene("arm-swing"), 1.0)
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("start", [CLOCK, 0])
 def test_the_bag_of_another_program_is_judged(arm: tl.Trajectory, start: int, tmp_path: Path) -> None:
     bag = foreign(tmp_path / "bag", arm, {"/joint_states": ["gripper", "elbow", "shoulder"], "/other": ["x"]}, start)
@@ -151,6 +155,7 @@ def test_the_bag_of_another_program_is_judged(arm: tl.Trajectory, start: int, tm
     assert not late.right
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize(
     ("topics", "part"),
     [
@@ -207,6 +212,7 @@ def test_notes_are_in_the_file_and_the_bag_of_another_robot_is_refused(arm: tl.T
         tl.Trajectory.load(path, tl.load_robot("panda"))
 
 
+@pytest.mark.slow
 def test_parameters_are_found_from_a_bag(tmp_path: Path) -> None:
     path = tl.simulate(tl.load_scene("swing-up"), 2.0, samples_per_second=500).save(tmp_path / "x.mcap")
     found = {entry["parameter"]: entry["value"] for entry in answer("identify", "two_link", str(path))["found"]}

@@ -179,6 +179,7 @@ def test_numbers_of_effects_agree_with_scenes_that_have_others(case: str) -> Non
     require_within_bars(s, name, truth, 1e-8)
 
 
+@pytest.mark.slow
 def test_loops_are_differentiated_along_what_they_allow() -> None:
     scene = tl.load_scene("crank-spring")
     s = tl.sensitivities(scene, wrt=["q", "v"], duration=1.0, accuracy=1e-8, samples_per_second=20)

@@ -76,7 +76,7 @@ CASES = {
 SLOW = ("rolls", "capsule on plane", "sphere on box")
 
 
-@pytest.mark.some(4)
+@pytest.mark.some(1)
 @pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.slow) if c in SLOW else c for c in CASES])
 def test_what_decides_events(case: str) -> None:
     scene, duration, names = CASES[case]

@@ -82,6 +82,7 @@ def children(pid: int) -> list[int]:
     return [int(text) for text in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
+@pytest.mark.slow
 def test_the_client_is_killed(tmp_path: Path, log: Callable[[], list[float]]) -> None:
     out = tmp_path / "x.zarr"
     with client(out) as process:

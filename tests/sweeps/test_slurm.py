@@ -67,6 +67,7 @@ def scene() -> tl.Scene:
 VARY = {"q.hinge": {"range": [0.1, 1.0, 8]}}
 
 
+@pytest.mark.slow
 def test_a_sweep_on_slurm_has_the_same_bits(tmp_path: Path, jobs: Path) -> None:
     folder = tmp_path / "shared"
     url = f"slurm:{folder}?partition=cpu&time=5"
