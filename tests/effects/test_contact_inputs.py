@@ -133,3 +133,18 @@ def test_stepped_forces_and_accelerations_obey_newtons_law_at_every_sample() -> 
         assert np.abs(a - forces[f"{name} - ground"] - weight)[smooth].max() < 1e-9
     assert forces["a - ground"][0] == pytest.approx([0, 0, 0], abs=1e-12)
     assert forces["b - ground"][0] == pytest.approx([*(-0.5 * 9.81 * np.array([1, 0.3]) / math.hypot(1, 0.3)), 9.81])
+
+
+@pytest.mark.parametrize("contact", ["located", "stepped"])
+def test_each_of_several_planes_has_a_force_of_its_own(contact: str) -> None:
+    """A ball rests in a groove of two planes at 30 and 60 degrees: W cos 30 and W cos 60."""
+    normals = [(math.sin(a), 0.0, math.cos(a)) for a in (-math.pi / 6, math.pi / 3)]
+    robot = free_bodies("ball")
+    r, w = 0.1, 9.81 * robot.mass
+    at = r * np.sum(normals, axis=0)  # the distance r from both, which are at right angles
+    pairs = [("ball", E.Plane(normal)) for normal in normals]
+    scene = tl.Scene(robot, [*at, 0, 0, 0, 1], effects=[
+        E.Gravity(), E.Contact(pairs, shapes={"ball": (E.Sphere(r),)})])  # fmt: skip
+    forces = tl.simulate(scene, 0.1, contact=contact).contact_forces
+    for name, n, share in zip(("ball - plane 1", "ball - plane 2"), normals, (math.cos(math.pi / 6), 0.5), strict=True):
+        assert forces[name][-1] == pytest.approx(w * share * np.array(n), abs=1e-8 * w)

@@ -161,7 +161,7 @@ def test_each_energy_counts(report: CheckReport, model: str, largest: float) -> 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"n": 0}, "n: expected at least one sample, got 0"),
+        ({"n": 0}, "n: expected a whole number from 1, got 0"),
         ({"horizon": 0.0}, "horizon: expected a positive number of seconds, got 0"),
         ({"horizon": np.inf}, "horizon: expected a positive number"),
     ],

@@ -363,3 +363,13 @@ def test_a_controller_inside_a_geared_motor_is_exact(delay: float) -> None:
 def test_a_state_that_no_effect_has_is_refused() -> None:
     with pytest.raises(SceneError, match=r"effects\[0\].names: there is no state 'rail.current'"):
         tl.Scene(slider(), effects=[E.StateSensor(("rail.current",))])
+
+
+@pytest.mark.parametrize("seed", [1.5, -1, True])
+def test_a_seed_is_a_whole_number(seed: object) -> None:
+    with pytest.raises(SceneError, match="seed: expected a whole number from 0"):
+        tl.Scene(slider(), [1.0], effects=[E.Controller(pd, jitter=1e-4, seed=seed)])
+    with pytest.raises(SceneError, match="seed: expected a whole number from 0"):
+        tl.Scene(slider(), [1.0], effects=[E.Encoder(("rail",), noise=0.1, seed=seed)])
+    with pytest.raises(tl.errors.QueryError, match="seed: expected a whole number from 0"):
+        slider().random_state(3, seed=seed)

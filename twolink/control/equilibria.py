@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from twolink.control.linearization import AT_REST, Linearization, driven, linearize
 from twolink.control.smooth import allowed, depends_on_time, derivatives_of
-from twolink.dynamics.arguments import array, configuration
+from twolink.dynamics.arguments import array, configuration, whole
 from twolink.errors import SceneError
 from twolink.integrate.motion.assembly import assembled
 from twolink.integrate.motion.equations import Equations
@@ -130,8 +130,7 @@ def equilibria(
                          remedy="leave out effects with functions of time")  # fmt: skip
     robot = scene.robot
     if q is None:
-        if isinstance(starts, bool) or not isinstance(starts, int) or starts < 0:
-            raise SceneError(f"expected a whole number, got {starts!r}", argument="starts", remedy="such as 64")
+        starts = whole(starts, "starts", SceneError, "such as 64")
         drawn = robot.random_state(max(starts, DRAWN), seed)[0]
         lowest = drawn[np.argmin(robot.energy(drawn, np.zeros((len(drawn), robot.nv)))[1])]  # near to hanging at rest
         guesses = np.concatenate([[scene.q], [robot.neutral], [lowest], drawn[:starts]])

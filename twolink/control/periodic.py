@@ -16,7 +16,7 @@ import numpy as np
 
 from twolink.control.eigenvalues import eigenvalues
 from twolink.control.smooth import depends_on_time
-from twolink.dynamics.arguments import positive
+from twolink.dynamics.arguments import positive, whole
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.pinocchio_rate import rate
@@ -308,8 +308,7 @@ def periodic_motion(
     equations, accuracy = equations_of(scene), accuracy_of(accuracy)
     require_no_states(equations, "periodic_motion")
     autonomous = not depends_on_time(equations)
-    if isinstance(segments, bool) or not isinstance(segments, int) or segments < 1:
-        raise SceneError(f"expected a whole number from 1, got {segments!r}", argument="segments", remedy="such as 4")
+    segments = whole(segments, "segments", SceneError, "such as 4", 1)
     if not autonomous:
         _require_repeating(equations, period)
         if segments > 1:

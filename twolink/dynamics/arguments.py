@@ -34,6 +34,13 @@ def positive(
     return number
 
 
+def whole(value: Any, name: str, error: type[TwolinkError], remedy: str = "such as 0", least: int = 0) -> int:
+    """`value` as a whole number from `least` on. Raises the error, which names the argument."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise error(f"expected a whole number from {least}, got {value!r:.60}", argument=name, remedy=remedy)
+    return int(value)
+
+
 def array(name: str, value: ArrayLike, size: int | None) -> np.ndarray:
     """`value` as finite float64 of shape (..., size), or (...) for None. Raises QueryError that names the argument."""
     if value is None:

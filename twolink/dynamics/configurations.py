@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from twolink.dynamics.arguments import array, batch_shape, configuration, rows
+from twolink.dynamics.arguments import array, batch_shape, configuration, rows, whole
 from twolink.dynamics.pinocchio_queries import query_of
 from twolink.dynamics.queries import Array
 from twolink.errors import QueryError
@@ -97,9 +97,7 @@ def integrate(robot: RobotModel, q: ArrayLike, dv: ArrayLike) -> Array:
 
 def random_state(robot: RobotModel, n: int, seed: int = 0) -> tuple[Array, Array]:
     """n random states; see `Robot.random_state`."""
-    if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 0:
-        raise QueryError(f"expected a whole number, got {n!r:.60}", argument="n", remedy="such as 10")
-    rng = np.random.default_rng(seed)
+    n, rng = whole(n, "n", QueryError, "such as 10"), np.random.default_rng(whole(seed, "seed", QueryError))
     limits = robot.model.lowerPositionLimit, robot.model.upperPositionLimit
     lower, upper = np.clip(limits, -1e100, 1e100)  # a range that is not limited overflows
     low = np.where(upper - lower > 2 * np.pi, np.clip(-np.pi, lower, upper - 2 * np.pi), lower)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import pinocchio as pin
@@ -84,7 +84,18 @@ def select_pairs(
         why = f" ({excluded[0][0]}: {excluded[0][1]})" if excluded else ""
         raise SceneError(f"no two bodies may touch{why}", where="pairs", code="no-pairs",
                          remedy="name two bodies, or leave the effect out")  # fmt: skip
-    return Pairs(tuple(chosen.values()), tuple(excluded))
+    return Pairs(tuple(_numbered(chosen.values())), tuple(excluded))
+
+
+def _numbered(pairs: Iterable[Pair]) -> list[Pair]:
+    """The pairs, with numbered planes where there are several: "ball - plane 2"."""
+    found = list(pairs)
+    planes = list(dict.fromkeys(one.second for one in found if isinstance(one.second, Plane) and one.second != LEVEL))
+    if len(planes) < 2:
+        return found
+    number = {plane: f" {k + 1}" for k, plane in enumerate(planes)}
+    return [one._replace(name=one.name + number.get(one.second, "")) if isinstance(one.second, Plane) else one
+            for one in found]  # fmt: skip
 
 
 def _key(pair: Pair) -> tuple[int, object]:

@@ -9,6 +9,7 @@ import numpy as np
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.spatial import minus, plus, times
 from twolink.dynamics import Robot
+from twolink.dynamics.arguments import whole
 from twolink.effects.checks import check_joints, check_subset, single_joints
 from twolink.effects.controllers import Limits, check_limits, limit_of
 from twolink.effects.effect import Effect, Loads
@@ -28,8 +29,9 @@ def exact(seconds: Seconds) -> Fraction:
     return short if float(short) == seconds else Fraction(repr(seconds))
 
 
-def check_clock(period: Seconds, delays: Mapping[str, Seconds]) -> None:
-    """Require a period above 0 and other times that are not negative. Raises SceneError."""
+def check_clock(period: Seconds, delays: Mapping[str, Seconds], seed: int) -> None:
+    """Require a period above 0, other times that are not negative, and a seed. Raises SceneError."""
+    whole(seed, "seed", SceneError)
     for name, value in (("period", period), *delays.items()):
         if not np.isfinite(float(value)) or value < 0 or (name == "period" and value == 0):
             raise SceneError(f"expected a time {'above' if name == 'period' else 'of at least'} 0 s, got {value!r}",
@@ -134,7 +136,7 @@ class Controller(Effect, frozen=True):
             raise SceneError(
                 f"expected a function, got {self.update!r}", where="update", remedy="(t, y, state) -> (u, state)"
             )
-        check_clock(self.period, {"offset": self.offset, "delay": self.delay, "jitter": self.jitter})
+        check_clock(self.period, {"offset": self.offset, "delay": self.delay, "jitter": self.jitter}, self.seed)
         if self.jitter and self.jitter >= self.period:
             raise SceneError("ticks would change their order", where="jitter", remedy="below the period")
         for name in ("inputs", "outputs"):

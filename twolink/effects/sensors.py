@@ -115,7 +115,7 @@ class Sensor(Effect, frozen=True, kw_only=True):
 
     def check(self, robot: Robot) -> None:
         """Require times, and what is measured."""
-        check_clock(self.period, {"offset": self.offset, "delay": self.delay})
+        check_clock(self.period, {"offset": self.offset, "delay": self.delay}, self.seed)
         if not self.label.isidentifier() or self.label in ("q", "v"):
             raise SceneError(f"{self.label!r} cannot name a sensor", where="name", remedy='a word such as "encoder"')
         self.check_place(robot)

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
 from twolink.dynamics import Robot
-from twolink.dynamics.arguments import positive
+from twolink.dynamics.arguments import positive, whole
 from twolink.errors import QueryError
 from twolink.identification.base_parameters import Selection, base_parameters, select
 from twolink.identification.reach import Reach
@@ -148,7 +148,7 @@ def exciting_motion(
         flat = columns[..., members].reshape(-1, len(members))
         return float(np.log(np.linalg.cond(flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300))))
 
-    starts = np.random.default_rng(seed).standard_normal((_STARTS, 2 * HARMONICS * robot.nv))
+    starts = np.random.default_rng(whole(seed, "seed", QueryError)).standard_normal((_STARTS, 2 * HARMONICS * robot.nv))
     values = np.array([logarithm(x) for x in starts])
     order = np.argsort(values)
     from scipy.optimize import minimize  # 0.2 s: only where it is used

@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.integrate import solve_ivp
 
+from twolink.dynamics.arguments import whole
 from twolink.errors import AccuracyError, QueryError
 from twolink.io.text import Table
 from twolink.lagrange import derive
@@ -258,8 +259,7 @@ def check(n: int = 10_000, seed: int = 0, horizon: float = 10.0) -> CheckReport:
     QueryError
         Unless n >= 1 and horizon > 0.
     """
-    if n < 1:
-        raise QueryError(f"expected at least one sample, got {n}", argument="n")
+    n, seed = whole(n, "n", QueryError, "such as 10000", 1), whole(seed, "seed", QueryError)
     if not (np.isfinite(horizon) and horizon > 0):
         raise QueryError(f"expected a positive number of seconds, got {horizon}", argument="horizon")
     samples = draw(n, seed)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.dynamics.arguments import positive
+from twolink.dynamics.arguments import positive, whole
 from twolink.errors import SceneError, TwolinkError, require_known
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.steps.compile_time import solved_rarely
@@ -234,6 +234,7 @@ def optimize(
                              remedy="such as lambda run: run.q[-1, 0]", code="objective")  # fmt: skip
     for name, count in (("starts", starts), ("evaluations", evaluations)):
         positive(count, name, SceneError, "such as 3")
+    whole(seed, "seed", SceneError)
     require_known(derivatives, ("auto", "runs"), SceneError, argument="derivatives")
     end = duration_for(scene, duration)
     times = with_ends(sample_times(end, t_eval, samples_per_second), end)

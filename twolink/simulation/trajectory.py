@@ -201,9 +201,9 @@ class Trajectory(Result, Plotted):
         """The forces between bodies that touch at a sample, by pair: on the first of the two (n, 3), world's axes, N.
 
         A pair is named "LINK - LINK" or "LINK - ground"; `contact_forces.on(LINK)` is the sum on one body. A pair that
-        touches at several points has the sum. Located: at an event the force after it, without impulses of impacts.
-        Stepped: the mean over the step before the sample, with impulses. Raises SceneError (code "no-equations") for a
-        trajectory that was loaded from a file without contacts.
+        touches at several points has the sum; several planes of a `Contact` have numbers. Located: at an event the
+        force after it, without impulses of impacts. Stepped: the mean over the step before the sample, with impulses.
+        Raises SceneError (code "no-equations") for a trajectory that was loaded from a file without contacts.
         """
         if self.recorded_contacts is None:
             self._solution("contact_forces")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from twolink.dynamics import load_robot
+from twolink.dynamics.arguments import whole
 from twolink.errors import SceneError, require_known
 from twolink.io.text import kebab_case
 from twolink.scenes import Scene
@@ -249,10 +250,7 @@ def _samples(
     from scipy.special import ndtri
     from scipy.stats import qmc
 
-    if not isinstance(count, (int, np.integer)) or isinstance(count, bool) or count < 1:
-        raise SceneError(f"expected a number of runs from 1, got {count!r}", argument="count", remedy="such as 1024")
-    if not isinstance(seed, (int, np.integer)) or isinstance(seed, bool) or seed < 0:
-        raise SceneError(f"expected a whole number from 0, got {seed!r}", argument="seed", remedy="such as 0")
+    count, seed = whole(count, "count", SceneError, "such as 1024", 1), whole(seed, "seed", SceneError)
     asked = {name: _numbers(name, given, ("uniform", "normal"), 2) for name, given in vary.items()}
     if kind == "random":
         unit = np.random.default_rng(seed).random((count, len(asked)))

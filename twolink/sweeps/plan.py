@@ -13,6 +13,7 @@ from typing import Any
 import msgspec
 
 from twolink._version import __version__
+from twolink.dynamics.arguments import whole
 from twolink.dynamics.robot_record import robot_notes
 from twolink.effects.effect import plain
 from twolink.errors import SceneError
@@ -97,8 +98,8 @@ def make_plan(scene: Scene, design: Design, request: Request, chunk: int | None)
         least, most = (LEAST_BATCH, BATCH) if in_batches else (1, SINGLE)
         numbers = sum(_size(variable) for variable in variables(scene.robot, request))
         chunk = max(1, min(most, max(least, -(-design.runs // PARTS)), MAX_NUMBERS // numbers))
-    elif not isinstance(chunk, int) or isinstance(chunk, bool) or chunk < 1:
-        raise SceneError(f"expected a number of runs, got {chunk!r}", argument="chunk", remedy="such as 1000")
+    else:
+        chunk = whole(chunk, "chunk", SceneError, "such as 1000", 1)
     return SweepPlan(scene, design, request, block_shape(design.shape, chunk))
 
 
