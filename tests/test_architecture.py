@@ -1,6 +1,7 @@
 """The order of imports, the size of files and functions, and docs/architecture.md with its picture."""
 
 import ast
+import functools
 import graphlib
 import io
 import re
@@ -39,7 +40,7 @@ def imports(texts: Mapping[str, str]) -> dict[str, set[str]]:
     graph: dict[str, set[str]] = {}
     for module, text in texts.items():
         names = set()
-        for node in ast.walk(ast.parse(text)):
+        for node in ast.walk(tree(text)):
             if isinstance(node, ast.Import):
                 names |= {alias.name for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module:
@@ -88,13 +89,19 @@ def test_rooms_import_only_from_rooms_below() -> None:
     assert upward(imports(texts)) == [("twolink.io.text", "twolink.dynamics")]
 
 
+@functools.cache
+def tree(text: str) -> ast.Module:
+    """The syntax of a file."""
+    return ast.parse(text)
+
+
 def code_lines(text: str) -> set[int]:
     """The lines with code: no docstrings, no comments, no blank lines."""
     lines: set[int] = set()
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type not in LAYOUT:
             lines |= set(range(token.start[0], token.end[0] + 1))
-    for node in ast.walk(ast.parse(text)):
+    for node in ast.walk(tree(text)):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             first = node.body[0] if node.body else None
             if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
@@ -118,7 +125,7 @@ def test_files_and_functions_are_short() -> None:
     assert statistics.median(len(own) for path, own in lines.items() if path.name != "__init__.py") <= MEDIAN_MODULE
     long = {}
     for path, text in texts.items():
-        for node in ast.walk(ast.parse(text)):
+        for node in ast.walk(tree(text)):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 size = len(lines[path] & set(range(node.lineno, (node.end_lineno or 0) + 1)))
                 if size > LONGEST_FUNCTION:

@@ -10,6 +10,7 @@ from tests.command import answer, call, one_line
 ARGUMENTS = ("optimize", "arm-swing", "--wrt", "v.elbow=-2:2", "--duration", "0.4", "--starts", "2")
 
 
+@pytest.mark.slow
 def test_the_best_scene_is_written_and_gives_the_best_value(tmp_path: Path) -> None:
     out, keep = tmp_path / "best.toml", tmp_path / "search.json"
     limit = ("--at-most", "speed:forearm=3.95")

@@ -149,6 +149,7 @@ def test_an_accuracy_is_reached_by_smaller_steps_or_refused() -> None:
     assert failure.value.run.bound == "estimated"
 
 
+@pytest.mark.slow
 def test_without_an_accuracy_the_best_effort_is_returned_with_its_estimate() -> None:
     """A rod whose error is of first order: steps become smaller while there is time, and the estimate holds."""
     times = np.linspace(0.0, END, 9)

@@ -293,6 +293,7 @@ def test_absent_terms_cost_no_operation() -> None:
 # Engines, refusals, threads.
 
 
+@pytest.mark.slow
 def test_a_failed_certificate_leaves_the_query_on_pinocchio(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise CertificationError("it differs", where="here")

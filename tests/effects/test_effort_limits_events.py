@@ -55,6 +55,7 @@ def test_a_limit_that_is_just_touched_changes_nothing() -> None:
     assert np.abs(run.q[:, 0] - np.sin(2 * run.t)).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_limits_friction_and_stops_together_lose_what_friction_and_impacts_take() -> None:
     """The drive's power less friction's and the impacts' losses is the change of energy."""
     drive = E.JointPD({"x": E.Sine(2.0, 1.5)}, {"x": 30.0}, {"x": 0.5}, effort={"x": 3.0})

@@ -221,6 +221,7 @@ def test_the_same_contact_twice_is_one_contact() -> None:
     assert run.q[-1, 0] == pytest.approx(1 / (2 * 0.2 * G), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_box_on_four_feet_rests() -> None:
     """One more than determines their forces."""
     feet = [E.PlaneContact("ball", point=(x, y, -R)) for x in (0.5, -0.5) for y in (0.5, -0.5)]

@@ -150,6 +150,7 @@ def test_co_simulation_agrees_within_its_tolerance(name: str, folder: Path) -> N
     assert fmu["energy"] == pytest.approx(run.energy[-1], abs=1e-5 * scale)
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("name", [name for name in SCENES if name not in ("tables", "crankshaft")])
 def test_model_exchange_agrees_within_the_error_bar(name: str, folder: Path) -> None:
     run = tl.simulate(SCENES[name](), T, accuracy=1e-8, t_eval=[0, T])

@@ -51,6 +51,7 @@ def test_steps_that_are_too_long_are_named() -> None:
     assert blamed(stepped(ARM, LAW, 2.0, 0.01, 0.01, "rk4")) == "Runge-Kutta of order 4 with steps of 10 ms"
 
 
+@pytest.mark.slow
 def test_what_is_left_out_is_named() -> None:
     assert blamed(exact(ARM, law_of(ARM.robot), 2.0, 0.01)) == "damping is left out"
     floating = law_of(ARM.robot.with_gravity([0, 0, 0]), 0.3)

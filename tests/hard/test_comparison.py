@@ -53,6 +53,7 @@ def test_a_coupling_holds_in_mujoco() -> None:
     assert track.q[-1, 1] == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_the_default_step_of_mujoco_is_found() -> None:
     scene = tl.load_scene("arm-swing")
     found = compare(scene, "mujoco", 1.0)

@@ -96,6 +96,7 @@ def test_a_world_is_the_same_in_a_batch_of_any_size(verify: bool) -> None:
             assert np.array_equal(few.error, whole.error[part])
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("rate", [0, 20])
 def test_worlds_of_a_scene_with_loops_are_the_same_in_any_batch(rate: int) -> None:
     scene = tl.load_scene("crankshaft")

@@ -92,6 +92,7 @@ def test_continuous_joints_are_differentiated_along_their_tangent() -> None:
     assert found.values["forearm.mass"] == pytest.approx(TRUE["forearm.mass"], abs=1e-5)
 
 
+@pytest.mark.slow
 def test_total_least_squares_undoes_the_bias_of_noisy_positions() -> None:
     """Errors of the regressor pull weighted estimates towards zero; eight seeds show the bias beyond their spread."""
     name, clean = "forearm.origin_inertia.yy", ARM.inverse_dynamics(Q, V, A)

@@ -122,6 +122,7 @@ def independent(duration: float, digits: int, terms: int, h: str) -> list:
         return x
 
 
+@pytest.mark.slow
 def test_quadruple_precision_against_an_independent_integration() -> None:
     """Equations by Lagrange in other coordinates, recurrences by hand, mpmath's numbers: 20 digits agree."""
     found = taylor.solve(equations_of(rods()), np.array([0, 0.5]), 1e-26, precision="quad").precise[-1]

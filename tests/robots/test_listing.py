@@ -8,6 +8,7 @@ from twolink.robots import catalogue_names, robots
 from twolink.robots.joint_layout import urdf_kind
 
 
+@pytest.mark.slow
 def test_the_table_of_robots_gives_sizes_or_why_a_robot_is_refused() -> None:
     table = robots()
     rows = {row["name"]: row for row in table}

@@ -76,6 +76,7 @@ def test_a_robot_with_mimic_joints_answers(http: httpx.Client) -> None:
     assert answer["h"] == robot.bias(q[0], v[0]).tolist()
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("name", ["package://my_arm/meshes/arm.stl", "meshes/arm.stl", "../meshes/arm.stl"])
 def test_meshes_come_from_the_zip(http: httpx.Client, name: str) -> None:
     urdf = "urdf/robot.urdf" if name.startswith("..") else "robot.urdf"

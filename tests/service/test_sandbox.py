@@ -111,6 +111,7 @@ def test_a_worker_reaches_no_network_and_no_process(task: str, results: dict[str
     assert results[task].code == "denied"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (CAN.landlock and CAN.seccomp), reason="not on this kernel")
 def test_a_worker_that_may_use_the_network_reaches_no_file_of_others_and_no_process(
     place: dict[str, Any], tmp_path: Path

@@ -49,6 +49,7 @@ def test_every_operation_says_what_it_answers(http: httpx.Client) -> None:
     assert '"items":false' not in http.get("/openapi.json").text
 
 
+@pytest.mark.slow
 def test_answers_of_jobs_are_as_described(http: httpx.Client) -> None:
     """Those that take longer than made-up requests run."""
     jsonschema: Any = importlib.import_module("jsonschema")

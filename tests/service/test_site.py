@@ -98,6 +98,7 @@ def test_clients_that_leave_in_the_middle_do_no_harm(served: Served, http: httpx
     assert "Traceback" not in served.log
 
 
+@pytest.mark.slow
 def test_it_may_be_below_a_path(tmp_path: Path) -> None:
     with serving(tmp_path / "data", "--root-path", "/lab/twolink") as served, served.client() as http:
         assert (http.get("/lab/twolink").status_code, http.get("/lab/twolink").headers["location"]) == (

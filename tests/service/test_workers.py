@@ -72,6 +72,7 @@ def own_tasks(folder: Path, patch: pytest.MonkeyPatch, begin: str) -> str:
     return "own_tasks"
 
 
+@pytest.mark.slow
 def test_a_task_has_its_time_after_the_process_has_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tasks = own_tasks(tmp_path, monkeypatch, "time.sleep(1.5)")
     assert run(lambda workers: workers.run("answer", 1.0), tasks=tasks) == "here"
@@ -84,6 +85,7 @@ def test_a_process_that_cannot_begin_is_no_fault_of_the_task(tmp_path: Path, mon
     assert caught.value.status == 503
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize(
     ("task", "seconds", "idle"), [("compute", 0.5, 0.02), ("sleep", 0.05, 0.1), ("sleep", 0.5, 1.0)]
 )

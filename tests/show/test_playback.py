@@ -352,6 +352,7 @@ def test_the_animation_repeats(arm: Robot, tmp_path: Path, browser: Browser) -> 
     assert browser.evaluate("viewer.timeline.playing")
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_every_shape_has_its_true_size(tmp_path: Path, browser: Browser) -> None:
     (tmp_path / "a.dae").write_text(DAE)

@@ -36,6 +36,7 @@ def test_the_tube_is_where_other_parameters_bring_the_motion(found: tl.Sensitivi
     assert lines["forearm.mass"].get_ydata()[-1] == pytest.approx(largest)
 
 
+@pytest.mark.slow
 def test_by_default_it_is_of_what_moves_the_motion_most(found: tl.Sensitivities, tmp_path: Path) -> None:
     moves = {name: np.abs(found.q[name]).sum(axis=2).max() for name in found.q}
     moves["forearm.mass"] *= found.values["forearm.mass"]

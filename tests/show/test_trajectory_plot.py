@@ -173,6 +173,7 @@ def test_a_limb_is_drawn_by_a_pattern_and_the_base_where_it_moves(talos: tl.Robo
         run.plot(joints=["leg_leftt_1_joint"])
 
 
+@pytest.mark.slow
 def test_the_style_is_for_all_and_the_caption_says_what_was_asked(tmp_path: Path) -> None:
     figure = tl.simulate(tl.load_scene("arm-swing"), 0.2, accuracy=1e-5).plot(tmp_path / "run.pdf")
     assert b"/Type0" in figure.read_bytes()  # TrueType letters, not bitmaps of them

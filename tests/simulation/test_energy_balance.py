@@ -52,6 +52,7 @@ def test_the_book_closes(name: str) -> None:
     assert book._repr_html_().startswith("<pre>")
 
 
+@pytest.mark.slow
 def test_damping_alone_takes_what_is_lost() -> None:
     """By SciPy's quadrature of -d w^2 over dense samples."""
     from scipy.integrate import simpson

@@ -30,6 +30,7 @@ def test_a_run_that_an_event_ends_has_that_time_too() -> None:
     np.testing.assert_allclose(run.t, [0.1, (0.4 / 9.81) ** 0.5], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_released_payloads_and_stepped_contacts_have_them_too() -> None:
     pitch = tl.load_scene("pitch")
     whole, some = tl.simulate(pitch, t_eval=None), tl.simulate(pitch, t_eval=[0.0, pitch.duration])

@@ -286,6 +286,7 @@ def test_patience_ends_a_search_with_the_best_run() -> None:
     assert "patience=" in late.value.remedy
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize(("method", "accuracy"), [("taylor", 6e-11), ("dop853", 6e-10), ("rk45", 2e-9)])
 @pytest.mark.parametrize("seed", [1, 4])
 def test_bars_hold_where_rounding_is_measured(method: str, accuracy: float, seed: int) -> None:
