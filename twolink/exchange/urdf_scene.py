@@ -96,7 +96,7 @@ class UrdfScene(Scene):
         return UrdfScene, (self.base, self.q, self.v, self.effects, self.duration, self.title)
 
 
-def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 5.0, *, contact: bool = False) -> UrdfScene:
+def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 2.0, *, contact: bool = False) -> UrdfScene:
     """A scene with gravity and all that a robot's file says: damping, friction, stops, mimic joints; of an MJCF also
     springs, equality constraints (as rigid loops) and gravity compensation.
 
