@@ -75,23 +75,38 @@ def on_wheels() -> tl.Scene:
     return tl.Scene(tl.load_robot(text), [0, 0, 1, 0, 0.1], [0, 0, 0.5, 0], effects)
 
 
-def run_of(scene: tl.Scene) -> tl.Trajectory:
-    return tl.simulate(scene, 0.5, contact="stepped", step=0.01, samples_per_second=20, verify=False)
+def landing() -> tl.Scene:
+    """A body on a sprung leg falls on its foot, whose gap stays a micrometre open after the impact."""
+    inertia = '<inertia ixx="{0}" iyy="{0}" izz="{0}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    text = (f'<robot name="leg"><link name="body"><inertial><mass value="2"/>{inertia.format(0.02)}'
+            f'<link name="shank"><inertial><origin xyz="0 0 -0.1"/><mass value="0.2"/>{inertia.format(0.001)}'
+            '<joint name="knee" type="revolute"><parent link="body"/><child link="shank"/><axis xyz="0 1 0"/>'
+            '<limit lower="-3" upper="3" effort="99" velocity="99"/></joint>'
+            "</robot>")  # fmt: skip
+    effects = [E.Gravity(), E.JointSpring({"knee": 30.0}), E.JointDamping({"knee": 0.3}),
+               E.Contact((("shank", "ground"),), 0.9, shapes={"shank": (E.Sphere(0.02, (0, 0, -0.2)),)})]  # fmt: skip
+    robot = tl.load_robot(text, root="free")
+    return tl.Scene(robot, [0, 0, 0.23, 0, 0, 0, 1, 0.4], effects=effects)
 
 
-@pytest.mark.parametrize("make", [incline, pushed, skidding, falling, on_wheels])
+def run_of(scene: tl.Scene, step: float = 0.01) -> tl.Trajectory:
+    return tl.simulate(scene, 0.5, contact="stepped", step=step, samples_per_second=20, verify=False)
+
+
+@pytest.mark.parametrize("make", [incline, pushed, skidding, falling, on_wheels, landing])
 def test_held_steps_are_those_of_the_contact_problem(
     make: Callable[[], tl.Scene], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    step = 1e-3 if make is landing else 0.01
     monkeypatch.setattr(held, "spent", lambda *_: math.inf)
-    quick = run_of(make())
+    quick = run_of(make(), step)
     monkeypatch.setattr(HeldSteps, "of", lambda *_: None)
-    solved = run_of(make())
+    solved = run_of(make(), step)
     assert quick.contact_record is not None
     assert quick.contact_record["solvers"]["held"] > 10
     assert quick.contact_record["feasibility"] < 1e-11
     assert solved.contact_record is not None
-    assert quick.contact_record["overlap"] == pytest.approx(solved.contact_record["overlap"], abs=1e-12)
+    assert quick.contact_record["overlap"] == pytest.approx(solved.contact_record["overlap"], rel=1e-5, abs=1e-12)
     assert np.abs(quick.q - solved.q).max() < 1e-9
     assert np.abs(quick.v - solved.v).max() < 1e-8
     together, apart = (np.nan_to_num(list(run.contact_forces.values())).sum(axis=0) for run in (quick, solved))

@@ -78,7 +78,8 @@ class HeldRun:
     def __getitem__(self, j: int) -> Step:
         """The step j."""
         h, held, mean = float(self.h[j]), self.held, self.change[j, 0]
-        memory = Memory(held.keys, self.p[j] / h, np.hypot(*self.u[j, :, :2].T) < STILL, held.faces, self.change[j])
+        stuck, still = np.hypot(*self.u[j, :, :2].T) < STILL, np.abs(self.u[j, :, 2]) < STILL
+        memory = Memory(held.keys, self.p[j] / h, stuck, still, self.change[j])
         return Step(h, self.q[j], self.v[j], mean, memory, held.keys, self.places[j].copy(), self.on_first[j],
                     overlap=float(self.overlap[j]))  # fmt: skip
 
@@ -88,7 +89,8 @@ class HeldRun:
         p, u = self.p[: self.length], self.u[: self.length]
         largest = float(np.abs(self.miss[: self.length]).max())
         slip = self.held.mu * p[:, :, 2] * np.hypot(u[:, :, 0], u[:, :, 1]) + (p[:, :, :2] * u[:, :, :2]).sum(axis=2)
-        power = max(float(np.abs(p[:, :, 2] * u[:, :, 2]).max()), float(np.abs(slip).max()))
+        along = self.miss[: self.length].reshape(p.shape)[:, :, 2]
+        power = max(float(np.abs(p[:, :, 2] * along).max()), float(np.abs(slip).max()))
         return Impulses(p, u, largest, power, largest, "held")
 
 
@@ -139,7 +141,8 @@ class HeldSteps:
     def run(self, held: Held, plan: Plan, steps: slice, q: Array, w: Array, memory: Memory) -> HeldRun:
         """The steps of a plan from a state on."""
         h = plan.h[steps]
-        start = np.concatenate([w, memory.change.ravel(), q, h[0] * memory.forces.ravel(), np.repeat(~memory.stuck, 3)])
+        moves = np.stack([~memory.stuck, ~memory.stuck, ~memory.still], axis=1)  # in place of U
+        start = np.concatenate([w, memory.change.ravel(), q, h[0] * memory.forces.ravel(), moves.ravel()])
         state = slice(len(start))
         into = np.empty((len(h), len(start) + 2 + plan.numbers.shape[1]))
         into[0, state] = start

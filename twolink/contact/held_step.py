@@ -35,7 +35,7 @@ from twolink.algorithms.spatial import (
 from twolink.contact.steps import STILL
 from twolink.contact.velocities import moved, to_local_velocity, with_turning
 from twolink.geometry.gaps import PlaneGap, axes_of
-from twolink.geometry.points import CLOSED
+from twolink.geometry.points import CLOSED, TOUCHING
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import unbalanced_forces
 from twolink.integrate.motion.state import Array
@@ -63,8 +63,8 @@ def held_step(
     inward = [ldlt_inward(lower, parents, row) for row in own]
     g = _delassus(inward, inverse)
     before, after = ([plus(*(times(a, b) for a, b in zip(row, x, strict=True))) for row in own] for x in (start, free))
-    opens = [0.0 if face else xp.where(xp.less(gap, 0.0), 0.0, 2.0 * gap / h)
-             for gap, face in zip(heights, faces, strict=True)]  # fmt: skip
+    opens = [0.0 if face else _open(gap, u, h, xp)
+             for gap, face, u in zip(heights, faces, slipped[2::3], strict=True)]  # fmt: skip
     after[2::3] = [plus(a, c) for a, c in zip(after[2::3], opens, strict=True)]
     every, factors = list(range(-1, k - 1)), ldlt(g, list(range(-1, k - 1)))
     p = newton(g, after, mu, guess, xp) if mu else ldlt_apply(*factors, every, [-b for b in after])
@@ -72,7 +72,8 @@ def held_step(
     pushed = [plus(*(times(z[i], y) for z, y in zip(inward, p, strict=True))) for i in range(nv)]
     end = [plus(a, b) for a, b in zip(free, ldlt_outward(lower, inverse, parents, pushed), strict=True)]
     off = [times(half, plus(a, b)) for a, b in zip(before, u, strict=True)]
-    off[2::3] = [plus(gap, times(half, minus(b, c))) for gap, b, c in zip(heights, u[2::3], opens, strict=True)]
+    along = [minus(b, c) for b, c in zip(u[2::3], opens, strict=True)]
+    off[2::3] = [plus(gap, times(half, b)) for gap, b in zip(heights, along, strict=True)]
     if mu:
         reduced, off = _without_slips(g, off, (slipped, u), xp)
         factors = ldlt(reduced, every)
@@ -89,10 +90,18 @@ def held_step(
         [i for i in range(len(gaps)) if i not in held],
         Motion(equations.robot.model, mech, q_end, [], t, xp),
     )
-    return [*ends, *mean, *passed, *q_end, *p, *u,
+    at_ends = list(u)
+    at_ends[2::3] = along
+    return [*ends, *mean, *passed, *q_end, *p, *at_ends,
             *(entry for place in places for entry in place),
             *(missed(g, u, p, mu, xp) if mu else u),
             *(gaps[i].value(at_end) for i in [*held, *others])]  # fmt: skip
+
+
+def _open(gap: Scalar, speed: Scalar, h: Any, xp: Any) -> Scalar:
+    """The velocity that a gap still leaves open: none where it is small and had none in the step before."""
+    small = xp.where(xp.less(speed * speed, STILL**2), TOUCHING, CLOSED)
+    return xp.where(xp.less(gap, small), 0.0, 2.0 * gap / h)
 
 
 def _delassus(inward: Matrix, inverse: Sequence[Scalar]) -> Matrix:
@@ -142,14 +151,15 @@ def _without_slips(
 
 def _rows_of(motion: Motion, gaps: Sequence[PlaneGap]) -> tuple[Matrix, list[Any], list[Vec]]:
     """Of points the rows of their velocities (3k, nv), their gaps, and their places."""
-    rows, open_, places = [], [], []
+    rows, open_, places, xp = [], [], [], motion.xp
     for gap in gaps:
         near, ball, n = gap.nearest(motion), gap.ball, gap.normal
         body, place = motion.frame(ball.frame)
         centre = Pose((IDENTITY,), placed(place, ball.point))
         jacobian = frame_jacobian(motion.mech, motion.q, body, centre, motion.xp)
-        columns = [add(_vector(c[:3]), scale(-ball.radius, cross(_vector(c[3:]), n)))
-                   for c in zip(*jacobian, strict=True)]  # fmt: skip
+        one = xp.less(near.gap * near.gap, TOUCHING**2)  # where bodies touch at one point, as `Points.ends` says
+        arm = xp.where(one, -ball.radius - 0.5 * near.gap, -ball.radius)
+        columns = [add(_vector(c[:3]), scale(arm, cross(_vector(c[3:]), n))) for c in zip(*jacobian, strict=True)]
         axes = axes_of(np.array([n]))[0].tolist()
         rows += [[dot(_vector(axis), column) for column in columns] for axis in axes]
         open_.append(near.gap)
