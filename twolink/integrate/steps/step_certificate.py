@@ -114,9 +114,12 @@ def _placed(equations: Equations, shift: Array, *, closed: bool) -> Array:
 
 @np.errstate(all="ignore")
 def _smallest_pivot(equations: Equations, x: Array) -> float:
-    """The smallest pivot of the constraints' A = J M^-1 B of one state, scaled; NaN where it is not finite."""
+    """The smallest pivot of the constraints' A = J M^-1 B of one state, scaled; NaN where it is not finite.
+
+    Infinite without rows: what a stop holds already leaves those of a contact none.
+    """
     constraints, space = equations.constraints, equations.space
-    if constraints is None:
+    if constraints is None or not len(constraints.kept):
         return math.inf
     q, v = x[: space.nq], x[space.v_rows]
     jacobian = constraints.jacobian_at(q, constraints.kept)
