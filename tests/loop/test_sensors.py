@@ -30,7 +30,7 @@ def test_true_values_are_those_of_pinocchio() -> None:
     assert np.array_equal(read["encoder"], run.q)
     assert np.array_equal(read["tachometer"], run.v)
     assert np.array_equal(read["torque_sensor"], run.tau)
-    model, data, h = run.robot.model, run.robot.model.createData(), 1e-5
+    model, data, h = run.robot.model, run.robot.model.createData(), 1e-4
     for k in (3, 11):
         t, place = run.t[k], model.getFrameId(link)
         poses = []
