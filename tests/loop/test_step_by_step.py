@@ -100,3 +100,12 @@ def test_a_controller_that_fails_says_when() -> None:
     with pytest.raises(tl.errors.ControllerError, match="division by zero"):
         sim.step(1.0)
     assert sim.t == pytest.approx(0.3)
+
+
+def test_after_an_event_that_ends_the_motion_no_controller_is_called() -> None:
+    called = []
+    control = E.Controller(lambda t, _, s: (called.append(t), ([0.0], s))[1], period=0.1)
+    watch = E.Watch("half", when=E.JointReaches("rail", 0.25), stop=True)
+    sim = tl.Simulation(tl.Scene(slider(), [0.0], [1.0], effects=[control, watch]))
+    assert sim.step(1.0).t == pytest.approx(0.25)
+    assert sorted(set(called)) == pytest.approx([0.0, 0.1, 0.2])

@@ -84,6 +84,8 @@ class StepwiseMotion(ABC):
         while self.loop is not None and self.loop.time <= t * (1.0 + SAME_TIME) and not self.ended:
             if self.loop.time > self.t * (1.0 + SAME_TIME):
                 self.go(self.loop.time)
+            if self.ended:
+                return
             self.loop.tick(x := self.held())
             self.hold(x)
             self.loop.forget()
