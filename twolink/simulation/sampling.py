@@ -71,11 +71,13 @@ def _checked_times(t_eval: ArrayLike, duration: float, limit: float) -> np.ndarr
 
 def with_ends(times: np.ndarray, duration: float) -> np.ndarray:
     """The times (n,), and 0 and the duration [s] where they are not among them."""
-    return np.union1d(times, [0.0, duration])
+    return times if len(times) > 1 and times[0] == 0.0 and times[-1] == duration else np.union1d(times, [0.0, duration])
 
 
 def only_at(run: Trajectory, times: np.ndarray, duration: float) -> Trajectory:
     """The run with its samples at these times (n,) only, and where it ended before the duration [s]."""
+    if len(run.t) == len(times) and run.t[-1] == times[-1]:  # its times are these and both ends
+        return run
     kept = np.isin(run.t, times)
     kept[-1] |= run.t[-1] < duration
     if kept.all():
