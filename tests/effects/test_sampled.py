@@ -188,3 +188,17 @@ def test_one_sample_is_a_constant(interpolation: str) -> None:
     drive = E.Torque({"axle": E.Sampled((0.5,), (1.0,), interpolation=interpolation)})
     run = tl.simulate(tl.Scene(wheel(), effects=[drive]), 1.0, accuracy=1e-10)
     assert abs(run.q[-1, 0] - 1.0) < 1e-10
+
+
+def test_the_error_bar_of_a_table_costs_no_steps() -> None:
+    """Where steps are longer than the time between two checks, solutions pass these."""
+    drive = E.Torque({"shoulder": E.Sampled((0.7, 1.6), (1.0, -0.5), interpolation="hold")})
+    scene = tl.Scene(robot("two_link"), [0.3, -0.4], effects=[drive])  # in a plane, without gravity
+    run, alone, finer = (
+        tl.simulate(scene, 2.0, accuracy=accuracy, verify=verify, method="dop853")
+        for accuracy, verify in ((1e-6, True), (1e-6, False), (1e-11, False))
+    )
+    assert run.error is not None
+    assert run.cost.steps <= alone.cost.steps + 2 < 60  # there are 101 checks
+    assert (np.abs(run.q - finer.q).max(axis=1) <= run.error).all()
+    assert run.error[-1] < 1e-6

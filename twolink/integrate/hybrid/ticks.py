@@ -49,7 +49,7 @@ class OpenPiece:
         lanes, length = self._lanes, end - self._lanes.time
         while lanes.time < end:
             far = lanes.time + min(FIRST_BLOCK * lanes.step, length / self._parts)
-            on_the_way = lanes.advance(far if far < end - SHORT * length else end)
+            on_the_way, _ = lanes.advance(far if far < end - SHORT * length else end)
             t = [self.t[-1], *(at for at, _ in on_the_way), lanes.time]
             x = [self.x[-1], *(state for _, state in on_the_way), lanes.x[:, 0].copy()]
             hit = self.watcher.first(np.array(t), np.array(x))

@@ -37,6 +37,8 @@ class Restarted:
         The states with the numbers that they hold.
     time : float
         Where they are, s.
+    step : float
+        0: they are never beyond the time that is asked for.
     counts : tuple of int
         Accepted and rejected steps of the first.
     """
@@ -52,12 +54,12 @@ class Restarted:
     ) -> None:
         self.method, self.time, self.counts = method, t, (0, 0)
         self.x = np.repeat(equations.start[:, None].astype(float), len(perturbations), axis=1)
-        self.compile_seconds = 0.0
+        self.compile_seconds = self.step = 0.0
         self.compiled: Code = ""
         self._equations, self._perturbations, self._solve, self._progress = equations, perturbations, solve, progress
         self._ticks, self._steps = 0, 1.0
 
-    def advance(self, end: float) -> list[tuple[float, Array]]:
+    def advance(self, end: float, _looks: Array) -> tuple[list[tuple[float, Array]], Array]:
         """Advance all to a time, s. Returns no times on the way."""
         moving, times = self._equations.moving, np.array([self.time, end])
         count = np.full((1, 1), self._ticks)
@@ -76,7 +78,7 @@ class Restarted:
         self.time, self._ticks = end, self._ticks + 1
         if self._progress is not None:
             self._progress(end)
-        return []
+        return [], np.empty(0)
 
     def partial(self, x: Array, start: Array, end: Array) -> Array:
         """States (size, n) of the first solution at times `end` (n,), each from x (size, n) at `start` (n,)."""

@@ -33,7 +33,9 @@ from twolink.loop.sampled_loop import SampledLoop, Sampling
 LOOK = 64  # attempted steps between two looks at whether they get on
 FEW = 64  # disturbances that are drawn at once
 LEAST = 0.1  # of the time to the next tick: steps may grow to it
+AHEAD = 8  # steps between two stops at which solutions are only compared: where steps are long, they pass those times
 NAMED = 20  # ticks that are named
+NONE: Array = np.empty(0)
 
 
 class Lanes:
@@ -107,8 +109,12 @@ class Lanes:
         """Accepted and rejected steps of the first."""
         return int(self.state[self._rows.accepted, 0]), int(self.state[self._rows.rejected, 0])
 
-    def advance(self, end: float) -> list[tuple[float, Array]]:
-        """Advance all to a time, s. Returns where steps of the first ended on the way: times and states (size,)."""
+    def advance(self, end: float, looks: Array = NONE) -> tuple[list[tuple[float, Array]], Array]:
+        """Advance all to a time, s.
+
+        Returns where steps of the first ended on the way: times and states (size,), and all states (size, m, n) at
+        times (m,) on the way.
+        """
         rows, state, on_the_way, count = self._rows, self.state, [], self._count
         time, start, step = rows.time, state.item(rows.time, 0), state.item(rows.step, 0)
         short = end - start  # the tick ends a step before its time, and would make the next ones shorter
@@ -121,9 +127,11 @@ class Lanes:
             state[rows.longest, self._finer] = min(self._longest, half)
         state[rows.end] = end
         self._disturb()
-        tried, late, looked = 0, list(range(count)), LOOK
+        tried, late, looked, taken = 0, list(range(count)), LOOK, [state[None, :, :count].copy()] if len(looks) else []
         while late:
             steps = self._attempt(min(self._tried, self._at_once))
+            if taken:
+                taken.append(steps[:, :, :count].copy())
             for k in range(len(steps)):
                 if start < (start := steps.item(k, time, 0)) < end:
                     on_the_way.append((start, steps[k, : self._size, 0].copy()))
@@ -143,7 +151,16 @@ class Lanes:
             self._require_fine()
             width = state.shape[1]
             self._call, self._at_once = self._by.call(width), self._by.steps_at_once(width)
-        return on_the_way
+        return on_the_way, self._between(np.concatenate(taken), looks) if taken else np.empty(0)
+
+    def _between(self, taken: Array, looks: Array) -> Array:
+        """The states (size, m, n) at times (m,), from those after each attempted step (k, rows, n)."""
+        ends, count = taken[:, self._rows.time], self._count
+        step = np.stack([np.searchsorted(ends[:, i], looks, side="right") - 1 for i in range(count)], axis=1)
+        lane = np.broadcast_to(np.arange(count), step.shape)
+        x = taken[step, : self._size, lane].reshape(-1, self._size).T
+        at = self._by.partial(x, ends[step, lane].ravel(), np.repeat(looks, count))
+        return at.reshape(self._size, len(looks), count)
 
     def _attempt(self, count: int) -> Array:
         """Attempt so many steps, in one call; the states (count, rows, n) after each."""
@@ -217,6 +234,7 @@ class _Run:
     ) -> None:
         self._equations, self._lanes, self._loop, self._beside = equations, lanes, loop, beside
         self.t, self.x = [lanes.time], [lanes.x[:, 0].copy()]
+        self._passed: list[float] = []  # times at which the others are yet to be looked at
 
     def go(self, end: float) -> None:
         """Go to the end."""
@@ -229,6 +247,9 @@ class _Run:
                     loop.tick(lanes.x)
                 finally:
                     self._keep()
+            if stop < end and stop not in breaks and lanes.time < stop < lanes.time + AHEAD * lanes.step:
+                self._passed.append(float(stop))
+                continue
             if stop > self.t[-1] * (1.0 + SAME_TIME):
                 self._to(float(stop))
                 self._keep()
@@ -240,10 +261,17 @@ class _Run:
     def _to(self, t: float) -> None:
         """Advance to a time."""
         if t > self.t[-1]:
-            for at, x in self._lanes.advance(t):
+            looks = np.array(self._passed)
+            on_the_way, seen = self._lanes.advance(t, looks)
+            for at, x in on_the_way:
                 self.t.append(at)
                 self.x.append(x)
             self.t.append(t)
+            if self._beside is not None and len(looks):
+                self._beside.x[np.isin(self._beside.t, looks)] = seen[: self._equations.moving, :, 1:].transpose(
+                    1, 2, 0
+                )
+                self._passed.clear()
 
     def _keep(self) -> None:
         """Keep the state of the first at the last of the times."""
