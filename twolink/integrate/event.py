@@ -1,8 +1,17 @@
-"""Event: one line of run.events."""
+"""Event: one line of run.events; those of controllers."""
 
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from twolink.loop.sampled_loop import SampledLoop
 
 AMBIGUOUS, UNSTABLE = "ambiguous-tick", "unstable-loop"
+NAMED = 20  # ticks that are named
 
 
 @dataclass(frozen=True)
@@ -29,3 +38,20 @@ class Event:
     def __str__(self) -> str:
         lost = f", {self.energy:.6g} J lost" if self.energy else ""
         return f"t = {self.t:.12g} s: {self.kind} {self.what}{': ' if self.detail else ''}{self.detail}{lost}"
+
+
+def ambiguous_events(found: Sequence[tuple[float, str]]) -> list[Event]:
+    """Events of ambiguous ticks (when, what of), of which many are one."""
+    events = [Event(at, AMBIGUOUS, what, "solutions of the error bar got different answers")
+              for at, what in found[:NAMED]]  # fmt: skip
+    if len(found) > NAMED:
+        events.append(Event(found[NAMED][0], AMBIGUOUS, f"{len(found) - NAMED} more"))
+    return events
+
+
+def events_of(loop: SampledLoop) -> list[Event]:
+    """The ambiguous ticks of a loop so far, and from when it is unstable."""
+    events = ambiguous_events(loop.ambiguous())
+    events += [Event(t, UNSTABLE, what, f"errors grow at {rate:.3g} 1/s, by {math.expm1(rate * period):.2%} a tick")
+               for t, what, rate, period in loop.unstable()]  # fmt: skip
+    return sorted(events, key=lambda event: event.t)

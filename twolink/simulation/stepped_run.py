@@ -11,9 +11,8 @@ import numpy as np
 from twolink.contact.solver import SteppedSolution, solve_stepped, stepper_of
 from twolink.contact.stepping import Stepper
 from twolink.errors import AccuracyError, ControllerError
-from twolink.integrate.event import Event
+from twolink.integrate.event import Event, ambiguous_events
 from twolink.integrate.solution import Progress
-from twolink.integrate.solvers.ticks import ambiguous_events
 from twolink.integrate.steps.failures import failure
 from twolink.scenes import Scene
 from twolink.simulation.cost import Cost

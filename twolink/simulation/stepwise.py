@@ -18,12 +18,11 @@ from twolink.effects.conditions import Condition, FrameReaches, JointReaches
 from twolink.effects.inputs import Sampled, Slot
 from twolink.effects.sampled_control import DofTorques
 from twolink.errors import QueryError, SceneError
-from twolink.integrate.event import Event
+from twolink.integrate.event import Event, events_of
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of, sampled, starting_states
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solvers.method_choice import first_tolerance
-from twolink.integrate.solvers.ticks import events_of
 from twolink.integrate.steps.step_map import step_map
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of

@@ -11,7 +11,7 @@ import numpy as np
 
 from twolink.effects.sensors import Forces
 from twolink.errors import ControllerError
-from twolink.integrate.event import Event
+from twolink.integrate.event import Event, events_of
 from twolink.integrate.forces_seen import forces_seen
 from twolink.integrate.hybrid.engine import FIRST_BLOCK, Engine
 from twolink.integrate.hybrid.locating import Hit, Watcher
@@ -20,7 +20,7 @@ from twolink.integrate.hybrid.transitions import same_time
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece, Progress, Solution
-from twolink.integrate.solvers.ticks import Lanes, events_of
+from twolink.integrate.solvers.ticks import Lanes
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
 from twolink.integrate.steps.step_map import StepMap

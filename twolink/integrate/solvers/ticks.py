@@ -6,14 +6,13 @@ are asked for, and go on as if they had not.
 
 import functools
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from twolink.effects.inputs import Sampled
 from twolink.errors import ControllerError
-from twolink.integrate.event import AMBIGUOUS, UNSTABLE, Event
+from twolink.integrate.event import events_of
 from twolink.integrate.forces_seen import forces_seen
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
@@ -34,7 +33,6 @@ LOOK = 64  # attempted steps between two looks at whether they get on
 FEW = 64  # disturbances that are drawn at once
 LEAST = 0.1  # of the time to the next tick: steps may grow to it
 AHEAD = 8  # steps between two stops at which solutions are only compared: where steps are long, they pass those times
-NAMED = 20  # ticks that are named
 NONE: Array = np.empty(0)
 
 
@@ -207,23 +205,6 @@ class Lanes:
             raise failure_of(
                 self._by, Block(np.zeros(1, int), alone, alone[:, self._rows.time], outcome[[i]]), self._limit
             )
-
-
-def ambiguous_events(found: Sequence[tuple[float, str]]) -> list[Event]:
-    """Events of ambiguous ticks (when, what of), of which many are one."""
-    events = [Event(at, AMBIGUOUS, what, "solutions of the error bar got different answers")
-              for at, what in found[:NAMED]]  # fmt: skip
-    if len(found) > NAMED:
-        events.append(Event(found[NAMED][0], AMBIGUOUS, f"{len(found) - NAMED} more"))
-    return events
-
-
-def events_of(loop: SampledLoop) -> list[Event]:
-    """The ambiguous ticks of a loop so far, and from when it is unstable."""
-    events = ambiguous_events(loop.ambiguous())
-    events += [Event(t, UNSTABLE, what, f"errors grow at {rate:.3g} 1/s, by {math.expm1(rate * period):.2%} a tick")
-               for t, what, rate, period in loop.unstable()]  # fmt: skip
-    return sorted(events, key=lambda event: event.t)
 
 
 class _Run:
