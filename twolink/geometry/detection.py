@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.namespaces import Array
+from twolink.algorithms.spatial import ZERO
 from twolink.dynamics import Robot
 from twolink.geometry.gaps import Gap, PlaneGap, RimGap, down_rim
 from twolink.geometry.hulls import Hull, Name, Touch, facing, hull_of, touching
@@ -24,6 +25,7 @@ from twolink.robots.collisions import AnyShape, Box, Capsule, Convex, Cylinder, 
 BURIED = 1e-9  # m: cores that are nearer have no normal
 NEAREST, ITERATIONS = 1e-10, 1000  # of Coal's nearest points, whose default of 1e-6 m shows at cylinders
 FLAT = 1e-9  # of a rim: below it the disc lies flat on the plane
+FEW = 64  # points that are all looked at
 MANY = 2_000  # pairs beyond which a tree finds those that are near
 
 
@@ -46,7 +48,8 @@ class Group:
 class OnPlanes(Group):
     """Balls and points of bodies over planes of the world, and the rims of cylinders.
 
-    gaps: of each point, by formulas. key, pair: see `Points`.
+    gaps: of each point, by formulas. key, pair: see `Points`. first, solid: of each body its first point, and of each
+    point its body. centres (3, bodies), bounds (bodies,): of spheres around the bodies.
     """
 
     def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
@@ -55,13 +58,34 @@ class OnPlanes(Group):
         self.feature = np.array([row[1] for row in rows])
         self.key, self.gaps = key_of(self.pair, self.feature), [cast(PlaneGap, gap) for *_, gap in rows]
         self.every = stacked(self.gaps, number)
+        _, self.first, self.solid = np.unique(self.pair, return_index=True, return_inverse=True)
+        of = {pair_number: pair.first.shape for pair_number, pair in items}
+        shapes = [of[pair_number] for pair_number in self.pair[self.first].tolist()]
+        self.centres = np.array([shape.placement.translation for shape in shapes]).T
+        self.bounds = np.array([bounding_radius(shape) for shape in shapes])
 
     def _gaps(self, pair: Pair) -> Sequence[Gap]:
         return gaps_of(pair)
 
     def points(self, links: Links, reach: float) -> Points:
         """The balls' lowest points."""
-        return points_of(self.pair, self.feature, links, self.every.nearest(links), reach)
+        gap, rows = self.every, self._near(links, reach)
+        link, normal, radius = gap.ball.frame[rows], gap.normal[:, rows], gap.ball.radius[rows]
+        x = links.position(link, ZERO if gap.ball.point is ZERO else gap.ball.point[:, rows])
+        height = (normal * x).sum(axis=0) - gap.height[rows] - radius
+        found = np.flatnonzero(height < reach)
+        rows, height, normal = rows[found], height[found], normal[:, found]
+        position = x[:, found] - (radius[found] + 0.5 * height) * normal
+        ground = np.zeros(len(rows), dtype=int)
+        return Points(self.pair[rows], self.key[rows], links.joint[link[found]], ground, height, normal.T, position.T)
+
+    def _near(self, links: Links, reach: float) -> Array:
+        """The rows of the bodies whose bounding spheres are near their planes; all where there are few."""
+        if len(self.pair) <= FEW:
+            return np.arange(len(self.pair))
+        first, gap = self.first, self.every
+        low = (gap.normal[:, first] * links.position(gap.ball.frame[first], self.centres)).sum(axis=0) - self.bounds
+        return np.flatnonzero((low - gap.height[first] < reach)[self.solid])
 
 
 class RimsOnPlanes(OnPlanes):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import msgspec
 import numpy as np
@@ -105,14 +105,14 @@ def _capsule_on_hull(capsule: Solid, solid: Solid) -> list[Gap]:
 
 def _hull_gap(ball: Ball, solid: Solid) -> HullGap:
     hull = hull_of(solid.shape)
-    corners = [_placed(solid, _vec(vertex)) for vertex in hull.vertices]
+    corners = _placed(solid, hull.vertices)
     return HullGap(ball, solid.link, _edges(solid), tuple(tuple(corners[i] for i in face) for face in hull.faces))
 
 
 def _edges(solid: Solid) -> tuple[tuple[Vec, Vec], ...]:
     """The ends of the edges of a box or mesh, in the link's axes."""
     hull = hull_of(solid.shape)
-    corners = [_placed(solid, _vec(vertex)) for vertex in hull.vertices]
+    corners = _placed(solid, hull.vertices)
     return tuple((corners[i], corners[k]) for i, k in hull.edges)
 
 
@@ -126,7 +126,8 @@ def _box_gap(ball: Ball, solid: Solid) -> BoxGap:
 
 def _corners(solid: Solid) -> list[Ball]:
     x, y, z = _half_edges(solid)
-    return [Ball(solid.link, _placed(solid, corner), 0.0) for corner in itertools.product((x, -x), (y, -y), (z, -z))]
+    corners = _placed(solid, [*itertools.product((x, -x), (y, -y), (z, -z))])
+    return [Ball(solid.link, corner, 0.0) for corner in corners]
 
 
 def _on_plane(solid: Solid, frame: str, normal: Vec, height: float) -> list[Gap]:
@@ -140,11 +141,11 @@ def _on_plane(solid: Solid, frame: str, normal: Vec, height: float) -> list[Gap]
     if isinstance(shape, Sphere):
         points = [_vec(shape.point)]
     elif isinstance(shape, Capsule):
-        points = [_placed(solid, (0.0, 0.0, side * 0.5 * float(shape.length))) for side in (-1.0, 1.0)]
+        points = _placed(solid, [(0.0, 0.0, side * 0.5 * float(shape.length)) for side in (-1.0, 1.0)])
     elif isinstance(shape, Box):
         points = [corner.point for corner in _corners(solid)]
     elif isinstance(shape, Convex):
-        points = [_placed(solid, _vec(vertex)) for vertex in shape.vertices]
+        points = _placed(solid, shape.vertices)
     return [PlaneGap(Ball(solid.link, point, radius), frame, normal, height) for point in points]
 
 
@@ -152,10 +153,10 @@ def _cylinder_on_plane(solid: Solid, shape: Cylinder, frame: str, normal: Vec, h
     """The rims of both ends, and points of them on which it stands."""
     axis, r, gaps = _axes(solid)[2], float(shape.radius), list[Gap]()
     for z in (-0.5 * float(shape.length), 0.5 * float(shape.length)):
-        gaps.append(RimGap(solid.link, _placed(solid, (0.0, 0.0, z)), axis, r, frame, normal, height))
-        for angle in np.arange(STANDS_ON) * 2.0 * np.pi / STANDS_ON:
-            point = _placed(solid, _vec((r * np.cos(angle), r * np.sin(angle), z)))
-            gaps.append(StandGap(Ball(solid.link, point, 0.0), frame, normal, height, axis))
+        angles = np.arange(STANDS_ON) * 2.0 * np.pi / STANDS_ON
+        centre, *stands = _placed(solid, [(0.0, 0.0, z), *((r * np.cos(a), r * np.sin(a), z) for a in angles)])
+        gaps.append(RimGap(solid.link, centre, axis, r, frame, normal, height))
+        gaps += [StandGap(Ball(solid.link, point, 0.0), frame, normal, height, axis) for point in stands]
     return gaps
 
 
@@ -177,9 +178,10 @@ def _axes(solid: Solid) -> tuple[Vec, Vec, Vec]:
     return x, y, z
 
 
-def _placed(solid: Solid, point: Vec) -> Vec:
-    """A point of the shape's own axes in the link's."""
-    return _vec(solid.shape.placement.act(np.array(point)))
+def _placed(solid: Solid, points: Any) -> list[Vec]:
+    """Points (n, 3) of the shape's own axes in the link's."""
+    place = solid.shape.placement
+    return [(x, y, z) for x, y, z in (np.array(points, float) @ place.rotation.T + place.translation).tolist()]
 
 
 def _vec(values: object) -> Vec:

@@ -94,7 +94,7 @@ def simulate(
         How contacts are computed: each one located, with an error bar; or stepped through, with an error that is
         estimated (run.bound). By default as `explain` says.
     patience : float, optional
-        Wall clock that solving may take, s; by default 600, and 60 for smaller steps of contacts where no accuracy is
+        Wall clock that solving may take, s; by default 600, and 20 for smaller steps of contacts where no accuracy is
         asked for.
 
     Returns

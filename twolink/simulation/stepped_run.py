@@ -26,7 +26,7 @@ SAFETY = 4.0  # of the distance to half the step: where in a step an impact fall
 STRIDE = 32.0  # by which the step is made smaller at most before the error is looked at again
 SMALLER = 4.0  # by which it is where a run has failed
 ENOUGH = 1e-6  # rad, m: an estimate that is good enough where no accuracy is asked for
-PATIENCE = 60.0  # s of wall clock for a smaller one
+PATIENCE = 20.0  # s of wall clock for a smaller one
 HELPS = 0.9  # of the last estimate: smaller steps help below it
 TRIES = 2  # of smaller steps that do not help: chaotic motions have no smaller estimates
 BLOWN_UP = 1e3  # rad, m: distances above tell of steps that are too long for stiff forces
@@ -49,7 +49,7 @@ def simulate_stepped(
 
     step: the caller's own [s], whose error is estimated and reported; None: smaller ones until the estimate is below
     the accuracy. Without an accuracy steps become smaller while that helps, for up to a patience [s of wall clock, by
-    default 60], and the best run is returned. Raises AccuracyError, with the best run, where an accuracy takes too many
+    default 20], and the best run is returned. Raises AccuracyError, with the best run, where an accuracy takes too many
     steps, or more time than a patience that is given.
     """
     solve = functools.partial(_solved, scene, stepper_of(scene), times, progress)
