@@ -1,7 +1,10 @@
 """Contacts that are stepped: closed forms, order, energy, what is reported and what is refused."""
 
+import itertools
 import math
 import re
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +14,11 @@ from scipy.optimize import brentq
 import twolink as tl
 from tests.effects.bodies import G, ball, bouncing, free_bodies, planar
 from twolink.contact import bodies as sparse_bodies
+from twolink.contact.solver import SteppedSolution
+from twolink.contact.stepping import Stepper
 from twolink.geometry.hulls import hull_of, touching
 from twolink.integrate.hybrid import engine
+from twolink.simulation import stepped_run
 from twolink.simulation.stepped_run import simulate_stepped
 
 E = tl.effects
@@ -164,6 +170,22 @@ def test_without_an_accuracy_the_best_effort_is_returned_with_its_estimate() -> 
     quick = simulate_stepped(rod(), times, None, None, None, verify=True, patience=1e-9)
     assert quick.error is not None
     assert run.error[-1] < 0.2 * quick.error[-1]
+
+
+def test_finer_runs_that_are_elsewhere_refute_an_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two runs of long steps agree by chance; every one of shorter steps ends elsewhere, as where motion is chaotic."""
+    solve, ends = stepped_run.solve_stepped, itertools.count(1)
+
+    def parted(stepper: Stepper, times: np.ndarray, step: float, *more: Any) -> SteppedSolution:
+        solution = solve(stepper, times, step, *more)
+        moved = solution.q.copy()
+        moved[-1, 0] += 0.3 * next(ends) * (solution.step < 2e-3)
+        return replace(solution, q=moved)
+
+    monkeypatch.setattr(stepped_run, "solve_stepped", parted)
+    run = simulate_stepped(rod(0.3), np.linspace(0.0, END, 9), None, None, None, verify=True, patience=3.0)
+    assert run.error is not None
+    assert run.error[-1] > 0.5
 
 
 def test_located_events_without_end_are_stepped_where_nothing_was_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:

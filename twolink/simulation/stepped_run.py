@@ -23,6 +23,7 @@ METHOD = "stepped"
 FIRST = 1e-2  # s: the first step
 STEPS = 200_000  # of a run that an accuracy may call for
 SAFETY = 4.0  # of the distance to half the step: where in a step an impact falls changes its error by chance
+PARTING = 2.0  # of the distance to a run of much smaller steps: SAFETY covers it where errors follow the step
 STRIDE = 32.0  # by which the step is made smaller at most before the error is looked at again
 SMALLER = 4.0  # by which it is where a run has failed
 ENOUGH = 1e-6  # rad, m: an estimate that is good enough where no accuracy is asked for
@@ -146,6 +147,7 @@ class _StepRefinement:
         if off.max() > BLOWN_UP:
             raise failure("step-too-large", self.end, step=fine.step)
         run = _trajectory(self.scene, fine, seconds, others, off, self.accuracy, events)
+        self._refute(fine)
         error = float(run.error[-1]) if run.error is not None else 0.0
         self.tries += error > HELPS * self.last
         self.tried.append(f"{fine.step:.2g} s: estimate {error:.1g}")
@@ -153,6 +155,13 @@ class _StepRefinement:
             self.best, self.least = run, error
         self.last = error
         return run
+
+    def _refute(self, finer: SteppedSolution) -> None:
+        """Let the best run's estimate cover its distance to a finer one, which may have parted from both its halves."""
+        if self.best is not None and self.best.error is not None:
+            gap = finer.pieces[0].equations.space.distance(self.best.q, finer.q)
+            error = np.maximum(self.best.error, error_bar(gap, np.zeros_like(gap), PARTING))
+            self.best, self.least = replace(self.best, error=error), float(error[-1])
 
     def _smallest(self, now: float, seconds: float) -> float:
         """The smallest step that there are steps and time for. seconds: of a run with steps now."""
