@@ -1,6 +1,7 @@
 """The contact problem: each way to its solution, what a solution obeys, and steps without one."""
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -9,8 +10,8 @@ import pytest
 import scipy.sparse as sparse
 
 import twolink as tl
-from tests.effects.bodies import ball, free_bodies
-from twolink.contact import impulses, stepping
+from tests.effects.bodies import ball, free_bodies, planar
+from twolink.contact import impulses, step_law
 from twolink.contact.impulses import Impulses, Problem, accelerated, newton, solve_impulses
 from twolink.geometry.gaps import axes_of
 
@@ -87,7 +88,7 @@ def test_a_step_that_misses_the_laws_is_halved_and_then_refused(monkeypatch: pyt
     def never(problem: Problem, guess: np.ndarray) -> Impulses:
         return dataclasses.replace(solve_impulses(problem, guess), residual=1.0)
 
-    monkeypatch.setattr(stepping, "solve_impulses", never)
+    monkeypatch.setattr(step_law, "solve_impulses", never)
     effects = [E.Gravity(), E.Contact(("ground",), shapes={"ball": (E.Sphere(0.1),)})]
     scene = tl.Scene(ball(), [0, 0, 0.11, 0, 0, 0, 1], effects=effects)
     with pytest.raises(tl.errors.AccuracyError, match="no impulses obey the laws") as failure:
@@ -152,3 +153,23 @@ def test_piles_take_few_of_newtons_steps(monkeypatch: pytest.MonkeyPatch) -> Non
         problem = falling_pile(seed, 5, 1.0)
         assert solve_impulses(problem, np.zeros_like(problem.b)).solved
     assert len(steps) < 600
+
+
+def test_bodies_bounce_by_no_more_than_creates_no_energy() -> None:
+    """A rod that Newton's law of impact with friction would give more energy than it had, as Kane and Levinson found."""
+    half, angle, mu, e, v = 0.5, 0.8, 0.6, 0.9, np.array([0.9, -1.5, 8.6])
+    rows = np.array([[1.0, 0.0, half * math.sin(angle)], [0.0, 1.0, -half * math.cos(angle)]])  # of its lower end
+    inverse = np.diag([1.0, 1.0, 10.0])
+    g, before = rows @ inverse @ rows.T, rows @ v
+    p = np.linalg.solve(g, [-before[0], -(1.0 + e) * before[1]])  # it sticks
+    assert abs(p[0]) < mu * p[1]
+    created = p @ (before + 0.5 * g @ p)
+    ends = {"body": (E.Sphere(0.0, (half, 0.0, 0.0)), E.Sphere(0.0, (-half, 0.0, 0.0)))}
+    scene = tl.Scene(planar(), [0, half * math.sin(angle) + 1e-9, angle], v,
+                     [E.Contact(("ground",), mu, restitution=e, shapes=ends)])  # fmt: skip
+    run = tl.simulate(scene, 0.02, contact="stepped", step=1e-4, verify=False, samples_per_second=200)
+    assert run.contact_record is not None
+    assert run.contact_record["softened"] == 1
+    assert created > 0.02 * run.energy[0]
+    assert np.abs(run.energy / run.energy[0] - 1.0).max() < 1e-3
+    assert run.v[-1, 1] > 0.0

@@ -12,7 +12,8 @@ an impact that no lasting contact passes on acts from when in the step the bodie
 from the positions what overlap is left, and what contacts that last have drifted (`positions`; Acary, Brogliato:
 Numerical Methods for Nonsmooth Dynamical Systems, 2008, chapter 10).
 
-Contact impulses have the power P . (U- + U+) / 2, which is not positive where bodies close or slide and do not bounce.
+Contact impulses have the work P . (U- + U+) / 2, which is not positive where bodies close or slide and do not bounce.
+Where bodies that bounce would create energy, they bounce by less (`step_law`), and the record counts it.
 A contact that sticks begins a step with U- = h J' v, of any sign. The motion M^-1 J^T nu against its slip h/2 U- has
 the work -P . U- / 2 - U- . G^-1 U- / 2, so that the energy does not grow but by terms of order h^3. The method is of
 first order in h, and of second order where impacts are single and between them. Stops and dry friction of joints are
@@ -31,17 +32,17 @@ import numpy as np
 
 from twolink.contact.bodies import Multibody, bodies_of
 from twolink.contact.held import HeldRun, HeldSteps
-from twolink.contact.impulses import Impulses, Problem, solve_impulses
-from twolink.contact.joints import JointPoints, Kept, Laws, LoopRows, complete
+from twolink.contact.joints import JointPoints, Kept, LoopRows
 from twolink.contact.positions import correction
 from twolink.contact.rest import Resting
+from twolink.contact.step_law import StepLaw, rows_of
 from twolink.contact.steps import STILL, Memory, Plan, Record, Step
 from twolink.effects.contact import Contact
 from twolink.effects.switching import Hold, Stop
 from twolink.errors import AccuracyError
 from twolink.geometry.detection import Detector
 from twolink.geometry.gaps import axes_of
-from twolink.geometry.points import CLOSED, TOUCHING, Places, Points, joined
+from twolink.geometry.points import CLOSED, Places, Points, joined
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.steps.failures import failure
@@ -50,8 +51,6 @@ DEEPEST = 0.25  # of half the bodies' thickness: a step that brings bodies deepe
 FARTHEST = 0.5  # of it: so is one half of which they move farther against each other, for they could pass through
 HALVINGS = 10
 UNSEEN, UNSEEN_HALVINGS = 0.01, 6  # of the reach of a step: one after which hulls overlap by so much more is halved
-FACE = 4  # points of a pair that come to the contact problem at a time
-ROUNDS = 20  # of adding contacts that the others push together
 FIRST, MOST = 8, 64  # compiled steps that are looked at together
 
 
@@ -202,17 +201,18 @@ class Stepper:
         before, after = ((rows @ x).reshape(-1, 3) for x in (v, free))
         if (0.5 * h * np.linalg.norm(before, axis=1) > FARTHEST * self.laws.thickness[points.pair]).any():
             return None
-        law = _Law(self.laws, points, before, after, h, memory)
-        solution = law.solved(rows, kept.inverse, free)
+        law = StepLaw(self.laws, points, before, after, h, memory)
+        solution = law.without_gain(rows, kept.inverse, free)
         if solution is None:
             return None
-        active, response, impulses = solution
-        ends = free + response @ impulses.p.ravel()
+        active, response, impulses, ends = solution
+        self.record.softened += law.share < 1.0
+        u = (rows @ ends).reshape(-1, 3)
         pressing, shift = impulses.p[:, 2] > 0.0, response @ (law.late[active, None] * impulses.p).ravel()
         if np.abs((rows @ shift)[2::3][active][pressing & law.known[active]]).max(initial=0.0) > CLOSED:
             shift = np.zeros_like(shift)  # what lasts passes the impact on, and would act at another time than it
         move = 0.5 * h * ends + shift + kept.closing
-        u, off = (rows @ ends).reshape(-1, 3), np.empty_like(before)
+        off = np.empty_like(before)
         off[:, :2] = 0.5 * h * (before + u)[:, :2]
         off[:, 2] = points.gap + (rows @ move).reshape(-1, 3)[:, 2]
         stuck = np.hypot(*impulses.u[:, :2].T) < STILL
@@ -231,7 +231,7 @@ class Stepper:
         smooth = np.array_equal(keys, memory.keys) and not law.hits[chosen].any()
         passed = Memory(keys, own[order] / h, stuck[closed][order], still[closed][order],
                         memory.changes(mean, smooth=smooth))  # fmt: skip
-        self._pressing = rows[_rows(active[pressing])]
+        self._pressing = rows[rows_of(active[pressing])]
         joints, chosen, p = self._of_joints(rows, law, active[pressing], impulses.p[pressing])
         on_first = np.einsum("ni,nij->nj", p, axes[chosen])
         end = self.bodies.moved(middle, move)
@@ -239,98 +239,15 @@ class Stepper:
             h, end, ends, mean, passed, points.key[chosen], points.position[chosen], on_first, impulses, joints=joints
         )
 
-    def _of_joints(self, rows: Any, law: _Law, chosen: Array, p: Array) -> tuple[Array | None, Array, Array]:
+    def _of_joints(self, rows: Any, law: StepLaw, chosen: Array, p: Array) -> tuple[Array | None, Array, Array]:
         """The impulses on joints (nv,) of points with impulses, and what are points of bodies, with theirs."""
         if not self.joints:
             return None, chosen, p
         own = law.of_joints[chosen]
-        return rows[_rows(chosen[own])].T @ p[own].ravel(), chosen[~own], p[~own]
+        return rows[rows_of(chosen[own])].T @ p[own].ravel(), chosen[~own], p[~own]
 
 
 def _require_finite(v: Array, t: float, h: float) -> None:
     """Stiff forces are taken explicitly: steps that are too long for them let velocities grow beyond all numbers."""
     if not np.isfinite(v).all():
         raise failure("step-too-large", t, step=h)
-
-
-class _Law:
-    """The laws of the points of a step. before, after: velocities (n, 3) at its begin, and at its end without impulses.
-
-    rests: points at which bodies must not overlap at the end; dry friction has none. late: the time [s] by which
-    impulses act before the middle of the step: as the gap is g = g_0 - u s - b s^2 / 2 bodies meet after s with the
-    approach u + b s, and what presses after that does so for h - s.
-    """
-
-    def __init__(self, laws: Laws, points: Points, before: Array, after: Array, h: float, memory: Memory) -> None:
-        self.points, self.after, self.h = points, after, h
-        u, b = -before[:, 2], (before[:, 2] - after[:, 2]) / h
-        place = np.searchsorted(memory.keys, points.key)
-        known, self.stuck, still = np.zeros((3, len(place)), dtype=bool)
-        inside = place < len(memory.keys)
-        known[inside] = memory.keys[place[inside]] == points.key[inside]
-        self.known, kept = known, place[known]
-        self.stuck[known], still[known] = memory.stuck[kept], memory.still[kept]
-        # Gaps around a ring of bodies, and of a face's corners, ask for motions of which not all are possible.
-        face = np.bincount(points.pair[still], minlength=len(laws.names))[points.pair] > 1
-        still = still & (face | (points.gap < TOUCHING)) | (points.gap < CLOSED)
-        self.hits = ~known & (u > np.maximum(b * h, STILL))
-        start = np.maximum(points.gap + 0.5 * h * u, 0.0)
-        u = np.where(self.hits, u, 1.0)
-        s = np.clip(2.0 * start / (u + np.sqrt(np.maximum(u * u + 2.0 * b * start, 0.0))), 0.0, h)
-        left, meets = h - s, u + b * s
-        rebound = laws.restitution[points.pair] * meets - b * left
-        quick = (laws.restitution[points.pair] > 0.0) & (meets > laws.threshold[points.pair])
-        bounces = self.hits & quick & (rebound > 0.0)
-        self.given, self.of_joints = h * laws.pressing[points.pair], laws.of_joints[points.pair]
-        self.rests = self.given == 0.0
-        self.open = np.where(bounces, -rebound, np.where(self.hits | still, 0.0, 2.0 / h * np.maximum(points.gap, 0.0)))
-        pressing = (meets * left + 0.5 * b * left * left) / np.maximum(u + b * h, STILL) - 0.5 * h
-        late = np.where(bounces, 0.5 * h - s, np.clip(pressing, -0.5 * h, 0.5 * h))
-        self.late = np.where(self.hits, late, 0.0)
-        self.guess = np.zeros_like(before)
-        self.guess[known] = h * memory.forces[kept]
-        self.slower = laws.friction[points.pair]
-        self.mu = np.where(self.stuck, laws.static[points.pair], self.slower)
-        self.active = known | self._lowest(points.gap + 0.5 * h * after[:, 2], CLOSED)
-
-    def ends(self, velocities: Array) -> Array:
-        """The gaps (n,) at the end of the step."""
-        return np.asarray(self.points.gap + 0.5 * self.h * velocities.reshape(-1, 3)[:, 2])
-
-    def _lowest(self, ends: Array, limit: float) -> Array:
-        """Of each pair the points that end lowest, below a limit: what these hold up needs no impulse of its own."""
-        order = np.lexsort((ends, self.points.pair))
-        pair = self.points.pair[order]
-        rank = np.arange(len(pair)) - np.searchsorted(pair, pair)
-        chosen = np.zeros(len(pair), dtype=bool)
-        chosen[order[rank < FACE]] = True
-        return chosen & (ends < limit)
-
-    def solved(self, rows: Array, inverse: Array, free: Array) -> tuple[Array, Array, Impulses] | None:
-        """The active points, M^-1 J^T of them, and their impulses; None where the laws are not reached."""
-        for _ in range(ROUNDS):
-            active = np.flatnonzero(self.active)
-            own = rows[_rows(active)]
-            response = inverse @ own.T
-            b = self.after[active].copy()
-            b[:, 2] += self.open[active]
-            matrix = own @ response
-            if self.of_joints.any():
-                complete(matrix, b, np.flatnonzero(self.of_joints[active]), self.given[active])
-            impulses = solve_impulses(Problem(matrix, b, self.mu[active]), self.guess[active])
-            if not impulses.solved:
-                return None
-            self.guess[active] = impulses.p
-            slips = (self.mu[active] > self.slower[active]) & (np.hypot(*impulses.u[:, :2].T) > STILL)
-            ends = self.ends(rows @ (free + response @ impulses.p.ravel()))
-            missed = self._lowest(np.where(self.active, 0.0, ends), -CLOSED)
-            if not (slips.any() or missed.any()):
-                return active, response, impulses
-            self.mu[active[slips]] = self.slower[active[slips]]
-            self.active |= missed
-        return None
-
-
-def _rows(points: Array) -> Array:
-    """The rows of the Jacobian of some points."""
-    return (3 * points[:, None] + np.arange(3)).ravel()

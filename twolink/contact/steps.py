@@ -110,10 +110,14 @@ class Step:
 
 @dataclass
 class Record:
-    """Of a run: counts of steps, of halved ones and by solver; the largest misses of the laws (m/s and J)."""
+    """Of a run: counts of steps, of halved ones and by solver; the largest misses of the laws (m/s and J).
+
+    softened: impacts with less than their restitution, with which they would create energy.
+    """
 
     steps: int = 0
     halved: int = 0
+    softened: int = 0
     solvers: dict[str, int] = field(default_factory=dict)
     feasibility: float = 0.0
     complementarity: float = 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
@@ -523,14 +523,13 @@ class Trajectory(Result, Plotted):
         """Of stepped contacts how the steps obey the laws; None otherwise.
 
         overlap: the largest of bodies at a sample, m. feasibility: the largest approach and excess of friction, m/s.
-        complementarity: the largest product of impulse and opening or slip that must vanish, J. halved: steps that were
-        taken as two, because the laws were not reached. solvers: how many steps each one solved.
+        complementarity: the largest product of impulse and opening or slip that must vanish, J. steps: their number.
+        halved: those that were taken as two, because the laws were not reached. softened: impacts with less than their
+        restitution, with which they would have created energy. solvers: how many steps each one solved.
         """
         if self.solution is None or isinstance(self.solution, DenseOutput):
             return None
-        record = self.solution.record
-        return {"overlap": self.solution.overlap, "feasibility": record.feasibility, "halved": record.halved,
-                "complementarity": record.complementarity, "solvers": dict(record.solvers)}  # fmt: skip
+        return {"overlap": self.solution.overlap, **asdict(self.solution.record)}
 
     @property
     def error_text(self) -> str:

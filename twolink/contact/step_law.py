@@ -1,0 +1,138 @@
+"""The laws of the points of a step: what touches, when in the step it meets, and by how much it bounces.
+
+Newton's law of impact with friction may add energy (Kane, Levinson: Dynamics, 1985; Stronge, Proc. R. Soc. Lond. A 431
+(1990) 169-181). Bodies then bounce by the largest share of their restitution that creates none.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from twolink.contact.impulses import Impulses, Problem, solve_impulses
+from twolink.contact.joints import Laws, complete
+from twolink.contact.steps import STILL, Memory
+from twolink.geometry.points import CLOSED, TOUCHING, Points
+from twolink.integrate.motion.state import Array
+
+FACE = 4  # points of a pair that come to the contact problem at a time
+ROUNDS = 20  # of adding contacts that the others push together
+CREATED = 1e-6  # of the energy that impulses take: what counts as created
+HALVED = 10  # times, of the share of the restitution that is sought
+Ending = tuple[Array, Array, Impulses, Array]  # what is active (n,), M^-1 J^T of it, its impulses, and v+ (nv,)
+
+
+class StepLaw:
+    """The laws of the points of a step. before, after: velocities (n, 3) at its begin, and at its end without impulses.
+
+    rests: points at which bodies must not overlap at the end; dry friction has none. late: the time [s] by which
+    impulses act before the middle of the step: as the gap is g = g_0 - u s - b s^2 / 2 bodies meet after s with the
+    approach u + b s, and what presses after that does so for h - s. share: of the restitution that bodies bounce by.
+    """
+
+    def __init__(self, laws: Laws, points: Points, before: Array, after: Array, h: float, memory: Memory) -> None:
+        self.share = 1.0
+        self.points, self.before, self.after, self.h = points, before, after, h
+        u, b = -before[:, 2], (before[:, 2] - after[:, 2]) / h
+        place = np.searchsorted(memory.keys, points.key)
+        known, self.stuck, still = np.zeros((3, len(place)), dtype=bool)
+        inside = place < len(memory.keys)
+        known[inside] = memory.keys[place[inside]] == points.key[inside]
+        self.known, kept = known, place[known]
+        self.stuck[known], still[known] = memory.stuck[kept], memory.still[kept]
+        # Gaps around a ring of bodies, and of a face's corners, ask for motions of which not all are possible.
+        face = np.bincount(points.pair[still], minlength=len(laws.names))[points.pair] > 1
+        still = still & (face | (points.gap < TOUCHING)) | (points.gap < CLOSED)
+        self.hits = ~known & (u > np.maximum(b * h, STILL))
+        start = np.maximum(points.gap + 0.5 * h * u, 0.0)
+        u = np.where(self.hits, u, 1.0)
+        s = np.clip(2.0 * start / (u + np.sqrt(np.maximum(u * u + 2.0 * b * start, 0.0))), 0.0, h)
+        left, meets = h - s, u + b * s
+        self.rebound = rebound = laws.restitution[points.pair] * meets - b * left
+        quick = (laws.restitution[points.pair] > 0.0) & (meets > laws.threshold[points.pair])
+        self.bounces = bounces = self.hits & quick & (rebound > 0.0)
+        self.given, self.of_joints = h * laws.pressing[points.pair], laws.of_joints[points.pair]
+        self.rests = self.given == 0.0
+        self.open = np.where(self.hits | still, 0.0, 2.0 / h * np.maximum(points.gap, 0.0))
+        pressing = (meets * left + 0.5 * b * left * left) / np.maximum(u + b * h, STILL) - 0.5 * h
+        late = np.where(bounces, 0.5 * h - s, np.clip(pressing, -0.5 * h, 0.5 * h))
+        self.late = np.where(self.hits, late, 0.0)
+        self.guess = np.zeros_like(before)
+        self.guess[known] = h * memory.forces[kept]
+        self.slower = laws.friction[points.pair]
+        self.mu = np.where(self.stuck, laws.static[points.pair], self.slower)
+        self.active = known | self._lowest(points.gap + 0.5 * h * after[:, 2], CLOSED)
+
+    def ends(self, velocities: Array) -> Array:
+        """The gaps (n,) at the end of the step."""
+        return np.asarray(self.points.gap + 0.5 * self.h * velocities.reshape(-1, 3)[:, 2])
+
+    def _lowest(self, ends: Array, limit: float) -> Array:
+        """Of each pair the points that end lowest, below a limit: what these hold up needs no impulse of its own."""
+        order = np.lexsort((ends, self.points.pair))
+        pair = self.points.pair[order]
+        rank = np.arange(len(pair)) - np.searchsorted(pair, pair)
+        chosen = np.zeros(len(pair), dtype=bool)
+        chosen[order[rank < FACE]] = True
+        return chosen & (ends < limit)
+
+    def without_gain(self, rows: Any, inverse: Any, free: Array) -> Ending | None:
+        """As `solved`, with v+ (nv,): bodies bounce by as much of their restitution as creates no energy."""
+        found, least, most = self._ending(rows, inverse, free, 1.0), 0.0, 1.0
+        if found is None or not self._gains(rows, *found):
+            return found
+        found = self._ending(rows, inverse, free, least)
+        for _ in range(HALVED):
+            middle = 0.5 * (least + most)
+            other = None if found is None else self._ending(rows, inverse, free, middle)
+            if other is None or self._gains(rows, *other):
+                most = middle
+            else:
+                found, least = other, middle
+        self.share = least
+        return found
+
+    def _ending(
+        self, rows: Any, inverse: Any, free: Array, share: float
+    ) -> tuple[Array, Array, Impulses, Array] | None:
+        solution = self.solved(rows, inverse, free, share)
+        return None if solution is None else (*solution, free + solution[1] @ solution[2].p.ravel())
+
+    def _gains(self, rows: Any, active: Array, _response: Array, impulses: Impulses, ends: Array) -> bool:
+        """Whether impulses of bodies that bounce add energy: their work is P . (U- + U+) / 2."""
+        if not self.bounces[active].any():
+            return False
+        before, after = self.before[active], (rows @ ends).reshape(-1, 3)[active]
+        return float((impulses.p * (before + after)).sum()) > CREATED * float(np.abs(impulses.p * before).sum())
+
+    def solved(self, rows: Array, inverse: Array, free: Array, share: float) -> tuple[Array, Array, Impulses] | None:
+        """The active points, M^-1 J^T of them, and their impulses; None where the laws are not reached.
+
+        share: of the restitution.
+        """
+        limits = np.where(self.bounces, -share * self.rebound, self.open)
+        for _ in range(ROUNDS):
+            active = np.flatnonzero(self.active)
+            own = rows[rows_of(active)]
+            response = inverse @ own.T
+            b = self.after[active].copy()
+            b[:, 2] += limits[active]
+            matrix = own @ response
+            if self.of_joints.any():
+                complete(matrix, b, np.flatnonzero(self.of_joints[active]), self.given[active])
+            impulses = solve_impulses(Problem(matrix, b, self.mu[active]), self.guess[active])
+            if not impulses.solved:
+                return None
+            self.guess[active] = impulses.p
+            slips = (self.mu[active] > self.slower[active]) & (np.hypot(*impulses.u[:, :2].T) > STILL)
+            ends = self.ends(rows @ (free + response @ impulses.p.ravel()))
+            missed = self._lowest(np.where(self.active, 0.0, ends), -CLOSED)
+            if not (slips.any() or missed.any()):
+                return active, response, impulses
+            self.mu[active[slips]] = self.slower[active[slips]]
+            self.active |= missed
+        return None
+
+
+def rows_of(points: Array) -> Array:
+    """The numbers of the rows of the Jacobian of some points."""
+    return (3 * points[:, None] + np.arange(3)).ravel()
