@@ -156,7 +156,7 @@ def test_piles_take_few_of_newtons_steps(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_bodies_bounce_by_no_more_than_creates_no_energy() -> None:
-    """A rod that Newton's law of impact with friction would give more energy than it had, as Kane and Levinson found."""
+    """A rod that Newton's law of impact with friction would give more energy, as Kane and Levinson found."""
     half, angle, mu, e, v = 0.5, 0.8, 0.6, 0.9, np.array([0.9, -1.5, 8.6])
     rows = np.array([[1.0, 0.0, half * math.sin(angle)], [0.0, 1.0, -half * math.cos(angle)]])  # of its lower end
     inverse = np.diag([1.0, 1.0, 10.0])
