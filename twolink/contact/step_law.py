@@ -77,32 +77,33 @@ class StepLaw:
 
     def without_gain(self, rows: Any, inverse: Any, free: Array) -> Ending | None:
         """As `solved`, with v+ (nv,): bodies bounce by as much of their restitution as creates no energy."""
-        found, least, most = self._ending(rows, inverse, free, 1.0), 0.0, 1.0
-        if found is None or not self._gains(rows, *found):
+        found = self._ending(rows, inverse, free, 1.0)
+        if found is None or not self.bounces[found[0]].any() or self._gain(rows, found) <= CREATED:
             return found
-        found = self._ending(rows, inverse, free, least)
+        least, most, none = 0.0, 1.0, self._ending(rows, inverse, free, 0.0)
+        limit = CREATED if none is None else max(CREATED, self._gain(rows, none))  # contacts that stick have a work too
+        if none is None or self._gain(rows, found) <= limit:
+            return found
+        found = none
         for _ in range(HALVED):
             middle = 0.5 * (least + most)
-            other = None if found is None else self._ending(rows, inverse, free, middle)
-            if other is None or self._gains(rows, *other):
+            other = self._ending(rows, inverse, free, middle)
+            if other is None or self._gain(rows, other) > limit:
                 most = middle
             else:
                 found, least = other, middle
         self.share = least
         return found
 
-    def _ending(
-        self, rows: Any, inverse: Any, free: Array, share: float
-    ) -> tuple[Array, Array, Impulses, Array] | None:
+    def _ending(self, rows: Any, inverse: Any, free: Array, share: float) -> Ending | None:
         solution = self.solved(rows, inverse, free, share)
         return None if solution is None else (*solution, free + solution[1] @ solution[2].p.ravel())
 
-    def _gains(self, rows: Any, active: Array, _response: Array, impulses: Impulses, ends: Array) -> bool:
-        """Whether impulses of bodies that bounce add energy: their work is P . (U- + U+) / 2."""
-        if not self.bounces[active].any():
-            return False
+    def _gain(self, rows: Any, ending: Ending) -> float:
+        """The work of the impulses, P . (U- + U+) / 2, as a share of what they take."""
+        active, _, impulses, ends = ending
         before, after = self.before[active], (rows @ ends).reshape(-1, 3)[active]
-        return float((impulses.p * (before + after)).sum()) > CREATED * float(np.abs(impulses.p * before).sum())
+        return float((impulses.p * (before + after)).sum() / max(np.abs(impulses.p * before).sum(), 1e-300))
 
     def solved(self, rows: Array, inverse: Array, free: Array, share: float) -> tuple[Array, Array, Impulses] | None:
         """The active points, M^-1 J^T of them, and their impulses; None where the laws are not reached.
