@@ -173,3 +173,16 @@ def test_bodies_bounce_by_no_more_than_creates_no_energy() -> None:
     assert created > 0.02 * run.energy[0]
     assert np.abs(run.energy / run.energy[0] - 1.0).max() < 1e-3
     assert run.v[-1, 1] > 0.0
+
+
+def test_balls_that_lose_nothing_keep_their_whole_restitution() -> None:
+    """Where in a step they meet changes nothing: z = v t - g t^2 / 2 from bounce to bounce."""
+    contact = E.Contact(("ground",), restitution=1.0, shapes={"ball": (E.Sphere(0.1),)})
+    scene = tl.Scene(ball(), [0, 0, 1.1, 0, 0, 0, 1], effects=[E.Gravity((0.0, 0.0, -10.0)), contact])
+    for step in (1e-2, 7e-3, 3.3e-3):
+        run = tl.simulate(scene, 2.0, contact="stepped", step=step, verify=False, samples_per_second=20)
+        assert run.contact_record is not None
+        assert run.contact_record["softened"] == 0
+        rise = math.sqrt(2.0 / 10.0)
+        t = (run.t + rise) % (2.0 * rise) - rise
+        assert np.abs(run.q[:, 2] - 1.1 + 5.0 * t**2).max() < 1e-11

@@ -27,6 +27,7 @@ class StepLaw:
     rests: points at which bodies must not overlap at the end; dry friction has none. late: the time [s] by which
     impulses act before the middle of the step: as the gap is g = g_0 - u s - b s^2 / 2 bodies meet after s with the
     approach u + b s, and what presses after that does so for h - s. share: of the restitution that bodies bounce by.
+    sums (n, 3): U- + U+ of an impact but for U at the end of the step.
     """
 
     def __init__(self, laws: Laws, points: Points, before: Array, after: Array, h: float, memory: Memory) -> None:
@@ -50,6 +51,7 @@ class StepLaw:
         self.rebound = rebound = laws.restitution[points.pair] * meets - b * left
         quick = (laws.restitution[points.pair] > 0.0) & (meets > laws.threshold[points.pair])
         self.bounces = bounces = self.hits & quick & (rebound > 0.0)
+        self.sums = before + np.where(bounces, 2.0 * s / h - 1.0, 0.0)[:, None] * (after - before)
         self.given, self.of_joints = h * laws.pressing[points.pair], laws.of_joints[points.pair]
         self.rests = self.given == 0.0
         self.open = np.where(self.hits | still, 0.0, 2.0 / h * np.maximum(points.gap, 0.0))
@@ -100,10 +102,10 @@ class StepLaw:
         return None if solution is None else (*solution, free + solution[1] @ solution[2].p.ravel())
 
     def _gain(self, rows: Any, ending: Ending) -> float:
-        """The work of the impulses, P . (U- + U+) / 2, as a share of what they take."""
+        """The work of the impulses, P . (U- + U+) / 2 when they act, as a share of what they take."""
         active, _, impulses, ends = ending
-        before, after = self.before[active], (rows @ ends).reshape(-1, 3)[active]
-        return float((impulses.p * (before + after)).sum() / max(np.abs(impulses.p * before).sum(), 1e-300))
+        sums = self.sums[active] + (rows @ ends).reshape(-1, 3)[active]
+        return float((impulses.p * sums).sum() / max(np.abs(impulses.p * self.before[active]).sum(), 1e-300))
 
     def solved(self, rows: Array, inverse: Array, free: Array, share: float) -> tuple[Array, Array, Impulses] | None:
         """The active points, M^-1 J^T of them, and their impulses; None where the laws are not reached.
