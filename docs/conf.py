@@ -4,6 +4,9 @@ import logging
 import os
 import sys
 from pathlib import Path
+from typing import Any
+
+from sphinx.application import Sphinx
 
 from twolink import __version__
 
@@ -59,9 +62,20 @@ html_theme = "furo"
 html_math_renderer = "mathml"
 html_title = f"twolink {release}"
 html_static_path = ["static"]
+html_favicon = "../twolink/service/page/icon.svg"
 html_css_files = ["site.css"]
 html_show_sphinx = False
 html_theme_options = {
     "light_css_variables": {"color-brand-primary": "#0b5c8f", "color-brand-content": "#0b5c8f"},
     "dark_css_variables": {"color-brand-primary": "#6db9e8", "color-brand-content": "#6db9e8"},
 }
+
+
+def setup(app: Sphinx) -> None:
+    """Captions of the navigation say at which level they are headings, as screen readers want."""
+
+    def name_levels(_app: Sphinx, _page: str, _template: str, context: dict[str, Any], _tree: object) -> None:
+        found = context.get("furo_navigation_tree", "")
+        context["furo_navigation_tree"] = found.replace('role="heading"', 'role="heading" aria-level="2"')
+
+    app.connect("html-page-context", name_levels, priority=900)  # after the theme's own

@@ -13,16 +13,18 @@ FAILED = {
     "states file": (["query", "arm", "bias", "--states", "none.csv"], "No such file"),
     "scene": (["run", "arm-swng"], "did you mean 'arm-swing'"),
     "play": (["play", "none.npz"], "No such file"),
+    "no joint": (["run", "hector"], "free its base: --root free"),
 }
 BIAS = ["query", "arm", "bias", "--q", "0 0"]
 MISUSED = {
     "command": (["inspct"], "Did you mean 'inspect'"),
-    "no robot": (["inspect"], "Missing argument 'ROBOT'"),
+    "no robot": (["inspect"], "Missing argument 'ROBOT'; see `twolink inspect --help`"),
+    "root of a scene": (["run", "arm-swing", "--root", "free"], "--root: it is for robots"),
     "option": (["run", "arm-swing", "--accurac", "1"], "--accurac"),
     "words for a number": (["run", "arm-swing", "--accuracy", "high"], "--accuracy"),
     "root": (["inspect", "arm", "--root", "flying"], "root: 'flying' is unknown"),
     "n": (["check", "--n", "0"], "--n"),
-    "query": (["query", "arm", "mass", "--q", "0 0"], "did you mean 'mass-matrix'"),
+    "query": (["query", "arm", "mass"], "did you mean 'mass-matrix'"),
     "no q": (["query", "arm", "bias"], "q: it is not given"),
     "shape": (["query", "arm", "bias", "--q", "0 0 0"], "q: expected shape (..., 2), got (3,)"),
     "words": (["query", "arm", "bias", "--q", "a b"], "q: 'a b' is not a list of numbers"),

@@ -135,6 +135,7 @@ def test_play_writes_a_page(tmp_path: Path) -> None:
     table = run.save(tmp_path / "run.csv")
     assert "does not name its robot" in call("play", str(table)).stderr
     assert call("play", str(table), "--robot", "two_link", "--html", str(tmp_path / "c.html")).returncode == 0
+    assert call("video", str(table), str(tmp_path / "c.png"), "--robot", "two_link").returncode == 0
 
 
 def test_play_says_where_and_ends_with_ctrl_c(tmp_path: Path) -> None:

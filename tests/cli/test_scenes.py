@@ -55,6 +55,8 @@ def test_a_new_scene_and_each_effect_in_its_comments_can_be_read(
     scene = tl.load_scene(file)
     assert "between" not in file.read_text().partition("[v]")[2].partition("[[effects]]")[0]
     assert [type(effect).__name__ for effect in scene.effects] == ["Gravity"]
+    assert root == "free" or abs(scene.robot.forward_dynamics(scene.q, scene.v, 0 * scene.v)).max() > 0.1  # it moves
+    assert ("panda_finger_joint1 = 0.024  # m," in file.read_text()) == (robot == "panda")
     lower, upper = scene.robot.model.lowerPositionLimit, scene.robot.model.upperPositionLimit
     assert np.all((scene.q >= lower - 1e-3) & (scene.q <= upper + 1e-3))
     file.write_text(re.sub(r"^# (?=\[\[|\w+ = )", "", file.read_text(), flags=re.MULTILINE))

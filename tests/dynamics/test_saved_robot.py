@@ -48,7 +48,8 @@ def test_a_file_of_another_robot_needs_it(tmp_path: Path, monkeypatch: pytest.Mo
     assert robot.name == "two_link"
     path = still(robot).save(tmp_path / "x.npz")
     with pytest.raises(
-        SceneError, match=r"'two_link' is not known by name \(it came from 'mine.urdf'\); pass the robot"
+        SceneError,
+        match=r"'two_link' is not known by name \(it came from 'mine.urdf'\); pass the robot: robot=load_robot",
     ):
         tl.Trajectory.load(path)
     assert tl.Trajectory.load(path, robot).robot.mass == robot.mass

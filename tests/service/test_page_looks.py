@@ -1,4 +1,4 @@
-"""The page at four widths, light and dark: nothing sticks out, text can be read, the keyboard reaches all of it."""
+"""The page at four widths, light and dark: nothing sticks out, all can be read, fingers and keys reach it."""
 
 from __future__ import annotations
 
@@ -47,6 +47,13 @@ FAINT = f"""(() => {{ {SHOWN}
     if (ratio < (large ? 3 : 4.5)) found.push(walk.currentNode.data.trim().slice(0, 30) + ' ' + ratio.toFixed(2));
   }}
   return [...new Set(found)]; }})()"""
+# Controls less than 24 px wide or high (WCAG 2.2, 2.5.8), without links in texts; of a box its label counts.
+SMALL = f"""(() => {{ {SHOWN}
+  return [...document.querySelectorAll('a[href], button, input, select, textarea, summary')].filter(e => {{
+    const r = (e.type === 'checkbox' && e.closest('label') || e).getBoundingClientRect();
+    const side = Math.min(r.width, r.height);
+    return shown(e) && !e.disabled && !e.matches('.visually-hidden, .mark, p a, li a') && side < 24;
+  }}).map(e => e.outerHTML.slice(0, 80)); }})()"""
 # Controls that can be seen and used, each marked with a number.
 CONTROLS = f"""(() => {{ {SHOWN}
   const kinds = 'a[href], button, input, select, textarea, summary, [tabindex]';
@@ -87,12 +94,14 @@ def test_nothing_sticks_out_and_all_text_can_be_read(full: Page) -> None:
             full.browser.resize(width, height)
             for tab in TABS:
                 full.evaluate(f"document.getElementById('tab-{tab}').click()")
-                for what, script in (("sticks out", STICKS_OUT), ("faint", FAINT)):
+                for what, script in (("sticks out", STICKS_OUT), ("faint", FAINT), ("small", SMALL)):
                     if wrong := full.evaluate(script):
                         found[f"{scheme}, {width} px, {tab}, {what}"] = wrong[:5]
     assert found == {}
-    full.evaluate("document.querySelector('h2').style.color = '#555'")  # so both checks can fail
+    full.evaluate("document.querySelector('h2').style.color = '#555'")  # so each check can fail
     full.evaluate("document.querySelector('.tagline').append(Object.assign(new Image(), {width: 3000}))")
+    full.evaluate("document.querySelector('.top nav a').style.lineHeight = '18px'")
+    assert any(">API<" in html for html in full.evaluate(SMALL))
     assert any("Robot" in text for text in full.evaluate(FAINT))
     assert any("IMG" in name for name in full.evaluate(STICKS_OUT))
 

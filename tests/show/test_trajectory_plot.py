@@ -76,7 +76,7 @@ def test_of_many_joints_those_are_drawn_that_move_the_most(talos: tl.Robot) -> N
     q = np.tile(talos.neutral, (30, 1))
     q[:, 7:19] = np.linspace(0, 1, 30)[:, None] * np.arange(12, 0, -1)  # the first joint moves the most
     figure = moved(talos, q)
-    assert list(panels(figure)) == ["angle", "angular velocity", "energy change", "error bar"]
+    assert list(panels(figure)) == ["angle", "energy change", "error bar"]  # its velocities are all 0
     assert list(curves(figure.axes[0])) == list(talos.joint_names[1:11])
     assert len({line.get_color() for line in curves(figure.axes[0]).values()}) == 10
     assert f"the 10 of {len(talos.joints)} joints that move the most" in figure.get_suptitle()
@@ -119,6 +119,13 @@ def test_events_are_lines_in_every_panel_and_named_where_there_is_room() -> None
 def test_curves_that_cover_each_other_are_dashed() -> None:
     figure = tl.simulate(tl.Scene(tl.load_robot(run_of_names("a", "b"))), 0.05).plot()  # both at rest at 0
     assert [line.is_dashed() for line in curves(figure.axes[0]).values()] == [False, True]
+
+
+def test_what_stays_has_no_panel_and_the_title_says_so() -> None:
+    figure = tl.simulate(tl.load_scene("heavy-top"), 0.05).plot()  # its tip is the point that is fixed
+    assert list(panels(figure)) == ["orientation", "angular velocity", "energy change", "error bar"]
+    assert "constant, and left out: position, velocity" in figure.get_suptitle()
+    assert "position" in panels(tl.simulate(tl.load_scene("box-stack"), 0.01).plot())  # where all stays, all is shown
 
 
 def test_the_error_axis_spans_a_decade() -> None:

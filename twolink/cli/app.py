@@ -58,7 +58,9 @@ def main() -> None:
         _fail(f"{error.filename or 'output'}: cannot be written: {error.strerror or error}; check the disk", FAILED)
     except Exception as error:
         if hasattr(error, "exit_code") and hasattr(error, "format_message"):  # an error of Typer: misuse
-            _fail(error.format_message() or "see --help", MISUSED)
+            context = getattr(error, "ctx", None)
+            path = context.command_path if context else "twolink"
+            _fail(f"{error.format_message().rstrip('.')}; see `{path} --help`", MISUSED)
         raise
     if code == INTERRUPTED:  # Typer returns this code after Ctrl-C
         _fail("interrupted", INTERRUPTED)

@@ -42,7 +42,7 @@ class CommandFailure(TwolinkError):
         where = "" if error.where in _CALLS else error.where
         name, rest = re.fullmatch(r"(\w*)(.*)", where, re.DOTALL).groups()  # type: ignore[union-attr]
         where = options[name] + rest if error.argument in ("", name) and name in options else where
-        super().__init__(_spoken(error.what, options), where=where, remedy=_spoken(error.remedy, options))
+        super().__init__(spoken(error.what, options), where=where, remedy=spoken(error.remedy, options))
         self.exit_code = exit_code
 
 
@@ -89,15 +89,19 @@ def _options(parameters: Iterable[Any]) -> dict[str, str]:
     return options | ({"verify": "--no-verify"} if "no_verify" in options else {})
 
 
-def _spoken(text: str, options: dict[str, str]) -> str:
+def spoken(text: str, options: dict[str, str]) -> str:
     """A text in which arguments of Python, such as duration=2, are options, such as --duration 2."""
 
     def option(found: re.Match[str]) -> str:
         name, value = found.groups()
         if name not in options:
             return found[0]
-        return options[name] if value == "False" else f"{options[name]} {value.strip(chr(34) + chr(39))}".rstrip()
+        shown = "" if value in ("True", "False") else value.strip(chr(34) + chr(39))
+        return f"{options[name]} {shown}".rstrip()
 
+    text = re.sub(r'\bload_robot\("([^"]*)"\)', r"\1", text)
+    if "html" in options:
+        text = text.replace('run.playback("motion.html")', "--html motion.html")
     return re.sub(r"\b(\w+)=([^\s,;)]*)", option, text)
 
 
@@ -235,8 +239,11 @@ Purpose = Annotated[str, Option(help="dynamics; kinematics or identification tak
 Folders = Annotated[
     list[Path] | None, Option("--package-dir", metavar="FOLDER", help="Root of package://; repeatable.")
 ]
-XacroArguments = Annotated[list[str] | None, Option(metavar="NAME=VALUE", help="Of a xacro; repeatable.")]
-RobotLoader = Callable[[str], Robot]
+XacroArguments = Annotated[
+    list[str] | None, Option("--xacro-argument", metavar="NAME=VALUE", help="Of a xacro; repeatable.")
+]
+RobotLoader = functools.partial[Robot]
+REPORTED = {"root": "--root", "mimic": "--mimic", "package_dirs": "--package-dir"}  # what load reports advise
 
 
 def sample_times_of(text: SampleTimes) -> list[float] | None:
@@ -254,13 +261,13 @@ def robot_from(
     foreign: Foreign = "refuse",
     purpose: Purpose = "dynamics",
     package_dirs: Folders = None,
-    xacro_argument: XacroArguments = None,
+    xacro_arguments: XacroArguments = None,
 ) -> Robot:
     """The robot that the options describe."""
     locks, field = locks_of(lock), None if gravity is None else parse_numbers("gravity", gravity)
     # load_robot refuses other words
     choices: dict[str, Any] = {"root": root, "unphysical": unphysical, "foreign": foreign, "purpose": purpose}
-    choices["xacro_arguments"] = _pairs(xacro_argument, "xacro_argument", "NAME=VALUE, such as ur_type=ur5e")
+    choices["xacro_arguments"] = _pairs(xacro_arguments, "xacro_arguments", "NAME=VALUE, such as ur_type=ur5e")
     return load_robot(source, lock=locks, gravity=field, mimic=mimic, package_dirs=package_dirs or [], **choices)
 
 
@@ -271,7 +278,7 @@ def with_robot_options(command: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(command)
     def call(**given: Any) -> None:
         chosen = {option.name: given.pop(option.name) for option in options}
-        command(load=lambda source: robot_from(source, **chosen), **given)
+        command(load=functools.partial(robot_from, **chosen), **given)
 
     own = list(signature(command).parameters.values())
     place = [parameter.name for parameter in own].index("load")
@@ -302,11 +309,18 @@ def _pairs(texts: list[str] | None, option: str, form: str) -> dict[str, str]:
     return pairs
 
 
-def scene_from(source: str) -> Scene:
-    """A bundled scene, or that of a file; of a robot one with all that its file says."""
+def scene_from(source: str, load: RobotLoader | None = None) -> Scene:
+    """A bundled scene, or that of a file; of a robot, which `load` loads, one with all that its file says."""
     scenes, robots = bundled_scenes(), catalogue_names()
     if not Path(source).suffix and os.sep not in source:
         require_known(source, (*scenes, *robots), SceneError, "there is no bundled scene or robot {!r}",
                       code="unknown-scene")  # fmt: skip
     of_robot = source.endswith(FILES) or (source in robots and source not in scenes)
-    return scene_of(source) if of_robot else load_scene(source)
+    if of_robot:
+        return scene_of(load(source) if load else source)
+    usual = signature(robot_from).parameters
+    for name, value in load.keywords.items() if load else ():
+        if value != usual[name].default:
+            raise Misuse("it is for robots, and this is a scene, which has its own", where=name,
+                         remedy=f"change the scene: twolink scenes {source} prints a bundled one")  # fmt: skip
+    return load_scene(source)

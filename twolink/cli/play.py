@@ -44,14 +44,14 @@ def play(
     require_writable([] if html is None else [html], (".html",))
     if speed is not None:
         positive(speed, "speed", QueryError, "1 is true speed")
-    loaded = None if robot is None else load(robot)
-    run = _saved(file, loaded)
+    run = _saved(file, None if robot is None else load(robot))
     if html is None:
         run.play(speed=speed, open_browser=not no_browser, on_url=print_address, on_skipped=print_not_drawn)
     else:
         typer.echo(f"wrote {run.playback(html, speed=speed, on_skipped=print_not_drawn)}")
 
 
+@with_robot_options
 def video(
     file: Annotated[Path, Argument(metavar="FILE", help="A saved trajectory: .npz or .parquet.")],
     out: Annotated[Path, Argument(metavar="OUT", help="The film (.mp4 .webm .gif), or a picture (.png).")],
@@ -66,6 +66,9 @@ def video(
     ] = None,
     forces: Annotated[bool, Option("--forces", help="Draw forces on links, not of contacts alone.")] = False,
     curves: Annotated[str | None, Option(help="Quantities to draw beside it, such as q.elbow,energy.")] = None,
+    robot: Annotated[str | None, Option(help=f"Of a file that does not name it. {ROBOT_HELP}")] = None,
+    *,
+    load: RobotLoader,
 ) -> None:
     """Make a film of a saved trajectory, or a picture of a moment.
 
@@ -81,7 +84,7 @@ def video(
 
     require_writable([out], FORMATS)
     towards = None if camera is None else parse_numbers("camera", camera)
-    run = _saved(file)
+    run = _saved(file, None if robot is None else load(robot))
     with progress_bar() as report:
         written = run.video(
             out, size=_size(size), rate=rate, speed=speed, at=at, direction=towards, forces=forces,

@@ -15,11 +15,13 @@ from typer import Argument, Option
 
 from twolink.cli.common import (
     FAILED,
+    REPORTED,
     Json,
     Misuse,
     RobotLoader,
     RobotName,
     show,
+    spoken,
     with_robot_options,
 )
 from twolink.dynamics import Robot
@@ -81,7 +83,7 @@ def _text(robot: Robot, record: dict[str, Any]) -> str:
     rows = [(j["name"], j["kind"], _entries(*j["q"]), _entries(*j["v"]), j["mass"]) for j in record["joints"]]
     joints = Table(("joint", "kind", "q", "v", "kg moved with it"), tuple(rows))
     sizes = f"{robot.name}: nq = {robot.nq}, nv = {robot.nv}, {robot.mass:.6g} kg moving"
-    return f"{sizes}\n\n{joints}\n\n{robot.report}\n\nbatches: {_engines(robot)}"
+    return f"{sizes}\n\n{joints}\n\n{spoken(str(robot.report), REPORTED)}\n\nbatches: {_engines(robot)}"
 
 
 def _entries(start: int, stop: int) -> str:
@@ -121,7 +123,7 @@ def query(
     JSON: {"q": [[...], ...], "v": [[...], ...], "tau": ...}, or a list of such objects.
     CSV:  a header with columns q0, q1, ..., v0, ..., tau0, ... or q.JOINT, v.JOINT, ...; one state a row.
     """
-    if given["q"] is None and states is None:
+    if given["q"] is None and states is None and what in QUERIES:
         raise Misuse("it is not given", where="q", remedy="give --q with a configuration, or --states with many")
     loaded = load(robot)
     options: dict[str, Any] = {name: text for name, text in given.items() if name in OPTIONS}

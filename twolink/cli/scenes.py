@@ -13,6 +13,7 @@ from typer import Argument, Option
 
 from twolink.accuracy import accuracy_study
 from twolink.cli.common import (
+    REPORTED,
     RUN_ENDINGS,
     STUDY_ENDINGS,
     Accuracy,
@@ -24,6 +25,7 @@ from twolink.cli.common import (
     Lock,
     Method,
     Misuse,
+    RobotLoader,
     RobotName,
     Root,
     SampleTimes,
@@ -36,9 +38,11 @@ from twolink.cli.common import (
     sample_times_of,
     scene_from,
     show,
+    spoken,
+    with_robot_options,
     write_by_ending,
 )
-from twolink.exchange.urdf_scene import UrdfScene, limit_notes
+from twolink.exchange.urdf_scene import UrdfScene, limit_notes, scene_of
 from twolink.integrate.steps.methods import methods as method_table
 from twolink.io.files import write_atomic
 from twolink.io.progress import progress_bar
@@ -90,7 +94,7 @@ def new(
 ) -> None:
     """Begin a scene file for a robot.
 
-    It has the robot's joints and gravity, and comments on what else a scene may have.
+    It has the robot's joints, off equilibrium and within their limits, gravity, and comments on what else there may be.
 
     \b
     twolink new my_robot.urdf mine.toml
@@ -102,7 +106,7 @@ def new(
     loaded = robot_from(robot, root, lock)
     named = robot if robot in catalogue_names() else os.path.relpath(robot, file.parent)
     entry = RobotEntry(named, cast(Any, root), {**locks_of(lock)})
-    text = scene_template(loaded, entry)
+    text = scene_template(loaded, entry, scene_of(loaded).q if loaded.nv else loaded.neutral)
     write_atomic(file, lambda out: out.write(text.encode()))
     typer.echo(f"wrote {file}; `twolink run {file} --out motion.html` simulates it")
 
@@ -125,6 +129,7 @@ def explain(
     show(dataclasses.asdict(explanation), explanation, as_json)
 
 
+@with_robot_options
 def run(
     scene: SceneName,
     duration: Duration = None,
@@ -141,6 +146,8 @@ def run(
     out: Files = None,
     book: Annotated[bool, Option("--book", help="Print the energy balance: work of each effect, impacts.")] = False,
     as_json: Json = False,
+    *,
+    load: RobotLoader,
 ) -> None:
     """Simulate a scene, with an error bar and its cost.
 
@@ -149,6 +156,7 @@ def run(
 
     \b
     twolink run panda                                    with the damping, friction and stops of its URDF
+    twolink run anymal --root free                       a robot with a free base
     twolink run arm-swing --accuracy 1e-9
     twolink run arm-swing --method rk4 --step 0.01      the error bar says how wrong that is
     twolink run arm-swing --accuracy 1e-25               33 digits, as 16 do not reach it
@@ -156,7 +164,7 @@ def run(
     from twolink.simulation.scene_run import simulate
 
     require_writable(out or [], RUN_ENDINGS)
-    loaded = scene_from(scene)
+    loaded = scene_from(scene, load)
     length = loaded.duration if duration is None else duration
     with progress_bar() as report:
         result = simulate(
@@ -168,7 +176,8 @@ def run(
     text = _text(scene, result, record)
     if isinstance(loaded, UrdfScene):
         record |= {"report": loaded.report.to_dict(), "beyond_limits": limit_notes(result)}
-        text = "\n".join([text, *(f"  beyond   {note}" for note in record["beyond_limits"]), str(loaded.report)])
+        beyond = (f"  beyond   {note}" for note in record["beyond_limits"])
+        text = "\n".join([text, *beyond, spoken(str(loaded.report), REPORTED)])
     if book:
         from twolink.simulation.energy_balance import energy_book
 

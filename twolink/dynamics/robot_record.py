@@ -17,7 +17,7 @@ from twolink.dynamics.arguments import configuration, rows
 from twolink.dynamics.robot import Robot
 from twolink.errors import RobotError, SceneError
 from twolink.io.fingerprints import model_digest
-from twolink.robots.catalogue import catalogue_entry
+from twolink.robots.catalogue import FILES, catalogue_entry
 from twolink.robots.joint_layout import urdf_kind
 
 PASS_IT = "pass the robot: robot=..."
@@ -148,8 +148,10 @@ def find_robot(notes: Mapping[str, str], label: str) -> Robot:
     name = notes["robot"]
     if notes.get("catalogue") != "true" or "digest" not in notes:
         source = f" (it came from {notes['source']!r})" if "source" in notes else ""
-        what = f"its robot {name!r} is not known by name{source}"
-        raise SceneError(what, where=label, remedy=PASS_IT, argument="robot")
+        what, remedy = f"its robot {name!r} is not known by name{source}", PASS_IT
+        if (file := notes.get("source", "")).endswith(FILES):
+            remedy = f'pass the robot: robot=load_robot("{file}")'
+        raise SceneError(what, where=label, remedy=remedy, argument="robot")
     root: Literal["fixed", "free"] = "free" if notes.get("root") == "free" else "fixed"
     try:
         lock, mimic = json.loads(notes.get("lock", "{}")), notes.get("mimic") == "true"

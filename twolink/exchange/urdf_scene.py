@@ -73,7 +73,9 @@ class UrdfScene(Scene):
             "limits of velocity (a result beyond them says so)": list(_limits_by_joint(robot, model.velocityLimit)),
         }
         g = ", ".join(f"{x:g}" for x in robot.gravity)
+        base = [finding for finding in robot.report.findings if "frees its base" in finding.what]
         assumed = [
+            *base,
             Finding("assumed", f"gravity ({g}) m/s^2"),
             Finding("assumed", f"a start of at most {OFFSET:g} rad or m from 0, within limits, or as an SRDF says"
                     if self._touches else f"a start of at most {OFFSET:g} rad or m from 0, within limits"),
@@ -130,7 +132,7 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 2.0, *, co
     loaded = robot if isinstance(robot, Robot) else load_robot(robot, root=usual)
     if loaded.nv == 0:
         raise SceneError("no joint moves", where=f"robot {loaded.name!r}", argument="robot", code="nothing-moves",
-                         remedy='free its base: load_robot(..., root="free")')  # fmt: skip
+                         remedy='free its base: root="free"')  # fmt: skip
     model, effects = loaded.model, list[Effect]([Gravity(tuple(loaded.gravity.tolist()))])
     couplings = _couplings(loaded)
     followers = [coupling.joint for coupling in couplings]

@@ -221,7 +221,7 @@ def _without_none(value: Any) -> Any:
     return [_without_none(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
-def scene_template(robot: Robot, entry: RobotEntry) -> str:
+def scene_template(robot: Robot, entry: RobotEntry, start: np.ndarray) -> str:
     """The text of a scene file: the robot under gravity, and comments on what else a scene may have.
 
     Parameters
@@ -230,14 +230,16 @@ def scene_template(robot: Robot, entry: RobotEntry) -> str:
         The robot.
     entry : RobotEntry
         How the file names it.
+    start : (nq,) array
+        Where it starts.
 
     Returns
     -------
     str
-        TOML that `load_scene` reads. A joint whose neutral position is beyond its limits starts between them.
+        TOML that `load_scene` reads.
     """
     joints = robot_record(robot)["joints"]
-    starts = {joint["name"]: _start(robot, joint) for joint in joints if joint["layout"] != "mimic"}
+    starts = {joint["name"]: _start(start, joint) for joint in joints if joint["layout"] != "mimic"}
     named: Any = entry if entry.root != "fixed" or entry.lock else entry.source
     scalars = {"title": f"{robot.name} under gravity", "duration": 10.0}
     head = msgspec.toml.encode({**scalars, "robot": named}).decode()
@@ -263,13 +265,13 @@ def _effects(robot: Robot, joints: list[dict[str, Any]], starts: dict[str, Any])
     return text
 
 
-def _start(robot: Robot, joint: dict[str, Any]) -> list[float]:
-    """Where a joint starts: its neutral position, or the middle between its limits; a continuous joint's angle."""
+def _start(q: np.ndarray, joint: dict[str, Any]) -> list[float]:
+    """Where a joint starts, to the last digit only where fewer would not do; a continuous joint's angle."""
+    values = q[slice(*joint["q"])]
     if joint["layout"] == "cos-sin":
-        return [0.0]
-    neutral: list[float] = robot.neutral[slice(*joint["q"])].tolist()
-    limits = _limits(joint) if joint["layout"] == "vector" else None
-    return [round((limits[0] + limits[1]) / 2, 3)] if limits and not limits[0] <= neutral[0] <= limits[1] else neutral
+        return [round(float(np.arctan2(values[1], values[0])), 3)]
+    numbers: list[float] = (values.round(3) if joint["layout"] == "vector" else values).tolist()
+    return numbers
 
 
 def _limits(joint: dict[str, Any]) -> tuple[float, float] | None:
@@ -283,7 +285,7 @@ def _limits_of(joint: dict[str, Any]) -> str:
         return ""
     limits = _limits(joint) if joint["layout"] == "vector" else None
     between = f", between {limits[0]:.4g} and {limits[1]:.4g}" if limits else ""
-    return f"  # {'m' if joint['kind'].startswith('P') else 'rad'}{between}"
+    return f"  # {'m' if joint['kind'] == 'prismatic' else 'rad'}{between}"
 
 
 def _line(joint: dict[str, Any], values: list[float], note: str = "") -> str:

@@ -37,6 +37,7 @@ MAX_EVENTS = 60  # that are marked
 NAME_SIZE, NAME_GAP = 7, 0.01  # of the names of events, in points; of the axis between two of them
 AXIS_SHARE = 0.8  # of the figure's width, at least
 NOISE = 1e-12  # of coordinates and velocities: a smaller range of a panel is not spread over it
+UNSEEN = 1e-6  # rad, m, rad/s or m/s: no smaller change is taken for one, where the error bar is as large
 COVERS = 0.004  # of a panel's range: a curve that is nearer to another one all the time is covered by it
 
 
@@ -106,7 +107,7 @@ def plot_trajectory(
     drawn = [curve for curve in curves_of(robot, q, v) if curve.joint in chosen]
     most = those_that_move_most(drawn)
     colours = dict(zip(most, JOINT_COLOURS, strict=False))
-    panels = [name for name in PANELS if any(c.panel == name and c.joint in colours for c in drawn)]
+    panels, still = _panels([c for c in drawn if c.joint in colours], *error)
     heights = [2.2 if len(colours) > 3 else 1.6] * len(panels) + [1.4, 1.4]
     figure, axes = new_figure(len(heights), size=(9, 0.9 + sum(heights)), sharex=True, height_ratios=heights)
     for axis, name in zip(axes[:, 0], panels, strict=False):
@@ -120,6 +121,8 @@ def plot_trajectory(
     axes[-1, 0].set_xlim(t[0], t[-1] if t[-1] > t[0] else None)
     moving = len({c.joint for c in drawn})
     few = [f"the {len(most)} of {moving} joints that move the most"] if len(most) < moving else []
+    if still:
+        few.append(f"constant, and left out: {', '.join(PANELS[name].partition(chr(10))[0] for name in still)}")
     if len(events) > MAX_EVENTS:
         few.append(f"the first {MAX_EVENTS} of {len(events)} events are marked")
     aim = "" if asked is None else f", asked for {asked:.0e}"
@@ -128,6 +131,15 @@ def plot_trajectory(
     label_right(figure, {axis: [(line, line.get_label()) for line in axis.get_lines() if line.get_label() != "_event"]
                          for axis in axes[:-2, 0]})  # fmt: skip
     return figure
+
+
+def _panels(curves: Sequence[JointCurve], _: np.ndarray, bar: np.ndarray | None) -> tuple[list[str], list[str]]:
+    """The panels to draw, and those in which nothing changes by more than the error bar: left out, unless all do so."""
+    least = NOISE if bar is None else max(NOISE, min(float(bar.max(initial=0.0)), UNSEEN))
+    found = {name: [c for c in curves if c.panel == name] for name in PANELS}
+    moving = [name for name, own in found.items() if any(np.ptp(c.values) > least for c in own)]
+    still = [name for name, own in found.items() if own and name not in moving]
+    return (moving, still) if moving else (still, [])
 
 
 def _chosen(robot: RobotModel, wanted: Sequence[str]) -> set[str]:

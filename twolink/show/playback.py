@@ -322,7 +322,8 @@ def play_live(
             if open_browser:  # in a thread, because a browser in the terminal returns only when it is closed
                 threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
             if not _wait(server.started, wait):
-                what, remedy = f"no browser opened {url} within {wait:g} s", "try again, or write a playback file"
+                what = f"no browser opened {url} within {wait:g} s"
+                remedy = 'try again, or write a page that any browser opens: run.playback("motion.html")'
                 raise ShowError(what, where="live playback", remedy=remedy, code="no-browser")
             _wait(threading.Event(), float(np.ptp(np.asarray(t, float))) / speed)
         finally:

@@ -32,7 +32,8 @@ GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 def duration_for(scene: Scene, duration: float | None) -> float:
     """The duration [s] to simulate a scene for: the asked one, or its own. Raises SceneError for what is no scene."""
     if not isinstance(scene, Scene):
-        raise SceneError(f"expected a Scene, got {type(scene).__name__}", where="scene", remedy="tl.load_scene(...)")
+        raise SceneError(f"expected a Scene, got {type(scene).__name__}", where="scene",
+                         remedy="tl.load_scene(name or file), or tl.scene_of(robot or its file)")  # fmt: skip
     return scene.duration if duration is None else duration_of(duration)
 
 

@@ -59,7 +59,7 @@ export class Comparison {
           {
             type: "button",
             className: "quiet",
-            "aria-label": `Compare with ${title} no more`,
+            "aria-label": `Remove ${title} from the comparison`,
             onclick: () => {
               this.kept = this.kept.filter(each => each.job !== kept);
               this.refresh();

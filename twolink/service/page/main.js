@@ -152,6 +152,7 @@ async function arrange(content, robot, id, changes = {}) {
   editor.set(content, robot, id, changes);
   sliders.set(robot, robot.neutral);
   query.set(robot);
+  robots.look(robot.id).catch(() => {}); // asked for while the start is found; draw says what is wrong with it
   drawing = showStart().then(() => draw(robot));
   byId("run-button").disabled = !byId("cancel-button").hidden; // enabled from the first scene on
   await drawing;

@@ -179,8 +179,13 @@ export class Robots {
 
   /** What a robot looks like. */
   async look(id) {
-    if (!this.visuals.has(id)) this.visuals.set(id, await get(`/v1/robots/${encodeURIComponent(id)}/visuals`));
-    return this.visuals.get(id);
+    if (!this.visuals.has(id)) this.visuals.set(id, get(`/v1/robots/${encodeURIComponent(id)}/visuals`));
+    try {
+      return await this.visuals.get(id);
+    } catch (failure) {
+      this.visuals.delete(id); // the next one may ask again
+      throw failure;
+    }
   }
 
   #drops() {
