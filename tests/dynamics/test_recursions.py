@@ -398,3 +398,16 @@ def test_compiled_is_the_same_as_numpy(name: str) -> None:
         compiled = hy.cfunc(outputs, vars=[x for group in symbols for x in group])
         ours = case.dense(algorithm(mech, case.q, case.v, case.a, None, np))
         close(compiled(np.concatenate([case.q, case.v, case.a])), ours, 1e-10)
+
+
+def test_a_right_angle_of_few_digits_is_the_angle_that_the_file_says() -> None:
+    """Its sine rounds to 1, but its cosine is 3e-8, not 0."""
+    ends = zip(("base", "a", "b", "c"), "abcd", strict=True)
+    chain = urdf(*((*pair, "revolute", "0 0 1", "") for pair in ends))
+    model = pin.buildModelFromXML(chain.replace('rpy="0.4 -0.3 0.2"', 'rpy="1.5707963 0 1.5707963"'))
+    data, mech = model.createData(), mechanism(model)
+    for q in np.random.default_rng(3).uniform(-1, 1, (STATES, model.nq)):
+        expected = np.triu(pin.crba(model, data, q))
+        expected += np.triu(expected, 1).T
+        found = np.array(recursions.composite_bodies(mech, recursions.poses(mech, list(q), np)), dtype=float)
+        assert_allclose(found, expected, atol=2e-15 * np.abs(expected).max())

@@ -150,6 +150,28 @@ def test_co_simulation_agrees_within_its_tolerance(name: str, folder: Path) -> N
     assert fmu["energy"] == pytest.approx(run.energy[-1], abs=1e-5 * scale)
 
 
+EXPORTED = ("arm-human", "arm-swing", "bricard", "crank-spring", "crankshaft", "elastic-joint", "four-bar", "heavy-top",
+            "meal-assist", "meal-smooth", "muscles", "panda-hold", "spinning-top", "squeezer", "stick-slip",
+            "tippe-top")  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [scene["name"] for scene in tl.scenes()])
+def test_co_simulation_agrees_over_the_duration_of_every_bundled_scene(name: str, folder: Path) -> None:
+    SCENES[name] = lambda: tl.load_scene(name)
+    if name not in EXPORTED:
+        with pytest.raises(tl.errors.SceneError, match=r"cannot be in an FMU|its limit makes events"):
+            exported(name, folder)
+        return
+    scene, tolerance = SCENES[name](), 1e-7
+    times = np.linspace(0, scene.duration, 21)
+    run = tl.simulate(scene, scene.duration, accuracy=1e-7 if name == "four-bar" else 1e-9, t_eval=times)
+    fmu = Fmu(name, folder, tolerance=tolerance).started()
+    for k, t in enumerate(times[:-1]):
+        fmu.step(float(t), float(times[k + 1] - t))
+        assert np.abs(fmu.x[: run.q.shape[1]] - run.q[k + 1]).max() <= tolerance + run.error[k + 1]
+
+
 @pytest.mark.some(1)
 @pytest.mark.parametrize("name", [name for name in SCENES if name not in ("tables", "crankshaft")])
 def test_model_exchange_agrees_within_the_error_bar(name: str, folder: Path) -> None:

@@ -105,3 +105,11 @@ def test_the_command_writes_picture_verdict_and_log(tmp_path: Path) -> None:
     assert json.loads(files[1].read_text())["peer"].startswith("MuJoCo")
     assert not tl.judge(tl.load_scene("arm-swing"), files[2]).right
     assert call("compare", "arm-swing", "--with", "ode").returncode == 2
+
+
+def test_drake_runs_a_loop_to_the_world_at_its_usual_step() -> None:
+    pytest.importorskip("pydrake", reason="the extra `peers` is not installed")
+    found = compare(tl.load_scene("heavy-top"), "drake", 0.02)
+    assert "1 ms" in found.setting
+    assert not found.verdict.right
+    assert 1e-5 < found.verdict.distance.max() < 1e-2

@@ -11,6 +11,7 @@ import pytest
 
 import twolink as tl
 from scripts.studies.mjcf import accelerations, difference, smooth_mujoco
+from twolink import effects as fx
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.loops import Loop
@@ -221,3 +222,13 @@ def test_the_scene_runs_and_is_saved(everything: Path, tmp_path: Path) -> None:
     springs = tl.load_scene(tl.scene_of(tl.load_robot(everything)).save(tmp_path / "all.toml"))
     assert {"JointSpring", "FrameWrench"} <= {type(effect).__name__ for effect in springs.effects}
     np.testing.assert_allclose(springs.robot.model.armature, tl.load_robot(everything).model.armature)
+
+
+def test_bodies_whose_contact_the_file_excludes_do_not_touch() -> None:
+    bodies = "".join(f'<body name="{name}" pos="{x} 0 1"><joint axis="0 1 0"/><geom size=".1"/></body>'
+                     for x, name in enumerate("abc"))  # fmt: skip
+    excluded = '<contact><exclude body1="a" body2="c"/></contact>'
+    for text, expected in ((excluded, {"a - b", "b - c"}), ("", {"a - b", "b - c", "a - c"})):
+        robot = tl.load_robot(f"<mujoco><worldbody>{bodies}</worldbody>{text}</mujoco>")
+        assert {pair.name for pair in fx.Contact("self").selected(robot).chosen} == expected
+        assert ("do not touch" in str(robot.report)) == bool(text)

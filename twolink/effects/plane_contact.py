@@ -221,4 +221,4 @@ class CompliantContact(Effect, frozen=True):
 
     def _length(self, xp: Any, *parts: Scalar) -> Scalar:
         """The smoothed length of a vector."""
-        return xp.sqrt(plus(number(self.slip) ** 2, *(times(part, part) for part in parts)))
+        return xp.sqrt(plus(*(times(part, part) for part in (number(self.slip), *parts))))

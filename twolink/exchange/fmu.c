@@ -135,8 +135,8 @@ static double attempt(Instance *s, double t, double h, bool last) {
       e1 += E[1][i] * s->k[i][n];
     }
     const double after = s->x[n] + h * sum, squares = fmax(s->x[n] * s->x[n], after * after);
-    const double admitted = (n < NQ ? 1.0 : 1.0 + squares) * s->now.tolerance * s->now.tolerance
-                            + squares * ROUNDING * ROUNDING;
+    /* Of velocities too it is absolute: an error of v becomes one of q, which grows with time. */
+    const double admitted = s->now.tolerance * s->now.tolerance + squares * ROUNDING * ROUNDING;
     high += h * h * e0 * e0 / admitted / NX;
     low += h * h * e1 * e1 / admitted / NX;
     z[X + n] = after;
@@ -474,7 +474,7 @@ EXPORT fmi3Status FMI(DoStep)(fmi3Instance instance, fmi3Float64 from, fmi3Float
   while (done && s->now.z[T] < from + size)
     done = advance(s, fmin(follow(s->now.z), from + size));
   *reached = s->now.z[T];
-  return done ? fmi3OK : fail(s, fmi3Discard, "no step leads on: the motion is singular there");
+  return done ? fmi3OK : fail(s, fmi3Discard, "no step of this tolerance leads on: the motion is singular there");
 }
 
 /* ---------- states of an instance ---------- */

@@ -16,8 +16,8 @@ _xacro_lock = threading.Lock()  # xacro keeps its state in its modules
 _USD = (b"PXR-USDC", b"#usda", b"PK\3\4")
 # What converts a file into one that is read.
 _CONVERTERS = {
-    "SDF": "convert it where Gazebo and its Python bindings are installed: pip install sdformat-mjcf, then "
-           "sdf2mjcf {} robot.xml, and load robot.xml",
+    "SDF": "convert it where Gazebo's Python bindings sdformat13 and gz.math7 are installed, which PyPI has not: "
+           "pip install sdformat-mjcf, then sdf2mjcf {} robot.xml, and load robot.xml",
     "USD": "pip install nvidia-srl-usd-to-urdf, then usd_to_urdf {} -o robot.urdf, and load robot.urdf",
 }  # fmt: skip
 

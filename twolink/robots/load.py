@@ -102,7 +102,7 @@ def load_model(
     if weightless and purpose == "dynamics":
         raise without_inertia(tree, model, weightless)
     folders = meshes or mesh_folders(packages, urdf.path, examples_share())
-    srdf = srdf_beside(urdf.path if meshes is None else None)
+    srdf = said.srdf if said.srdf.file else srdf_beside(urdf.path if meshes is None else None)
     missing, beyond = missing_meshes(tree.element, folders), beyond_limits(full, locked, reference)
     findings = [
         load_report.summary(tree, model, len(urdf.data)),

@@ -16,9 +16,10 @@ from twolink.errors import RobotError
 from twolink.robots.catalogue import Source
 from twolink.robots.joint_layout import NO_LIMIT
 from twolink.robots.load_report import Finding
-from twolink.robots.mjcf_laws import effects_of, left_out, without_counterpart
+from twolink.robots.mjcf_laws import effects_of, excluded, left_out, without_counterpart
 from twolink.robots.mjcf_model import SHAPES, Mjcf, pose
 from twolink.robots.model import FileLaws
+from twolink.robots.srdf import Srdf
 from twolink.robots.xml import Element
 
 _JOINTS = ("floating", "spherical", "prismatic", "revolute")  # in the order of mjtJoint
@@ -30,13 +31,14 @@ class Description:
     """What a file says of a robot.
 
     robot: a <robot> element. gravity (3,), m/s^2, if the file says it. laws: what acts besides forward dynamics.
-    findings: for the load report.
+    findings: for the load report. srdf: bodies that do not touch.
     """
 
     robot: Element
     gravity: tuple[float, ...] | None = None
     laws: FileLaws = field(default_factory=FileLaws)
     findings: tuple[Finding, ...] = ()
+    srdf: Srdf = field(default_factory=Srdf)
 
 
 def read_mjcf(model: Any, source: Source, foreign: str) -> Description:
@@ -62,7 +64,8 @@ def read_mjcf(model: Any, source: Source, foreign: str) -> Description:
     gravity = tuple(0.0 if mjcf.is_off("GRAVITY") else float(g) for g in model.opt.gravity)
     changed = {f"{what} (changes the motion in MuJoCo)": names for what, names in missing.items()}
     findings = [Finding("ignored", what, tuple(names)) for what, names in (changed | left_out(mjcf)).items()]
-    return Description(robot, gravity, FileLaws(tuple(effects_of(mjcf)), start), tuple(findings))
+    laws, apart = FileLaws(tuple(effects_of(mjcf)), start), excluded(mjcf)
+    return Description(robot, gravity, laws, tuple(findings), Srdf(apart, file=source.label if apart else ""))
 
 
 def _configuration(model: Any, joint: int) -> tuple[float, ...]:

@@ -76,8 +76,7 @@ def left_out(mjcf: Mjcf) -> dict[str, list[str]]:
             name for k, name in enumerate(mjcf.names("eq")) if not m.eq_active0[k]
         ],
         "shapes that a URDF has not": [geoms[k] for k in sorted(unknown)],
-        "contact pairs": mjcf.names("pair"),
-        "excluded contacts": mjcf.names("exclude"),
+        "contact pairs (their friction and softness are their own)": mjcf.names("pair"),
         "bodies that a program moves (mocap): they stay": [
             name for k, name in enumerate(mjcf.bodies) if m.body_mocapid[k] >= 0
         ],
@@ -91,6 +90,12 @@ def left_out(mjcf: Mjcf) -> dict[str, list[str]]:
     }
     solver = [f"time step {m.opt.timestep:g} s", "integrator, solver, and the softness of contacts and constraints"]
     return {what: names for what, names in {**found, "options of MuJoCo's simulation": solver}.items() if names}
+
+
+def excluded(mjcf: Mjcf) -> frozenset[frozenset[str]]:
+    """Pairs of bodies that do not touch; a signature holds the number of one in its upper 16 bits."""
+    signatures = map(int, mjcf.model.exclude_signature)
+    return frozenset(frozenset((mjcf.bodies[s >> 16], mjcf.bodies[s & 0xFFFF])) for s in signatures)
 
 
 def effects_of(mjcf: Mjcf) -> Iterator[tuple[str, Mapping[str, Any]]]:

@@ -51,7 +51,7 @@ def usual_settings(task: PeerTask) -> list[Setting]:
     if task.torques:
         raise UnsupportedError("torques in time are not modelled for Drake")
     if task.loops or task.contacts:
-        discrete = [Setting(DISCRETE, f"{h * 1e3:g} ms", step=h) for h in (STEP, STEP / 10)]
+        discrete = [Setting(DISCRETE, f"{h * 1e3:g} ms", step=h, default=h == STEP) for h in (STEP, STEP / 10)]
         return discrete if task.loops else [*discrete, Setting(CENIC, "accuracy 1e-6", 1e-6, MAX_STEP)]
     return [Setting("runge_kutta3", "default: accuracy 1e-3", default=True),
             Setting("runge_kutta5", f"accuracy {TIGHT:.0e}", TIGHT, MAX_STEP)]  # fmt: skip
@@ -122,8 +122,9 @@ def _build(task: PeerTask, step: float, stiffness: float | None = None) -> tuple
     try:
         for joint in task.joints:
             joints.append(_add_joint(task, plant, bodies, joint))
+        ends = [_anchor(plant), *bodies[1:]] if task.loops else []
         for a, point_a, b, point_b in task.loops:
-            plant.AddBallConstraint(bodies[a], point_a, bodies[b], point_b)
+            plant.AddBallConstraint(ends[a], point_a, ends[b], point_b)
         for k, contact in enumerate(task.contacts):
             _add_contact(plant, bodies, k, contact, stiffness)
         plant.Finalize()
@@ -133,6 +134,13 @@ def _build(task: PeerTask, step: float, stiffness: float | None = None) -> tuple
     # Drake has the quaternion before the position, and the angular velocity first.
     system = builder.Build() if task.contacts else plant
     return system, plant, *peer_columns(task, starts, (4, 5, 6, 0, 1, 2, 3), (3, 4, 5, 0, 1, 2))
+
+
+def _anchor(plant: Any) -> Any:
+    """A body that is fixed to the world: Drake 1.51 crashes where a ball constraint holds the world itself."""
+    anchor = plant.AddRigidBody("anchor", tree.SpatialInertia.SolidSphereWithMass(1.0, 1.0))
+    plant.AddJoint(tree.WeldJoint("anchor", plant.world_frame(), anchor.body_frame(), RigidTransform()))
+    return anchor
 
 
 def _add_contact(plant: Any, bodies: list[Any], k: int, contact: PeerContact, stiffness: float | None) -> None:
