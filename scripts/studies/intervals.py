@@ -1,13 +1,14 @@
 """Do the stated intervals hold? `tl.identify` and `tl.fit` on simulated measurements with noise, again and again.
 
-    python -m scripts.studies.intervals [--scenes 100] [--seed 0] [--first 0] [--cases arm,panda,fit,twin]
+    python -m scripts.studies.intervals [--scenes 100] [--seed 0] [--first 0] [--cases arm,panda,fit,twin,walk]
         [--noise 0,1e-5] [--methods weighted]
 
 arm, panda: `tl.identify` from motions that are known exactly and torques with noise; also from positions alone, with a
 noise of 1e-5 rad (an encoder of 19 bits). fit: `tl.fit` of an arm that falls with damping, from 3 s of joint angles
 with a noise of 2e-3 rad. twin: the arm as a log has it: encoders of 16 bits alone, torques late by 8 ms, quantised,
-with noise of 50 ms of memory and a steady drift; delay and offsets are looked for, the filter chosen. A repetition asks
-which true values are inside their 95 % intervals. Rows go to out/intervals-SEED.csv. Ends 0 if the share of each case
+with noise of 50 ms of memory and a steady drift; delay and offsets are looked for, the filter chosen. walk: the same
+with an offset that walks at random, which the model does not have. A repetition asks which true values are inside their
+95 % intervals. Rows go to out/intervals-SEED.csv. Ends 0 if the share of each case
 is above 95 % less three standard deviations, as of repetitions whose intervals hold or fail together.
 """
 
@@ -69,15 +70,17 @@ def identified(name: str, shake: float, method: str, random: np.random.Generator
     return np.abs(found.estimate - found.matrix @ found.selection.nominal) <= found.half_width
 
 
-def late_and_coloured(random: np.random.Generator) -> list[bool]:
+def late_and_coloured(walk: bool, random: np.random.Generator) -> list[bool]:
     """Which base parameters, and the delay, are inside their intervals."""
     robot = robot_of("arm")
     t, q, _, _, tau = motion(robot, 1500)
     colour = lfilter([1.0], [1.0, -np.exp(-(t[1] - t[0]) / 0.05)], random.standard_normal(tau.shape), axis=0)
-    drift = random.standard_normal(robot.nv) * (t / t[-1])[:, None]
+    steps = random.standard_normal(tau.shape if walk else (1, robot.nv))
+    drift = np.cumsum(steps, axis=0) / np.sqrt(len(t)) if walk else steps * (t / t[-1])[:, None]
     late = np.stack([np.interp(t - LATE, t, x) for x in tau.T], axis=1)
     log = np.round((late + 0.02 * colour + 0.02 * drift) / 0.005) * 0.005
-    found = tl.identify(robot, t, COUNT * np.round(q / COUNT), None, log, find=["delay"], joint_model="offset")
+    model = None if walk else "offset"
+    found = tl.identify(robot, t, COUNT * np.round(q / COUNT), None, log, find=["delay"], joint_model=model)
     truth = np.where(np.array(found.parameters) == "delay", LATE, found.selection.nominal)
     inside = np.abs(found.estimate - found.matrix @ truth) <= found.half_width
     return [x for x, name in zip(inside.tolist(), found.combinations, strict=True) if not name.endswith(".offset")]
@@ -105,7 +108,8 @@ def rows_of(number: int, given: argparse.Namespace) -> Iterator[Row]:
     calls = {f"{name}, {f'positions, {shake:g} rad' if shake else 'q, v, a'}, {method}":
              functools.partial(identified, name, shake, method) for name in given.cases if name in NOISE
              for shake in given.noise for method in given.methods}  # fmt: skip
-    others = {"fit": fitted, "twin": late_and_coloured}
+    others = {"fit": fitted, "twin": functools.partial(late_and_coloured, False),
+              "walk": functools.partial(late_and_coloured, True)}  # fmt: skip
     calls |= {name: call for name, call in others.items() if name in given.cases}
     for case, call in calls.items():
         start = time.process_time()
@@ -127,7 +131,7 @@ def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
 
 
 if __name__ == "__main__":
-    cases = Some((*NOISE, "fit", "twin"))
+    cases = Some((*NOISE, "fit", "twin", "walk"))
     raise SystemExit(
         study(__doc__, "intervals", Row, rows_of, show, cases=cases, noise=(0.0, 1e-5), methods=("weighted",))
     )
