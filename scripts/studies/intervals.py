@@ -1,14 +1,16 @@
 """Do the stated intervals hold? `tl.identify` and `tl.fit` on simulated measurements with noise, again and again.
 
-    python -m scripts.studies.intervals [--scenes 100] [--seed 0] [--first 0] [--cases arm,panda,fit,twin]
-        [--noise 0,1e-5] [--methods weighted]
+    python -m scripts.studies.intervals [--scenes 100] [--seed 0] [--first 0] [--noise 0,1e-5] [--methods weighted]
+        [--cases arm,panda,fit,twin,walk,panda-twin]
 
 arm, panda: `tl.identify` from motions that are known exactly and torques with noise; also from positions alone, with a
 noise of 1e-5 rad (an encoder of 19 bits). fit: `tl.fit` of an arm that falls with damping, from 3 s of joint angles
 with a noise of 2e-3 rad. twin: the arm as a log has it: encoders of 16 bits alone, torques late by 8 ms, quantised,
-with noise of 50 ms of memory and a steady drift; delay and offsets are looked for, the filter chosen. A repetition asks
-which true values are inside their 95 % intervals. Rows go to out/intervals-SEED.csv. Ends 0 if the share of each case
-is above 95 % less three standard deviations, as of repetitions whose intervals hold or fail together.
+with noise of 50 ms of memory and a steady drift; delay and offsets are looked for, the filter chosen. walk: the same
+with an offset that walks at random, which the model does not have. panda-twin: a Panda's log like that, with friction
+and steady drift; viscous and Coulomb friction, offsets and the delay are looked for. A repetition asks which true
+values are inside their 95 % intervals. Rows go to out/intervals-SEED.csv. Ends 0 if the share of each case is above
+95 % less three standard deviations, as of repetitions whose intervals hold or fail together.
 """
 
 import argparse
@@ -25,6 +27,7 @@ from scripts.runner import FINGERS, Bars, Some, Table, study
 from twolink.scenes.parameters import scene_with
 
 LATE, COUNT = 0.008, 2 * np.pi / 2**16  # s, rad
+DRIVES = {"damping": 0.3, "friction": 0.4}  # of each joint of the Panda
 NOISE = {"arm": 0.05, "panda": 0.1}  # N m
 ANGLES = 2e-3  # rad: the noise of those that are fitted
 TRUE = {"forearm.mass": 1.9, "effects.1.damping.elbow": 0.25, "effects.1.damping.shoulder": 0.4, "q.elbow": 0.72}
@@ -46,9 +49,9 @@ def robot_of(name: str) -> tl.Robot:
 
 
 @functools.cache
-def motion(robot: tl.Robot, n: int = 400, duration: float = 10.0) -> tuple[np.ndarray, ...]:
+def motion(robot: tl.Robot, n: int = 400, duration: float = 10.0, seed: int = 0) -> tuple[np.ndarray, ...]:
     """t, q, v, a of a Fourier series of five harmonics, and the torques."""
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     t, k = np.linspace(0, duration, n), 2 * np.pi / duration * np.arange(1, 6)[:, None]
     sines, cosines = rng.uniform(-0.5, 0.5, (2, 5, robot.nv))
     q = np.sin(k * t).T @ (sines / k) - np.cos(k * t).T @ (cosines / k)
@@ -69,16 +72,27 @@ def identified(name: str, shake: float, method: str, random: np.random.Generator
     return np.abs(found.estimate - found.matrix @ found.selection.nominal) <= found.half_width
 
 
-def late_and_coloured(random: np.random.Generator) -> list[bool]:
-    """Which base parameters, and the delay, are inside their intervals."""
-    robot = robot_of("arm")
-    t, q, _, _, tau = motion(robot, 1500)
+def recorded(name: str, random: np.random.Generator, walk: bool = False, seed: int = 0) -> dict[str, np.ndarray]:
+    """The log t, q, tau of a motion, as encoders of 16 bits and late, drifting, noisy, quantised torques have it."""
+    robot = robot_of(name)
+    t, q, v, _, tau = motion(robot, 1500, seed=seed)
+    if name == "panda":
+        tau = tau + DRIVES["damping"] * v + DRIVES["friction"] * np.sign(v)
     colour = lfilter([1.0], [1.0, -np.exp(-(t[1] - t[0]) / 0.05)], random.standard_normal(tau.shape), axis=0)
-    drift = random.standard_normal(robot.nv) * (t / t[-1])[:, None]
+    steps = random.standard_normal(tau.shape if walk else (1, robot.nv))
+    drift = np.cumsum(steps, axis=0) / np.sqrt(len(t)) if walk else steps * (t / t[-1])[:, None]
     late = np.stack([np.interp(t - LATE, t, x) for x in tau.T], axis=1)
     log = np.round((late + 0.02 * colour + 0.02 * drift) / 0.005) * 0.005
-    found = tl.identify(robot, t, COUNT * np.round(q / COUNT), None, log, find=["delay"], joint_model="offset")
-    truth = np.where(np.array(found.parameters) == "delay", LATE, found.selection.nominal)
+    return {"t": t, "q": COUNT * np.round(q / COUNT), "tau": log}
+
+
+def late_and_coloured(name: str, walk: bool, random: np.random.Generator) -> list[bool]:
+    """Which base parameters, drives' parameters and the delay are inside their intervals."""
+    model = None if walk else "viscous+coulomb+offset" if name == "panda" else "offset"
+    found = tl.identify(robot_of(name), recorded(name, random, walk), find=["delay"], joint_model=model)
+    known = {"delay": LATE} | {f"{joint}.{kind}": value for joint in found.robot.joint_names if name == "panda"
+                               for kind, value in DRIVES.items()}  # fmt: skip
+    truth = [known.get(one, value) for one, value in zip(found.parameters, found.selection.nominal, strict=True)]
     inside = np.abs(found.estimate - found.matrix @ truth) <= found.half_width
     return [x for x, name in zip(inside.tolist(), found.combinations, strict=True) if not name.endswith(".offset")]
 
@@ -105,7 +119,9 @@ def rows_of(number: int, given: argparse.Namespace) -> Iterator[Row]:
     calls = {f"{name}, {f'positions, {shake:g} rad' if shake else 'q, v, a'}, {method}":
              functools.partial(identified, name, shake, method) for name in given.cases if name in NOISE
              for shake in given.noise for method in given.methods}  # fmt: skip
-    others = {"fit": fitted, "twin": late_and_coloured}
+    others = {"fit": fitted, "twin": functools.partial(late_and_coloured, "arm", False),
+              "walk": functools.partial(late_and_coloured, "arm", True),
+              "panda-twin": functools.partial(late_and_coloured, "panda", False)}  # fmt: skip
     calls |= {name: call for name, call in others.items() if name in given.cases}
     for case, call in calls.items():
         start = time.process_time()
@@ -127,7 +143,7 @@ def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
 
 
 if __name__ == "__main__":
-    cases = Some((*NOISE, "fit", "twin"))
+    cases = Some((*NOISE, "fit", "twin", "walk", "panda-twin"))
     raise SystemExit(
         study(__doc__, "intervals", Row, rows_of, show, cases=cases, noise=(0.0, 1e-5), methods=("weighted",))
     )

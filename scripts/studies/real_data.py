@@ -1,13 +1,15 @@
 """Held-out torques of real robots: the default of `tl.identify` beside fixed windows, other fits and published values.
 
-    python -m scripts.studies.real_data [--windows 4,10,20,30,40] [--panda FOLDER] [--parts] [--fit]
+    python -m scripts.studies.real_data [--windows 4,10,20,30,40] [--panda FOLDER] [--twin] [--parts] [--fit]
 
 pendulum: fitted on runs 00, 02 and 04 of tests/identification/double_pendulum, judged on run 12. panda: fitted on the
 first 14 s of a log of a Franka Panda that may not be copied here, judged on the rest; FOLDER has the user's copy of
 matlab/data/Exciting_Traj/Trajectory_1/rbt_log of github.com/marcocognetti/FrankaEmikaPandaDynModel (GPL 3; Gaz et al.,
 IEEE RA-L 4(4), 2019). Root mean square of the measured torques less their prediction by joint, N m, all with the same
-states, filtered at 6 Hz. by hand: the same base parameters by NumPy's least squares, filtered with 8 Hz. published: the
-parameters of the pendulum's authors; of the Panda, those of its URDF.
+states, filtered at 6 Hz. twin: simulated logs of a Panda as `scripts.studies.intervals` has them, for those without the
+real one; published is then the truth, but for offset, delay and drift. by hand: the same base parameters by NumPy's
+least squares, filtered with 8 Hz. published: the parameters of the pendulum's authors; of the Panda, those of its URDF.
+figaroh: its regressor and base parameters, with friction, rotors and the same filter, where it is installed.
 
 --parts: each log in disjoint halves, fitted alone: how many of the parameters that both tell differ by more than 1.96
 standard errors of the difference; at most 15 %. --fit: `tl.fit` on a second of run 00, driven by a table of 100 torques
@@ -19,13 +21,16 @@ import argparse
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
 import twolink as tl
 import twolink.effects as fx
 from scripts.runner import FINGERS, TOP, Bars, Table, study
+from scripts.studies.intervals import DRIVES, recorded, robot_of
 from twolink.identification.base_parameters import base_parameters, select
 from twolink.identification.filtering import Recording, States, half_window_of, states
 
@@ -80,6 +85,15 @@ def panda(folder: Path) -> Logs:
     return Logs(robot, [fitted], held, robot.parameter_values, "offset")
 
 
+def twin() -> Logs:
+    """Two motions of a Panda with friction, delay, drift and quantised encoders and torques."""
+    robot, logs = robot_of("panda"), [recorded("panda", np.random.default_rng(k), seed=k) for k in (0, 1)]
+    fitted, held = (Recording(log["t"], log["q"], None, None, log["tau"]) for log in logs)
+    known = zip(robot.parameter_names, robot.parameter_values, strict=True)
+    truth = np.array([DRIVES.get(name.rpartition(".")[2], value) for name, value in known])
+    return Logs(robot, [fitted], held, truth, "offset")
+
+
 def filtered(robot: tl.Robot, run: Recording, cutoff: float) -> tuple[States, np.ndarray]:
     """States filtered at a frequency, Hz, and the torques there."""
     half = half_window_of(cutoff, (len(run.t) - 1) / (run.t[-1] - run.t[0]))
@@ -102,15 +116,34 @@ def by_hand(logs: Logs) -> Predict:
     return lambda q, v, a: columns(q, v, a) @ found
 
 
+def figaroh(logs: Logs) -> Predict:
+    """The base parameters that figaroh finds, of its own regressor."""
+    from figaroh.tools.qrdecomposition import QRDecomposer
+    from figaroh.tools.regressor import RegressorBuilder, RegressorConfig
+
+    model, n = logs.robot.model, logs.robot.nv
+    config = RegressorConfig(has_friction=True, has_actuator_inertia=True, has_joint_offset=bool(logs.joint_model))
+    builder = RegressorBuilder(SimpleNamespace(model=model, data=model.createData()), config)
+    drives = {"act_idxv": range(n)}
+    systems = [filtered(logs.robot, run, 8.0) for run in logs.runs]
+    left = np.vstack([builder.build_basic_regressor(now.q, now.v, now.a, drives) for now, _ in systems])
+    used, by = np.flatnonzero(np.sum(left**2, axis=0) > 1e-6), QRDecomposer()
+    tau = np.concatenate([tau.T.ravel() for _, tau in systems])  # joint by joint
+    found = by.double_decomposition(tau, left[:, used], [str(k) for k in used])[3]
+    base = used[by.base_indices]
+    return lambda q, v, a: (builder.build_basic_regressor(q, v, a, drives)[:, base] @ found).reshape(n, -1).T
+
+
 def tables(runs: list[Recording]) -> list[dict[str, np.ndarray]]:
     return [{"t": run.t, "q": run.q, "tau": run.tau} for run in runs]
 
 
 def ways(given: argparse.Namespace) -> list[str]:
-    sets = ["pendulum", *(["panda"] if given.panda else [])]
+    sets = ["pendulum", *(["panda"] if given.panda else []), *(["twin"] if given.twin else [])]
     if given.fit:
         return ["pendulum, fit"]
-    each = ["parts"] if given.parts else ["default", *(f"window {h}" for h in given.windows), "by hand", "published"]
+    each = ["parts"] if given.parts else ["default", *(f"window {h}" for h in given.windows), "by hand", "published",
+                                          *(["figaroh"] if find_spec("figaroh") else [])]  # fmt: skip
     return [f"{name}, {way}" for name in sets for way in each]
 
 
@@ -120,13 +153,13 @@ def rows_of(key: str, given: argparse.Namespace) -> Iterator[Row]:
     if way == "fit":
         yield Row(key, *simulated())
         return
-    logs = pendulum() if name == "pendulum" else panda(Path(given.panda))
+    logs = {"pendulum": pendulum, "twin": twin}.get(name, lambda: panda(Path(given.panda)))()
     if way == "parts":
         yield Row(key, *parts(logs))
         return
     predict: Predict
-    if way == "by hand":
-        predict = by_hand(logs)
+    if way in ("by hand", "figaroh"):
+        predict = (figaroh if way == "figaroh" else by_hand)(logs)
     elif way == "published":
         predict = lambda q, v, a: logs.robot.regressor(q, v, a) @ logs.published  # noqa: E731
     else:
@@ -193,5 +226,5 @@ def show(rows: list[Row], given: argparse.Namespace) -> Bars:
 
 
 if __name__ == "__main__":
-    own = {"windows": (4, 10, 20, 30, 40), "panda": "", "parts": False, "fit": False}
+    own = {"windows": (4, 10, 20, 30, 40), "panda": "", "twin": False, "parts": False, "fit": False}
     raise SystemExit(study(__doc__, "real-data", Row, rows_of, show, ways, scenes=0, **own))

@@ -59,8 +59,8 @@ def test_what_cannot_be_driven_is_refused() -> None:
 @pytest.mark.slow
 def test_links_do_not_touch_and_torques_keep_their_limits() -> None:
     robot = tl.load_robot("ur5")
-    motion = exciting_motion(robot, 8.0, samples=200, steps=0, ramps=True)
-    assert motion.share < 1
+    motion = exciting_motion(robot, 40.0, samples=200, steps=0, ramps=True)
+    assert 0.5 < motion.share < 1, "only the joints between links that touch move less"
     assert motion.limit
     model, geometry = robot.model, robot.solids
     bodies = [(model.frames[model.getFrameId(solid.link)], solid.shape) for solid in geometry if "wrist_3" in solid.link

@@ -4,7 +4,8 @@
 
 The motion is periodic, and with sum A_k = sum k B_k = 0 it starts and ends at rest. The scale s of each joint is the
 largest that its limits allow, so that any coefficients give a motion that can be made; it is made smaller where torques
-are beyond theirs or links touch. Ramps of least jerk (Flash and Hogan 1985) lead from the middle to it and back.
+are beyond theirs, and of the joints between links that touch. Ramps of least jerk (Flash and Hogan 1985) lead from the
+middle to it and back.
 
 Source: Swevers, Ganseman, Tukel, De Schutter and Van Brussel 1997, "Optimal robot excitation and identification", IEEE
 Transactions on Robotics and Automation 13.
@@ -29,7 +30,8 @@ from twolink.robots.joint_layout import joint_columns
 
 HARMONICS = 5
 _SHARE = 0.9  # of the limits that is used
-_SHARES = tuple(0.8**k for k in range(12))  # of the range, until torques and collisions allow it
+_LESS, _LEAST = 0.8, 0.08  # of a joint's range, until torques and collisions allow it
+_WHOLE = np.ones(1)
 _TRIED = 5  # random motions beside the one that was improved
 _STARTS = 20  # random coefficients of which the best is improved
 _USUAL = (np.pi, 2.0)  # half a range [rad, m] and a speed [rad/s, m/s] for joints without limits
@@ -40,9 +42,8 @@ class ExcitingMotion:
     """A motion t (n,), q (n, nq), v, a (n, nv), and the condition number of the regressor along it.
 
     condition: its columns scaled to length 1, as `Identification.condition`. first: that of the best random motion.
-    share: of the range that its limits allow, which torques and collisions left. limit: what a larger share meets, ""
-    where all is used. Pairs of links that only an SRDF calls apart are looked at: it tells of samples. chosen: the
-    parameters.
+    share: of the range that its limits allow, which torques and collisions left, on average of the joints. limit: what
+    a larger share meets, "" where all is used. chosen: the parameters.
     """
 
     robot: Robot
@@ -118,8 +119,9 @@ def exciting_motion(
 
     Notes
     -----
-    Collisions are those of links that are no neighbours, by the shapes of the URDF's <collision>; the surroundings are
-    not known. Torques are those of the robot as its URDF says, without friction.
+    Collisions are those of the pairs "self" of contacts, by the shapes of the URDF's <collision>: not of neighbours,
+    nor of links that overlap in the neutral configuration or that an SRDF calls apart. The surroundings are not known.
+    Torques are those of the robot as its URDF says, without friction.
     """
     duration = positive(duration, "duration", QueryError, "give the period in seconds, such as 10")
     driven = [joint for joint in robot.joints if joint.v.stop > joint.v.start]
@@ -138,11 +140,13 @@ def exciting_motion(
 
     middle, _, speed = _limits(robot)
 
-    def motion(coefficients: np.ndarray, at: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def motion(
+        coefficients: np.ndarray, at: np.ndarray, share: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         x, v, a = _states(robot, coefficients, at, duration, most)
         return middle + share * (x - middle), share * v, share * a
 
-    def logarithm(coefficients: np.ndarray, share: float = 1.0) -> float:
+    def logarithm(coefficients: np.ndarray, share: np.ndarray = _WHOLE) -> float:
         x, v, a = motion(coefficients, coarse, share)
         columns = chosen.system(robot, _configurations(robot, x), v, a)[0]
         flat = columns[..., members].reshape(-1, len(members))
@@ -155,18 +159,24 @@ def exciting_motion(
 
     found = minimize(logarithm, starts[order[0]], method="BFGS", options={"maxiter": steps})
     candidates = [*([found.x] if found.fun < values[order[0]] else []), *starts[order[:_TRIED]]]
-    t, beyond, what, limit = np.linspace(0, duration, samples), Reach(robot), "", ""
-    for share in _SHARES:
-        for coefficients in candidates:
-            parts = [t, *motion(coefficients, t, share)]
+    t, beyond, what, clear = np.linspace(0, duration, samples), Reach(robot), "", list[ExcitingMotion]()
+    for coefficients in candidates:
+        shares, limit = np.ones(robot.nv), ""
+        while shares.min() > _LEAST:
+            parts = [t, *motion(coefficients, t, shares)]
             moved = _with_ramps(parts, middle, speed, most) if ramps else parts
             q = _configurations(robot, moved[1])
-            if not (what := beyond(q, moved[2], moved[3])):
-                condition, first = np.exp([logarithm(coefficients, share), values[order[0]]]).tolist()
-                return ExcitingMotion(robot, moved[0], q, moved[2], moved[3], condition, first, share, limit, chosen)
-        limit = what
-    raise QueryError(f"even {_SHARES[-1]:.0%} of the range is too much: {what}", argument="robot", code="no-motion",
-                     remedy="narrow the joints' limits about a place that is clear")  # fmt: skip
+            what, to_blame = beyond(q, moved[2], moved[3])
+            if not what:
+                condition, first = np.exp([logarithm(coefficients, shares), values[order[0]]]).tolist()
+                clear.append(ExcitingMotion(robot, moved[0], q, moved[2], moved[3], condition, first,
+                                            float(shares.mean()), limit, chosen))  # fmt: skip
+                break
+            shares, limit = np.where(to_blame, _LESS * shares, shares), what
+    if not clear:
+        raise QueryError(f"even {_LEAST:.0%} of the range is too much: {what}", argument="robot", code="no-motion",
+                         remedy="narrow the joints' limits about a place that is clear")  # fmt: skip
+    return min(clear, key=lambda found: found.condition)
 
 
 def _with_ramps(parts: list[np.ndarray], middle: np.ndarray, speed: np.ndarray, most: float) -> list[np.ndarray]:

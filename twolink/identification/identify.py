@@ -95,9 +95,10 @@ def identify(
     Notes
     -----
     The intervals hold for noise of the torques with mean 0, independent between joints; residuals that follow each
-    other in time widen them (Newey and West; Andrews and Monahan; or by blocks of time). The numerical error is added:
-    a bound on rounding, and where positions are filtered the change of the result under a window that is wider by
-    1 / 0.7. A drift over the whole log that the model lacks is not covered.
+    other in time widen them (Newey and West; Andrews and Monahan), and so does what drifts over a whole log, by the
+    residuals' spectrum (`identification.drift`); with 8 runs and more, their differences count too. The numerical error
+    is added: a bound on rounding, and where positions are filtered the change of the result under a window that is
+    wider by 1 / 0.7.
 
     A parameter counts as not excited where the motion, with rest in the place of what its own filter errors explain,
     cannot show it at all. `model_errors` are tests of the residuals by what the model lacks.

@@ -1,55 +1,53 @@
 """What a robot cannot do along a motion: torques beyond its limits, and links that go through each other."""
 
-import itertools
-
-import coal
 import numpy as np
 import pinocchio as pin
 
 from twolink.dynamics import Robot
+from twolink.effects.contact_pairs import SELF, select_pairs
+from twolink.errors import SceneError
+from twolink.robots.collisions import Solid, collision_model
 
 _SHARE = 0.9  # of the torques' limits
+_CLOSE = 1e-4  # m: links that are nearer in the neutral configuration touch always
 
 
 class Reach:
-    """Looks at motions of a robot. Links that overlap in the neutral configuration, and neighbours, are left out."""
+    """Looks at motions of a robot. Neighbours, and what an SRDF or rest in the neutral configuration excuses, pass."""
 
     def __init__(self, robot: Robot) -> None:
-        self.robot, model = robot, robot.model
-        self._bodies = []
-        for solid in robot.solids:
-            frame = model.frames[model.getFrameId(solid.link, pin.FrameType.BODY)]
-            place = frame.placement * solid.shape.placement
-            self._bodies.append((solid.link, frame.parentJoint, place, solid.shape.coal()))
-        self._data = model.createData()
-        self._pairs = [(a, b) for a, b in itertools.combinations(range(len(self._bodies)), 2) if self._apart(a, b)]
-        touching = self._touching(robot.neutral)
-        self._pairs = [pair for pair in self._pairs if pair not in touching]
+        self.robot, self._links = robot, list[tuple[str, str]]()
+        self._geometry = collision_model(robot.model, robot.solids)
+        numbers = {id(solid): k for k, solid in enumerate(robot.solids)}
+        try:
+            chosen = select_pairs(robot, robot.solids, [SELF], _CLOSE).chosen
+            pairs = [(a, b) for _, a, b in chosen if isinstance(b, Solid)]
+        except SceneError:  # it has no shapes, or none that meet
+            pairs = []
+        for a, b in pairs:
+            self._geometry.addCollisionPair(pin.CollisionPair(numbers[id(a)], numbers[id(b)]))
+            self._links.append((a.link, b.link))
+        self._data, self._seen = robot.model.createData(), pin.GeometryData(self._geometry)
 
-    def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> str:
-        """What goes beyond it first, in words; "" where nothing does."""
+    def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[str, np.ndarray]:
+        """What goes beyond it first, in words, and the degrees of freedom (nv,) that matter; "" where nothing does."""
         limits = np.array(self.robot.model.effortLimit)
         torques = np.abs(self.robot.regressor(q, v, a) @ self.robot.parameter_values).max(axis=0)
         for joint in self.robot.joints:
             for k in range(joint.v.start, joint.v.stop):
                 if 0 < _SHARE * limits[k] < torques[k]:
-                    return f"{joint.name!r} needs {torques[k]:.4g} N m or N, its limit is {limits[k]:.4g}"
+                    what = f"{joint.name!r} needs {torques[k]:.4g} N m or N, its limit is {limits[k]:.4g}"
+                    return what, np.ones(self.robot.nv, dtype=bool)
         for row in q:
-            if pairs := self._touching(row):
-                return " and ".join(repr(self._bodies[k][0]) for k in pairs[0]) + " touch"
-        return ""
+            if pin.computeCollisions(self.robot.model, self._data, self._geometry, self._seen, row, True):
+                touch = [result.isCollision() for result in self._seen.collisionResults].index(True)
+                return " and ".join(map(repr, self._links[touch])) + " touch", self._between(touch)
+        return "", np.zeros(self.robot.nv, dtype=bool)
 
-    def _apart(self, first: int, second: int) -> bool:
-        """Whether two bodies are at joints that are no neighbours."""
-        parents, (a, b) = self.robot.model.parents, (self._bodies[k][1] for k in (first, second))
-        return bool(a != b and parents[a] != b and parents[b] != a)
-
-    def _touching(self, q: np.ndarray) -> list[tuple[int, int]]:
-        pin.forwardKinematics(self.robot.model, self._data, q)
-        places = [self._data.oMi[joint] * placement for _, joint, placement, _ in self._bodies]
-        poses = [coal.Transform3s(place.rotation, place.translation) for place in places]
-        request, bodies = (
-            coal.CollisionRequest(),
-            [(body[3], pose) for body, pose in zip(self._bodies, poses, strict=True)],
-        )
-        return [(a, b) for a, b in self._pairs if coal.collide(*bodies[a], *bodies[b], request, coal.CollisionResult())]
+    def _between(self, pair: int) -> np.ndarray:
+        """The degrees of freedom (nv,) that move the links of a pair against each other."""
+        model, both = self.robot.model, self._geometry.collisionPairs[pair]
+        parents = [self._geometry.geometryObjects[k].parentJoint for k in (both.first, both.second)]
+        moving = set(model.supports[parents[0]]) ^ set(model.supports[parents[1]])
+        own = [range(model.idx_vs[j], model.idx_vs[j] + model.nvs[j]) for j in moving]
+        return np.isin(np.arange(model.nv), [k for dofs in own for k in dofs])

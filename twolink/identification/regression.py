@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
+from twolink.identification.drift import slow_variances
+
 METHODS = ("ordinary", "weighted", "robust", "total")
 CLEARLY = 4.0  # standard errors of an estimated noise, from which it counts more than a stated one
 BLOCKS, FEWEST = 10, 4
@@ -32,6 +34,7 @@ class Fit:
     by_blocks (r, r): the covariance from leaving out one block of time after the other (jackknife), with `blocks` - 1
     degrees of freedom: it assumes nothing of the correlation within them (Bell and McCaffrey 2002).
     length: samples over which residuals follow each other.
+    slow: variances (r,) that take in what drifts, with their degrees of freedom; None where residuals are white.
     """
 
     x: np.ndarray
@@ -45,18 +48,20 @@ class Fit:
     by_blocks: np.ndarray
     blocks: int
     length: int
+    slow: tuple[np.ndarray, np.ndarray] | None
 
 
 def fit(
     columns: np.ndarray, y: np.ndarray, method: str, error: np.ndarray | None = None, *,
     least: float = 0.0, sigma: np.ndarray | None = None, blocks: Sequence[int] | None = None,
-    prior: tuple[np.ndarray, np.ndarray] | None = None,
+    prior: tuple[np.ndarray, np.ndarray] | None = None, runs: Sequence[int] | None = None,
 ) -> Fit:  # fmt: skip
     """Fit y (n, nv) by columns (n, nv, r) of full rank; error (n, nv, r + 1): of columns and y, for "total".
 
     least: what the noise is at least. sigma (nv,): the noise, where it is known; residuals that are clearly larger
     count instead. blocks: where each ends; by default as long as residuals follow each other. prior: x (r,) as it is
-    expected, and the reciprocals of the standard deviations of that; "ordinary" and "total" have none.
+    expected, and the reciprocals of the standard deviations of that; "ordinary" and "total" have none. runs: where each
+    ends.
     """
     r = columns.shape[-1]
     expected, sure = prior if prior is not None and method != "ordinary" else (np.zeros(r), np.zeros(r))
@@ -82,7 +87,9 @@ def fit(
     scaled = columns / lengths
     length = correlation_length(residuals / noise)
     ends = np.asarray(blocks if blocks is not None else _block_ends(len(y), length))
-    covariance, by_blocks = _covariance(scaled, residuals, weights, noise, full, sure / lengths, ends, length)
+    covariance, by_blocks, slow = _covariance(
+        scaled, residuals, weights, noise, full, sure / lengths, ends, length, runs or (len(y),)
+    )
     correlated = length > 0
     singular = np.linalg.svd(_triangle(scaled * weights[..., None]), compute_uv=False)
     information = _triangle(np.vstack([(scaled / noise[:, None]).reshape(-1, r), np.diag(sure / lengths)]))
@@ -93,7 +100,7 @@ def fit(
     rounding = 4 * _EPSILON * (condition * size + condition**2 * left) / lengths
     sizes = np.outer(lengths, lengths)
     return Fit(x, covariance / sizes, residuals, noise, correlated, condition, rounding, root @ root.T / sizes,
-               by_blocks / sizes, len(ends), length)  # fmt: skip
+               by_blocks / sizes, len(ends), length, slow and (slow[0] / lengths**2, slow[1]))  # fmt: skip
 
 
 def _solve(
@@ -148,9 +155,9 @@ def _total(columns: np.ndarray, y: np.ndarray, error: np.ndarray, first: np.ndar
 
 def _covariance(
     columns: np.ndarray, residuals: np.ndarray, weights: np.ndarray, noise: np.ndarray, full: np.ndarray,
-    sure: np.ndarray, ends: np.ndarray, length: int,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """The covariance A^-1 B A^-1 of x, and the same by blocks.
+    sure: np.ndarray, ends: np.ndarray, length: int, runs: Sequence[int],
+) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray] | None]:  # fmt: skip
+    """The covariance A^-1 B A^-1 of x, the same by blocks, and variances with what drifts.
 
     A = sum of w^2 G^T G over residuals of full weight, and the prior's information, which B has too. B = sum of w^4
     s_k^2 G^T G for independent residuals of joint k; for correlated ones, or some of less weight, the long-run
@@ -172,7 +179,11 @@ def _covariance(
         middle = _long_run(score, length) * n * dofs / (n * dofs - r)
     of_prior, count = inverse.T @ np.diag(sure**2) @ inverse, max(len(ends) - 1, 1)
     first, second = (inverse @ (part + of_prior) @ inverse.T for part in (middle, sums.T @ sums * count / len(ends)))
-    return (first + first.T) / 2, (second + second.T) / 2
+    few = np.where(full, residuals, np.clip(residuals, -HUBER * noise, HUBER * noise))
+    slow = slow_variances(columns, few, noise, weights.max(axis=0), runs, inverse)
+    seen = slow is not None and (length > 0 or slow[2])
+    drifting = (slow[0] + np.diag(inverse @ of_prior @ inverse.T), slow[1]) if slow is not None and seen else None
+    return (first + first.T) / 2, (second + second.T) / 2, drifting
 
 
 def _left_out(block: np.ndarray, score: np.ndarray) -> np.ndarray:

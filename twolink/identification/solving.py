@@ -133,21 +133,24 @@ def _solved(
     members = list(base.members)
     columns, prior = columns[..., members], _prior(robot, chosen, base)
     _require_enough(y, data, base)
-    blocks = [end // data.block for end in data.ends] if len(data.ends) >= _RUNS else None
+    starts = (0, *data.ends[:-1])
+    ends = np.cumsum([(end - start) // data.block for start, end in zip(starts, data.ends, strict=True)]).tolist()
+    blocks = ends if len(ends) >= _RUNS else None
     if data.coarse is None:
-        found = fit(columns, y, plan.method, prior=prior, blocks=blocks)
+        found = fit(columns, y, plan.method, prior=prior, blocks=blocks, runs=ends)
         wide, numerical = None, found.rounding
     else:
         other, torques = linear_system(robot, plan.chosen, data.coarse)
         other, torques = np.concatenate([other, slopes], axis=-1)[..., members], torques + known
         errors = np.concatenate([other - columns, (torques - y)[..., None]], axis=-1)
-        found = fit(columns, y, plan.method, errors, prior=prior, blocks=blocks)
+        found = fit(columns, y, plan.method, errors, prior=prior, blocks=blocks, runs=ends)
         second = fit(other, torques, plan.method, errors, prior=prior)
         wide, numerical = second.residuals, found.rounding + np.abs(second.x - found.x)
     result = Identification(
         robot=plan.robot, selection=chosen, combinations=base.combinations, matrix=base.matrix, estimate=found.x,
-        covariance=found.covariance, numerical_error=numerical, half_width=_half_width(plan, y, found) + numerical,
-        confidence=plan.confidence, not_identifiable=(*plan.possible.not_identifiable(), *_untold(base, names)),
+        covariance=found.covariance, numerical_error=numerical, confidence=plan.confidence,
+        half_width=_half_width(plan, y, found, blocks is not None) + numerical,
+        not_identifiable=(*plan.possible.not_identifiable(), *_untold(base, names)),
         not_excited=_not_excited(plan.possible, base), noise=found.noise, t=data.averaged(data.t),
         residuals=found.residuals, condition=found.condition, correlated=found.correlated, method=plan.method,
         filter=by, metric=found.metric, torques=data.averaged(data.tau), validation=None, model_errors=(),
@@ -157,12 +160,14 @@ def _solved(
     return Solution(result, data, columns, found, wide, prior[1])
 
 
-def _half_width(plan: Plan, y: np.ndarray, found: Fit) -> np.ndarray:
-    """Of the intervals. Residuals that follow each other count for few; their covariance by blocks may be larger."""
+def _half_width(plan: Plan, y: np.ndarray, found: Fit, of_runs: bool) -> np.ndarray:
+    """Of the intervals. Residuals that follow each other count for few; what drifts and many runs may show more."""
     level = (1 + plan.confidence) / 2
     free = y.size - len(found.x) if found.length == 0 else max(len(y) / (2 * found.length), _FEWEST)
     width = stdtrit(free, level) * np.sqrt(np.diag(found.covariance))
-    if found.correlated and found.blocks > 1:
+    if found.slow is not None:
+        width = np.maximum(width, stdtrit(found.slow[1], level) * np.sqrt(found.slow[0]))
+    if of_runs:
         width = np.maximum(width, stdtrit(found.blocks - 1, level) * np.sqrt(np.diag(found.by_blocks)))
     return np.asarray(width)
 
