@@ -140,11 +140,9 @@ def exciting_motion(
 
     middle, _, speed = _limits(robot)
 
-    def motion(
-        coefficients: np.ndarray, at: np.ndarray, share: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def motion(coefficients: np.ndarray, at: np.ndarray, share: np.ndarray) -> list[np.ndarray]:
         x, v, a = _states(robot, coefficients, at, duration, most)
-        return middle + share * (x - middle), share * v, share * a
+        return [middle + share * (x - middle), share * v, share * a]
 
     def logarithm(coefficients: np.ndarray, share: np.ndarray = _WHOLE) -> float:
         x, v, a = motion(coefficients, coarse, share)
@@ -165,8 +163,7 @@ def exciting_motion(
         while shares.min() > _LEAST:
             parts = [t, *motion(coefficients, t, shares)]
             moved = _with_ramps(parts, middle, speed, most) if ramps else parts
-            q = _configurations(robot, moved[1])
-            what, to_blame = beyond(q, moved[2], moved[3])
+            what, to_blame = beyond(q := _configurations(robot, moved[1]), moved[2], moved[3])
             if not what:
                 condition, first = np.exp([logarithm(coefficients, shares), values[order[0]]]).tolist()
                 clear.append(ExcitingMotion(robot, moved[0], q, moved[2], moved[3], condition, first,
