@@ -109,6 +109,13 @@ def test_uploaded_robots_in_scenes(http: httpx.Client) -> None:
     assert http.get(f"/v1/simulations/{job['id']}/result?format=csv").status_code == 200
 
 
+@pytest.mark.slow
+def test_stepped_contacts_answer_with_an_estimate_where_no_accuracy_is_asked_for(http: httpx.Client) -> None:
+    job = http.post("/v1/simulations", json={"scene": "dominoes", "duration": 0.3, "wait": 30}).json()
+    assert (job["state"], job["result"]["bound"], job["result"]["accuracy"]) == ("done", "estimated", None)
+    assert 1e-6 < job["result"]["error"] < 0.1  # 1e-6 would be refused
+
+
 def test_explain_counts_operations_and_seconds(http: httpx.Client) -> None:
     explained = http.post("/v1/scenes/explain", json={"scene": "arm-swing", "accuracy": 1e-9}).json()
     assert explained["operations"] == tl.explain(tl.load_scene("arm-swing"), accuracy=1e-9).operations

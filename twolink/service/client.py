@@ -109,7 +109,7 @@ class Client:
 
     @formerly("self", "scene", "duration", "accuracy")
     def simulate(
-        self, scene: str | Scene, duration: float | None = None, *, accuracy: float = 1e-6, **options: Any
+        self, scene: str | Scene, duration: float | None = None, *, accuracy: float | None = None, **options: Any
     ) -> Trajectory:
         """As `tl.simulate`, computed by the service; waits for the end.
 
@@ -119,8 +119,8 @@ class Client:
             A scene, or what `tl.load_scene` takes. A robot that is not of the catalogue is uploaded.
         duration : float, optional
             Simulated seconds; the scene's own when left out.
-        accuracy : float
-            Bound of the global error, rad or m.
+        accuracy : float, optional
+            Bound of the global error, rad or m; as of `tl.simulate`.
         **options
             t_eval, samples_per_second, method, verify, precision, tolerance, step, contact, as of `tl.simulate`.
 

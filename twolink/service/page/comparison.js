@@ -47,7 +47,7 @@ export class Comparison {
       const far = job && !same ? `: q differs by up to ${short(Math.max(...this.results.distance(samples)), 2)}` : "";
       const title = kept.request.scene.title || kept.result.robot;
       const { accuracy, cost, setting } = kept.result;
-      const how = setting ?? (accuracy === null ? `${cost.method}, not verified` : `at ${short(accuracy, 1)}`);
+      const how = setting ?? (accuracy === null ? `${cost.method}, ${kept.result.bound || "not verified"}` : `at ${short(accuracy, 1)}`);
       return el(
         "li",
         {},

@@ -434,7 +434,7 @@ async function showGhost() {
 byId("stale-back").addEventListener("click", () => openPast(results.job));
 
 /** Set the controls to a request for a run. */
-async function useRequest({ scene, accuracy, method = "auto", precision = "auto" }) {
+async function useRequest({ scene, accuracy = 1e-6, method = "auto", precision = "auto" }) {
   const exponent = Math.round(-Math.log10(accuracy));
   await useScene(null, scene, { accuracy: String(exponent), method, precision });
 }

@@ -79,14 +79,14 @@ export class Results {
   #summary(result) {
     const { cost, error } = result;
     const unit = unitOf(this.joints).replace(", ", " or ");
-    const missed = result.trusted_until < result.duration * (1 - 1e-9);
+    const missed = result.trusted_until !== null && result.trusted_until < result.duration * (1 - 1e-9);
     const facts = [
       [
         "Error of q",
         error === null ? "not verified" : `${result.bound === "estimated" ? "about" : "≤"} ${short(error, 2)} ${unit}`,
-        error === null ? "" : error > result.accuracy ? "bad" : "good",
+        error === null ? "" : result.accuracy === null ? "" : error > result.accuracy ? "bad" : "good",
       ],
-      error !== null && [
+      result.trusted_until !== null && [
         "Trusted",
         missed ? `until ${short(result.trusted_until)} s` : "to the end",
         missed ? "bad" : "",
@@ -110,7 +110,7 @@ export class Results {
   }
 
   #draw() {
-    const { accuracy, trusted_until: trusted, duration, error } = this.job.result;
+    const { accuracy, trusted_until: trusted, duration } = this.job.result;
     const others = this.kept.filter(({ job }) => job.id !== this.job.id);
     this.samples.distance = others.map(({ job, samples }) => ({
       name: job.result.setting ?? (job.result.accuracy === null ? job.result.cost.method : `at ${short(job.result.accuracy, 1)}`),
@@ -132,10 +132,10 @@ export class Results {
       this.drawn = drawn;
     }
     const runs = this.kept.map(({ samples }) => samples);
-    const trust = error !== null && trusted < duration * (1 - 1e-9) ? [{ t: trusted, text: "trusted until here", sign: "trusted until here" }] : [];
+    const trust = trusted !== null && trusted < duration * (1 - 1e-9) ? [{ t: trusted, text: "trusted until here", sign: "trusted until here" }] : [];
     for (const plot of this.plots) {
       const series = ["error", "distance"].includes(plot.key) ? [] : runs.map(run => ({ t: run.t, series: run[plot.key] }));
-      plot.level = plot.key === "error" ? { value: accuracy, text: `asked for: ${short(accuracy, 1)}` } : null;
+      plot.level = plot.key === "error" && accuracy !== null ? { value: accuracy, text: `asked for: ${short(accuracy, 1)}` } : null;
       plot.setData(this.samples.t, this.samples[plot.key], [...this.events, ...(plot.key === "error" ? trust : [])], series);
     }
     this.#showChosen();

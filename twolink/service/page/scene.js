@@ -122,7 +122,9 @@ export class SceneEditor {
     };
   }
 
+  /** What is asked for; nothing where the control was left alone: contacts that are stepped may not reach 1e-6. */
   get accuracy() {
+    if (byId("accuracy").value === CONTROLS.accuracy) return undefined;
     return Number(`1e-${byId("accuracy").value}`);
   }
 

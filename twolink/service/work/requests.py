@@ -164,9 +164,9 @@ class RunRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
 
 
 class ExplainRequest(RunRequest, frozen=True, forbid_unknown_fields=True):
-    """As `tl.explain`: accuracy in rad or m."""
+    """As `tl.explain`: accuracy in rad or m. None: 1e-6, and of contacts that are stepped what the patience allows."""
 
-    accuracy: Positive = 1e-6
+    accuracy: Positive | None = None
     method: str = "auto"
     contact: Literal["located", "stepped"] | None = None
 

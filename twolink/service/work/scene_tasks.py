@@ -37,6 +37,7 @@ from twolink.service.work.worker import Report
 from twolink.show.meshcat_scene import plane_direction
 from twolink.show.viewer_data import contact_data, resample
 from twolink.simulation.explanation import explain as explain_scene
+from twolink.simulation.scene_run import ACCURACY
 from twolink.simulation.scene_run import simulate as simulate_scene
 from twolink.simulation.trajectory import Trajectory
 
@@ -112,7 +113,7 @@ def explain(*, body: bytes, robots: str, quotas: Quotas) -> bytes:
     """What a scene computes, and what a run will take, as JSON. body: an ExplainRequest."""
     request = decode_unique(body, ExplainRequest)
     scene, duration = allowed_scene(request, robots, quotas)
-    explanation = explain_scene(scene, duration, accuracy=request.accuracy, t_eval=request.t_eval,
+    explanation = explain_scene(scene, duration, accuracy=request.accuracy or ACCURACY, t_eval=request.t_eval,
                                 samples_per_second=request.samples_per_second, method=request.method,
                                 contact=request.contact)  # fmt: skip
     content = {**dataclasses.asdict(explanation), "text": str(explanation)}
