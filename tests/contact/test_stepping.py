@@ -155,6 +155,21 @@ def test_an_accuracy_is_reached_by_smaller_steps_or_refused() -> None:
     assert failure.value.run.bound == "estimated"
 
 
+def test_two_runs_do_not_share_the_error_of_an_impact() -> None:
+    """Balls that meet obliquely near the middle between two samples, where steps of both runs could have one middle."""
+    shapes = {name: (E.Sphere(0.1),) for name in "ab"}
+    q = [0, 0, 0, 0, 0, 0, 1, 0.5, 0.1, 0, 0, 0, 0, 1]
+    scene = tl.Scene(free_bodies("a", "b"), q, [1.0, *[0] * 11], [E.Contact(("self",), restitution=1.0, shapes=shapes)])
+    meets = 0.5 - math.sqrt(0.04 - 0.01)  # s
+    exact = tl.simulate(scene, 0.6, contact="located", accuracy=1e-10, t_eval=[0.6])
+    for share in (0.4, 0.45, 0.6):
+        times = [meets + (k - share) * 0.008 for k in range(-3, 9)]
+        run = simulate_stepped(scene, np.array([0.0, *times, 0.6]), None, None, None, verify=True, patience=1e-9)
+        off = np.abs(run.q[-1] - exact.q[-1])[[0, 1, 7, 8]].max()
+        assert run.error is not None
+        assert 1e-6 < off < run.error[-1]
+
+
 @pytest.mark.slow
 def test_without_an_accuracy_the_best_effort_is_returned_with_its_estimate() -> None:
     """A rod whose error is of first order: steps become smaller while there is time.

@@ -29,15 +29,18 @@ class Plan(NamedTuple):
 def plan_steps(equations: Equations, times: Array, step: float, halvings: int) -> Plan:
     """Steps of at most `step` [s] for samples at times (n,). Samples, breaks and ticks end a step.
 
-    halvings: how often the steps between two of those are doubled in number, and one more: else many steps began at the
-    same times, and an impact would fall on the same place within them.
+    halvings: how often the steps between two of those are doubled in number, and one or two more: the numbers n are
+    odd and even by turns, without a common divisor, so that no two steps of n and of the next n have the same begin or
+    the same middle. Else an impact could fall on the same place within both, and their error be the same.
     """
     grid, sampling = np.union1d(times, equations.breaks(float(times[-1]))), equations.sampling
     if sampling is not None:
         ticks = np.array(Clock({**sampling.controllers, **sampling.sensors}).until(float(times[-1])))
         near = grid[np.minimum(np.searchsorted(grid, ticks * (1.0 - SAME_TIME)), len(grid) - 1)]
         grid = np.union1d(grid, ticks[np.abs(ticks - near) > SAME_TIME * near])
-    count = (np.maximum(1, np.ceil(np.diff(grid) / step - 1e-9).astype(int)) + 1) * 2**halvings - 1
+    count = np.maximum(1, np.ceil(np.diff(grid) / step - 1e-9).astype(int))
+    for _ in range(halvings):
+        count = 2 * count + 1 + count % 2
     after, piece = np.cumsum(count), np.repeat(np.arange(len(count)), count)
     h, sampled = (np.diff(grid) / count)[piece], np.zeros(len(piece), dtype=bool)
     sampled[after - 1] = np.isin(grid[1:], times)
