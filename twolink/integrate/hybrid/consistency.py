@@ -54,16 +54,17 @@ def different(v: Array, slips: Array) -> float:
     return DIFFERENT + ROUNDING * (1.0 + float(np.abs(v).max(initial=0.0))) / slowest
 
 
-def consistent(state: ModeState, opened: frozenset[Key] = frozenset()) -> ModeState:
+def consistent(state: ModeState, opened: frozenset[Key] = frozenset(), slow: float = SLOW) -> ModeState:
     """The same state in the mode that is consistent there, with 0 for velocities of what is at rest.
 
-    opened: what an event has just freed; it is not tried at rest again unless it would move the wrong way.
+    opened: what an event has just freed; it is not tried at rest again unless it would move the wrong way. slow: the
+    speed of slips that are tried at rest, m/s.
     Raises AccuracyError where no mode is consistent.
     """
     still = still_speed(state.v)
     state, indeterminate = _with_joints_at_rest(state, still, opened), False
-    for slow in (SLOW, SLOWEST):
-        found = _with_consistent_contacts(state, still, opened, slow)
+    for speed in (slow, max(slow, SLOWEST)):
+        found = _with_consistent_contacts(state, still, opened, speed)
         if found is not None and _is_determined(found):
             return _with_contacts_at_rest(state.mode, found, still)
         indeterminate |= found is not None

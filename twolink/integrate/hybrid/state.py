@@ -11,7 +11,7 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.errors import AccuracyError, SceneError
 from twolink.geometry.features import Feature
 from twolink.integrate.event import Event
-from twolink.integrate.hybrid.consistency import NEAR, consistent, still_speed
+from twolink.integrate.hybrid.consistency import NEAR, SLOW, consistent, still_speed
 from twolink.integrate.hybrid.impacts import Touch, brought_to_rest, collide, onto_contact, whole
 from twolink.integrate.hybrid.locating import Key
 from twolink.integrate.hybrid.modes import ContactMode, Mode, ModeState, System
@@ -74,14 +74,14 @@ class RunState:
         """Add an event, now unless t is said."""
         self.events.append(Event(self.t if t is None else t, kind, what, detail, energy, effect, direction))
 
-    def resolve_mode(self, before: Mode | None = None) -> None:
-        """Go to the consistent mode, and note what has changed since the mode `before`."""
+    def resolve_mode(self, before: Mode | None = None, slow: float = SLOW) -> None:
+        """Go to the consistent mode, and note what has changed since the mode `before`. slow: see `consistent`."""
         before = self.mode if before is None else before
         self.add_touching()
         before = before.with_contacts(range(len(before.contacts)), len(self.mode.contacts) - len(before.contacts))
         directions = self.mode.directions
         self._end_bounces()
-        _, self.mode, self.x, _ = consistent(self.mode_state, frozenset(self.opened))
+        _, self.mode, self.x, _ = consistent(self.mode_state, frozenset(self.opened), slow)
         for k in sorted(before.locked ^ self.mode.locked):
             self._note_joint(k)
         for i, (last, now) in enumerate(zip(directions, self.mode.directions, strict=True)):

@@ -11,7 +11,7 @@ import numpy as np
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.switching import Trigger
 from twolink.errors import SceneError
-from twolink.integrate.hybrid.consistency import ALLOWED
+from twolink.integrate.hybrid.consistency import ALLOWED, SLOW
 from twolink.integrate.hybrid.features import pair_guards, pass_edge, single_point
 from twolink.integrate.hybrid.force_share import EMPTY, TIGHT, ForceShare, share_of
 from twolink.integrate.hybrid.impacts import catch_touch, contact_touch, onto_contact, stop_touch
@@ -24,6 +24,7 @@ from twolink.integrate.motion.state import Array
 
 AT_ZERO = 1e-13  # relative to the state: a guard that is so near to 0 at the start begins there
 FORCE_AT_ZERO = 2 * ALLOWED  # relative to the loads
+MISSED = 1e3  # of the bounces that are not followed: 10 times the tolerance, by which slips that stop miss 0
 Value = Callable[[Snapshot], Any]
 
 
@@ -81,7 +82,7 @@ def _contact_guards(run: RunState) -> Iterator[Guard]:
             ends = _require_point if i < fixed else pass_edge
             yield Guard(("single", i), partial(single_point, run, i), partial(ends, i), t)
         if mode.contacts[i] == "sliding" and contact.friction:
-            yield Guard(("roll", i), partial(_slip, i, mode.directions[i]), RunState.resolve_mode, t)
+            yield Guard(("roll", i), partial(_slip, i, mode.directions[i]), _turn, t)
         if run.mode_state.own.redundant:
             continue
         forces = partial(run.mode_state.own.contact_forces, i=i)
@@ -216,6 +217,14 @@ def _hit_contact(i: int, run: RunState) -> None:
     run.x[: run.system.nq] = onto_contact(run.mode_state, i)
     run.apply_impact(contact_touch(run.mode_state, i))
     run.resolve_mode()
+
+
+def _turn(run: RunState) -> None:
+    """A contact whose slip has turned by 90 degrees: it stops, or slides on in another direction.
+
+    A slip that stops comes to 0 but for the error of steps. Past that friction would turn it about 0 without end.
+    """
+    run.resolve_mode(slow=max(SLOW, MISSED * run.small))
 
 
 def _open(i: int, run: RunState) -> None:
