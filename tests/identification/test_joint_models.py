@@ -82,8 +82,14 @@ def test_models_that_do_not_exist_are_refused(model: object, part: str) -> None:
 
 @pytest.mark.slow
 def test_a_delay_is_found_from_positions_alone() -> None:
-    late = np.stack([np.interp(T - 0.05, T, tau) for tau in CLEAN.T], axis=1)
-    holds(identify(ARM, T, Q, None, noisy(late, 0.02), find=["delay"]), delay=0.05)
+    holds(identify(ARM, T, Q, None, noisy(ERRORS["delay"], 0.02), find=["delay"]), delay=0.05)
+
+
+def test_a_delay_that_shows_is_found_unasked_and_said() -> None:
+    found = identify(ARM, T, Q, V, noisy(ERRORS["delay"], 0.02), a=A)
+    holds(found, delay=0.05)
+    assert "ms late" in str(found)
+    assert identify(ARM, T, Q, V, noisy(CLEAN, 0.02), a=A).setup.names == ()
 
 
 def test_the_direction_of_gravity_is_found_where_it_shows_more_parameters() -> None:
@@ -131,7 +137,7 @@ ERRORS = {
 
 @pytest.mark.parametrize("name", ERRORS)
 def test_what_the_model_lacks_is_said_and_never_called_consistent(name: str) -> None:
-    found = identify(ARM, T, Q, V, noisy(ERRORS[name], 0.02), a=A)
+    found = identify(ARM, T, Q, V, noisy(ERRORS[name], 0.02), a=A, find=())
     assert name in [error.name for error in found.model_errors[:2]]
     assert found.consistency.consistent == all(error.moved < 3 for error in found.model_errors)
     truth = found.matrix @ [

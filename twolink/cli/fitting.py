@@ -51,7 +51,14 @@ def identify(
     data: Annotated[list[Path], Argument(metavar="DATA...", help="Runs: .csv, .parquet, .npz, .mat, .mcap or .db3.")],
     parameters: Names = None,
     joint_model: JointModel = None,
-    find: Annotated[str, Option(metavar="WORDS", help="Also delay, zero, gravity, motor_constant; with commas.")] = "",
+    find: Annotated[
+        str,
+        Option(
+            metavar="WORDS",
+            help="Also delay, zero, gravity, motor_constant, with commas; none.",
+            show_default="a delay that shows",
+        ),
+    ] = "",
     columns: Annotated[Path | None, Option(metavar="FILE", help="A map of columns (.toml).")] = None,
     units: Annotated[str, Option(help="Of the files, such as deg,ms,A.", show_default="SI units, radians")] = "",
     decimate: Annotated[int, Option(min=1, metavar="COUNT", help="Samples that become their mean.")] = 1,
@@ -94,11 +101,12 @@ def identify(
 
     require_writable([*(out or []), *([html] if html else [])], (".urdf", *FORMATS, ".html"))
     loaded = load(robot)
-    of_setup = [*_words(find), *(["motor_constant"] if "A" in _words(units) else [])]
+    of_setup = [*(_words(find) if find != "none" else []), *(["motor_constant"] if "A" in _words(units) else [])]
     logs, held = ([read_log(loaded, path, columns, _words(units), decimate) for path in paths]
                   for paths in (data, validate or []))  # fmt: skip
     wanted = None if parameters is None else [name for text in parameters for name in _words(text)]
-    found = find_in(loaded, [log.table for log in logs], parameters=wanted, joint_model=joint_model, find=of_setup,
+    found = find_in(loaded, [log.table for log in logs], parameters=wanted, joint_model=joint_model,
+                    find=of_setup or (() if find else None),
                     method=method, half_window=half_window, cutoff=cutoff, confidence=confidence,
                     validate=[log.table for log in held] or None)  # fmt: skip
     notes = [note for log in (*logs, *held) for note in log.notes]

@@ -14,6 +14,7 @@ from twolink.errors import QueryError
 from twolink.identification.base_parameters import select
 from twolink.identification.filtering import (
     SMALLEST,
+    Filter,
     Recording,
     System,
     half_window_of,
@@ -26,13 +27,13 @@ from twolink.identification.measurements import beyond_reach, filtered, recordin
 from twolink.identification.regression import METHODS
 from twolink.identification.result import Identification
 from twolink.identification.setup import setup_of
-from twolink.identification.solving import examined, linear_system, plan_of, solve, validation
+from twolink.identification.solving import Plan, examined, linear_system, plan_of, solve, validation
 
 
 def identify(
     robot: Robot, t: Any, q: ArrayLike | None = None, v: ArrayLike | None = None, tau: ArrayLike | None = None,
     parameters: Sequence[str] | None = None, *, a: ArrayLike | None = None, joint_model: Any = None,
-    coupling: ArrayLike | None = None, find: Sequence[str] = (), method: str = "weighted",
+    coupling: ArrayLike | None = None, find: Sequence[str] | None = None, method: str = "weighted",
     half_window: int | None = None, cutoff: float | None = None, confidence: float = 0.95, validate: Any = None,
 ) -> Identification:  # fmt: skip
     """Find parameters pi in tau = Y(q, v, a) pi from measurements, with intervals, and name what cannot be found.
@@ -64,9 +65,10 @@ def identify(
         words by cross-validation; `result.joint_models` has the table.
     coupling : array_like, (nv, nv), optional
         C of v_joint = C v_motor, for joints that several motors move: the laws then hold at the motors.
-    find : sequence of str
+    find : sequence of str, optional
         What else is looked for, by an outer loop: "delay" of the torques, s; "zero" of the joints' positions;
-        "gravity", its direction; "motor_constant", where tau has currents. Or names, such as "elbow.zero".
+        "gravity", its direction; "motor_constant", where tau has currents. Or names, such as "elbow.zero". By default
+        a delay, where it is the clearest of the model errors that the residuals show; () takes the torques as logged.
     method : {"weighted", "ordinary", "robust", "total"}
         Weighted: each joint's torques count by their own noise. Robust: outliers count less (Huber). Total: errors of
         the filtered positions are taken in as well as those of the torques; it needs v=None.
@@ -115,7 +117,7 @@ def identify(
     if confidence >= 1.0:
         raise QueryError(f"expected a probability, got {confidence!r}", argument="confidence", remedy="such as 0.95")
     of_joints, terms = ([], ()) if joint_model is None else joint_terms(robot, joint_model, coupling)
-    chosen, setup = select(robot, parameters, of_joints, terms), setup_of(robot, find)
+    chosen, setup = select(robot, parameters, of_joints, terms), setup_of(robot, find or ())
     runs = recordings(robot, t, q, v, tau, a)
     held = () if validate is None else recordings(robot, validate, None, None, None)
     if method == "total" and runs[0].v is not None:
@@ -128,8 +130,21 @@ def identify(
     if joint_model == "auto":
         chosen, table = best_terms(robot, chosen, *linear_system(robot, chosen, filtered(robot, runs, by)))
         plan = plan_of(setup, chosen, method, confidence, plan.half_window)
-    result = replace(examined(plan, solve(plan, setup, runs, by)), joint_models=table)
+    result = examined(plan, solve(plan, setup, runs, by))
+    if find is None:
+        result = _without_delay(plan, runs, by, result)
+    result = replace(result, joint_models=table)
     return replace(result, validation=validation(result, held)) if held else result
+
+
+def _without_delay(plan: Plan, runs: Sequence[Recording], by: Filter | None, result: Identification) -> Identification:
+    """The identification with the torques' delay, where it is the clearest of the model errors."""
+    if [error.name for error in result.model_errors[:1]] != ["delay"]:
+        return result
+    try:
+        return examined(plan, solve(plan, setup_of(plan.robot, ["delay"]), runs, by))
+    except QueryError:  # it does not settle: `model_errors` still names it
+        return result
 
 
 def _half_window(runs: Sequence[Recording], half: int | None, frequency: float | None) -> int | None:

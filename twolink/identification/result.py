@@ -301,6 +301,10 @@ class Identification(Estimate):
                 "residuals are correlated in time: forces may be missing (friction?); the intervals allow for it"
             )
         lines += [] if self.filter is None else [str(self.filter)]
+        if "delay" in self.setup.names:
+            lines.append(
+                f"the torques of the log are {1e3 * self.setup.delay:.3g} ms late; find=() takes them as they are"
+            )
         if self.validation is not None:
             lines.append(self.validation.in_words(coordinate_names(self.robot, "v")))
         lines += self.not_told("torque", "not excited by these data")
