@@ -100,7 +100,7 @@ def quadruped() -> Task:
 TASKS: dict[str, Callable[[], Task]] = {
     one.__name__: one for one in (upright_box, stack, pile, dominoes, spheres, quadruped)}  # fmt: skip
 BUNDLED = ("arm-pushes-box", "bouncing-ball", "bowl", "can-on-table", "grasp", "newtons-cradle", "quadruped-stands",
-           "rattleback", "sphere-pile", "spinning-coin", "tippe-top")  # fmt: skip
+           "quadruped-trots", "rattleback", "sphere-pile", "spinning-coin", "tippe-top")  # fmt: skip
 STEP, EXACT, DEFAULT = 5e-3, 5e-4, 2e-3  # s: of the run, of the truth, MuJoCo's
 TRUE = 1e-8  # rad, m: of located contacts
 FINER, FINEST = 4.0, 1e-5  # by which MuJoCo's steps become shorter, and the shortest, s

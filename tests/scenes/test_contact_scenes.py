@@ -146,3 +146,24 @@ def test_the_forces_on_the_feet_change_the_momentum() -> None:
     assert pressed * h == pytest.approx(run.robot.mass * G * run.t[-1] + after - before, rel=5e-5)
     feet = {f"{leg}_FOOT - ground" for leg in ("FL", "FR", "HL", "HR")}
     assert {pair for pair, force in run.contact_forces.items() if force[-1].any()} == feet
+
+
+@pytest.mark.slow
+def test_a_quadruped_trots_on_its_diagonals() -> None:
+    """Over whole strides the ground carries the weight, by the balance of momentum too; each diagonal does its half."""
+    h, stride = 1e-3, 1 / 3
+    run = run_of("quadruped-trots", step=h, samples_per_second=1 / h, verify=False)
+    weight, late = run.robot.mass * G, run.t > run.t[-1] - 3 * stride
+    feet = {pair[:2]: force[:, 2] for pair, force in run.contact_forces.items() if "FOOT" in pair}
+    assert len(feet) == len(run.contact_forces) == 4
+    forward, upright = run.q[:, 0], turns(run, "base_link")[:, 2, 2]
+    assert forward[-1] > 0.5
+    assert upright.min() > 0.95
+    pressed = sum(force[1:].sum() for force in feet.values()) * h
+    before, after = run.robot.momentum(run.q[[0, -1]], run.v[[0, -1]])[:, 2]
+    assert pressed == pytest.approx(weight * run.t[-1] + after - before, rel=1e-3)
+    for diagonal in (("FL", "HR"), ("FR", "HL")):
+        share = sum(feet[foot][late].mean() for foot in diagonal) / weight
+        assert share == pytest.approx(0.5, abs=0.05)
+    both = [(feet[one][late] > 0) | (feet[other][late] > 0) for one, other in (("FL", "HR"), ("FR", "HL"))]
+    assert np.mean(both[0] & both[1]) < 0.25

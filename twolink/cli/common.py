@@ -23,7 +23,7 @@ from twolink.exchange.urdf_scene import scene_of
 from twolink.integrate.steps.methods import METHODS
 from twolink.io.tables import SUFFIXES, require_format
 from twolink.io.text import parse_numbers
-from twolink.robots.catalogue import FILES, catalogue_names
+from twolink.robots.catalogue import FILES, catalogue_entry, catalogue_names
 from twolink.scenes import Scene, bundled_scenes, load_scene
 from twolink.show.figure import FORMATS
 from twolink.simulation.recording import SAVED
@@ -309,15 +309,23 @@ def _pairs(texts: list[str] | None, option: str, form: str) -> dict[str, str]:
     return pairs
 
 
-def scene_from(source: str, load: RobotLoader | None = None) -> Scene:
-    """A bundled scene, or that of a file; of a robot, which `load` loads, one with all that its file says."""
+def scene_from(source: str, load: RobotLoader | None = None, *, ground: bool = False) -> Scene:
+    """A bundled scene, or that of a file; of a robot, which `load` loads, one with all that its file says.
+
+    ground: the robot's links touch each other and the ground.
+    """
     scenes, robots = bundled_scenes(), catalogue_names()
     if not Path(source).suffix and os.sep not in source:
         require_known(source, (*scenes, *robots), SceneError, "there is no bundled scene or robot {!r}",
                       code="unknown-scene")  # fmt: skip
     of_robot = source.endswith(FILES) or (source in robots and source not in scenes)
     if of_robot:
-        return scene_of(load(source) if load else source)
+        if load and ground and source in robots and load.keywords["root"] == "fixed":
+            load = functools.partial(load, root=catalogue_entry(source).usual_root)
+        return scene_of(load(source) if load else source, contact=ground)
+    if ground:
+        raise Misuse("it is for robots, and this is a scene, which has its own contacts", where="ground",
+                     remedy="leave it out")  # fmt: skip
     usual = signature(robot_from).parameters
     for name, value in load.keywords.items() if load else ():
         if value != usual[name].default:

@@ -138,7 +138,7 @@ def serve(
     delete_results: Annotated[
         bool, Option("--delete-results", help="Delete results that are beyond the quota.")
     ] = False,
-    dask: Annotated[str, Option(metavar="ADDRESS", help="Send sweeps to this Dask scheduler.", show_default="")] = "",
+    dask: Annotated[str, Option(metavar="ADDRESS", help="Dask scheduler for sweeps.", show_default=False)] = "",
     database: Database = "",
     store: ObjectStore = "",
     root_path: Annotated[str, Option(metavar="PATH", help="The path below which it is.", show_default=False)] = "",

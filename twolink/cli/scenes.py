@@ -140,6 +140,7 @@ def run(
     precision: Annotated[str, Option(help="double (16 digits), extended (19) or quad (33); auto: as needed.")] = "auto",
     patience: Annotated[float | None, Option(help="Seconds that solving may take, 600 unless given.")] = None,
     contact: ContactWay = None,
+    ground: Annotated[bool, Option("--ground", help="Of a robot: its links touch each other and the ground.")] = False,
     t_eval: SampleTimes = None,
     samples_per_second: Annotated[float, Option(help="Samples a second, without --t-eval.")] = 200.0,
     no_verify: Annotated[bool, Option("--no-verify", help="Skip the solutions behind the error bar.")] = False,
@@ -156,7 +157,7 @@ def run(
 
     \b
     twolink run panda                                    with the damping, friction and stops of its URDF
-    twolink run anymal --root free                       a robot with a free base
+    twolink run anymal --ground                          on its feet, or not: --root free leaves the ground out
     twolink run arm-swing --accuracy 1e-9
     twolink run arm-swing --method rk4 --step 0.01      the error bar says how wrong that is
     twolink run arm-swing --accuracy 1e-25               33 digits, as 16 do not reach it
@@ -164,7 +165,7 @@ def run(
     from twolink.simulation.scene_run import simulate
 
     require_writable(out or [], RUN_ENDINGS)
-    loaded = scene_from(scene, load)
+    loaded = scene_from(scene, load, ground=ground)
     length = loaded.duration if duration is None else duration
     with progress_bar() as report:
         result = simulate(
