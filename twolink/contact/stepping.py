@@ -36,7 +36,7 @@ from twolink.contact.joints import JointPoints, Kept, LoopRows
 from twolink.contact.positions import correction
 from twolink.contact.rest import Resting
 from twolink.contact.step_law import StepLaw, rows_of
-from twolink.contact.steps import STILL, Memory, Plan, Record, Step
+from twolink.contact.steps import STILL, Blow, Memory, Plan, Record, Step, along
 from twolink.effects.contact import Contact
 from twolink.effects.switching import Hold, Stop
 from twolink.errors import AccuracyError
@@ -232,12 +232,12 @@ class Stepper:
         passed = Memory(keys, own[order] / h, stuck[closed][order], still[closed][order],
                         memory.changes(mean, smooth=smooth))  # fmt: skip
         self._pressing = rows[rows_of(active[pressing])]
+        blow = law.blow(active[pressing], impulses.p[pressing])
         joints, chosen, p = self._of_joints(rows, law, active[pressing], impulses.p[pressing])
-        on_first = np.einsum("ni,nij->nj", p, axes[chosen])
-        end = self.bodies.moved(middle, move)
-        return Step(
-            h, end, ends, mean, passed, points.key[chosen], points.position[chosen], on_first, impulses, joints=joints
-        )
+        blows = () if blow is None else (Blow(blow[0], points.key[blow[1]], along(blow[2], axes[blow[1]])),)
+        return Step(h, self.bodies.moved(middle, move), ends, mean, passed, points.key[chosen], points.position[chosen],
+                    along(p, axes[chosen]), impulses, joints=joints,
+                    slips=along(u[chosen, :2], axes[chosen, :2]), blows=blows)  # fmt: skip
 
     def _of_joints(self, rows: Any, law: StepLaw, chosen: Array, p: Array) -> tuple[Array | None, Array, Array]:
         """The impulses on joints (nv,) of points with impulses, and what are points of bodies, with theirs."""

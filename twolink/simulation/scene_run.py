@@ -309,7 +309,7 @@ def _trajectory(
         moved = "q moved by {:.3g}, v by {:.3g}".format(*equations.assembled)
         events = (Event(0.0, "assembled", "loops", moved), *events)
     dense = DenseOutput(solution.pieces, solution.t, solution.x[: equations.moving], choice.method.name,
-                        choice.setting, choice.precision)  # fmt: skip
+                        choice.setting, choice.precision, solution.impulses)  # fmt: skip
     return Trajectory(
         scene.robot,
         solution.t[kept],

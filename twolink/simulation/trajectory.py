@@ -21,9 +21,10 @@ from twolink.scenes import Scene
 from twolink.show.figure import Plotted
 from twolink.simulation import trajectory_tables as tables
 from twolink.simulation.certificate import Certificate
+from twolink.simulation.contact_forces import ContactForces
 from twolink.simulation.cost import Cost
 from twolink.simulation.recording import log, log_skipped, save_run
-from twolink.simulation.text import ContactForces, Result, as_data
+from twolink.simulation.text import Result, as_data
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -197,17 +198,19 @@ class Trajectory(Result, Plotted):
         return self._accelerations_and_torques[1]
 
     @functools.cached_property
-    def contact_forces(self) -> dict[str, np.ndarray]:
+    def contact_forces(self) -> ContactForces:
         """The forces between bodies that touch at a sample, by pair: on the first of the two (n, 3), world's axes, N.
 
         A pair is named "LINK - LINK" or "LINK - ground"; `contact_forces.on(LINK)` is the sum on one body. A pair that
         touches at several points has the sum; several planes of a `Contact` have numbers. Located: at an event the
         force after it, without impulses of impacts. Stepped: the mean over the step before the sample, with impulses.
+        `contact_forces.slips` has the slips of the points of each pair, m/s, `contact_forces.impulses` the impulses of
+        impacts, N s; see `ContactForces`.
         Raises SceneError (code "no-equations") for a trajectory that was loaded from a file without contacts.
         """
         if self.recorded_contacts is None:
             self._solution("contact_forces")
-        return ContactForces((pair, np.nansum(forces, axis=1)) for pair, (_, forces) in self.contacts.items())
+        return ContactForces(self)
 
     @functools.cached_property
     def contacts(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:

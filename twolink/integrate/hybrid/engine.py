@@ -90,7 +90,8 @@ class Engine:
         run, solution = self.run, joined(parts)
         if run.ended and solution.t[-1] < run.t:
             solution = _with_sample(solution, run.t, run.x)
-        return replace(solution, events=tuple(sorted(run.events, key=lambda event: event.t)))
+        events = tuple(sorted(run.events, key=lambda event: event.t))
+        return replace(solution, events=events, impulses=tuple(run.impulses))
 
     def _next(self, stop: float, *, first: bool) -> Solution:
         """The next piece, and the transition at its end."""
