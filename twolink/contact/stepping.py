@@ -97,6 +97,14 @@ class Stepper:
         open_ = 0.0 if self.loops is None else float(np.abs(self.loops.at(q)[0]).max())
         return (open_, "loops") if open_ >= deepest else (deepest, self.laws.names[pair])
 
+    def normals(self, q: Array, reach: float) -> Array:
+        """The rows (n, nv) of the rates of gaps below a reach, m."""
+        still = np.zeros(self.model.nv)
+        points = self._points(self.bodies.places(q, still)[0], reach, q)
+        self.bodies.free_acceleration(0.0, q, still, self.equations.layout.numbers_at(0.0))  # the Jacobian is at its q
+        rows = self._rows(points, axes_of(points.normal))
+        return np.asarray(rows.toarray() if hasattr(rows, "toarray") else rows)[2::3]
+
     def notes(self) -> list[str]:
         """What is in the contact problem besides pairs of bodies."""
         loops = [] if self.loops is None else [f"{len(self.loops.constraints.kept)} rows of loops hold at each step"]

@@ -33,7 +33,8 @@ def plan_steps(equations: Equations, times: Array, step: float, halvings: int) -
     odd and even by turns, without a common divisor, so that no two steps of n and of the next n have the same begin or
     the same middle. Else an impact could fall on the same place within both, and their error be the same.
     """
-    grid, sampling = np.union1d(times, equations.breaks(float(times[-1]))), equations.sampling
+    breaks, sampling = np.array(equations.breaks(float(times[-1])), dtype=float), equations.sampling
+    grid = np.union1d(times, breaks[breaks > times[0]])
     if sampling is not None:
         ticks = np.array(Clock({**sampling.controllers, **sampling.sensors}).until(float(times[-1])))
         near = grid[np.minimum(np.searchsorted(grid, ticks * (1.0 - SAME_TIME)), len(grid) - 1)]

@@ -68,6 +68,9 @@ class Engine:
                 parts.append(self._next(next(t for t in stops if t > run.t), first=not parts))
                 if parts[-1].interrupted:
                     break
+        except AccuracyError as error:
+            error.data.setdefault("t", run.t)  # also of what fails in an event, such as an impact
+            raise
         except KeyboardInterrupt:
             if not parts:
                 raise
