@@ -6,6 +6,8 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
+from tests.effects.bodies import free_bodies
+from twolink.contact.choice import choose_contact_method
 from twolink.geometry import hulls
 from twolink.geometry.hulls import facing, hull_of, separation, touching
 from twolink.robots.collisions import Box, Convex
@@ -139,3 +141,12 @@ def test_the_hull_of_many_corners_is_kept_by_its_content(monkeypatch: pytest.Mon
     again = hull_of.__wrapped__(shape)
     assert np.array_equal(first.normals, again.normals)
     assert [face.tolist() for face in first.faces] == [face.tolist() for face in again.faces]
+
+
+@pytest.mark.parametrize(("names", "way"), [("ab", "located"), ("abc", "stepped")])
+def test_one_pair_of_hulls_is_located_and_more_are_stepped(names: str, way: str) -> None:
+    contact = E.Contact(("self",), shapes={name: (Box((SIDE,) * 3),) for name in names})
+    q = np.concatenate([[0, 0, 2 * SIDE * k, 0, 0, 0, 1] for k in range(len(names))])
+    choice = choose_contact_method(tl.Scene(free_bodies(*names), q, effects=[contact]))
+    assert choice.method == way
+    assert "corners and edges" in choice.why

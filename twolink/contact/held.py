@@ -22,7 +22,7 @@ from twolink.contact.bodies import Multibody
 from twolink.contact.held_step import held_step
 from twolink.contact.impulses import EXACT, Impulses
 from twolink.contact.joints import JointPoints, Laws
-from twolink.contact.steps import STILL, Memory, Plan, Step
+from twolink.contact.steps import STILL, Memory, Plan, Step, along
 from twolink.dynamics.kernels import heyoka
 from twolink.geometry.detection import Detector, OnPlanes
 from twolink.geometry.gaps import PlaneGap, axes_of
@@ -81,7 +81,7 @@ class HeldRun:
         stuck, still = np.hypot(*self.u[j, :, :2].T) < STILL, np.abs(self.u[j, :, 2]) < STILL
         memory = Memory(held.keys, self.p[j] / h, stuck, still, self.change[j])
         return Step(h, self.q[j], self.v[j], mean, memory, held.keys, self.places[j].copy(), self.on_first[j],
-                    overlap=float(self.overlap[j]))  # fmt: skip
+                    overlap=float(self.overlap[j]), slips=along(self.u[j, :, :2], held.axes[:, :2]))  # fmt: skip
 
     @property
     def impulses(self) -> Impulses:

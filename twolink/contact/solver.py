@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import weakref
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +23,7 @@ from twolink.integrate.joint_forces import accelerations_and_joint_torques
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import make_equations, sampled
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Piece, Progress
+from twolink.integrate.solution import Impulse, Piece, Progress
 from twolink.loop.clock import SAME_TIME
 from twolink.loop.sampled_loop import SampledLoop, Sampling
 from twolink.scenes import Scene
@@ -70,7 +71,7 @@ def stepper_of(scene: Scene) -> Stepper:
 
 
 REPORT = 50  # steps
-Pressing = dict[str, list[tuple[Array, Array]]]  # by pair points, m, and forces, N
+Pressing = dict[str, list[tuple[Array, Array, Array]]]  # by pair points, m, forces, N, and slips, m/s
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +92,8 @@ class SteppedSolution:
     numbers : ndarray (n, m)
         The numbers that held behind (q, v) in that step.
     pressing : sequence of dict
-        Of each sample by pair the points that pressed in the step before it, with their mean forces, N.
+        Of each sample by pair the points that pressed in the step before it, with their mean forces, N, and their slips
+        at its end, m/s.
     record : Record
         What the steps were and how they obey the laws.
     overlap : float
@@ -102,6 +104,8 @@ class SteppedSolution:
         Ctrl-C ended it.
     loop : SampledLoop or None
         The controllers and sensors, where there are any.
+    impulses : tuple of Impulse
+        Those of impacts.
     """
 
     pieces: tuple[Piece, ...]
@@ -117,6 +121,7 @@ class SteppedSolution:
     step: float
     interrupted: bool = False
     loop: SampledLoop | None = None
+    impulses: tuple[Impulse, ...] = ()
 
     def states(self, times: Array) -> Array:
         """The states (nq + nv, m) at times (m,), interpolated between samples."""
@@ -140,15 +145,24 @@ class SteppedSolution:
 
     def contacts(self) -> dict[str, tuple[Array, Array]]:
         """As `DenseOutput.contacts`: points (n, k, 3) and forces (n, k, 3) by pair, means over the step before."""
+        return {pair: (rows[0], rows[1]) for pair, rows in self._rows.items()}
+
+    def contact_slips(self) -> dict[str, tuple[Array, Array]]:
+        """As `contacts`, with slips of the first body on the second, m/s, in place of forces."""
+        return {pair: (rows[0], rows[2]) for pair, rows in self._rows.items()}
+
+    @functools.cached_property
+    def _rows(self) -> dict[str, Array]:
+        """By pair points, forces and slips (3, n, k, 3)."""
         most: dict[str, int] = {}
         for found in self.pressing:
             for pair, rows in found.items():
                 most[pair] = max(most.get(pair, 0), len(rows))
-        out = {pair: np.full((2, len(self.t), k, 3), np.nan) for pair, k in most.items()}
+        out = {pair: np.full((3, len(self.t), k, 3), np.nan) for pair, k in most.items()}
         for sample, found in enumerate(self.pressing):
             for pair, rows in found.items():
                 out[pair][:, sample, : len(rows)] = np.array(rows).swapaxes(0, 1)
-        return {pair: (points, forces) for pair, (points, forces) in out.items()}
+        return out
 
 
 def _means(stepper: Stepper, one: Step) -> tuple[Array, Array]:
@@ -158,11 +172,19 @@ def _means(stepper: Stepper, one: Step) -> tuple[Array, Array]:
 
 
 def _pressing(stepper: Stepper, one: Step) -> Pressing:
-    """By pair the points that press in a step, and their mean forces."""
+    """By pair the points that press in a step, their mean forces, and their slips."""
     found: Pressing = {}
-    for pair, place, impulse in zip(pair_of(one.keys).tolist(), one.place, one.on_first, strict=True):
-        found.setdefault(stepper.detector.names[pair], []).append((place, impulse / one.h))
+    slips = np.zeros_like(one.place) if one.slips is None else one.slips
+    for pair, place, impulse, slip in zip(pair_of(one.keys).tolist(), one.place, one.on_first, slips, strict=True):
+        found.setdefault(stepper.detector.names[pair], []).append((place, impulse / one.h, slip))
     return found
+
+
+def _impulses(stepper: Stepper, begin: float, one: Step) -> Iterator[Impulse]:
+    """Those of impacts in a step."""
+    for blow in one.blows:
+        for pair, p in zip(pair_of(blow.keys).tolist(), blow.on_first, strict=True):
+            yield Impulse(begin + blow.late, stepper.detector.names[pair], p)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what steps that are too long give is refused ("step-too-large")
@@ -180,6 +202,7 @@ def solve_stepped(
     none = np.zeros_like(v)
     states, overlap = [(q, v, none, none, plan.numbers[0])], stepper.overlap(q)[0]
     pressing: list[Pressing] = [{}]
+    impulses: list[Impulse] = []
     ticks = None if equations.sampling is None else _Ticks(equations, equations.sampling, plan)
     v = local(q, v, -1)
     memory = stepper.start(float(times[0]), q, v, equations.layout.numbers_at(float(times[0])))
@@ -198,6 +221,7 @@ def solve_stepped(
                 states.append((one.q, local(one.q, one.v), *_means(stepper, one), now))
                 overlap = max(overlap, stepper.overlap(one.q)[0] if one.overlap is None else one.overlap)
             end = steps[len(steps) - 1]
+            impulses += _impulses(stepper, float(plan.t[first]), end)  # what repeats or rests has none
             q, v, memory = end.q, end.v, end.memory
             last, first = first, first + len(steps)
             if progress is not None and first // REPORT > last // REPORT:
@@ -213,7 +237,7 @@ def solve_stepped(
     readings = None if loop is None else loop.readings
     solution = SteppedSolution((Piece(equations, float(times[0]), n, readings=readings),), times[:n], qs, vs,
                                accelerations, held, numbers, pressing[:n], record, overlap, float(plan.h.max()),
-                               interrupted, loop)  # fmt: skip
+                               interrupted, loop, tuple(impulses))  # fmt: skip
     if failed is not None:
         failed.run = solution
         raise failed

@@ -17,6 +17,7 @@ from twolink.integrate.motion.state import Array
 FACE = 4  # points of a pair that come to the contact problem at a time
 ROUNDS = 20  # of adding contacts that the others push together
 CREATED = 1e-6  # of the energy that impulses take: what counts as created
+FELT = 1e-6  # of the largest impulse of an impact: what is passed on
 HALVED = 10  # times, of the share of the restitution that is sought
 Ending = tuple[Array, Array, Impulses, Array]  # what is active (n,), M^-1 J^T of it, its impulses, and v+ (nv,)
 
@@ -27,7 +28,7 @@ class StepLaw:
     rests: points at which bodies must not overlap at the end; dry friction has none. late: the time [s] by which
     impulses act before the middle of the step: as the gap is g = g_0 - u s - b s^2 / 2 bodies meet after s with the
     approach u + b s, and what presses after that does so for h - s. share: of the restitution that bodies bounce by.
-    sums (n, 3): U- + U+ of an impact but for U at the end of the step.
+    sums (n, 3): U- + U+ of an impact but for U at the end of the step. lasting (n, 3): impulses of the forces before.
     """
 
     def __init__(self, laws: Laws, points: Points, before: Array, after: Array, h: float, memory: Memory) -> None:
@@ -60,6 +61,7 @@ class StepLaw:
         self.late = np.where(self.hits, late, 0.0)
         self.guess = np.zeros_like(before)
         self.guess[known] = h * memory.forces[kept]
+        self.lasting = self.guess.copy()
         self.slower = laws.friction[points.pair]
         self.mu = np.where(self.stuck, laws.static[points.pair], self.slower)
         self.active = known | self._lowest(points.gap + 0.5 * h * after[:, 2], CLOSED)
@@ -67,6 +69,20 @@ class StepLaw:
     def ends(self, velocities: Array) -> Array:
         """The gaps (n,) at the end of the step."""
         return np.asarray(self.points.gap + 0.5 * self.h * velocities.reshape(-1, 3)[:, 2])
+
+    def blow(self, pressing: Array, p: Array) -> tuple[float, Array, Array] | None:
+        """When impacts act after the begin of the step, s; which points they reach, and their impulses (k, 3).
+
+        None where no body hits another. pressing: the numbers of points with impulses p (k, 3).
+        """
+        hits = self.hits[pressing]
+        if not hits.any():
+            return None
+        blows = p - self.lasting[pressing]
+        sizes = np.linalg.norm(blows, axis=1)
+        first = pressing[hits][sizes[hits].argmax()]
+        felt = ~self.of_joints[pressing] & (sizes > FELT * sizes[hits].max())
+        return 0.5 * self.h - float(self.late[first]), pressing[felt], blows[felt]
 
     def _lowest(self, ends: Array, limit: float) -> Array:
         """Of each pair the points that end lowest, below a limit: what these hold up needs no impulse of its own."""

@@ -36,7 +36,7 @@ from twolink.contact.joints import JointPoints, Kept, LoopRows
 from twolink.contact.positions import correction
 from twolink.contact.rest import Resting
 from twolink.contact.step_law import StepLaw, rows_of
-from twolink.contact.steps import STILL, Memory, Plan, Record, Step
+from twolink.contact.steps import STILL, Blow, Memory, Plan, Record, Step, along
 from twolink.effects.contact import Contact
 from twolink.effects.switching import Hold, Stop
 from twolink.errors import AccuracyError
@@ -96,6 +96,14 @@ class Stepper:
             deepest, pair = -float(joints.gap.min()), int(joints.pair[joints.gap.argmin()])
         open_ = 0.0 if self.loops is None else float(np.abs(self.loops.at(q)[0]).max())
         return (open_, "loops") if open_ >= deepest else (deepest, self.laws.names[pair])
+
+    def normals(self, q: Array, reach: float) -> Array:
+        """The rows (n, nv) of the rates of gaps below a reach, m."""
+        still = np.zeros(self.model.nv)
+        points = self._points(self.bodies.places(q, still)[0], reach, q)
+        self.bodies.free_acceleration(0.0, q, still, self.equations.layout.numbers_at(0.0))  # the Jacobian is at its q
+        rows = self._rows(points, axes_of(points.normal))
+        return np.asarray(rows.toarray() if hasattr(rows, "toarray") else rows)[2::3]
 
     def notes(self) -> list[str]:
         """What is in the contact problem besides pairs of bodies."""
@@ -232,12 +240,12 @@ class Stepper:
         passed = Memory(keys, own[order] / h, stuck[closed][order], still[closed][order],
                         memory.changes(mean, smooth=smooth))  # fmt: skip
         self._pressing = rows[rows_of(active[pressing])]
+        blow = law.blow(active[pressing], impulses.p[pressing])
         joints, chosen, p = self._of_joints(rows, law, active[pressing], impulses.p[pressing])
-        on_first = np.einsum("ni,nij->nj", p, axes[chosen])
-        end = self.bodies.moved(middle, move)
-        return Step(
-            h, end, ends, mean, passed, points.key[chosen], points.position[chosen], on_first, impulses, joints=joints
-        )
+        blows = () if blow is None else (Blow(blow[0], points.key[blow[1]], along(blow[2], axes[blow[1]])),)
+        return Step(h, self.bodies.moved(middle, move), ends, mean, passed, points.key[chosen], points.position[chosen],
+                    along(p, axes[chosen]), impulses, joints=joints,
+                    slips=along(u[chosen, :2], axes[chosen, :2]), blows=blows)  # fmt: skip
 
     def _of_joints(self, rows: Any, law: StepLaw, chosen: Array, p: Array) -> tuple[Array | None, Array, Array]:
         """The impulses on joints (nv,) of points with impulses, and what are points of bodies, with theirs."""

@@ -33,7 +33,8 @@ def plan_steps(equations: Equations, times: Array, step: float, halvings: int) -
     odd and even by turns, without a common divisor, so that no two steps of n and of the next n have the same begin or
     the same middle. Else an impact could fall on the same place within both, and their error be the same.
     """
-    grid, sampling = np.union1d(times, equations.breaks(float(times[-1]))), equations.sampling
+    breaks, sampling = np.array(equations.breaks(float(times[-1])), dtype=float), equations.sampling
+    grid = np.union1d(times, breaks[breaks > times[0]])
     if sampling is not None:
         ticks = np.array(Clock({**sampling.controllers, **sampling.sensors}).until(float(times[-1])))
         near = grid[np.minimum(np.searchsorted(grid, ticks * (1.0 - SAME_TIME)), len(grid) - 1)]
@@ -46,6 +47,11 @@ def plan_steps(equations: Equations, times: Array, step: float, halvings: int) -
     sampled[after - 1] = np.isin(grid[1:], times)
     numbers = np.array([equations.layout.numbers_at(t) for t in (0.5 * (grid[:-1] + grid[1:])).tolist()])
     return Plan(grid[piece] + (np.arange(len(piece)) - (after - count)[piece]) * h, h, piece, sampled, numbers)
+
+
+def along(parts: Array, axes: Array) -> Array:
+    """Vectors (n, 3) from their parts (n, k) along axes (n, k, 3)."""
+    return np.asarray(np.einsum("ni,nij->nj", parts, axes))
 
 
 STILL = 1e-9  # m/s: a slip that counts as none
@@ -78,13 +84,22 @@ class Memory:
         return Memory(np.empty(0, int), np.empty((0, 3)), np.empty(0, bool), np.empty(0, bool), change)
 
 
+class Blow(NamedTuple):
+    """Impulses of impacts in a step: when they act after its begin, s, the points' keys, and impulses as `on_first`."""
+
+    late: float
+    keys: Array
+    on_first: Array
+
+
 @dataclass(frozen=True)
 class Step:
     """The end of a step of length h: q, w, the memory, and of the points that pressed the keys, places and impulses.
 
     mean (nv,): of w'. on_first (n, 3): impulses on the first of two bodies, along the world's axes, N s. impulses: with
     the residuals of the laws. overlap: the largest at the end, m; None where it is not known. joints (nv,): impulses of
-    stops and of dry friction; None without.
+    stops and of dry friction; None without. slips (n, 3): at the end, of the first body on the second, m/s. blows:
+    what impacts did, where there are some.
     """
 
     h: float
@@ -98,17 +113,21 @@ class Step:
     impulses: Impulses | None = None
     overlap: float | None = None
     joints: Array | None = None
+    slips: Array | None = None
+    blows: tuple[Blow, ...] = ()
 
     def with_next(self, after: Step) -> Step:
         """This step and the next one as one: the impulses of both at each point, where it was last."""
         h, both = self.h + after.h, (self, after)
         keys, number = np.unique(np.concatenate([one.keys for one in both]), return_inverse=True)
-        place, on_first = np.zeros((2, len(keys), 3))
+        place, on_first, slips = np.zeros((3, len(keys), 3))
         place[number] = np.concatenate([one.place for one in both])
+        slips[number] = np.concatenate([np.zeros_like(one.place) if one.slips is None else one.slips for one in both])
         np.add.at(on_first, number, np.concatenate([one.on_first for one in both]))
         joints = [one.joints for one in both if one.joints is not None]
         return replace(after, h=h, mean=(self.h * self.mean + after.h * after.mean) / h, keys=keys, place=place,
-                       on_first=on_first, joints=np.sum(joints, axis=0) if joints else None)  # fmt: skip
+                       on_first=on_first, joints=np.sum(joints, axis=0) if joints else None, slips=slips,
+                       blows=(*self.blows, *(one._replace(late=self.h + one.late) for one in after.blows)))  # fmt: skip
 
 
 @dataclass

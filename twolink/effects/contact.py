@@ -76,6 +76,11 @@ class Touching(Loop, frozen=True):
         force = add(*(scale(size, axis) for size, axis in zip((normal, *across), near.axes, strict=True)))
         return self.pair, near.first.position(motion), force
 
+    def contact_slip(self, motion: Motion) -> Vec:
+        """c along the world's axes."""
+        slip, axes = self.gap.velocity(motion)[1:], self.gap.nearest(motion).axes[1:]
+        return add(*(scale(speed, axis) for speed, axis in zip(slip, axes, strict=True)))
+
     def sliding(self, motion: Motion) -> list[Scalar]:
         """The direction of sliding along the two tangents: of c + s b, with the direction b of `before` and s = SLOW.
 

@@ -6,7 +6,7 @@ from typing import ClassVar
 import pinocchio as pin
 
 from twolink.algorithms.motion import GROUND, Motion
-from twolink.algorithms.spatial import Scalar, Vec, across, dot, minus, plus, times, unit
+from twolink.algorithms.spatial import ZERO, Scalar, Vec, across, dot, minus, plus, times, unit
 from twolink.dynamics import Robot
 from twolink.effects.checks import apart, check_frame
 from twolink.effects.effect import Effect, JointName, LinkName, check_name
@@ -56,6 +56,11 @@ class Loop(Effect, frozen=True):
         """
         del motion, multipliers
         return None
+
+    def contact_slip(self, motion: Motion) -> Vec:
+        """The velocity of the first of two bodies that touch relative to the second one, along the contact, m/s."""
+        del motion
+        return ZERO
 
 
 class PointLoop(Loop, frozen=True):

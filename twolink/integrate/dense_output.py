@@ -13,10 +13,15 @@ from typing import NamedTuple
 import numpy as np
 
 from twolink.errors import AccuracyError
-from twolink.integrate.joint_forces import accelerations_and_joint_torques, contacts, forces_on_links
+from twolink.integrate.joint_forces import (
+    accelerations_and_joint_torques,
+    contact_slips,
+    contacts,
+    forces_on_links,
+)
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Piece
+from twolink.integrate.solution import Impulse, Piece
 from twolink.integrate.solver import is_stepping, solve
 from twolink.integrate.solvers.taylor_code import Precision
 from twolink.integrate.steps.methods import METHODS
@@ -61,6 +66,8 @@ class DenseOutput:
         The tolerance of the method, or its step, s.
     precision : {"double", "extended", "quad"}
         Of the numbers.
+    impulses : tuple of Impulse
+        Those of impacts at contacts.
     """
 
     pieces: tuple[Piece, ...]
@@ -69,6 +76,7 @@ class DenseOutput:
     method: str
     setting: float
     precision: Precision = "double"
+    impulses: tuple[Impulse, ...] = ()
 
     def states(self, times: Array) -> Array:
         """The states at times within the solution.
@@ -121,6 +129,10 @@ class DenseOutput:
         The forces are those on the first body. Where fewer than k points touch, the rest are NaN.
         """
         return self._by_name(contacts)
+
+    def contact_slips(self) -> dict[str, tuple[Array, Array]]:
+        """As `contacts`, with slips of the first body on the second, m/s, in place of forces."""
+        return self._by_name(contact_slips)
 
     def forces_on_links(self) -> dict[str, tuple[Array, Array]]:
         """Of each effect that acts on a link, points and forces as `contacts` gives them."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from twolink.loop.sampled_loop import SampledLoop
 
-AMBIGUOUS, UNSTABLE = "ambiguous-tick", "unstable-loop"
+AMBIGUOUS, UNSTABLE, STEPPED = "ambiguous-tick", "unstable-loop", "stepped"
 NAMED = 20  # ticks that are named
 
 
@@ -20,8 +20,9 @@ class Event:
 
     kind: "impact", "rest", "leave", "edge" (a corner or an edge passes the end of what it touches), "stick", "slip",
     "reverse" (of slip), "slide", "roll", "catch", "breakaway" (of a catch), "release", "engage", "limit" (of effort),
-    "assembled", "watch", "ambiguous-tick" (of a controller: solutions of the error bar got different answers) or
-    "unstable-loop" (of controllers: from here on errors grow at an exponential rate). what: the joint, link or effect.
+    "assembled", "watch", "ambiguous-tick" (of a controller: solutions of the error bar got different answers),
+    "unstable-loop" (of controllers: from here on errors grow at an exponential rate) or "stepped" (contacts that could
+    not be located any further: from here on the error is an estimate). what: the joint, link or effect.
     detail: in words. energy: lost at once, J. effect: the place among the scene's effects of what is watched, released
     or engaged; None of other events.
     direction: of a watch by a condition or a function, 1 where its value rises through 0, -1 where it falls.
@@ -47,6 +48,11 @@ def ambiguous_events(found: Sequence[tuple[float, str]]) -> list[Event]:
     if len(found) > NAMED:
         events.append(Event(found[NAMED][0], AMBIGUOUS, f"{len(found) - NAMED} more"))
     return events
+
+
+def estimated_since(events: Sequence[Event]) -> str:
+    """From when on the error is an estimate, in words; "" throughout."""
+    return next((f" from t = {event.t:.6g} s on" for event in events if event.kind == STEPPED), "")
 
 
 def events_of(loop: SampledLoop) -> list[Event]:

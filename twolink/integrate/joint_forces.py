@@ -68,10 +68,26 @@ def contacts(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array,
     for loop, rows in zip(loops, np.split(every, np.cumsum(constraints.counts)[:-1]), strict=True):
         contact = loop.contact_force(motion, list(rows))
         if contact is not None:
-            pair, *vectors = contact
-            point, force = (np.array([np.broadcast_to(entry, len(t)) for entry in vector]) for vector in vectors)
-            found.append((pair, point, force))
+            pair, point, force = contact
+            found.append((pair, _rows(point, len(t)), _rows(force, len(t))))
     return found
+
+
+def contact_slips(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array, Array]]:
+    """As `contacts`, with slips in place of forces: the tangential velocity of the first body on the second, m/s."""
+    states, loops = _full(equations, x), equations.constraints.loops if equations.constraints else ()
+    motion = motion_of(equations, equations.mechanism, t, states, Numbers)
+    found = list[tuple[str, Array, Array]]()
+    for loop in equations.layout.with_numbers(loops, list(states[equations.moving :])):
+        contact = loop.contact_force(motion, (0.0,) * loop.max_rows)
+        if contact is not None:
+            found.append((contact[0], _rows(contact[1], len(t)), _rows(loop.contact_slip(motion), len(t))))
+    return found
+
+
+def _rows(vector: Vec, count: int) -> Array:
+    """A vector whose entries are numbers or rows as (3, count)."""
+    return np.array([np.broadcast_to(entry, count) for entry in vector])
 
 
 class _ForcesOnLinks(Loads):
@@ -107,9 +123,9 @@ def forces_on_links(equations: Equations, t: Array, x: Array) -> list[tuple[str,
     for effect in equations.layout.with_numbers(equations.effects, list(states[equations.moving :])):
         loads = _ForcesOnLinks(motion, equations.sides)
         effect.act(motion, loads)
-        for link, *vectors in loads.noted:
-            point, force = (np.array([np.broadcast_to(entry, len(t)) for entry in vector]) for vector in vectors)
-            found.append((f"{kebab_case(type(effect).__name__)} on {link}", point, force))
+        for link, point, force in loads.noted:
+            name = f"{kebab_case(type(effect).__name__)} on {link}"
+            found.append((name, _rows(point, len(t)), _rows(force, len(t))))
     return found
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -11,6 +11,14 @@ from twolink.integrate.event import Event
 Progress = Callable[[float], None]
 MAX_KEPT = 50_000_000  # numbers of states where steps ended
 Code = Literal["steps", "first", "parts", ""]  # what of a solver is compiled
+
+
+class Impulse(NamedTuple):
+    """Of an impact at a time t [s] on a pair of bodies: the one on the first (3,), along the world's axes, N s."""
+
+    t: float
+    pair: str
+    on_first: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -74,6 +82,8 @@ class Solution:
         The states in a higher precision, where it was asked for.
     events : tuple of Event
         What happened on the way.
+    impulses : tuple of Impulse
+        Those of impacts at contacts, of each point that is pressed.
     hit : object
         The event that ended a piece, as the watcher found it.
     pieces : tuple of Piece
@@ -92,6 +102,7 @@ class Solution:
     interrupted: bool = False
     precise: Any = None
     events: tuple[Event, ...] = ()
+    impulses: tuple[Impulse, ...] = ()
     hit: Any = None
     pieces: tuple[Piece, ...] = ()
     taken: tuple[np.ndarray, np.ndarray] | None = None

@@ -1,5 +1,6 @@
 """simulate: Scene -> Trajectory."""
 
+import functools
 from dataclasses import replace
 from typing import Literal
 
@@ -42,8 +43,6 @@ ACCURACY = 1e-6  # rad or m, where none is asked for
 ASSEMBLED = 1e-9  # rad, m: a start that was moved by more is an event
 MAX_TOLERANCE = 0.1
 PILOT_STEPS = 20_000  # at most, of the first try of a method of fixed steps
-NOT_LOCATED = ("no-impact", "no-consistent-mode", "indeterminate-forces", "no-single-point",
-               "events-without-end")  # fmt: skip  # codes of contacts that stepping may solve
 UNSOLVED = "steps-collapsed", "loops-singular", "too-many-steps"  # codes: another method may go on
 
 
@@ -92,7 +91,8 @@ def simulate(
         Called now and then with what is done, the total and a label; here simulated seconds.
     contact : {"located", "stepped"}, optional
         How contacts are computed: each one located, with an error bar; or stepped through, with an error that is
-        estimated (run.bound). By default as `explain` says.
+        estimated (run.bound). By default as `explain` says; where contacts cannot be located any further and no
+        accuracy is asked for, they are stepped from there (event "stepped").
     patience : float, optional
         Wall clock that solving may take, s; by default 600, and 20 for smaller steps of contacts where no accuracy is
         asked for.
@@ -136,31 +136,15 @@ def simulate(
         error.run = only_at(_trajectory(scene, equations, so_far, times, None), wanted, end)
         raise
     except AccuracyError as error:
-        if chosen.method != "located" or not _may_be_stepped(scene, error):
+        if chosen.method != "located":
             raise
-        if free and contact is None and asked is None:
-            run = _stepped(scene, times, None, method, None, None, precision, told, patience, verify=verify)
-            return only_at(_instead_of_located(run, error), wanted, end)
-        raise _or_stepped(error) from None
+        from twolink.simulation.spliced_run import beyond_located  # which other scenes do not load
 
-
-def _instead_of_located(run: Trajectory, error: AccuracyError) -> Trajectory:
-    """A stepped run, which says what located contacts failed of."""
-    from twolink.simulation.stepped_run import with_reason
-
-    return with_reason(run, f"stepped, for located at {error.where}: {error.what}")
-
-
-def _or_stepped(error: AccuracyError) -> AccuracyError:
-    """A failure of located contacts, with the other way as a remedy."""
-    remedy = f'{error.remedy}; or contact="stepped" and step=1e-3, whose error is estimated'
-    parts = {"where": error.where, "code": error.code, "run": error.run, **error.data}
-    return AccuracyError(error.what, remedy=remedy, **parts)
-
-
-def _may_be_stepped(scene: Scene, error: AccuracyError) -> bool:
-    """Whether stepping, which has no reflections, may solve what located contacts did not."""
-    return error.code in NOT_LOCATED and not any(getattr(e, "impacts", "") == "reflections" for e in scene.effects)
+        located = functools.partial(run_of, scene, equations, choice, accuracy=accuracy, progress=limit, verify=verify)
+        stepped = functools.partial(_stepped, accuracy=None, method=method, tolerance=None, step=None,
+                                    precision=precision, progress=told, patience=patience, verify=verify)  # fmt: skip
+        effort = free and contact is None and asked is None
+        return only_at(beyond_located(scene, times, error, located, stepped, best_effort=effort), wanted, end)
 
 
 def _stepped(
@@ -309,7 +293,7 @@ def _trajectory(
         moved = "q moved by {:.3g}, v by {:.3g}".format(*equations.assembled)
         events = (Event(0.0, "assembled", "loops", moved), *events)
     dense = DenseOutput(solution.pieces, solution.t, solution.x[: equations.moving], choice.method.name,
-                        choice.setting, choice.precision)  # fmt: skip
+                        choice.setting, choice.precision, solution.impulses)  # fmt: skip
     return Trajectory(
         scene.robot,
         solution.t[kept],

@@ -18,10 +18,10 @@ from twolink.loop.readings import Readings, random_of, reading
 from twolink.scenes import Scene
 
 if TYPE_CHECKING:
-    from twolink.contact.solver import SteppedSolution
+    from twolink.contact.spliced import Solved
 
 
-def readings_of(scene: Scene | None, solution: DenseOutput | SteppedSolution) -> dict[str, Readings]:
+def readings_of(scene: Scene | None, solution: Solved) -> dict[str, Readings]:
     """The readings of a scene's sensors by name: those of its controllers, or read afterwards."""
     kept = solution.pieces[0].readings
     if kept is not None or scene is None:
@@ -29,7 +29,7 @@ def readings_of(scene: Scene | None, solution: DenseOutput | SteppedSolution) ->
     return {name: _read_along(sensor, solution) for name, sensor in scene.sensors.items()}
 
 
-def _read_along(sensor: Sensor, solution: DenseOutput | SteppedSolution) -> Readings:
+def _read_along(sensor: Sensor, solution: Solved) -> Readings:
     """The readings of a sensor. Raises SceneError where it needs forces of stepped contacts."""
     end, period, offset = float(solution.t[-1]), exact(sensor.period), exact(sensor.offset)
     ticks = (float(offset + k * period) for k in itertools.count())

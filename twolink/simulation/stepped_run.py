@@ -56,7 +56,7 @@ def simulate_stepped(
     solve = functools.partial(_solved, scene, stepper_of(scene), times, progress)
     if step is None:
         limit = patience or (PATIENCE if accuracy is None else math.inf)
-        return _StepRefinement(scene, solve, float(times[-1]), accuracy, limit).run(verify=verify)
+        return _StepRefinement(scene, solve, float(times[-1] - times[0]), accuracy, limit).run(verify=verify)
     coarse, seconds = solve(step, 0)
     if not verify or coarse.interrupted:
         return _trajectory(scene, coarse, seconds)
@@ -90,7 +90,7 @@ def _apart(coarse: SteppedSolution, fine: SteppedSolution) -> tuple[np.ndarray, 
 
 @dataclass
 class _StepRefinement:
-    """Runs of smaller and smaller steps up to the time `end`, s. best: the one with the smallest estimate so far.
+    """Runs of smaller and smaller steps over a time `span`, s. best: the one with the smallest estimate so far.
 
     least, last: the estimates of that one and of the last one. tries: of smaller steps that did not help. tried: what
     was, in words.
@@ -98,7 +98,7 @@ class _StepRefinement:
 
     scene: Scene
     solve: Callable[[float, int], Solved]
-    end: float
+    span: float
     accuracy: float | None
     patience: float
     best: Trajectory | None = None
@@ -114,7 +114,7 @@ class _StepRefinement:
         return with_reason(run, f"tried {', '.join(self.tried)}") if self.tried else run
 
     def _found(self, *, verify: bool) -> Trajectory:
-        step, halvings = min(FIRST, self.end / 4), 0
+        step, halvings = min(FIRST, self.span / 4), 0
         coarse: Solved | None = None
         while True:
             now = step / 2**halvings
@@ -145,7 +145,7 @@ class _StepRefinement:
         """The run of the smaller steps, with its estimate."""
         others, (off, events) = time.perf_counter() - self.began - seconds, _apart(coarse, fine)
         if off.max() > BLOWN_UP:
-            raise failure("step-too-large", self.end, step=fine.step)
+            raise failure("step-too-large", float(fine.t[-1]), step=fine.step)
         run = _trajectory(self.scene, fine, seconds, others, off, self.accuracy, events)
         self._refute(fine)
         error = float(run.error[-1]) if run.error is not None else 0.0
@@ -166,7 +166,7 @@ class _StepRefinement:
     def _smallest(self, now: float, seconds: float) -> float:
         """The smallest step that there are steps and time for. seconds: of a run with steps now."""
         left = self.patience - (time.perf_counter() - self.began)
-        return max(self.end / STEPS, seconds * now / left) if left > 0.0 else math.inf
+        return max(self.span / STEPS, seconds * now / left) if left > 0.0 else math.inf
 
     def _wanted(self, now: float, seconds: float) -> float | None:
         """The step that the accuracy calls for; None where it is too small, or smaller ones do not help."""
@@ -188,7 +188,7 @@ class _StepRefinement:
                             **{**error.data, "run": self.best}) from None  # fmt: skip
 
     def _too_many_steps(self, now: float, accuracy: float) -> AccuracyError:
-        steps = self.end * self.last / (now * accuracy)
+        steps = self.span * self.last / (now * accuracy)
         smaller = f"accuracy={2.0 * self.least:.0e}, or " if 2.0 * self.least <= WORTH else ""
         until = 0.0 if self.best is None else self.best.trusted_until or 0.0
         longer = f" and more than {self.patience:g} s" if math.isfinite(self.patience) else ""

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from twolink.dynamics import Robot
-from twolink.errors import SceneError, require_known
 from twolink.io.files import write_atomic
 from twolink.io.tables import require_format
 from twolink.scenes import Scene
@@ -66,27 +65,3 @@ def as_data(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(name): as_data(one) for name, one in value.items()}
     return [as_data(one) for one in value] if isinstance(value, Iterable) else str(value)
-
-
-class ContactForces(dict[str, np.ndarray]):
-    """Forces (n, 3) [N] by pair of bodies, on the first of the two, along the world's axes.
-
-    A pair is named "FIRST - SECOND", such as "foot - ground"; the second body has the opposite force.
-    """
-
-    def on(self, body: str) -> np.ndarray:
-        """The sum of the forces on a body that touches others (n, 3), N, along the world's axes.
-
-        Raises SceneError for a name that no pair has; "ground" is one.
-        """
-        signed = [(name, sign * force) for pair, force in self.items()
-                  for name, sign in zip(pair.split(" - "), (1.0, -1.0), strict=True)]  # fmt: skip
-        require_known(body, dict.fromkeys(name for name, _ in signed), SceneError, argument="body")
-        return np.asarray(np.sum([force for name, force in signed if name == body], axis=0))
-
-    def __repr__(self) -> str:
-        if not self:
-            return "<no contact forces>"
-        width = max(map(len, self))
-        return "\n".join(f"{pair:<{width}}  {len(force)} x 3, up to {np.linalg.norm(force, axis=1).max():.4g} N"
-                         for pair, force in self.items())  # fmt: skip

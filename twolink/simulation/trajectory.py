@@ -15,20 +15,21 @@ from numpy.typing import ArrayLike
 from twolink.dynamics import Robot
 from twolink.errors import SceneError
 from twolink.integrate.dense_output import DenseOutput
-from twolink.integrate.event import UNSTABLE, Event
+from twolink.integrate.event import UNSTABLE, Event, estimated_since
 from twolink.io.text import facts_html
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted
 from twolink.simulation import trajectory_tables as tables
 from twolink.simulation.certificate import Certificate
+from twolink.simulation.contact_forces import ContactForces
 from twolink.simulation.cost import Cost
 from twolink.simulation.recording import log, log_skipped, save_run
-from twolink.simulation.text import ContactForces, Result, as_data
+from twolink.simulation.text import Result, as_data
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from twolink.contact.solver import SteppedSolution
+    from twolink.contact.spliced import Solved
     from twolink.show.playback import InlinePage
 
 Skipped = Callable[[list[str]], None] | None
@@ -62,21 +63,21 @@ class Trajectory(Result, Plotted):
         The states with more digits than a double has, of runs in higher precision.
     robots : sequence of (Robot, int)
         The robot of each piece of a motion in which payloads are released, and how many samples the piece has.
-    solution : DenseOutput, SteppedSolution or None
+    solution : DenseOutput, SteppedSolution, SplicedSolution or None
         The solution between the samples; None for a loaded trajectory.
     recorded_energy : ndarray (n,) or None
         The energy as it was saved, J; None: it is computed.
     title : str
         The scene's title.
     estimated : bool
-        The error is an estimate and no bound: contacts were stepped.
+        The error is an estimate and no bound: contacts were stepped; where there is an event "stepped" from there on.
     recorded_contacts : mapping of str to (ndarray (n, k, 3), ndarray (n, k, 3)), or None
         Contact points, m, and forces, N, by pair, of a run without its solution: they are shown.
     recorded_forces : as recorded_contacts
         Those of effects on links, by effect and link.
     certificate : Certificate or None
-        The laws checked along a run with located events: what, worst value, when. None for a smooth, a stepped or a
-        loaded one.
+        The laws checked along a run with located events, up to an event "stepped": what, worst value, when. None for a
+        smooth, a stepped or a loaded one.
     scene : Scene or None
         What was simulated; None for a loaded trajectory.
     states : mapping of str to ndarray (n,)
@@ -94,7 +95,7 @@ class Trajectory(Result, Plotted):
     accuracy: float | None = None
     precise: Any = None
     robots: Sequence[tuple[Robot, int]] = ()
-    solution: DenseOutput | SteppedSolution | None = None
+    solution: Solved | None = None
     recorded_energy: np.ndarray | None = None
     title: str = ""
     estimated: bool = False
@@ -197,17 +198,19 @@ class Trajectory(Result, Plotted):
         return self._accelerations_and_torques[1]
 
     @functools.cached_property
-    def contact_forces(self) -> dict[str, np.ndarray]:
+    def contact_forces(self) -> ContactForces:
         """The forces between bodies that touch at a sample, by pair: on the first of the two (n, 3), world's axes, N.
 
         A pair is named "LINK - LINK" or "LINK - ground"; `contact_forces.on(LINK)` is the sum on one body. A pair that
         touches at several points has the sum; several planes of a `Contact` have numbers. Located: at an event the
         force after it, without impulses of impacts. Stepped: the mean over the step before the sample, with impulses.
+        `contact_forces.slips` has the slips of the points of each pair, m/s, `contact_forces.impulses` the impulses of
+        impacts, N s; see `ContactForces`.
         Raises SceneError (code "no-equations") for a trajectory that was loaded from a file without contacts.
         """
         if self.recorded_contacts is None:
             self._solution("contact_forces")
-        return ContactForces((pair, np.nansum(forces, axis=1)) for pair, (_, forces) in self.contacts.items())
+        return ContactForces(self)
 
     @functools.cached_property
     def contacts(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -231,7 +234,7 @@ class Trajectory(Result, Plotted):
         kept, (a, tau) = np.searchsorted(solution.t, self.t), solution.accelerations_and_torques()
         return a[kept], tau[kept]
 
-    def _solution(self, name: str) -> DenseOutput | SteppedSolution:
+    def _solution(self, name: str) -> Solved:
         if self.solution is None:
             raise SceneError("a loaded trajectory has no equations of motion", where=f"Trajectory.{name}",
                              remedy="simulate it again with its scene", code="no-equations")  # fmt: skip
@@ -537,13 +540,13 @@ class Trajectory(Result, Plotted):
         if self.error is None:
             return "not verified"
         largest = f"{self.error.max():.1e} rad or m"
-        return f"{largest}, estimated" if self.estimated else f"at most {largest}"
+        return f"{largest}, estimated{estimated_since(self.events)}" if self.estimated else f"at most {largest}"
 
     def __repr__(self) -> str:
         sign = "estimated at" if self.estimated else "<="
         error = "not verified" if self.error is None else f"error {sign} {self.error.max():.1e}"
         events = f", {len(self.events)} events" if self.events else ""
-        ended = ", interrupted" if self.interrupted else ""
+        ended = estimated_since(self.events) + ", interrupted" * self.interrupted
         ended += "".join(f", unstable loop from {event.t:g} s" for event in self.events if event.kind == UNSTABLE)
         return f"<Trajectory of {self.robot.name!r}: {self.end:g} s, {len(self.t)} samples{events}, {error}{ended}>"
 

@@ -68,6 +68,9 @@ class Engine:
                 parts.append(self._next(next(t for t in stops if t > run.t), first=not parts))
                 if parts[-1].interrupted:
                     break
+        except AccuracyError as error:
+            error.data.setdefault("t", run.t)  # also of what fails in an event, such as an impact
+            raise
         except KeyboardInterrupt:
             if not parts:
                 raise
@@ -90,7 +93,8 @@ class Engine:
         run, solution = self.run, joined(parts)
         if run.ended and solution.t[-1] < run.t:
             solution = _with_sample(solution, run.t, run.x)
-        return replace(solution, events=tuple(sorted(run.events, key=lambda event: event.t)))
+        events = tuple(sorted(run.events, key=lambda event: event.t))
+        return replace(solution, events=events, impulses=tuple(run.impulses))
 
     def _next(self, stop: float, *, first: bool) -> Solution:
         """The next piece, and the transition at its end."""

@@ -66,11 +66,16 @@ class Touch:
 
 @dataclass(frozen=True)
 class Impact:
-    """What an impact did to one touch: its speed of approach and the energy lost, J."""
+    """What an impact did to one touch: its speed of approach, the energy lost, J, and the impulse (1 or 3,), N s.
+
+    was_hit: whether it approached, else it only passed the impact on.
+    """
 
     touch: Touch
     speed: float
     energy: float
+    impulse: Array
+    was_hit: bool
 
 
 def stop_touch(system: System, stop: Stop) -> Touch:
@@ -92,7 +97,7 @@ def contact_touch(state: ModeState, i: int) -> Touch:
 
 
 def collide(state: ModeState, hit: Touch) -> tuple[Array, list[Impact]] | None:
-    """Velocities after an impact, and what it did to each thing that was hit; None where it would only graze."""
+    """Velocities after an impact, and what it did to each thing that touches; None where it would only graze."""
     v, still = state.v, still_speed(state.v)
     touches = [hit, *_others(state, hit)]
     approach = np.array([-float(touch.rows[0] @ v) for touch in touches])
@@ -105,12 +110,12 @@ def collide(state: ModeState, hit: Touch) -> tuple[Array, list[Impact]] | None:
     else:
         touches = [touch if speed > still else replace(touch, restitution=0.0)
                    for touch, speed in zip(touches, approach, strict=True)]  # fmt: skip
-    new = solve(mass, v, touches, fixed)
+    new, impulses = solve(mass, v, touches, fixed)
     were_hit = approach > still
     were_hit[0] = True
     energy = (kinetic_energy(mass, v) - kinetic_energy(mass, new)) / were_hit.sum()  # shares are not determined
-    every = [Impact(touch, float(speed), energy) for touch, speed in zip(touches, approach, strict=True)]
-    return new, [impact for impact, now in zip(every, were_hit, strict=True) if now]
+    return new, [Impact(touch, float(speed), energy, p, bool(hit))
+                 for touch, speed, p, hit in zip(touches, approach, impulses, were_hit, strict=True)]  # fmt: skip
 
 
 def whole(impacts: Sequence[Impact]) -> list[Impact]:
@@ -149,8 +154,8 @@ def _others(state: ModeState, hit: Touch) -> list[Touch]:
                       if i != hit.contact and (kind != "free" or gaps[i] <= NEAR)]  # fmt: skip
 
 
-def after(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array) -> Array:
-    """v+ after the impulses of all that touches. fixed (m, nv): rows of loops.
+def after(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array) -> tuple[Array, list[Array]]:
+    """v+ after the impulses of all that touches, and the impulses along their rows. fixed (m, nv): rows of loops.
 
     Raises AccuracyError where the laws would create energy, or are not fulfilled by any impulses.
     """
@@ -171,7 +176,7 @@ def after(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array) -> Arra
     closed = [touch for touch, least in zip(touches, wanted, strict=True)
               if float(touch.rows[0] @ new) - least <= still_speed(v)]  # fmt: skip
     _require_determined(closed, new, inverse)
-    return new
+    return new, outcome.forces
 
 
 def _require_determined(touches: Sequence[Touch], new: Array, inverse: Array) -> None:
@@ -208,14 +213,20 @@ def _require_determined(touches: Sequence[Touch], new: Array, inverse: Array) ->
                             code="indeterminate-forces")  # fmt: skip
 
 
-def _reflected(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array, *, still: float) -> Array:
-    """v+ after rounds, each of the impulses of what approaches; without restitution where that has no end."""
+def _reflected(
+    mass: Array, v: Array, touches: Sequence[Touch], fixed: Array, *, still: float
+) -> tuple[Array, list[Array]]:
+    """As `after`, by rounds, each of the impulses of what approaches; without restitution where that has no end."""
+    total = [np.zeros(len(touch.rows)) for touch in touches]
     for _ in range(ROUNDS):
-        hit = [touch for touch in touches if float(touch.rows[0] @ v) < -still]
+        hit = [k for k, touch in enumerate(touches) if float(touch.rows[0] @ v) < -still]
         if not hit:
-            return v
-        v = after(mass, v, hit, fixed)
-    return after(mass, v, [replace(touch, restitution=0.0) for touch in touches], fixed)
+            return v, total
+        v, impulses = after(mass, v, [touches[k] for k in hit], fixed)
+        for k, p in zip(hit, impulses, strict=True):
+            total[k] += p
+    v, impulses = after(mass, v, [replace(touch, restitution=0.0) for touch in touches], fixed)
+    return v, [before + p for before, p in zip(total, impulses, strict=True)]
 
 
 def kinetic_energy(mass: Array, v: Array) -> float:

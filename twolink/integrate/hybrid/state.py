@@ -8,16 +8,19 @@ import numpy as np
 
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
+from twolink.algorithms.spatial import ZERO
 from twolink.errors import AccuracyError, SceneError
 from twolink.geometry.features import Feature
 from twolink.integrate.event import Event
 from twolink.integrate.hybrid.consistency import NEAR, SLOW, consistent, still_speed
-from twolink.integrate.hybrid.impacts import Touch, brought_to_rest, collide, onto_contact, whole
+from twolink.integrate.hybrid.impacts import Impact, Touch, brought_to_rest, collide, onto_contact, whole
 from twolink.integrate.hybrid.locating import Key
 from twolink.integrate.hybrid.modes import ContactMode, Mode, ModeState, System
 from twolink.integrate.hybrid.snapshot import Snapshot
+from twolink.integrate.motion.effect_numbers import contact_slots
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import motion_of
+from twolink.integrate.solution import Impulse
 
 BEYOND = 1e-9  # m or rad: a state so far beyond a stop or a plane is refused
 SAME_PLACE = 2 * NEAR  # m: of features that touch at one place
@@ -28,10 +31,10 @@ Touched = tuple[int, Feature]  # with the number of its pair
 class RunState:
     """Time t, motion x = (q, v, z) and mode of a run, which transitions change.
 
-    events: so far. sides: of each trigger, the sign of its value. fired: guards whose zero has caused an event at this
-    instant. opened: what events of this instant have freed. passed: features that have passed an edge or opened in it,
-    by the pair's number and their own. ended: the run is over. small: the height of bounces that are not followed any
-    more.
+    events, impulses: so far. sides: of each trigger, the sign of its value. fired: guards whose zero has caused an
+    event at this instant. opened: what events of this instant have freed. passed: features that have passed an edge or
+    opened in it, by the pair's number and their own. ended: the run is over. small: the height of bounces that are not
+    followed any more.
     """
 
     def __init__(self, equations: Equations, t: float, small: float) -> None:
@@ -41,6 +44,7 @@ class RunState:
         free: tuple[ContactMode, ...] = tuple("free" for _ in self.system.contacts)
         self.mode = Mode(free, ((0.0, 0.0),) * len(free), waiting=self.system.switching.waiting)
         self.events: list[Event] = []
+        self.impulses: list[Impulse] = []
         self.sides: dict[Key, float] = {}
         self.fired: set[Key] = set()
         self.opened: set[Key] = set()
@@ -53,6 +57,7 @@ class RunState:
         """A run that may be changed."""
         other = copy.copy(self)
         other.x, other.events, other.sides = self.x.copy(), list(self.events), dict(self.sides)
+        other.impulses = list(self.impulses)
         other.fired, other.opened, other.passed = set(self.fired), set(self.opened), set(self.passed)
         other._rest_noted = set(self._rest_noted)
         return other
@@ -124,12 +129,22 @@ class RunState:
         if result is None:
             return
         self.x[self.system.whole.space.v_rows], impacts = result
-        for impact in whole(impacts):
+        self.impulses += [self._impulse(one, i) for one in impacts
+                          if (i := one.touch.contact) is not None and one.impulse.any()]  # fmt: skip
+        for impact in whole([impact for impact in impacts if impact.was_hit]):
             name = impact.touch.name
             self.note(kind if impact.touch is touch else "impact", name, f"at {impact.speed:.6g} {impact.touch.unit}",
                       impact.energy)  # fmt: skip
             if kind != "impact":
                 self._rest_noted.add(name)
+
+    def _impulse(self, impact: Impact, i: int) -> Impulse:
+        """That of an impact at contact i."""
+        p = [*impact.impulse.tolist(), 0.0, 0.0][:3]
+        contact = self.system.contacts[i]
+        found = contact.constraint(True, contact_slots(i)).contact_force(self.motion(), p)
+        on_first = [np.asarray(entry).item() for entry in (found[2] if found else ZERO)]
+        return Impulse(self.t, contact.name, np.array(on_first))
 
     def touching(self, reach: float = NEAR) -> list[tuple[int, list[Feature]]]:
         """The features that touch, with their pair's number, those together of which one is enough."""

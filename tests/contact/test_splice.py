@@ -1,0 +1,94 @@
+"""Where located contacts cannot go on they are stepped: the part before keeps its bar, the rest has an estimate."""
+
+import functools
+import math
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.effects.bodies import G, bouncing, free_bodies, planar
+from twolink.contact.spliced import SplicedSolution
+from twolink.integrate.hybrid import engine
+
+E = tl.effects
+HEIGHT, END = 0.2, 0.4
+HIT = math.sqrt(2 * HEIGHT / G)
+
+
+def box(*effects: tl.effects.Effect) -> tl.Scene:
+    """It turns, falls flat on four corners, which share the impact as no law says, and slides to rest."""
+    corners = E.Contact(("ground",), 0.2, shapes={"a": (E.Box((0.2, 0.3, 0.1)),)})
+    q = [0, 0, 0.05 + HEIGHT, 0, 0, 0, 1]
+    return tl.Scene(free_bodies("a"), q, [2.0, 0, 0, 0, 0, 3.0], [E.Gravity(), corners, *effects])
+
+
+@functools.cache
+def spliced() -> tl.Trajectory:
+    return tl.simulate(box(), END, samples_per_second=100, patience=4.0)
+
+
+def test_the_run_says_from_when_on_it_is_an_estimate() -> None:
+    run = spliced()
+    (event,) = (event for event in run.events if event.kind == "stepped")
+    assert event.t == pytest.approx(HIT, rel=2e-6)
+    assert (run.bound, run.accuracy) == ("estimated", None)
+    for text in (run.text(), run.error_text, run.cost.why):
+        assert f"{event.t:.6g} s" in text
+    assert "depend on the share" in event.detail
+    assert run.certificate is not None
+
+
+def test_the_part_before_is_the_located_run_with_its_bar() -> None:
+    run, located = spliced(), tl.simulate(box(), 0.2, samples_per_second=100)
+    assert isinstance(run.solution, SplicedSolution)
+    count = len(located.t)
+    assert located.bound == "verified"
+    assert run.error[:count].max() <= 1e-6
+    assert (np.abs(run.q[:count] - located.q).max(axis=1) <= run.error[:count]).all()
+
+
+def test_the_whole_agrees_with_finer_steps_within_the_estimate() -> None:
+    run = spliced()
+    fine = tl.simulate(box(), END, samples_per_second=100, contact="stepped", step=2e-4, verify=True)
+    off = np.abs(run.robot.difference(run.q, fine.q)).max(axis=1)
+    assert (off <= run.error + fine.error).all()
+    assert run.error[-1] < 1e-2
+    assert (run.error[1:] >= run.error[:-1]).all()
+
+
+def test_what_a_run_tells_is_of_both_parts() -> None:
+    run = spliced()
+    force, slip = run.contact_forces["a - ground"], run.contact_forces.slips["a - ground"]
+    landed = run.t > HIT + 0.01
+    assert len(force) == len(run.t) == len(slip)
+    assert not force[~landed & (run.t < HIT)].any()
+    assert force[landed, 2] == pytest.approx(np.full(landed.sum(), G), rel=1e-6)
+    impulse = run.contact_forces.impulses["a - ground"]
+    assert impulse.t == pytest.approx([HIT], abs=1e-2)
+    assert impulse.p[:, 2].sum() == pytest.approx(G * HIT, rel=0.1)
+    q, v = run.at([0.5 * HIT, 0.5 * (HIT + END)])
+    assert q[0, 2] == pytest.approx(0.05 + HEIGHT - G * HIT**2 / 8, abs=1e-7)
+    assert v[0, 2] == pytest.approx(-G * HIT / 2, abs=1e-6)
+    assert q[1, 2] == pytest.approx(0.05, abs=1e-6)
+    assert run.tau.shape == run.acceleration.shape == run.v.shape
+
+
+def test_an_error_at_the_splice_grows_as_motions_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ball that goes on from its first bounce: the bar there, also of the velocity, leads ever farther away."""
+    contact = E.Contact(("ground",), restitution=0.5, shapes={"body": (E.Sphere(0.1),)})
+    scene = tl.Scene(planar(), [0, 0.1 + HEIGHT, 0], [1, 0, 0], [E.Gravity(), contact])
+    monkeypatch.setattr(engine, "MAX_EVENTS", 0)
+    run = tl.simulate(scene, 0.45, samples_per_second=40, patience=2.0)
+    bar, late = run.error[run.t < HIT][-1], run.t > HIT
+    assert 2.5 * bar < run.error[-1] < 1e-6
+    assert (run.error[late] >= 2.0 * bar).all()
+    truth = np.column_stack([run.t, 0.1 + bouncing(run.t, HEIGHT, 0.5), 0.0 * run.t])
+    assert (np.abs(run.q - truth).max(axis=1) <= run.error).all()
+
+
+def test_controllers_and_sensors_are_stepped_throughout() -> None:
+    run = tl.simulate(box(E.Imu("a", period=0.01)), END, samples_per_second=20, patience=0.5)
+    assert not any(event.kind == "stepped" for event in run.events)
+    assert "stepped, for located" in run.cost.why
+    assert run.bound == "estimated"

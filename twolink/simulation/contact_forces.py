@@ -1,0 +1,77 @@
+"""Contact forces of a run by pair of bodies, with slips and impulses."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from twolink.errors import SceneError, require_known
+
+
+class PairImpulses(NamedTuple):
+    """Impulses of impacts on the first of two bodies, p (m, 3), N s, along the world's axes, at times t (m,), s."""
+
+    t: np.ndarray
+    p: np.ndarray
+
+
+class ContactForces(dict[str, np.ndarray]):
+    """Forces (n, 3) [N] by pair of bodies, on the first of the two, along the world's axes.
+
+        m (v(t2) - v(t1)) = integral F dt + sum p     of a body, F with its weight and other forces
+
+    A pair is named "FIRST - SECOND", such as "foot - ground"; the second body has the opposite force. `slips` and
+    `impulses` have the same pairs, axes and signs.
+    """
+
+    # run: a Trajectory, whose module imports this one.
+    def __init__(self, run: Any) -> None:
+        super().__init__((pair, np.nansum(forces, axis=1)) for pair, (_, forces) in run.contacts.items())
+        self._run = run
+
+    @functools.cached_property
+    def slips(self) -> dict[str, np.ndarray]:
+        """How the first body slides on the second, by pair (n, k, 3), m/s, along the world's axes.
+
+            c = (1 - n n^T) (v_a - v_b),   T . c <= 0
+
+        v_a, v_b: velocities of the two bodies at the point of contact; n: the normal there; T: friction on the first
+        body. Points are those of `Trajectory.contacts`, NaN where they are apart. At the samples; at an event after it.
+        Raises SceneError (code "no-equations") for a loaded trajectory.
+        """
+        self._run._solution("contact_forces.slips")
+        return {pair: slips for pair, (_, slips) in self._run._at_samples("contact_slips", None).items()}
+
+    @functools.cached_property
+    def impulses(self) -> dict[str, PairImpulses]:
+        """Impulses of impacts by pair: times t (m,), s, and p (m, 3), N s, on the first body.
+
+        Those of all points of a pair at a time are one; so is what a pair that touched already passes on. Located:
+        bounces too small to follow have none. Stepped: those of steps in which bodies hit, which `ContactForces` has in
+        the mean force of that step too, less what pressed in the step before; like all of a step of first order in it.
+        Raises SceneError (code "no-equations") for a loaded trajectory.
+        """
+        found: dict[str, dict[float, np.ndarray]] = {}
+        for t, pair, p in self._run._solution("contact_forces.impulses").impulses:
+            own = found.setdefault(pair, {})
+            own[t] = own.get(t, 0.0) + p
+        return {pair: PairImpulses(np.array(list(own)), np.array(list(own.values()))) for pair, own in found.items()}
+
+    def on(self, body: str) -> np.ndarray:
+        """The sum of the forces on a body that touches others (n, 3), N, along the world's axes.
+
+        Raises SceneError for a name that no pair has; "ground" is one.
+        """
+        signed = [(name, sign * force) for pair, force in self.items()
+                  for name, sign in zip(pair.split(" - "), (1.0, -1.0), strict=True)]  # fmt: skip
+        require_known(body, dict.fromkeys(name for name, _ in signed), SceneError, argument="body")
+        return np.asarray(np.sum([force for name, force in signed if name == body], axis=0))
+
+    def __repr__(self) -> str:
+        if not self:
+            return "<no contact forces>"
+        width = max(map(len, self))
+        return "\n".join(f"{pair:<{width}}  {len(force)} x 3, up to {np.linalg.norm(force, axis=1).max():.4g} N"
+                         for pair, force in self.items())  # fmt: skip
