@@ -189,6 +189,7 @@ def test_a_threshold_that_falls_differently_is_named_and_widens_the_bar() -> Non
         (lambda *_: ("much", None), "controller-answer", "much"),
         (lambda *_: (np.random.default_rng().normal(size=1), None), "controller-not-repeatable", "another answer"),
         (lambda _, y, s: (y.nothing, s), "controller-failed", "nothing"),
+        (lambda _, y, s: (-200.0 * y.v, s), "unstable-loop", "'rail' moves at"),
     ],
 )
 def test_a_controller_that_fails_is_named_with_its_time(update: object, code: str, part: str) -> None:

@@ -23,6 +23,7 @@ from twolink.loop.clock import ACT, READ, UPDATE, Clock, Random
 from twolink.loop.readings import Readings, random_of, reading
 
 Array = np.ndarray[Any, np.dtype[Any]]
+FASTEST = 1e6  # rad/s or m/s: no machine moves so fast, and a loop that diverges would be solved in ever smaller steps
 OFTEN = 256  # ticks, of which one is repeated to see whether the answer is the same, as are the 2nd, 4th, 8th
 
 
@@ -237,6 +238,12 @@ class SampledLoop:
             joint = control.joints[int(np.argmin(np.isfinite(u).all(axis=0)))]
             raise _error(control, t, f"the torque of {joint!r} is not finite", code="controller-answer",
                          remedy="look at what it divides by", joint=joint)  # fmt: skip
+        v = np.abs(x[self._nq : self._nq + self._nv]).max(axis=1)
+        if v.max() > FASTEST:
+            joint = next(one.name for one in self._robot.joints if one.v.start <= int(v.argmax()) < one.v.stop)
+            raise _error(control, t, f"the loop is unstable: {joint!r} moves at {v.max():.2g} rad/s or m/s",
+                         remedy="smaller gains of the velocity, a shorter period, or limit= of the torques",
+                         code="unstable-loop", joint=joint)  # fmt: skip
         u = u.T
         seen = x[: self._nq + self._nv + control.states_seen]
         if len(given) > 1:

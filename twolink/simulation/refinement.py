@@ -12,6 +12,7 @@ import numpy as np
 
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError
+from twolink.integrate.event import UNSTABLE
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.solvers.method_choice import MethodChoice, choose, first_setting
@@ -164,9 +165,10 @@ class Refinement:
             return AccuracyError(what, argument="accuracy", remedy=f"ask for less accuracy{also}", trusted_until=0.0,
                                  **data)  # fmt: skip
         until, bar = run.trusted_until or 0.0, float(run.error[-1])
+        said = "".join(f"; {event}" for event in run.events if event.kind == UNSTABLE)
         shorter = f"it is kept up to then: ask for duration={until:.6g}, or " if until else ""
         return AccuracyError(
-            f"{what}: the smallest error bar is {bar:.1e} at the end, tried were {'; '.join(self.tried[-4:])}",
+            f"{what}: the smallest error bar is {bar:.1e} at the end, tried were {'; '.join(self.tried[-4:])}{said}",
             where=f"t = {until:.6g} s",
             remedy=f"{shorter}ask for less accuracy, such as {_rounded_up(bar):g}{also}",
             run=run,
