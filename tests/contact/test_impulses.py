@@ -186,3 +186,27 @@ def test_balls_that_lose_nothing_keep_their_whole_restitution() -> None:
         rise = math.sqrt(2.0 / 10.0)
         t = (run.t + rise) % (2.0 * rise) - rise
         assert np.abs(run.q[:, 2] - 1.1 + 5.0 * t**2).max() < 1e-11
+
+
+@pytest.mark.parametrize("full", [True, False])
+def test_where_newtons_method_fails_each_island_is_solved_alone(full: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    parts = [random_problem(seed, redundant=seed > 0) for seed in range(3)]
+    order = np.random.default_rng(0).permutation(18)
+    rows = (3 * order[:, None] + np.arange(3)).ravel()
+    matrix = sparse.block_diag([part.matrix for part in parts], format="csr")[rows][:, rows]
+    b = np.concatenate([part.b for part in parts])[order]
+    problem = Problem(matrix.toarray() if full else matrix, b, np.full(18, 0.4))
+    islands = sorted(sorted(order[island].tolist()) for island in problem.islands())
+    assert islands == np.arange(18).reshape(3, 6).tolist()
+    seen: list[int] = []
+
+    def not_the_whole(one: Problem, guess: np.ndarray) -> np.ndarray:
+        seen.append(len(guess))
+        return newton(one, guess) if len(guess) < 18 else guess
+
+    monkeypatch.setattr(impulses, "newton", not_the_whole)
+    monkeypatch.setattr(impulses, "proximal", lambda _, guess: guess)
+    found = solve_impulses(problem, np.zeros((18, 3)))
+    assert seen == [18, 6, 6, 6]
+    assert found.solved
+    require_laws(problem, found, 1e-9)

@@ -13,8 +13,9 @@ undetermined, and which ends with F, so that the solution obeys the laws as exac
 goes in circles, as in piles that come to rest, the proximal point method leads on from the best it found: the laws with
 U + e g (P - P_k) in place of U have one solution near P_k; what Newton's method finds that misses them by a third of
 what P_k misses is the next P_k, and e falls as much (Rockafellar, SIAM J. Control Optim. 14 (1976) 877-898, also for
-points that are not exact). Each begins after steps of P - F / 3 with Nesterov's momentum (O'Donoghue, Candes, Found.
-Comput. Math. 15 (2015) 715-732, for the restarts; Mazhar, Heyn, Negrut, Tasora, ACM Trans. Graph. 34 (2015) 32).
+points that are not exact), for each island of bodies alone. Each begins after steps of P - F / 3 with Nesterov's
+momentum (O'Donoghue, Candes, Found. Comput. Math. 15 (2015) 715-732, for the restarts; Mazhar, Heyn, Negrut, Tasora,
+ACM Trans. Graph. 34 (2015) 32).
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from twolink.integrate.motion.state import Array
@@ -98,6 +100,24 @@ class Problem:
         """|g F| relative to velocities that matter."""
         return float((np.abs(f).max(axis=1, initial=0.0) * self.size).max(initial=0.0)) / self.scale
 
+    def islands(self) -> list[Array]:
+        """The contacts (k,) of each set of bodies that no contact connects with the others."""
+        n = len(self.b)
+        if sparse.issparse(self.matrix):
+            places = self.rows, self.matrix.indices
+        else:
+            places = np.nonzero(self.matrix.reshape(n, 3, n, 3).any(axis=(1, 3)))
+        count, of = connected_components(sparse.coo_array((np.ones(len(places[0])), places), shape=(n, n)))
+        return [np.flatnonzero(of == k) for k in range(count)]
+
+    def part(self, island: Array) -> Problem:
+        """The problem of an island alone."""
+        if len(island) == len(self.b):
+            return self
+        rows = (3 * island[:, None] + np.arange(3)).ravel()
+        matrix = self.matrix.tocsr() if sparse.issparse(self.matrix) else self.matrix
+        return Problem(matrix[rows][:, rows], self.b[island], self.mu[island])
+
     def answer(self, p: Array, solver: str) -> Impulses:
         """The impulses with the residuals of the contact laws."""
         f, _, u = self.miss(p)
@@ -112,8 +132,20 @@ def solve_impulses(problem: Problem, guess: Array) -> Impulses:
     """The impulses of a problem from a guess (n, 3); the best found where the laws are not reached."""
     p = newton(problem, accelerated(problem, guess, LEADING if len(guess) > FEW else 0))
     best = problem.answer(p, "newton")
-    if not best.solved:
-        best = problem.answer(proximal(problem, accelerated(problem, p, LEADING)), "proximal")
+    if best.solved:
+        return best
+    solver = "newton"
+    for island in problem.islands():
+        one = problem.part(island)
+        if not one.answer(p[island], solver).solved:
+            found = _led(one, p[island])
+            p[island], solver = found.p, max(solver, found.solver)  # the slower comes later in the alphabet
+    return problem.answer(p, solver)
+
+
+def _led(problem: Problem, p: Array) -> Impulses:
+    """The impulses by other methods, where Newton's goes in circles from a guess."""
+    best = problem.answer(proximal(problem, accelerated(problem, p, LEADING)), "proximal")
     if not best.solved:
         best = problem.answer(newton(problem, accelerated(problem, p, LED)), "newton")
     return best
