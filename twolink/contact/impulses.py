@@ -103,6 +103,7 @@ class Problem:
     def islands(self) -> list[Array]:
         """The contacts (k,) of each set of bodies that no contact connects with the others."""
         n = len(self.b)
+        places: Any
         if sparse.issparse(self.matrix):
             places = self.rows, self.matrix.indices
         else:
