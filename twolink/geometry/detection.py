@@ -16,6 +16,7 @@ import pinocchio as pin
 from twolink.algorithms.namespaces import Array
 from twolink.algorithms.spatial import ZERO
 from twolink.dynamics import Robot
+from twolink.geometry.distance import Placed, distance, nearest_points
 from twolink.geometry.gaps import Gap, PlaneGap, RimGap, down_rim
 from twolink.geometry.hulls import Hull, Name, Touch, facing, hull_of, touching
 from twolink.geometry.pairs import Pair, Plane, gaps_of
@@ -23,7 +24,6 @@ from twolink.geometry.points import Links, Places, Points, each, joined, key_of,
 from twolink.robots.collisions import AnyShape, Box, Capsule, Convex, Cylinder, Solid, Sphere
 
 BURIED = 1e-9  # m: cores that are nearer have no normal
-NEAREST, ITERATIONS = 1e-10, 1000  # of Coal's nearest points, whose default of 1e-6 m shows at cylinders
 FLAT = 1e-9  # of a rim: below it the disc lies flat on the plane
 FEW = 64  # points that are all looked at
 MANY = 2_000  # pairs beyond which a tree finds those that are near
@@ -161,16 +161,16 @@ class OfSolids(Group):
 
     def _looked_at(self, pairs: Array, links: Links, reach: float) -> Iterator[tuple[int, Any, Array, Array]]:
         """Of those of the pairs nearer than the reach the number, Coal's result, rotations and origins."""
-        import coal
-
-        request, (rotations, origins) = coal.DistanceRequest(), self._placed(pairs, links)
-        request.gjk_tolerance = request.epa_tolerance = NEAREST
-        request.gjk_max_iterations = request.epa_max_iterations = ITERATIONS
+        rotations, origins = self._placed(pairs, links)
         for k, rotation, origin in zip(pairs.tolist(), rotations, origins, strict=True):
-            (first, second), result = (self.shapes[i] for i in self.ends[k].tolist()), coal.DistanceResult()
-            at = [coal.Transform3s(one, x) for one, x in zip(rotation, origin, strict=True)]
-            if coal.distance(first, at[0], second, at[1], request, result) < reach:
+            gap, result = distance(*self._shapes(k, rotation, origin))
+            if gap < reach:
                 yield k, result, rotation, origin
+
+    def _shapes(self, number: int, rotations: Array, origins: Array) -> tuple[Placed, Placed]:
+        """The two placed shapes of a pair."""
+        i, k = self.ends[number].tolist()
+        return (self.shapes[i], rotations[0], origins[0]), (self.shapes[k], rotations[1], origins[1])
 
     def _one_by_one(self, pairs: Array, links: Links, reach: float) -> Points:
         found = [(k, one) for k, result, rotation, origin in self._looked_at(pairs, links, reach)
@@ -184,12 +184,8 @@ class OfSolids(Group):
 
     def _between(self, number: int, result: Any, rotations: Array, origins: Array, reach: float) -> list[Touch]:
         """The points of a pair of placed solids: the nearest ones. There is one, also where they touch along a line."""
-        del number, rotations, origins, reach
-        middle = 0.5 * (np.array(result.getNearestPoint1()) + np.array(result.getNearestPoint2()))
-        normal = -np.array(result.normal)
-        if not normal.any():  # segments that cross have none
-            normal = np.array([0.0, 0.0, 1.0])
-        return [Touch((), float(result.min_distance), normal, middle)]
+        del reach
+        return [nearest_points(*self._shapes(number, rotations, origins), result)]
 
 
 class ByFormula(OfSolids):
