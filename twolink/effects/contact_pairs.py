@@ -16,6 +16,7 @@ from twolink.errors import SceneError
 from twolink.geometry.pairs import Pair, Plane
 from twolink.io.fingerprints import joint_poses
 from twolink.robots.collisions import AnyShape, Capsule, Convex, Solid, Sphere, collision_model
+from twolink.robots.convex_parts import convex_parts
 
 if TYPE_CHECKING:
     from twolink.dynamics import Robot
@@ -35,9 +36,13 @@ class Pairs(NamedTuple):
     excluded: tuple[tuple[str, str], ...]
 
 
-def solids_of(robot: Robot, given: Mapping[str, Sequence[AnyShape]]) -> tuple[Solid, ...]:
-    """The shapes of a robot: of its URDF, or for some links given ones."""
+def solids_of(
+    robot: Robot, given: Mapping[str, Sequence[AnyShape]], concavity: float | None = None
+) -> tuple[Solid, ...]:
+    """The shapes of a robot: of its URDF, or for some links given ones. concavity: m, see `Contact`."""
     solids = list(robot.solids_besides(given))
+    if concavity is not None:
+        solids = [part for solid in solids for part in convex_parts(solid, concavity)]
     for link, shapes in given.items():
         check_name(link, robot.frame_names, f"shapes.{link}", "link")
         for k, shape in enumerate(shapes):
@@ -61,7 +66,7 @@ def select_pairs(
                          remedy="add <collision> elements to the URDF, or objects first, or give shapes=",
                          code="no-shapes")  # fmt: skip
     chosen: dict[tuple[int, object], Pair] = {}
-    alone = Counter(solid.link for solid in solids)
+    alone = _counts(solids)
     excluded: list[tuple[str, str]] = []
     if not isinstance(asked, (tuple, list)):
         raise SceneError(f"expected pairs of bodies, {SELF!r} or {GROUND!r}, got {asked!r}", where="pairs",
@@ -105,12 +110,17 @@ def _key(pair: Pair) -> tuple[int, object]:
 
 
 def hollow_notes(pairs: Pairs) -> list[str]:
-    """What the convex hulls of meshes fill, in one line, the deepest first."""
+    """How many convex parts meshes have, and what the convex hulls of others fill, the deepest first."""
+    meshes = {id(solid): solid.name for pair in pairs.chosen for solid in (pair.first, pair.second)
+              if isinstance(solid, Solid) and solid.mesh}  # fmt: skip
+    parts = ", ".join(f"{name} {count}" for name, count in Counter(meshes.values()).items() if count > 1)
+    lines = [f"meshes count as convex parts: {parts}"] * bool(parts)
     found = {solid.name: solid.hollow for pair in pairs.chosen for solid in (pair.first, pair.second)
              if isinstance(solid, Solid) and solid.hollow}  # fmt: skip
     deepest = sorted(found.items(), key=lambda item: -item[1])
     listed = ", ".join(f"{name} {depth:.2g} m" for name, depth in deepest[:8]) + (", ..." if len(found) > 8 else "")
-    return [f"{len(found)} meshes count as their convex hulls, below which their surfaces lie: {listed}"] * bool(found)
+    hulls = f"{len(found)} meshes count as their convex hulls, below which their surfaces lie: {listed}"
+    return [*lines, hulls] if found else lines
 
 
 def _own_pairs(robot: Robot, solids: Sequence[Solid], margin: float) -> tuple[list[Pair], list[tuple[str, str]]]:
@@ -120,7 +130,7 @@ def _own_pairs(robot: Robot, solids: Sequence[Solid], margin: float) -> tuple[li
     """
     model, allowed, excluded = robot.model, list[Pair](), list[tuple[str, str]]()
     geometry, poses = collision_model(model, solids).geometryObjects, joint_poses(model, robot.neutral)
-    bodies, alone = [_body(robot, solid) for solid in solids], Counter(solid.link for solid in solids)
+    bodies, alone = [_body(robot, solid) for solid in solids], _counts(solids)
     free = {body: [j for j in model.supports[body] if _is_free(model, j)] for body in set(bodies)}
     for i, k in itertools.combinations(range(len(solids)), 2):
         a, b = bodies[i], bodies[k]
@@ -164,7 +174,7 @@ def _named_pairs(robot: Robot, solids: Sequence[Solid], item: object, where: str
              if _body(robot, a) != (0 if isinstance(b, Plane) else _body(robot, b))]  # fmt: skip
     if not pairs:
         raise SceneError("the two bodies do not move against each other", where=where, remedy="name links that do")
-    alone = Counter(solid.link for solid in solids)
+    alone = _counts(solids)
     return [_pair(alone, a, b) for a, b in pairs]
 
 
@@ -184,6 +194,11 @@ def _named(solids: Sequence[Solid], body: Body, where: str) -> list[Solid] | Pla
         names = dict.fromkeys((*(solid.link for solid in solids), *(solid.name for solid in solids), GROUND))
         check_name(body, names, where, "link with a collision shape")
     return found
+
+
+def _counts(solids: Sequence[Solid]) -> Counter[str]:
+    """How many solids each link has; the parts of a mesh are one."""
+    return Counter(link for link, _ in {(solid.link, solid.name) for solid in solids})
 
 
 def _pair(alone: Mapping[str, int], a: Solid, b: Solid | Plane) -> Pair:
