@@ -118,10 +118,11 @@ class Contact(SwitchingEffect, frozen=True):
     Parameters
     ----------
     pairs : str, or tuple of str or pair
-        Which bodies may touch: pairs of names of links or of collision shapes, "ground" or a `Plane`, such as
-        ("foot", "ground"). Alone, "ground" means every link against the ground z = 0, and "self" the robot's links
-        against each other, without those that a joint connects, that overlap in the neutral configuration, or that an
-        SRDF beside the URDF disables, which `explain` lists; bodies that only a free joint connects count as separate.
+        Which bodies may touch: pairs of names of links or of collision shapes, "ground", a `Plane` or a `HeightField`,
+        such as ("foot", "ground"). Alone, "ground" means every link against the ground z = 0, and "self" the robot's
+        links against each other, without those that a joint connects, that overlap in the neutral configuration, or
+        that an SRDF beside the URDF disables, which `explain` lists; bodies that only a free joint connects count as
+        separate.
     friction : float
         mu of sliding bodies, not negative.
     restitution : float

@@ -13,9 +13,10 @@ from twolink.algorithms.functions import frame_pose
 from twolink.effects.checks import check_fields
 from twolink.effects.effect import check_name
 from twolink.errors import SceneError
+from twolink.geometry.fields import HeightField
 from twolink.geometry.pairs import Pair, Plane
 from twolink.io.fingerprints import joint_poses
-from twolink.robots.collisions import AnyShape, Capsule, Convex, Solid, Sphere, collision_model
+from twolink.robots.collisions import AnyShape, Capsule, Convex, Cylinder, Solid, Sphere, collision_model
 from twolink.robots.convex_parts import convex_parts
 
 if TYPE_CHECKING:
@@ -25,7 +26,8 @@ SELF, GROUND = "self", "ground"
 TOUCHING = 1e-9  # m: what counts as no distance
 
 
-Body = str | Plane
+World = Plane | HeightField  # what is fixed to the world and belongs to no link
+Body = str | World
 LEVEL = Plane()
 
 
@@ -95,18 +97,18 @@ def select_pairs(
 def _numbered(pairs: Iterable[Pair]) -> list[Pair]:
     """The pairs, with numbered planes where there are several: "ball - plane 2"."""
     found = list(pairs)
-    planes = list(dict.fromkeys(one.second for one in found if isinstance(one.second, Plane) and one.second != LEVEL))
+    planes = list(dict.fromkeys(one.second for one in found if isinstance(one.second, World) and one.second != LEVEL))
     if len(planes) < 2:
         return found
     number = {plane: f" {k + 1}" for k, plane in enumerate(planes)}
-    return [one._replace(name=one.name + number.get(one.second, "")) if isinstance(one.second, Plane) else one
+    return [one._replace(name=one.name + number.get(one.second, "")) if isinstance(one.second, World) else one
             for one in found]  # fmt: skip
 
 
 def _key(pair: Pair) -> tuple[int, object]:
     """What two equal pairs have in common, in whichever order their bodies were named."""
-    first, second = id(pair.first), pair.second if isinstance(pair.second, Plane) else id(pair.second)
-    return (first, second) if isinstance(second, Plane) else (min(first, second), max(first, second))
+    first, second = id(pair.first), pair.second if isinstance(pair.second, World) else id(pair.second)
+    return (first, second) if isinstance(second, World) else (min(first, second), max(first, second))
 
 
 def hollow_notes(pairs: Pairs) -> list[str]:
@@ -165,28 +167,35 @@ def _named_pairs(robot: Robot, solids: Sequence[Solid], item: object, where: str
         raise SceneError(f"expected two bodies, {SELF!r} or {GROUND!r}, got {item!r}", where=where,
                          remedy='such as ("foot", "ground") or ("palm", "cube")')  # fmt: skip
     first, second = (_named(solids, body, f"{where}[{k}]") for k, body in enumerate(item))
-    if isinstance(first, Plane):
+    if isinstance(first, World):
         first, second = second, first
-    if isinstance(first, Plane):
+    if isinstance(first, World):
         raise SceneError("two planes do not touch", where=where, remedy="name a link of the robot")
-    seconds = [second] if isinstance(second, Plane) else second
+    seconds = [second] if isinstance(second, World) else second
     pairs = [(a, b) for a in first for b in seconds
-             if _body(robot, a) != (0 if isinstance(b, Plane) else _body(robot, b))]  # fmt: skip
+             if _body(robot, a) != (0 if isinstance(b, World) else _body(robot, b))]  # fmt: skip
     if not pairs:
         raise SceneError("the two bodies do not move against each other", where=where, remedy="name links that do")
+    cylinder = next((a for a, b in pairs if isinstance(b, HeightField) and isinstance(a.shape, Cylinder)), None)
+    if cylinder is not None:
+        raise SceneError(f"the cylinder of {cylinder.name!r} touches no height field", where=where,
+                         remedy="give it a capsule or a hull of points by shapes=")  # fmt: skip
     alone = _counts(solids)
     return [_pair(alone, a, b) for a, b in pairs]
 
 
-def _named(solids: Sequence[Solid], body: Body, where: str) -> list[Solid] | Plane:
+def _named(solids: Sequence[Solid], body: Body, where: str) -> list[Solid] | World:
+    if isinstance(body, HeightField):
+        body.check(where)
+        return body
     if isinstance(body, Plane):
         check_fields(body, f"{where}.")
         if not any(body.normal):
             raise SceneError("its length is 0", where=f"{where}.normal", remedy="such as (0, 0, 1)")
         return body
     if not isinstance(body, str):
-        raise SceneError(f"expected the name of a body, {GROUND!r} or a Plane, got {body!r}", where=where,
-                         remedy='such as ("foot", "ground")')  # fmt: skip
+        raise SceneError(f"expected the name of a body, {GROUND!r}, a Plane or a HeightField, got {body!r}",
+                         where=where, remedy='such as ("foot", "ground")')  # fmt: skip
     if body == GROUND and not any(GROUND in (solid.link, solid.name) for solid in solids):
         return LEVEL
     found = [solid for solid in solids if solid.link == body] or [solid for solid in solids if solid.name == body]
@@ -201,12 +210,14 @@ def _counts(solids: Sequence[Solid]) -> Counter[str]:
     return Counter(link for link, _ in {(solid.link, solid.name) for solid in solids})
 
 
-def _pair(alone: Mapping[str, int], a: Solid, b: Solid | Plane) -> Pair:
+def _pair(alone: Mapping[str, int], a: Solid, b: Solid | World) -> Pair:
     """The pair of two bodies. alone: how many solids each link has; one of them has the link's name."""
     if isinstance(b, Solid):
         a, b = sorted((a, b), key=_roundness)
 
-    def name(solid: Solid | Plane) -> str:
+    def name(solid: Solid | World) -> str:
+        if isinstance(solid, HeightField):
+            return "field"
         if isinstance(solid, Plane):
             return GROUND if solid == LEVEL else "plane"
         return solid.link if alone[solid.link] == 1 else solid.name

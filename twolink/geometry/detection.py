@@ -17,6 +17,7 @@ from twolink.algorithms.namespaces import Array
 from twolink.algorithms.spatial import ZERO
 from twolink.dynamics import Robot
 from twolink.geometry.distance import Placed, distance, nearest_points
+from twolink.geometry.fields import FieldBody, HeightField, surface_of
 from twolink.geometry.gaps import Gap, PlaneGap, RimGap, down_rim
 from twolink.geometry.hulls import Hull, Name, Touch, facing, hull_of, touching
 from twolink.geometry.pairs import Pair, Plane, gaps_of
@@ -113,6 +114,28 @@ class RimsOnPlanes(OnPlanes):
         return every.taken(np.flatnonzero(every.gap < reach))
 
 
+class OnFields(Group):
+    """Bodies over height fields of the world."""
+
+    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
+        self.pair = np.array([pair_number for pair_number, _ in items])
+        self.link = np.array([number[pair.first.link] for _, pair in items])
+        self.bodies = [FieldBody(pair.first.shape) for _, pair in items]
+        self.surfaces = [surface_of(cast(HeightField, pair.second)) for _, pair in items]
+        places = [pair.first.shape.placement for _, pair in items]
+        self.rotations = np.array([place.rotation for place in places])
+        self.origins = np.array([place.translation for place in places]).T
+        self.names: list[dict[Name, int]] = [{} for _ in items]
+
+    def points(self, links: Links, reach: float) -> Points:
+        """The points of one body after the other."""
+        rotations, origins = links.rotations[self.link] @ self.rotations, links.position(self.link, self.origins).T
+        found = [(k, touch) for k, (body, surface) in enumerate(zip(self.bodies, self.surfaces, strict=True))
+                 for touch in body.touches(surface, rotations[k], origins[k], reach)]  # fmt: skip
+        rows = np.array([k for k, _ in found], dtype=int)
+        return of_touches(self.pair[rows], found, self.names, links.joint[self.link[rows]], np.zeros(len(rows), int))
+
+
 class OfSolids(Group):
     """Pairs of solids, looked at where their bounding spheres are near."""
 
@@ -176,11 +199,8 @@ class OfSolids(Group):
         found = [(k, one) for k, result, rotation, origin in self._looked_at(pairs, links, reach)
                  for one in self._between(k, result, rotation, origin, reach) if one.gap < reach]  # fmt: skip
         which = np.array([k for k, _ in found], dtype=int)
-        feature = np.array([self.names[k].setdefault(one.name, len(self.names[k])) for k, one in found], dtype=int)
-        pair, joints = self.pair[which], links.joint[self.links[self.ends[which]]]
-        return Points(pair, key_of(pair, feature), joints[:, 0], joints[:, 1], np.array([one.gap for _, one in found]),
-                      np.array([one.normal for _, one in found]).reshape(-1, 3),
-                      np.array([one.middle for _, one in found]).reshape(-1, 3))  # fmt: skip
+        joints = links.joint[self.links[self.ends[which]]]
+        return of_touches(self.pair[which], found, self.names, joints[:, 0], joints[:, 1])
 
     def _between(self, number: int, result: Any, rotations: Array, origins: Array, reach: float) -> list[Touch]:
         """The points of a pair of placed solids: the nearest ones. There is one, also where they touch along a line."""
@@ -257,7 +277,7 @@ class Detector:
         solids = {id(s): s for pair in pairs for s in (pair.first, pair.second) if isinstance(s, Solid)}
         inner = {key: _inner(solid.shape) for key, solid in solids.items()}
         self.thickness = np.array([
-            np.inf if isinstance(pair.second, Plane) else inner[id(pair.first)] + inner[id(pair.second)]
+            inner[id(pair.first)] + inner[id(pair.second)] if isinstance(pair.second, Solid) else np.inf
             for pair in pairs
         ])  # fmt: skip
         number = {link: k for k, link in enumerate(dict.fromkeys(solid.link for solid in solids.values()))}
@@ -287,6 +307,15 @@ class Detector:
         return max(itertools.chain(((0.0, -1),), *(group.overlaps(links) for group in self.groups)))
 
 
+def of_touches(
+    pair: Array, found: Sequence[tuple[int, Touch]], names: list[dict[Name, int]], first: Array, second: Array
+) -> Points:
+    """Points of touches, each with its place among the pairs of a group. names: of each pair, with their numbers."""
+    feature = np.array([names[k].setdefault(one.name, len(names[k])) for k, one in found], dtype=int)
+    gap, normal, middle = (np.array([getattr(one, key) for _, one in found]) for key in ("gap", "normal", "middle"))
+    return Points(pair, key_of(pair, feature), first, second, gap, normal.reshape(-1, 3), middle.reshape(-1, 3))
+
+
 def bounding_radius(shape: AnyShape) -> float:
     """Of a sphere around a shape's middle, m."""
     if isinstance(shape, Convex):
@@ -300,6 +329,8 @@ def bounding_radius(shape: AnyShape) -> float:
 def _kind(pair: Pair) -> tuple[type[Group], str]:
     """What finds the points of a pair, and the kind of its shapes where that has a formula for each."""
     a, b = pair.first.shape, pair.second
+    if isinstance(b, HeightField):
+        return OnFields, ""
     if isinstance(b, Plane):
         return (RimsOnPlanes if isinstance(a, Cylinder) else OnPlanes), ""
     shapes, flat = (a, b.shape), (Box, Convex)
