@@ -53,6 +53,7 @@ from twolink.effects.sensors import TouchSensor as TouchSensor
 from twolink.effects.triggers import Engage as Engage
 from twolink.effects.triggers import Release as Release
 from twolink.effects.triggers import Watch as Watch
+from twolink.geometry.fields import HeightField as HeightField
 from twolink.geometry.pairs import Plane as Plane
 from twolink.robots.collisions import Box as Box
 from twolink.robots.collisions import Capsule as Capsule

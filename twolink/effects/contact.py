@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import ClassVar, Literal
 
 from twolink.algorithms.motion import Motion
@@ -123,10 +123,11 @@ class Contact(SwitchingEffect, frozen=True):
     Parameters
     ----------
     pairs : str, or tuple of str or pair
-        Which bodies may touch: pairs of names of links or of collision shapes, "ground" or a `Plane`, such as
-        ("foot", "ground"). Alone, "ground" means every link against the ground z = 0, and "self" the robot's links
-        against each other, without those that a joint connects, that overlap in the neutral configuration, or that an
-        SRDF beside the URDF disables, which `explain` lists; bodies that only a free joint connects count as separate.
+        Which bodies may touch: pairs of names of links or of collision shapes, "ground", a `Plane` or a `HeightField`,
+        such as ("foot", "ground"). Alone, "ground" means every link against the ground z = 0, and "self" the robot's
+        links against each other, without those that a joint connects, that overlap in the neutral configuration, or
+        that an SRDF beside the URDF disables, which `explain` lists; bodies that only a free joint connects count as
+        separate.
     friction : float
         mu of sliding bodies, not negative.
     restitution : float
@@ -143,6 +144,9 @@ class Contact(SwitchingEffect, frozen=True):
         Pairs that do not touch: of all those of `pairs` but these.
     threshold : float
         Bodies that approach more slowly do not bounce, m/s: e = 0 for g'- >= -threshold.
+    concavity : float, optional
+        Meshes of the URDF whose surfaces lie farther than this below their convex hulls, m, are cut into convex parts
+        that are less concave each; by default they count as their hulls. Needs twolink[decomposition].
 
     Notes
     -----
@@ -167,6 +171,7 @@ class Contact(SwitchingEffect, frozen=True):
     margin: NotNegative = 0.0
     exclude: tuple[tuple[Body, Body], ...] = ()
     threshold: NotNegative = 0.0
+    concavity: NotNegative | None = None
 
     def check(self, robot: Robot) -> None:
         """Names exist, and at least one pair may touch."""
@@ -174,17 +179,22 @@ class Contact(SwitchingEffect, frozen=True):
         if self.static is not None and self.static < self.friction:
             raise SceneError(f"it is {self.static:g}, below the friction {self.friction:g}", where="static",
                              remedy="static friction is the larger one")  # fmt: skip
+        if self.concavity is not None and not self.concavity > 0.0:
+            raise SceneError(f"it is {self.concavity:g} m", where="concavity",
+                             remedy="give a length above 0, or leave it out for the hulls")  # fmt: skip
         self.selected(robot)
 
     def selected(self, robot: Robot) -> Pairs:
         """The pairs that may touch, and those of "self" that may not."""
         asked = (self.pairs,) if isinstance(self.pairs, str) else self.pairs
-        return select_pairs(robot, solids_of(robot, self.shapes), asked, float(self.margin), self.exclude)
+        concavity = None if self.concavity is None else float(self.concavity)
+        solids = solids_of(robot, self.shapes, concavity)
+        return select_pairs(robot, solids, asked, float(self.margin), self.exclude)
 
     def notes(self, robot: Robot) -> list[str]:
         """How many pairs are watched, which of "self" are not, and what the hulls of meshes fill."""
         pairs = self.selected(robot)
-        lines = [f"{_pairs(len(pairs.chosen))} may touch: {_listed([pair.name for pair in pairs.chosen])}"]
+        lines = [f"{_pairs(len(pairs.chosen))} may touch: {_listed(dict.fromkeys(pair.name for pair in pairs.chosen))}"]
         for reason in sorted({reason for _, reason in pairs.excluded}):
             names = [name for name, why in pairs.excluded if why == reason]
             lines.append(f"{_pairs(len(names))} left out ({reason}): {_listed(names)}")
@@ -210,6 +220,7 @@ def _pairs(count: int) -> str:
     return f"{count} pair{'s' * (count > 1)}"
 
 
-def _listed(names: Sequence[str]) -> str:
+def _listed(all_names: Iterable[str]) -> str:
     """The first names of a list."""
+    names = list(all_names)
     return ", ".join(names[:SHOWN]) + (", ..." if len(names) > SHOWN else "")

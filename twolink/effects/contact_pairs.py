@@ -13,9 +13,11 @@ from twolink.algorithms.functions import frame_pose
 from twolink.effects.checks import check_fields
 from twolink.effects.effect import check_name
 from twolink.errors import SceneError
+from twolink.geometry.fields import HeightField
 from twolink.geometry.pairs import Pair, Plane
 from twolink.io.fingerprints import joint_poses
-from twolink.robots.collisions import AnyShape, Capsule, Convex, Solid, Sphere, collision_model
+from twolink.robots.collisions import AnyShape, Capsule, Convex, Cylinder, Solid, Sphere, collision_model
+from twolink.robots.convex_parts import convex_parts
 
 if TYPE_CHECKING:
     from twolink.dynamics import Robot
@@ -24,7 +26,8 @@ SELF, GROUND = "self", "ground"
 TOUCHING = 1e-9  # m: what counts as no distance
 
 
-Body = str | Plane
+World = Plane | HeightField  # what is fixed to the world and belongs to no link
+Body = str | World
 LEVEL = Plane()
 
 
@@ -35,9 +38,13 @@ class Pairs(NamedTuple):
     excluded: tuple[tuple[str, str], ...]
 
 
-def solids_of(robot: Robot, given: Mapping[str, Sequence[AnyShape]]) -> tuple[Solid, ...]:
-    """The shapes of a robot: of its URDF, or for some links given ones."""
+def solids_of(
+    robot: Robot, given: Mapping[str, Sequence[AnyShape]], concavity: float | None = None
+) -> tuple[Solid, ...]:
+    """The shapes of a robot: of its URDF, or for some links given ones. concavity: m, see `Contact`."""
     solids = list(robot.solids_besides(given))
+    if concavity is not None:
+        solids = [part for solid in solids for part in convex_parts(solid, concavity)]
     for link, shapes in given.items():
         check_name(link, robot.frame_names, f"shapes.{link}", "link")
         for k, shape in enumerate(shapes):
@@ -61,7 +68,7 @@ def select_pairs(
                          remedy="add <collision> elements to the URDF, or objects first, or give shapes=",
                          code="no-shapes")  # fmt: skip
     chosen: dict[tuple[int, object], Pair] = {}
-    alone = Counter(solid.link for solid in solids)
+    alone = _counts(solids)
     excluded: list[tuple[str, str]] = []
     if not isinstance(asked, (tuple, list)):
         raise SceneError(f"expected pairs of bodies, {SELF!r} or {GROUND!r}, got {asked!r}", where="pairs",
@@ -90,27 +97,32 @@ def select_pairs(
 def _numbered(pairs: Iterable[Pair]) -> list[Pair]:
     """The pairs, with numbered planes where there are several: "ball - plane 2"."""
     found = list(pairs)
-    planes = list(dict.fromkeys(one.second for one in found if isinstance(one.second, Plane) and one.second != LEVEL))
+    planes = list(dict.fromkeys(one.second for one in found if isinstance(one.second, World) and one.second != LEVEL))
     if len(planes) < 2:
         return found
     number = {plane: f" {k + 1}" for k, plane in enumerate(planes)}
-    return [one._replace(name=one.name + number.get(one.second, "")) if isinstance(one.second, Plane) else one
+    return [one._replace(name=one.name + number.get(one.second, "")) if isinstance(one.second, World) else one
             for one in found]  # fmt: skip
 
 
 def _key(pair: Pair) -> tuple[int, object]:
     """What two equal pairs have in common, in whichever order their bodies were named."""
-    first, second = id(pair.first), pair.second if isinstance(pair.second, Plane) else id(pair.second)
-    return (first, second) if isinstance(second, Plane) else (min(first, second), max(first, second))
+    first, second = id(pair.first), pair.second if isinstance(pair.second, World) else id(pair.second)
+    return (first, second) if isinstance(second, World) else (min(first, second), max(first, second))
 
 
 def hollow_notes(pairs: Pairs) -> list[str]:
-    """What the convex hulls of meshes fill, in one line, the deepest first."""
+    """How many convex parts meshes have, and what the convex hulls of others fill, the deepest first."""
+    meshes = {id(solid): solid.name for pair in pairs.chosen for solid in (pair.first, pair.second)
+              if isinstance(solid, Solid) and solid.mesh}  # fmt: skip
+    parts = ", ".join(f"{name} {count}" for name, count in Counter(meshes.values()).items() if count > 1)
+    lines = [f"meshes count as convex parts: {parts}"] * bool(parts)
     found = {solid.name: solid.hollow for pair in pairs.chosen for solid in (pair.first, pair.second)
              if isinstance(solid, Solid) and solid.hollow}  # fmt: skip
     deepest = sorted(found.items(), key=lambda item: -item[1])
     listed = ", ".join(f"{name} {depth:.2g} m" for name, depth in deepest[:8]) + (", ..." if len(found) > 8 else "")
-    return [f"{len(found)} meshes count as their convex hulls, below which their surfaces lie: {listed}"] * bool(found)
+    hulls = f"{len(found)} meshes count as their convex hulls, below which their surfaces lie: {listed}"
+    return [*lines, hulls] if found else lines
 
 
 def _own_pairs(robot: Robot, solids: Sequence[Solid], margin: float) -> tuple[list[Pair], list[tuple[str, str]]]:
@@ -120,7 +132,7 @@ def _own_pairs(robot: Robot, solids: Sequence[Solid], margin: float) -> tuple[li
     """
     model, allowed, excluded = robot.model, list[Pair](), list[tuple[str, str]]()
     geometry, poses = collision_model(model, solids).geometryObjects, joint_poses(model, robot.neutral)
-    bodies, alone = [_body(robot, solid) for solid in solids], Counter(solid.link for solid in solids)
+    bodies, alone = [_body(robot, solid) for solid in solids], _counts(solids)
     free = {body: [j for j in model.supports[body] if _is_free(model, j)] for body in set(bodies)}
     for i, k in itertools.combinations(range(len(solids)), 2):
         a, b = bodies[i], bodies[k]
@@ -155,28 +167,35 @@ def _named_pairs(robot: Robot, solids: Sequence[Solid], item: object, where: str
         raise SceneError(f"expected two bodies, {SELF!r} or {GROUND!r}, got {item!r}", where=where,
                          remedy='such as ("foot", "ground") or ("palm", "cube")')  # fmt: skip
     first, second = (_named(solids, body, f"{where}[{k}]") for k, body in enumerate(item))
-    if isinstance(first, Plane):
+    if isinstance(first, World):
         first, second = second, first
-    if isinstance(first, Plane):
+    if isinstance(first, World):
         raise SceneError("two planes do not touch", where=where, remedy="name a link of the robot")
-    seconds = [second] if isinstance(second, Plane) else second
+    seconds = [second] if isinstance(second, World) else second
     pairs = [(a, b) for a in first for b in seconds
-             if _body(robot, a) != (0 if isinstance(b, Plane) else _body(robot, b))]  # fmt: skip
+             if _body(robot, a) != (0 if isinstance(b, World) else _body(robot, b))]  # fmt: skip
     if not pairs:
         raise SceneError("the two bodies do not move against each other", where=where, remedy="name links that do")
-    alone = Counter(solid.link for solid in solids)
+    cylinder = next((a for a, b in pairs if isinstance(b, HeightField) and isinstance(a.shape, Cylinder)), None)
+    if cylinder is not None:
+        raise SceneError(f"the cylinder of {cylinder.name!r} touches no height field", where=where,
+                         remedy="give it a capsule or a hull of points by shapes=")  # fmt: skip
+    alone = _counts(solids)
     return [_pair(alone, a, b) for a, b in pairs]
 
 
-def _named(solids: Sequence[Solid], body: Body, where: str) -> list[Solid] | Plane:
+def _named(solids: Sequence[Solid], body: Body, where: str) -> list[Solid] | World:
+    if isinstance(body, HeightField):
+        body.check(where)
+        return body
     if isinstance(body, Plane):
         check_fields(body, f"{where}.")
         if not any(body.normal):
             raise SceneError("its length is 0", where=f"{where}.normal", remedy="such as (0, 0, 1)")
         return body
     if not isinstance(body, str):
-        raise SceneError(f"expected the name of a body, {GROUND!r} or a Plane, got {body!r}", where=where,
-                         remedy='such as ("foot", "ground")')  # fmt: skip
+        raise SceneError(f"expected the name of a body, {GROUND!r}, a Plane or a HeightField, got {body!r}",
+                         where=where, remedy='such as ("foot", "ground")')  # fmt: skip
     if body == GROUND and not any(GROUND in (solid.link, solid.name) for solid in solids):
         return LEVEL
     found = [solid for solid in solids if solid.link == body] or [solid for solid in solids if solid.name == body]
@@ -186,12 +205,19 @@ def _named(solids: Sequence[Solid], body: Body, where: str) -> list[Solid] | Pla
     return found
 
 
-def _pair(alone: Mapping[str, int], a: Solid, b: Solid | Plane) -> Pair:
+def _counts(solids: Sequence[Solid]) -> Counter[str]:
+    """How many solids each link has; the parts of a mesh are one."""
+    return Counter(link for link, _ in {(solid.link, solid.name) for solid in solids})
+
+
+def _pair(alone: Mapping[str, int], a: Solid, b: Solid | World) -> Pair:
     """The pair of two bodies. alone: how many solids each link has; one of them has the link's name."""
     if isinstance(b, Solid):
         a, b = sorted((a, b), key=_roundness)
 
-    def name(solid: Solid | Plane) -> str:
+    def name(solid: Solid | World) -> str:
+        if isinstance(solid, HeightField):
+            return "field"
         if isinstance(solid, Plane):
             return GROUND if solid == LEVEL else "plane"
         return solid.link if alone[solid.link] == 1 else solid.name

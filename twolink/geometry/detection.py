@@ -16,6 +16,8 @@ import pinocchio as pin
 from twolink.algorithms.namespaces import Array
 from twolink.algorithms.spatial import ZERO
 from twolink.dynamics import Robot
+from twolink.geometry.distance import Placed, distance, nearest_points
+from twolink.geometry.fields import FieldBody, HeightField, surface_of
 from twolink.geometry.gaps import Gap, PlaneGap, RimGap, down_rim
 from twolink.geometry.hulls import Hull, Name, Touch, facing, hull_of, touching
 from twolink.geometry.pairs import Pair, Plane, gaps_of
@@ -23,7 +25,6 @@ from twolink.geometry.points import Links, Places, Points, each, joined, key_of,
 from twolink.robots.collisions import AnyShape, Box, Capsule, Convex, Cylinder, Solid, Sphere
 
 BURIED = 1e-9  # m: cores that are nearer have no normal
-NEAREST, ITERATIONS = 1e-10, 1000  # of Coal's nearest points, whose default of 1e-6 m shows at cylinders
 FLAT = 1e-9  # of a rim: below it the disc lies flat on the plane
 FEW = 64  # points that are all looked at
 MANY = 2_000  # pairs beyond which a tree finds those that are near
@@ -113,6 +114,28 @@ class RimsOnPlanes(OnPlanes):
         return every.taken(np.flatnonzero(every.gap < reach))
 
 
+class OnFields(Group):
+    """Bodies over height fields of the world."""
+
+    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
+        self.pair = np.array([pair_number for pair_number, _ in items])
+        self.link = np.array([number[pair.first.link] for _, pair in items])
+        self.bodies = [FieldBody(pair.first.shape) for _, pair in items]
+        self.surfaces = [surface_of(cast(HeightField, pair.second)) for _, pair in items]
+        places = [pair.first.shape.placement for _, pair in items]
+        self.rotations = np.array([place.rotation for place in places])
+        self.origins = np.array([place.translation for place in places]).T
+        self.names: list[dict[Name, int]] = [{} for _ in items]
+
+    def points(self, links: Links, reach: float) -> Points:
+        """The points of one body after the other."""
+        rotations, origins = links.rotations[self.link] @ self.rotations, links.position(self.link, self.origins).T
+        found = [(k, touch) for k, (body, surface) in enumerate(zip(self.bodies, self.surfaces, strict=True))
+                 for touch in body.touches(surface, rotations[k], origins[k], reach)]  # fmt: skip
+        rows = np.array([k for k, _ in found], dtype=int)
+        return of_touches(self.pair[rows], found, self.names, links.joint[self.link[rows]], np.zeros(len(rows), int))
+
+
 class OfSolids(Group):
     """Pairs of solids, looked at where their bounding spheres are near."""
 
@@ -161,35 +184,28 @@ class OfSolids(Group):
 
     def _looked_at(self, pairs: Array, links: Links, reach: float) -> Iterator[tuple[int, Any, Array, Array]]:
         """Of those of the pairs nearer than the reach the number, Coal's result, rotations and origins."""
-        import coal
-
-        request, (rotations, origins) = coal.DistanceRequest(), self._placed(pairs, links)
-        request.gjk_tolerance = request.epa_tolerance = NEAREST
-        request.gjk_max_iterations = request.epa_max_iterations = ITERATIONS
+        rotations, origins = self._placed(pairs, links)
         for k, rotation, origin in zip(pairs.tolist(), rotations, origins, strict=True):
-            (first, second), result = (self.shapes[i] for i in self.ends[k].tolist()), coal.DistanceResult()
-            at = [coal.Transform3s(one, x) for one, x in zip(rotation, origin, strict=True)]
-            if coal.distance(first, at[0], second, at[1], request, result) < reach:
+            gap, result = distance(*self._shapes(k, rotation, origin))
+            if gap < reach:
                 yield k, result, rotation, origin
+
+    def _shapes(self, number: int, rotations: Array, origins: Array) -> tuple[Placed, Placed]:
+        """The two placed shapes of a pair."""
+        i, k = self.ends[number].tolist()
+        return (self.shapes[i], rotations[0], origins[0]), (self.shapes[k], rotations[1], origins[1])
 
     def _one_by_one(self, pairs: Array, links: Links, reach: float) -> Points:
         found = [(k, one) for k, result, rotation, origin in self._looked_at(pairs, links, reach)
                  for one in self._between(k, result, rotation, origin, reach) if one.gap < reach]  # fmt: skip
         which = np.array([k for k, _ in found], dtype=int)
-        feature = np.array([self.names[k].setdefault(one.name, len(self.names[k])) for k, one in found], dtype=int)
-        pair, joints = self.pair[which], links.joint[self.links[self.ends[which]]]
-        return Points(pair, key_of(pair, feature), joints[:, 0], joints[:, 1], np.array([one.gap for _, one in found]),
-                      np.array([one.normal for _, one in found]).reshape(-1, 3),
-                      np.array([one.middle for _, one in found]).reshape(-1, 3))  # fmt: skip
+        joints = links.joint[self.links[self.ends[which]]]
+        return of_touches(self.pair[which], found, self.names, joints[:, 0], joints[:, 1])
 
     def _between(self, number: int, result: Any, rotations: Array, origins: Array, reach: float) -> list[Touch]:
         """The points of a pair of placed solids: the nearest ones. There is one, also where they touch along a line."""
-        del number, rotations, origins, reach
-        middle = 0.5 * (np.array(result.getNearestPoint1()) + np.array(result.getNearestPoint2()))
-        normal = -np.array(result.normal)
-        if not normal.any():  # segments that cross have none
-            normal = np.array([0.0, 0.0, 1.0])
-        return [Touch((), float(result.min_distance), normal, middle)]
+        del reach
+        return [nearest_points(*self._shapes(number, rotations, origins), result)]
 
 
 class ByFormula(OfSolids):
@@ -261,7 +277,7 @@ class Detector:
         solids = {id(s): s for pair in pairs for s in (pair.first, pair.second) if isinstance(s, Solid)}
         inner = {key: _inner(solid.shape) for key, solid in solids.items()}
         self.thickness = np.array([
-            np.inf if isinstance(pair.second, Plane) else inner[id(pair.first)] + inner[id(pair.second)]
+            inner[id(pair.first)] + inner[id(pair.second)] if isinstance(pair.second, Solid) else np.inf
             for pair in pairs
         ])  # fmt: skip
         number = {link: k for k, link in enumerate(dict.fromkeys(solid.link for solid in solids.values()))}
@@ -291,6 +307,15 @@ class Detector:
         return max(itertools.chain(((0.0, -1),), *(group.overlaps(links) for group in self.groups)))
 
 
+def of_touches(
+    pair: Array, found: Sequence[tuple[int, Touch]], names: list[dict[Name, int]], first: Array, second: Array
+) -> Points:
+    """Points of touches, each with its place among the pairs of a group. names: of each pair, with their numbers."""
+    feature = np.array([names[k].setdefault(one.name, len(names[k])) for k, one in found], dtype=int)
+    gap, normal, middle = (np.array([getattr(one, key) for _, one in found]) for key in ("gap", "normal", "middle"))
+    return Points(pair, key_of(pair, feature), first, second, gap, normal.reshape(-1, 3), middle.reshape(-1, 3))
+
+
 def bounding_radius(shape: AnyShape) -> float:
     """Of a sphere around a shape's middle, m."""
     if isinstance(shape, Convex):
@@ -304,6 +329,8 @@ def bounding_radius(shape: AnyShape) -> float:
 def _kind(pair: Pair) -> tuple[type[Group], str]:
     """What finds the points of a pair, and the kind of its shapes where that has a formula for each."""
     a, b = pair.first.shape, pair.second
+    if isinstance(b, HeightField):
+        return OnFields, ""
     if isinstance(b, Plane):
         return (RimsOnPlanes if isinstance(a, Cylinder) else OnPlanes), ""
     shapes, flat = (a, b.shape), (Box, Convex)

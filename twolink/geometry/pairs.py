@@ -13,6 +13,7 @@ from twolink.algorithms.motion import GROUND
 from twolink.algorithms.spatial import ZERO, Vec, unit
 from twolink.errors import SceneError
 from twolink.geometry.features import HullFeatures
+from twolink.geometry.fields import HeightField
 from twolink.geometry.gaps import Ball, BoxGap, CylinderGap, Gap, HullGap, PlaneGap, RimGap, RoundGap, StandGap
 from twolink.geometry.hulls import hull_of
 from twolink.robots.collisions import Box, Capsule, Convex, Cylinder, Solid, Sphere, Vector
@@ -42,7 +43,7 @@ class Pair(NamedTuple):
 
     name: str
     first: Solid
-    second: Solid | Plane
+    second: Solid | Plane | HeightField
 
 
 def gaps_of(pair: Pair) -> Sequence[Gap]:
@@ -50,6 +51,8 @@ def gaps_of(pair: Pair) -> Sequence[Gap]:
     a, b = pair.first, pair.second
     if isinstance(b, Plane):
         return _on_plane(a, GROUND, unit(b.normal, "pairs"), float(b.height))
+    if isinstance(b, HeightField):
+        raise _no_formula(pair, "there is none for height fields")
     # Points and lines without a radius have no distance to what they are inside of.
     if (
         isinstance(a.shape, (Sphere, Capsule))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any
 
 import coal
@@ -175,13 +175,15 @@ AnyShape = Sphere | Box | Cylinder | Capsule | Convex
 class Solid:
     """A shape of a link. name: its own in the URDF, else LINK_NUMBER as Pinocchio numbers them.
 
-    hollow: of a mesh, how far parts of its surface lie below that of its convex hull, m.
+    hollow: of a mesh, how far parts of its surface lie below that of its convex hull, m. mesh: its file. Convex parts
+    of one mesh share its name.
     """
 
     name: str
     link: str
     shape: AnyShape
     hollow: float = 0.0
+    mesh: MeshFile | None = field(default=None, compare=False, repr=False)
 
 
 def read_solids(text: str, meshes: Mapping[str, MeshFile], label: str) -> dict[str, tuple[Solid, ...] | RobotError]:
@@ -221,7 +223,8 @@ def _solid(reader: Reader, collision: Element, link: str, key: str, meshes: Mapp
         point = _three(reader, origin, "xyz", owner)
         rpy = _three(reader, origin, "rpy", owner)
     if element.tag == "mesh":
-        return Solid(name, link, *_convex(reader, element, owner, meshes.get(key), point, rpy))
+        file = meshes.get(key)
+        return Solid(name, link, *_convex(reader, element, owner, file, point, rpy), file)
     return Solid(name, link, _shape(reader, element, owner, point, rpy))
 
 

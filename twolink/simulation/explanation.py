@@ -43,6 +43,7 @@ ROUNDS = 5
 MAX_SECONDS = 1.0  # of solving a part of the run several times
 DEMANDING = 1e-10  # rad or m: accuracies below may be out of reach of double precision
 LONGEST_PILOT = 10.0  # simulated seconds
+LONG = 1000  # characters of an effect with its fields
 
 
 @dataclass(frozen=True)
@@ -177,7 +178,7 @@ def explain(
     shares = [Share(kebab_case(type(effect).__name__), taken.get(i, 0)) for i, effect in enumerate(scene.effects)]
     return Explanation(
         scene.title or scene.robot.name,
-        tuple(repr(effect) for effect in scene.effects),
+        tuple(_shortened(repr(effect)) for effect in scene.effects),
         (*_notes(scene, chosen), *_digits(more, accuracy), *_states(equations)),
         _formulation(equations),
         equations.moving,
@@ -191,6 +192,11 @@ def explain(
         length,
         _expected(equations, choice, with_ends(times, length)),
     )
+
+
+def _shortened(text: str) -> str:
+    """A text without the middle of what is long, such as the heights of a field."""
+    return text if len(text) <= LONG else f"{text[: LONG // 2]} ... {text[-LONG // 2 :]}"
 
 
 def _notes(scene: Scene, chosen: Choice) -> tuple[str, ...]:
@@ -230,7 +236,7 @@ def _of_steps(scene: Scene, chosen: Choice, accuracy: float, length: float) -> E
     expected = taken * length / pilot
     return Explanation(
         scene.title or scene.robot.name,
-        tuple(repr(effect) for effect in scene.effects),
+        tuple(_shortened(repr(effect)) for effect in scene.effects),
         (*_notes(scene, chosen), *stepper.notes()),
         "impulses (time stepping: the error is estimated)",
         stepper.equations.moving,

@@ -208,7 +208,9 @@ def _contacts(robot: Robot, effect: fx.Contact) -> list[PeerContact]:
     if effect.restitution or effect.static is not None:
         raise UnsupportedError("restitution and static friction are not modelled for peers")
 
-    def solid(body: Solid | Plane) -> PeerSolid:
+    def solid(body: Solid | Plane | fx.HeightField) -> PeerSolid:
+        if isinstance(body, fx.HeightField):
+            raise UnsupportedError("height fields are not modelled for peers")
         if isinstance(body, Plane):
             n = unit(body.normal, "pairs")
             turn = np.array([*across(n), n]).T

@@ -1,0 +1,135 @@
+"""Height fields: bodies rest on flat ones, slopes and ridges where planes say, and roll as on an incline."""
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.optimize import brentq
+
+import twolink as tl
+from tests.effects.bodies import free_bodies
+from twolink.geometry.distance import distance
+from twolink.geometry.fields import FieldBody, surface_of
+
+E = tl.effects
+FLAT = E.HeightField(np.full((6, 6), 0.2), (0.1, 0.15), (-0.25, -0.4, 0.0))
+
+
+def run_of(shape: object, field: object, start: list[float], seconds: float, friction: float = 0.5, **more: object):
+    """A body of 1 kg over a field."""
+    robot = free_bodies("a")
+    contact = E.Contact((("a", field),), friction=friction, shapes={"a": (shape,)})
+    scene = tl.Scene(robot, [*start[:3], *(start[3:] or [0, 0, 0, 1])], effects=[E.Gravity(), contact], **more)
+    return tl.simulate(scene, seconds, contact="stepped", samples_per_second=50.0)
+
+
+CUBE = tuple((x, y, z) for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1))
+SHAPES = {"sphere": E.Sphere(0.1), "capsule": E.Capsule(0.1, 0.3, rpy=(math.pi / 2, 0.0, 0.0)),
+          "box": E.Box((0.3, 0.2, 0.2)), "hull": E.Convex(CUBE)}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_bodies_fall_and_rest_on_a_flat_field_as_on_a_plane(kind: str) -> None:
+    runs = [run_of(SHAPES[kind], ground, [0.013, 0.021, 0.31], 0.4) for ground in (FLAT, E.Plane(height=0.2))]
+    on_field, on_plane = (run.q[-1] for run in runs)
+    assert on_field == pytest.approx(on_plane, abs=1e-9)
+    assert on_field[2] == pytest.approx(0.3, abs=1e-6)
+
+
+def test_a_box_slides_and_a_ball_rolls_over_the_edges_of_a_flat_field_as_on_a_plane() -> None:
+    for shape in (E.Sphere(0.1), E.Box((0.3, 0.2, 0.2))):
+        start = {"v": [1.0, 0.3, 0.0, 0.0, 0.0, 0.0]}
+        field = E.HeightField(np.full((40, 40), 0.2), (0.05, 0.07), (-1.0, -1.4, 0.0))
+        over, level = (
+            run_of(shape, ground, [-0.5, 0.0, 0.3], 0.5, 0.2, **start) for ground in (field, E.Plane(height=0.2))
+        )
+        assert over.q == pytest.approx(level.q, abs=1e-7)
+
+
+def test_a_ball_rolls_down_a_slope_by_five_sevenths_of_g_sin_a() -> None:
+    slope = 0.2
+    field = E.HeightField(np.outer(-slope * 0.1 * np.arange(30), np.ones(4)), (0.1, 0.1), (0.0, -0.15, 0.0))
+    robot = tl.load_robot(
+        '<robot name="r"><link name="a"><inertial><mass value="1"/>'
+        '<inertia ixx="0.004" ixy="0" ixz="0" iyy="0.004" iyz="0" izz="0.004"/></inertial></link></robot>',
+        root="free",
+    )
+    angle = math.atan(slope)
+    place = np.array([0.33, 0.01, -slope * 0.33]) + 0.1 * np.array([math.sin(angle), 0.0, math.cos(angle)])
+    contact = E.Contact((("a", field),), friction=0.9, shapes={"a": (E.Sphere(0.1),)})
+    run = tl.simulate(tl.Scene(robot, [*place, 0, 0, 0, 1], effects=[E.Gravity(), contact]), 1.0, contact="stepped",
+                      samples_per_second=20.0)  # fmt: skip
+    way = np.linalg.norm(run.q[:, :3] - place, axis=1)
+    assert way == pytest.approx(0.5 * 5.0 / 7.0 * 9.81 * math.sin(angle) * run.t**2, abs=1e-4)
+    assert way[-1] > 0.5
+
+
+def test_a_ball_lies_in_a_valley_and_a_box_on_two_ridges_and_on_peaks() -> None:
+    valley = E.HeightField(((0.5, 0.5), (0.0, 0.0), (0.5, 0.5)), (0.5, 1.0), (-0.5, -0.5, 0.0))
+    run = run_of(E.Sphere(0.1), valley, [0.0, 0.07, 0.1 * math.sqrt(2.0) + 0.01], 0.3)
+    assert run.q[-1, :3] == pytest.approx([0.0, 0.07, 0.1 * math.sqrt(2.0)], abs=1e-6)
+    ridges = np.array([[0.0, 0.1, 0.0, 0.1, 0.0]] * 3).T
+    field = E.HeightField(ridges, (0.1, 0.4), (-0.2, -0.4, 0.0))
+    for shape in (E.Box((0.3, 0.2, 0.2)), E.Convex(tuple((1.5 * x, y, z) for x, y, z in CUBE))):
+        run = run_of(shape, field, [0.0, 0.0, 0.21], 0.3)
+        assert run.q[-1] == pytest.approx([0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0], abs=1e-6)
+    run = run_of(E.Capsule(0.05, 0.4, rpy=(0.0, math.pi / 2, 0.0)), field, [0.0, 0.0, 0.16], 0.3)
+    assert run.q[-1, 2] == pytest.approx(0.15, abs=1e-6)
+    bumps = np.zeros((7, 7))
+    bumps[2:5:2, 2:5:2] = 0.1
+    run = run_of(E.Box((0.4, 0.4, 0.1)), E.HeightField(bumps, (0.1, 0.1), (-0.3, -0.3, 0.0)), [0.01, 0.0, 0.16], 0.3)
+    assert run.q[-1, 2] == pytest.approx(0.15, abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_on_rough_ground_bodies_touch_where_coal_says(kind: str) -> None:
+    """40 random placements 10 um above the triangles or 1 um in them: the gap by Coal, which grows along the normal."""
+    random = np.random.default_rng(3)
+    field = E.HeightField(random.uniform(0.0, 0.1, (9, 9)), (0.1, 0.12), (-0.4, -0.48, 0.0))
+    surface, solid, body = surface_of(field), SHAPES[kind].coal(), FieldBody(SHAPES[kind])
+    prisms = [E.Convex((*map(tuple, top.tolist()), *((x, y, -1.0) for x, y, _ in top.tolist()))).coal()
+              for top in surface.triangles.reshape(-1, 3, 3)]  # fmt: skip
+
+    def apart(turn: np.ndarray, place: np.ndarray) -> float:
+        return min(distance((solid, turn, place), (prism, np.eye(3), np.zeros(3)))[0] for prism in prisms)
+
+    def missed(height: float, turn: np.ndarray, x: float, y: float, gap: float) -> float:
+        return apart(turn, np.array([x, y, height])) - gap
+
+    for gap in [1e-5, -1e-6] * 20:
+        turn, (x, y) = pin.Quaternion(*random.normal(size=4)).normalized().matrix(), random.uniform(-0.15, 0.15, 2)
+        place = np.array([x, y, brentq(missed, 0.0, 1.0, (turn, x, y, gap), xtol=1e-12)])
+        least = min(body.touches(surface, turn, place, 1e-4), key=lambda touch: touch.gap)
+        assert least.gap == pytest.approx(gap, abs=1e-7)
+        assert apart(turn, place + (2e-5 - gap) * least.normal) == pytest.approx(2e-5, abs=1e-6)
+
+
+@pytest.mark.parametrize(("field", "where", "part"), [
+    (E.HeightField(((0.0, 1.0),)), "heights", "at least 2 x 2"),
+    (E.HeightField(((0.0, 1.0), (0.0,))), "heights", "rows of one length"),
+    (E.HeightField(((0.0, 1.0), (0.0, math.nan))), "heights", "finite"),
+    (E.HeightField(((0.0, 1.0), (0.0, 0.0)), (0.0, 1.0)), "cell", "above 0"),
+])  # fmt: skip
+def test_fields_that_are_refused(field: object, where: str, part: str) -> None:
+    with pytest.raises(tl.errors.SceneError, match=part) as caught:
+        tl.Scene(free_bodies("a"), effects=[E.Contact((("a", field),), shapes={"a": (E.Sphere(0.1),)})])
+    assert caught.value.where == f"effects[0].pairs[0][1].{where}"
+
+
+def test_cylinders_and_located_contacts_on_fields_are_refused_by_name() -> None:
+    with pytest.raises(tl.errors.SceneError, match="cylinder of 'a_0' touches no height field"):
+        tl.Scene(free_bodies("a"), effects=[E.Contact((("a", FLAT),), shapes={"a": (E.Cylinder(0.1, 0.1),)})])
+    scene = tl.Scene(free_bodies("a"), [0, 0, 1, 0, 0, 0, 1],
+                     effects=[E.Contact((("a", FLAT),), shapes={"a": (E.Sphere(0.1),)})])  # fmt: skip
+    with pytest.raises(tl.errors.SceneError, match="none for height fields"):
+        tl.simulate(scene, 0.1, contact="located")
+
+
+def test_a_saved_scene_keeps_its_field(tmp_path) -> None:
+    robot = free_bodies("a")
+    scene = tl.Scene(robot, [0, 0, 1, 0, 0, 0, 1],
+                     effects=[E.Contact((("a", FLAT),), shapes={"a": (E.Sphere(0.1),)})])  # fmt: skip
+    assert tl.load_scene(scene.save(tmp_path / "scene.toml")).effects == scene.effects
+    assert "contacts are stepped" in (text := str(tl.explain(scene, duration=0.01)))
+    assert "a - field" in text

@@ -1,0 +1,248 @@
+"""Height fields: ground of triangles over a grid, and the points at which bodies touch it.
+
+Each cell has two triangles, on either side of the diagonal from its lowest x and y. Corners and balls of a body touch
+triangles, its edges touch ridges, and peaks touch its faces; only the cells below a body are looked at. A point p with
+the normal n counts where the surface lies below the plane across n there, n . (w - p) <= 0 of the corners w of all
+triangles at p. So inner edges of what is flat or hollow do not stop what slides or rolls over them.
+Source: Ericson, Real-Time Collision Detection, 2005, section 5.1.5.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+
+import msgspec
+import numpy as np
+
+from twolink.algorithms.namespaces import Array
+from twolink.errors import SceneError
+from twolink.geometry.hulls import Hull, Touch, hull_of
+from twolink.robots.collisions import AnyShape, Box, Capsule, Convex, Length, Sphere, Vector
+
+SAME = 1e-9  # m: points that are one, and heights of what lies on the surface
+LEVEL = 1e-6  # rad: what counts as flat
+FARTHER = 4.0  # times as deep as the surface below a corner: what is deeper lies on the far side of a ridge
+
+
+class HeightField(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="height-field"):
+    """Ground of given heights over a grid, fixed to the world: z = heights[i][k] at x = i dx, y = k dy from `point`.
+
+    Between them lie triangles; beyond the grid there is nothing. Spheres, capsules, boxes and convex meshes touch it,
+    stepped.
+
+    Parameters
+    ----------
+    heights : array_like (nx, ny)
+        m, at least 2 along x and along y.
+    cell : (float, float)
+        dx and dy, m.
+    point : (float, float, float)
+        Where heights[0][0] is the height above, in the world, m.
+    """
+
+    heights: tuple[tuple[float, ...], ...]
+    cell: tuple[Length, Length] = (1.0, 1.0)
+    point: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        rows = self.heights.tolist() if isinstance(self.heights, np.ndarray) else self.heights
+        if all(isinstance(row, (list, tuple)) for row in rows):
+            msgspec.structs.force_setattr(self, "heights", tuple(map(tuple, rows)))
+
+    def check(self, where: str) -> None:
+        """Raises SceneError for what is no grid."""
+        try:
+            heights = np.array(self.heights, dtype=float)
+        except (TypeError, ValueError):
+            heights = np.empty(0)
+        if heights.ndim != 2 or min(heights.shape) < 2 or not np.isfinite(heights).all():
+            raise SceneError("expected at least 2 x 2 finite heights, in rows of one length", where=f"{where}.heights",
+                             remedy="such as ((0.0, 0.0), (0.0, 0.1))")  # fmt: skip
+        for name, size in (("cell", 2), ("point", 3)):
+            values = np.array(getattr(self, name), dtype=float)
+            if values.shape != (size,) or not np.isfinite(values).all() or (name == "cell" and values.min() <= 0.0):
+                what = f"expected {size} finite numbers{' above 0' * (name == 'cell')}, got {values.tolist()}"
+                raise SceneError(what, where=f"{where}.{name}", remedy="give them in m")
+
+
+class Surface:
+    """The triangles of a height field in the world.
+
+    corners (nx, ny, 3). triangles (nx - 1, ny - 1, 2, 3, 3), normals (nx - 1, ny - 1, 2, 3). ridges (n, 2, 3): the ends
+    of edges beside which both triangles lie lower. bounds (2, n, 2): of each the least and the largest x and y.
+    """
+
+    def __init__(self, field: HeightField) -> None:
+        z, self.cell, self.origin = np.array(field.heights, float), np.array(field.cell, float), np.array(field.point)
+        grid = np.stack(np.meshgrid(*(np.arange(count) for count in z.shape), indexing="ij"), axis=2)
+        x = self.corners = np.concatenate([grid * self.cell, z[..., None]], axis=2) + self.origin
+        self.size, self.top = np.array(z.shape) - 1, float(x[..., 2].max())
+        low, right, far, left = x[:-1, :-1], x[1:, :-1], x[1:, 1:], x[:-1, 1:]
+        self.triangles = np.stack([np.stack([low, right, far], 2), np.stack([low, far, left], 2)], 2)
+        across = np.cross(self.triangles[..., 1, :] - self.triangles[..., 0, :],
+                          self.triangles[..., 2, :] - self.triangles[..., 0, :])  # fmt: skip
+        n = self.normals = across / np.linalg.norm(across, axis=-1)[..., None]
+        kinds = ((low, far, n[:, :, 1], n[:, :, 0]), (x[:-1, 1:-1], x[1:, 1:-1], n[:, 1:, 0], n[:, :-1, 1]),
+                 (x[1:-1, :-1], x[1:-1, 1:], n[:-1, :, 0], n[1:, :, 1]))  # fmt: skip
+        start, end, on_left, on_right = (np.concatenate([kind[part].reshape(-1, 3) for kind in kinds])
+                                         for part in range(4))  # fmt: skip
+        way = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
+        high = np.einsum("ni,ni->n", np.cross(on_left, on_right), way) > LEVEL
+        self.ridges = np.stack([start, end], axis=1)[high]
+        self.bounds = np.array([self.ridges.min(axis=1)[:, :2], self.ridges.max(axis=1)[:, :2]])
+
+    def cells(self, low: Array, high: Array) -> tuple[slice, slice]:
+        """The cells over a rectangle."""
+        first = np.floor((low[:2] - self.origin[:2]) / self.cell).astype(int)
+        last = np.floor((high[:2] - self.origin[:2]) / self.cell).astype(int) + 1
+        (i, k), (m, n) = np.maximum(first, 0).tolist(), np.minimum(last, self.size).tolist()
+        return slice(i, max(i, m)), slice(k, max(k, n))
+
+    def ridges_in(self, low: Array, high: Array) -> Array:
+        """The ridges (n, 2, 3) whose rectangles reach into one."""
+        beside = (self.bounds[0] <= high[:2]).all(axis=1) & (self.bounds[1] >= low[:2]).all(axis=1)
+        return np.asarray(self.ridges[beside])
+
+    def below(self, x: Array) -> tuple[Array, Array] | None:
+        """A corner and the normal of the triangle below a point; None beyond the grid."""
+        i, k = (at := (x[:2] - self.origin[:2]) / self.cell).astype(int)
+        if (at < 0.0).any() or (at > self.size).any():
+            return None
+        i, k = min(i, int(self.size[0]) - 1), min(k, int(self.size[1]) - 1)
+        half = 0 if at[0] - i >= at[1] - k else 1
+        return self.triangles[i, k, half, 0], self.normals[i, k, half]
+
+    def supports(self, p: Array, n: Array) -> bool:
+        """Whether the triangles at a point of the surface lie below the plane across n."""
+        triangles = self.triangles[self.cells(p - SAME, p + SAME)].reshape(-1, 3, 3)
+        beside = np.linalg.norm(nearest_of_triangles(p, triangles) - p, axis=1) <= SAME
+        way = triangles[beside].reshape(-1, 3) - p
+        return bool((way @ n <= LEVEL * np.linalg.norm(way, axis=1) + SAME**2).all())
+
+
+@functools.lru_cache(maxsize=16)
+def surface_of(field: HeightField) -> Surface:
+    """The surface of a field."""
+    return Surface(field)
+
+
+def nearest_of_triangles(x: Array, triangles: Array) -> Array:
+    """The points (n, 3) of triangles (n, 3, 3) that are nearest to a point."""
+    a, ends = triangles, np.roll(triangles, -1, axis=1)
+    along = ends - a
+    share = np.einsum("nij,nij->ni", x - a, along) / np.einsum("nij,nij->ni", along, along)
+    on_edges = a + np.clip(share, 0.0, 1.0)[..., None] * along
+    across = np.cross(along[:, 0], along[:, 1])
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    foot = x - np.einsum("ni,ni->n", across, x - a[:, 0])[:, None] * across
+    inside = (np.einsum("nij,nij->ni", np.cross(across[:, None], along), foot[:, None] - a) >= 0.0).all(axis=1)
+    best = np.linalg.norm(on_edges - x, axis=2).argmin(axis=1)
+    return np.asarray(np.where(inside[:, None], foot, on_edges[np.arange(len(a)), best]))
+
+
+class FieldBody:
+    """A shape as corners (n, 3) with a radius; a capsule has a line between two, and a hull edges and faces."""
+
+    def __init__(self, shape: AnyShape) -> None:
+        self.hull: Hull | None = None
+        self.radius, self.line, self.corners = 0.0, isinstance(shape, Capsule), np.zeros((1, 3))
+        if isinstance(shape, (Box, Convex)):
+            self.hull = hull_of(shape)
+            self.corners = self.hull.vertices[np.unique(self.hull.edges)]
+        elif isinstance(shape, (Sphere, Capsule)):
+            self.radius, half = float(shape.radius), 0.5 * float(getattr(shape, "length", 0.0))
+            self.corners = np.array([[0.0, 0.0, -half], [0.0, 0.0, half]]) if self.line else self.corners
+
+    def touches(self, surface: Surface, rotation: Array, origin: Array, reach: float) -> list[Touch]:
+        """The points at which the placed body touches a surface, with gaps below the reach."""
+        corners, near = self.corners @ rotation.T + origin, self.radius + reach
+        low, high = corners.min(axis=0) - near, corners.max(axis=0) + near
+        if low[2] > surface.top:
+            return []
+        found = [touch for k, x in enumerate(corners) for touch in self._of_corner(surface, k, x, reach)]
+        ridges = surface.ridges_in(low, high) if self.line or self.hull else surface.ridges[:0]
+        peaks = np.unique(ridges.reshape(-1, 3), axis=0)
+        if self.line and len(ridges):
+            found += _of_line(surface, corners, self.radius, ridges, peaks)
+        if self.hull is not None and len(ridges):
+            hull = self.hull.placed(rotation, origin)
+            found += [*_of_edges(surface, hull, ridges, reach), *_of_faces(surface, hull, peaks, reach)]
+        return [touch for touch in found if touch.gap < reach]
+
+    def _of_corner(self, surface: Surface, number: int, x: Array, reach: float) -> Iterator[Touch]:
+        """The triangles that a corner or ball touches, each plane once."""
+        below = surface.below(x)
+        deep = np.inf if below is None else float(below[1] @ (x - below[0]))
+        cells, seen = surface.cells(x - self.radius - reach, x + self.radius + reach), list[Array]()
+        triangles, normals = surface.triangles[cells].reshape(-1, 3, 3), surface.normals[cells].reshape(-1, 3)
+        if deep - self.radius > reach and not len(triangles):
+            return
+        on, heights = nearest_of_triangles(x, triangles), np.einsum("ni,ni->n", normals, x - triangles[:, 0])
+        if self.radius > 0.0 and deep > 0.0:
+            far = np.linalg.norm(x - on, axis=1)
+            rows = np.flatnonzero(far - self.radius < reach)
+            ways = (x - on) / far[:, None]
+            hits = [(float(far[k]), ways[k]) for k in rows if surface.supports(on[k], ways[k])]
+        else:
+            over = np.linalg.norm(x - heights[:, None] * normals - on, axis=1) <= SAME
+            over &= (heights - self.radius < reach) & (heights >= FARTHER * min(deep, 0.0) - SAME)
+            hits = [(float(heights[k]), normals[k]) for k in np.flatnonzero(over)]
+            if below is not None and not hits:
+                hits = [(deep, below[1])]
+        for far_off, n in sorted(hits, key=lambda hit: tuple(np.round(hit[1], 6))):
+            if not any(np.abs(n - other).max() < LEVEL for other in seen):
+                seen.append(n)
+                gap = far_off - self.radius
+                yield Touch(("corner", number, len(seen)), gap, n, x - (self.radius + 0.5 * gap) * n)
+
+
+def _lines(starts: Array, ways: Array, others: Array, other_ways: Array) -> tuple[Array, Array, Array]:
+    """s and t (n, m) of the points start + s way of lines that are nearest to each other; and where they cross."""
+    apart = starts[:, None] - others
+    a, c = (np.einsum("ni,ni->n", way, way) for way in (ways, other_ways))
+    b, d, e = ways @ other_ways.T, np.einsum("ni,nmi->nm", ways, apart), np.einsum("mi,nmi->nm", other_ways, apart)
+    size = a[:, None] * c - b * b
+    crosses = size > LEVEL**2 * a[:, None] * c
+    size = np.where(crosses, size, 1.0)
+    return (b * e - c * d) / size, (a[:, None] * e - b * d) / size, crosses
+
+
+def _of_line(surface: Surface, ends: Array, radius: float, ridges: Array, peaks: Array) -> Iterator[Touch]:
+    """The ridges and their ends at which the side of a capsule touches."""
+    start, way, edge = ends[0], ends[1] - ends[0], ridges[:, 1] - ridges[:, 0]
+    _, t, crosses = (found[0] for found in _lines(start[None], way[None], ridges[:, 0], edge))
+    spots = np.concatenate([(ridges[:, 0] + t[:, None] * edge)[crosses & (t > 0.0) & (t < 1.0)], peaks])
+    share = (spots - start) @ way / (way @ way)
+    for number in np.flatnonzero((share > 0.0) & (share < 1.0)).tolist():
+        p = spots[number]
+        line = start + share[number] * way - p
+        far = float(np.linalg.norm(line))
+        if far > SAME and surface.supports(p, line / far):
+            yield Touch(("side", *np.round(p, 6)), far - radius, line / far, p + 0.5 * (far - radius) * line / far)
+
+
+def _of_edges(surface: Surface, hull: Hull, ridges: Array, reach: float) -> Iterator[Touch]:
+    """The edges of a hull that cross ridges."""
+    ends = hull.vertices[hull.edges]
+    ways, edge = ends[:, 1] - ends[:, 0], ridges[:, 1] - ridges[:, 0]
+    s, t, crosses = _lines(ends[:, 0], ways, ridges[:, 0], edge)
+    within = crosses & (s >= 0.0) & (s <= 1.0) & (t >= 0.0) & (t <= 1.0)
+    on_left, on_right = hull.normals[hull.sides[:, 0]], hull.normals[hull.sides[:, 1]]
+    for i, k in np.argwhere(within).tolist():
+        n = np.cross(ways[i], edge[k])
+        n /= np.copysign(np.linalg.norm(n), n[2])
+        x, p = ends[i, 0] + s[i, k] * ways[i], ridges[k, 0] + t[i, k] * edge[k]
+        down = (np.cross(on_left[i], -n) @ hull.ways[i], np.cross(-n, on_right[i]) @ hull.ways[i])
+        gap = float(n @ (x - p))
+        if gap < reach and min(down) >= -LEVEL and surface.supports(p, n):
+            yield Touch(("edge", i, *np.round(ridges[k].mean(axis=0), 6)), gap, n, 0.5 * (x + p))
+
+
+def _of_faces(surface: Surface, hull: Hull, peaks: Array, reach: float) -> Iterator[Touch]:
+    """The faces of a hull that peaks touch."""
+    over, within = hull.over_faces(peaks), hull.within_sides(peaks)
+    for i, face in np.argwhere((over < reach) & (within >= 0.0) & (hull.normals[:, 2] < 0.0)).tolist():
+        n, gap = -hull.normals[face], float(over[i, face])
+        if surface.supports(peaks[i], n):
+            yield Touch(("face", face, *np.round(peaks[i], 6)), gap, n, peaks[i] + 0.5 * gap * n)
