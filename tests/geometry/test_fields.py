@@ -1,5 +1,6 @@
 """Height fields: bodies rest on flat ones, slopes and ridges where planes say, and roll as on an incline."""
 
+import itertools
 import math
 
 import numpy as np
@@ -16,12 +17,14 @@ E = tl.effects
 FLAT = E.HeightField(np.full((6, 6), 0.2), (0.1, 0.15), (-0.25, -0.4, 0.0))
 
 
-def run_of(shape: object, field: object, start: list[float], seconds: float, friction: float = 0.5, **more: object):
+def run_of(
+    shape: object, field: object, start: list[float], seconds: float, friction: float = 0.5, step: float = 1e-3, **more
+):
     """A body of 1 kg over a field."""
     robot = free_bodies("a")
     contact = E.Contact((("a", field),), friction=friction, shapes={"a": (shape,)})
     scene = tl.Scene(robot, [*start[:3], *(start[3:] or [0, 0, 0, 1])], effects=[E.Gravity(), contact], **more)
-    return tl.simulate(scene, seconds, contact="stepped", samples_per_second=50.0)
+    return tl.simulate(scene, seconds, contact="stepped", samples_per_second=50.0, step=step)
 
 
 CUBE = tuple((x, y, z) for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1))
@@ -71,8 +74,10 @@ def test_a_ball_lies_in_a_valley_and_a_box_on_two_ridges_and_on_peaks() -> None:
     assert run.q[-1, :3] == pytest.approx([0.0, 0.07, 0.1 * math.sqrt(2.0)], abs=1e-6)
     ridges = np.array([[0.0, 0.1, 0.0, 0.1, 0.0]] * 3).T
     field = E.HeightField(ridges, (0.1, 0.4), (-0.2, -0.4, 0.0))
-    for shape in (E.Box((0.3, 0.2, 0.2)), E.Convex(tuple((1.5 * x, y, z) for x, y, z in CUBE))):
-        run = run_of(shape, field, [0.0, 0.0, 0.21], 0.3)
+    for shape, step in itertools.product(
+        (E.Box((0.3, 0.2, 0.2)), E.Convex(tuple((1.5 * x, y, z) for x, y, z in CUBE))), (3e-3, 1.5e-3, 7e-4)
+    ):
+        run = run_of(shape, field, [0.0, 0.0, 0.21], 0.3, step=step)
         assert run.q[-1] == pytest.approx([0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0], abs=1e-6)
     run = run_of(E.Capsule(0.05, 0.4, rpy=(0.0, math.pi / 2, 0.0)), field, [0.0, 0.0, 0.16], 0.3)
     assert run.q[-1, 2] == pytest.approx(0.15, abs=1e-6)
@@ -80,6 +85,18 @@ def test_a_ball_lies_in_a_valley_and_a_box_on_two_ridges_and_on_peaks() -> None:
     bumps[2:5:2, 2:5:2] = 0.1
     run = run_of(E.Box((0.4, 0.4, 0.1)), E.HeightField(bumps, (0.1, 0.1), (-0.3, -0.3, 0.0)), [0.01, 0.0, 0.16], 0.3)
     assert run.q[-1, 2] == pytest.approx(0.15, abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_no_body_that_tumbles_over_rough_ground_gains_energy(kind: str) -> None:
+    random = np.random.default_rng(1)
+    for friction, step in ((0.0, 2e-3), (0.3, 1e-3), (0.8, 5e-4)):
+        field = E.HeightField(random.uniform(0.0, 0.1, (21, 21)), (0.1, 0.12), (-1.0, -1.2, 0.0))
+        turn = random.normal(size=4)
+        start = [*random.uniform(-0.2, 0.2, 2), 0.35, *(turn / np.linalg.norm(turn))]
+        run = run_of(SHAPES[kind], field, start, 0.5, friction, step, v=random.normal(size=6))
+        assert (run.energy - np.minimum.accumulate(run.energy)).max() < 1e-3  # J, of 1 kg
+        assert run.q[:, 2].min() > 0.0
 
 
 @pytest.mark.parametrize("kind", SHAPES)

@@ -113,6 +113,11 @@ class Surface:
         half = 0 if at[0] - i >= at[1] - k else 1
         return self.triangles[i, k, half, 0], self.normals[i, k, half]
 
+    def height(self, x: Array) -> float:
+        """How far a point is above the plane of the triangle below it, m; inf beyond the grid."""
+        below = self.below(x)
+        return np.inf if below is None else float(below[1] @ (x - below[0]))
+
     def supports(self, p: Array, n: Array) -> bool:
         """Whether the triangles at a point of the surface lie below the plane across n."""
         triangles = self.triangles[self.cells(p - SAME, p + SAME)].reshape(-1, 3, 3)
@@ -172,8 +177,7 @@ class FieldBody:
 
     def _of_corner(self, surface: Surface, number: int, x: Array, reach: float) -> Iterator[Touch]:
         """The triangles that a corner or ball touches, each plane once."""
-        below = surface.below(x)
-        deep = np.inf if below is None else float(below[1] @ (x - below[0]))
+        below, deep = surface.below(x), surface.height(x)
         cells, seen = surface.cells(x - self.radius - reach, x + self.radius + reach), list[Array]()
         triangles, normals = surface.triangles[cells].reshape(-1, 3, 3), surface.normals[cells].reshape(-1, 3)
         if deep - self.radius > reach and not len(triangles):
@@ -235,14 +239,21 @@ def _of_edges(surface: Surface, hull: Hull, ridges: Array, reach: float) -> Iter
         x, p = ends[i, 0] + s[i, k] * ways[i], ridges[k, 0] + t[i, k] * edge[k]
         down = (np.cross(on_left[i], -n) @ hull.ways[i], np.cross(-n, on_right[i]) @ hull.ways[i])
         gap = float(n @ (x - p))
-        if gap < reach and min(down) >= -LEVEL and surface.supports(p, n):
+        if (
+            gap < reach
+            and n[2] > LEVEL
+            and min(down) >= -LEVEL
+            and surface.supports(p, n)
+            and (gap > -SAME or gap >= FARTHER * surface.height(x) - SAME)
+        ):
             yield Touch(("edge", i, *np.round(ridges[k].mean(axis=0), 6)), gap, n, 0.5 * (x + p))
 
 
 def _of_faces(surface: Surface, hull: Hull, peaks: Array, reach: float) -> Iterator[Touch]:
     """The faces of a hull that peaks touch."""
     over, within = hull.over_faces(peaks), hull.within_sides(peaks)
-    for i, face in np.argwhere((over < reach) & (within >= 0.0) & (hull.normals[:, 2] < 0.0)).tolist():
+    nearest = over >= over.max(axis=1, keepdims=True) - SAME  # not those on the far side of the hull
+    for i, face in np.argwhere(nearest & (over < reach) & (within >= 0.0) & (hull.normals[:, 2] < -LEVEL)).tolist():
         n, gap = -hull.normals[face], float(over[i, face])
         if surface.supports(peaks[i], n):
             yield Touch(("face", face, *np.round(peaks[i], 6)), gap, n, peaks[i] + 0.5 * gap * n)
