@@ -393,3 +393,18 @@ def test_steps_too_long_for_a_stiff_controller_end_with_an_error() -> None:
     with pytest.raises(tl.errors.AccuracyError, match="take steps smaller than") as caught:
         stepped(scene, 10.0, 0.01)
     assert caught.value.code == "step-too-large"
+
+
+@pytest.mark.parametrize("controlled", [False, True])
+def test_damping_is_stable_in_any_step_and_of_second_order(controlled: bool) -> None:
+    """v' = -d v of 1 kg that flies above the ground: v_{n+1} / v_n = (1 - h d / 2) / (1 + h d / 2)."""
+
+    def end(d: float, h: float) -> float:
+        drag: E.Effect = E.JointPD({"x": 0.0}, {"x": 0.0}, {"x": d}) if controlled else E.JointDamping({"x": d})
+        contact = E.Contact((("body", "ground"),), shapes=BLOCK)
+        scene = tl.Scene(planar(), [0.0, 5.0, 0.0], [1.0, 0.0, 0.0], [drag, contact])
+        return float(stepped(scene, 0.2, h).v[-1, 0])
+
+    assert end(1e4, 0.025) == pytest.approx((124 / 126) ** 8, rel=1e-9)
+    off = [abs(end(5.0, h) - np.exp(-1.0)) for h in (0.025, 0.0125)]
+    assert off[0] / off[1] == pytest.approx(4.0, rel=0.05)

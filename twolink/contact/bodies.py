@@ -1,9 +1,11 @@
 """The bodies of a scene as time stepping sees them: places, free acceleration, inverse mass matrix, contact Jacobians.
 
-    w' = M^-1 (tau - h),   U = J w
+    w' = (M + h D / 2)^-1 (tau - bias + D dv),   U = J w
 
 U: the relative velocity of two bodies at a point, along its normal last. w: the velocity v with the linear velocities
-of free and planar joints along the axes of their parents, in which they do not change while a body only turns.
+of free and planar joints along the axes of their parents, in which they do not change while a body only turns. D: the
+viscosity of joints, which is taken at the mean velocity of the step, so that no step is too long for it; tau has it at
+a velocity that is dv ahead of that at the begin.
 """
 
 from __future__ import annotations
@@ -35,6 +37,7 @@ class Multibody:
         self.data = equations.robot.data  # of this thread; Pinocchio's takes nv^3 numbers
         self.compiled = _compiled_forces(equations) if equations.effects else None
         self.moving_axes = [joint for joint in equations.robot.joints if joint.kind in ("free-flyer", "planar")]
+        self.viscosity = viscosity_of(equations)
         self.carries = np.zeros((model.njoints, model.nv))  # whether a joint moves with a degree of freedom
         for joint in range(1, model.njoints):
             for j in model.supports[joint]:
@@ -65,12 +68,24 @@ class Multibody:
         speeds = np.linalg.norm(np.array([x.vector for x in moving]).reshape(-1, 2, 3), axis=2)
         return Places(np.array([x.rotation for x in at]), np.array([x.translation for x in at])), speeds
 
-    def free_acceleration(self, t: float, q: Array, w: Array, numbers: Array) -> Array:
-        """w' (nv,) without contacts; what is asked for then is at this q."""
-        v = self.to_local_velocity(q, w)
-        upper = np.array(pin.computeMinverse(self.model, self.data, q))
-        inverse = np.triu(upper) + np.triu(upper, 1).T
-        a = inverse @ self.forces(t, q, v, numbers)
+    def free_acceleration(
+        self, t: float, q: Array, w: Array, numbers: Array, h: float = 0.0, ahead: Array | None = None
+    ) -> Array:
+        """w' (nv,) without contacts in a step of length h; what is asked for then is at this q.
+
+        ahead: dv, by which w is ahead of the velocity at the begin of the step.
+        """
+        v, damped = self.to_local_velocity(q, w), h > 0.0 and self.viscosity.any()
+        forces = self.forces(t, q, v, numbers)
+        if damped:
+            upper = np.array(pin.crba(self.model, self.data, q))
+            mass = np.triu(upper) + np.triu(upper, 1).T + np.diag(0.5 * h * self.viscosity)
+            inverse = np.linalg.inv(mass)
+            forces = forces if ahead is None else forces + self.viscosity * ahead
+        else:
+            upper = np.array(pin.computeMinverse(self.model, self.data, q))
+            inverse = np.triu(upper) + np.triu(upper, 1).T
+        a = inverse @ forces
         self._at, self._ways = q, list(self._axes(q))
         for lin, rotation in self._ways:
             a[lin] = rotation @ (a[lin] + _turning(v, lin))
@@ -119,6 +134,17 @@ class Multibody:
             forces[i] = pin.Force(wrench)
         bias = pin.rnea(self.model, self.data, q, v, np.zeros(self.model.nv), forces)
         return np.asarray(tau - bias)
+
+
+def viscosity_of(equations: Equations) -> Array:
+    """D (nv,) of the joints with one degree of freedom."""
+    out = np.zeros(equations.robot.model.nv)
+    dofs = {joint.name: joint.v.start for joint in equations.robot.joints if joint.v.stop == joint.v.start + 1}
+    for effect in equations.effects:
+        for name, d in effect.viscosity(equations.robot).items():
+            if name in dofs and isinstance(d, int | float):  # no input of the run
+                out[dofs[name]] += d
+    return out
 
 
 def loads_of(equations: Equations, t: float, q: Array, v: Array, numbers: Array) -> tuple[Array, dict[int, Array]]:
@@ -200,8 +226,11 @@ class FreeBodies(Multibody):
         speeds = np.linalg.norm(v[self.v + np.arange(6)].reshape(-1, 2, 3), axis=2)
         return self.places_now, np.concatenate([np.zeros((1, 2)), speeds])
 
-    def free_acceleration(self, t: float, q: Array, w: Array, numbers: Array) -> Array:
-        """w' (nv,) without contacts; what is asked for then is at this q."""
+    def free_acceleration(
+        self, t: float, q: Array, w: Array, numbers: Array, h: float = 0.0, ahead: Array | None = None
+    ) -> Array:
+        """w' (nv,) without contacts; what is asked for then is at this q. Free bodies have no viscosity of joints."""
+        del h, ahead
         v = self.to_local_velocity(q, w)
         rotations, inverses, velocity = self.places_now.rotations[1:], self.inverses.copy(), v[self.v + np.arange(6)]
         lin, ang = velocity[:, :3], velocity[:, 3:]

@@ -32,6 +32,7 @@ from twolink.algorithms.spatial import (
     scale,
     times,
 )
+from twolink.contact.bodies import viscosity_of
 from twolink.contact.steps import STILL
 from twolink.contact.velocities import moved, to_local_velocity, with_turning
 from twolink.geometry.gaps import PlaneGap, axes_of
@@ -127,9 +128,14 @@ def _free(
     t, h, numbers = when
     v = to_local_velocity(mech, q, [a + 0.5 * h * b for a, b in zip(w, change, strict=True)], xp)
     parents = mech.dof_parents()
-    lower, inverse = ldlt(composite_bodies(mech, poses(mech, q, xp)), parents, xp)
-    state = np.array([*q, *v, *numbers], dtype=object)
-    a = ldlt_apply(lower, inverse, parents, unbalanced_forces(equations, mech, t, state, xp))
+    mass, viscosity = composite_bodies(mech, poses(mech, q, xp)), viscosity_of(equations).tolist()
+    forces = list(unbalanced_forces(equations, mech, t, np.array([*q, *v, *numbers], dtype=object), xp))
+    for k, d in enumerate(viscosity):
+        if d:
+            mass[k][k] = plus(mass[k][k], times(0.5 * d, h))
+            forces[k] = plus(forces[k], times(0.5 * d, times(h, change[k])))
+    lower, inverse = ldlt(mass, parents, xp)
+    a = ldlt_apply(lower, inverse, parents, forces)
     start = to_local_velocity(mech, q, w, xp)
     free = [plus(s, times(h, b)) for s, b in zip(start, with_turning(mech, a, v), strict=True)]
     return start, free, lower, inverse, parents

@@ -183,9 +183,10 @@ class Stepper:
         """One step; None where its laws are not reached."""
         middle = self.bodies.moved(q, 0.5 * h * v)
         places, speeds = self.bodies.places(middle, self.bodies.to_local_velocity(middle, v))
-        # By the mean of two steps: with that of the last alone, damping d is stable up to h d = 1 only, now up to 2.
+        # By the mean of two steps: with that of the last alone, drag d is stable up to h d = 1 only, now up to 2.
+        # The viscosity of joints is not in it: `bodies` takes it at the mean velocity of this step.
         change = 0.5 * h * memory.change.mean(axis=0)
-        a = self.bodies.free_acceleration(t + 0.5 * h, middle, v + change, numbers)
+        a = self.bodies.free_acceleration(t + 0.5 * h, middle, v + change, numbers, h, change)
         free = v + h * a
         _require_finite(free, t, h)
         kept = Kept(free, self.bodies.inverse, 0.0)

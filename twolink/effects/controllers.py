@@ -63,6 +63,10 @@ class JointPD(Effect, frozen=True):
             check_name(joint, self.kp, "kp", "gain for joint")
         check_limits(self.effort, self.target, robot)
 
+    def viscosity(self, robot: Robot) -> Mapping[str, float]:  # noqa: ARG002 what all effects are given
+        """kd by joint."""
+        return self.kd
+
     def act(self, motion: Motion, loads: Loads) -> None:
         """Add kp (target - q) - kd v + feedforward."""
         for joint, target in self.target.items():

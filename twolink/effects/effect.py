@@ -126,6 +126,11 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
     def act(self, motion: Motion, loads: Loads) -> None:
         """Add the torques on joints and the wrenches on bodies that the effect gives to a motion."""
 
+    def viscosity(self, robot: Robot) -> Mapping[str, float]:
+        """d of its torques -d v on joints of one degree of freedom, which steps through contacts take implicitly."""
+        del robot
+        return {}
+
     def states(self, motion: Motion) -> Mapping[str, Scalar]:
         """The states z of the effect beside q and v, by name, and their values at the start, of a motion at t = 0.
 

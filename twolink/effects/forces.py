@@ -71,6 +71,10 @@ class JointDamping(Effect, frozen=True):
         """Require joints, or damping in the URDF."""
         check_values_or_urdf(self.damping, robot.model.damping, robot, "damping")
 
+    def viscosity(self, robot: Robot) -> Mapping[str, float]:
+        """d by joint."""
+        return self.damping or {joint.name: float(robot.model.damping[joint.v][0]) for joint in robot.joints}
+
     def act(self, motion: Motion, loads: Loads) -> None:
         """Add -d v."""
         for k, d in values_by_dof(self.damping, motion.model.damping, motion).items():
