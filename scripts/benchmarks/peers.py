@@ -285,7 +285,7 @@ def own_timings(
         return PeerRun(Track(times, got.q[wanted], got.v[wanted]), got.cost.evaluations)
 
     for method in ("rk45", "dop853"):  # else the first runs would take steps that are compiled in parts
-        step_map(equations_of(scene), METHODS[method], whole=True)
+        step_map(equations_of(scene), METHODS[method])
     accuracies = [10.0**-k for k in range(1, 13, 2 if given.quick else 1)]
     few = INTERVALS / float(times[-1])
     for contestant, verify, samples in ((PLAIN, False, few), (VERIFIED, True, few), (SAMPLED, False, SAMPLES)):

@@ -62,7 +62,7 @@ def measure(
 
 def beside_mujoco(scene: tl.Scene, q: np.ndarray, v: np.ndarray, duration: float, ours: np.ndarray, us: float) -> None:
     """Print MuJoCo's time a world at our error, and the ratio. us: our time a world."""
-    steps_by = step_map(equations_of(scene), METHODS["dop853"], whole=True)
+    steps_by = step_map(equations_of(scene), METHODS["dop853"])
     truth = integrate_many(steps_by, np.concatenate([q.T, v.T]), np.array([0.0, duration]), 1e-14)[0][-1, : q.shape[1]]
 
     def error(found: np.ndarray) -> float:

@@ -15,8 +15,8 @@ from twolink.algorithms import recursions
 from twolink.algorithms import recursions as articulated
 from twolink.algorithms import spatial as sp
 from twolink.algorithms.mechanism import Mechanism, mechanism, nominal, parameter_names, single_bodies
-from twolink.algorithms.operation_count import Tape
 from twolink.algorithms.spatial import Pose
+from twolink.algorithms.tape import Tape
 from twolink.errors import QueryError
 
 STATES = 8

@@ -133,12 +133,13 @@ def test_nothing_is_ever_nan() -> None:
             assert np.isfinite(part).all()
 
 
-def test_without_heyoka_events_are_located(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By the same steps, made of Pinocchio's rates."""
+def test_without_the_native_library_events_are_located(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the same steps and programs, by NumPy."""
     scene = tl.load_scene("bouncing-ball")
     compiled = tl.simulate(scene, 0.5, accuracy=1e-6)
-    for module in ("solvers.method_choice", "steps.step_map", "hybrid.snapshot"):
-        monkeypatch.setattr(f"twolink.integrate.{module}.heyoka", lambda: None)
+    monkeypatch.setattr("twolink.native.programs._kept", {})
+    for module in ("integrate.solvers.method_choice", "integrate.steps.step_map", "native.machine"):
+        monkeypatch.setattr(f"twolink.{module}.library", lambda: None)
     run = tl.simulate(scene, 0.5, accuracy=1e-6)
     assert not run.cost.compiled
     assert [e.kind for e in run.events] == [e.kind for e in compiled.events] != []

@@ -44,7 +44,7 @@ def test_compiled_is_portable(robot: str, method: Method) -> None:
     scene = Scene(ROBOTS[robot](), effects=GRAVITY)
     equations = equations_of(scene)
     x = random_states(scene.robot, 16, seed=5)
-    compiled, portable = step_map(equations, method, whole=True), step_map(equations, method, portable=True)
+    compiled, portable = step_map(equations, method), step_map(equations, method, portable=True)
     assert compiled.compiled
     assert not portable.compiled
     ours, theirs = (advance(m, x, 0.02, 1.0, np.inf) for m in (compiled, portable))
@@ -69,42 +69,44 @@ def test_compiled_is_portable_on_six_joints(name: str) -> None:
 @pytest.mark.some(1)
 @EVERY
 @pytest.mark.parametrize("name", ["free", "crankshaft"])
-def test_compiled_in_parts_is_portable(name: str, method: Method, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_steps_without_the_native_library_are_the_same(
+    name: str, method: Method, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """With quaternions and with a loop; the control of the step included."""
     scene = Scene(ROBOTS[name](), effects=GRAVITY) if name in ROBOTS else tl.load_scene(name)
     equations = equations_of(scene)
-    monkeypatch.setattr("twolink.integrate.steps.compile_time.MAX_COMPILING", 0.0)
-    in_parts, portable = step_map(equations, method), step_map(equations, method, portable=True)
-    assert in_parts.compiled
+    native = step_map(equations, method)
+    assert native.compiled
     x = np.repeat(equations.start[:, None], 8, axis=1)
     if scene.robot.nv == 6:
         x = random_states(scene.robot, 8, seed=5)
-    ours, theirs = (advance(m, x, 0.01, 1.0, 1e-4) for m in (in_parts, portable))
+    ours = advance(native, x, 0.01, 1.0, 1e-4)
+    for module in ("native.machine", "integrate.steps.step_map"):
+        monkeypatch.setattr(f"twolink.{module}.library", lambda: None)
+    monkeypatch.setattr("twolink.native.programs._kept", {})
+    by_numpy = step_map(equations, method)
+    assert not by_numpy.compiled
+    theirs = advance(by_numpy, x, 0.01, 1.0, 1e-4)
     np.testing.assert_allclose(ours[: len(x)], theirs[: len(x)], rtol=0, atol=1e-12 * max(1, np.abs(x).max()))
     np.testing.assert_allclose(ours[len(x) :], theirs[len(x) :], rtol=1e-6)
 
 
-def test_parts_take_parameters_and_give_a_world_the_same_bits_in_any_batch(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_worlds_with_parameters_have_the_same_bits_in_any_batch() -> None:
     base = equations_of(rods(), parameters=["forearm.mass", "gravity.z"])
-    whole = step_map(base, METHODS["dop853"])
-    monkeypatch.setattr("twolink.integrate.steps.compile_time.MAX_COMPILING", 0.0)
     x, values = random_states(base.robot, 64), np.array([np.linspace(0.5, 3.5, 64), np.linspace(-9.8, -1.6, 64)])
-    parts = step_map(base, METHODS["dop853"])
-    every = parts.partial(x, np.zeros(64), np.full(64, 0.01), values)
-    np.testing.assert_allclose(every, whole.partial(x, np.zeros(64), np.full(64, 0.01), values), rtol=0, atol=1e-13)
+    steps = step_map(base, METHODS["dop853"])
+    every = steps.partial(x, np.zeros(64), np.full(64, 0.01), values)
     some = np.array([40, 3, 17])
-    again = parts.partial(x[:, some], np.zeros(3), np.full(3, 0.01), values[:, some])
+    again = steps.partial(x[:, some], np.zeros(3), np.full(3, 0.01), values[:, some])
     np.testing.assert_array_equal(again, every[:, some])
 
 
 def test_a_rate_that_is_wrong_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is compiled in parts is compared with Pinocchio, too."""
-    monkeypatch.setattr("twolink.integrate.steps.compile_time.MAX_COMPILING", 0.0)
     monkeypatch.setenv("TWOLINK_CACHE", "off")
     wrong = lambda *given: 1.0000001 * traced_rate(*given)  # noqa: E731
-    monkeypatch.setattr("twolink.integrate.steps.step_building.traced_rate", wrong)
+    monkeypatch.setattr("twolink.integrate.steps.programs.traced_rate", wrong)
     robot = tl.load_robot(arm_urdf(1, 1, 1, 1.2345))
-    with pytest.raises(CertificationError, match="the compiled rate differs from Pinocchio's"):
+    with pytest.raises(CertificationError, match="the rate differs from Pinocchio's"):
         step_map(equations_of(Scene(robot, effects=GRAVITY)), METHODS["rk4"])
 
 

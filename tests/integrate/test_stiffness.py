@@ -8,7 +8,7 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.pinocchio_rate import rate
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solvers.method_choice import choose
-from twolink.integrate.steps.step_building import _inverse, _jacobian
+from twolink.integrate.steps.numeric_steps import _inverse, _jacobian
 from twolink.integrate.steps.stiffness import fastest_decay
 
 E = tl.effects
@@ -47,12 +47,6 @@ def test_the_implicit_method_is_chosen_by_its_cost(inertia: float, method: str) 
     rate = DAMPING / inertia
     exact = np.stack([run.t, SPEED / rate * -np.expm1(-rate * run.t)], axis=1)
     assert (np.abs(run.q - exact).max(axis=1) <= run.error).all()
-
-
-def test_the_choice_depends_on_the_duration() -> None:
-    equations = equations_of(wheel_and_cart(1e-7))
-    kinds = [choose(equations, 1e-6, duration, "auto").method.kind == "implicit" for duration in (1e-3, 100.0)]
-    assert kinds == [False, True]
 
 
 def moving(name: str) -> Equations:

@@ -9,8 +9,7 @@ import pytest
 import twolink as tl
 from tests.integrate.problems import BOX, GRAVITY, box, one_joint, rods
 from twolink.integrate.motion.scene_equations import equations_of
-from twolink.integrate.solvers import taylor, taylor_code
-from twolink.integrate.steps import compile_time
+from twolink.integrate.solvers import taylor
 from twolink.scenes import Scene
 
 ARM_END = [-0.2229716591521448578, 0.74849218369550184904, -1.7501856681930279048, 1.9141077912878002342]
@@ -167,41 +166,6 @@ def test_a_table_that_does_not_move_the_robot_changes_nothing(acting: bool) -> N
     run, without = (tl.simulate(Scene(robot, [0.3, 0.2], effects=e), 0.4, accuracy=1e-10, method="taylor")
                     for e in ([*effects, idle], effects))  # fmt: skip
     np.testing.assert_allclose(run.q, without.q, rtol=0, atol=2e-10)
-
-
-@pytest.fixture
-def built(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
-    """Of each integrator that is built from now on, whether it is optimized; none is at hand."""
-    found: list[bool] = []
-    build = taylor_code._build
-    monkeypatch.setenv("TWOLINK_CACHE", "off")
-    monkeypatch.setattr(taylor_code, "_pool", {})
-    monkeypatch.setattr(compile_time, "_spent", {})
-    monkeypatch.setattr(taylor_code, "_build", lambda *a, **how: (found.append(not how), build(*a, **how))[1])
-    return found
-
-
-def test_the_second_time_the_code_is_optimized(built: list[bool]) -> None:
-    """The first solution is by code that is compiled sooner; the motion is the same but for rounding."""
-    equations, times = equations_of(rods()), np.linspace(0, 1, 11)
-    first, second, third = (taylor.solve(equations, times, 1e-10) for _ in range(3))
-    assert built == [False, True]
-    assert (first.compiled, second.compiled, third.compiled) == ("first", "steps", "steps")
-    assert first.compile_seconds > 0.0
-    np.testing.assert_allclose(first.x, second.x, rtol=0, atol=1e-13)
-    np.testing.assert_array_equal(second.x, third.x)
-
-
-def test_a_long_run_goes_on_with_optimized_code(built: list[bool], monkeypatch: pytest.MonkeyPatch) -> None:
-    """When the code that was compiled sooner has taken as long as compiling, within one run; with forces of a piece."""
-    equations = equations_of(Scene(rods().robot, effects=[*GRAVITY, tl.effects.Torque({"elbow": pushes()})]))
-    times = np.linspace(0, 3, 601)
-    expected = taylor.solve(equations, times, 1e-18, precision="extended")
-    monkeypatch.setattr(compile_time, "_spent", {})
-    monkeypatch.setattr(taylor_code, "taylor_seconds", lambda _: 0.0)
-    found = taylor.solve(equations, times, 1e-18, precision="extended")
-    assert built == [False, True]
-    np.testing.assert_allclose(found.x, expected.x, rtol=0, atol=1e-14)
 
 
 def pushes() -> object:

@@ -14,7 +14,6 @@ from twolink.integrate.motion.assembly import assembled
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.pinocchio_rate import constrained_acceleration
 from twolink.integrate.motion.scene_equations import equations_of
-from twolink.integrate.steps import compile_time
 
 E = tl.effects
 DISCS = """<robot name="discs"><link name="base"/>{}</robot>""".format("".join(
@@ -227,20 +226,11 @@ def test_loops_cost_what_they_cost_alone(scene: tl.Scene) -> None:
     assert np.abs(a - expected).max() < 1e-10 * (1.0 + np.abs(expected).max())
 
 
-def test_many_loops_are_compiled_in_parts_with_a_word_beforehand(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A row of four-bars moves as one pendulum: exact by a robot of one joint. MAX_COMPILING stands for 40 loops."""
-    monkeypatch.setattr(compile_time, "MAX_COMPILING", 1.0)
-    monkeypatch.setattr(compile_time, "WORTH_A_WARNING", 0.0)
-    monkeypatch.setenv("TWOLINK_CACHE", "off")
+def test_a_row_of_loops_moves_as_one_pendulum() -> None:
+    """Exact by a robot of one joint."""
     number, angle = 4, -1.1
     scene = row_of_four_bars(number, angle, 0.5)
     run = tl.simulate(scene, 1.0, accuracy=1e-8)
-    assert any(r.levelname == "WARNING" and "compiling the motion of row_of_four_bars, about" in r.message
-               for r in caplog.records)  # fmt: skip
-    assert run.cost.compiled
-    assert "the rate alone takes about 0 s, once" in run.cost.why
     exact = tl.simulate(pendulum_of_row(number, angle, 0.5), 1.0, accuracy=1e-11)
     signs = np.array([1.0 if name.startswith("j") else -1.0 for name in scene.robot.joint_names])
     assert run.error is not None
@@ -249,9 +239,8 @@ def test_many_loops_are_compiled_in_parts_with_a_word_beforehand(
 
 
 @pytest.mark.slow
-def test_a_four_bar_of_ones_own_passes_its_singular_position_again_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_four_bar_of_ones_own_passes_its_singular_position_again_and_again() -> None:
     """20 s at 1e-6, exact by an elliptic function; and what cannot be reached is said with its cause."""
-    monkeypatch.setattr(compile_time, "MAX_COMPILING", 0.0)  # in parts: a whole step compiles for longer than this
     scene = row_of_four_bars(1)
     run = tl.simulate(scene, 20.0, accuracy=1e-6, samples_per_second=50)
     assert run.error is not None

@@ -23,8 +23,7 @@ from twolink.integrate.motion.state import Array, StateSpace
 from twolink.integrate.solution import Solution
 from twolink.integrate.solver import smallest_tolerance, solve
 from twolink.integrate.solvers.method_choice import MethodChoice, first_setting
-from twolink.integrate.solvers.taylor_code import Precision
-from twolink.integrate.steps.compile_time import MAX_COMPILING, TAYLOR_EVALUATIONS, compiling_seconds, taylor_seconds
+from twolink.integrate.solvers.taylor_code import Precision, taylor_seconds
 from twolink.integrate.steps.methods import METHODS, Method
 from twolink.integrate.steps.step_map import step_map
 from twolink.simulation.time_limit import OutOfTime, TimeLimit
@@ -34,7 +33,7 @@ TOLERANCES = tuple(float(f"1e-{k}") for k in range(2, 17))
 TAYLOR_TOLERANCES = tuple(float(f"1e-{k}") for k in range(2, 17, 2))  # each needs an order of its own, compiled
 STEP_SIZES = 14  # of a method of fixed steps
 MAX_FACTOR = 4.0  # from one step size to the next: a method of order 1 would jump by 10 for a digit
-JACOBIAN = 2.5  # how much more there is to compile with a Jacobian and linear equations (UR5, Panda)
+MAX_COMPILING = 15.0  # s: what takes longer to compile is not compiled unasked
 MAX_SECONDS = 60.0  # for a solution in quadruple precision
 FINEST: dict[Precision, float] = {"double": 2.3e-13, "extended": 1e-18, "quad": 1e-25}
 EPSILON = {"double": 2.2e-16, "extended": 1.1e-19, "quad": 1e-32}  # of quad, what two doubles keep
@@ -72,12 +71,11 @@ def why_not_here(equations: Equations, method: Method) -> str | None:
     if method.kind == "scipy":
         importlib.import_module("scipy.integrate")  # takes longer than most runs, and must not count as a run's time
         return None
+    if method.kind != "taylor":
+        return None
     if heyoka() is None:
-        return "it needs heyoka, which is not installed" if method.kind == "taylor" else None
-    evaluations = TAYLOR_EVALUATIONS if method.kind == "taylor" else float(method.evaluations)
-    if method.kind == "implicit":
-        evaluations *= JACOBIAN
-    seconds = compiling_seconds(equations.operations * evaluations)
+        return "it needs heyoka, which is not installed"
+    seconds = taylor_seconds(equations)
     if seconds <= MAX_COMPILING:
         return None
     return f"its steps would take about {seconds:.0f} s to compile, the limit is {MAX_COMPILING:.0f} s"
@@ -206,8 +204,8 @@ class StudyRun:
         """Add the row of a method at a setting; None when there is none. Raises OutOfTime, KeyboardInterrupt."""
         compiling = 0.0
         try:
-            if method.kind not in ("taylor", "scipy"):  # else the first rows might be of steps in parts
-                compiling = step_map(self.equations, method, whole=True).compile_seconds
+            if method.kind not in ("taylor", "scipy"):
+                compiling = step_map(self.equations, method).compile_seconds
             first, first_seconds = self._run(method, setting, TimeLimit(self.budget))
         except OutOfTime:
             raise

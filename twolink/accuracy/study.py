@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.accuracy.measuring import StudyRun, better_reference, count, first_reference, measure_method
-from twolink.accuracy.study_data import BETTER, Reference, Row, StudyData, plot_study, study_text, with_front
+from twolink.accuracy.study_data import BETTER, Row, StudyData, plot_study, study_text, with_front
 from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
 from twolink.integrate.motion.scene_equations import equations_of
-from twolink.integrate.solvers import calibration
 from twolink.integrate.steps.methods import METHODS, Method, method_named
 from twolink.io.files import write_atomic
 from twolink.io.progress import Report
@@ -187,8 +186,6 @@ def accuracy_study(
         interrupted = True
     reference = measurements.reference.about
     rows = with_front(_sorted(measurements), reference)
-    if methods is None and not interrupted:
-        calibration.record(equations, float(times[-1]), _calibration_entries(rows, reference))
     return Study(scene.robot.name, float(times[-1]), len(times), rows, tuple(measurements.failures), reference,
                  time.perf_counter() - began, interrupted)  # fmt: skip
 
@@ -230,15 +227,6 @@ def _sorted(measurements: StudyRun) -> list[Row]:
     order = list(METHODS)
     return sorted((entry.row for entry in measurements.done),
                   key=lambda row: (order.index(row.method), -(row.tolerance or row.step or 0.0)))  # fmt: skip
-
-
-def _calibration_entries(rows: Iterable[Row], reference: Reference) -> list[calibration.Measured]:
-    """What method="auto" may choose from: rows with a tolerance, as a step does not adapt to another start."""
-    return [
-        calibration.Measured(row.method, row.tolerance, row.error + reference.error, row.seconds)
-        for row in rows
-        if row.tolerance is not None
-    ]
 
 
 def _methods(names: Sequence[str] | None) -> list[Method]:

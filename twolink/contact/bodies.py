@@ -18,14 +18,14 @@ import pinocchio as pin
 import scipy.sparse as sparse
 
 from twolink.algorithms.mechanism import mechanism
-from twolink.algorithms.namespaces import Expressions, Numbers
-from twolink.dynamics.kernels import heyoka
+from twolink.algorithms.namespaces import Numbers
 from twolink.geometry.points import Places, Points
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import effect_loads, motion_of, unbalanced_forces
 from twolink.integrate.motion.state import Array
-from twolink.integrate.steps.compile_time import OF_BODIES, UNOPTIMIZED, compiling_seconds
-from twolink.integrate.steps.compiled_functions import compiled_function
+from twolink.native.assembly import Assembled
+from twolink.native.machine import Program, trace
+from twolink.native.programs import program_named, require_agreement
 
 
 class Multibody:
@@ -35,7 +35,7 @@ class Multibody:
         self.equations = equations
         self.model = model = equations.robot.model
         self.data = equations.robot.data  # of this thread; Pinocchio's takes nv^3 numbers
-        self.compiled = _compiled_forces(equations) if equations.effects else None
+        self._forces = _forces_program(self) if equations.effects else None
         self.moving_axes = [joint for joint in equations.robot.joints if joint.kind in ("free-flyer", "planar")]
         self.viscosity = viscosity_of(equations)
         self.carries = np.zeros((model.njoints, model.nv))  # whether a joint moves with a degree of freedom
@@ -122,11 +122,13 @@ class Multibody:
 
     def forces(self, t: float, q: Array, v: Array, numbers: Array) -> Array:
         """tau - h (nv,), of all that acts but contacts."""
-        equations = self.equations
-        if not equations.effects:
+        if self._forces is None:
             return -np.array(pin.nonLinearEffects(self.model, self.data, q, v))
-        if self.compiled is not None:
-            return np.asarray(self.compiled(np.concatenate([[t], q, v, numbers])))
+        return self._forces(np.concatenate([[t], q, v, numbers]))
+
+    def by_pinocchio(self, t: float, q: Array, v: Array, numbers: Array) -> Array:
+        """The same with Pinocchio's h, for a comparison."""
+        equations = self.equations
         tau, wrenches = loads_of(equations, t, q, v, numbers)
         forces = pin.StdVec_Force()
         forces.extend(pin.Force.Zero() for _ in range(self.model.njoints))
@@ -155,19 +157,20 @@ def loads_of(equations: Equations, t: float, q: Array, v: Array, numbers: Array)
     return np.array(loads.tau, dtype=float), wrenches
 
 
-def _compiled_forces(equations: Equations) -> Any:
-    """heyoka's function of (t, x) for tau - h; None where there is none, or compiling takes long."""
-    module = heyoka()
-    if module is None or compiling_seconds(equations.operations) > OF_BODIES:
-        return None
+def _forces_program(bodies: Multibody) -> Program:
+    """The program of (t, x) for tau - h, compared with NumPy and Pinocchio at the start."""
+    equations = bodies.equations
+    mech, space = mechanism(equations.robot.model), equations.space
 
-    def build() -> Any:
-        xp = Expressions(module)
-        x = np.array([module.expression(f"x{i}") for i in range(1 + equations.space.size)], dtype=object)
-        values = unbalanced_forces(equations, mechanism(equations.robot.model), x[0], x[1:], xp)
-        return module.cfunc([xp.lift(value) for value in values], vars=list(x), **UNOPTIMIZED)
+    def compare(program: Program) -> None:
+        x = equations.start
+        q, v, numbers = x[: space.nq], x[space.v_rows], x[equations.moving :]
+        require_agreement("forces", program(np.concatenate([[0.0], x])), bodies.by_pinocchio(0.0, q, v, numbers))
 
-    return compiled_function(equations.key("unbalanced"), build)[0]
+    def forces() -> Assembled:
+        return trace(lambda z, xp: unbalanced_forces(equations, mech, z[0], z[1:], xp), 1 + space.size)
+
+    return program_named(equations.key("unbalanced"), forces, compare)
 
 
 def _turning(v: Array, lin: slice) -> Array:

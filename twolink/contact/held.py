@@ -1,4 +1,4 @@
-"""Steps in which the points that pressed in the step before do so again: one compiled function.
+"""Steps in which the points that pressed in the step before do so again: one program.
 
     v+ = v_free + M^-1 J^T P,   G P = -(J v_free + c) where all stick, else by `cone_newton`
 
@@ -17,31 +17,28 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twolink.algorithms.mechanism import mechanism
-from twolink.algorithms.namespaces import Expressions
+from twolink.algorithms.namespaces import Numbers
 from twolink.contact.bodies import Multibody
 from twolink.contact.held_step import held_step
 from twolink.contact.impulses import EXACT, Impulses
 from twolink.contact.joints import JointPoints, Laws
 from twolink.contact.steps import STILL, Memory, Plan, Step, along
-from twolink.dynamics.kernels import heyoka
 from twolink.geometry.detection import Detector, OnPlanes
 from twolink.geometry.gaps import PlaneGap, axes_of
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
-from twolink.integrate.steps.compile_time import UNOPTIMIZED, compiling_seconds, count, is_reproducible, spent
-from twolink.integrate.steps.compiled_functions import compiled_function, is_at_hand
+from twolink.native.machine import Program, trace
+from twolink.native.programs import program_named, require_agreement
 
 FEW = 12  # points on planes, up to which they are compiled
 SLIDERS = 4  # points that may slide, up to which they are: compiling takes as the cube of their number
-STEP = 1.5e-3  # s of a step that is not compiled, roughly
-SIZE, SLIDING = 1.5, 4.0  # of compiled steps, in evaluations of the equations of motion that compile as slowly
 
 
 class Held(NamedTuple):
     """Points that press: the function of their steps, their keys and friction (k,), static where they stick, and
     their axes (k, 3, 3), the normal last. faces (k,): whether others of the pair press. slides: whether they may."""
 
-    function: Any
+    function: Program
     keys: Array
     mu: Array
     axes: Array
@@ -101,7 +98,7 @@ class HeldSteps:
         self.equations, self.joints = bodies.equations, joints
         self.static, self.friction = laws.static, laws.friction
         group = detector.groups[0] if len(detector.groups) == 1 else None
-        simple = type(bodies) is Multibody and heyoka() is not None
+        simple = type(bodies) is Multibody
         self.group = group if type(group) is OnPlanes and len(group.key) <= FEW and simple else None
         self._known: dict[tuple[bytes, bool], Held] = {}
 
@@ -113,7 +110,7 @@ class HeldSteps:
             return None
         if presses.any() and not presses.all():
             return None
-        if group is None or 3 * len(keys) > self.equations.robot.nv or is_reproducible():
+        if group is None or 3 * len(keys) > self.equations.robot.nv:
             return None
         known = keys.tobytes(), slides
         if known not in self._known:
@@ -128,11 +125,7 @@ class HeldSteps:
             content = repr((group.gaps, chosen.tolist(), faces.tolist(), sliding))
             digest = hashlib.sha256(content.encode()).hexdigest()
             name = self.equations.key("held", digest[:32])  # of a file
-            expected = compiling_seconds((SLIDING if slides else SIZE) * self.equations.operations)
-            if not is_at_hand(name) and spent(name) < expected:
-                count(name, STEP)
-                return None
-            function = compiled_function(name, lambda: _compiled(self.equations, group.gaps, chosen, faces, sliding))[0]
+            function = _program(name, self.equations, group.gaps, chosen, faces, sliding)
             normals = np.array([group.gaps[i].normal for i in chosen.tolist()])
             self._known[known] = Held(function, keys, mu, axes_of(normals), faces, slides)
         held = self._known[known]
@@ -149,18 +142,29 @@ class HeldSteps:
         into[:, state.stop] = plan.t[steps] + 0.5 * h
         into[:, state.stop + 1] = h
         into[:, state.stop + 2 :] = plan.numbers[plan.piece[steps]]
-        rows = np.empty((len(h), held.function.nouts))
-        held.function(into[0], outputs=rows[0])
+        rows = np.empty((len(h), held.function.outputs))
+        rows[0] = held.function(into[0])
         for one, before, out in zip(into[1:], rows[:-1], rows[1:], strict=True):
             one[state] = before[state]
-            held.function(one, outputs=out)
+            out[:] = held.function(one)
         return HeldRun(held, h, rows, len(q), len(w), self.joints)
 
 
-def _compiled(equations: Equations, gaps: Sequence[PlaneGap], chosen: Array, faces: Array, mu: list[float]) -> Any:
-    """heyoka's function of (w, w' of two steps, q, P, U, t, h, numbers)."""
-    module = heyoka()
-    xp, space = Expressions(module), equations.space
-    x = [module.expression(f"x{i}") for i in range(2 + 2 * space.nv + 6 * len(chosen) + space.size)]
-    values = held_step(equations, mechanism(equations.robot.model), gaps, chosen, faces.tolist(), mu, x, xp)
-    return module.cfunc([xp.lift(value) for value in values], vars=x, **UNOPTIMIZED)
+def _program(
+    name: str, equations: Equations, gaps: Sequence[PlaneGap], chosen: Array, faces: Array, mu: list[float]
+) -> Program:
+    """The program of (w, w' of two steps, q, P, U, t, h, numbers)."""
+    space, mech = equations.space, mechanism(equations.robot.model)
+
+    def formula(x: Array, xp: Any) -> list[Any]:
+        return held_step(equations, mech, gaps, chosen, faces.tolist(), mu, list(x), xp)
+
+    def compare(program: Program) -> None:
+        """With NumPy, at the start and with random numbers for the others. Raises CertificationError."""
+        x = np.random.default_rng(1).uniform(0.1, 0.2, program.inputs)
+        x[3 * space.nv : 3 * space.nv + space.nq] = equations.start[: space.nq]
+        with np.errstate(all="ignore"):
+            require_agreement("steps", program(x), np.array(formula(x, Numbers), dtype=float))
+
+    count = 2 + 2 * space.nv + 6 * len(chosen) + space.size
+    return program_named(name, lambda: trace(formula, count), compare)

@@ -27,9 +27,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twolink.algorithms.mechanism import mechanism
-from twolink.algorithms.namespaces import Expressions, Numbers
+from twolink.algorithms.namespaces import Numbers
 from twolink.contact.bodies import Multibody
-from twolink.dynamics.kernels import heyoka
 from twolink.effects.contact import Contact
 from twolink.effects.switching import Hold, Stop
 from twolink.geometry.detection import Detector
@@ -37,8 +36,8 @@ from twolink.geometry.points import Points, key_of
 from twolink.integrate.motion.constraints import Constraints
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
-from twolink.integrate.steps.compile_time import UNOPTIMIZED
-from twolink.integrate.steps.compiled_functions import compiled_function
+from twolink.native.machine import Program, trace
+from twolink.native.programs import program_named, require_agreement
 
 
 class Laws(NamedTuple):
@@ -157,14 +156,11 @@ class LoopRows:
 
     def __init__(self, equations: Equations, constraints: Constraints) -> None:
         self.constraints = constraints
-        self.function = None if heyoka() is None else _compiled(equations, constraints)
+        self.function = _program(equations, constraints)
 
     def at(self, q: Array) -> tuple[Array, Array]:
         """g (m,) and B (m, nv) of the rows that are not redundant."""
         loops = self.constraints
-        if self.function is None:
-            rows = loops.residuals(loops.mech, list(q), Numbers)
-            return np.array([float(rows[i]) for i in loops.kept]), loops.jacobian_at(q, loops.kept)
         out, count = self.function(q), len(loops.kept)
         return out[:count], out[count:].reshape(count, -1)
 
@@ -178,15 +174,19 @@ class LoopRows:
         return Kept(free + solved @ (wanted - rows @ free), bodies.inverse - solved @ response.T, -solved @ g)
 
 
-def _compiled(equations: Equations, loops: Constraints) -> Any:
-    """heyoka's function of q for g and B."""
+def _program(equations: Equations, loops: Constraints) -> Program:
+    """The program of q for g and B."""
 
-    def build() -> Any:
-        module = heyoka()
-        xp, mech = Expressions(module), mechanism(equations.robot.model)
-        q = np.array([module.expression(f"x{i}") for i in range(equations.space.nq)], dtype=object)
+    def formula(q: Array, xp: Any) -> list[Any]:
+        mech = mechanism(equations.robot.model)
         gaps, rows = loops.residuals(mech, list(q), xp), loops.jacobian(mech, q, xp)
-        values = [*(gaps[i] for i in loops.kept), *(entry for row in rows for entry in row)]
-        return module.cfunc([xp.lift(value) for value in values], vars=list(q), **UNOPTIMIZED)
+        return [*(gaps[i] for i in loops.kept), *(entry for row in rows for entry in row)]
 
-    return compiled_function(equations.key("loops"), build)[0]
+    def compare(program: Program) -> None:
+        """With NumPy, at the start. Raises CertificationError."""
+        q = equations.start[: equations.space.nq]
+        residuals = loops.residuals(loops.mech, list(q), Numbers)
+        theirs = np.concatenate([[float(residuals[i]) for i in loops.kept], loops.jacobian_at(q, loops.kept).ravel()])
+        require_agreement("loops", program(q), theirs)
+
+    return program_named(equations.key("loops"), lambda: trace(formula, equations.space.nq), compare)

@@ -20,7 +20,7 @@ import numpy as np
 from twolink.algorithms.dual_numbers import Dual, DualNamespace
 from twolink.algorithms.mechanism import Mechanism, mechanism
 from twolink.algorithms.namespaces import Numbers
-from twolink.algorithms.operation_count import Tape
+from twolink.algorithms.tape import Tape
 from twolink.errors import CertificationError, SceneError
 from twolink.integrate.derivatives.variational_steps import tangent_basis
 from twolink.integrate.hybrid.state import RunState

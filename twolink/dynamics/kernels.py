@@ -21,8 +21,8 @@ import pinocchio as pin
 from twolink.algorithms.functions import Function
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.namespaces import Expressions
-from twolink.algorithms.operation_count import Tape
 from twolink.algorithms.sincos import LIMIT
+from twolink.algorithms.tape import Tape
 from twolink.dynamics.arguments import UNIT_TOLERANCE
 from twolink.dynamics.threads import do_all, is_forked_child, is_shared, thread_count
 from twolink.errors import QueryError

@@ -21,7 +21,7 @@ import pinocchio as pin
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.motion import GROUND, Motion
 from twolink.algorithms.namespaces import Numbers
-from twolink.algorithms.operation_count import Symbol, Tape
+from twolink.algorithms.tape import Symbol, Tape
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect, Loads, check_name
 from twolink.effects.inputs import with_pieces
@@ -62,7 +62,7 @@ def check_own_formula(effect: Effect, robot: Robot) -> None:
         return
     tape, formulas = _trial(effect, robot.model)
     _require_repeatable(effect, robot, formulas)
-    if effect.analytic and any(what in ("less", "where") for what, _ in tape.operands):
+    if effect.analytic and any(what in ("less", "less_equal", "where") for what, *_ in tape.operations):
         raise SceneError("act chooses by motion.xp.where, so that the motion has kinks", where="analytic",
                          remedy="write analytic: ClassVar[bool] = False in the class")  # fmt: skip
 
@@ -199,12 +199,11 @@ class _StrictTape(Tape):
         """A digest of the operations that made a symbol, or a number with all its digits."""
         if not isinstance(x, Symbol):
             return repr(float(x))
-        if len(self._formulas) < len(self.operands):
-            made = {symbol.key: operation for operation, symbol in self.made.items()}
-            for key in range(len(self._formulas), len(self.operands)):  # operands have smaller numbers
-                what, *parts = made.get(key, ("variable", float(key)))
-                text = repr([what, *(part if isinstance(part, float) else self._formulas[part] for part in parts)])
-                self._formulas.append(hashlib.sha256(text.encode()).hexdigest())
+        for key in range(len(self._formulas), len(self.operations)):  # operands have smaller numbers
+            what, *parts = self.operations[key]
+            parts = [float(key)] if what == "variable" else parts
+            text = repr([what, *(part if isinstance(part, float) else self._formulas[part] for part in parts)])
+            self._formulas.append(hashlib.sha256(text.encode()).hexdigest())
         return self._formulas[x.key]
 
     def __getattr__(self, name: str) -> Any:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from twolink._version import __version__
-from twolink.algorithms.operation_count import Symbol
+from twolink.algorithms.tape import Symbol
 from twolink.dynamics import Robot
 from twolink.dynamics.certificates import BOUND
 from twolink.errors import QueryError

@@ -17,10 +17,11 @@ from twolink.algorithms.dual_numbers import Dual, DualNamespace
 from twolink.algorithms.functions import function
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.spatial import plus
+from twolink.algorithms.tape import Tape
 from twolink.effects.inputs import Sampled, curve_end
 from twolink.effects.switching import SwitchingEffect
 from twolink.errors import CertificationError, SceneError, nearest
-from twolink.exchange.traced_functions import CTape, Traced
+from twolink.exchange.traced_functions import Traced
 from twolink.integrate.derivatives.variational_rate import certify_variation, row_sizes, traced_variation
 from twolink.integrate.motion.effect_numbers import nominal_vector, physical
 from twolink.integrate.motion.equations import Equations
@@ -128,8 +129,8 @@ def _functions(equations: Equations, sizes: Sequence[int], inputs: int) -> dict[
     """The functions of z by name."""
     names = equations.parameters
 
-    def traced(name: str, about: str, formula: Callable[[Array, CTape], Sequence[Any]]) -> Traced:
-        tape = CTape()
+    def traced(name: str, about: str, formula: Callable[[Array, Tape], Sequence[Any]]) -> Traced:
+        tape = Tape()
         z = np.array([tape.variable() for _ in range(sum(sizes))], dtype=object)
         return Traced(name, f"{name}: {about}", (("z", list(z)),), list(formula(z, tape)), tape)
 
@@ -139,15 +140,15 @@ def _functions(equations: Equations, sizes: Sequence[int], inputs: int) -> dict[
         changed = {n: Dual(a, [d]) for n, a, d in zip(names, p, direction[inputs:], strict=True)}
         return t, np.concatenate([x, u]), dict(zip(names, p, strict=True)), x, duals, changed
 
-    def rate(z: Array, xp: CTape) -> Sequence[Any]:
+    def rate(z: Array, xp: Tape) -> Sequence[Any]:
         t, state, values, x, _, _ = split(z)
         return list(traced_rate(equations, t, state, xp, values)[: len(x)])
 
-    def on_manifold(z: Array, xp: CTape) -> Sequence[Any]:
+    def on_manifold(z: Array, xp: Tape) -> Sequence[Any]:
         _, state, values, x, _, _ = split(z)
         return list(projected(equations, state, xp, values)[: len(x)])
 
-    def energy_change(z: Array, xp: CTape) -> Sequence[Any]:
+    def energy_change(z: Array, xp: Tape) -> Sequence[Any]:
         *_, duals, changed = split(z)
         found = _energy(equations, np.array(duals, dtype=object), changed, DualNamespace(xp))
         return [found.value, found.tangents[0]]

@@ -10,8 +10,8 @@ import numpy as np
 
 from twolink.algorithms.functions import function
 from twolink.algorithms.mechanism import mechanism
-from twolink.algorithms.operation_count import Symbol, Tape
 from twolink.algorithms.references import State
+from twolink.algorithms.tape import Symbol, Tape
 from twolink.dynamics import Robot
 from twolink.dynamics.certificates import BOUND, certify
 from twolink.errors import CertificationError, QueryError
@@ -24,25 +24,9 @@ VECTORS = 4  # states of a test
 Vectors = tuple[list[np.ndarray], np.ndarray, np.ndarray]  # arguments, results and their scale, (VECTORS, ...)
 _NUMPY: dict[str, Callable[..., Any]] = {
     "+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "neg": np.negative, "sin": np.sin, "cos": np.cos,
-    "sqrt": np.sqrt, "exp": np.exp, "tanh": np.tanh, "atan2": np.arctan2, "less": np.less, "where": np.where,
+    "sqrt": np.sqrt, "exp": np.exp, "tanh": np.tanh, "atan2": np.arctan2, "less": np.less, "less_equal": np.less_equal,
+    "where": np.where, "power": np.power,
 }  # fmt: skip
-
-
-class CTape(Tape):
-    """A tape that also records what the operation count has no need of."""
-
-    def atan2(self, y: Any, x: Any) -> Symbol:
-        """The angle of (x, y)."""
-        return self.enter("atan2", y, x)
-
-    def both(self, a: Any, b: Any) -> Any:
-        """Whether both hold."""
-        return a * b
-
-    @staticmethod
-    def lift(x: Any) -> Any:
-        """x itself: a symbol or a constant."""
-        return x
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +49,7 @@ class Traced:
 
     def needed(self) -> list[tuple[int, tuple[Any, ...]]]:
         """The operations behind the outputs, in an order that they can be computed in: (number, (kind, operands))."""
-        inputs = {symbol.key for _, symbols in self.arguments for symbol in symbols}
-        keys = set[int]().union(*(self.tape.inputs(output) for output in self.outputs))
-        made = {symbol.key: operation for operation, symbol in self.tape.made.items()}
-        return [(key, made[key]) for key in sorted(keys - inputs)]
+        return [(key, self.tape.operations[key]) for key in self.tape.needed(self.outputs)]
 
     def __call__(self, columns: Sequence[np.ndarray]) -> np.ndarray:
         """The outputs (n, k) for arguments (n, size)."""
@@ -88,7 +69,7 @@ def function_of(robot: Robot, name: str) -> tuple[Traced, str, Vectors]:
         raise error.at("functions", argument="functions") from None
     found = []
     for formula in of.variants:
-        tape = CTape()
+        tape = Tape()
         symbols = {argument: [tape.variable() for _ in range(size)] for argument, size in of.arguments}
         outputs = formula(mechanism(robot.model), dict(symbols), tape)
         shape = " x ".join(map(str, of.shape)) or "1"
@@ -122,7 +103,7 @@ def step_of(robot: Robot, name: str) -> tuple[Traced, str, Vectors]:
     method = method_named(name.partition(":")[2] or "rk4", "functions")
     if not isinstance(method.tableau, Tableau) or any(method.tableau.diagonal):
         raise QueryError(f"{method.name} has no explicit steps", argument="functions", remedy='such as "step:rk4"')
-    space, tape = StateSpace(robot), CTape()
+    space, tape = StateSpace(robot), Tape()
     forward = function(robot.model, "forward_dynamics")
     mech, nq = mechanism(robot.model), robot.nq
     sizes = {"q": nq, "v": robot.nv, "tau": robot.nv, "h": 1}

@@ -11,7 +11,7 @@ from twolink.integrate.motion.state import Array
 from twolink.integrate.solvers.method_choice import first_tolerance
 from twolink.integrate.steps.outcomes import FINE
 from twolink.integrate.steps.perturbation import NO_PERTURBATION
-from twolink.integrate.steps.step_map import LANES, step_map
+from twolink.integrate.steps.step_map import step_map
 from twolink.integrate.steps.stepping import BLOCK, advance, start_state
 from twolink.scenes import Scene
 from twolink.simulation.motions import METHOD
@@ -196,7 +196,7 @@ class VectorEnvironment(gymnasium.vector.VectorEnv[Array, Array, Array]):
         state[self._torques], state[rows.end] = tau.T, state[rows.time] + self.task.period
         state[rows.end, again], before = state[rows.time, again], state[rows.step].copy()
         lost = np.zeros(self.num_envs, dtype=bool)
-        for block in advance(self._map, state, self._limit, BLOCK, LANES, (NO_PERTURBATION,)):
+        for block in advance(self._map, state, self._limit, BLOCK, (NO_PERTURBATION,)):
             lost[block.worlds[block.outcome != FINE]] = True
         state[rows.step] = np.fmax(state[rows.step], before)  # a period ends steps, and does not make them smaller
         self._restart(again)

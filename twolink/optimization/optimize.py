@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 from twolink.dynamics.arguments import positive, whole
 from twolink.errors import SceneError, TwolinkError, require_known
 from twolink.integrate.motion.scene_equations import equations_of
-from twolink.integrate.steps.compile_time import solved_rarely
 from twolink.io.progress import Report
 from twolink.io.text import Table
 from twolink.optimization.evaluation import BY_SENSITIVITIES, Evaluation, ObjectiveEvaluator, variables_of
@@ -247,12 +246,11 @@ def optimize(
     }  # fmt: skip
     file = None if out is None else Path(out)
     search = MultiStart(evaluator, -1.0 if maximize else 1.0, int(evaluations), file, problem, progress)
-    with solved_rarely():
-        search(starting_points((variables.own - variables.low) / variables.width, int(starts), seed))
-        best = search.best()
-        if best is None:
-            raise SceneError("nothing was evaluated", where="optimize", remedy="allow for more evaluations")
-        return _optimum(search, best, limits, began, curvature=curvature)
+    search(starting_points((variables.own - variables.low) / variables.width, int(starts), seed))
+    best = search.best()
+    if best is None:
+        raise SceneError("nothing was evaluated", where="optimize", remedy="allow for more evaluations")
+    return _optimum(search, best, limits, began, curvature=curvature)
 
 
 def _optimum(

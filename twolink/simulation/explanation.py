@@ -11,19 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.contact.choice import Choice, choose_contact_method
-from twolink.dynamics.kernels import heyoka, pays_threads
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solution import Solution
 from twolink.integrate.solver import solve
 from twolink.integrate.solvers.method_choice import MethodChoice
 from twolink.integrate.solvers.taylor_code import Precision
-from twolink.integrate.steps.compile_time import MAX_IN_PARTS, parts_seconds, step_seconds
-from twolink.integrate.steps.compiled_functions import compiled_function
-from twolink.integrate.steps.methods import METHODS
-from twolink.integrate.steps.step_building import compiled_rate
-from twolink.integrate.steps.step_control import initial_state
-from twolink.integrate.steps.step_map import step_map
+from twolink.integrate.steps.programs import programs_of
 from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
@@ -36,7 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PILOT_STEPS = 2, 20  # of stepped contacts
-LONG_COMPILING = 1.0  # s: steps that compile longer are not compiled to measure an evaluation
 BATCH = 1024  # worlds that an evaluation is timed in
 PILOT = 0.05  # of the duration, from which the time of the whole is extrapolated
 ROUNDS = 5
@@ -263,32 +256,15 @@ def _formulation(equations: Equations) -> str:
 
 
 def _nanoseconds(equations: Equations, choice: MethodChoice) -> tuple[float, float] | None:
-    """One evaluation in a batch and alone, ns: in steps of an explicit method, or where they compile long by itself."""
-    method = choice.method if choice.method.kind == "explicit" else METHODS["rk4"]
-    if choice.method.kind == "scipy" or heyoka() is None:
+    """One evaluation in a batch and alone, ns, on one thread."""
+    if choice.method.kind == "scipy":
         return None
-    if step_seconds(equations, method) > LONG_COMPILING:
-        return _of_rate(equations)
-    compiled = step_map(equations, method, whole=True)
-
-    def call_with(worlds: int) -> Callable[[], object]:
-        state = initial_state(np.repeat(equations.start[:, None], worlds, axis=1), 0.0, 1e-3, 1.0, np.inf)
-        out = np.empty_like(state)
-        return lambda: compiled(state, out)
-
-    batch, alone = (_median_nanoseconds(call_with(worlds), worlds * method.evaluations) for worlds in (BATCH, 1))
-    return batch, alone
-
-
-def _of_rate(equations: Equations) -> tuple[float, float] | None:
-    """One evaluation of the compiled rate in a batch and alone, ns; None where that compiles too long."""
-    if parts_seconds(equations) > MAX_IN_PARTS:
-        return None
-    rate, _ = compiled_function(equations.key("rate", "whole"), lambda: compiled_rate(equations))
+    rate = programs_of(equations).rate
 
     def call_with(worlds: int) -> Callable[[], object]:
         rows = np.repeat(np.concatenate([[0.0], equations.start])[:, None], worlds, axis=1)
-        return lambda: rate(rows, batch_parallel=pays_threads(worlds, equations.operations))
+        out = np.empty((rate.outputs, worlds))
+        return lambda: rate(rows, out)
 
     batch, alone = (_median_nanoseconds(call_with(worlds), worlds) for worlds in (BATCH, 1))
     return batch, alone

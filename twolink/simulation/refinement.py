@@ -17,8 +17,7 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.solvers.method_choice import MethodChoice, choose, first_setting
 from twolink.integrate.solvers.taylor import ROUNDING_UNIT
-from twolink.integrate.solvers.taylor_code import Precision
-from twolink.integrate.steps.compile_time import UNOPTIMIZED_SHARE, taylor_seconds
+from twolink.integrate.solvers.taylor_code import UNOPTIMIZED_SHARE, Precision, taylor_seconds
 from twolink.integrate.steps.failures import MAX_STEPS
 from twolink.integrate.steps.methods import METHODS, Method
 from twolink.simulation.trajectory import Trajectory

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.dynamics.arguments import array, configuration
-from twolink.dynamics.kernels import heyoka
-from twolink.errors import AccuracyError, MissingExtraError, SceneError
+from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.assembly import assembled
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of, with_starting_states
@@ -212,8 +211,6 @@ def _configurations(equations: Equations, x: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _step_map(scene: Scene, parameters: tuple[str, ...], end: float) -> StepMap:
-    if parameters and heyoka() is None:
-        raise MissingExtraError("parameters that differ by world need heyoka", remedy="pip install heyoka (Linux)")
     equations = equations_of(scene, parameters)
     equations.require(0.0, end)
-    return step_map(equations, METHODS["dop853"], whole=True)
+    return step_map(equations, METHODS["dop853"])

@@ -14,10 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twolink.dynamics.kernels import heyoka
 from twolink.dynamics.threads import one_thread
 from twolink.errors import AccuracyError, SceneError, TwolinkError
-from twolink.integrate.steps.compile_time import reproducible
 from twolink.integrate.steps.methods import METHODS
 from twolink.scenes import Scene
 from twolink.scenes.parameters import Parameter, scene_with
@@ -72,7 +70,7 @@ class Task:
 
 def compute(task: Task) -> Columns:
     """The variables (n, ...) of the runs, by name."""
-    with reproducible(), one_thread():
+    with one_thread():
         scene = _kept((task.key,), lambda: pickle.loads(task.scene))
         return _compute(scene, task)
 
@@ -133,8 +131,6 @@ def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Para
         return False, "one by one: robots differ"
     if request.functions:
         return False, f"one by one: {request.functions[0]} needs the whole run"
-    if heyoka() is None:
-        return False, "one by one: heyoka is not installed"
     varied = (name for name, what in quantities.items() if what.kind not in ("q", "v", *OF_VARIANTS))
     names = tuple(new for name in varied if (new := renamed(name, of.off)) is not None)
     if "energy" in request.outputs and names:

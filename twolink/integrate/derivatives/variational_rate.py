@@ -1,4 +1,4 @@
-"""The rate of a state and its derivatives along directions, compiled: the right-hand side of variational equations.
+"""The rate of a state and its derivatives along directions: the right-hand side of variational equations.
 
     x' = f(t, x, p),   S' = (df/dx) S + (df/dp) dp
 
@@ -6,7 +6,7 @@ The traced rate is run on dual numbers: no matrix df/dx is formed. One evaluatio
 the value.
 """
 
-from collections.abc import Callable
+import time
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -14,18 +14,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twolink.algorithms.dual_numbers import Dual, DualNamespace, derivative
-from twolink.algorithms.namespaces import Expressions
-from twolink.dynamics.kernels import heyoka
-from twolink.errors import CertificationError, MissingExtraError, SceneError
+from twolink.errors import CertificationError, SceneError
 from twolink.integrate.motion.effect_numbers import nominal_vector, physical
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import traced_rate
 from twolink.integrate.motion.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.motion.state import Array
-from twolink.integrate.steps.compile_time import announced, compiling_seconds
-from twolink.integrate.steps.compiled_functions import compiled_function
+from twolink.native.assembly import Assembled
+from twolink.native.machine import Program, trace
+from twolink.native.programs import program_named
 
-QUICK = 1.0  # s of compiling, within which one evaluation serves as many directions as possible
+MAX_OPERATIONS = 40_000  # of one evaluation, within which it serves as many directions as possible
 DERIVATIVE = 2.0  # times as many operations as the value, along one direction
 STATES, AROUND = 4, 0.3  # compared with differences of Pinocchio's rates: so many, within [rad, m, per second]
 STEPS = 1e-3, 1e-4, 1e-5  # of these differences, whose error is the fourth power; forces may be steep
@@ -41,30 +40,28 @@ class VariationalRate(NamedTuple):
     Results: the rates of x and of each direction. width: of directions.
     """
 
-    call: Callable[..., Any]
+    call: Program
     width: int
     seconds: float
 
 
 def variational_rate(equations: Equations, directions: int, numbers: int) -> VariationalRate:
-    """The compiled rate for so many directions, at best all in one evaluation. numbers: how many of them are driven.
+    """The program for so many directions, at best all in one evaluation. numbers: how many of them are driven.
 
-    Raises MissingExtraError without heyoka, and CertificationError when it disagrees with Pinocchio.
+    Raises CertificationError when it disagrees with Pinocchio.
     """
-    if heyoka() is None:
-        raise MissingExtraError("sensitivities need heyoka", remedy="pip install heyoka (Linux)")
     width = max(1, directions)
-    while width > 1 and _compiling(equations, width) > QUICK:
+    while width > 1 and equations.operations * (1.0 + DERIVATIVE * width) > MAX_OPERATIONS:
         width = -(-width // 2)
 
-    def build() -> Any:
-        with announced(f"the sensitivities of {equations.robot.name}", _compiling(equations, width)):
-            code = _compiled(equations, width, numbers)
-            certify_variation(equations, code, width, numbers)
-        return code
+    def traced() -> Assembled:
+        count = sum(row_sizes(equations, width, numbers))
+        return trace(lambda rows, xp: traced_variation(equations, width, numbers, rows, xp), count)
 
-    code, seconds = compiled_function(equations.key("variational", str(width), str(numbers)), build)
-    return VariationalRate(code, width, seconds)
+    start = time.perf_counter()
+    program = program_named(equations.key("variational", str(width), str(numbers)), traced,
+                            lambda code: certify_variation(equations, code, width, numbers))  # fmt: skip
+    return VariationalRate(program, width, time.perf_counter() - start)
 
 
 def parameter_values(equations: Equations) -> Array:
@@ -89,10 +86,6 @@ def side_count(equations: Equations) -> int:
 def sides_in_turn(equations: Equations) -> Equations:
     """The equations with the sides of limits of effort chosen in turn, to compare one side with Pinocchio each."""
     return replace(equations, sides=tuple(float(i % 3 - 1) for i in range(side_count(equations))))
-
-
-def _compiling(equations: Equations, width: int) -> float:
-    return compiling_seconds(equations.operations * (1.0 + DERIVATIVE * width))
 
 
 def row_sizes(equations: Equations, width: int, driven: int) -> list[int]:
@@ -124,15 +117,6 @@ def traced_variation(equations: Equations, width: int, driven: int, rows: Array,
                          remedy="leave it out", code="sensitivities-constant") from error  # fmt: skip
     tangent_rows = [[entry.tangents[i] if entry.tangents else 0.0 for entry in out] for i in range(width)]
     return [*(entry.value for entry in out), *(e for row in tangent_rows for e in row)]
-
-
-def _compiled(equations: Equations, width: int, driven: int) -> Any:
-    """heyoka's function."""
-    module, count = heyoka(), sum(row_sizes(equations, width, driven))
-    xp = Expressions(module, own_sine=True)
-    rows = np.array([module.expression(f"x{i}") for i in range(count)], dtype=object)
-    entries = traced_variation(equations, width, driven, rows, xp)
-    return module.cfunc([xp.lift(e) for e in entries], vars=list(rows))
 
 
 def certify_variation(equations: Equations, code: Any, width: int, driven: int) -> None:

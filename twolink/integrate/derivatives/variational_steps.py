@@ -16,8 +16,7 @@ from typing import cast
 import numpy as np
 
 from twolink.algorithms.namespaces import Numbers
-from twolink.dynamics.kernels import pays_threads
-from twolink.integrate.derivatives.variational_rate import DERIVATIVE, constant_rows, variational_rate
+from twolink.integrate.derivatives.variational_rate import constant_rows, variational_rate
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array, StateSpace
 from twolink.integrate.steps.methods import METHODS
@@ -118,15 +117,14 @@ class VariationalSteps:
     def _stages(self, t: Array, x: Array, end: Array, seeds: Array) -> tuple[Array, Array]:
         """(x and its derivatives (1 + width, nq + nv, n), the rates of all stages (s, rows, n))."""
         before, rows = self._rows(t, x, seeds)
-        n, h, flat = len(t), end - t, before.reshape(-1, len(t))
+        h, flat = end - t, before.reshape(-1, len(t))
         state, stages = rows[len(rows) - len(flat) :], np.empty((len(TABLEAU.b), *flat.shape))
-        parallel = pays_threads(n, int(self.equations.operations * (1 + DERIVATIVE * self.width)))
         for i, (weights, c) in enumerate(zip(TABLEAU.a, TABLEAU.c, strict=True)):
             rows[0] = t + c * h
             if weights:
                 np.multiply(_weighted(weights, stages), h, out=state)
                 state += flat
-            self._rate(rows, stages[i], batch_parallel=parallel)
+            self._rate(rows, stages[i])
         return before, stages
 
     def _rows(self, t: Array, x: Array, seeds: Array) -> tuple[Array, Array]:

@@ -112,8 +112,8 @@ _kept: weakref.WeakKeyDictionary[Switching, dict[object, ModeEquations]] = weakr
 class System:
     """What a scene declares for its modes, and the equations of each mode, made when it is met."""
 
-    def __init__(self, equations: Equations, *, compiled: bool = True) -> None:
-        self.whole, self.compiled = equations, compiled
+    def __init__(self, equations: Equations, *, traced: bool = True) -> None:
+        self.whole, self.traced = equations, traced
         self.switching = equations.switching or Switching(equations.robot, equations.robot)
         self.nq = equations.space.nq
         self.robot = self.switching.robot
@@ -216,7 +216,7 @@ class System:
         closed = [i for i, kind in enumerate(mode.contacts) if kind != "free"]
         rows = {} if equations.constraints is None else contact_places(equations.constraints, closed)
         redundant = any(None in own for own in rows.values())
-        evaluator = Evaluator(equations, self.contacts, self.conditions, compiled=self.compiled,
+        evaluator = Evaluator(equations, self.contacts, self.conditions, traced=self.traced,
                               columns_of=len(closed) if redundant else 0)  # fmt: skip
         return ModeEquations(equations, evaluator, rows)
 

@@ -244,7 +244,7 @@ class Saltation:
     def _system(self, i: int, k: float) -> System:
         """The system with parameter i moved by k steps."""
         if (i, k) not in self._systems:
-            self._systems[i, k] = System(self.variation.equations_beside(i, k), compiled=False)
+            self._systems[i, k] = System(self.variation.equations_beside(i, k), traced=False)
         return self._systems[i, k]
 
 

@@ -1,9 +1,8 @@
-"""Snapshots: accelerations, forces and what guards look at, of states in one mode; compiled where that pays.
+"""Snapshots: accelerations, forces and what guards look at, of states in one mode.
 
     M a + h = tau + B lambda + lock torques
 
-The formulas are written once: NumPy evaluates them, heyoka compiles them, and both are compared before compiled ones
-are used.
+The formulas are written once: the machine runs them as a program, which is compared with NumPy before its first use.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import itertools
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -22,21 +20,20 @@ import pinocchio as pin
 from twolink.algorithms.dual_numbers import Jet, JetNamespace, coefficient
 from twolink.algorithms.mechanism import Mechanism, mechanism
 from twolink.algorithms.motion import Motion
-from twolink.algorithms.namespaces import Expressions, Numbers
-from twolink.dynamics.kernels import heyoka
+from twolink.algorithms.namespaces import Numbers
 from twolink.effects.switching import ContactPoint
 from twolink.errors import CertificationError
 from twolink.integrate.motion.constraints import Constraints
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import constraint_forces, dynamics, lock_torques, motion_of, state_rates
 from twolink.integrate.motion.state import Array
-from twolink.integrate.steps.compile_time import BY_NUMPY, UNOPTIMIZED, compiling_seconds, count, looks_pay
-from twolink.integrate.steps.compiled_functions import compiled_function
+from twolink.native.assembly import Assembled
+from twolink.native.machine import Program, trace
+from twolink.native.programs import program_named
 
 if TYPE_CHECKING:
     from twolink.effects.conditions import Condition
 
-EVALUATIONS = 3  # of the accelerations, that the formulas cost: accelerations, torques, constraint forces
 AGREEMENT = 1e-8  # relative
 NEARBY = 1e-3  # rad or m
 FIELDS = ("a", "multipliers", "locks", "limits", "tau", "bias", "contacts", "conditions", "columns", "rates")
@@ -73,7 +70,7 @@ class Snapshot:
 class Evaluator:
     """Evaluates snapshots of one mode. The start of its equations plays no part.
 
-    compiled: by heyoka's function, where it is installed and compiling takes a short time. columns_of: so many closed
+    traced: by a program, for modes that are looked at more than a few times; else by NumPy. columns_of: so many closed
     contacts, whose constraints are the last ones, of which the columns are evaluated.
     """
 
@@ -83,7 +80,7 @@ class Evaluator:
         contacts: Sequence[ContactPoint] = (),
         conditions: Sequence[Condition] = (),
         *,
-        compiled: bool = False,
+        traced: bool = False,
         columns_of: int = 0,
     ) -> None:
         self.equations, self.contacts, self.conditions = equations, tuple(contacts), tuple(conditions)
@@ -95,33 +92,32 @@ class Evaluator:
                  len(equations.space.states)]  # fmt: skip
         ends = np.cumsum([0, *sizes]).tolist()
         self._parts = dict(zip(FIELDS, itertools.starmap(slice, itertools.pairwise(ends)), strict=True))
-        self._compiled: Any = None
-        self._compiling = math.inf
-        if compiled and heyoka() is not None:
-            self._compiling = compiling_seconds(EVALUATIONS * equations.operations)
+        self._traced = traced
 
     def __call__(self, t: Array, x: Array) -> Snapshot:
-        if self._compiled is None and looks_pay(self._name, self._compiling):
-            self._compiled, _ = compiled_function(self._name, lambda: _compiled(self))
-        return Snapshot(t, x, self._by_numpy if self._compiled is None else self._by_heyoka, self._parts)
+        return Snapshot(t, x, self._by_program if self._traced else self._by_numpy, self._parts)
 
     @functools.cached_property
-    def _name(self) -> str:
+    def _program(self) -> Program:
         content = repr([contact.content for contact in self.contacts]) + repr((self.conditions, self._columns))
-        return self.equations.key("snapshot", hashlib.sha256(content.encode()).hexdigest()[:16])
+        name = self.equations.key("snapshot", hashlib.sha256(content.encode()).hexdigest()[:16])
+        return program_named(name, self._trace, self._compare)
+
+    def _trace(self) -> Assembled:
+        """The formulas as a program of (t, x)."""
+        mech = mechanism(self.equations.robot.model)
+        return trace(lambda z, xp: self.formulas(mech, z[0], z[1:], xp), 1 + self.equations.space.size)
 
     def by_numpy(self, t: Array, x: Array) -> Snapshot:
         """The snapshot of the formulas evaluated by NumPy."""
         return Snapshot(t, x, self._by_numpy, self._parts)
 
-    def _by_heyoka(self, t: Array, x: Array) -> Array:
+    def _by_program(self, t: Array, x: Array) -> Array:
         rows = np.empty((1 + len(x), x.shape[1]))
         rows[0], rows[1:] = t, x
-        return np.asarray(self._compiled(rows, batch_parallel=False))  # heyoka's own choice takes threads too early
+        return self._program(rows)
 
     def _by_numpy(self, t: Array, x: Array) -> Array:
-        if math.isfinite(self._compiling):
-            count(self._name, BY_NUMPY * self.equations.operations)
         with np.errstate(all="ignore"):
             values = self.formulas(self.equations.mechanism, t, x, Numbers)
         shape = x.shape[1:]
@@ -139,6 +135,22 @@ class Evaluator:
         limits = [distance for _, distance in solution.loads.limits]
         return [*solution.a, *solution.multipliers, *locks, *limits, *solution.loads.tau, *bias, *contacts, *conditions,
                 *self._contact_columns(mech, x, xp), *state_rates(self.equations, solution.loads)]  # fmt: skip
+
+    def _compare(self, program: Program) -> None:
+        """Compare a program with NumPy at a state. Raises CertificationError."""
+        equations = self.equations
+        state, nq = np.array(equations.start[:, None]), equations.space.nq
+        # Not quite there and not at rest: the lowest point of a disc that lies flat and the direction of sliding at
+        # rest are rounding, which differs.
+        apart = np.random.default_rng(1).uniform(0.5, 1.5, (2, equations.space.nv))
+        state[:nq, 0] = pin.integrate(equations.robot.model, state[:nq, 0], NEARBY * apart[0])
+        state[equations.space.v_rows, 0] += apart[1]
+        theirs, ours = self.by_numpy(np.zeros(1), state).rows, program(np.concatenate([np.zeros((1, 1)), state]))
+        finite = np.isfinite(theirs)
+        off = np.abs(ours - theirs)[finite].max(initial=0.0) / (1.0 + np.abs(theirs[finite]).max(initial=0.0))
+        if not (off <= AGREEMENT and np.array_equal(finite, np.isfinite(ours))):
+            raise CertificationError(f"the program of forces differs from NumPy's by {off:.1e}", where="events",
+                                     remedy="report it with the URDF")  # fmt: skip
 
     def _contact_columns(self, mech: Mechanism, x: Any, xp: Any) -> list[Any]:
         """The generalized forces of the rows of loops and closed contacts, one row after the other."""
@@ -166,27 +178,3 @@ def _force_rows(constraints: Constraints, contacts: int) -> tuple[int, ...]:
     rows = constraints.all_rows
     first = len(rows) - sum(constraints.counts[-contacts:])
     return (*(i for i in constraints.kept if i < first), *rows[first:])
-
-
-def _compiled(evaluator: Evaluator) -> Any:
-    """heyoka's function of (t, x), compared with NumPy."""
-    module, equations = heyoka(), evaluator.equations
-    xp = Expressions(module)
-    rows = np.array([module.expression(f"x{i}") for i in range(1 + equations.space.size)], dtype=object)
-    values = evaluator.formulas(mechanism(equations.robot.model), rows[0], rows[1:], xp)
-    compiled = module.cfunc([xp.lift(e) for e in values], vars=list(rows), **UNOPTIMIZED)
-    state, nq = np.array(equations.start[:, None]), equations.space.nq
-    # Not quite there and not at rest: the lowest point of a disc that lies flat and the direction of sliding at rest
-    # are rounding, which differs.
-    apart = np.random.default_rng(1).uniform(0.5, 1.5, (2, equations.space.nv))
-    state[:nq, 0] = pin.integrate(equations.robot.model, state[:nq, 0], NEARBY * apart[0])
-    state[equations.space.v_rows, 0] += apart[1]
-    theirs = evaluator.by_numpy(np.zeros(1), state).rows
-    ours = np.empty_like(theirs)
-    compiled(np.concatenate([np.zeros((1, 1)), state]), ours)
-    finite = np.isfinite(theirs)
-    off = np.abs(ours - theirs)[finite].max(initial=0.0) / (1.0 + np.abs(theirs[finite]).max(initial=0.0))
-    if not (off <= AGREEMENT and np.array_equal(finite, np.isfinite(ours))):
-        raise CertificationError(f"compiled forces differ from NumPy's by {off:.1e}", where="events",
-                                 remedy="report it with the URDF")  # fmt: skip
-    return compiled

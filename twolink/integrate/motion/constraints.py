@@ -24,9 +24,9 @@ from twolink.algorithms.factors import ldlt
 from twolink.algorithms.mechanism import Mechanism
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
-from twolink.algorithms.operation_count import Tape
 from twolink.algorithms.recursions import composite_bodies, newton_euler, poses
 from twolink.algorithms.spatial import Matrix, Scalar, minus, negative, plus, times
+from twolink.algorithms.tape import Tape
 from twolink.effects.loops import Loop
 from twolink.integrate.motion.row_solver import RowSolver
 from twolink.integrate.motion.state import Array, StateSpace

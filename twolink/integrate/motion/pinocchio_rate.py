@@ -1,10 +1,8 @@
 """The rate x' by Pinocchio's algorithms, state by state: the reference that compiled steps are compared with."""
 
 import contextlib
-import math
 from collections.abc import Sequence
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -31,18 +29,6 @@ def rate(equations: Equations, t: Any, x: Array) -> Array:
         rates[:, finite] = _accelerations(equations, at, q[finite], v[finite], x[space.z_rows.start :, finite])
     constant = np.zeros((len(x) - space.moving, x.shape[1]))
     return np.concatenate([space.rate(x[: space.nq], x[space.v_rows]), rates, constant])
-
-
-_starts: WeakKeyDictionary[Equations, tuple[float, Array]] = WeakKeyDictionary()
-
-
-def rate_at_start(equations: Equations, t: float) -> Array:
-    """x' (size, 1) of the equations' start, kept as long as they are; else it takes as long as ten steps of an arm."""
-    at, found = _starts.get(equations, (math.nan, np.empty(0)))
-    if at != t:
-        found = rate(equations, t, equations.start[:, None])
-        _starts[equations] = (t, found)
-    return found
 
 
 def _accelerations(equations: Equations, t: Any, q: Array, v: Array, behind: Array) -> Array:

@@ -13,7 +13,7 @@ from twolink.algorithms.functions import function
 from twolink.algorithms.mechanism import mechanism, nominal_values
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
-from twolink.algorithms.operation_count import Tape
+from twolink.algorithms.tape import Tape
 from twolink.dynamics import Robot
 from twolink.dynamics.certificates import with_values
 from twolink.effects import Effect

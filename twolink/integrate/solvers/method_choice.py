@@ -1,35 +1,25 @@
-"""Which method, at which setting, for an accuracy: from what studies measured here, else from a built-in calibration.
+"""Which method, at which setting, for an accuracy.
 
-The built-in figures were measured on the paper's arm over 10 s: attempted steps at a tolerance of 1e-3, the power of
-the tolerance by which they grow, and seconds a call and an operation. They say which method is cheapest, not how long a
+The figures were measured on the paper's arm over 10 s: attempted steps at a tolerance of 1e-3, the power of the
+tolerance by which they grow, and seconds an attempt and an operation. They say which method is cheapest, not how long a
 run takes. Where a mode decays fast, explicit steps are as short as their stability calls for, whatever the tolerance.
 """
 
-import functools
 import math
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from twolink.dynamics.kernels import heyoka
 from twolink.errors import SceneError
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solver import smallest_tolerance
-from twolink.integrate.solvers import calibration, taylor_code
+from twolink.integrate.solvers import taylor_code
 from twolink.integrate.solvers.taylor import ROUNDING_UNIT
-from twolink.integrate.steps.compile_time import (
-    EVALUATION,
-    MAX_COMPILING,
-    MAX_IN_PARTS,
-    in_parts,
-    is_reproducible,
-    parts_seconds,
-    step_seconds,
-)
 from twolink.integrate.steps.methods import METHODS, Method, method_named
 from twolink.integrate.steps.stiffness import fastest_decay
+from twolink.native.library import library
 
 # How many times smaller than the accuracy the first tolerance is: the errors of steps add up, and an estimate of low
 # order is that of the less accurate solution. On the arm, UR5 and Panda a run's error is below a third of the margin
@@ -37,14 +27,13 @@ from twolink.integrate.steps.stiffness import fastest_decay
 MARGINS = {"taylor": 3.0, "dop853": 30.0}
 MARGIN = 100.0
 MAX_TOLERANCE = 1e-4  # a larger one saves little, and does not predict a run's error
-CALL, OPERATION = 2.5e-6, 4e-10  # s: calling a step map, and an operation in it
+ATTEMPT, EVALUATION, OPERATION = 3e-7, 3e-8, 1.2e-9  # s: of an attempted step, an evaluation in it, an operation
+SLOPE = 1.5  # operations of a column of the Jacobian, of those of the rate
 # Attempts for the arm's 10 s at tolerance 1e-3, and the growth of attempts with 1 / tolerance.
-ATTEMPTS = {"rk45": (87, 0.195), "dop853": (87, 0.105), "esdirk43": (146, 0.24), "taylor": (370, 0.0)}
-EXPLICIT = ("rk45", "dop853")
+ATTEMPTS = {"rk45": (87, 0.195), "dop853": (87, 0.105), "esdirk43": (146, 0.24)}
 MEASURED = 10.0  # s, of the arm's motion
-SOLUTIONS = 3  # behind an answer with its error bar, about
-STABLE = {"rk45": 3.3, "dop853": 6.1, "taylor": 4.0}  # decay times that a step can be long: the real stability interval
-TAYLOR_OPERATION = 1.5e-10  # s, times the order squared, and twice that when compiled compactly
+STABLE = {"rk45": 3.3, "dop853": 6.1}  # decay times that a step can be long: the real stability interval
+SCIPY = {"rk45": "scipy-dop853", "dop853": "scipy-dop853", "esdirk43": "scipy-radau"}  # without the native library
 
 
 @dataclass(frozen=True)
@@ -84,10 +73,8 @@ def choose(
 
     Notes
     -----
-    "auto" takes the fastest method that a study of this scene measured, or else the cheapest by the built-in
-    calibration: ESDIRK43 where stability makes explicit steps too many. Where whole steps take long to compile it takes
-    DOP853 or ESDIRK43 in parts. Without heyoka, and where the rate takes long to compile, it takes SciPy's DOP853 or
-    Radau; for events and sampled controllers ours.
+    "auto" takes the cheapest of RK45, DOP853 and, where a mode decays, ESDIRK43, for which explicit steps may be too
+    many. Without the native library it takes SciPy's DOP853 or Radau; for events and sampled controllers ours.
     """
     if precision not in ROUNDING_UNIT:
         remedy = f"""one of "auto", {", ".join(f'"{one}"' for one in ROUNDING_UNIT)}"""
@@ -99,40 +86,22 @@ def choose(
     if name != "auto":
         method = method_named(name)
         return MethodChoice(method, first_setting(equations, method, accuracy), "asked for")
-    entry = None if heyoka() is None or is_reproducible() else calibration.cheapest(equations, duration, accuracy)
-    if entry is not None:
-        return MethodChoice(METHODS[entry.method], entry.setting, "measured on this scene by an accuracy study")
     return _cheapest(equations, accuracy, duration)
 
 
 def _cheapest(equations: Equations, accuracy: float, duration: float) -> MethodChoice:
-    """The cheapest explicit method by the built-in calibration, or ESDIRK43 where its first answer comes sooner."""
-    portable = heyoka() is None or parts_seconds(equations) > (MAX_IN_PARTS if _is_bound(equations) else MAX_COMPILING)
-    whole = not (portable or in_parts(equations, METHODS["dop853"]))
-    names = [*EXPLICIT, *(["taylor"] if equations.analytic else [])] if whole else ["dop853"]
+    """The cheapest method by the built-in figures."""
     decay = _decay(equations)
-    costs = {name: _steps_seconds(equations, METHODS[name], accuracy, duration, decay) for name in names}
+    costs = {name: _steps_seconds(equations, METHODS[name], accuracy, duration, decay) for name in ATTEMPTS
+             if name != "esdirk43" or decay > 0.0}  # fmt: skip
     best = min(costs, key=lambda name: costs[name])
     others = ", ".join(f"{name} {cost / costs[best]:.1f}x" for name, cost in costs.items() if name != best)
-    why = f"cheapest by the built-in calibration ({others})"
-    if not whole:
-        why = f"whole steps would compile for over {MAX_COMPILING:g} s; "
-        why += f"the rate alone takes about {parts_seconds(equations):.0f} s, once"
-    if decay > 0.0:
-        explicit, implicit = (_first_answer(equations, METHODS[name], accuracy, duration, decay)
-                              for name in (best, "esdirk43"))  # fmt: skip
-        if implicit < explicit:
-            cost = f"{best} {explicit / implicit:.1f}x"
-            best, why = "esdirk43", f"stiff: a mode decays at {decay:.1g} 1/s, and explicit steps are as short ({cost})"
-    if portable and not equations.has_events and equations.sampling is None:
-        why = "heyoka is not installed" if heyoka() is None else "compiling its equations would take long"
-        best = {"dop853": "scipy-dop853", "esdirk43": "scipy-radau"}[best]
+    why = f"cheapest by the built-in figures ({others})"
+    if best == "esdirk43":
+        why = f"stiff: a mode decays at {decay:.1g} 1/s, and explicit steps are as short ({others})"
+    if library() is None and not equations.has_events and equations.sampling is None:
+        best, why = SCIPY[best], "there is no native library"
     return MethodChoice(METHODS[best], first_tolerance(METHODS[best], accuracy), why)
-
-
-def _is_bound(equations: Equations) -> bool:
-    """Whether the equations have constraints or events, whose steps would take as long uncompiled."""
-    return equations.has_events or equations.constraints is not None
 
 
 _decays: WeakKeyDictionary[Equations, float] = WeakKeyDictionary()
@@ -145,32 +114,18 @@ def _decay(equations: Equations) -> float:
     return _decays[equations]
 
 
-def _first_answer(equations: Equations, method: Method, accuracy: float, duration: float, decay: float) -> float:
-    """Seconds to a first answer, with compiling: by whole steps, or by steps in parts."""
-    run = functools.partial(_steps_seconds, equations, method, accuracy, duration, decay)
-    parts = parts_seconds(equations) + SOLUTIONS * run(parts=True)
-    if in_parts(equations, method):
-        return parts
-    return min(parts, step_seconds(equations, method) + SOLUTIONS * run())
-
-
-def _steps_seconds(
-    equations: Equations, method: Method, accuracy: float, duration: float, decay: float, *, parts: bool = False
-) -> float:
-    """Seconds of the steps of one solution by the built-in calibration. decay: of the fastest mode, 1/s."""
+def _steps_seconds(equations: Equations, method: Method, accuracy: float, duration: float, decay: float) -> float:
+    """Seconds of the steps of one solution by the built-in figures. decay: of the fastest mode, 1/s."""
     tolerance, (attempts, growth) = first_tolerance(method, accuracy), ATTEMPTS[method.name]
     steps = attempts * (1e-3 / tolerance) ** growth * duration / MEASURED
     steps = max(steps, decay * duration / STABLE.get(method.name, math.inf))
     if equations.sampling is not None:  # steps end at ticks
         steps = max(steps, equations.sampling.ticks_per_second * duration)
-    operations, size = max(1, equations.operations), equations.space.size
-    if method.kind == "taylor":
-        price = TAYLOR_OPERATION * (2 if equations.space.nv >= taylor_code.COMPACT_FROM else 1)
-        return float(steps * operations * taylor_code.order_of(tolerance) ** 2 * price)
-    work = operations * method.evaluations
-    if method.kind == "implicit":  # the Jacobian by central differences, and its factors
-        work += size * (2 * operations + size**2)
-    return float(steps * (work * OPERATION + (method.evaluations * EVALUATION if parts else CALL)))
+    operations, size = max(1, equations.operations), equations.moving
+    work = (operations * OPERATION + EVALUATION) * method.evaluations
+    if method.kind == "implicit":  # the Jacobian, its factors, and a solution an iteration
+        work += (size * SLOPE * operations + size**3 / 3 + method.evaluations * size**2) * OPERATION
+    return float(steps * (work + ATTEMPT))
 
 
 def first_tolerance(method: Method, accuracy: float) -> float:

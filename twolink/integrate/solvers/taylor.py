@@ -1,7 +1,6 @@
 """Taylor's method, by heyoka: the series of the motion to an order that the tolerance calls for."""
 
 import math
-import time
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +10,7 @@ from twolink.dynamics.kernels import heyoka
 from twolink.errors import MissingExtraError
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Code, Progress, Solution
+from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.solvers.pieces import in_pieces
 from twolink.integrate.solvers.taylor_code import (
     COMPACT_FROM,
@@ -22,7 +21,6 @@ from twolink.integrate.solvers.taylor_code import (
     order_of,
 )
 from twolink.integrate.steps.beside import Beside
-from twolink.integrate.steps.compile_time import solved_often
 from twolink.integrate.steps.failures import MAX_STEPS, failure
 from twolink.integrate.steps.perturbation import MIN_STEPS, NO_PERTURBATION, Perturbation, disturbances
 
@@ -82,7 +80,6 @@ def solve(
         # Loops compile in about a second. Straight code is twice as fast, but compiles for minutes where it is long.
         loops = equations.space.nv >= COMPACT_FROM or precision != "double"
         code = Integrator(equations, tolerance, precision, loops)
-        names.add(code.best)
         try:
             solution = _propagate(code, equations, times, progress, precision, perturbation)
         finally:
@@ -99,14 +96,9 @@ def solve(
             finally:
                 lanes.give_back()
             seconds += lanes.compile_seconds
-            names.add(lanes.best)
         return replace(solution, evaluations=solution.steps * order_of(tolerance), compile_seconds=seconds)
 
-    names: set[str] = set()
-    solution = in_pieces(equations, times, piece)
-    if precision == "double":
-        solved_often(names)
-    return solution
+    return in_pieces(equations, times, piece)
 
 
 def _propagate(
@@ -133,11 +125,9 @@ def _propagate(
     try:
         while done < len(times):
             stop = min(len(times), done + chunk)
-            start = time.perf_counter()
             if perturbation.rounding:
                 _disturb(code.integrator, equations, precision, perturbation, done, taken)
             taken, states = _grid(code.integrator, grid[done - 1 : stop], longest)
-            code.spend(time.perf_counter() - start)
             steps += taken
             out[done:stop] = states[1:, :size]
             done = stop
@@ -150,8 +140,7 @@ def _propagate(
         interrupted = True
     double = out[:done].astype(float, copy=False).T
     precise = None if precision == "double" else out[:done]
-    compiled: Code = "steps" if code.name == code.best else "first"
-    return Solution(times[:done], double, steps, 0, compiled=compiled, interrupted=interrupted, precise=precise)
+    return Solution(times[:done], double, steps, 0, compiled="steps", interrupted=interrupted, precise=precise)
 
 
 def _disturb(
@@ -182,12 +171,9 @@ def _propagate_beside(
         x = integrator.state[:size]
         counts = np.full((1, len(lanes)), begin)
         x += disturbances(lanes, counts, x, equations, max(1.0, steps))[0]
-        start = time.perf_counter()
         _, states = integrator.propagate_grid(part, max_steps=MAX_STEPS, max_delta_t=longest)
-        code.spend(time.perf_counter() - start)
         if any(result[0] != arrived for result in integrator.propagate_res):
             return  # what is behind it stays NaN
-        integrator = code.integrator
         places = slice(first + begin, min(first + begin + stride, after))
         beside.x[places] = states[1 : 1 + places.stop - places.start, :size].swapaxes(1, 2)
         if progress is not None:

@@ -1,4 +1,4 @@
-"""Compiled Taylor integrators: made, kept by name for one user at a time, and optimized once that pays.
+"""Compiled Taylor integrators: made, and kept by name for one user at a time.
 
 The step size follows from the last two coefficients. Where a motion starts from symmetric rest, both may vanish by
 symmetry, and the step size becomes infinite (the paper's own release does so at orders 8, 12 and 20). A companion with
@@ -15,7 +15,6 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -25,14 +24,15 @@ from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics.kernels import heyoka
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import traced_rate
-from twolink.integrate.motion.scene_equations import structure_of
-from twolink.integrate.steps.compile_time import UNOPTIMIZED, count, is_reproducible, spent, taylor_seconds
 from twolink.io import cache
 
 COMPACT_FROM = 4  # degrees of freedom from which heyoka compiles loops in place of straight code
 RESTORING = 1.0  # 1/s: how fast a quaternion's length returns to 1, which the exact motion never leaves
 DIGITS = 256  # bits of the constants behind quadruple precision
 COMPANION = 16.0  # c
+TAYLOR_EVALUATIONS = 12.0  # that compile as slowly as Taylor's method
+UNOPTIMIZED = {"opt_level": 0}  # heyoka's option for code that is not called often
+UNOPTIMIZED_SHARE = 1 / 7  # of the time to compile
 
 Precision = Literal["double", "extended", "quad"]
 log = logging.getLogger("twolink")
@@ -41,6 +41,12 @@ log = logging.getLogger("twolink")
 def number_type(precision: Precision) -> Any:
     """The type of a number of this precision."""
     return {"double": float, "extended": np.longdouble, "quad": getattr(heyoka(), "real128", None)}[precision]
+
+
+def taylor_seconds(equations: Equations) -> float:
+    """Seconds to compile Taylor's method, roughly."""
+    operations = equations.operations * TAYLOR_EVALUATIONS
+    return operations / 4_000 * (1.0 + operations / 20_000)
 
 
 def order_of(tolerance: float) -> int:
@@ -56,50 +62,25 @@ MAX_POOL = 64
 class Integrator:
     """An integrator that no thread is using, `integrator`, the name of its code, and the numbers that are its `pars`.
 
-    The first code is compiled without optimization, in double precision with the numbers of the scene as parameters.
-    It takes a seventh of the time to compile, serves other numbers too, and takes twice the time to run. When that has
-    cost as much as compiling, the best code follows.
+    Code of more digits than a double's is rarely run twice: it is not optimized, which compiles in a seventh of the
+    time and runs twice as long.
     """
 
     def __init__(
         self, equations: Equations, tolerance: float, precision: Precision, compact: bool, lanes: int = 1
     ) -> None:
         parts = ("taylor", str(order_of(tolerance)), precision, "compact" if compact else "straight", f"{lanes} lanes")
-        self.best, self.compile_seconds = equations.key(*parts), 0.0
-        self._limit, self._how = taylor_seconds(equations), (tolerance, precision, compact, lanes)
-        self._equations, rows = equations, equations.start[equations.moving :]
-        at_hand = bool(_pool.get(self.best)) or spent(self.best) > self._limit
-        if at_hand or is_reproducible() or cache.has(self.best):
-            self.name, self.integrator, self.numbers = self.best, self._made(self.best, equations), rows
-            return
-        base, values = structure_of(equations) if precision == "double" else (equations, np.empty(0))
-        self.name, self.numbers = base.key(*parts, "first"), np.concatenate([rows, values])
-        self.integrator = self._made(self.name, base, base.parameters if len(values) else (), **UNOPTIMIZED)
-
-    def _made(self, name: str, equations: Equations, parameters: Sequence[str] = (), **options: Any) -> Any:
+        self.name, self.numbers = equations.key(*parts), equations.start[equations.moving :]
+        options = {} if precision == "double" else UNOPTIMIZED
         start = time.perf_counter()
-        integrator = _take(name) or _build(name, equations, *self._how, parameters, **options)
-        self.compile_seconds += time.perf_counter() - start
-        return integrator
+        self.integrator = _take(self.name) or _build(
+            self.name, equations, tolerance, precision, compact, lanes, **options
+        )
+        self.compile_seconds = time.perf_counter() - start
 
     def give_back(self) -> None:
         """Let others use the integrator."""
         _pool.setdefault(self.name, []).append(self.integrator)
-
-    def spend(self, seconds: float) -> None:
-        """Count what solving took; go on with optimized code where that has become worth its compiling."""
-        if self.name == self.best:
-            return
-        count(self.best, seconds)
-        if spent(self.best) > self._limit:
-            integrator = self._made(self.best, self._equations)
-            integrator.state[:] = self.integrator.state
-            if np.ndim(integrator.state) == 1:
-                integrator.time = self.integrator.time
-            else:
-                integrator.set_time(self.integrator.time)
-            integrator.pars[:] = self.integrator.pars[: len(integrator.pars)]
-            self.name, self.integrator = self.best, integrator
 
 
 def _take(name: str) -> Any:
@@ -121,7 +102,6 @@ def _build(
     precision: Precision,
     compact: bool,
     lanes: int,
-    parameters: Sequence[str],
     **options: Any,
 ) -> Any:
     module, start = heyoka(), time.perf_counter()
@@ -130,9 +110,7 @@ def _build(
     size = equations.moving
     rows = [module.par[i] for i in range(equations.space.size - size)]
     x = np.array([module.expression(f"x{i}") for i in range(size)] + rows, dtype=object)
-    constants = {name: module.par[i] for i, name in enumerate(parameters, len(rows))}
-    if precision != "double":
-        constants = _exact_constants(equations, module)
+    constants = {} if precision == "double" else _exact_constants(equations, module)
     rate, x = traced_rate(equations, module.time, x, xp, constants)[:size], x[:size]
     square = (x * x).sum()
     companion = (x * rate).sum() / (COMPANION + square)

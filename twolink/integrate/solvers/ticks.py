@@ -5,7 +5,6 @@ are asked for, and go on as if they had not.
 """
 
 import functools
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -19,10 +18,9 @@ from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece, Progress, Solution
 from twolink.integrate.solvers.from_tick_to_tick import Restarted, Solve
 from twolink.integrate.steps.beside import Beside
-from twolink.integrate.steps.chain import LONGEST, Room
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.outcomes import FINE, Block, failure_of, outcome_of
-from twolink.integrate.steps.perturbation import MIN_STEPS, NO_PERTURBATION, Perturbation, disturbances
+from twolink.integrate.steps.perturbation import MIN_STEPS, NO_PERTURBATION, Perturbation, step_disturbances
 from twolink.integrate.steps.step_control import MAX_FACTOR, MIN_SQUARE
 from twolink.integrate.steps.step_map import StepMap, step_map
 from twolink.integrate.steps.stepping import start_state
@@ -30,7 +28,7 @@ from twolink.loop.clock import SAME_TIME
 from twolink.loop.sampled_loop import SampledLoop, Sampling
 
 LOOK = 64  # attempted steps between two looks at whether they get on
-FEW = 64  # disturbances that are drawn at once
+AT_ONCE = 8  # attempted steps in a call
 LEAST = 0.1  # of the time to the next tick: steps may grow to it
 AHEAD = 8  # steps between two stops at which solutions are only compared: where steps are long, they pass those times
 NONE: Array = np.empty(0)
@@ -71,26 +69,21 @@ class Lanes:
         progress: Progress | None = None,
         rate: Array | None = None,
     ) -> None:
-        count, size, width = len(perturbations), by.equations.space.size, by.padded(len(perturbations))
-        every = perturbations + perturbations[-1:] * (width - count)
-        start = np.repeat(by.equations.start[:, None], width, axis=1)
+        start = np.repeat(by.equations.start[:, None], len(perturbations), axis=1)
         self._by, self._rows, self._setting = by, by.rows, setting
-        self.state, self._limit = start_state(by, start, t, end, setting, every, span=end - t, rate=rate)
-        self.state[by.rows.time, count:] = np.inf  # they fill the vector
-        self._call, self._at_once, self._size, self._count = by.call(width), by.steps_at_once(width), size, count
-        self._rounded = tuple(one for one in perturbations if one.rounding)  # the last ones
+        self.state, self._limit = start_state(by, start, t, end, setting, perturbations, span=end - t, rate=rate)
+        self._size, self._count = by.equations.space.size, len(perturbations)
+        self._disturbances = step_disturbances(perturbations, self.state, by.equations)
         finer = sum(one.finer > 1.0 for one in perturbations[1:])
         self._finer = slice(1, 1 + finer) if finer else None  # the next ones
-        self._moves = by.equations.layout.moves(self.x[by.equations.moving :])[:, count - len(self._rounded) :]
         self._progress, self._longest = progress, (end - t) / MIN_STEPS
         self._start, self._ticks, self._tried, self._half = self.state[by.rows.time].copy(), 0, 1, 0.0
-        self._rooms, self._added, self._disturbed = dict[int, Room](), np.empty(0), 0
-        self._moving = by.equations.moving
+        self._steps = np.empty((AT_ONCE + 1, *self.state.shape))
 
     @property
     def x(self) -> Array:
         """The states (size, n)."""
-        return self.state[: self._size, : self._count]
+        return self.state[: self._size]
 
     @property
     def time(self) -> float:
@@ -124,12 +117,11 @@ class Lanes:
             state[rows.step, self._finer] = np.minimum(state[rows.step, self._finer], half)
             state[rows.longest, self._finer] = min(self._longest, half)
         state[rows.end] = end
-        self._disturb()
-        tried, late, looked, taken = 0, list(range(count)), LOOK, [state[None, :, :count].copy()] if len(looks) else []
+        tried, late, looked, taken = 0, list(range(count)), LOOK, [state[None].copy()] if len(looks) else []
         while late:
-            steps = self._attempt(min(self._tried, self._at_once))
+            steps = self._attempt(min(self._tried, AT_ONCE))
             if taken:
-                taken.append(steps[:, :, :count].copy())
+                taken.append(steps.copy())
             for k in range(len(steps)):
                 if start < (start := steps.item(k, time, 0)) < end:
                     on_the_way.append((start, steps[k, : self._size, 0].copy()))
@@ -147,8 +139,6 @@ class Lanes:
         self._ticks += 1
         if self._ticks % LOOK == 0:
             self._require_fine()
-            width = state.shape[1]
-            self._call, self._at_once = self._by.call(width), self._by.steps_at_once(width)
         return on_the_way, self._between(np.concatenate(taken), looks) if taken else np.empty(0)
 
     def _between(self, taken: Array, looks: Array) -> Array:
@@ -161,45 +151,19 @@ class Lanes:
         return at.reshape(self._size, len(looks), count)
 
     def _attempt(self, count: int) -> Array:
-        """Attempt so many steps, in one call; the states (count, rows, n) after each."""
-        if count == 1:
-            self._call(self.state, new := np.empty_like(self.state))
-            self.state = new
-            return new[None]
-        if count not in self._rooms:  # a room of its own: a controller may solve too
-            self._rooms[count] = Room(1, count, *self.state.shape)
-        room = self._rooms[count]
-        source, start, target, after = room.calls[0]
-        source[self._rows.accepted, start.shape[1] :] = np.nan
-        start[:] = self.state
-        self._call(source, target)
-        if math.isnan(after.item(self._rows.accepted, 0)):  # not one step after the other
-            self._at_once = 1
-            return self._attempt(1)
-        self.state[:] = after
-        steps: Array = room.written[0]
-        return steps
-
-    def _disturb(self) -> None:
-        """Disturb the solutions that show rounding, as often as a chain of steps does."""
-        every = max(1, LONGEST // self._tried)
-        if not self._rounded or self._ticks % every:
-            return
-        number = self._disturbed
-        row, self._disturbed = number % FEW, number + 1
-        part = self.state[: self._moving, self._count - len(self._rounded) : self._count]
-        if number & (number - 1) == 0 or row == 0:  # by the size of the state then
-            counts = number - row + np.repeat(np.arange(FEW)[:, None], len(self._rounded), axis=1)
-            added = disturbances(self._rounded, counts, part, self._by.equations, every * self._tried)
-            self._added = added * self._moves
-        part += self._added[row]
+        """Attempt so many steps, or fewer where all arrive before; the states (k, rows, n) after each."""
+        steps = self._steps
+        steps[0] = self.state
+        made = self._by.attempts(steps[: count + 1], count, count, self._disturbances)
+        self.state[:] = steps[made]
+        return steps[1 : made + 1]
 
     def _require_fine(self) -> None:
         """Tell the time, and require that the steps get on. Raises AccuracyError."""
         if self._progress is not None:
             self._progress(self.time)
-        lanes = self.state[:, : self._count]
-        outcome = outcome_of(self._by, lanes, self._start[: self._count], self._limit)
+        lanes = self.state
+        outcome = outcome_of(self._by, lanes, self._start, self._limit)
         for i in np.flatnonzero(outcome != FINE):
             alone = lanes[None, :, [i]]
             raise failure_of(

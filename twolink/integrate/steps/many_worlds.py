@@ -11,8 +11,9 @@ from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress
 from twolink.integrate.steps.outcomes import FINE
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
-from twolink.integrate.steps.step_map import LANES, StepMap
+from twolink.integrate.steps.step_map import StepMap
 from twolink.integrate.steps.stepping import BLOCK, advance, start_state, take_samples
+from twolink.native.machine import MANY
 
 CHUNK, SMALL = 512, 64  # worlds that a thread takes at once, so that they stay in its cache; and that make one
 
@@ -89,11 +90,11 @@ def _to_the_end(
     rows, count = step_map.rows, state.shape[1]
     moving, first = out.shape[2], step_map.equations.space.size + len(rows)
     shared = step_map.compiled == "steps" and not is_forked_child()  # Pinocchio's data are not for several threads
-    chunk = min(CHUNK, -(-count // (LANES * thread_count())) * LANES) if shared and count >= 2 * SMALL else count
+    chunk = min(CHUNK, -(-count // (MANY * thread_count())) * MANY) if shared and count >= 2 * SMALL else count
 
     def part(begin: int, stopped: threading.Event) -> None:
         own, samples = state[:, begin : begin + chunk], out[:, begin : begin + chunk]
-        for block in advance(step_map, own, limit, BLOCK, LANES, (perturbation,)):
+        for block in advance(step_map, own, limit, BLOCK, (perturbation,)):
             own[:moving, block.worlds[block.outcome != FINE]] = np.nan
             take_samples(step_map, block, times, samples, own[first:] if len(own) > first else None)
             if stopped.is_set():

@@ -17,6 +17,7 @@ import numpy as np
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.steps.methods import Method
+from twolink.native.stepper import Disturbances
 
 MIN_STEPS = 16.0  # of an adaptive method in a run
 ROUNDING = 2 * np.finfo(float).eps  # of each entry of a state, relative to its size, in each step
@@ -93,6 +94,36 @@ def _numbers(perturbations: tuple[Perturbation, ...]) -> tuple[Array, Array, Arr
     rounding = np.array([one.sign * one.rounding for one in perturbations])
     numbers = np.array([one.number for one in perturbations], dtype=int)
     return APART * numbers, rounding, BIAS / ROUNDING * rounding * (1 - 2 * (numbers % 2))
+
+
+def step_disturbances(
+    perturbations: tuple[Perturbation, ...], state: Array, equations: Equations
+) -> Disturbances | None:
+    """What is added before each attempt to solutions that are disturbed: r |x|, r random, and b x, b the bias.
+
+    Parameters
+    ----------
+    perturbations : tuple of Perturbation
+        Of the n solutions; or one, of all of them.
+    state : ndarray (rows, n)
+        Of the solutions: which joints are locked, and do not move.
+    equations : Equations
+        Of the states: which entries are of q and of v, and which never change, so that nothing is rounded.
+
+    Returns
+    -------
+    Disturbances or None
+        None where no solution is disturbed. How many steps a solution has attempted chooses its random numbers, so that
+        these do not depend on what else is solved.
+    """
+    if not any(one.rounding for one in perturbations):
+        return None
+    space, count = equations.space, state.shape[1]
+    first, rounding, bias = (np.repeat(a, count // len(a)) for a in _numbers(perturbations))
+    moves = equations.layout.moves(state[equations.moving : space.size])
+    moves[list(equations.steady)] = 0.0
+    parts = (0, space.nq, space.v_rows.start, space.v_rows.stop)
+    return Disturbances(_random(equations.moving), rounding, bias, first, moves, parts, SHARE)
 
 
 def disturbances(

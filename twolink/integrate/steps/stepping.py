@@ -5,7 +5,6 @@ and events are looked for. `integrate` runs one world through it, alone or as th
 others are the solutions beside it.
 """
 
-import itertools
 import math
 from collections.abc import Iterator
 from typing import Any, Protocol
@@ -14,20 +13,18 @@ import numpy as np
 
 from twolink.errors import AccuracyError
 from twolink.integrate.motion.causes import cause
-from twolink.integrate.motion.pinocchio_rate import rate as rate_by_pinocchio
-from twolink.integrate.motion.pinocchio_rate import rate_at_start
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import MAX_KEPT, Progress, Solution
 from twolink.integrate.steps.beside import Beside
-from twolink.integrate.steps.chain import LONGEST, take_steps
 from twolink.integrate.steps.failures import MAX_STEPS, failure
 from twolink.integrate.steps.outcomes import FINE, Block, failure_of, outcome_of
-from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation, disturbances
+from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation, step_disturbances
 from twolink.integrate.steps.step_control import RESOLUTION, initial_state
-from twolink.integrate.steps.step_map import LANES, StepMap
+from twolink.integrate.steps.step_map import StepMap
 
 MAX_FIXED_STEPS = 100_000_000  # steps of one size
 BLOCK = 256  # steps between two looks at what they gave
+LOOK = 8  # steps between two looks at whether half of the worlds have arrived
 BLOCK_NUMBERS = 200_000  # in a block, which stays in the cache: with many worlds it has fewer steps
 SMALLEST_TOLERANCE = 1e-15  # below this the rounding of the numbers decides
 
@@ -95,11 +92,10 @@ def integrate(
     if beside is not None:
         numbers = np.repeat(x[equations.moving :], len(others), axis=1)
         x = np.concatenate([x, np.concatenate([beside.now, numbers])], axis=1)
-    rate = rate_at_start(equations, start)[: equations.moving] if rate is None else rate
     state, limit = start_state(step_map, x, start, end, setting, lanes, rate=rate, span=span or end - start)
     record, interrupted, hit, last = _Record(step_map, times), False, None, state[:, 0]
     try:
-        for block in advance(step_map, state, limit, first_block, 1 if beside is None else LANES, lanes):
+        for block in advance(step_map, state, limit, first_block, lanes):
             if beside is not None:
                 _look_at(step_map, block, beside)
             if block.worlds[0] > 0:
@@ -179,25 +175,20 @@ def advance(
     state: Array,
     limit: int,
     block_steps: int = BLOCK,
-    lanes: int = 1,
     perturbations: tuple[Perturbation, ...] = (),
 ) -> Iterator[Block]:
     """Advance each world of `state` (rows, n), in place, to its own end, and yield the blocks of steps.
 
     limit: of attempted steps a world. block_steps: of the first block; each next one has twice as many up to BLOCK.
-    lanes: batches are padded to a multiple of it; with LANES every world gets the same bits in any batch. Worlds that
-    have arrived or cannot go on are left out of the next block. perturbations: of each world, which may be disturbed;
-    or one, of all.
+    Worlds that have arrived or cannot go on are left out of the next block. perturbations: of each world, which may be
+    disturbed; or one, of all.
     """
     rows, same = step_map.rows, len(perturbations) == 1
     start = state[rows.time].copy()
     worlds = np.flatnonzero(state[rows.time] < state[rows.end])
     while worlds.size:
         own = perturbations if same else tuple(perturbations[i] for i in worlds)
-        if not any(one.rounding for one in own):
-            own = ()
-        alone = len(worlds) == 1 and not same  # a solution beside a run that has arrived
-        states = _attempt(step_map, state[:, worlds], block_steps, 1 if alone else lanes, own)
+        states = _attempt(step_map, state[:, worlds], block_steps, own)
         last = states[-1]
         outcome = outcome_of(step_map, last, start[worlds], limit)
         state[:, worlds] = last
@@ -206,52 +197,16 @@ def advance(
         block_steps = min(2 * block_steps, BLOCK)
 
 
-def _attempt(step_map: StepMap, state: Array, count: int, lanes: int, perturbations: tuple[Perturbation, ...]) -> Array:
+def _attempt(step_map: StepMap, state: Array, count: int, perturbations: tuple[Perturbation, ...]) -> Array:
     """The states (k + 1, rows, w) of up to `count` attempts; fewer when half of the worlds have arrived.
 
-    perturbations: of each world, or one of all, whose states are disturbed before each call of a chain, or as often as
-    by one; none: no world is.
+    perturbations: of each world, or one of all, which are disturbed before each attempt.
     """
-    rows, worlds = step_map.rows, state.shape[1]
-    width = -(-worlds // lanes) * lanes if step_map.compiled else worlds
-    count = min(count, max(LONGEST, BLOCK_NUMBERS // (len(state) * width) // LONGEST * LONGEST))
-    start = np.concatenate([state, np.repeat(state[:, -1:], width - worlds, axis=1)], axis=1)
-    call, at_once = step_map.call(width), min(count, step_map.steps_at_once(width))
-    # A chain disturbs by the size of the state before it, and how long it is depends on how many worlds there are.
-    at_once = 1 if lanes == LANES and len(perturbations) == 1 else at_once
-    if at_once > 1:
-        added = _disturbances(step_map, start, -(-count // at_once), at_once, perturbations)
-        states = take_steps(call, rows, start, count, at_once, added)
-        if states is not None:
-            return states[..., :worlds]
-    states = np.empty((count + 1, *start.shape))
-    states[0] = start
-    k, end, spacing = 0, start[rows.end], 1 if lanes == 1 else LONGEST
-    for k, (now, new) in enumerate(itertools.pairwise(states), 1):
-        source = now
-        added = _disturbances(step_map, now, 1, spacing, perturbations) if (k - 1) % spacing == 0 else None
-        if added is not None:  # of a copy: the state of a world that has arrived stays as it is
-            source = now.copy()
-            source[: added.shape[1]] += added[0]
-        call(source, new)
-        going = np.count_nonzero(new[rows.time] < end)
-        if going == 0 or (k % LONGEST == 0 and 2 * going < width):
-            break
-    return states[: k + 1, :, :worlds]
-
-
-def _disturbances(
-    step_map: StepMap, start: Array, calls: int, at_once: int, perturbations: tuple[Perturbation, ...]
-) -> Array | None:
-    """What is added to (q, v) before every `at_once` steps, (calls, nq + nv, n); None for nothing."""
-    if not perturbations:
-        return None
-    rows, equations = step_map.rows, step_map.equations
-    padding = start.shape[1] - len(perturbations) if len(perturbations) > 1 else 0
-    every = perturbations + perturbations[-1:] * padding
-    counts = start[rows.accepted] + start[rows.rejected] + at_once * np.arange(calls)[:, None]
-    added = disturbances(every, counts, start[: equations.moving], equations, at_once)
-    return added * equations.layout.moves(start[equations.moving : equations.space.size])
+    count = max(1, min(count, max(LOOK, BLOCK_NUMBERS // state.size // LOOK * LOOK)))
+    states = np.empty((count + 1, *state.shape))
+    states[0] = state
+    made = step_map.attempts(states, count, LOOK, step_disturbances(perturbations, state, step_map.equations))
+    return states[: made + 1]
 
 
 def take_samples(step_map: StepMap, block: Block, times: Array, out: Array, parameters: Array | None = None) -> None:
@@ -301,7 +256,7 @@ def start_state(
     setting = np.asarray(setting / finer)
     if method.adaptive:
         setting = np.fmax(setting, SMALLEST_TOLERANCE)
-    rate = rate_by_pinocchio(equations, start, x)[: equations.moving] if rate is None else rate
+    rate = step_map.rate(start, x, parameters) if rate is None else rate
     rate = np.abs(np.broadcast_to(rate, (len(rate), x.shape[1])))
     duration = np.asarray(end - start, dtype=float)
     finite = np.isfinite(rate).all(axis=0)
@@ -321,9 +276,5 @@ def start_state(
     # and the distance of their solutions would say nothing about the error.
     fraction = setting ** (1 / method.error_order)
     first = np.minimum(0.5 * fraction / np.maximum(change, 1e-3), fraction * duration / every[0].min_steps(method))
-    # Eight bits suffice. The last bits of the rate depend on the number of worlds, as Pinocchio's parallel loops round
-    # differently, and a world's steps must not.
-    mantissa, exponent = np.frexp(first)
-    first = np.ldexp(np.round(256 * mantissa) / 256, exponent)
     longest = span / np.array([one.min_steps(method) for one in every])
     return initial_state(x, start, first, end, setting, longest, parameters, (finer / RESOLUTION) ** 2), MAX_STEPS

@@ -1,0 +1,171 @@
+/* What Python calls: programs on columns, methods, and their attempts, by the code for this processor. */
+#include "program.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define ALL_WIDTHS(level) TL_DECLARE(w1##level) TL_DECLARE(w4##level) TL_DECLARE(w8##level) TL_DECLARE(w16##level)
+#define TABLE(name, level) {name##_w1##level, 0, name##_w4##level, name##_w8##level, name##_w16##level}
+typedef void (*columns_function)(const tl_program *, double *, int64_t, const double *, ptrdiff_t, ptrdiff_t, double *,
+                                 ptrdiff_t, ptrdiff_t);
+typedef int64_t (*attempts_function)(tl_workspace *, int64_t, int64_t, int64_t, double *, const tl_disturbance *);
+
+ALL_WIDTHS(base)
+#if defined(X86_LEVELS)
+#include <cpuid.h>
+ALL_WIDTHS(v3)
+ALL_WIDTHS(v4)
+static const columns_function COLUMNS[3][TL_WIDTHS] = {TABLE(tl_columns, base), TABLE(tl_columns, v3), TABLE(tl_columns, v4)};
+static const attempts_function ATTEMPTS[3][TL_WIDTHS] = {TABLE(tl_attempts, base), TABLE(tl_attempts, v3),
+                                                         TABLE(tl_attempts, v4)};
+/* 2 with AVX-512 (F, DQ, CD, BW, VL), 1 with AVX2 and FMA, which the system must save too; else 0. */
+TL_API int tl_level(void) {
+  unsigned a, b, c, d, low, high;
+  if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & (1u << 27)) || !(c & (1u << 12))) return 0;
+  __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
+  if ((low & 6) != 6 || !__get_cpuid_count(7, 0, &a, &b, &c, &d) || !(b & (1u << 5)) || !(b & (1u << 8))) return 0;
+  const unsigned wanted = (1u << 16) | (1u << 17) | (1u << 28) | (1u << 30) | (1u << 31);
+  return (low & 0xe6) == 0xe6 && (b & wanted) == wanted ? 2 : 1;
+}
+#else
+static const columns_function COLUMNS[1][TL_WIDTHS] = {TABLE(tl_columns, base)};
+static const attempts_function ATTEMPTS[1][TL_WIDTHS] = {TABLE(tl_attempts, base)};
+TL_API int tl_level(void) { return 0; }
+#endif
+
+#define TEXT_(x) #x
+#define TEXT(x) TEXT_(x)
+/* A digest of the sources that this was built from. */
+TL_API const char *tl_sources(void) { return TEXT(SOURCES); }
+
+TL_API int tl_fits(const tl_program *p, int width) { return tl_log2(width) >= 0 && p->code[tl_log2(width)] != NULL; }
+
+TL_API double *tl_registers_new(const tl_program *p, int width) { return tl_fits(p, width) ? tl_registers(p, width) : NULL; }
+
+TL_API void tl_registers_free(double *registers) { tl_free_aligned(registers); }
+
+/* Outputs of `count` columns; registers: from tl_registers_new for this width. Strides are counted in numbers. */
+TL_API int tl_columns(const tl_program *p, int level, int width, double *registers, int64_t count, const double *in,
+                      int64_t in_row, int64_t in_column, double *out, int64_t out_row, int64_t out_column) {
+  if (!p || !registers || count < 0 || level < 0 || level > tl_level()) return TL_BAD_ARGUMENT;
+  if (!tl_fits(p, width)) return TL_TOO_WIDE;
+  COLUMNS[level][tl_log2(width)](p, registers, count, in, (ptrdiff_t)in_row, (ptrdiff_t)in_column, out, (ptrdiff_t)out_row,
+                                 (ptrdiff_t)out_column);
+  return TL_FINE;
+}
+
+TL_API void tl_method_free(tl_method *m) {
+  if (!m) return;
+  free(m->absolute);
+  free(m->joint_rows);
+  free(m->entry_at);
+  free(m);
+}
+
+static int rows_are_sound(const tl_method *m) {
+  for (int i = 0; i < 4 * m->joints; i++)
+    if (m->joint_rows[i] < 0 || m->joint_rows[i] > m->moving) return 0;
+  for (int i = 0; i < 2 * m->entries; i++)
+    if (m->entry_at[i] < 0 || m->entry_at[i] >= m->moving) return 0;
+  return 1;
+}
+
+static void *copied(const void *from, size_t bytes) {
+  void *to = malloc(bytes ? bytes : 1);
+  if (to && bytes) memcpy(to, from, bytes);
+  return to;
+}
+
+/* sizes: size, moving, parameters, kind, adaptive, stages, errors, order, iterations, joints, entries of the Jacobian.
+tableau: a (stages x stages), b, c, e (errors x stages). Returns a code; the method is written to `made`. The programs must
+outlive it. */
+TL_API int tl_method_new(const tl_program *rate, const tl_program *projection, const tl_program *jacobian,
+                         const int32_t sizes[11], const double *tableau, const uint8_t *absolute, const int32_t *joint_rows,
+                         const int32_t *entry_at, tl_method **made) {
+  *made = NULL;
+  const int size = sizes[0], moving = sizes[1], parameters = sizes[2], kind = sizes[3], stages = sizes[5], errors = sizes[6];
+  if (!rate || size < 0 || moving < 0 || moving > size || size > 30000 || parameters < 0 || stages < 0 ||
+      stages > TL_MAX_STAGES || errors < 0 || errors > TL_MAX_ERRORS || sizes[7] < 1 || sizes[8] < 0 || sizes[9] < 0 ||
+      sizes[10] < 0 || kind < TL_EXPLICIT || kind > TL_WHOLE || rate->inputs != 1 + size + parameters + (kind == TL_WHOLE) ||
+      rate->outputs != moving || (projection && (projection->inputs != size + parameters || projection->outputs != moving)) ||
+      (kind == TL_IMPLICIT) != (jacobian != NULL) ||
+      (jacobian && (jacobian->inputs != 1 + size + parameters || jacobian->outputs != sizes[10])) || (kind != TL_WHOLE && !stages))
+    return TL_BAD_ARGUMENT;
+  tl_method *m = calloc(1, sizeof *m);
+  if (!m) return TL_NO_MEMORY;
+  m->rate = rate, m->projection = projection, m->jacobian = jacobian, m->size = size, m->moving = moving;
+  m->parameters = parameters, m->kind = kind, m->adaptive = sizes[4], m->stages = stages, m->errors = errors;
+  m->order = sizes[7], m->iterations = sizes[8], m->joints = sizes[9], m->entries = sizes[10];
+  for (int i = 0; i < stages; i++) {
+    for (int j = 0; j < stages; j++) m->a[i][j] = tableau[i * stages + j];
+    m->b[i] = tableau[stages * stages + i];
+    m->c[i] = tableau[stages * (stages + 1) + i];
+    for (int e = 0; e < errors; e++) m->e[e][i] = tableau[stages * (stages + 2 + e) + i];
+  }
+  m->absolute = copied(absolute, (size_t)moving);
+  m->joint_rows = copied(joint_rows, (size_t)m->joints * 4 * sizeof(int32_t));
+  m->entry_at = copied(entry_at, (size_t)m->entries * 2 * sizeof(int32_t));
+  const int whole = m->absolute && m->joint_rows && m->entry_at;
+  if (!whole || !rows_are_sound(m)) {
+    tl_method_free(m);
+    return whole ? TL_BAD_ARGUMENT : TL_NO_MEMORY;
+  }
+  *made = m;
+  return TL_FINE;
+}
+
+TL_API void tl_workspace_free(tl_workspace *w) {
+  if (!w) return;
+  tl_free_aligned(w->memory);
+  tl_free_aligned(w->rate_registers);
+  tl_free_aligned(w->projection_registers);
+  tl_free_aligned(w->jacobian_registers);
+  free(w->pivots);
+  free(w);
+}
+
+/* The numbers of one thread for a method; NULL without memory, or where a program is too large for the width. */
+TL_API tl_workspace *tl_workspace_new(const tl_method *m, int width) {
+  if (!tl_fits(m->rate, width) || (m->projection && !tl_fits(m->projection, width)) ||
+      (m->jacobian && !tl_fits(m->jacobian, width)))
+    return NULL;
+  tl_workspace *w = calloc(1, sizeof *w);
+  if (!w) return NULL;
+  const size_t lanes = (size_t)width, size = (size_t)m->size * lanes, moving = (size_t)m->moving * lanes;
+  const size_t square = m->kind == TL_IMPLICIT ? moving * (size_t)m->moving : 0;
+  const size_t stages = ((size_t)m->stages + 2) * moving;
+  w->memory = tl_aligned((3 * size + moving + (TL_CONTROLS + (size_t)m->parameters) * lanes + stages + square +
+                          (size_t)m->moving + 16) * sizeof(double));
+  w->rate_registers = tl_registers(m->rate, width);
+  w->projection_registers = m->projection ? tl_registers(m->projection, width) : NULL;
+  w->jacobian_registers = m->jacobian ? tl_registers(m->jacobian, width) : NULL;
+  w->pivots = calloc(moving ? moving : 1, sizeof(int32_t));
+  if (!w->memory || !w->rate_registers || (m->projection && !w->projection_registers) ||
+      (m->jacobian && !w->jacobian_registers) || !w->pivots) {
+    tl_workspace_free(w);
+    return NULL;
+  }
+  double *at = w->memory;
+  w->method = m, w->width = width;
+  w->x = at, at += size;
+  w->next = at, at += size;
+  w->change = at, at += size;
+  w->control = at, at += TL_CONTROLS * lanes;
+  w->parameters = at, at += (size_t)m->parameters * lanes;
+  w->admitted = at, at += moving;
+  w->stages = at, at += stages;
+  w->matrix = at, at += square;
+  w->right = at;
+  return w;
+}
+
+/* Attempts of each column of states (count + 1, rows, columns), whose first is given; how many were made, or a code below 0.
+disturbance: arrays by column, or NULL. */
+TL_API int64_t tl_attempts(tl_workspace *w, int level, int64_t columns, int64_t count, int64_t look, double *states,
+                           const tl_disturbance *disturbance) {
+  if (!w || level < 0 || level > tl_level() || columns < 1 || count < 0 || look < 1 || !states) return -TL_BAD_ARGUMENT;
+  if (disturbance && (disturbance->period < 1 || disturbance->parts[0] < 0 || disturbance->parts[1] > w->method->moving ||
+                      disturbance->parts[2] < 0 || disturbance->parts[3] > w->method->moving))
+    return -TL_BAD_ARGUMENT;
+  return ATTEMPTS[level][tl_log2(w->width)](w, columns, count, look, states, disturbance);
+}

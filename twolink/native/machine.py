@@ -1,0 +1,195 @@
+"""Programs: traced formulas that run over columns of numbers, by the native library or, without it, by NumPy."""
+
+import ctypes
+import functools
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from twolink.algorithms.tape import Symbol, Tape
+from twolink.errors import TwolinkError
+from twolink.native.assembly import OPERATIONS, QUADS, Assembled, assemble
+from twolink.native.library import Handle, Pool, address, level, library, require
+
+Array = np.ndarray[Any, np.dtype[Any]]
+WIDTHS = (16, 8, 4, 1)  # columns side by side
+ALONE, FEW, MANY = 1, 4, 8  # the widths for one column, for up to so many, and for more
+WIDE = 64  # columns from which the widest pays
+
+_NUMPY: dict[str, Callable[..., Any]] = {
+    "ADD": np.add, "SUB": np.subtract, "MUL": np.multiply, "DIV": np.divide, "SQRT": np.sqrt, "NEG": np.negative,
+    "EXP": np.exp, "TANH": np.tanh, "ATAN2": np.arctan2, "COPY": np.positive,
+    "ADD_K": np.add, "K_SUB": lambda a, k: k - a, "MUL_K": np.multiply, "K_DIV": lambda a, k: k / a, "POWER": np.power,
+    "FMA": lambda a, b, c: a * b + c, "FMS": lambda a, b, c: a * b - c, "FNMA": lambda a, b, c: c - a * b,
+    "FMA_K": lambda a, k, c: a * k + c, "FMS_K": lambda a, k, c: a * k - c,
+    "DOT2": lambda a, b, c, d: a * b + c * d, "DOT2_MINUS": lambda a, b, c, d: a * b - c * d,
+    "E_DOT2": lambda a, b, c, d, e: e + a * b + c * d, "E_DOT2_MINUS": lambda a, b, c, d, e: e + a * b - c * d,
+    "E_MINUS_DOT2": lambda a, b, c, d, e: e - a * b - c * d,
+    "E_DOT3": lambda a, b, c, d, e, f, g: e + a * b + c * d + f * g,
+    "E_DOT4": lambda a, b, c, d, e, f, g, h, i: e + a * b + c * d + f * g + h * i,
+    "LESS": lambda a, b: np.where(a < b, 1.0, 0.0), "LESS_EQUAL": lambda a, b: np.where(a <= b, 1.0, 0.0),
+    "WHERE": lambda a, b, c: np.where((a < 0.0) | (a > 0.0), b, c),
+}  # fmt: skip
+_OPERANDS = {"SQRT": 1, "NEG": 1, "EXP": 1, "TANH": 1, "COPY": 1, "FMA": 3, "FMS": 3, "FNMA": 3, "FMA_K": 3, "FMS_K": 3,
+             "WHERE": 3, "DOT2": 4, "DOT2_MINUS": 4, "E_DOT2": 5, "E_DOT2_MINUS": 5, "E_MINUS_DOT2": 5, "E_DOT3": 7,
+             "E_DOT4": 9}  # fmt: skip
+_WITH_SCALAR = {"ADD_K", "K_SUB", "MUL_K", "K_DIV", "POWER", "FMA_K", "FMS_K"}
+
+
+def trace(formula: Callable[[Array, Tape], Sequence[Any]], inputs: int) -> Assembled:
+    """The program of a formula of a vector (inputs,) of symbols and of the namespace.
+
+    Raises ProgramTooLargeError.
+    """
+    tape = Tape()
+    x = tape.variables(inputs)
+    return assembled(tape, x, formula(x, tape))
+
+
+def assembled(tape: Tape, inputs: Sequence[Any], outputs: Sequence[Any]) -> Assembled:
+    """The program of outputs on a tape: symbols and constants."""
+    ends = [x.key if isinstance(x, Symbol) else float(x) for x in outputs]
+    operations = [(key, tape.operations[key]) for key in tape.needed(outputs)]
+    return assemble(operations, [x.key for x in inputs], ends)
+
+
+class Program:
+    """A program that can be called, from many threads at once.
+
+    Parameters
+    ----------
+    arrays : Assembled
+    constants : ndarray (k,), optional
+        Values of the last k inputs, which are then none of the program's.
+    """
+
+    def __init__(self, arrays: Assembled, constants: Array | None = None) -> None:
+        given = np.zeros(0) if constants is None else np.asarray(constants, dtype=float)
+        self.inputs, self.outputs = arrays.inputs - len(given), len(arrays.output_at)
+        self.arrays = arrays
+        self._constants = np.concatenate([arrays.constants, given])
+        places = np.arange(self.inputs, arrays.inputs)
+        self._constant_at = np.concatenate([arrays.constant_at, places]).astype(np.int32)
+        self.handle = None if library() is None else self._native()
+        self._pools: dict[int, Pool] = {}
+
+    def _native(self) -> Handle:
+        """The library's program."""
+        one, made = self.arrays, ctypes.c_void_p()
+        arrays = [np.ascontiguousarray(a) for a in (one.code, one.scalars, one.output_at)]
+        code = library().tl_program_new(
+            self.inputs, self.outputs, one.registers, len(one.code) // 4, address(arrays[0]), len(one.scalars),
+            address(arrays[1]), len(self._constants), address(self._constant_at), address(self._constants),
+            address(arrays[2]), ctypes.byref(made),
+        )  # fmt: skip
+        require(code, "a program")
+        return Handle(made.value, library().tl_program_free)
+
+    def fits(self, width: int) -> bool:
+        """Whether so many columns fit side by side."""
+        return self.arrays.registers * width <= 65_536
+
+    def widest(self, columns: int, most: int = MANY) -> int:
+        """The width for so many columns."""
+        wanted = ALONE if columns == 1 else FEW if columns <= FEW else most
+        return next(width for width in WIDTHS if width <= wanted and self.fits(width))
+
+    def __call__(self, x: Array, out: Array | None = None) -> Array:
+        """The outputs (outputs, n) of inputs (inputs, n), whose memory may have any strides; or (outputs,) of (inputs,)."""
+        x = np.asarray(x, dtype=float)
+        if len(x) != self.inputs:
+            raise TwolinkError(f"a program of {self.inputs} inputs got {len(x)}", code="native-library")
+        if x.ndim == 1:
+            return self._of_one(x)
+        if out is None:
+            out = np.empty((self.outputs, x.shape[1]))
+        if self.handle is None:
+            out[:] = _by_numpy(self.arrays, self._constants, self._constant_at, x)
+            return out
+        pool = self._pool(self.widest(x.shape[1], WIDTHS[0] if x.shape[1] > WIDE else MANY))
+        registers = pool.take()
+        try:
+            code = library().tl_columns(
+                self.handle.value, level(), registers.width, registers.handle.value, x.shape[1], x.ctypes.data,
+                x.strides[0] // 8, x.strides[1] // 8, out.ctypes.data, out.strides[0] // 8, out.strides[1] // 8,
+            )  # fmt: skip
+        finally:
+            pool.give(registers)
+        require(code, "a program")
+        return out
+
+    def _of_one(self, x: Array) -> Array:
+        """The outputs of one column, through memory that is at hand: converting arrays takes longer than computing."""
+        if self.handle is None:
+            return _by_numpy(self.arrays, self._constants, self._constant_at, x[:, None])[:, 0]
+        pool = self._pool(ALONE)
+        registers = pool.take()
+        try:
+            registers.x[:] = x
+            library().tl_columns(*registers.arguments)
+            return np.asarray(registers.y.copy())
+        finally:
+            pool.give(registers)
+
+    def _pool(self, width: int) -> Pool:
+        """Registers of this width."""
+        pool = self._pools.get(width)
+        return pool or self._pools.setdefault(width, Pool(functools.partial(_Registers, self, width)))
+
+
+class _Registers:
+    """Registers of a program, and memory for one column with the arguments of its call."""
+
+    def __init__(self, program: Program, width: int) -> None:
+        handle = program.handle
+        assert handle is not None
+        self.handle = Handle(library().tl_registers_new(handle.value, width), library().tl_registers_free)
+        self.width, self.x, self.y = width, np.empty(program.inputs), np.empty(program.outputs)
+        self.arguments = (
+            handle.value,
+            level(),
+            width,
+            self.handle.value,
+            1,
+            address(self.x),
+            1,
+            1,
+            address(self.y),
+            1,
+            1,
+        )
+
+
+def _by_numpy(arrays: Assembled, constants: Array, constant_at: Array, x: Array) -> Array:
+    """The outputs of a program by NumPy, instruction by instruction: the referee of the native library."""
+    registers: list[Any] = [None] * arrays.registers
+    registers[: len(x)] = list(x)
+    for place, value in zip(constant_at.tolist(), constants.tolist(), strict=True):
+        registers[place] = np.full(x.shape[1], value)
+    scalars = arrays.scalars.tolist()
+    with np.errstate(all="ignore"):
+        for what, row in _instructions(arrays.code.tolist()):
+            if what == "SINCOS":
+                registers[row[0]], registers[row[2]] = np.sin(registers[row[1]]), np.cos(registers[row[1]])
+                continue
+            operands = (
+                [registers[i] for i in row[1 : 1 + _OPERANDS.get(what, 2)]]
+                if what not in _WITH_SCALAR
+                else [registers[row[1]], scalars[row[2]], *(registers[i] for i in row[3 : 1 + _OPERANDS.get(what, 2)])]
+            )
+            registers[row[0]] = _NUMPY[what](*operands)
+    return np.array([registers[i] for i in arrays.output_at]).reshape(len(arrays.output_at), x.shape[1])
+
+
+def _instructions(code: list[int]) -> Iterator[tuple[str, list[int]]]:
+    """The instructions of a code: operation and places."""
+    at = 0
+    while at < len(code):
+        what, count = OPERATIONS[code[at]], code[at + 1]
+        width = 4 * QUADS.get(what, 1)
+        at += 4
+        for _ in itertools.repeat(None, count):
+            yield what, code[at : at + width]
+            at += width

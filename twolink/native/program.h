@@ -1,0 +1,86 @@
+/* Programs and methods: what the machine runs.
+
+A program is a traced formula as a list of instructions on registers. A register holds one number a column, for W columns
+side by side. Registers 0, 1, ... are the inputs; constants that an instruction cannot take as a scalar follow. The code
+consists of quads of 16-bit numbers. A run is a head [operation, count, 0, 0] and then `count` instructions of one, two or
+three quads, all of this operation, so that one dispatch serves them all. An instruction is [result, operands ...]. */
+#ifndef TWOLINK_PROGRAM_H
+#define TWOLINK_PROGRAM_H
+#include <stddef.h>
+#include <stdint.h>
+
+#if defined(_WIN32)
+#define TL_API __declspec(dllexport)
+#else
+#define TL_API __attribute__((visibility("default")))
+#endif
+
+/* The operations, in the order of `assembly.OPERATIONS`. K: the second operand is a scalar constant.
+DOT2: ab + cd; DOT2_MINUS: ab - cd; with e in front: e + ab + cd, e + ab - cd, e - ab - cd; DOT3, DOT4 go on so. */
+enum tl_operation {
+  ADD, SUB, MUL, FMA, FMS, FNMA, ADD_K, K_SUB, MUL_K, FMA_K, FMS_K, DIV, K_DIV, SQRT, NEG, SINCOS, EXP, TANH, ATAN2, LESS,
+  LESS_EQUAL, WHERE, POWER, DOT2, DOT2_MINUS, E_DOT2, E_DOT2_MINUS, E_MINUS_DOT2, COPY, E_DOT3, E_DOT4, OPERATIONS
+};
+
+enum { TL_WIDTHS = 5 }; /* by the binary logarithm of W: 1, -, 4, 8, 16 */
+enum { TL_CONTROLS = 10 };
+enum { TL_MAX_STAGES = 16, TL_MAX_ERRORS = 2 };
+
+/* The codes of all outcomes, in the order of `machine.OUTCOMES`. */
+enum tl_code { TL_FINE, TL_BAD_PROGRAM, TL_NO_MEMORY, TL_TOO_WIDE, TL_BAD_ARGUMENT };
+
+typedef struct {
+  int inputs, outputs, registers, constants, scalars;
+  size_t quads;
+  uint16_t *code[TL_WIDTHS]; /* register numbers times W; NULL where they would not fit into 16 bits */
+  double *scalar, *constant; /* operands of K operations; values of constant registers */
+  int32_t *constant_at, *output_at;
+} tl_program;
+
+enum tl_kind { TL_EXPLICIT, TL_IMPLICIT, TL_WHOLE };
+
+/* A method on equations of motion x' = f(t, x, p).
+rate: (t, x, p) -> x'; of TL_WHOLE, (t, x, p, h) -> x after a step. projection: (x, p) -> x on its manifold, or NULL.
+jacobian: (t, x, p) -> the entries (row, column) of df/dx. Tableau: a (stages x stages), b, c, diagonal; errors: rows e.
+absolute (size): errors compared with the tolerance alone. joints: rows q begin, end, v begin, end of each. */
+typedef struct {
+  const tl_program *rate, *projection, *jacobian;
+  int size, moving, parameters, kind, adaptive, stages, errors, order, iterations, joints, entries;
+  double a[TL_MAX_STAGES][TL_MAX_STAGES], b[TL_MAX_STAGES], c[TL_MAX_STAGES], e[TL_MAX_ERRORS][TL_MAX_STAGES];
+  uint8_t *absolute;
+  int32_t *joint_rows, *entry_at;
+} tl_method;
+
+/* Disturbances of the size of rounding, added to the rows below `moving` of each column before every attempt.
+table (period x moving): numbers from -1 to 1. first, rounding, bias: of each column. moves (moving x columns): 0 where
+nothing moves. largest: the parts of the rows (begin, end) whose largest entry sets the least size that counts. */
+typedef struct {
+  const double *table, *rounding, *bias, *moves;
+  const int64_t *first;
+  int64_t period;
+  double share;
+  int parts[4];
+} tl_disturbance;
+
+/* Numbers of one thread for a method and a width. */
+typedef struct {
+  const tl_method *method;
+  int width;
+  void *memory;
+  double *x, *control, *parameters, *rate_registers, *projection_registers, *jacobian_registers, *stages, *next, *change, *admitted,
+      *matrix, *right;
+  int32_t *pivots;
+} tl_workspace;
+
+double *tl_registers(const tl_program *program, int width);
+void *tl_aligned(size_t bytes);
+void tl_free_aligned(void *memory);
+int tl_log2(int width);
+
+/* What is compiled once for each width and processor. */
+#define TL_DECLARE(S)                                                                                                         \
+  void tl_columns_##S(const tl_program *program, double *registers, int64_t count, const double *in, ptrdiff_t in_row,        \
+                      ptrdiff_t in_column, double *out, ptrdiff_t out_row, ptrdiff_t out_column);                             \
+  int64_t tl_attempts_##S(tl_workspace *work, int64_t columns, int64_t count, int64_t look, double *states,                   \
+                          const tl_disturbance *disturbance);
+#endif

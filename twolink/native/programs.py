@@ -1,0 +1,76 @@
+"""Programs by name: traced once, kept in the process and, as arrays, in the disk cache."""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from twolink.errors import CertificationError
+from twolink.io import cache
+from twolink.native.assembly import Assembled
+from twolink.native.machine import Program
+
+Array = np.ndarray[Any, np.dtype[Any]]
+AGREEMENT = 1e-8  # relative
+MAX_KEPT = 512  # in this process
+_kept: dict[str, Any] = {}
+_lock = threading.Lock()  # held for lookups only: tracing and comparing go on side by side
+
+
+def kept(name: str) -> Any:
+    """What this process keeps under a name; None where there is nothing."""
+    return _kept.get(name)
+
+
+def keep(name: str, content: Any) -> Any:
+    """Keep content for the life of the process, and not too much; what another thread kept meanwhile comes first."""
+    with _lock:
+        found = _kept.setdefault(name, content)
+        while len(_kept) > MAX_KEPT:
+            del _kept[next(iter(_kept))]
+        return found
+
+
+def arrays_named(name: str, trace: Callable[[], Assembled]) -> tuple[Assembled, float]:
+    """The arrays of this name, and the seconds of loading or tracing them: 0 where they were at hand."""
+    found = _kept.get(name)
+    if found is not None:
+        return found, 0.0
+    start = time.perf_counter()
+    found = cache.load(name)
+    if not isinstance(found, Assembled):
+        found = trace()
+        cache.store(name, found)
+    return keep(name, found), time.perf_counter() - start
+
+
+def program_named(name: str, trace: Callable[[], Assembled], compare: Callable[[Program], None]) -> Program:
+    """The program of this name, compared before its first use by a process with this disk cache."""
+    found: Program | None = _kept.get(f"{name}-program")
+    if found is None:
+        program = Program(arrays_named(name, trace)[0])
+        once(f"{name}-certified", lambda: compare(program))
+        found = keep(f"{name}-program", program)
+    return found
+
+
+def once(name: str, act: Callable[[], None]) -> float:
+    """Act, if this was not done yet by a process with this disk cache; the seconds of it."""
+    if name in _kept:
+        return 0.0
+    start = time.perf_counter()
+    if cache.load(name) is not True:
+        act()
+        cache.store(name, True)
+    keep(name, True)
+    return time.perf_counter() - start
+
+
+def require_agreement(what: str, ours: Array, theirs: Array) -> None:
+    """Require that a program's numbers are its formula's by NumPy or Pinocchio. Raises CertificationError."""
+    off = np.abs(ours - theirs).max(initial=0.0) / (1.0 + np.abs(theirs).max(initial=0.0))
+    if not off <= AGREEMENT and np.isfinite(theirs).all():
+        raise CertificationError(f"the program of {what} differs from its formula by {off:.1e}",
+                                 remedy="report it with the robot")  # fmt: skip
