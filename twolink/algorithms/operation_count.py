@@ -50,7 +50,8 @@ class Symbol:
 class Tape:
     """All operations made, each once; it is also the namespace `xp` of the recursions."""
 
-    sin, cos, sqrt, exp, tanh, less, where = map(_function, ("sin", "cos", "sqrt", "exp", "tanh", "less", "where"))
+    sin, cos, sqrt, exp, tanh = map(_function, ("sin", "cos", "sqrt", "exp", "tanh"))
+    atan2, less, where = map(_function, ("atan2", "less", "where"))
     symbol = Symbol
 
     def __init__(self) -> None:

@@ -155,11 +155,11 @@ class Compiled:
         match cache.load(file):
             case (Kernel() as kernel, certificate):
                 with contextlib.suppress(CertificationError):  # made elsewhere, or damaged: build it again
-                    certify(model, traced, kernel, self.parameters, 4)  # one of each kind of state
+                    certify(self.robot, traced, kernel, self.parameters, 4)  # one of each kind of state
                     return kernel, certificate
         try:
             kernel = build(model, traced, self.parameters)
-            certificate = certify(model, traced, kernel, self.parameters)
+            certificate = certify(self.robot, traced, kernel, self.parameters)
         except CertificationError as error:
             return error
         _log.info("compiled %s of %s in %.2f s", name, self.robot.name, time.perf_counter() - start)
@@ -172,14 +172,14 @@ class Compiled:
         """Any function by its name, such as "bias" or "frame_pose:tip", of its arguments by name."""
         wrenches = self._own_axes(f_ext, arguments["q"]) if f_ext else {}
         kernel, _ = self._kernel(name, tuple(wrenches))
-        forces = {f"f_ext:{frame}": value for frame, value in wrenches.items()}
+        forces: dict[str, ArrayLike] = {f"f_ext:{frame}": value for frame, value in wrenches.items()}
         sizes = dict(zip((*arguments, *forces, *self.parameters), kernel.sizes, strict=True))
         arrays = {k: shaped(k, value, sizes[k]) for k, value in {**arguments, **forces}.items()}
         arrays |= self._parameter_arrays(parameters)
         batch = batch_shape(**arrays)
         result = kernel([states(a, batch) for a in arrays.values()])
         if result is None:
-            return self._by_pinocchio(name, arguments, wrenches, arrays)
+            return self._by_pinocchio(name, {**arguments, **forces}, arrays)
         return result if result.shape[: -len(kernel.shape)] == batch else result.reshape(*batch, *kernel.shape)
 
     def _own_axes(self, f_ext: FExt, q: ArrayLike) -> dict[str, Array]:
@@ -211,9 +211,7 @@ class Compiled:
             arrays[name] = array(f"parameters[{name!r}]", given, None)[..., None]
         return arrays
 
-    def _by_pinocchio(
-        self, name: str, arguments: Mapping[str, ArrayLike], wrenches: dict[str, Array], arrays: dict[str, Array]
-    ) -> Array:
+    def _by_pinocchio(self, name: str, arguments: Mapping[str, ArrayLike], arrays: dict[str, Array]) -> Array:
         """The answer where the guard failed: an argument is refused, or angles are beyond the reach of `sin_cos`."""
         robot = self.robot
         for key, value in arrays.items():
@@ -223,9 +221,7 @@ class Compiled:
             what = f"the result is not finite, or an angle is beyond {LIMIT:.0e} rad"
             remedy = "wrap the angles, or check the values"
             raise QueryError(what, where=f"compiled {name}", remedy=remedy, code="not-finite")
-        query = pinocchio_queries.query_of(robot, name)
-        method = "crba" if name == "forward_dynamics" and robot.has_mimic else ""
-        return pinocchio_queries.answer(robot, query, tuple(arguments.values()), wrenches or None, method)
+        return pinocchio_queries.by_name(robot, name, arguments)
 
 
 def shaped(name: str, value: ArrayLike, size: int) -> Array:
