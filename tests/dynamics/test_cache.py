@@ -59,7 +59,7 @@ def test_compiling_is_logged_with_its_seconds(caplog: pytest.LogCaptureFixture) 
         ask()
     messages = [record.getMessage() for record in caplog.records]
     assert len(messages) == 1  # the second reads the kernel
-    assert messages[0].startswith("compiled inverse_dynamics of ur5 in ")
+    assert messages[0].startswith("traced inverse_dynamics of ur5 in ")
 
 
 DAMAGE = {

@@ -150,7 +150,7 @@ def test_batches_are_their_single_states(robot: tl.Robot, state: tuple) -> None:
             assert pick(whole).shape[:2] == (2, 2)
             for i in range(4):
                 assert np.array_equal(pick(single[i]), pick(quick[i]))
-                assert np.array_equal(pick(whole)[i // 2, i % 2], pick(single[i]))
+                close(pick(whole)[i // 2, i % 2], pick(single[i]), 1e-13)  # programs answer batches
 
 
 def test_the_jacobian_of_one_joint_has_one_column() -> None:
@@ -183,7 +183,6 @@ def test_answers_are_copies() -> None:
 @pytest.mark.parametrize("query", ["forward_dynamics_derivatives", "inverse_dynamics_derivatives", "frame_jacobian",
                                    "frame_pose"])  # fmt: skip
 def test_compiled_answers_equal_pinocchios(query: str) -> None:
-    pytest.importorskip("heyoka")
     robot = ROBOTS["two_link"]
     q, v = robot.random_state(30)
     arguments = (q, "tip") if query.startswith("frame") else (q, v, v)
@@ -224,9 +223,8 @@ def test_frame_names_are_the_links() -> None:
         assert robot.frame_pose(robot.neutral, frame)[0].shape == (3, 3)
 
 
-def test_the_new_queries_need_no_heyoka(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("robot", "compiled"):
-        monkeypatch.setattr(f"twolink.dynamics.{module}.heyoka", lambda: None)
+def test_the_new_queries_need_no_native_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("twolink.dynamics.robot.library", lambda: None)
     robot = tl.load_robot("two_link")
     q, v = robot.random_state(20_000)
     assert robot.forward_dynamics_derivatives(q, v, v)[0].shape == (20_000, 2, 2)

@@ -16,9 +16,9 @@ Array = np.ndarray[Any, np.dtype[Any]]
 
 
 class Numbers:
-    """sin, cos, sqrt, exp, tanh, and choices by condition, of NumPy arrays."""
+    """sin, cos, sqrt, exp, tanh, atan2, and choices by condition, of NumPy arrays."""
 
-    sin, cos, sqrt, exp, tanh = np.sin, np.cos, np.sqrt, np.exp, np.tanh
+    sin, cos, sqrt, exp, tanh, atan2 = np.sin, np.cos, np.sqrt, np.exp, np.tanh, np.arctan2
     less, less_equal, both, where = np.less, np.less_equal, np.logical_and, np.where
 
     @staticmethod
@@ -39,7 +39,7 @@ class Expressions:
     def __init__(self, module: Any, *, own_sine: bool = False) -> None:
         self.module = module
         self.reach: dict[str, Any] = {}
-        self.sqrt, self.exp, self.tanh = module.sqrt, module.exp, module.tanh
+        self.sqrt, self.exp, self.tanh, self.atan2 = module.sqrt, module.exp, module.tanh, module.atan2
         self.sin = self._bounded(0) if own_sine else module.sin
         self.cos = self._bounded(1) if own_sine else module.cos
         self.where = np.frompyfunc(self._select, 3, 1)

@@ -1,4 +1,8 @@
-"""Pinocchio's answers to the compiled functions for one state, each with the scale of its rounding errors.
+"""What the answers to queries have to be at one state, each with the scale of its rounding errors.
+
+M, h, g and the energies are sums over the bodies, from where Pinocchio's forward kinematics puts them (Kane's form of
+the Newton-Euler equations). None of Pinocchio's algorithms that answer these queries has a part in them, so that both
+engines are compared with something else than themselves. Derivatives and frames are Pinocchio's.
 
 The scale is the size of the terms that are added, not of their sum, which may cancel. Where the mass matrix is solved
 with, the scale is carried through the inverse: this is where the condition number enters.
@@ -10,8 +14,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-
-from twolink.robots.checks import mass_matrix_by_columns
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -25,35 +27,61 @@ class State:
     def __init__(self, model: pin.Model, arguments: Mapping[str, Array], damped: tuple[str, ...] = ()) -> None:
         self.model, self.arguments = model, arguments
         self.q, self.v = arguments["q"], arguments.get("v", np.zeros(model.nv))
+        self.bodies = range(1, model.njoints)
         self.damping = np.zeros(model.nv)
         for joint in damped:
             k = model.idx_vs[model.getJointId(joint)]
             self.damping[k] = model.damping[k]
 
     @cached_property
+    def data(self) -> pin.Data:
+        """Poses, velocities, accelerations without those of the joints, and Jacobians of the bodies."""
+        data = self.model.createData()
+        pin.forwardKinematics(self.model, data, self.q, self.v, np.zeros(self.model.nv))
+        pin.computeJointJacobians(self.model, data, self.q)
+        return data
+
+    @cached_property
+    def jacobians(self) -> Array:
+        """J (bodies, 6, nv): J_i v is the velocity of body i along its own axes, linear then angular."""
+        every = [pin.getJointJacobian(self.model, self.data, i, pin.LOCAL) for i in self.bodies]
+        return np.reshape(every, (len(self.bodies), 6, self.model.nv))
+
+    @cached_property
     def mass_matrix(self) -> Array:
-        """M(q) by columns of the Newton-Euler algorithm: Pinocchio's crba is wrong with mimic joints."""
-        if not any("Mimic" in joint.shortname() for joint in self.model.joints):
-            return np.asarray(pin.crba(self.model, self.model.createData(), self.q))
-        return mass_matrix_by_columns(self.model, self.model.createData(), self.q)
+        """M(q) = sum J_i^T I_i J_i + armature."""
+        inertias = np.reshape([self.model.inertias[i].matrix() for i in self.bodies], (-1, 6, 6))
+        moved = (inertias @ self.jacobians).reshape(-1, self.model.nv)
+        return np.asarray(self.jacobians.reshape(moved.shape).T @ moved + np.diag(self.model.armature))
+
+    def _along_joints(self, forces: list[pin.Force]) -> Array:
+        """sum J_i^T f_i (nv,) of forces on the bodies, along their own axes."""
+        return np.asarray(np.ravel([force.vector for force in forces]) @ self.jacobians.reshape(-1, self.model.nv))
 
     @cached_property
     def gravity_torque(self) -> Array:
-        return np.asarray(pin.computeGeneralizedGravity(self.model, self.model.createData(), self.q))
+        """g(q) = -sum J_i^T (weight of body i)."""
+        data, up = self.data, pin.Motion(-self.model.gravity.linear, np.zeros(3))
+        return self._along_joints([self.model.inertias[i] * data.oMi[i].actInv(up) for i in self.bodies])
 
     @cached_property
     def bias(self) -> Array:
-        """h, with damping where that is a parameter."""
-        h = pin.nonLinearEffects(self.model, self.model.createData(), self.q, self.v)
-        return np.asarray(h + self.damping * self.v)
+        """h = sum J_i^T (I_i a_i + v_i x I_i v_i) + g, with damping where that is a parameter."""
+        data, inertias = self.data, self.model.inertias
+        forces = [inertias[i] * data.a[i] + data.v[i].cross(inertias[i] * data.v[i]) for i in self.bodies]
+        return np.asarray(self._along_joints(forces) + self.gravity_torque + self.damping * self.v)
+
+    @cached_property
+    def potential(self) -> float:
+        """-sum m_i g . c_i, J."""
+        bodies = [(self.model.inertias[i], self.data.oMi[i]) for i in self.bodies]
+        return -float(sum(body.mass * self.model.gravity.linear @ at.act(body.lever) for body, at in bodies))
 
     @cached_property
     def reach(self) -> float:
         """The largest coordinate of any joint, and a lever."""
-        data = self.model.createData()
-        pin.forwardKinematics(self.model, data, self.q)
         lever = max((float(np.abs(b.lever).max()) for b in self.model.inertias), default=0.0)
-        return max(float(np.abs(data.oMi[j].translation).max()) for j in range(self.model.njoints)) + lever
+        return max(float(np.abs(place.translation).max()) for place in self.data.oMi) + lever
 
     @cached_property
     def weight(self) -> float:
@@ -100,15 +128,13 @@ def bias(x: State) -> tuple[Array, float]:
 
 
 def energy(x: State) -> tuple[Array, float]:
-    mass = sum(body.mass for body in list(x.model.inertias)[1:])  # what is fixed to the world does not count
-    height = x.model.gravity.linear @ pin.centerOfMass(x.model, x.model.createData(), x.q, False)
-    both = np.array([x.v @ x.mass_matrix @ x.v / 2, -mass * height])
+    both = np.array([x.v @ x.mass_matrix @ x.v / 2, x.potential])
     return both, float(np.abs(both).max()) + x.weight
 
 
 def inverse_dynamics(x: State) -> tuple[Array, float]:
-    tau = pin.rnea(x.model, x.model.createData(), x.q, x.v, x.arguments["a"])
-    return np.asarray(tau - x.wrenches + x.damping * x.v), float(_inverse_terms(x).max())
+    tau = x.mass_matrix @ x.arguments["a"] + x.bias - x.wrenches
+    return np.asarray(tau), float(_inverse_terms(x).max())
 
 
 def _inverse_terms(x: State) -> Array:
@@ -122,10 +148,7 @@ def inverse_derivatives(x: State) -> tuple[Array, float]:
 
 def forward_dynamics(x: State) -> tuple[Array, float]:
     _, a, scale = _solved(x)
-    if any("Mimic" in joint.shortname() for joint in x.model.joints):
-        return a, scale
-    tau = x.arguments["tau"] + x.wrenches - x.damping * x.v
-    return np.asarray(pin.aba(x.model, x.model.createData(), x.q, x.v, tau)), scale
+    return a, scale
 
 
 def _solved(x: State) -> tuple[Array, Array, float]:

@@ -1,6 +1,7 @@
-"""Certification: a compiled function is compared with Pinocchio on hard states before its first use.
+"""Certification: before a compiled function is first used, both engines are compared with a reference on hard states.
 
 Each Function brings its reference, with the scale that its rounding errors are measured by (`algorithms.references`).
+The compiled function and Pinocchio's answer, as queries get it, are both held against it.
 """
 
 import functools
@@ -15,21 +16,28 @@ import pinocchio as pin
 from twolink.algorithms.functions import Function
 from twolink.algorithms.mechanism import nominal
 from twolink.algorithms.references import State
-from twolink.dynamics.kernels import Kernel, heyoka
+from twolink.dynamics.kernels import Kernel
+from twolink.dynamics.pinocchio_queries import by_name
 from twolink.errors import CertificationError
+from twolink.native.library import library
+from twolink.robots.model import RobotModel
 
 BOUND = 1e-11  # of the reference's scale, which takes in the mass matrix's condition number
 STATES = 96
 NOT_USED = "it is not used; Pinocchio answers instead"
+COMPILED, PINOCCHIO = "the compiled function", "Pinocchio's answer"
+_REMEDY = {COMPILED: NOT_USED, PINOCCHIO: "neither engine is certified for this query; compare it with a third"}
 
 
 @dataclass(frozen=True)
 class KernelCertificate:
-    """The comparison of a compiled function with Pinocchio: `worst` is the largest error over its scale."""
+    """The comparison of a compiled function and of Pinocchio's answer with the reference: the largest errors over its
+    scale. pinocchio: 0 where parameters are kept, which Pinocchio has not."""
 
     function: str
     states: int
     worst: float
+    pinocchio: float
     bound: float
     operations: int
     versions: str
@@ -37,20 +45,23 @@ class KernelCertificate:
 
     def __str__(self) -> str:
         return (
-            f"{self.function}: {self.states} states against Pinocchio, worst error {self.worst:.1e} of its scale "
-            f"(bound {self.bound:.0e}), {self.operations} operations; {self.versions}; {self.machine}"
+            f"{self.function}: {self.states} states against Pinocchio, worst error {self.worst:.1e} of its scale, "
+            f"Pinocchio's own {self.pinocchio:.1e} (bound {self.bound:.0e}), {self.operations} operations; "
+            f"{self.versions}; {self.machine}"
         )
 
 
 def certify(
-    model: pin.Model, function: Function, kernel: Kernel, parameters: tuple[str, ...] = (), count: int = STATES
+    robot: RobotModel, function: Function, kernel: Kernel, parameters: tuple[str, ...] = (), count: int = STATES
 ) -> KernelCertificate:
-    """Compare the kernel with Pinocchio; raises CertificationError with the worst state when they disagree.
+    """Compare the kernel, and without parameters also Pinocchio's answers, with the reference.
+
+    Raises CertificationError that names the engine and the state where they disagree.
 
     The states: generic ones; straight ones, where mass matrices are worst conditioned; very fast ones; and angles of
     many turns. Parameters are drawn between half and twice their nominal values, a new model for each state.
     """
-    rng = np.random.default_rng(2008)
+    model, rng = robot.model, np.random.default_rng(2008)
     arguments = _arguments(model, function, rng, count)
     values = {name: nominal(model, name) * rng.uniform(0.5, 2, count) for name in parameters}
     columns = [*arguments.values(), *(v[:, None] for v in values.values())]
@@ -59,25 +70,30 @@ def certify(
     if results is None:
         what = "the compiled function gives a number that is not finite"
         raise CertificationError(what, where=function.name, remedy=NOT_USED)
-    worst = 0.0
+    served = (
+        {COMPILED: results} if parameters else {COMPILED: results, PINOCCHIO: by_name(robot, function.name, arguments)}
+    )
+    worst = dict.fromkeys((COMPILED, PINOCCHIO), 0.0)
     for i in range(count):
         at = with_values(model, {name: v[i] for name, v in values.items()}) if values else model
         state = {name: v[i] for name, v in arguments.items()}
         expected, scale = function.reference(State(at, state, damped))
-        error = float((np.abs(results[i] - expected) / scale).max(initial=0.0))
-        if not error <= BOUND:
-            shown = ", ".join(f"{name} = {np.array2string(x, precision=17)}" for name, x in state.items())
-            what = f"the compiled function differs from Pinocchio by {error:.1e} of its scale, the bound is {BOUND:.0e}"
-            raise CertificationError(what, where=f"{function.name} at {shown}", remedy=NOT_USED)
-        worst = max(worst, error)
-    operations = sum(kernel.operations.values())
-    return KernelCertificate(function.name, count, worst, BOUND, operations, _versions(), platform.machine())
+        for engine, answers in served.items():
+            error = float((np.abs(answers[i] - expected) / scale).max(initial=0.0))
+            if not error <= BOUND:
+                shown = ", ".join(f"{name} = {np.array2string(x, precision=17)}" for name, x in state.items())
+                what = f"{engine} differs from the reference by {error:.1e} of its scale, the bound is {BOUND:.0e}"
+                raise CertificationError(what, where=f"{function.name} at {shown}", remedy=_REMEDY[engine])
+            worst[engine] = max(worst[engine], error)
+    return KernelCertificate(
+        function.name, count, *worst.values(), BOUND, sum(kernel.operations.values()), _versions(), platform.machine()
+    )
 
 
 @functools.cache
 def _versions() -> str:
-    libraries = ("heyoka", "pin", "numpy") if heyoka() else ("pin", "numpy")
-    return ", ".join(f"{name} {version(name)}" for name in libraries)
+    machine = "native library" if library() else "NumPy"
+    return f"{machine}, " + ", ".join(f"{name} {version(name)}" for name in ("pin", "numpy"))
 
 
 def _arguments(model: pin.Model, function: Function, rng: np.random.Generator, count: int) -> dict[str, np.ndarray]:

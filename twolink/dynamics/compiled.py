@@ -1,4 +1,4 @@
-"""Compiled: a robot's queries as compiled functions, each certified against Pinocchio before its first use."""
+"""Compiled: a robot's queries as programs, each certified against Pinocchio before its first use."""
 
 import contextlib
 import logging
@@ -13,12 +13,11 @@ from numpy.typing import ArrayLike
 from twolink.algorithms.functions import FrameForce, frame_pose, function
 from twolink.algorithms.mechanism import nominal
 from twolink.algorithms.recursions import Axes
-from twolink.algorithms.sincos import LIMIT
 from twolink.dynamics import pinocchio_queries
 from twolink.dynamics.arguments import FExt, array, batch_shape, configuration, one_of, read_wrenches, rows
 from twolink.dynamics.certificates import KernelCertificate, certify
-from twolink.dynamics.kernels import Kernel, build, heyoka
-from twolink.errors import CertificationError, MissingExtraError, QueryError, nearest
+from twolink.dynamics.kernels import Kernel, build
+from twolink.errors import CertificationError, QueryError, nearest
 from twolink.io import cache
 from twolink.io.fingerprints import kernel_key
 from twolink.robots.model import RobotModel
@@ -30,9 +29,9 @@ _log = logging.getLogger("twolink")
 
 
 class Compiled:
-    """The queries of a Robot, compiled: the same names, arguments and results, for one state or a batch.
+    """The queries of a Robot as programs: the same names, arguments and results, for one state or a batch.
 
-    A function is compiled when it is first needed (or read from the disk cache) and certified. May be used from many
+    A function is traced when it is first needed (or read from the disk cache) and certified. May be used from many
     threads at once.
 
     Parameters
@@ -45,8 +44,6 @@ class Compiled:
 
     Raises
     ------
-    MissingExtraError
-        Without heyoka.
     QueryError
         For an unknown parameter.
 
@@ -57,9 +54,6 @@ class Compiled:
     """
 
     def __init__(self, robot: RobotModel, parameters: Sequence[str] = ()) -> None:
-        if heyoka() is None:
-            remedy = "pip install heyoka (Linux), or conda-forge"
-            raise MissingExtraError("compiled dynamics need heyoka", remedy=remedy)
         for name in parameters:
             nominal(robot.model, name)  # refuses an unknown name
         self.robot = robot
@@ -155,14 +149,14 @@ class Compiled:
         match cache.load(file):
             case (Kernel() as kernel, certificate):
                 with contextlib.suppress(CertificationError):  # made elsewhere, or damaged: build it again
-                    certify(model, traced, kernel, self.parameters, 4)  # one of each kind of state
+                    certify(self.robot, traced, kernel, self.parameters, 4)  # one of each kind of state
                     return kernel, certificate
         try:
             kernel = build(model, traced, self.parameters)
-            certificate = certify(model, traced, kernel, self.parameters)
+            certificate = certify(self.robot, traced, kernel, self.parameters)
         except CertificationError as error:
             return error
-        _log.info("compiled %s of %s in %.2f s", name, self.robot.name, time.perf_counter() - start)
+        _log.info("traced %s of %s in %.2f s", name, self.robot.name, time.perf_counter() - start)
         cache.store(file, (kernel, certificate))
         return kernel, certificate
 
@@ -170,16 +164,20 @@ class Compiled:
         self, name: str, arguments: Mapping[str, ArrayLike], parameters: Parameters = None, f_ext: FExt | None = None
     ) -> Array:
         """Any function by its name, such as "bias" or "frame_pose:tip", of its arguments by name."""
+        if not (f_ext or self.parameters):  # batches that need no conversion
+            made, rows = self._made.get((name,)), tuple(arguments.values())
+            if type(made) is tuple and _are_rows(rows, made[0].sizes) and (found := made[0](rows)) is not None:
+                return found
         wrenches = self._own_axes(f_ext, arguments["q"]) if f_ext else {}
         kernel, _ = self._kernel(name, tuple(wrenches))
-        forces = {f"f_ext:{frame}": value for frame, value in wrenches.items()}
+        forces: dict[str, ArrayLike] = {f"f_ext:{frame}": value for frame, value in wrenches.items()}
         sizes = dict(zip((*arguments, *forces, *self.parameters), kernel.sizes, strict=True))
         arrays = {k: shaped(k, value, sizes[k]) for k, value in {**arguments, **forces}.items()}
         arrays |= self._parameter_arrays(parameters)
         batch = batch_shape(**arrays)
         result = kernel([states(a, batch) for a in arrays.values()])
         if result is None:
-            return self._by_pinocchio(name, arguments, wrenches, arrays)
+            return self._by_pinocchio(name, {**arguments, **forces}, arrays)
         return result if result.shape[: -len(kernel.shape)] == batch else result.reshape(*batch, *kernel.shape)
 
     def _own_axes(self, f_ext: FExt, q: ArrayLike) -> dict[str, Array]:
@@ -211,21 +209,28 @@ class Compiled:
             arrays[name] = array(f"parameters[{name!r}]", given, None)[..., None]
         return arrays
 
-    def _by_pinocchio(
-        self, name: str, arguments: Mapping[str, ArrayLike], wrenches: dict[str, Array], arrays: dict[str, Array]
-    ) -> Array:
-        """The answer where the guard failed: an argument is refused, or angles are beyond the reach of `sin_cos`."""
+    def _by_pinocchio(self, name: str, arguments: Mapping[str, ArrayLike], arrays: dict[str, Array]) -> Array:
+        """The answer where the guard failed: an argument is refused, or a result is not finite."""
         robot = self.robot
         for key, value in arrays.items():
             size = value.shape[-1]
             configuration(key, value, size, robot.joints) if key == "q" else array(key, value, size)
         if self.parameters:
-            what = f"the result is not finite, or an angle is beyond {LIMIT:.0e} rad"
-            remedy = "wrap the angles, or check the values"
-            raise QueryError(what, where=f"compiled {name}", remedy=remedy, code="not-finite")
-        query = pinocchio_queries.query_of(robot, name)
-        method = "crba" if name == "forward_dynamics" and robot.has_mimic else ""
-        return pinocchio_queries.answer(robot, query, tuple(arguments.values()), wrenches or None, method)
+            raise QueryError("the result is not finite", where=f"compiled {name}", remedy="check the values",
+                             code="not-finite")  # fmt: skip
+        return pinocchio_queries.by_name(robot, name, arguments)
+
+
+def _are_rows(arrays: tuple[ArrayLike, ...], sizes: tuple[int, ...]) -> bool:
+    """Whether arrays are (n, size) of float64 each, with one n above 0."""
+    count = 0
+    for a, size in zip(arrays, sizes, strict=True):
+        if type(a) is not np.ndarray or a.ndim != 2 or a.shape[1] != size or a.dtype != np.float64:
+            return False
+        count = count or len(a)
+        if len(a) != count:
+            return False
+    return count > 0
 
 
 def shaped(name: str, value: ArrayLike, size: int) -> Array:

@@ -6,7 +6,7 @@ batch, calls the algorithm for every row, and refuses a result that is not finit
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -78,6 +78,17 @@ def answer(
     else:
         result = answer_rows(robot, query, columns, applied)
     return require_finite(result, batch, query.shape, robot.name).reshape(*batch, *query.shape)
+
+
+def by_name(robot: RobotModel, name: str, arguments: Mapping[str, ArrayLike]) -> Array:
+    """The answer (..., *shape) to a query by name, as in "frame_pose:tip", with mimic joints or without.
+
+    arguments: by name; "f_ext:FRAME" is a wrench along the frame's own axes.
+    """
+    forces = {x.removeprefix("f_ext:"): value for x, value in arguments.items() if x.startswith("f_ext:")}
+    given = tuple(value for x, value in arguments.items() if not x.startswith("f_ext:"))
+    method = "crba" if name == "forward_dynamics" and robot.has_mimic else ""
+    return answer(robot, query_of(robot, name), given, forces or None, method)
 
 
 def answer_rows(robot: RobotModel, query: Algorithm, states: list[Array], applied: list[Applied]) -> Array:
@@ -153,7 +164,12 @@ def _pool(model: pin.Model, threads: int) -> pin.ModelPool:
 
 
 def energies(model: pin.Model, data: pin.Data, q: Array, v: Array) -> Array:
-    return np.array([pin.computeKineticEnergy(model, data, q, v), pin.computePotentialEnergy(model, data, q)])
+    """v^T M v / 2, and the potential energy.
+
+    Pinocchio 4.1's computeKineticEnergy leaves out the armature of revolute joints with skew axes.
+    """
+    kinetic = v.dot(pin.crba(model, data, q).dot(v)) / 2
+    return np.array([kinetic, pin.computePotentialEnergy(model, data, q)])
 
 
 def centre_of_mass(model: pin.Model, data: pin.Data, q: Array) -> Array:

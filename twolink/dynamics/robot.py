@@ -19,12 +19,12 @@ from twolink.dynamics import configurations, pinocchio_queries
 from twolink.dynamics.arguments import UNIT_TOLERANCE, FExt, one_of
 from twolink.dynamics.compiled import AXES, Compiled
 from twolink.dynamics.engine import ENGINES, compiled_from
-from twolink.dynamics.kernels import heyoka
 from twolink.dynamics.pinocchio_queries import by_axes
 from twolink.dynamics.queries import Algorithm, Array, query
 from twolink.dynamics.regressors import regressor_names, regressor_query, regressor_values
 from twolink.errors import CertificationError
 from twolink.io.text import facts_html
+from twolink.native.library import library
 from twolink.robots.checks import mass_matrix_by_columns
 from twolink.robots.joint_layout import Lock
 from twolink.robots.load import Policy, Purpose, load_model
@@ -561,7 +561,7 @@ class Robot(RobotModel):
         if engine == "auto":
             arrays = [x for x in arguments if isinstance(x, np.ndarray) and x.ndim and x.size]
             count = max([x.size // x.shape[-1] for x in arrays], default=1)
-            if count < compiled_from(name, self.nv) or heyoka() is None:
+            if count < compiled_from(name, self.nv) or library() is None:
                 return False
             try:
                 self.compiled().certificate(name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
@@ -182,8 +183,16 @@ def _compensate(root: ET.Element, robot: Robot, given: Mapping[str, Any]) -> Non
     if away > 1e-9 or not gravity.any():
         raise RobotError("a constant force that acts elsewhere than at a body's centre of mass", code="no-mjcf",
                          where=f"robot {robot.name!r}, link {frame.name!r}", remedy="use its own file")  # fmt: skip
-    share = -np.dot(given["force"], gravity) / (inertia.mass * np.dot(gravity, gravity))
-    _named(root, robot, links[0].name).set("gravcomp", repr(float(share)))
+    k = int(np.abs(gravity).argmax())
+    share = _shortest(-float(given["force"][k]) / float(inertia.mass * gravity[k]))
+    _named(root, robot, links[0].name).set("gravcomp", repr(share))
+
+
+def _shortest(value: float) -> float:
+    """The number with the fewest decimal digits within four roundings of a value: what a file said before it was
+    multiplied and divided again."""
+    rounded = (float(f"{value:.{digits}g}") for digits in range(1, 18))
+    return next(x for x in rounded if abs(x - value) <= 4 * math.ulp(value))
 
 
 def _pose(place: pin.SE3) -> dict[str, str]:

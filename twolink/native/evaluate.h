@@ -107,25 +107,28 @@ static void N(evaluate)(const tl_program *p, double *registers) {
 #undef RUN
 #undef BY_LANE
 
-/* Results of `count` columns. Rows and columns of `in` (inputs) and `out` (outputs) lie so many numbers apart. */
-void N(tl_columns)(const tl_program *p, double *registers, int64_t count, const double *in, ptrdiff_t in_row,
-                   ptrdiff_t in_column, double *out, ptrdiff_t out_row, ptrdiff_t out_column) {
+/* Results of `count` columns, from and to blocks that lie one behind the other in the inputs and the outputs. */
+void N(tl_columns)(const tl_program *p, double *registers, int64_t count, int inputs, const tl_block *in, int outputs,
+                   const tl_block *out) {
   for (int64_t s = 0; s < count; s += W) {
     const int width = count - s < W ? (int)(count - s) : W;
-    for (int i = 0; i < p->inputs; i++) {
-      const double *from = in + i * in_row + s * in_column;
-      double *to = registers + i * W;
-      if (width == W && in_column == 1) memcpy(to, from, W * sizeof(double));
-      else
-        for (int l = 0; l < W; l++) to[l] = from[(l < width ? l : 0) * in_column];
-    }
+    double *to = registers;
+    for (const tl_block *b = in; b < in + inputs; b++)
+      for (int64_t i = 0; i < b->size; i++, to += W) {
+        const double *from = b->at + i * b->row + s * b->column;
+        if (width == W && b->column == 1) memcpy(to, from, W * sizeof(double));
+        else
+          for (int l = 0; l < W; l++) to[l] = from[(l < width ? l : 0) * b->column];
+      }
     N(evaluate)(p, registers);
-    for (int i = 0; i < p->outputs; i++) {
-      const double *from = registers + p->output_at[i] * W;
-      double *to = out + i * out_row + s * out_column;
-      if (width == W && out_column == 1) memcpy(to, from, W * sizeof(double));
-      else
-        for (int l = 0; l < width; l++) to[l * out_column] = from[l];
-    }
+    const int32_t *output = p->output_at;
+    for (const tl_block *b = out; b < out + outputs; b++)
+      for (int64_t i = 0; i < b->size; i++, output++) {
+        const double *from = registers + *output * W;
+        double *place = b->at + i * b->row + s * b->column;
+        if (width == W && b->column == 1) memcpy(place, from, W * sizeof(double));
+        else
+          for (int l = 0; l < width; l++) place[l * b->column] = from[l];
+      }
   }
 }

@@ -27,7 +27,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "tl_fits": (_INT, [_ADDRESS, _INT]),
     "tl_registers_new": (_ADDRESS, [_ADDRESS, _INT]),
     "tl_registers_free": (None, [_ADDRESS]),
-    "tl_columns": (_INT, [_ADDRESS, _INT, _INT, _ADDRESS, _LONG, _ADDRESS, _LONG, _LONG, _ADDRESS, _LONG, _LONG]),
+    "tl_columns": (_INT, [_ADDRESS, _INT, _INT, _ADDRESS, _LONG, _INT, _ADDRESS, _INT, _ADDRESS]),
     "tl_method_new": (_INT, [_ADDRESS] * 9),
     "tl_method_free": (None, [_ADDRESS]),
     "tl_workspace_new": (_ADDRESS, [_ADDRESS, _INT]),

@@ -6,8 +6,7 @@
 
 #define ALL_WIDTHS(level) TL_DECLARE(w1##level) TL_DECLARE(w4##level) TL_DECLARE(w8##level) TL_DECLARE(w16##level)
 #define TABLE(name, level) {name##_w1##level, 0, name##_w4##level, name##_w8##level, name##_w16##level}
-typedef void (*columns_function)(const tl_program *, double *, int64_t, const double *, ptrdiff_t, ptrdiff_t, double *,
-                                 ptrdiff_t, ptrdiff_t);
+typedef void (*columns_function)(const tl_program *, double *, int64_t, int, const tl_block *, int, const tl_block *);
 typedef int64_t (*attempts_function)(tl_workspace *, int64_t, int64_t, int64_t, double *, const tl_disturbance *);
 
 ALL_WIDTHS(base)
@@ -44,13 +43,23 @@ TL_API double *tl_registers_new(const tl_program *p, int width) { return tl_fits
 
 TL_API void tl_registers_free(double *registers) { tl_free_aligned(registers); }
 
-/* Outputs of `count` columns; registers: from tl_registers_new for this width. Strides are counted in numbers. */
-TL_API int tl_columns(const tl_program *p, int level, int width, double *registers, int64_t count, const double *in,
-                      int64_t in_row, int64_t in_column, double *out, int64_t out_row, int64_t out_column) {
-  if (!p || !registers || count < 0 || level < 0 || level > tl_level()) return TL_BAD_ARGUMENT;
+static int is_whole(const tl_block *blocks, int count, int wanted) {
+  int64_t size = 0;
+  for (int i = 0; i < count; i++) {
+    if (blocks[i].size < 0 || blocks[i].size > wanted || (blocks[i].size && !blocks[i].at)) return 0;
+    size += blocks[i].size;
+  }
+  return size == wanted;
+}
+
+/* Outputs of `count` columns; registers: from tl_registers_new for this width. */
+TL_API int tl_columns(const tl_program *p, int level, int width, double *registers, int64_t count, int inputs,
+                      const tl_block *in, int outputs, const tl_block *out) {
+  if (!p || !registers || count < 0 || level < 0 || level > tl_level() || inputs < 0 || outputs < 0 ||
+      !is_whole(in, inputs, p->inputs) || !is_whole(out, outputs, p->outputs))
+    return TL_BAD_ARGUMENT;
   if (!tl_fits(p, width)) return TL_TOO_WIDE;
-  COLUMNS[level][tl_log2(width)](p, registers, count, in, (ptrdiff_t)in_row, (ptrdiff_t)in_column, out, (ptrdiff_t)out_row,
-                                 (ptrdiff_t)out_column);
+  COLUMNS[level][tl_log2(width)](p, registers, count, inputs, in, outputs, out);
   return TL_FINE;
 }
 

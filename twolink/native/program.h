@@ -37,6 +37,12 @@ typedef struct {
   int32_t *constant_at, *output_at;
 } tl_program;
 
+/* Some inputs or outputs of many columns: `size` rows, whose numbers lie so many numbers apart by row and by column. */
+typedef struct {
+  double *at;
+  int64_t row, column, size;
+} tl_block;
+
 enum tl_kind { TL_EXPLICIT, TL_IMPLICIT, TL_WHOLE };
 
 /* A method on equations of motion x' = f(t, x, p).
@@ -79,8 +85,8 @@ int tl_log2(int width);
 
 /* What is compiled once for each width and processor. */
 #define TL_DECLARE(S)                                                                                                         \
-  void tl_columns_##S(const tl_program *program, double *registers, int64_t count, const double *in, ptrdiff_t in_row,        \
-                      ptrdiff_t in_column, double *out, ptrdiff_t out_row, ptrdiff_t out_column);                             \
+  void tl_columns_##S(const tl_program *program, double *registers, int64_t count, int inputs, const tl_block *in,            \
+                      int outputs, const tl_block *out);                                                                      \
   int64_t tl_attempts_##S(tl_workspace *work, int64_t columns, int64_t count, int64_t look, double *states,                   \
                           const tl_disturbance *disturbance);
 #endif
