@@ -125,6 +125,8 @@ def judge(scene: Scene, trajectory: Given, *, tolerance: float = 1e-6, accuracy:
     ------
     SceneError
         The trajectory is none of this robot (code "not-a-trajectory").
+    QueryError
+        It has one joint's columns twice, by name and by number (code "column-twice").
     AccuracyError
         The scene cannot be solved.
     """

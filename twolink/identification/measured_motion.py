@@ -133,9 +133,6 @@ def _read(robot: Robot, content: Mapping[str, np.ndarray], letter: str, count: i
     dofs = list(range(robot.nv)) if whole is not None else []
     for joint in robot.joints if whole is None else ():
         own, lacking = read_columns(table, [joint], letter)
-        if joint.kind == "cos-sin" and f"q.{joint.name}" in table:
-            angle = table[f"q.{joint.name}"]
-            own, lacking = np.column_stack([np.cos(angle), np.sin(angle)]), []
         part = joint.q if of_q else joint.v
         if own is not None:
             out[:, part] = own
