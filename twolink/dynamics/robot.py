@@ -62,7 +62,7 @@ class Robot(RobotModel):
     model : pin.Model
         The checked model. It is shared and must not be changed.
     report : LoadReport
-        What loading read, ignored, repaired and assumed.
+        What is suspicious, and what loading read, ignored, repaired and assumed.
     visuals : Visuals
         What is needed to draw the robot.
 
@@ -88,12 +88,14 @@ class Robot(RobotModel):
     def _summary(self) -> dict[str, str]:
         shown = ", ".join(self.joint_names[:8]) + (", ..." if len(self.joint_names) > 8 else "")
         remarks = len(self.report.ignored) + len(self.report.repaired) + len(self.report.assumed)
+        suspicious = len(self.report.suspicious)
         return {
             "nq": str(self.nq),
             "nv": str(self.nv),
             "joints": f"{len(self.joint_names)} ({shown})",
             "mass": f"{self.mass:.4g} kg",
             "source": self.report.source,
+            **({"suspicious": f"{suspicious} (see .report)"} if suspicious else {}),
             "remarks": f"{remarks} (see .report)",
         }
 
@@ -616,7 +618,7 @@ def load_robot(
     purpose: Purpose = "dynamics",
     xacro_arguments: Mapping[str, object] | None = None,
 ) -> Robot:
-    """Load and check a robot. `robot.report` says what was read, ignored, repaired and assumed.
+    """Load and check a robot. `robot.report` says what is suspicious, read, ignored, repaired and assumed.
 
     Parameters
     ----------
