@@ -27,7 +27,7 @@ from twolink.errors import CertificationError
 from twolink.io.text import facts_html
 from twolink.robots.checks import mass_matrix_by_columns
 from twolink.robots.joint_layout import Lock
-from twolink.robots.load import Policy, Purpose, load_model
+from twolink.robots.load import Policy, Purpose, Xacro, load_model
 from twolink.robots.load_report import LoadReport
 from twolink.robots.model import RobotModel, Visuals
 
@@ -616,6 +616,7 @@ def load_robot(
     unphysical: Policy = "refuse",
     foreign: Policy = "refuse",
     purpose: Purpose = "dynamics",
+    xacro: Xacro = "expand",
     xacro_arguments: Mapping[str, object] | None = None,
 ) -> Robot:
     """Load and check a robot. `robot.report` says what is suspicious, read, ignored, repaired and assumed.
@@ -643,6 +644,9 @@ def load_robot(
     purpose : {"dynamics", "kinematics", "identification"}
         Links whose inertia is missing or zero are refused for dynamics. For the others they are taken: frames,
         Jacobians and the regressor answer, dynamics is refused (code "no-inertia").
+    xacro : {"expand", "ignore"}
+        Expand a file that has xacro. "ignore" is for a finished URDF in which elements of xacro are left, such as
+        <xacro:property>: they are left out, with all that they hold, and reported.
     xacro_arguments : mapping of str to values, optional
         Arguments of a xacro.
 
@@ -666,5 +670,6 @@ def load_robot(
         unphysical=unphysical,
         foreign=foreign,
         purpose=purpose,
+        xacro=xacro,
         xacro_arguments=xacro_arguments,
     )

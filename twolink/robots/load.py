@@ -34,7 +34,9 @@ from twolink.robots.tree import Tree, canonical, read_tree
 
 Purpose = Literal["dynamics", "kinematics", "identification"]
 Policy = Literal["refuse", "report"]
+Xacro = Literal["expand", "ignore"]
 _WORDS = {"root": ("fixed", "free"), "unphysical": get_args(Policy), "foreign": get_args(Policy),
+          "xacro": get_args(Xacro),
           "purpose": get_args(Purpose)}  # fmt: skip
 R = TypeVar("R", bound=RobotModel)
 
@@ -61,6 +63,7 @@ def load_model(
     unphysical: Policy = "refuse",
     foreign: Policy = "refuse",
     purpose: Purpose = "dynamics",
+    xacro: Xacro = "expand",
     xacro_arguments: Mapping[str, object] | None = None,
     meshes: MeshFolders | None = None,
 ) -> R:
@@ -70,7 +73,7 @@ def load_model(
     ----------
     kind : type
         RobotModel or a subclass with the same constructor.
-    source, package_dirs, root, lock, gravity, mimic, unphysical, foreign, purpose, xacro_arguments
+    source, package_dirs, root, lock, gravity, mimic, unphysical, foreign, purpose, xacro, xacro_arguments
         As in `twolink.load_robot`.
     meshes : MeshFolders, optional
         Where meshes are looked for, in place of `package_dirs` and the folders of the URDF, which is a stranger's: no
@@ -86,10 +89,10 @@ def load_model(
     RobotError
         The URDF is refused, or an argument is wrong; it names the file, line, link or joint, and what to do.
     """
-    _require_words(root=root, unphysical=unphysical, foreign=foreign, purpose=purpose)
+    _require_words(root=root, unphysical=unphysical, foreign=foreign, purpose=purpose, xacro=xacro)
     urdf, packages = open_source(source), _folders(package_dirs)
-    said = describe(urdf, foreign, root, xacro_arguments or {}, packages, trusted=meshes is None)
-    tree = read_tree(said.robot, urdf.label, foreign)
+    said = describe(urdf, foreign, root, xacro_arguments or {}, packages, trusted=meshes is None, xacro=xacro)
+    tree = read_tree(said.robot, urdf.label, foreign, xacro)
     if mimic:
         check_mimic(tree, _build(tree, urdf.label, root, mimic=False))
         check_lock(tree, lock or {})

@@ -240,6 +240,7 @@ def _foreign_findings(foreign: Foreign) -> list[Finding]:
         "attributes of other programs": foreign.attributes,
         'unknown names, left out (foreign="report")': foreign.unknown,
         "text": foreign.text,
+        'xacro, left out with all that it holds (xacro="ignore")': foreign.xacro,
     }
     counted = {what: [f"{count} x {name}" for name, count in names.items()] for what, names in named.items()}
     return [Finding("ignored", f"{count} x {what}") for what, count in elements.items()] + findings("ignored", counted)

@@ -136,7 +136,5 @@ def _inertias(tree: Tree, model: pin.Model) -> Iterator[tuple[str, str]]:
         for link in links:
             wide = math.sqrt(max(float(np.trace(link.inertia)), 0.0) / (2 * link.mass)) if link.mass > 0 else 0.0
             if size > _SMALL and wide > _WIDE * size:
-                spread = (
-                    f"an inertia as of {link.mass:g} kg spread over {wide:.3g} m, in a robot whose joints lie within"
-                )
+                spread = f"an inertia as of {link.mass:g} kg spread over {wide:.3g} m, the joints are within"
                 yield link.name, f"{spread} {size:.3g} m: is it in kg mm^2? give kg m^2 about the centre of mass"
