@@ -102,4 +102,4 @@ def test_a_finished_urdf_with_xacro_left_in_it(tmp_path: Path) -> None:
     with pytest.raises(RobotError, match=r"'\$\{w\}' is not a number"):  # not finished: nothing is guessed
         tl.load_robot(LEFT.replace('mass value="3"', 'mass value="${w}"'), xacro="ignore")
     with pytest.raises(RobotError, match="did you mean 'ignore'"):
-        tl.load_robot(path, xacro="ignored")  # type: ignore[arg-type]
+        tl.load_robot(path, xacro="ignored")

@@ -87,16 +87,15 @@ class Robot(RobotModel):
 
     def _summary(self) -> dict[str, str]:
         shown = ", ".join(self.joint_names[:8]) + (", ..." if len(self.joint_names) > 8 else "")
-        remarks = len(self.report.ignored) + len(self.report.repaired) + len(self.report.assumed)
-        suspicious = len(self.report.suspicious)
+        report = self.report
+        doubts = f", {len(report.suspicious)} suspicious" if report.suspicious else ""
         return {
             "nq": str(self.nq),
             "nv": str(self.nv),
             "joints": f"{len(self.joint_names)} ({shown})",
             "mass": f"{self.mass:.4g} kg",
             "source": self.report.source,
-            **({"suspicious": f"{suspicious} (see .report)"} if suspicious else {}),
-            "remarks": f"{remarks} (see .report)",
+            "remarks": f"{len(report.findings) - len(report.read)}{doubts} (see .report)",
         }
 
     @query({"a": (("nv",), "rad/s^2 or m/s^2")}, pin.aba, parallel=pin.abaInParallel, join=np.hstack)
@@ -660,16 +659,6 @@ def load_robot(
         Names the file, line, link or joint, the value, and the remedy.
     """
     return load_model(
-        Robot,
-        source,
-        package_dirs=package_dirs,
-        root=root,
-        lock=lock,
-        gravity=gravity,
-        mimic=mimic,
-        unphysical=unphysical,
-        foreign=foreign,
-        purpose=purpose,
-        xacro=xacro,
-        xacro_arguments=xacro_arguments,
-    )
+        Robot, source, package_dirs=package_dirs, root=root, lock=lock, gravity=gravity, mimic=mimic,
+        unphysical=unphysical, foreign=foreign, purpose=purpose, xacro=xacro, xacro_arguments=xacro_arguments,
+    )  # fmt: skip

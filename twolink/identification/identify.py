@@ -172,24 +172,27 @@ def _require_radians(robot: Robot, run: Recording) -> None:
     Gravity's torques and those of the velocities tell radians from degrees, whatever is looked for: all parameters of
     the bodies and friction are fitted to parts of the run, and predict the others.
     """
-    joint, beyond, half = wide_joint(robot, run.q), beyond_reach(robot, run.t, run.q), min(10, len(run.t) // 8)
-    if (joint is None and beyond is None) or (run.a is None and half < SMALLEST):
+    beyond, half = beyond_reach(robot, run.t, run.q), min(10, len(run.t) // 8)
+    joint = beyond[0] if beyond else wide_joint(robot, run.q)
+    if joint is None or (run.a is None and half < SMALLEST):
         return
-    setup = setup_of(robot, ())
-    system = plan_of(setup, select(robot, ["*"], [], ()), "weighted", 0.95, None).system(robot)
-    step = max(1, len(run.t) // 800)
-    at, errors = np.arange(half, len(run.t) - half, step) if run.a is None else np.arange(0, len(run.t), step), []
-    for scale in (1.0, DEGREE):
-        q, v, a = (None if x is None else scale * x for x in (run.q, run.v, run.a))
-        if a is not None:
-            now = States(q[at], v[at], a[at])
-        else:
-            now = states(robot, replace(run, q=q, v=v), half, "q" if v is None else "v", at)
-        errors.append(float(np.mean(np.log(left_out(*system(now, run.tau[at]))))))
-    if errors[1] < errors[0] - (0.0 if beyond else _SURE):
-        better = np.exp((errors[0] - errors[1]) / 2)
-        first, why = beyond or (joint, "which is more than a turn or beyond its limits")
-        raise in_degrees(robot, run.q, first, f"{why}; as degrees it explains the torques {better:.3g} times as well")
+    why = beyond[1] if beyond else "which is more than a turn or beyond its limits"
+    radians, degrees = (_unexplained(robot, run, scale, half) for scale in (1.0, DEGREE))
+    if degrees < radians - (0.0 if beyond else _SURE):
+        better = np.exp((radians - degrees) / 2)
+        raise in_degrees(robot, run.q, joint, f"{why}; as degrees it explains the torques {better:.3g} times as well")
     if beyond:
-        warnings.warn(f"{range_of(robot, run.q, beyond[0])}, {beyond[1]}; the torques fit radians", RuntimeWarning,
-                      stacklevel=3)  # fmt: skip
+        warnings.warn(f"{range_of(robot, run.q, joint)}, {why}; the torques fit radians", RuntimeWarning, stacklevel=3)
+
+
+def _unexplained(robot: Robot, run: Recording, scale: float, half: int) -> float:
+    """The mean logarithm of the mean square of left-out torques (nv,) less their prediction, of motions times scale."""
+    step = max(1, len(run.t) // 800)
+    if run.v is not None and run.a is not None:
+        at = np.arange(0, len(run.t), step)
+        now = States(scale * run.q[at], scale * run.v[at], scale * run.a[at])
+    else:
+        at, v = np.arange(half, len(run.t) - half, step), None if run.v is None else scale * run.v
+        now = states(robot, replace(run, q=scale * run.q, v=v), half, "q" if v is None else "v", at)
+    system = plan_of(setup_of(robot, ()), select(robot, ["*"], [], ()), "weighted", 0.95, None).system(robot)
+    return float(np.mean(np.log(left_out(*system(now, run.tau[at])))))

@@ -145,9 +145,9 @@ def _by_position(robot: Robot, parameters: np.ndarray, data: Measurements) -> np
 
         changed = robot.changed(change)
         changed.weightless = ()
-        return changed.inverse_dynamics_derivatives(data.q, data.v, data.a, engine="pinocchio")[0]
+        return np.asarray(changed.inverse_dynamics_derivatives(data.q, data.v, data.a, engine="pinocchio")[0])
 
-    return of(bodies + points) - of(points)
+    return np.asarray(of(bodies + points) - of(points))
 
 
 def _gravity(robot: Robot) -> tuple[float, np.ndarray, np.ndarray]:
