@@ -102,13 +102,12 @@ def load_model(
     model = without_joints(full, locked, reference)
     model.gravity.linear = gravity_field(gravity if gravity is not None else said.gravity or EARTH, RobotError)
     odd_inertias = check_bodies(tree, full, unphysical)
-    weightless = weightless_joints(model)
-    if weightless and purpose == "dynamics":
+    if (weightless := weightless_joints(model)) and purpose == "dynamics":
         raise without_inertia(tree, model, weightless)
     folders = meshes or mesh_folders(packages, urdf.path, examples_share())
     srdf = said.srdf if said.srdf.file else srdf_beside(urdf.path if meshes is None else None)
     missing, beyond = missing_meshes(tree.element, folders), beyond_limits(full, locked, reference)
-    findings = [
+    report = LoadReport(urdf.label, (
         *suspicious(tree, full),
         load_report.summary(tree, model, len(urdf.data)),
         *load_report.content_findings(tree, mimic=mimic, odd_inertias=odd_inertias, unphysical=unphysical,
@@ -118,10 +117,9 @@ def load_model(
         *load_report.findings("assumed", {"joints that move no inertia: dynamics is refused": weightless}),
         *load_report.choice_findings(tree, root=root, usual_root=urdf.entry.usual_root if urdf.entry else None,
                                      gravity=model.gravity.linear, locked=tuple(lock or ()), beyond=beyond),
-    ]  # fmt: skip
+    ))  # fmt: skip
     text, visual_meshes, collision_meshes = drawable_urdf(tree.element, folders)
     visuals = Visuals(text, visual_meshes, full, locked, reference, collision_meshes, said.laws, srdf=srdf)
-    report = LoadReport(urdf.label, tuple(findings))
     robot = kind(urdf.entry.name if urdf.entry else tree.name or urdf.label, model, report, visuals)
     robot.weightless = weightless
     return robot

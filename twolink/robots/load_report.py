@@ -162,9 +162,7 @@ def content_findings(
         "fixed joints: these links are merged into the body they are fixed to, and stay as frames": [
             j.child for j in tree.joints if j.type == "fixed"
         ],
-        "links without <inertial> have no mass": [
-            k.name for k in links if not k.has_inertial and k.name not in massless
-        ],
+        "links without <inertial> have no mass": [k.name for k in links if not (k.has_inertial or k.name in massless)],
         "links of no mass with an inertia: no real body has that, it is used as it is": [
             k.name for k in links if k.mass == 0 and np.any(k.inertia)
         ],
