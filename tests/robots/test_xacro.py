@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import twolink as tl
+from tests.command import answer
 from twolink.errors import RobotError
 
 TEXT = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -71,3 +72,34 @@ def test_without_the_extra_the_command_is_given(folder: Path, monkeypatch: pytes
 def test_arguments_of_no_xacro_are_refused() -> None:
     with pytest.raises(RobotError, match="no xacro"):
         tl.load_robot("arm", xacro_arguments={"a": 1})
+
+
+LEFT = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:property name="width" value="2"/>
+<xacro:include filename="$(find nowhere)/macros.xacro"/>
+<link name="base"/>
+<link name="arm"><inertial><mass value="3"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+<visual><geometry><box size="1 1 1"/></geometry><xacro:paint/></visual></link>
+<joint name="hinge" type="continuous"><parent link="base"/><child link="arm"/>
+<xacro:property name="w" value="1"/></joint>
+<xacro:if value="0"><link name="tool"/></xacro:if>
+</robot>"""
+
+
+def test_a_finished_urdf_with_xacro_left_in_it(tmp_path: Path) -> None:
+    path = tmp_path / "finished.urdf"
+    path.write_text(LEFT)
+    for source in (path, LEFT):
+        with pytest.raises(RobotError, match='of a finished URDF, xacro="ignore"'):
+            tl.load_robot(source)
+        robot = tl.load_robot(source, xacro="ignore")
+        assert (robot.mass, robot.joint_names) == (3.0, ("hinge",))
+        (said,) = [finding for finding in robot.report.ignored if "xacro" in finding.what]
+        assert set(said.names) == {"2 x <xacro:property>", "1 x <xacro:include>", "1 x <xacro:paint>", "1 x <xacro:if>",
+                                   "1 x <link> in <xacro:if>"}  # fmt: skip
+    answered = answer("inspect", str(path), "--xacro", "ignore")
+    assert any("xacro" in finding["what"] for finding in answered["report"]["ignored"])
+    with pytest.raises(RobotError, match=r"'\$\{w\}' is not a number"):  # not finished: nothing is guessed
+        tl.load_robot(LEFT.replace('mass value="3"', 'mass value="${w}"'), xacro="ignore")
+    with pytest.raises(RobotError, match="did you mean 'ignore'"):
+        tl.load_robot(path, xacro="ignored")

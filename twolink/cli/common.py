@@ -239,6 +239,7 @@ Purpose = Annotated[str, Option(help="dynamics; kinematics or identification tak
 Folders = Annotated[
     list[Path] | None, Option("--package-dir", metavar="FOLDER", help="Root of package://; repeatable.")
 ]
+Xacro = Annotated[str, Option(help="expand xacro, or ignore: leave it out of a finished URDF, and report it.")]
 XacroArguments = Annotated[
     list[str] | None, Option("--xacro-argument", metavar="NAME=VALUE", help="Of a xacro; repeatable.")
 ]
@@ -261,12 +262,14 @@ def robot_from(
     foreign: Foreign = "refuse",
     purpose: Purpose = "dynamics",
     package_dirs: Folders = None,
+    xacro: Xacro = "expand",
     xacro_arguments: XacroArguments = None,
 ) -> Robot:
     """The robot that the options describe."""
     locks, field = locks_of(lock), None if gravity is None else parse_numbers("gravity", gravity)
     # load_robot refuses other words
-    choices: dict[str, Any] = {"root": root, "unphysical": unphysical, "foreign": foreign, "purpose": purpose}
+    choices: dict[str, Any] = {"root": root, "unphysical": unphysical, "foreign": foreign, "purpose": purpose,
+                               "xacro": xacro}  # fmt: skip
     choices["xacro_arguments"] = _pairs(xacro_arguments, "xacro_arguments", "NAME=VALUE, such as ur_type=ur5e")
     return load_robot(source, lock=locks, gravity=field, mimic=mimic, package_dirs=package_dirs or [], **choices)
 

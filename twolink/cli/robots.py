@@ -61,8 +61,8 @@ def inspect(
 ) -> None:
     """Say what a URDF holds: joints, masses, the load report.
 
-    The load report lists what was read, ignored, repaired and assumed. The exit code is 1 when --cross-check finds
-    another robot.
+    The load report lists what is suspicious, and what was read, ignored, repaired and assumed. The exit code is 1
+    when --cross-check finds another robot.
     """
     loaded = load(robot)
     record = robot_record(loaded)

@@ -27,7 +27,7 @@ from twolink.io.text import facts_html
 from twolink.native.library import library
 from twolink.robots.checks import mass_matrix_by_columns
 from twolink.robots.joint_layout import Lock
-from twolink.robots.load import Policy, Purpose, load_model
+from twolink.robots.load import Policy, Purpose, Xacro, load_model
 from twolink.robots.load_report import LoadReport
 from twolink.robots.model import RobotModel, Visuals
 
@@ -62,7 +62,7 @@ class Robot(RobotModel):
     model : pin.Model
         The checked model. It is shared and must not be changed.
     report : LoadReport
-        What loading read, ignored, repaired and assumed.
+        What is suspicious, and what loading read, ignored, repaired and assumed.
     visuals : Visuals
         What is needed to draw the robot.
 
@@ -87,14 +87,15 @@ class Robot(RobotModel):
 
     def _summary(self) -> dict[str, str]:
         shown = ", ".join(self.joint_names[:8]) + (", ..." if len(self.joint_names) > 8 else "")
-        remarks = len(self.report.ignored) + len(self.report.repaired) + len(self.report.assumed)
+        report = self.report
+        doubts = f", {len(report.suspicious)} suspicious" if report.suspicious else ""
         return {
             "nq": str(self.nq),
             "nv": str(self.nv),
             "joints": f"{len(self.joint_names)} ({shown})",
             "mass": f"{self.mass:.4g} kg",
             "source": self.report.source,
-            "remarks": f"{remarks} (see .report)",
+            "remarks": f"{len(report.findings) - len(report.read)}{doubts} (see .report)",
         }
 
     @query({"a": (("nv",), "rad/s^2 or m/s^2")}, pin.aba, parallel=pin.abaInParallel, join=np.hstack)
@@ -614,9 +615,10 @@ def load_robot(
     unphysical: Policy = "refuse",
     foreign: Policy = "refuse",
     purpose: Purpose = "dynamics",
+    xacro: Xacro = "expand",
     xacro_arguments: Mapping[str, object] | None = None,
 ) -> Robot:
-    """Load and check a robot. `robot.report` says what was read, ignored, repaired and assumed.
+    """Load and check a robot. `robot.report` says what is suspicious, read, ignored, repaired and assumed.
 
     Parameters
     ----------
@@ -641,6 +643,9 @@ def load_robot(
     purpose : {"dynamics", "kinematics", "identification"}
         Links whose inertia is missing or zero are refused for dynamics. For the others they are taken: frames,
         Jacobians and the regressor answer, dynamics is refused (code "no-inertia").
+    xacro : {"expand", "ignore"}
+        Expand a file that has xacro. "ignore" is for a finished URDF in which elements of xacro are left, such as
+        <xacro:property>: they are left out, with all that they hold, and reported.
     xacro_arguments : mapping of str to values, optional
         Arguments of a xacro.
 
@@ -654,15 +659,6 @@ def load_robot(
         Names the file, line, link or joint, the value, and the remedy.
     """
     return load_model(
-        Robot,
-        source,
-        package_dirs=package_dirs,
-        root=root,
-        lock=lock,
-        gravity=gravity,
-        mimic=mimic,
-        unphysical=unphysical,
-        foreign=foreign,
-        purpose=purpose,
-        xacro_arguments=xacro_arguments,
-    )
+        Robot, source, package_dirs=package_dirs, root=root, lock=lock, gravity=gravity, mimic=mimic,
+        unphysical=unphysical, foreign=foreign, purpose=purpose, xacro=xacro, xacro_arguments=xacro_arguments,
+    )  # fmt: skip

@@ -15,6 +15,7 @@ from twolink.effects.checks import check_frame, check_joints, check_subset
 from twolink.effects.effect import Effect, LinkName, NotNegative, check_name, finite
 from twolink.errors import SceneError
 from twolink.robots.checks import is_impossible
+from twolink.robots.suspicions import too_heavy
 
 
 class Gravity(Effect, frozen=True):
@@ -67,6 +68,11 @@ class Payload(Effect, frozen=True):
             what = f"no body has the inertia {list(self.inertia)} with {mass:g} kg"
             remedy = "give it about the centre of mass, as (xx, xy, xz, yy, yz, zz)"
             raise SceneError(what, where="inertia", remedy=remedy)
+
+    def notes(self, robot: Robot) -> list[str]:
+        """A mass out of proportion to the robot's (`robots.suspicions`)."""
+        what = too_heavy(float(self.mass), robot.mass - float(self.mass))
+        return [f"suspicious: the payload on {self.frame!r} is {what}"] if what else []
 
     def change(self, model: pin.Model) -> None:
         """Put the sum of both bodies into the model."""

@@ -125,11 +125,16 @@ def judge(scene: Scene, trajectory: Given, *, tolerance: float = 1e-6, accuracy:
     ------
     SceneError
         The trajectory is none of this robot (code "not-a-trajectory").
+    QueryError
+        It has one joint's columns twice, by name and by number (code "column-twice").
     AccuracyError
         The scene cannot be solved.
     """
     log, units = _si(_read(trajectory, scene.robot), scene)
-    return verdict_of(scene, log, best_run(scene, log.t, accuracy), tolerance, units)
+    run = best_run(scene, log.t, accuracy)
+    if not units:
+        log, units = _radians(log, run)
+    return verdict_of(scene, log, run, tolerance, units)
 
 
 def verdict_of(scene: Scene, log: Log, run: Trajectory, tolerance: float, units: Sequence[Cause] = ()) -> Verdict:
@@ -226,6 +231,17 @@ def _si(log: Log, scene: Scene) -> tuple[Log, list[Cause]]:
         return Log(log.t, log.q, log.v * degrees), [Cause("v is in degrees per second", 0.0)]
     start = np.abs(robot.difference(scene.q, log.q[0])).max()
     if unit_free and start > 1e-3 and np.abs(log.q[0] * degrees - scene.q).max() < 1e-2 * start:
+        return Log(log.t, log.q * degrees, log.v * degrees), [Cause("q and v are in degrees", 0.0)]
+    return log, []
+
+
+def _radians(log: Log, run: Trajectory) -> tuple[Log, list[Cause]]:
+    """The trajectory in radians, where it follows the solution in degrees from a start that is 0 in both."""
+    robot, degrees, count = run.robot, math.pi / 180, len(run.t)
+    if any(joint.unit is not None for joint in robot.joints):
+        return log, []
+    apart, converted = (np.linalg.norm(scale * log.q[:count] - run.q) for scale in (1.0, degrees))
+    if converted < 1e-2 * apart and apart > 1e-3 * math.sqrt(count):
         return Log(log.t, log.q * degrees, log.v * degrees), [Cause("q and v are in degrees", 0.0)]
     return log, []
 

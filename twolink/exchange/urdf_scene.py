@@ -85,7 +85,8 @@ class UrdfScene(Scene):
             Finding("assumed", f"friction {FRICTION:g} of bodies that touch, no motor acts" if self._touches
                     else "no body touches another, no motor acts"),
         ]  # fmt: skip
-        return LoadReport(robot.report.source, (*findings("read", names), *findings("ignored", ignored), *assumed))
+        taken = (*findings("read", names), *findings("ignored", ignored), *assumed)
+        return LoadReport(robot.report.source, (*robot.report.suspicious, *taken))
 
     @property
     def _touches(self) -> bool:

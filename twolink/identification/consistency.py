@@ -160,11 +160,13 @@ class Consistency:
 
     def robot_of(self, robot: Robot) -> Robot:
         """The robot with these parameters; damping and friction go to its model's damping and dryFrictionLimit."""
-        names, vector = robot.parameter_names, self.vector
+        names, vector, before = robot.parameter_names, self.vector, robot.parameter_values
 
         def change(model: pin.Model) -> None:
             for j in range(1, model.njoints):
-                model.inertias[j] = pin.Inertia.FromDynamicParameters(vector[10 * (j - 1) : 10 * j])
+                body = slice(10 * (j - 1), 10 * j)
+                if not np.array_equal(vector[body], before[body]):  # a body without mass has no centre of mass
+                    model.inertias[j] = pin.Inertia.FromDynamicParameters(vector[body])
             armature, damping, friction = (np.array(x) for x in (model.armature, model.damping,
                                                                  model.upperDryFrictionLimit))  # fmt: skip
             for name in self.parameters:

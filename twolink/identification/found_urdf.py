@@ -54,7 +54,7 @@ def write_urdf(found: Found, source: str | os.PathLike[str], path: Path) -> Path
 def found_urdf(found: Found, source: str | os.PathLike[str]) -> str:
     """The URDF text; see `write_urdf`."""
     urdf = open_source(source)
-    tree = read_tree(parse_xml(urdf.data, urdf.label, urdf.encoding), urdf.label, foreign="report")
+    tree = read_tree(parse_xml(urdf.data, urdf.label, urdf.encoding), urdf.label, foreign="report", xacro="ignore")
     root = ET.fromstring(urdf.data, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
     model, new = found.robot.model, found.found.model
     changed = found.found.parameter_values - found.robot.parameter_values

@@ -16,18 +16,21 @@ from twolink.identification.filtering import (
     SMALLEST,
     Filter,
     Recording,
-    System,
+    States,
     half_window_of,
     left_out,
     require_samples,
     states,
 )
 from twolink.identification.joint_models import best_terms, joint_terms
-from twolink.identification.measurements import beyond_reach, filtered, recordings, wider
+from twolink.identification.measurements import filtered, recordings, wider
 from twolink.identification.regression import METHODS
 from twolink.identification.result import Identification
 from twolink.identification.setup import setup_of
 from twolink.identification.solving import Plan, examined, linear_system, plan_of, solve, validation
+from twolink.identification.units import DEGREE, beyond_reach, in_degrees, range_of, wide_joint
+
+_SURE = 0.5  # of the logarithm of the mean square: degrees must explain the torques so much better than radians
 
 
 def identify(
@@ -125,7 +128,7 @@ def identify(
         raise QueryError(what, argument="method", remedy=remedy, code="no-errors")
     plan = plan_of(setup, chosen, method, confidence, _half_window(runs, half_window, cutoff))
     for run in runs:
-        _require_radians(robot, run, plan.system(robot))
+        _require_radians(robot, run)
     by, table = plan.filter_of(runs, setup), None
     if joint_model == "auto":
         chosen, table = best_terms(robot, chosen, *linear_system(robot, chosen, filtered(robot, runs, by)))
@@ -163,17 +166,33 @@ def _half_window(runs: Sequence[Recording], half: int | None, frequency: float |
     return half
 
 
-def _require_radians(robot: Robot, run: Recording, system: System) -> None:
-    """Warn of a joint beyond its limits; refuse (code "units") where the torques say that its angles are degrees."""
-    what = beyond_reach(robot, run.t, run.q)
-    half = min(10, len(run.t) // 8)
-    if not what or half < SMALLEST:
+def _require_radians(robot: Robot, run: Recording) -> None:
+    """Refuse angles in degrees (code "units"), where the torques say so; warn of a joint beyond its limits.
+
+    Gravity's torques and those of the velocities tell radians from degrees, whatever is looked for: all parameters of
+    the bodies and friction are fitted to parts of the run, and predict the others.
+    """
+    beyond, half = beyond_reach(robot, run.t, run.q), min(10, len(run.t) // 8)
+    joint = beyond[0] if beyond else wide_joint(robot, run.q)
+    if joint is None or (run.a is None and half < SMALLEST):
         return
-    at, errors = np.arange(half, len(run.t) - half, max(1, len(run.t) // 800)), []
-    for scale in (1.0, np.pi / 180):
-        v = None if run.v is None else scale * run.v
+    why = beyond[1] if beyond else "which is more than a turn or beyond its limits"
+    radians, degrees = (_unexplained(robot, run, scale, half) for scale in (1.0, DEGREE))
+    if degrees < radians - (0.0 if beyond else _SURE):
+        better = np.exp((radians - degrees) / 2)
+        raise in_degrees(robot, run.q, joint, f"{why}; as degrees it explains the torques {better:.3g} times as well")
+    if beyond:
+        warnings.warn(f"{range_of(robot, run.q, joint)}, {why}; the torques fit radians", RuntimeWarning, stacklevel=3)
+
+
+def _unexplained(robot: Robot, run: Recording, scale: float, half: int) -> float:
+    """The mean logarithm of the mean square of left-out torques (nv,) less their prediction, of motions times scale."""
+    step = max(1, len(run.t) // 800)
+    if run.v is not None and run.a is not None:
+        at = np.arange(0, len(run.t), step)
+        now = States(scale * run.q[at], scale * run.v[at], scale * run.a[at])
+    else:
+        at, v = np.arange(half, len(run.t) - half, step), None if run.v is None else scale * run.v
         now = states(robot, replace(run, q=scale * run.q, v=v), half, "q" if v is None else "v", at)
-        errors.append(float(np.mean(np.log(left_out(*system(now, run.tau[at]))))))
-    if errors[1] < errors[0]:
-        raise QueryError(f"{what}; is q in degrees?", argument="q", remedy="give radians", code="units")
-    warnings.warn(f"{what}; the torques fit radians", RuntimeWarning, stacklevel=3)
+    system = plan_of(setup_of(robot, ()), select(robot, ["*"], [], ()), "weighted", 0.95, None).system(robot)
+    return float(np.mean(np.log(left_out(*system(now, run.tau[at])))))

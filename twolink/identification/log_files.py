@@ -1,14 +1,5 @@
-"""Log files as robots write them: names of columns, units, gears, fewer samples; what is odd in them is named.
+"""Log files as robots write them: a map of columns, units, fewer samples; what is odd in them is named."""
 
-A map of columns is TOML: ours = theirs, theirs a name or a table with a factor (a gear, a constant) and an offset:
-
-    t = "stamp"
-    q.elbow = "enc_2"
-    tau.elbow = { column = "current_2", scale = 2.76, offset = 0.0 }
-    coupling = [[1, 0], [1, 1]]     # v_joint = C v_motor, where the log is of motors
-"""
-
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,17 +8,10 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array
-from twolink.errors import QueryError, require_known
+from twolink.identification.column_map import convert, map_of, mapped_columns
 from twolink.identification.measurements import GAP, measurements_of
 from twolink.io.tables import read_table
-from twolink.io.text import read_text
 
-_TURN = 2 * np.pi
-UNITS: dict[str, tuple[str, float]] = {
-    "rad": ("qva", 1.0), "deg": ("qva", _TURN / 360), "turn": ("qva", _TURN), "rpm": ("v", _TURN / 60),
-    "s": ("t", 1.0), "ms": ("t", 1e-3), "us": ("t", 1e-6), "ns": ("t", 1e-9),
-    "Nm": ("tau", 1.0), "mNm": ("tau", 1e-3), "A": ("tau", 1.0),
-}  # fmt: skip
 _JITTER = 0.02  # of the usual step, from which it is named
 _SPIKE, _BEYOND, _COUNTS = 10.0, 3.0, 4.0  # times usual deviations, the range of the neighbours, the finest step
 
@@ -51,10 +35,11 @@ def read_log(
     path : str or path
         A .csv, .parquet, .npz or .mat file, or a bag of ROS 2 (.mcap, .db3).
     columns : mapping, str or path, optional
-        The map of columns, or a TOML file of it; what it does not name keeps its name.
+        The map of columns (`identification.column_map`), or a TOML file of it. What it names wins; what it does not
+        name is read by its own name. No column is read twice, and `notes` has those that are not read.
     units : sequence of str
-        Of `rad deg turn` (q, v, a), `rpm` (v), `s ms us ns` (t), `Nm mNm A` (tau). "A": look for "motor_constant", or
-        give it as the scale.
+        Of `rad deg turn` (angles of q, v, a), `rpm` (v), `s ms us ns` (t), `Nm mNm A` (tau). "A": look for
+        "motor_constant", or give it as the scale.
     decimate : int
         So many samples become their mean.
 
@@ -65,26 +50,16 @@ def read_log(
     Raises
     ------
     QueryError
-        A column is missing (code "column-missing"), a unit is unknown, `columns` is no such map.
+        A column is missing (code "column-missing") or read twice (code "column-twice"), a unit is unknown, `columns`
+        is no such map.
     TwolinkError
         The file cannot be read.
     """
     where = Path(path)
-    found = dict(read_table(where)[0])
-    mapped = _map_of(columns)
-    coupling = mapped.pop("coupling", None)
-    for ours, theirs in _flat(mapped):
-        entry = theirs if isinstance(theirs, Mapping) else {"column": theirs}
-        require_known(entry.get("column"), found, QueryError, f"{where}: there is no column {{!r}}", argument="columns",
-                      code="column-missing")  # fmt: skip
-        found[ours] = np.asarray(found[entry["column"]]) * entry.get("scale", 1.0) + entry.get("offset", 0.0)
+    entries, coupling = map_of(columns)
+    found, unread = mapped_columns(robot, read_table(where)[0], entries, str(where))
     for unit in units:
-        require_known(unit, UNITS, QueryError, "the unit {!r} is unknown", argument="units")
-        letters, factor = UNITS[unit]
-        for name in found:
-            letter = name.partition(".")[0].rstrip("0123456789")
-            if letter == letters or (letters == "qva" and letter in ("q", "v", "a")):
-                found[name] = np.asarray(found[name]) * factor
+        convert(robot, found, unit)
     read = measurements_of(robot, found, str(where))
     table = {name: np.array(x, dtype=float) for name, x in read.items() if x is not None}
     if coupling is not None:
@@ -93,7 +68,8 @@ def read_log(
         table["tau"] = table["tau"] @ np.linalg.inv(matrix)
     if "run" in found:
         table["run"] = np.asarray(found["run"], dtype=float)
-    notes = [*_clock(table["t"]), *_spikes(robot, table)]
+    notes = [f"columns that are not read: {', '.join(unread)}"] if unread else []
+    notes += [*_clock(table["t"]), *_spikes(robot, table)]
     if decimate > 1:
         count = len(table["t"]) // decimate
         blocks = {k: x[: count * decimate].reshape(count, decimate, *x.shape[1:]) for k, x in table.items()}
@@ -102,25 +78,6 @@ def read_log(
         table["q"] = np.asarray(robot.normalize(table["q"]))
         notes.append(f"{decimate} samples each became their mean")
     return Log(table, tuple(f"{where}: {note}" for note in notes))
-
-
-def _map_of(columns: Mapping[str, Any] | str | Path | None) -> dict[str, Any]:
-    """The map of columns. Raises QueryError (code "not-toml")."""
-    if columns is None or isinstance(columns, Mapping):
-        return dict(columns or {})
-    try:
-        return tomllib.loads(read_text(Path(columns), QueryError, 2**20, "keep a map of columns"))
-    except tomllib.TOMLDecodeError as error:
-        raise QueryError(f"not TOML: {error}", where=str(columns), remedy="check that line", code="not-toml") from None
-
-
-def _flat(mapped: Mapping[str, Any], before: str = "") -> list[tuple[str, Any]]:
-    """Names with dots, and what each is: a name or a table with a column."""
-    entries: list[tuple[str, Any]] = []
-    for name, value in mapped.items():
-        nested = isinstance(value, Mapping) and "column" not in value
-        entries += _flat(value, f"{before}{name}.") if nested else [(before + name, value)]
-    return entries
 
 
 def _clock(t: np.ndarray) -> list[str]:

@@ -10,12 +10,14 @@ import pinocchio as pin
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
 from twolink.errors import QueryError, require_known
-from twolink.identification.measurements import check_units, checked_times, require_reach, table_columns, wrong_units
-from twolink.robots.joint_layout import joint_columns, read_columns
+from twolink.identification.measurements import checked_times, table_columns
+from twolink.identification.units import DEGREE, check_units, in_degrees, require_reach, wrong_units
+from twolink.robots.joint_layout import joint_columns, read_columns, turns
 from twolink.simulation.trajectory_tables import coordinate_names
 
-DEGREES = {180 / np.pi: "is it in degrees?", np.pi / 180: "are the scene's angles in degrees?",
-           1e3: "is it in millimetres?"}  # fmt: skip
+# By the ratio of what was measured to the scene's: the question, and the factor that would mend it.
+GUESSES = {1 / DEGREE: ("is it in degrees?", DEGREE), DEGREE: ("are the scene's angles in degrees?", None),
+           1e3: ("is it in millimetres?", 1e-3)}  # fmt: skip
 _ALIKE = 0.9  # correlation with the scene's motion from which a ratio of sizes tells units
 
 
@@ -69,11 +71,23 @@ class MeasuredMotion:
                               strict=True):  # fmt: skip
             sizes = float(np.linalg.norm(x)), float(np.linalg.norm(y))
             ratio = sizes[1] / max(sizes[0], 1e-300)
-            guess = any(abs(np.log(max(ratio, 1e-300) / scale)) < 0.5 for scale in DEGREES)
+            guess = any(abs(np.log(max(ratio, 1e-300) / scale)) < 0.5 for scale in GUESSES)
             if guess and x @ y > _ALIKE * sizes[0] * sizes[1]:
-                raise wrong_units(
-                    f"{name} moves {ratio:.4g} times as far as in the scene", "measurements", ratio, DEGREES
-                )
+                letter, _, joint = name.partition(".")
+                guesses = {scale: (question, letter, factor) for scale, (question, factor) in GUESSES.items()}
+                what = f"{name} moves {ratio:.4g} times as far as in the scene"
+                raise wrong_units(what, "measurements", ratio, joint, guesses)
+        self._require_same_start(q[0])
+
+    def _require_same_start(self, q: np.ndarray) -> None:
+        """Refuse angles whose first are the scene's q (nq,) in degrees. Raises QueryError (code "units")."""
+        for joint in self.robot.joints:
+            given, ours = float(self.q[0, joint.q.start]), float(q[joint.q.start])
+            if joint.kind == "vector" and turns(self.robot.model, joint) and joint.v.start in self.of_q:
+                apart = abs(given - ours)
+                if apart > 0.1 and abs(given * DEGREE - ours) < 1e-2 * apart:
+                    why = f"from {given:.4g} on, and the scene's from {ours:.4g} rad on"
+                    raise in_degrees(self.robot, self.q, joint, why)
 
 
 def measured_motion(robot: Robot, measurements: Any) -> MeasuredMotion:
@@ -133,9 +147,6 @@ def _read(robot: Robot, content: Mapping[str, np.ndarray], letter: str, count: i
     dofs = list(range(robot.nv)) if whole is not None else []
     for joint in robot.joints if whole is None else ():
         own, lacking = read_columns(table, [joint], letter)
-        if joint.kind == "cos-sin" and f"q.{joint.name}" in table:
-            angle = table[f"q.{joint.name}"]
-            own, lacking = np.column_stack([np.cos(angle), np.sin(angle)]), []
         part = joint.q if of_q else joint.v
         if own is not None:
             out[:, part] = own

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,12 +15,12 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
 from twolink.errors import QueryError
 from twolink.identification.filtering import Filter, Recording, states
+from twolink.identification.units import check_units
 from twolink.io.tables import read_table
-from twolink.robots.joint_layout import read_columns, turns
+from twolink.robots.joint_layout import read_columns
 
 _NARROWER = 0.7  # a window is compared with one wider by 1 / 0.7: errors of a grow with its fourth power
 GAP = 20.0  # times the usual step of time, from which it is a jump
-LIKELY = {180 / np.pi: "is v in degrees?", np.pi / 180: "is q in degrees?", 1e3: "is t in milliseconds?"}
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ def _recording(
         raise QueryError(what, argument="q", remedy=remedy, code="constant-data")
     if a is None:
         _require_no_gap(times)
-    if v is not None and a is None:
+    if v is not None:
         check_units(robot, times, given["q"], given["v"])
     return Recording(times, given["q"], given.get("v"), given.get("a"), given["tau"])
 
@@ -175,46 +176,6 @@ def checked_times(t: ArrayLike) -> np.ndarray:
     return times
 
 
-def check_units(robot: Robot, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
-    """Refuse velocities that are a multiple of the rate of the positions. Raises QueryError (code "units")."""
-    moved = robot.difference(q[:-1], q[1:])
-    expected = (v[1:] + v[:-1]) / 2 * np.diff(t)[:, None]
-    for joint in robot.joints:
-        x, y = moved[:, joint.v].ravel(), expected[:, joint.v].ravel()
-        alike = abs(x @ y) / max(np.linalg.norm(x) * np.linalg.norm(y), 1e-300)
-        ratio = float(x @ y / max(x @ x, 1e-300))
-        if alike > 0.9 and not 1 / 3 < abs(ratio) < 3:
-            what = f"v of joint {joint.name!r} is {ratio:.4g} times the rate of its q"
-            raise wrong_units(what, "v", ratio)
-
-
-def wrong_units(what: str, argument: str, ratio: float, guesses: Mapping[float, str] = LIKELY) -> QueryError:
-    """The error for values that are `ratio` times what they must be, with a guess at the reason."""
-    guess = next((f"; {text}" for scale, text in guesses.items() if abs(np.log(abs(ratio) / scale)) < 0.1), "")
-    return QueryError(what + guess, argument=argument, remedy="give rad, m and s throughout", code="units")
-
-
-def require_reach(robot: Robot, t: np.ndarray, q: np.ndarray) -> None:
-    """Refuse what is `beyond_reach`. Raises QueryError (code "units")."""
-    if what := beyond_reach(robot, t, q):
-        raise QueryError(f"{what}; is q in degrees?", argument="q", remedy="give radians", code="units")
-
-
-def beyond_reach(robot: Robot, t: np.ndarray, q: np.ndarray) -> str:
-    """A joint whose angle and speed are beyond its limits and within them as degrees, in words; "" if there is none."""
-    model, speed = robot.model, np.abs(robot.difference(q[:-1], q[1:]) / np.diff(t)[:, None]).max(axis=0, initial=0.0)
-    for joint in robot.joints:
-        if joint.kind != "vector" or not turns(model, joint):
-            continue
-        i, fastest, limit = joint.q.start, float(speed[joint.v.start]), float(model.velocityLimit[joint.v.start])
-        reach = max(abs(float(model.lowerPositionLimit[i])), abs(float(model.upperPositionLimit[i])))
-        far = float(np.abs(q[:, i]).max())
-        if np.radians(far) < reach < far / 1.5 and np.radians(fastest) < limit < fastest:
-            return (f"joint {joint.name!r} turns to {far:.4g} rad at {fastest:.4g} rad/s; its limits are {reach:.4g} "
-                    f"rad and {limit:.4g} rad/s")  # fmt: skip
-    return ""
-
-
 def table_columns(measurements: Any) -> dict[str, np.ndarray]:
     """The columns by name."""
     if isinstance(measurements, str | Path):
@@ -237,13 +198,24 @@ def measurements_of(robot: Robot, content: Mapping[str, np.ndarray], where: str)
     for name in ("q", "v", "a", "tau"):
         out[name], lacking = read_columns(content, robot.joints, name)
         if lacking and (name in ("q", "tau") or len(lacking) < robot.nv):
-            raise _missing(where, lacking[0], list(content))
+            raise _missing(where, lacking[0], list(content), _from_one(content, robot, name))
     if out["t"] is None:
         raise _missing(where, "t", list(content))
     return out
 
 
-def _missing(where: str, column: str, there: list[str]) -> QueryError:
+def _from_one(content: Mapping[str, np.ndarray], robot: Robot, letter: str) -> str:
+    """The map of columns that are numbered from 1, one line of TOML for all; "" where they are not."""
+    columns = [f"{letter}{k + 1}" for k in range(len(robot.joints))]
+    if f"{letter}0" in content or not content.keys() >= set(columns):
+        return ""
+    pairs = zip(robot.joint_names, columns, strict=True)
+    return f"{letter} = {{{', '.join(f'{json.dumps(name)} = {json.dumps(column)}' for name, column in pairs)}}}"
+
+
+def _missing(where: str, column: str, there: list[str], mapped: str = "") -> QueryError:
     what = f"column {column!r} is missing; there are {', '.join(there[:12])}"
     remedy = "name the columns t, q0, q1, ... or q.JOINT, and so on for tau, v and a"
+    if mapped:
+        remedy = f"they are numbered from 1: give a map of columns with the line {mapped}"
     return QueryError(what, where=where, remedy=remedy, code="column-missing")

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
 import numpy as np
+import pinocchio as pin
 
 from twolink.dynamics import Robot
 from twolink.errors import QueryError, require_known
@@ -100,29 +101,53 @@ def setup_of(robot: Robot, find: Sequence[str]) -> Setup:
 
 
 def derivatives(
-    setup: Setup, found: Robot, names: Sequence[str], data: Measurements, torques: np.ndarray
+    setup: Setup, parameters: np.ndarray, names: Sequence[str], data: Measurements, torques: np.ndarray
 ) -> np.ndarray:
     """(n, nv, m): of the model's torques less those measured by these names, at filtered samples.
 
-    found: with the parameters as they are known by now; torques (n, nv): its, with those of the joint model.
+    parameters (p,): of `robot.parameter_names`, as they are known by now, of bodies that need not exist. torques
+    (n, nv): theirs, with those of the joint model.
     """
-    out = np.zeros((*torques.shape, len(names)))
+    robot, out = setup.true_robot, np.zeros((*torques.shape, len(names)))
     parts = [slice(start, end) for start, end in zip((0, *data.ends[:-1]), data.ends, strict=True)]
-    by_q = None
+    by_q, rest = None, np.zeros_like(data.v)
     for k, name in enumerate(names):
         if name == "delay":
             rates = [np.gradient(torques[rows], data.t[rows], axis=0) for rows in parts]
             out[..., k] = -np.concatenate(rates)
         elif name.startswith("gravity."):
-            size, _, across = _gravity(found)
-            out[..., k] = found.with_gravity(size * across[int(name.endswith("y"))]).gravity_torque(data.q)
+            size, _, across = _gravity(robot)
+            tilted = robot.with_gravity(size * across[int(name.endswith("y"))])
+            out[..., k] = tilted.regressor(data.q, rest, rest) @ parameters
         elif name.endswith(".zero"):
-            by_q = found.inverse_dynamics_derivatives(data.q, data.v, data.a)[0] if by_q is None else by_q
+            by_q = _by_position(robot, parameters, data) if by_q is None else by_q
             out[..., k] = by_q[..., setup.dof(name)]
         else:
             dof = setup.dof(name)
             out[:, dof, k] = -torques[:, dof] / setup.of_joints("motor_constant", 1.0)[dof]
     return out
+
+
+def _by_position(robot: Robot, parameters: np.ndarray, data: Measurements) -> np.ndarray:
+    """d(Y pi)/dq (n, nv, nv), of bodies pi that need not exist nor have mass.
+
+    It is linear in pi: that of pi with point masses at the joints, which make every mass positive, less that of these.
+    Nothing is divided by an inertia, so that joints may move none.
+    """
+    bodies = parameters[: 10 * (robot.model.njoints - 1)].reshape(-1, 10)
+    points = np.zeros_like(bodies)
+    points[:, 0] = 1.0 + 2 * np.abs(bodies[:, 0])
+
+    def of(values: np.ndarray) -> np.ndarray:
+        def change(model: pin.Model) -> None:
+            for j, body in enumerate(values, 1):
+                model.inertias[j] = pin.Inertia.FromDynamicParameters(body)
+
+        changed = robot.changed(change)
+        changed.weightless = ()
+        return np.asarray(changed.inverse_dynamics_derivatives(data.q, data.v, data.a, engine="pinocchio")[0])
+
+    return np.asarray(of(bodies + points) - of(points))
 
 
 def _gravity(robot: Robot) -> tuple[float, np.ndarray, np.ndarray]:

@@ -185,8 +185,7 @@ def _slopes(around: Identification | None, names: Sequence[str], data: Measureme
     own = dict(zip(near.parameters, theta.tolist(), strict=True))
     exact = replace(near, parameters=own, vector=around.selection.parameters(around.robot, theta))
     torques = np.concatenate([around.model_torques(*state, exact) for state in data.states()])
-    found = exact.robot_of(around.setup.true_robot)
-    return data.averaged(derivatives(around.setup, found, names, data, torques))
+    return data.averaged(derivatives(around.setup, exact.vector, names, data, torques))
 
 
 def _values(chosen: Selection, base: BaseParameters, x: np.ndarray, count: int) -> np.ndarray:

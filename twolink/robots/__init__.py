@@ -1,7 +1,7 @@
 """Robots: a URDF becomes a checked Pinocchio model and a load report.
 
-In: a URDF as path or text, or the name of a robot. Out: a `RobotModel` and a `LoadReport` of what was read, ignored,
-repaired and assumed; what is wrong is refused with file, line and remedy. This room knows nothing of dynamics
+In: a URDF as path or text, or the name of a robot. Out: a `RobotModel` and a `LoadReport` of what is suspicious, read,
+ignored, repaired and assumed; what is wrong is refused with file, line and remedy. This room knows nothing of dynamics
 queries, scenes or simulation.
 """
 

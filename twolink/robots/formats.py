@@ -9,7 +9,7 @@ from twolink.errors import RobotError, import_extra
 from twolink.robots.catalogue import Source
 from twolink.robots.mjcf import Description, read_mjcf
 from twolink.robots.mjcf_model import compiled_mjcf
-from twolink.robots.tree import xacro_element
+from twolink.robots.tree import LEAVE_OUT, xacro_element
 from twolink.robots.xml import Element, parse_xml
 
 _xacro_lock = threading.Lock()  # xacro keeps its state in its modules
@@ -30,6 +30,7 @@ def describe(
     folders: Iterable[Path],
     *,
     trusted: bool = True,
+    xacro: str = "expand",
 ) -> Description:
     """What a source says of a robot.
 
@@ -47,6 +48,8 @@ def describe(
         Where a xacro finds packages, besides the folders above it.
     trusted : bool
         Whether other files that an MJCF names may be opened.
+    xacro : {"expand", "ignore"}
+        Expand a file that has xacro, or take it as it is.
 
     Raises
     ------
@@ -66,10 +69,11 @@ def describe(
             raise RobotError("an MJCF itself says which bodies are free", where=source.label, argument="root",
                              remedy="give the body a <freejoint/>")  # fmt: skip
         return read_mjcf(compiled_mjcf(source), source, foreign)
-    if source.path is not None and xacro_element(element) is not None:
+    if xacro == "expand" and source.path is not None and xacro_element(element) is not None:
         element = _expanded(source.path, source.label, xacro_arguments, [*folders, *source.path.resolve().parents])
     elif xacro_arguments:
-        raise RobotError("it is no xacro file", where=source.label, argument="xacro_arguments", remedy="leave them out")
+        what = "no xacro is expanded that could take arguments"
+        raise RobotError(what, where=source.label, argument="xacro_arguments", remedy="leave them out")
     return Description(element)
 
 
@@ -91,6 +95,7 @@ def _expanded(path: Path, label: str, arguments: Mapping[str, object], folders: 
             cause = getattr(error, "exc", None)
             what = " ".join(str(cause if isinstance(cause, FileNotFoundError) else error).split())
             remedy = "correct it, or give xacro_arguments=, or the folders of packages by package_dirs="
+            remedy += f"; of a finished URDF, {LEAVE_OUT}"
             raise RobotError(f"xacro: {what or type(error).__name__}", code="xacro", remedy=remedy,
                              where=_place(what, files, getattr(error, "lineno", None))) from None  # fmt: skip
         finally:

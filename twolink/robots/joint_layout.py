@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from twolink.errors import RobotError, TwolinkError, require_known
+from twolink.errors import QueryError, RobotError, TwolinkError, require_known
 
 JointKind = Literal["vector", "cos-sin", "planar", "quaternion", "free-flyer", "mimic"]
 
@@ -53,11 +53,52 @@ def joint_columns(joints: Iterable[JointLayout], letter: str) -> list[tuple[str,
     return columns
 
 
-def columns_to_read(table: Iterable[str], joints: Iterable[JointLayout], letter: str) -> list[str]:
-    """The columns of some joints in a table with these columns: q0, q1, ... where it has one of them, else q.JOINT."""
-    by_joint = [column for column, _ in joint_columns(joints, letter)]
-    numbered = [f"{letter}{i}" for i in range(len(by_joint))]
-    return by_joint if set(numbered).isdisjoint(table) else numbered
+def column_forms(joint: JointLayout, letter: str) -> list[list[str]]:
+    """The ways to name the columns of a joint's "q", "v", "tau" or "a" in a table, each the whole of them.
+
+    By the joint's name, q.JOINT or q.JOINT.0, q.JOINT.1, ...; by the places in the vector, such as q4; of a continuous
+    joint also its angle q.JOINT.
+    """
+    part = joint.q if letter == "q" else joint.v
+    forms = [[column for column, _ in joint_columns([joint], letter)],
+             [f"{letter}{i}" for i in range(part.start, part.stop)]]  # fmt: skip
+    return [*forms, [f"q.{joint.name}"]] if letter == "q" and joint.kind == "cos-sin" else forms
+
+
+def columns_to_read(table: Iterable[str], joints: Sequence[JointLayout], letter: str) -> list[str]:
+    """The columns of a table to read "q", "v", "tau" or "a" of some joints from, in their order.
+
+    For each joint those of `column_forms` that the table has some of. Where it has none, those of the form that other
+    joints have. Numbers and names mix only where each joint has one coordinate: otherwise numbers may count joints.
+
+    Raises
+    ------
+    QueryError
+        The table has columns of one joint in two forms (code "column-twice").
+    """
+    there = set(table)
+    forms = [column_forms(joint, letter) for joint in joints]
+    if letter in there:
+        if other := sorted(there & {column for of_joint in forms for form in of_joint for column in form}):
+            raise _twice(letter, other[0], letter)
+        return [letter]
+    numbered = any(not there.isdisjoint(numbers) for _, numbers, *_ in forms)
+    named = any(not there.isdisjoint(form) for names, _, *angle in forms for form in (names, *angle))
+    if named and any(len(numbers) > 1 for _, numbers, *_ in forms):
+        numbered, forms = False, [[names, [], *angle] for names, _, *angle in forms]
+    wanted: list[str] = []
+    for joint, of_joint in zip(joints, forms, strict=True):
+        found = [form for form in of_joint if not there.isdisjoint(form)]
+        if len(found) > 1:
+            first, second = (next(column for column in form if column in there) for form in found[:2])
+            raise _twice(first, second, f"{letter} of joint {joint.name!r}")
+        wanted += found[0] if found else of_joint[numbered]
+    return wanted
+
+
+def _twice(first: str, second: str, of: str) -> QueryError:
+    return QueryError(f"columns {first!r} and {second!r} are both {of}", code="column-twice",
+                      remedy="keep one, or say in a map of columns which one is read")  # fmt: skip
 
 
 def without_angles(table: Mapping[str, np.ndarray], joints: Iterable[JointLayout]) -> dict[str, np.ndarray]:
@@ -75,14 +116,18 @@ def read_columns(
 ) -> tuple[np.ndarray | None, list[str]]:
     """The values (n, k) of some joints in a table, and the columns that lack for them.
 
-    Columns are q.JOINT, or q0, q1, ... of all joints, or the array q. The values are None where columns lack.
+    The values are None where columns lack. Raises QueryError as `columns_to_read` does.
     """
-    if letter in table:
-        return np.asarray(table[letter]), []
-    table = without_angles(table, joints)
     wanted = columns_to_read(table, joints, letter)
+    if wanted == [letter]:
+        return np.asarray(table[letter]), []
     lacking = [column for column in wanted if column not in table]
-    return None if lacking else np.column_stack([table[column] for column in wanted]), lacking
+    if lacking:
+        return None, lacking
+    angles = {f"q.{joint.name}" for joint in joints if letter == "q" and joint.kind == "cos-sin"}
+    values = [np.asarray(table[column]) for column in wanted]
+    pairs = ((np.cos(x), np.sin(x)) if column in angles else (x,) for column, x in zip(wanted, values, strict=True))
+    return np.column_stack([x for pair in pairs for x in pair]), []
 
 
 def _kind(joint: pin.JointModel) -> JointKind:
@@ -110,6 +155,15 @@ def urdf_kind(model: pin.Model, joint: int) -> str:
 def turns(model: pin.Model, joint: JointLayout) -> bool:
     """Whether the coordinate of a joint with one coordinate is an angle [rad], not a length [m]."""
     return str(model.joints[joint.index].shortname()).startswith("JointModelR")
+
+
+def angular_dofs(model: pin.Model, joint: JointLayout) -> range:
+    """The degrees of freedom of a joint, from its first on, whose velocities are angular [rad/s]."""
+    if joint.kind == "vector":
+        return range(int(turns(model, joint)))
+    return {"cos-sin": range(1), "planar": range(2, 3), "quaternion": range(3), "free-flyer": range(3, 6)}.get(
+        joint.kind, range(0)
+    )
 
 
 def urdf_limits(model: pin.Model, entry: int) -> tuple[float, float]:

@@ -29,11 +29,14 @@ from twolink.robots.load_report import LoadReport
 from twolink.robots.meshes import MeshFolders, drawable_urdf, mesh_folders, missing_meshes
 from twolink.robots.model import RobotModel, Visuals
 from twolink.robots.srdf import srdf_beside
+from twolink.robots.suspicions import suspicious, visible_without_mass
 from twolink.robots.tree import Tree, canonical, read_tree
 
 Purpose = Literal["dynamics", "kinematics", "identification"]
 Policy = Literal["refuse", "report"]
+Xacro = Literal["expand", "ignore"]
 _WORDS = {"root": ("fixed", "free"), "unphysical": get_args(Policy), "foreign": get_args(Policy),
+          "xacro": get_args(Xacro),
           "purpose": get_args(Purpose)}  # fmt: skip
 R = TypeVar("R", bound=RobotModel)
 
@@ -60,6 +63,7 @@ def load_model(
     unphysical: Policy = "refuse",
     foreign: Policy = "refuse",
     purpose: Purpose = "dynamics",
+    xacro: Xacro = "expand",
     xacro_arguments: Mapping[str, object] | None = None,
     meshes: MeshFolders | None = None,
 ) -> R:
@@ -69,7 +73,7 @@ def load_model(
     ----------
     kind : type
         RobotModel or a subclass with the same constructor.
-    source, package_dirs, root, lock, gravity, mimic, unphysical, foreign, purpose, xacro_arguments
+    source, package_dirs, root, lock, gravity, mimic, unphysical, foreign, purpose, xacro, xacro_arguments
         As in `twolink.load_robot`.
     meshes : MeshFolders, optional
         Where meshes are looked for, in place of `package_dirs` and the folders of the URDF, which is a stranger's: no
@@ -85,10 +89,10 @@ def load_model(
     RobotError
         The URDF is refused, or an argument is wrong; it names the file, line, link or joint, and what to do.
     """
-    _require_words(root=root, unphysical=unphysical, foreign=foreign, purpose=purpose)
+    _require_words(root=root, unphysical=unphysical, foreign=foreign, purpose=purpose, xacro=xacro)
     urdf, packages = open_source(source), _folders(package_dirs)
-    said = describe(urdf, foreign, root, xacro_arguments or {}, packages, trusted=meshes is None)
-    tree = read_tree(said.robot, urdf.label, foreign)
+    said = describe(urdf, foreign, root, xacro_arguments or {}, packages, trusted=meshes is None, xacro=xacro)
+    tree = read_tree(said.robot, urdf.label, foreign, xacro)
     if mimic:
         check_mimic(tree, _build(tree, urdf.label, root, mimic=False))
         check_lock(tree, lock or {})
@@ -98,25 +102,24 @@ def load_model(
     model = without_joints(full, locked, reference)
     model.gravity.linear = gravity_field(gravity if gravity is not None else said.gravity or EARTH, RobotError)
     odd_inertias = check_bodies(tree, full, unphysical)
-    weightless = weightless_joints(model)
-    if weightless and purpose == "dynamics":
+    if (weightless := weightless_joints(model)) and purpose == "dynamics":
         raise without_inertia(tree, model, weightless)
     folders = meshes or mesh_folders(packages, urdf.path, examples_share())
     srdf = said.srdf if said.srdf.file else srdf_beside(urdf.path if meshes is None else None)
     missing, beyond = missing_meshes(tree.element, folders), beyond_limits(full, locked, reference)
-    findings = [
+    report = LoadReport(urdf.label, (
+        *suspicious(tree, full),
         load_report.summary(tree, model, len(urdf.data)),
         *load_report.content_findings(tree, mimic=mimic, odd_inertias=odd_inertias, unphysical=unphysical,
-                                      missing=missing),
+                                      missing=missing, massless=visible_without_mass(tree, full)),
         *said.findings,
         *load_report.findings("read", {"pairs that do not touch, and states": [srdf.file] * bool(srdf.file)}),
         *load_report.findings("assumed", {"joints that move no inertia: dynamics is refused": weightless}),
         *load_report.choice_findings(tree, root=root, usual_root=urdf.entry.usual_root if urdf.entry else None,
                                      gravity=model.gravity.linear, locked=tuple(lock or ()), beyond=beyond),
-    ]  # fmt: skip
+    ))  # fmt: skip
     text, visual_meshes, collision_meshes = drawable_urdf(tree.element, folders)
     visuals = Visuals(text, visual_meshes, full, locked, reference, collision_meshes, said.laws, srdf=srdf)
-    report = LoadReport(urdf.label, tuple(findings))
     robot = kind(urdf.entry.name if urdf.entry else tree.name or urdf.label, model, report, visuals)
     robot.weightless = weightless
     return robot

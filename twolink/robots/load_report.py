@@ -1,4 +1,4 @@
-"""The load report: what was read, ignored, repaired and assumed when a robot was loaded, and all of its wording."""
+"""The load report: what is suspicious, and what was read, ignored, repaired and assumed when a robot was loaded."""
 
 import math
 from collections import Counter
@@ -14,8 +14,8 @@ from twolink.robots.joint_layout import NO_LIMIT
 from twolink.robots.tree import Tree
 from twolink.robots.xml import Element, Foreign
 
-Kind = Literal["read", "ignored", "repaired", "assumed"]
-KINDS: tuple[Kind, ...] = ("read", "ignored", "repaired", "assumed")
+Kind = Literal["suspicious", "read", "ignored", "repaired", "assumed"]
+KINDS: tuple[Kind, ...] = ("suspicious", "read", "ignored", "repaired", "assumed")
 
 # Elements of other programs in words; the others by their tags.
 _FOREIGN = {
@@ -47,18 +47,25 @@ class Finding:
 
 @dataclass(frozen=True, repr=False)
 class LoadReport:
-    """What was read, ignored, repaired and assumed when a robot was loaded. It prints as a list by kind.
+    """What is suspicious, and what was read, ignored, repaired and assumed when a robot was loaded.
+
+    It prints as a list by kind.
 
     Attributes
     ----------
     source : str
         The file's name, or "URDF text".
     findings : tuple of Finding
-        The statements; `read`, `ignored`, `repaired` and `assumed` give those of one kind.
+        The statements; `suspicious`, `read`, `ignored`, `repaired` and `assumed` give those of one kind.
     """
 
     source: str
     findings: tuple[Finding, ...]
+
+    @property
+    def suspicious(self) -> tuple[Finding, ...]:
+        """What is used as it is though it looks wrong: units, masses and inertias out of proportion."""
+        return self._of("suspicious")
 
     @property
     def read(self) -> tuple[Finding, ...]:
@@ -90,7 +97,8 @@ class LoadReport:
 
     def __str__(self) -> str:
         lines = [self.source]
-        for kind in KINDS:
+        lines += [f"  suspicious: {finding}" for finding in self.suspicious]
+        for kind in KINDS[1:]:
             statements = self._of(kind) or ("nothing",)
             lines.extend(f"  {kind + ':' if i == 0 else '':<10}{f}" for i, f in enumerate(statements))
         return "\n".join(lines)
@@ -98,7 +106,8 @@ class LoadReport:
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
-        return facts_html(self.source, {kind: self._of(kind) or ("nothing",) for kind in KINDS})
+        kinds = KINDS if self.suspicious else KINDS[1:]
+        return facts_html(self.source, {kind: self._of(kind) or ("nothing",) for kind in kinds})
 
 
 def findings(kind: Kind, statements: Mapping[str, Iterable[str]]) -> list[Finding]:
@@ -116,12 +125,14 @@ def summary(tree: Tree, model: pin.Model, size: int) -> Finding:
 
 
 def content_findings(
-    tree: Tree, *, mimic: bool, odd_inertias: Sequence[str], unphysical: str, missing: Mapping[str, Sequence[str]]
-) -> list[Finding]:
+    tree: Tree, *, mimic: bool, odd_inertias: Sequence[str], unphysical: str, missing: Mapping[str, Sequence[str]],
+    massless: Sequence[str] = (),
+) -> list[Finding]:  # fmt: skip
     """What a sound URDF has that is ignored, repaired or assumed.
 
     mimic: mimic joints are coupled. odd_inertias: the links whose inertia no real body has; unphysical: "refuse" where
-    the bodies they belong to were checked. missing: by what is said of them, meshes without a file.
+    the bodies they belong to were checked. missing: by what is said of them, meshes without a file. massless: links
+    without <inertial> that are suspicious.
     """
     moving, links = tree.moving, tree.links.values()
     mimics = {j.name: j.mimic.joint for j in moving if j.mimic is not None}
@@ -151,7 +162,7 @@ def content_findings(
         "fixed joints: these links are merged into the body they are fixed to, and stay as frames": [
             j.child for j in tree.joints if j.type == "fixed"
         ],
-        "links without <inertial> have no mass": [k.name for k in links if not k.has_inertial],
+        "links without <inertial> have no mass": [k.name for k in links if not (k.has_inertial or k.name in massless)],
         "links of no mass with an inertia: no real body has that, it is used as it is": [
             k.name for k in links if k.mass == 0 and np.any(k.inertia)
         ],
@@ -227,6 +238,7 @@ def _foreign_findings(foreign: Foreign) -> list[Finding]:
         "attributes of other programs": foreign.attributes,
         'unknown names, left out (foreign="report")': foreign.unknown,
         "text": foreign.text,
+        'xacro, left out with all that it holds (xacro="ignore")': foreign.xacro,
     }
     counted = {what: [f"{count} x {name}" for name, count in names.items()] for what, names in named.items()}
     return [Finding("ignored", f"{count} x {what}") for what, count in elements.items()] + findings("ignored", counted)

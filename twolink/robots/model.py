@@ -108,7 +108,7 @@ class RobotModel:
     model : pin.Model
         The model; do not change it, every query and thread reads it.
     report : LoadReport
-        What was read, ignored, repaired and assumed.
+        What is suspicious, and what was read, ignored, repaired and assumed.
     nq, nv : int
         The sizes of a configuration and of a velocity.
     joint_names : tuple of str

@@ -17,6 +17,7 @@ from twolink.robots.xml import URDF_ELEMENTS, Element, Foreign, Reader, foreign_
 MAX_JOINTS = 5_000
 MAX_DEPTH = 1_000
 VERSIONS = {"1.0": (1, 0), "1.1": (1, 1), "1.2": (1, 2)}
+LEAVE_OUT = 'xacro="ignore" (--xacro ignore) leaves such elements out'
 _NOT_DYNAMICS = ("visual", "collision", "material")
 
 
@@ -37,17 +38,20 @@ class Tree:
         return tuple(j for j in self.joints if j.type != "fixed")
 
 
-def read_tree(element: Element, source: str, foreign: str = "refuse") -> Tree:
+def read_tree(element: Element, source: str, foreign: str = "refuse", xacro: str = "expand") -> Tree:
     """The tree in a <robot> element.
 
     Parameters
     ----------
     element : Element
-        The element. The quaternions of its origins are replaced by angles, and its version by one that Pinocchio reads.
+        The element. The quaternions of its origins are replaced by angles, and its version by one that Pinocchio reads;
+        elements of xacro are taken out.
     source : str
         The name of the file for errors.
     foreign : {"refuse", "report"}
         Refuse names that are unknown, or count them in the tree's `foreign`.
+    xacro : {"expand", "ignore"}
+        Refuse elements of xacro, which should have been expanded, or count them in the tree's `foreign` too.
 
     Raises
     ------
@@ -55,10 +59,14 @@ def read_tree(element: Element, source: str, foreign: str = "refuse") -> Tree:
         Code "urdf"; it names the link or joint at fault.
     """
     _require_robot(element, source)
+    if xacro == "expand":
+        _require_expanded(element, source)
+    left_out = _without_xacro(element)
     version = _version(element, source)
     element.attributes["version"] = "1.2" if version == (1, 2) else "1.1"  # 1.1 differs from 1.0 in shapes only
     reader = Reader(source, version)
     other = foreign_content(reader, element, foreign == "report")
+    other.xacro.update(left_out)
     links = [read_link(reader, e) for e in element.all("link")]
     if not links:
         raise _error("it has no <link>", source, "a robot needs at least one link")
@@ -83,14 +91,19 @@ def _error(what: str, where: str, remedy: str) -> RobotError:
 
 
 def _require_robot(root: Element, source: str) -> None:
-    """Require a <robot> without xacro."""
+    """Require a <robot>."""
     if root.tag != "robot":
         hint = ", it is a web page" if root.tag == "html" else ""
         raise _error(f"the top element is <{root.tag}>, expected <robot>{hint}", f"{source}:{root.line}", "pass a URDF")
+
+
+def _require_expanded(root: Element, source: str) -> None:
+    """Require a robot without xacro."""
     element = xacro_element(root)
     if element is not None:
         what = f"<{element.tag}> is xacro, a macro language that has to be expanded first"
         remedy = "load it as a file, with pip install 'twolink[xacro]'; or expand it: xacro FILE > robot.urdf"
+        remedy += f"; of a finished URDF, {LEAVE_OUT}"
         raise _error(what, f"{source}:{element.line}", remedy)
 
 
@@ -106,6 +119,19 @@ def xacro_element(root: Element) -> Element | None:
         tags = ("link", "joint")
         stack += [c for c in element.children if element is not root or c.tag in tags or c.tag.startswith("xacro:")]
     return None
+
+
+def _without_xacro(element: Element) -> Counter[str]:
+    """Take the elements of xacro out of an element; what they were, and which links and joints they held."""
+    found: Counter[str] = Counter()
+    for child in element.children:
+        if child.tag.startswith("xacro:"):
+            found[f"<{child.tag}>"] += 1
+            found.update(f"<{held.tag}> in <{child.tag}>" for held in child.children if held.tag in ("link", "joint"))
+        else:
+            found += _without_xacro(child)
+    element.children = [child for child in element.children if not child.tag.startswith("xacro:")]
+    return found
 
 
 def _version(robot: Element, source: str) -> tuple[int, int]:

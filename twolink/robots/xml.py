@@ -224,7 +224,7 @@ class Foreign:
 
     elements: by tag. attributes: as "D= in <dynamics>". motion: elements that change the motion in their program, as
     "mu1 in <gazebo>". text: text between elements, as "in <link>". unknown: names of no known program, as
-    "rpy= in <axis>"; they are refused unless `lenient`.
+    "rpy= in <axis>"; they are refused unless `lenient`. xacro: what was left out unexpanded.
     """
 
     lenient: bool = False
@@ -234,6 +234,7 @@ class Foreign:
     motion: Counter[str] = field(default_factory=Counter)
     text: Counter[str] = field(default_factory=Counter)
     unknown: Counter[str] = field(default_factory=Counter)
+    xacro: Counter[str] = field(default_factory=Counter)
 
 
 def foreign_content(reader: Reader, robot: Element, lenient: bool = False) -> Foreign:

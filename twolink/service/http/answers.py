@@ -71,7 +71,7 @@ class Joint(msgspec.Struct):
 
 
 class RobotAbout(msgspec.Struct):
-    """A robot: sizes, joints, links, and the report of what was read, ignored, repaired and assumed."""
+    """A robot: sizes, joints, links, and the report of what is suspicious, read, ignored, repaired and assumed."""
 
     name: str
     nq: int

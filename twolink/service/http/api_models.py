@@ -52,7 +52,7 @@ async def list_queries() -> list[dict[str, Any]]:
 
 @get("/v1/robots/{robot:str}", tags=["robots"], summary="Inspect a robot")
 async def inspect_robot(service: Shared, robot: FromPath[str]) -> dict[str, Any]:
-    """Sizes, joints with limits, links, and the load report: what was read, ignored, repaired and assumed."""
+    """Sizes, joints with limits, links, and the report: what is suspicious, read, ignored, repaired and assumed."""
     uploaded = await service.store.run(service.store.robot, robot)
     if uploaded is not None:
         return uploaded

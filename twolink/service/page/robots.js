@@ -5,6 +5,7 @@ import { announce, byId, clearProblem, count, el, short, showProblem } from "./d
 import { searchable } from "./search.js";
 
 const TITLES = {
+  suspicious: ["Suspicious", "used as it is, though it looks wrong"],
   read: ["Read", "what the file says"],
   ignored: ["Ignored", "in the file, but not in the answers"],
   repaired: ["Repaired", "changed, because it cannot be right"],
@@ -157,14 +158,14 @@ export class Robots {
 
   #report(report, open) {
     const sizes = Object.keys(TITLES)
-      .filter(key => report[key].length)
+      .filter(key => report[key]?.length)
       .map(key => `${report[key].length} ${TITLES[key][0].toLowerCase()}`);
     byId("report").hidden = false;
     byId("report-summary").replaceChildren("Load report ", el("span", { className: "hint" }, sizes.join(" · ")));
     byId("report").open = false;
     byId("report-body").replaceChildren(
       ...Object.entries(TITLES)
-        .filter(([key]) => report[key].length)
+        .filter(([key]) => report[key]?.length)
         .map(([key, [title, about]]) =>
           el(
             "section",
@@ -174,7 +175,7 @@ export class Robots {
           ),
         ),
     );
-    if (open && (report.repaired.length || report.ignored.length)) byId("report").open = true;
+    if (open && (report.suspicious?.length || report.repaired.length || report.ignored.length)) byId("report").open = true;
   }
 
   /** What a robot looks like. */
