@@ -24,6 +24,7 @@ STEPS = [
     "api",
     "coverage",
     "without-heyoka",
+    "processors",
     "pythons",
 ]
 

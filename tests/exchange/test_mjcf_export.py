@@ -37,7 +37,7 @@ def test_mujoco_reads_the_same_mass_matrix() -> None:
 
 @pytest.mark.parametrize(("old", "new", "what"), [
     ('stiffness="3.0"', 'stiffness="4.0"', "joint-spring"), ('armature="0.4"', 'armature="0.5"', "armature"),
-    ('gravcomp="0.7', 'gravcomp="0.6', "frame-wrench"), ('damping="0.1"', "", "damping"),
+    ('gravcomp="0.7"', 'gravcomp="0.6"', "frame-wrench"), ('damping="0.1"', "", "damping"),
     ("<site name=\"b0\" pos=\"0.1", "<site name=\"b0\" pos=\"0.2", "weld-loop"),
     ("polycoef=\"0.", "polycoef=\"1.", "mimic"),
 ])  # fmt: skip
@@ -46,6 +46,17 @@ def test_a_change_is_found(old: str, new: str, what: str) -> None:
     text = mjcf_text(robot)
     assert old in text
     assert what in {d.what for d in tl.compare_models(robot, text.replace(old, new, 1)).differences}
+
+
+def test_gravity_compensation_has_the_number_of_the_file() -> None:
+    """The force is multiplied and divided by mass and gravity again, and rounds on the way."""
+    text = """<mujoco><option gravity="{} {} -9.81"/><worldbody><body name="a" gravcomp="{}"><joint axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0 0 {}" size=".03"/></body></worldbody></mujoco>"""
+    rng = np.random.default_rng(7)
+    for share in [*np.linspace(0.05, 1, 20).round(2), 1.25, 0.333333]:
+        x, y, length = rng.uniform(-3, 3, 3)
+        robot = tl.load_robot(text.format(x, y, share, length))
+        assert f'gravcomp="{float(share)!r}"' in mjcf_text(robot)
 
 
 def test_what_an_mjcf_cannot_hold_is_refused(tmp_path: Path) -> None:

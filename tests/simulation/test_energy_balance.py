@@ -64,6 +64,24 @@ def test_damping_alone_takes_what_is_lost() -> None:
     assert run.energy[-1] - run.energy[0] == pytest.approx(work[-1], abs=1e-8)
 
 
+ROD = """<mujoco><worldbody><body><joint name="j" axis="{}" armature="0.04"/>
+<geom type="capsule" fromto="0 0 0 0.1 0.2 -0.5" size="0.02"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("axis", ["0 1 0", "0 -1 0", "0.6 0.8 0"])
+def test_a_pendulum_with_a_rotor_keeps_its_energy(axis: str) -> None:
+    """The armature of the file and that of an effect carry kinetic energy, whatever the joint's axis."""
+    scene = tl.Scene(
+        tl.load_robot(ROD.format(axis)), [1.0], effects=[fx.Gravity(), fx.Rotor({"j": 0.02})], duration=1.0
+    )
+    run = tl.simulate(scene, accuracy=1e-10)
+    kinetic = scene.robot.energy(run.q, run.v)[0]
+    np.testing.assert_allclose(kinetic, run.v[:, 0] ** 2 * scene.robot.mass_matrix(run.q)[:, 0, 0] / 2, rtol=1e-13)
+    assert np.ptp(kinetic) > 0.1
+    np.testing.assert_allclose(run.energy, run.energy[0], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(tl.energy_book(scene, run).residual, 0.0, atol=1e-10)
+
+
 def test_dry_friction_takes_the_path_times_its_level() -> None:
     scene = arm(fx.DryFriction({"elbow": 1.5}))
     book = tl.energy_book(scene)
