@@ -36,7 +36,7 @@ from twolink.scenes import Scene
 from twolink.simulation.time_limit import OutOfTime
 
 EXPLAINS = 0.01  # a cause that leaves less is named
-CLEAR = 1e-4  # of a cause without fitted numbers that leaves less: none other is looked for
+CLEAR = 1e-4  # of a cause without fitted numbers
 ALIKE, ROUNDING = 10.0, 1e-6  # two that leave as little, within this factor or both below that, are not told apart
 LIKELY, REFINED = 0.3, 3  # the share from which on fitted numbers are refined, and how often
 SUBSTEPS = (1, 2, 4, 5, 8, 10, 20)
@@ -67,9 +67,14 @@ def look_for(looks: Sequence[Look], progress: Report | None) -> tuple[list[Cause
             found += look()
         except (OutOfTime, KeyboardInterrupt):
             return found, tuple(name for name, _ in looks[k:])
-        if any(not cause.fitted and cause.unexplained < CLEAR for cause in found):
+        if is_clear(found):
             break
     return found, ()
+
+
+def is_clear(found: Sequence[Cause]) -> bool:
+    """Whether one leaves next to nothing, without fitted numbers: then none other is looked for."""
+    return any(not cause.fitted and cause.unexplained < CLEAR for cause in found)
 
 
 def named(found: Sequence[Cause]) -> tuple[tuple[Cause, ...], Cause | None]:

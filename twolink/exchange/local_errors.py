@@ -31,8 +31,8 @@ from twolink.integrate.steps.tableau import Tableau
 from twolink.scenes import Scene
 
 SLIPS = 1e-9  # rad/s, m/s: the width of smooth friction, which is Coulomb's at any speed that is looked at
-LOOKED_AT, STUDIED = 2_000, 300  # intervals, at most: whose defects are computed, in which causes are looked for
-EXACT, FINEST = 1, 256  # steps of order 8 an interval, at first and at most
+STUDIED = 300  # intervals, at most
+EXACT, FINEST = 1, 32  # steps of order 8 an interval, at first and at most
 CONVERGED = 1e-10  # of the speed
 EULER, IMPLICIT_DAMPING, IMPLICIT = (
     "semi-implicit Euler",
@@ -91,17 +91,17 @@ class Intervals:
         """Some of them."""
         return replace(self, start=self.start.part(rows), end=self.end.part(rows))
 
-    def spread(self) -> Intervals:
-        """At most STUDIED of those whose defects are known."""
-        known = np.flatnonzero(np.isfinite(self.exact).all(axis=1))
-        return self.part(known[:: max(1, -(-len(known) // STUDIED))])
+    def known(self) -> Intervals:
+        """Those whose defects are known."""
+        found = np.isfinite(self.exact).all(axis=1)
+        return self if found.all() else self.part(found)
 
 
 Flow = Callable[[Log, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def intervals_of(scene: Scene, log: Log, check: Check) -> Intervals | None:
-    """The intervals without an event; None where the scene has other events than of stops and dry friction, or states
+    """Some intervals without an event; None where the scene has other events than of stops and dry friction, or states
     beside q and v, or the log no velocities."""
     if not log.has_velocities:
         return None
@@ -123,7 +123,7 @@ def intervals_of(scene: Scene, log: Log, check: Check) -> Intervals | None:
                 k = getattr(mode, "dof", 0)
                 smooth &= log.v[:-1, k] * log.v[1:, k] > 1e-12
     rows = np.flatnonzero(smooth)
-    most = LOOKED_AT if equations_of(scene).constraints is None else STUDIED // 5  # which are solved one by one
+    most = STUDIED if equations_of(scene).constraints is None else STUDIED // 5  # which are solved one by one
     rows = rows[:: max(1, -(-len(rows) // most))]
     return Intervals(scene, log.part(rows), log.part(rows + 1), check) if len(rows) > 2 else None
 

@@ -14,8 +14,8 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.effects.joint_switches import JointStops
 from twolink.effects.loops import Loop
 from twolink.errors import TwolinkError
-from twolink.exchange.causes import Cause, Look, look_for, looks_at, named
-from twolink.exchange.local_errors import Intervals, intervals_of
+from twolink.exchange.causes import Cause, Look, is_clear, look_for, looks_at, named
+from twolink.exchange.local_errors import intervals_of
 from twolink.exchange.trajectory_log import Array, Log
 from twolink.hard.peers.replay import replays
 from twolink.hard.verdict import Verdict
@@ -25,29 +25,31 @@ from twolink.simulation.scene_run import simulate
 from twolink.simulation.time_limit import OutOfTime, TimeLimit
 from twolink.simulation.trajectory import Trajectory
 
+GLANCE = 1.0  # s: for the local defects of a log that is not wrong
+
 
 def explained(verdict: Verdict, scene: Scene, log: Log, run: Trajectory, offset: Array, units: str, seconds: float,
                progress: Report | None) -> Verdict:  # fmt: skip
     """The verdict with its local defects, and of a wrong log its causes, as far as the time goes."""
-    limit = TimeLimit(seconds, from_now=True)
-    intervals: Intervals | None = None
-    defect, missed = None, ()
     if progress is not None:
         progress(0.0, 1.0, verdict.summary)
-    try:
-        intervals = intervals_of(scene, log, limit)
-        if intervals is not None and not np.isnan(intervals.exact).all():
-            defect = float(np.nanmax(np.abs(intervals.exact[:, scene.robot.nv :])))
-    except (OutOfTime, KeyboardInterrupt):
-        intervals, missed = None, ("local defects",)
-    found: list[Cause] = [Cause(units, 0.0)] if units else []
-    if verdict.answer == "wrong" and not units:
+    few, wrong = None, verdict.answer == "wrong"
+    limit = TimeLimit(seconds if wrong else min(seconds, GLANCE), from_now=True)
+    found, missed = [Cause(units, 0.0)] if units else [], ()
+    if wrong and not units:
         looks: list[Look] = [("a shift in time", lambda: _shifted(log, run, offset))]
         if verdict.beyond:  # not only its velocities are wrong
             looks += [("another start", lambda: _started(scene, log, offset, limit)), *replays(scene, log, run)]
-        few = None if intervals is None else intervals.spread()
-        found, not_looked = look_for([*looks, *(looks_at(few) if few is not None and len(few.h) > 2 else ())], progress)
-        missed = (*missed, *not_looked)
+        found, missed = look_for(looks, progress)
+    try:
+        intervals = intervals_of(scene, log, limit)
+        few = None if intervals is None else intervals.known()
+    except (OutOfTime, KeyboardInterrupt):
+        missed = (*missed, "local defects, and causes that they show") if wrong else ()
+    defect = None if few is None or not len(few.h) else float(np.abs(few.exact[:, scene.robot.nv :]).max())
+    if wrong and not units and few is not None and len(few.h) > 2 and not missed and not is_clear(found):
+        more, missed = look_for(looks_at(few), progress)
+        found += more
     causes, nearest = named(found)
     return dataclasses.replace(verdict, defect=defect, causes=causes, nearest=nearest, not_looked_at=missed)
 

@@ -23,7 +23,9 @@ DISTANCES = (1e-6, 1e-4, 1e-3, 1e-2, 0.1)  # rad or m
 VELOCITY = 100.0  # 1/s: a velocity may be off by so many times the tolerance
 ESTIMATED, SPREAD = 3.0, 3.0  # a bar that is an estimate, and one of velocities, count so many times
 COARSER = 1e4  # times the accuracy: of the run beside the solution that shows how errors of v go with those of q
+COARSE = 1e-2  # rad or m: where the digits of a log's start move the solution by more, it is not known
 SECONDS = 10.0  # for causes
+Pair = tuple[Array, Array]
 
 
 def judge(
@@ -49,7 +51,7 @@ def judge(
         continuous joint may have its angle in place of (cos, sin). Without v, only q is judged.
     start : {"scene", "log"}, optional
         Whether the solution starts from the scene's state, or from the log's first sample; by default that of a scene,
-        and of a robot the log's.
+        and of a robot the log's. Times count from there then.
     tolerance : float
         A distance that does not count, rad or m.
     accuracy : float
@@ -74,10 +76,10 @@ def judge(
     start = start or ("log" if bare else "scene")
     require_known(start, ("scene", "log"), SceneError, argument="start")
     log, units = in_si(read_log(trajectory, asked.robot), asked.robot, asked.q)
-    spread = np.zeros(len(log.t))
+    spread: Pair = (np.zeros(len(log.t)), np.zeros(len(log.t)))
     if start == "log":
         asked, log = _from_log(asked, log)
-        spread = _start_bar(asked, log)
+        spread = _spread(asked, log)
     run = best_run(asked, log.t, accuracy)
     return verdict_of(asked, log, run, tolerance, units=units, spread=spread, accuracy=accuracy,
                       seconds=positive(seconds, "seconds", SceneError, "such as 10"), progress=progress)  # fmt: skip
@@ -102,24 +104,25 @@ def _from_log(scene: Scene, log: Log) -> tuple[Scene, Log]:
     return made, Log(log.t - log.t[0], log.q, log.v)
 
 
-def _start_bar(scene: Scene, log: Log) -> Array:
-    """How far the digits of the log's first sample move the solution, at every sample: the sum over q and v."""
+def _spread(scene: Scene, log: Log) -> Pair:
+    """How far the digits of the log's first sample move q and v, at every sample: the sum over its entries."""
     sizes, nv = [digits[0] for digits in log.digits()], scene.robot.nv
-    total = np.zeros(len(log.t))
+    total = np.zeros((2, len(log.t)))
     if not any(sizes):
-        return total
+        return total[0], total[1]
 
-    def run(q: Array, v: Array) -> Array:
+    def run(q: Array, v: Array) -> Trajectory:
         moved = Scene(scene.base, q, v, scene.effects)
-        return simulate(moved, float(log.t[-1]), accuracy=1e-2 * max(sizes), verify=False, t_eval=log.t).q
+        return simulate(moved, float(log.t[-1]), accuracy=1e-2 * max(sizes), verify=False, t_eval=log.t)
 
     plain = run(scene.q, scene.v)
     for k, size in enumerate(np.repeat(sizes, nv)):
         step = size * np.eye(nv)[k % nv]
         q = scene.robot.integrate(scene.q, step) if k < nv else scene.q
         other = run(q, scene.v + (step if k >= nv else 0.0))
-        total += np.abs(scene.robot.difference(plain, other)).max(axis=1)
-    return SPREAD * total
+        total[0] += np.abs(scene.robot.difference(plain.q, other.q)).max(axis=1)
+        total[1] += np.abs(plain.v - other.v).max(axis=1)
+    return SPREAD * total[0], SPREAD * total[1]
 
 
 def best_run(scene: Scene, t: Array, accuracy: float) -> Trajectory:
@@ -134,24 +137,24 @@ def best_run(scene: Scene, t: Array, accuracy: float) -> Trajectory:
 
 
 def verdict_of(scene: Scene, log: Log, run: Trajectory, tolerance: float, *, units: str = "",
-               spread: Array | float = 0.0, accuracy: float = 1e-9, seconds: float = SECONDS,
+               spread: Pair | None = None, accuracy: float = 1e-9, seconds: float = SECONDS,
                progress: Report | None = None) -> Verdict:  # fmt: skip
     """What a log is worth beside a run at its samples.
 
-    units: which ones it had, if not SI. spread (n,): how far the run may be off beside its own bar, rad or m.
+    units: which ones it had, if not SI. spread: how far the digits of the start move q and v, (n,) each.
     """
     whole, log = len(log.t), log.part(np.arange(len(log.t)) < len(run.t))
     bar = np.full(len(run.t), np.inf) if run.error is None else run.error * (ESTIMATED if run.estimated else 1.0)
-    bar = bar + (spread[: len(bar)] if isinstance(spread, np.ndarray) else spread)
-    digits = log.digits()
+    moved = (0.0, 0.0) if spread is None else (spread[0][: len(bar)], spread[1][: len(bar)])
+    digits = [own + more for own, more in zip(log.digits(), moved, strict=True)]
     offset = scene.robot.difference(run.q, log.q)
     distance = np.abs(offset).max(axis=1)
-    excess, fine = distance - bar - digits[0], distance + bar <= tolerance + digits[0]
+    excess, fine = distance - bar - digits[0], (distance + bar <= tolerance + digits[0]) & (moved[0] <= COARSE)
     beyond = {f"{limit:g}": _since(run.t, excess > limit) for limit in (*DISTANCES, tolerance) if excess.max() > limit}
     velocity = energy = None
     most = float(excess.max()) if excess.max() > tolerance else 0.0
     if log.has_velocities:
-        velocity, most_v, fine_v = _of_velocities(scene, log, run, bar, tolerance, accuracy)
+        velocity, most_v, fine_v = _of_velocities(scene, log, run, bar, digits[1], tolerance, accuracy)
         fine, most = fine & fine_v, most or most_v
         energy = float(np.abs(np.sum(scene.robot.energy(log.q, log.v), axis=0) - run.energy).max())
     wrong = bool(most or units)
@@ -164,7 +167,7 @@ def verdict_of(scene: Scene, log: Log, run: Trajectory, tolerance: float, *, uni
 
 
 def _of_velocities(
-    scene: Scene, log: Log, run: Trajectory, bar: Array, tolerance: float, accuracy: float
+    scene: Scene, log: Log, run: Trajectory, bar: Array, digits: Array, tolerance: float, accuracy: float
 ) -> tuple[float, float, Array]:
     """The largest distance of v, by how much it is wrong at least, and where it is fine (n,).
 
@@ -172,7 +175,7 @@ def _of_velocities(
     to one of q is seen between the solution and a coarser one.
     """
     allowed = VELOCITY * tolerance
-    apart = np.abs(log.v - run.v).max(axis=1) - log.digits()[1]
+    apart = np.abs(log.v - run.v).max(axis=1) - digits
     near = np.zeros(len(run.t), dtype=bool)
     fastest = np.maximum(np.abs(run.v).max(axis=1), 1e-3)
     for event in run.events:
