@@ -20,6 +20,7 @@ import collections
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -37,7 +38,7 @@ TOLERANCE, LEAST = 1e-6, 1e-4  # rad or m: of the judge, and the least distance 
 TIGHT = {"scipy": Setting("DOP853", "", 1e-12), "mujoco": Setting("RK4", "", step=1e-4)}
 END, GAP = 1.0, 0.01  # s
 Log = tuple[np.ndarray, np.ndarray, np.ndarray]
-Made = tuple[tl.Scene, object, str]
+Made = tuple[tl.Scene, Any, str]
 """The scene that is judged, the log, and who made it."""
 
 
@@ -213,7 +214,7 @@ def spoilt(kind: str, random: np.random.Generator, scene: tl.Scene) -> Made:
 
 
 FAULTS: dict[str, tuple[Callable[[np.random.Generator, tl.Scene], Made], tuple[str, ...]]] = {
-    **{kind: (lambda random, scene, kind=kind: law_fault(kind, random, scene), words)  # type: ignore[misc]
+    **{kind: (lambda random, scene, kind=kind: law_fault(kind, random, scene), words)
        for kind, (_, words) in LAWS.items()},
     "Euler": (lambda random, scene: stepped("Euler", random, scene), ("implicit damping with steps",)),
     "implicitfast": (lambda random, scene: stepped("implicitfast", random, scene), ("implicit damping with steps",)),
@@ -290,7 +291,7 @@ def made_of(number: int, seed: int) -> tuple[str, bool, Made, tuple[str, ...]]:
     make, words = FAULTS[kind]
     for _ in range(20):
         scene, log, maker = make(random, arm(random))
-        t, q, _ = log  # type: ignore[misc]
+        t, q, _ = log
         if kind in ("soft friction", "degrees", "milliseconds", "v late"):
             return kind, True, (scene, log, maker), words
         task = replace(task_of(scene, GAP * np.arange(3)), times=t)
@@ -304,7 +305,7 @@ def check(number: int, given: argparse.Namespace) -> list[Row]:
     kind, fault, (scene, log, maker), words = made_of(number, given.seed)
     try:
         begin = "log" if kind.startswith("from a") else "scene"
-        verdict = tl.judge(scene, log, start=begin, tolerance=TOLERANCE, seconds=given.seconds)  # type: ignore[arg-type]
+        verdict = tl.judge(scene, log, start=begin, tolerance=TOLERANCE, seconds=given.seconds)
     except Exception as error:  # a study counts what should not be
         return [Row(number, kind, maker, fault, "CRASH", "", repr(error), round(time.perf_counter() - start, 1))]
     causes = [cause.what for cause in verdict.causes]

@@ -3,7 +3,7 @@ format.
 """
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import Argument, Option
@@ -96,9 +96,9 @@ def judge(
 
     require_writable(out or [], (".json", *FORMATS))
     asked = scene_from(scene)
-    start = start or ("log" if isinstance(asked, UrdfScene) else "scene")
+    begin: Any = start or ("log" if isinstance(asked, UrdfScene) else "scene")
     with progress_bar() as report:
-        verdict = judge_log(asked, log, start=start, tolerance=tolerance, seconds=seconds, progress=report)
+        verdict = judge_log(asked, log, start=begin, tolerance=tolerance, seconds=seconds, progress=report)
     deliver(verdict.to_dict(), verdict, out,
             lambda path: (verdict.plot if path.suffix in FORMATS else verdict.save)(path), as_json)  # fmt: skip
     if not verdict.right:

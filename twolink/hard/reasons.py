@@ -35,7 +35,8 @@ def explained(verdict: Verdict, scene: Scene, log: Log, run: Trajectory, offset:
         progress(0.0, 1.0, verdict.summary)
     few, wrong = None, verdict.answer == "wrong"
     limit = TimeLimit(seconds if wrong else min(seconds, GLANCE), from_now=True)
-    found, missed = [Cause(units, 0.0)] if units else [], ()
+    found = [Cause(units, 0.0)] if units else []
+    missed: tuple[str, ...] = ()
     if wrong and not units:
         looks: list[Look] = [("a shift in time", lambda: _shifted(log, run, offset))]
         if verdict.beyond:  # not only its velocities are wrong
