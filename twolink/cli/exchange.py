@@ -35,7 +35,7 @@ from twolink.show.figure import FORMATS
 from twolink.simulation.recording import SAVED
 
 NOT_KNOWN = 3  # the exit code of a log that is neither right nor wrong
-CauseSeconds = Annotated[float, Option(help="For how long causes are looked for, s.")]
+CauseSeconds = Annotated[float, Option(help="For how long causes are looked for, s of computing.")]
 
 
 def diff(

@@ -87,7 +87,7 @@ def compare(scene: Scene, peer: str = "mujoco", duration: float | None = None, *
     duration : float, optional
         s; the scene's own by default.
     seconds : float
-        For how long causes are looked for, s, as in `judge`.
+        For how long causes are looked for, s of computing, as in `judge`.
     progress : callable, optional
         As in `judge`.
 

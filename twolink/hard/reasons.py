@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -25,7 +26,7 @@ from twolink.simulation.scene_run import simulate
 from twolink.simulation.time_limit import OutOfTime, TimeLimit
 from twolink.simulation.trajectory import Trajectory
 
-GLANCE = 1.0  # s: for the local defects of a log that is not wrong
+GLANCE = 1.0  # s of computing: for the local defects of a log that is not wrong
 
 
 def explained(verdict: Verdict, scene: Scene, log: Log, run: Trajectory, offset: Array, units: str, seconds: float,
@@ -34,7 +35,7 @@ def explained(verdict: Verdict, scene: Scene, log: Log, run: Trajectory, offset:
     if progress is not None:
         progress(0.0, 1.0, verdict.summary)
     few, wrong = None, verdict.answer == "wrong"
-    limit = TimeLimit(seconds if wrong else min(seconds, GLANCE), from_now=True)
+    limit = TimeLimit(seconds if wrong else min(seconds, GLANCE), time.process_time, from_now=True)
     found = [Cause(units, 0.0)] if units else []
     missed: tuple[str, ...] = ()
     if wrong and not units:

@@ -24,7 +24,7 @@ VELOCITY = 100.0  # 1/s: a velocity may be off by so many times the tolerance
 ESTIMATED, SPREAD = 3.0, 3.0  # a bar that is an estimate, and one of velocities, count so many times
 COARSER = 1e4  # times the accuracy: of the run beside the solution that shows how errors of v go with those of q
 COARSE = 1e-2  # rad or m: where the digits of a log's start move the solution by more, it is not known
-SECONDS = 10.0  # for causes
+SECONDS = 10.0  # of computing, for causes
 Pair = tuple[Array, Array]
 
 
@@ -57,7 +57,8 @@ def judge(
     accuracy : float
         Of the solution; where it cannot be kept, the best one is taken.
     seconds : float
-        For how long causes of a wrong log are looked for, s; the verdict says what was not looked at.
+        For how long causes of a wrong log are looked for, s of computing, which other work on the machine does not
+        prolong; the verdict says what was not looked at.
     progress : callable, optional
         Called now and then with what is done, the total and a label, which says the verdict before its causes.
 
