@@ -17,6 +17,7 @@ STEPS = [
     "sensitivities",
     "stops",
     "loops",
+    "referee",
     "catalogue",
     "price",
     "mutations",

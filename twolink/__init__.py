@@ -29,8 +29,9 @@ if TYPE_CHECKING:
     from twolink.control.linearization import Linearization, linearize
     from twolink.control.periodic import PeriodicMotion, periodic_motion
     from twolink.exchange.model_comparison import ModelComparison, compare_models
-    from twolink.exchange.referee import Verdict, judge
     from twolink.exchange.urdf_scene import scene_of
+    from twolink.hard.referee import judge
+    from twolink.hard.verdict import Verdict
     from twolink.identification.fit_result import SceneFit
     from twolink.identification.identify import identify
     from twolink.identification.result import Identification
@@ -50,7 +51,8 @@ _IMPORTED_WHEN_USED = {
     "control.linearization": ("Linearization", "linearize"),
     "control.periodic": ("PeriodicMotion", "periodic_motion"),
     "exchange.model_comparison": ("ModelComparison", "compare_models"),
-    "exchange.referee": ("Verdict", "judge"),
+    "hard.referee": ("judge",),
+    "hard.verdict": ("Verdict",),
     "exchange.urdf_scene": ("scene_of",),
     "identification.fit_result": ("SceneFit",),
     "identification.identify": ("identify",),

@@ -1,6 +1,7 @@
 """Another simulator's log beside the solution: MuJoCo's laws are those of the scene, and its default step is found."""
 
 import json
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,8 @@ from tests.exchange.simulators import law_of, stepped
 from twolink import effects as fx
 from twolink.errors import SceneError
 from twolink.hard.comparison import compare
-from twolink.hard.peers import mujoco_peer
-from twolink.hard.peers.task import Setting, task_of
+from twolink.hard.peers import mujoco_peer, peer_module
+from twolink.hard.peers.task import Setting, UnsupportedError, task_of
 
 SLIDERS = """<robot name="sliders"><link name="base"/>{links}</robot>"""
 SLIDER = """<link name="l{k}"><inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>
@@ -31,7 +32,7 @@ def sliders(*given: tuple[float, float, float]) -> tl.Scene:
 
 def test_mujoco_has_the_damping_friction_and_stops_of_a_urdf() -> None:
     scene, times = sliders((9, 0.5, 0.1), (9, 0.1, 1.5), (0.5, 0.1, 0.1)), np.linspace(0, 3, 301)
-    track = mujoco_peer.prepare(task_of(scene, times, soft=True), Setting("RK4", "", step=1e-4))().track
+    track = mujoco_peer.prepare(task_of(scene, times), Setting("RK4", "", step=1e-4))().track
     # m v' = -d v - f, until it rests
     for k, (d, f) in enumerate(((0.5, 0.1), (0.1, 1.5))):
         rest = 2 / d * np.log(1 + d / f)
@@ -48,7 +49,7 @@ def test_mujoco_has_the_damping_friction_and_stops_of_a_urdf() -> None:
 def test_a_coupling_holds_in_mujoco() -> None:
     free = sliders((9, 0.1, 0.1), (9, 0.1, 0.1))
     scene = tl.Scene(free.base, free.q, [2.0, 1.0], [fx.Coupling("j0", "j1", 2.0)])
-    track = mujoco_peer.prepare(task_of(scene, np.linspace(0, 1, 11), soft=True), Setting("RK4", "", step=1e-3))().track
+    track = mujoco_peer.prepare(task_of(scene, np.linspace(0, 1, 11)), Setting("RK4", "", step=1e-3))().track
     np.testing.assert_allclose(track.q[:, 0], 2 * track.q[:, 1], atol=1e-4)
     assert track.q[-1, 1] == pytest.approx(1.0, abs=1e-3)
 
@@ -89,11 +90,68 @@ def test_what_a_peer_has_not_is_named(effect: fx.Effect, part: str) -> None:
 
 
 def test_other_peers_do_not_soften() -> None:
-    with pytest.raises(SceneError, match="JointStops is not modelled"):
+    with pytest.raises(SceneError, match="it does not simulate dry friction, stops"):
         compare(sliders((9, 0.1, 0.1)), "scipy", 0.1)
     with pytest.raises(SceneError, match="mujoco"):
         compare(sliders((9, 0.1, 0.1)), "mujocco", 0.1)
     assert compare(tl.load_scene("arm-swing"), "scipy", 0.5).peer.startswith("SciPy")
+
+
+@pytest.mark.parametrize("peer", ["scipy", "drake"])
+def test_every_peer_refuses_by_name_what_it_does_not_simulate(peer: str) -> None:
+    """Each part of a task that is not in its list, also one that is added later."""
+    try:
+        module = peer_module(peer)
+    except ImportError as error:
+        pytest.skip(str(error))
+    plain = task_of(tl.load_scene("arm-swing"), np.linspace(0.0, 0.1, 3))
+    assert not plain.needs
+    parts = {one.name for one in fields(plain)} - {"robot", "q", "v", "times", "joints", "options"}
+    assert parts > {"contacts", "stops"}
+    setting = module.usual_settings(plain)[0]
+    for part in parts - module.SIMULATES:
+        used = {"j": 1.0} if isinstance(getattr(plain, part), dict) else ("anything",)
+        with pytest.raises(UnsupportedError, match="it does not simulate"):
+            module.prepare(replace(plain, **{part: used}), setting)
+
+
+def test_a_stack_of_boxes_is_no_scene_for_scipy() -> None:
+    with pytest.raises(SceneError, match="SciPy: it does not simulate contacts") as caught:
+        compare(tl.load_scene("box-stack"), "scipy", 0.1)
+    assert caught.value.code == "no-peer"
+
+
+FILE = """<mujoco><compiler angle="radian"/><option timestep="{step}" integrator="{method}"/><worldbody>
+<body pos="0 0 1"><joint name="j1" axis="0 1 0" damping="{damping}"/>
+<geom type="capsule" fromto="0 0 0 0.5 0 0" size="0.03" mass="1"/>
+<body pos="0.5 0 0"><joint name="j2" axis="0 1 0" damping="{damping}" {more}/>
+<geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.03" mass="0.7"/></body></body></worldbody></mujoco>"""
+
+
+def test_mujoco_runs_a_file_with_the_files_own_options(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    path = tmp_path / "arm.xml"
+    path.write_text(FILE.format(step=2e-4, method="RK4", damping=0.05, more=""))
+    fine = compare(tl.scene_of(path), "mujoco", 0.5)
+    assert fine.setting == "RK4, options of its file: 0.2 ms"
+    assert fine.verdict.right  # of order 4: 0.2 ms leaves about 1e-13
+    path.write_text(FILE.format(step=5e-3, method="implicitfast", damping=0.05, more=""))
+    coarse = compare(tl.scene_of(path), "mujoco", 0.5)
+    assert np.allclose(np.diff(coarse.log.t), 5e-3)
+    assert [cause.what for cause in coarse.verdict.causes] == [
+        "semi-implicit Euler with implicit damping with steps of 5 ms"
+    ]
+
+
+def test_soft_friction_and_soft_contact_are_causes() -> None:
+    pytest.importorskip("mujoco")
+    rubbed = compare(sliders((9, 0.5, 1.5)), "mujoco", 2.0)  # it creeps where Coulomb's friction holds
+    stacked = compare(tl.load_scene("box-stack"), "mujoco", 0.3)
+    for found, words in ((rubbed, "friction"), (stacked, "soft contacts")):
+        assert found.verdict.answer == "wrong"
+        assert len(found.verdict.causes) == 1
+        assert words in found.verdict.causes[0].what or "Euler" in found.verdict.causes[0].what
+    assert stacked.verdict.causes[0].what.startswith("MuJoCo's soft contacts")
 
 
 @pytest.mark.slow

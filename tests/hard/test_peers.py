@@ -93,7 +93,7 @@ def test_drake_gets_no_torques_in_time() -> None:
 
     moving = task_of(tl.Scene(tl.load_robot("two_link"), effects=[fx.Torque({"elbow": fx.Sine(1.0, 2.0)})]), TIMES)
     with pytest.raises(UnsupportedError, match="torques"):
-        drake_peer.usual_settings(moving)
+        drake_peer.prepare(moving, drake_peer.usual_settings(moving)[0])
 
 
 @pytest.mark.skipif(not HAS_DRAKE, reason="needs the extra peers")

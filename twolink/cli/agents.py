@@ -28,7 +28,8 @@ from twolink.dynamics.queries import QUERIES, Numbers, answer_query
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import TwolinkError
 from twolink.exchange.model_comparison import compare_models
-from twolink.exchange.referee import judge
+from twolink.exchange.urdf_scene import UrdfScene
+from twolink.hard.referee import judge
 from twolink.io.files import write_atomic
 from twolink.io.progress import Report
 from twolink.robots.catalogue import FILES, catalogue_names
@@ -139,12 +140,17 @@ class Tools:
         found = linearize(self._scene(scene), q, v)
         return Answer(str(found), found.to_dict())
 
-    def judge(self, scene: str, log: str, tolerance: float = 1e-6) -> Answer:
-        """How far a simulator's log is from the solution of a scene, since when, and why.
+    def judge(
+        self, scene: str, log: str, tolerance: float = 1e-6, start: Literal["scene", "log"] | None = None
+    ) -> Answer:
+        """How far a simulator's log is from the solution of a scene, since when, and why: right, wrong or not known.
 
-        log: a file (.csv .npz .parquet: t, q.JOINT, v.JOINT; .mcap .db3: joint states), from the scene's start.
+        log: a file (.csv .npz .parquet: t, q.JOINT, v.JOINT; .mcap .db3: joint states). start: where the solution
+        starts, by default at the scene's state, and of a robot at the log's first sample.
         """
-        verdict = judge(self._scene(scene), self._path(log), tolerance=tolerance)
+        asked = self._scene(scene)
+        begin = start or ("log" if isinstance(asked, UrdfScene) else "scene")
+        verdict = judge(asked, self._path(log), start=begin, tolerance=tolerance)
         data = {name: value for name, value in verdict.to_dict().items() if name not in ("t", "distance", "bar")}
         data |= {"farthest": float(verdict.distance.max())}
         return Answer(str(verdict), data, float(verdict.bar.max()), "verified")

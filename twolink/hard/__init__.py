@@ -1,7 +1,7 @@
 """Hard cases: scenes that break simulators, with their truth, what twolink gets and what its peers get.
 
 In: names of cases, accuracies. Out: judged results. `twolink.hard.peers` runs SciPy, MuJoCo and Drake on the same
-tasks, here and for `scripts/benchmarks/peers.py`.
+tasks, here and for `scripts/benchmarks/peers.py`. The referee holds any simulator's log against the solution.
 """
 
 from twolink.hard.attempts import run_case

@@ -55,6 +55,7 @@ def run_peers(case: SimulationCase, scene: Scene) -> Iterator[tuple[str, Attempt
     for name in case.peers:
         try:
             module = peer_module(name)
+            task.require(module.SIMULATES - module.SOFTENS)
             settings = module.usual_settings(task)
         except ImportError:
             continue

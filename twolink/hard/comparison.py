@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from twolink.errors import SceneError, require_extra, require_known
-from twolink.exchange.local_errors import Log
-from twolink.exchange.referee import Verdict, best_run, verdict_of
+from twolink.exchange.trajectory_log import Log
 from twolink.hard.peers import NAMES, peer_module
 from twolink.hard.peers.task import PeerError, UnsupportedError, task_of
+from twolink.hard.referee import SECONDS, best_run, verdict_of
+from twolink.hard.verdict import Verdict
+from twolink.io.progress import Report
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted
 from twolink.simulation.text import Result
@@ -22,7 +24,7 @@ from twolink.simulation.trajectory import Trajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-INTERVAL = 0.002  # s, between the samples of a log: MuJoCo's default step
+INTERVAL = 0.002  # s, about, between the samples of a log: MuJoCo's default step
 LIMIT = 1e-3  # rad or m: how near is told first
 TOLERANCE, ACCURACY = 1e-6, 1e-7  # rad or m: a distance that does not count; of the run beside the log
 _EXTRAS = {"mujoco": "mjcf", "drake": "peers", "scipy": ""}
@@ -72,16 +74,22 @@ class Comparison(Plotted, Result):
     __repr__ = __str__
 
 
-def compare(scene: Scene, peer: str = "mujoco", duration: float | None = None) -> Comparison:
+def compare(scene: Scene, peer: str = "mujoco", duration: float | None = None, *, seconds: float = SECONDS,
+            progress: Report | None = None) -> Comparison:  # fmt: skip
     """Let another simulator run a scene at its default setting, and judge what it logs.
 
     Parameters
     ----------
     scene : Scene
-        Dry friction, stops and couplings are MuJoCo's own, as soft as it makes them by default.
+        Dry friction, stops, loops and contacts are MuJoCo's own, as soft as it makes them by default. Of a robot from
+        an MJCF, MuJoCo takes the file's own <option>: its time step, integrator, solver and flags.
     peer : {"mujoco", "drake", "scipy"}
     duration : float, optional
         s; the scene's own by default.
+    seconds : float
+        For how long causes are looked for, s of computing, as in `judge`.
+    progress : callable, optional
+        As in `judge`.
 
     Returns
     -------
@@ -90,15 +98,18 @@ def compare(scene: Scene, peer: str = "mujoco", duration: float | None = None) -
     Raises
     ------
     SceneError
-        An effect or a joint of the scene is not modelled for the peer, or it fails (code "no-peer").
+        The peer does not simulate an effect or a joint of the scene, which is named, or it fails (code "no-peer").
     MissingExtraError
         It is not installed.
     """
     end = scene.duration if duration is None else duration
-    times = np.linspace(0.0, end, max(3, round(end / INTERVAL)) + 1)
+    step = scene.base.visuals.laws.options.get("timestep", INTERVAL)
+    interval = step * max(1, round(INTERVAL / step))
+    times = interval * np.arange(max(3, round(end / interval)) + 1)
     found = peer_log(scene, peer, times)
     ours = best_run(scene, times, ACCURACY)
-    verdict = verdict_of(scene, Log(found.log.t, found.log.q, found.log.v), ours, TOLERANCE)
+    log = Log(found.log.t, found.log.q, found.log.v)
+    verdict = verdict_of(scene, log, ours, TOLERANCE, accuracy=ACCURACY, seconds=seconds, progress=progress)
     return Comparison(found.peer, found.setting, found.log, verdict, found.seconds, ours)
 
 
@@ -121,7 +132,7 @@ def peer_log(scene: Scene, peer: str, times: np.ndarray) -> PeerLog:
     if importlib.util.find_spec(library) is None:
         require_extra(library, _EXTRAS[peer])
     try:
-        module, task = peer_module(peer), task_of(scene, times, soft=peer == "mujoco")
+        module, task = peer_module(peer), task_of(scene, times)
         setting = next(setting for setting in module.usual_settings(task) if setting.default)
         run = module.prepare(task, setting)
         begun = time.perf_counter()

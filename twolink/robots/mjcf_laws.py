@@ -14,6 +14,8 @@ _FREE, _BALL = 0, 1  # mjtJoint
 _CONNECT, _WELD, _JOINT = 0, 1, 2  # mjtEq
 _EQUALITIES = ("connect", "weld", "joint", "tendon", "flex", "flexvert", "flexstrain", "distance")
 _SITE = 6  # mjtObj
+_OPTIONS = ("timestep", "integrator", "cone", "solver", "impratio", "iterations", "ls_iterations", "tolerance",
+            "ls_tolerance", "noslip_iterations", "noslip_tolerance", "disableflags", "enableflags")  # fmt: skip
 
 
 def without_counterpart(mjcf: Mjcf) -> dict[str, list[str]]:
@@ -90,6 +92,11 @@ def left_out(mjcf: Mjcf) -> dict[str, list[str]]:
     }
     solver = [f"time step {m.opt.timestep:g} s", "integrator, solver, and the softness of contacts and constraints"]
     return {what: names for what, names in {**found, "options of MuJoCo's simulation": solver}.items() if names}
+
+
+def options_of(mjcf: Mjcf) -> dict[str, float]:
+    """The options by which MuJoCo would step the file, by their names in its mjOption."""
+    return {name: float(getattr(mjcf.model.opt, name)) for name in _OPTIONS}
 
 
 def excluded(mjcf: Mjcf) -> frozenset[frozenset[str]]:

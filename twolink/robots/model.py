@@ -75,10 +75,11 @@ copyreg.pickle(pin.Model, reduce_model)
 @dataclass(frozen=True)
 class FileLaws:
     """What a robot's file says of a scene that a URDF cannot: effects, by type and arguments as in scene files, and the
-    configuration at the start, by joint. srdf: what stands beside the URDF."""
+    configuration at the start, by joint. options: by which MuJoCo would step it, as its mjOption has them."""
 
     effects: tuple[tuple[str, Mapping[str, Any]], ...] = ()
     start: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    options: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

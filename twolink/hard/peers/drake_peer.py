@@ -35,6 +35,7 @@ from twolink.hard.peers.task import (
 from twolink.robots.collisions import Box, Capsule, Cylinder, Sphere
 
 VERSION = version("drake")
+SIMULATES, SOFTENS = frozenset({"springs", "damping", "loops", "contacts"}), frozenset[str]()
 logging.getLogger("drake").setLevel(logging.ERROR)  # it warns that half spaces do not touch deformable bodies
 TIGHT, STEP = 1e-10, 1e-3
 MAX_STEP = 0.1  # s, Drake's default for integrators with error control
@@ -48,8 +49,6 @@ minutes without an error."""
 
 def usual_settings(task: PeerTask) -> list[Setting]:
     """A continuous plant at the default and at a tight accuracy; with loops or contacts a discrete one at two steps."""
-    if task.torques:
-        raise UnsupportedError("torques in time are not modelled for Drake")
     if task.loops or task.contacts:
         discrete = [Setting(DISCRETE, f"{h * 1e3:g} ms", step=h, default=h == STEP) for h in (STEP, STEP / 10)]
         return discrete if task.loops else [*discrete, Setting(CENIC, "accuracy 1e-6", 1e-6, MAX_STEP)]
@@ -64,7 +63,8 @@ def all_settings(task: PeerTask, coarse: bool) -> list[Setting]:
 
 
 def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
-    """The function that solves the task at the setting. Raises PeerError when Drake refuses the model."""
+    """The function that solves the task at the setting. Raises UnsupportedError, or PeerError for a refused model."""
+    task.require(SIMULATES)
     discrete = setting.method == DISCRETE
     stiffness = STIFFNESS if setting.method == CENIC else None
     system, plant, q_at, v_at = _build(task, setting.step if discrete else 0.0, stiffness)

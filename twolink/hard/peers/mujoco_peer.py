@@ -30,19 +30,23 @@ from twolink.hard.peers.task import (
 from twolink.robots.collisions import Box, Capsule, Convex, Cylinder, Sphere
 
 VERSION = mujoco.__version__
+SOFTENS = frozenset({"friction", "stops", "couplings"})
+SIMULATES = SOFTENS | {"springs", "damping", "torques", "loops", "contacts", "armature"}
 DEFAULT_STEP, FINE_STEP = 0.002, 1e-4
 LONGEST_STEP, MAX_STEPS = 0.1, 10_000_000  # s; steps in an interval
 SMALLEST_MOMENT = 2e-15  # kg m^2: a thin rod's own axis has 0, and MuJoCo takes none below 1e-15
 STAGES = {"Euler": 1, "implicitfast": 1, "RK4": 4}
+INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast")  # in the order of mjtIntegrator
 KINDS = {"revolute": mujoco.mjtJoint.mjJNT_HINGE, "continuous": mujoco.mjtJoint.mjJNT_HINGE,
          "prismatic": mujoco.mjtJoint.mjJNT_SLIDE}  # fmt: skip
 WARNINGS = tuple(getattr(mujoco.mjtWarning, f"mjWARN_{name}") for name in ("BADQPOS", "BADQVEL", "BADQACC", "INERTIA"))
 
 
 def usual_settings(task: PeerTask) -> list[Setting]:
-    """The default (Euler, 2 ms), and RK4 at 0.1 ms."""
-    del task
-    return [Setting("Euler", "default: 2 ms", step=DEFAULT_STEP, default=True),
+    """The default (Euler, 2 ms, or what the robot's own file says), and RK4 at 0.1 ms."""
+    method, step = INTEGRATORS[int(task.options.get("integrator", 0))], task.options.get("timestep", DEFAULT_STEP)
+    words = f"{'options of its file' if task.options else 'default'}: {1e3 * step:g} ms"
+    return [Setting(method, words, step=step, default=True),
             Setting("RK4", f"{FINE_STEP * 1e3:g} ms", step=FINE_STEP)]  # fmt: skip
 
 
@@ -76,7 +80,7 @@ def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
             if data.warning[kind].number:
                 raise PeerError(mujoco.mju_warningText(kind, data.warning[kind].lastinfo))
         track = from_peer(task, q[:, q_at], v[:, v_at], body_spin=True)
-        return PeerRun(track, (count - 1) * per_interval * STAGES[setting.method])
+        return PeerRun(track, (count - 1) * per_interval * STAGES.get(setting.method, 1))
 
     return run
 
@@ -95,7 +99,11 @@ def accelerations(task: PeerTask) -> Callable[[np.ndarray, np.ndarray], np.ndarr
 
 
 def build(task: PeerTask) -> mujoco.MjModel:
-    """The model. Inertias are made principal here, so that nothing is rounded in a text, or balanced."""
+    """The model. Inertias are made principal here, so that nothing is rounded in a text, or balanced.
+
+    Raises UnsupportedError, or PeerError for a model that MuJoCo refuses.
+    """
+    task.require(SIMULATES)
     spec = mujoco.MjSpec()
     spec.compiler.autolimits, spec.compiler.degree = False, False
     spec.option.gravity = task.model.gravity.linear
@@ -120,6 +128,8 @@ def build(task: PeerTask) -> mujoco.MjModel:
         model = spec.compile()
     except ValueError as error:
         raise PeerError(f"the model is refused: {' '.join(str(error).split())}") from None
+    for name, value in task.options.items():
+        setattr(model.opt, name, type(getattr(model.opt, name))(value))
     used = {"FRICTIONLOSS": task.friction, "LIMIT": task.stops, "CONTACT": task.contacts,
             "EQUALITY": task.loops or task.couplings}  # fmt: skip
     off = ["ACTUATION", "SENSOR", *(name for name, given in used.items() if not given)]

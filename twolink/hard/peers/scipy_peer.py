@@ -13,10 +13,11 @@ from scipy.integrate import ode, odeint, solve_ivp
 
 from twolink.effects.inputs import value_at
 from twolink.hard.case import Track
-from twolink.hard.peers.task import PeerError, PeerRun, PeerTask, Setting, UnsupportedError, tolerances
+from twolink.hard.peers.task import PeerError, PeerRun, PeerTask, Setting, tolerances
 from twolink.integrate.motion.state import StateSpace
 
 VERSION = scipy.__version__
+SIMULATES, SOFTENS = frozenset({"springs", "damping", "torques", "armature"}), frozenset[str]()
 TIGHT = 1e-12
 SMALLEST = 2.3e-14  # solve_ivp raises a smaller rtol to 100 rounding units
 MAX_STEPS = 1_000_000
@@ -27,8 +28,7 @@ Rate = Callable[[float, np.ndarray], np.ndarray]
 
 def usual_settings(task: PeerTask) -> list[Setting]:
     """solve_ivp with its defaults, and with a method of order 8 at a tolerance near rounding."""
-    if task.loops:
-        raise UnsupportedError("solve_ivp has no constraints, and pin.aba no loops")
+    del task
     return [Setting("RK45", "default: rtol 1e-3, atol 1e-6", default=True),
             Setting("DOP853", f"rtol = atol = {TIGHT:.0e}", TIGHT)]  # fmt: skip
 
@@ -40,7 +40,8 @@ def all_settings(task: PeerTask, coarse: bool) -> list[Setting]:
 
 
 def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
-    """The function that solves the task at the setting."""
+    """The function that solves the task at the setting. Raises UnsupportedError."""
+    task.require(SIMULATES)
     solve = {ODEINT: _by_odeint, ODE: _by_ode}.get(setting.method, _by_solve_ivp)
     rate, start, model = _rate(task), np.concatenate([task.q, task.v]), task.model
 

@@ -4,8 +4,8 @@ when it takes too long; and the coordinates that MuJoCo and Drake share.
 
 import multiprocessing
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -104,8 +104,9 @@ PeerContact = tuple[PeerSolid, PeerSolid, float]
 class PeerTask:
     """A robot under gravity that is solved from (q, v) for the `times` (n,) [s], equally spaced from 0.
 
-    springs: (stiffness, rest position) by joint. damping: by joint. torques: inputs in time by joint. Those that peers
-    soften: dry friction, stops (lower, upper), and couplings (joint, other, ratio, offset). SI units.
+    springs: (stiffness, rest position) by joint. damping: by joint. torques: inputs in time by joint. friction: dry, by
+    joint. stops: (lower, upper) by joint. couplings: (joint, other, ratio, offset). options: of MuJoCo, by the robot's
+    own file. SI units.
     """
 
     robot: Robot
@@ -121,6 +122,23 @@ class PeerTask:
     friction: Mapping[str, float] = field(default_factory=dict)
     stops: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     couplings: tuple[tuple[str, str, float, float], ...] = ()
+    options: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def needs(self) -> set[str]:
+        """What a peer has to simulate, beside bodies, joints and gravity: the fields that are not empty, and armature.
+
+        A field that is added is needed by default.
+        """
+        plain = ("robot", "q", "v", "times", "joints", "options")
+        used = {one.name for one in fields(self) if one.name not in plain and getattr(self, one.name)}
+        return used | ({"armature"} if self.model.armature.any() else set())
+
+    def require(self, simulates: Collection[str]) -> None:
+        """Raise UnsupportedError, which names what the task needs and the peer does not simulate."""
+        lacking = sorted(_WORDS.get(need, need) for need in self.needs - set(simulates))
+        if lacking:
+            raise UnsupportedError(f"it does not simulate {', '.join(lacking)}")
 
     @property
     def model(self) -> pin.Model:
@@ -133,11 +151,11 @@ class PeerTask:
         return float(self.times[1] - self.times[0])
 
 
-def task_of(scene: Scene, times: np.ndarray, *, soft: bool = False) -> PeerTask:
-    """The task of a scene. Raises UnsupportedError for effects and joints that are not modelled for peers.
+_WORDS = {"friction": "dry friction", "torques": "torques in time"}
 
-    soft: whether the peer softens dry friction, stops and couplings, and takes armature; else they are not modelled.
-    """
+
+def task_of(scene: Scene, times: np.ndarray) -> PeerTask:
+    """The task of a scene. Raises UnsupportedError for effects and joints that are not modelled for any peer."""
     springs: dict[str, tuple[float, float]] = {}
     damping: dict[str, float] = {}
     torques: dict[str, Any] = {}
@@ -160,15 +178,14 @@ def task_of(scene: Scene, times: np.ndarray, *, soft: bool = False) -> PeerTask:
             ball = fx.Contact(((effect.frame, plane),), effect.friction, effect.restitution,
                               shapes={effect.frame: (shape,)})  # fmt: skip
             contacts += _contacts(scene.robot, ball)
-        elif soft and isinstance(effect, fx.DryFriction | fx.JointStops | fx.Coupling):
+        elif isinstance(effect, fx.DryFriction | fx.JointStops | fx.Coupling):
             softened.append(effect)
         elif not isinstance(effect, fx.Gravity):
             raise UnsupportedError(f"{type(effect).__name__} is not modelled for peers")
-    if scene.robot.model.armature.any() and not soft:
-        raise UnsupportedError("armature is not modelled for peers")
     joints = _joints(scene.robot)
     return PeerTask(scene.robot, scene.q, scene.v, times, joints, springs, damping, torques, tuple(loops),
-                    tuple(contacts), **_softened(scene.robot, softened))  # fmt: skip
+                    tuple(contacts), options=scene.base.visuals.laws.options,
+                    **_softened(scene.robot, softened))  # fmt: skip
 
 
 def _softened(robot: Robot, effects: Sequence[Any]) -> dict[str, Any]:

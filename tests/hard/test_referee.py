@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.command import call
 from tests.exchange.simulators import Log, exact, law_of, stepped
 from tests.exchange.urdf_edits import plain_urdf, text
+from twolink.exchange.trajectory_log import Log as TrajectoryLog
+from twolink.hard.referee import best_run, verdict_of
 
 fx = tl.effects
 
@@ -36,8 +39,9 @@ def test_right_trajectories_are_right(name: str, start: float) -> None:
 
 def blamed(log: Log, scene: tl.Scene = ARM) -> str:
     verdict = tl.judge(scene, log)
-    assert not verdict.right
+    assert verdict.answer == "wrong"
     assert verdict.causes, str(verdict)
+    assert all(cause.unexplained < 0.01 for cause in verdict.causes)
     return verdict.causes[0].what
 
 
@@ -170,3 +174,142 @@ def test_mujoco_is_judged() -> None:
     assert not verdict.right
     assert verdict.causes[0].what == "semi-implicit Euler with steps of 2 ms"
     assert verdict.beyond["0.0001"] < verdict.beyond["0.001"]
+
+
+def pendulum(q: float = 0.4, **more: float) -> tl.Scene:
+    robot = tl.load_robot("two_link")
+    effects = [fx.Gravity(), fx.JointDamping(dict.fromkeys(robot.joint_names, more.get("damping", 0.3)))]
+    return tl.Scene(robot, q=[q, 0.4], effects=effects)
+
+
+def test_what_is_not_known_is_neither_right_nor_wrong() -> None:
+    """A chaotic arm, whose stops, which it never touches, leave it to 16 digits: the solution is lost, not the log."""
+    arm = tl.load_robot("two_link")
+    effects = [fx.Gravity(), fx.JointStops(dict.fromkeys(arm.joint_names, (-10000.0, 10000.0)))]
+    scene = tl.Scene(arm, q=[np.pi / 2, 0.5], v=[0.0, 3.0], effects=effects)
+    solution = best_run(scene, np.linspace(0.0, 16.0, 321), 1e-9)
+    assert solution.error.max() > 1e-6
+    smooth = tl.simulate(scene.with_effects([fx.Gravity()]), 16.0, accuracy=1e-8, t_eval=solution.t)  # in 33 digits
+    t, q, v = smooth.t, smooth.q, smooth.v
+    verdict = verdict_of(scene, TrajectoryLog(t, q, v), solution, 1e-6)
+    itself = verdict_of(scene, TrajectoryLog(t, solution.q, solution.v), solution, 1e-6)
+    for one in (verdict, itself):
+        assert one.answer == "not known", str(one)
+        assert one.bar[one.t < one.unknown_from].max() <= 1e-6
+        assert one.causes == ()
+    moved = TrajectoryLog(t, q + 1e-3 * np.sin(t)[:, None], v + 1e-3 * np.cos(t)[:, None])
+    lost = verdict_of(scene, moved, solution, 1e-6, seconds=1.0)
+    assert lost.answer == "wrong"  # for certain, before the solution is lost
+    assert lost.excess >= 0.9e-3
+
+
+@pytest.mark.parametrize("digits", [4, 6])
+def test_digits_that_a_log_has_not_do_not_make_it_wrong(digits: int) -> None:
+    scene = pendulum()
+    run = tl.simulate(scene, 2.0, accuracy=1e-10)
+    rounded = tuple(np.round(x, digits) for x in (run.t, run.q, run.v))
+    significant = tuple(np.vectorize(lambda x: float(f"{x:.{digits}g}"))(x) for x in (run.t, run.q, run.v))
+    for log in (rounded, significant):
+        assert tl.judge(scene, log).answer == "right"
+        assert tl.judge(scene, log, start="log").answer != "wrong"
+    off = rounded[1] + 3 * 10.0**-digits * (run.t > 1)[:, None]
+    assert tl.judge(scene, (rounded[0], np.round(off, digits), rounded[2]), seconds=1.0).answer == "wrong"
+
+
+def test_a_log_without_velocities_is_judged_by_its_positions() -> None:
+    scene = pendulum()
+    run = tl.simulate(scene, 1.0, accuracy=1e-9)
+    verdict = tl.judge(scene, {"t": run.t, "q": run.q})
+    assert verdict.right
+    assert verdict.velocity is None
+    assert tl.judge(scene, {"t": run.t, "q": 1.01 * run.q}).answer == "wrong"
+    with pytest.raises(tl.errors.SceneError, match="no velocities to start from"):
+        tl.judge(scene, {"t": run.t, "q": run.q}, start="log")
+
+
+def test_wrong_velocities_alone_are_wrong() -> None:
+    run = tl.simulate(ARM, 1.0, accuracy=1e-9)
+    verdict = tl.judge(ARM, (run.t, run.q, run.v + 0.01), seconds=1.0)
+    assert verdict.answer == "wrong"
+    assert 0.009 < verdict.excess <= 0.01
+
+
+def test_a_robot_starts_where_its_log_does(tmp_path: Path) -> None:
+    """From another state than scene_of's, and from a log that begins late."""
+    made = tl.scene_of("two_link")
+    moved = tl.Scene(made.base, [0.9, -0.3], [0.5, 0.2], made.effects)
+    run = tl.simulate(moved, 1.0, accuracy=1e-10)
+    later = (run.t[50:], run.q[50:], run.v[50:])
+    for log in (run, later):
+        assert tl.judge("two_link", log).right
+        assert tl.judge(made, log, start="log").right
+        assert tl.judge(made, log, seconds=1.0).answer == "wrong"
+    path = run.save(tmp_path / "log.csv")
+    assert call("judge", "two_link", str(path)).returncode == 0
+    assert call("judge", "two_link", str(path), "--start", "scene", "--seconds", "1").returncode == 1
+
+
+def test_the_exit_code_of_what_is_not_known_is_3(tmp_path: Path) -> None:
+    run = tl.simulate(tl.load_scene("arm-swing"), 0.5, accuracy=1e-9)
+    path = run.save(tmp_path / "log.csv")
+    assert call("judge", "arm-swing", str(path)).returncode == 0
+    assert call("judge", "arm-swing", str(path), "--tolerance", "1e-13").returncode == 3
+
+
+def sign_error() -> Log:
+    """A student's two equations of the arm, by absolute angles; one sign of the second is wrong."""
+    arm = tl.load_robot("two_link")
+
+    def law(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        coriolis = arm.bias(q, v) - arm.gravity_torque(q)
+        return arm.forward_dynamics(q, v, np.array([0.0, 2 * coriolis[1]]), engine="pinocchio")
+
+    return exact(tl.Scene(arm, q=[0.4, 0.4], v=[1.0, 2.0], effects=[fx.Gravity()]), law, 1.0, 0.01)
+
+
+def test_a_cause_that_leaves_more_than_a_percent_is_not_named() -> None:
+    scene = tl.Scene(tl.load_robot("two_link"), q=[0.4, 0.4], v=[1.0, 2.0], effects=[fx.Gravity()])
+    verdict = tl.judge(scene, sign_error())
+    assert verdict.answer == "wrong"
+    assert verdict.causes == ()
+    assert verdict.nearest.unexplained > 0.01
+    assert "cause: none known; nearest: " in str(verdict)
+
+
+@pytest.mark.parametrize("name", ["implicit damping", "implicit in the velocity"])
+def test_implicit_steps_are_named(name: str) -> None:
+    """v += h (M + h (D + dh/dv))^-1 (M a), written down here with differences for dh/dv."""
+    robot, d, h = ARM.robot, 0.3, 0.004
+
+    def step(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        mass, force = robot.mass_matrix(q), -d * v - robot.bias(q, v)
+        slope = d * np.eye(2)
+        if "velocity" in name:
+            moved = [robot.bias(q, v + 1e-6 * e) - robot.bias(q, v - 1e-6 * e) for e in np.eye(2)]
+            slope += np.array(moved).T / 2e-6
+        return v + h * np.linalg.solve(mass + h * slope, force)
+
+    q, v = ARM.q.copy(), ARM.v.copy()
+    rows = [(q, v)]
+    for _ in range(200):
+        v = step(q, v)
+        q = q + h * v
+        rows.append((q, v))
+    log = np.arange(201) * h, np.array([q for q, _ in rows]), np.array([v for _, v in rows])
+    assert name in blamed(log)
+    assert "steps of 4 ms" in blamed(log)
+
+
+def test_causes_take_no_more_time_than_they_are_given() -> None:
+    labels: list[str] = []
+    log = exact(ARM, law_of(ARM.robot, 0.5), 1.0, 0.01)
+
+    def tell(_done: float, _total: float, label: str) -> None:
+        labels.append(label)
+
+    verdict = tl.judge(ARM, log, seconds=1e-3, progress=tell)
+    assert verdict.answer == "wrong"
+    assert verdict.causes == ()
+    assert any("local defects" in one for one in verdict.not_looked_at)
+    assert "not looked at, for lack of time" in str(verdict)
+    assert "WRONG" in labels[0]

@@ -1,0 +1,152 @@
+"""A trajectory of any simulator: read from arrays and files, in SI units, and how exact its digits are."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twolink.dynamics import Robot
+from twolink.errors import SceneError
+from twolink.io.tables import read_table
+from twolink.robots.joint_layout import read_columns
+from twolink.simulation.trajectory import Trajectory
+
+Array = np.ndarray
+Given = Trajectory | Mapping[str, ArrayLike] | Sequence[ArrayLike] | str | os.PathLike[str]
+FULL = 15  # significant digits, from which on a number is as exact as a double
+ENOUGH = 10  # different numbers, which show to how many digits a log was written
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """A trajectory: t (n,), q (n, nq), v (n, nv), NaN where the log has no velocities."""
+
+    t: Array
+    q: Array
+    v: Array
+
+    def part(self, rows: Array) -> Log:
+        """Some of its samples."""
+        return Log(self.t[rows], self.q[rows], self.v[rows])
+
+    @property
+    def has_velocities(self) -> bool:
+        """Whether it has velocities."""
+        return not np.isnan(self.v).any()
+
+    def digits(self) -> tuple[Array, Array]:
+        """How far q and v may be from what was rounded when the log was written, (n,) each, rad or m, and a second.
+
+        Rounded times count as well: the motion goes on between a time and its rounded one.
+        """
+        if not self.has_velocities:
+            return np.asarray(rounding(self.q).max(axis=1)), np.zeros(len(self.t))
+        late = _rounded_times(self.t)
+        fastest, steepest = np.abs(self.v).max(axis=1), np.abs(np.gradient(self.v, self.t, axis=0)).max(axis=1)
+        return rounding(self.q).max(axis=1) + late * fastest, rounding(self.v).max(axis=1) + late * steepest
+
+
+def rounding(values: Array) -> Array:
+    """Half a unit of the last digit that was written, of each number; 0 of numbers in full.
+
+    The digits are those of the most exact number: so many after the point, and so many significant ones. Numbers in
+    single precision have 24 bits.
+    """
+    different = np.unique(values[values != 0.0])
+    if len(different) < ENOUGH:
+        return np.zeros_like(values)
+    with np.errstate(over="ignore"):
+        if np.array_equal(different, different.astype(np.float32)):
+            return np.asarray(np.abs(values) * 2.0**-24)
+    some = np.abs(different[:: max(1, len(different) // 500)])
+    written = [np.format_float_scientific(x, trim="-").split("e") for x in some]
+    significant = max(len(mantissa.replace(".", "")) for mantissa, _ in written)
+    if significant >= FULL:
+        return np.zeros_like(values)
+    after = max(len(mantissa.replace(".", "")) - 1 - int(exponent) for mantissa, exponent in written)
+    with np.errstate(divide="ignore"):
+        first = np.where(values == 0.0, -np.inf, np.floor(np.log10(np.abs(values))))
+    return np.asarray(0.5 * np.maximum(10.0**-after, 10.0 ** (first + 1 - significant)))
+
+
+def _rounded_times(t: Array) -> float:
+    """By how much times may be rounded, s: of those that are equally spaced but for their digits."""
+    gaps = np.diff(t)
+    apart = float(np.abs(gaps - np.median(gaps)).max())
+    unit = 2.0 * float(rounding(t).min())
+    return 0.5 * unit if 1e-9 * float(np.median(gaps)) < apart <= 1.001 * unit else 0.0
+
+
+def read_log(given: Given, robot: Robot) -> Log:
+    """The trajectory as arrays. Raises SceneError (code "not-a-trajectory")."""
+    label = "trajectory"
+    if isinstance(given, Trajectory):
+        return Log(given.t, given.q, given.v)
+    if isinstance(given, str | os.PathLike):
+        label = os.fspath(given)
+        table: Mapping[str, Any] = read_table(Path(given))[0]
+    elif isinstance(given, Mapping):
+        table = given
+    else:
+        table = dict(zip(("t", "q", "v"), given, strict=False))
+    t = np.asarray(table.get("t", table.get("time", [])), dtype=float)
+    arrays = {}
+    for name, size in (("q", robot.nq), ("v", robot.nv)):
+        values, lacking = read_columns({k: np.asarray(x) for k, x in table.items()}, robot.joints, name)
+        if values is None and name == "q":
+            values = _numbered(table, name, robot.nv)
+        if values is None and name == "v" and len(lacking) == size:
+            arrays[name] = np.full((len(t), size), np.nan)
+            continue
+        values = np.atleast_2d(np.asarray(np.nan if values is None else values, dtype=float))
+        if name == "q" and values.shape[1] == robot.nv < robot.nq:
+            values = np.concatenate(
+                [np.stack([j.configuration(x) for x in values[:, j.v]]) for j in robot.joints], axis=1
+            )
+        arrays[name] = values
+        if values.shape[1:] != (size,) or not np.isfinite(values).all():
+            raise _no_trajectory(f"expected {name} (n, {size}), finite", label)
+    if t.shape != (len(arrays["q"]),) or len(t) < 3 or not np.all(np.diff(t) > 0) or t[0] < 0:
+        raise _no_trajectory("expected three increasing times or more, from 0 on", label)
+    if len(arrays["v"]) != len(t):
+        raise _no_trajectory("q and v are not equally long", label)
+    return Log(t, robot.normalize(arrays["q"]), arrays["v"])
+
+
+def _numbered(table: Mapping[str, Any], name: str, size: int) -> Array | None:
+    """The columns q0, q1, ..., one a joint."""
+    columns = [table.get(f"{name}{i}") for i in range(size)]
+    return None if any(column is None for column in columns) else np.column_stack(columns)  # type: ignore[arg-type]
+
+
+def _no_trajectory(what: str, label: str) -> SceneError:
+    remedy = "give t, q.JOINT and v.JOINT in SI units, as run.save writes them"
+    return SceneError(what, where=label, remedy=remedy, argument="trajectory", code="not-a-trajectory")
+
+
+def in_si(log: Log, robot: Robot, start: Array) -> tuple[Log, str]:
+    """The trajectory in seconds and radians, and which units it had, "" for those. start (nq,): of the scene."""
+    degrees = math.pi / 180
+    unit_free = all(joint.unit is None for joint in robot.joints)
+    if log.has_velocities:
+        rates, means = robot.difference(log.q[:-1], log.q[1:]) / np.diff(log.t)[:, None], 0.5 * (log.v[1:] + log.v[:-1])
+        moving = float(np.vdot(means, means))
+        slope = float(np.vdot(rates, means)) / moving if moving > 0 else 1.0
+        follows = moving > 0 and np.linalg.norm(rates - slope * means) < 0.2 * np.linalg.norm(rates)
+        if follows and abs(slope / 1e-3 - 1) < 0.1:
+            return Log(log.t / 1e3, log.q, log.v), "t is in milliseconds"
+        if follows and unit_free and abs(slope * degrees - 1) < 0.1:
+            return Log(log.t, log.q * degrees, log.v), "q is in degrees"
+        if follows and abs(slope / degrees - 1) < 0.1:
+            return Log(log.t, log.q, log.v * degrees), "v is in degrees per second"
+    away = np.abs(robot.difference(start, log.q[0])).max()
+    if unit_free and away > 1e-3 and np.abs(log.q[0] * degrees - start).max() < 1e-2 * away:
+        return Log(log.t, log.q * degrees, log.v * degrees), "q and v are in degrees"
+    return log, ""
