@@ -265,7 +265,7 @@ def _formulation(equations: Equations) -> str:
 def _nanoseconds(equations: Equations, choice: MethodChoice) -> tuple[float, float] | None:
     """One evaluation in a batch and alone, ns: in steps of an explicit method, or where they compile long by itself."""
     method = choice.method if choice.method.kind == "explicit" else METHODS["rk4"]
-    if choice.method.kind == "scipy" or heyoka() is None:
+    if choice.method.kind == "scipy" or heyoka() is None or equations.space.size == 0:
         return None
     if step_seconds(equations, method) > LONG_COMPILING:
         return _of_rate(equations)

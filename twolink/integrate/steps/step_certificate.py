@@ -56,7 +56,7 @@ def certify(equations: Equations, method: Method, portable: Map, compiled: Map) 
     ours, theirs = np.empty_like(state), np.empty_like(state)
     compiled(state, ours)
     portable(state, theirs)
-    scale = 1.0 + np.abs(x).max(axis=0) + np.abs(theirs[:size] - x).max(axis=0)
+    scale = 1.0 + np.abs(x).max(axis=0, initial=0.0) + np.abs(theirs[:size] - x).max(axis=0, initial=0.0)
     _require_agreement(equations, f"step of {method.name}", x, ours[:size], theirs[:size], scale)
 
 
