@@ -116,11 +116,14 @@ class Refinement:
         bar = truncation + rounding
         if self.equations.sampling is not None and method.order < METHODS["dop853"].order and self.any_method:
             return None  # steps end at ticks: more order costs less there than more steps
-        if (truncation < DECIDES * rounding and rounding > MOST * self.accuracy) or self._settings >= TRIALS:
+        if self._settings >= TRIALS:
+            return None
+        if not self._kinks and truncation < DECIDES * rounding and rounding > MOST * self.accuracy:
             return None
         if self._settings > 1 and not bar <= WORSE * self._last:
             self._worse += 1
-            if self._worse > STRIKES or rounding > max(MOST * bar, CHANCE * self.accuracy):
+            patient = self._kinks and self._worse < STRIKES
+            if self._worse > STRIKES or (not patient and rounding > max(MOST * bar, CHANCE * self.accuracy)):
                 return None
         self._last = min(bar, self._last)
         if not np.isfinite(bar) and method.adaptive and self._finite > choice.setting:
@@ -152,6 +155,15 @@ class Refinement:
             reaches = not np.isfinite(rounding) or rounding * more <= MOST * self.accuracy
             if one.choice.precision != precision and (reaches or precision == self.precisions[-1]):
                 yield more_digits(self.accuracy, precision, _reached(one))
+
+    @property
+    def _kinks(self) -> bool:
+        """Whether steps may meet kinks of the forces that are not located.
+
+        There a step is accepted or not by chance, and a disturbed solution takes other steps: its distance to the run
+        is of truncation, too. It is taken for rounding once smaller settings do not make it smaller.
+        """
+        return not all(effect.analytic for effect in self.equations.effects)
 
     def failure(self) -> AccuracyError:
         """The error where nothing is left."""
