@@ -122,8 +122,8 @@ class Refinement:
             return None
         if self._settings > 1 and not bar <= WORSE * self._last:
             self._worse += 1
-            patient = self._kinks and self._worse < STRIKES
-            if self._worse > STRIKES or (not patient and rounding > max(MOST * bar, CHANCE * self.accuracy)):
+            is_rounding = not self._kinks and rounding > max(MOST * bar, CHANCE * self.accuracy)
+            if self._worse > STRIKES or is_rounding:
                 return None
         self._last = min(bar, self._last)
         if not np.isfinite(bar) and method.adaptive and self._finite > choice.setting:
