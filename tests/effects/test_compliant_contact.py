@@ -124,7 +124,7 @@ def test_what_cannot_be_is_refused() -> None:
 def bounced(t: np.ndarray, height: float, k_over_m: float) -> np.ndarray:
     """The heights above touching of a ball that falls from `height` and bounces on a spring: exact, period by period.
 
-        fall: h - g t^2/2;   in contact: z = (cos(w s) - 1) g/w^2 - (v/w) sin(w s),  v = sqrt(2 g h)
+    fall: h - g t^2/2;   in contact: z = (cos(w s) - 1) g/w^2 - (v/w) sin(w s),  v = sqrt(2 g h)
     """
     w, fall = np.sqrt(k_over_m), np.sqrt(2 * height / G)
     v = G * fall
