@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from twolink.lagrange import two_link
-from twolink.paper.motions import MASSES, G, ArmMotion
+from twolink.paper.motions import MASSES, ArmMotion, G
 
 MASS_RATIOS = np.geomspace(0.25, 16.0, 31)  # m1 / m2
 LENGTH_RATIOS = np.geomspace(0.25, 4.0, 33)  # l2 / l1
@@ -84,8 +84,8 @@ def draw_beyond(swing: FirstSwing, motion: ArmMotion, axes: Any) -> None:
     time.plot(motion.t, motion.theta[:, 0], color="0.62", linewidth=3.2, label="$\\theta_1$")
     time.plot(motion.t, wrapped(motion), color="0.0", linewidth=1.1, label="$\\theta_1$ wrapped to $(-\\pi, \\pi]$")
     time.axhline(-np.pi, color="0.5", linewidth=0.7, linestyle=":")
-    time.set(xlabel="time t (s)", ylabel="$\\theta_1$ (rad)", ylim=(-3.8, 5.0),
-             title=f"Fig. 6's jump: m1 : m2 = {motion.masses[0]:g} : {motion.masses[1]:g}, l2 = {motion.ratio:g} l1")  # fmt: skip
+    time.set(xlabel="time t (s)", ylabel="$\\theta_1$ (rad)", ylim=(-3.8, 5.0))
+    time.set_title("Fig. 6's jump: m1 : m2 = {:g} : {:g}, l2 = {:g} l1".format(*motion.masses, motion.ratio))
     time.legend(loc="upper left", ncols=2, frameon=False)
 
 

@@ -94,8 +94,8 @@ def energy_claims(motion: ArmMotion) -> list[Claim]:
     one, two = (f"{100 * share.min():.0f} to {100 * share.max():.0f} %" for share in shares)
     least = kinetic[turned, 0].max() / kinetic[:, 0].max()
     peaks = motion.theta[np.argmax(kinetic, axis=0), 0]
-    height = (f"highest, {high:.2g} J, at theta1 = {highest:.3f} rad; where link one turns at least {100 * at_ends:.0f} % of "
-              f"the way there from its lowest, {low:.3g} J")  # fmt: skip
+    height = (f"highest, {high:.2g} J, at theta1 = {highest:.3f} rad; where link one turns at least "
+              f"{100 * at_ends:.0f} % of the way there from its lowest, {low:.3g} J")  # fmt: skip
     is_end = min(abs(highest), abs(highest + np.pi)) < NEAR
     return [
         Claim("at theta1 = 0 and -pi link two has its highest potential energy", bool(is_end), height,
@@ -106,7 +106,8 @@ def energy_claims(motion: ArmMotion) -> list[Claim]:
               f"{one} of its largest: a minimum between two peaks, the largest at theta1 = {peaks[0]:.2f} rad",
               "Figs. 12, 13"),
         Claim("at theta1 = -pi/2 link two has its highest kinetic energy", bool(abs(peaks[1] - HALF) < NEAR),
-              f"{two} of its largest, {kinetic[:, 1].max():.3g} J, which it has at theta1 = {peaks[1]:.3f} rad", "Figs. 12, 13"),
+              f"{two} of its largest, {kinetic[:, 1].max():.3g} J, which it has at theta1 = {peaks[1]:.3f} rad",
+              "Figs. 12, 13"),
     ]  # fmt: skip
 
 
@@ -130,8 +131,8 @@ def cycle_claims(slow: ArmMotion, fast: ArmMotion) -> list[Claim]:
               f"over t/sqrt(l) the angles differ by {apart:.0e} rad, the speeds, times sqrt(l), by {speeds:.0e} rad/s: "
               "gravity and the length set the time alone", "Figs. 6 to 9"),
         Claim("the curves differ in amplitude", apart > 1e-6,
-              f"not the angles, where proportions are the same; the speeds by {scale:.2f} = sqrt(l/l'). Other proportions "
-              "change the angles too: see Fig. 6's jump", "Figs. 6 to 9"),
+              f"not the angles, where proportions are the same; the speeds by {scale:.2f} = sqrt(l/l'). Other "
+              "proportions change the angles too: see Fig. 6's jump", "Figs. 6 to 9"),
         Claim("the phase plots differ slightly in scale", scale < 1.2,
               f"by {scale:.2f} along the speed, and not at all along the angle", "Figs. 10 to 13"),
     ]  # fmt: skip
@@ -168,4 +169,4 @@ def beyond_claims(swing: FirstSwing, example: ArmMotion) -> list[Claim]:
 def _crossings(values: np.ndarray) -> np.ndarray:
     """Indices of the samples nearest to where the values cross zero."""
     before = np.flatnonzero(values[:-1] * values[1:] < 0)
-    return before + (np.abs(values[before + 1]) < np.abs(values[before]))
+    return np.asarray(before + (np.abs(values[before + 1]) < np.abs(values[before])))

@@ -98,8 +98,8 @@ def _about(motion: ArmMotion, name: str) -> str:
 def _draw_beyond(swing: FirstSwing, motion: ArmMotion, path: Path) -> Path:
     figure, axes = new_figure(1, 2, size=(11, 4.6))
     draw_beyond(swing, motion, axes[0])
-    figure.suptitle(f"Link 1 beyond $-\\pi$. {_about(motion, f'Right: derived by hand, DOP853, tolerance {TOLERANCE:.0e}')}",
-                    fontsize=10)  # fmt: skip
+    about = _about(motion, f"Right: derived by hand, DOP853, tolerance {TOLERANCE:.0e}")
+    figure.suptitle(f"Link 1 beyond $-\\pi$. {about}", fontsize=10)
     return save_figure(figure, path)
 
 

@@ -83,7 +83,7 @@ def formulation_claims() -> list[Claim]:
 
 
 def _both(robot: Robot) -> tuple[float, float, float]:
-    """Seconds of Newton-Euler and of Lagrange's matrices (unmultiplied) for one state; how far the torques are apart."""
+    """Seconds of Newton-Euler and of Lagrange's matrices (not multiplied) for a state; how far torques are apart."""
     model, data = robot.model, robot.model.createData()
     q, v = (one[0] for one in robot.random_state(1, seed=0))
     a = np.random.default_rng(2).uniform(-1.0, 1.0, robot.nv)
@@ -131,8 +131,8 @@ def solving_claims(study: DefaultsStudy) -> list[Claim]:
               f"{study.off[:, 0].max():.1e} and {study.off[:, 1].max():.1e} rad (rtol 1e-3, atol 1e-6, "
               f"{1e3 * cheap.seconds:.0f} ms by SciPy's RK45, whose step control differs in details); to "
               f"{best.setting:.0e} rad it takes rtol {reached.setting:.0e} and {1e3 * reached.seconds:.0f} ms; "
-              f"tl.simulate takes {1e3 * best.seconds:.1f} ms with an error bar of {best.bar:.0e} rad, after compiling once "
-              f"({best.compile_seconds:.1g} s here)", "section 2.2"),
+              f"tl.simulate takes {1e3 * best.seconds:.1f} ms with an error bar of {best.bar:.0e} rad, after compiling "
+              f"once ({best.compile_seconds:.1g} s here)", "section 2.2"),
     ]  # fmt: skip
 
 
@@ -143,13 +143,13 @@ def conclusions(hand: ArmMotion, difference: float) -> list[Claim]:
     drift = float(np.ptp(energy) / kinetic.max())
     return [
         Claim("the derived and the SimMechanics model give the identical simulation", difference < 1e-8,
-              f"with the same parameters to {difference:.0e} rad, here by URDF + Pinocchio; the paper's two runs differ "
-              "four times in frequency, since their parameters do", "section 4"),
+              f"with the same parameters to {difference:.0e} rad, here by URDF + Pinocchio; the paper's two runs "
+              "differ four times in frequency, since their parameters do", "section 4"),
         Claim("both methods satisfy the principle of a two-link manipulator", drift < 1e-9,
               f"energy is constant to {drift:.0e} of the largest kinetic one", "section 4"),
         Claim("the relation between both links decides the performance of pitching and bowling", None,
-              "`twolink throw` answers it: a pitch goes farthest at 35.0 degrees, not at 45, by the release times of ball and "
-              "elbow, and it says what a millisecond costs", "abstract"),
+              "`twolink throw` answers it: a pitch goes farthest at 35.0 degrees, not at 45, by the release times "
+              "of ball and elbow, and it says what a millisecond costs", "abstract"),
         Claim("SimMechanics is convenient where deriving the equations is cumbersome", None,
               "an opinion; a URDF needs no derivation either", "section 4"),
     ]  # fmt: skip

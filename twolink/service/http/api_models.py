@@ -120,7 +120,8 @@ def _from_json(body: bytes) -> tuple[str, RobotOptions, bytes]:
     Decoded, a number takes up to 16 times its bytes: without the text, a body has at most OPTIONS_BYTES, counted before
     it is decoded.
     """
-    options = len(body) - len(bytes(msgspec.json.decode(body, type=_Undecoded).text))
+    undecoded: Any = msgspec.json.decode(body, type=_Undecoded)
+    options = len(body) - len(bytes(undecoded.text))
     if options > OPTIONS_BYTES:
         raise Refusal(413, f"the options have {options} bytes, the limit is {OPTIONS_BYTES}", where="body",
                       remedy="lock each joint once, with as many numbers as its configuration has")  # fmt: skip
