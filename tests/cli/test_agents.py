@@ -3,6 +3,7 @@
 import asyncio
 import json
 import os
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -103,7 +104,7 @@ def test_the_other_tools(tmp_path: Path) -> None:
     [
         ("load_robot", {"robot": "/etc/passwd"}, "not-allowed"),
         ("load_robot", {"robot": "../x.urdf"}, "not-allowed"),
-        ("load_robot", {"robot": "x.xacro"}, "not-allowed"),
+        ("load_robot", {"robot": "x.xacro"}, "not-readable"),
         ("load_robot", {"robot": "x.urdf"}, "not-readable"),
         ("load_robot", {"robot": "<robot name='r'><link name='a'/><link name='a'/></robot>"}, "urdf"),
         ("simulate", {"scene": "/etc/hosts"}, "not-allowed"),
@@ -131,6 +132,64 @@ def test_links_out_of_the_folder_are_refused(tmp_path: Path) -> None:
     os.symlink(tmp_path / "out.urdf", folder / "x.urdf")
     (result,) = ask(folder, ("load_robot", {"robot": "x.urdf"}))
     assert result.structured_content["code"] == "not-allowed"
+
+
+XACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{}<link name="{}"/></robot>'
+MJCF = "<mujoco>{}<worldbody><body><joint/><geom size='.1'/></body></worldbody></mujoco>"
+ESCAPES = {
+    "property.urdf": XACRO.format("<xacro:property name='q' value='1'/>", "l_$(env SECRET)"),
+    "yaml.xml": XACRO.format("<xacro:property name='q' value='1'/>", "l_${xacro.load_yaml('OUT/out.yaml')}"),
+    "include.xacro": XACRO.format("<xacro:include filename='OUT/out.urdf'/>", "a"),
+    "up.xml": MJCF.format("<include file='../out.xml'/>"),
+    "absolute.xml": MJCF.format("<include file='OUT/out.xml'/>"),
+    "twice.xml": MJCF.format("<include file='inner.xml'/>"),
+    "folder.xml": MJCF.format("<compiler meshdir='..'/><asset><mesh name='m' file='out.stl'/></asset>"),
+    "robot.toml": "robot = 'OUT/out.urdf'\nduration = 1.0\n",
+    "inside.toml": "robot = 'property.urdf'\nduration = 1.0\n",
+    "table.toml": "robot = 'two_link'\nduration = 1.0\n[[effects]]\ntype = 'torque'\n"
+                  "inputs = {shoulder = {kind = 'sampled', file = '../out.yaml'}}\n",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ESCAPES)
+def test_what_a_file_holds_decides_and_not_its_name(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is expanded that can hold code, and no file that another one names is read outside the folder."""
+    monkeypatch.setenv("SECRET", "s3cr3t")
+    folder = tmp_path / "in"
+    folder.mkdir()
+    (tmp_path / "out.urdf").write_text("<robot name='s3cr3t'><link name='a'/></robot>")
+    (tmp_path / "out.xml").write_text(MJCF.format("").replace("<body>", "<body name='s3cr3t'>"))
+    (tmp_path / "out.yaml").write_text("0,1\n1,2\n")
+    (folder / "inner.xml").write_text(MJCF.format("<include file='../out.xml'/>"))
+    for one, text in ESCAPES.items():
+        (folder / one).write_text(text.replace("OUT", str(tmp_path)))
+    tool = ("explain", {"scene": name}) if name.endswith(".toml") else ("load_robot", {"robot": name})
+    (result,) = ask(folder, tool)
+    assert result.is_error
+    assert re.search("which can hold code|may not be read here|outside the folder", str(result.structured_content))
+    assert "s3cr3t" not in str(result)
+
+
+def test_text_of_a_model_names_no_file(tmp_path: Path) -> None:
+    (tmp_path / "part.xml").write_text(MJCF.format(""))
+    for name in (tmp_path / "part.xml", "part.xml", "/etc/hostname"):
+        (result,) = ask(tmp_path, ("load_robot", {"robot": MJCF.format(f"<include file='{name}'/>")}))
+        assert result.structured_content["code"] == "not-allowed"
+
+
+def test_models_and_meshes_of_the_folder_and_of_the_catalogue_are_read(tmp_path: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "arm.xml").write_text(MJCF.format(""))
+    (tmp_path / "parts" / "m.stl").write_text("solid\n")
+    (tmp_path / "all.xml").write_text("<mujoco><include file='parts/arm.xml'/></mujoco>")
+    (tmp_path / "r.urdf").write_text("<robot name='r'><link name='a'><visual><geometry><mesh filename='parts/m.stl'/>"
+                                     "</geometry></visual></link></robot>")  # fmt: skip
+    (tmp_path / "s.toml").write_text("robot = 'panda'\nduration = 1.0\n")
+    loaded = ask(tmp_path, ("load_robot", {"robot": "all.xml"}), ("load_robot", {"robot": "r.urdf"}),
+                 ("load_robot", {"robot": "panda"}), ("load_robot", {"robot": MJCF.format("")}),
+                 ("explain", {"scene": "s.toml"}))  # fmt: skip
+    for result in loaded:
+        assert "not found" not in data(result)["text"]
 
 
 def test_long_answers_go_to_a_file(tmp_path: Path) -> None:

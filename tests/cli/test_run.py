@@ -124,7 +124,7 @@ def test_paper_answers_the_claims(tmp_path: Path) -> None:
     assert verdicts["the motion nearly repeats with m1 : m2 = 3 : 1"]
     assert not verdicts["the motion nearly repeats with m1 : m2 = 1 : 1"]
     assert not verdicts["the C matrix as printed gives this motion"]
-    assert len(list(tmp_path.glob("*.png"))) == 2
+    assert len(list(tmp_path.glob("*.png"))) == 4
 
 
 def test_play_writes_a_page(tmp_path: Path) -> None:

@@ -1,5 +1,7 @@
 """linearize: against closed forms, differences in long double precision, and sensitivities along a motion."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -152,3 +154,11 @@ def test_eigenvalues_are_drawn(tmp_path) -> None:
     path = linear.plot(tmp_path / "e.svg")
     assert len(linear.plot().axes) == 1  # without a path the figure
     assert path.read_text("utf-8").startswith("<?xml")
+
+
+@pytest.mark.parametrize("ask", [tl.linearize, tl.equilibria, lambda scene: tl.periodic_motion(scene, 1.0),
+                                 tl.accuracy_study, lambda scene: tl.sensitivities(scene, wrt=["q"])])  # fmt: skip
+def test_what_is_asked_of_a_motion_is_refused_where_nothing_moves(ask: Callable[[tl.Scene], object]) -> None:
+    scene = tl.Scene(tl.load_robot("heavy_top"), effects=[E.Gravity()], duration=1.0)
+    with pytest.raises(SceneError, match="nothing moves"):
+        ask(scene)

@@ -119,3 +119,30 @@ def test_what_cannot_be_is_refused() -> None:
         assert_refused(on, kind(radii=(0.1, 0.0, 0.1)), "radii[1]", "at least")
     assert_refused(on, E.CompliantContact("tip", -1.0), "stiffness", "at least 0")
     assert_refused(on, E.CompliantContact("tip", 1.0, slip=0.0), "slip", "at least")
+
+
+def bounced(t: np.ndarray, height: float, k_over_m: float) -> np.ndarray:
+    """The heights above touching of a ball that falls from `height` and bounces on a spring: exact, period by period.
+
+    fall: h - g t^2/2;   in contact: z = (cos(w s) - 1) g/w^2 - (v/w) sin(w s),  v = sqrt(2 g h)
+    """
+    w, fall = np.sqrt(k_over_m), np.sqrt(2 * height / G)
+    v = G * fall
+    touching = 2 * (np.pi - np.arctan2(v / w, G / w**2)) / w  # until it is at z = 0 again
+    since = np.mod(t, 2 * fall + touching)
+    s, late = since - fall, np.minimum(since, 2 * fall + touching - since)
+    return np.where(late < fall, height - 0.5 * G * late**2,
+                    (np.cos(w * s) - 1.0) * G / w**2 - v / w * np.sin(w * s))  # fmt: skip
+
+
+@pytest.mark.parametrize("accuracy", [1e-6, 1e-8, 1e-10])
+@pytest.mark.parametrize("seed", range(4))
+def test_kinks_that_are_not_located_are_not_taken_for_rounding(seed: int, accuracy: float) -> None:
+    """Steps meet the kink of first contact by chance, and disturbed ones elsewhere: smaller tolerances still help."""
+    random = np.random.default_rng(seed)
+    k, height = float(random.uniform(1e4, 2e5)), float(random.uniform(0.01, 0.15))
+    scene = ball([0, 0, R + height], [0] * 6, E.CompliantContact("ball", k, radius=R))
+    run = tl.simulate(scene, 0.6, accuracy=accuracy, samples_per_second=50)
+    off = np.abs(run.q[:, 2] - R - bounced(run.t, height, k / M))
+    assert (off <= run.error + np.finfo(float).eps).all()
+    assert run.error.max() <= accuracy

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import base64
+import tracemalloc
 from pathlib import Path
 
 import httpx
+import msgspec
 import numpy as np
 import pytest
 
 import twolink as tl
 from tests.service.serving import serving
 from tests.service.urdfs import URDFS, mesh, pendulum, stl, zipped
+from twolink.service.http.api_models import _from_json
+from twolink.service.problems import Refusal
 
 XML, ZIP = {"Content-Type": "application/xml"}, {"Content-Type": "application/zip"}
 
@@ -50,6 +54,42 @@ def test_options_make_another_robot(http: httpx.Client) -> None:
         assert (about["nq"], about["nv"], about["gravity"]) == (robot.nq, robot.nv, robot.gravity.tolist())
     anymal = http.post("/v1/robots", json={"source": "anymal", "root": "free"}).json()
     assert (anymal["nq"], anymal["nv"]) == (19, 18)
+
+
+LARGE = 2**22 // 2  # numbers of two bytes
+ZEROS = b"[" + b"0," * LARGE + b"0]"
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b'{"source": "panda", "lock": {"a": ' + ZEROS + b"}}",
+        b'{"source": "panda", "lock": ' + ZEROS + b"}",
+        b'{"source": "panda", "lock": {"a": ' + ZEROS + b'}, "lock": {}}',
+        b'{"source": "panda", "gravity": ' + ZEROS + b"}",
+        b'{"text": ' + ZEROS + b"}",
+        b'{"source": "panda", "more": ' + ZEROS + b"}",
+        b'{"source": "panda", "lock": {' + b",".join(b'"%d":0' % i for i in range(LARGE // 4)) + b"}}",
+    ],
+    ids=["lock", "list", "twice", "gravity", "text", "unknown", "names"],
+)
+def test_an_upload_is_counted_before_it_is_decoded(body: bytes) -> None:
+    """Decoded, numbers take 16 times the bytes of their JSON; an upload may be 16 MB, and several come at once."""
+    tracemalloc.start()
+    try:
+        with pytest.raises((Refusal, msgspec.ValidationError)):
+            _from_json(body)
+        assert tracemalloc.get_traced_memory()[1] < 2 * len(body)
+    finally:
+        tracemalloc.stop()
+
+
+def test_text_may_be_long_and_a_joint_has_at_most_seven_numbers() -> None:
+    text = "<robot/>" + " " * LARGE
+    kind, options, content = _from_json(msgspec.json.encode({"text": text, "lock": {"elbow": 0.5}}))
+    assert (kind, options.lock, content) == ("urdf", {"elbow": 0.5}, text.encode())
+    with pytest.raises(msgspec.ValidationError, match="length <= 7"):
+        _from_json(b'{"source": "panda", "lock": {"a": [0,0,0,0,0,0,0,0]}}')
 
 
 def test_unknown_names_are_reported_where_that_is_asked_for(http: httpx.Client) -> None:

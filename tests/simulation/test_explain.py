@@ -35,6 +35,14 @@ def test_it_names_the_method_that_a_run_takes() -> None:
     assert "gravity" in str(found)
 
 
+@pytest.mark.parametrize("name", ["ball", "box", "can", "heavy_top"])
+def test_a_robot_without_joints_computes_nothing(name: str) -> None:
+    scene = tl.Scene(tl.load_robot(name), effects=[tl.effects.Gravity()], duration=1.0)
+    for method in ("auto", "rk4", "dop853", "esdirk43"):
+        found = tl.explain(scene, method=method)
+        assert (found.states, found.operations, found.nanoseconds) == (0, 0, None)
+
+
 def test_refusals() -> None:
     with pytest.raises(SceneError, match="expected a Scene"):
         tl.explain("arm-swing")

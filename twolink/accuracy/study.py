@@ -165,8 +165,7 @@ def accuracy_study(
     chosen, aims = _methods(methods), _tolerances(tolerances)
     times = with_ends(sample_times(end, t_eval, samples_per_second, MAX_SAMPLES), end)
     equations = equations_of(scene)
-    if equations.space.nv == 0:
-        raise SceneError("nothing moves", where="robot", remedy="a robot with joints that are not locked")
+    equations.require_motion()
     report = progress or (lambda *_: None)
     limit = positive(budget, "budget", AccuracyError, "such as 1 second")
     repeats = _repeats(repeats)

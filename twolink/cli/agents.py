@@ -30,9 +30,9 @@ from twolink.errors import TwolinkError
 from twolink.exchange.model_comparison import compare_models
 from twolink.exchange.urdf_scene import UrdfScene
 from twolink.hard.referee import judge
-from twolink.io.files import write_atomic
+from twolink.io.files import confined, write_atomic
 from twolink.io.progress import Report
-from twolink.robots.catalogue import FILES, catalogue_names
+from twolink.robots.catalogue import FILES, catalogue_folders, catalogue_names
 from twolink.scenes import Scene, bundled_scenes, scenes
 from twolink.simulation.explanation import explain
 from twolink.simulation.scene_run import simulate
@@ -194,17 +194,19 @@ class Tools:
         return answer
 
     def _robot(self, source: str, root: Root) -> Robot:
-        return self._robots(source if source in catalogue_names() or "<" in source else self._path(source), root=root)
+        given = source if source in catalogue_names() or "<" in source else self._path(source)
+        with confined(self.folder, *catalogue_folders()):
+            return self._robots(given, root=root)
 
     def _scene(self, source: str) -> Scene:
         named = source in bundled_scenes() or source in catalogue_names()
-        return scene_from(source if named else str(self._path(source, (*FILES, ".toml"))))
+        given = source if named else str(self._path(source, (*FILES, ".toml")))
+        with confined(self.folder, *catalogue_folders()):
+            return scene_from(given)
 
     def _path(self, name: str, endings: tuple[str, ...] = ()) -> Path:
         """A path in the folder. Raises TwolinkError (code "not-allowed")."""
         path = (self.folder / name).resolve()
-        if path.suffix.lower() == ".xacro":
-            raise TwolinkError("a xacro can hold code", where=name, code="not-allowed", remedy="expand it to a URDF")
         if not path.is_relative_to(self.folder):
             raise TwolinkError("it is outside the folder of this server", where=name, code="not-allowed",
                                remedy=f"give a path in {self.folder}")  # fmt: skip

@@ -86,7 +86,8 @@ def _run(cases: tuple[Case, ...], *, peers: bool, silent: bool) -> list[CaseResu
 def paper(out: Annotated[Path, Option(help="Folder of the figures.")] = Path("out"), as_json: Json = False) -> None:
     """Draw the paper's figures 6 to 13 and answer its claims.
 
-    Each claim is answered with a number.
+    Each claim is answered with a number, or is an opinion. Two more figures show link one beyond -pi, as in Fig. 6, and
+    what ode45 at its default tolerances makes of the release.
     """
     from twolink.paper.figures import study
 

@@ -272,7 +272,9 @@ def driven(scene: Scene, joints: Sequence[str], tau: np.ndarray) -> Equations:
     if joints:
         effects.append(Torque(dict(zip(joints, tau.tolist(), strict=True))))
         names = [f"effects.{len(scene.effects)}.inputs.{joint}" for joint in joints]
-    return equations_of(scene.with_effects(effects), names)
+    equations = equations_of(scene.with_effects(effects), names)
+    equations.require_motion()
+    return equations
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:

@@ -306,6 +306,7 @@ def periodic_motion(
     """
     period = positive(period, "period", SceneError, "such as 2.5", expected="a time above 0 s")
     equations, accuracy = equations_of(scene), accuracy_of(accuracy)
+    equations.require_motion()
     require_no_states(equations, "periodic_motion")
     autonomous = not depends_on_time(equations)
     segments = whole(segments, "segments", SceneError, "such as 4", 1)

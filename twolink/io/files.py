@@ -3,15 +3,40 @@
 A URDF or a mesh may come from a stranger. Whatever a name in it looks like, the file is judged where it is opened.
 """
 
+import contextlib
+import contextvars
 import errno
 import os
 import secrets
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 from twolink.errors import TwolinkError
+
+_roots: contextvars.ContextVar[tuple[Path, ...] | None] = contextvars.ContextVar("confining_roots", default=None)
+
+
+@contextlib.contextmanager
+def confined(*roots: Path) -> Iterator[None]:
+    """Within it, models, scenes, tables and meshes are read in these folders alone, and no xacro is expanded."""
+    token = _roots.set(tuple(root.resolve() for root in roots))
+    try:
+        yield
+    finally:
+        _roots.reset(token)
+
+
+def confining_roots() -> tuple[Path, ...] | None:
+    """The folders that files must lie in, after all links; None where any may be read."""
+    return _roots.get()
+
+
+def may_be_read(path: Path) -> bool:
+    """Whether `confined` admits a path."""
+    roots = _roots.get()
+    return roots is None or any(path.resolve().is_relative_to(root) for root in roots)
 
 
 def write_atomic(

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from twolink.errors import QueryError, TwolinkError
+from twolink.io.files import may_be_read
 
 
 def read_bytes(path: Path, error: type[TwolinkError], limit: int = -1) -> bytes:
@@ -23,9 +24,12 @@ def read_bytes(path: Path, error: type[TwolinkError], limit: int = -1) -> bytes:
     Raises
     ------
     error
-        Code "not-readable".
+        Code "not-readable", or "not-allowed" where `files.confined` does not admit it.
     """
     try:
+        if not may_be_read(path):
+            raise error("it is outside the folder that files are read in", where=str(path), code="not-allowed",
+                        remedy="give a path in the folder")  # fmt: skip
         with path.open("rb") as file:
             return file.read(limit + 1 if limit >= 0 else -1)
     except (OSError, ValueError) as failure:

@@ -69,6 +69,12 @@ def our_urdfs() -> Path:
     return installed if installed.is_dir() else package.parent / "urdf"
 
 
+def catalogue_folders() -> tuple[Path, ...]:
+    """The folders of the catalogue's robots and their meshes."""
+    share = examples_share()
+    return (our_urdfs(), *([] if share is None else [share / "example-robot-data"]))
+
+
 def catalogue_names() -> tuple[str, ...]:
     """All names that `load_robot` knows here: ours first, then those of example-robot-data."""
     ours = sorted(p.stem for p in our_urdfs().glob("*.urdf"))

@@ -6,8 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from twolink.errors import RobotError, import_extra
+from twolink.io.files import confining_roots
 from twolink.robots.catalogue import Source
 from twolink.robots.mjcf import Description, read_mjcf
+from twolink.robots.mjcf_files import require_readable
 from twolink.robots.mjcf_model import compiled_mjcf
 from twolink.robots.tree import LEAVE_OUT, xacro_element
 from twolink.robots.xml import Element, parse_xml
@@ -68,8 +70,12 @@ def describe(
         if root == "free":
             raise RobotError("an MJCF itself says which bodies are free", where=source.label, argument="root",
                              remedy="give the body a <freejoint/>")  # fmt: skip
+        require_readable(source, element)
         return read_mjcf(compiled_mjcf(source), source, foreign)
     if xacro == "expand" and source.path is not None and xacro_element(element) is not None:
+        if confining_roots() is not None:
+            raise RobotError("it is xacro, which can hold code", where=source.label, code="not-allowed",
+                             remedy='xacro="ignore", or expand it: xacro FILE > robot.urdf')  # fmt: skip
         element = _expanded(source.path, source.label, xacro_arguments, [*folders, *source.path.resolve().parents])
     elif xacro_arguments:
         what = "no xacro is expanded that could take arguments"

@@ -11,7 +11,7 @@ import coal
 import numpy as np
 
 from twolink.errors import ShowError
-from twolink.io.files import read_confined
+from twolink.io.files import confining_roots, read_confined
 from twolink.io.mesh_files import SUFFIXES, read_triangles
 from twolink.io.text import parse_number
 from twolink.robots.xml import Element, parse_xml
@@ -68,7 +68,8 @@ class MeshFolders:
 def mesh_folders(packages: Sequence[Path], urdf: Path | None, share: Path | None) -> MeshFolders:
     """The folders for a URDF: those of the caller, those above the file, and example-robot-data's (`share`)."""
     above = () if urdf is None else urdf.resolve().parents
-    return MeshFolders((*packages, *above, *([] if share is None else [share])), None if urdf is None else urdf.parent)
+    folders = (*packages, *above, *([] if share is None else [share]))
+    return MeshFolders(folders, None if urdf is None else urdf.parent, confining_roots())
 
 
 _MISSING = {  # by the tag of what has the mesh

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from twolink.errors import RobotError
+from twolink.io.files import may_be_read
 from twolink.io.text import parse_number, read_bytes
 from twolink.robots.xml import parse_xml
 
@@ -30,7 +31,8 @@ def srdf_beside(urdf: Path | None) -> Srdf:
     if urdf is None:
         return Srdf()
     folders = (urdf.parent, urdf.parent.parent / "srdf")
-    found = [path for folder in folders for path in folder.glob("*.srdf") if urdf.stem.startswith(path.stem)]
+    beside = (path for folder in folders for path in folder.glob("*.srdf") if may_be_read(path))
+    found = [path for path in beside if urdf.stem.startswith(path.stem)]
     if not found:
         return Srdf()
     path = max(found, key=lambda each: len(each.stem))

@@ -257,7 +257,7 @@ def _formulation(equations: Equations) -> str:
 
 def _nanoseconds(equations: Equations, choice: MethodChoice) -> tuple[float, float] | None:
     """One evaluation in a batch and alone, ns, on one thread."""
-    if choice.method.kind == "scipy":
+    if choice.method.kind == "scipy" or equations.space.size == 0:
         return None
     rate = programs_of(equations).rate
 

@@ -115,11 +115,14 @@ class Refinement:
         bar = truncation + rounding
         if self.equations.sampling is not None and method.order < METHODS["dop853"].order and self.any_method:
             return None  # steps end at ticks: more order costs less there than more steps
-        if (truncation < DECIDES * rounding and rounding > MOST * self.accuracy) or self._settings >= TRIALS:
+        if self._settings >= TRIALS:
+            return None
+        if not self._kinks and truncation < DECIDES * rounding and rounding > MOST * self.accuracy:
             return None
         if self._settings > 1 and not bar <= WORSE * self._last:
             self._worse += 1
-            if self._worse > STRIKES or rounding > max(MOST * bar, CHANCE * self.accuracy):
+            is_rounding = not self._kinks and rounding > max(MOST * bar, CHANCE * self.accuracy)
+            if self._worse > STRIKES or is_rounding:
                 return None
         self._last = min(bar, self._last)
         if not np.isfinite(bar) and method.adaptive and self._finite > choice.setting:
@@ -151,6 +154,15 @@ class Refinement:
             reaches = not np.isfinite(rounding) or rounding * more <= MOST * self.accuracy
             if one.choice.precision != precision and (reaches or precision == self.precisions[-1]):
                 yield more_digits(self.accuracy, precision, _reached(one))
+
+    @property
+    def _kinks(self) -> bool:
+        """Whether steps may meet kinks of the forces that are not located.
+
+        There a step is accepted or not by chance, and a disturbed solution takes other steps: its distance to the run
+        is of truncation, too. It is taken for rounding once smaller settings do not make it smaller.
+        """
+        return not all(effect.analytic for effect in self.equations.effects)
 
     def failure(self) -> AccuracyError:
         """The error where nothing is left."""

@@ -47,6 +47,7 @@ def wanted_of(scene: Scene, wrt: Sequence[str]) -> Wanted:
     if not names:
         raise SceneError("it names nothing", argument="wrt", remedy='such as ["q", "v"]')
     nv, equations, of_state = scene.robot.nv, equations_of(scene), _of_state(scene)
+    equations.require_motion()
     parameters = tuple(name for name in names if name not in of_state)
     for parameter in named_parameters(scene, parameters, "wrt", of_state):
         if parameter.kind not in ("constant", "effect") or not math.isfinite(parameter.nominal):

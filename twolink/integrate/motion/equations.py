@@ -19,6 +19,7 @@ from twolink.dynamics import Robot
 from twolink.effects import Effect
 from twolink.effects.inputs import Slot, require_curves
 from twolink.effects.switching import Switching
+from twolink.errors import SceneError
 from twolink.integrate.motion.constraints import Constraints
 from twolink.integrate.motion.layout import NO_SLOTS, Layout
 from twolink.integrate.motion.state import Array, StateSpace
@@ -99,6 +100,12 @@ class Equations:
             if not distinct or t > distinct[-1] * (1.0 + SAME_TIME):
                 distinct.append(t)
         return tuple(distinct)
+
+    def require_motion(self) -> None:
+        """Require a degree of freedom. Raises SceneError."""
+        if self.space.nv == 0:
+            raise SceneError("nothing moves", where="robot", remedy="give a robot with joints that are not locked, or "
+                             'load it with root="free"')  # fmt: skip
 
     def require(self, start: float, end: float) -> None:
         """Require that tables and curves reach so far. Raises SceneError."""

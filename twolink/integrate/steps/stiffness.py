@@ -39,7 +39,7 @@ def fastest(equations: Equations, x: Array) -> tuple[Array, Array]:
         for _ in range(ITERATIONS):
             size = np.sqrt((direction**2).sum(axis=0))
             direction = direction / np.where(size > 0.0, size, 1.0)
-            step = STEP * (1.0 + np.abs(x).max(axis=0))
+            step = STEP * (1.0 + np.abs(x).max(axis=0, initial=0.0))
             image = (rate(equations, 0.0, x + step * direction) - start) / step
             image = np.where(np.isfinite(image), image, 0.0)
             length = np.sqrt((image**2).sum(axis=0))

@@ -26,6 +26,12 @@ from twolink.service.work.requests import QUERIES, version_key
 from twolink.service.work.robot_tasks import ReceivedRobot, RobotOptions
 from twolink.service.work.sharing import hold, require_owner
 
+OPTIONS_BYTES = 2**16  # of a body in JSON, without the text of a robot
+_Undecoded = msgspec.defstruct(
+    "_Undecoded",
+    [(name, msgspec.Raw, msgspec.Raw()) for name in RobotOptions.__struct_fields__],
+    forbid_unknown_fields=True,
+)
 _PARAMETERS = ("root", "mimic", "unphysical", "foreign", "urdf", "gravity", "lock")  # of uploads whose body is not JSON
 
 
@@ -68,8 +74,11 @@ async def upload_robot(request: Request[Any, Any, Any], service: Shared) -> Resp
     "0,0,-9.81", lock as "elbow:0.5" (repeatable). The answer is as of GET /v1/robots/{robot}, with the robot's id,
     which comes from its content: the same upload has the same id (200 instead of 201).
     """
-    media = media_type(request.headers.get("content-type", "").encode())
-    parts = (await request.body(), media, request.query_params, service.settings.quotas, service.ids_of(hold().owner))
+    body, media = await request.body(), media_type(request.headers.get("content-type", "").encode())
+    media = _sniffed(body) if media in (*UNSPECIFIED, OCTETS) else media
+    if media == JSON:
+        hold().add(2 * len(body))  # its text, decoded and encoded again
+    parts = (body, media, request.query_params, service.settings.quotas, service.ids_of(hold().owner))
     key, kind, options, content = await asyncio.to_thread(_upload, *parts)  # to hash 100 MB takes 0.1 s
     async with service.locks(key):
         kept = await service.store.run(service.store.robot, key)
@@ -82,7 +91,6 @@ def _upload(
     body: bytes, media: str, query: MultiDict[str], quotas: Quotas, ids: str
 ) -> tuple[str, str, RobotOptions, bytes]:
     """The id of an upload, what it is, how to load it, and its content. ids: as `Service.ids_of`."""
-    media = _sniffed(body) if media in (*UNSPECIFIED, OCTETS) else media
     limit = body_limit(media, quotas)
     if len(body) > limit:
         raise too_large(limit)
@@ -107,7 +115,16 @@ def _sniffed(body: bytes) -> str:
 
 
 def _from_json(body: bytes) -> tuple[str, RobotOptions, bytes]:
-    """What is uploaded ("source" or "urdf"), how to load it, and its content."""
+    """What is uploaded ("source" or "urdf"), how to load it, and its content.
+
+    Decoded, a number takes up to 16 times its bytes: without the text, a body has at most OPTIONS_BYTES, counted before
+    it is decoded.
+    """
+    undecoded: Any = msgspec.json.decode(body, type=_Undecoded)
+    options = len(body) - len(bytes(undecoded.text))
+    if options > OPTIONS_BYTES:
+        raise Refusal(413, f"the options have {options} bytes, the limit is {OPTIONS_BYTES}", where="body",
+                      remedy="lock each joint once, with as many numbers as its configuration has")  # fmt: skip
     upload = decode_unique(body, RobotOptions)
     if bool(upload.source) == bool(upload.text):
         raise Refusal(400, "expected source or text", where="body", remedy='such as {"source": "panda"}')

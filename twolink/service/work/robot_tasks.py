@@ -3,7 +3,7 @@
 import gzip
 import re
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import Annotated, Any, BinaryIO, Literal
 
 import msgspec
 import numpy as np
@@ -68,7 +68,7 @@ class RobotOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
     text: str = ""
     urdf: str = ""
     root: Literal["fixed", "free"] = "fixed"
-    lock: dict[str, float | list[float]] = {}
+    lock: dict[str, float | Annotated[list[float], msgspec.Meta(max_length=7)]] = {}
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     mimic: bool = False
     unphysical: Literal["refuse", "report"] = "refuse"
