@@ -34,7 +34,7 @@ from twolink.contact.bodies import Multibody, bodies_of
 from twolink.contact.held import HeldRun, HeldSteps
 from twolink.contact.joints import JointPoints, Kept, LoopRows
 from twolink.contact.positions import correction
-from twolink.contact.rest import Resting
+from twolink.contact.rest import at_rest, steps_at_rest
 from twolink.contact.step_law import StepLaw, rows_of
 from twolink.contact.steps import STILL, Blow, Memory, Plan, Record, Step, along
 from twolink.effects.contact import Contact
@@ -51,11 +51,13 @@ DEEPEST = 0.25  # of half the bodies' thickness: a step that brings bodies deepe
 FARTHEST = 0.5  # of it: so is one half of which they move farther against each other, for they could pass through
 HALVINGS = 10
 UNSEEN, UNSEEN_HALVINGS = 0.01, 6  # of the reach of a step: one after which hulls overlap by so much more is halved
-FIRST, MOST = 8, 64  # compiled steps that are looked at together
 
 
 class Stepper:
-    """Steps of a scene: its equations without contacts, its contact effects, and its joints' stops and friction."""
+    """Steps of a scene: its equations without contacts, its contact effects, and its joints' stops and friction.
+
+    A step depends on the state and the memory that it begins with; of other steps there is only the record.
+    """
 
     def __init__(
         self,
@@ -72,13 +74,10 @@ class Stepper:
         self.laws = self.joints.laws(self.detector, [effect for _, effect in pairs])
         self.bodies, self.loops = bodies_of(equations) if loops is None else Multibody(equations), loops
         self.held = HeldSteps(self.bodies, self.detector, self.joints, self.laws)
-        self.record, self.ahead = Record(), FIRST
-        self.resting = Resting(self.bodies)
-        self._pressing: Any = None  # J of the points that press in the last step
+        self.record = Record()
 
     def start(self, t: float, q: Array, v: Array, numbers: Array) -> Memory:
         """The memory at the start of a run: what touches and does not slip sticks."""
-        self.ahead, self.resting.one = FIRST, None
         points = self._points(self.bodies.places(q, self.bodies.to_local_velocity(q, v))[0], CLOSED, q)
         if not len(points.gap):
             return Memory.empty(np.zeros((2, len(v))))
@@ -125,21 +124,19 @@ class Stepper:
 
         Raises as `advance`.
         """
-        rest = self.resting.steps(plan, range(first, until), q)
-        if rest is not None and rest.one.impulses is not None:
-            self.record.add(replace(rest.one.impulses, solver="rest"), len(rest))
-            return rest
-        ahead, self.ahead = self.ahead, FIRST
-        known = self.held.of(memory) if ahead and self.loops is None else None
+        resting = steps_at_rest(self.bodies, plan, range(first, until), memory)
+        if resting is not None and resting.rest.step.impulses is not None:
+            self.record.add(replace(resting.rest.step.impulses, solver="rest"), len(resting))
+            return resting
+        known = self.held.of(memory) if memory.ahead and self.loops is None else None
         if known is not None:
-            found = self.held.run(known, plan, slice(first, min(first + ahead, until)), q, v, memory)
+            found = self.held.run(known, plan, slice(first, min(first + memory.ahead, until)), q, v, memory)
             if len(found):
-                self.ahead = min(2 * ahead, MOST) if len(found) == len(found.h) else 0  # what ended it ends it again
                 self.record.add(found.impulses, len(found))
                 return found
         numbers = plan.numbers[plan.piece[first]]
         step = self.advance(float(plan.t[first]), float(plan.h[first]), q, v, numbers, memory)
-        return [self.resting.found(plan, first, q, v, step, memory, self._pressing)]
+        return [at_rest(self.bodies, plan, first, q, v, step, memory)]
 
     def advance(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory, depth: int = 0) -> Step:
         """One step, or where its laws are not reached two halves. Raises AccuracyError where these are too small.
@@ -195,7 +192,7 @@ class Stepper:
             free, a = kept.free, (kept.free - v) / h
         points = self._points(places, self._reach(h, speeds), middle)
         if not len(points.gap):
-            none = Memory.empty(memory.changes(a, smooth=not len(memory.keys)))
+            none = Memory.empty(memory.changes(a, smooth=not len(memory.keys)), memory.unfollowed)
             end = self.bodies.moved(middle, 0.5 * h * free + kept.closing)
             return Step(h, end, free, a, none, points.key, points.position, np.empty((0, 3)))
         if (-points.gap > DEEPEST * self.laws.thickness[points.pair]).any():
@@ -236,17 +233,17 @@ class Stepper:
         closed = pressing | still & (np.abs(off[:, 2] + (rows @ push)[2::3])[active] < CLOSED)
         chosen, own = active[closed], impulses.p[closed]
         order, mean = np.argsort(points.key[chosen]), (ends - v) / h
+        unfollowed = max(memory.unfollowed, law.unfollowed(rows, response, active, impulses.p))
         keys = points.key[chosen][order]
         smooth = np.array_equal(keys, memory.keys) and not law.hits[chosen].any()
         passed = Memory(keys, own[order] / h, stuck[closed][order], still[closed][order],
-                        memory.changes(mean, smooth=smooth))  # fmt: skip
-        self._pressing = rows[rows_of(active[pressing])]
-        blow = law.blow(active[pressing], impulses.p[pressing])
+                        memory.changes(mean, smooth=smooth), unfollowed=unfollowed)  # fmt: skip
+        pressed, blow = rows[rows_of(active[pressing])], law.blow(active[pressing], impulses.p[pressing])
         joints, chosen, p = self._of_joints(rows, law, active[pressing], impulses.p[pressing])
         blows = () if blow is None else (Blow(blow[0], points.key[blow[1]], along(blow[2], axes[blow[1]])),)
         return Step(h, self.bodies.moved(middle, move), ends, mean, passed, points.key[chosen], points.position[chosen],
                     along(p, axes[chosen]), impulses, joints=joints,
-                    slips=along(u[chosen, :2], axes[chosen, :2]), blows=blows)  # fmt: skip
+                    slips=along(u[chosen, :2], axes[chosen, :2]), blows=blows, rows=pressed)  # fmt: skip
 
     def _of_joints(self, rows: Any, law: StepLaw, chosen: Array, p: Array) -> tuple[Array | None, Array, Array]:
         """The impulses on joints (nv,) of points with impulses, and what are points of bodies, with theirs."""

@@ -4,6 +4,7 @@
 are asked for, and go on as if they had not.
 """
 
+import copy
 import functools
 import math
 from dataclasses import replace
@@ -86,6 +87,17 @@ class Lanes:
         self._start, self._ticks, self._tried, self._half = self.state[by.rows.time].copy(), 0, 1, 0.0
         self._rooms, self._added, self._disturbed = dict[int, Room](), np.empty(0), 0
         self._moving = by.equations.moving
+
+    def copied(self) -> "Lanes":
+        """Solutions that go on from here with the same bits, whatever these do."""
+        other = copy.copy(self)
+        other.state, other._rooms = self.state.copy(), {}
+        return other
+
+    @property
+    def equations(self) -> Equations:
+        """Those that they solve."""
+        return self._by.equations
 
     @property
     def x(self) -> Array:
