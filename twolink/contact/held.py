@@ -58,7 +58,9 @@ class HeldRun:
     joints: whose stops are not met. before: the memory that the first begins with.
     """
 
-    def __init__(self, held: Held, h: Array, rows: Array, nq: int, nv: int, joints: JointPoints, before: Memory) -> None:
+    def __init__(
+        self, held: Held, h: Array, rows: Array, nq: int, nv: int, joints: JointPoints, before: Memory
+    ) -> None:
         self.held, self.h, k, self.unfollowed = held, h, len(held.keys), before.unfollowed
         cuts = list(itertools.accumulate((nv, 2 * nv, nq, 3 * k, 3 * k, 3 * k, 3 * k)))
         parts = [rows[:, a:b] for a, b in zip([0, *cuts], [*cuts, rows.shape[1]], strict=True)]

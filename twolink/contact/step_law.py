@@ -56,7 +56,9 @@ class StepLaw:
         self.bounces = bounces = self.hits & quick & (rebound > 0.0)
         # Bounces lower than steps can follow begin and end within a step, or a step later the point counts as closed:
         # what leaves with w is back after the height w^2 / (2 b).
-        w = np.where(self.hits, e * meets, np.where(known & (e > 0.0), np.maximum(before[:, 2], -e * before[:, 2]), 0.0))
+        w = np.where(
+            self.hits, e * meets, np.where(known & (e > 0.0), np.maximum(before[:, 2], -e * before[:, 2]), 0.0)
+        )
         low = ~bounces & (w > STILL) & (b > 0.0)
         self.heights = np.where(low, w * w / (2.0 * np.where(low, b, 1.0)), 0.0)
         self.sums = before + np.where(bounces, 2.0 * s / h - 1.0, 0.0)[:, None] * (after - before)

@@ -16,7 +16,8 @@ Contact impulses have the work P . (U- + U+) / 2, which is not positive where bo
 Where bodies that bounce would create energy, they bounce by less (`step_law`), and the record counts it.
 A contact that sticks begins a step with U- = h J' v, of any sign. The motion M^-1 J^T nu against its slip h/2 U- has
 the work -P . U- / 2 - U- . G^-1 U- / 2, so that the energy does not grow but by terms of order h^3. The method is of
-first order in h, and of second order where impacts are single and between them. Stops and dry friction of joints are
+first order in h, and of second order where impacts are single and between them: so is the angular momentum about a
+normal without friction, for what acts behind an impact acts at the velocity there. Stops and dry friction of joints are
 points of the same problem (`joints`); loops leave it fewer motions (`loops`).
 
 A step whose impulses do not obey the laws is taken as two halves, and refused where these are too small.
@@ -149,6 +150,7 @@ class Stepper:
             step = self._checked(step, memory, halve=depth < UNSEEN_HALVINGS)
         if step is not None:
             self.record.add(step.impulses)
+            self.record.softened += step.softened
             return step
         if depth == HALVINGS:
             raise AccuracyError("no impulses obey the laws of contact and friction within a step, at speeds up to "
@@ -184,12 +186,8 @@ class Stepper:
         # The viscosity of joints is not in it: `bodies` takes it at the mean velocity of this step.
         change = 0.5 * h * memory.change.mean(axis=0)
         a = self.bodies.free_acceleration(t + 0.5 * h, middle, v + change, numbers, h, change)
-        free = v + h * a
-        _require_finite(free, t, h)
-        kept = Kept(free, self.bodies.inverse, 0.0)
-        if self.loops is not None:
-            kept = self.loops.keep(self.bodies, q, middle, v, free)
-            free, a = kept.free, (kept.free - v) / h
+        kept = self._kept(t, h, q, middle, v, a)
+        free, a = kept.free, (kept.free - v) / h
         points = self._points(places, self._reach(h, speeds), middle)
         if not len(points.gap):
             none = Memory.empty(memory.changes(a, smooth=not len(memory.keys)), memory.unfollowed)
@@ -197,7 +195,30 @@ class Stepper:
             return Step(h, end, free, a, none, points.key, points.position, np.empty((0, 3)))
         if (-points.gap > DEEPEST * self.laws.thickness[points.pair]).any():
             return None
-        return self._with_contacts(h, middle, v, kept, points, memory)
+        step = self._with_contacts(h, middle, v, kept, points, memory)
+        if step is None or not step.blows:
+            return step
+        mean = self._mean_behind(t, h, middle, v, a, numbers, step)
+        return self._with_contacts(h, middle, v, self._kept(t, h, q, middle, v, mean), points, memory) or step
+
+    def _mean_behind(self, t: float, h: float, middle: Array, v: Array, a: Array, numbers: Array, step: Step) -> Array:
+        """The mean w' of a step with an impact but for contacts: a before it, and behind it that at the velocity there.
+
+        An impact at the time s before the middle has impulses that turn with the body from then on, s omega x tau.
+        Without both, each impact changes the angular momentum about the normal by a part of h, without friction too.
+        """
+        blow = step.blows[0]
+        behind = self.bodies.free_acceleration(t + 0.5 * h, middle, step.v, numbers, h, step.v - v)
+        turned = self.bodies.inverse @ self.bodies.turning(v, blow.on_joints)
+        return np.asarray((blow.late * a + (h - blow.late) * behind) / h + (0.5 - blow.late / h) * turned)
+
+    def _kept(self, t: float, h: float, q: Array, middle: Array, v: Array, a: Array) -> Kept:
+        """The end of a step without contacts, in which w' is a, with what loops leave."""
+        free = v + h * a
+        _require_finite(free, t, h)
+        if self.loops is None:
+            return Kept(free, self.bodies.inverse, 0.0)
+        return self.loops.keep(self.bodies, q, middle, v, free)
 
     def _with_contacts(
         self, h: float, middle: Array, v: Array, kept: Kept, points: Points, memory: Memory
@@ -212,7 +233,6 @@ class Stepper:
         if solution is None:
             return None
         active, response, impulses, ends = solution
-        self.record.softened += law.share < 1.0
         u = (rows @ ends).reshape(-1, 3)
         pressing, shift = impulses.p[:, 2] > 0.0, response @ (law.late[active, None] * impulses.p).ravel()
         if np.abs((rows @ shift)[2::3][active][pressing & law.known[active]]).max(initial=0.0) > CLOSED:
@@ -240,10 +260,11 @@ class Stepper:
                         memory.changes(mean, smooth=smooth), unfollowed=unfollowed)  # fmt: skip
         pressed, blow = rows[rows_of(active[pressing])], law.blow(active[pressing], impulses.p[pressing])
         joints, chosen, p = self._of_joints(rows, law, active[pressing], impulses.p[pressing])
-        blows = () if blow is None else (Blow(blow[0], points.key[blow[1]], along(blow[2], axes[blow[1]])),)
+        blows = () if blow is None else (Blow(blow[0], points.key[blow[1]], along(blow[2], axes[blow[1]]),
+                                              rows[rows_of(blow[1])].T @ blow[2].ravel()),)  # fmt: skip
         return Step(h, self.bodies.moved(middle, move), ends, mean, passed, points.key[chosen], points.position[chosen],
-                    along(p, axes[chosen]), impulses, joints=joints,
-                    slips=along(u[chosen, :2], axes[chosen, :2]), blows=blows, rows=pressed)  # fmt: skip
+                    along(p, axes[chosen]), impulses, joints=joints, slips=along(u[chosen, :2], axes[chosen, :2]),
+                    blows=blows, rows=pressed, softened=law.share < 1.0)  # fmt: skip
 
     def _of_joints(self, rows: Any, law: StepLaw, chosen: Array, p: Array) -> tuple[Array | None, Array, Array]:
         """The impulses on joints (nv,) of points with impulses, and what are points of bodies, with theirs."""

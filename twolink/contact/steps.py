@@ -113,11 +113,15 @@ class Memory:
 
 
 class Blow(NamedTuple):
-    """Impulses of impacts in a step: when they act after its begin, s, the points' keys, and impulses as `on_first`."""
+    """Impulses of impacts in a step: when they act after its begin, s, the points' keys, and impulses as `on_first`.
+
+    on_joints (nv,): all of them as generalized impulses.
+    """
 
     late: float
     keys: Array
     on_first: Array
+    on_joints: Array
 
 
 @dataclass(frozen=True)
@@ -128,6 +132,7 @@ class Step:
     the residuals of the laws. overlap: the largest at the end, m; None where it is not known. joints (nv,): impulses of
     stops and of dry friction; None without. slips (n, 3): at the end, of the first body on the second, m/s. blows:
     what impacts did, where there are some. rows: J of the points that pressed, at the middle of the (last) step.
+    softened: whether bodies bounce with less than their restitution.
     """
 
     h: float
@@ -144,6 +149,7 @@ class Step:
     slips: Array | None = None
     blows: tuple[Blow, ...] = ()
     rows: Any = None
+    softened: bool = False
 
     def with_next(self, after: Step) -> Step:
         """This step and the next one as one: the impulses of both at each point, where it was last."""
