@@ -189,7 +189,7 @@ def test_a_quadruped_of_the_catalogue_stands_above_the_ground_with_its_own_shape
 def test_a_hull_of_points_is_filled_evenly(monkeypatch: pytest.MonkeyPatch, cache: str) -> None:
     """A tetrahedron with edges a along the axes, turned: J = m a^2 / 80 (5 1 + 1 1^T) about its centre.
 
-    The covariance of an even tetrahedron is that of its corners, summed, times m / 20. A point within counts for nothing.
+    The covariance of an even tetrahedron is that of its corners, summed, times m / 20. A point within has no part.
     """
     if cache:
         monkeypatch.setenv("TWOLINK_CACHE", cache)

@@ -176,7 +176,7 @@ class Smooth(StepwiseMotion):
     @property
     def equations(self) -> Equations:
         """What it solves."""
-        return self._lanes.equations
+        return self._lanes.by.equations
 
     @property
     def t(self) -> float:

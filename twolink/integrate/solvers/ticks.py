@@ -60,6 +60,7 @@ class Lanes:
     ----------
     x : ndarray (size, n)
         The states with the numbers that they hold, which may be written between two calls of `advance`.
+    by : StepMap
     """
 
     def __init__(
@@ -75,7 +76,7 @@ class Lanes:
         count, size, width = len(perturbations), by.equations.space.size, by.padded(len(perturbations))
         every = perturbations + perturbations[-1:] * (width - count)
         start = np.repeat(by.equations.start[:, None], width, axis=1)
-        self._by, self._rows, self._setting = by, by.rows, setting
+        self.by, self._rows, self._setting = by, by.rows, setting
         self.state, self._limit = start_state(by, start, t, end, setting, every, span=end - t, rate=rate)
         self.state[by.rows.time, count:] = np.inf  # they fill the vector
         self._call, self._at_once, self._size, self._count = by.call(width), by.steps_at_once(width), size, count
@@ -86,18 +87,12 @@ class Lanes:
         self._progress, self._longest = progress, (end - t) / MIN_STEPS
         self._start, self._ticks, self._tried, self._half = self.state[by.rows.time].copy(), 0, 1, 0.0
         self._rooms, self._added, self._disturbed = dict[int, Room](), np.empty(0), 0
-        self._moving = by.equations.moving
 
     def copied(self) -> "Lanes":
         """Solutions that go on from here with the same bits, whatever these do."""
         other = copy.copy(self)
         other.state, other._rooms = self.state.copy(), {}
         return other
-
-    @property
-    def equations(self) -> Equations:
-        """Those that they solve."""
-        return self._by.equations
 
     @property
     def x(self) -> Array:
@@ -128,7 +123,7 @@ class Lanes:
         rows, state, on_the_way, count = self._rows, self.state, [], self._count
         time, start, step = rows.time, state.item(rows.time, 0), state.item(rows.step, 0)
         short = end - start  # the tick ends a step before its time, and would make the next ones shorter
-        planned = state[rows.step].copy() if step > MAX_FACTOR * short or not self._by.method.adaptive else None
+        planned = state[rows.step].copy() if step > MAX_FACTOR * short or not self.by.method.adaptive else None
         # The steps of finer solutions are at most half as long as the run's, also where a tick ends both.
         half = 0.5 * (short if step > short else max(step, LEAST * short))
         if self._finer is not None and abs(half - self._half) > SAME_TIME * end:
@@ -151,7 +146,7 @@ class Lanes:
                 looked += LOOK
                 self._require_fine()
         self._tried = tried - (len(steps) > 1 and steps.item(-2, time, count - 1) >= end)
-        if planned is not None and (tried <= 2 or not self._by.method.adaptive):
+        if planned is not None and (tried <= 2 or not self.by.method.adaptive):
             np.maximum(state[rows.step], planned, out=state[rows.step])
         elif step < short and state.item(rows.previous, 0) <= MIN_SQUARE:
             # Two steps to a tick are as short as their end makes them, not as their error.
@@ -160,7 +155,7 @@ class Lanes:
         if self._ticks % LOOK == 0:
             self._require_fine()
             width = state.shape[1]
-            self._call, self._at_once = self._by.call(width), self._by.steps_at_once(width)
+            self._call, self._at_once = self.by.call(width), self.by.steps_at_once(width)
         return on_the_way, self._between(np.concatenate(taken), looks) if taken else np.empty(0)
 
     def _between(self, taken: Array, looks: Array) -> Array:
@@ -169,7 +164,7 @@ class Lanes:
         step = np.stack([np.searchsorted(ends[:, i], looks, side="right") - 1 for i in range(count)], axis=1)
         lane = np.broadcast_to(np.arange(count), step.shape)
         x = taken[step, : self._size, lane].reshape(-1, self._size).T
-        at = self._by.partial(x, ends[step, lane].ravel(), np.repeat(looks, count))
+        at = self.by.partial(x, ends[step, lane].ravel(), np.repeat(looks, count))
         return at.reshape(self._size, len(looks), count)
 
     def _attempt(self, count: int) -> Array:
@@ -199,10 +194,10 @@ class Lanes:
             return
         number = self._disturbed
         row, self._disturbed = number % FEW, number + 1
-        part = self.state[: self._moving, self._count - len(self._rounded) : self._count]
+        part = self.state[: self.by.equations.moving, self._count - len(self._rounded) : self._count]
         if number & (number - 1) == 0 or row == 0:  # by the size of the state then
             counts = number - row + np.repeat(np.arange(FEW)[:, None], len(self._rounded), axis=1)
-            added = disturbances(self._rounded, counts, part, self._by.equations, every * self._tried)
+            added = disturbances(self._rounded, counts, part, self.by.equations, every * self._tried)
             self._added = added * self._moves
         part += self._added[row]
 
@@ -211,11 +206,11 @@ class Lanes:
         if self._progress is not None:
             self._progress(self.time)
         lanes = self.state[:, : self._count]
-        outcome = outcome_of(self._by, lanes, self._start[: self._count], self._limit)
+        outcome = outcome_of(self.by, lanes, self._start[: self._count], self._limit)
         for i in np.flatnonzero(outcome != FINE):
             alone = lanes[None, :, [i]]
             raise failure_of(
-                self._by, Block(np.zeros(1, int), alone, alone[:, self._rows.time], outcome[[i]]), self._limit
+                self.by, Block(np.zeros(1, int), alone, alone[:, self._rows.time], outcome[[i]]), self._limit
             )
 
 
