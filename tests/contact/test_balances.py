@@ -1,6 +1,7 @@
 """What stepped piles owe to physics: momentum at each step, no overlap, no energy from nowhere."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import twolink as tl
@@ -58,3 +59,18 @@ def test_what_approaches_below_the_threshold_does_not_bounce(way: str) -> None:
     assert run.q[:, 2] - 0.1 == pytest.approx(whole, abs=1e-6)
     assert whole[(run.t > hits[1]) & (run.t < last)].max() > 0.02
     assert bouncing(run.t, height, e)[run.t > last].max() > 0.005
+
+
+@pytest.mark.parametrize(("step", "off"), [(4e-3, 3e-3), (2e-3, 5e-4)])
+def test_a_floor_without_friction_leaves_the_angular_momentum_about_the_vertical(step: float, off: float) -> None:
+    """All forces are vertical, whose moment about the vertical through the centre of mass is 0; L = R I omega."""
+    world = tl.Scene(tl.load_robot("world"), effects=[E.Gravity()], duration=0.8)
+    scene = world.with_object(E.Box((0.25, 0.12, 0.18)), (0, 0, 0.35, 0.3, 0.5, 0.1, 0.8), mass=1.0)
+    contact = E.Contact(("ground",), friction=0.0, restitution=0.3)
+    scene = tl.Scene(scene.robot, scene.robot.normalize(scene.q), [0.5, 0.2, 0, 3, -2, 4], [*scene.effects, contact])
+    run = tl.simulate(scene, 0.8, contact="stepped", step=step, samples_per_second=50, verify=False)
+    inertia = np.diag([0.12**2 + 0.18**2, 0.25**2 + 0.18**2, 0.25**2 + 0.12**2]) / 12
+    turns = [pin.Quaternion(q[3:7]).toRotationMatrix() for q in run.q]
+    momentum = np.array([turn @ inertia @ v[3:] for turn, v in zip(turns, run.v, strict=True)])
+    assert np.abs(momentum[:, :2] - momentum[0, :2]).max() > 0.3 * np.linalg.norm(momentum[0])  # it tumbles
+    assert np.abs(momentum[:, 2] - momentum[0, 2]).max() < off * np.linalg.norm(momentum[0])

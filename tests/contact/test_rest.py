@@ -1,10 +1,13 @@
 """Bodies at rest: their steps are those of the contact problem, and end with the forces that held them."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import twolink as tl
-from twolink.contact.rest import Resting
+from twolink.contact import stepping
+from twolink.contact.rest import RestingSteps
 from twolink.contact.steps import Step
 
 E, G = tl.effects, 9.81
@@ -50,7 +53,7 @@ def test_a_cube_slides_to_rest_as_the_contact_problem_says(monkeypatch: pytest.M
     run = run_of(scene)
     assert solved(run)["rest"] > 50
     assert run.q[-1, 0] == pytest.approx(v0**2 / (2 * MU * G), abs=1e-4)
-    monkeypatch.setattr(Resting, "steps", lambda *_: None)
+    monkeypatch.setattr(stepping, "steps_at_rest", lambda *_: None)
     every = run_of(scene)
     assert "rest" not in solved(every)
     assert np.abs(run.q - every.q).max() < 1e-9
@@ -79,15 +82,15 @@ def test_bodies_that_may_move_do_not_rest() -> None:
 
 def test_a_rest_of_other_lengths_has_the_same_forces() -> None:
     steps = []
-    found = Resting.steps
+    found = stepping.steps_at_rest
 
-    def seen(self: Resting, *arguments: object) -> object:
-        rest = found(self, *arguments)
-        steps.extend([] if rest is None else [(self.one, step) for step in rest])
-        return rest
+    def seen(*arguments: Any) -> RestingSteps | None:
+        resting = found(*arguments)
+        steps.extend([] if resting is None else [(resting.rest.step, step) for step in resting])
+        return resting
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Resting, "steps", seen)
+        patch.setattr(stepping, "steps_at_rest", seen)
         tl.simulate(cubes(2), 0.5, contact="stepped", step=0.01, verify=False, t_eval=[0.0, 0.1, 0.103, 0.5])
     assert len({round(step.h, 6) for _, step in steps}) > 1
     for one, step in steps:

@@ -131,7 +131,7 @@ def test_a_dropped_object_falls_and_rests() -> None:
         ({"source": "can", "mass": 1.0}, "masses of its own"),
         ({"source": fx.Sphere(0.1), "mass": -1.0}, "it is -1.0 kg"),
         ({"source": fx.Sphere(0.0), "mass": 1.0}, "has no volume"),
-        ({"source": fx.Convex(((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))), "mass": 1.0}, "save it as a mesh file"),
+        ({"source": fx.Convex(((0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0))), "mass": 1.0}, "span no volume"),
         ({"source": "can", "name": "world"}, "the name 'world' is taken; such as 'world_2'"),
         ({"source": "can", "pose": (0, 0)}, "expected 3 or 7 finite numbers"),
         ({"source": "can", "pose": (0, 0, 0, 0, 0, 0, 0)}, "expected 3 or 7 finite numbers"),
@@ -183,3 +183,35 @@ def test_a_quadruped_of_the_catalogue_stands_above_the_ground_with_its_own_shape
     assert "friction 0.8 of bodies that touch" in str(scene)
     assert any(isinstance(effect, fx.Contact) for effect in scene.effects)
     assert not any(isinstance(effect, fx.Contact) for effect in tl.scene_of(name).effects)
+
+
+@pytest.mark.parametrize("cache", ["", "off"])
+def test_a_hull_of_points_is_filled_evenly(monkeypatch: pytest.MonkeyPatch, cache: str) -> None:
+    """A tetrahedron with edges a along the axes, turned: J = m a^2 / 80 (5 1 + 1 1^T) about its centre.
+
+    The covariance of an even tetrahedron is that of its corners, summed, times m / 20. A point within has no part.
+    """
+    if cache:
+        monkeypatch.setenv("TWOLINK_CACHE", cache)
+    a, m, rpy = 0.4, 2.0, (0.3, -0.2, 0.9)
+    corners = ((0, 0, 0), (a, 0, 0), (0, a, 0), (0, 0, a), (0.1 * a,) * 3)
+    robot = EMPTY.with_object(fx.Convex(corners, point=(0.1, 0.2, 0.3), rpy=rpy), mass=m).base
+    turn, inertia = pin.rpy.rpyToMatrix(*rpy), robot.model.inertias[1]
+    off = np.array(corners[:4]) - a / 4
+    covariance = m / 20 * off.T @ off
+    about_centre = np.trace(covariance) * np.eye(3) - covariance
+    assert inertia.mass == m
+    np.testing.assert_allclose(inertia.lever, [0.1, 0.2, 0.3] + turn @ np.full(3, a / 4), atol=1e-14)
+    np.testing.assert_allclose(inertia.inertia, turn @ about_centre @ turn.T, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(about_centre, m * a**2 / 80 * (5 * np.eye(3) + np.ones((3, 3))), rtol=1e-12)
+
+
+def test_a_hull_of_points_lies_on_the_ground_as_the_box_that_it_is() -> None:
+    size = np.array([0.2, 0.3, 0.1])
+    corners = tuple(map(tuple, (size / 2 * np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T).tolist()))
+    ends = []
+    for shape in (fx.Box(tuple(size)), fx.Convex(corners)):
+        scene = EMPTY.with_object(shape, (0, 0, 0.12, 0.1, 0.05, 0, 1), mass=1.0)
+        scene = scene.with_effects([*scene.effects, fx.Contact(("ground",), friction=0.5)])
+        ends.append(tl.simulate(scene, 0.3, contact="stepped", step=2e-3, verify=False).q[-1])
+    np.testing.assert_allclose(*ends, atol=1e-9)

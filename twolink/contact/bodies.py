@@ -27,6 +27,8 @@ from twolink.native.assembly import Assembled
 from twolink.native.machine import Program, trace
 from twolink.native.programs import program_named, require_agreement
 
+LIN, ANG = np.arange(3), np.arange(3, 6)
+
 
 class Multibody:
     """A robot of any joints, by Pinocchio, with full matrices. M and J are for w."""
@@ -37,6 +39,8 @@ class Multibody:
         self.data = equations.robot.data  # of this thread; Pinocchio's takes nv^3 numbers
         self._forces = _forces_program(self) if equations.effects else None
         self.moving_axes = [joint for joint in equations.robot.joints if joint.kind in ("free-flyer", "planar")]
+        free = [joint.v.start for joint in equations.robot.joints if joint.kind == "free-flyer"]
+        self.angular = np.array(free, dtype=int)[:, None] + ANG
         self.viscosity = viscosity_of(equations)
         self.carries = np.zeros((model.njoints, model.nv))  # whether a joint moves with a degree of freedom
         for joint in range(1, model.njoints):
@@ -49,6 +53,12 @@ class Multibody:
         for lin, rotation in self._axes(q):
             v[lin] = (rotation.T if sign > 0 else rotation) @ w[lin]
         return v
+
+    def turning(self, w: Array, forces: Array) -> Array:
+        """omega x tau (nv,) of free joints' torques: their rate along axes that turn with the body, if they do not."""
+        out = np.zeros_like(forces)
+        out[self.angular] = cross(w[self.angular], forces[self.angular])
+        return out
 
     def moved(self, q: Array, change: Array) -> Array:
         """The configuration after a time in which w adds up to a change (nv,)."""
@@ -191,7 +201,6 @@ def cross(a: Array, b: Array) -> Array:
 
 
 MANY = 20  # free bodies from which sparse matrices pay
-LIN, ANG = np.arange(3), np.arange(3, 6)
 
 
 class FreeBodies(Multibody):
@@ -202,6 +211,7 @@ class FreeBodies(Multibody):
         model, bodies = self.model, range(1, self.model.njoints)
         self.q = np.array([model.idx_qs[j] for j in bodies], dtype=int)[:, None]
         self.v = np.array([model.idx_vs[j] for j in bodies], dtype=int)[:, None]
+        self.angular = self.v + ANG
         self.first = np.concatenate([[0], self.v[:, 0]])
         self.inertias = np.array([model.inertias[j].matrix() for j in bodies])
         self.inverses = np.linalg.inv(self.inertias)

@@ -32,6 +32,7 @@ from twolink.native.programs import program_named, require_agreement
 
 FEW = 12  # points on planes, up to which they are compiled
 SLIDERS = 4  # points that may slide, up to which they are: compiling takes as the cube of their number
+MOST = 64  # steps that are looked at together
 
 
 class Held(NamedTuple):
@@ -51,11 +52,13 @@ class HeldRun:
 
     rows (n, ...): what the function says of each: w+, w' of it and of the step before, q+, P and U (k, 3), places
     (k, 3), by how much P misses the laws (k, 3), m/s, and the gaps of all points at the end, the pressing ones first.
-    joints: whose stops are not met.
+    joints: whose stops are not met. before: the memory that the first begins with.
     """
 
-    def __init__(self, held: Held, h: Array, rows: Array, nq: int, nv: int, joints: JointPoints) -> None:
-        self.held, self.h, k = held, h, len(held.keys)
+    def __init__(
+        self, held: Held, h: Array, rows: Array, nq: int, nv: int, joints: JointPoints, before: Memory
+    ) -> None:
+        self.held, self.h, k, self.unfollowed = held, h, len(held.keys), before.unfollowed
         cuts = list(itertools.accumulate((nv, 2 * nv, nq, 3 * k, 3 * k, 3 * k, 3 * k)))
         parts = [rows[:, a:b] for a, b in zip([0, *cuts], [*cuts, rows.shape[1]], strict=True)]
         self.v, changes, self.q, p, u, places, self.miss, ends = parts
@@ -68,6 +71,7 @@ class HeldRun:
         obeys = inside.all(axis=1) & free & (np.abs(self.miss).max(axis=1) <= EXACT)
         self.overlap = np.maximum(-ends.min(axis=1), 0.0)
         self.length = len(h) if obeys.all() else int(obeys.argmin())
+        self.ahead = min(2 * before.ahead, MOST) if obeys.all() else 0  # what ended it ends it again
 
     def __len__(self) -> int:
         return self.length
@@ -76,7 +80,8 @@ class HeldRun:
         """The step j."""
         h, held, mean = float(self.h[j]), self.held, self.change[j, 0]
         stuck, still = np.hypot(*self.u[j, :, :2].T) < STILL, np.abs(self.u[j, :, 2]) < STILL
-        memory = Memory(held.keys, self.p[j] / h, stuck, still, self.change[j])
+        memory = Memory(held.keys, self.p[j] / h, stuck, still, self.change[j],
+                        unfollowed=self.unfollowed, ahead=self.ahead)  # fmt: skip
         return Step(h, self.q[j], self.v[j], mean, memory, held.keys, self.places[j].copy(), self.on_first[j],
                     overlap=float(self.overlap[j]), slips=along(self.u[j, :, :2], held.axes[:, :2]))  # fmt: skip
 
@@ -147,7 +152,7 @@ class HeldSteps:
         for one, before, out in zip(into[1:], rows[:-1], rows[1:], strict=True):
             one[state] = before[state]
             out[:] = held.function(one)
-        return HeldRun(held, h, rows, len(q), len(w), self.joints)
+        return HeldRun(held, h, rows, len(q), len(w), self.joints, memory)
 
 
 def _program(

@@ -5,6 +5,7 @@
 J: the rows of all contacts that stick. These then hold every body where it is: no motion is possible without a slip,
 and the impulses, which balance the same forces, obey the same laws. So a state at rest is solved for once, and a step
 costs one look at the forces, or nothing where none depends on time. Any change of them, to the last bit, ends the rest.
+The rest is part of the memory of its solution, with the state at which it is one.
 """
 
 from __future__ import annotations
@@ -18,17 +19,17 @@ import scipy.sparse as sparse
 
 from twolink.contact.bodies import Multibody
 from twolink.contact.impulses import EXACT, factors
-from twolink.contact.steps import Memory, Plan, Step
+from twolink.contact.steps import AtRest, Memory, Plan, Step
 from twolink.integrate.motion.state import Array
 
 DETERMINED = 1e-9  # of the largest: smaller pivots of J^T J are those of motions that the rows leave free
 
 
 @dataclass(frozen=True)
-class Rest(Sequence[Step]):
+class RestingSteps(Sequence[Step]):
     """Steps of lengths h (n,), each as one that began and ended at rest."""
 
-    one: Step
+    rest: AtRest
     h: Array
 
     def __len__(self) -> int:
@@ -40,53 +41,45 @@ class Rest(Sequence[Step]):
     def __getitem__(self, j: slice) -> Sequence[Step]: ...
     def __getitem__(self, j: Any) -> Any:
         """The step j."""
-        share = float(self.h[j]) / self.one.h
-        joints = None if self.one.joints is None else share * self.one.joints
-        return replace(self.one, h=float(self.h[j]), on_first=share * self.one.on_first, joints=joints)
+        one = self.rest.step
+        share = float(self.h[j]) / one.h
+        return replace(one, h=float(self.h[j]), on_first=share * one.on_first,
+                       joints=None if one.joints is None else share * one.joints,
+                       memory=replace(one.memory, rest=self.rest))  # fmt: skip
 
 
-class Resting:
-    """Whether bodies are at rest. one: the step at rest; forces (nv,): those that act then; None while bodies move."""
+def steps_at_rest(bodies: Multibody, plan: Plan, steps: range, memory: Memory) -> RestingSteps | None:
+    """Those of the steps up to the first in which other forces act; None where bodies move, or for none."""
+    rest = memory.rest
+    if rest is None:
+        return None
+    count = len(steps)
+    if bodies.equations.effects:
+        q = rest.step.q
+        changed = (k for k in steps if not np.array_equal(_forces(bodies, plan, k, q), rest.forces))
+        count = next(changed, steps.stop) - steps.start
+    return RestingSteps(rest, plan.h[steps.start : steps.start + count]) if count else None
 
-    def __init__(self, bodies: Multibody) -> None:
-        self.bodies, self.forces = bodies, np.empty(0)
-        self.one: Step | None = None
 
-    def steps(self, plan: Plan, steps: range, q: Array) -> Rest | None:
-        """Those of the steps up to the first in which other forces act; None for none."""
-        if self.one is None:
-            return None
-        count = self._unchanged(plan, steps, q)
-        if not count:
-            self.one = None
-            return None
-        return Rest(self.one, plan.h[steps.start : steps.start + count])
+def at_rest(bodies: Multibody, plan: Plan, number: int, q: Array, v: Array, step: Step, memory: Memory) -> Step:
+    """The step, or one at rest in place of one that moves less than the laws may be missed by.
 
-    def found(self, plan: Plan, number: int, q: Array, v: Array, step: Step, memory: Memory, rows: Any) -> Step:
-        """The step, or one at rest in place of one that moves less than the laws may be missed by.
+    number: of the step in the plan, from (q, v) and the memory on.
+    """
+    speed = max(np.abs(v).max(), np.abs(step.v).max())
+    stays = step.impulses is not None and step.memory.stuck.all() and np.array_equal(step.memory.keys, memory.keys)
+    if not stays or speed > EXACT or not _determined(step.rows):
+        return step
+    zero = np.zeros_like(v)
+    passed = replace(step.memory, change=np.zeros_like(memory.change))
+    rest = AtRest(replace(step, q=q, v=zero, mean=zero, memory=passed, rows=None), _forces(bodies, plan, number, q))
+    return replace(rest.step, memory=replace(passed, rest=rest))
 
-        number: of the step in the plan. rows (m, nv): J of the points that press.
-        """
-        speed = max(np.abs(v).max(), np.abs(step.v).max())
-        stays = step.impulses is not None and step.memory.stuck.all() and np.array_equal(step.memory.keys, memory.keys)
-        if not stays or speed > EXACT or not _determined(rows):
-            return step
-        zero = np.zeros_like(v)
-        passed = replace(step.memory, change=np.zeros_like(memory.change))
-        self.one, self.forces = replace(step, q=q, v=zero, mean=zero, memory=passed), self._forces(plan, number, q)
-        return self.one
 
-    def _forces(self, plan: Plan, number: int, q: Array) -> Array:
-        """tau - h in the middle of a step."""
-        t, zero = float(plan.t[number] + 0.5 * plan.h[number]), np.zeros(self.bodies.model.nv)
-        return self.bodies.forces(t, q, zero, plan.numbers[plan.piece[number]])
-
-    def _unchanged(self, plan: Plan, steps: range, q: Array) -> int:
-        """How many of the steps pass while the forces stay what they are."""
-        if not self.bodies.equations.effects:
-            return len(steps)
-        changed = (k for k in steps if not np.array_equal(self._forces(plan, k, q), self.forces))
-        return next(changed, steps.stop) - steps.start
+def _forces(bodies: Multibody, plan: Plan, number: int, q: Array) -> Array:
+    """tau - h in the middle of a step."""
+    t, zero = float(plan.t[number] + 0.5 * plan.h[number]), np.zeros(bodies.model.nv)
+    return bodies.forces(t, q, zero, plan.numbers[plan.piece[number]])
 
 
 def _determined(rows: Any) -> bool:

@@ -102,6 +102,9 @@ class SteppedSolution:
         The longest step, but for halved ones, s.
     interrupted : bool
         Ctrl-C ended it.
+    unfollowed : ndarray (n,)
+        By how much bounces that were too low for the steps would have moved a joint at most, up to each sample, rad or
+        m.
     loop : SampledLoop or None
         The controllers and sensors, where there are any.
     impulses : tuple of Impulse
@@ -119,6 +122,7 @@ class SteppedSolution:
     record: Record
     overlap: float
     step: float
+    unfollowed: Array
     interrupted: bool = False
     loop: SampledLoop | None = None
     impulses: tuple[Impulse, ...] = ()
@@ -202,6 +206,7 @@ def solve_stepped(
     none = np.zeros_like(v)
     states, overlap = [(q, v, none, none, plan.numbers[0])], stepper.overlap(q)[0]
     pressing: list[Pressing] = [{}]
+    unfollowed = [0.0]
     impulses: list[Impulse] = []
     ticks = None if equations.sampling is None else _Ticks(equations, equations.sampling, plan)
     v = local(q, v, -1)
@@ -217,6 +222,7 @@ def solve_stepped(
             for j in np.flatnonzero(plan.sampled[first : first + len(steps)]).tolist():
                 one = steps[j]
                 pressing.append(_pressing(stepper, one))
+                unfollowed.append(one.memory.unfollowed)
                 now = plan.numbers[plan.piece[first + j]].copy()
                 states.append((one.q, local(one.q, one.v), *_means(stepper, one), now))
                 overlap = max(overlap, stepper.overlap(one.q)[0] if one.overlap is None else one.overlap)
@@ -237,7 +243,7 @@ def solve_stepped(
     readings = None if loop is None else loop.readings
     solution = SteppedSolution((Piece(equations, float(times[0]), n, readings=readings),), times[:n], qs, vs,
                                accelerations, held, numbers, pressing[:n], record, overlap, float(plan.h.max()),
-                               interrupted, loop, tuple(impulses))  # fmt: skip
+                               np.array(unfollowed[:n]), interrupted, loop, tuple(impulses))  # fmt: skip
     if failed is not None:
         failed.run = solution
         raise failed

@@ -29,6 +29,7 @@ class StepLaw:
     impulses act before the middle of the step: as the gap is g = g_0 - u s - b s^2 / 2 bodies meet after s with the
     approach u + b s, and what presses after that does so for h - s. share: of the restitution that bodies bounce by.
     sums (n, 3): U- + U+ of an impact but for U at the end of the step. lasting (n, 3): impulses of the forces before.
+    heights (n,): of bounces that are over before the step is, and are not followed, m.
     """
 
     def __init__(self, laws: Laws, points: Points, before: Array, after: Array, h: float, memory: Memory) -> None:
@@ -49,9 +50,17 @@ class StepLaw:
         u = np.where(self.hits, u, 1.0)
         s = np.clip(2.0 * start / (u + np.sqrt(np.maximum(u * u + 2.0 * b * start, 0.0))), 0.0, h)
         left, meets = h - s, u + b * s
-        self.rebound = rebound = laws.restitution[points.pair] * meets - b * left
-        quick = (laws.restitution[points.pair] > 0.0) & (meets > laws.threshold[points.pair])
+        e = laws.restitution[points.pair]
+        self.rebound = rebound = e * meets - b * left
+        quick = (e > 0.0) & (meets > laws.threshold[points.pair])
         self.bounces = bounces = self.hits & quick & (rebound > 0.0)
+        # Bounces lower than steps can follow begin and end within a step, or a step later the point counts as closed:
+        # what leaves with w is back after the height w^2 / (2 b).
+        w = np.where(
+            self.hits, e * meets, np.where(known & (e > 0.0), np.maximum(before[:, 2], -e * before[:, 2]), 0.0)
+        )
+        low = ~bounces & (w > STILL) & (b > 0.0)
+        self.heights = np.where(low, w * w / (2.0 * np.where(low, b, 1.0)), 0.0)
         self.sums = before + np.where(bounces, 2.0 * s / h - 1.0, 0.0)[:, None] * (after - before)
         self.given, self.of_joints = h * laws.pressing[points.pair], laws.of_joints[points.pair]
         self.rests = self.given == 0.0
@@ -83,6 +92,29 @@ class StepLaw:
         first = pressing[hits][sizes[hits].argmax()]
         felt = ~self.of_joints[pressing] & (sizes > FELT * sizes[hits].max())
         return 0.5 * self.h - float(self.late[first]), pressing[felt], blows[felt]
+
+    def unfollowed(self, rows: Any, response: Array, active: Array, p: Array) -> float:
+        """By how much the bounces that are not followed would move a joint at most, rad or m.
+
+        The normal impulse that raises a point by a height z moves the joints by M^-1 J_n^T z / G_nn.
+
+        Parameters
+        ----------
+        rows : ndarray (3n, nv)
+            J of the points.
+        response : ndarray (nv, 3k)
+            M^-1 J^T of the active ones.
+        active : ndarray (k,)
+        p : ndarray (k, 3)
+            Their impulses.
+        """
+        low = np.flatnonzero((self.heights[active] > 0.0) & (p[:, 2] > 0.0))
+        if not len(low):
+            return 0.0
+        moves = response[:, 3 * low + 2]
+        moves = np.asarray(moves.toarray() if hasattr(moves, "toarray") else moves)
+        ratio = np.array([(rows[[3 * active[k] + 2]] @ moves[:, [i]]).item() for i, k in enumerate(low.tolist())])
+        return float(np.abs(moves * (self.heights[active[low]] / ratio)).max())
 
     def _lowest(self, ends: Array, limit: float) -> Array:
         """Of each pair the points that end lowest, below a limit: what these hold up needs no impulse of its own."""

@@ -16,7 +16,8 @@ Contact impulses have the work P . (U- + U+) / 2, which is not positive where bo
 Where bodies that bounce would create energy, they bounce by less (`step_law`), and the record counts it.
 A contact that sticks begins a step with U- = h J' v, of any sign. The motion M^-1 J^T nu against its slip h/2 U- has
 the work -P . U- / 2 - U- . G^-1 U- / 2, so that the energy does not grow but by terms of order h^3. The method is of
-first order in h, and of second order where impacts are single and between them. Stops and dry friction of joints are
+first order in h, and of second order where impacts are single and between them: so is the angular momentum about a
+normal without friction, for what acts behind an impact acts at the velocity there. Stops and dry friction of joints are
 points of the same problem (`joints`); loops leave it fewer motions (`loops`).
 
 A step whose impulses do not obey the laws is taken as two halves, and refused where these are too small.
@@ -34,7 +35,7 @@ from twolink.contact.bodies import Multibody, bodies_of
 from twolink.contact.held import HeldRun, HeldSteps
 from twolink.contact.joints import JointPoints, Kept, LoopRows
 from twolink.contact.positions import correction
-from twolink.contact.rest import Resting
+from twolink.contact.rest import at_rest, steps_at_rest
 from twolink.contact.step_law import StepLaw, rows_of
 from twolink.contact.steps import STILL, Blow, Memory, Plan, Record, Step, along
 from twolink.effects.contact import Contact
@@ -51,11 +52,13 @@ DEEPEST = 0.25  # of half the bodies' thickness: a step that brings bodies deepe
 FARTHEST = 0.5  # of it: so is one half of which they move farther against each other, for they could pass through
 HALVINGS = 10
 UNSEEN, UNSEEN_HALVINGS = 0.01, 6  # of the reach of a step: one after which hulls overlap by so much more is halved
-FIRST, MOST = 8, 64  # compiled steps that are looked at together
 
 
 class Stepper:
-    """Steps of a scene: its equations without contacts, its contact effects, and its joints' stops and friction."""
+    """Steps of a scene: its equations without contacts, its contact effects, and its joints' stops and friction.
+
+    A step depends on the state and the memory that it begins with; of other steps there is only the record.
+    """
 
     def __init__(
         self,
@@ -72,13 +75,10 @@ class Stepper:
         self.laws = self.joints.laws(self.detector, [effect for _, effect in pairs])
         self.bodies, self.loops = bodies_of(equations) if loops is None else Multibody(equations), loops
         self.held = HeldSteps(self.bodies, self.detector, self.joints, self.laws)
-        self.record, self.ahead = Record(), FIRST
-        self.resting = Resting(self.bodies)
-        self._pressing: Any = None  # J of the points that press in the last step
+        self.record = Record()
 
     def start(self, t: float, q: Array, v: Array, numbers: Array) -> Memory:
         """The memory at the start of a run: what touches and does not slip sticks."""
-        self.ahead, self.resting.one = FIRST, None
         points = self._points(self.bodies.places(q, self.bodies.to_local_velocity(q, v))[0], CLOSED, q)
         if not len(points.gap):
             return Memory.empty(np.zeros((2, len(v))))
@@ -125,21 +125,19 @@ class Stepper:
 
         Raises as `advance`.
         """
-        rest = self.resting.steps(plan, range(first, until), q)
-        if rest is not None and rest.one.impulses is not None:
-            self.record.add(replace(rest.one.impulses, solver="rest"), len(rest))
-            return rest
-        ahead, self.ahead = self.ahead, FIRST
-        known = self.held.of(memory) if ahead and self.loops is None else None
+        resting = steps_at_rest(self.bodies, plan, range(first, until), memory)
+        if resting is not None and resting.rest.step.impulses is not None:
+            self.record.add(replace(resting.rest.step.impulses, solver="rest"), len(resting))
+            return resting
+        known = self.held.of(memory) if memory.ahead and self.loops is None else None
         if known is not None:
-            found = self.held.run(known, plan, slice(first, min(first + ahead, until)), q, v, memory)
+            found = self.held.run(known, plan, slice(first, min(first + memory.ahead, until)), q, v, memory)
             if len(found):
-                self.ahead = min(2 * ahead, MOST) if len(found) == len(found.h) else 0  # what ended it ends it again
                 self.record.add(found.impulses, len(found))
                 return found
         numbers = plan.numbers[plan.piece[first]]
         step = self.advance(float(plan.t[first]), float(plan.h[first]), q, v, numbers, memory)
-        return [self.resting.found(plan, first, q, v, step, memory, self._pressing)]
+        return [at_rest(self.bodies, plan, first, q, v, step, memory)]
 
     def advance(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory, depth: int = 0) -> Step:
         """One step, or where its laws are not reached two halves. Raises AccuracyError where these are too small.
@@ -152,6 +150,7 @@ class Stepper:
             step = self._checked(step, memory, halve=depth < UNSEEN_HALVINGS)
         if step is not None:
             self.record.add(step.impulses)
+            self.record.softened += step.softened
             return step
         if depth == HALVINGS:
             raise AccuracyError("no impulses obey the laws of contact and friction within a step, at speeds up to "
@@ -187,20 +186,39 @@ class Stepper:
         # The viscosity of joints is not in it: `bodies` takes it at the mean velocity of this step.
         change = 0.5 * h * memory.change.mean(axis=0)
         a = self.bodies.free_acceleration(t + 0.5 * h, middle, v + change, numbers, h, change)
-        free = v + h * a
-        _require_finite(free, t, h)
-        kept = Kept(free, self.bodies.inverse, 0.0)
-        if self.loops is not None:
-            kept = self.loops.keep(self.bodies, q, middle, v, free)
-            free, a = kept.free, (kept.free - v) / h
+        kept = self._kept(t, h, q, middle, v, a)
+        free, a = kept.free, (kept.free - v) / h
         points = self._points(places, self._reach(h, speeds), middle)
         if not len(points.gap):
-            none = Memory.empty(memory.changes(a, smooth=not len(memory.keys)))
+            none = Memory.empty(memory.changes(a, smooth=not len(memory.keys)), memory.unfollowed)
             end = self.bodies.moved(middle, 0.5 * h * free + kept.closing)
             return Step(h, end, free, a, none, points.key, points.position, np.empty((0, 3)))
         if (-points.gap > DEEPEST * self.laws.thickness[points.pair]).any():
             return None
-        return self._with_contacts(h, middle, v, kept, points, memory)
+        step = self._with_contacts(h, middle, v, kept, points, memory)
+        if step is None or not step.blows:
+            return step
+        mean = self._mean_behind(t, h, middle, v, a, numbers, step)
+        return self._with_contacts(h, middle, v, self._kept(t, h, q, middle, v, mean), points, memory) or step
+
+    def _mean_behind(self, t: float, h: float, middle: Array, v: Array, a: Array, numbers: Array, step: Step) -> Array:
+        """The mean w' of a step with an impact but for contacts: a before it, and behind it that at the velocity there.
+
+        An impact at the time s before the middle has impulses that turn with the body from then on, s omega x tau.
+        Without both, each impact changes the angular momentum about the normal by a part of h, without friction too.
+        """
+        blow = step.blows[0]
+        behind = self.bodies.free_acceleration(t + 0.5 * h, middle, step.v, numbers, h, step.v - v)
+        turned = self.bodies.inverse @ self.bodies.turning(v, blow.on_joints)
+        return np.asarray((blow.late * a + (h - blow.late) * behind) / h + (0.5 - blow.late / h) * turned)
+
+    def _kept(self, t: float, h: float, q: Array, middle: Array, v: Array, a: Array) -> Kept:
+        """The end of a step without contacts, in which w' is a, with what loops leave."""
+        free = v + h * a
+        _require_finite(free, t, h)
+        if self.loops is None:
+            return Kept(free, self.bodies.inverse, 0.0)
+        return self.loops.keep(self.bodies, q, middle, v, free)
 
     def _with_contacts(
         self, h: float, middle: Array, v: Array, kept: Kept, points: Points, memory: Memory
@@ -215,7 +233,6 @@ class Stepper:
         if solution is None:
             return None
         active, response, impulses, ends = solution
-        self.record.softened += law.share < 1.0
         u = (rows @ ends).reshape(-1, 3)
         pressing, shift = impulses.p[:, 2] > 0.0, response @ (law.late[active, None] * impulses.p).ravel()
         if np.abs((rows @ shift)[2::3][active][pressing & law.known[active]]).max(initial=0.0) > CLOSED:
@@ -236,17 +253,18 @@ class Stepper:
         closed = pressing | still & (np.abs(off[:, 2] + (rows @ push)[2::3])[active] < CLOSED)
         chosen, own = active[closed], impulses.p[closed]
         order, mean = np.argsort(points.key[chosen]), (ends - v) / h
+        unfollowed = max(memory.unfollowed, law.unfollowed(rows, response, active, impulses.p))
         keys = points.key[chosen][order]
         smooth = np.array_equal(keys, memory.keys) and not law.hits[chosen].any()
         passed = Memory(keys, own[order] / h, stuck[closed][order], still[closed][order],
-                        memory.changes(mean, smooth=smooth))  # fmt: skip
-        self._pressing = rows[rows_of(active[pressing])]
-        blow = law.blow(active[pressing], impulses.p[pressing])
+                        memory.changes(mean, smooth=smooth), unfollowed=unfollowed)  # fmt: skip
+        pressed, blow = rows[rows_of(active[pressing])], law.blow(active[pressing], impulses.p[pressing])
         joints, chosen, p = self._of_joints(rows, law, active[pressing], impulses.p[pressing])
-        blows = () if blow is None else (Blow(blow[0], points.key[blow[1]], along(blow[2], axes[blow[1]])),)
+        blows = () if blow is None else (Blow(blow[0], points.key[blow[1]], along(blow[2], axes[blow[1]]),
+                                              rows[rows_of(blow[1])].T @ blow[2].ravel()),)  # fmt: skip
         return Step(h, self.bodies.moved(middle, move), ends, mean, passed, points.key[chosen], points.position[chosen],
-                    along(p, axes[chosen]), impulses, joints=joints,
-                    slips=along(u[chosen, :2], axes[chosen, :2]), blows=blows)  # fmt: skip
+                    along(p, axes[chosen]), impulses, joints=joints, slips=along(u[chosen, :2], axes[chosen, :2]),
+                    blows=blows, rows=pressed, softened=law.share < 1.0)  # fmt: skip
 
     def _of_joints(self, rows: Any, law: StepLaw, chosen: Array, p: Array) -> tuple[Array | None, Array, Array]:
         """The impulses on joints (nv,) of points with impulses, and what are points of bodies, with theirs."""

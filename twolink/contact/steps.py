@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,9 +29,7 @@ class Plan(NamedTuple):
 def plan_steps(equations: Equations, times: Array, step: float, halvings: int) -> Plan:
     """Steps of at most `step` [s] for samples at times (n,). Samples, breaks and ticks end a step.
 
-    halvings: how often the steps between two of those are doubled in number, and one or two more: the numbers n are
-    odd and even by turns, without a common divisor, so that no two steps of n and of the next n have the same begin or
-    the same middle. Else an impact could fall on the same place within both, and their error be the same.
+    halvings: how often the steps between two of those are doubled in number (`twice_as_many`).
     """
     breaks, sampling = np.array(equations.breaks(float(times[-1])), dtype=float), equations.sampling
     grid = np.union1d(times, breaks[breaks > times[0]])
@@ -41,12 +39,21 @@ def plan_steps(equations: Equations, times: Array, step: float, halvings: int) -
         grid = np.union1d(grid, ticks[np.abs(ticks - near) > SAME_TIME * near])
     count = np.maximum(1, np.ceil(np.diff(grid) / step - 1e-9).astype(int))
     for _ in range(halvings):
-        count = 2 * count + 1 + count % 2
+        count = twice_as_many(count)
     after, piece = np.cumsum(count), np.repeat(np.arange(len(count)), count)
     h, sampled = (np.diff(grid) / count)[piece], np.zeros(len(piece), dtype=bool)
     sampled[after - 1] = np.isin(grid[1:], times)
     numbers = np.array([equations.layout.numbers_at(t) for t in (0.5 * (grid[:-1] + grid[1:])).tolist()])
     return Plan(grid[piece] + (np.arange(len(piece)) - (after - count)[piece]) * h, h, piece, sampled, numbers)
+
+
+def twice_as_many(count: Any) -> Any:
+    """About twice a number of steps n: one or two more, odd and even by turns, without a common divisor.
+
+    No two steps of n and of the next n have the same begin or the same middle, but where all begin. Else an impact
+    could fall on the same place within both, and their error be the same.
+    """
+    return 2 * count + 1 + count % 2
 
 
 def along(parts: Array, axes: Array) -> Array:
@@ -55,14 +62,31 @@ def along(parts: Array, axes: Array) -> Array:
 
 
 STILL = 1e-9  # m/s: a slip that counts as none
+FIRST_AHEAD = 8  # compiled steps that are taken together at first
 
 
 @dataclass(frozen=True)
 class Memory:
-    """What a step passes on: keys of the contacts that pressed or stayed closed, their forces (n, 3).
+    """What a step passes on to the next one of its solution, all of it: steppers remember nothing.
 
-    stuck, still (n,): those that had no slip at the end, and no velocity along the normal. change (2, nv): w' of the
-    last two steps, 0 where it was not smooth. overlap: of hulls at the end, m.
+    Attributes
+    ----------
+    keys : ndarray (n,)
+        Of the contacts that pressed or stayed closed.
+    forces : ndarray (n, 3)
+        Theirs, N.
+    stuck, still : ndarray (n,)
+        Those that had no slip at the end, and no velocity along the normal.
+    change : ndarray (2, nv)
+        w' of the last two steps, 0 where it was not smooth.
+    overlap : float
+        Of hulls at the end, m.
+    unfollowed : float
+        By how much bounces that were too low for the steps would have moved a joint so far at most, rad or m.
+    rest : AtRest, optional
+        Where the bodies are at rest.
+    ahead : int
+        How many compiled steps are taken together next; 0 for none.
     """
 
     keys: Array
@@ -71,6 +95,9 @@ class Memory:
     still: Array
     change: Array
     overlap: float = 0.0
+    unfollowed: float = 0.0
+    rest: AtRest | None = None
+    ahead: int = FIRST_AHEAD
 
     def changes(self, mean: Array, *, smooth: bool = True) -> Array:
         """What the next step passes on of w'."""
@@ -79,17 +106,22 @@ class Memory:
         return np.array([mean, self.change[0] if self.change[0].any() else mean])
 
     @staticmethod
-    def empty(change: Array) -> Memory:
+    def empty(change: Array, unfollowed: float = 0.0) -> Memory:
         """Of a step without contacts."""
-        return Memory(np.empty(0, int), np.empty((0, 3)), np.empty(0, bool), np.empty(0, bool), change)
+        none = np.empty(0, bool)
+        return Memory(np.empty(0, int), np.empty((0, 3)), none, none, change, unfollowed=unfollowed)
 
 
 class Blow(NamedTuple):
-    """Impulses of impacts in a step: when they act after its begin, s, the points' keys, and impulses as `on_first`."""
+    """Impulses of impacts in a step: when they act after its begin, s, the points' keys, and impulses as `on_first`.
+
+    on_joints (nv,): all of them as generalized impulses.
+    """
 
     late: float
     keys: Array
     on_first: Array
+    on_joints: Array
 
 
 @dataclass(frozen=True)
@@ -99,7 +131,8 @@ class Step:
     mean (nv,): of w'. on_first (n, 3): impulses on the first of two bodies, along the world's axes, N s. impulses: with
     the residuals of the laws. overlap: the largest at the end, m; None where it is not known. joints (nv,): impulses of
     stops and of dry friction; None without. slips (n, 3): at the end, of the first body on the second, m/s. blows:
-    what impacts did, where there are some.
+    what impacts did, where there are some. rows: J of the points that pressed, at the middle of the (last) step.
+    softened: whether bodies bounce with less than their restitution.
     """
 
     h: float
@@ -115,6 +148,8 @@ class Step:
     joints: Array | None = None
     slips: Array | None = None
     blows: tuple[Blow, ...] = ()
+    rows: Any = None
+    softened: bool = False
 
     def with_next(self, after: Step) -> Step:
         """This step and the next one as one: the impulses of both at each point, where it was last."""
@@ -128,6 +163,14 @@ class Step:
         return replace(after, h=h, mean=(self.h * self.mean + after.h * after.mean) / h, keys=keys, place=place,
                        on_first=on_first, joints=np.sum(joints, axis=0) if joints else None, slips=slips,
                        blows=(*self.blows, *(one._replace(late=self.h + one.late) for one in after.blows)))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """Bodies at rest: the step that began and ended so, and the forces tau - h (nv,) that act then."""
+
+    step: Step
+    forces: Array
 
 
 @dataclass

@@ -6,6 +6,7 @@ Where |du| is the distance of the answers and |dx| that of the states so far, |d
 about its gain. At a threshold or the edge of a quantizer it is larger by orders: |dx| is rounding, |du| is not.
 """
 
+import copy
 from typing import Any
 
 import numpy as np
@@ -45,14 +46,20 @@ class Ambiguity:
 
     def ticks(self) -> list[float]:
         """The times of ambiguous ticks so far."""
-        self._look()
-        return self._found
+        return self._looked()._found
 
     def growth(self) -> tuple[float, float] | None:
         """From when solutions part as those of an unstable loop, s, and at which rate, 1/s; None where they do not."""
-        self._look()
-        times = np.concatenate(self._ticks)
-        return growth(times, np.concatenate(self._rounding)) if self._answered > ANSWERED * len(times) else None
+        now = self._looked()
+        times = np.concatenate(now._ticks)
+        return growth(times, np.concatenate(now._rounding)) if now._answered > ANSWERED * len(times) else None
+
+    def _looked(self) -> "Ambiguity":
+        """What has looked at all ticks so far. That blocks end elsewhere shall not follow from when that is asked."""
+        other = copy.copy(self)
+        other._found, other._ticks, other._rounding = self._found.copy(), self._ticks.copy(), self._rounding.copy()
+        other._look()
+        return other
 
     def _look(self) -> None:
         if not self._count:

@@ -13,9 +13,9 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.errors import RobotError
-from twolink.io.mesh_files import SUFFIXES
 from twolink.io.text import kebab_case
 from twolink.robots.collisions import Convex, Shape
+from twolink.robots.hull_files import hull_file
 from twolink.robots.load import load_model
 from twolink.robots.load_report import Finding, LoadReport
 from twolink.robots.meshes import MeshFile, MeshFolders, set_mesh
@@ -51,16 +51,19 @@ def pose_of(value: object) -> pin.SE3:
 def body_of(kind: type[R], shape: Shape | Path, mass: float | None, colour: int) -> R:
     """A robot of one link that a shape or a mesh file fills evenly; without a mass it has no inertia.
 
-    Raises RobotError for a hull of points, a size or mass that is not above 0, and a mesh that encloses no volume.
+    A hull of points becomes a mesh file. Raises RobotError for a size or mass that is not above 0, and for a mesh or a
+    hull that encloses no volume.
     """
     if mass is not None and not (np.isfinite(mass) and mass > 0):
         raise RobotError(f"it is {mass!r} kg", argument="mass", remedy="give a mass above 0, or none if it is fixed")
     link = Element("link", {"name": "body"}, 0)
-    if isinstance(shape, Path):
-        name, solid, drawn = shape.stem, _solid_of_mesh(shape), Element("mesh", {"filename": str(shape.resolve())}, 0)
+    mesh = hull_file(shape) if isinstance(shape, Convex) else shape
+    if isinstance(mesh, Path):
+        name = shape.stem if isinstance(shape, Path) else "convex"
+        solid, drawn = _solid_of_mesh(mesh), Element("mesh", {"filename": str(mesh.resolve())}, 0)
     else:
-        name, solid = kebab_case(type(shape).__name__), _solid_of_shape(shape)
-        sizes = {key: getattr(shape, key) for key in ("size", "radius", "length") if hasattr(shape, key)}
+        name, solid = kebab_case(type(mesh).__name__), _solid_of_shape(mesh)
+        sizes = {key: getattr(mesh, key) for key in ("size", "radius", "length") if hasattr(mesh, key)}
         drawn = Element(name, {key: _written(np.atleast_1d(value)) for key, value in sizes.items()}, 0)
     place = pin.SE3.Identity() if isinstance(shape, Path) else shape.placement
     if mass is not None:
@@ -80,9 +83,6 @@ def body_of(kind: type[R], shape: Shape | Path, mass: float | None, colour: int)
 
 
 def _solid_of_shape(shape: Shape) -> coal.CollisionGeometry:
-    if isinstance(shape, Convex):
-        raise RobotError("a hull of points has no place in a URDF", argument="source", code="flat-shape",
-                         remedy=f"save it as a mesh file ({', '.join(SUFFIXES)}) and give its path")  # fmt: skip
     solid = shape.coal()
     if not solid.computeVolume() > 0:
         raise RobotError(f"{shape!r} has no volume", argument="source", remedy="give sizes above 0, in m")

@@ -3,24 +3,26 @@
 Each has the time t, the states x (moving, n) of its solutions, whether it has ended, and its events so far; it takes
 numbers that hold, such as torques, advances to a time, and tells how far its solutions are apart. `StepwiseMotion`
 advances from tick to tick, where the scene has sampled controllers or sensors.
+
+All that a motion remembers belongs to one of its solutions, and is in what `save` returns: what saves and goes on has
+the same bits as what does not save, and as what restores it.
 """
 
 from __future__ import annotations
 
-import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from twolink.contact.solver import no_forces, stepper_of
-from twolink.contact.steps import Plan, Record
+from twolink.contact.steps import Memory, Plan, Record, twice_as_many
 from twolink.effects.sensors import Forces
 from twolink.integrate.event import Event
 from twolink.integrate.forces_seen import forces_seen
-from twolink.integrate.hybrid.ticks import TickEngine, forces_in_modes
+from twolink.integrate.hybrid.ticks import SavedEngine, TickEngine, forces_in_modes
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solvers.ticks import Lanes
@@ -53,16 +55,56 @@ def distance_of(equations: Equations, x: Array, steps: int) -> float:
     return float(error_bar(np.array([bar]), np.zeros(1))[0] + same)
 
 
+class SavedMotion(NamedTuple):
+    """All that a motion goes on from, in copies: that of its solutions, of its controllers, and its error so far."""
+
+    solutions: Any
+    loop: Any
+    bar: float
+
+
 class StepwiseMotion(ABC):
     """What the three kinds have in common. loop: the controllers and sensors; None where the scene has none."""
 
     loop: SampledLoop | None = None
-    equations: Equations
+    _bar = 0.0
+
+    @property
+    @abstractmethod
+    def equations(self) -> Equations:
+        """What it solves, in its first mode where there are several."""
 
     @property
     @abstractmethod
     def t(self) -> float:
         """The time, s."""
+
+    @property
+    @abstractmethod
+    def x(self) -> Array:
+        """The states (moving, n)."""
+
+    @property
+    @abstractmethod
+    def apart(self) -> float:
+        """A bound on the error now, or an estimate of it, rad or m."""
+
+    @property
+    def error(self) -> float:
+        """The largest `apart` so far, of the times at which it was asked for, rad or m."""
+        self._bar = max(self._bar, self.apart)
+        return self._bar
+
+    def save(self) -> SavedMotion:
+        """All that it goes on from."""
+        return SavedMotion(self.saved_solutions(), None if self.loop is None else self.loop.saved(), self._bar)
+
+    def restore(self, saved: SavedMotion) -> None:
+        """Go on from there, with the same bits."""
+        self.restore_solutions(saved.solutions)
+        if self.loop is not None:
+            self.loop.restore(saved.loop)
+        self._bar = saved.bar
 
     @property
     def events(self) -> Sequence[Event]:
@@ -109,6 +151,14 @@ class StepwiseMotion(ABC):
     def look(self, t: float, x: Array) -> Forces:
         """The forces at states (size, n)."""
 
+    @abstractmethod
+    def saved_solutions(self) -> Any:
+        """All that the solutions remember, in copies."""
+
+    @abstractmethod
+    def restore_solutions(self, saved: Any) -> None:
+        """Let the solutions go on from there."""
+
 
 class Smooth(StepwiseMotion):
     """Solutions as lanes of one batch. span: the time that sets their first steps, s."""
@@ -116,13 +166,17 @@ class Smooth(StepwiseMotion):
     def __init__(
         self, equations: Equations, by: StepMap, t: float, span: float, tolerance: float, solutions: tuple[Any, ...]
     ) -> None:
-        self.equations, self._steps = equations, 0
-        self._map, self._span, self._tolerance, self._solutions = by, span, tolerance, solutions
+        self._map, self._span, self._tolerance, self._solutions, self._steps = by, span, tolerance, solutions, 0
         self._lanes = self._begun(equations, t)
 
     def _begun(self, equations: Equations, t: float) -> Lanes:
         self._map.equations = equations
         return Lanes(self._map, t, t + self._span, self._tolerance, self._solutions)
+
+    @property
+    def equations(self) -> Equations:
+        """What it solves."""
+        return self._lanes.by.equations
 
     @property
     def t(self) -> float:
@@ -159,25 +213,27 @@ class Smooth(StepwiseMotion):
             self._lanes = self._begun(self.equations.starting_at(x[:, 0], t), t)
             self._lanes.x[:] = x
 
-    def save(self) -> tuple[Lanes, Array, int]:
-        """All that it goes on from."""
-        return copy.copy(self._lanes), self._lanes.state.copy(), self._steps
+    def saved_solutions(self) -> tuple[Lanes, int]:
+        """The lanes, and the steps before them."""
+        return self._lanes.copied(), self._steps
 
-    def restore(self, saved: tuple[Lanes, Array, int]) -> None:
+    def restore_solutions(self, saved: tuple[Lanes, int]) -> None:
         """Go on from there."""
-        lanes, state, self._steps = saved
-        self._lanes = copy.copy(lanes)
-        self._lanes.state = state.copy()
+        self._lanes, self._steps = saved[0].copied(), saved[1]
 
 
 class Located(StepwiseMotion):
     """Solutions with modes, each with its own events."""
 
     def __init__(self, equations: Equations, t: float, tolerance: float, solutions: tuple[Any, ...]) -> None:
-        self.equations = equations
-        self._rows = equations.layout.rows_of_slots()
+        self._equations, self._rows = equations, equations.layout.rows_of_slots()
         times = np.array([t, math.inf])
         self._engines = [TickEngine(equations, METHOD, times, tolerance, None, one) for one in solutions]
+
+    @property
+    def equations(self) -> Equations:
+        """Those of all modes."""
+        return self._equations
 
     @property
     def t(self) -> float:
@@ -229,30 +285,46 @@ class Located(StepwiseMotion):
             engine.advance(t)
             engine.forget()
 
-    def save(self) -> list[Any]:
-        """All that it goes on from."""
+    def saved_solutions(self) -> list[SavedEngine]:
+        """Of each engine."""
         return [engine.saved() for engine in self._engines]
 
-    def restore(self, saved: list[Any]) -> None:
+    def restore_solutions(self, saved: list[SavedEngine]) -> None:
         """Go on from there."""
         for engine, one in zip(self._engines, saved, strict=True):
             engine.restore(one)
 
 
-class Stepped(StepwiseMotion):
-    """A motion with stepped contacts, and with verify one of three times as many steps. step: the longest, s."""
+class SteppedState(NamedTuple):
+    """One solution with stepped contacts: q, w (see `Multibody`), and what its last step passed on."""
 
-    t = 0.0
+    q: Array
+    w: Array
+    memory: Memory
+
+
+class Stepped(StepwiseMotion):
+    """A motion with stepped contacts, and with verify one of twice as many steps. step: the longest, s."""
 
     def __init__(self, scene: Scene, t: float, step: float, *, verify: bool) -> None:
-        self._stepper, self._step, self.t = stepper_of(scene), step, t
-        self.equations = equations = self._stepper.equations
+        self._stepper, self._step, self._t = stepper_of(scene), step, t
+        equations = self._stepper.equations
         self._stepper.record, nq = Record(), equations.space.nq
         numbers = equations.layout.numbers_at(t)
         self._numbers = np.repeat(numbers[:, None], 2 if verify else 1, axis=1)
         q, v = np.array(equations.start[:nq]), np.array(equations.start[nq : equations.moving])
         w = self._stepper.bodies.to_local_velocity(q, v, -1)
-        self._states = [(q, w, self._stepper.start(t, q, w, numbers))] * (2 if verify else 1)
+        self._states = [SteppedState(q, w, self._stepper.start(t, q, w, numbers))] * (2 if verify else 1)
+
+    @property
+    def equations(self) -> Equations:
+        """Those without contacts."""
+        return self._stepper.equations
+
+    @property
+    def t(self) -> float:
+        """The time, s."""
+        return self._t
 
     @property
     def x(self) -> Array:
@@ -262,9 +334,9 @@ class Stepped(StepwiseMotion):
 
     @property
     def apart(self) -> float:
-        """An estimate of the error, rad or m: of first order, a third of the step has a third of it."""
-        (q, *_), (other, *_) = self._states
-        off = 1.5 * self.equations.space.distance(q[None], other[None])
+        """An estimate of the error, rad or m: of first order, half the step has half of it."""
+        (q, *_), (other, _, memory) = self._states
+        off = 2.0 * (self.equations.space.distance(q[None], other[None]) + memory.unfollowed)
         return float(error_bar(off, np.zeros(1), SAFETY)[0])
 
     def held(self) -> Array:
@@ -284,10 +356,11 @@ class Stepped(StepwiseMotion):
         if t <= self.t:
             return
         count = max(1, math.ceil((t - self.t) / self._step - 1e-9))
-        self._states = [self._solved(k, t, count * 3**k) for k in range(len(self._states))]
-        self.t = t
+        counts = (count, twice_as_many(count))[: len(self._states)]
+        self._states = [self._solved(k, t, n) for k, n in enumerate(counts)]
+        self._t = t
 
-    def _solved(self, number: int, end: float, count: int) -> tuple[Any, ...]:
+    def _solved(self, number: int, end: float, count: int) -> SteppedState:
         h, first, (q, w, memory) = (end - self.t) / count, 0, self._states[number]
         steps = np.arange(count)
         plan = Plan(self.t + h * steps, np.full(count, h), 0 * steps, steps < 0, self._numbers[None, :, number])
@@ -295,13 +368,12 @@ class Stepped(StepwiseMotion):
             found = self._stepper.run(plan, first, count, q, w, memory)
             last, first = found[len(found) - 1], first + len(found)
             q, w, memory = last.q, last.v, last.memory
-        return q, w, memory
+        return SteppedState(q, w, memory)
 
-    def save(self) -> tuple[Any, ...]:
-        """All that it goes on from."""
-        return self.t, self._numbers, list(self._states), self._stepper.ahead
+    def saved_solutions(self) -> tuple[float, Array, list[SteppedState]]:
+        """The time, the numbers that hold, and the solutions, none of which is written to."""
+        return self.t, self._numbers, self._states
 
-    def restore(self, saved: tuple[Any, ...]) -> None:
+    def restore_solutions(self, saved: tuple[float, Array, list[SteppedState]]) -> None:
         """Go on from there."""
-        self.t, self._numbers, states, self._stepper.ahead = saved
-        self._states = list(states)
+        self._t, self._numbers, self._states = saved

@@ -80,8 +80,11 @@ def _solved(
 
 
 def _apart(coarse: SteppedSolution, fine: SteppedSolution) -> tuple[np.ndarray, list[Event]]:
-    """The distance of two solutions at each sample (n,), rad or m, larger behind an ambiguous tick; and those ticks."""
-    off = np.asarray(coarse.pieces[0].equations.space.distance(coarse.q, fine.q))
+    """The distance of two solutions at each sample (n,), rad or m, larger behind an ambiguous tick; and those ticks.
+
+    With it the bounces that the better of them has not followed: where both have come to rest, they have no distance.
+    """
+    off = np.asarray(coarse.pieces[0].equations.space.distance(coarse.q, fine.q)) + fine.unfollowed
     found = [] if coarse.loop is None or fine.loop is None else coarse.loop.ambiguous_beside(fine.loop)
     if found:  # which branch the motion takes is chance
         off[coarse.t > found[0][0]] *= CHANCE

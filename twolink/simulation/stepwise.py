@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,7 +26,7 @@ from twolink.integrate.solvers.method_choice import first_tolerance
 from twolink.integrate.steps.step_map import step_map
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
-from twolink.simulation.motions import METHOD, Located, Smooth, Stepped, solutions_of
+from twolink.simulation.motions import METHOD, Located, SavedMotion, Smooth, Stepped, StepwiseMotion, solutions_of
 from twolink.simulation.sampling import duration_for
 
 SAME_TIME = 1e-12  # relative
@@ -47,13 +47,15 @@ Missing = Callable[[State], float]  # 0 at an event
 
 @dataclass(frozen=True, eq=False)
 class Saved:
-    """Where a simulation was; for `Simulation.restore`."""
+    """Where a simulation was; for `Simulation.restore`.
+
+    settings: of the simulation. start: q, v, t that the motion began with. state: all that it goes on from.
+    """
 
     scene: Scene
-    motion: Smooth | Located | Stepped
-    state: Any
-    loop: Any
-    bar: float
+    settings: tuple[float, bool, bool, float]
+    start: tuple[Array, Array, float]
+    state: SavedMotion
 
 
 def with_held_torques(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
@@ -146,17 +148,18 @@ class Simulation:
         step: float = 1e-3,
     ) -> None:  # fmt: skip
         duration_for(scene, None)  # raises SceneError for what is no scene
-        self.scene, self._verify, self._bar = scene, verify, 0.0
+        self.scene, self._verify = scene, verify
         self._tolerance = first_tolerance(METHOD, accuracy_of(accuracy))
         self._solutions = solutions_of(self._tolerance, verify=verify)
         self._stepped = choose_contact_method(scene, contact).method == "stepped"
         self._step = positive(step, "step", SceneError, "such as 1e-3")
         self._driven, self._names = with_held_torques(scene)
+        self._settings = self._tolerance, verify, self._stepped, self._step
         self._motion = self._begun(scene.q, scene.v, 0.0)
 
-    def _begun(self, q: ArrayLike, v: ArrayLike, t: float) -> Smooth | Located | Stepped:
+    def _begun(self, q: Array, v: Array, t: float) -> StepwiseMotion:
         """The motion from a state on, whose controllers begin anew."""
-        motion = self._uncontrolled(q, v, t)
+        motion, self._start = self._uncontrolled(q, v, t), (q, v, t)
         first = motion.equations.layout.rows_of_slots().get(self._names[0], 0) if self._names else 0
         self._torques = slice(first, first + len(self._names))
         sampling = sampled(self._driven)[0]
@@ -164,7 +167,7 @@ class Simulation:
             motion.listen(sampling)
         return motion
 
-    def _uncontrolled(self, q: ArrayLike, v: ArrayLike, t: float) -> Smooth | Located | Stepped:
+    def _uncontrolled(self, q: Array, v: Array, t: float) -> StepwiseMotion:
         """The motion from a state on, without controllers."""
         driven = self._driven
         if self._stepped:
@@ -203,10 +206,7 @@ class Simulation:
 
         Of stepped contacts an estimate.
         """
-        if not self._verify:
-            return math.nan
-        self._bar = max(self._bar, self._motion.apart)
-        return self._bar
+        return self._motion.error if self._verify else math.nan
 
     def step(self, dt: float, tau: ArrayLike | None = None) -> State:
         """Go on for a time with constant torques.
@@ -313,23 +313,31 @@ class Simulation:
             s; by default the time it is.
         """
         now = self.state
-        self._motion, self._bar = self._begun(now.q if q is None else q, now.v if v is None else v,
-                                              now.t if t is None else float(t)), 0.0  # fmt: skip
+        q, v = (np.array(old if new is None else new, dtype=float) for old, new in ((now.q, q), (now.v, v)))
+        self._motion = self._begun(q, v, now.t if t is None else float(t))
 
     def save(self) -> Saved:
         """All that the motion goes on from; what controllers keep as their states, in copies."""
-        loop = self._motion.loop
-        return Saved(self.scene, self._motion, self._motion.save(), None if loop is None else loop.saved(), self._bar)
+        return Saved(self.scene, self._settings, self._start, self._motion.save())
 
     def restore(self, saved: Saved) -> None:
-        """Go on from where it was saved, with the same bits. Raises SceneError for what another scene saved."""
-        if saved.scene is not self.scene:
-            raise SceneError("it was saved by a simulation of another scene", where="saved", code="other-scene",
-                             remedy="restore it there, or set_state")  # fmt: skip
-        self._motion, self._bar = saved.motion, saved.bar
+        """Go on from where it was saved, here or by another simulation of the scene, with the same bits.
+
+        But what is compiled while a scene is solved the first times rounds in its own way: with the variable
+        TWOLINK_REPRODUCIBLE=1 it is compiled before.
+
+        Raises
+        ------
+        SceneError
+            A simulation of another scene, or with other arguments, has saved it (code "other-scene").
+        """
+        if saved.scene is not self.scene or saved.settings != self._settings:
+            raise SceneError("it was saved by a simulation of another scene, or with other arguments", where="saved",
+                             remedy="restore it there, or set_state", code="other-scene")  # fmt: skip
+        if saved.start is not self._start:
+            self._motion = self._begun(*saved.start)
+            self._start = saved.start
         self._motion.restore(saved.state)
-        if self._motion.loop is not None:
-            self._motion.loop.restore(saved.loop)
 
 
 def _moved(scene: Scene, q: ArrayLike, v: ArrayLike) -> Scene:

@@ -7,6 +7,7 @@ just above 0 touches is for the error bar to say: the second solution counts a d
 the first does not.
 """
 
+import copy
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -114,6 +115,12 @@ class Watcher:
         self.evaluate, self.map, self.guards = evaluate, step_map, guards
         self.margins = np.array([margin if guard.touching and not guard.at_zero else 0.0 for guard in guards])
         self._before: tuple[float, Array] | None = None  # where the last step began: a dip may lie at its end
+
+    def copied(self) -> "Watcher":
+        """One that goes on from here, whatever this one sees."""
+        other = copy.copy(self)
+        other.guards = [copy.copy(guard) for guard in self.guards]
+        return other
 
     @np.errstate(all="ignore")
     def first(self, t: Array, x: Array) -> Hit | None:

@@ -4,8 +4,10 @@ A mode goes on across ticks, with the steps of its method, unless the new number
 mode begins at the tick.
 """
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,7 +44,13 @@ class OpenPiece:
         self._parts = parts
         self.begin, self.t, self.x = lanes.time, [lanes.time], [lanes.x[:, 0].copy()]
         self._rows = equations.layout.rows_of_slots()
-        self._forces = [guard for guard in watcher.guards if guard.is_force]
+
+    def copied(self) -> "OpenPiece":
+        """A piece that goes on from here with the same bits, whatever this one does."""
+        other = copy.copy(self)
+        other.watcher, other._lanes = self.watcher.copied(), self._lanes.copied()
+        other.t, other.x = list(self.t), list(self.x)
+        return other
 
     def advance(self, end: float) -> Hit | None:
         """Advance to a time, or to the first event."""
@@ -71,10 +79,11 @@ class OpenPiece:
 
     def hold(self, engine: "TickEngine") -> bool:
         """Let the numbers of an engine hold from now on; whether the laws of the mode do then too."""
-        if self._forces:
+        forces = [guard for guard in self.watcher.guards if guard.is_force]
+        if forces:
             snapshot = engine.run.mode_state.evaluate()
             with np.errstate(all="ignore"):
-                if not all(np.asarray(one.value(snapshot)).item() > one.noise for one in self._forces):
+                if not all(np.asarray(one.value(snapshot)).item() > one.noise for one in forces):
                     return False
         for name, value in engine.run.system.held.items():
             if name in self._rows:
@@ -97,6 +106,19 @@ class OpenPiece:
         piece = Piece(equations, float(t[0]), len(inside), (t, x[:, :moving]), last, x[:, moving:])
         return Solution(inside, samples[:moving], accepted, evaluations, rejected, steps.compile_seconds,
                         steps.compiled, pieces=(piece,))  # fmt: skip
+
+
+class SavedEngine(NamedTuple):
+    """Where a `TickEngine` is: its run, the piece that goes on, accepted steps before it, and events at this instant.
+
+    stops: at which pieces end, s.
+    """
+
+    run: RunState
+    piece: OpenPiece | None
+    done: int
+    at_once: int
+    stops: list[float]
 
 
 class TickEngine(Engine):
@@ -153,20 +175,15 @@ class TickEngine(Engine):
         if self._open is not None:
             self._open.forget()
 
-    def saved(self) -> tuple[RunState, int]:
-        """Where it is. Its steps begin anew from there, as they do where it is restored."""
-        piece, run = self._open, self.run
-        if piece is not None:
-            self._keep_sides(piece.watcher.guards)
-            if not same_time(run.t, piece.begin):
-                self.at_once = 0
-                run.moved_on()
-            self._done, self._open = self.steps, None
-        return run.copied(), self._done
+    def saved(self) -> SavedEngine:
+        """All that it goes on from, in copies; its samples are not."""
+        piece = None if self._open is None else self._open.copied()
+        return SavedEngine(self.run.copied(), piece, self._done, self.at_once, self._stops)
 
-    def restore(self, saved: tuple[RunState, int]) -> None:
-        """Go on from where it was saved."""
-        self.run, self._done, self._open, self.at_once = saved[0].copied(), saved[1], None, 0
+    def restore(self, saved: SavedEngine) -> None:
+        """Go on from where it was saved, with the same bits."""
+        self.run, self._open = saved.run.copied(), None if saved.piece is None else saved.piece.copied()
+        self._done, self.at_once, self._stops = saved.done, saved.at_once, saved.stops
 
     def _opened(self) -> OpenPiece:
         """The piece that goes on from now."""

@@ -30,6 +30,7 @@ Value = Callable[[Snapshot], Any]
 
 def guards_of(run: RunState, snapshot: Snapshot) -> list[Guard]:
     """The guards of the mode of a run, from its state on, of which this is the snapshot."""
+    run = run.copied()  # their values are those of this mode, also where the run is in another one and comes back
     distance = AT_ZERO * (1.0 + float(np.abs(run.x).max(initial=0.0)))
     guards = [*_joint_guards(run), *_contact_guards(run), *pair_guards(run), *_trigger_guards(run)]
     forces = any(guard.is_force for guard in guards)

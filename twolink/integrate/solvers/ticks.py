@@ -4,6 +4,7 @@
 are asked for, and go on as if they had not.
 """
 
+import copy
 import functools
 from dataclasses import replace
 
@@ -57,6 +58,7 @@ class Lanes:
     ----------
     x : ndarray (size, n)
         The states with the numbers that they hold, which may be written between two calls of `advance`.
+    by : StepMap
     """
 
     def __init__(
@@ -70,7 +72,7 @@ class Lanes:
         rate: Array | None = None,
     ) -> None:
         start = np.repeat(by.equations.start[:, None], len(perturbations), axis=1)
-        self._by, self._rows, self._setting = by, by.rows, setting
+        self.by, self._rows, self._setting = by, by.rows, setting
         self.state, self._limit = start_state(by, start, t, end, setting, perturbations, span=end - t, rate=rate)
         self._size, self._count = by.equations.space.size, len(perturbations)
         self._disturbances = step_disturbances(perturbations, self.state, by.equations)
@@ -79,6 +81,12 @@ class Lanes:
         self._progress, self._longest = progress, (end - t) / MIN_STEPS
         self._start, self._ticks, self._tried, self._half = self.state[by.rows.time].copy(), 0, 1, 0.0
         self._steps = np.empty((AT_ONCE + 1, *self.state.shape))
+
+    def copied(self) -> "Lanes":
+        """Solutions that go on from here with the same bits, whatever these do."""
+        other = copy.copy(self)
+        other.state, other._steps = self.state.copy(), np.empty_like(self._steps)
+        return other
 
     @property
     def x(self) -> Array:
@@ -109,7 +117,7 @@ class Lanes:
         rows, state, on_the_way, count = self._rows, self.state, [], self._count
         time, start, step = rows.time, state.item(rows.time, 0), state.item(rows.step, 0)
         short = end - start  # the tick ends a step before its time, and would make the next ones shorter
-        planned = state[rows.step].copy() if step > MAX_FACTOR * short or not self._by.method.adaptive else None
+        planned = state[rows.step].copy() if step > MAX_FACTOR * short or not self.by.method.adaptive else None
         # The steps of finer solutions are at most half as long as the run's, also where a tick ends both.
         half = 0.5 * (short if step > short else max(step, LEAST * short))
         if self._finer is not None and abs(half - self._half) > SAME_TIME * end:
@@ -131,7 +139,7 @@ class Lanes:
                 looked += LOOK
                 self._require_fine()
         self._tried = tried - (len(steps) > 1 and steps.item(-2, time, count - 1) >= end)
-        if planned is not None and (tried <= 2 or not self._by.method.adaptive):
+        if planned is not None and (tried <= 2 or not self.by.method.adaptive):
             np.maximum(state[rows.step], planned, out=state[rows.step])
         elif step < short and state.item(rows.previous, 0) <= MIN_SQUARE:
             # Two steps to a tick are as short as their end makes them, not as their error.
@@ -147,14 +155,14 @@ class Lanes:
         step = np.stack([np.searchsorted(ends[:, i], looks, side="right") - 1 for i in range(count)], axis=1)
         lane = np.broadcast_to(np.arange(count), step.shape)
         x = taken[step, : self._size, lane].reshape(-1, self._size).T
-        at = self._by.partial(x, ends[step, lane].ravel(), np.repeat(looks, count))
+        at = self.by.partial(x, ends[step, lane].ravel(), np.repeat(looks, count))
         return at.reshape(self._size, len(looks), count)
 
     def _attempt(self, count: int) -> Array:
         """Attempt so many steps, or fewer where all arrive before; the states (k, rows, n) after each."""
         steps = self._steps
         steps[0] = self.state
-        made = self._by.attempts(steps[: count + 1], count, count, self._disturbances)
+        made = self.by.attempts(steps[: count + 1], count, count, self._disturbances)
         self.state[:] = steps[made]
         return steps[1 : made + 1]
 
@@ -163,11 +171,11 @@ class Lanes:
         if self._progress is not None:
             self._progress(self.time)
         lanes = self.state
-        outcome = outcome_of(self._by, lanes, self._start, self._limit)
+        outcome = outcome_of(self.by, lanes, self._start, self._limit)
         for i in np.flatnonzero(outcome != FINE):
             alone = lanes[None, :, [i]]
             raise failure_of(
-                self._by, Block(np.zeros(1, int), alone, alone[:, self._rows.time], outcome[[i]]), self._limit
+                self.by, Block(np.zeros(1, int), alone, alone[:, self._rows.time], outcome[[i]]), self._limit
             )
 
 
