@@ -313,6 +313,8 @@ class Simulation:
             s; by default the time it is.
         """
         now = self.state
+        if self._motion.loop is not None:  # what its laws have kept would act in the new motion
+            self._motion.loop.require_repeatable()
         self._motion, self._bar = self._begun(now.q if q is None else q, now.v if v is None else v,
                                               now.t if t is None else float(t)), 0.0  # fmt: skip
 
