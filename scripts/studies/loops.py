@@ -7,8 +7,14 @@ periods of 1 to 25 ms, delays up to several periods, jitter, saturation, both ho
 The second way shares the random numbers of the jitter and the laws; its clock is a list of fractions, and between two
 instants Taylor's method solves with 33 digits.
 
-holds; WRONG: a sample is farther off than its error bar; a code: a named error without a run; CRASH: any other
-error. Rows go to out/loops-SEED.csv. Ends 0 if no bar is wrong and nothing crashes.
+In half of the scenes the first controller remembers something beside its state: a counter, a latch, a thermostat, a
+filter, in one of the places of `hidden_laws`, or it answers by noise, a clock or a table. The motion meant is that of
+the same law with the memory as its state. These are solved alone, as the second of two worlds, and step by step after
+a first motion that was broken off; some with a watch, whose events are located.
+
+holds; WRONG: a sample is farther off than its error bar; a code: a named error without a run, of laws that remember
+"controller-not-repeatable"; REFUSED: that of a law that should be solved; CRASH: any other error. Rows go to
+out/loops-SEED.csv. Ends 0 if no bar is wrong, and nothing is refused or crashes that should not.
 """
 
 import argparse
@@ -24,25 +30,34 @@ import numpy as np
 
 import twolink as tl
 from scripts.runner import Bars, study
+from scripts.studies.hidden_laws import COPIED, HARMLESS, HOLDERS, PLAIN, behaviour, pure
 from twolink import effects as fx
 from twolink.effects.inputs import Slot
 from twolink.effects.sampled_control import HeldTorques, exact
-from twolink.errors import AccuracyError
+from twolink.errors import AccuracyError, ControllerError
 from twolink.integrate.motion.scene_equations import make_equations
 from twolink.integrate.solvers.taylor_code import Integrator, number_type
 from twolink.loop.clock import ACT, PARTS, READ, UPDATE, Random
-from twolink.loop.sampled_loop import Measured
+from twolink.loop.answers import Measured
 
 SECONDS, SAMPLES, LIMITS = Fraction(1, 2), 21, (5.0, 20.0, 60.0)
 SAMPLE = 9  # after all else that happens at an instant
+TIMES = [k * SECONDS / SAMPLES for k in range(SAMPLES + 1)]
+# The pure scene, all times, and at the last of them q (n, 2), the bars (n,), and the events.
+Solved = tuple[tl.Scene, list[Fraction], np.ndarray, np.ndarray, Any]
 DAMPING = {"shoulder": 0.5, "elbow": 0.5}
 
 
 @dataclass(frozen=True)
 class Row:
-    """A loop and what came of it. used: the largest error in a part of its bar. bar: at the end, rad."""
+    """A loop and what came of it. used: the largest error in a part of its bar. bar: at the end, rad.
+
+    holder, way: where a law remembers something, and how the loop is solved.
+    """
 
     scene: int
+    holder: str
+    way: str
     outcome: str
     used: float
     bar: float
@@ -52,7 +67,7 @@ class Row:
 
     @property
     def fails(self) -> bool:
-        return self.outcome in ("WRONG", "CRASH")
+        return self.outcome in ("WRONG", "REFUSED", "CRASH")
 
 
 def law(kind: int, kp: float, kd: float, ki: float, period: float, name: str) -> Callable[..., Any]:
@@ -68,8 +83,14 @@ def law(kind: int, kp: float, kd: float, ki: float, period: float, name: str) ->
     return update
 
 
-def random_scene(number: int, seed: int) -> tl.Scene:
-    """The arm under its controllers."""
+def holder_of(number: int) -> str:
+    """Where the first law of a scene remembers something; "": nowhere."""
+    return [*HOLDERS][number // 4 % len(HOLDERS)] if number % 4 >= 2 else ""
+
+
+def random_scene(number: int, seed: int, *, hidden: bool = True) -> tl.Scene:
+    """The arm under its controllers. hidden: whether the first one hides what it remembers, where it does."""
+    holder, remembers = holder_of(number), np.random.default_rng((seed, number, 1))
     rng, arm = np.random.default_rng((seed, number)), tl.load_scene("arm-swing")
     q, effects = rng.uniform(-1.0, 1.0, 2), [fx.Gravity(), fx.JointDamping(DAMPING)]
     for i in range(rng.integers(1, 4)):
@@ -81,10 +102,19 @@ def random_scene(number: int, seed: int) -> tl.Scene:
             quantum = float(2 * np.pi / 2 ** rng.integers(8, 21))
             effects.append(fx.Encoder(arm.robot.joint_names, name=sensed, period=float(period), quantum=quantum))
         jitter = float(rng.choice([0.0, 0.0, rng.uniform(0.0, 0.9)]) * float(period))
+        inputs, start = (("q", "v") if sensed == "q" else (sensed, "q")), (q.copy(), np.zeros(2))
+        if holder and not i:
+            step, memory = behaviour(remembers, int(SECONDS / period))
+            if hidden:
+                update = HOLDERS[holder](update, step, memory)
+            elif holder not in PLAIN:
+                update, start = pure(update, step), (start, memory)
         limit = dict.fromkeys(arm.robot.joint_names, float(rng.choice(LIMITS)))
-        inputs, hold = ("q", "v") if sensed == "q" else (sensed,), "first" if rng.random() < 0.2 else "zero"
+        hold = "first" if rng.random() < 0.2 else "zero"
         effects.append(fx.Controller(update, period, delay=delay, jitter=jitter, seed=number, inputs=inputs,
-                                     state=(q.copy(), np.zeros(2)), hold=hold, limit=limit))  # fmt: skip
+                                     state=start, hold=hold, limit=limit))  # fmt: skip
+    if holder and remembers.random() < 0.3:
+        effects.append(fx.Watch("far", when=fx.JointReaches("elbow", 50.0)))
     return tl.Scene(arm.base, q, rng.uniform(-1.0, 1.0, 2), effects, duration=float(SECONDS))
 
 
@@ -161,28 +191,65 @@ def rhythm(i: int, one: Any, end: Fraction) -> Iterator[tuple[Fraction, int, int
 
 def check(number: int, given: argparse.Namespace) -> Iterator[Row]:
     """A loop and what came of it."""
-    scene, start = random_scene(number, given.seed), time.perf_counter()
-    times = [k * SECONDS / SAMPLES for k in range(SAMPLES + 1)]
+    start, holder, way = time.perf_counter(), holder_of(number), WAYS[number // 4 % 3] if number % 4 >= 2 else "run"
+
+    def row(outcome: str, used: float = 0.0, bar: float = 0.0, ambiguous: int = 0, ticks: int = 0) -> Row:
+        return Row(number, holder, way, outcome, used, bar, ambiguous, ticks, time.perf_counter() - start)
+
+    try:
+        scene, twin = random_scene(number, given.seed), random_scene(number, given.seed, hidden=False)
+        try:
+            twin, times, q, error, events = SOLVED[way](scene, twin, number)
+        except AccuracyError as failed:
+            if failed.run is None or way != "run":
+                yield row(failed.code)
+                return
+            times, q, error, events = TIMES, failed.run.q[1:], failed.run.error[1:], failed.run.events
+        except ControllerError as refused:
+            wanted = refused.code == "controller-not-repeatable" and holder not in ("", *COPIED, *HARMLESS)
+            yield row(refused.code if wanted else "REFUSED")
+            return
+        truth = Truth(twin)
+        off = np.abs(q - truth.at(times)[-len(q) :]).max(axis=1)[-len(error) :]
+        used = float((off[error > 0.0] / error[error > 0.0]).max())
+        found = sum(event.kind == "ambiguous-tick" for event in events)
+        yield row("WRONG" if used > 1.0 else "holds", used, float(error[-1]), found, truth.ticks)
+    except Exception as error:
+        print(f"\n{number}: {type(error).__name__}: {error}")
+        yield row("CRASH")
+
+
+def solved_alone(scene: tl.Scene, twin: tl.Scene, number: int) -> Solved:
+    """As a run."""
     asked: dict[str, Any] = {"accuracy": 10.0 ** -(5 + number % 7)}
     if number % 2:  # the bar alone, without what an accuracy adds to it
         asked = {"method": ("rk45", "dop853")[number // 2 % 2], "tolerance": 10.0 ** -(3 + number % 7)}
-    try:
-        try:
-            run = tl.simulate(scene, t_eval=[float(t) for t in times], patience=20.0, **asked)
-        except AccuracyError as error:
-            if error.run is None:
-                yield Row(number, error.code, 0.0, 0.0, 0, 0, time.perf_counter() - start)
-                return
-            run = error.run
-        truth = Truth(scene)
-        off = np.abs(run.q - truth.at(times)).max(axis=1)
-        used = float((off[1:] / run.error[1:]).max())
-        found = sum(event.kind == "ambiguous-tick" for event in run.events)
-        yield Row(number, "WRONG" if used > 1.0 else "holds", used, float(run.error[-1]), found, truth.ticks,
-                  time.perf_counter() - start)  # fmt: skip
-    except Exception as error:
-        print(f"\n{number}: {type(error).__name__}: {error}")
-        yield Row(number, "CRASH", 0.0, 0.0, 0, 0, time.perf_counter() - start)
+    run = tl.simulate(scene, t_eval=[float(t) for t in TIMES], patience=20.0, **asked)
+    return twin, TIMES, run.q[1:], run.error[1:], run.events
+
+
+def solved_as_world(scene: tl.Scene, twin: tl.Scene, number: int) -> Solved:
+    """As the second of two worlds."""
+    starts = np.array([scene.q + 0.4, scene.q])
+    worlds = tl.simulate_many(scene, q=starts, v=np.array([scene.v, scene.v]), accuracy=10.0 ** -(5 + number % 5))
+    return twin, TIMES, worlds.q[1:], worlds.error[1:], worlds.events[1] if worlds.events else ()
+
+
+def solved_by_steps(scene: tl.Scene, twin: tl.Scene, number: int) -> Solved:
+    """Step by step, after a motion that was broken off."""
+    sim = tl.Simulation(scene, accuracy=10.0 ** -(5 + number % 5), verify=True)
+    sim.step(float(SECONDS) / 2)
+    sim.set_state(scene.q, scene.v, 0.0)
+    for _ in range(5):
+        sim.step(float(SECONDS) / 5)
+    sim.restore(sim.save())
+    return twin, TIMES, sim.state.q[None], np.array([sim.error]), sim.events
+
+
+SOLVED: dict[str, Callable[[tl.Scene, tl.Scene, int], Solved]] = {
+    "run": solved_alone, "world": solved_as_world, "steps": solved_by_steps,
+}  # fmt: skip
+WAYS = [*SOLVED]
 
 
 def show(rows: list[Row], _: argparse.Namespace) -> Bars:
@@ -193,8 +260,15 @@ def show(rows: list[Row], _: argparse.Namespace) -> Bars:
     print(
         f"{sum(row.ticks for row in rows):,} ticks, {ambiguous} loops with ambiguous ones; errors up to {used:.2f} bars"
     )
-    wrong, crashed = (sum(row.outcome == what for row in rows) for what in ("WRONG", "CRASH"))
-    return [(wrong == 0, f"{wrong} bars are wrong"), (crashed == 0, f"{crashed} crashes")]
+    remembering = [row for row in rows if row.holder]
+    print(f"of {len(remembering)} that remember something {sum(row.outcome == 'holds' for row in remembering)} hold, "
+          f"{sum(row.outcome == 'controller-not-repeatable' for row in remembering)} are refused")  # fmt: skip
+    for row in rows:
+        if row.fails:
+            print(f"{row.scene}: {row.outcome}, {row.holder}, {row.way}, {row.used:.3g} bars")
+    wrong, refused, crashed = (sum(row.outcome == what for row in rows) for what in ("WRONG", "REFUSED", "CRASH"))
+    return [(wrong == 0, f"{wrong} bars are wrong"), (refused == 0, f"{refused} are refused that should not be"),
+            (crashed == 0, f"{crashed} crashes")]  # fmt: skip
 
 
 if __name__ == "__main__":

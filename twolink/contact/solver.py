@@ -234,6 +234,7 @@ def solve_stepped(
                 progress(float(plan.t[first - 1]))
         if ticks is not None:
             ticks.next(first, q, local(q, v))
+            ticks.loop.require_repeatable()
     except KeyboardInterrupt:
         interrupted = True
     except ControllerError as error:

@@ -1,15 +1,13 @@
 """A sampled loop: the controllers and sensors of a scene in a run, for each of its solutions.
 
-Every solution has its own controller state, calls and readings; noise and jitter are the same for all. Their distance
-contains what the controllers make of an error.
+Every solution has its own laws, states of controllers, calls and readings; noise and jitter are the same for all.
+Their distance contains what the controllers make of an error.
 """
 
 import copy
 import math
-import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,21 +15,17 @@ import numpy as np
 from twolink.dynamics import Robot
 from twolink.effects.sampled_control import STATE, Controller
 from twolink.effects.sensors import Forces, Seen, Sensor, StateSensor
-from twolink.errors import ControllerError
+from twolink.errors import SceneError
 from twolink.loop.ambiguity import FIRST_STEPPED, Ambiguity
+from twolink.loop.answers import Measured, answer, failure
 from twolink.loop.clock import ACT, READ, UPDATE, Clock, Random
+from twolink.loop.laws import Own, own_laws
 from twolink.loop.readings import Readings, random_of, reading
+from twolink.loop.replay import REMEDY, Given, Replay, repeated_once
 
 Array = np.ndarray[Any, np.dtype[Any]]
 FASTEST = 1e6  # rad/s or m/s: no machine moves so fast, and a loop that diverges would be solved in ever smaller steps
 OFTEN = 256  # ticks, of which one is repeated to see whether the answer is the same, as are the 2nd, 4th, 8th
-
-
-class Measured(SimpleNamespace):
-    """What a controller asked for, by name: y.q or y["q"]."""
-
-    def __getitem__(self, name: str) -> Any:
-        return getattr(self, name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +45,7 @@ class Sampling:
 
 @dataclass(eq=False)
 class _Control:
-    """A controller in a run. limits (m, 1). states: of each solution. waiting: answers (m, n) to come, by tick.
+    """A controller in a run. limits (m, 1). own: of each solution. waiting: answers (m, n) to come, by tick.
 
     states_seen: how many states of effects are behind q and v, if it sees any. log: of a solution alone, the times, the
     answers and what they were to.
@@ -65,7 +59,7 @@ class _Control:
     rows: slice | None
     slopes: slice | None
     since: int
-    states: list[Any]
+    own: list[Own]
     states_seen: int
     ambiguity: Ambiguity = field(default_factory=Ambiguity)
     waiting: dict[int, Array] = field(default_factory=dict)
@@ -115,23 +109,24 @@ class SampledLoop:
         self._nq, self._nv = sampling.robot.nq, sampling.robot.nv
         self._of_states = {one.label for one in sampling.sensors.values() if isinstance(one, StateSensor)}
         self._clock = Clock({**sampling.controllers, **sampling.sensors}, start)
-        self._controls = {place: self._control(place, one, rows, x.shape[1])
+        own = [own_laws(sampling.controllers) for _ in range(x.shape[1])]
+        self._controls = {place: self._control(place, one, rows, [laws[place] for laws in own])
                           for place, one in sampling.controllers.items()}  # fmt: skip
+        self._replay = Replay(sampling.controllers, {place: one.joints for place, one in self._controls.items()})
         self._sensors: dict[int, _Measuring] = {}
         for place, sensor in sampling.sensors.items():  # before a reading arrives, that of the start without noise
             values = sensor.read(self._seen(start, x))
             self._sensors[place] = _Measuring(sensor, values, random_of(sensor, values.shape[1]))
 
-    def _control(self, place: int, one: Controller, rows: Mapping[str, int], count: int) -> _Control:
+    def _control(self, place: int, one: Controller, rows: Mapping[str, int], own: list[Own]) -> _Control:
         held, joints = one.held(self._robot, place), one.joints(self._robot)
         values, slopes = (_rows_of([rows[slot.name] for slot in slots.values()])
                           for slots in (held.values, held.slopes))  # fmt: skip
         since = -1 if held.since is None else rows[held.since.name]
-        states = [copy.deepcopy(one.state) for _ in range(count)]
         limits = one.limits(self._robot)[:, None]
         limited = bool(np.isfinite(limits).any())
         seen = len(self._states) if self._of_states & {*one.inputs} else 0
-        return _Control(place, one, joints, limits, limited, values, slopes, since, states, seen)
+        return _Control(place, one, joints, limits, limited, values, slopes, since, own, seen)
 
     @property
     def time(self) -> float:
@@ -167,18 +162,27 @@ class SampledLoop:
         for one in self._sensors.values():
             one.log.clear()
 
+    def require_repeatable(self) -> None:
+        """Require that no law remembers what is not its solution's own. Raises ControllerError."""
+        self._replay.require()
+
+    def look_back(self) -> None:
+        """As `require_repeatable`, whenever the ticks are twice as many as the last time."""
+        self._replay.now_and_then()
+
     def saved(self) -> Any:
         """All that it goes on from; what controllers keep, in copies."""
-        controls = [(one.states, one.waiting, one.last, one.ambiguity) for one in self._controls.values()]
+        controls = [(one.own, one.waiting, one.last, one.ambiguity) for one in self._controls.values()]
         sensors = [(one.latest, one.waiting) for one in self._sensors.values()]
-        return self._clock.saved(), copy.deepcopy((controls, sensors))
+        return self._clock.saved(), self._replay.saved(), self._copied((controls, sensors))
 
     def restore(self, saved: Any) -> None:
         """Go on from there."""
         self._clock.restore(saved[0])
-        controls, sensors = copy.deepcopy(saved[1])
+        self._replay.restore(saved[1])
+        controls, sensors = self._copied(saved[2])
         for control, kept in zip(self._controls.values(), controls, strict=True):
-            control.states, control.waiting, control.last, control.ambiguity = kept
+            control.own, control.waiting, control.last, control.ambiguity = kept
         for one, kept in zip(self._sensors.values(), sensors, strict=True):
             one.latest, one.waiting = kept
 
@@ -200,21 +204,29 @@ class SampledLoop:
         return [(seen[0], f"effects[{one.place}]", seen[1], float(one.controller.period))
                 for one, seen in found if seen]  # fmt: skip
 
+    def _copied(self, kept: Any) -> Any:
+        """Copies, one for all solutions and controllers. Raises SceneError, code "controller-not-copied"."""
+        shared = {id(own.law): own.law for one in self._controls.values() for own in one.own if own.shared}
+        try:
+            return copy.deepcopy(kept, shared)
+        except Exception as error:
+            raise SceneError(f"what a controller keeps cannot be copied: {type(error).__name__}: {error}", where="effects",
+                             remedy="keep numbers, arrays and objects that copy.deepcopy copies",
+                             code="controller-not-copied") from error  # fmt: skip
+
     def _seen(self, t: float, x: Array) -> Seen:
         q, v = x[: self._nq].T.copy(), x[self._nq : self._nq + self._nv].T.copy()
         z = dict(zip(self._states, x[self._nq + self._nv :].copy(), strict=False))
         return Seen(self._robot, q, v, z, lambda: self._look(t, x))
 
-    def _inputs(self, control: _Control, x: Array) -> list[Measured]:
-        """y of each solution, as new copies."""
+    def _given(self, control: _Control, x: Array) -> Given:
+        """What a controller asked for, of each solution (n, ...), as new copies."""
         nq, names = self._nq, control.controller.inputs
-        q, v = x[:nq].T.copy(), x[nq : nq + self._nv].T.copy()
+        state = {"q": x[:nq].T.copy(), "v": x[nq : nq + self._nv].T.copy()}
         if names == STATE:
-            return [Measured(q=one, v=other) for one, other in zip(q, v, strict=True)]
-        given = {"q": q, "v": v} | {one.sensor.label: one.latest.copy() for one in self._sensors.values()}
-        given |= {name: self._pose(q, name) for name in names if name not in given}
-        rows = zip(*(given[name] for name in names), strict=True)
-        return [Measured(**dict(zip(names, row, strict=True))) for row in rows]
+            return state
+        given = state | {one.sensor.label: one.latest.copy() for one in self._sensors.values()}
+        return {name: given[name] if name in given else self._pose(state["q"], name) for name in names}
 
     def _pose(self, q: Array, link: str) -> Array:
         """Poses (n, 4, 4)."""
@@ -225,28 +237,30 @@ class SampledLoop:
 
     def _update(self, control: _Control, t: float, tick: int, x: Array) -> None:
         """Call the controller for each solution, and keep the answers until they act."""
-        given, u = self._inputs(control, x), np.empty((x.shape[1], len(control.joints)))
+        given, u = self._given(control, x), np.empty((x.shape[1], len(control.joints)))
+        noted = self._replay.noted(control.place, given)
+        every = [Measured(**dict(zip(given, row, strict=True))) for row in zip(*given.values(), strict=True)]
         repeated = tick % OFTEN == 0 or tick & (tick - 1) == 0
-        again = copy.deepcopy((given[0], control.states[0])) if repeated else None
-        for i, y in enumerate(given):
-            u[i], control.states[i] = _answer(control, t, y, control.states[i])
-        if again is not None and not np.array_equal(_answer(control, t, *again)[0], u[0], equal_nan=True):
-            raise _error(control, t, "it gives another answer to the same t, y and state",
-                         remedy="return what it keeps as the state, and take noise from sensors of the scene",
-                         code="controller-not-repeatable")  # fmt: skip
+        again = repeated_once(control.own[0], every[0]) if repeated else None
+        for i, (y, own) in enumerate(zip(every, control.own, strict=True)):
+            u[i] = answer(control.place, control.joints, own, t, y)
+        self._replay.add(control.place, t, noted, u)
+        if again is not None and not np.array_equal(_repeated(control, t, *again), u[0], equal_nan=True):
+            raise failure(control.place, t, "it gives another answer to the same t, y and state", remedy=REMEDY,
+                          code="controller-not-repeatable")  # fmt: skip
         if not math.isfinite(sum(u.ravel().tolist())):
             joint = control.joints[int(np.argmin(np.isfinite(u).all(axis=0)))]
-            raise _error(control, t, f"the torque of {joint!r} is not finite", code="controller-answer",
+            raise failure(control.place, t, f"the torque of {joint!r} is not finite", code="controller-answer",
                          remedy="look at what it divides by", joint=joint)  # fmt: skip
         v = np.abs(x[self._nq : self._nq + self._nv]).max(axis=1)
         if v.max() > FASTEST:
             joint = next(one.name for one in self._robot.joints if one.v.start <= int(v.argmax()) < one.v.stop)
-            raise _error(control, t, f"the loop is unstable: {joint!r} moves at {v.max():.2g} rad/s or m/s",
+            raise failure(control.place, t, f"the loop is unstable: {joint!r} moves at {v.max():.2g} rad/s or m/s",
                          remedy="smaller gains of the velocity, a shorter period, or limit= of the torques",
                          code="unstable-loop", joint=joint)  # fmt: skip
         u = u.T
         seen = x[: self._nq + self._nv + control.states_seen]
-        if len(given) > 1:
+        if x.shape[1] > 1:
             control.ambiguity.add(t, u, seen)
         else:
             control.log.append((t, u, seen.copy()))
@@ -271,28 +285,6 @@ def _rows_of(numbers: list[int]) -> slice | None:
     return slice(numbers[0], numbers[-1] + 1) if numbers else None
 
 
-def _answer(control: _Control, t: float, y: Measured, state: Any) -> tuple[Array, Any]:
-    """u (m,) and the new state."""
-    try:
-        answer = control.controller.update(t, y, state)
-    except Exception as error:
-        raise _error(control, t, f"update raises {type(error).__name__}: {error}", code="controller-failed",
-                     remedy='data["traceback"] says where; run is the motion so far',
-                     traceback=traceback.format_exc()) from error  # fmt: skip
-    count, what = len(control.joints), ""
-    if isinstance(answer, tuple) and len(answer) == 2:
-        try:
-            u = np.asarray(answer[0], dtype=float)
-        except (TypeError, ValueError):
-            pass
-        else:
-            if u.size == count and u.ndim < 2:
-                return u if u.ndim else u[None], answer[1]
-            what = f"u has the shape {u.shape}"
-    what = what or f"update returns {answer!r:.80}"
-    raise _error(control, t, what, remedy=f"return (u, state), u with {count} numbers: {', '.join(control.joints)}",
-                 code="controller-answer")  # fmt: skip
-
-
-def _error(control: _Control, t: float, what: str, **parts: Any) -> ControllerError:
-    return ControllerError(what, where=f"effects[{control.place}] at t = {t:.9g} s", t=t, **parts)
+def _repeated(control: _Control, t: float, own: Own, y: Measured) -> Array:
+    """The answer of a copy to a question that was asked before."""
+    return answer(control.place, control.joints, own, t, y)

@@ -291,5 +291,8 @@ class RobotModel:
                 solids += found
         return tuple(solids)
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> "RobotModel":
+        return self  # nothing writes to a model
+
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.name, self.model, self.report, self.visuals), {"weightless": self.weightless}

@@ -131,6 +131,7 @@ class StepwiseMotion(ABC):
             self.loop.tick(x := self.held())
             self.hold(x)
             self.loop.forget()
+            self.loop.look_back()
         # After a tick at the same time finer solutions would take half of what rounding leaves as a step.
         if t > self.t * (1.0 if self.loop is None else 1.0 + SAME_TIME):
             self.go(t)

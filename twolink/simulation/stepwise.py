@@ -313,6 +313,8 @@ class Simulation:
             s; by default the time it is.
         """
         now = self.state
+        if self._motion.loop is not None:  # what its laws have kept would act in the new motion
+            self._motion.loop.require_repeatable()
         q, v = (np.array(old if new is None else new, dtype=float) for old, new in ((now.q, q), (now.v, v)))
         self._motion = self._begun(q, v, now.t if t is None else float(t))
 
@@ -322,9 +324,6 @@ class Simulation:
 
     def restore(self, saved: Saved) -> None:
         """Go on from where it was saved, here or by another simulation of the scene, with the same bits.
-
-        But what is compiled while a scene is solved the first times rounds in its own way: with the variable
-        TWOLINK_REPRODUCIBLE=1 it is compiled before.
 
         Raises
         ------

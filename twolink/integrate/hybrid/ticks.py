@@ -231,6 +231,7 @@ def solve_ticks_in_modes(
             ticks.go()
         for engine in engines:
             engine.advance(engine.end)
+        ticks.loop.require_repeatable()
     except KeyboardInterrupt:
         return [replace(one, interrupted=True) for one in ticks.solutions()]
     except ControllerError as error:

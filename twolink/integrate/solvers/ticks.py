@@ -291,9 +291,10 @@ def solve_ticks(
     run = _Run(equations, lanes, loop, beside)
     try:
         run.go(end)
+        loop.require_repeatable()
     except KeyboardInterrupt:
         interrupted = True
     except ControllerError as error:
-        error.run = run.solution(by, times, interrupted=True)
+        error.run = run.solution(by, times[times <= error.data["t"] * (1.0 + SAME_TIME)], interrupted=True)
         raise
     return run.solution(by, times, interrupted=interrupted)

@@ -1,0 +1,94 @@
+"""Laws of controllers, of which every solution has its own.
+
+An object, or a method of one, is copied for each solution before its first call; the user's own is never called. A
+class, or a functools.partial of one, makes a new object for each. All solutions call the same function. `Replay` finds
+out where a law remembers what is not its solution's own: a function in its closure, any law in classes and modules.
+"""
+
+import copy
+import functools
+import types
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from twolink.effects.sampled_control import Controller
+from twolink.errors import SceneError
+from twolink.loop.copies import copied, deep
+
+Copy = Callable[[Any, dict[int, Any]], Any]
+
+
+@dataclass(eq=False)
+class Own:
+    """What one solution has of a controller: the law that it calls, and the state. shared: all call the same law."""
+
+    law: Callable[..., Any]
+    state: Any
+    shared: bool = False
+
+
+def own_laws(controllers: Mapping[int, Controller]) -> dict[int, Own]:
+    """What a new solution has of controllers, by their places. Objects that they have in common stay in common."""
+    return _each(controllers, deep)
+
+
+def laws_apart(controllers: Mapping[int, Controller]) -> dict[int, Own]:
+    """As `own_laws`, with copies of functions too, so that calls leave nothing behind in them."""
+    return _each(controllers, copied)
+
+
+def copied_laws(laws: Mapping[int, Own]) -> dict[int, Own]:
+    """Copies of laws, of functions too."""
+    memo: dict[int, Any] = {}
+    return {place: Own(copied(one.law, memo), deep(one.state, memo)) for place, one in laws.items()}
+
+
+def is_made(update: Any) -> bool:
+    """Whether what a controller has is no law, but a class whose objects are."""
+    return isinstance(update, type) or (isinstance(update, functools.partial) and isinstance(update.func, type))
+
+
+def is_function(update: Any) -> bool:
+    """Whether all solutions call the same one."""
+    while isinstance(update, functools.partial):
+        update = update.func
+    return isinstance(update, types.FunctionType)
+
+
+def name_of(update: Any) -> str:
+    """What a law is called in a text."""
+    while isinstance(update, functools.partial):
+        update = update.func
+    return str(getattr(update, "__qualname__", type(update).__qualname__)).replace("<locals>.", "")
+
+
+def _each(controllers: Mapping[int, Controller], copy_of: Copy) -> dict[int, Own]:
+    memo: dict[int, Any] = {}
+    laws = {place: _made(place, one.update) if is_made(one.update) else copy_of(one.update, memo)
+            for place, one in controllers.items()}  # fmt: skip
+    return {place: Own(law, _state(place, controllers[place].state, memo), law is controllers[place].update)
+            for place, law in laws.items()}  # fmt: skip
+
+
+def _made(place: int, update: Any) -> Any:
+    try:
+        law = update()
+    except Exception as error:
+        what = f"{name_of(update)}() raises {type(error).__name__}: {error}"
+    else:
+        if callable(law):
+            return law
+        what = f"objects of {name_of(update)} cannot be called"
+    raise SceneError(what, where=f"effects[{place}].update", code="controller-not-made",
+                          remedy="a class without arguments, or functools.partial of one, with "
+                                 "__call__(self, t, y, state)")  # fmt: skip
+
+
+def _state(place: int, state: Any, memo: dict[int, Any]) -> Any:
+    try:
+        return copy.deepcopy(state, memo)
+    except Exception as error:
+        raise SceneError(f"it cannot be copied: {type(error).__name__}: {error}", where=f"effects[{place}].state",
+                         code="controller-not-copied",
+                         remedy="keep numbers, arrays and objects that copy.deepcopy copies") from error  # fmt: skip

@@ -1,0 +1,138 @@
+"""Replay: the ticks of solutions, repeated from the start, show what laws remember beside their states.
+
+Each solution is repeated with laws that no solution has called. Functions are copied, once as they were before the
+first tick and once as they are now, so that nobody sees these calls. Answers must have the same bits.
+"""
+
+import copy
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from twolink.effects.sampled_control import Controller
+from twolink.errors import ControllerError
+from twolink.loop.answers import Measured, answer, failure
+from twolink.loop.laws import Own, copied_laws, is_function, laws_apart, name_of
+from twolink.loop.plain_functions import is_plain
+
+Array = np.ndarray[Any, np.dtype[Any]]
+Given = dict[str, Array]  # what a controller asked for (n, ...) by name
+Tick = tuple[int, float, Given, Array]  # the place, the time, what was given, and the answers (n, m)
+MOST = 2**17  # ticks of a simulation that goes on without an end: what is behind them is not repeated
+CROSSED = 8  # ticks at which laws are asked what they were asked at other ones
+REMEDY = ("return what it keeps as the state, or make the law an object of a class that keeps it in itself, which is "
+          "copied for each solution; take noise from sensors of the scene, and no time but t")  # fmt: skip
+
+
+class Replay:
+    """The ticks so far of laws that may remember something.
+
+    Parameters
+    ----------
+    controllers : mapping of int to Controller
+    joints : mapping of int to tuple of str
+        What each drives.
+    """
+
+    def __init__(self, controllers: Mapping[int, Controller], joints: Mapping[int, tuple[str, ...]]) -> None:
+        # A law that writes may do so to what another one reads.
+        plain = all(is_plain(one.update, one.state) for one in controllers.values())
+        self._looked: Mapping[int, Controller] = {} if plain else controllers
+        self._joints = joints
+        self._before = laws_apart(self._looked)
+        self._functions = [place for place, one in self._looked.items() if is_function(one.update)]
+        self._ticks: list[Tick] = []
+        self._checked, self._full = 0, False
+
+    def noted(self, place: int, given: Given) -> Given | None:
+        """A copy of what is given, which a law may write to; None where it is not asked again."""
+        if place not in self._looked or self._full:
+            return None
+        return {name: values.copy() for name, values in given.items()}
+
+    def add(self, place: int, t: float, noted: Given | None, u: Array) -> None:
+        """Take note of the answers u (n, m)."""
+        if noted is not None:
+            self._ticks.append((place, t, noted, u))
+
+    def saved(self) -> tuple[list[Tick], int, bool]:
+        """Where it is."""
+        return self._ticks.copy(), self._checked, self._full
+
+    def restore(self, saved: tuple[list[Tick], int, bool]) -> None:
+        """Go on from there."""
+        ticks, self._checked, self._full = saved
+        self._ticks = ticks.copy()
+
+    def now_and_then(self) -> None:
+        """Require the same answers whenever the ticks are twice as many as the last time."""
+        if len(self._ticks) >= 2 * self._checked + 1:
+            self.require()
+        if len(self._ticks) > MOST:
+            self._ticks, self._full = [], True
+
+    def require(self) -> None:
+        """Require the same answers as before. Raises ControllerError, code "controller-not-repeatable"."""
+        if len(self._ticks) == self._checked:
+            return
+        self._checked, count = len(self._ticks), len(self._ticks[0][3])
+        for i in range(count):
+            self._repeat(i, copied_laws(self._before))
+        if self._functions:
+            self._repeat(0, laws_apart(self._looked))
+            self._cross()
+
+    def _repeat(self, i: int, laws: dict[int, Own]) -> None:
+        """Repeat the ticks of solution i."""
+        for place, t, given, u in self._ticks:
+            new = self._asked(place, t, _row(given, i), laws[place])
+            if not _same(new, u[i]):
+                self._refuse(place, t, f"{_text(new)} for {_text(u[i])} when its ticks are repeated from the start")
+
+    def _cross(self) -> None:
+        """Ask functions, as they were and as they are, at some times what they were asked at others.
+
+        A table of answers by time gives those back that the motion got.
+        """
+        count, laws = len(self._ticks), (copied_laws(self._before), laws_apart(self._looked))
+        for k in np.unique(np.linspace(0, count - 1, min(CROSSED, count)).astype(int)).tolist():
+            place, t, *_ = self._ticks[k]
+            given = next(one[2] for one in self._ticks[-1 - k :] + self._ticks if one[0] == place)
+            if place in self._functions:
+                before, now = (self._asked(place, t, _row(given, 0), each[place]) for each in laws)
+                if not _same(before, now):
+                    self._refuse(place, t, f"{_text(now)} after the motion, {_text(before)} before it")
+
+    def _asked(self, place: int, t: float, y: Measured, own: Own) -> Array | str:
+        """The answer (m,), or why there is none."""
+        try:
+            return answer(place, self._joints[place], own, t, y).copy()  # a law may write to it again
+        except ControllerError as error:
+            return error.what
+
+    def _refuse(self, place: int, t: float, how: str) -> None:
+        what = f"its law {name_of(self._looked[place].update)} gives another answer, {how}: it keeps something hidden"
+        raise failure(place, t, what, remedy=REMEDY, code="controller-not-repeatable")
+
+
+def repeated_once(own: Own, y: Measured) -> tuple[Own, Measured] | None:
+    """Copies of a law and of what it is about to be asked; None where they cannot be copied."""
+    try:
+        return copy.deepcopy((own, y))
+    except Exception:  # of a user's own class any; its ticks are repeated later
+        return None
+
+
+def _row(given: Given, i: int) -> Measured:
+    return Measured(**{name: values[i].copy() for name, values in given.items()})
+
+
+def _same(one: Array | str, other: Array | str) -> bool:
+    if isinstance(one, str) or isinstance(other, str):
+        return isinstance(one, str) and isinstance(other, str)
+    return one.tobytes() == other.tobytes() or np.array_equal(one, other, equal_nan=True)
+
+
+def _text(answer: Array | str) -> str:
+    return f"an error ({answer})" if isinstance(answer, str) else np.array2string(answer, precision=6, threshold=6)
