@@ -122,7 +122,7 @@ class AccuracyError(TwolinkError):
 
 
 class CertificationError(TwolinkError):
-    """A compiled function disagrees with Pinocchio."""
+    """A compiled function, or Pinocchio's answer, disagrees with the reference."""
 
     code = "certification"
 

@@ -18,7 +18,7 @@ from scripts.runner import TOP, options
 
 def found() -> list[str]:
     """The extensions of this processor that NumPy has code of its own for."""
-    return [*np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])]  # type: ignore[index]
+    return [*np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])]
 
 
 def variants() -> dict[str, dict[str, str]]:
@@ -28,9 +28,11 @@ def variants() -> dict[str, dict[str, str]]:
     oldest = {"NPY_DISABLE_CPU_FEATURES": " ".join(extensions)}
     if platform.machine() not in ("x86_64", "AMD64"):
         return {"no extensions of NumPy": oldest}
-    older = {"NPY_DISABLE_CPU_FEATURES": " ".join(wide), "OPENBLAS_CORETYPE": "Haswell"}
-    return {"Nehalem (2008)": oldest | {"OPENBLAS_CORETYPE": "Nehalem"},
-            **({"Haswell (2013)": older} if wide else {"Sandy Bridge (2011)": {"OPENBLAS_CORETYPE": "Sandybridge"}})}  # fmt: skip
+    chosen = {"Nehalem (2008)": oldest | {"OPENBLAS_CORETYPE": "Nehalem"}}
+    if wide:
+        older = {"NPY_DISABLE_CPU_FEATURES": " ".join(wide), "OPENBLAS_CORETYPE": "Haswell"}
+        return chosen | {"Haswell (2013)": older}
+    return chosen | {"Sandy Bridge (2011), by OpenBLAS alone": {"OPENBLAS_CORETYPE": "Sandybridge"}}
 
 
 def main() -> int:
