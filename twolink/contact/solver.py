@@ -204,9 +204,8 @@ def solve_stepped(
     q, v = np.array(equations.start[:nq]), np.array(equations.start[nq : equations.moving])
     plan, first = plan_steps(equations, times, step, halvings), 0
     none = np.zeros_like(v)
-    states, overlap = [(q, v, none, none, plan.numbers[0])], stepper.overlap(q)[0]
+    states, overlap = [(q, v, none, none, plan.numbers[0], 0.0)], stepper.overlap(q)[0]
     pressing: list[Pressing] = [{}]
-    unfollowed = [0.0]
     impulses: list[Impulse] = []
     ticks = None if equations.sampling is None else _Ticks(equations, equations.sampling, plan)
     v = local(q, v, -1)
@@ -217,14 +216,13 @@ def solve_stepped(
             until = len(plan.h) if ticks is None else ticks.next(first, q, local(q, v))
             steps = stepper.run(plan, first, until, q, v, memory)
             if first == 0:
-                states[0] = (*states[0][:2], *_means(stepper, steps[0]), plan.numbers[0].copy())
+                states[0] = (*states[0][:2], *_means(stepper, steps[0]), plan.numbers[0].copy(), 0.0)
                 pressing[0] = _pressing(stepper, steps[0])
             for j in np.flatnonzero(plan.sampled[first : first + len(steps)]).tolist():
                 one = steps[j]
                 pressing.append(_pressing(stepper, one))
-                unfollowed.append(one.memory.unfollowed)
                 now = plan.numbers[plan.piece[first + j]].copy()
-                states.append((one.q, local(one.q, one.v), *_means(stepper, one), now))
+                states.append((one.q, local(one.q, one.v), *_means(stepper, one), now, one.memory.unfollowed))
                 overlap = max(overlap, stepper.overlap(one.q)[0] if one.overlap is None else one.overlap)
             end = steps[len(steps) - 1]
             impulses += _impulses(stepper, float(plan.t[first]), end)  # what repeats or rests has none
@@ -239,12 +237,12 @@ def solve_stepped(
         interrupted = True
     except ControllerError as error:
         interrupted, failed = True, error
-    qs, vs, accelerations, held, numbers = (np.array(column) for column in zip(*states, strict=True))
+    qs, vs, accelerations, held, numbers, unfollowed = (np.array(column) for column in zip(*states, strict=True))
     n, loop = len(qs), None if ticks is None else ticks.loop
     readings = None if loop is None else loop.readings
     solution = SteppedSolution((Piece(equations, float(times[0]), n, readings=readings),), times[:n], qs, vs,
                                accelerations, held, numbers, pressing[:n], record, overlap, float(plan.h.max()),
-                               np.array(unfollowed[:n]), interrupted, loop, tuple(impulses))  # fmt: skip
+                               unfollowed, interrupted, loop, tuple(impulses))  # fmt: skip
     if failed is not None:
         failed.run = solution
         raise failed
