@@ -37,7 +37,7 @@ from twolink.simulation.time_limit import OutOfTime
 
 EXPLAINS = 0.01  # a cause that leaves less is named
 CLEAR = 1e-4  # of a cause without fitted numbers
-ALIKE, ROUNDING = 10.0, 1e-6  # two that leave as little, within this factor or both below that, are not told apart
+ALIKE, ROUNDING = 10.0, 1e-5  # two that leave as little, within this factor or both below that, are not told apart
 LIKELY, REFINED = 0.3, 3  # the share from which on fitted numbers are refined, and how often
 SUBSTEPS = (1, 2, 4, 5, 8, 10, 20)
 Look = tuple[str, Callable[[], Iterable["Cause"]]]
