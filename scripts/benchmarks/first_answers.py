@@ -1,28 +1,22 @@
 """Seconds to the first answer of a scene in a new process, import of the package excluded, beside SciPy over Pinocchio.
 
-    python -m scripts.benchmarks.first_answers [SCENE ...] [--rounds 3] [--quick] [--parts]
+    python -m scripts.benchmarks.first_answers [SCENE ...] [--rounds 3] [--quick]
 
 Columns: cold, with an empty cache; cached, in a new process with the cache that the first left; again, a second run in
 that process; SciPy: the cheapest of DOP853, RK45 and LSODA on Pinocchio's rates that comes within the accuracy,
 imported before, nothing to compile. Ours are with the error bar, SciPy is without one. Medians of rounds. Writes
-out/first_answers.csv. --quick: the first two scenes, one round. With --parts it measures what steps in parts cost
-(EVALUATION and WORLD in twolink/integrate/steps/compile_time.py).
+out/first_answers.csv. --quick: the first two scenes, one round.
 """
 
 import importlib
 import statistics
 import tempfile
-from functools import partial
 
 import numpy as np
 
 import twolink as tl
-from scripts.runner import Table, new_process, once, options, seconds_of
+from scripts.runner import Table, new_process, once, options
 from twolink.errors import TwolinkError
-from twolink.integrate.motion.scene_equations import equations_of
-from twolink.integrate.steps.methods import METHODS
-from twolink.integrate.steps.step_control import initial_state
-from twolink.integrate.steps.step_map import step_map
 
 SCENES = ("arm-swing", "panda-hold", "crankshaft", "squeezer", "pitch")
 ACCURACY = 1e-6
@@ -67,27 +61,8 @@ def by_scipy(name: str) -> tuple[float, str]:
     return min(found, default=(np.nan, "none"))
 
 
-def parts() -> None:
-    """Print the seconds of an evaluation within a step in parts, and of a world in it."""
-    method = METHODS["dop853"]
-    for name in ("panda-hold", "squeezer"):
-        equations = equations_of(tl.load_scene(name))
-        steps = step_map(equations, method)
-        if steps.compiled != "parts":
-            print(f"{name}: whole steps are compiled at once, or at hand: try TWOLINK_CACHE=off")
-            continue
-        states = [initial_state(np.repeat(equations.start[:, None], worlds, axis=1), 0.0, 1e-3, 1.0, np.inf)
-                  for worlds in (1, 1000)]  # fmt: skip
-        calls = [partial(steps, state, np.empty_like(state)) for state in states]
-        one, many = (taken / method.evaluations for taken in seconds_of(*calls, rounds=20, warm_up=0))
-        print(f"{name}: an evaluation {one:.1e} s, a world more {(many - one) / 999:.1e} s")
-
-
 def main() -> None:
-    given = options(__doc__, rest=SCENES, rounds=3, quick=False, parts=False)
-    if given.parts:
-        parts()
-        return
+    given = options(__doc__, rest=SCENES, rounds=3, quick=False)
     table = Table("scene <14 | cold >8.3f | cached >8.3f | again >8.3f | scipy >8.3f | compiled <8 | SciPy's method <8")
     for scene in given.rest[:2] if given.quick else given.rest:
         rows = [seconds(scene) for _ in range(1 if given.quick else given.rounds)]

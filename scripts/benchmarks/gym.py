@@ -23,6 +23,9 @@ from scripts.runner import FINGERS, Some, Table, options, print_bars, seconds_of
 from twolink.gym import Environment, VectorEnvironment
 from twolink.hard.peers import mujoco_peer
 from twolink.hard.peers.task import task_of
+from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.step_control import initial_state
+from twolink.integrate.steps.step_map import step_map
 
 PERIOD, STEPS, JUDGED = 0.02, 50, 16
 ACCURACIES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
@@ -137,13 +140,14 @@ def overhead(rounds: int) -> float:
     """us of a call of step beyond one compiled step."""
     sim, tau = tl.Simulation(tl.load_scene("arm-swing")), np.array([0.1, 0.2])
     sim.step(1e-3, tau)
-    lanes = sim._motion._lanes
-    state, out = lanes.state.copy(), lanes.spare.copy()
+    by = step_map(sim._motion.equations, METHODS["dop853"])
+    state = initial_state(sim._motion.x[:, :1], 0.0, 1e-3, 1.0, 1e-9)
+    out = np.empty_like(state)
 
     def calls(call: Callable[[], object]) -> Callable[[], object]:
         return lambda: [call() for _ in range(200)]
 
-    compiled = calls(lambda: lanes._call(state, out))
+    compiled = calls(lambda: by(state, out))
     whole, bare = seconds_of(
         calls(lambda: sim.step(1e-3, tau)), compiled, rounds=9 * rounds, clock=time.process_time, pick=min
     )

@@ -2,7 +2,6 @@
 
     python -m scripts.benchmarks.kernels [ROBOT ...]   # of every robot that loads, or of these
     python -m scripts.benchmarks.kernels --engines     # what the rule of twolink/dynamics/engine.py is rounded from
-    python -m scripts.benchmarks.kernels --sine        # the sine of twolink/algorithms/sincos.py against heyoka's
 
 The table: seconds until a kernel of a new process answers, first made and certified, then read from the cache, both
 after the first kernel of the process; and its worst error against Pinocchio over the certificate's states, relative to
@@ -14,15 +13,9 @@ import os
 import tempfile
 from functools import partial
 
-import numpy as np
-
 import twolink as tl
 from scripts.benchmarks.queries import draw, robots
 from scripts.runner import Table, new_process, once, options, seconds_of
-from twolink.algorithms.functions import function
-from twolink.algorithms.mechanism import mechanism
-from twolink.algorithms.namespaces import Expressions
-from twolink.dynamics import kernels
 from twolink.dynamics.engine import compiled_from
 
 FUNCTIONS = ("forward_dynamics", "inverse_dynamics", "mass_matrix", "bias")
@@ -59,47 +52,24 @@ def certify(names: list[str]) -> None:
 
 
 def engines(n: int = 2_000) -> None:
-    """Seconds of compiling, and of a state by Pinocchio and by the kernel, next to the rule."""
+    """Seconds of tracing and certifying, and of a state by Pinocchio and by the kernel, next to the rule."""
     os.environ["TWOLINK_CACHE"] = "off"
-    table = Table(
-        "robot <10 | nv >4 | query <30 | compiling s >11.2f | Pinocchio us >13.2f | kernel us >10.3f | rule >8"
-    )
+    table = Table("robot <10 | nv >4 | query <30 | tracing s >11.2f | Pinocchio us >13.2f | kernel us >10.3f | rule >8")
     for name, robot in robots(quick=False).items():
         states = draw(robot, n)
         for query, count in TAKES.items():
             if robot.nv > 20 and "derivatives" in query:
                 continue
-            compiling, _ = once(lambda robot=robot, query=query: robot.compiled().certificate(query))
+            tracing, _ = once(lambda robot=robot, query=query: robot.compiled().certificate(query))
             calls = [partial(getattr(robot, query), *states[:count], engine=e) for e in ("pinocchio", "compiled")]
             theirs, ours = (taken / n * 1e6 for taken in seconds_of(*calls, rounds=5, warm_up=0, pick=min))
-            table.add(name, robot.nv, query, compiling, theirs, ours, compiled_from(query, robot.nv))
-
-
-def sines(n: int = 20_000) -> None:
-    """Forward dynamics of columns of states with either sine, in turns on one thread."""
-    heyoka = kernels.heyoka()
-    for name in ("arm", "panda"):
-        robot = robots(quick=True)[name]
-        model, made_of = robot.model, function(robot.model, "forward_dynamics")
-        counts = [sum(count.values()) for count in kernels.count_operations(model, made_of)]
-        formula = made_of.variants[counts.index(min(counts))]
-        columns, out = np.ascontiguousarray(np.hstack(draw(robot, n)).T), np.empty((model.nv, n))
-        calls = []
-        for own in (True, False):
-            x = [heyoka.expression(f"x{i}") for i in range(len(columns))]
-            q, v, tau = x[: model.nq], x[model.nq : -model.nv], x[-model.nv :]
-            entries = formula(mechanism(model), {"q": q, "v": v, "tau": tau}, Expressions(heyoka, own_sine=own))
-            calls.append(partial(heyoka.cfunc(entries, vars=x), columns, outputs=out))
-        own, theirs = (taken / n * 1e9 for taken in seconds_of(*calls, rounds=40, turn=5, pick=min))
-        print(f"{name}: own {own:.1f} ns a state, heyoka's {theirs:.1f} ns, {100 * (theirs / own - 1):.0f} % slower")
+            table.add(name, robot.nv, query, tracing, theirs, ours, compiled_from(query, robot.nv))
 
 
 def main() -> None:
-    given = options(__doc__, rest=(), engines=False, sine=False)
+    given = options(__doc__, rest=(), engines=False)
     if given.engines:
         engines()
-    elif given.sine:
-        sines()
     else:
         certify(given.rest or [row[0] for row in tl.robots().rows])
 

@@ -22,7 +22,7 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.hard.cases.loops import hanging_four_bars, pendulum_of_row, row_of_four_bars
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of
-from twolink.integrate.steps.step_building import compiled_rate
+from twolink.integrate.steps.programs import programs_of
 
 START = -1.1, 0.5  # rad, rad/s: of the links of a row, which do not pass their singular position
 
@@ -55,7 +55,7 @@ def evaluation(equations: Equations, run: tl.Trajectory) -> list[float]:
     """
     robot, loops, nv = equations.robot, equations.constraints, equations.robot.nv
     numbers = range(0, len(run.q), max(1, len(run.q) // 50))
-    code = compiled_rate(equations)
+    code = programs_of(equations).rate
     columns = [np.concatenate([[0.0], run.q[i], run.v[i]]) for i in numbers]
     systems = []
     for i in numbers:
@@ -67,7 +67,7 @@ def evaluation(equations: Equations, run: tl.Trajectory) -> list[float]:
     block = np.ascontiguousarray(np.array(columns).T)
     ways: dict[str, Callable[[], list[np.ndarray]]] = {
         "one": lambda: [code(x) for x in columns],
-        "together": lambda: list(code(block, batch_parallel=False).T),
+        "together": lambda: list(code(block).T),
         "sparse": lambda: [splu(sparse).solve(right) for _, sparse, right in systems],
         "dense": lambda: [np.linalg.solve(matrix, right) for matrix, _, right in systems],
     }

@@ -166,9 +166,7 @@ def compare(chosen: dict[str, tl.Robot], queries: tuple[str, ...], states: int, 
             answers = {one: np.array(call()) for one, call in who.items()}
             taken = seconds_of(*who.values(), rounds=rounds, turn=TURN, before=1, warm_up=0)
             ns = {one: 1e9 * t / len(answers[one]) for one, t in zip(who, taken, strict=True)}
-            operations = min(
-                sum(c.values()) for c in kernels.count_operations(robot.model, function(robot.model, query))
-            )
+            operations = sum(kernels.build(robot.model, function(robot.model, query)).operations.values())
             ns["limit: arithmetic"] = operations * operation * 1e9
             best = min(list(ns)[:2], key=ns.__getitem__)
             reference = next((one for one in ns if one.endswith("InParallel")), best)

@@ -16,11 +16,10 @@ import numpy as np
 import twolink as tl
 from scripts.runner import Table, options, print_bars, seconds_of
 from twolink.errors import TwolinkError
-from twolink.integrate.steps.compile_time import reproducible
 
 MEDIAN, WORST = 2.0, 3.0
 AT_LEAST = 0.2  # s: short runs are repeated for so long
-WARM_UP = 3  # code that is compiled later for speed is there then
+WARM_UP = 3
 HEADS = ("kind <13 | what <24 | accuracy >8.0e | method <18 | setting >8.2g | unverified, ms >9.2f | alone, ms >9.2f "
          "| verified, ms >9.2f | over unverified >6.2f | over alone >6.2f")  # fmt: skip
 
@@ -82,8 +81,7 @@ def measure(found: Measurements, robots: int) -> None:
 def main() -> int:
     given = options(__doc__, robots=12, rounds=5)
     found = Measurements(given.rounds)
-    with reproducible():  # the same code with and without verification
-        measure(found, given.robots)
+    measure(found, given.robots)
     found.table.save("verification")
     over_plain, over_alone = zip(*(row[-2:] for row in found.table.rows), strict=True)
     median, worst = statistics.median(over_alone), max(over_alone)

@@ -18,16 +18,12 @@ from twolink.contact.held_step import missed, moved, newton, velocities
 from twolink.contact.impulses import Problem, solve_impulses
 from twolink.contact.stepping import Stepper
 from twolink.contact.steps import Memory
-from twolink.dynamics.kernels import heyoka
 from twolink.integrate.motion.scene_equations import equations_of
-from twolink.io import cache
 
 E = tl.effects
 BALL = {"ball": (E.Sphere(0.1),)}
 ANGLE = 0.3
 INCLINE = E.Plane((-math.sin(ANGLE), 0.0, math.cos(ANGLE)))
-
-pytestmark = pytest.mark.skipif(heyoka() is None, reason="without heyoka no step is compiled")
 
 
 def incline() -> tl.Scene:
@@ -98,7 +94,6 @@ def test_held_steps_are_those_of_the_contact_problem(
     make: Callable[[], tl.Scene], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     step = 1e-3 if make is landing else 0.01
-    monkeypatch.setattr(held, "spent", lambda *_: math.inf)
     quick = run_of(make(), step)
     monkeypatch.setattr(HeldSteps, "of", lambda *_: None)
     solved = run_of(make(), step)
@@ -114,20 +109,18 @@ def test_held_steps_are_those_of_the_contact_problem(
 
 
 def test_a_held_ball_rolls_as_its_closed_form(monkeypatch: pytest.MonkeyPatch) -> None:
-    """5/7 g sin. Its function is in the disk cache then."""
+    """5/7 g sin. The name of its program is one of a file."""
     names: list[str] = []
-    monkeypatch.setattr(held, "spent", lambda *_: math.inf)
-    monkeypatch.setattr(held, "is_at_hand", lambda name: bool(names.append(name)))
+    make = held.program_named
+    monkeypatch.setattr(held, "program_named", lambda name, *more: (names.append(name), make(name, *more))[1])
     run = run_of(incline())
-    assert max(map(len, names)) < 100  # file systems end at 255, and points are many
-    assert all(cache.has(name) for name in names)
+    assert 0 < max(map(len, names)) < 100  # file systems end at 255, and points are many
     down = np.linalg.norm(run.q[:, :3] - run.q[0, :3], axis=1)
     assert np.abs(down - 5 / 7 * G * math.sin(ANGLE) * run.t**2 / 2).max() < 1e-12
 
 
-def test_steps_in_which_a_ball_slides_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_steps_in_which_a_ball_slides_are_held() -> None:
     """The slip u of its lowest point keeps its direction: x'' = -mu g u / |u|."""
-    monkeypatch.setattr(held, "spent", lambda *_: math.inf)
     run = tl.simulate(skidding(), 0.2, contact="stepped", step=0.01, samples_per_second=20, verify=False)
     assert run.contact_record is not None
     assert run.contact_record["solvers"] == {"newton": 1, "held": 19}
@@ -138,8 +131,7 @@ def test_steps_in_which_a_ball_slides_are_compiled(monkeypatch: pytest.MonkeyPat
 
 def test_many_points_that_slide_are_not_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compiling would take long."""
-    monkeypatch.setattr(held, "spent", lambda *_: math.inf)
-    monkeypatch.setattr(held, "compiled_function", lambda *_: (None, 0.0))
+    monkeypatch.setattr(held, "_program", lambda *_: None)
     robot = tl.load_robot("solo12", root="free")
     links = [name for name in robot.frame_names if name.endswith(("FOOT", "LOWER_LEG"))]
     shapes = {name: (E.Sphere(0.01),) for name in links}
@@ -171,24 +163,6 @@ def test_newtons_formula_finds_the_impulses_of_points_that_stick_and_slide() -> 
     p = newton(matrix, flat, mus, list(1.02 * exact.p.ravel()), Numbers)
     assert p == pytest.approx(exact.p.ravel(), abs=1e-12)
     assert np.abs(missed(matrix, velocities(matrix, flat, p), p, mus, Numbers)).max() < 1e-12
-
-
-def test_steps_are_compiled_where_they_have_cost_as_much_and_never_where_bits_count(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(held, "is_at_hand", lambda *_: False)
-    monkeypatch.setattr(held, "spent", lambda *_: 0.0)
-    counted: list[float] = []
-    monkeypatch.setattr(held, "count", lambda _, seconds: counted.append(seconds))
-    once = run_of(incline()).contact_record
-    assert once is not None
-    assert "held" not in once["solvers"]
-    assert len(counted) > 10
-    monkeypatch.setattr(held, "spent", lambda *_: math.inf)
-    monkeypatch.setenv("TWOLINK_REPRODUCIBLE", "1")
-    again = run_of(incline()).contact_record
-    assert again is not None
-    assert "held" not in again["solvers"]
 
 
 @pytest.mark.parametrize("name", ["two_link", "planar", "spherical", "anymal"])

@@ -162,7 +162,7 @@ def test_compiled_is_the_same_as_numpy(name: str, function: str) -> None:
     mech = mechanism(case.model)
     sizes = {"q": case.model.nq, "v": case.model.nv, "u": case.model.nv}
     symbols = [[hy.expression(f"{n}{k}") for k in range(size)] for n, size in sizes.items()]
-    traced = algorithm(mech, *symbols, Expressions(hy, own_sine=True))
+    traced = algorithm(mech, *symbols, Expressions(hy))
     outputs = [x + hy.expression(0.0) for matrix in traced for row in matrix for x in row]
     compiled = hy.cfunc(outputs, vars=[x for group in symbols for x in group])
     answers = compiled(np.concatenate([case.q, case.v, case.a])).reshape(3, mech.nv, mech.nv, -1)

@@ -140,7 +140,7 @@ def test_without_the_native_library_events_are_located(monkeypatch: pytest.Monke
     monkeypatch.setattr("twolink.native.programs._kept", {})
     for module in ("integrate.solvers.method_choice", "integrate.steps.step_map", "native.machine"):
         monkeypatch.setattr(f"twolink.{module}.library", lambda: None)
-    run = tl.simulate(scene, 0.5, accuracy=1e-6)
+    run = tl.simulate(tl.load_scene("bouncing-ball"), 0.5, accuracy=1e-6)
     assert not run.cost.compiled
     assert [e.kind for e in run.events] == [e.kind for e in compiled.events] != []
     np.testing.assert_allclose(run.q, compiled.q, rtol=0, atol=2e-6)

@@ -1,6 +1,5 @@
 """explain is quick, and measures an evaluation."""
 
-
 import twolink as tl
 
 

@@ -88,7 +88,10 @@ class Tape:
 
     def variables(self, count: int) -> np.ndarray[Any, np.dtype[Any]]:
         """New inputs, an array of objects."""
-        return np.array([self.variable() for _ in range(count)] or [None], dtype=object)[:count]
+        out = np.empty(count, dtype=object)
+        for i in range(count):
+            out[i] = self.variable()
+        return out
 
     def enter(self, what: str, *operands: Any) -> Symbol:
         """The symbol of an operation, made now or before."""

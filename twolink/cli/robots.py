@@ -93,14 +93,13 @@ def _entries(start: int, stop: int) -> str:
 
 def _engines(robot: Robot) -> str:
     """How batches of queries are answered on this machine."""
-    from twolink.dynamics.kernels import heyoka
+    from twolink.native.library import library
 
-    module = heyoka()
-    if module is None:
-        return "by Pinocchio alone; heyoka, which compiles them, is not installed here"
+    if library() is None:
+        return "by Pinocchio alone; the native library, which runs them as programs, is not here"
     if robot.has_mimic:
-        return "by Pinocchio alone; mimic joints are not compiled"
-    return f"compiled by heyoka {module.__version__} where that is faster, certified against Pinocchio"
+        return "by Pinocchio alone; there are no programs for mimic joints"
+    return "by programs of the native library where that is faster, certified against Pinocchio"
 
 
 @with_robot_options

@@ -5,7 +5,7 @@ import logging
 import threading
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -165,8 +165,8 @@ class Compiled:
     ) -> Array:
         """Any function by its name, such as "bias" or "frame_pose:tip", of its arguments by name."""
         if not (f_ext or self.parameters):  # batches that need no conversion
-            made, rows = self._made.get((name,)), tuple(arguments.values())
-            if type(made) is tuple and _are_rows(rows, made[0].sizes) and (found := made[0](rows)) is not None:
+            made, rows = self._made.get((name,)), list(arguments.values())
+            if isinstance(made, tuple) and _are_rows(rows, made[0].sizes) and (found := made[0](rows)) is not None:
                 return found
         wrenches = self._own_axes(f_ext, arguments["q"]) if f_ext else {}
         kernel, _ = self._kernel(name, tuple(wrenches))
@@ -221,7 +221,7 @@ class Compiled:
         return pinocchio_queries.by_name(robot, name, arguments)
 
 
-def _are_rows(arrays: tuple[ArrayLike, ...], sizes: tuple[int, ...]) -> bool:
+def _are_rows(arrays: list[Any], sizes: tuple[int, ...]) -> TypeGuard[list[Array]]:
     """Whether arrays are (n, size) of float64 each, with one n above 0."""
     count = 0
     for a, size in zip(arrays, sizes, strict=True):

@@ -19,8 +19,8 @@ from twolink.algorithms.tape import Operation
 
 Array = np.ndarray[Any, np.dtype[Any]]
 OPERATIONS = (
-    "ADD", "SUB", "MUL", "FMA", "FMS", "FNMA", "ADD_K", "K_SUB", "MUL_K", "FMA_K", "FMS_K", "DIV", "K_DIV", "SQRT", "NEG",
-    "SINCOS", "EXP", "TANH", "ATAN2", "LESS", "LESS_EQUAL", "WHERE", "POWER", "DOT2", "DOT2_MINUS", "E_DOT2",
+    "ADD", "SUB", "MUL", "FMA", "FMS", "FNMA", "ADD_K", "K_SUB", "MUL_K", "FMA_K", "FMS_K", "DIV", "K_DIV", "SQRT",
+    "NEG", "SINCOS", "EXP", "TANH", "ATAN2", "LESS", "LESS_EQUAL", "WHERE", "POWER", "DOT2", "DOT2_MINUS", "E_DOT2",
     "E_DOT2_MINUS", "E_MINUS_DOT2", "COPY", "E_DOT3", "E_DOT4",
 )  # fmt: skip
 CODES = {name: code for code, name in enumerate(OPERATIONS)}

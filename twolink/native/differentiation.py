@@ -1,6 +1,6 @@
 """Derivatives of what is on a tape, on the same tape: forward, with only the entries that are not the constant 0."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from twolink.algorithms.tape import Symbol, Tape
@@ -8,7 +8,7 @@ from twolink.algorithms.tape import Symbol, Tape
 Derivatives = dict[int, Any]  # by the number of the variable
 
 
-def jacobian(tape: Tape, outputs: Sequence[Any], variables: Sequence[Any]) -> tuple[list[tuple[int, int]], list[Any]]:
+def jacobian(tape: Tape, outputs: Sequence[Any], variables: Iterable[Any]) -> tuple[list[tuple[int, int]], list[Any]]:
     """The places (row, column) and the values, symbols or constants, of d outputs / d variables that are not 0.
 
     Kinks have the derivative of the side that is taken.

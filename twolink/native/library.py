@@ -20,7 +20,6 @@ OUTCOMES = ("fine", "the program has an index that does not exist", "there is no
             "the program is too large", "an argument is out of bounds")  # fmt: skip
 _ADDRESS, _LONG, _INT = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int
 _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
-    "tl_sources": (ctypes.c_char_p, []),
     "tl_level": (_INT, []),
     "tl_program_new": (_INT, [_INT, _INT, _INT, _LONG, _ADDRESS, _INT, _ADDRESS, _INT, *[_ADDRESS] * 4]),
     "tl_program_free": (None, [_ADDRESS]),
@@ -63,13 +62,15 @@ def library() -> Any:
         log.warning("there is no native library beside %s: NumPy computes, slower; build it with pip install .", FOLDER)
         return None
     found = ctypes.CDLL(str(path))
+    found.tl_sources.restype = ctypes.c_char_p
+    built = found.tl_sources().decode()
+    if built != digest():
+        raise TwolinkError(f"the native library was built from other sources ({built}, not {digest()})",
+                           where=str(path), remedy="pip install . (in a checkout: pip install -e .)",
+                           code="native-library")  # fmt: skip
     for name, (result, arguments) in _SIGNATURES.items():
         function = getattr(found, name)
         function.restype, function.argtypes = result, arguments
-    built = found.tl_sources().decode()
-    if built != digest():
-        raise TwolinkError(f"the native library {path.name} was built from other sources ({built}, not {digest()})",
-                            where=str(path), remedy="pip install . (in a checkout: pip install -e .)", code="native-library")  # fmt: skip
     return found
 
 

@@ -3,7 +3,7 @@
 import ctypes
 import functools
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -38,7 +38,7 @@ _OPERANDS = {"SQRT": 1, "NEG": 1, "EXP": 1, "TANH": 1, "COPY": 1, "FMA": 3, "FMS
 _WITH_SCALAR = {"ADD_K", "K_SUB", "MUL_K", "K_DIV", "POWER", "FMA_K", "FMS_K"}
 
 
-def trace(formula: Callable[[Array, Tape], Sequence[Any]], inputs: int) -> Assembled:
+def trace(formula: Callable[[Array, Tape], Iterable[Any]], inputs: int) -> Assembled:
     """The program of a formula of a vector (inputs,) of symbols and of the namespace.
 
     Raises ProgramTooLargeError.
@@ -48,8 +48,9 @@ def trace(formula: Callable[[Array, Tape], Sequence[Any]], inputs: int) -> Assem
     return assembled(tape, x, formula(x, tape))
 
 
-def assembled(tape: Tape, inputs: Sequence[Any], outputs: Sequence[Any]) -> Assembled:
+def assembled(tape: Tape, inputs: Iterable[Any], outputs: Iterable[Any]) -> Assembled:
     """The program of outputs on a tape: symbols and constants."""
+    outputs = list(outputs)
     ends = [x.key if isinstance(x, Symbol) else float(x) for x in outputs]
     operations = [(key, tape.operations[key]) for key in tape.needed(outputs)]
     return assemble(operations, [x.key for x in inputs], ends)
@@ -156,7 +157,8 @@ class _Block(ctypes.Structure):
 
 def _blocks(arrays: Sequence[Array]) -> Any:
     """Arrays (n, size) as blocks of the library."""
-    return (_Block * len(arrays))(*((a.ctypes.data, a.strides[1] // 8, a.strides[0] // 8, a.shape[1]) for a in arrays))
+    blocks = ((a.ctypes.data, a.strides[1] // 8, a.strides[0] // 8, a.shape[1]) for a in arrays)
+    return (_Block * len(arrays))(*(_Block(*block) for block in blocks))
 
 
 class SmallBatch:

@@ -16,8 +16,6 @@ TEXTS = {  # by code: what, remedy
     "step-too-large": ("the state is not finite any more", "take steps smaller than {step:.3g} s"),
     "acceleration-not-finite": ("the acceleration is not finite", "check forces, masses and the initial state"),
     "too-many-steps": ("more than {limit:,} steps are needed to the end", SHORTER),
-    "angle-out-of-reach": ("an angle is beyond {limit:.0e} rad",
-                           'make the joint continuous, or use method="taylor" or "scipy-dop853"'),
 }  # fmt: skip
 
 

@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twolink.algorithms import sincos
 from twolink.errors import AccuracyError
 from twolink.integrate.motion.causes import cause
 from twolink.integrate.motion.state import Array
@@ -15,8 +14,8 @@ SINGULAR = 0.1  # relative: singular values of constraint rows below it are thos
 SMALLEST_STEP = 1e-60  # s: of steps at t = 0, where any step changes the time
 PACE_FROM = 20_000  # steps after which the pace so far is taken for the pace to the end
 STUCK = 10  # limits of steps as short as the last one that would be left
-FINE, NOT_FINITE, OUT_OF_REACH, COLLAPSED, TOO_MANY = range(5)  # what became of a world
-CODES = ("", "not-finite", "angle-out-of-reach", "steps-collapsed", "too-many-steps")  # of failures, by outcome
+FINE, NOT_FINITE, COLLAPSED, TOO_MANY = range(4)  # what became of a world
+CODES = ("", "not-finite", "steps-collapsed", "too-many-steps")  # of failures, by outcome
 
 
 class Block(NamedTuple):
@@ -42,8 +41,6 @@ def outcome_of(step_map: StepMap, state: Array, start: Array, limit: int) -> Arr
         slow = is_hopeless(tried, limit, t, start, end) | (end - t > STUCK * limit * state[rows.step])
         outcome[left & ((slow & (tried > PACE_FROM)) | (tried > limit))] = TOO_MANY
     outcome[left & (t + np.fmax(state[rows.step] - SMALLEST_STEP, 0.0) <= t)] = COLLAPSED
-    if step_map.method.kind != "implicit":
-        outcome[np.abs(state[space.angles]).max(axis=0, initial=0.0) > 0.9 * sincos.LIMIT] = OUT_OF_REACH
     outcome[~np.isfinite(state[: space.size]).all(axis=0)] = NOT_FINITE
     return outcome
 
@@ -64,7 +61,5 @@ def failure_of(step_map: StepMap, block: Block, limit: int) -> AccuracyError:
         sizes = np.linalg.svd(rows * np.array(constraints.scales)[:, None], compute_uv=False)
         if sizes[-1] < SINGULAR * sizes[0]:
             return failure("loops-singular", float(t[-1]))
-    if outcome == OUT_OF_REACH:
-        return failure(CODES[outcome], float(t[-1]), limit=sincos.LIMIT)
     why = cause(step_map.equations, float(t[-1]), block.states[-1, : space.size, 0])
     return failure(CODES[outcome], float(t[-1]), why, **({"limit": limit} if outcome == TOO_MANY else {}))

@@ -35,7 +35,7 @@ class Programs:
         if equations.numbers_as_inputs and not equations.parameters:
             self.equations, self.values = structure_of(equations)
         self.seconds = 0.0
-        self._kept: dict[str, Any] = {}
+        self._kept: dict[str, Stepper] = {}
 
     def _program(self, kind: str, trace: Callable[[], Assembled]) -> Program:
         arrays, seconds = arrays_named(self.equations.key(kind), trace)
@@ -99,9 +99,10 @@ class Programs:
 
     def stepper(self, method: Method) -> Stepper:
         """A method on these programs in the native library."""
-        if method.name not in self._kept:
-            self._kept[method.name] = self._stepper(method)
-        return self._kept[method.name]
+        found = self._kept.get(method.name)
+        if found is None:
+            found = self._kept.setdefault(method.name, self._stepper(method))
+        return found
 
     def _stepper(self, method: Method) -> Stepper:
         whole, entries, slope = method.tableau is None, np.zeros((0, 2)), None

@@ -39,7 +39,8 @@ class StepMap:
         self, equations: Equations, method: Method, by: Stepper | Map, columns: Formulas, compile_seconds: float = 0.0
     ) -> None:
         self.equations, self.method, self.compile_seconds = equations, method, compile_seconds
-        self._native, self._map = (by, None) if isinstance(by, Stepper) else (None, by)
+        self._native: Stepper | None = by if isinstance(by, Stepper) else None
+        self._map: Map | None = None if isinstance(by, Stepper) else by
         self._columns = columns
         self.rows: Control = control_rows(equations.space.size)
 
@@ -83,7 +84,9 @@ class StepMap:
         """x' of the moving rows (moving, n) of states x (size, n) at one time or a time each."""
         with np.errstate(all="ignore"):
             none = np.zeros((0, 1))
-            return self._columns(none if parameters is None else parameters)[0](t, x)[: self.equations.moving]
+            rate, _ = self._columns(none if parameters is None else parameters)
+            moving: Array = rate(t, x)[: self.equations.moving]
+            return moving
 
     def _disturbance(self, state: Array, one: Disturbances) -> Array:
         """What is added to worlds (moving, n): r |x|, r random, and the bias times x; 0 of what has arrived."""

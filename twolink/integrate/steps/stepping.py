@@ -82,8 +82,7 @@ def integrate(
     Raises
     ------
     AccuracyError
-        Codes "steps-collapsed", "loops-singular", "not-finite", "step-too-large", "too-many-steps" and
-        "angle-out-of-reach".
+        Codes "steps-collapsed", "loops-singular", "not-finite", "step-too-large" and "too-many-steps".
     """
     equations = step_map.equations
     size, start, end = equations.space.size, float(times[0]), float(times[-1])
