@@ -14,7 +14,10 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+try:
+    from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+except ImportError:  # the studies use `build` without hatchling
+    BuildHookInterface = object
 
 NATIVE = Path(__file__).parent / "twolink" / "native"
 FLAGS = [
@@ -40,7 +43,7 @@ PLATFORMS = {
 }
 
 
-class NativeLibrary(BuildHookInterface):  # type: ignore[type-arg]
+class NativeLibrary(BuildHookInterface):
     """Compiles the library beside its sources and puts it into the wheel."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:

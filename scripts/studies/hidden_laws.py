@@ -237,7 +237,7 @@ def _by_time(known: dict[Any, Any], key: Callable[[float, Any], Any]) -> Callabl
 
 
 def _cached_helper(base: Law, *_: Any) -> Law:
-    @functools.lru_cache(maxsize=None)
+    @functools.cache
     def at(t: float) -> Any:
         return LATEST[0](t, *LATEST[1:])
 

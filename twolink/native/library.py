@@ -53,11 +53,14 @@ def digest() -> str:
 def library() -> Any:
     """The library, or None where there is none or TWOLINK_NATIVE is 0: NumPy then runs all programs, slower.
 
+    TWOLINK_NATIVE may also be the path of a library that was built in another way, such as by `scripts.studies.sanitizers`.
     Raises TwolinkError, code "native-library", for one that was built from other sources.
     """
-    if os.environ.get("TWOLINK_NATIVE") == "0":
+    setting = os.environ.get("TWOLINK_NATIVE", "")
+    if setting == "0":
         return None
-    path = next((FOLDER / name for name in NAMES if (FOLDER / name).exists()), None)
+    places = [Path(setting)] if setting else [FOLDER / name for name in NAMES]
+    path = next((place for place in places if place.exists()), None)
     if path is None:
         log.warning("there is no native library beside %s: NumPy computes, slower; build it with pip install .", FOLDER)
         return None

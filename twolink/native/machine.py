@@ -123,8 +123,8 @@ class Program:
         registers = pool.take()
         try:
             code = library().tl_columns(
-                self.handle.value, level(), registers.width, registers.handle.value, count, len(inputs), _blocks(inputs),
-                len(outputs), _blocks(outputs),
+                self.handle.value, level(), registers.width, registers.handle.value, count, len(inputs),
+                _blocks(inputs), len(outputs), _blocks(outputs),
             )  # fmt: skip
         finally:
             pool.give(registers)

@@ -1,0 +1,115 @@
+"""Attempts in the native library: many in one call are single calls, alone as in a batch, and end with the arrival."""
+
+import ctypes
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.integrate.problems import arm, box
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.perturbation import Perturbation, step_disturbances
+from twolink.integrate.steps.programs import programs_of
+from twolink.integrate.steps.step_control import initial_state
+from twolink.integrate.steps.step_map import StepMap, step_map
+from twolink.native.library import library, require
+
+NAMES = ("dop853", "rk45", "rk4", "semi-implicit-euler", "esdirk43", "implicit-midpoint")
+LOOK = 8
+
+
+def started(steps: StepMap, worlds: int, end: float = 100.0) -> np.ndarray:
+    """A state array of worlds beside the start, with settings of their own."""
+    x = np.repeat(steps.equations.start[:, None], worlds, axis=1)
+    x[-1] += np.linspace(0.0, 0.3, worlds)
+    setting = 1e-7 * np.arange(1, worlds + 1) if steps.method.adaptive else np.inf
+    return initial_state(x, 0.0, 2e-3, end, setting, resolution=1e6)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("scene", [arm(), box()], ids=["arm", "box"])
+def test_many_attempts_are_single_ones(scene: tl.Scene, name: str) -> None:
+    steps = step_map(equations_of(scene), METHODS[name])
+    state = started(steps, 11)
+    states = np.empty((41, *state.shape))
+    states[0] = state
+    assert steps.attempts(states, 40, LOOK) == 40
+    now, after = state.copy(), np.empty_like(state)
+    for k in range(40):
+        steps(now, after)
+        np.testing.assert_array_equal(after, states[k + 1])
+        now[:] = after
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_world_has_the_same_bits_alone_and_in_any_batch(name: str) -> None:
+    steps = step_map(equations_of(arm()), METHODS[name])
+    state, made = started(steps, 23), 20
+    states = np.empty((made + 1, *state.shape))
+    states[0] = state
+    steps.attempts(states, made, LOOK)
+    for chosen in ([4], [0, 7], [22, 3, 9, 1], list(range(9)), list(range(5, 22))):
+        some = np.empty((made + 1, len(state), len(chosen)))
+        some[0] = state[:, chosen]
+        steps.attempts(some, made, LOOK)
+        np.testing.assert_array_equal(some, states[:, :, chosen])
+
+
+def test_attempts_end_when_all_have_arrived_or_half_have() -> None:
+    steps = step_map(equations_of(arm()), METHODS["rk4"])
+    state = started(steps, 6, end=0.02)  # ten steps
+    states = np.empty((101, *state.shape))
+    states[0] = state
+    assert steps.attempts(states, 100, LOOK) == 10
+    assert (states[10, steps.rows.time] == 0.02).all()
+    states[0, steps.rows.end, :4] = 0.01  # four of six arrive after five
+    assert steps.attempts(states, 100, LOOK) == LOOK
+    np.testing.assert_array_equal(states[LOOK, :, :4], states[5, :, :4])
+
+
+def test_disturbances_are_those_of_numpy() -> None:
+    """Of random size below rounding, from the table's row that the attempts choose, and none of a world that is not."""
+    equations = equations_of(box())
+    steps = step_map(equations, METHODS["dop853"])
+    state = started(steps, 5)
+    every = (Perturbation(), *(Perturbation(1.0, 1e-9, i) for i in range(4)))
+    disturbed = step_disturbances(every, state, equations)
+    states = np.empty((2, *state.shape))
+    states[0] = state
+    state[: equations.moving] += steps._disturbance(state, disturbed)
+    steps.attempts(states, 1, LOOK, disturbed)
+    expected = np.empty_like(state)
+    steps(state, expected)
+    np.testing.assert_array_equal(states[1, :, 0], expected[:, 0])
+    np.testing.assert_allclose(states[1], expected, rtol=1e-13, atol=1e-15)
+    moving = slice(0, equations.moving)
+    assert (np.abs(states[1, moving, 1:] - states[1, moving, :1]).max(axis=0) > 0.0).all()
+
+
+def test_wrong_arguments_of_the_library_are_codes() -> None:
+    """Null pointers, levels and counts that are out of bounds: a code each, and never a crash."""
+    native, made = library(), ctypes.c_void_p()
+    program = programs_of(equations_of(arm())).rate
+    handle = program.handle.value
+    assert native.tl_columns(None, 0, 1, None, 1, 1, None, 1, None) == 4
+    registers = native.tl_registers_new(handle, 1)
+    block = (ctypes.c_int64 * 4)(0, 1, 1, 5)
+    for level, width, count, inputs in ((9, 1, 1, 1), (-1, 1, 1, 1), (0, 1, -5, 1), (0, 1, 1, -1), (0, 1, 1, 1)):
+        assert native.tl_columns(handle, level, width, registers, count, inputs, block, 1, block) == 4
+    native.tl_registers_free(registers)
+    assert native.tl_registers_new(handle, 3) is None
+    sizes = np.zeros(11, dtype=np.int32)
+    for place, value in ((0, -1), (1, 99), (5, 99), (6, 9), (3, 7), (9, -2)):
+        wrong = sizes.copy()
+        wrong[place] = value
+        assert native.tl_method_new(handle, None, None, wrong.ctypes.data, *[None] * 4, ctypes.byref(made)) == 4
+        assert not made.value
+    for arguments in ((-1, 0, 0), (70_000, 1, 1), (2, 3, -1)):
+        registers_, outputs, quads = arguments
+        code = native.tl_program_new(
+            1, outputs, registers_, quads, None, 0, None, 0, None, None, None, ctypes.byref(made)
+        )
+        assert code == 1
+    with pytest.raises(tl.errors.TwolinkError, match="out of bounds"):
+        require(4, "a call")
