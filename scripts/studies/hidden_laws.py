@@ -237,7 +237,7 @@ def _by_time(known: dict[Any, Any], key: Callable[[float, Any], Any]) -> Callabl
 
 
 def _cached_helper(base: Law, *_: Any) -> Law:
-    @functools.lru_cache(maxsize=None)
+    @functools.cache
     def at(t: float) -> Any:
         return LATEST[0](t, *LATEST[1:])
 
@@ -274,13 +274,13 @@ def _log(base: Law, *_: Any) -> Law:
 
 def _buffer(base: Law, *_: Any) -> Law:
     """The same array each time, and arguments that are written to."""
-    out = np.zeros(2)
+    out = np.zeros(8)
 
     def update(t: float, y: Any, state: Any) -> Any:
         u, state = base(t, y, state)
-        out[:] = u
+        out[: len(u)] = u
         y.q[:] = np.nan
-        return out, state
+        return out[: len(u)], state
 
     return update
 
