@@ -269,7 +269,12 @@ def _calls(base: Law, *_: Any) -> Law:
 
 def _log(base: Law, *_: Any) -> Law:
     seen: list[Any] = []
-    return lambda t, y, state: (seen.append((t, y.q)), base(t, y, state))[1]
+
+    def update(t: float, y: Any, state: Any) -> Any:
+        seen.append((t, y.q))
+        return base(t, y, state)
+
+    return update
 
 
 def _buffer(base: Law, *_: Any) -> Law:

@@ -30,7 +30,7 @@ def copied(x: Any, memo: dict[int, Any]) -> Any:
         arguments, names = [copied(one, memo) for one in x.args], {k: copied(v, memo) for k, v in x.keywords.items()}
         return functools.partial(copied(x.func, memo), *arguments, **names)
     if isinstance(x, _Cached):
-        return functools.lru_cache(**x.cache_parameters())(copied(x.__wrapped__, memo))  # type: ignore[attr-defined]
+        return functools.lru_cache(**x.cache_parameters())(copied(x.__wrapped__, memo))
     for one in vars(x).values() if hasattr(x, "__dict__") and not isinstance(x, type) else ():
         if isinstance(one, types.FunctionType | _Cached):  # which deepcopy would not copy
             memo[id(one)] = copied(one, memo)
@@ -41,9 +41,8 @@ def is_a_users(x: types.FunctionType | type) -> bool:
     """Whether a function or class is not Python's own, ours, or an installed package's."""
     module = x.__module__ or ""
     top, file = module.partition(".")[0], getattr(sys.modules.get(module), "__file__", None)
-    if top == "__main__":
-        return True
-    return top not in {*sys.stdlib_module_names, "twolink"} and bool(file) and not str(file).startswith(_INSTALLED)
+    others = {*sys.stdlib_module_names, "twolink"} - {"__main__"}
+    return not (top in others or top.startswith("_cython") or str(file).startswith(_INSTALLED))
 
 
 def named_globals(function: types.FunctionType) -> dict[str, Any]:

@@ -25,7 +25,7 @@ Array = np.ndarray[Any, np.dtype[Any]]
 Given = dict[str, Array]  # what a controller asked for (n, ...) by name
 Tick = tuple[int, float, Given, Array]  # the place, the time, what was given, and the answers (n, m)
 MOST = 2**17  # ticks of a simulation that goes on without an end: what is behind them is not repeated
-ASKED, SEED = 15, 1  # questions beside the motion, and of their random numbers
+ASKED, TOGETHER, SEED = 15, 3, 1  # questions beside the motion, how many a copy is asked, and of their random numbers
 SPREAD = (
     0.0,
     3.0,
@@ -134,11 +134,14 @@ class Replay:
                 yield place, _row(off, 0), t
 
     def _beside(self, laws: dict[int, Own]) -> list[Array | str]:
-        """The answers to them, or that there is none; each of copies that nobody has asked."""
+        """The answers to them, or that there is none; of copies that were asked no more than a few."""
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return [self._asked(place, t, y, copied_laws(laws, self._looked)[place])
-                    for place, y, t in self._questions()]  # fmt: skip
+            answers, own = [], dict[int, Own]()
+            for k, (place, y, t) in enumerate(self._questions()):
+                own = copied_laws(laws, self._looked) if k % TOGETHER == 0 else own
+                answers.append(self._asked(place, t, y, own[place]))
+            return answers
 
     def _require_answers(self, laws: dict[int, Own], when: str) -> None:
         """Require the answers that were given before the motion."""

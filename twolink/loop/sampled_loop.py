@@ -230,7 +230,10 @@ class SampledLoop:
         """Call the controller for each solution, and keep the answers until they act."""
         given, u = self._given(control, x), np.empty((x.shape[1], len(control.joints)))
         noted = self._replay.noted(control.place, given)
-        every = [Measured(**dict(zip(given, row, strict=True))) for row in zip(*given.values(), strict=True)]
+        if control.controller.inputs == STATE:
+            every = [Measured(q=q, v=v) for q, v in zip(given["q"], given["v"], strict=True)]
+        else:
+            every = [Measured(**dict(zip(given, row, strict=True))) for row in zip(*given.values(), strict=True)]
         repeated = tick % OFTEN == 0 or tick & (tick - 1) == 0
         again = repeated_once(control.own[0], every[0]) if repeated else None
         for i, (y, own) in enumerate(zip(every, control.own, strict=True)):
