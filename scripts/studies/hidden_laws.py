@@ -269,18 +269,23 @@ def _calls(base: Law, *_: Any) -> Law:
 
 def _log(base: Law, *_: Any) -> Law:
     seen: list[Any] = []
-    return lambda t, y, state: (seen.append((t, y.q)), base(t, y, state))[1]
+
+    def update(t: float, y: Any, state: Any) -> Any:
+        seen.append((t, y.q))
+        return base(t, y, state)
+
+    return update
 
 
 def _buffer(base: Law, *_: Any) -> Law:
     """The same array each time, and arguments that are written to."""
-    out = np.zeros(2)
+    out = np.zeros(8)
 
     def update(t: float, y: Any, state: Any) -> Any:
         u, state = base(t, y, state)
-        out[:] = u
+        out[: len(u)] = u
         y.q[:] = np.nan
-        return out, state
+        return out[: len(u)], state
 
     return update
 

@@ -13,8 +13,8 @@ the same law with the memory as its state. These are solved alone, as the second
 a first motion that was broken off; some with a watch, whose events are located.
 
 holds; WRONG: a sample is farther off than its error bar; a code: a named error without a run, of laws that remember
-"controller-not-repeatable"; REFUSED: that of a law that should be solved; CRASH: any other error. Rows go to
-out/loops-SEED.csv. Ends 0 if no bar is wrong, and nothing is refused or crashes that should not.
+"controller-not-repeatable" or "controller-not-copied"; REFUSED: that of a law that should be solved; CRASH: any other
+error. Rows go to out/loops-SEED.csv. Ends 0 if no bar is wrong, and nothing is refused or crashes that should not.
 """
 
 import argparse
@@ -34,7 +34,7 @@ from scripts.studies.hidden_laws import COPIED, HARMLESS, HOLDERS, PLAIN, behavi
 from twolink import effects as fx
 from twolink.effects.inputs import Slot
 from twolink.effects.sampled_control import HeldTorques, exact
-from twolink.errors import AccuracyError, ControllerError
+from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.scene_equations import make_equations
 from twolink.integrate.solvers.taylor_code import Integrator, number_type
 from twolink.loop.answers import Measured
@@ -42,6 +42,7 @@ from twolink.loop.clock import ACT, PARTS, READ, UPDATE, Random
 
 SECONDS, SAMPLES, LIMITS = Fraction(1, 2), 21, (5.0, 20.0, 60.0)
 SAMPLE = 9  # after all else that happens at an instant
+REFUSALS = "controller-not-repeatable", "controller-not-copied"
 TIMES = [k * SECONDS / SAMPLES for k in range(SAMPLES + 1)]
 # The pure scene, all times, and at the last of them q (n, 2), the bars (n,), and the events.
 Solved = tuple[tl.Scene, list[Fraction], np.ndarray, np.ndarray, Any]
@@ -205,8 +206,8 @@ def check(number: int, given: argparse.Namespace) -> Iterator[Row]:
                 yield row(failed.code)
                 return
             times, q, error, events = TIMES, failed.run.q[1:], failed.run.error[1:], failed.run.events
-        except ControllerError as refused:
-            wanted = refused.code == "controller-not-repeatable" and holder not in ("", *COPIED, *HARMLESS)
+        except SceneError as refused:
+            wanted = refused.code in REFUSALS and holder not in ("", *COPIED, *HARMLESS)
             yield row(refused.code if wanted else "REFUSED")
             return
         truth = Truth(twin)
@@ -262,7 +263,7 @@ def show(rows: list[Row], _: argparse.Namespace) -> Bars:
     )
     remembering = [row for row in rows if row.holder]
     print(f"of {len(remembering)} that remember something {sum(row.outcome == 'holds' for row in remembering)} hold, "
-          f"{sum(row.outcome == 'controller-not-repeatable' for row in remembering)} are refused")  # fmt: skip
+          f"{sum(row.outcome in REFUSALS for row in remembering)} are refused")  # fmt: skip
     for row in rows:
         if row.fails:
             print(f"{row.scene}: {row.outcome}, {row.holder}, {row.way}, {row.used:.3g} bars")

@@ -231,8 +231,7 @@ def solve_stepped(
             if progress is not None and first // REPORT > last // REPORT:
                 progress(float(plan.t[first - 1]))
         if ticks is not None:
-            ticks.next(first, q, local(q, v))
-            ticks.loop.require_repeatable()
+            ticks.end(first, q, local(q, v))
     except KeyboardInterrupt:
         interrupted = True
     except ControllerError as error:
@@ -271,6 +270,11 @@ class _Ticks:
             if first < len(plan.t):
                 plan.numbers[plan.piece[first] :, self._numbers] = self._x[self._rows, 0]
         return int(np.searchsorted(plan.t, loop.time * (1.0 - SAME_TIME)))
+
+    def end(self, first: int, q: Array, v: Array) -> None:
+        """Let happen what is due at the end, and require laws that remember nothing beside their states."""
+        self.next(first, q, v)
+        self.loop.require_repeatable()
 
 
 def no_forces(*_: object) -> Forces:

@@ -80,8 +80,10 @@ class Controller(Effect, frozen=True):
     update : callable
         (t, y, state) -> (u, state). t: the time of the tick, s. y: copies of what was asked for, by name: y.q, y.v,
         y.LINK or y["LINK"] (a pose, 4 x 4), and the readings of sensors of the scene that arrived last. u: one torque
-        [N m or N] an output, in their order. The same arguments must give the same answer: what changes from tick to
-        tick is in the state.
+        [N m or N] an output, in their order. What changes from tick to tick is in the state, or in the object whose
+        method this is: each solution has a copy (copy.deepcopy) of the object as it is when solving begins, and the
+        object itself is never called. A class, or functools.partial of one, makes a new object for each solution. A
+        function has one closure for all of them: it must give the same answer to the same arguments.
     period, offset, delay : float or Fraction
         s; the delay may be longer than the period. Ticks are exact: 0.001 is 1/1000, 1 / 240 is 1/240.
     jitter : float or Fraction
@@ -89,7 +91,8 @@ class Controller(Effect, frozen=True):
     seed : int
         Of the jitter.
     state : object
-        At the start; it is copied for each solution.
+        At the start; it is copied for each solution. Controllers whose updates are methods of one object keep it in
+        common.
     inputs : tuple of str
         Of y: "q", "v", links, sensors.
     outputs : tuple of str
@@ -107,6 +110,12 @@ class Controller(Effect, frozen=True):
     `update` at each tick. A tick at which their answers differ by more than continuity explains, as those of a
     threshold or a quantizer do, is an event "ambiguous-tick" of the run, and the error bar widens from then on. Where
     the solutions part at an exponential rate, an event "unstable-loop" says from when and how fast.
+
+    Laws that may remember something elsewhere (closures that change, globals, attributes of classes, random numbers,
+    clocks, files) are called again behind the motion: each solution's ticks from the start, and questions beside it
+    that were asked before. Another answer is an error (ControllerError, code "controller-not-repeatable"); so is what
+    cannot be copied (SceneError, code "controller-not-copied"). A function whose code is seen to remember nothing is
+    not called again.
 
     References
     ----------

@@ -1,15 +1,19 @@
 """Copies of functions with all that they remember, for a look at what hidden memory does to their answers.
 
 `copy.deepcopy` gives a function back as it is. Here its closure, defaults, attributes and the globals that it names are
-copied too. What cannot be copied, such as a generator, stays shared.
+copied too. What cannot be copied, such as a generator, raises what copy.deepcopy raises.
 """
 
 import builtins
 import copy
 import functools
+import sys
+import sysconfig
 import types
 from typing import Any
 
+_INSTALLED = tuple(sysconfig.get_paths()[name] for name in ("purelib", "platlib"))
+_Cached = type(functools.lru_cache(lambda: None))
 _SHARED = types.ModuleType, type, types.BuiltinFunctionType
 
 
@@ -21,22 +25,24 @@ def copied(x: Any, memo: dict[int, Any]) -> Any:
     if id(x) in memo:
         return memo[id(x)]
     if isinstance(x, types.FunctionType):
-        return _function(x, memo)
+        return _function(x, memo) if is_a_users(x) else x
     if isinstance(x, functools.partial):
         arguments, names = [copied(one, memo) for one in x.args], {k: copied(v, memo) for k, v in x.keywords.items()}
         return functools.partial(copied(x.func, memo), *arguments, **names)
-    return deep(x, memo)
+    if isinstance(x, _Cached):
+        return functools.lru_cache(**x.cache_parameters())(copied(x.__wrapped__, memo))
+    for one in vars(x).values() if hasattr(x, "__dict__") and not isinstance(x, type) else ():
+        if isinstance(one, types.FunctionType | _Cached):  # which deepcopy would not copy
+            memo[id(one)] = copied(one, memo)
+    return copy.deepcopy(x, memo)
 
 
-def deep(x: Any, memo: dict[int, Any]) -> Any:
-    """copy.deepcopy, or the thing itself where it cannot be copied."""
-    tried = memo.copy()  # what fails leaves parts behind
-    try:
-        new = copy.deepcopy(x, tried)
-    except Exception:  # of a user's own class any; what stays shared is found by its answers
-        return x
-    memo.update(tried)
-    return new
+def is_a_users(x: types.FunctionType | type) -> bool:
+    """Whether a function or class is not Python's own, ours, or an installed package's."""
+    module = x.__module__ or ""
+    top, file = module.partition(".")[0], getattr(sys.modules.get(module), "__file__", None)
+    others = {*sys.stdlib_module_names, "twolink"} - {"__main__"}
+    return not (top in others or top.startswith("_cython") or str(file).startswith(_INSTALLED))
 
 
 def named_globals(function: types.FunctionType) -> dict[str, Any]:

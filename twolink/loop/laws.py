@@ -14,23 +14,22 @@ from typing import Any
 
 from twolink.effects.sampled_control import Controller
 from twolink.errors import SceneError
-from twolink.loop.copies import copied, deep
+from twolink.loop.copies import copied
 
 Copy = Callable[[Any, dict[int, Any]], Any]
 
 
 @dataclass(eq=False)
 class Own:
-    """What one solution has of a controller: the law that it calls, and the state. shared: all call the same law."""
+    """What one solution has of a controller: the law that it calls, and the state."""
 
     law: Callable[..., Any]
     state: Any
-    shared: bool = False
 
 
 def own_laws(controllers: Mapping[int, Controller]) -> dict[int, Own]:
     """What a new solution has of controllers, by their places. Objects that they have in common stay in common."""
-    return _each(controllers, deep)
+    return _each(controllers, copy.deepcopy)
 
 
 def laws_apart(controllers: Mapping[int, Controller]) -> dict[int, Own]:
@@ -38,10 +37,12 @@ def laws_apart(controllers: Mapping[int, Controller]) -> dict[int, Own]:
     return _each(controllers, copied)
 
 
-def copied_laws(laws: Mapping[int, Own]) -> dict[int, Own]:
-    """Copies of laws, of functions too."""
+def copied_laws(laws: Mapping[int, Own], controllers: Mapping[int, Controller]) -> dict[int, Own]:
+    """Copies of laws of controllers, of functions too; those of classes are made anew."""
     memo: dict[int, Any] = {}
-    return {place: Own(copied(one.law, memo), deep(one.state, memo)) for place, one in laws.items()}
+    made = {place: _made(place, one.update) for place, one in controllers.items() if is_made(one.update)}
+    return {place: Own(made[place] if place in made else copied(one.law, memo), copy.deepcopy(one.state, memo))
+            for place, one in laws.items()}  # fmt: skip
 
 
 def is_made(update: Any) -> bool:
@@ -60,15 +61,16 @@ def name_of(update: Any) -> str:
     """What a law is called in a text."""
     while isinstance(update, functools.partial):
         update = update.func
-    return str(getattr(update, "__qualname__", type(update).__qualname__)).replace("<locals>.", "")
+    return str(getattr(update, "__qualname__", type(update).__qualname__)).rpartition("<locals>.")[2]
 
 
 def _each(controllers: Mapping[int, Controller], copy_of: Copy) -> dict[int, Own]:
     memo: dict[int, Any] = {}
-    laws = {place: _made(place, one.update) if is_made(one.update) else copy_of(one.update, memo)
-            for place, one in controllers.items()}  # fmt: skip
-    return {place: Own(law, _state(place, controllers[place].state, memo), law is controllers[place].update)
-            for place, law in laws.items()}  # fmt: skip
+    laws = {}
+    for place, one in controllers.items():
+        law = _made(place, one.update) if is_made(one.update) else _copy(place, "update", one, copy_of, memo)
+        laws[place] = Own(law, _copy(place, "state", one, copy.deepcopy, memo))
+    return laws
 
 
 def _made(place: int, update: Any) -> Any:
@@ -85,10 +87,13 @@ def _made(place: int, update: Any) -> Any:
                                  "__call__(self, t, y, state)")  # fmt: skip
 
 
-def _state(place: int, state: Any, memo: dict[int, Any]) -> Any:
+def _copy(place: int, name: str, one: Controller, copy_of: Copy, memo: dict[int, Any]) -> Any:
+    """A copy of a field of a controller. Raises SceneError, code "controller-not-copied"."""
     try:
-        return copy.deepcopy(state, memo)
+        return copy_of(getattr(one, name), memo)
     except Exception as error:
-        raise SceneError(f"it cannot be copied: {type(error).__name__}: {error}", where=f"effects[{place}].state",
-                         code="controller-not-copied",
-                         remedy="keep numbers, arrays and objects that copy.deepcopy copies") from error  # fmt: skip
+        what = f"{name_of(one.update)} and what it refers to" if name == "update" else "it"
+        raise SceneError(f"{what} cannot be copied: {type(error).__name__}: {error}", where=f"effects[{place}].{name}",
+                         remedy="each solution needs its own: give a class, which is made anew for each, such as "
+                                "functools.partial(Law, gain), in place of a function or an object",
+                         code="controller-not-copied") from error  # fmt: skip

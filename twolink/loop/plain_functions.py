@@ -16,15 +16,24 @@ import numpy as np
 
 from twolink.robots.model import RobotModel
 
-_BUILTINS = {getattr(builtins, name) for name in (
+
+def _of(module: Any, names: str) -> set[Any]:
+    return {getattr(module, name) for name in names.split()}
+
+
+_BUILTINS = _of(
+    builtins,
     "abs all any bool complex dict divmod enumerate float int isinstance len list max min pow range reversed round set "
-    "sorted str sum tuple zip").split()}  # fmt: skip
-_NUMPY = {getattr(np, name) for name in (
-    "array asarray atleast_1d zeros zeros_like ones ones_like full full_like eye identity diag arange linspace dot vdot "
-    "inner outer cross einsum tensordot trace sum prod mean max min argmax argmin where clip concatenate stack vstack "
-    "hstack column_stack interp round array_equal isclose allclose transpose reshape ravel nan_to_num any all "
-    "float64").split()}  # fmt: skip
-_LINALG = {getattr(np.linalg, name) for name in "norm solve inv pinv lstsq det cholesky eigvals".split()}
+    "sorted str sum tuple zip",
+)
+_NUMPY = _of(
+    np,
+    "array asarray atleast_1d zeros zeros_like ones ones_like full full_like eye identity diag arange linspace dot "
+    "vdot inner outer cross einsum tensordot trace sum prod mean max min argmax argmin where clip concatenate stack "
+    "vstack hstack column_stack interp round array_equal isclose allclose transpose reshape ravel nan_to_num any all "
+    "float64",
+)
+_LINALG = _of(np.linalg, "norm solve inv pinv lstsq det cholesky eigvals")
 _MODULES = math, np, np.linalg
 _CONSTANT = type(None), bool, int, float, complex, str, bytes, np.generic, np.ufunc, RobotModel, type(Ellipsis)
 _STORES = {"STORE_GLOBAL", "DELETE_GLOBAL", "STORE_ATTR", "DELETE_ATTR", "STORE_NAME", "LOAD_NAME", "IMPORT_NAME",
@@ -92,7 +101,8 @@ class _Found:
             elif name in _STORES or (name in ("STORE_DEREF", "DELETE_DEREF") and value in cells):
                 return False
             self.inputs = min(self.inputs, getattr(loaded, "nin", self.inputs))
-            self.writes |= _writes(name, value, one.argrepr) or (name.startswith("CALL") and (one.arg or 0) > self.inputs)
+            self.writes |= name.startswith("CALL") and (one.arg or 0) > self.inputs
+            self.writes |= _writes(name, value, one.argrepr)
             module = loaded if any(loaded is one for one in _MODULES) else None
             if loaded is not _NOTHING and module is None and not self.harmless(loaded):
                 return False

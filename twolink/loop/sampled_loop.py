@@ -112,11 +112,12 @@ class SampledLoop:
         own = [own_laws(sampling.controllers) for _ in range(x.shape[1])]
         self._controls = {place: self._control(place, one, rows, [laws[place] for laws in own])
                           for place, one in sampling.controllers.items()}  # fmt: skip
-        self._replay = Replay(sampling.controllers, {place: one.joints for place, one in self._controls.items()})
         self._sensors: dict[int, _Measuring] = {}
         for place, sensor in sampling.sensors.items():  # before a reading arrives, that of the start without noise
             values = sensor.read(self._seen(start, x))
             self._sensors[place] = _Measuring(sensor, values, random_of(sensor, values.shape[1]))
+        self._replay = Replay(sampling.controllers, {place: one.joints for place, one in self._controls.items()}, start,
+                              lambda place: self._given(self._controls[place], x))  # fmt: skip
 
     def _control(self, place: int, one: Controller, rows: Mapping[str, int], own: list[Own]) -> _Control:
         held, joints = one.held(self._robot, place), one.joints(self._robot)
@@ -174,13 +175,13 @@ class SampledLoop:
         """All that it goes on from; what controllers keep, in copies."""
         controls = [(one.own, one.waiting, one.last, one.ambiguity) for one in self._controls.values()]
         sensors = [(one.latest, one.waiting) for one in self._sensors.values()]
-        return self._clock.saved(), self._replay.saved(), self._copied((controls, sensors))
+        return self._clock.saved(), self._replay.saved(), _copied((controls, sensors))
 
     def restore(self, saved: Any) -> None:
         """Go on from there."""
         self._clock.restore(saved[0])
         self._replay.restore(saved[1])
-        controls, sensors = self._copied(saved[2])
+        controls, sensors = _copied(saved[2])
         for control, kept in zip(self._controls.values(), controls, strict=True):
             control.own, control.waiting, control.last, control.ambiguity = kept
         for one, kept in zip(self._sensors.values(), sensors, strict=True):
@@ -203,16 +204,6 @@ class SampledLoop:
         found = ((one, one.ambiguity.growth()) for one in self._controls.values())
         return [(seen[0], f"effects[{one.place}]", seen[1], float(one.controller.period))
                 for one, seen in found if seen]  # fmt: skip
-
-    def _copied(self, kept: Any) -> Any:
-        """Copies, one for all solutions and controllers. Raises SceneError, code "controller-not-copied"."""
-        shared = {id(own.law): own.law for one in self._controls.values() for own in one.own if own.shared}
-        try:
-            return copy.deepcopy(kept, shared)
-        except Exception as error:
-            raise SceneError(f"what a controller keeps cannot be copied: {type(error).__name__}: {error}", where="effects",
-                             remedy="keep numbers, arrays and objects that copy.deepcopy copies",
-                             code="controller-not-copied") from error  # fmt: skip
 
     def _seen(self, t: float, x: Array) -> Seen:
         q, v = x[: self._nq].T.copy(), x[self._nq : self._nq + self._nv].T.copy()
@@ -239,7 +230,10 @@ class SampledLoop:
         """Call the controller for each solution, and keep the answers until they act."""
         given, u = self._given(control, x), np.empty((x.shape[1], len(control.joints)))
         noted = self._replay.noted(control.place, given)
-        every = [Measured(**dict(zip(given, row, strict=True))) for row in zip(*given.values(), strict=True)]
+        if control.controller.inputs == STATE:
+            every = [Measured(q=q, v=v) for q, v in zip(given["q"], given["v"], strict=True)]
+        else:
+            every = [Measured(**dict(zip(given, row, strict=True))) for row in zip(*given.values(), strict=True)]
         repeated = tick % OFTEN == 0 or tick & (tick - 1) == 0
         again = repeated_once(control.own[0], every[0]) if repeated else None
         for i, (y, own) in enumerate(zip(every, control.own, strict=True)):
@@ -288,3 +282,13 @@ def _rows_of(numbers: list[int]) -> slice | None:
 def _repeated(control: _Control, t: float, own: Own, y: Measured) -> Array:
     """The answer of a copy to a question that was asked before."""
     return answer(control.place, control.joints, own, t, y)
+
+
+def _copied(kept: Any) -> Any:
+    """A copy. Raises SceneError, code "controller-not-copied"."""
+    try:
+        return copy.deepcopy(kept)
+    except Exception as error:
+        raise SceneError(f"what a controller keeps cannot be copied: {type(error).__name__}: {error}", where="effects",
+                         remedy="keep numbers, arrays and objects that copy.deepcopy copies",
+                         code="controller-not-copied") from error  # fmt: skip
