@@ -25,6 +25,7 @@ STEPS = [
     "api",
     "coverage",
     "without-heyoka",
+    "sanitizers",
     "processors",
     "pythons",
 ]
