@@ -164,10 +164,6 @@ class Compiled:
         self, name: str, arguments: Mapping[str, ArrayLike], parameters: Parameters = None, f_ext: FExt | None = None
     ) -> Array:
         """Any function by its name, such as "bias" or "frame_pose:tip", of its arguments by name."""
-        if not (f_ext or self.parameters):  # batches that need no conversion
-            made, rows = self._made.get((name,)), list(arguments.values())
-            if isinstance(made, tuple) and _are_rows(rows, made[0].sizes) and (found := made[0](rows)) is not None:
-                return found
         wrenches = self._own_axes(f_ext, arguments["q"]) if f_ext else {}
         kernel, _ = self._kernel(name, tuple(wrenches))
         forces: dict[str, ArrayLike] = {f"f_ext:{frame}": value for frame, value in wrenches.items()}
@@ -179,6 +175,11 @@ class Compiled:
         if result is None:
             return self._by_pinocchio(name, {**arguments, **forces}, arrays)
         return result if result.shape[: -len(kernel.shape)] == batch else result.reshape(*batch, *kernel.shape)
+
+    def of_rows(self, name: str, arguments: Sequence[Any]) -> Array | None:
+        """The answer of a function that is there already for arrays (n, size) that need no conversion; else None."""
+        made = self._made.get((name,))
+        return made[0](arguments) if isinstance(made, tuple) and _are_rows(arguments, made[0].sizes) else None
 
     def _own_axes(self, f_ext: FExt, q: ArrayLike) -> dict[str, Array]:
         """Wrenches by frame, turned into the frames' own axes."""
@@ -221,7 +222,7 @@ class Compiled:
         return pinocchio_queries.by_name(robot, name, arguments)
 
 
-def _are_rows(arrays: list[Any], sizes: tuple[int, ...]) -> TypeGuard[list[Array]]:
+def _are_rows(arrays: Sequence[Any], sizes: tuple[int, ...]) -> TypeGuard[Sequence[Array]]:
     """Whether arrays are (n, size) of float64 each, with one n above 0."""
     count = 0
     for a, size in zip(arrays, sizes, strict=True):

@@ -30,6 +30,7 @@ from twolink.robots.joint_layout import joint_layouts
 
 CHUNK = 4096  # states that a thread takes at once: a multiple of every vector's length
 SHARED_FROM = 4_000_000  # operations in a batch from which threads that share its chunks pay
+FEW_NUMBERS = 2**15  # in the memory of small batches, through which they go
 SINE = 20  # operations of a sine or cosine
 
 _import_lock = threading.Lock()
@@ -100,10 +101,16 @@ class Kernel:
     def _small(self) -> Pool:
         """Memory for small batches, of each thread that makes one."""
         entries = math.prod(self.shape)
-        return Pool(lambda: SmallBatch(self.program, self.sizes, (entries, 1)))
+        return Pool(lambda: SmallBatch(self.program, self._few, self.sizes, (entries, 1)))
+
+    @functools.cached_property
+    def _few(self) -> int:
+        """How many states are a small batch."""
+        width = sum(self.sizes) + math.prod(self.shape) + 1
+        return min(256, max(8, FEW_NUMBERS // width // 8 * 8))
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name not in ("program", "_small")}
+        return {name: value for name, value in self.__dict__.items() if name not in ("program", "_small", "_few")}
 
     def __call__(self, arguments: Sequence[np.ndarray]) -> np.ndarray | None:
         """The results (n, *shape) for arguments (n, size) each; None when the guard is not finite.
@@ -112,7 +119,7 @@ class Kernel:
         """
         count, entries = len(arguments[0]), math.prod(self.shape)
         columns = all(_is_columns(a) for a in arguments)
-        if 0 < count <= SmallBatch.ROWS and not columns and self.program.handle is not None:
+        if 0 < count <= self._few and not columns and self.program.handle is not None:
             return self._of_few(arguments, count)
         result = np.empty((entries, count)).T if columns else np.empty((count, entries))
         guard = np.empty((count, 1))

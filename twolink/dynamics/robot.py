@@ -548,6 +548,11 @@ class Robot(RobotModel):
             result = query.one(self.model, self.data, *arguments)
             if isfinite(total + (_square(result) if result.ndim > 1 else sum(result.tolist()))):
                 return result
+        q, made = arguments[0], self._compiled.get(())
+        if engine == "auto" and made is not None and type(q) is np.ndarray and q.ndim == 2:
+            found = made.of_rows(name, arguments) if len(q) >= compiled_from(name, self.nv) else None
+            if found is not None:
+                return found
         if self._is_compiled(name, engine, *arguments):
             return self.compiled().answer(name, dict(zip(query.arguments, arguments, strict=True)))
         return pinocchio_queries.answer(self, query, arguments)

@@ -162,18 +162,16 @@ def _blocks(arrays: Sequence[Array]) -> Any:
 
 
 class SmallBatch:
-    """Memory for up to ROWS columns of a program, through which calls take less time than by converting arrays.
+    """Memory for so many columns of a program, through which calls take less time than by converting arrays.
 
-    inputs: arrays (ROWS, size), which follow each other as the program's inputs; outputs: the same.
+    inputs: arrays (rows, size), which follow each other as the program's inputs; outputs: the same.
     """
 
-    ROWS = 64
-
-    def __init__(self, program: Program, inputs: Sequence[int], outputs: Sequence[int]) -> None:
+    def __init__(self, program: Program, rows: int, inputs: Sequence[int], outputs: Sequence[int]) -> None:
         assert program.handle is not None
-        self.inputs = [np.empty((self.ROWS, size)) for size in inputs]
-        self.outputs = [np.empty((self.ROWS, size)) for size in outputs]
-        self._registers = _Registers(program, program.widest(self.ROWS))
+        self.inputs = [np.empty((rows, size)) for size in inputs]
+        self.outputs = [np.empty((rows, size)) for size in outputs]
+        self._registers = _Registers(program, program.widest(rows))
         self._before = (*self._registers.arguments[:2], self._registers.width, self._registers.handle.value)
         self._after = (len(inputs), _blocks(self.inputs), len(outputs), _blocks(self.outputs))
 
