@@ -43,11 +43,11 @@ def test_the_engine_changes_at_the_size_of_the_rule(query: str) -> None:
     close(np.array(ask(*states_)), np.array(ask(*states_, engine="pinocchio")), 1e-11)
 
 
-def test_programs_answer_from_two_states_where_tracing_is_quick() -> None:
+def test_programs_answer_all_batches_where_tracing_is_quick() -> None:
     """And from larger batches where it takes long, the larger the robot."""
-    assert [compiled_from("forward_dynamics", nv) for nv in (0, 2, 7, 30)] == [2, 2, 2, 2]
+    assert [compiled_from("forward_dynamics", nv) for nv in (0, 2, 7, 30)] == [1, 1, 1, 1]
     assert all(np.diff([compiled_from("forward_dynamics_derivatives", nv) for nv in (12, 32, 64)]) > 0)
-    assert compiled_from("frame_pose:tip", 0) == 2
+    assert compiled_from("frame_pose:tip", 0) == 1
 
 
 def test_earlier_calls_do_not_change_the_bits() -> None:

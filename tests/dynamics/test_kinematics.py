@@ -150,7 +150,7 @@ def test_batches_are_their_single_states(robot: tl.Robot, state: tuple) -> None:
             assert pick(whole).shape[:2] == (2, 2)
             for i in range(4):
                 assert np.array_equal(pick(single[i]), pick(quick[i]))
-                close(pick(whole)[i // 2, i % 2], pick(single[i]), 1e-13)  # programs answer batches
+                close(pick(whole)[i // 2, i % 2], pick(single[i]), 1e-11)  # programs answer batches
 
 
 def test_the_jacobian_of_one_joint_has_one_column() -> None:

@@ -113,7 +113,8 @@ def test_batches_broadcast_and_equal_single_states(robot: tl.Robot) -> None:
     for query, count in queries:
         batch = query(*shaped[:count])
         single = [query(*(x[i] for x in (q, v, tau)[:count])) for i in range(6)]
-        np.testing.assert_allclose(batch.reshape(6, *np.shape(single[0])), single, rtol=1e-14, atol=1e-13)
+        expected = np.array(single)  # programs answer batches: the same to rounding
+        np.testing.assert_allclose(batch.reshape(expected.shape), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
         assert batch.shape[:2] == (2, 3)
         if count > 1:  # one configuration, many velocities
             wide = query(shaped[0][:, :1], *shaped[1:count])

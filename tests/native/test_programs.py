@@ -11,8 +11,8 @@ from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.tape import Tape
 from twolink.errors import TwolinkError
 from twolink.native import machine
-from twolink.native.assembly import Assembled
 from twolink.native.differentiation import jacobian
+from twolink.native.instructions import Assembled
 from twolink.native.machine import Program, assembled, trace
 
 COUNTS = (1, 2, 4, 5, 8, 11, 16, 100)

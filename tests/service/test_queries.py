@@ -17,9 +17,8 @@ import pytest
 import twolink as tl
 from tests.robots.test_bad_urdf import chain
 from tests.service.serving import Served
-from twolink.dynamics.engine import compiled_from
-from twolink.dynamics.queries import QUERIES, answer_query
-from twolink.service.http.components import STATES_IN_LOOP
+from twolink.dynamics.queries import QUERIES
+from twolink.service.work.requests import STATES_IN_LOOP, answer_query
 
 NPZ = {"Content-Type": "application/x-npz"}
 DYNAMICS = "/v1/robots/two_link/forward-dynamics"
@@ -46,7 +45,7 @@ def test_answers_are_those_of_the_robot(http: httpx.Client, name: str, what: str
     for batch in ((), (3,), (2, 40)):
         taken = {key: value for key, value in states(robot, *batch).items() if key in QUERIES[what].arguments}
         options = {"frame": robot.frame_names[-1]} if "frame" in QUERIES[what].options else {}
-        expected = answer_query(robot, what, taken, **options)
+        expected = QUERIES[what].answer(robot, taken, "pinocchio", **options)
         path = f"/v1/robots/{name}/{what}"
         if len(batch) < 2:
             answer = http.post(path, json={key: value.tolist() for key, value in taken.items()} | options)
@@ -183,9 +182,17 @@ def test_the_same_batch_has_the_same_bits_every_time(http: httpx.Client, count: 
         assert np.array_equal(by_json.json()["a"], a)
 
 
-def test_nothing_is_compiled_for_batches_that_the_event_loop_answers() -> None:
-    least = min(compiled_from(what.replace("-", "_"), nv) for what in QUERIES for nv in range(1, 101))
-    assert least > STATES_IN_LOOP
+def test_nothing_is_traced_for_batches_that_the_event_loop_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise AssertionError("a program is traced")
+
+    monkeypatch.setattr("twolink.dynamics.compiled.build", refuse)
+    monkeypatch.setenv("TWOLINK_CACHE", "off")
+    robot = tl.load_robot("two_link")
+    for query in QUERIES.values():
+        arguments = {name: np.zeros((STATES_IN_LOOP, 2)) for name in query.arguments}
+        options = {"frame": "tip"} if "frame" in query.options else {}
+        answer_query(robot, query, arguments | options, STATES_IN_LOOP)
 
 
 def test_the_service_answers_while_it_computes_and_its_own_process_never_compiles(

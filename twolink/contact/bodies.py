@@ -23,7 +23,7 @@ from twolink.geometry.points import Places, Points
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import effect_loads, motion_of, unbalanced_forces
 from twolink.integrate.motion.state import Array
-from twolink.native.assembly import Assembled
+from twolink.native.instructions import Assembled
 from twolink.native.machine import Program, trace
 from twolink.native.programs import program_named, require_agreement
 

@@ -134,6 +134,18 @@ class Wrench:
 FExt = Mapping[str, Wrench | ArrayLike]
 
 
+def states_of(x: Any) -> int:
+    """How many states an argument with leading axes has; 0 of one without."""
+    if not isinstance(x, np.ndarray):
+        if not (isinstance(x, list | tuple) and x and isinstance(x[0], list | tuple | np.ndarray)):
+            return 0
+        try:
+            x = np.asarray(x, dtype=float)
+        except (TypeError, ValueError):  # no array: the check of the argument says what is wrong
+            return 0
+    return x.size // x.shape[-1] if x.ndim > 1 and x.size else 0
+
+
 @dataclass(frozen=True)
 class Applied:
     """A checked wrench: its frame, the joint it acts on, where its frame sits there, and its values (..., 6)."""

@@ -80,6 +80,7 @@ def certify(
         at = with_values(model, {name: v[i] for name, v in values.items()}) if values else model
         state = {name: v[i] for name, v in arguments.items()}
         expected, scale = function.reference(State(at, state, damped))
+        expected = np.reshape(expected, function.shape)
         for engine, answers in served:
             error = float((np.abs(answers[i] - expected) / scale).max(initial=0.0))
             if not error <= BOUND:

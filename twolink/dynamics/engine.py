@@ -1,9 +1,10 @@
 """Which engine answers a query with engine="auto": a fixed rule of the query, nv and the number of states.
 
 The rule never looks at a clock, at earlier calls or at the disk cache, so that the same call gives the same bits every
-time and in every process. Single states go to Pinocchio. Batches go to programs, which take a tenth to a fiftieth of
-the time, from two states on where tracing and certifying are quick, and else from the size on where REPEATS calls of
-it pay for that. It happens once for a robot and a machine: programs are kept on disk.
+time and in every process. Single states, without leading axes, go to Pinocchio. Batches, even of one, go to programs,
+which take a tenth to a fiftieth of the time, so that a state has the same bits in each of them; but where tracing and
+certifying take long, from the size on where REPEATS calls of it pay for that. It happens once for a robot and a
+machine: programs are kept on disk.
 """
 
 import functools
@@ -36,5 +37,5 @@ def compiled_from(name: str, nv: int) -> int:
     fixed, square = _TRACING.get(name, (0.05, 4e-4))
     tracing = fixed + square * nv**2
     if tracing <= PATIENCE:
-        return 2
-    return max(2, math.ceil(tracing / (REPEATS * (constant + slope * max(nv, 1)))))
+        return 1
+    return max(1, math.ceil(tracing / (REPEATS * (constant + slope * max(nv, 1)))))

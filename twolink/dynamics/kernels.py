@@ -23,7 +23,7 @@ from twolink.algorithms.tape import Tape
 from twolink.dynamics.arguments import UNIT_TOLERANCE
 from twolink.dynamics.threads import do_all, is_forked_child, is_shared, thread_count
 from twolink.errors import QueryError
-from twolink.native.assembly import Assembled
+from twolink.native.instructions import Assembled
 from twolink.native.library import Pool
 from twolink.native.machine import Program, SmallBatch, assembled
 from twolink.robots.joint_layout import joint_layouts

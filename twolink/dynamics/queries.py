@@ -90,8 +90,10 @@ class Query:
         shapes = (shape for shape, _ in self.results.values())
         return sum(math.prod(n if isinstance(n, int) else sizes[n] for n in shape) for shape in shapes)
 
-    def answer(self, robot: Any, arguments: Mapping[str, Any], **options: Any) -> dict[str, Any]:
-        """The answer by the names of the results; see `answer_query`."""
+    def answer(
+        self, robot: Any, arguments: Mapping[str, Any], engine: str | None = None, **options: Any
+    ) -> dict[str, Any]:
+        """The answer by the names of the results; see `answer_query`. engine: of the queries that have a choice."""
         chosen = {name: value for name, value in options.items() if value is not None}
         for name in arguments:
             if name not in self.arguments:
@@ -107,6 +109,8 @@ class Query:
             raise QueryError("it is not given", argument="frame", code="missing-option", remedy=remedy)
         left_out = [name for name in self._required if name not in arguments]
         zero = dict.fromkeys(left_out, np.zeros(robot.nv)) if left_out else {}
+        if engine is not None and "engine" in signature(self.function).parameters:
+            chosen["engine"] = engine
         answer = self.function(robot, **zero, **arguments, **chosen)
         if isinstance(answer, dict):
             return answer

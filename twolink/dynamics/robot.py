@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from twolink.algorithms.functions import Shape, frame_names
 from twolink.algorithms.recursions import Axes
 from twolink.dynamics import configurations, pinocchio_queries
-from twolink.dynamics.arguments import UNIT_TOLERANCE, FExt, one_of
+from twolink.dynamics.arguments import UNIT_TOLERANCE, FExt, one_of, states_of
 from twolink.dynamics.compiled import AXES, Compiled
 from twolink.dynamics.engine import ENGINES, compiled_from
 from twolink.dynamics.pinocchio_queries import by_axes
@@ -475,15 +475,16 @@ class Robot(RobotModel):
 
         Raises
         ------
-        MissingExtraError
-            Without heyoka.
         QueryError
             For an unknown parameter.
         """
         self.require_inertia()
-        key = tuple(parameters)
-        made = self._compiled.get(key)
-        return made if made is not None else self._compiled.setdefault(key, Compiled(self, key))
+        return self._programs(tuple(parameters))
+
+    def _programs(self, parameters: tuple[str, ...] = ()) -> Compiled:
+        """As `compiled`, for frames of robots without inertia too."""
+        made = self._compiled.get(parameters)
+        return made if made is not None else self._compiled.setdefault(parameters, Compiled(self, parameters))
 
     def export_c(
         self, path: str | os.PathLike[str], functions: Sequence[str] = ("forward_dynamics",)
@@ -554,7 +555,7 @@ class Robot(RobotModel):
             if found is not None:
                 return found
         if self._is_compiled(name, engine, *arguments):
-            return self.compiled().answer(name, dict(zip(query.arguments, arguments, strict=True)))
+            return self._programs().answer(name, dict(zip(query.arguments, arguments, strict=True)))
         return pinocchio_queries.answer(self, query, arguments)
 
     def _query(self, name: str) -> Algorithm:
@@ -565,12 +566,11 @@ class Robot(RobotModel):
     def _is_compiled(self, name: str, engine: str, *arguments: Any) -> bool:
         """Whether the compiled function answers: always with engine="compiled", by the engine rule with "auto"."""
         if engine == "auto":
-            arrays = [x for x in arguments if isinstance(x, np.ndarray) and x.ndim and x.size]
-            count = max([x.size // x.shape[-1] for x in arrays], default=1)
+            count = max(map(states_of, arguments))
             if count < compiled_from(name, self.nv) or library() is None:
                 return False
             try:
-                self.compiled().certificate(name)
+                self._programs().certificate(name)
             except CertificationError as error:
                 warnings.warn(f"{error}", RuntimeWarning, stacklevel=4)
                 return False

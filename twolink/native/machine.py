@@ -10,7 +10,8 @@ import numpy as np
 
 from twolink.algorithms.tape import Symbol, Tape
 from twolink.errors import TwolinkError
-from twolink.native.assembly import OPERATIONS, QUADS, Assembled, assemble
+from twolink.native.assembly import assemble
+from twolink.native.instructions import OPERATIONS, QUADS, Assembled
 from twolink.native.library import Handle, Pool, address, level, library, require
 
 Array = np.ndarray[Any, np.dtype[Any]]
@@ -87,6 +88,12 @@ class Program:
         )  # fmt: skip
         require(code, "a program")
         return Handle(made.value, library().tl_program_free)
+
+    def require_handle(self) -> Handle:
+        """The library's program. Raises TwolinkError where there is no library."""
+        if self.handle is None:
+            raise TwolinkError("there is no native library", remedy="pip install .", code="native-library")
+        return self.handle
 
     def fits(self, width: int) -> bool:
         """Whether so many columns fit side by side."""
@@ -168,7 +175,6 @@ class SmallBatch:
     """
 
     def __init__(self, program: Program, rows: int, inputs: Sequence[int], outputs: Sequence[int]) -> None:
-        assert program.handle is not None
         self.inputs = [np.empty((rows, size)) for size in inputs]
         self.outputs = [np.empty((rows, size)) for size in outputs]
         self._registers = _Registers(program, program.widest(rows))
@@ -184,8 +190,7 @@ class _Registers:
     """Registers of a program, and memory for one column with the arguments of its call."""
 
     def __init__(self, program: Program, width: int) -> None:
-        handle = program.handle
-        assert handle is not None
+        handle = program.require_handle()
         self.handle = Handle(library().tl_registers_new(handle.value, width), library().tl_registers_free)
         self.width, self.x, self.y = width, np.empty(program.inputs), np.empty(program.outputs)
         blocks = _blocks([self.x[None]]), 1, _blocks([self.y[None]])

@@ -9,7 +9,7 @@ import numpy as np
 
 from twolink.errors import CertificationError
 from twolink.io import cache
-from twolink.native.assembly import Assembled
+from twolink.native.instructions import Assembled
 from twolink.native.machine import Program
 
 Array = np.ndarray[Any, np.dtype[Any]]

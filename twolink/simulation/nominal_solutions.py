@@ -134,7 +134,7 @@ class NominalSolutions:
     def second_ones(self) -> list[Second]:
         """The finer solution and the disturbed ones."""
         choice = self._choice
-        finer = finer_solution(choice.method, choice.setting if choice.method.adaptive else 0.0)
+        finer = finer_solution(choice.method, choice.setting)
         disturbed = zip(disturbed_solutions(len(OTHERS)), OTHERS, strict=True)
         return [Second(choice, finer, FINER, 2), *(Second(choice, one, by) for one, by in disturbed)]
 

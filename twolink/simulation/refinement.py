@@ -134,8 +134,9 @@ class Refinement:
             setting = choice.setting * min(0.9, ratio ** (1.0 / method.order))
             return replace(choice, setting=setting) if one.solution.t[-1] / setting <= MAX_STEPS else None
         smallest = ROOM * smallest_tolerance(method, choice.precision)
-        if choice.setting <= 1.01 * smallest:
-            return None
+        beside = smallest * (1.0 + 0.5 * self._settings)
+        if choice.setting <= 1.01 * smallest or (self._kinks and choice.setting < beside):
+            return replace(choice, setting=beside) if self._kinks else None  # other steps meet kinks elsewhere
         ratio **= 1.0 + 1.0 / method.order  # the error of a whole run follows the tolerance by less
         return replace(choice, setting=max(choice.setting * min(AIM, ratio), smallest))
 

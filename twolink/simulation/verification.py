@@ -104,7 +104,7 @@ class Verification:
 
     def __call__(self, choice: MethodChoice) -> Verified:
         """A run with the parts of its error bar. Raises AccuracyError where it cannot be solved."""
-        finer = finer_solution(choice.method, choice.setting if choice.method.adaptive else 0.0)
+        finer = finer_solution(choice.method, choice.setting)
         for trial in range(LESS_FINE):
             # Steps across a singular position of loops have an error of their own, which a smaller tolerance may not
             # admit.

@@ -74,7 +74,10 @@ class _Worlds:
             return distances(space, x[:, :, few], self.solved(worlds[few], tolerance[few], other)[0])
 
         first, second = disturbed_solutions(ALONE)
-        truncation, once = truncation_factor(method, steps) * to(finer_solution(method)), to(first)
+        truncation, once = (
+            truncation_factor(method, steps) * to(finer_solution(method, float(tolerance.max()))),
+            to(first),
+        )
         rounding = DISTURBED[1] * once
         most = rounding.max(axis=0)
         more = np.flatnonzero((most >= ENOUGH * self.accuracy) & np.isfinite(most))

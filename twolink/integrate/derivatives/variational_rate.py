@@ -20,7 +20,7 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import traced_rate
 from twolink.integrate.motion.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.motion.state import Array
-from twolink.native.assembly import Assembled
+from twolink.native.instructions import Assembled
 from twolink.native.machine import Program, trace
 from twolink.native.programs import program_named
 

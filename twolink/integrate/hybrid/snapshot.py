@@ -27,7 +27,7 @@ from twolink.integrate.motion.constraints import Constraints
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import constraint_forces, dynamics, lock_torques, motion_of, state_rates
 from twolink.integrate.motion.state import Array
-from twolink.native.assembly import Assembled
+from twolink.native.instructions import Assembled
 from twolink.native.machine import Program, trace
 from twolink.native.programs import program_named
 

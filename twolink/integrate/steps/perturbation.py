@@ -19,6 +19,7 @@ from twolink.integrate.motion.state import Array
 from twolink.integrate.steps.methods import Method
 from twolink.native.stepper import Disturbances
 
+LOOSE = 1e-7  # the tolerance of DOP853 below which its errors follow it
 MIN_STEPS = 16.0  # of an adaptive method in a run
 ROUNDING = 2 * np.finfo(float).eps  # of each entry of a state, relative to its size, in each step
 # Of each entry in each step on the mean, relative to it. Rounding is not all chance: energy drifts, in all solutions
@@ -65,16 +66,17 @@ class Perturbation:
 NO_PERTURBATION, RESTARTED = Perturbation(), Perturbation(restarts=True)
 
 
-def finer_solution(method: Method, touch_margin: float = 0.0) -> Perturbation:
-    """The perturbation of the solution that shows the truncation of a method.
+def finer_solution(method: Method, setting: float) -> Perturbation:
+    """The perturbation of the solution that shows the truncation of a method at a setting.
 
-    A 50th of the tolerance takes 1.6 times as many steps by DOP853; at low order that would take too many. Taylor's
-    order rises by 4: one or two orders more may be no better.
+    A 50th of the tolerance takes 1.6 times as many steps by DOP853; at low order that would take too many. Above LOOSE
+    its errors do not follow the tolerance: a solution of 3.3e-5 and one of a 50th had the same error by chance. The
+    order of Taylor's method rises by 4: one or two orders more may be no better.
     """
     if not method.adaptive:
-        return Perturbation(finer=2.0, touch_margin=touch_margin)
-    ratio = math.exp(8.0) if method.kind == "taylor" else 50.0 if method.order >= 8 else 30.0
-    return Perturbation(finer=ratio, touch_margin=touch_margin)
+        return Perturbation(finer=2.0)
+    ratio = math.exp(8.0) if method.kind == "taylor" else max(50.0, setting / LOOSE) if method.order >= 8 else 30.0
+    return Perturbation(finer=ratio, touch_margin=setting)
 
 
 def disturbed_solutions(count: int, finer: float = 1.0) -> tuple[Perturbation, ...]:

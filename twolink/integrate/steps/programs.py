@@ -14,8 +14,8 @@ from twolink.integrate.motion.state import Array
 from twolink.integrate.steps.methods import ITERATIONS, Method
 from twolink.integrate.steps.step_certificate import certify_projection, certify_rate
 from twolink.integrate.steps.step_formulas import semi_implicit_step
-from twolink.native.assembly import Assembled
 from twolink.native.differentiation import jacobian
+from twolink.native.instructions import Assembled
 from twolink.native.machine import Program, assembled
 from twolink.native.programs import arrays_named, keep, kept, once
 from twolink.native.stepper import Formulas, Scheme, Stepper

@@ -11,6 +11,7 @@ order of the method.
 import numpy as np
 
 from twolink.algorithms.namespaces import Numbers
+from twolink.errors import TwolinkError
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import projected
 from twolink.integrate.motion.pinocchio_rate import rate as rate_by_pinocchio
@@ -67,7 +68,8 @@ class StepMap:
         """
         if self._native is not None:
             return self._native.attempts(states, count, look, disturbances)
-        assert self._map is not None
+        if self._map is None:
+            raise TwolinkError("there are no steps", code="native-library")
         time, end = self.rows.time, self.rows.end
         for k in range(count):
             now = states[k]

@@ -36,7 +36,14 @@ from twolink.service.work.budget import Budget
 from twolink.service.work.cluster import Member
 from twolink.service.work.jobs import Jobs
 from twolink.service.work.metrics import Metrics
-from twolink.service.work.requests import JobRequest, answer_query, arguments_from_json, count_of, prepare
+from twolink.service.work.requests import (
+    STATES_IN_LOOP,
+    JobRequest,
+    answer_query,
+    arguments_from_json,
+    count_of,
+    prepare,
+)
 from twolink.service.work.sandbox import protection
 from twolink.service.work.sharing import KeyedLocks, Shares, hold
 from twolink.service.work.time_shares import BESIDE, PAUSED
@@ -46,7 +53,7 @@ from twolink.service.work.worker_process import WorkerMemory
 catalogue = functools.cache(catalogue_names)  # the names of the catalogue, which are ids too
 PREFIX = "/v1/robots/"
 _BODY_IN_LOOP = 4000  # bytes of a body that is read in the event loop
-STATES_IN_LOOP, _NUMBERS_IN_LOOP = 500, 4096  # of an answer that is computed there, in less than 3 ms
+_NUMBERS_IN_LOOP = 4096  # of an answer that is computed there, in less than 3 ms
 _HEADERS = {media: [(b"content-type", media.encode())] for media in (JSON, NPZ)}
 _log = logging.getLogger("twolink.service")
 _READERS, _COMPUTERS = 2, 2  # processes: for uploads, scenes and files; and for batches of states
@@ -136,13 +143,13 @@ class Queries:
         return self._answer_if_small(robot, query, body)
 
     def _answer_if_small(self, robot: Robot, query: Query, body: bytes) -> bytes | None:
-        """The answer to a few states, else None. Their number is below that from which functions are compiled."""
+        """The answer to a few states, else None."""
         arguments = arguments_from_json(query, body)
         count, numbers = count_of(robot, query, arguments)
         if count > STATES_IN_LOOP or numbers > _NUMBERS_IN_LOOP:
             return None
         self._metrics.states.inc(count)
-        return msgspec.json.encode(answer_query(robot, query, arguments), enc_hook=np.ndarray.tolist)
+        return msgspec.json.encode(answer_query(robot, query, arguments, count), enc_hook=np.ndarray.tolist)
 
 
 class Service:

@@ -22,6 +22,7 @@ from twolink.service.problems import Refusal, decode_unique, require_unique_keys
 from twolink.service.settings import Quotas
 
 _JSON_NUMBER = 32  # bytes of memory for a number on its way to JSON: an object, and a place in a list
+STATES_IN_LOOP = 500  # that the service's own process answers
 _numbers = functools.cache(Query.numbers)
 _SINGLE_STATE: set[tuple[int, ...]] = {()}
 
@@ -135,10 +136,14 @@ def require_size(count: int, numbers: int, quotas: Quotas, is_json: bool) -> Non
         raise Refusal(413, f"{count} states are too many at once", where="q", remedy="send smaller batches")
 
 
-def answer_query(robot: Robot, query: Query, arguments: dict[str, Any]) -> dict[str, Any]:
-    """The answer by the names of its results. Raises QueryError."""
+def answer_query(robot: Robot, query: Query, arguments: dict[str, Any], count: int) -> dict[str, Any]:
+    """The answer for so many states by the names of its results. Raises QueryError.
+
+    Up to STATES_IN_LOOP of them are answered by Pinocchio, in the event loop and in a worker process alike: tracing a
+    program takes longer than the loop may wait, and the same batch has the same bits.
+    """
     options = {name: arguments.pop(name) for name in query.options if name in arguments}
-    return query.answer(robot, arguments, **options)
+    return query.answer(robot, arguments, "pinocchio" if count <= STATES_IN_LOOP else None, **options)
 
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]

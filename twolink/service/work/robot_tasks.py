@@ -166,7 +166,7 @@ def query(*, key: str, what: str, sent: str, reply: str, robots: str, quotas: Qu
         arguments = arguments_from_npz(asked, read_npz(exchange, int(quotas.upload_mb * 2**20)))
     count, numbers = count_of(robot, asked, arguments)
     require_size(count, numbers, quotas, reply == JSON)
-    result = answer_query(robot, asked, arguments)
+    result = answer_query(robot, asked, arguments, count)
     exchange.seek(0)
     exchange.truncate()
     if reply == JSON:
