@@ -111,8 +111,8 @@ def test_held_steps_are_those_of_the_contact_problem(
 def test_a_held_ball_rolls_as_its_closed_form(monkeypatch: pytest.MonkeyPatch) -> None:
     """5/7 g sin. The name of its program is one of a file."""
     names: list[str] = []
-    make = held.program_named
-    monkeypatch.setattr(held, "program_named", lambda name, *more: (names.append(name), make(name, *more))[1])
+    make = held.arrays_named
+    monkeypatch.setattr(held, "arrays_named", lambda name, *more: (names.append(name), make(name, *more))[1])
     run = run_of(incline())
     assert 0 < max(map(len, names)) < 100  # file systems end at 255, and points are many
     down = np.linalg.norm(run.q[:, :3] - run.q[0, :3], axis=1)

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twolink.algorithms.mechanism import mechanism
-from twolink.algorithms.namespaces import Numbers
 from twolink.contact.bodies import Multibody
 from twolink.contact.held_step import held_step
 from twolink.contact.impulses import EXACT, Impulses
@@ -28,11 +27,10 @@ from twolink.geometry.gaps import PlaneGap, axes_of
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.native.machine import Program, trace
-from twolink.native.programs import program_named, require_agreement
+from twolink.native.programs import arrays_named
 
 FEW = 12  # points on planes, up to which they are compiled
 SLIDERS = 4  # points that may slide, up to which they are: compiling takes as the cube of their number
-GRAVITY = 9.81  # m/s^2, about what presses the points of a comparison
 MOST = 64  # steps that are looked at together
 
 
@@ -159,28 +157,15 @@ class HeldSteps:
 def _program(
     name: str, equations: Equations, gaps: Sequence[PlaneGap], chosen: Array, faces: Array, mu: list[float]
 ) -> Program:
-    """The program of (w, w' of two steps, q, P, U, t, h, numbers)."""
+    """The program of (w, w' of two steps, q, P, U, t, h, numbers).
+
+    It is compared with nothing before its first use: rounding decides among the forces of points that have more of them
+    than motions, and each step is held against the laws before it counts.
+    """
     space, mech = equations.space, mechanism(equations.robot.model)
 
     def formula(x: Array, xp: Any) -> list[Any]:
         return held_step(equations, mech, gaps, chosen, faces.tolist(), mu, list(x), xp)
 
-    def compare(program: Program) -> None:
-        """With NumPy, at the start, pressed by about the weight, in a step of 1 ms. Raises CertificationError.
-
-        Not of faces and of what slides, where rounding decides among the forces: each step is held against the laws
-        before it counts.
-        """
-        if faces.any() or mu:
-            return
-        h, points = 1e-3, len(chosen)
-        velocities = np.random.default_rng(1).uniform(0.01, 0.02, 3 * space.nv)
-        weight = h * sum(body.mass for body in equations.robot.model.inertias) * GRAVITY / points
-        pressed = weight * np.tile([0.01, 0.02, 1.0], points)
-        numbers = [0.0, h, *equations.start[equations.moving :]]
-        x = np.concatenate([velocities, equations.start[: space.nq], pressed, np.zeros(3 * points), numbers])
-        with np.errstate(all="ignore"):
-            require_agreement("steps", program(x), np.array(formula(x, Numbers), dtype=float))
-
     count = 2 + 2 * space.nv + 6 * len(chosen) + space.size
-    return program_named(name, lambda: trace(formula, count), compare)
+    return Program(arrays_named(name, lambda: trace(formula, count))[0])
