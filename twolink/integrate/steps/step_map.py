@@ -87,7 +87,7 @@ class StepMap:
         with np.errstate(all="ignore"):
             none = np.zeros((0, 1))
             rate, _ = self._columns(none if parameters is None else parameters)
-            return np.asarray(rate(t, x))[: self.equations.moving]
+            return np.asarray(rate(t, x)[: self.equations.moving])
 
     def _disturbance(self, state: Array, one: Disturbances) -> Array:
         """What is added to worlds (moving, n): r |x|, r random, and the bias times x; 0 of what has arrived."""
