@@ -147,9 +147,8 @@ class StepMap:
         if extra:
             worlds[-extra:] = parameters
         self.attempts(states, 1, 1)
-        out = states[1]
-        new = out[:size]
-        late = out[rows.time] < end
+        new: Array = states[1, :size]
+        late = states[1, rows.time] < end
         if np.count_nonzero(late):
             new[:, late] = np.nan
         return new
