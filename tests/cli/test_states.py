@@ -67,12 +67,12 @@ def test_malformed_states_are_refused(case: str, robot: tl.Robot, tmp_path: Path
      b'\xef\xbb\xbf[{"q": [1, 2], "v": [3, 4]}]', b"t,q.elbow,q.shoulder,v.shoulder,v.elbow\n0,2,1,3,4"],
 )  # fmt: skip
 def test_blank_lines_byte_order_marks_and_order_do_not_matter(content: bytes, robot: tl.Robot, tmp_path: Path) -> None:
-    assert np.array_equal(ask(robot, content, tmp_path)["h"], [robot.bias([1, 2], [3, 4])])
+    assert np.array_equal(ask(robot, content, tmp_path)["h"], robot.bias([[1, 2]], [[3, 4]]))
 
 
 def test_keys_of_states_may_come_in_any_order(robot: tl.Robot, tmp_path: Path) -> None:
     content = json.dumps([{"q": [1, 2], "v": [3, 4]}, {"v": [3, 4], "q": [1, 2]}]).encode()
-    assert np.array_equal(ask(robot, content, tmp_path)["h"], [robot.bias([1, 2], [3, 4])] * 2)
+    assert np.array_equal(ask(robot, content, tmp_path)["h"], robot.bias([[1, 2]] * 2, [[3, 4]] * 2))
 
 
 def test_stdin_that_is_not_text_is_refused(robot: tl.Robot, monkeypatch: pytest.MonkeyPatch) -> None:

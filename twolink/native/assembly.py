@@ -33,7 +33,8 @@ def assemble(operations: Sequence[tuple[int, Operation]], inputs: Sequence[int],
 
     Raises
     ------
-    ProgramTooLargeError
+    TwolinkError
+        The formula needs more registers than a program can have.
     """
     nodes = _Nodes(len(inputs))
     refs: dict[int, Signed] = {key: (1, i) for i, key in enumerate(inputs)}

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from twolink.errors import TwolinkError
+
 Array = np.ndarray[Any, np.dtype[Any]]
 OPERATIONS = (
     "ADD", "SUB", "MUL", "FMA", "FMS", "FNMA", "ADD_K", "K_SUB", "MUL_K", "FMA_K", "FMS_K", "DIV", "K_DIV", "SQRT",
@@ -34,10 +36,6 @@ class Assembled:
     constant_at: Array
     output_at: Array
     instructions: int
-
-
-class ProgramTooLargeError(Exception):
-    """A formula needs more registers than a program can have."""
 
 
 @dataclass(eq=False)
@@ -143,7 +141,8 @@ def allocated(instructions: list[Instruction], inputs: int, ends: Sequence[Node]
         else:
             runs.append((one.what, [row]))
     if top > MAX_REGISTERS or len(scalars) > MAX_REGISTERS:
-        raise ProgramTooLargeError
+        raise TwolinkError(f"a formula needs {top} registers, a program has {MAX_REGISTERS}", code="native-library",
+                           remedy="a robot with fewer joints, or engine=\"pinocchio\"")  # fmt: skip
     code = [x for what, rows in runs for x in (CODES[what], len(rows), 0, 0, *(x for row in rows for x in row))]
     return Assembled(
         inputs,

@@ -42,7 +42,7 @@ _WITH_SCALAR = {"ADD_K", "K_SUB", "MUL_K", "K_DIV", "POWER", "FMA_K", "FMS_K"}
 def trace(formula: Callable[[Array, Tape], Iterable[Any]], inputs: int) -> Assembled:
     """The program of a formula of a vector (inputs,) of symbols and of the namespace.
 
-    Raises ProgramTooLargeError.
+    Raises TwolinkError where it needs too many registers.
     """
     tape = Tape()
     x = tape.variables(inputs)
