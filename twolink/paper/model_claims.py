@@ -131,7 +131,7 @@ def solving_claims(study: DefaultsStudy) -> list[Claim]:
               f"{study.off[:, 0].max():.1e} and {study.off[:, 1].max():.1e} rad (rtol 1e-3, atol 1e-6, "
               f"{1e3 * cheap.seconds:.0f} ms by SciPy's RK45, whose step control differs in details); to "
               f"{best.setting:.0e} rad it takes rtol {reached.setting:.0e} and {1e3 * reached.seconds:.0f} ms; "
-              f"tl.simulate takes {1e3 * best.seconds:.1f} ms with an error bar of {best.bar:.0e} rad, after compiling "
+              f"tl.simulate takes {1e3 * best.seconds:.1f} ms with an error bar of {best.bar:.0e} rad, after tracing "
               f"once ({best.compile_seconds:.1g} s here)", "section 2.2"),
     ]  # fmt: skip
 

@@ -33,7 +33,7 @@ class SolverCost:
     """A solution's error in theta1 and theta2 at the end [rad], the seconds of solving, and the evaluations.
 
     setting: rtol, or for a verified run the accuracy asked for [rad]; bar: its error bar [rad], else None.
-    compile_seconds: of compiling once, beside them.
+    compile_seconds: of tracing once, beside them.
     """
 
     setting: float
@@ -138,6 +138,6 @@ def draw_defaults(study: DefaultsStudy, axes: Any) -> None:
                            xytext=(4, 4), textcoords="offset points", color=colour)  # fmt: skip
     costs.invert_xaxis()
     costs.set(
-        title="what right digits cost, without compiling", xlabel="error after three cycles (rad)", ylabel="time (ms)"
+        title="what right digits cost, after a first run", xlabel="error after three cycles (rad)", ylabel="time (ms)"
     )
     costs.legend(loc="upper left", frameon=False)
