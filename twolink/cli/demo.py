@@ -39,7 +39,7 @@ def demo(
         if run.error is not None and run.cost is not None:
             seconds, compiling = run.cost.seconds + run.cost.verify_seconds, run.cost.compile_seconds
             typer.echo(f"     asked for {accuracy:.0e} rad: error at most {run.error[-1]:.0e} rad, solved in "
-                       f"{1e3 * seconds:.1f} ms, and {compiling:.2g} s of compiling")  # fmt: skip
+                       f"{1e3 * seconds:.1f} ms, and {compiling:.2g} s of preparing")  # fmt: skip
     typer.echo("3/3  the motion in the browser" if html is None else "3/3  the motion as a page")
     if html is None:
         run.play(open_browser=not no_browser, on_url=print_address, on_skipped=print_not_drawn)

@@ -68,7 +68,7 @@ class Comparison(Plotted, Result):
                      f"{self.verdict.distance.max():.2g} rad or m")  # fmt: skip
         if cost is not None:
             lines.append(f"  cost: twolink {cost.seconds + cost.verify_seconds:.3g} s, {self.ours.error_text}, and "
-                         f"{cost.compile_seconds:.3g} s of compiling")  # fmt: skip
+                         f"{cost.compile_seconds:.3g} s of preparing")  # fmt: skip
         return "\n".join(lines)
 
     __repr__ = __str__

@@ -10,7 +10,7 @@ from twolink.integrate.event import Event
 
 Progress = Callable[[float], None]
 MAX_KEPT = 50_000_000  # numbers of states where steps ended
-Code = Literal["steps", "first", "parts", ""]  # what of a solver is compiled
+Code = Literal["steps", ""]  # what of a solver is native
 
 
 class Impulse(NamedTuple):
@@ -72,10 +72,9 @@ class Solution:
     steps, evaluations, rejected : int
         Steps taken, evaluations of the equations, attempts in vain.
     compile_seconds : float
-        Of compiling or loading, which is not part of the solving.
-    compiled : {"steps", "first", "parts", ""}
-        What was compiled at the end: whole steps, the same without optimization, the rate and the projection, or
-        nothing.
+        Of tracing, compiling or loading, which is not part of the solving.
+    compiled : {"steps", ""}
+        Whether the steps were native.
     interrupted : bool
         Ctrl-C ended it.
     precise : ndarray (n, size) or None

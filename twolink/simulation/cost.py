@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from twolink.integrate.solution import Code
 from twolink.simulation.text import Result
 
-KINDS = {"steps": "compiled", "first": "compiled, not optimized", "parts": "compiled in parts", "": "not compiled"}
+KINDS = {"steps": "native", "": "by NumPy or SciPy"}
 
 
 @dataclass(frozen=True, repr=False)
@@ -22,10 +22,9 @@ class Cost(Result):
         Steps taken, evaluations of the dynamics, and steps that were tried in vain.
     seconds, verify_seconds, compile_seconds : float
         Of solving, of solutions behind the error bar that were not solved in the same steps, with those of runs that
-        were not accurate enough, and of compiling or loading.
-    compiled : {"steps", "first", "parts", ""}
-        What was compiled at the end: whole steps; whole steps without optimization, as in the first run of a scene by
-        Taylor's method; the rate and the projection in them; or nothing.
+        were not accurate enough, and of tracing programs, compiling Taylor's method, or loading either.
+    compiled : {"steps", ""}
+        Whether the steps were native: those of the native library, or of Taylor's method.
     why : str
         The reason for the method.
     step : float or None
@@ -55,7 +54,7 @@ class Cost(Result):
     def __repr__(self) -> str:
         setting = f"step {self.step:.3g} s" if self.tolerance is None else f"tolerance {self.tolerance:.2g}"
         kind = KINDS[self.compiled]
-        seconds = f"{self.seconds:.3g} s, error bar {self.verify_seconds:.3g} s, compiling {self.compile_seconds:.3g} s"
+        seconds = f"{self.seconds:.3g} s, error bar {self.verify_seconds:.3g} s, preparing {self.compile_seconds:.3g} s"
         digits = "" if self.precision == "double" else f", {self.precision} precision"
         return (
             f"{self.method}, {setting}{digits} ({self.why or 'as asked'})\n"

@@ -68,8 +68,7 @@ class Explanation(Result, Plotted):
     shares : tuple of Share
         Operations by effect.
     nanoseconds : (float, float) or None
-        Of one evaluation in a batch, and alone, measured in compiled steps, or by itself where steps compile longer
-        than a second; None where nothing is compiled.
+        Of one evaluation in a batch, and alone, measured; None for SciPy's methods.
     method : str
     setting : float
         The method's tolerance, or its step, s.
@@ -291,7 +290,7 @@ def _expected(equations: Equations, choice: MethodChoice, times: np.ndarray) -> 
         return solve(equations, choice.method, first, choice.setting, None, choice.precision)
 
     def seconds(part: float) -> float:
-        solved(part)  # compiles what is not compiled yet
+        solved(part)  # traces what is not traced yet
         taken: list[float] = []
         while len(taken) < ROUNDS and sum(taken) < MAX_SECONDS:
             start = time.perf_counter()
