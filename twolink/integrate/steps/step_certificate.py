@@ -2,14 +2,12 @@
 
 import itertools
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from twolink.algorithms.namespaces import Numbers
-from twolink.errors import CertificationError, SceneError
-from twolink.integrate.motion.assembly import assembled
+from twolink.errors import CertificationError
 from twolink.integrate.motion.effect_numbers import nominal_vector
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import projected
@@ -18,11 +16,10 @@ from twolink.integrate.motion.state import Array
 
 AGREEMENT = 1e-8  # largest difference of the two steps, relative to the step
 STATES = 8  # on which they are compared
-AROUND, BESIDE = 1.0, 0.1  # rad, m, and per second: of states with closed loops, and beside these
+BESIDE = 0.1  # rad, m, and per second: how far states are from the start
 NEARER = (1.0, 0.1, 0.01, 0.0)  # of it: the first that is not much nearer to singular than the start
 SINGULAR = 1e14  # condition numbers of mass matrices above it
 LEAST = 0.1  # of the smallest pivot of the constraints at the start
-Map = Callable[[Array, Array], None]
 
 
 def _lock_some(equations: Equations, x: Array) -> None:
@@ -46,7 +43,7 @@ def certify_rate(equations: Equations, compiled: Any) -> None:
 
     Solving for accelerations multiplies rounding by the condition number of the mass matrix, in both.
     """
-    x = _states(equations, BESIDE)
+    x = _states(equations)
     values = np.broadcast_to(_parameters(equations), (len(equations.parameters), STATES))
     ours = compiled(np.concatenate([np.zeros((1, STATES)), x, values]))
     theirs = rate_by_pinocchio(equations, 0.0, x)
@@ -59,7 +56,7 @@ def certify_rate(equations: Equations, compiled: Any) -> None:
 
 def certify_projection(equations: Equations, compiled: Any) -> None:
     """Compare a projection with NumPy's."""
-    x = _states(equations, BESIDE)
+    x = _states(equations)
     values = np.broadcast_to(_parameters(equations), (len(equations.parameters), STATES))
     with np.errstate(all="ignore"):
         theirs = projected(equations, x, Numbers)
@@ -67,30 +64,19 @@ def certify_projection(equations: Equations, compiled: Any) -> None:
     _require_agreement(equations, "projection", x, compiled(np.concatenate([x, values])), theirs, scale)
 
 
-def _states(equations: Equations, reach: float, *, closed: bool = False) -> Array:
-    """The start, and random states up to a reach around it, (size, STATES). closed: with closed loops.
+def _states(equations: Equations) -> Array:
+    """The start, and random states BESIDE it, (size, STATES).
 
     Where constraints are nearly singular, such as where bodies overlap or at Painleve's angle of a rod that slides,
-    compiled steps are refused; states there are taken nearer to the start.
+    nothing can be compared; states there are taken nearer to the start.
     """
     x = np.repeat(equations.start[:, None], STATES, axis=1)
-    shift = np.random.default_rng(1).uniform(-reach, reach, (equations.space.size, STATES))
+    shift = np.random.default_rng(1).uniform(-BESIDE, BESIDE, (equations.space.size, STATES))
     least = LEAST * _smallest_pivot(equations, equations.start)
     for column, nearer in itertools.product(range(1, STATES), NEARER):
         if nearer == NEARER[0] or not _smallest_pivot(equations, x[:, column]) >= least:
-            x[:, column] = _placed(equations, nearer * shift[:, column], closed=closed)
+            x[:, column] = equations.space.normalized(equations.start + nearer * shift[:, column], Numbers)
     _lock_some(equations, x)
-    return x
-
-
-def _placed(equations: Equations, shift: Array, *, closed: bool) -> Array:
-    """The start, shifted, with unit lengths; the start itself where loops are to be closed and cannot be."""
-    x, moving = equations.space.normalized(equations.start + shift, Numbers), equations.moving
-    if closed and equations.constraints is not None:
-        try:
-            x[:moving] = assembled(equations.constraints, x[:moving])
-        except SceneError:
-            return equations.start
     return x
 
 
