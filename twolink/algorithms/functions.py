@@ -18,6 +18,7 @@ from twolink.errors import QueryError, nearest
 Algorithm = Callable[..., Any]  # of a mechanism and arguments in their order, perhaps f_ext, and xp
 Formula = Callable[[Mechanism, dict[str, Any], Any], list[Scalar]]
 Shape = tuple[int | Literal["nv"], ...]
+DEEP = 40.0  # ancestors squared, by degree of freedom: above, articulated bodies had fewer operations in all robots
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,10 @@ class Function:
     shape: tuple[int, ...]
     variants: tuple[Formula, ...]
     reference: Reference
+
+    def candidates(self, mech: Mechanism) -> range:
+        """The places of the variants that may have the fewest operations: in deep trees the last one alone."""
+        return range(len(self.variants) - 1 if _mean_square_depth(mech) > DEEP else 0, len(self.variants))
 
 
 @dataclass(frozen=True)
@@ -103,6 +108,14 @@ def _entries(
         at_joints[force.joint] = [plus(a, b) for a, b in zip(before, [*moved[0], *moved[1]], strict=True)]
     options = {"f_ext": at_joints} if at_joints else {}
     return _flat(algorithm(m, *(x[name] for name in names), **options, xp=xp))
+
+
+def _mean_square_depth(mech: Mechanism) -> float:
+    """How many degrees of freedom carry each one, squared, on the average."""
+    depth: list[int] = []
+    for parent in mech.dof_parents():
+        depth.append(depth[parent] + 1 if parent >= 0 else 0)
+    return sum(d * d for d in depth) / max(1, len(depth))
 
 
 def _flat(result: Any) -> list[Scalar]:

@@ -44,14 +44,16 @@ def constant(x: Scalar) -> bool:
 
 def times(a: Scalar, b: Scalar) -> Scalar:
     """a b, folded where a factor is the constant 0, 1 or -1."""
-    for x, y in ((a, b), (b, a)):
-        if constant(x):
-            if x == 0.0:
-                return 0.0
-            if x == 1.0:
-                return y
-            if x == -1.0:
-                return negative(y)
+    if type(a) is float:
+        if a == 0.0:
+            return 0.0
+        if abs(a) == 1.0:
+            return b if a > 0.0 else negative(b)
+    if type(b) is float:
+        if b == 0.0:
+            return 0.0
+        if abs(b) == 1.0:
+            return a if b > 0.0 else negative(a)
     return a * b
 
 
@@ -59,9 +61,9 @@ def plus(*terms: Scalar) -> Scalar:
     """The sum of the terms, folded where one is the constant 0."""
     total: Scalar = 0.0
     for term in terms:
-        if constant(total) and total == 0.0:
+        if type(total) is float and total == 0.0:
             total = term
-        elif not (constant(term) and term == 0.0):
+        elif type(term) is not float or term != 0.0:
             total = total + term
     return total
 
@@ -96,7 +98,7 @@ def scale(s: Scalar, a: Vec) -> Vec:
 
 def dot(a: Vec, b: Vec) -> Scalar:
     """a . b."""
-    return plus(*(times(x, y) for x, y in zip(a, b, strict=True)))
+    return plus(times(a[0], b[0]), times(a[1], b[1]), times(a[2], b[2]))
 
 
 def cross(a: Vec, b: Vec) -> Vec:

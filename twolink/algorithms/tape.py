@@ -5,8 +5,10 @@ Equal operations on equal operands are one operation, as compilers see it; signs
 
 from __future__ import annotations
 
+import contextlib
+import gc
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,11 +16,28 @@ import numpy as np
 Operation = tuple[Any, ...]  # what, then the operands: numbers of operations (int) or constants (float)
 
 
+@contextlib.contextmanager
+def collection_paused() -> Iterator[None]:
+    """No search for unreachable objects: a tape has none, and so many objects that it takes half the time."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
+
+
 def _binary(what: str, *, swapped: bool = False) -> Callable[[Symbol, Any], Symbol]:
     """An operator of symbols. swapped: the other operand stands on the left."""
 
+    commutes = what in "+*"
+
     def operator(x: Symbol, other: Any) -> Any:
-        if not isinstance(other, (Symbol, int, float)):
+        if isinstance(other, Symbol):  # as `enter` does, in half the time
+            a, b = x.key, other.key
+            return x.tape.made((what, b, a) if (b < a if commutes else swapped) else (what, a, b))
+        if not isinstance(other, (int, float)):
             return NotImplemented  # such as a jet, which takes a symbol as its value
         return x.tape.enter(what, other, x) if swapped else x.tape.enter(what, x, other)
 
@@ -98,11 +117,19 @@ class Tape:
         keys = [x.key if isinstance(x, Symbol) else float(x) for x in operands]
         if what in "+*":
             keys.sort(key=_constants_last)
-        known = self._constants
-        name = (what, *(key if type(key) is int else known.setdefault(key, -1 - len(known)) for key in keys))
+        return self.made((what, *keys))
+
+    def made(self, operation: Operation) -> Symbol:
+        """The symbol of an operation on numbers of operations and constants, in their order."""
+        name, known = operation, self._constants
+        for key in operation:
+            if type(key) is float:
+                name = tuple(x if type(x) is not float else known.setdefault(x, -1 - len(known)) for x in operation)
+                break
         found = self._made.get(name)
         if found is None:
-            found = self._made[name] = self._new((what, *keys))
+            self.operations.append(operation)
+            found = self._made[name] = self.symbol(self, len(self.operations) - 1)
         return found
 
     def inputs(self, output: Any) -> set[int]:

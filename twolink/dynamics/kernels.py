@@ -167,7 +167,7 @@ def build(model: pin.Model, function: Function, parameters: Sequence[str] = ()) 
 
     parameters: physical constants kept as run-time inputs (names: `mechanism.parameter_names`).
     """
-    traced = [_traced(model, function, i, parameters) for i in range(len(function.variants))]
+    traced = [_traced(model, function, i, parameters) for i in function.candidates(mechanism(model))]
     counts = [tape.count(outputs) for tape, _, outputs in traced]
     best = min(range(len(traced)), key=lambda i: _work(counts[i]) + counts[i].get("*", 0))
     tape, inputs, outputs = traced[best]

@@ -116,8 +116,11 @@ class Program:
         self.run([x.T], [out.T])
         return out
 
-    def run(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> None:
-        """Write the outputs (n, size) for inputs (n, size) each, float64 of any strides, that follow each other."""
+    def run(self, inputs: Sequence[Array], outputs: Sequence[Array], width: int | None = None) -> None:
+        """Write the outputs (n, size) for inputs (n, size) each, float64 of any strides, that follow each other.
+
+        width: how many columns run side by side; by default as many as pay.
+        """
         if self.handle is None:
             x = np.concatenate([a.T for a in inputs]) if len(inputs) > 1 else inputs[0].T
             found, begin = _by_numpy(self.arrays, self._constants, self._constant_at, x), 0
@@ -126,7 +129,7 @@ class Program:
                 begin += out.shape[1]
             return
         count = len(inputs[0])
-        pool = self._pool(self.widest(count, WIDTHS[0] if count > WIDE else MANY))
+        pool = self._pool(width or self.widest(count, WIDTHS[0] if count > WIDE else MANY))
         registers = pool.take()
         try:
             code = library().tl_columns(

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from twolink.algorithms.tape import collection_paused
 from twolink.errors import CertificationError
 from twolink.io import cache
 from twolink.native.instructions import Assembled
@@ -41,7 +42,8 @@ def arrays_named(name: str, trace: Callable[[], Assembled]) -> tuple[Assembled, 
     start = time.perf_counter()
     found = cache.load(name)
     if not isinstance(found, Assembled):
-        found = trace()
+        with collection_paused():
+            found = trace()
         cache.store(name, found)
     return keep(name, found), time.perf_counter() - start
 

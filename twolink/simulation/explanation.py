@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -13,12 +12,16 @@ from numpy.typing import ArrayLike
 from twolink.contact.choice import Choice, choose_contact_method
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of
-from twolink.integrate.solution import Solution
-from twolink.integrate.solver import solve
-from twolink.integrate.solvers.method_choice import MethodChoice
-from twolink.integrate.solvers.taylor_code import Precision
-from twolink.integrate.steps.programs import programs_of
+from twolink.integrate.solver import is_stepping
+from twolink.integrate.solvers.method_choice import ATTEMPTS, MEASURED, MethodChoice
+from twolink.integrate.solvers.taylor_code import Precision, order_of
+from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.perturbation import NO_PERTURBATION
+from twolink.integrate.steps.step_control import RESOLUTION
+from twolink.integrate.steps.step_map import step_map
+from twolink.integrate.steps.stepping import advance, start_state
 from twolink.io.text import kebab_case
+from twolink.native.speed import nanoseconds_of_operation
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.show.figure import Plotted, plot_bars
@@ -30,12 +33,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PILOT_STEPS = 2, 20  # of stepped contacts
-BATCH = 1024  # worlds that an evaluation is timed in
-PILOT = 0.05  # of the duration, from which the time of the whole is extrapolated
-ROUNDS = 5
-MAX_SECONDS = 1.0  # of solving a part of the run several times
+MAX_SECONDS = 0.25  # of those
+FIGURES_TOLERANCE = 1e-3  # of the figures of `method_choice`
+PILOT = 10  # first steps, from whose second half the number of all is extrapolated
+PILOT_TOLERANCE = 1e-10  # of those in place of methods that have none
+CALL, STEP = 5e-4, 1e-6  # s: of a run and of a step, beside their operations
+FIXED = 30  # operations that an evaluation takes beside its own
+SLOPE = 0.3  # operations of a column of the Jacobian, of those of the rate
+SINES = 8  # operations of a joint's sine and cosine, beyond the two that are counted
+DIGITS_COST: dict[Precision, float] = {"double": 0.5, "extended": 3.0, "quad": 60.0}  # of a product in Taylor's method
 DEMANDING = 1e-10  # rad or m: accuracies below may be out of reach of double precision
-LONGEST_PILOT = 10.0  # simulated seconds
 LONG = 1000  # characters of an effect with its fields
 
 
@@ -68,7 +75,8 @@ class Explanation(Result, Plotted):
     shares : tuple of Share
         Operations by effect.
     nanoseconds : (float, float) or None
-        Of one evaluation in a batch, and alone, measured; None for SciPy's methods.
+        Of one evaluation in a batch, and alone: its operations at the price of one on this processor, true within a
+        factor of 2.5; None for SciPy's methods.
     method : str
     setting : float
         The method's tolerance, or its step, s.
@@ -77,7 +85,8 @@ class Explanation(Result, Plotted):
     accuracy, duration : float
         Asked for, rad or m, and s.
     expected_seconds : float
-        Of solving once, extrapolated from the first part of the run.
+        Of solving once: the steps, extrapolated from the first ones, at the price of their operations; true within a
+        factor of 6 where the motion goes on as it begins.
     """
 
     scene: str
@@ -111,7 +120,7 @@ class Explanation(Result, Plotted):
         ]
         if self.nanoseconds is not None:
             batch, alone = self.nanoseconds
-            lines.append(f"  evaluation   {batch:.1f} ns in a batch, {alone:.0f} ns alone (measured)")
+            lines.append(f"  evaluation   {batch:.1f} ns in a batch, {alone:.0f} ns alone (by the operations)")
         lines += [
             f"  method       {self.method}, setting {self.setting:.1e}: {self.why}",
             f"  expected     {self.expected_seconds:.2g} s for {self.duration:g} s at accuracy {self.accuracy:g}, "
@@ -166,7 +175,8 @@ def explain(
     choice = first_choice(equations, accuracy, length, method, "auto", more if method == "auto" else ())
     acting = {i: one.held(scene.robot, i) for i, one in enumerate(scene.effects) if not one.is_sensor}
     fewer = {i: scene.with_effects([one for j, one in acting.items() if j != i]) for i in acting}
-    taken = {i: equations.operations - equations_of(other).operations for i, other in fewer.items()}
+    counts = {i: equations_of(other, variant=equations.variant).operations for i, other in fewer.items()}
+    taken = {i: equations.operations - count for i, count in counts.items()}
     shares = [Share(kebab_case(type(effect).__name__), taken.get(i, 0)) for i, effect in enumerate(scene.effects)]
     return Explanation(
         scene.title or scene.robot.name,
@@ -223,7 +233,7 @@ def _of_steps(scene: Scene, chosen: Choice, accuracy: float, length: float) -> E
         pilot, start = min(length, count * step), time.perf_counter()
         solve_stepped(stepper, np.array([0.0, pilot]), step)
         taken = time.perf_counter() - start
-        if taken > MAX_SECONDS / 4:
+        if taken > MAX_SECONDS:
             break
     expected = taken * length / pilot
     return Explanation(
@@ -255,49 +265,44 @@ def _formulation(equations: Equations) -> str:
 
 
 def _nanoseconds(equations: Equations, choice: MethodChoice) -> tuple[float, float] | None:
-    """One evaluation in a batch and alone, ns, on one thread."""
+    """One evaluation in a batch and alone, ns, on one thread: the operations, at what one takes on this processor."""
     if choice.method.kind == "scipy" or equations.space.size == 0:
         return None
-    rate = programs_of(equations).rate
-
-    def call_with(worlds: int) -> Callable[[], object]:
-        rows = np.repeat(np.concatenate([[0.0], equations.start])[:, None], worlds, axis=1)
-        out = np.empty((rate.outputs, worlds))
-        return lambda: rate(rows, out)
-
-    batch, alone = (_median_nanoseconds(call_with(worlds), worlds) for worlds in (BATCH, 1))
-    return batch, alone
-
-
-def _median_nanoseconds(call: Callable[[], object], evaluations: int) -> float:
-    """Nanoseconds an evaluation, of a call that makes so many."""
-    call()
-    calls, rounds = max(1, 8192 // evaluations), []
-    for _ in range(ROUNDS):
-        start = time.perf_counter()
-        for _ in range(calls):
-            call()
-        rounds.append((time.perf_counter() - start) / calls)
-    return 1e9 * float(np.median(rounds)) / evaluations
+    work = FIXED + equations.operations + SINES * equations.space.nv
+    batch, alone = nanoseconds_of_operation()
+    return work * batch, work * alone
 
 
 def _expected(equations: Equations, choice: MethodChoice, times: np.ndarray) -> float:
-    """Seconds of solving once for samples at the times (n,): two first parts give the cost of a call and of time."""
-    duration = float(times[-1])
+    """Seconds of solving once for samples at the times (n,)."""
+    if equations.space.size == 0:
+        return 0.0
+    method, size, operations = choice.method, equations.moving, equations.operations
+    steps, (batch, alone) = _steps(equations, choice, float(times[-1])), nanoseconds_of_operation()
+    if method.kind == "taylor":
+        work = steps * operations * order_of(choice.setting) ** 2 * DIGITS_COST[choice.precision]
+    else:  # a sample is one step more; all of them are a batch
+        work = (steps + len(times) * batch / alone) * operations * method.evaluations
+    if method.kind == "implicit":  # the Jacobian, its factors, and a solution an iteration
+        work += steps * (size * SLOPE * operations + size**3 / 3 + method.evaluations * size**2)
+    return CALL + STEP * steps + 1e-9 * work * alone
 
-    def solved(part: float) -> Solution:
-        first = np.append(times[times < part * pilot], part * pilot)
-        return solve(equations, choice.method, first, choice.setting, None, choice.precision)
 
-    def seconds(part: float) -> float:
-        solved(part)  # traces what is not traced yet
-        taken: list[float] = []
-        while len(taken) < ROUNDS and sum(taken) < MAX_SECONDS:
-            start = time.perf_counter()
-            compiling = solved(part).compile_seconds
-            taken.append(time.perf_counter() - start - compiling)
-        return min(taken)
-
-    pilot = min(duration, LONGEST_PILOT / PILOT)
-    short, long = seconds(PILOT), seconds(2 * PILOT)
-    return short + max(0.0, long - short) * (duration / pilot - PILOT) / PILOT
+def _steps(equations: Equations, choice: MethodChoice, duration: float) -> float:
+    """Steps of a run, from the lengths of its first ones, which Pinocchio's rates make: without tracing."""
+    method, setting = choice.method, choice.setting
+    if not method.adaptive:
+        return duration / setting
+    if method.kind == "implicit":  # whose first steps say little: they grow from the shortest ones
+        count, growth = ATTEMPTS[method.name]
+        return float(count * (FIGURES_TOLERANCE / setting) ** growth * duration / MEASURED)
+    if not is_stepping(method):
+        method, setting = METHODS["dop853"], max(setting, PILOT_TOLERANCE)
+    by = step_map(equations, method, portable=True)
+    end = min((*equations.breaks(duration), duration))
+    state, limit = start_state(by, equations.start[:, None], 0.0, end, setting, span=duration)
+    t = next(advance(by, state, limit, PILOT, (NO_PERTURBATION,))).t[:, 0]
+    half = len(t) // 2 if t[-1] < end else 0  # the first steps grow
+    taken = max(float(t[-1] - t[half]), RESOLUTION * duration)
+    ticks = 0.0 if equations.sampling is None else equations.sampling.ticks_per_second * duration
+    return max((len(t) - 1 - half) / taken * duration, ticks)

@@ -13,7 +13,7 @@ from twolink.algorithms.functions import function
 from twolink.algorithms.mechanism import mechanism, nominal_values
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
-from twolink.algorithms.tape import Tape
+from twolink.algorithms.tape import Tape, collection_paused
 from twolink.dynamics import Robot
 from twolink.dynamics.certificates import with_values
 from twolink.effects import Effect
@@ -37,14 +37,16 @@ from twolink.scenes.parameters import PREFIX, numbers_of
 if TYPE_CHECKING:
     from twolink.loop.sampled_loop import Sampling
 
-_kept: weakref.WeakKeyDictionary[Scene, dict[tuple[str, ...], Equations]] = weakref.WeakKeyDictionary()
+_kept: weakref.WeakKeyDictionary[Scene, dict[tuple[Any, ...], Equations]] = weakref.WeakKeyDictionary()
 
 
-def equations_of(scene: Scene, parameters: Sequence[str] = (), *, ticks: bool = False) -> Equations:
+def equations_of(
+    scene: Scene, parameters: Sequence[str] = (), *, ticks: bool = False, variant: int | None = None
+) -> Equations:
     """The equations of a scene.
 
     parameters: physical constants kept as run-time inputs. ticks: whether the caller solves from tick to tick, as
-    controllers call for. Raises SceneError.
+    controllers call for. variant: of the formula; None: that of the fewest operations. Raises SceneError.
     """
     sampling, effects = sampled(scene)
     if sampling is not None and not ticks:
@@ -52,13 +54,14 @@ def equations_of(scene: Scene, parameters: Sequence[str] = (), *, ticks: bool = 
                          where=f"effects[{min(sampling.controllers)}]", code="controller-not-followed",
                          remedy="tl.simulate, tl.simulate_many; or a continuous one, such as JointPD")  # fmt: skip
     known = _kept.setdefault(scene, {})
-    name = tuple(parameters)
+    name = (variant, *parameters)
     if name not in known:
         switching = switching_of(scene.base, scene.robot, effects)
         acting = tuple(enumerate(effects)) if switching is None else switching.acting()
         robot = scene.robot if switching is None else switching.robot_with([effect for _, effect in acting])
         lockable = () if switching is None else switching.lockable
-        equations = make_equations(robot, scene.q, scene.v, acting, lockable, switching, name)
+        given = (robot, scene.q, scene.v, acting, lockable, switching, tuple(parameters))
+        equations = make_equations(*given, variant=variant)
         known[name] = replace(equations, sampling=sampling)
     return known[name]
 
@@ -127,11 +130,12 @@ def make_equations(
     switching: Switching | None = None,
     parameters: tuple[str, ...] = (),
     states: Mapping[str, float] | None = None,
+    variant: int | None = None,
 ) -> Equations:
     """Equations of a robot under effects, each with its place in the scene, from a state (q, v).
 
     The robot has the constants that effects changed. lockable: degrees of freedom that may be held at rest. states:
-    those of effects, which may act later; None: those that the effects begin with.
+    those of effects, which may act later; None: those that the effects begin with. variant: as `equations_of` has it.
     """
     if robot.has_mimic:
         raise SceneError("mimic joints cannot be simulated yet", where="robot", remedy="load it with mimic=False",
@@ -161,7 +165,7 @@ def make_equations(
         places=tuple(place for place, _ in (*acting, *loops)),
         assembled=(float(moved[: robot.nq].max(initial=0.0)), float(moved[robot.nq :].max(initial=0.0))),
     )
-    variant, operations, steady = _fewest_operations(equations)
+    variant, operations, steady = _fewest_operations(equations, variant)
     limits, content = _effort_limits(equations), _content(equations)
     return replace(equations, variant=variant, operations=operations, steady=steady, effort_limits=limits,
                    content=content)  # fmt: skip
@@ -219,12 +223,16 @@ def _effort_limits(equations: Equations) -> tuple[tuple[int, str], ...]:
                      for name, _ in effect_loads(equations, motion, numbers, [effect]).limits)  # fmt: skip
 
 
-def _fewest_operations(equations: Equations) -> tuple[int, int, tuple[int, ...]]:
-    """Which formula of the accelerations has the fewest operations, how many, and the rows whose rate is 0 by it."""
-    variants = len(function(equations.robot.model, "forward_dynamics").variants)
-    if equations.constraints is not None or equations.layout.lockable:
-        variants = 1
-    found = [(i, *_operations(replace(equations, variant=i))) for i in range(variants)]
+def _fewest_operations(equations: Equations, variant: int | None = None) -> tuple[int, int, tuple[int, ...]]:
+    """Which formula of the accelerations has the fewest operations, how many, and the rows whose rate is 0 by it.
+
+    variant: the only one to look at.
+    """
+    looked_at: Sequence[int] = (variant,) if variant is not None else (0,)
+    if variant is None and equations.constraints is None and not equations.layout.lockable:
+        looked_at = function(equations.robot.model, "forward_dynamics").candidates(equations.mechanism)
+    with collection_paused():
+        found = [(i, *_operations(replace(equations, variant=i))) for i in looked_at]
     return min(found, key=lambda one: one[1])
 
 
@@ -233,7 +241,7 @@ def _operations(equations: Equations) -> tuple[int, tuple[int, ...]]:
     tape = Tape()
     x = [tape.variable() for _ in range(equations.space.size)]
     values = {name: tape.variable() for name in equations.parameters}
-    mech = mechanism(equations.robot.model, physical(values))
+    mech = mechanism(equations.robot.model, physical(values)) if values else equations.mechanism
     own = with_effect_numbers(equations, values)
     rates = accelerations(own, mech, tape.variable(), x, tape)
     steady = tuple(equations.space.v_rows.start + i for i, rate in enumerate(rates)
