@@ -25,7 +25,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
     The workers of pytest-xdist inherit the folder, so that each kernel is compiled once. Who sets TWOLINK_CACHE keeps
     a warm cache between runs. Kernels are not optimized, unless TWOLINK_OPT_LEVEL says so: most are called a few times.
+    Linear algebra has one thread in workers and children: beside others its threads wait, 50 ms for an inverse of 0.2.
     """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("TWOLINK_OPT_LEVEL", "0")
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else each of the processes compiles every module
     if "TWOLINK_CACHE" not in os.environ:

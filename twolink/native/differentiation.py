@@ -3,11 +3,12 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from twolink.algorithms.tape import Symbol, Tape
+from twolink.algorithms.tape import Symbol, Tape, collection_paused
 
 Derivatives = dict[int, Any]  # by the number of the variable
 
 
+@collection_paused()
 def jacobian(tape: Tape, outputs: Sequence[Any], variables: Iterable[Any]) -> tuple[list[tuple[int, int]], list[Any]]:
     """The places (row, column) and the values, symbols or constants, of d outputs / d variables that are not 0.
 
@@ -15,8 +16,9 @@ def jacobian(tape: Tape, outputs: Sequence[Any], variables: Iterable[Any]) -> tu
     """
     column = {x.key: i for i, x in enumerate(variables)}
     known: dict[int, Derivatives] = {key: {key: 1.0} for key in column}
-    symbols = {key: Symbol(tape, key) for key in (*column, *tape.needed(outputs))}
-    for key in tape.needed(outputs):
+    needed = tape.needed(outputs)
+    symbols = {key: Symbol(tape, key) for key in (*column, *needed)}
+    for key in needed:
         what, *operands = tape.operations[key]
         x = [symbols.get(k, Symbol(tape, k)) if type(k) is int else k for k in operands]
         parts = [known.get(k, {}) if type(k) is int else {} for k in operands]

@@ -78,7 +78,7 @@ class Guard:
         return np.where(late, values / np.where(late, t - self.start, 1.0), math.inf)
 
 
-WITHIN = np.array([0.0, 0.25, 0.5, 0.75])  # of a step
+WITHIN = np.array([0.25, 0.5, 0.75])  # of a step
 DIP = 0.3  # of what a guard changes around a low point: it may reach 0 between the points there
 FEW = 12  # gaps that are all looked at; of more only those that can close
 FASTER = 4.0  # times the largest rate at the points looked at: no gap closes faster between them
@@ -160,13 +160,13 @@ class Watcher:
 
     def _within(self, t: Array, x: Array) -> tuple[Array, Array]:
         """Times (m,) and states (size, m): the ends of steps, and points within them."""
-        count = len(WITHIN)
-        times, states = np.empty(count * len(t) - count + 1), np.empty((x.shape[1], count * len(t) - count + 1))
-        times[:-1] = (t[:-1, None] + WITHIN * (t[1:] - t[:-1])[:, None]).ravel()
-        times[-1] = t[-1]
-        states[:, :-1] = self.map.partial(x[:-1].repeat(count, axis=0).T, t[:-1].repeat(count), times[:-1])
-        states[:, ::count] = x.T
-        return times, states
+        steps, count = len(t) - 1, len(WITHIN)
+        times, states = np.empty((steps, count + 1)), np.empty((x.shape[1], steps * (count + 1) + 1))
+        times[:, 0], times[:, 1:] = t[:-1], t[:-1, None] + WITHIN * (t[1:] - t[:-1])[:, None]
+        inner = self.map.partial(x[:-1].repeat(count, axis=0).T, t[:-1].repeat(count), times[:, 1:].ravel())
+        states[:, :-1].reshape(-1, steps, count + 1)[:, :, 1:] = inner.reshape(-1, steps, count)
+        states[:, :: count + 1] = x.T
+        return np.append(times.ravel(), t[-1]), states
 
     def _near(self, snapshot: Snapshot, times: Array) -> list[int]:
         """The guards to look at, by number: of many gaps only those so small that their rates may close them."""
