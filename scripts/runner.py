@@ -107,7 +107,8 @@ def new_process(code: str, *arguments: str, cache: str | None = None, **more: An
     """
     with contextlib.nullcontext(cache) if cache else tempfile.TemporaryDirectory() as folder:
         environment = {"OPENBLAS_NUM_THREADS": "1", **os.environ, "TWOLINK_CACHE": folder}
-        return subprocess.run([sys.executable, "-c", code, *arguments], env=environment, cwd=TOP, text=True, **({"capture_output": True} | more))  # fmt: skip
+        return subprocess.run([sys.executable, "-c", code, *arguments], env=environment, cwd=TOP, text=True,
+                              **({"capture_output": True} | more))  # fmt: skip
 
 
 class Table:

@@ -1,0 +1,20 @@
+"""Whatever the native library is called with, it answers with a code: it never crashes, and reads nothing that is not there."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ENTRIES = ("tl_attempts", "tl_columns", "tl_method_new", "tl_program_new")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_call_crashes(seed: int) -> None:
+    done = subprocess.run([sys.executable, "-m", "tests.native.fuzzing", str(seed), "400"], capture_output=True,
+                          text=True, cwd=Path(__file__).parents[2], env=dict(os.environ), check=False)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    for entry in ENTRIES:
+        for outcome in ("fine", "refused"):
+            assert f"{entry} {outcome}" in done.stdout
