@@ -245,7 +245,7 @@ class Simulation:
                              remedy="look at events; then restore, or set_state")  # fmt: skip
         motion.advance(float(motion.t + dt))
         if self._verify:
-            _ = self.error
+            motion.note()
         return self.state
 
     def run_until(self, event: Condition | Missing, limit: float, tau: ArrayLike | None = None) -> bool:
