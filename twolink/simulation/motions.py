@@ -198,9 +198,8 @@ class Smooth(StepwiseMotion):
     def apart(self) -> float:
         """A bound on the error now and at what was noted, rad or m."""
         self._note()
-        found = errors_of(self.equations.space, self._places[: self._noted], self._counts[: self._noted])
-        self._noted = 0
-        return float(found.max())
+        noted, self._noted = slice(self._noted), 0
+        return float(errors_of(self.equations.space, self._places[noted], self._counts[noted]).max())
 
     def note(self) -> None:
         """Let `error` have regard to the error now: some at once."""

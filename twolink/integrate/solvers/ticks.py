@@ -88,7 +88,8 @@ class Lanes:
         """Let attempts begin at the state, in a place of their own."""
         self._steps = np.empty((AT_ONCE + 1, *self.state.shape))
         self._steps[0] = self.state
-        self.state, self._attempt = self._steps[0], None
+        self.state = self._steps[0]
+        self._attempt: Callable[[int, int], int] | None = None
 
     def copied(self) -> "Lanes":
         """Solutions that go on from here with the same bits, whatever these do."""
@@ -158,8 +159,8 @@ class Lanes:
 
     def _begun(self) -> Callable[[int, int], int]:
         """What makes attempts."""
-        self._attempt = self.by.on(self._steps, self._disturbances)
-        return self._attempt
+        attempt = self._attempt = self.by.on(self._steps, self._disturbances)
+        return attempt
 
     def _between(self, taken: Array, looks: Array) -> Array:
         """The states (size, m, n) at times (m,), from those after each attempted step (k, rows, n)."""
