@@ -20,14 +20,13 @@ from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
 from twolink.simulation.event_worlds import solve_one_by_one
 from twolink.simulation.many_runs import Worlds
-from twolink.simulation.sampling import duration_for, formerly, sample_times, with_check_times, with_ends
+from twolink.simulation.sampling import duration_for, sample_times, with_check_times, with_ends
 from twolink.simulation.world_solving import can_be_finer, solve_worlds
 
 CHECKS = 17  # times at least at which errors are checked
 MAX_NUMBERS = 200_000_000
 
 
-@formerly("scene", "q", "v", "parameters", "duration", "accuracy", count="their number before the end")
 def simulate_many(
     scene: Scene,
     duration: float | None = None,
