@@ -1,6 +1,7 @@
 """Queries: identities of the equations of motion, second ways to a number, batches, wrenches, threads, errors."""
 
 import dataclasses
+import itertools
 import multiprocessing
 import threading
 from collections.abc import Callable
@@ -404,3 +405,18 @@ def test_pinocchios_threads_are_for_large_batches_and_change_no_bit(
     many, few = (getattr(robot, query)(q[:n], v[:n], v[:n], engine="pinocchio") for n in (5_000, 4_999))
     assert used == [2, 1]
     assert np.array_equal(many[:-1], few)
+
+
+@pytest.mark.parametrize("name", ["ur5", "bouncing_ball", "double_pendulum_continuous"])
+def test_every_entry_of_a_state_is_looked_at(name: str) -> None:
+    """Also where the answer does not depend on it, as a torque does not on the speed of a slider."""
+    robot = tl.load_robot(name)
+    q, v = (x[0] for x in robot.random_state(1, seed=0))
+    for query, given in ((robot.forward_dynamics, (q, v, v)), (robot.inverse_dynamics, (q, v, v)),
+                         (robot.mass_matrix, (q,)), (robot.bias, (q, v)), (robot.gravity_torque, (q,))):  # fmt: skip
+        for place, value in itertools.product(range(len(given)), (np.nan, np.inf, -np.inf)):
+            for i in range(len(given[place])):
+                state = [x.copy() for x in given]
+                state[place][i] = value
+                with pytest.raises(QueryError):
+                    query(*state)

@@ -42,7 +42,7 @@ class Fuzzer:
                 scalars.ctypes.data, len(constants), constant_at.ctypes.data, constants.ctypes.data,
                 output_at.ctypes.data]  # fmt: skip
 
-    def wrong(self, values: list[Any], wholes: dict[int, Any], pointers: tuple[int, ...], ends: Any = None) -> list[Any]:
+    def wrong(self, values: list[Any], wholes: dict[int, Any], pointers: tuple[int, ...]) -> list[Any]:
         """One or two of the values made wrong: whole numbers, or pointers that are null."""
         out, places = list(values), [*wholes, *pointers]
         for at in self.random.choice(places, size=self.random.integers(1, 3)).tolist():
@@ -52,7 +52,7 @@ class Fuzzer:
     def note(self, entry: str, code: int) -> None:
         """Count an outcome, which is a code of the table or what an entry gives."""
         assert code == 0 or abs(code) in REFUSED or entry == "tl_attempts", (entry, code)
-        self.seen[f"{entry} {'fine' if code >= 0 and entry == 'tl_attempts' or code == 0 else 'refused'}"] += 1
+        self.seen[f"{entry} {'fine' if (code >= 0 and entry == 'tl_attempts') or code == 0 else 'refused'}"] += 1
 
     def programs(self) -> None:
         """Codes of random numbers, and lengths that are too small, below 0 or too large to be."""
@@ -149,7 +149,7 @@ class Fuzzer:
         if self.random.random() < 0.3:
             parts[int(self.random.integers(4))] = int(self.random.choice(WHOLE))
         ones = np.ones(columns)
-        one = Disturbances(table, ones, ones, first, np.ones((moving, columns)), tuple(parts), 0.1)  # type: ignore[arg-type]
+        one = Disturbances(table, ones, ones, first, np.ones((moving, columns)), tuple(parts), 0.1)
         pointer = ctypes.addressof(one.pointer) if self.random.random() < 0.7 else None
         values = [work, 0, columns, count, 2, states.ctypes.data, pointer]
         wholes = {1: WHOLE[2:], 2: (0, -1, -(2**63), 2**62), 3: (0, -1, 2**62, 2**63 - 1), 4: (0, -1, -(2**63))}

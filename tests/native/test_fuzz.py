@@ -1,4 +1,4 @@
-"""Whatever the native library is called with, it answers with a code: it never crashes, and reads nothing that is not there."""
+"""Whatever the native library is called with, it answers with a code and does not crash."""
 
 import os
 import subprocess

@@ -4,6 +4,7 @@ Each query has Pinocchio's algorithm for one state (`Algorithm`). `answer` check
 batch, calls the algorithm for every row, and refuses a result that is not finite.
 """
 
+import itertools
 import math
 import threading
 from collections.abc import Callable, Mapping
@@ -222,3 +223,36 @@ def energies_with_mimic(model: pin.Model, data: pin.Data, q: Array, v: Array) ->
     kinetic = v @ mass_matrix_by_columns(model, data, q) @ v / 2
     mass = sum(body.mass for body in list(model.inertias)[1:])  # what is fixed to the world does not count
     return np.array([kinetic, -mass * (model.gravity.linear @ pin.centerOfMass(model, data, q, False))])
+
+
+def shows_all(robot: RobotModel, known: dict[str, bool], name: str) -> bool:
+    """Whether Pinocchio's answer is not finite wherever an entry of the state is not; looked at once, kept in `known`.
+
+    Then a look at the answer is one at the state: a sum takes longer than a third of the query. What is not a number
+    stays so through sums and products; but a torque may not depend on the speed of a slider.
+    """
+    if name not in known:
+        plain = name in ONE_STATE and not robot.weightless and not robot.has_mimic and robot.is_whole
+        known[name] = plain and _shows_entries(robot, name)
+    return known[name]
+
+
+def _shows_entries(robot: RobotModel, name: str) -> bool:
+    """Entry by entry, at a state like any other."""
+    (call, arguments), random = ONE_STATE[name], np.random.default_rng(0)
+    q = pin.integrate(robot.model, pin.neutral(robot.model), random.uniform(-1.0, 1.0, robot.nv))
+    state = [q, *random.uniform(-1.0, 1.0, (2, robot.nv))][:arguments]
+    for place, values in enumerate(state):
+        for i, value in itertools.product(range(len(values)), (math.nan, math.inf, -math.inf)):
+            changed = [x.copy() for x in state]
+            changed[place][i] = value
+            if math.isfinite(sum(call(robot.model, robot.data, *changed).tolist())):
+                return False
+    return True
+
+
+# Pinocchio's function of a query whose answer is a vector, and how many of (q, v, tau or a) it takes.
+ONE_STATE: dict[str, tuple[Callable[..., Array], int]] = {
+    "forward_dynamics": (pin.aba, 3), "inverse_dynamics": (pin.rnea, 3), "bias": (pin.nonLinearEffects, 2),
+    "gravity_torque": (pin.computeGeneralizedGravity, 1),
+}  # fmt: skip

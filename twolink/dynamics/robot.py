@@ -18,7 +18,7 @@ from twolink.dynamics import configurations, pinocchio_queries
 from twolink.dynamics.arguments import UNIT_TOLERANCE, FExt, one_of, states_of
 from twolink.dynamics.compiled import AXES, Compiled
 from twolink.dynamics.engine import ENGINES, compiled_from
-from twolink.dynamics.pinocchio_queries import by_axes
+from twolink.dynamics.pinocchio_queries import by_axes, shows_all
 from twolink.dynamics.queries import Algorithm, Array, query
 from twolink.dynamics.regressors import regressor_names, regressor_query, regressor_values
 from twolink.errors import CertificationError
@@ -81,6 +81,7 @@ class Robot(RobotModel):
         super().__init__(name, model, report, visuals)
         self._compiled: dict[tuple[str, ...], Compiled] = {}
         self._queries: dict[str, Algorithm] = {}
+        self._shown: dict[str, bool] = {}
 
     def __repr__(self) -> str:
         facts = ", ".join(f"{name} {value}" for name, value in self._summary().items())
@@ -142,9 +143,10 @@ class Robot(RobotModel):
         Featherstone 2008, "Rigid Body Dynamics Algorithms", tables 7.1 and 6.2.
         """
         if method == "aba" and f_ext is None and not self.has_mimic:
-            if engine in _BY_PINOCCHIO and not self.weightless and isfinite(total := self._sum_of_state(q, v, tau)):
+            shown = self._shown.get("forward_dynamics") or shows_all(self, self._shown, "forward_dynamics")
+            if shown and engine in _BY_PINOCCHIO and self._is_state(q, v, tau):
                 a: Array = pin.aba(self.model, self.data, q, v, tau)
-                if isfinite(total + sum(a.tolist())):
+                if isfinite(sum(a.tolist())):
                     return a  # as `_answer`, a tenth faster (scripts/benchmarks/overhead.py)
             return self._answer("forward_dynamics", engine, q, v, tau)
         if method == "aba" and self._is_compiled("forward_dynamics", engine, q, v, tau):
@@ -178,9 +180,10 @@ class Robot(RobotModel):
         Featherstone 2008, table 5.1.
         """
         if f_ext is None:
-            if engine in _BY_PINOCCHIO and not self.weightless and isfinite(total := self._sum_of_state(q, v, a)):
+            shown = self._shown.get("inverse_dynamics") or shows_all(self, self._shown, "inverse_dynamics")
+            if shown and engine in _BY_PINOCCHIO and self._is_state(q, v, a):
                 tau: Array = pin.rnea(self.model, self.data, q, v, a)
-                if isfinite(total + sum(tau.tolist())):
+                if isfinite(sum(tau.tolist())):
                     return tau
             return self._answer("inverse_dynamics", engine, q, v, a)
         if self._is_compiled("inverse_dynamics", engine, q, v, a):
@@ -493,7 +496,8 @@ class Robot(RobotModel):
     def _answer(self, name: str, engine: str, *arguments: Any) -> Array:
         """A query by name: one state straight from Pinocchio, other arguments checked, by the engine of the rule."""
         query = self._queries.get(name) or self._query(name)
-        if engine in _BY_PINOCCHIO and isfinite(total := self._sum_of_state(*arguments)):
+        quick = (self._shown.get(name) or shows_all(self, self._shown, name)) and self._is_state(*arguments)
+        if engine in _BY_PINOCCHIO and isfinite(total := 0.0 if quick else self._sum_of_state(*arguments)):
             result = query.one(self.model, self.data, *arguments)
             if isfinite(total + (_square(result) if result.ndim > 1 else sum(result.tolist()))):
                 return result
@@ -524,6 +528,15 @@ class Robot(RobotModel):
                 return False
             return True
         return one_of(ENGINES, engine, "engine") == "compiled"
+
+    def _is_state(self, q: Any, *others: Any) -> bool:
+        """Whether these are float64 arrays of one state that Pinocchio can take as they are, units of length 1."""
+        if type(q) is not np.ndarray or q.shape != self._q_shape or q.dtype is not _FLOAT:
+            return False
+        for y in others:
+            if type(y) is not np.ndarray or y.shape != self._v_shape or y.dtype is not _FLOAT:
+                return False
+        return not self._unit_entries or isfinite(self._sum_of_state(q))
 
     def _sum_of_state(self, q: Any, *others: Any) -> float:
         """The sum of all entries of one state as float64 arrays, which Pinocchio can take as they are; else NaN.

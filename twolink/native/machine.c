@@ -37,7 +37,7 @@ TL_API int tl_level(void) { return 0; }
 /* A digest of the sources that this was built from. */
 TL_API const char *tl_sources(void) { return TEXT(SOURCES); }
 
-TL_API int tl_fits(const tl_program *p, int width) { return tl_log2(width) >= 0 && p->code[tl_log2(width)] != NULL; }
+TL_API int tl_fits(const tl_program *p, int width) { return p && tl_log2(width) >= 0 && p->code[tl_log2(width)] != NULL; }
 
 TL_API double *tl_registers_new(const tl_program *p, int width) { return tl_fits(p, width) ? tl_registers(p, width) : NULL; }
 
@@ -45,6 +45,7 @@ TL_API void tl_registers_free(double *registers) { tl_free_aligned(registers); }
 
 static int is_whole(const tl_block *blocks, int count, int wanted) {
   int64_t size = 0;
+  if (count && !blocks) return 0;
   for (int i = 0; i < count; i++) {
     if (blocks[i].size < 0 || blocks[i].size > wanted || (blocks[i].size && !blocks[i].at)) return 0;
     size += blocks[i].size;
@@ -55,10 +56,11 @@ static int is_whole(const tl_block *blocks, int count, int wanted) {
 /* Outputs of `count` columns; registers: from tl_registers_new for this width. */
 TL_API int tl_columns(const tl_program *p, int level, int width, double *registers, int64_t count, int inputs,
                       const tl_block *in, int outputs, const tl_block *out) {
-  if (!p || !registers || count < 0 || level < 0 || level > tl_level() || inputs < 0 || outputs < 0 ||
+  if (!p || !registers || count < 0 || count > TL_MAX_COUNT || level < 0 || level > tl_level() || inputs < 0 || outputs < 0 ||
       !is_whole(in, inputs, p->inputs) || !is_whole(out, outputs, p->outputs))
     return TL_BAD_ARGUMENT;
   if (!tl_fits(p, width)) return TL_TOO_WIDE;
+  if (!tl_belong(registers, p, width)) return TL_BAD_ARGUMENT;
   COLUMNS[level][tl_log2(width)](p, registers, count, inputs, in, outputs, out);
   return TL_FINE;
 }
@@ -79,23 +81,20 @@ static int rows_are_sound(const tl_method *m) {
   return 1;
 }
 
-static void *copied(const void *from, size_t bytes) {
-  void *to = malloc(bytes ? bytes : 1);
-  if (to && bytes) memcpy(to, from, bytes);
-  return to;
-}
-
 /* sizes: size, moving, parameters, kind, adaptive, stages, errors, order, iterations, joints, entries of the Jacobian.
 tableau: a (stages x stages), b, c, e (errors x stages). Returns a code; the method is written to `made`. The programs must
 outlive it. */
 TL_API int tl_method_new(const tl_program *rate, const tl_program *projection, const tl_program *jacobian,
                          const int32_t sizes[11], const double *tableau, const uint8_t *absolute, const int32_t *joint_rows,
                          const int32_t *entry_at, tl_method **made) {
+  if (!made) return TL_BAD_ARGUMENT;
   *made = NULL;
+  if (!sizes || !tableau || !absolute || !joint_rows || !entry_at) return TL_BAD_ARGUMENT;
   const int size = sizes[0], moving = sizes[1], parameters = sizes[2], kind = sizes[3], stages = sizes[5], errors = sizes[6];
-  if (!rate || size < 0 || moving < 0 || moving > size || size > 30000 || parameters < 0 || stages < 0 ||
-      stages > TL_MAX_STAGES || errors < 0 || errors > TL_MAX_ERRORS || sizes[7] < 1 || sizes[8] < 0 || sizes[9] < 0 ||
-      sizes[10] < 0 || kind < TL_EXPLICIT || kind > TL_WHOLE || rate->inputs != 1 + size + parameters + (kind == TL_WHOLE) ||
+  if (!rate || size < 0 || moving < 0 || moving > size || size > 30000 || parameters < 0 ||
+      parameters > 65535 || stages < 0 || stages > TL_MAX_STAGES || errors < 0 || errors > TL_MAX_ERRORS || sizes[7] < 1 ||
+      sizes[8] < 0 || sizes[8] > TL_MAX_ITERATIONS || sizes[9] < 0 || sizes[9] > size || sizes[10] < 0 ||
+      sizes[10] > moving * moving || kind < TL_EXPLICIT || kind > TL_WHOLE || rate->inputs != 1 + size + parameters + (kind == TL_WHOLE) ||
       rate->outputs != moving || (projection && (projection->inputs != size + parameters || projection->outputs != moving)) ||
       (kind == TL_IMPLICIT) != (jacobian != NULL) ||
       (jacobian && (jacobian->inputs != 1 + size + parameters || jacobian->outputs != sizes[10])) || (kind != TL_WHOLE && !stages))
@@ -111,13 +110,13 @@ TL_API int tl_method_new(const tl_program *rate, const tl_program *projection, c
     m->c[i] = tableau[stages * (stages + 1) + i];
     for (int e = 0; e < errors; e++) m->e[e][i] = tableau[stages * (stages + 2 + e) + i];
   }
-  m->absolute = copied(absolute, (size_t)moving);
-  m->joint_rows = copied(joint_rows, (size_t)m->joints * 4 * sizeof(int32_t));
-  m->entry_at = copied(entry_at, (size_t)m->entries * 2 * sizeof(int32_t));
-  const int whole = m->absolute && m->joint_rows && m->entry_at;
-  if (!whole || !rows_are_sound(m)) {
+  int failed = 0;
+  m->absolute = tl_copied(absolute, (size_t)moving, &failed);
+  m->joint_rows = tl_copied(joint_rows, (size_t)m->joints * 4 * sizeof(int32_t), &failed);
+  m->entry_at = tl_copied(entry_at, (size_t)m->entries * 2 * sizeof(int32_t), &failed);
+  if (failed || !rows_are_sound(m)) {
     tl_method_free(m);
-    return whole ? TL_BAD_ARGUMENT : TL_NO_MEMORY;
+    return failed ? TL_NO_MEMORY : TL_BAD_ARGUMENT;
   }
   *made = m;
   return TL_FINE;
@@ -135,7 +134,7 @@ TL_API void tl_workspace_free(tl_workspace *w) {
 
 /* The numbers of one thread for a method; NULL without memory, or where a program is too large for the width. */
 TL_API tl_workspace *tl_workspace_new(const tl_method *m, int width) {
-  if (!tl_fits(m->rate, width) || (m->projection && !tl_fits(m->projection, width)) ||
+  if (!m || !tl_fits(m->rate, width) || (m->projection && !tl_fits(m->projection, width)) ||
       (m->jacobian && !tl_fits(m->jacobian, width)))
     return NULL;
   tl_workspace *w = calloc(1, sizeof *w);
@@ -168,13 +167,26 @@ TL_API tl_workspace *tl_workspace_new(const tl_method *m, int width) {
   return w;
 }
 
+/* Whether a disturbance has a row of its table for each attempt of each column: of the states, the control says how many were. */
+static int is_within(const tl_disturbance *d, const tl_method *m, int64_t columns, const double *states) {
+  const double *accepted = states + (m->size + 4) * columns, *rejected = accepted + columns;
+  if (d->period < 1 || d->period > TL_MAX_COUNT || d->parts[0] < 0 || d->parts[1] > m->moving || d->parts[2] < 0 ||
+      d->parts[3] > m->moving || !d->table || !d->rounding || !d->bias || !d->moves || !d->first)
+    return 0;
+  for (int64_t i = 0; i < columns; i++)
+    if (d->first[i] < 0 || d->first[i] > TL_MAX_COUNT || !(accepted[i] >= 0.0 && accepted[i] <= (double)TL_MAX_COUNT) ||
+        !(rejected[i] >= 0.0 && rejected[i] <= (double)TL_MAX_COUNT))
+      return 0;
+  return 1;
+}
+
 /* Attempts of each column of states (count + 1, rows, columns), whose first is given; how many were made, or a code below 0.
 disturbance: arrays by column, or NULL. */
 TL_API int64_t tl_attempts(tl_workspace *w, int level, int64_t columns, int64_t count, int64_t look, double *states,
                            const tl_disturbance *disturbance) {
   if (!w || level < 0 || level > tl_level() || columns < 1 || count < 0 || look < 1 || !states) return -TL_BAD_ARGUMENT;
-  if (disturbance && (disturbance->period < 1 || disturbance->parts[0] < 0 || disturbance->parts[1] > w->method->moving ||
-                      disturbance->parts[2] < 0 || disturbance->parts[3] > w->method->moving))
-    return -TL_BAD_ARGUMENT;
+  const int64_t most = TL_MAX_COUNT / (w->method->size + TL_CONTROLS + w->method->parameters);
+  if (columns > most || count > most / columns) return -TL_BAD_ARGUMENT;
+  if (disturbance && !is_within(disturbance, w->method, columns, states)) return -TL_BAD_ARGUMENT;
   return ATTEMPTS[level][tl_log2(w->width)](w, columns, count, look, states, disturbance);
 }

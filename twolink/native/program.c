@@ -51,7 +51,8 @@ static void scale(uint16_t *code, size_t all, int log2) {
   }
 }
 
-static void *copied(const void *from, size_t bytes, int *failed) {
+/* A copy of so many bytes; without memory NULL, and `failed` is set. */
+void *tl_copied(const void *from, size_t bytes, int *failed) {
   void *to = malloc(bytes ? bytes : 1);
   if (!to) *failed = 1;
   else if (bytes) memcpy(to, from, bytes);
@@ -72,26 +73,28 @@ TL_API void tl_program_free(tl_program *p) {
 TL_API int tl_program_new(int inputs, int outputs, int registers, int64_t quads, const uint16_t *code, int scalars,
                           const double *scalar, int constants, const int32_t *constant_at, const double *constant,
                           const int32_t *output_at, tl_program **made) {
+  if (!made) return TL_BAD_ARGUMENT;
   *made = NULL;
   if (inputs < 0 || outputs < 0 || registers < inputs || registers > 65535 || quads < 0 || quads > (INT64_C(1) << 32) ||
-      scalars < 0 || constants < 0 || scalars > 65535 || constants > registers)
+      scalars < 0 || constants < 0 || scalars > 65535 || constants > registers || (quads && !code) || (scalars && !scalar) ||
+      (constants && !(constant_at && constant)) || (outputs && !output_at))
     return TL_BAD_PROGRAM;
   tl_program *p = calloc(1, sizeof *p);
   if (!p) return TL_NO_MEMORY;
   int failed = 0;
   p->inputs = inputs, p->outputs = outputs, p->registers = registers, p->quads = (size_t)quads;
   p->scalars = scalars, p->constants = constants;
-  p->scalar = copied(scalar, (size_t)scalars * sizeof(double), &failed);
-  p->constant = copied(constant, (size_t)constants * sizeof(double), &failed);
-  p->constant_at = copied(constant_at, (size_t)constants * sizeof(int32_t), &failed);
-  p->output_at = copied(output_at, (size_t)outputs * sizeof(int32_t), &failed);
+  p->scalar = tl_copied(scalar, (size_t)scalars * sizeof(double), &failed);
+  p->constant = tl_copied(constant, (size_t)constants * sizeof(double), &failed);
+  p->constant_at = tl_copied(constant_at, (size_t)constants * sizeof(int32_t), &failed);
+  p->output_at = tl_copied(output_at, (size_t)outputs * sizeof(int32_t), &failed);
   if (!failed && !is_sound(p, code)) {
     tl_program_free(p);
     return TL_BAD_PROGRAM;
   }
   for (int g = 0; g < TL_WIDTHS && !failed; g++) {
     if (g == 1 || ((int64_t)registers << g) > 65536) continue;
-    p->code[g] = copied(code, p->quads * 4 * sizeof(uint16_t), &failed);
+    p->code[g] = tl_copied(code, p->quads * 4 * sizeof(uint16_t), &failed);
     if (!failed) scale(p->code[g], p->quads, g);
   }
   if (failed) {
@@ -107,9 +110,9 @@ int tl_log2(int width) {
 }
 
 void *tl_aligned(size_t bytes) { /* zeros, on a cache line */
-  char *memory = calloc(bytes + 256, 1);
+  char *memory = bytes < SIZE_MAX / 2 ? calloc(bytes + 256, 1) : NULL;
   if (!memory) return NULL;
-  void **at = (void **)(((uintptr_t)memory + 136) & ~(uintptr_t)127);
+  void **at = (void **)(((uintptr_t)memory + 152) & ~(uintptr_t)127); /* at least 24 bytes on */
   at[-1] = memory;
   return at;
 }
@@ -118,11 +121,17 @@ void tl_free_aligned(void *memory) {
   if (memory) free(((void **)memory)[-1]);
 }
 
-/* The registers of a program for W columns, with its constants. */
+/* The registers of a program for W columns, with its constants. Before them stands what they were made for. */
 double *tl_registers(const tl_program *p, int width) {
   double *registers = tl_aligned(((size_t)p->registers + 1) * (size_t)width * sizeof(double));
-  if (registers)
-    for (int i = 0; i < p->constants; i++)
-      for (int l = 0; l < width; l++) registers[p->constant_at[i] * width + l] = p->constant[i];
+  if (!registers) return NULL;
+  ((const void **)registers)[-2] = p;
+  ((int *)registers)[-6] = width;
+  for (int i = 0; i < p->constants; i++)
+    for (int l = 0; l < width; l++) registers[p->constant_at[i] * width + l] = p->constant[i];
   return registers;
+}
+
+int tl_belong(const double *registers, const tl_program *p, int width) {
+  return ((const void *const *)registers)[-2] == p && ((const int *)registers)[-6] == width;
 }

@@ -24,7 +24,8 @@ enum tl_operation {
 
 enum { TL_WIDTHS = 5 }; /* by the binary logarithm of W: 1, -, 4, 8, 16 */
 enum { TL_CONTROLS = 10 };
-enum { TL_MAX_STAGES = 16, TL_MAX_ERRORS = 2 };
+enum { TL_MAX_STAGES = 16, TL_MAX_ERRORS = 2, TL_MAX_ITERATIONS = 1000 };
+#define TL_MAX_COUNT (INT64_C(1) << 48) /* numbers of an array: no machine has more */
 
 /* The codes of all outcomes, in the order of `machine.OUTCOMES`. */
 enum tl_code { TL_FINE, TL_BAD_PROGRAM, TL_NO_MEMORY, TL_TOO_WIDE, TL_BAD_ARGUMENT };
@@ -79,6 +80,8 @@ typedef struct {
 } tl_workspace;
 
 double *tl_registers(const tl_program *program, int width);
+int tl_belong(const double *registers, const tl_program *program, int width);
+void *tl_copied(const void *from, size_t bytes, int *failed);
 void *tl_aligned(size_t bytes);
 void tl_free_aligned(void *memory);
 int tl_log2(int width);
