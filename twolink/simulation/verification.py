@@ -38,8 +38,9 @@ if TYPE_CHECKING:
     from twolink.loop.sampled_loop import Sampling
 
 LOST = "loops-singular", "steps-collapsed"  # codes of a solution beside a run that gets no farther
-# Disturbed solutions: as lanes of a batch with the run they cost little, as lanes of Taylor's method more.
-IN_LANES, BY_TAYLOR, ALONE = 6, 3, 2
+# Disturbed solutions as lanes of a batch with the run: more where rounding counts, as it does below FINE (rad or m).
+IN_LANES, FINE = (2, 6), 1e-9
+BY_TAYLOR, ALONE = 3, 2
 PAIRS = 1, 3  # of a sampled loop: more where rounding counts
 WIDE = 50.0  # times rounding: their disturbances
 LESS_FINE = 3  # times that the finer solution is tried, each time nearer to the run
@@ -128,16 +129,25 @@ class Verification:
 
     def _in_lanes(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run and the others as lanes of one batch; by Taylor's method, whose order all lanes have, the others."""
-        taylor = choice.method.kind == "taylor"
-        disturbed = disturbed_solutions(BY_TAYLOR, finer.finer) if taylor else disturbed_solutions(IN_LANES)
-        run, own, x, beside = self._batch(choice, (finer, *disturbed))
-        if run.solution.interrupted:
-            return run
-        space, undisturbed = self._equations.space, x[:, :, :1] if taylor else own
-        each = np.concatenate([distances(space, own, x[:, :, :1]), distances(space, undisturbed, x[:, :, 1:])], axis=1)
-        if not taylor:  # between two checks, what the later one shows
-            each[1:, 1:] = each[beside.seldom, 1:].repeat(SELDOM, axis=0)[-len(each) + 1 :]
+        taylor, space = choice.method.kind == "taylor", self._equations.space
+        few = not 0.0 < self._accuracy < FINE
+        for count in (BY_TAYLOR,) if taylor else IN_LANES if few else IN_LANES[-1:]:
+            disturbed = disturbed_solutions(count, finer.finer if taylor else 1.0)
+            run, own, x, beside = self._batch(choice, (finer, *disturbed))
+            if run.solution.interrupted:
+                return run
+            undisturbed = x[:, :, :1] if taylor else own
+            each = np.concatenate([distances(space, own, x[:, :, :1]), distances(space, undisturbed, x[:, :, 1:])],
+                                  axis=1)  # fmt: skip
+            if not taylor:  # between two checks, what the later one shows
+                each[1:, 1:] = each[beside.seldom, 1:].repeat(SELDOM, axis=0)[-len(each) + 1 :]
+            if self._is_enough(count, each):
+                break
         return self._with_parts(run, each)
+
+    def _is_enough(self, count: int, each: Array) -> bool:
+        """Whether so many disturbed solutions suffice: more of them could not lessen the bar by much."""
+        return bool(DISTURBED[count] * each[-1, 1:].max() <= max(ENOUGH * self._accuracy, each[-1, 0]))
 
     def _in_loop(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run of a sampled loop and pairs of finer solutions, whose disturbances mirror each other, as lanes.
@@ -155,7 +165,7 @@ class Verification:
             one, other = x[:, :, ::2], x[:, :, 1::2]
             truncation = distances(space, own, 0.5 * (one + other)).max(axis=1, keepdims=True)
             each = np.concatenate([truncation, 0.5 / WIDE * distances(space, one, other)], axis=1)
-            if DISTURBED[pairs] * each[-1, 1:].max() <= max(ENOUGH * self._accuracy, each[-1, 0]):
+            if self._is_enough(pairs, each):
                 break
         return self._with_parts(run, _in_doubt(run, each))
 
