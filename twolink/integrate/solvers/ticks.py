@@ -117,6 +117,12 @@ class Lanes:
         """Accepted and rejected steps of the first."""
         return int(self.state[self._rows.accepted, 0]), int(self.state[self._rows.rejected, 0])
 
+    @property
+    def beside(self) -> int:
+        """How many more steps than the first another one has attempted."""
+        tried = self.state[self._rows.accepted] + self.state[self._rows.rejected]
+        return int(tried.max() - tried[0])
+
     def advance(self, end: float, looks: Array = NONE, passed: "Passed | None" = None) -> Array:
         """Advance all to a time, s.
 
@@ -263,7 +269,8 @@ class _Run:
         piece = Piece(self._equations, float(t[0]), len(times), (t, x[:, :moving]), held=x[:, moving:],
                       readings=self._loop.readings)  # fmt: skip
         return Solution(times, samples[:moving], accepted, evaluations, rejected, by.compile_seconds, by.compiled,
-                        interrupted, events=tuple(events_of(self._loop)), pieces=(piece,))  # fmt: skip
+                        interrupted, events=tuple(events_of(self._loop)), pieces=(piece,),
+                        beside=self._lanes.beside)  # fmt: skip
 
 
 def solve_ticks(
