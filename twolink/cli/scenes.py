@@ -137,7 +137,7 @@ def run(
     method: Method = "auto",
     tolerance: Annotated[float | None, Option(help="Tolerance of an adaptive method, in place of --accuracy.")] = None,
     step: Annotated[float | None, Option(help="Step of a fixed-step method, s, in place of --accuracy.")] = None,
-    precision: Annotated[str, Option(help="double (16 digits), extended (19) or quad (33); auto: as needed.")] = "auto",
+    precision: Annotated[str, Option(help="double (16 digits), extended (31) or quad (47); auto: as needed.")] = "auto",
     patience: Annotated[float | None, Option(help="Seconds that solving may take, 600 unless given.")] = None,
     contact: ContactWay = None,
     ground: Annotated[bool, Option("--ground", help="Of a robot: its links touch each other and the ground.")] = False,

@@ -12,6 +12,7 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, ControllerError, SceneError
 from twolink.integrate.dense_output import DenseOutput
+from twolink.integrate.digits import decimals
 from twolink.integrate.event import Event
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of
@@ -122,7 +123,7 @@ def simulate(
     limit = TimeLimit(patience or PATIENCE, progress=told, from_now=True)
     accuracy, equations = ACCURACY if asked is None else asked, equations_of(scene, ticks=True)
     free = method == "auto" and tolerance is None and step is None
-    more = precisions_of(equations, limit.seconds) if precision == "auto" and method in ("auto", "taylor") else ()
+    more = precisions_of(equations) if precision == "auto" and method in ("auto", "taylor") else ()
     first = first_choice(equations, accuracy, end, method, precision, more if free else ())
     choice, measured = _with_setting(first, method, tolerance, step)
     if verify and not (measured or choice.method.adaptive):  # a pilot, whose error tells the step that is needed
@@ -304,7 +305,7 @@ def _trajectory(
         events,
         solution.interrupted,
         accuracy=None if error is None else accuracy,
-        precise=None if solution.precise is None else solution.precise[kept],
+        precise=None if solution.precise is None else decimals(solution.precise[kept]),
         robots=_robots(solution, kept),
         solution=dense,
         title=scene.title,
