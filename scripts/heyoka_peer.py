@@ -20,7 +20,7 @@ def heyoka() -> Any:
     """The module, without SymPy, which it imports for conversions, and without its caches."""
     hidden = "sympy" not in sys.modules
     if hidden:
-        sys.modules["sympy"] = None  # type: ignore[assignment]  # makes its import fail
+        sys.modules["sympy"] = None  # makes its import fail
     try:
         import heyoka as module
     finally:

@@ -17,7 +17,6 @@ from twolink.integrate.steps.methods import METHODS
 from twolink.simulation.refinement import Refinement
 from twolink.simulation.verification import Verification
 
-
 G = 9.75
 PENDULUM = """<robot name="pendulum"><link name="base"/><link name="rod"><inertial><origin xyz="0 0 {com}"/>
 <mass value="1"/><inertia ixx="0.25" iyy="{inertia}" izz="0.25" ixy="0" ixz="0" iyz="0"/></inertial></link>

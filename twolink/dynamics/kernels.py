@@ -29,6 +29,7 @@ SHARED_FROM = 4_000_000  # operations in a batch from which threads that share i
 FEW_NUMBERS = 2**15  # in the memory of small batches, through which they go
 SINE = 20  # operations of a sine or cosine
 
+
 @dataclass(frozen=True)
 class Kernel:
     """A traced function of states.

@@ -17,7 +17,8 @@ from twolink.errors import TwolinkError
 FOLDER = Path(__file__).parent
 NAMES = ("libtwolink.so", "libtwolink.dylib", "twolink.dll")
 OUTCOMES = ("fine", "the program has an index that does not exist", "there is not enough memory",
-            "the program is too large", "an argument is out of bounds", "the state is not finite")  # fmt: skip
+            "the program is too large", "an argument is out of bounds", "the state is not finite",
+            "an operation has no Taylor series")  # fmt: skip
 _ADDRESS, _LONG, _INT = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int
 _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "tl_level": (_INT, []),

@@ -27,7 +27,7 @@ enum { TL_CONTROLS = 10 };
 enum { TL_MAX_STAGES = 16, TL_MAX_ERRORS = 2 };
 
 /* The codes of all outcomes, in the order of `library.OUTCOMES`. */
-enum tl_code { TL_FINE, TL_BAD_PROGRAM, TL_NO_MEMORY, TL_TOO_WIDE, TL_BAD_ARGUMENT, TL_NOT_FINITE };
+enum tl_code { TL_FINE, TL_BAD_PROGRAM, TL_NO_MEMORY, TL_TOO_WIDE, TL_BAD_ARGUMENT, TL_NOT_FINITE, TL_NO_SERIES };
 
 typedef struct {
   int inputs, outputs, registers, constants, scalars;

@@ -11,7 +11,7 @@ typedef struct {
   const tl_program *program;
   tl_recurrences *made;
   int32_t *now, *scalar; /* the series that a register holds, and that of a scalar, or -1 */
-  size_t room;
+  int unknown; /* an operation without a recurrence, or -1 */
 } maker;
 
 static int32_t new_series(maker *m, int constant) {
@@ -119,7 +119,7 @@ static int32_t quotient(maker *m, int32_t a, int32_t b) {
 /* a^k: by products where k is a small whole number, as the general recurrence divides by a. */
 static int32_t power(maker *m, int32_t a, double k) {
   if (k == 0.5) return function(m, SERIES_ROOT, a, -1, 0.0, NULL);
-  if (k != rint(k) || fabs(k) > HIGHEST_POWER) return function(m, SERIES_POWER, a, -1, k, NULL);
+  if (k != rint(k) || fabs(k) > (double)HIGHEST_POWER) return function(m, SERIES_POWER, a, -1, k, NULL);
   int32_t result = -1, square = a;
   for (int left = (int)fabs(k); left; left >>= 1) {
     if (left & 1) result = result < 0 ? square : product(m, result, square);
@@ -206,7 +206,7 @@ static void instruction(maker *m, int operation, const uint16_t *q) {
       now[q[0]] = result;
       break;
     }
-    default: break;
+    default: m->unknown = operation;
   }
 }
 
@@ -242,14 +242,13 @@ static int enough(maker *m, const tl_program *p) {
   return r->once && r->each && r->terms && r->output && r->literal_at && r->is_constant && r->literal && m->now && m->scalar;
 }
 
-/* The recurrences of a rate (t, x, constants) -> (x', rates beside it), whose x has `moving` rows; NULL without memory. */
-tl_recurrences *tl_recurrences_new(const tl_program *p, int moving) {
-  maker m = {.program = p, .made = calloc(1, sizeof(tl_recurrences))};
-  tl_recurrences *r = m.made;
-  if (!r || !enough(&m, p)) {
-    tl_recurrences_free(r);
-    r = NULL;
-  } else {
+/* The recurrences of a rate (t, x, constants) -> (x', rates beside it), whose x has `moving` rows. Returns a code; that of an
+operation without a recurrence is TL_NO_SERIES and its number. They are written to `made`, to be freed in any case. */
+int tl_recurrences_new(const tl_program *p, int moving, tl_recurrences **made) {
+  maker m = {.program = p, .made = calloc(1, sizeof(tl_recurrences)), .unknown = -1};
+  tl_recurrences *r = *made = m.made;
+  const int there = r && enough(&m, p);
+  if (there) {
     r->moving = moving, r->inputs = p->inputs, r->outputs = p->outputs;
     for (int i = 0; i < p->scalars; i++) m.scalar[i] = -1;
     for (int i = 0; i < p->inputs; i++) m.now[i] = new_series(&m, i > moving);
@@ -264,5 +263,5 @@ tl_recurrences *tl_recurrences_new(const tl_program *p, int moving) {
   }
   free(m.now);
   free(m.scalar);
-  return r;
+  return !there ? TL_NO_MEMORY : m.unknown < 0 ? TL_FINE : TL_NO_SERIES + m.unknown;
 }

@@ -52,7 +52,7 @@ typedef struct {
   int64_t steps;
 } tl_taylor;
 
-tl_recurrences *tl_recurrences_new(const tl_program *rate, int moving);
+int tl_recurrences_new(const tl_program *rate, int moving, tl_recurrences **made);
 void tl_recurrences_free(tl_recurrences *r);
 
 #define TL_DECLARE_TAYLOR(S)                                                                   \

@@ -5,12 +5,15 @@ from typing import Any
 
 import numpy as np
 
+from twolink.errors import TwolinkError
+from twolink.native.instructions import OPERATIONS
 from twolink.native.library import OUTCOMES, Handle, address, level, library, require
 from twolink.native.machine import Program
 from twolink.native.stepper import Disturbances
 
 Array = np.ndarray[Any, np.dtype[Any]]
 NOT_FINITE = OUTCOMES.index("the state is not finite")
+NO_SERIES = OUTCOMES.index("an operation has no Taylor series")  # and the number of the operation
 
 
 class Series:
@@ -31,6 +34,11 @@ class Series:
     longest : float
         No step is longer, s.
 
+    Raises
+    ------
+    TwolinkError
+        An operation of the rate has no recurrence (code "no-taylor-series").
+
     Attributes
     ----------
     t : float
@@ -46,6 +54,9 @@ class Series:
             raise ValueError(f"a rate of {rate.inputs} inputs got {1 + len(x) + len(constants)}")
         code = library().tl_taylor_new(rate.require_handle().value, level(), len(x), order, x.shape[1], t, address(x),
                                        address(constants), longest, ctypes.byref(made))  # fmt: skip
+        if code >= NO_SERIES:
+            raise TwolinkError(f"Taylor's method has no recurrence for {OPERATIONS[code - NO_SERIES]}",
+                               remedy='method="dop853"', code="no-taylor-series")  # fmt: skip
         require(code, "Taylor's method")
         self._handle = Handle(made.value, library().tl_taylor_free)
 

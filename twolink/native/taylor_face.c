@@ -50,8 +50,8 @@ static void place(tl_recurrences *r, int32_t apart) {
 static int prepared(tl_taylor *one, const tl_program *rate, int moving) {
   const size_t parts = (size_t)one->parts;
   one->stride = ((size_t)one->order + 1 + 2 * TL_W + TL_W - 1) / TL_W * TL_W;
-  one->own = tl_recurrences_new(rate, moving);
-  if (!one->own) return TL_NO_MEMORY;
+  const int code = tl_recurrences_new(rate, moving, &one->own);
+  if (code) return code;
   const size_t apart = one->stride * parts, series = (size_t)one->own->series * apart;
   if (series > INT32_MAX) return TL_TOO_WIDE;
   one->memory = tl_aligned((TL_W + series + apart + (size_t)moving * parts + (TL_MAX_ORDER + 1) * parts) * sizeof(double));
