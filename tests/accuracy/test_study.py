@@ -119,7 +119,7 @@ def test_figure_and_text(study: tl.Study, tmp_path: Path) -> None:
     with pytest.raises(ShowError):
         study.plot(tmp_path / "x.doc")
     text = study.text()
-    for part in ("two_link: 10 s", "19 digits", "dop853", "tolerance 1e-06", "what accuracy costs", " *"):
+    for part in ("two_link: 10 s", "31 digits", "dop853", "tolerance 1e-06", "what accuracy costs", " *"):
         assert part in text
 
 

@@ -395,9 +395,8 @@ def test_compiled_is_the_same_as_numpy(name: str) -> None:
     for algorithm in (recursions.rnea, recursions.forward_dynamics_crba):
         tape = Tape()
         symbols = [list(tape.variables(size)) for size in sizes.values()]
-        compiled = Program(
-            assembled(tape, [x for group in symbols for x in group], algorithm(mech, *symbols, None, tape))
-        )
+        outputs = algorithm(mech, *symbols, None, tape)  # type: ignore[call-arg]
+        compiled = Program(assembled(tape, [x for group in symbols for x in group], outputs))
         ours = case.dense(algorithm(mech, case.q, case.v, case.a, None, np))
         close(compiled(np.concatenate([case.q, case.v, case.a])), ours, 1e-10)
 

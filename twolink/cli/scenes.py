@@ -160,7 +160,7 @@ def run(
     twolink run anymal --ground                          on its feet, or not: --root free leaves the ground out
     twolink run arm-swing --accuracy 1e-9
     twolink run arm-swing --method rk4 --step 0.01      the error bar says how wrong that is
-    twolink run arm-swing --accuracy 1e-25               33 digits, as 16 do not reach it
+    twolink run arm-swing --accuracy 1e-25               31 digits, as 16 do not reach it
     """
     from twolink.simulation.scene_run import simulate
 
@@ -230,7 +230,7 @@ def accuracy(
 ) -> None:
     """Measure what accuracy costs on a scene.
 
-    Each method is run at several settings. Errors are measured against a reference of 19 or 33 digits, whose own error
+    Each method is run at several settings. Errors are measured against a reference of 31 digits, whose own error
     is printed. Ctrl-C keeps what is done. A complete study of all methods is stored; `twolink run` then chooses its
     method by it. --out writes a figure (.png .svg .pdf), the study (.json) or its rows (.csv .parquet .npz).
 

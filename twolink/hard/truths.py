@@ -173,7 +173,7 @@ def oscillation(start: float, w: float, factors: Sequence[float] = (1.0,)) -> Ex
 
 
 def extended_reference(scene: Scene, times: np.ndarray, *, quad: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Solve a smooth scene in numbers of 19 digits.
+    """Solve a smooth scene in numbers of 31 digits.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def extended_reference(scene: Scene, times: np.ndarray, *, quad: bool = False) -
     times : (n,) array
         Samples, s, from 0.
     quad : bool
-        Check by quadruple precision; else by another tolerance, and with it other orders and steps.
+        Check by 47 digits; else by another tolerance, and with it other orders and steps.
 
     Returns
     -------

@@ -151,9 +151,9 @@ class Refinement:
         if one is None:
             return
         for precision in self.precisions:
-            more = ROUNDING_UNIT[precision] / ROUNDING_UNIT["double"]
+            more = ROUNDING_UNIT[precision] / ROUNDING_UNIT[one.choice.precision]
             reaches = not np.isfinite(rounding) or rounding * more <= MOST * self.accuracy
-            if one.choice.precision != precision and (reaches or precision == self.precisions[-1]):
+            if more < 1.0 and (reaches or precision == self.precisions[-1]):
                 yield more_digits(self.accuracy, precision, _reached(one))
 
     @property

@@ -84,7 +84,7 @@ def simulate(
         Solve beside the run a finer solution, and some that are disturbed by rounding, and take the distances as the
         error bar; the settings are refined until the bar is below `accuracy`. Without it run.error is None.
     precision : {"auto", "double", "extended", "quad"}
-        Of the numbers: 16 digits, 19 or 33. The latter two by Taylor's method, for smooth scenes; their digits are in
+        Of the numbers: 16 digits, 31 or 47. The latter two by Taylor's method, for smooth scenes; their digits are in
         run.precise, which the error bar is for. "auto" takes more digits where 16 do not keep the accuracy.
     tolerance, step : float, optional
         Of the method, in place of what `accuracy` calls for, the step in s; the error bar is measured and reported.

@@ -10,7 +10,7 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.solvers.pieces import in_pieces
-from twolink.integrate.solvers.taylor_code import PARTS, Precision, exact_constants, order_of, taylor_rate
+from twolink.integrate.solvers.taylor_code import PARTS, Precision, order_of, taylor_rate
 from twolink.integrate.steps.beside import Beside
 from twolink.integrate.steps.failures import MAX_STEPS, failure
 from twolink.integrate.steps.perturbation import MIN_STEPS, NO_PERTURBATION, Perturbation, step_disturbances
@@ -71,19 +71,20 @@ def solve(
 
     def piece(equations: Equations, times: Array) -> Solution:
         nonlocal end
-        rate, seconds = taylor_rate(equations)
+        rate, constants, seconds = taylor_rate(equations)
+        numbers = np.concatenate([equations.start[equations.moving :], constants])
         start = np.zeros((equations.moving, PARTS[precision]))
         start[:, 0] = equations.start[: equations.moving]
         states = np.empty((len(times), *start.shape))
         states[0] = start if end is None else end  # with the digits that the equations' start lacks
         done, steps, interrupted = 1, 0, False
         try:
-            for reached in _advanced(equations, rate, order, times, states, perturbation):
+            for reached in _advanced(equations, rate, numbers, order, times, states, perturbation):
                 done, steps = reached
                 if progress is not None:
                     progress(float(times[done - 1]))
             if beside is not None:
-                _advance_beside(equations, rate, tolerance, times, beside, progress)
+                _advance_beside(equations, rate, numbers, tolerance, times, beside, progress)
         except KeyboardInterrupt:
             interrupted = True
         end = states[done - 1]
@@ -96,10 +97,15 @@ def solve(
 
 
 def _advanced(
-    equations: Equations, rate: Program, order: int, times: Array, states: Array, perturbation: Perturbation
+    equations: Equations,
+    rate: Program,
+    numbers: Array,
+    order: int,
+    times: Array,
+    states: Array,
+    perturbation: Perturbation,
 ) -> Iterator[tuple[int, int]]:
     """Fill states (n, moving, parts), of which the first is given: how many are there, and the steps, now and then."""
-    numbers = np.concatenate([equations.start[equations.moving :], list(exact_constants(equations).values())])
     longest = max(SHORTEST, float(times[-1] - times[0]) / MIN_STEPS)
     series, done = Series(rate, order, float(times[0]), states[0], numbers, longest), 1
     disturbed = _disturbances(equations, perturbation, states.shape[2])
@@ -122,7 +128,13 @@ def _disturbances(equations: Equations, perturbation: Perturbation, parts: int) 
 
 
 def _advance_beside(
-    equations: Equations, rate: Program, tolerance: float, times: Array, beside: Beside, progress: Progress | None
+    equations: Equations,
+    rate: Program,
+    numbers: Array,
+    tolerance: float,
+    times: Array,
+    beside: Beside,
+    progress: Progress | None,
 ) -> None:
     """Solve from where the solutions beside a run are to the end of a piece; what is not finite stays NaN."""
     first, after = np.searchsorted(beside.t, times[[0, -1]], side="right")
@@ -132,7 +144,7 @@ def _advance_beside(
         states = np.full((len(grid), equations.moving, 1), np.nan)
         states[0, :, 0] = beside.now[:, i]
         try:
-            for done, _ in _advanced(equations, rate, order_of(tolerance / one.finer), grid, states, one):
+            for done, _ in _advanced(equations, rate, numbers, order_of(tolerance / one.finer), grid, states, one):
                 if progress is not None:
                     progress(float(grid[done - 1]))
         except AccuracyError as error:
