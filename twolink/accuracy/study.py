@@ -8,7 +8,7 @@ import math
 import os
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +16,8 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.accuracy.measuring import StudyRun, better_reference, count, first_reference, measure_method
-from twolink.accuracy.study_data import BETTER, Row, StudyData, plot_study, study_text, with_front
+from twolink.accuracy.measuring import StudyRun, count, first_reference, measure_method
+from twolink.accuracy.study_data import Row, StudyData, plot_study, study_text, with_front
 from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
 from twolink.integrate.motion.scene_equations import equations_of
@@ -174,8 +174,6 @@ def accuracy_study(
     interrupted = False
     try:
         _measure_all(measurements, chosen, aims, report, total)
-        report(total - repeats, total, "a reference of more digits")
-        _improve_reference(measurements)
         for number in range(2, repeats + 1):
             report(total - repeats + number - 1, total, f"all once more, {number} of {repeats}")
             measurements.time_again(number)
@@ -204,20 +202,6 @@ def _measure_all(
 
         measure_method(measurements, method, tolerances, announce)
         done += count(method, tolerances)
-
-
-def _improve_reference(measurements: StudyRun) -> None:
-    """Take a reference of more digits where the best row comes too near to this one's error."""
-    reference = measurements.reference
-    best = min((entry.row.error for entry in measurements.done), default=math.inf)
-    if best >= BETTER * reference.digits_error or reference.precision != "extended":
-        return
-    better = better_reference(measurements.equations, measurements.times)
-    if better is None or better.digits_error > reference.digits_error:
-        return
-    measurements.reference = better
-    for entry in measurements.done:
-        entry.row = replace(entry.row, error=better.error_of(measurements.equations.space, entry.q))
 
 
 def _sorted(measurements: StudyRun) -> list[Row]:

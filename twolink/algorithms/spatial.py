@@ -74,7 +74,7 @@ def minus(a: Scalar, b: Scalar) -> Scalar:
 
 
 def reciprocal(a: Scalar, xp: Any) -> Scalar:
-    """1 / a. A namespace may have its own: heyoka turns x * (1 / a) back into x / a, at ten times a product's cost."""
+    """1 / a. A namespace may have its own, such as that of numbers with derivatives."""
     return xp.reciprocal(a) if hasattr(xp, "reciprocal") and not constant(a) else 1.0 / a
 
 

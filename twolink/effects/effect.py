@@ -88,7 +88,7 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
     """One thing a scene calls for. In a scene file its `type` is the class's name in lower case, with hyphens.
 
     An effect may change the robot's constants (`change`), or act on the moving robot (`act`), or both. What it does
-    is written once, over plain arithmetic: NumPy runs it beside Pinocchio, heyoka compiles it.
+    is written once, over plain arithmetic: NumPy runs it beside Pinocchio, the machine runs its tape.
     """
 
     touches: ClassVar[bool] = False  # whether bodies touch by it

@@ -77,8 +77,8 @@ class Solution:
         Whether the steps were native.
     interrupted : bool
         Ctrl-C ended it.
-    precise : ndarray (n, size) or None
-        The states in a higher precision, where it was asked for.
+    precise : ndarray (n, size, parts) or None
+        The states in a higher precision, where it was asked for: sums of doubles (`digits`).
     events : tuple of Event
         What happened on the way.
     impulses : tuple of Impulse

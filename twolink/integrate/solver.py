@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 SMALLEST = {"explicit": SMALLEST_TOLERANCE, "implicit": SMALLEST_TOLERANCE, "taylor": 1e-16,
             "scipy": scipy_solver.SMALLEST_TOLERANCE}  # fmt: skip
-SMALLEST_PRECISE = {"extended": 1e-19, "quad": 1e-33}
+SMALLEST_PRECISE = {"extended": 1e-31, "quad": 1e-46}
 
 
 def smallest_tolerance(method: Method, precision: Precision = "double") -> float:

@@ -6,7 +6,6 @@ A pin.Data takes about nv^3 numbers. That of many bodies in one model fills any 
 
 import functools
 import hashlib
-import os
 import platform
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -19,7 +18,7 @@ import pinocchio as pin
 
 KERNEL_FORMAT = 1
 PACKAGE = Path(__file__).parents[1]
-LIBRARIES = ("heyoka", "pin", "numpy", "scipy", "example-robot-data")  # which results depend on
+LIBRARIES = ("pin", "numpy", "scipy", "example-robot-data")  # which results depend on
 TRACED_ROOMS = (
     "algorithms",
     "contact",
@@ -204,5 +203,4 @@ def _environment() -> str:
         processor = sorted({line for line in lines if line.startswith(("model name", "flags", "Features"))})
     except OSError:
         processor = [platform.processor()]
-    level = os.environ.get("TWOLINK_OPT_LEVEL")
-    return repr((KERNEL_FORMAT, code_key(*TRACED_ROOMS), platform.machine(), processor, level))
+    return repr((KERNEL_FORMAT, code_key(*TRACED_ROOMS), platform.machine(), processor))

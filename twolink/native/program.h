@@ -26,8 +26,8 @@ enum { TL_WIDTHS = 5 }; /* by the binary logarithm of W: 1, -, 4, 8, 16 */
 enum { TL_CONTROLS = 10 };
 enum { TL_MAX_STAGES = 16, TL_MAX_ERRORS = 2 };
 
-/* The codes of all outcomes, in the order of `machine.OUTCOMES`. */
-enum tl_code { TL_FINE, TL_BAD_PROGRAM, TL_NO_MEMORY, TL_TOO_WIDE, TL_BAD_ARGUMENT };
+/* The codes of all outcomes, in the order of `library.OUTCOMES`. */
+enum tl_code { TL_FINE, TL_BAD_PROGRAM, TL_NO_MEMORY, TL_TOO_WIDE, TL_BAD_ARGUMENT, TL_NOT_FINITE, TL_NO_SERIES };
 
 typedef struct {
   int inputs, outputs, registers, constants, scalars;
@@ -82,6 +82,8 @@ double *tl_registers(const tl_program *program, int width);
 void *tl_aligned(size_t bytes);
 void tl_free_aligned(void *memory);
 int tl_log2(int width);
+int tl_quads(int operation);
+TL_API int tl_level(void);
 
 /* What is compiled once for each width and processor. */
 #define TL_DECLARE(S)                                                                                                         \

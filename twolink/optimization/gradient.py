@@ -135,8 +135,6 @@ def gradient(
         they change with a parameter in a way that is not followed (code "gradient-objective").
     AccuracyError
         As `sensitivities`.
-    MissingExtraError
-        heyoka is not installed.
 
     Notes
     -----

@@ -22,7 +22,7 @@ from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.show.figure import Plotted, plot_bars
-from twolink.simulation.refinement import DIGITS, PATIENCE, first_choice, precisions_of
+from twolink.simulation.refinement import DIGITS, first_choice, precisions_of
 from twolink.simulation.sampling import duration_for, sample_times, with_ends
 from twolink.simulation.text import Result
 
@@ -161,7 +161,7 @@ def explain(
     if chosen.method == "stepped":
         return _of_steps(scene, chosen, accuracy, length)
     equations = equations_of(scene, ticks=True)
-    more = precisions_of(equations, PATIENCE) if method in ("auto", "taylor") else ()
+    more = precisions_of(equations) if method in ("auto", "taylor") else ()
     choice = first_choice(equations, accuracy, length, method, "auto", more if method == "auto" else ())
     acting = {i: one.held(scene.robot, i) for i, one in enumerate(scene.effects) if not one.is_sensor}
     fewer = {i: scene.with_effects([one for j, one in acting.items() if j != i]) for i in acting}

@@ -1,7 +1,7 @@
 """Refinement: what is tried next where an error bar is above the accuracy, and the error where nothing is left.
 
 Smaller settings come first, as long as truncation is a part of the bar that they can make smaller. Then other methods,
-and numbers of more digits: 19, then 33, by Taylor's method.
+and numbers of more digits: 31, then 47, by Taylor's method.
 """
 
 from collections.abc import Iterator
@@ -10,16 +10,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError
 from twolink.integrate.event import UNSTABLE
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.solvers.method_choice import MethodChoice, choose, first_setting
 from twolink.integrate.solvers.taylor import ROUNDING_UNIT
-from twolink.integrate.solvers.taylor_code import UNOPTIMIZED_SHARE, Precision, taylor_seconds
+from twolink.integrate.solvers.taylor_code import Precision
 from twolink.integrate.steps.failures import MAX_STEPS
 from twolink.integrate.steps.methods import METHODS, Method
+from twolink.native.library import library
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.verification import Verified
 
@@ -32,8 +32,8 @@ DECIDES = 0.1  # of rounding: with less truncation, no smaller setting helps
 TRIALS = 8  # settings of a method, at most
 WORSE, STRIKES = 0.9, 2  # of the best bar: a setting is no better; so many of them may be, as steps meet singularities
 OTHERS = ("dop853", "rk45", "esdirk43")  # where one method does not get to the accuracy by smaller settings
-REACHED = {"double": 3e-15, "extended": 3e-18}  # rad or m: a smaller accuracy is not tried in these numbers
-DIGITS: dict[Precision, str] = {"double": "16 digits", "extended": "19 digits", "quad": "33 digits"}
+REACHED = {"double": 3e-15, "extended": 3e-29}  # rad or m: a smaller accuracy is not tried in these numbers
+DIGITS: dict[Precision, str] = {"double": "16 digits", "extended": "31 digits", "quad": "47 digits"}
 
 
 @dataclass(eq=False)
@@ -151,9 +151,9 @@ class Refinement:
         if one is None:
             return
         for precision in self.precisions:
-            more = ROUNDING_UNIT[precision] / ROUNDING_UNIT["double"]
+            more = ROUNDING_UNIT[precision] / ROUNDING_UNIT[one.choice.precision]
             reaches = not np.isfinite(rounding) or rounding * more <= MOST * self.accuracy
-            if one.choice.precision != precision and (reaches or precision == self.precisions[-1]):
+            if more < 1.0 and (reaches or precision == self.precisions[-1]):
                 yield more_digits(self.accuracy, precision, _reached(one))
 
     @property
@@ -170,7 +170,7 @@ class Refinement:
         if self.lost is not None and not _is_finite(self.best):
             return self.lost
         run, what = self.best, f"{self.accuracy:g} cannot be kept in {self._digits} precision"
-        more = "quad" if self._digits == "double" and self.equations.analytic and heyoka() is not None else ""
+        more = "quad" if self._digits == "double" and self.equations.analytic and library() is not None else ""
         also = ', or precision="auto"' if more else ""
         data: dict[str, Any] = {"code": "accuracy-limit", "precision": more, "tried": self.tried}
         if run is None or run.error is None:
@@ -210,16 +210,9 @@ def more_digits(accuracy: float, precision: Precision, why: str = "asked for") -
     return MethodChoice(method, tolerance, f"{DIGITS[precision]}: {why}", precision)
 
 
-def precisions_of(equations: Equations, seconds: float) -> tuple[Precision, ...]:
-    """The precisions beyond double in which equations can be solved, with compiling in so many seconds."""
-    if not equations.analytic or heyoka() is None or UNOPTIMIZED_SHARE * taylor_seconds(equations) > seconds:
-        return ()
-    there: list[Precision] = []
-    if np.finfo(np.longdouble).eps < 1e-18:
-        there.append("extended")
-    if hasattr(heyoka(), "real128"):
-        there.append("quad")
-    return tuple(there)
+def precisions_of(equations: Equations) -> tuple[Precision, ...]:
+    """The precisions beyond double in which equations can be solved."""
+    return ("extended", "quad") if equations.analytic and library() is not None else ()
 
 
 def _at_least(bar: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -166,8 +166,6 @@ def sensitivities(
         An argument does not fit, or a name is unknown (code "unknown-parameter").
     AccuracyError
         The motion cannot be simulated, or the accuracy cannot be kept.
-    MissingExtraError
-        heyoka is not installed.
 
     Notes
     -----
@@ -230,8 +228,6 @@ def refined(
     margin = MARGIN if equations.has_events else SMOOTH_MARGIN
     for _ in range(TRIALS):
         choice = choose(equations, sought, end - begin, "auto")
-        if numbers_as_inputs and choice.method.kind == "taylor":  # whose optimized code is for one scene
-            choice = choose(equations, sought, end - begin, "dop853")
         try:
             run = run_of(scene, equations, choice, times, sought, progress)
         except AccuracyError:

@@ -59,7 +59,7 @@ class Trajectory(Result, Plotted):
         Ctrl-C ended it early; the samples so far are kept.
     accuracy : float or None
         The accuracy asked for, rad or m.
-    precise : ndarray (n, nq + nv + states) or None
+    precise : ndarray of decimal.Decimal (n, nq + nv + states) or None
         The states with more digits than a double has, of runs in higher precision.
     robots : sequence of (Robot, int)
         The robot of each piece of a motion in which payloads are released, and how many samples the piece has.

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twolink.errors import AccuracyError
+from twolink.integrate.digits import difference
 from twolink.integrate.event import AMBIGUOUS
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array, StateSpace
@@ -285,9 +286,9 @@ def _distance(space: StateSpace, run: Verified, other: Solution) -> Array:
     same = np.minimum(np.arange(len(checks)), len(other.t) - 1)
     if other.precise is not None and solution.precise is not None:
         own = solution.precise[checks]
-        off = np.abs(own - other.precise[same]).astype(float)
+        off = np.abs(difference(own, other.precise[same]))
         turned = 2.0 if space.curved else 1.0  # a rotation turns by twice what its quaternion differs by
-        inner = (off / (1.0 + np.abs(own).astype(float)))[:, space.z_rows].max(axis=1, initial=0.0)
+        inner = (off / (1.0 + np.abs(own[:, :, 0])))[:, space.z_rows].max(axis=1, initial=0.0)
         return np.asarray(np.fmax(turned * off[:, : space.nq].max(axis=1, initial=0.0), inner))
     distance = distances(space, x.T[:, :, None], other.x[:, same].T[:, :, None])[:, 0]
     # An event that ends both solutions ends each at a time of its own.

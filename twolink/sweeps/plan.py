@@ -23,7 +23,7 @@ from twolink.sweeps.design import OF_VARIANTS, RUN, Block, Design, block_shape
 from twolink.sweeps.outputs import Request, Variable, variables
 from twolink.sweeps.runs import Columns, Task, ways
 
-LIBRARIES = ("pin", "heyoka", "numpy", "scipy", "zarr", "xarray")
+LIBRARIES = ("pin", "numpy", "scipy", "zarr", "xarray")
 BATCH, SINGLE = 4096, 64  # runs of a block at most
 LEAST_BATCH = 64  # fewer do not fill the vectors of a batch
 PARTS = 32  # blocks at least, so that workers end together

@@ -1,6 +1,6 @@
 """Equations of motion of a scene, x' = f(t, x), as frozen data. The formulas are functions in other modules.
 
-formulas          what heyoka compiles and NumPy evaluates
+formulas          what the machine runs and NumPy evaluates
 pinocchio_rate    the same by Pinocchio, state by state
 scene_equations   makes equations from a scene
 pieces            solves them from break to break

@@ -1,4 +1,4 @@
-"""Formulas of the equations of motion, over plain arithmetic: NumPy evaluates them, heyoka compiles them.
+"""Formulas of the equations of motion, over plain arithmetic: NumPy evaluates them, the machine runs their tape.
 
     M a + h = tau + B lambda + lock torques
 
