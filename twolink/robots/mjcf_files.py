@@ -67,7 +67,7 @@ def _parts(element: Element) -> Iterator[Element]:
 
 
 def _names(model: Element) -> Iterator[tuple[Element, str]]:
-    """What names a file: attributes file, fileright, fileup and so on, and the folders themselves."""
+    """Attributes that name files (file, fileright, fileup and so on) or the folders themselves, with their elements."""
     for part in _parts(model):
         for key, value in part.attributes.items():
             if key.startswith("file") or key in _FOLDERS:
