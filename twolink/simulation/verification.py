@@ -148,7 +148,7 @@ class Verification:
         return self._with_parts(run, each)
 
     def _is_enough(self, count: int, each: Array) -> bool:
-        """Whether so many disturbed solutions suffice: more of them could not lessen the bar by much."""
+        """True if so many disturbed solutions suffice: more of them could not lessen the bar by much."""
         return bool(DISTURBED[count] * each[-1, 1:].max() <= max(ENOUGH * self._accuracy, each[-1, 0]))
 
     def _in_loop(self, choice: MethodChoice, finer: Perturbation) -> Verified:
