@@ -240,7 +240,7 @@ class _TLSConnection(_Connection):
 
 
 class _Timed(io.RawIOBase):
-    """A socket to HTTPResponse: reads from one, within the seconds that `left` says before each read."""
+    """A socket for HTTPResponse: reads from one, within the seconds that `left` says before each read."""
 
     def __init__(self, sock: socket.socket, left: Callable[[], float]) -> None:
         self._sock, self._left = sock, left

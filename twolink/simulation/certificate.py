@@ -284,7 +284,7 @@ def _with_static(switching: Switching, loop: Any) -> Any:
 
 
 def _starts(states: _States, a: Array, contacts: Array) -> Broken:
-    """No approach begins where bodies touch and do not part; a joint begins to slip against its friction.
+    """Touches that do not part do not begin to approach; a joint begins to slip against its friction.
 
     The acceleration counts where it would break the law of positions while the mode lasts.
     """

@@ -33,7 +33,7 @@ FINER, OTHERS = 0.5, (0.7, 1.3)
 
 
 class Second(NamedTuple):
-    """Settings of a second solution beside the run's; by default, of the run's own.
+    """Settings of a second solution beside the run's; with a plain perturbation, of the run's own.
 
     The finer one shows truncation: it is not disturbed, and the steps of its derivatives are halved. The disturbed ones
     show rounding: they have the run's own setting. differences: the steps of differences through

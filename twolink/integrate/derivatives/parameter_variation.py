@@ -159,7 +159,7 @@ def shifted(equations: Equations, values: Mapping[str, float]) -> Equations:
 
 
 def _acts(scene: Scene, name: str) -> bool:
-    """True if a number of an effect is an input of an effect that acts."""
+    """True if a number of an effect is an input of its `act`."""
     return type(_part(scene, name)).act is not Effect.act
 
 
