@@ -10,7 +10,7 @@ KINDS = {"steps": "native", "": "by NumPy or SciPy"}
 
 @dataclass(frozen=True, repr=False)
 class Cost(Result):
-    """What a run cost: the method, its steps and evaluations of the dynamics, and seconds of wall clock.
+    """The cost of a run: the method, its steps and evaluations of the dynamics, and seconds of wall clock.
 
     Parameters
     ----------

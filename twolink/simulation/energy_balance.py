@@ -54,7 +54,7 @@ class EnergyBalance(Result, Plotted):
 
     @property
     def residual(self) -> np.ndarray:
-        """What does not add up at each sample (n,), J."""
+        """The residual of the balance at each sample (n,), J."""
         works = sum(self.work.values(), np.zeros_like(self.stored))
         return np.asarray(self.stored - self.stored[0] - works + self.lost)
 

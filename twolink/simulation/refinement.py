@@ -95,12 +95,12 @@ class Refinement:
                 replace(other, error=_at_least(other.error, apart + run.error[:n])))  # fmt: skip
 
     def after(self, one: Verified) -> MethodChoice | None:
-        """What to try after a run; None where nothing is left."""
+        """The choice to try after a run; None where nothing is left."""
         self._settings, self.lost = self._settings + 1, one.lost
         return self._smaller(one) or self._other(self._others(one.choice.method, one))
 
     def after_failure(self, choice: MethodChoice) -> MethodChoice | None:
-        """What to try after a run that could not be solved: another method."""
+        """The choice to try after a run that could not be solved: another method."""
         return self._other(self._others(choice.method))
 
     def _other(self, every: Iterator[MethodChoice]) -> MethodChoice | None:
@@ -159,7 +159,7 @@ class Refinement:
 
     @property
     def _kinks(self) -> bool:
-        """Whether steps may meet kinks of the forces that are not located.
+        """True if steps may meet kinks of the forces that are not located.
 
         There a step is accepted or not by chance, and a disturbed solution takes other steps: its distance to the run
         is of truncation, too. It is taken for rounding once smaller settings do not make it smaller.
@@ -198,7 +198,7 @@ def first_choice(
     precision: Precision | Literal["auto"],
     more: tuple[Precision, ...],
 ) -> MethodChoice:
-    """What is tried first. more: the precisions beyond double that may be tried."""
+    """The first choice of method and setting. more: the precisions beyond double that may be tried."""
     if more and accuracy < REACHED["double"]:
         return more_digits(accuracy, more[-1] if accuracy < REACHED["extended"] else more[0], "the accuracy needs them")
     return choose(equations, accuracy, end, method, "double" if precision == "auto" else precision)
@@ -230,7 +230,7 @@ def _worth(run: Trajectory) -> tuple[float, float]:
 
 
 def _is_finite(run: Trajectory | None) -> bool:
-    """Whether a run has an error bar at its end."""
+    """True if a run has an error bar at its end."""
     return run is not None and run.error is not None and bool(np.isfinite(run.error[-1]))
 
 
@@ -245,7 +245,7 @@ def _growth(one: Verified) -> float:
 
 
 def _reached(one: Verified) -> str:
-    """What the run before reached, in words."""
+    """The error that the run before reached, in words."""
     reached = _largest(one.truncation) + _largest(one.rounding)
     return f"{DIGITS[one.choice.precision]} reached {reached:.1e}"
 

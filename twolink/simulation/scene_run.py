@@ -252,7 +252,7 @@ def _lawful(run: Trajectory, equations: Equations, solution: Solution) -> Trajec
 
 
 def _cost(one: Verified, spent: float) -> Cost:
-    """What a run took. spent: s, on runs before it whose error bars were too large."""
+    """The cost of a run. spent: s, on runs before it whose error bars were too large."""
     choice, solution = one.choice, one.solution
     return Cost(
         choice.method.name,

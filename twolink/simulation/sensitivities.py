@@ -214,7 +214,7 @@ def refined(
     *,
     numbers_as_inputs: bool = False,
 ) -> Found:
-    """What is derived from a run at times (n,), by ever more accurate runs until its bars are below the accuracy.
+    """Derive a result from a run at times (n,), by ever more accurate runs until its bars are below the accuracy.
 
     attempt: of equations, their run and a tolerance of steps: the result, and how many times too large
     its bars are. Raises AccuracyError, code "accuracy-limit", where that has no end.

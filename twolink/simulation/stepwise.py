@@ -46,7 +46,7 @@ Missing = Callable[[State], float]  # 0 at an event
 
 @dataclass(frozen=True, eq=False)
 class Saved:
-    """Where a simulation was; for `Simulation.restore`.
+    """A saved point of a simulation; for `Simulation.restore`.
 
     settings: of the simulation. start: q, v, t that the motion began with. state: all that it goes on from.
     """
@@ -188,7 +188,7 @@ class Simulation:
 
     @property
     def state(self) -> State:
-        """Where the motion is, in copies."""
+        """The state of the motion, in copies."""
         motion = self._motion
         return state_of(self.scene, motion.equations, motion.t, motion.x[:, 0])
 

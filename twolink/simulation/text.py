@@ -1,4 +1,4 @@
-"""What every result has: texts, plain data, a file."""
+"""The common base of results: texts, plain data, a file."""
 
 import dataclasses
 import html

@@ -127,12 +127,12 @@ class Trajectory(Result, Plotted):
 
     @property
     def bound(self) -> Literal["verified", "estimated", ""]:
-        """What the error is: "verified" by a more accurate solution, "estimated" from steps of half the size, or ""."""
+        """Kind of error: "verified" by a more accurate solution, "estimated" from steps of half the size, or ""."""
         return "" if self.error is None else "estimated" if self.estimated else "verified"
 
     @property
     def end(self) -> float:
-        """When the run ended, s: at its duration, at an event, or at Ctrl-C."""
+        """End of the run, s: at its duration, at an event, or at Ctrl-C."""
         return float(self.t[-1] if self.solution is None else self.solution.t[-1])
 
     @property
@@ -448,7 +448,7 @@ class Trajectory(Result, Plotted):
 
     @property
     def _told(self) -> dict[str, Any]:
-        """What a page tells about the run beside its motion."""
+        """Contents of a page about the run beside its motion."""
         events = [
             (event.t, f"{event.kind} {event.what}{': ' if event.detail else ''}{event.detail}")
             for event in self.events or ()

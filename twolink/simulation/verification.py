@@ -149,7 +149,7 @@ class Verification:
         return self._with_parts(run, each)
 
     def _is_enough(self, count: int, each: Array) -> bool:
-        """Whether so many disturbed solutions suffice: more of them could not lessen the bar by much, or not enough."""
+        """True if so many disturbed solutions suffice: more of them could not lessen the bar by much, or not enough."""
         far, most = float(each[-1, 1:].max()), max(IN_LANES)
         return bool(DISTURBED[count] * far <= max(ENOUGH * self._accuracy, each[-1, 0])
                     or DISTURBED[most] * far > self._accuracy > 0.0)  # fmt: skip

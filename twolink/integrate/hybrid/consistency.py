@@ -55,7 +55,7 @@ def different(v: Array, slips: Array) -> float:
 
 
 def consistent(state: ModeState, opened: frozenset[Key] = frozenset(), slow: float = SLOW) -> ModeState:
-    """The same state in the mode that is consistent there, with 0 for velocities of what is at rest.
+    """Put a state into the mode that is consistent there, with 0 for velocities of what is at rest.
 
     opened: what an event has just freed; it is not tried at rest again unless it would move the wrong way. slow: the
     speed of slips that are tried at rest, m/s.
@@ -147,7 +147,7 @@ def _without_redundant_locks(state: ModeState) -> Mode:
 
 
 def _is_lawful(state: ModeState, still: float) -> bool:
-    """Whether all that is held, and that presses, does so within its law, and nothing else begins the wrong way."""
+    """True if all that is held, and that presses, does so within its law, and nothing else begins the wrong way."""
     system, mode, x, t = state
     own, snapshot = state.own, state.evaluate()
     if not np.isfinite(snapshot.a).all():
@@ -189,7 +189,7 @@ def _wrong_joints(state: ModeState, a: Array, small: float) -> list[int]:
 
 
 def _is_determined(state: ModeState) -> bool:
-    """Whether friction has the same effect for all shares of the normal forces."""
+    """True if friction has the same effect for all shares of the normal forces."""
     own, mode = state.own, state.mode
     slides = [i for i, kind in enumerate(mode.contacts) if kind == "sliding" and state.system.contacts[i].friction]
     if not (own.redundant and slides):
@@ -251,7 +251,7 @@ class Problem:
         return self.slips[i] / speed if speed > self.still else None
 
     def turns_back(self, found: ModeState, i: int, small: float) -> bool:
-        """Whether contact i, set sliding, begins to slide the other way."""
+        """True if contact i, set sliding, begins to slide the other way."""
         ahead = contact_rows(found, i) @ found.evaluate().a[:, 0] + contact_bias(found, i)
         return float(ahead[1:] @ found.mode.directions[i]) < -small
 
@@ -316,7 +316,7 @@ class Problem:
 
 
 def _without_slow_slips(state: ModeState, touching: list[int], slow: float) -> ModeState:
-    """The same state, if all that touches slips slowly: without these slips, by the impulses that stop them.
+    """Remove the slips of a state, if all that touches slips slowly, by the impulses that stop them.
 
     Where a body stops, its points have slips in all directions, though they begin to slide in one.
     """

@@ -142,7 +142,7 @@ class _Laws:
         return p if size <= small else None
 
     def _size(self, left: Array) -> float:
-        """What a residual is as an acceleration."""
+        """The size of a residual as an acceleration."""
         return float((np.abs(left) * np.diag(self.gain)).max())
 
     def _residual(self, p: Array) -> tuple[Array, Array]:

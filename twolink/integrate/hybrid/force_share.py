@@ -55,7 +55,7 @@ class Support:
 
     @property
     def both(self) -> bool:
-        """Whether its torque has two limits."""
+        """True if its torque has two limits."""
         return math.isfinite(self.least) and math.isfinite(self.greatest)
 
     def within(self, torque: Array) -> Array:
@@ -186,7 +186,7 @@ class ForceShare:
 
 
 def margins(equations: Equations, closed: Sequence[Any], t: Array, x: Array, held: Sequence[Support]) -> Array:
-    """How far the best shares of states x (size, n) are within the laws, (n,), N. closed, held: see `_of_loops`."""
+    """Margins of the best shares of states x (size, n) within the laws, (n,), N. closed, held: see `_of_loops`."""
     evaluator, share = _of_loops(equations, closed, held)
     return share.best(evaluator.by_numpy(t, x)).margin
 

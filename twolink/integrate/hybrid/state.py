@@ -139,7 +139,7 @@ class RunState:
                 self._rest_noted.add(name)
 
     def _impulse(self, impact: Impact, i: int) -> Impulse:
-        """That of an impact at contact i."""
+        """The impulse of an impact at contact i."""
         p = [*impact.impulse.tolist(), 0.0, 0.0][:3]
         contact = self.system.contacts[i]
         found = contact.constraint(True, contact_slots(i)).contact_force(self.motion(), p)

@@ -110,7 +110,7 @@ class OpenPiece:
 
 
 class SavedEngine(NamedTuple):
-    """Where a `TickEngine` is: its run, the piece that goes on, accepted steps before it, and events at this instant.
+    """State of a `TickEngine`: its run, the piece that goes on, accepted steps before it, and events at this instant.
 
     stops: at which pieces end, s.
     """
@@ -289,7 +289,7 @@ class _Ticks:
 
 
 def forces_in_modes(engines: Sequence[TickEngine]) -> Forces:
-    """What sensors feel in each solution, which has its own mode."""
+    """Forces that sensors feel in each solution, which has its own mode."""
     states = [engine.run.mode_state for engine in engines]
     each = [forces_seen(one.own.equations, one.t, one.full_state()[:, None]) for one in states]
     return Forces(

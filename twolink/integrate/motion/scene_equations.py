@@ -83,7 +83,7 @@ def sampled(scene: Scene) -> "tuple[Sampling | None, Sequence[Effect]]":
 
 
 def with_parameters(equations: Equations, parameters: Sequence[str]) -> Equations:
-    """The same equations with physical constants kept as run-time inputs; code for them serves any values of those."""
+    """Copy the equations with physical constants as run-time inputs; code for them serves any values of those."""
     if tuple(parameters) == equations.parameters:
         return equations
     other, ones = replace(equations, parameters=tuple(parameters)), dict.fromkeys(parameters, 1.0)
@@ -220,7 +220,7 @@ def _effort_limits(equations: Equations) -> tuple[tuple[int, str], ...]:
 
 
 def _fewest_operations(equations: Equations) -> tuple[int, int, tuple[int, ...]]:
-    """Which formula of the accelerations has the fewest operations, how many, and the rows whose rate is 0 by it."""
+    """The formula of the accelerations with the fewest operations, their number, and the rows whose rate is 0 by it."""
     variants = len(function(equations.robot.model, "forward_dynamics").variants)
     if equations.constraints is not None or equations.layout.lockable:
         variants = 1

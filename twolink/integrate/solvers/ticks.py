@@ -104,12 +104,12 @@ class Lanes:
 
     @property
     def time(self) -> float:
-        """Where they are, s."""
+        """The time that the solutions have reached, s."""
         return float(self.state.item(self._rows.time, 0))
 
     @property
     def step(self) -> float:
-        """How long the next step of the first is meant to be, s."""
+        """The planned length of the first solution's next step, s."""
         return float(self.state[self._rows.step, 0])
 
     @property
@@ -119,7 +119,7 @@ class Lanes:
 
     @property
     def beside(self) -> int:
-        """How many more steps than the first another one has attempted."""
+        """The most steps that another solution has attempted beyond those of the first."""
         tried = self.state[self._rows.accepted] + self.state[self._rows.rejected]
         return int(tried.max() - tried[0])
 
@@ -164,7 +164,7 @@ class Lanes:
         return self._between(np.concatenate(taken), looks) if taken else NONE
 
     def _begun(self) -> Callable[[int, int], int]:
-        """What makes attempts."""
+        """Prepare attempts: the function that makes them."""
         attempt = self._attempt = self.by.on(self._steps, self._disturbances)
         return attempt
 

@@ -64,7 +64,7 @@ def control_rows(size: int) -> Control:
 
 @dataclass(frozen=True)
 class Problem:
-    """What is advanced.
+    """The problem to advance: its step, with the size of its state and the scales of its errors.
 
     step: (t, x, h) -> (x_new, error estimates, last change of an iteration or None). size: rows of x. absolute (size,):
     whether the error of an entry is compared with the tolerance alone, not with the entry's size. joints: of each

@@ -30,7 +30,7 @@ SMALLEST_TOLERANCE = 1e-15  # below this the rounding of the numbers decides
 
 
 class Watcher(Protocol):
-    """What looks for events along the states of a world."""
+    """A watcher for events along the states of a world."""
 
     def first(self, t: Array, x: Array) -> Any:
         """The first event, with its time `t`, along states x (k, size) at times t (k,); None if there is none."""
@@ -118,7 +118,7 @@ def integrate(
 
 
 class _Record:
-    """What is kept of a run: x (size, n), its states at the times, of which so many are `done`; and its steps."""
+    """The record of a run: x (size, n), its states at the times, of which so many are `done`; and its steps."""
 
     def __init__(self, step_map: StepMap, times: Array) -> None:
         self._map, self._times, start = step_map, times, step_map.equations.start

@@ -42,7 +42,7 @@ _CHECK = 1.0  # seconds between looks at a connection
 
 @dataclasses.dataclass
 class Limits:
-    """What a connection may take.
+    """Limits of connections.
 
     connections: open at once, of all clients. header: bytes of a request's line and headers. seconds: in which a
     request must arrive. rate: bytes/s at which it must arrive after the first seconds, and its answer must be read.
@@ -245,7 +245,7 @@ class Protocol(HttpToolsProtocol):
         return Refusal(431, what, where="headers", remedy="leave out what the service does not need")
 
     def _refuse(self, refusal: Refusal) -> httptools.HttpParserError:
-        """What a callback of the parser raises to end the connection with this refusal."""
+        """The error that a callback of the parser raises to end the connection with this refusal."""
         self._refusal = refusal
         return httptools.HttpParserError(refusal.what)
 

@@ -1,4 +1,4 @@
-"""What the service keeps: uploaded robots, jobs and their results, in SQLite and files under one folder.
+"""The store of the service: uploaded robots, jobs and their results, in SQLite and files under one folder.
 
 One service uses a folder at a time: it holds SQLite's exclusive lock, which ends with its process however that ends.
 Several services share a PostgreSQL database and an object store: then the folder of each has copies.
@@ -58,7 +58,7 @@ class Job(msgspec.Struct, frozen=True):
 
     @property
     def active(self) -> bool:
-        """Whether it waits or runs."""
+        """True if it waits or runs."""
         return self.state in ACTIVE
 
 
@@ -135,7 +135,7 @@ class Store:
     # Robots
 
     def robot_folder(self, key: str) -> Path:
-        """Where an uploaded robot's files are."""
+        """The folder of an uploaded robot's files."""
         return self.folder / ROBOTS / key
 
     def stage(self, key: str, content: bytes) -> Path:
@@ -172,7 +172,7 @@ class Store:
         return {**msgspec.json.decode(rows[0][0]), "owner": rows[0][1]} if rows else None
 
     def has_robot(self, key: str) -> bool:
-        """Whether a robot of this id was uploaded."""
+        """True if a robot of this id was uploaded."""
         return bool(self._execute("SELECT 1 FROM robots WHERE id = ?", (key,)))
 
     def robots(self, fields: tuple[str, ...], owner: str | None) -> list[dict[str, Any]]:
@@ -277,11 +277,11 @@ class Store:
     # Results
 
     def result_folder(self, key: str) -> Path:
-        """Where a job's result is."""
+        """The folder of a job's result."""
         return self.folder / RESULTS / key
 
     def visuals(self, name: str) -> Path:
-        """Where a robot is drawn."""
+        """The folder of a robot's drawing."""
         return self.folder / VISUALS / name
 
     def remove_job(self, key: str) -> None:
@@ -362,6 +362,6 @@ def _length(column: str) -> str:
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """What is not a number, a text or None as JSON."""
+    """Values for the database: what is not a number, a text or None as JSON."""
     simple = int, float, str, type(None)
     return {name: v if isinstance(v, simple) else msgspec.json.encode(v).decode() for name, v in values.items()}

@@ -43,7 +43,7 @@ class Running:
 
 
 class JobViews:
-    """What can be read of the jobs. running: those of this process; closing: the service ends."""
+    """Views of the jobs, for reading. running: those of this process; closing: the service ends."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
@@ -90,7 +90,7 @@ class JobViews:
         await self.bring(await self.job(kind, key, whole=False))
 
     async def request(self, kind: str, key: str) -> bytes:
-        """What was asked for, as JSON. Raises Refusal (404) when there is no such job."""
+        """The request of a job, as JSON. Raises Refusal (404) when there is no such job."""
         return bytes((await self.job(kind, key)).request)
 
     async def view(self, kind: str, key: str) -> View:
