@@ -1,4 +1,4 @@
-"""What plain arithmetic lacks, in two namespaces of equal names: arrays of numbers, and heyoka's expressions.
+"""Functions that plain arithmetic lacks, in two namespaces of equal names: arrays of numbers, and heyoka's expressions.
 
 A formula is written once over a namespace xp. NumPy's numbers run it; expressions, alone or in arrays of objects,
 compile it.
@@ -26,7 +26,7 @@ class Numbers:
 
 
 class Expressions:
-    """The same of heyoka's expressions.
+    """The namespace of heyoka's expressions.
 
     module: heyoka.
     """
@@ -50,7 +50,7 @@ class Expressions:
         return self.module.select(condition, self.lift(yes), self.lift(no))
 
     def both(self, a: Any, b: Any) -> Any:
-        """Whether both hold."""
+        """The conjunction of two conditions."""
         return self.module.logical_and([a, b])
 
     @staticmethod
