@@ -167,6 +167,27 @@ def test_files_and_functions_are_short() -> None:
     assert long == {}
 
 
+NO_NOUN = {"What", "How", "Where", "Whether", "Those", "That", "When", "Who", "Which"}
+
+
+def docstrings(text: str) -> list[str]:
+    """The docstrings of a file."""
+    kinds = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+    return [found for node in ast.walk(tree(text)) if isinstance(node, kinds) and (found := ast.get_docstring(node))]
+
+
+def names_nothing(docstring: str) -> bool:
+    """True if the first sentence begins with neither a noun phrase nor a verb."""
+    return docstring.split()[0].rstrip(",") in NO_NOUN or docstring.startswith("The same ")
+
+
+def test_docstrings_begin_with_a_noun_phrase_or_a_verb() -> None:
+    every = {module: docstrings(text) for module, text in sources().items()}
+    assert sum(map(len, every.values())) > 3000
+    assert {module: bad for module, own in every.items() if (bad := [one for one in own if names_nothing(one)])} == {}
+    assert names_nothing("Whether a < b.")
+
+
 def test_every_file_that_the_page_names_exists() -> None:
     page = (ROOT / "docs" / "architecture.md").read_text("utf-8")
     named = set(re.findall(r"`([\w/]+\.(?:pyi?|toml))`", page)) - EXAMPLES

@@ -154,7 +154,7 @@ class Measurement:
 
 @dataclass
 class StudyRun:
-    """What all rows of a study have in common, the measurements so far, and the failures."""
+    """The data common to all rows of a study, its measurements so far, and its failures."""
 
     equations: Equations
     times: Array

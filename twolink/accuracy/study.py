@@ -39,7 +39,7 @@ MAX_SAMPLES = 200_000  # each row keeps its own until the reference is final
 
 @dataclass(frozen=True, repr=False)
 class Study(StudyData, Result, Plotted):
-    """What each method's accuracy costs on a scene: rows, the Pareto front, and the price of each further digit."""
+    """The cost of each method's accuracy on a scene: rows, the Pareto front, and the price of each further digit."""
 
     def to_dict(self) -> dict[str, Any]:
         """The study as plain data, which `save` writes as JSON."""

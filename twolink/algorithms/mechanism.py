@@ -41,7 +41,7 @@ class Mechanism:
 
     @property
     def has_mimic(self) -> bool:
-        """Whether some joints follow others."""
+        """True if some joints follow others."""
         return any(joint.mimic for joint in self.joints)
 
     def support(self, body: int) -> list[int]:
@@ -244,7 +244,7 @@ def _per_dof(model: pin.Model, what: str, values: Mapping[str, Scalar], default:
 
 
 def _regrouped(mech: Mechanism) -> Mechanism:
-    """The same mechanism with its inertias passed on towards the root, as far as they do not feel the joints."""
+    """The mechanism with its inertias passed on towards the root, as far as they do not feel the joints."""
     inertias = list(mech.inertias)
     for i in reversed(mech.bodies):
         placement, parent = mech.placements[i], mech.parents[i]

@@ -66,7 +66,7 @@ class Motion:
         return next(i for i in supports[0] if all(i in support for support in supports))
 
     def seen_from(self, body: int) -> Motion:
-        """The same motion as that body and what it carries see it, which its own joints do not change."""
+        """The motion relative to a body, for it and what it carries; the joints that carry it do not change that."""
         if body == 0:
             return self
         seen = Motion(self.model, self.mech, self.q, self.v, self.t, self.xp)
@@ -104,7 +104,7 @@ class Motion:
         return self._velocity[i]
 
     def position(self, frame: str, point: Vec = ZERO) -> Vec:
-        """Where a point of the frame is in the world, m."""
+        """Position of a point of the frame in the world, m."""
         i, place = self.frame(frame)
         return placed(self.body(i), placed(place, point))
 

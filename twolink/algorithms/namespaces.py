@@ -1,4 +1,4 @@
-"""What plain arithmetic lacks, as a namespace xp of arrays of numbers; `tape.Tape` is the one that records formulas."""
+"""Functions that plain arithmetic lacks, as a namespace xp of arrays of numbers; `tape.Tape` records formulas."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""What the answers to queries have to be at one state, each with the scale of its rounding errors.
+"""Reference values of the answers to queries at one state, each with the scale of its rounding errors.
 
 M, h, g and the energies are sums over the bodies, from where Pinocchio's forward kinematics puts them (Kane's form of
 the Newton-Euler equations). None of Pinocchio's algorithms that answer these queries has a part in them, so that both

@@ -38,7 +38,7 @@ ENTRIES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # of a Sym
 
 
 def constant(x: Scalar) -> bool:
-    """Whether x is a constant to fold. A np.float64 is not: it may be one state's value."""
+    """True if x is a constant to fold. A np.float64 is not: it may be one state's value."""
     return type(x) is float
 
 
@@ -233,7 +233,7 @@ def _entries(m: Mat) -> int:
 
 
 def single_turn(pose: Pose) -> Pose:
-    """The same pose with its turns multiplied into one."""
+    """The pose with its turns multiplied into one."""
     turn = pose.turns[0]
     for other in pose.turns[1:]:
         turn = product(turn, other)

@@ -86,7 +86,7 @@ class HeldRun:
 
     @property
     def impulses(self) -> Impulses:
-        """How far the impulses of all steps miss the laws."""
+        """Impulses of all steps, with their misses of the laws."""
         p, u = self.p[: self.length], self.u[: self.length]
         largest = float(np.abs(self.miss[: self.length]).max())
         slip = self.held.mu * p[:, :, 2] * np.hypot(u[:, :, 0], u[:, :, 1]) + (p[:, :, :2] * u[:, :, :2]).sum(axis=2)

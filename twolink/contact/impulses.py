@@ -61,7 +61,7 @@ class Impulses:
 
     @property
     def solved(self) -> bool:
-        """Whether the laws hold."""
+        """True if the laws hold."""
         return self.residual <= EXACT
 
 
@@ -247,7 +247,7 @@ def factors(matrix: Any) -> Any:
 
 
 def _solve_full(problem: Problem, pressing: Array, own: Array, scaled: Array, right: Array) -> Array:
-    """The same for a full matrix."""
+    """(own + scaled G)^-1 times the right side, for a full matrix; of what presses."""
     rows, n = np.flatnonzero(np.repeat(pressing, 3)), len(own)
     jacobian = np.matmul(scaled, problem.matrix[np.ix_(rows, rows)].reshape(n, 3, 3 * n)).reshape(3 * n, 3 * n)
     jacobian.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n), :] += own

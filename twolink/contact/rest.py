@@ -49,7 +49,7 @@ class RestingSteps(Sequence[Step]):
 
 
 def steps_at_rest(bodies: Multibody, plan: Plan, steps: range, memory: Memory) -> RestingSteps | None:
-    """Those of the steps up to the first in which other forces act; None where bodies move, or for none."""
+    """The steps at rest up to the first in which other forces act; None where bodies move, or for none."""
     rest = memory.rest
     if rest is None:
         return None
@@ -83,7 +83,7 @@ def _forces(bodies: Multibody, plan: Plan, number: int, q: Array) -> Array:
 
 
 def _determined(rows: Any) -> bool:
-    """Whether J v = 0 has no solution but 0."""
+    """True if J v = 0 has no solution but 0."""
     if not sparse.issparse(rows):
         return bool(np.linalg.matrix_rank(rows) == rows.shape[1])
     if not np.diff(rows.tocsc().indptr).all():  # a body that nothing touches

@@ -33,7 +33,7 @@ _smooth: weakref.WeakKeyDictionary[Scene, tuple[Equations, Equations]] = weakref
 
 
 def stepper_of(scene: Scene) -> Stepper:
-    """What steps a scene. Raises SceneError for what cannot be stepped."""
+    """The stepper of a scene. Raises SceneError for what cannot be stepped."""
     effects = [effect for effect in scene.effects if isinstance(effect, Contact)]
     if any(effect.impacts == "reflections" for effect in effects):
         raise SceneError('Contact with impacts="reflections" is not stepped: expected "newton", one impulse a step',
@@ -185,7 +185,7 @@ def _pressing(stepper: Stepper, one: Step) -> Pressing:
 
 
 def _impulses(stepper: Stepper, begin: float, one: Step) -> Iterator[Impulse]:
-    """Those of impacts in a step."""
+    """Impulses of the impacts in a step."""
     for blow in one.blows:
         for pair, p in zip(pair_of(blow.keys).tolist(), blow.on_first, strict=True):
             yield Impulse(begin + blow.late, stepper.detector.names[pair], p)

@@ -80,7 +80,7 @@ class StepLaw:
         return np.asarray(self.points.gap + 0.5 * self.h * velocities.reshape(-1, 3)[:, 2])
 
     def blow(self, pressing: Array, p: Array) -> tuple[float, Array, Array] | None:
-        """When impacts act after the begin of the step, s; which points they reach, and their impulses (k, 3).
+        """Impacts of a step: their time after its begin, s; the points that they reach, and their impulses (k, 3).
 
         None where no body hits another. pressing: the numbers of points with impulses p (k, 3).
         """

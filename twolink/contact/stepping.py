@@ -106,7 +106,7 @@ class Stepper:
         return np.asarray(rows.toarray() if hasattr(rows, "toarray") else rows)[2::3]
 
     def notes(self) -> list[str]:
-        """What is in the contact problem besides pairs of bodies."""
+        """Notes on the rows in the contact problem besides pairs of bodies."""
         loops = [] if self.loops is None else [f"{len(self.loops.constraints.kept)} rows of loops hold at each step"]
         return [*self.joints.notes(), *loops]
 
@@ -175,7 +175,7 @@ class Stepper:
         return replace(step, memory=replace(step.memory, overlap=overlap))
 
     def _reach(self, h: float, speeds: Array) -> float:
-        """How near points must be to count in a step, m: more than bodies move. speeds: of the joints (joints, 2)."""
+        """The gap below which points count in a step, m: more than bodies move. speeds: of the joints (joints, 2)."""
         return 3.0 * h * float((speeds[:, 0] + speeds[:, 1] * self.detector.extent).max(initial=0.0)) + 100.0 * h * h
 
     def step(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory) -> Step | None:

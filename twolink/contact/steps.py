@@ -67,7 +67,7 @@ FIRST_AHEAD = 8  # compiled steps that are taken together at first
 
 @dataclass(frozen=True)
 class Memory:
-    """What a step passes on to the next one of its solution, all of it: steppers remember nothing.
+    """The memory that a step passes on to the next one of its solution, all of it: steppers remember nothing.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class Memory:
     ahead: int = FIRST_AHEAD
 
     def changes(self, mean: Array, *, smooth: bool = True) -> Array:
-        """What the next step passes on of w'."""
+        """The changes w' of the last two steps for the next one; 0 where the step was not smooth."""
         if not smooth:
             return np.zeros_like(self.change)
         return np.array([mean, self.change[0] if self.change[0].any() else mean])

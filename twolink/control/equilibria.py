@@ -209,7 +209,7 @@ def _applied(inverse: Array, r: Array) -> Array:
 
 
 def _at_rest(r: Array, slope: Array) -> Array:
-    """Whether forces (n, nv) are 0 but for rounding; slope (n, nv, nv): their derivatives by q."""
+    """True for each of the forces (n, nv) that is 0 but for rounding; slope (n, nv, nv): their derivatives by q."""
     scale = 1.0 + np.abs(slope).max(axis=(1, 2), initial=0.0)
     return np.asarray(np.abs(r).max(axis=1, initial=0.0) <= AT_REST * scale)
 

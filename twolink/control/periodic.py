@@ -90,7 +90,7 @@ class Shots:
 
 
 class Shooting:
-    """How starts and the period may change: the first start along directions (2 nv, k), the others along all.
+    """A shooting problem whose first start changes along directions (2 nv, k), and the others along all.
 
     free_period: the period too.
     """

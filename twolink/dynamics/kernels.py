@@ -62,7 +62,7 @@ class Kernel:
 
     @functools.cached_property
     def _few(self) -> int:
-        """How many states are a small batch."""
+        """The number of states of a small batch, at most."""
         width = sum(self.sizes) + math.prod(self.shape) + 1
         return min(256, max(8, FEW_NUMBERS // width // 8 * 8))
 

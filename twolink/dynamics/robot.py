@@ -470,7 +470,7 @@ class Robot(RobotModel):
         return configurations.random_state(self, n, seed)
 
     def compiled(self, parameters: Sequence[str] = ()) -> Compiled:
-        """The same queries as compiled functions; see `Compiled`.
+        """The robot's queries as compiled functions; see `Compiled`.
 
         Parameters
         ----------
@@ -512,7 +512,7 @@ class Robot(RobotModel):
         return self._queries.setdefault(name, pinocchio_queries.query_of(self, name))
 
     def _is_compiled(self, name: str, engine: str, *arguments: Any) -> bool:
-        """Whether the compiled function answers: always with engine="compiled", by the engine rule with "auto"."""
+        """True if the compiled function answers: always with engine="compiled", by the engine rule with "auto"."""
         if engine == "auto":
             count = max(map(states_of, arguments))
             if count < compiled_from(name, self.nv) or library() is None:

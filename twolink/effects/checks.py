@@ -80,7 +80,7 @@ def _check_tuple(value: Any, kinds: tuple[Any, ...], field: str) -> None:
 
 
 def _structs(kind: Any) -> bool:
-    """Whether a type is a union of structs alone, such as shapes."""
+    """True if a type is a union of structs alone, such as shapes."""
     return get_origin(kind) in (Union, UnionType) and all(
         isinstance(one, type) and issubclass(one, msgspec.Struct) for one in get_args(kind)
     )

@@ -34,7 +34,7 @@ class JointReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_
         check_joint(self.joint, robot, f"{field}.joint", coordinate=self.of == "position")
 
     def distance(self, motion: Motion) -> Scalar:
-        """What is missing: 0 when it is reached."""
+        """The signed distance from the value: 0 when it is reached."""
         if self.of == "velocity":
             return motion.v[motion.dofs(self.joint)[0]] - self.value
         return motion.q[motion.coordinate(self.joint)[0]] - self.value
@@ -69,7 +69,7 @@ class FrameReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_
         unit(self.direction, f"{field}.direction")
 
     def distance(self, motion: Motion) -> Scalar:
-        """What is missing: 0 when it is reached."""
+        """The signed distance from the value: 0 when it is reached."""
         see = motion.velocity if self.of == "velocity" else motion.position
         return dot(unit(self.direction, "direction"), see(self.frame, self.point)) - self.value
 

@@ -192,7 +192,7 @@ class Contact(SwitchingEffect, frozen=True):
         return select_pairs(robot, solids, asked, float(self.margin), self.exclude)
 
     def notes(self, robot: Robot) -> list[str]:
-        """How many pairs are watched, which of "self" are not, and what the hulls of meshes fill."""
+        """Notes on the pairs: the number watched, those of "self" that are not, and what the hulls of meshes fill."""
         pairs = self.selected(robot)
         lines = [f"{_pairs(len(pairs.chosen))} may touch: {_listed(dict.fromkeys(pair.name for pair in pairs.chosen))}"]
         for reason in sorted({reason for _, reason in pairs.excluded}):

@@ -51,7 +51,7 @@ class JointPD(Effect, frozen=True):
 
     @property
     def analytic(self) -> bool:
-        """Whether there are no limits: a torque is not smooth where it reaches its limit."""
+        """True if there are no limits: a torque is not smooth where it reaches its limit."""
         return self.effort is None
 
     def check(self, robot: Robot) -> None:
@@ -125,7 +125,7 @@ class PID(Effect, frozen=True):
 
     @property
     def analytic(self) -> bool:
-        """Whether there are no limits: a torque is not smooth where it reaches its limit."""
+        """True if there are no limits: a torque is not smooth where it reaches its limit."""
         return self.effort is None
 
     def check(self, robot: Robot) -> None:
@@ -194,7 +194,7 @@ class GravityCompensation(Effect, frozen=True):
 
     @property
     def analytic(self) -> bool:
-        """Whether there are no limits: a torque is not smooth where it reaches its limit."""
+        """True if there are no limits: a torque is not smooth where it reaches its limit."""
         return self.effort is None
 
     def check(self, robot: Robot) -> None:
@@ -258,7 +258,7 @@ class ComputedTorque(Effect, frozen=True):
 
     @property
     def analytic(self) -> bool:
-        """Whether there are no limits: a torque is not smooth where it reaches its limit."""
+        """True if there are no limits: a torque is not smooth where it reaches its limit."""
         return self.effort is None
 
     def check(self, robot: Robot) -> None:
@@ -333,7 +333,7 @@ class StateFeedback(Effect, frozen=True):
 
     @property
     def analytic(self) -> bool:
-        """Whether there are no limits: a torque is not smooth where it reaches its limit."""
+        """True if there are no limits: a torque is not smooth where it reaches its limit."""
         return self.effort is None
 
     def check(self, robot: Robot) -> None:

@@ -25,18 +25,18 @@ from twolink.errors import SceneError
 
 
 class Drive(Effect, frozen=True):
-    """What acts on the torques of another effect, `of`."""
+    """A drive: an effect that acts on the torques of another one, `of`."""
 
     of: Any = None  # an Effect: scene files read it by its type
 
     @property
     def analytic(self) -> bool:
-        """Whether what is inside is."""
+        """True if the effect inside is analytic, or there is none."""
         return self.of is None or self.of.analytic
 
     @property
     def changes(self) -> bool:
-        """Whether what is inside changes the robot."""
+        """True if the effect inside changes the robot."""
         return self.of is not None and self.of.changes
 
     @property
@@ -62,16 +62,16 @@ class Drive(Effect, frozen=True):
             raise error.at(f"of.{error.where}") from None
 
     def change(self, model: pin.Model) -> None:
-        """What is inside may change the robot."""
+        """Change the robot as the effect inside does."""
         if self.of is not None:
             self.of.change(model)
 
     def states(self, motion: Motion) -> Mapping[str, Scalar]:
-        """Those of what is inside."""
+        """States of the effect inside."""
         return {} if self.of is None else self.of.states(self.seen_inside(motion))
 
     def breaks(self, duration: float) -> Sequence[float]:
-        """Those of what is inside."""
+        """The times [s] at which the effect inside is not smooth."""
         return () if self.of is None else self.of.breaks(duration)
 
     def inside(self, motion: Motion, loads: Loads) -> list[Scalar]:
@@ -266,7 +266,7 @@ class Gear(Drive, frozen=True):
 
     @property
     def changes(self) -> bool:
-        """Whether it has a rotor, or what is inside changes the robot."""
+        """True if it has a rotor, or the effect inside changes the robot."""
         return bool(self.inertia) or super().changes
 
     def check(self, robot: Robot) -> None:

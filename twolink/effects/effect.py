@@ -1,4 +1,4 @@
-"""What all effects have in common: their place in scene files, and what they may do to a robot."""
+"""The interface of all effects: their place in scene files, and what they may do to a robot."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Loads:
         return own
 
     def beyond(self, name: str, lower: Scalar, upper: Scalar, xp: Any) -> tuple[Any, Any]:
-        """Whether a value is below, or above, two limits, from its distances to them (above 0 within).
+        """Two conditions: a value is below, or above, its limits, by its distances to them (above 0 within).
 
         Events locate where they pass 0, so that no step crosses what is not smooth.
         """
@@ -96,12 +96,12 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
 
     @property
     def analytic(self) -> bool:
-        """Whether what it does is smooth to any order, as Taylor's method needs."""
+        """True if the effect is smooth to any order, as Taylor's method needs."""
         return True
 
     @property
     def changes(self) -> bool:
-        """Whether it changes constants of the robot."""
+        """True if the effect changes constants of the robot."""
         return type(self).change is not Effect.change
 
     @property
@@ -110,7 +110,7 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
         return None
 
     def held(self, robot: Robot, place: int) -> Effect:
-        """What acts between the ticks of its sampled controller; place: of the effect in its scene."""
+        """The effect that acts between the ticks of its sampled controller; place: of the effect in its scene."""
         del robot, place
         return self
 
@@ -140,7 +140,7 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
         return {}
 
     def notes(self, robot: Robot) -> Sequence[str]:
-        """What `explain` says of the effect beside its fields, one line each."""
+        """Notes of `explain` on the effect beside its fields, one line each."""
         del robot
         return ()
 

@@ -73,7 +73,7 @@ class Sampled(
 
     @property
     def rows(self) -> int:
-        """How many numbers make a piece: its coefficients, and where it starts if that matters."""
+        """The count of numbers that make a piece: its coefficients, and its start if that matters."""
         degree = DEGREES[self.interpolation]
         return degree + 2 if degree else 1
 
@@ -95,7 +95,7 @@ class Sampled(
 
     @functools.cached_property
     def _pieces(self) -> tuple[Array, Array]:
-        """Where each piece starts (n + 1,), and its coefficients (n + 1, degree + 1): n - 1 between, one each side."""
+        """Starts of the pieces (n + 1,), and their coefficients (n + 1, degree + 1): n - 1 between, one each side."""
         degree = DEGREES[self.interpolation]
         knots, values = np.array(self.times, dtype=float), np.array(self.values, dtype=float)
         coefficients = np.zeros((len(knots) + 1, degree + 1))

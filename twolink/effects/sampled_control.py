@@ -170,7 +170,7 @@ class Controller(Effect, frozen=True):
         return np.array([np.inf if value is None else value for value in values], dtype=float)
 
     def held(self, robot: Robot, place: int) -> HeldTorques:
-        """What acts on the moving robot; place: of the controller among the scene's effects."""
+        """The held torques that act on the moving robot; place: of the controller among the scene's effects."""
         joints = self.joints(robot)
         values, slopes = (
             {joint: Slot(f"controller {place} {kind} {joint}") for joint in joints} for kind in ("value", "slope")

@@ -37,7 +37,7 @@ class Forces:
 
 
 class Seen:
-    """What sensors see: states of a robot, q (n, nq) and v (n, nv), and of effects, by name z (n,); and forces.
+    """The input of sensors: states of a robot, q (n, nq) and v (n, nv), and of effects, by name z (n,); and forces.
 
     look: computes the forces when they are needed.
     """
@@ -276,7 +276,7 @@ class PoseSensor(_OfLink, frozen=True):
 
 
 class ForceTorque(Sensor, frozen=True):
-    """What a joint transmits from its parent to its child link, along the joint's axes: force [N], moment [N m].
+    """The wrench from a joint's parent link on its child link, along the joint's axes: force [N], moment [N m].
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What would explain that a trajectory is not the solution: the first of a list of causes that leaves nothing, in time.
+"""The cause of a trajectory's deviation from the solution: the first of a list that leaves nothing, in time.
 
 A cause is another law of motion, or another way of stepping. What it leaves unexplained is the share of the local
 defects, or of the distance, that remains with it.
@@ -47,7 +47,7 @@ _WORDS = {"JointDamping": "damping", "DryFriction": "friction", "SmoothFriction"
 
 @dataclass(frozen=True)
 class Cause:
-    """What may be wrong, the share that it leaves unexplained, and how many numbers were fitted for that."""
+    """A possible cause, the share that it leaves unexplained, and the count of numbers that were fitted for that."""
 
     what: str
     unexplained: float
@@ -73,7 +73,7 @@ def look_for(looks: Sequence[Look], progress: Report | None) -> tuple[list[Cause
 
 
 def is_clear(found: Sequence[Cause]) -> bool:
-    """Whether one leaves next to nothing, without fitted numbers: then none other is looked for."""
+    """True if a cause leaves next to nothing, without fitted numbers: then none other is looked for."""
     return any(not cause.fitted and cause.unexplained < CLEAR for cause in found)
 
 
@@ -88,7 +88,7 @@ def named(found: Sequence[Cause]) -> tuple[tuple[Cause, ...], Cause | None]:
 
 
 def looks_at(few: Intervals) -> list[Look]:
-    """What local defects can show."""
+    """The searches for causes that local defects can show."""
     looks: list[Look] = [("ways of stepping", lambda: _steppers(few, few.scene)),
                          ("effects that are left out", lambda: _left_out(few))]  # fmt: skip
     if equations_of(few.scene).constraints is None and not few.scene.robot.has_mimic:
@@ -97,7 +97,7 @@ def looks_at(few: Intervals) -> list[Look]:
 
 
 def _share(left: Array, before: Array) -> float:
-    """What is left of the defects."""
+    """The share of the defects that is left."""
     size = float(np.linalg.norm(before))
     return float(np.linalg.norm(left)) / size if np.isfinite(left).all() and size > 0 else np.inf
 

@@ -1,4 +1,4 @@
-"""How far a trajectory is from obeying the equations from sample to sample.
+"""Local defects of a trajectory: by how much it does not obey the equations from sample to sample.
 
 From each sample the exact motion to the next one's time is computed; what the trajectory differs by there is its local
 defect. The same with other laws of motion, or by the steps of another method.
@@ -92,7 +92,7 @@ class Intervals:
         return replace(self, start=self.start.part(rows), end=self.end.part(rows))
 
     def known(self) -> Intervals:
-        """Those whose defects are known."""
+        """The intervals whose defects are known."""
         found = np.isfinite(self.exact).all(axis=1)
         return self if found.all() else self.part(found)
 
@@ -181,7 +181,7 @@ def _smooth_equations(scene: Scene) -> Equations:
 
 
 def _smooth(effect: Effect, robot: Robot) -> Effect | None:
-    """What an effect is between its events."""
+    """The effect between its events, in a smooth form; None where it gives none."""
     if isinstance(effect, DryFriction):
         names = {joint.v.start: joint.name for joint in robot.joints}
         return SmoothFriction({names[hold.dof]: hold.kinetic for hold in effect.modes(robot)}, SLIPS)

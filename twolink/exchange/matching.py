@@ -1,4 +1,4 @@
-"""Which joints of two robots are the same, and where their bodies are when both are at zero.
+"""Pairs of joints that are the same in two robots, and the poses of their bodies when both are at zero.
 
 A mechanism is told by the screws of its joints and the inertias of its bodies in the world, both at zero (the product
 of exponentials, Brockett 1984). Link frames, fixed joints, the order of joints and the axes in which an inertia is
@@ -52,7 +52,7 @@ class Match:
 
     @property
     def moved(self) -> pin.SE3:
-        """What the joint's place adds to the shift."""
+        """The part of the shift that the joint's place adds."""
         return self.shift * self.before.inverse()
 
 
@@ -200,7 +200,7 @@ def _turn(screw: np.ndarray, ours: np.ndarray, theirs: np.ndarray) -> float:
 def _mismatch(
     a: Mechanism, b: Mechanism, partner: dict[int, int], j: int, k: int, shift: pin.SE3, tolerance: float
 ) -> tuple[int, int]:
-    """How many of the body's and the next joints' properties differ under a shift, and of the links' frames."""
+    """Counts of differences under a shift: of the properties of the body and the next joints, and of links' frames."""
     ours, theirs = a.inertias[j], shift.act(b.inertias[k])
     near = tolerance * a.size
     wrong = int(np.abs(ours.lever - theirs.lever).max() > near and ours.mass > 0)
@@ -213,12 +213,12 @@ def _mismatch(
 
 
 def inertia_tolerance(mass: float, inertia: np.ndarray, size: float, tolerance: float) -> float:
-    """How far the moments of inertia of equal bodies may be apart, kg m^2."""
+    """The tolerance of the moments of inertia of equal bodies, kg m^2."""
     return float(tolerance * np.abs(inertia).max() + mass * (tolerance * size) ** 2)
 
 
 def same_pose(a: pin.SE3, b: pin.SE3, tolerance: float, size: float) -> bool:
-    """Whether two poses are equal."""
+    """True if two poses are equal, to the tolerance."""
     return bool(
         np.abs(a.rotation - b.rotation).max() <= 10 * tolerance
         and np.abs(a.translation - b.translation).max() <= tolerance * size

@@ -53,7 +53,7 @@ class Difference:
 
 @dataclass(frozen=True, repr=False)
 class ModelComparison(Result):
-    """Whether two robots are the same mechanism.
+    """The comparison of two robots: the same mechanism or not.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class ModelComparison(Result):
 
     @property
     def equal(self) -> bool:
-        """Whether nothing differs."""
+        """True if nothing differs."""
         return not self.differences
 
     def to_dict(self) -> dict[str, Any]:
@@ -255,7 +255,7 @@ class _Comparison:
                 yield Difference("inertia", f"{where}, {attribute}", x.inertia, y.inertia, cause)
 
     def _unequal(self, x: LinkInertia, y: LinkInertia) -> tuple[bool, bool, bool]:
-        """Whether mass, centre of mass and inertia differ."""
+        """Three flags, true if mass, centre of mass and inertia differ."""
         near = inertia_tolerance(x.mass, x.inertia, self.a.size, self.tolerance)
         return (
             bool(abs(x.mass - y.mass) > self.tolerance * max(x.mass, y.mass)),

@@ -44,7 +44,7 @@ class Traced:
 
     @property
     def operations(self) -> dict[str, int]:
-        """How many there are of each kind."""
+        """Counts of the operations by their kind."""
         return self.tape.count(self.outputs)
 
     def needed(self) -> list[tuple[int, tuple[Any, ...]]]:
@@ -137,7 +137,7 @@ def step_of(robot: Robot, name: str) -> tuple[Traced, str, Vectors]:
 def _pinocchio_step(
     robot: Robot, space: StateSpace, tableau: Tableau, q: Array, v: Array, tau: Array, h: Array
 ) -> np.ndarray:
-    """The same step by Pinocchio."""
+    """One explicit step of (q, v) by Pinocchio's accelerations, for a comparison."""
 
     def rate(_: Any, x: Array) -> Array:
         unit = robot.normalize(x[: robot.nq])

@@ -38,11 +38,11 @@ class Log:
 
     @property
     def has_velocities(self) -> bool:
-        """Whether it has velocities."""
+        """True if the log has velocities."""
         return not np.isnan(self.v).any()
 
     def digits(self) -> tuple[Array, Array]:
-        """How far q and v may be from what was rounded when the log was written, (n,) each, rad or m, and a second.
+        """Bounds on the errors of q and v from rounding when the log was written, (n,) each, rad or m, and a second.
 
         Rounded times count as well: the motion goes on between a time and its rounded one.
         """

@@ -41,7 +41,7 @@ class Group:
         raise NotImplementedError
 
     def overlaps(self, links: Links) -> Iterator[tuple[float, int]]:
-        """How deep bodies overlap [m], and the numbers of the pairs."""
+        """Overlaps of bodies: their depths [m], and the numbers of the pairs."""
         found = self.points(links, 0.0)
         return zip((-found.gap).tolist(), found.pair.tolist(), strict=True)
 
@@ -249,7 +249,7 @@ class Hulls(OfSolids):
         self.hulls: dict[int, Hull] = {}  # of those that have been near
 
     def overlaps(self, links: Links) -> Iterator[tuple[float, int]]:
-        """How deep the solids overlap [m], and the numbers of the pairs."""
+        """Overlaps of the solids: their depths [m], and the numbers of the pairs."""
         for k, result, *_ in self._looked_at(self._near(links, 0.0), links, 0.0):
             yield -float(result.min_distance), int(self.pair[k])
 
@@ -327,7 +327,7 @@ def bounding_radius(shape: AnyShape) -> float:
 
 
 def _kind(pair: Pair) -> tuple[type[Group], str]:
-    """What finds the points of a pair, and the kind of its shapes where that has a formula for each."""
+    """The group that finds the points of a pair, and the kind of its shapes where that has a formula for each."""
     a, b = pair.first.shape, pair.second
     if isinstance(b, HeightField):
         return OnFields, ""

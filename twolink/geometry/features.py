@@ -50,7 +50,7 @@ class FaceGap(PlaneGap, frozen=True):
         return Nearest(near.gap, (scale(-1.0, n), t, s), near.second, near.first)
 
     def single(self, motion: Motion) -> Scalar:
-        """How far the corner's foot is from the nearest side of the face, m; below 0 beside it."""
+        """Distance of the corner's foot from the nearest side of the face, m; below 0 beside it."""
         apart, xp = sub(self.ball.centre(motion), motion.position(self.frame)), motion.xp
         depths = [dot(motion.direction(self.frame, inward), apart) - height for inward, height in self.sides]
         least = depths[0]
@@ -92,7 +92,7 @@ class EdgeGap(Gap, frozen=True):
         return Nearest(dot(n, apart), (n, *tangents(n, motion.xp)), *ends)
 
     def single(self, motion: Motion) -> Scalar:
-        """How far the nearest points are from the ends of the edges, m; below 0 beyond them."""
+        """Distance of the nearest points from the ends of the edges, m; below 0 beyond them."""
         xp = motion.xp
         shares = zip((self.first, self.second), self._along(*self._lines(motion)), strict=True)
         s, t = (math.hypot(*edge.half) * (1.0 - xp.where(xp.less(share, 0.0), -share, share)) for edge, share in shares)
@@ -155,7 +155,7 @@ class HullFeatures:
         return out
 
     def separation(self, motion: Motion) -> float:
-        """How far the hulls of one state are apart along the direction that shows it best, m; below 0: they overlap."""
+        """Distance of the hulls of one state along the direction that shows it best, m; below 0: they overlap."""
         r, p = self._relative(motion)
         return separation(self.bodies[0].hull.placed(r[0], p[0]), self.bodies[1].hull).gap
 
@@ -217,7 +217,7 @@ class HullFeatures:
         return turned @ ra, (turned @ (pa - pb)[..., None])[..., 0]
 
     def _far(self, r: Array, p: Array) -> Array:
-        """What lies between spheres around the bodies (n,), m."""
+        """Distance between spheres around the bodies (n,), m."""
         a, b = self.bodies
         return np.asarray(np.linalg.norm(r @ a.middle + p - b.middle, axis=1) - a.radius - b.radius)
 
@@ -286,7 +286,7 @@ class _Crossings:
 
 
 def _apart(over_b: Array, over_a: Array, supports: Array) -> Array:
-    """How far hulls are apart along the best direction (n,): of the heights of corners over faces, and of edges."""
+    """Distance of hulls along the best direction (n,): of the heights of corners over faces, and of edges."""
     faces = [heights.min(axis=1).max(axis=1) for heights in (over_b, over_a)]
     return np.asarray(np.maximum(np.maximum(*faces), supports.max(axis=(1, 2))))
 

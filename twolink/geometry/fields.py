@@ -114,12 +114,12 @@ class Surface:
         return self.triangles[i, k, half, 0], self.normals[i, k, half]
 
     def height(self, x: Array) -> float:
-        """How far a point is above the plane of the triangle below it, m; inf beyond the grid."""
+        """Height of a point above the plane of the triangle below it, m; inf beyond the grid."""
         below = self.below(x)
         return np.inf if below is None else float(below[1] @ (x - below[0]))
 
     def supports(self, p: Array, n: Array) -> bool:
-        """Whether the triangles at a point of the surface lie below the plane across n."""
+        """True if the triangles at a point of the surface lie below the plane across n."""
         triangles = self.triangles[self.cells(p - SAME, p + SAME)].reshape(-1, 3, 3)
         beside = np.linalg.norm(nearest_of_triangles(p, triangles) - p, axis=1) <= SAME
         way = triangles[beside].reshape(-1, 3) - p

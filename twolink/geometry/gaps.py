@@ -58,7 +58,7 @@ class Place(NamedTuple):
     offset: Vec
 
     def position(self, motion: Motion) -> Vec:
-        """Where it is in the world, m."""
+        """Position of the place in the world, m."""
         return add(motion.position(self.frame, self.point), self.offset)
 
     def velocity(self, motion: Motion) -> Vec:
@@ -240,7 +240,7 @@ def sub(a: Vec, b: Vec) -> Vec:
 
 
 def has_length(half: Vec) -> bool:
-    """Whether it is not the constant 0."""
+    """True if a vector is not the constant 0."""
     return not isinstance(half, tuple) or any(half)
 
 

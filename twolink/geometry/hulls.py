@@ -66,7 +66,7 @@ class Hull:
                     self.starts, self.corners)  # fmt: skip
 
     def towards(self, direction: Array) -> Hull:
-        """The same vertices with the faces and edges at those that are farthest in a direction (3,)."""
+        """The hull of all vertices with the faces and edges at those that are farthest in a direction (3,)."""
         heights = self.vertices @ direction
         top = heights >= heights.max() - SLAB * np.ptp(heights)
         kept = top[self.edges].any(axis=1)
@@ -87,7 +87,7 @@ class Hull:
         return np.asarray(x @ self.normals.T - self.heights)
 
     def within_sides(self, x: Array) -> Array:
-        """How far points (..., 3) are from the nearest side of each face (..., faces), below 0 beside it."""
+        """Distances of points (..., 3) from the nearest side of each face (..., faces), below 0 beside it."""
         return np.asarray(np.minimum.reduceat(x @ self.inward.T - self.depths, self.starts, axis=-1))
 
 
@@ -146,7 +146,7 @@ def _hull_of_points(cloud: Array) -> Hull:
 
 
 class Separation(NamedTuple):
-    """How far two hulls are apart, m, below 0 how far they overlap, along the normal from the second to the first.
+    """The distance of two hulls, m, below 0 their overlap, along the normal from the second to the first.
 
     kind: a face of the first or the second hull, or two edges. feature: the face's number, or those of both edges.
     """

@@ -32,7 +32,7 @@ _EXTRAS = {"mujoco": "mjcf", "drake": "peers", "scipy": ""}
 
 @dataclass(frozen=True, repr=False)
 class Comparison(Plotted, Result):
-    """What another simulator makes of a scene.
+    """The motion of a scene by another simulator, with the verdict on it.
 
     Attributes
     ----------

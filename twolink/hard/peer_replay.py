@@ -26,7 +26,7 @@ OURS = 0.1  # of the distance: where the finer steps are as near to the solution
 
 
 def replays(scene: Scene, log: Log, run: Trajectory) -> list[Look]:
-    """Where the log may be MuJoCo's: from the scene's start, equally spaced, of what MuJoCo softens."""
+    """Searches for MuJoCo's motion where a log may be it: from the scene's start, equally spaced, with soft laws."""
     gaps = np.diff(log.t)
     if log.t[0] != 0 or np.ptp(gaps) > 1e-6 * gaps[0] or importlib.util.find_spec("mujoco") is None:
         return []

@@ -95,7 +95,7 @@ def _shifted(log: Log, run: Trajectory, offset: Array) -> Iterator[Cause]:
 
 
 def violations(scene: Scene, log: Log) -> dict[str, float]:
-    """How far loops are open and joints beyond their stops, where they are."""
+    """Largest openings of loops, and distances of joints beyond their stops, where there are any."""
     found = {}
     motion = functools.partial(Motion, scene.robot.model, mechanism(scene.robot.model))
     for i, effect in enumerate(scene.effects):

@@ -122,7 +122,7 @@ def _from_log(scene: Scene, log: Log) -> tuple[Scene, Log]:
 
 
 def _spread(scene: Scene, log: Log) -> Pair:
-    """How far the digits of the log's first sample move q and v, at every sample: the sum over its entries."""
+    """Displacements of q and v at every sample by the digits of the log's first one: the sum over its entries."""
     sizes, nv = [digits[0] for digits in log.digits()], scene.robot.nv
     total = np.zeros((2, len(log.t)))
     if not any(sizes):
@@ -156,7 +156,7 @@ def best_run(scene: Scene, t: Array, accuracy: float) -> Trajectory:
 def verdict_of(scene: Scene, log: Log, run: Trajectory, tolerance: float, *, units: str = "",
                spread: Pair | None = None, accuracy: float = 1e-9, seconds: float = SECONDS,
                progress: Report | None = None) -> Verdict:  # fmt: skip
-    """What a log is worth beside a run at its samples.
+    """The verdict on a log beside a run at its samples.
 
     units: which ones it had, if not SI. spread: how far the digits of the start move q and v, (n,) each.
     """

@@ -21,7 +21,7 @@ Answer = Literal["right", "wrong", "not known"]
 
 @dataclass(frozen=True, repr=False)
 class Verdict(Plotted, Result):
-    """What a trajectory is worth.
+    """The verdict on a trajectory.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Verdict(Plotted, Result):
 
     @property
     def right(self) -> bool:
-        """Whether the answer is "right"."""
+        """True if the answer is "right"."""
         return self.answer == "right"
 
     def to_dict(self) -> dict[str, Any]:

@@ -35,7 +35,7 @@ Evaluated = tuple[np.ndarray, Callable[[], np.ndarray]]  # residuals and their J
 
 
 class Limits(NamedTuple):
-    """What a step must keep: bounds, and a convex set, by a function that gives bounds that a step outside breaks."""
+    """The limits of a step: bounds, and a convex set, by a function that gives bounds that a step outside breaks."""
 
     bounds: Bounds
     cut: Callable[[np.ndarray], Bounds]

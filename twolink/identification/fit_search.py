@@ -33,7 +33,7 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class Point:
-    """Where a search stands: coordinates, starts of later segments, what was simulated there, and the noise (c,).
+    """A point of a search: coordinates, starts of later segments, what was simulated there, and the noise (c,).
 
     shooting: what simulates. converged: whether the least squares ended before they had to.
     """
@@ -138,7 +138,7 @@ class LeastSquaresSearch:
         data.require_units(q, v)
 
     def point_with(self, count: int) -> Point:
-        """Where the search ends with so many segments."""
+        """The point at which the search ends with so many segments."""
         ends = segment_ends(count, self.data)
         shooting = MultipleShooting(self.unknowns, self.data, ends, self.accuracy)
         z, starts = np.zeros(len(self.unknowns.names)), later_starts(ends, self.data, self.first)
@@ -162,7 +162,7 @@ class LeastSquaresSearch:
 
     @property
     def growth(self) -> float:
-        """How errors of the start grow along the scene's own motion; infinite where it could not be simulated."""
+        """Growth of the start's errors along the scene's own motion; infinite where it could not be simulated."""
         return math.inf if self.first is None else float(np.abs(self.first.segments[0].end_by_start).max(initial=1.0))
 
     def at(self, point: Point) -> Linearized:
@@ -230,7 +230,7 @@ class LeastSquaresSearch:
         return replace(point, z=z, starts=starts, shot=cast("Shot", shot(best)), converged=converged), r
 
     def _limits(self, z: np.ndarray, basis: np.ndarray, more: int = 0) -> Limits:
-        """What moves of z along a basis must keep, with `more` unknowns that have no limits."""
+        """The limits of moves of z along a basis, with `more` unknowns that have no limits."""
         rows, least = np.vstack([basis, -basis]), np.concatenate([self.low - z, z - self.high])
         kept, r = np.isfinite(least), basis.shape[1]
 

@@ -182,7 +182,7 @@ def _result(search: LeastSquaresSearch, point: Point, method: str, confidence: f
 
 
 def _ratios(possible: BaseParameters, values: np.ndarray) -> list[str]:
-    """What is said where a common factor of parameters changes nothing: sums that are 0 are ratios."""
+    """Notes on a common factor of parameters that changes nothing: sums that are 0 are ratios."""
     size = np.abs(possible.matrix) @ np.abs(values)
     sums = (np.abs(possible.matrix @ values) < _ZERO * size) & (np.count_nonzero(possible.matrix, axis=1) > 1)
     names = [name for name, here in zip(possible.names, possible.matrix[sums].any(axis=0), strict=True) if here]
@@ -190,7 +190,7 @@ def _ratios(possible: BaseParameters, values: np.ndarray) -> list[str]:
 
 
 def _from_bars(now: Linearized, point: Point, noise: np.ndarray) -> np.ndarray:
-    """What errors of the simulated values and of their derivatives may change, (r,), by their bounds."""
+    """Bounds (r,) on the estimate's change by the errors of the simulated values and of their derivatives."""
     columns = now.of_members / noise[:, None]
     flat = columns.reshape(-1, columns.shape[-1])
     lengths = np.linalg.norm(flat, axis=0)

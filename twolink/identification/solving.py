@@ -29,7 +29,7 @@ _RUNS = 8  # so many runs tell the covariance from run to run, fewer are cut in 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is looked for in which runs, and how. possible: what some motion can show of it."""
+    """The plan of an identification: what is looked for, and how. possible: what some motion can show of it."""
 
     robot: Robot
     chosen: Selection
@@ -201,7 +201,7 @@ def _values(chosen: Selection, base: BaseParameters, x: np.ndarray, count: int) 
 
 
 def _untold(base: BaseParameters, names: Sequence[str]) -> tuple[str, ...]:
-    """What cannot be told of a setup."""
+    """Quantities of a setup that cannot be told, in words."""
     own = base.matrix[:, len(base.names) - len(names) :]
     alone = [f"{name}: no torque depends on it" for name, column in zip(names, own.T, strict=True) if not column.any()]
     mixed = [np.any(part) and np.count_nonzero(row) > 1 for part, row in zip(own, base.matrix, strict=True)]
@@ -269,7 +269,7 @@ def linear_system(robot: Robot, chosen: Selection, data: Measurements) -> tuple[
 def _excited(
     plan: Plan, robot: Robot, names: tuple[str, ...], data: Measurements, columns: np.ndarray
 ) -> BaseParameters:
-    """What this motion shows of it, and of the setup: the null space of the motion without what only noise moves."""
+    """Base parameters and setup that this motion shows: its null space without what only noise moves."""
     members, count = list(plan.possible.members), len(plan.chosen.names)
     own = columns[..., members]
     if (calm := _without_noise(robot, data)) is not None:

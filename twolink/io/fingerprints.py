@@ -68,7 +68,7 @@ def _tree(model: pin.Model, joints: range) -> ModelTree:
 
 
 def joint_poses(model: pin.Model, q: np.ndarray) -> list[pin.SE3]:
-    """Where the joints are at a configuration (nq,), the ground first, without a pin.Data."""
+    """Poses of the joints at a configuration (nq,), the ground first, without a pin.Data."""
     poses = [pin.SE3.Identity()]
     for j in range(1, model.njoints):
         data = model.joints[j].createData()

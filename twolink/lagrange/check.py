@@ -127,7 +127,7 @@ class Comparison:
 
     @property
     def misprinted(self) -> bool:
-        """Whether the paper's entry is wrong, by its symbols."""
+        """True if the paper's entry is wrong, by its symbols."""
         return self.printed_minus_derived not in ("0", None)
 
     @property
@@ -314,7 +314,7 @@ def _energy(name: str, acceleration: Callable[..., np.ndarray], model: pin.Model
 
 
 def _scales(answers: Columns, samples: ArmSamples) -> Columns:
-    """What each error is relative to, (n, 1): see `check`. Where all is zero, errors are absolute."""
+    """Scales to which each error is relative, (n, 1): see `check`. Where all is zero, errors are absolute."""
     mass, bias = np.abs(answers["A"]), np.abs(answers["h"])
     inverse = np.abs(np.linalg.inv(answers["A"]))
     scale = {name: _largest(answers[name[0]]) for name in derive.ENTRIES}

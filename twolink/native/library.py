@@ -88,7 +88,7 @@ def level() -> int:
 
 
 def address(array: "np.ndarray[Any, Any] | None") -> int | None:
-    """Where an array's numbers are."""
+    """The address of an array's numbers."""
     return None if array is None else array.ctypes.data
 
 

@@ -208,7 +208,7 @@ def _by_columns(
 
 
 def _depends_on_earlier(run: Trajectory, function: Objective) -> bool:
-    """Whether a function depends on other samples than the last."""
+    """True if a function depends on other samples than the last."""
     dq, dv = STEP * np.random.default_rng(0).uniform(-1.0, 1.0, (2, *run.v.shape))
     dq[-1] = dv[-1] = 0.0
     return value_of(function, beside(run, dq, dv, {})) != value_of(function, run)
@@ -237,7 +237,7 @@ def _constants(run: Trajectory, wanted: Wanted, function: Objective) -> dict[str
 
 
 def _uses_torques(run: Trajectory, function: Objective) -> bool:
-    """Whether a function asks for torques or accelerations."""
+    """True if a function asks for torques or accelerations."""
     still = np.zeros_like(run.v)
     try:
         function(replace(beside(run, still, still, {}), solution=Unknown("a torque")))  # type: ignore[arg-type]

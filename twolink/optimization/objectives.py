@@ -124,7 +124,7 @@ def _end_shift(
     scene: Scene, run: Trajectory, parameter: Parameter, place: int, rates: tuple[np.ndarray, np.ndarray],
     along: tuple[np.ndarray, np.ndarray],
 ) -> float:  # fmt: skip
-    """How much later a run ends, per unit of a parameter. place: of the effect that ends it."""
+    """The shift of a run's end in time, per unit of a parameter. place: of the effect that ends it."""
     robot, q, v, t = run.robot, run.q[-1], run.v[-1], float(run.t[-1])
     in_time, across = (STEP / max(1.0, float(np.abs(np.concatenate(pair)).max())) for pair in (rates, along))
 
@@ -368,7 +368,7 @@ class Limit:
     sign: float
 
     def __call__(self, run: Trajectory) -> float:
-        """How far the objective is from the value, on the side that is allowed."""
+        """The distance of the objective from the value, above 0 on the side that is allowed."""
         return self.sign * (self.objective(run) - self.value)
 
 

@@ -94,7 +94,7 @@ class Optimum(Result, Plotted):
 
     @property
     def resolution(self) -> dict[str, float]:
-        """How far each variable alone may be off before the objective changes by more than its error.
+        """The change of each variable alone that changes the objective by its error.
 
         The positive root d of |g_k| d + |H_kk| d^2 / 2 = error; NaN where error or Hessian are not known.
         """

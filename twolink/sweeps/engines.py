@@ -1,4 +1,4 @@
-"""Where blocks are computed: local processes, a Dask cluster, or any executor of the concurrent.futures interface."""
+"""Engines that compute blocks: local processes, a Dask cluster, or any executor of the concurrent.futures interface."""
 
 import multiprocessing
 import os
@@ -22,7 +22,7 @@ LOOK = 2.0  # s: between two looks at the number of workers
 
 
 class BlockEngine:
-    """What computes tasks.
+    """An engine that computes tasks.
 
     submit: gives a future of a task's columns. width: how many workers there are. restart: after workers died. check:
     raises TwolinkError, code "cluster-lost", where there is nobody to wait for.

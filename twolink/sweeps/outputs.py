@@ -1,4 +1,4 @@
-"""What is kept of every run, as the variables of the store."""
+"""Outputs that are kept of every run, as the variables of the store."""
 
 import importlib
 from collections.abc import Callable, Sequence
@@ -41,7 +41,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked of every run.
+    """The request to every run.
 
     duration, s; accuracy, rad or m, where it does not vary; outputs: of OUTPUTS, or "module:function"; t_eval: times of
     the samples, s; verify: whether there are error bars.

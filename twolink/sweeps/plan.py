@@ -55,7 +55,7 @@ class SweepPlan:
 
     @functools.cached_property
     def record(self) -> dict[str, Any]:
-        """What the results depend on beside the values that vary, as plain data."""
+        """A record of all that the results depend on beside the values that vary, as plain data."""
         request, design = self.request, self.design
         return {"scene": scene_record(self.scene), "design": design.kind, "vary": sorted(design.values),
                 "seed": design.seed, "duration": request.duration, "accuracy": request.accuracy,
@@ -81,7 +81,7 @@ class SweepPlan:
 
     @functools.cached_property
     def ways(self) -> dict[str, int]:
-        """How many runs of the first block are solved in which way, and why."""
+        """Counts of the first block's runs by the way they are solved, with its reason."""
         return _ways(self.scene, self.request, self.design, WAYS_FROM)
 
 

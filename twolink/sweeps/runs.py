@@ -104,7 +104,7 @@ def _compute(scene: Scene, task: Task) -> Columns:
 
 
 class _Variant(NamedTuple):
-    """What runs of a group share: the places of effects that are off, the accuracy, and the robot ("": the scene's)."""
+    """Settings that a group of runs shares: places of effects that are off, accuracy, and robot ("": the scene's)."""
 
     off: tuple[int, ...]
     accuracy: float
@@ -126,7 +126,7 @@ def groups(accuracy: float, quantities: dict[str, Parameter], values: Columns) -
 
 
 def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Parameter]) -> tuple[bool, str]:
-    """Whether runs of a variant are solved in batches, and why. scene: without the effects that are off."""
+    """True if runs of a variant are solved in batches, with the reason. scene: without the effects that are off."""
     if of.robot:
         return False, "one by one: robots differ"
     if request.functions:
@@ -143,7 +143,7 @@ def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Para
 
 
 def ways(scene: Scene, request: Request, quantities: dict[str, Parameter], values: Columns) -> dict[str, int]:
-    """How many of the runs with these values are solved in which way, and why."""
+    """Counts of the runs with these values by the way they are solved, with its reason."""
     counts: dict[str, int] = {}
     for of, rows in groups(request.accuracy, quantities, values):
         text = way(scene if of.robot else variant(scene, of.off), of, request, quantities)[1]

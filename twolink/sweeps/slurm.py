@@ -170,7 +170,7 @@ def _refused(what: str, remedy: str) -> TwolinkError:
 
 
 def _run(*command: str) -> str:
-    """What a command of Slurm answers. Raises TwolinkError where it fails, or is not there."""
+    """The answer of a command of Slurm. Raises TwolinkError where it fails, or is not there."""
     try:
         return subprocess.run(command, check=True, capture_output=True, text=True).stdout
     except FileNotFoundError:
@@ -181,7 +181,7 @@ def _run(*command: str) -> str:
 
 
 def _is_queued(job: str) -> bool:
-    """Whether a part of an array job waits or runs. Slurm forgets jobs that ended some minutes ago."""
+    """True if a part of an array job waits or runs. Slurm forgets jobs that ended some minutes ago."""
     try:
         return bool(_run("squeue", "--noheader", f"--jobs={job}").strip())
     except TwolinkError:
