@@ -50,6 +50,27 @@ def imports(texts: Mapping[str, str]) -> dict[str, set[str]]:
     return graph
 
 
+FACES = ("twolink", "twolink.__main__", "twolink.cli")  # which stand above all, and load names when they are used
+
+
+def names_in_strings(texts: Mapping[str, str]) -> dict[str, set[str]]:
+    """The modules that each module may import by a name in a string: "twolink.a.b", "a.b" or f"twolink.a.{name}"."""
+    graph: dict[str, set[str]] = {module: set() for module in texts}
+    for module, text in texts.items():
+        if module in FACES[:2] or module.startswith(FACES[2]):
+            continue
+        for node in ast.walk(tree(text)):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and "." in node.value:
+                named = {node.value, f"twolink.{node.value}"} & texts.keys()
+                graph[module] |= {one for one in named if one.count(".") > 1}  # a room's name may be that of its data
+            elif isinstance(node, ast.JoinedStr) and isinstance(first := node.values[0], ast.Constant):
+                start = str(first.value)
+                if start.startswith("twolink.") and len(node.values) > 1:
+                    graph[module] |= {one for one in texts if one.startswith(start)}
+        graph[module] -= {module}
+    return graph
+
+
 def first_circle(graph: Mapping[str, set[str]]) -> list[str]:
     """Modules that import each other in a circle; empty where there is none."""
     try:
@@ -71,6 +92,19 @@ def test_no_module_imports_in_a_circle() -> None:
     graph = imports(sources())
     assert len(graph) > 200
     assert first_circle(graph) == []
+
+
+def by_any_name(texts: Mapping[str, str]) -> dict[str, set[str]]:
+    """Imports by statements and by names in strings."""
+    graph, named = imports(texts), names_in_strings(texts)
+    return {module: graph[module] | named[module] for module in graph}
+
+
+def test_no_module_imports_in_a_circle_by_a_name_in_a_string() -> None:
+    texts = sources()
+    assert first_circle(by_any_name(texts)) == []
+    texts["twolink.dynamics.robot"] += '\nmodule = f"twolink.exchange.{name}"'
+    assert {"twolink.dynamics.robot", "twolink.exchange.c_code"} & set(first_circle(by_any_name(texts)))
 
 
 @pytest.mark.some(1)

@@ -22,7 +22,7 @@ FACE = {
          "Identification", "Linearization", "LoadReport", "ModelComparison", "Optimum", "PeriodicMotion", "Robot",
          "Scene", "SceneFit", "Sensitivities", "Simulation", "Study", "Trajectory", "Verdict", "Worlds", "Wrench",
          "accuracy_study",
-         "compare_models", "connect", "effects", "energy_book", "equilibria", "errors", "explain", "fit",
+         "compare_models", "connect", "effects", "energy_book", "equilibria", "errors", "explain", "export", "fit",
          "gradient", "identify", "judge", "lagrange", "linearize", "load_robot", "load_scene", "loop_forces", "lqr",
          "methods", "optimize", "periodic_motion", "progress_bar", "robots", "scene_of", "scenes", "sensitivities",
          "simulate", "simulate_many", "sweep"],

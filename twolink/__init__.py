@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from twolink.control.feedback import lqr
     from twolink.control.linearization import Linearization, linearize
     from twolink.control.periodic import PeriodicMotion, periodic_motion
+    from twolink.exchange.export import export
     from twolink.exchange.model_comparison import ModelComparison, compare_models
     from twolink.exchange.urdf_scene import scene_of
     from twolink.hard.referee import judge
@@ -50,6 +51,7 @@ _IMPORTED_WHEN_USED = {
     "control.feedback": ("lqr",),
     "control.linearization": ("Linearization", "linearize"),
     "control.periodic": ("PeriodicMotion", "periodic_motion"),
+    "exchange.export": ("export",),
     "exchange.model_comparison": ("ModelComparison", "compare_models"),
     "hard.referee": ("judge",),
     "hard.verdict": ("Verdict",),
@@ -67,6 +69,26 @@ _IMPORTED_WHEN_USED = {
     "simulation.stepwise": ("Simulation",),
     "sweeps.sweeping": ("sweep",),
 }
+
+# Methods of classes that are functions of rooms above theirs: class, name, module.
+_METHODS_OF_ROOMS_ABOVE = (
+    (Robot, "export_c", "exchange.c_code"),
+    (Robot, "export_urdf", "exchange.urdf_text"),
+    (Robot, "export_mjcf", "exchange.mjcf_text"),
+    (Scene, "export_fmu", "exchange.fmu"),
+)
+
+
+def _method(name: str, module: str) -> Any:
+    def method(self: Any, *args: Any, **options: Any) -> Any:
+        return getattr(importlib.import_module(f"twolink.{module}"), name)(self, *args, **options)
+
+    method.__name__, method.__doc__ = name, f"Write a file; see `tl.export` and `twolink.{module}.{name}`."
+    return method
+
+
+for _class, _name, _module in _METHODS_OF_ROOMS_ABOVE:
+    setattr(_class, _name, _method(_name, _module))
 
 
 def __getattr__(name: str) -> Any:
@@ -115,6 +137,7 @@ __all__ = [
     "equilibria",
     "errors",
     "explain",
+    "export",
     "fit",
     "gradient",
     "identify",

@@ -140,3 +140,26 @@ def test_a_run_for_matlab_is_read_again(tmp_path: Path) -> None:
         np.testing.assert_array_equal(again.q, run.q)
         np.testing.assert_array_equal(again.error, run.error)
         assert tl.judge(scene, path).right
+
+
+def test_one_function_writes_every_format(tmp_path: Path) -> None:
+    robot, scene = tl.load_robot("arm"), tl.load_scene("arm-swing")
+    assert tl.compare_models(robot, tl.export(robot, tmp_path / "it.urdf")).equal
+    found = tl.compare_models(robot, tl.export(robot, tmp_path / "it.xml"))
+    assert all("velocity limit" in line for line in str(found).splitlines()[1:])  # which an MJCF has not
+    source = tl.export(robot, tmp_path / "it.c", functions=["mass_matrix"])
+    assert "it_mass_matrix" in source.with_suffix(".h").read_text()
+    assert tl.export(scene, tmp_path / "it.fmu", platforms=[]).exists()
+    run = tl.simulate(scene, 0.1)
+    assert tl.export(run, tmp_path / "it.csv").read_text() == run.save(tmp_path / "other.csv").read_text()
+
+
+NOT_WRITTEN = (("robot", "x.fmu", r"'\.fmu' is not a format"), ("scene", "x.urdf", "known: .fmu"),
+               ("text", "x.c", "expected a robot, a scene or a run, got str"))  # fmt: skip
+
+
+@pytest.mark.parametrize(("thing", "name", "said"), NOT_WRITTEN)
+def test_what_is_not_written_is_refused(thing: str, name: str, said: str, tmp_path: Path) -> None:
+    given = {"robot": tl.load_robot("arm"), "scene": tl.load_scene("arm-swing"), "text": "arm"}[thing]
+    with pytest.raises(tl.errors.QueryError, match=said):
+        tl.export(given, tmp_path / name)

@@ -53,6 +53,14 @@ def test_the_book_closes(name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["arm-human", "elastic-joint", "geared-motor", "stick-slip"])
+def test_the_book_closes_whatever_the_samples_are(name: str) -> None:
+    scene = tl.load_scene(name)
+    run = tl.simulate(scene, accuracy=1e-9, t_eval=[0.0, scene.duration])
+    book = tl.energy_book(scene, run)
+    assert np.abs(book.residual).max() < 1e-8 * max(1.0, np.abs([*book.work.values()]).max())
+
+
 def test_damping_alone_takes_what_is_lost() -> None:
     """By SciPy's quadrature of -d w^2 over dense samples."""
     from scipy.integrate import simpson

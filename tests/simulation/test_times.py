@@ -63,25 +63,10 @@ def test_times_that_do_not_fit_are_refused(call, times) -> None:
         call(SWING, 1.0, t_eval=times)
 
 
-def test_arguments_of_the_last_release_work_with_a_warning() -> None:
-    new = tl.simulate(SWING, 1.0, accuracy=1e-8, samples_per_second=10)
-    with pytest.warns(DeprecationWarning, match="simulate takes only the scene and the duration by place: name acc"):
-        np.testing.assert_array_equal(tl.simulate(SWING, 1.0, 1e-8, samples_per_second=10).q, new.q)
-    with pytest.warns(DeprecationWarning, match="simulate: samples is called samples_per_second"):
-        np.testing.assert_array_equal(tl.simulate(SWING, 1.0, accuracy=1e-8, samples=10).q, new.q)  # type: ignore[call-arg]
-    with pytest.warns(DeprecationWarning, match="explain takes"):
-        assert tl.explain(SWING, 1e-8).accuracy == 1e-8
-    with pytest.warns(DeprecationWarning, match="explain takes"):
-        assert tl.explain(SWING, 1e-8, 1.0).duration == 1.0
-    with pytest.warns(DeprecationWarning, match="name q, v, parameters, accuracy"):
-        assert tl.simulate_many(SWING, [[0.1, 0.2]], None, None, 1.0).t == 1.0
-    with pytest.warns(DeprecationWarning, match="it was their number before the end"):
-        worlds = tl.simulate_many(SWING, 1.0, samples=3)  # type: ignore[call-arg]
-    np.testing.assert_array_equal(worlds.samples_t, [0.0, 0.25, 0.5, 0.75])
-    with pytest.warns(DeprecationWarning, match="name wrt, accuracy"):
-        assert list(tl.sensitivities(SWING, ["q.elbow"], 0.5).q) == ["q.elbow"]
-    with pytest.warns(DeprecationWarning, match="name objective, wrt, accuracy"):
-        tl.gradient(SWING, "z:forearm", ["q.elbow"], 0.5)
+@pytest.mark.parametrize("call", [tl.simulate, tl.explain, tl.accuracy_study, tl.sensitivities])
+def test_only_the_scene_and_the_duration_go_by_place(call) -> None:
+    with pytest.raises(TypeError, match="positional"):
+        call(SWING, 1.0, 1e-8)
 
 
 def test_progress_has_one_signature() -> None:

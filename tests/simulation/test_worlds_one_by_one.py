@@ -150,3 +150,25 @@ def test_a_scene_of_a_world_is_what_run_time_parameters_say() -> None:
 def test_numbers_that_no_effect_may_have(parameters: Mapping[str, float], part: str) -> None:
     with pytest.raises(SceneError, match=part):
         tl.simulate_many(tl.Scene(ARM, effects=DAMPED), parameters=parameters)
+
+
+def test_worlds_of_many_contacts_are_stepped_as_one_run_is() -> None:
+    scene = tl.load_scene("box-stack")
+    worlds = tl.simulate_many(scene, 0.05, q=np.stack([scene.q, scene.q]))
+    alone = tl.simulate(scene, 0.05, samples_per_second=20)
+    assert alone.bound == "estimated"
+    assert worlds.estimated
+    assert "by estimates" in repr(worlds)
+    np.testing.assert_array_equal(worlds.q, np.stack([alone.q[-1]] * 2))
+
+
+def test_worlds_are_located_or_stepped_as_is_asked() -> None:
+    can = tl.load_scene("can-on-table")
+    located, stepped = (tl.simulate_many(can, 0.05, contact=how, accuracy=1e-3) for how in ("located", "stepped"))
+    assert not located.estimated
+    assert stepped.estimated
+    assert located.error is not None
+    assert stepped.error is not None
+    assert np.abs(located.q - stepped.q).max() <= (located.error + stepped.error).max()
+    with pytest.raises(SceneError, match="contact: 'rolled' is unknown"):
+        tl.simulate_many(can, 0.1, contact="rolled")

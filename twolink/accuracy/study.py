@@ -27,7 +27,7 @@ from twolink.io.progress import Report
 from twolink.io.tables import SUFFIXES, require_format, write_table
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted
-from twolink.simulation.sampling import duration_for, formerly, sample_times, with_ends
+from twolink.simulation.sampling import duration_for, sample_times, with_ends
 from twolink.simulation.text import Result
 
 if TYPE_CHECKING:
@@ -113,7 +113,6 @@ class Study(StudyData, Result, Plotted):
         return f"<pre>{html.escape(self.text())}</pre>{picture}"
 
 
-@formerly("scene", "duration")
 def accuracy_study(
     scene: Scene,
     duration: float | None = None,

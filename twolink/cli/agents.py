@@ -27,6 +27,7 @@ from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.queries import QUERIES, Numbers, answer_query
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import TwolinkError
+from twolink.exchange.export import export as write
 from twolink.exchange.model_comparison import compare_models
 from twolink.exchange.urdf_scene import UrdfScene
 from twolink.hard.referee import judge
@@ -163,10 +164,9 @@ class Tools:
     def export(self, robot: str, file: str, functions: list[str] | None = None, root: Root = "fixed") -> Answer:
         """Write a robot as .urdf, .xml (MJCF) or .c. functions: of C, such as ["forward_dynamics", "step:rk4"]."""
         loaded, path = self._robot(robot, root), self._path(file)
-        if path.suffix == ".c":
-            written = list(loaded.export_c(path, functions or ["forward_dynamics"]))
-        else:
-            written = [(loaded.export_mjcf if path.suffix == ".xml" else loaded.export_urdf)(path)]
+        of_c = path.suffix == ".c"
+        written = [write(loaded, path, **({"functions": functions or ["forward_dynamics"]} if of_c else {}))]
+        written += [path.with_suffix(".h")] if of_c else []
         return Answer(f"wrote {', '.join(map(str, written))}", {}, files=[str(path) for path in written])
 
     def _guarded(self, tool: Callable[..., Answer]) -> Callable[..., Any]:

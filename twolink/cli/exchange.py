@@ -169,6 +169,8 @@ def export(
     twolink export panda arm.urdf --lock panda_finger_joint1=0 --lock panda_finger_joint2=0
     twolink export arm-swing arm.fmu
     """
+    from twolink.exchange.export import export as write
+
     if fmu is None and file is not None and file.suffix.lower() == ".fmu":
         file, fmu = None, file
     if (parameters or platforms) if fmu is None else (lock or gravity or root != "fixed"):
@@ -176,17 +178,16 @@ def export(
                      remedy="leave them out")  # fmt: skip
     if fmu is not None and file is None:
         require_writable([fmu], (".fmu",))
-        fmu = scene_from(robot).export_fmu(fmu, parameters and _names(parameters), platforms)
+        fmu = write(scene_from(robot), fmu, parameters=parameters and _names(parameters), platforms=platforms)
         show({"scene": robot, "written": [fmu]}, f"wrote {fmu}", as_json)
         return
     if fmu is not None or file is None:
         raise Misuse("one file is written", remedy="give a FILE, of a scene FILE.fmu")
     require_writable([file], (".c", ".urdf", ".xml", ".fmu"))
     loaded = robot_from(robot, root, lock, gravity)
-    if file.suffix.lower() == ".c":
-        written = list(loaded.export_c(file, _names(functions)))
-    else:
-        written = [(loaded.export_urdf if file.suffix.lower() == ".urdf" else loaded.export_mjcf)(file)]
+    of_c = file.suffix.lower() == ".c"
+    written = [write(loaded, file, **({"functions": _names(functions)} if of_c else {}))]
+    written += [written[0].with_suffix(".h")] if of_c else []
     show({"robot": loaded.name, "written": written}, "\n".join(f"wrote {path}" for path in written), as_json)
 
 

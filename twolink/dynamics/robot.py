@@ -1,13 +1,12 @@
 """Robot: a checked model that answers dynamics queries, for one state or for batches on leading axes."""
 
-import importlib
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from math import isfinite, nan
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -72,6 +71,11 @@ class Robot(RobotModel):
         By every query, for an argument that it cannot use or a result that is not finite. The error names the argument,
         what was expected and what came.
     """
+
+    # From the room `exchange`, which stands above; `twolink/__init__.py` has the table.
+    export_c: ClassVar[Callable[..., tuple[Path, Path]]]
+    export_urdf: ClassVar[Callable[..., Path]]
+    export_mjcf: ClassVar[Callable[..., Path]]
 
     def __init__(self, name: str, model: pin.Model, report: LoadReport, visuals: Visuals) -> None:
         super().__init__(name, model, report, visuals)
@@ -486,62 +490,6 @@ class Robot(RobotModel):
         made = self._compiled.get(parameters)
         return made if made is not None else self._compiled.setdefault(parameters, Compiled(self, parameters))
 
-    def export_c(
-        self, path: str | os.PathLike[str], functions: Sequence[str] = ("forward_dynamics",)
-    ) -> tuple[Path, Path]:
-        """Write functions of the robot as a C99 file and its header, without dependencies but libm, without allocation.
-
-        Each function takes arrays and writes its result, flat in C order, into `out`. Its formula is compared with
-        Pinocchio before it is written; the certificate is a comment, and the file has a self test with test vectors.
-
-        Parameters
-        ----------
-        path : str or path
-            The file, which ends in .c. Its stem is the prefix of all names; the header stands beside it.
-        functions : sequence of str
-            "forward_dynamics", "inverse_dynamics", "bias", "gravity_torque", "mass_matrix", "energy", their
-            "..._derivatives", "frame_pose:LINK", "frame_jacobian_local:LINK", "frame_jacobian_aligned:LINK"; and
-            "step:METHOD", one step of an explicit Runge-Kutta method such as "step:rk4", under constant torques.
-
-        Returns
-        -------
-        tuple of Path
-            The file and its header.
-
-        Raises
-        ------
-        QueryError
-            There is no such function.
-        CertificationError
-            A function differs from Pinocchio.
-        """
-        written: tuple[Path, Path] = _exchange("c_code").export_c(self, path, functions)
-        return written
-
-    def export_urdf(self, path: str | os.PathLike[str]) -> Path:
-        """Write the robot as a URDF in one form: bodies merged, locked joints fixed, inertias about centres of mass.
-
-        Links stay as frames; `tl.compare_models` finds it equal. Meshes are named by their full paths.
-
-        Raises
-        ------
-        RobotError
-            It has coupled joints, or joints that a URDF has not (code "no-urdf").
-        """
-        return Path(_exchange("urdf_text").export_urdf(self, path))
-
-    def export_mjcf(self, path: str | os.PathLike[str]) -> Path:
-        """Write the robot as an MJCF: bodies merged as in `export_urdf`, and the springs and loops of its own file.
-
-        `tl.compare_models` finds it equal but for limits of velocity, which an MJCF has not. Meshes are left out.
-
-        Raises
-        ------
-        RobotError
-            It has coupled joints, or joints or forces that are not written to an MJCF (code "no-mjcf").
-        """
-        return Path(_exchange("mjcf_text").export_mjcf(self, path))
-
     def _answer(self, name: str, engine: str, *arguments: Any) -> Array:
         """A query by name: one state straight from Pinocchio, other arguments checked, by the engine of the rule."""
         query = self._queries.get(name) or self._query(name)
@@ -602,11 +550,6 @@ def _square(matrix: Array) -> float:
     """The sum of the squared entries, in the order of the memory."""
     flat = matrix.ravel("K")
     return float(flat.dot(flat))
-
-
-def _exchange(module: str) -> Any:
-    """A module of the room that writes other formats, which stands above: it is found by name where it is used."""
-    return importlib.import_module(f"twolink.exchange.{module}")
 
 
 def load_robot(

@@ -29,7 +29,32 @@ _C = {"+": "{0} + {1}", "-": "{0} - {1}", "*": "{0} * {1}", "/": "{0} / {1}", "n
 def export_c(
     robot: Robot, path: str | os.PathLike[str], functions: Sequence[str] = ("forward_dynamics",)
 ) -> tuple[Path, Path]:
-    """Write functions of a robot as one C99 file and its header; see `Robot.export_c`."""
+    """Write functions of a robot as a C99 file and its header, without dependencies but libm, without allocation.
+
+    Each function takes arrays and writes its result, flat in C order, into `out`. Its formula is compared with
+    Pinocchio before it is written; the certificate is a comment, and the file has a self test with test vectors.
+
+    Parameters
+    ----------
+    path : str or path
+        The file, which ends in .c. Its stem is the prefix of all names; the header stands beside it.
+    functions : sequence of str
+        "forward_dynamics", "inverse_dynamics", "bias", "gravity_torque", "mass_matrix", "energy", their
+        "..._derivatives", "frame_pose:LINK", "frame_jacobian_local:LINK", "frame_jacobian_aligned:LINK"; and
+        "step:METHOD", one step of an explicit Runge-Kutta method such as "step:rk4", under constant torques.
+
+    Returns
+    -------
+    tuple of Path
+        The file and its header.
+
+    Raises
+    ------
+    QueryError
+        There is no such function.
+    CertificationError
+        A function differs from Pinocchio.
+    """
     target = Path(path)
     require_format(target, (".c",))
     if isinstance(functions, str) or not functions or len({*map(identifier, functions)}) < len(functions):

@@ -56,7 +56,36 @@ def export_fmu(
     parameters: Sequence[str] | None = None,
     platforms: Sequence[str] | None = None,
 ) -> Path:
-    """Write a scene as an FMU; see `Scene.export_fmu`."""
+    """Write a scene as an FMU 3.0, for Model Exchange with directional derivatives and for Co-Simulation.
+
+    It holds C sources and compiled libraries, no Python. Its equations are compared with Pinocchio first. Inputs
+    are torques of all degrees of freedom, outputs q, v, a, states of effects and the energy. Co-Simulation steps
+    by DOP853, with the tolerance that its importer sets.
+
+    Parameters
+    ----------
+    path : str or path
+        A file that ends in .fmu. Its stem is the model's identifier.
+    parameters : sequence of str, optional
+        Numbers that can be set in the FMU, such as ["forearm.mass", "gravity.z"]; the others are constants, which
+        take fewer operations. By default all but lengths and what is 0.
+    platforms : sequence of str, optional
+        Such as ["x86_64-linux", "x86_64-windows"]; by default the present one, by cc. Others take `twolink[fmu]`.
+
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    SceneError
+        An effect makes events or is called at ticks (code "no-fmu").
+    CertificationError
+        A function differs from Pinocchio.
+    MissingExtraError
+        There is no compiler for a platform.
+    """
     target = Path(path)
     require_format(target, (".fmu",))
     here = _present_platform()

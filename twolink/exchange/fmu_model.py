@@ -32,7 +32,6 @@ from twolink.integrate.steps.step_certificate import AGREEMENT, STATES, certify_
 from twolink.robots.joint_layout import JointLayout, joint_columns, turns
 from twolink.scenes import Scene
 from twolink.scenes.parameters import named_parameters, parameters_of
-from twolink.simulation.stepwise import with_held_torques
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,7 @@ def _equations(scene: Scene, parameters: Sequence[str] | None) -> tuple[Equation
     if scene.robot.nv == 0:
         raise SceneError("no joint moves", where=f"robot {scene.robot.name!r}", code="nothing-moves",
                          remedy='free its base: load_robot(..., root="free")')  # fmt: skip
-    driven, names = with_held_torques(scene)
+    driven, names = scene.with_held_torques()
     equations = equations_of(driven)
     if equations.effort_limits:
         place, name = equations.effort_limits[0]

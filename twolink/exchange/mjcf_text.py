@@ -27,7 +27,15 @@ _SHAPES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "leng
 
 
 def export_mjcf(robot: Robot, path: str | os.PathLike[str]) -> Path:
-    """Write a robot as an MJCF; see `Robot.export_mjcf`."""
+    """Write a robot as an MJCF: bodies merged as in `export_urdf`, and the springs and loops of its own file.
+
+    `tl.compare_models` finds it equal but for limits of velocity, which an MJCF has not. Meshes are left out.
+
+    Raises
+    ------
+    RobotError
+        It has coupled joints, or joints or forces that are not written to an MJCF (code "no-mjcf").
+    """
     return write_robot(robot, path, (".xml", ".mjcf"), mjcf_text)
 
 

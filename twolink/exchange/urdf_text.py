@@ -24,7 +24,15 @@ _TYPES = {"revolute": "revolute", "continuous": "continuous", "prismatic": "pris
 
 
 def export_urdf(robot: Robot, path: str | os.PathLike[str]) -> Path:
-    """Write a robot as a URDF; see `Robot.export_urdf`."""
+    """Write a robot as a URDF in one form: bodies merged, locked joints fixed, inertias about centres of mass.
+
+    Links stay as frames; `tl.compare_models` finds it equal. Meshes are named by their full paths.
+
+    Raises
+    ------
+    RobotError
+        It has coupled joints, or joints that a URDF has not (code "no-urdf").
+    """
     return write_robot(robot, path, (".urdf",), urdf_text)
 
 

@@ -23,7 +23,6 @@ from twolink.simulation.stepwise import (
     one,
     start_of,
     state_of,
-    with_held_torques,
 )
 
 try:
@@ -159,7 +158,7 @@ class VectorEnvironment(gymnasium.vector.VectorEnv[Array, Array, Array]):
             if effect.sampled is not None:
                 raise SceneError("a sampled controller is not called in a batch", where=f"effects[{i}]",
                                  remedy="several Environment", code="not-step-by-step")  # fmt: skip
-        equations, self._torques = equations_held(*with_held_torques(scene))
+        equations, self._torques = equations_held(*scene.with_held_torques())
         if equations.constraints is not None or equations.has_events:
             raise SceneError("worlds with loops or events are not solved in a batch", where="effects",
                              remedy="several Environment", code="not-step-by-step")  # fmt: skip

@@ -18,7 +18,7 @@ from twolink.errors import TwolinkError
 from twolink.exchange.causes import Cause, Look, is_clear, look_for, looks_at, named
 from twolink.exchange.local_errors import intervals_of
 from twolink.exchange.trajectory_log import Array, Log
-from twolink.hard.peers.replay import replays
+from twolink.hard.peer_replay import replays
 from twolink.hard.verdict import Verdict
 from twolink.io.progress import Report
 from twolink.scenes import Scene

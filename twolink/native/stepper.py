@@ -2,6 +2,8 @@
 
 import ctypes
 import functools
+import weakref
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -97,6 +99,7 @@ class Stepper:
         self.rows = formulas.size + 10 + formulas.parameters
         self.handle = self._method()
         self._pools: dict[int, Pool] = {}
+        self._widths: dict[int, int] = {}
 
     def _method(self) -> Handle:
         """The library's method."""
@@ -122,24 +125,49 @@ class Stepper:
 
         Returns how many were made: fewer when all columns have arrived, or, every `look` attempts, half of them.
         """
-        columns = states.shape[2]
-        pool, pointer = self._pool(self.width(columns)), None
-        if disturbances is not None:
-            if disturbances.moves.shape != (self.formulas.moving, columns):
-                raise ValueError(f"disturbances of {disturbances.moves.shape} for {columns} columns")
-            pointer = ctypes.byref(disturbances.pointer)
-        work = pool.take()
-        try:
-            made = library().tl_attempts(work.value, level(), columns, count, look, states.ctypes.data, pointer)
-        finally:
-            pool.give(work)
-        require(min(made, 0), "steps")
-        return int(made)
+        return self.on(states, disturbances)(count, look)
 
-    def _pool(self, width: int) -> Pool:
-        """Workspaces of this width."""
+    def on(self, states: Array, disturbances: Disturbances | None = None) -> Callable[[int, int], int]:
+        """`attempts` on states (most + 1, rows, n) that stay where they are: (count, look) -> how many were made.
+
+        One thread at a time may call it; what it works with returns to the stepper when it is no longer used.
+        """
+        columns = states.shape[2]
+        if states.shape[1] != self.rows or not (states.flags.c_contiguous and states.dtype == float):
+            raise ValueError(f"states of {states.shape} and {states.dtype} for {self.rows} rows")
+        if disturbances is not None and disturbances.moves.shape != (self.formulas.moving, columns):
+            raise ValueError(f"disturbances of {disturbances.moves.shape} for {columns} columns")
+        return Attempts(self, states, disturbances)
+
+    def pool(self, columns: int) -> Pool:
+        """Workspaces for so many columns."""
+        width = self._widths.get(columns)
+        if width is None:
+            width = self._widths.setdefault(columns, self.width(columns))
         pool = self._pools.get(width)
         return pool or self._pools.setdefault(width, Pool(functools.partial(self._workspace, width)))
 
     def _workspace(self, width: int) -> Handle:
         return Handle(library().tl_workspace_new(self.handle.value, width), library().tl_workspace_free)
+
+
+class Attempts:
+    """Attempts on states that stay where they are, with a workspace of their own."""
+
+    def __init__(self, stepper: Stepper, states: Array, disturbances: Disturbances | None) -> None:
+        pool, self._most, self._uses = stepper.pool(states.shape[2]), len(states) - 1, (stepper, states, disturbances)
+        work = pool.take()
+        # The finalizer keeps the workspace: with __del__ the collector could free it first.
+        weakref.finalize(self, pool.give, work).atexit = False
+        self._fixed = (work.value, level(), states.shape[2])
+        self._places = (states.ctypes.data, None if disturbances is None else ctypes.byref(disturbances.pointer))
+        self._call = library().tl_attempts
+
+    def __call__(self, count: int, look: int) -> int:
+        """Up to `count` attempts; how many were made."""
+        if count > self._most:
+            raise ValueError(f"{count} attempts in a place for {self._most}")
+        made = self._call(*self._fixed, count, look, *self._places)
+        if made < 0:
+            require(made, "steps")
+        return int(made)

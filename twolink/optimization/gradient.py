@@ -30,7 +30,7 @@ from twolink.scenes.scene import accuracy_of
 from twolink.show.figure import Plotted, plot_bars
 from twolink.simulation.error_bar import ROUNDING, SLACK
 from twolink.simulation.nominal_solutions import bound
-from twolink.simulation.sampling import duration_for, formerly, sample_times, with_ends
+from twolink.simulation.sampling import duration_for, sample_times, with_ends
 from twolink.simulation.sensitivities import refined
 from twolink.simulation.sensitivity_names import Wanted, wanted_of
 from twolink.simulation.sensitivity_runs import along_solutions, with_states
@@ -88,7 +88,6 @@ class Gradient(Result, Plotted):
         return f"objective {self.objective:.9g} ± {self.objective_error:.1e}\n{self.table()}"
 
 
-@formerly("scene", "objective", "wrt", "duration", "accuracy")
 def gradient(
     scene: Scene,
     duration: float | None = None,

@@ -25,7 +25,7 @@ from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.show.figure import Plotted, plot_lines
 from twolink.simulation.error_bar import SAFETY
-from twolink.simulation.sampling import duration_for, formerly, sample_times, with_ends
+from twolink.simulation.sampling import duration_for, sample_times, with_ends
 from twolink.simulation.text import Result
 from twolink.simulation.trajectory import Trajectory
 
@@ -152,7 +152,6 @@ FINER = 30.0  # times as accurate: the run that tells the error of the objective
 STEP = 1e-3  # of the distance of the bounds: of differences of gradients
 
 
-@formerly("scene", "wrt", "objective")
 def optimize(
     scene: Scene, duration: float | None = None, *, objective: Objective | str, wrt: Mapping[str, Sequence[float]],
     accuracy: float = 1e-6, t_eval: ArrayLike | None = None, samples_per_second: float = 200.0,

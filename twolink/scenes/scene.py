@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +16,8 @@ from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.arguments import array, configuration, positive
 from twolink.effects import Effect
 from twolink.effects.checks import check_effect
+from twolink.effects.inputs import Slot
+from twolink.effects.sampled_control import DofTorques
 from twolink.errors import AccuracyError, SceneError, TwolinkError, nearest
 from twolink.io.text import facts_html
 from twolink.robots.collisions import Shape
@@ -147,6 +148,8 @@ class Scene:
     QueryError
         A state is not finite, or of the wrong shape.
     """
+
+    export_fmu: ClassVar[Callable[..., Path]]  # from the room `exchange`, which stands above
 
     def __init__(
         self,
@@ -287,44 +290,10 @@ class Scene:
         """
         return save_scene(Path(path), self.base, self.q, self.v, self.effects, self.duration, self.title)
 
-    def export_fmu(
-        self,
-        path: str | os.PathLike[str],
-        parameters: Sequence[str] | None = None,
-        platforms: Sequence[str] | None = None,
-    ) -> Path:
-        """Write the scene as an FMU 3.0, for Model Exchange with directional derivatives and for Co-Simulation.
-
-        It holds C sources and compiled libraries, no Python. Its equations are compared with Pinocchio first. Inputs
-        are torques of all degrees of freedom, outputs q, v, a, states of effects and the energy. Co-Simulation steps
-        by DOP853, with the tolerance that its importer sets.
-
-        Parameters
-        ----------
-        path : str or path
-            A file that ends in .fmu. Its stem is the model's identifier.
-        parameters : sequence of str, optional
-            Numbers that can be set in the FMU, such as ["forearm.mass", "gravity.z"]; the others are constants, which
-            take fewer operations. By default all but lengths and what is 0.
-        platforms : sequence of str, optional
-            Such as ["x86_64-linux", "x86_64-windows"]; by default the present one, by cc. Others take `twolink[fmu]`.
-
-        Returns
-        -------
-        Path
-            The path.
-
-        Raises
-        ------
-        SceneError
-            An effect makes events or is called at ticks (code "no-fmu").
-        CertificationError
-            A function differs from Pinocchio.
-        MissingExtraError
-            There is no compiler for a platform.
-        """
-        exchange = importlib.import_module("twolink.exchange.fmu")  # a room above
-        return Path(exchange.export_fmu(self, path, parameters, platforms))
+    def with_held_torques(self) -> tuple[Scene, tuple[str, ...]]:
+        """The scene with torques of all degrees of freedom that are numbers of a state, and their names."""
+        names = tuple(f"torque {k}" for k in range(self.robot.nv))
+        return self.with_effects([*self.effects, DofTorques({name: Slot(name) for name in names})]), names
 
     def _summary(self) -> dict[str, str]:
         """What a person wants to know of the scene, by its name."""

@@ -20,7 +20,6 @@ from twolink.scenes import Scene, load_scene
 from twolink.service.problems import JSON, Problem, error_from
 from twolink.service.remote_robot import RemoteRobot
 from twolink.service.transport import Transport
-from twolink.simulation.sampling import formerly
 from twolink.simulation.trajectory import Trajectory
 
 T = TypeVar("T")
@@ -107,7 +106,6 @@ class Client:
         body = {"text": urdf, **options}
         return RemoteRobot(self._transport, self._json("POST", "/v1/robots", body, dict[str, Any]))
 
-    @formerly("self", "scene", "duration", "accuracy")
     def simulate(
         self, scene: str | Scene, duration: float | None = None, *, accuracy: float | None = None, **options: Any
     ) -> Trajectory:
@@ -140,7 +138,6 @@ class Client:
         """As `tl.linearize`: A, B, names, eigenvalues and more, as the service answers them. state: q, v."""
         return self._json("POST", "/v1/scenes/linearize", self._body(scene, **state), dict[str, Any])
 
-    @formerly("self", "scene", "wrt")
     def sensitivities(
         self, scene: str | Scene, duration: float | None = None, *, wrt: Sequence[str] = ("q", "v"), **options: Any
     ) -> dict[str, Any]:
@@ -157,7 +154,6 @@ class Client:
         """
         return self._job("/v1/identifications", {"robot": robot, "data": data, **options})[1]
 
-    @formerly("self", "scene", "vary", "out")
     def sweep(
         self,
         scene: str | Scene,

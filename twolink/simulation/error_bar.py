@@ -44,13 +44,17 @@ def error_bar(distance: Array, rounding: Array, safety: float = 1.0) -> Array:
     bar : ndarray (n, ...)
         safety distance + rounding, the largest so far and at a few samples later: one distance may be small by chance.
     """
-    bar = safety * np.asarray(distance, dtype=float)
-    bar[bar > PARTED] *= CHANCE
+    bar = widened(safety * np.asarray(distance, dtype=float))
     bar[1:] += rounding[1:]
     last = len(bar) - 1
     reach = np.minimum(np.arange(len(bar)) + min(last - 1, 1 + len(bar) // 40), last)
     reach[0] = 0
     return np.asarray(np.maximum.accumulate(bar)[reach])
+
+
+def widened(distance: Array) -> Array:
+    """Distances that count as errors: of solutions that have parted, how far is chance."""
+    return np.where(distance > PARTED, CHANCE * distance, distance)
 
 
 def distances(space: StateSpace, x: Array, others: Array) -> Array:
@@ -105,7 +109,11 @@ def common_rounding(space: StateSpace, t: Array, x: Array, steps: Array | int) -
     rounding : ndarray (m, ...)
         rad or m.
     """
+    return rounding_after(space, x, np.multiply.outer((t - t[0]) / max(t[-1] - t[0], 1e-300), steps))
+
+
+def rounding_after(space: StateSpace, x: Array, done: Array) -> Array:
+    """As `common_rounding`, of states x (m, size, ...) after so many steps (m, ...)."""
     size = np.abs(np.nan_to_num(x[:, : space.z_rows.start]))
-    done = np.multiply.outer((t - t[0]) / max(t[-1] - t[0], 1e-300), steps)
     return np.asarray(ROUNDING * size[:, : space.nq].max(axis=1, initial=0.0)
                       + BIAS * done * size.max(axis=1, initial=0.0))  # fmt: skip

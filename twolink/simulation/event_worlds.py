@@ -1,11 +1,13 @@
 """Worlds one after the other, as `simulate` solves them: with events or controllers, and those whose loops differ."""
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from twolink.contact.choice import choose_contact_method
 from twolink.errors import AccuracyError, ControllerError, SceneError
 from twolink.integrate.event import Event
 from twolink.integrate.motion.assembly import assembled
@@ -16,7 +18,8 @@ from twolink.integrate.solvers.method_choice import choose
 from twolink.scenes import Scene
 from twolink.scenes.parameters import scene_with
 from twolink.simulation.cost import Cost
-from twolink.simulation.scene_run import run_of
+from twolink.simulation.scene_run import ACCURACY, run_of
+from twolink.simulation.stepped_run import simulate_stepped
 from twolink.simulation.trajectory import Trajectory
 
 
@@ -26,7 +29,7 @@ class SingleWorlds:
 
     q (m, n, nq), v (m, n, nv), where the last is the state at the end, or at the event that ended the world; NaN behind
     that, and for a lost world. error (n,): the bars at the end; None: not verified. steps (n,). cost: of all together.
-    events: of each. ends (n,): when each ended, s.
+    events: of each. ends (n,): when each ended, s. estimated: whether some errors are estimates.
     """
 
     q: Array
@@ -36,6 +39,7 @@ class SingleWorlds:
     cost: Cost
     events: tuple[tuple[Event, ...], ...]
     ends: Array
+    estimated: bool
 
 
 def solve_one_by_one(
@@ -43,10 +47,11 @@ def solve_one_by_one(
     states: Array,
     values: Mapping[str, Array],
     times: Array,
-    accuracy: float,
+    accuracy: float | None,
     progress: Progress | None = None,
     *,
     verify: bool = True,
+    contact: str | None = None,
 ) -> SingleWorlds:
     """Solve the worlds from states (nq + nv, n), with parameters (n,) by name, for samples at the times (m,).
 
@@ -56,11 +61,11 @@ def solve_one_by_one(
     count, nq, nv = states.shape[1], scene.robot.nq, scene.robot.nv
     q, v = np.full((len(times), count, nq), np.nan), np.full((len(times), count, nv), np.nan)
     error, steps, ends = np.full(count, np.nan), np.zeros(count, dtype=int), np.full(count, np.nan)
-    costs, events = list[Cost](), list[tuple[Event, ...]]()
+    costs, events, estimated = list[Cost](), list[tuple[Event, ...]](), False
     for i in range(count):
         own = scene_with(scene, {name: float(value[i]) for name, value in values.items()}) if values else scene
         try:
-            run = _run(own, states[:, i], times, accuracy, verify)
+            run = _run(own, states[:, i], times, accuracy, verify, contact)
         except ControllerError as failed:
             raise ControllerError(failed.what, where=f"world {i}, {failed.where}", remedy=failed.remedy,
                                   code=failed.code, run=failed.run, **failed.data) from failed  # fmt: skip
@@ -75,28 +80,52 @@ def solve_one_by_one(
             error[i] = np.nan if run.error is None else run.error[-1]
             steps[i], ends[i] = run.cost.steps, run.t[-1]
             costs.append(run.cost)
+            estimated |= run.estimated
         if progress is not None:
             progress(float(times[-1]) * (i + 1) / count)
-    return SingleWorlds(q, v, error if verify else None, steps, _sum(costs), tuple(events), ends)
+    return SingleWorlds(q, v, error if verify else None, steps, _sum(costs), tuple(events), ends, estimated)
 
 
-def run_from(scene: Scene, x: Array, times: Array, accuracy: float, *, verify: bool = True) -> Trajectory:
-    """The run of a scene from another state x (nq + nv,), by the method that `simulate` chooses.
+def run_from(
+    scene: Scene, x: Array, times: Array, accuracy: float | None, *, verify: bool = True, contact: str | None = None
+) -> Trajectory:
+    """The run of a scene from another state x (nq + nv,), located or stepped as `simulate` chooses.
 
-    Runs of one scene share its equations, and so their compiled steps. Raises what `simulate` raises.
+    accuracy: None as in `simulate`. Runs of one scene share its equations, and so their programs. Raises what
+    `simulate` raises.
     """
-    equations = equations_of(scene, ticks=True)
-    if equations.constraints is not None:
-        x = assembled(equations.constraints, x)
-    equations = replace(equations.starting_at(with_starting_states(equations, x), 0.0), assembled=(0.0, 0.0))
-    choice = choose(equations, accuracy, float(times[-1]), "auto")
-    return run_of(scene, equations, choice, times, accuracy, verify=verify)
+    chosen = choose_contact_method(scene, contact).method
+    if chosen == "stepped":
+        return simulate_stepped(_started(scene, x), times, accuracy, None, None, verify=verify)
+    equations, bound = equations_of(scene, ticks=True), ACCURACY if accuracy is None else accuracy
+    start = x if equations.constraints is None else assembled(equations.constraints, x)
+    equations = replace(equations.starting_at(with_starting_states(equations, start), 0.0), assembled=(0.0, 0.0))
+    choice = choose(equations, bound, float(times[-1]), "auto")
+    try:
+        return run_of(scene, equations, choice, times, bound, verify=verify)
+    except AccuracyError as error:
+        if chosen is None:
+            raise
+        from twolink.simulation.spliced_run import beyond_located  # which other scenes do not load
+
+        located = functools.partial(run_of, scene, equations, choice, accuracy=bound, verify=verify)
+        stepped = functools.partial(simulate_stepped, accuracy=None, step=None, progress=None, verify=verify)
+        effort = contact is None and accuracy is None
+        return beyond_located(_started(scene, x), times, error, located, stepped, best_effort=effort)
 
 
-def _run(scene: Scene, x: Array, times: Array, accuracy: float, verify: bool) -> Trajectory | None:
+def _started(scene: Scene, x: Array) -> Scene:
+    """The scene from another state (nq + nv,)."""
+    nq = scene.robot.nq
+    return Scene(scene.base, x[:nq], x[nq : nq + scene.robot.nv], scene.effects, scene.duration, scene.title)
+
+
+def _run(
+    scene: Scene, x: Array, times: Array, accuracy: float | None, verify: bool, contact: str | None
+) -> Trajectory | None:
     """A world's run, or the best one where the accuracy cannot be kept; None for a lost world."""
     try:
-        return run_from(scene, x, times, accuracy, verify=verify)
+        return run_from(scene, x, times, accuracy, verify=verify, contact=contact)
     except AccuracyError as error:
         run: Any = error.run
         return run if isinstance(run, Trajectory) else None

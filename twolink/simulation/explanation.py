@@ -23,7 +23,7 @@ from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.show.figure import Plotted, plot_bars
 from twolink.simulation.refinement import DIGITS, first_choice, precisions_of
-from twolink.simulation.sampling import duration_for, formerly, sample_times, with_ends
+from twolink.simulation.sampling import duration_for, sample_times, with_ends
 from twolink.simulation.text import Result
 
 if TYPE_CHECKING:
@@ -120,7 +120,6 @@ class Explanation(Result, Plotted):
         return "\n".join(lines)
 
 
-@formerly("scene", "accuracy", "duration")
 def explain(
     scene: Scene,
     duration: float | None = None,

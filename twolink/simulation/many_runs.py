@@ -43,7 +43,7 @@ class Worlds(Result, Plotted):
     v : ndarray (n, nv)
         The velocities at the end.
     error : ndarray (n,) or None
-        Bound on the global error of each world, rad or m; NaN for a lost one; None: not verified.
+        Bound on the global error of each world, rad or m, or an estimate of it; NaN for a lost one; None: not verified.
     accuracy : float
         The accuracy asked for, rad or m.
     steps : ndarray (n,)
@@ -69,6 +69,8 @@ class Worlds(Result, Plotted):
         The velocities at the start.
     parameters : mapping of str to ndarray (n,)
         The values by which the worlds differ from the scene.
+    estimated : bool
+        Whether errors are estimates, as those of stepped contacts are.
     """
 
     robot: Robot
@@ -88,6 +90,7 @@ class Worlds(Result, Plotted):
     start_q: np.ndarray
     start_v: np.ndarray
     parameters: Mapping[str, np.ndarray] = field(default_factory=dict)
+    estimated: bool = False
 
     @property
     def within_accuracy(self) -> np.ndarray | None:
@@ -132,7 +135,7 @@ class Worlds(Result, Plotted):
         changes = any(isinstance(effect, Release) for effect in scene.effects)  # of the robot, and so of its energy
         energy = np.full(len(t), np.nan) if changes else None
         return Trajectory(scene.robot, t, q, v, error, None, events, accuracy=self.accuracy, title=title,
-                          recorded_energy=energy, scene=scene)  # fmt: skip
+                          recorded_energy=energy, scene=scene, estimated=self.estimated)  # fmt: skip
 
     def scene_of(self, i: int) -> Scene:
         """The scene of world i: its start and its parameters. `tl.simulate` gives its run with equations of motion."""
@@ -181,6 +184,7 @@ class Worlds(Result, Plotted):
     def __repr__(self) -> str:
         met = self.within_accuracy
         state = "not verified" if met is None else f"{int(met.sum())} within {self.accuracy:g}"
+        state += " by estimates" if met is not None and self.estimated else ""
         return f"<Worlds of {self.robot.name!r}: {len(self.q)} at {self.t:g} s, {state}>"
 
     def _repr_html_(self) -> str:

@@ -24,7 +24,7 @@ from twolink.integrate.event import Event
 from twolink.integrate.forces_seen import forces_seen
 from twolink.integrate.hybrid.ticks import SavedEngine, TickEngine, forces_in_modes
 from twolink.integrate.motion.equations import Equations
-from twolink.integrate.motion.state import Array
+from twolink.integrate.motion.state import Array, StateSpace
 from twolink.integrate.solvers.ticks import Lanes
 from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, disturbed_solutions, finer_solution
@@ -32,11 +32,12 @@ from twolink.integrate.steps.step_map import StepMap
 from twolink.loop.clock import SAME_TIME
 from twolink.loop.sampled_loop import SampledLoop, Sampling
 from twolink.scenes import Scene
-from twolink.simulation.error_bar import DISTURBED, common_rounding, distances, error_bar, truncation_factor
+from twolink.simulation.error_bar import DISTURBED, distances, error_bar, rounding_after, truncation_factor, widened
 from twolink.simulation.stepped_run import SAFETY
 
 METHOD = METHODS["dop853"]
 ROUNDED = 2  # solutions that are disturbed by rounding, with verify
+NOTES = 64  # states at which solutions are compared at once
 MANY = 1_000_000  # steps, after which the count of steps begins anew
 
 
@@ -46,13 +47,11 @@ def solutions_of(tolerance: float, *, verify: bool) -> tuple[Any, ...]:
     return NO_PERTURBATION, *others
 
 
-def distance_of(equations: Equations, x: Array, steps: int) -> float:
-    """A bound on the error of the first of the solutions x (moving, n), rad or m, after so many steps."""
-    space = equations.space
-    off = distances(space, x[None, :, :1], x[None, :, 1:])[0]
-    bar = truncation_factor(METHOD, steps) * off[0] + DISTURBED[ROUNDED] * off[1:].max()
-    same = common_rounding(space, np.array([0.0, 1.0]), np.stack([x[:, 0]] * 2), steps)[1]
-    return float(error_bar(np.array([bar]), np.zeros(1))[0] + same)
+def errors_of(space: StateSpace, x: Array, steps: Array) -> Array:
+    """Bounds (m,) on the errors of the first of solutions x (m, moving, n), rad or m, after so many steps (m,)."""
+    off = distances(space, x[:, :, :1], x[:, :, 1:])
+    bar = truncation_factor(METHOD, steps) * off[:, 0] + DISTURBED[ROUNDED] * off[:, 1:].max(axis=1)
+    return np.asarray(widened(bar) + rounding_after(space, x[:, :, 0], steps))
 
 
 class SavedMotion(NamedTuple):
@@ -91,9 +90,13 @@ class StepwiseMotion(ABC):
 
     @property
     def error(self) -> float:
-        """The largest `apart` so far, of the times at which it was asked for, rad or m."""
+        """The largest `apart` so far, of the times at which it was asked for or noted, rad or m."""
         self._bar = max(self._bar, self.apart)
         return self._bar
+
+    def note(self) -> None:
+        """Let `error` have regard to the error now."""
+        _ = self.error
 
     def save(self) -> SavedMotion:
         """All that it goes on from."""
@@ -169,6 +172,8 @@ class Smooth(StepwiseMotion):
     ) -> None:
         self._map, self._span, self._tolerance, self._solutions, self._steps = by, span, tolerance, solutions, 0
         self._lanes = self._begun(equations, t)
+        self._noted, self._places = 0, np.empty((NOTES, equations.moving, len(solutions)))
+        self._counts = np.empty(NOTES)
 
     def _begun(self, equations: Equations, t: float) -> Lanes:
         self._map.equations = equations
@@ -191,8 +196,22 @@ class Smooth(StepwiseMotion):
 
     @property
     def apart(self) -> float:
-        """A bound on the error, rad or m."""
-        return distance_of(self.equations, self.x, self._steps + self._lanes.counts[0])
+        """A bound on the error now and at what was noted, rad or m."""
+        self._note()
+        noted, self._noted = slice(self._noted), 0
+        return float(errors_of(self.equations.space, self._places[noted], self._counts[noted]).max())
+
+    def note(self) -> None:
+        """Let `error` have regard to the error now: some at once."""
+        if self._noted == NOTES - 1:
+            super().note()
+        else:
+            self._note()
+
+    def _note(self) -> None:
+        """Keep the states and how many steps led to them."""
+        self._places[self._noted], self._counts[self._noted] = self.x, self._steps + self._lanes.counts[0]
+        self._noted += 1
 
     def held(self) -> Array:
         """The states and numbers, as they are stepped."""
@@ -214,13 +233,15 @@ class Smooth(StepwiseMotion):
             self._lanes = self._begun(self.equations.starting_at(x[:, 0], t), t)
             self._lanes.x[:] = x
 
-    def saved_solutions(self) -> tuple[Lanes, int]:
-        """The lanes, and the steps before them."""
-        return self._lanes.copied(), self._steps
+    def saved_solutions(self) -> tuple[Lanes, int, Array, Array]:
+        """The lanes, the steps before them, and what was noted."""
+        noted = slice(self._noted)
+        return self._lanes.copied(), self._steps, self._places[noted].copy(), self._counts[noted].copy()
 
-    def restore_solutions(self, saved: tuple[Lanes, int]) -> None:
+    def restore_solutions(self, saved: tuple[Lanes, int, Array, Array]) -> None:
         """Go on from there."""
-        self._lanes, self._steps = saved[0].copied(), saved[1]
+        self._lanes, self._steps, self._noted = saved[0].copied(), saved[1], len(saved[2])
+        self._places[: self._noted], self._counts[: self._noted] = saved[2:]
 
 
 class Located(StepwiseMotion):
@@ -259,7 +280,7 @@ class Located(StepwiseMotion):
     @property
     def apart(self) -> float:
         """A bound on the error, rad or m."""
-        return distance_of(self.equations, self.x, self._engines[0].steps)
+        return float(errors_of(self.equations.space, self.x[None], np.array([self._engines[0].steps]))[0])
 
     def held(self) -> Array:
         """The states with the numbers of the slots."""

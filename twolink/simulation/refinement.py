@@ -26,6 +26,7 @@ from twolink.simulation.verification import Verified
 PATIENCE = 600.0  # s of wall clock, unless a caller has another one
 ROOM = 10.0  # times the smallest tolerance: the finer solution must be able to be finer
 AIM = 0.3  # of the accuracy, for the next bar
+USUAL_GROWTH = 30.0  # of the error of a run in many digits over its tolerance, at least
 MOST = 0.8  # of the accuracy, that rounding may take
 CHANCE = 2.0  # times the accuracy: the bar of the same rounding may be half as large by other random numbers
 DECIDES = 0.1  # of rounding: with less truncation, no smaller setting helps
@@ -154,7 +155,7 @@ class Refinement:
             more = ROUNDING_UNIT[precision] / ROUNDING_UNIT[one.choice.precision]
             reaches = not np.isfinite(rounding) or rounding * more <= MOST * self.accuracy
             if more < 1.0 and (reaches or precision == self.precisions[-1]):
-                yield more_digits(self.accuracy, precision, _reached(one))
+                yield more_digits(self.accuracy, precision, _reached(one), _growth(one))
 
     @property
     def _kinks(self) -> bool:
@@ -203,10 +204,12 @@ def first_choice(
     return choose(equations, accuracy, end, method, "double" if precision == "auto" else precision)
 
 
-def more_digits(accuracy: float, precision: Precision, why: str = "asked for") -> MethodChoice:
-    """Taylor's method in numbers of more digits, for an accuracy."""
+def more_digits(
+    accuracy: float, precision: Precision, why: str = "asked for", growth: float = USUAL_GROWTH
+) -> MethodChoice:
+    """Taylor's method in numbers of more digits, for an accuracy. growth: of the error of a run over its tolerance."""
     method = METHODS["taylor"]
-    tolerance = max(accuracy / 30.0, ROOM * smallest_tolerance(method, precision))
+    tolerance = max(accuracy / max(growth, USUAL_GROWTH), ROOM * smallest_tolerance(method, precision))
     return MethodChoice(method, tolerance, f"{DIGITS[precision]}: {why}", precision)
 
 
@@ -233,6 +236,12 @@ def _is_finite(run: Trajectory | None) -> bool:
 
 def _largest(part: np.ndarray | None) -> float:
     return np.inf if part is None else float(part.max(initial=0.0))
+
+
+def _growth(one: Verified) -> float:
+    """By how much an accuracy has to be above the tolerance, as a run showed."""
+    truncation = _largest(one.truncation)
+    return truncation / (AIM * one.choice.setting) if np.isfinite(truncation) and one.choice.method.adaptive else 0.0
 
 
 def _reached(one: Verified) -> str:

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import functools
-import inspect
 import math
-import warnings
-from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -90,43 +86,6 @@ def only_at(run: Trajectory, times: np.ndarray, duration: float) -> Trajectory:
     return replace(
         run, t=run.t[kept], q=run.q[kept], v=run.v[kept], error=error, precise=precise, robots=robots, states=states
     )
-
-
-def formerly(*names: str, count: str = "") -> Callable[[Callable[Given, Answer]], Callable[Given, Answer]]:
-    """Accept the arguments of release 0.1 for one release: these by place, and `samples`; each with a warning.
-
-    count: what `samples` was a number of, where it was no rate.
-    """
-
-    def decorate(function: Callable[Given, Answer]) -> Callable[Given, Answer]:
-        @functools.wraps(function)
-        def with_former(*args: Any, **given: Any) -> Answer:
-            title, k = function.__name__, names.index("scene") + 1
-            second = args[k] if len(args) > k and names[k] != "duration" else None
-            small = names[k] == "accuracy" and isinstance(second, float) and second < SHORTEST
-            if len(args) > k + 1 or small or not isinstance(second, float | int | np.number | None):
-                given |= dict(zip(names[k:], args[k:], strict=False))
-                args = args[:k] + args[len(names) :]
-                others = ", ".join(name for name in names[k:] if name != "duration")
-                _warn(f"{title} takes only the scene and the duration by place: name {others}")
-            if "samples" in given:
-                samples = given.pop("samples")
-                if not count:
-                    given["samples_per_second"] = samples
-                elif samples:
-                    asked = inspect.signature(function).bind_partial(*args, **given).arguments
-                    end = duration_for(asked["scene"], asked.get("duration"))
-                    given["t_eval"] = np.linspace(0.0, end, samples + 2)[:-1]
-                _warn(f"{title}: samples is called samples_per_second{count and f'; it was {count}, see t_eval'}")
-            return function(*args, **given)
-
-        return with_former
-
-    return decorate
-
-
-def _warn(text: str) -> None:
-    warnings.warn(text, DeprecationWarning, stacklevel=3)
 
 
 def with_check_times(times: np.ndarray, count: int) -> np.ndarray:

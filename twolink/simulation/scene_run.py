@@ -28,7 +28,6 @@ from twolink.simulation.error_bar import SLACK
 from twolink.simulation.refinement import PATIENCE, Refinement, first_choice, precisions_of
 from twolink.simulation.sampling import (
     duration_for,
-    formerly,
     only_at,
     sample_times,
     spread_out,
@@ -47,7 +46,6 @@ PILOT_STEPS = 20_000  # at most, of the first try of a method of fixed steps
 UNSOLVED = "steps-collapsed", "loops-singular", "too-many-steps"  # codes: another method may go on
 
 
-@formerly("scene", "duration", "accuracy")
 def simulate(
     scene: Scene,
     duration: float | None = None,

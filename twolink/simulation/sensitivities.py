@@ -22,7 +22,7 @@ from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.show.figure import save_figure
 from twolink.simulation.error_bar import ROUNDING, SLACK, error_bar
-from twolink.simulation.sampling import duration_for, formerly, only_at, sample_times, with_ends
+from twolink.simulation.sampling import duration_for, only_at, sample_times, with_ends
 from twolink.simulation.scene_run import run_of
 from twolink.simulation.sensitivity_names import wanted_of
 from twolink.simulation.sensitivity_runs import SensitivityRun
@@ -124,7 +124,6 @@ class Sensitivities(Result):
         return f"<Sensitivities to {', '.join(self.q)}: {len(self.run.t)} samples, error bar {worst:.1e}>"
 
 
-@formerly("scene", "wrt", "duration", "accuracy")
 def sensitivities(
     scene: Scene,
     duration: float | None = None,

@@ -15,8 +15,7 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.contact.choice import choose_contact_method
 from twolink.dynamics.arguments import array, configuration, positive
 from twolink.effects.conditions import Condition, FrameReaches, JointReaches
-from twolink.effects.inputs import Sampled, Slot
-from twolink.effects.sampled_control import DofTorques
+from twolink.effects.inputs import Sampled
 from twolink.errors import QueryError, SceneError
 from twolink.integrate.event import Event, events_of
 from twolink.integrate.motion.equations import Equations
@@ -56,13 +55,6 @@ class Saved:
     settings: tuple[float, bool, bool, float]
     start: tuple[Array, Array, float]
     state: SavedMotion
-
-
-def with_held_torques(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
-    """The scene with torques that are numbers of a state, and their names."""
-    names = tuple(f"torque {k}" for k in range(scene.robot.nv))
-    held = DofTorques({name: Slot(name) for name in names})
-    return scene.with_effects([*scene.effects, held]), names
 
 
 def equations_held(scene: Scene, names: Sequence[str]) -> tuple[Equations, slice]:
@@ -153,7 +145,7 @@ class Simulation:
         self._solutions = solutions_of(self._tolerance, verify=verify)
         self._stepped = choose_contact_method(scene, contact).method == "stepped"
         self._step = positive(step, "step", SceneError, "such as 1e-3")
-        self._driven, self._names = with_held_torques(scene)
+        self._driven, self._names = scene.with_held_torques()
         self._settings = self._tolerance, verify, self._stepped, self._step
         self._motion = self._begun(scene.q, scene.v, 0.0)
 
@@ -245,7 +237,7 @@ class Simulation:
                              remedy="look at events; then restore, or set_state")  # fmt: skip
         motion.advance(float(motion.t + dt))
         if self._verify:
-            _ = self.error
+            motion.note()
         return self.state
 
     def run_until(self, event: Condition | Missing, limit: float, tau: ArrayLike | None = None) -> bool:

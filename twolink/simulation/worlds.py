@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twolink.contact.choice import choose_contact_method
 from twolink.dynamics.arguments import array, configuration
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.assembly import assembled
@@ -20,14 +21,14 @@ from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
 from twolink.simulation.event_worlds import solve_one_by_one
 from twolink.simulation.many_runs import Worlds
-from twolink.simulation.sampling import duration_for, formerly, sample_times, with_check_times, with_ends
+from twolink.simulation.sampling import duration_for, sample_times, with_check_times, with_ends
+from twolink.simulation.scene_run import ACCURACY
 from twolink.simulation.world_solving import can_be_finer, solve_worlds
 
 CHECKS = 17  # times at least at which errors are checked
 MAX_NUMBERS = 200_000_000
 
 
-@formerly("scene", "q", "v", "parameters", "duration", "accuracy", count="their number before the end")
 def simulate_many(
     scene: Scene,
     duration: float | None = None,
@@ -35,11 +36,12 @@ def simulate_many(
     q: ArrayLike | None = None,
     v: ArrayLike | None = None,
     parameters: Mapping[str, ArrayLike] | None = None,
-    accuracy: float = 1e-6,
+    accuracy: float | None = None,
     t_eval: ArrayLike | None = None,
     samples_per_second: float = 0.0,
     verify: bool = True,
     progress: Report | None = None,
+    contact: str | None = None,
 ) -> Worlds:
     """Simulate n worlds of a scene at once, to the same time.
 
@@ -53,9 +55,10 @@ def simulate_many(
     parameters : mapping of names to numbers or array_like (n,), optional
         By name (`scenes.parameters`): physical constants such as "forearm.mass", numbers of effects by the effect's
         place in the scene, its field and what is in that, "effects.1.damping.elbow", or coordinates, "q.elbow".
-    accuracy : float
-        Bound on the global error of q, rad or m. Worlds whose error bar is above it are solved again with smaller
-        tolerances, where those can reach it; a bar that is still above is reported in `error`.
+    accuracy : float, optional
+        Bound on the global error of q, rad or m; by default 1e-6, and of contacts that are stepped what each world's
+        patience allows, as of `simulate`. Worlds whose error bar is above it are solved again with smaller tolerances,
+        where those can reach it; a bar that is still above is reported in `error`.
     t_eval : array_like (m,), optional
         Times of the samples, s, increasing, from 0 at least to the duration at most.
     samples_per_second : float
@@ -64,6 +67,8 @@ def simulate_many(
         Compute error bars from a second, more accurate and perturbed solution.
     progress : callable, optional
         Called now and then with what is done, the total and a label; here simulated seconds, the mean of all.
+    contact : {"located", "stepped"}, optional
+        How contacts are computed, as of `simulate`, which chooses by default.
 
     Returns
     -------
@@ -85,7 +90,8 @@ def simulate_many(
     ControllerError
         A controller fails in a world, which `where` names; its `run` is that world's motion so far.
     """
-    end, accuracy = duration_for(scene, duration), accuracy_of(accuracy)
+    end, asked = duration_for(scene, duration), None if accuracy is None else accuracy_of(accuracy)
+    accuracy = ACCURACY if asked is None else asked
     states, values = world_states(scene, q, v, parameters)
     wanted = np.empty(0)
     if t_eval is not None or samples_per_second != 0.0:
@@ -93,12 +99,12 @@ def simulate_many(
     times, told = with_ends(wanted, end), in_time(progress, end)
     kept = np.isin(times, wanted)
     begun = states[: scene.robot.nq].T.copy(), states[scene.robot.nq :].T.copy(), values
-    if differs_beyond_numbers(scene, values):
-        ones = solve_one_by_one(scene, states, values, times, accuracy, told, verify=verify)
+    if choose_contact_method(scene, contact).method is not None or differs_beyond_numbers(scene, values):
+        ones = solve_one_by_one(scene, states, values, times, asked, told, verify=verify, contact=contact)
         ended = (wanted[:, None] > ones.ends)[:, :, None]
         qs, vs = (np.where(ended, np.nan, rows[kept]) for rows in (ones.q, ones.v))
         return Worlds(scene.robot, end, ones.q[-1], ones.v[-1], ones.error, accuracy, ones.steps, ones.cost,
-                      wanted, qs, vs, ones.events, ones.ends, scene, *begun)  # fmt: skip
+                      wanted, qs, vs, ones.events, ones.ends, scene, *begun, ones.estimated)  # fmt: skip
     steps_by = _step_map(scene, tuple(values), end)
     close_loops(steps_by.equations, states)
     states = with_starting_states(steps_by.equations, states, values)

@@ -18,7 +18,7 @@ from twolink.io.progress import Report
 from twolink.io.text import read_text, split_path
 from twolink.scenes import Scene, load_scene
 from twolink.scenes.scene import accuracy_of
-from twolink.simulation.sampling import duration_for, formerly, sample_times
+from twolink.simulation.sampling import duration_for, sample_times
 from twolink.simulation.trajectory import Trajectory
 from twolink.sweeps.design import make_design
 from twolink.sweeps.engines import BlockEngine
@@ -32,7 +32,6 @@ log = logging.getLogger("twolink")
 PART = 1e-3  # of a run, that compiles its steps
 
 
-@formerly("scene", "vary", "out", count="their number before the end")
 def sweep(
     scene: Scene,
     duration: float | None = None,

@@ -22,7 +22,7 @@ from twolink.integrate.hybrid.transitions import same_time
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece, Progress, Solution
-from twolink.integrate.solvers.ticks import Lanes
+from twolink.integrate.solvers.ticks import Lanes, Passed
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
 from twolink.integrate.steps.step_map import StepMap
@@ -57,7 +57,8 @@ class OpenPiece:
         lanes, length = self._lanes, end - self._lanes.time
         while lanes.time < end:
             far = lanes.time + min(FIRST_BLOCK * lanes.step, length / self._parts)
-            on_the_way, _ = lanes.advance(far if far < end - SHORT * length else end)
+            on_the_way: Passed = []
+            lanes.advance(far if far < end - SHORT * length else end, passed=on_the_way)
             t = [self.t[-1], *(at for at, _ in on_the_way), lanes.time]
             x = [self.x[-1], *(state for _, state in on_the_way), lanes.x[:, 0].copy()]
             hit = self.watcher.first(np.array(t), np.array(x))

@@ -55,12 +55,13 @@ class Restarted:
         self.method, self.time, self.counts = method, t, (0, 0)
         self.x = np.repeat(equations.start[:, None].astype(float), len(perturbations), axis=1)
         self.compile_seconds = self.step = 0.0
+        self.beside = 0  # each is solved by itself
         self.compiled: Code = ""
         self._equations, self._perturbations, self._solve, self._progress = equations, perturbations, solve, progress
         self._ticks, self._steps = 0, 1.0
 
-    def advance(self, end: float, _looks: Array) -> tuple[list[tuple[float, Array]], Array]:
-        """Advance all to a time, s. Returns no times on the way."""
+    def advance(self, end: float, *_: object) -> Array:
+        """Advance all to a time, s, with no states on the way."""
         moving, times = self._equations.moving, np.array([self.time, end])
         count = np.full((1, 1), self._ticks)
         for i, one in enumerate(self._perturbations):
@@ -78,7 +79,7 @@ class Restarted:
         self.time, self._ticks = end, self._ticks + 1
         if self._progress is not None:
             self._progress(end)
-        return [], np.empty(0)
+        return np.empty(0)
 
     def partial(self, x: Array, start: Array, end: Array) -> Array:
         """States (size, n) of the first solution at times `end` (n,), each from x (size, n) at `start` (n,)."""

@@ -6,6 +6,7 @@ are asked for, and go on as if they had not.
 
 import copy
 import functools
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -29,10 +30,11 @@ from twolink.loop.clock import SAME_TIME
 from twolink.loop.sampled_loop import SampledLoop, Sampling
 
 LOOK = 64  # attempted steps between two looks at whether they get on
-AT_ONCE = 8  # attempted steps in a call
+AT_ONCE = 8  # attempted steps in a call, at most: a call ends where all have arrived
 LEAST = 0.1  # of the time to the next tick: steps may grow to it
 AHEAD = 8  # steps between two stops at which solutions are only compared: where steps are long, they pass those times
 NONE: Array = np.empty(0)
+Passed = list[tuple[float, Array]]  # times and states where steps ended
 
 
 class Lanes:
@@ -79,13 +81,20 @@ class Lanes:
         finer = sum(one.finer > 1.0 for one in perturbations[1:])
         self._finer = slice(1, 1 + finer) if finer else None  # the next ones
         self._progress, self._longest = progress, (end - t) / MIN_STEPS
-        self._start, self._ticks, self._tried, self._half = self.state[by.rows.time].copy(), 0, 1, 0.0
+        self._start, self._ticks, self._half = self.state[by.rows.time].copy(), 0, 0.0
+        self._own_steps()
+
+    def _own_steps(self) -> None:
+        """Let attempts begin at the state, in a place of their own."""
         self._steps = np.empty((AT_ONCE + 1, *self.state.shape))
+        self._steps[0] = self.state
+        self.state = self._steps[0]
+        self._attempt: Callable[[int, int], int] | None = None
 
     def copied(self) -> "Lanes":
         """Solutions that go on from here with the same bits, whatever these do."""
         other = copy.copy(self)
-        other.state, other._steps = self.state.copy(), np.empty_like(self._steps)
+        other._own_steps()
         return other
 
     @property
@@ -108,46 +117,56 @@ class Lanes:
         """Accepted and rejected steps of the first."""
         return int(self.state[self._rows.accepted, 0]), int(self.state[self._rows.rejected, 0])
 
-    def advance(self, end: float, looks: Array = NONE) -> tuple[list[tuple[float, Array]], Array]:
+    @property
+    def beside(self) -> int:
+        """How many more steps than the first another one has attempted."""
+        tried = self.state[self._rows.accepted] + self.state[self._rows.rejected]
+        return int(tried.max() - tried[0])
+
+    def advance(self, end: float, looks: Array = NONE, passed: "Passed | None" = None) -> Array:
         """Advance all to a time, s.
 
-        Returns where steps of the first ended on the way: times and states (size,), and all states (size, m, n) at
-        times (m,) on the way.
+        passed: where steps of the first ended on the way, to which times and states (size,) are added. Returns all
+        states (size, m, n) at times (m,) on the way.
         """
-        rows, state, on_the_way, count = self._rows, self.state, [], self._count
-        time, start, step = rows.time, state.item(rows.time, 0), state.item(rows.step, 0)
+        rows, state = self._rows, self.state
+        time, step_row, start, step = rows.time, rows.step, state.item(rows.time, 0), state.item(rows.step, 0)
+        adaptive = self.by.method.adaptive
         short = end - start  # the tick ends a step before its time, and would make the next ones shorter
-        planned = state[rows.step].copy() if step > MAX_FACTOR * short or not self.by.method.adaptive else None
+        planned = state[step_row].copy() if step > MAX_FACTOR * short or not adaptive else None
         # The steps of finer solutions are at most half as long as the run's, also where a tick ends both.
         half = 0.5 * (short if step > short else max(step, LEAST * short))
         if self._finer is not None and abs(half - self._half) > SAME_TIME * end:
             self._half = half
-            state[rows.step, self._finer] = np.minimum(state[rows.step, self._finer], half)
+            state[step_row, self._finer] = np.minimum(state[step_row, self._finer], half)
             state[rows.longest, self._finer] = min(self._longest, half)
         state[rows.end] = end
-        tried, late, looked, taken = 0, list(range(count)), LOOK, [state[None].copy()] if len(looks) else []
-        while late:
-            steps = self._attempt(min(self._tried, AT_ONCE))
+        tried, looked, taken = 0, LOOK, [state[None].copy()] if len(looks) else []
+        attempt, steps = self._attempt or self._begun(), self._steps
+        while state[time].min() < end:
+            made = attempt(AT_ONCE, AT_ONCE)
             if taken:
-                taken.append(steps.copy())
-            for k in range(len(steps)):
-                if start < (start := steps.item(k, time, 0)) < end:
-                    on_the_way.append((start, steps[k, : self._size, 0].copy()))
-            state, tried = self.state, tried + len(steps)
-            late = [i for i in late if state.item(time, i) < end]
+                taken.append(steps[1 : made + 1].copy())
+            if passed is not None:
+                start = _pass(passed, steps[1 : made + 1, :, 0], time, self._size, start, end)
+            state[:], tried = steps[made], tried + made
             if tried >= looked:
                 looked += LOOK
                 self._require_fine()
-        self._tried = tried - (len(steps) > 1 and steps.item(-2, time, count - 1) >= end)
-        if planned is not None and (tried <= 2 or not self.by.method.adaptive):
-            np.maximum(state[rows.step], planned, out=state[rows.step])
+        if planned is not None and (tried <= 2 or not adaptive):
+            np.maximum(state[step_row], planned, out=state[step_row])
         elif step < short and state.item(rows.previous, 0) <= MIN_SQUARE:
             # Two steps to a tick are as short as their end makes them, not as their error.
-            np.minimum(2.0 * state[rows.step], state[rows.longest], out=state[rows.step])
+            np.minimum(2.0 * state[step_row], state[rows.longest], out=state[step_row])
         self._ticks += 1
         if self._ticks % LOOK == 0:
             self._require_fine()
-        return on_the_way, self._between(np.concatenate(taken), looks) if taken else np.empty(0)
+        return self._between(np.concatenate(taken), looks) if taken else NONE
+
+    def _begun(self) -> Callable[[int, int], int]:
+        """What makes attempts."""
+        attempt = self._attempt = self.by.on(self._steps, self._disturbances)
+        return attempt
 
     def _between(self, taken: Array, looks: Array) -> Array:
         """The states (size, m, n) at times (m,), from those after each attempted step (k, rows, n)."""
@@ -157,14 +176,6 @@ class Lanes:
         x = taken[step, : self._size, lane].reshape(-1, self._size).T
         at = self.by.partial(x, ends[step, lane].ravel(), np.repeat(looks, count))
         return at.reshape(self._size, len(looks), count)
-
-    def _attempt(self, count: int) -> Array:
-        """Attempt so many steps, or fewer where all arrive before; the states (k, rows, n) after each."""
-        steps = self._steps
-        steps[0] = self.state
-        made = self.by.attempts(steps[: count + 1], count, count, self._disturbances)
-        self.state[:] = steps[made]
-        return steps[1 : made + 1]
 
     def _require_fine(self) -> None:
         """Tell the time, and require that the steps get on. Raises AccuracyError."""
@@ -177,6 +188,14 @@ class Lanes:
             raise failure_of(
                 self.by, Block(np.zeros(1, int), alone, alone[:, self._rows.time], outcome[[i]]), self._limit
             )
+
+
+def _pass(passed: Passed, steps: Array, time: int, size: int, start: float, end: float) -> float:
+    """Add times and states of attempted steps (k, rows) after `start` and before `end`; the last of the times."""
+    for step in steps:
+        if start < (start := step.item(time)) < end:
+            passed.append((start, step[:size].copy()))
+    return start
 
 
 class _Run:
@@ -214,8 +233,8 @@ class _Run:
     def _to(self, t: float) -> None:
         """Advance to a time."""
         if t > self.t[-1]:
-            looks = np.array(self._passed)
-            on_the_way, seen = self._lanes.advance(t, looks)
+            looks, on_the_way = np.array(self._passed), list[tuple[float, Array]]()
+            seen = self._lanes.advance(t, looks, on_the_way)
             for at, x in on_the_way:
                 self.t.append(at)
                 self.x.append(x)
@@ -250,7 +269,8 @@ class _Run:
         piece = Piece(self._equations, float(t[0]), len(times), (t, x[:, :moving]), held=x[:, moving:],
                       readings=self._loop.readings)  # fmt: skip
         return Solution(times, samples[:moving], accepted, evaluations, rejected, by.compile_seconds, by.compiled,
-                        interrupted, events=tuple(events_of(self._loop)), pieces=(piece,))  # fmt: skip
+                        interrupted, events=tuple(events_of(self._loop)), pieces=(piece,),
+                        beside=self._lanes.beside)  # fmt: skip
 
 
 def solve_ticks(

@@ -8,6 +8,8 @@ tolerance and an end within a step takes exactly that part of the step: samples 
 order of the method.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from twolink.algorithms.namespaces import Numbers
@@ -59,6 +61,12 @@ class StepMap:
             states[0] = state
             self.attempts(states, 1, 1)
             out[:] = states[1]
+
+    def on(self, states: Array, disturbances: Disturbances | None = None) -> Callable[[int, int], int]:
+        """`attempts` on states (most + 1, rows, n) that stay where they are: (count, look) -> how many were made."""
+        if self._native is not None:
+            return self._native.on(states, disturbances)
+        return lambda count, look: self.attempts(states[: count + 1], count, look, disturbances)
 
     def attempts(self, states: Array, count: int, look: int, disturbances: Disturbances | None = None) -> int:
         """Up to `count` attempts of each world of states (count + 1, rows, n), of which the first is given.

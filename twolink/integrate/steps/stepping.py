@@ -113,7 +113,8 @@ def integrate(
         interrupted = True
     if beside is not None:
         beside.now[:] = state[: equations.moving, 1:]
-    return record.solution(last, hit, interrupted=interrupted)
+    tried = state[step_map.rows.accepted] + state[step_map.rows.rejected]
+    return record.solution(last, hit, interrupted=interrupted, beside=int(tried.max() - tried[0]))
 
 
 class _Record:
@@ -134,13 +135,14 @@ class _Record:
         self.done, moved = reached, t[1:] > t[:-1]  # not refused
         self._steps.append((t[1:][moved], states[1:, : self._map.equations.moving][moved]))
 
-    def solution(self, last: Array, hit: Any, *, interrupted: bool) -> Solution:
+    def solution(self, last: Array, hit: Any, *, interrupted: bool, beside: int) -> Solution:
         """The solution so far. last: the state array (rows,) that it came to."""
         by, rows = self._map, self._map.rows
         accepted, rejected = int(last[rows.accepted]), int(last[rows.rejected])
         evaluations = (accepted + rejected + self.done) * by.method.evaluations
         return Solution(self._times[: self.done], self.x[:, : self.done], accepted, evaluations, rejected,
-                        by.compile_seconds, by.compiled, interrupted, hit=hit, taken=self._taken())  # fmt: skip
+                        by.compile_seconds, by.compiled, interrupted, hit=hit, taken=self._taken(),
+                        beside=beside)  # fmt: skip
 
     def _taken(self) -> tuple[Array, Array] | None:
         """Times (k,) and states (k, nq + nv) where steps ended; None where they are too many to keep."""
