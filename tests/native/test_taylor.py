@@ -233,6 +233,24 @@ def test_every_operation_has_a_recurrence_and_an_unknown_one_is_refused_by_name(
         Series(rate, 5, 0.0, np.zeros((1, 1)), NONE, 1.0)
 
 
+@pytest.mark.parametrize("start", [math.nan, math.inf, 1e305])
+def test_a_start_that_is_not_finite_or_too_large_is_refused(start: float) -> None:
+    for parts in (1, 2, 3):
+        with pytest.raises(FloatingPointError):
+            solved(lambda z, _xp: [z[1]], [start], [1.0], parts, 10)
+
+
+def test_disturbances_and_arrays_that_do_not_fit_are_refused() -> None:
+    one = np.ones(1)
+    given = Disturbances(np.ones((3, 2)), one, one, np.zeros(1, int), np.ones((2, 1)), (0, 1, 1, 2), 0.1)
+    with pytest.raises(ValueError, match="disturbances of"):
+        solved(lambda z, _xp: [z[1]], [1.0], [1.0], 1, 10, disturbances=given)
+    series = Series(Program(trace(lambda z, _xp: [z[1]], 2)), 10, 0.0, np.ones((1, 2)), NONE, 1.0)
+    for shape in ((1, 1, 1), (0, 1, 2)):
+        with pytest.raises(ValueError, match="for an array of"):
+            series.advance(np.ones(1), np.empty(shape), 10)
+
+
 @pytest.mark.parametrize(("x", "constants"), [(np.zeros((2, 1)), NONE), (np.zeros((1, 1)), np.ones(1))])
 def test_starts_that_do_not_fit_are_refused(x: np.ndarray, constants: np.ndarray) -> None:
     with pytest.raises(ValueError, match="a rate of 2 inputs"):

@@ -67,8 +67,11 @@ class Series:
         """
         if out.shape[1:] != self.shape or len(out) < len(times):
             raise ValueError(f"states of {self.shape} at {len(times)} times for an array of {out.shape}")
-        reached = np.zeros(2)
-        pointer = None if disturbances is None else ctypes.byref(disturbances.pointer)
+        reached, rows, pointer = np.zeros(2), self.shape[0], None
+        if disturbances is not None:
+            if disturbances.moves.shape != (rows, 1) or disturbances.table.shape[1] != rows:
+                raise ValueError(f"disturbances of {disturbances.moves.shape} for states of {self.shape}")
+            pointer = ctypes.byref(disturbances.pointer)
         done = int(library().tl_taylor_advance(self._handle.value, level(), len(times), address(times), address(out),
                                                pointer, limit, address(reached)))  # fmt: skip
         self.t, self.steps = float(reached[0]), int(reached[1])
