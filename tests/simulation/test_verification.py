@@ -118,9 +118,12 @@ def test_bars_of_many_worlds_hold_near_the_limit() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("height", "duration", "accuracy"), [(1.0, 200.0, 1e-9), (1.3, 100.0, 2e-10)])
+@pytest.mark.parametrize(("height", "duration", "accuracy"), [(1.0, 200.0, 3e-9), (1.3, 100.0, 5e-10)])
 def test_the_bar_of_an_elastic_ball(height: float, duration: float, accuracy: float) -> None:
-    """It bounces without loss: parabolas, which the steps solve exactly, so that rounding is all of the error."""
+    """It bounces without loss: parabolas, which the steps solve exactly, so that rounding is all of the error.
+
+    Two disturbed solutions show it: by other steps their bars are 1e-10 to 4e-10, and 6e-10 to 2.3e-9.
+    """
     robot = tl.load_robot("""<robot name="ball"><link name="world"/><link name="ball"><inertial><mass value="1"/>
         <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="z" type="prismatic">
         <parent link="world"/><child link="ball"/><axis xyz="0 0 1"/>
