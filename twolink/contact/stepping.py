@@ -54,7 +54,7 @@ HALVINGS = 10
 UNSEEN, UNSEEN_HALVINGS = 0.01, 6  # of the reach of a step: one after which hulls overlap by so much more is halved
 
 
-class Stepper:
+class ContactStepper:
     """Steps of a scene: its equations without contacts, its contact effects, and its joints' stops and friction.
 
     A step depends on the state and the memory that it begins with; of other steps there is only the record.

@@ -68,7 +68,7 @@ def plan_of(setup: Setup, chosen: Selection, method: str, confidence: float, hal
 
 
 @dataclass(frozen=True)
-class Solution:
+class SolvedIdentification:
     """An identification, and what it was solved from: samples, columns of G, the fit, residuals by a wider window."""
 
     result: Identification
@@ -79,7 +79,7 @@ class Solution:
     sure: np.ndarray
 
 
-def solve(plan: Plan, setup: Setup, runs: Sequence[Recording], by: Filter | None) -> Solution:
+def solve(plan: Plan, setup: Setup, runs: Sequence[Recording], by: Filter | None) -> SolvedIdentification:
     """The solution; what is looked for of the setup by Gauss-Newton's steps.
 
     Raises
@@ -103,7 +103,7 @@ def solve(plan: Plan, setup: Setup, runs: Sequence[Recording], by: Filter | None
     return found
 
 
-def _with_constants(setup: Setup, first: Solution) -> Setup:
+def _with_constants(setup: Setup, first: SolvedIdentification) -> Setup:
     """The setup with motor constants that take what was measured to the torques of the robot as it was given."""
     data = first.data
     nominal = np.concatenate([setup.robot.regressor(*state) @ setup.robot.parameter_values for state in data.states()])
@@ -120,7 +120,7 @@ def _errors_of(result: Identification) -> np.ndarray:
 
 def _solved(
     plan: Plan, setup: Setup, runs: Sequence[Recording], by: Filter | None, around: Identification | None
-) -> Solution:
+) -> SolvedIdentification:
     """Linear least squares at a setup. around: what the derivatives by the setup are taken at; None leaves them out."""
     robot, names = setup.true_robot, () if around is None else setup.names
     chosen = plan.chosen.beside(names, setup.values[: len(names)])
@@ -157,7 +157,7 @@ def _solved(
         setup=setup.at(_values(chosen, base, found.x, len(names))) if names else setup,
         block_covariance=found.by_blocks, joint_models=None,
     )  # fmt: skip
-    return Solution(result, data, columns, found, wide, prior[1])
+    return SolvedIdentification(result, data, columns, found, wide, prior[1])
 
 
 def _half_width(plan: Plan, y: np.ndarray, found: Fit, of_runs: bool) -> np.ndarray:
@@ -208,7 +208,7 @@ def _untold(base: BaseParameters, names: Sequence[str]) -> tuple[str, ...]:
     return (*alone, *(f"only the sum {text}" for text, here in zip(base.combinations, mixed, strict=True) if here))
 
 
-def examined(plan: Plan, found: Solution) -> Identification:
+def examined(plan: Plan, found: SolvedIdentification) -> Identification:
     """The identification with the model errors that its residuals show."""
     result, data = found.result, found.data
     every = select(plan.robot, ["*"], terms=joint_terms(plan.robot, ["offset", "stribeck"])[1])

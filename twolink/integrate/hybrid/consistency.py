@@ -215,7 +215,7 @@ def _by_contact_problem(state: ModeState, still: float, opened: frozenset[Key], 
     What an event has just opened, or set sliding, is in the problem only where it would begin the wrong way.
     """
     state = _without_slow_slips(state, _touching(state, still), max(still, slow))
-    touching, problem = _touching(state, still), Problem(state, still)
+    touching, problem = _touching(state, still), ModeProblem(state, still)
     contacts = {i for i in touching if ("contact", i) not in opened}
     sticking = {i for i in touching if ("roll", i) not in opened and problem.slip(i) is None}
     joints = set(state.mode.locked)
@@ -237,7 +237,7 @@ def _by_contact_problem(state: ModeState, still: float, opened: frozenset[Key], 
     return None
 
 
-class Problem:
+class ModeProblem:
     """The contact problem of a state: of contacts that touch and of joints at rest, as they are asked for."""
 
     def __init__(self, state: ModeState, still: float) -> None:
