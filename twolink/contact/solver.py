@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from twolink.contact.joints import LoopRows
 from twolink.contact.stepping import ContactStepper
-from twolink.contact.steps import Plan, Record, Step, plan_steps
+from twolink.contact.steps import Record, Step, StepPlan, plan_steps
 from twolink.effects.contact import Contact
 from twolink.effects.loops import Loop
 from twolink.effects.sensors import Forces
@@ -251,7 +251,7 @@ def solve_stepped(
 class _SteppedTicks:
     """The controllers and sensors of one solution; ends of steps are their ticks."""
 
-    def __init__(self, equations: Equations, sampling: Sampling, plan: Plan) -> None:
+    def __init__(self, equations: Equations, sampling: Sampling, plan: StepPlan) -> None:
         self._plan, moving = plan, equations.moving
         self._x = np.array(equations.start[:, None], dtype=float)
         self._x[moving:, 0] = plan.numbers[0]

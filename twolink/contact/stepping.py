@@ -37,7 +37,7 @@ from twolink.contact.joints import JointPoints, Kept, LoopRows
 from twolink.contact.positions import correction
 from twolink.contact.rest import at_rest, steps_at_rest
 from twolink.contact.step_law import StepLaw, rows_of
-from twolink.contact.steps import STILL, Blow, Memory, Plan, Record, Step, along
+from twolink.contact.steps import STILL, Blow, Memory, Record, Step, StepPlan, along
 from twolink.effects.contact import Contact
 from twolink.effects.switching import Hold, Stop
 from twolink.errors import AccuracyError
@@ -120,7 +120,9 @@ class ContactStepper:
         rows = self.bodies.jacobian(points, axes)
         return self.joints.with_rows(rows, points) if self.joints else rows
 
-    def run(self, plan: Plan, first: int, until: int, q: Array, v: Array, memory: Memory) -> HeldRun | Sequence[Step]:
+    def run(
+        self, plan: StepPlan, first: int, until: int, q: Array, v: Array, memory: Memory
+    ) -> HeldRun | Sequence[Step]:
         """One or more steps of a plan, up to the one of a number: at rest, while the same points press, or one.
 
         Raises as `advance`.

@@ -13,7 +13,7 @@ import numpy as np
 from twolink.algorithms.namespaces import Numbers
 from twolink.errors import AccuracyError
 from twolink.integrate.hybrid.contact_problem import (
-    Held,
+    HeldJoint,
     Outcome,
     Rows,
     contact_bias,
@@ -268,7 +268,7 @@ class ModeProblem:
         for k in {*joints, *mode.locked}:
             mode = mode.freeing(k, 0.0)
         without = self.state.in_mode(mode)
-        held = [Held(np.eye(len(self.state.v))[[k]], *system.torque_range(k, self.state.x), system.kinetic[k])
+        held = [HeldJoint(np.eye(len(self.state.v))[[k]], *system.torque_range(k, self.state.x), system.kinetic[k])
                 for k in joints]  # fmt: skip
         rows = [self._rows(without, i, sticking) for i in contacts]
         return solve_contacts(without.evaluate().a[:, 0], self.inverse, [*rows, *held])

@@ -36,7 +36,7 @@ EMPTY = 1e-6  # of the load: a normal force that is 0
 
 @dataclass(frozen=True)
 class ForceDistribution:
-    """The best share of states (n,). margin: N. forces: (n, supports, 3). weight: of each law in the optimum."""
+    """The best forces in states (n,). margin: N. forces: (n, supports, 3). weight: of each law in the optimum."""
 
     margin: Array
     forces: Array
