@@ -28,7 +28,7 @@ from twolink.io.tables import SUFFIXES, require_format, write_table
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted
 from twolink.simulation.sampling import duration_for, sample_times, with_ends
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,7 +38,7 @@ MAX_SAMPLES = 200_000  # each row keeps its own until the reference is final
 
 
 @dataclass(frozen=True, repr=False)
-class Study(StudyData, Result, Plotted):
+class Study(StudyData, BaseResult, Plotted):
     """The cost of each method's accuracy on a scene: rows, the Pareto front, and the price of each further digit."""
 
     def to_dict(self) -> dict[str, Any]:

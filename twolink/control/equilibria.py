@@ -24,7 +24,7 @@ from twolink.integrate.motion.state import Array
 from twolink.io.text import Table
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted, plot_eigenvalues
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,7 +38,7 @@ SAME = 1e-6  # rad or m: equilibria nearer to each other are one
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Equilibria(Result, Plotted, Sequence[Linearization]):
+class Equilibria(BaseResult, Plotted, Sequence[Linearization]):
     """Equilibria, each as its linearization with the configuration `q` and its `stability`.
 
     Parameters

@@ -22,7 +22,7 @@ from twolink.integrate.motion.scene_equations import equations_of
 from twolink.io.text import Table
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted, plot_eigenvalues
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 from twolink.simulation.trajectory_tables import coordinate_names
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ AT_REST = 1e-9  # relative: accelerations below it are those of an equilibrium t
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Linearization(Result, Plotted):
+class Linearization(BaseResult, Plotted):
     """Linear equations of small motions: x' = A x + B u, with x = (dq, dv, dz) in the tangent space.
 
     dz are the changes of the states of effects.

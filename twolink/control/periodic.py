@@ -29,7 +29,7 @@ from twolink.show.figure import Plotted, plot_eigenvalues
 from twolink.simulation.scene_run import simulate
 from twolink.simulation.sensitivities import Sensitivities, sensitivities
 from twolink.simulation.sensitivity_names import wanted_of
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 from twolink.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ class Shooting:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PeriodicMotion(Result, Plotted):
+class PeriodicMotion(BaseResult, Plotted):
     """A motion with x(T) = x(0), and how small deviations from it grow in a period: dx(T) = M dx(0).
 
     Parameters

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import msgspec
 import numpy as np
 
-from twolink.algorithms.motion import Motion, placed
+from twolink.algorithms.motion import KinematicState, placed
 from twolink.algorithms.spatial import ZERO, Scalar, Vec, add, cross, inward, plus
 from twolink.errors import SceneError, require_known
 from twolink.io.text import kebab_case
@@ -34,7 +34,7 @@ class Loads:
     sides: of each limit of effort, on which side it stays, -1 below, 0 within, 1 above; None: as the torque is.
     """
 
-    def __init__(self, motion: Motion, sides: Sequence[Scalar] | None = None) -> None:
+    def __init__(self, motion: KinematicState, sides: Sequence[Scalar] | None = None) -> None:
         self.sides = sides
         self._motion = motion
         self.tau: list[Scalar] = [0.0] * motion.mech.nv
@@ -43,7 +43,7 @@ class Loads:
 
         self.rates: dict[str, Scalar] = {}
 
-    def of_motor(self, motion: Motion) -> Loads:
+    def of_motor(self, motion: KinematicState) -> Loads:
         """Loads of what drives a motor: their torques are its own; rates and limits are common."""
         own = copy.copy(self)
         own._motion, own.tau, own.wrenches = motion, [0.0] * motion.mech.nv, {}
@@ -123,7 +123,7 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
     def change(self, model: pin.Model) -> None:
         """Change the constants of a model that belongs to the scene alone."""
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add the torques on joints and the wrenches on bodies that the effect gives to a motion."""
 
     def viscosity(self, robot: Robot) -> Mapping[str, float]:
@@ -131,7 +131,7 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
         del robot
         return {}
 
-    def states(self, motion: Motion) -> Mapping[str, Scalar]:
+    def states(self, motion: KinematicState) -> Mapping[str, Scalar]:
         """The states z of the effect beside q and v, by name, and their values at the start, of a motion at t = 0.
 
         `act` finds them in `motion.states`, and gives z' by `loads.rates`.

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import Scalar
 from twolink.effects.effect import Effect
 from twolink.effects.inputs import Slot
@@ -91,11 +91,11 @@ class ContactPoint:
     restitution: float
     friction: float
     static: float
-    gap: Callable[[Motion], Scalar]
-    velocity: Callable[[Motion], tuple[Scalar, Scalar, Scalar]]
+    gap: Callable[[KinematicState], Scalar]
+    velocity: Callable[[KinematicState], tuple[Scalar, Scalar, Scalar]]
     constraint: Callable[[bool, tuple[Slot, Slot]], Loop]
     content: str
-    single: Callable[[Motion], Scalar | None]
+    single: Callable[[KinematicState], Scalar | None]
     reflects: bool
     threshold: float
 
@@ -111,9 +111,9 @@ class ContactPair:
     """
 
     name: str
-    gaps: Callable[[Motion, Collection[int]], np.ndarray]
-    touching: Callable[[Motion, float], list[list[Feature]]]
-    separation: Callable[[Motion], float]
+    gaps: Callable[[KinematicState, Collection[int]], np.ndarray]
+    touching: Callable[[KinematicState, float], list[list[Feature]]]
+    separation: Callable[[KinematicState], float]
     point: Callable[[Any], ContactPoint]
     content: str
 
@@ -143,7 +143,7 @@ class Trigger:
     name: str
     at: float | None = None
     condition: Condition | None = None
-    function: Callable[[Motion], Any] | None = None
+    function: Callable[[KinematicState], Any] | None = None
     drops: bool = False
     begins: bool = False
     catch: Catch | None = None

@@ -32,7 +32,7 @@ class Places(NamedTuple):
 
 
 class Links:
-    """Poses of links, read as from a `Motion`: frames are numbers (n,) of many links, vectors are (3, n)."""
+    """Poses of links, read as from a `KinematicState`: frames are numbers (n,) of many links, vectors are (3, n)."""
 
     xp = Numbers
 

@@ -11,7 +11,7 @@ import numpy as np
 from twolink.exchange.causes import Cause
 from twolink.exchange.trajectory_log import Array
 from twolink.show.figure import Plotted, plot_lines
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,7 +20,7 @@ Answer = Literal["right", "wrong", "not known"]
 
 
 @dataclass(frozen=True, repr=False)
-class Verdict(Plotted, Result):
+class Verdict(Plotted, BaseResult):
     """The verdict on a trajectory.
 
     Attributes

@@ -21,7 +21,7 @@ from twolink.identification.report import write_report
 from twolink.identification.setup import Setup
 from twolink.io.text import Table
 from twolink.show.figure import COLOURS, Plotted, new_figure, plain
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 from twolink.simulation.trajectory_tables import coordinate_names
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ MEASURED: dict[str, Any] = {"linestyle": "", "marker": ".", "markersize": 2.5, "
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Estimate(Result, Plotted):
+class Estimate(BaseResult, Plotted):
     """The estimate that an identification and a fit by simulation share.
 
     Attributes

@@ -11,7 +11,7 @@ from twolink.dynamics.arguments import array, one_of, positive
 from twolink.errors import QueryError, require_known
 from twolink.identification.base_parameters import BaseParameters
 from twolink.identification.fit_result import SceneFit
-from twolink.identification.fit_search import METHODS, LeastSquaresSearch, Linearized, Point
+from twolink.identification.fit_search import METHODS, CondensedProblem, LeastSquaresSearch, Point
 from twolink.identification.measured_motion import MeasuredMotion, measured_motion
 from twolink.identification.shooting import can_be_cut, segment_counts
 from twolink.identification.unknowns import unknowns_of
@@ -189,7 +189,7 @@ def _ratios(possible: BaseParameters, values: np.ndarray) -> list[str]:
     return [f"only the ratios of {', '.join(names)}; leave one out, whose value is known"] if names else []
 
 
-def _from_bars(now: Linearized, point: Point, noise: np.ndarray) -> np.ndarray:
+def _from_bars(now: CondensedProblem, point: Point, noise: np.ndarray) -> np.ndarray:
     """Bounds (r,) on the estimate's change by the errors of the simulated values and of their derivatives."""
     columns = now.of_members / noise[:, None]
     flat = columns.reshape(-1, columns.shape[-1])

@@ -34,7 +34,7 @@ from twolink.simulation.sampling import duration_for, sample_times, with_ends
 from twolink.simulation.sensitivities import refined
 from twolink.simulation.sensitivity_names import Wanted, wanted_of
 from twolink.simulation.sensitivity_runs import along_solutions, with_states
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 from twolink.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ SMALL = 1e-3  # SI units: constants below it are moved as if they were so large
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Gradient(Result, Plotted):
+class Gradient(BaseResult, Plotted):
     """The derivatives of one number of a run.
 
     Parameters

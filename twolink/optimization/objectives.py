@@ -22,7 +22,7 @@ from scipy.interpolate import CubicSpline
 
 from twolink.algorithms.dual_numbers import derivative
 from twolink.algorithms.mechanism import mechanism, nominal, with_nominal
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.dynamics import Robot
 from twolink.effects.triggers import Watch
@@ -133,7 +133,9 @@ def _end_shift(
             scene_with(scene, {parameter.name: parameter.nominal + by}))  # fmt: skip
         watch, model = cast(Watch, other.effects[place]), other.robot.model
         value, x = watch.function if watch.when is None else watch.when.distance, robot.integrate(q, h * direction[0])
-        motion = Motion(model, mechanism(model), x.tolist(), (v + h * direction[1]).tolist(), t + later, Numbers)
+        motion = KinematicState(
+            model, mechanism(model), x.tolist(), (v + h * direction[1]).tolist(), t + later, Numbers
+        )
         return float(np.squeeze(value(motion)))
 
     by_time = derivative(lambda k: guard(rates, k * in_time, k * in_time, 0.0), in_time)

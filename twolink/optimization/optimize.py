@@ -26,7 +26,7 @@ from twolink.scenes.scene import accuracy_of
 from twolink.show.figure import Plotted, plot_lines
 from twolink.simulation.error_bar import SAFETY
 from twolink.simulation.sampling import duration_for, sample_times, with_ends
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 from twolink.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Optimum(Result, Plotted):
+class Optimum(BaseResult, Plotted):
     """The best that a search found. It unpacks as scene, run, history.
 
     Attributes

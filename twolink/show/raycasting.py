@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from twolink.errors import ShowError
 from twolink.show.meshcat_scene import FIELD_OF_VIEW, View, picture_axes
-from twolink.show.surfaces import Floats, Surface
+from twolink.show.surfaces import Floats, TriangleMesh
 from twolink.show.viewer_data import Contacts, sample_before
 
 AMBIENT, DIFFUSE, SHINE = 0.5, 0.5, 0.12  # shares of light
@@ -85,13 +85,13 @@ class Picture:
     ----------
     model, visuals : pin.Model, pin.GeometryModel
         The robot.
-    drawn : sequence of Surface
+    drawn : sequence of TriangleMesh
         What to draw.
     camera : Camera
         From where.
     """
 
-    def __init__(self, model: Any, visuals: Any, drawn: Sequence[Surface], camera: Camera) -> None:
+    def __init__(self, model: Any, visuals: Any, drawn: Sequence[TriangleMesh], camera: Camera) -> None:
         self._embree = _embree()
         self._model, self._visuals, self._camera = model, visuals, camera
         self._data, self._placed = model.createData(), pin.GeometryData(visuals)

@@ -29,7 +29,7 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import constraint_forces, motion_of
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece, Solution
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 
 POSITION = 1e-9  # m or rad, and per second relative to the velocities: what counts as 0
 RELATIVE = 1e-6  # of forces, powers, accelerations and energies to the largest at that time
@@ -59,7 +59,7 @@ class Law:
 
 
 @dataclass(frozen=True, repr=False)
-class Certificate(Result):
+class Certificate(BaseResult):
     """The laws that a run was checked for, at so many states: samples, and the starts of modes."""
 
     laws: tuple[Law, ...]

@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 
 from twolink.integrate.solution import Code
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 
 KINDS = {"steps": "native", "": "by NumPy or SciPy"}
 
 
 @dataclass(frozen=True, repr=False)
-class Cost(Result):
+class Cost(BaseResult):
     """The cost of a run: the method, its steps and evaluations of the dynamics, and seconds of wall clock.
 
     Parameters

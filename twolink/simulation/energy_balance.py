@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.spatial import outward, spatial_dot
 from twolink.effects.effect import Loads
@@ -28,7 +28,7 @@ from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted, plot_lines
 from twolink.simulation.scene_run import simulate
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 from twolink.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ A_SECOND = 200.0  # edges, where a solver does not tell its steps
 
 
 @dataclass(frozen=True, repr=False)
-class EnergyBalance(Result, Plotted):
+class EnergyBalance(BaseResult, Plotted):
     """The energy balance at the samples t (n,) [s]; all in J.
 
     run: the trajectory. stored (n,): kinetic and potential energy. work: of each effect since the start, by its name,
@@ -224,7 +224,7 @@ def _multipliers(stretch: _Stretch) -> list[np.ndarray]:
     return np.split(every, np.cumsum(constraints.counts)[:-1])
 
 
-def _motion(stretch: _Stretch) -> Motion:
+def _motion(stretch: _Stretch) -> KinematicState:
     """The moving robot along a stretch."""
     return motion_of(stretch.equations, stretch.equations.mechanism, stretch.t, stretch.x, Numbers)
 
@@ -248,7 +248,7 @@ def _powers(scene: Scene, stretch: _Stretch) -> Iterator[tuple[int, np.ndarray]]
             yield equations.places[len(equations.effects) + i], np.asarray(watts, dtype=float)
 
 
-def _power(motion: Motion, loads: Loads) -> np.ndarray:
+def _power(motion: KinematicState, loads: Loads) -> np.ndarray:
     """tau . v + wrench . V."""
     total = sum((tau * v for tau, v in zip(loads.tau, motion.v, strict=True)), np.zeros(1))
     for i, (x, y, z, *moment) in loads.wrenches.items():

@@ -24,7 +24,7 @@ from twolink.scenes.scene import accuracy_of
 from twolink.show.figure import Plotted, plot_bars
 from twolink.simulation.refinement import DIGITS, first_choice, precisions_of
 from twolink.simulation.sampling import duration_for, sample_times, with_ends
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,7 +48,7 @@ class Share:
 
 
 @dataclass(frozen=True, repr=False)
-class Explanation(Result, Plotted):
+class Explanation(BaseResult, Plotted):
     """The computation of a scene: its formulation, operations, method and expected time.
 
     Parameters

@@ -20,7 +20,7 @@ from twolink.scenes import Scene
 from twolink.scenes.parameters import scene_with
 from twolink.show.figure import Plotted
 from twolink.simulation.cost import Cost
-from twolink.simulation.text import Result, as_data
+from twolink.simulation.text import BaseResult, as_data
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.trajectory_tables import EXTRA, coordinate_names
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Worlds(Result, Plotted):
+class Worlds(BaseResult, Plotted):
     """The ends of many worlds. `len` is their number; `worlds[i]` is the run of one of them, at the samples kept.
 
     Parameters

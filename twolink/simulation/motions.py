@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twolink.contact.solver import no_forces, stepper_of
-from twolink.contact.steps import Memory, Plan, Record, twice_as_many
+from twolink.contact.steps import Memory, Record, StepPlan, twice_as_many
 from twolink.effects.sensors import Forces
 from twolink.integrate.event import Event
 from twolink.integrate.forces_seen import forces_seen
@@ -385,7 +385,7 @@ class Stepped(StepwiseMotion):
     def _solved(self, number: int, end: float, count: int) -> SteppedState:
         h, first, (q, w, memory) = (end - self.t) / count, 0, self._states[number]
         steps = np.arange(count)
-        plan = Plan(self.t + h * steps, np.full(count, h), 0 * steps, steps < 0, self._numbers[None, :, number])
+        plan = StepPlan(self.t + h * steps, np.full(count, h), 0 * steps, steps < 0, self._numbers[None, :, number])
         while first < count:
             found = self._stepper.run(plan, first, count, q, w, memory)
             last, first = found[len(found) - 1], first + len(found)

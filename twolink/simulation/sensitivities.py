@@ -26,7 +26,7 @@ from twolink.simulation.sampling import duration_for, only_at, sample_times, wit
 from twolink.simulation.scene_run import run_of
 from twolink.simulation.sensitivity_names import wanted_of
 from twolink.simulation.sensitivity_runs import SensitivityRun
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 from twolink.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sensitivities(Result):
+class Sensitivities(BaseResult):
     """Derivatives of a motion.
 
     Parameters

@@ -24,7 +24,7 @@ from twolink.simulation.certificate import Certificate
 from twolink.simulation.contact_forces import ContactForces
 from twolink.simulation.cost import Cost
 from twolink.simulation.recording import log, log_skipped, save_run
-from twolink.simulation.text import Result, as_data
+from twolink.simulation.text import BaseResult, as_data
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,7 +37,7 @@ SHOWN_EVENTS = 5  # in notebooks
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory(Result, Plotted):
+class Trajectory(BaseResult, Plotted):
     """A motion and how far it can be trusted.
 
     Parameters
@@ -241,8 +241,8 @@ class Trajectory(Result, Plotted):
         return self.solution
 
     @property
-    def _samples(self) -> tables.Samples:
-        return tables.Samples(self.robot, self.t, self.q, self.v, self.energy, self.error, states=self.states)
+    def _samples(self) -> tables.TrajectorySamples:
+        return tables.TrajectorySamples(self.robot, self.t, self.q, self.v, self.energy, self.error, states=self.states)
 
     def columns(self) -> dict[str, np.ndarray]:
         """The samples by name: t, q.JOINT, v.JOINT (numbered where a joint has several), z.STATE, energy, error."""

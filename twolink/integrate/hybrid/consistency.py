@@ -13,7 +13,7 @@ import numpy as np
 from twolink.algorithms.namespaces import Numbers
 from twolink.errors import AccuracyError
 from twolink.integrate.hybrid.contact_problem import (
-    Held,
+    HeldJoint,
     Outcome,
     Rows,
     contact_bias,
@@ -215,7 +215,7 @@ def _by_contact_problem(state: ModeState, still: float, opened: frozenset[Key], 
     What an event has just opened, or set sliding, is in the problem only where it would begin the wrong way.
     """
     state = _without_slow_slips(state, _touching(state, still), max(still, slow))
-    touching, problem = _touching(state, still), Problem(state, still)
+    touching, problem = _touching(state, still), ModeProblem(state, still)
     contacts = {i for i in touching if ("contact", i) not in opened}
     sticking = {i for i in touching if ("roll", i) not in opened and problem.slip(i) is None}
     joints = set(state.mode.locked)
@@ -237,7 +237,7 @@ def _by_contact_problem(state: ModeState, still: float, opened: frozenset[Key], 
     return None
 
 
-class Problem:
+class ModeProblem:
     """The contact problem of a state: of contacts that touch and of joints at rest, as they are asked for."""
 
     def __init__(self, state: ModeState, still: float) -> None:
@@ -268,7 +268,7 @@ class Problem:
         for k in {*joints, *mode.locked}:
             mode = mode.freeing(k, 0.0)
         without = self.state.in_mode(mode)
-        held = [Held(np.eye(len(self.state.v))[[k]], *system.torque_range(k, self.state.x), system.kinetic[k])
+        held = [HeldJoint(np.eye(len(self.state.v))[[k]], *system.torque_range(k, self.state.x), system.kinetic[k])
                 for k in joints]  # fmt: skip
         rows = [self._rows(without, i, sticking) for i in contacts]
         return solve_contacts(without.evaluate().a[:, 0], self.inverse, [*rows, *held])

@@ -26,7 +26,7 @@ import pinocchio as pin
 
 from twolink.effects.switching import Catch, Stop
 from twolink.errors import AccuracyError
-from twolink.integrate.hybrid.consistency import NEAR, Problem, different, still_speed
+from twolink.integrate.hybrid.consistency import NEAR, ModeProblem, different, still_speed
 from twolink.integrate.hybrid.contact_problem import (
     Rows,
     contact_rows,
@@ -259,7 +259,7 @@ def brought_to_rest(state: ModeState, small: float) -> tuple[Array, list[tuple[s
     parting = list(_parting(state, math.sqrt(2.0 * STRONGEST * low)))
     if not parting:
         return None
-    still, problem = still_speed(state.v), Problem(state, still_speed(state.v))
+    still, problem = still_speed(state.v), ModeProblem(state, still_speed(state.v))
     resting = {k for k in state.system.lockable if abs(state.v[k]) <= still and state.system.holds(k, state.x)}
     rows = state.evaluate().contacts[:, :2, 0] if state.system.contacts else np.empty((0, 2))
     touching = {i for i, (gap, rate) in enumerate(rows) if gap <= NEAR and abs(rate) <= still}

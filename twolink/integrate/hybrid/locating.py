@@ -108,7 +108,7 @@ class _Bracket(NamedTuple):
         return float(self.times[max(0, end - 1)]), float(self.times[end])
 
 
-class Watcher:
+class GuardWatcher:
     """The guards of a piece. margin: dips to it are touches, m, rad or per second."""
 
     def __init__(self, evaluate: Evaluator, step_map: StepMap, guards: Sequence[Guard], margin: float = 0.0) -> None:
@@ -116,7 +116,7 @@ class Watcher:
         self.margins = np.array([margin if guard.touching and not guard.at_zero else 0.0 for guard in guards])
         self._before: tuple[float, Array] | None = None  # where the last step began: a dip may lie at its end
 
-    def copied(self) -> "Watcher":
+    def copied(self) -> "GuardWatcher":
         """One that goes on from here, whatever this one sees."""
         other = copy.copy(self)
         other.guards = [copy.copy(guard) for guard in self.guards]

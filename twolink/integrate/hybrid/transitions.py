@@ -13,7 +13,7 @@ from twolink.effects.switching import Trigger
 from twolink.errors import SceneError
 from twolink.integrate.hybrid.consistency import ALLOWED, SLOW
 from twolink.integrate.hybrid.features import pair_guards, pass_edge, single_point
-from twolink.integrate.hybrid.force_share import EMPTY, TIGHT, ForceShare, share_of
+from twolink.integrate.hybrid.force_share import EMPTY, TIGHT, ForceDistributionProblem, share_of
 from twolink.integrate.hybrid.impacts import catch_touch, contact_touch, onto_contact, stop_touch
 from twolink.integrate.hybrid.locating import Guard, Key
 from twolink.integrate.hybrid.modes import freed, sliding
@@ -113,7 +113,7 @@ def _row(field: str, row: Any, side: float, offset: float, s: Snapshot) -> Any:
     return side * (getattr(s, field)[row] - offset)
 
 
-def _margin(share: ForceShare, s: Snapshot) -> Any:
+def _margin(share: ForceDistributionProblem, s: Snapshot) -> Any:
     """The margin of the best share of the contact forces within the laws, N."""
     return share.best(s).margin
 
@@ -249,7 +249,7 @@ def _still(run: RunState) -> None:
     run.x = projected(state.own.equations, state.full_state(), Numbers)[: len(run.x)]
 
 
-def _give_way(share: ForceShare, run: RunState) -> None:
+def _give_way(share: ForceDistributionProblem, run: RunState) -> None:
     """Free the contacts and joints at their limits, where no share of the contact forces obeys the laws any more."""
     _still(run)
     before, best = run.mode, share.best(run.mode_state.evaluate())

@@ -29,7 +29,7 @@ BLOCK_NUMBERS = 200_000  # in a block, which stays in the cache: with many world
 SMALLEST_TOLERANCE = 1e-15  # below this the rounding of the numbers decides
 
 
-class Watcher(Protocol):
+class EventWatcher(Protocol):
     """A watcher for events along the states of a world."""
 
     def first(self, t: Array, x: Array) -> Any:
@@ -44,7 +44,7 @@ def integrate(
     *,
     perturbation: Perturbation = NO_PERTURBATION,
     beside: Beside | None = None,
-    watcher: Watcher | None = None,
+    watcher: EventWatcher | None = None,
     span: float | None = None,
     rate: Array | None = None,
     first_block: int = BLOCK,
@@ -65,7 +65,7 @@ def integrate(
         Of this solution; its setting is divided by `finer`.
     beside : Beside, optional
         Solutions that are solved in the same calls, from where they are to the last sample.
-    watcher : Watcher, optional
+    watcher : EventWatcher, optional
         The first event that it finds ends the solution.
     span : float, optional
         The time of the whole run, s, of which a step is a part; by default that from first to last sample.
