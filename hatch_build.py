@@ -77,9 +77,10 @@ def build(target: str, path: Path) -> None:
     if x86:
         levels |= {"v3": "-mcpu=x86_64_v3", "v4": "-mcpu=x86_64_v4"}
     with tempfile.TemporaryDirectory() as folder:
-        jobs = [(f"columns-{level}", "columns.c", [f"-DLEVEL={level}", option]) for level, option in levels.items()]
+        jobs = [(f"{name}-{level}", f"{name}.c", [f"-DLEVEL={level}", option]) for level, option in levels.items()
+                for name in ("columns", "taylor")]  # fmt: skip
         own = [f"-DSOURCES={digest()}", cpu, *(["-DX86_LEVELS"] if x86 else [])]
-        jobs += [("machine", "machine.c", own), ("program", "program.c", [cpu])]
+        jobs += [(name, f"{name}.c", own) for name in ("machine", "program", "recurrences", "taylor_face")]
         environment = {"ZIG_GLOBAL_CACHE_DIR": folder, "ZIG_LOCAL_CACHE_DIR": folder, **os.environ}
         running = [subprocess.Popen([*zig, *FLAGS, *options, "-c", str(NATIVE / source), "-o", f"{folder}/{name}.o"],
                                     env=environment)

@@ -5,11 +5,9 @@ import os
 import shutil
 import signal
 import tempfile
-from collections.abc import Generator
 
 import pytest
 
-import twolink as tl
 from tests.show.browser import browser, chromium
 
 __all__ = ["browser", "chromium"]  # fixtures
@@ -24,11 +22,10 @@ def pytest_configure(config: pytest.Config) -> None:
     """Begin with an empty cache: what earlier runs compiled or measured must not decide what tests see.
 
     The workers of pytest-xdist inherit the folder, so that each kernel is compiled once. Who sets TWOLINK_CACHE keeps
-    a warm cache between runs. Kernels are not optimized, unless TWOLINK_OPT_LEVEL says so: most are called a few times.
+    a warm cache between runs.
     Linear algebra has one thread in workers and children: beside others its threads wait, 50 ms for an inverse of 0.2.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    os.environ.setdefault("TWOLINK_OPT_LEVEL", "0")
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else each of the processes compiles every module
     if "TWOLINK_CACHE" not in os.environ:
         config.stash[_own_cache] = os.environ["TWOLINK_CACHE"] = tempfile.mkdtemp(prefix="twolink-tests-")
@@ -39,17 +36,6 @@ def pytest_unconfigure(config: pytest.Config) -> None:
     if _own_cache in config.stash:
         shutil.rmtree(config.stash[_own_cache], ignore_errors=True)
         del os.environ["TWOLINK_CACHE"]
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_call() -> Generator[None]:
-    """Skip where heyoka is hidden (TWOLINK_HEYOKA=0) and a test asks for compiled code: a refusal by name is right."""
-    try:
-        return (yield)
-    except tl.errors.MissingExtraError as error:
-        if os.environ.get("TWOLINK_HEYOKA") == "0" and "heyoka" in str(error):
-            pytest.skip(f"heyoka is hidden: {error}")
-        raise
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -1,4 +1,4 @@
-"""The order of imports, the size of files and functions, and docs/architecture.md with its picture."""
+"""The order of imports, sizes of files and functions, names of classes, and docs/architecture.md with its picture."""
 
 import ast
 import functools
@@ -165,6 +165,45 @@ def test_files_and_functions_are_short() -> None:
                 if size > LONGEST_FUNCTION:
                     long[f"{path.relative_to(ROOT)}: {node.name}"] = size
     assert long == {}
+
+
+def classes(texts: Mapping[str, str]) -> dict[str, list[str]]:
+    """The modules that define a class, by its name; private classes and those within others included."""
+    modules: dict[str, list[str]] = {}
+    for module, text in texts.items():
+        for node in ast.walk(tree(text)):
+            if isinstance(node, ast.ClassDef):
+                modules.setdefault(node.name, []).append(module)
+    return modules
+
+
+def test_no_class_name_stands_twice() -> None:
+    texts = sources()
+    assert len(classes(texts)) > 300
+    assert {name: modules for name, modules in classes(texts).items() if len(modules) > 1} == {}
+    texts["twolink.io.text"] += "\nclass Robot: ..."
+    assert classes(texts)["Robot"] == ["twolink.dynamics.robot", "twolink.io.text"]
+
+
+NO_NOUN = {"What", "How", "Where", "Whether", "Those", "That", "When", "Who", "Which"}
+
+
+def docstrings(text: str) -> list[str]:
+    """The docstrings of a file."""
+    kinds = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+    return [found for node in ast.walk(tree(text)) if isinstance(node, kinds) and (found := ast.get_docstring(node))]
+
+
+def names_nothing(docstring: str) -> bool:
+    """True if the first sentence begins with neither a noun phrase nor a verb."""
+    return docstring.split()[0].rstrip(",") in NO_NOUN or docstring.startswith("The same ")
+
+
+def test_docstrings_begin_with_a_noun_phrase_or_a_verb() -> None:
+    every = {module: docstrings(text) for module, text in sources().items()}
+    assert sum(map(len, every.values())) > 3000
+    assert {module: bad for module, own in every.items() if (bad := [one for one in own if names_nothing(one)])} == {}
+    assert names_nothing("Whether a < b.")
 
 
 def test_every_file_that_the_page_names_exists() -> None:

@@ -24,7 +24,6 @@ STEPS = [
     "attacks",
     "api",
     "coverage",
-    "without-heyoka",
     "sanitizers",
     "processors",
     "pythons",

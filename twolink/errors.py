@@ -60,7 +60,7 @@ class TwolinkError(Exception):
         super().__init__(f"{message}; {remedy}" if remedy else message)
 
     def at(self, where: str, kind: type[E] | None = None, *, argument: str = "", **data: Any) -> TwolinkError | E:
-        """The same failure at another place, as an error of class `kind` if there is one, with more data."""
+        """The failure at another place, as an error of class `kind` if there is one, with more data."""
         code = "" if self.code == type(self).code else self.code
         parts = {"where": where, "remedy": self.remedy, "code": code, "argument": argument or self.argument}
         return (kind or type(self))(self.what, **parts, **{**self.data, **data})

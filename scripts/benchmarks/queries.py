@@ -21,6 +21,7 @@ import numpy as np
 import pinocchio as pin
 
 import twolink as tl
+from scripts.heyoka_peer import heyoka
 from scripts.runner import FINGERS, Table, options, seconds_of
 from twolink.algorithms.functions import function
 from twolink.dynamics import kernels
@@ -94,19 +95,19 @@ def contest(robot: tl.Robot, query: str, states: list[np.ndarray]) -> Contest:
 
 def moving(states: list[np.ndarray], outputs: int) -> Callable[[], np.ndarray]:
     """Read and write as many numbers in columns, and do nothing but add them."""
-    x = [kernels.heyoka().expression(f"x{i}") for i in range(sum(s.shape[1] for s in states))]
-    add = kernels.heyoka().cfunc([sum(x[i + outputs :: outputs], x[i]) for i in range(outputs)], vars=x)
+    x = [heyoka().expression(f"x{i}") for i in range(sum(s.shape[1] for s in states))]
+    add = heyoka().cfunc([sum(x[i + outputs :: outputs], x[i]) for i in range(outputs)], vars=x)
     columns, out = np.ascontiguousarray(np.hstack(states).T), np.empty((outputs, len(states[0])))
     return lambda: add(columns, outputs=out, batch_parallel=True).T
 
 
 def seconds_of_operation(states: int = 20_000) -> float:
     """Seconds of a multiplication or addition in independent chains, on all threads."""
-    x = [kernels.heyoka().expression(f"x{i}") for i in range(2)]
+    x = [heyoka().expression(f"x{i}") for i in range(2)]
     chains = [x[0] + float(i) for i in range(CHAINED)]
     for k in range(PEAK // 2):
         chains[k % CHAINED] = chains[k % CHAINED] * x[1] + x[0]
-    busy, out = kernels.heyoka().cfunc(chains, vars=x), np.empty((CHAINED, states))
+    busy, out = heyoka().cfunc(chains, vars=x), np.empty((CHAINED, states))
     columns = np.random.default_rng(0).uniform(0.1, 0.9, (2, states))
     (seconds,) = seconds_of(lambda: busy(columns, outputs=out, batch_parallel=True), rounds=20, warm_up=0, pick=min)
     return seconds / (PEAK * states)

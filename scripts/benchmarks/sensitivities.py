@@ -14,10 +14,8 @@ from functools import partial
 import numpy as np
 
 import twolink as tl
+from scripts.heyoka_peer import heyoka, system_of
 from scripts.runner import FINGERS, once, options, seconds_of
-from twolink.algorithms.namespaces import Expressions
-from twolink.dynamics.kernels import heyoka
-from twolink.integrate.motion.formulas import traced_rate
 from twolink.integrate.motion.scene_equations import equations_of
 
 SAMPLES = 200  # a second
@@ -46,13 +44,10 @@ def distance(s: np.ndarray, exact: np.ndarray) -> float:
 def by_heyoka(scene: tl.Scene, times: np.ndarray, tolerance: float) -> Callable[[], np.ndarray]:
     """heyoka's variational equations, compiled; a call solves them."""
     module, equations = heyoka(), equations_of(scene)
-    size, numbers = equations.moving, equations.start[equations.moving :].tolist()  # which are constant
-    x = np.array([module.expression(f"x{i}") for i in range(size)] + numbers, dtype=object)
-    xp = Expressions(module)
-    rates = [xp.lift(e) for e in traced_rate(equations, module.time, x, xp)[:size]]
-    x = x[:size]
-    system = module.var_ode_sys(list(zip(x, rates, strict=True)), module.var_args.vars, order=1)
+    size = equations.moving
+    system = module.var_ode_sys(system_of(equations), module.var_args.vars, order=1)
     integrator = module.taylor_adaptive(system, equations.start[:size].tolist(), tol=tolerance, compact_mode=True)
+    integrator.pars[:] = equations.start[size:][: len(integrator.pars)]
     start = integrator.state.copy()
 
     def solve() -> np.ndarray:

@@ -30,7 +30,7 @@ QUERIES = ("forward_dynamics", "forward_dynamics_derivatives", "energy")
 
 def build(path: Path) -> None:
     """The driver with the library's sources, for arm64."""
-    sources = [str(NATIVE / name) for name in ("columns.c", "machine.c", "program.c")]
+    sources = sorted(map(str, NATIVE.glob("*.c")))
     driver = str(Path(__file__).with_name("arm.c"))
     subprocess.run([sys.executable, "-m", "ziglang", "cc", "-target", TARGET, "-mcpu=generic", "-static", *FLAGS,
                     "-DLEVEL=base", f"-DSOURCES={digest()}", driver, *sources, "-lm", "-o", str(path)],

@@ -100,8 +100,7 @@ def digits_of(run: tl.Trajectory) -> np.ndarray:
     if run.precise is None:
         return run.q.astype(np.longdouble)
     every = run.precise[:, : run.robot.nq]
-    leading = every.astype(float)  # there is no cast from quadruple to extended: add what a double leaves
-    return leading.astype(np.longdouble) + (every - leading.astype(every.dtype)).astype(float)
+    return np.vectorize(np.longdouble)(every.astype(str))
 
 
 def _run(one: Case, accuracy: float) -> tuple[tl.Trajectory | None, bool]:

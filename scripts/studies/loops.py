@@ -19,6 +19,7 @@ error. Rows go to out/loops-SEED.csv. Ends 0 if no bar is wrong, and nothing is 
 
 import argparse
 import collections
+import functools
 import heapq
 import time
 from collections.abc import Callable, Iterator
@@ -29,6 +30,7 @@ from typing import Any
 import numpy as np
 
 import twolink as tl
+from scripts.heyoka_peer import integrator, number_type
 from scripts.runner import Bars, study
 from scripts.studies.hidden_laws import COPIED, HARMLESS, HOLDERS, PLAIN, behaviour, pure
 from twolink import effects as fx
@@ -36,7 +38,6 @@ from twolink.effects.inputs import Slot
 from twolink.effects.sampled_control import HeldTorques, exact
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.scene_equations import make_equations
-from twolink.integrate.solvers.taylor_code import Integrator, number_type
 from twolink.loop.answers import Measured
 from twolink.loop.clock import ACT, PARTS, READ, UPDATE, Random
 
@@ -119,15 +120,21 @@ def random_scene(number: int, seed: int, *, hidden: bool = True) -> tl.Scene:
     return tl.Scene(arm.base, q, rng.uniform(-1.0, 1.0, 2), effects, duration=float(SECONDS))
 
 
+@functools.cache
+def motion() -> Any:
+    """heyoka's integrator of the damped arm under held torques."""
+    robot = tl.load_scene("arm-swing").robot
+    values, slopes = ({j: Slot(f"{what} {j}") for j in robot.joint_names} for what in ("value", "slope"))
+    acting = [fx.JointDamping(DAMPING), HeldTorques(values, slopes, Slot("since"))]
+    equations = make_equations(robot, np.zeros(2), np.zeros(2), [*enumerate(acting)])
+    return integrator(equations, 1e-30, "quad", compact_mode=True)
+
+
 class Truth:
     """The motion of a scene with 33 digits, from instant to instant."""
 
     def __init__(self, scene: tl.Scene) -> None:
-        joints, self.number = scene.robot.joint_names, number_type("quad")
-        values, slopes = ({j: Slot(f"{what} {j}") for j in joints} for what in ("value", "slope"))
-        acting = [fx.JointDamping(DAMPING), HeldTorques(values, slopes, Slot("since"))]
-        self.code = Integrator(make_equations(scene.robot, scene.q, scene.v, [*enumerate(acting)]), 1e-30, "quad", True)
-        self.motion = self.code.integrator
+        self.number, self.motion = number_type("quad"), motion()
         self.motion.time = self.number(0)
         self.motion.state[:] = np.array([*scene.q, *scene.v, 0.0]).astype(self.number)
         self.motion.pars[:] = np.zeros(len(self.motion.pars)).astype(self.number)  # it was used before
@@ -163,7 +170,6 @@ class Truth:
                 self.ticks += 1
             else:
                 self.act(i, float(t), answers.pop((i, k)))
-        self.code.give_back()
         return np.array(out)
 
     def bound(self, i: int) -> float:

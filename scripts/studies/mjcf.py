@@ -18,7 +18,7 @@ import pinocchio as pin
 
 import twolink as tl
 from scripts.runner import options
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.effects.effect import Effect, Loads
 from twolink.effects.joint_switches import DryFriction, JointStops
 from twolink.effects.loops import Loop
@@ -32,7 +32,7 @@ class Applied(Effect, frozen=True):
 
     tau: tuple[float, ...]
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add tau."""
         del motion
         loads.torques(self.tau)

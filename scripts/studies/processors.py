@@ -3,7 +3,7 @@ they are told to take that of older ones, where sums have another order and no f
 
     python -m scripts.studies.processors [-- PYTEST_ARGUMENTS]
 
-Pinocchio is compiled for one processor, and heyoka always compiles for this one: neither changes.
+Pinocchio is compiled for one processor, which does not change.
 """
 
 import os

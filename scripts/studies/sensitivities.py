@@ -22,17 +22,15 @@ from typing import Any
 import numpy as np
 
 import twolink as tl
+from scripts.heyoka_peer import heyoka, system_of
 from scripts.runner import Bars, Table, study
 from scripts.studies.scenes.exact import Case, events, joints, loops, smooth, unstable
 from twolink import effects as fx
 from twolink.algorithms.mechanism import nominal, parameter_names
-from twolink.algorithms.namespaces import Expressions
-from twolink.dynamics.kernels import heyoka
 from twolink.effects.conditions import JointReaches
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.effect_numbers import nominal_value
 from twolink.integrate.motion.equations import Equations
-from twolink.integrate.motion.formulas import traced_rate
 from twolink.integrate.motion.scene_equations import equations_of, structure_of, with_parameters
 from twolink.integrate.solvers.method_choice import choose
 from twolink.scenes.parameters import effect_numbers, scene_with
@@ -184,15 +182,9 @@ class Beside:
 
 def quad_integrator(equations: Equations) -> Any:
     """heyoka's Taylor integrator in quadruple precision, with the equations' parameters as its own."""
-    module, size = heyoka(), equations.moving
-    rows = equations.space.size - size
-    x = [module.expression(f"x{i}") for i in range(size)] + [module.par[i] for i in range(rows)]
-    constants = {name: module.par[i] for i, name in enumerate(equations.parameters, rows)}
-    xp = Expressions(module)
-    rates = traced_rate(equations, module.time, np.array(x, dtype=object), xp, constants)[:size]
-    start = [module.real128(0.0)] * size
-    return module.taylor_adaptive(list(zip(x[:size], map(xp.lift, rates), strict=True)), start, compact_mode=True,
-                                  fp_type=module.real128, tol=module.real128(QUAD))  # fmt: skip
+    module, start = heyoka(), [heyoka().real128(0.0)] * equations.moving
+    return module.taylor_adaptive(system_of(equations), start, compact_mode=True, fp_type=module.real128,
+                                  tol=module.real128(QUAD))  # fmt: skip
 
 
 def tangent(robot: tl.Robot, q: np.ndarray, along: np.ndarray) -> np.ndarray:

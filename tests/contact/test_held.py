@@ -15,8 +15,8 @@ from twolink.contact import held
 from twolink.contact.bodies import Multibody
 from twolink.contact.held import HeldSteps
 from twolink.contact.held_step import missed, moved, newton, velocities
-from twolink.contact.impulses import Problem, solve_impulses
-from twolink.contact.stepping import Stepper
+from twolink.contact.impulses import ContactProblem, solve_impulses
+from twolink.contact.stepping import ContactStepper
 from twolink.contact.steps import Memory
 from twolink.integrate.motion.scene_equations import equations_of
 
@@ -136,7 +136,7 @@ def test_many_points_that_slide_are_not_compiled(monkeypatch: pytest.MonkeyPatch
     links = [name for name in robot.frame_names if name.endswith(("FOOT", "LOWER_LEG"))]
     shapes = {name: (E.Sphere(0.01),) for name in links}
     contact = E.Contact(tuple((name, "ground") for name in links), 0.5, shapes=shapes)
-    stepper = Stepper(equations_of(tl.Scene(robot)), [contact])
+    stepper = ContactStepper(equations_of(tl.Scene(robot)), [contact])
     keys = np.sort(stepper.detector.groups[0].key)
 
     def known(count: int, *, stuck: bool) -> bool:
@@ -155,7 +155,7 @@ def test_newtons_formula_finds_the_impulses_of_points_that_stick_and_slide() -> 
     g, mu = rows @ rows.T, np.array([0.1, 0.5, 5.0])
     wanted = np.array([[0.02, 0.01, 1.0], [0.1, -0.2, 2.0], [0.3, 0.4, 1.0]])
     b = -(g @ wanted.ravel()).reshape(3, 3) + [[0.4, 0.1, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-    exact = solve_impulses(Problem(g, b, mu), wanted)
+    exact = solve_impulses(ContactProblem(g, b, mu), wanted)
     assert exact.solved
     assert (exact.p[:, 2] > 0.1).all()
     assert np.hypot(*exact.u[:, :2].T).max() > 0.1

@@ -12,21 +12,21 @@ import scipy.sparse as sparse
 import twolink as tl
 from tests.effects.bodies import ball, free_bodies, planar
 from twolink.contact import impulses, step_law
-from twolink.contact.impulses import Impulses, Problem, accelerated, newton, solve_impulses
+from twolink.contact.impulses import ContactProblem, Impulses, accelerated, newton, solve_impulses
 from twolink.geometry.gaps import axes_of
 
 E = tl.effects
 
 
-def random_problem(seed: int, redundant: bool = False) -> Problem:
+def random_problem(seed: int, redundant: bool = False) -> ContactProblem:
     """Six contacts of 20 degrees of freedom, or of 6, which do not determine their forces."""
     random = np.random.default_rng(seed)
     rows = random.standard_normal((18, 6 if redundant else 20))
     b = rows @ random.standard_normal(rows.shape[1]) if redundant else random.standard_normal(18)
-    return Problem(rows @ rows.T, b.reshape(6, 3), np.full(6, 0.4))
+    return ContactProblem(rows @ rows.T, b.reshape(6, 3), np.full(6, 0.4))
 
 
-def require_laws(problem: Problem, found: Impulses, small: float) -> None:
+def require_laws(problem: ContactProblem, found: Impulses, small: float) -> None:
     """Contact, friction's cone, and friction against the slip."""
     p, u = found.p, problem.velocities(found.p)
     assert p[:, 2].min() >= -small
@@ -37,7 +37,7 @@ def require_laws(problem: Problem, found: Impulses, small: float) -> None:
     assert np.abs((p[:, :2] * u[:, :2]).sum(axis=1) + problem.mu * p[:, 2] * slip).max() < small
 
 
-def admm(problem: Problem) -> np.ndarray:
+def admm(problem: ContactProblem) -> np.ndarray:
     """Impulses by Pinocchio's ADMM solver, which shares no code with ours."""
     models, datas = pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData()
     for mu in problem.mu.tolist():
@@ -66,7 +66,7 @@ def test_impulses_obey_the_laws(seed: int, redundant: bool) -> None:
 
 
 @pytest.mark.parametrize("solver", [lambda problem: accelerated(problem, np.zeros((6, 3)), 300), admm])
-def test_other_ways_come_near_enough_for_newton(solver: Callable[[Problem], np.ndarray]) -> None:
+def test_other_ways_come_near_enough_for_newton(solver: Callable[[ContactProblem], np.ndarray]) -> None:
     for seed in range(3):
         problem = random_problem(seed)
         near = solver(problem)
@@ -78,14 +78,14 @@ def test_other_ways_come_near_enough_for_newton(solver: Callable[[Problem], np.n
 
 def test_sparse_problems_have_the_same_solution() -> None:
     full = random_problem(1)
-    thin = Problem(sparse.csr_array(full.matrix), full.b, full.mu)
+    thin = ContactProblem(sparse.csr_array(full.matrix), full.b, full.mu)
     want = solve_impulses(full, np.zeros((6, 3))).p
     assert solve_impulses(thin, np.zeros((6, 3))).p == pytest.approx(want, abs=1e-9)
     assert admm(full) == pytest.approx(want, abs=1e-4)
 
 
 def test_a_step_that_misses_the_laws_is_halved_and_then_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    def never(problem: Problem, guess: np.ndarray) -> Impulses:
+    def never(problem: ContactProblem, guess: np.ndarray) -> Impulses:
         return dataclasses.replace(solve_impulses(problem, guess), residual=1.0)
 
     monkeypatch.setattr(step_law, "solve_impulses", never)
@@ -109,7 +109,7 @@ def test_fast_bodies_do_not_pass_through_each_other(speed: float) -> None:
     assert run.v[-1, [0, 6]] == pytest.approx([speed / 2, speed / 2])
 
 
-def falling_pile(seed: int, side: int, friction: float) -> Problem:
+def falling_pile(seed: int, side: int, friction: float) -> ContactProblem:
     """Spheres of 1 m that lie loosely on a grid, side by side, and fall the faster the lower they are."""
     random = np.random.default_rng(seed)
     places = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -127,7 +127,7 @@ def falling_pile(seed: int, side: int, friction: float) -> Problem:
     velocity[2::6] -= places[:, 2]
     inverse = sparse.diags_array(np.tile([1.0, 1.0, 1.0, 10.0, 10.0, 10.0], len(places)))
     b = (flat @ velocity).reshape(-1, 3)
-    return Problem(flat @ inverse @ flat.T, b, np.full(len(a), friction))
+    return ContactProblem(flat @ inverse @ flat.T, b, np.full(len(a), friction))
 
 
 @pytest.mark.parametrize(("seed", "side", "friction"), [(3, 5, 0.3), (4, 5, 1.0), (1, 7, 0.3)])
@@ -144,7 +144,7 @@ def test_piles_take_few_of_newtons_steps(monkeypatch: pytest.MonkeyPatch) -> Non
     steps: list[int] = []
     one = impulses._newton_step
 
-    def counted(problem: Problem, f: np.ndarray, z: np.ndarray, damping: float) -> np.ndarray:
+    def counted(problem: ContactProblem, f: np.ndarray, z: np.ndarray, damping: float) -> np.ndarray:
         steps.append(1)
         return one(problem, f, z, damping)
 
@@ -195,12 +195,12 @@ def test_where_newtons_method_fails_each_island_is_solved_alone(full: bool, monk
     rows = (3 * order[:, None] + np.arange(3)).ravel()
     matrix = sparse.block_diag([part.matrix for part in parts], format="csr")[rows][:, rows]
     b = np.concatenate([part.b for part in parts])[order]
-    problem = Problem(matrix.toarray() if full else matrix, b, np.full(18, 0.4))
+    problem = ContactProblem(matrix.toarray() if full else matrix, b, np.full(18, 0.4))
     islands = sorted(sorted(order[island].tolist()) for island in problem.islands())
     assert islands == np.arange(18).reshape(3, 6).tolist()
     seen: list[int] = []
 
-    def not_the_whole(one: Problem, guess: np.ndarray) -> np.ndarray:
+    def not_the_whole(one: ContactProblem, guess: np.ndarray) -> np.ndarray:
         seen.append(len(guess))
         return newton(one, guess) if len(guess) < 18 else guess
 

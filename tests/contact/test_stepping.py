@@ -15,7 +15,7 @@ import twolink as tl
 from tests.effects.bodies import G, ball, bouncing, free_bodies, planar
 from twolink.contact import bodies as sparse_bodies
 from twolink.contact.solver import SteppedSolution
-from twolink.contact.stepping import Stepper
+from twolink.contact.stepping import ContactStepper
 from twolink.geometry.hulls import hull_of, touching
 from twolink.integrate.hybrid import engine
 from twolink.simulation import stepped_run
@@ -191,7 +191,7 @@ def test_finer_runs_that_are_elsewhere_refute_an_estimate(monkeypatch: pytest.Mo
     """Two runs of long steps agree by chance; every one of shorter steps ends elsewhere, as where motion is chaotic."""
     solve, ends = stepped_run.solve_stepped, itertools.count(1)
 
-    def parted(stepper: Stepper, times: np.ndarray, step: float, *more: Any) -> SteppedSolution:
+    def parted(stepper: ContactStepper, times: np.ndarray, step: float, *more: Any) -> SteppedSolution:
         solution = solve(stepper, times, step, *more)
         moved = solution.q.copy()
         moved[-1, 0] += 0.3 * next(ends) * (solution.step < 2e-3)

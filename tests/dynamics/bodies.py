@@ -11,7 +11,7 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 import twolink as tl
-from twolink.algorithms.joint_models import Joint, read_joint
+from twolink.algorithms.joint_models import JointKinematics, read_joint
 
 Array = np.ndarray
 
@@ -32,7 +32,7 @@ def cross_motion(m: Array) -> Array:
     return np.block([[skew(m[3:]), skew(m[:3])], [np.zeros((3, 3)), skew(m[3:])]])
 
 
-def _subspace(joint: Joint) -> Array:
+def _subspace(joint: JointKinematics) -> Array:
     """S (6, k) of a joint, in its child's frame."""
     zero, axis = np.zeros(3), joint.ratio * np.array(joint.axis)
     if joint.kind in ("revolute", "continuous"):
@@ -42,7 +42,7 @@ def _subspace(joint: Joint) -> Array:
     return np.eye(6)[:, {"planar": [0, 1, 5], "spherical": [3, 4, 5], "free-flyer": list(range(6))}[joint.kind]]
 
 
-def _pose(joint: Joint, q: Array) -> tuple[Array, Array]:
+def _pose(joint: JointKinematics, q: Array) -> tuple[Array, Array]:
     """The rotation and the origin of a joint's child."""
     x, zero = q[list(joint.entries)], np.zeros(3)
     if joint.kind == "planar":

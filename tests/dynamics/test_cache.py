@@ -16,8 +16,6 @@ from twolink.io import cache, fingerprints
 from twolink.io.fingerprints import kernel_key
 from twolink.lagrange.check import arm_urdf
 
-pytest.importorskip("heyoka")
-
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:

@@ -13,8 +13,9 @@ from tests.dynamics.test_recursions import FOLLOWERS, ROBOTS, Case, close, make
 from twolink.algorithms import derivatives, recursions
 from twolink.algorithms.factors import ldlt, ldlt_inverse
 from twolink.algorithms.mechanism import Mechanism, mechanism, nominal, single_bodies
-from twolink.algorithms.namespaces import Expressions
+from twolink.algorithms.tape import Tape
 from twolink.errors import QueryError
+from twolink.native.machine import Program, assembled
 
 STATES = 4
 STEP = 1e-6
@@ -157,14 +158,13 @@ def test_mimic_joints_are_refused() -> None:
 @pytest.mark.parametrize("name", ["arm", "panda"])
 @pytest.mark.parametrize("function", ["inverse_dynamics_derivatives", "forward_dynamics_derivatives"])
 def test_compiled_is_the_same_as_numpy(name: str, function: str) -> None:
-    hy = pytest.importorskip("heyoka")
     case, algorithm = Case(make(name), 32), getattr(derivatives, function)
     mech = mechanism(case.model)
     sizes = {"q": case.model.nq, "v": case.model.nv, "u": case.model.nv}
-    symbols = [[hy.expression(f"{n}{k}") for k in range(size)] for n, size in sizes.items()]
-    traced = algorithm(mech, *symbols, Expressions(hy))
-    outputs = [x + hy.expression(0.0) for matrix in traced for row in matrix for x in row]
-    compiled = hy.cfunc(outputs, vars=[x for group in symbols for x in group])
+    tape = Tape()
+    symbols = [list(tape.variables(size)) for size in sizes.values()]
+    outputs = [x for matrix in algorithm(mech, *symbols, tape) for row in matrix for x in row]
+    compiled = Program(assembled(tape, [x for group in symbols for x in group], outputs))
     answers = compiled(np.concatenate([case.q, case.v, case.a])).reshape(3, mech.nv, mech.nv, -1)
     for mine, expected in zip(answers, algorithm(mech, case.q, case.v, case.a, np), strict=True):
         close(mine, case.dense(expected), 1e-10)

@@ -19,9 +19,9 @@ from tests.dynamics.bodies import Bodies, derivative
 from tests.dynamics.states import states
 from tests.dynamics.test_recursions import FOLLOWERS, ODD_JOINTS, balls, urdf
 from twolink.algorithms.functions import function
-from twolink.dynamics.kernels import heyoka
 from twolink.dynamics.queries import ALGORITHMS, QUERIES
 from twolink.errors import CertificationError, QueryError
+from twolink.native.library import library
 
 Array = np.ndarray
 fx = tl.effects
@@ -38,7 +38,7 @@ BRANCHES = urdf(
 )  # fmt: skip
 MODELS = ("odd", "negative", "followers", "branches", "balls")
 TEXTS = {"odd": ODD_JOINTS, "negative": NEGATIVE, "followers": FOLLOWERS, "branches": BRANCHES}
-ENGINES = ["one state", "batch", *(["compiled"] if heyoka() is not None else [])]
+ENGINES = ["one state", "batch", *(["compiled"] if library() is not None else [])]
 
 
 @functools.cache
@@ -250,7 +250,7 @@ def test_the_regressor_gives_the_equations_of_motion(name: str) -> None:
     check(robot.regressor(case.q, case.v, case.a) @ robot.parameter_values, expected)
 
 
-@pytest.mark.skipif(heyoka() is None, reason="without heyoka nothing is compiled")
+@pytest.mark.skipif(library() is None, reason="without the native library nothing is compiled")
 @pytest.mark.parametrize("name", MODELS)
 def test_certificates_compare_both_engines(name: str) -> None:
     """What Pinocchio answers is held against the reference, too, for every compiled function."""
@@ -268,7 +268,7 @@ def test_certificates_compare_both_engines(name: str) -> None:
         assert max(certificate.worst, certificate.pinocchio) <= certificate.bound
 
 
-@pytest.mark.skipif(heyoka() is None, reason="without heyoka nothing is compiled")
+@pytest.mark.skipif(library() is None, reason="without the native library nothing is compiled")
 def test_a_wrong_answer_of_pinocchio_is_not_certified(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its kinetic energy leaves out the armature of revolute joints with skew axes."""
 

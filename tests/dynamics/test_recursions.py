@@ -18,6 +18,7 @@ from twolink.algorithms.mechanism import Mechanism, mechanism, nominal, paramete
 from twolink.algorithms.spatial import Pose
 from twolink.algorithms.tape import Tape
 from twolink.errors import QueryError
+from twolink.native.machine import Program, assembled
 
 STATES = 8
 ROBOTS = dict.fromkeys(("two_link", "arm", "ur5", "panda", "kinova"), "fixed") | {"anymal": "free", "talos": "free"}
@@ -388,14 +389,14 @@ def test_regrouping_saves_operations() -> None:
 
 @pytest.mark.parametrize("name", ["arm", "panda", "anymal"])
 def test_compiled_is_the_same_as_numpy(name: str) -> None:
-    hy = pytest.importorskip("heyoka")
     case = Case(make(name), 64)
     mech = mechanism(case.model)
     sizes = {"q": case.model.nq, "v": case.model.nv, "u": case.model.nv}
-    symbols = [[hy.expression(f"{n}{k}") for k in range(size)] for n, size in sizes.items()]
     for algorithm in (recursions.rnea, recursions.forward_dynamics_crba):
-        outputs = [x + hy.expression(0.0) for x in algorithm(mech, *symbols, None, hy)]  # type: ignore[call-arg]
-        compiled = hy.cfunc(outputs, vars=[x for group in symbols for x in group])
+        tape = Tape()
+        symbols = [list(tape.variables(size)) for size in sizes.values()]
+        outputs = algorithm(mech, *symbols, None, tape)  # type: ignore[call-arg]
+        compiled = Program(assembled(tape, [x for group in symbols for x in group], outputs))
         ours = case.dense(algorithm(mech, case.q, case.v, case.a, None, np))
         close(compiled(np.concatenate([case.q, case.v, case.a])), ours, 1e-10)
 

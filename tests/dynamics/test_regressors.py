@@ -69,7 +69,6 @@ def test_names_are_one_for_each_column_and_shared_with_run_time_parameters() -> 
     names = robot.parameter_names
     assert len(set(names)) == len(names) == robot.parameter_values.size
     assert dict(zip(names, robot.parameter_values, strict=True))["panda_link1.mass"] == robot.model.inertias[1].mass
-    pytest.importorskip("heyoka")
     robot.compiled([name for name in names if name.endswith((".mass", ".armature", ".damping"))])
 
 

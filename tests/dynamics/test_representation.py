@@ -2,8 +2,6 @@
 
 import inspect
 
-import pytest
-
 import twolink as tl
 
 
@@ -24,7 +22,6 @@ def test_many_joints_are_cut() -> None:
 
 
 def test_compiled_functions_show_which_are_ready() -> None:
-    pytest.importorskip("heyoka")
     compiled = tl.load_robot("two_link").compiled(["forearm.mass"])
     assert repr(compiled) == "<Compiled 'two_link': functions none yet, parameters forearm.mass>"
     compiled.certificate("bias")

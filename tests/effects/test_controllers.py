@@ -6,7 +6,7 @@ import pytest
 import twolink as tl
 from tests.effects.cases import E, assert_refused, robot
 from tests.effects.test_closed_forms import BALL, wheel
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.effect import Loads
 from twolink.errors import SceneError
@@ -31,7 +31,7 @@ def test_torques_stay_within_their_limits(effort: object) -> None:
     assert np.abs(run.q[:, 0] - 3.0 * run.t**2).max() < 1e-8
     assert run.cost.method != "taylor"
     equations = equations_of(scene)
-    motion = Motion(scene.robot.model, equations.mechanism, list(run.q.T), list(run.v.T), run.t, Numbers)
+    motion = KinematicState(scene.robot.model, equations.mechanism, list(run.q.T), list(run.v.T), run.t, Numbers)
     loads = Loads(motion)
     pd.act(motion, loads)
     assert np.array_equal(loads.tau[0], np.full(len(run.t), 3.0))

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import twolink as tl
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.effects.effect import Loads
 from twolink.scenes.parameters import parameters_of
 
@@ -379,11 +379,11 @@ class Valve(fx.Effect, frozen=True):
     joint: str
     c: float
 
-    def states(self, motion: Motion) -> dict[str, float]:
+    def states(self, motion: KinematicState) -> dict[str, float]:
         del motion
         return {"pressure": 0.0}
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         loads.rates["pressure"] = self.c * (1.0 - motion.states["pressure"])
         loads.torque(motion.coordinate(self.joint)[1], motion.states["pressure"])
 

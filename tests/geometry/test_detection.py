@@ -10,7 +10,7 @@ from scripts.studies.geometry import ACCURACY, placed
 from scripts.studies.geometry import PAIRS as PLACED
 from tests.effects.bodies import free_bodies
 from twolink.algorithms.mechanism import mechanism
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.contact_pairs import select_pairs, solids_of
 from twolink.geometry.detection import Detector
@@ -50,7 +50,7 @@ def test_points_of_all_pairs_are_those_of_the_formulas(shapes: tuple[AnyShape, A
     for _ in range(20):
         q = robot.normalize(pin.integrate(robot.model, robot.neutral, random.uniform(-1.5, 1.5, robot.nv)))
         points = found(robot, detector, q)
-        motion = Motion(robot.model, mechanism(robot.model), list(q), [0.0] * robot.nv, 0.0, Numbers)
+        motion = KinematicState(robot.model, mechanism(robot.model), list(q), [0.0] * robot.nv, 0.0, Numbers)
         for k, pair in enumerate(pairs):
             if len(own := np.flatnonzero(points.pair == k)) != 1 or len(gaps := gaps_of(pair)) != 1:
                 continue

@@ -10,7 +10,7 @@ import pytest
 import twolink as tl
 from tests.effects.bodies import free_bodies
 from twolink.algorithms.mechanism import mechanism
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.contact_pairs import select_pairs, solids_of
 from twolink.geometry.features import HullFeatures
@@ -53,8 +53,8 @@ def states(robot: tl.Robot, seed: int):
         yield robot.normalize(q), random.uniform(-1, 1, robot.nv)
 
 
-def motion(robot: tl.Robot, q: np.ndarray, v: np.ndarray) -> Motion:
-    return Motion(robot.model, mechanism(robot.model), list(q), list(v), 0.0, Numbers)
+def motion(robot: tl.Robot, q: np.ndarray, v: np.ndarray) -> KinematicState:
+    return KinematicState(robot.model, mechanism(robot.model), list(q), list(v), 0.0, Numbers)
 
 
 def distance(robot: tl.Robot, shapes: dict, q: np.ndarray, plane: Plane | None) -> float:

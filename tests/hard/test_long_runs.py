@@ -12,7 +12,6 @@ from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solver import solve
 from twolink.integrate.steps.methods import METHODS
 
-pytest.importorskip("heyoka")
 DAY = 86_400.0
 
 

@@ -37,7 +37,6 @@ def test_effects_that_the_scene_lacks_are_off_in_mujoco() -> None:
 
 
 def test_the_reference_is_close_to_every_peer() -> None:
-    pytest.importorskip("heyoka")
     scene, _ = compared_scenes()["arm-swing"]
     task = TASKS["arm-swing"]
     reference, doubt = extended_reference(scene, task.times)

@@ -10,7 +10,7 @@ import twolink as tl
 from tests.command import call
 from tests.exchange.simulators import Log, exact, law_of, stepped
 from tests.exchange.urdf_edits import plain_urdf, text
-from twolink.exchange.trajectory_log import Log as TrajectoryLog
+from twolink.exchange.trajectory_log import TrajectoryLog
 from twolink.hard.referee import best_run, verdict_of
 
 fx = tl.effects

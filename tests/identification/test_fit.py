@@ -12,7 +12,7 @@ from scipy.optimize import least_squares, lsq_linear
 import twolink as tl
 from twolink.errors import QueryError, SceneError, TwolinkError
 from twolink.identification import base_parameters, write_urdf
-from twolink.identification.bounded_least_squares import Bounds, Limits, step_within
+from twolink.identification.bounded_least_squares import Bounds, StepLimits, step_within
 from twolink.identification.consistency import body_of, central, from_central, log_cholesky_chart, pseudo_inertia
 from twolink.scenes.parameters import scene_with
 
@@ -242,7 +242,7 @@ def test_bounded_steps_are_those_of_scipy() -> None:
         matrix, right = rng.standard_normal((12, 4)), rng.standard_normal(12)
         low, high = -rng.uniform(0, 0.3, 4), rng.uniform(0, 0.3, 4)
         bounds = Bounds(np.vstack([np.eye(4), -np.eye(4)]), np.concatenate([low, -high]))
-        limits = Limits(bounds, lambda _: Bounds(np.empty((0, 4)), np.empty(0)))
+        limits = StepLimits(bounds, lambda _: Bounds(np.empty((0, 4)), np.empty(0)))
         ours = step_within(matrix, -right, np.full(4, 1e-9), limits)
         np.testing.assert_allclose(ours, lsq_linear(matrix, right, (low, high), tol=1e-14).x, rtol=0, atol=1e-6)
 

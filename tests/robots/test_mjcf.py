@@ -12,7 +12,7 @@ import pytest
 import twolink as tl
 from scripts.studies.mjcf import accelerations, difference, smooth_mujoco
 from twolink import effects as fx
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.loops import Loop
 from twolink.errors import MissingExtraError, RobotError
@@ -113,7 +113,7 @@ def test_loops_are_as_far_open_as_mujocos(text: str) -> None:
         accelerations(robot, model, data, q, np.zeros(robot.nv), np.zeros(robot.nv))
         theirs = data.efc_pos[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]
         x = np.concatenate([q, np.zeros(robot.nv)])[:, None]
-        motion: Motion = motion_of(smooth, smooth.mechanism, np.zeros(1), x, Numbers)
+        motion: KinematicState = motion_of(smooth, smooth.mechanism, np.zeros(1), x, Numbers)
         ours = np.array([np.broadcast_to(row, 1)[0] for row in loop.rows(motion)], dtype=float)
         assert len(ours) == len(theirs)
         assert np.linalg.norm(ours[:3]) == pytest.approx(np.linalg.norm(theirs[:3]), abs=1e-12)

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 import twolink as tl
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.effect import Loads
 from twolink.integrate.motion.pinocchio_rate import rate as rate_by_pinocchio
@@ -178,7 +178,9 @@ def test_human_arm_loses_the_energy_that_its_damping_dissipates() -> None:
     """E(0) - E(T) is the integral of sum d v^2, by Simpson's rule, which halving its step checks."""
     scene = tl.load_scene("arm-human")
     run = tl.simulate(scene, accuracy=1e-10, samples_per_second=800.0)
-    motion = Motion(scene.robot.model, equations_of(scene).mechanism, list(run.q.T), list(run.v.T), run.t, Numbers)
+    motion = KinematicState(
+        scene.robot.model, equations_of(scene).mechanism, list(run.q.T), list(run.v.T), run.t, Numbers
+    )
     loads = Loads(motion)
     scene.effects[1].act(motion, loads)
     power = -sum(np.asarray(tau) * v for tau, v in zip(loads.tau, run.v.T, strict=True))

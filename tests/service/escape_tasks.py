@@ -170,7 +170,6 @@ def late_import() -> str:
 
 def compute() -> dict[str, float]:
     """What tasks need: threads, a figure, compiled code on several threads, files of its own."""
-    import heyoka as hy
     import numpy as np
 
     import twolink as tl
@@ -180,12 +179,9 @@ def compute() -> dict[str, float]:
     thread.start()
     thread.join()
     save_figure(new_figure(1, size=(3, 2))[0], Path(os.environ["TMPDIR"]) / "own.svg")
-    x, y = hy.make_vars("x", "y")
-    compiled = hy.cfunc([hy.sin(x) * y], [x, y], parallel_mode=True)
-    many = compiled(np.full((2, 100_000), 0.5))
     robot = tl.load_robot("panda")
     batch = robot.forward_dynamics(np.tile(robot.neutral, (5000, 1)), np.zeros((5000, 9)), np.zeros((5000, 9)))
-    return {"compiled": float(many[0, -1]), "batch": float(batch.std(axis=0).max())}
+    return {"batch": float(batch.std(axis=0).max())}
 
 
 _ALL: list[Callable[..., object]] = [

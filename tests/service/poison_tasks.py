@@ -6,12 +6,12 @@ from typing import Any
 
 from twolink.service.work import sweep_tasks, task_table
 from twolink.sweeps import engines
-from twolink.sweeps.runs import Task, compute
+from twolink.sweeps.runs import SweepTask, compute
 
 POISON = 0.5
 
 
-def crash(task: Task) -> Any:
+def crash(task: SweepTask) -> Any:
     if POISON in task.values["q.elbow"]:
         ctypes.string_at(0)
     return compute(task)

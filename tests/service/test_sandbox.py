@@ -15,7 +15,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import msgspec
-import numpy as np
 import pytest
 
 from tests.service import escape_tasks
@@ -144,7 +143,6 @@ def test_the_kernel_says_so_too(results: dict[str, Any]) -> None:
 def test_a_worker_computes_with_threads_and_compiled_code(results: dict[str, Any]) -> None:
     assert results["late_import"] == "found"
     assert not isinstance(results["compute"], TwolinkError), results["compute"]
-    assert results["compute"]["compiled"] == pytest.approx(np.sin(0.5) * 0.5)
     assert results["compute"]["batch"] == pytest.approx(0.0, abs=1e-9)
 
 

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.errors import SceneError
 from twolink.hard.cases.loops import hanging_four_bars
 from twolink.integrate.motion.formulas import effect_loads
@@ -53,6 +53,14 @@ def test_the_book_closes(name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["arm-human", "elastic-joint", "geared-motor", "stick-slip"])
+def test_the_book_closes_whatever_the_samples_are(name: str) -> None:
+    scene = tl.load_scene(name)
+    run = tl.simulate(scene, accuracy=1e-9, t_eval=[0.0, scene.duration])
+    book = tl.energy_book(scene, run)
+    assert np.abs(book.residual).max() < 1e-8 * max(1.0, np.abs([*book.work.values()]).max())
+
+
 def test_damping_alone_takes_what_is_lost() -> None:
     """By SciPy's quadrature of -d w^2 over dense samples."""
     from scipy.integrate import simpson
@@ -112,7 +120,7 @@ def test_loop_forces_explain_the_motion(name: str) -> None:
                 jacobian += sign * (whole[:3] - pin.skew(lever) @ whole[3:])
         applied = applied - jacobian.T @ rows[k, :3]
     equations = equations_of(scene)
-    motion = Motion(model, equations.mechanism, list(run.q[k]), list(run.v[k]), run.t[k], np)
+    motion = KinematicState(model, equations.mechanism, list(run.q[k]), list(run.v[k]), run.t[k], np)
     loads = effect_loads(equations, motion, [], equations.effects)
     np.testing.assert_allclose(applied, [float(x) for x in loads.tau], atol=2e-4 * (1.0 + np.abs(needed).max()))
 

@@ -17,8 +17,6 @@ from twolink.integrate.steps.methods import METHODS
 from twolink.simulation.refinement import Refinement
 from twolink.simulation.verification import Verification
 
-pytest.importorskip("heyoka")
-
 G = 9.75
 PENDULUM = """<robot name="pendulum"><link name="base"/><link name="rod"><inertial><origin xyz="0 0 {com}"/>
 <mass value="1"/><inertia ixx="0.25" iyy="{inertia}" izz="0.25" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -120,9 +118,12 @@ def test_bars_of_many_worlds_hold_near_the_limit() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("height", "duration", "accuracy"), [(1.0, 200.0, 1e-9), (1.3, 100.0, 2e-10)])
+@pytest.mark.parametrize(("height", "duration", "accuracy"), [(1.0, 200.0, 3e-9), (1.3, 100.0, 5e-10)])
 def test_the_bar_of_an_elastic_ball(height: float, duration: float, accuracy: float) -> None:
-    """It bounces without loss: parabolas, which the steps solve exactly, so that rounding is all of the error."""
+    """It bounces without loss: parabolas, which the steps solve exactly, so that rounding is all of the error.
+
+    Two disturbed solutions show it: by other steps their bars are 1e-10 to 4e-10, and 6e-10 to 2.3e-9.
+    """
     robot = tl.load_robot("""<robot name="ball"><link name="world"/><link name="ball"><inertial><mass value="1"/>
         <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="z" type="prismatic">
         <parent link="world"/><child link="ball"/><axis xyz="0 0 1"/>
@@ -231,7 +232,7 @@ def test_truncation_and_rounding_are_shown_apart(method: str) -> None:
     equations, times = equations_of(scene), np.linspace(0.0, 5.0, 42)
     verification = Verification(equations, times, np.arange(42), 0.0)
     reference, _ = extended_reference(scene, times)
-    rough = verification(MethodChoice(METHODS[method], 1e-7, ""))
+    rough = verification(MethodChoice(METHODS[method], 1e-6, ""))
     true = np.abs(rough.solution.x[:2].T - reference).max(axis=1).astype(float)
     assert rough.truncation is not None
     assert rough.rounding is not None
@@ -254,13 +255,14 @@ def test_rounding_of_more_digits_is_apart_from_truncation() -> None:
 
 def test_more_digits_come_by_themselves() -> None:
     scene = tl.load_scene("arm-swing")
-    run = tl.simulate(scene, 1.0, accuracy=1e-20)
-    exact = tl.simulate(scene, 1.0, accuracy=1e-28, precision="quad")
-    assert run.cost is not None
-    assert run.cost.precision == "quad"
-    assert run.error is not None
-    assert run.error[-1] <= 1e-20
-    assert (np.abs(run.precise - exact.precise)[:, :2].max(axis=1).astype(float) <= run.error)[1:].all()
+    exact = tl.simulate(scene, 1.0, accuracy=1e-42, precision="quad")
+    for accuracy, precision in ((1e-20, "extended"), (1e-31, "quad")):
+        run = tl.simulate(scene, 1.0, accuracy=accuracy)
+        assert run.cost is not None
+        assert run.cost.precision == precision
+        assert run.error is not None
+        assert run.error[-1] <= accuracy
+        assert (np.abs(run.precise - exact.precise)[:, :2].max(axis=1).astype(float) <= run.error)[1:].all()
     between = tl.simulate(scene, 3.0, accuracy=3e-15)
     assert between.cost is not None
     assert between.cost.precision == "extended"

@@ -12,7 +12,6 @@ from twolink.algorithms.mechanism import nominal
 from twolink.errors import SceneError
 from twolink.scenes.parameters import scene_with
 
-pytest.importorskip("heyoka")
 ARM = tl.load_robot("two_link")
 DAMPED = (effects.Gravity(), effects.JointDamping(damping={"shoulder": 0.1, "elbow": 0.1}))
 TABLE = effects.Torque({"elbow": effects.Sampled(times=(0.0, 0.7, 2.0), values=(0.0, 1.5, 0.0))})

@@ -16,7 +16,6 @@ from twolink.errors import MissingExtraError, SceneError, TwolinkError
 from twolink.sweeps import open_sweep, store
 from twolink.sweeps.plan import origin
 
-pytest.importorskip("heyoka")
 pytest.importorskip("zarr")
 ARM = tl.load_scene("arm-swing")
 ELBOWS, MASSES = [-0.4, 0.1, 0.5], [1.0, 1.5]

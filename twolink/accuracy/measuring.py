@@ -1,8 +1,8 @@
 """Measuring methods: a row for each setting, from rough to accurate, as long as it pays; the reference that errors are
 measured against, and its own error.
 
-The reference is Taylor's method in numbers of 19 digits, or of 33 where 19 do not suffice, and verified as every run
-is. Numbers of so many digits are kept as the sum of two doubles, q + rest.
+The reference is Taylor's method in numbers of 31 digits, verified as every run is. They are kept as sums of two
+doubles, q + rest.
 """
 
 import importlib
@@ -11,33 +11,31 @@ import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from twolink.accuracy.study_data import MethodFailure, Reference, Row
-from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError, TwolinkError
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array, StateSpace
 from twolink.integrate.solution import Solution
 from twolink.integrate.solver import smallest_tolerance, solve
 from twolink.integrate.solvers.method_choice import MethodChoice, first_setting
-from twolink.integrate.solvers.taylor_code import Precision, taylor_seconds
+from twolink.integrate.solvers.taylor_code import Precision
 from twolink.integrate.steps.methods import METHODS, Method
 from twolink.integrate.steps.step_map import step_map
+from twolink.native.library import library
+from twolink.simulation.refinement import DIGITS
 from twolink.simulation.time_limit import OutOfTime, TimeLimit
 from twolink.simulation.verification import Verification
 
 TOLERANCES = tuple(float(f"1e-{k}") for k in range(2, 17))
-TAYLOR_TOLERANCES = tuple(float(f"1e-{k}") for k in range(2, 17, 2))  # each needs an order of its own, compiled
+TAYLOR_TOLERANCES = tuple(float(f"1e-{k}") for k in range(2, 17, 2))
 STEP_SIZES = 14  # of a method of fixed steps
 MAX_FACTOR = 4.0  # from one step size to the next: a method of order 1 would jump by 10 for a digit
-MAX_COMPILING = 15.0  # s: what takes longer to compile is not compiled unasked
-MAX_SECONDS = 60.0  # for a solution in quadruple precision
-FINEST: dict[Precision, float] = {"double": 2.3e-13, "extended": 1e-18, "quad": 1e-25}
-EPSILON = {"double": 2.2e-16, "extended": 1.1e-19, "quad": 1e-32}  # of quad, what two doubles keep
-DIGITS = {"extended": "19", "quad": "33"}
+NO_LIBRARY = "there is no native library"
+FINEST: dict[Precision, float] = {"double": 2.3e-13, "extended": 1e-24, "quad": 1e-32}
+EPSILON = {"double": 2.2e-16, "extended": 1e-32, "quad": 1e-32}  # of what two doubles keep
 ROUGH = 0.1  # rad or m: the error that the first step size of a method of fixed steps aims at
 ROUNDING_BELOW = 1e-3  # an error above it may stop to fall for other reasons than rounding, such as chaos
 IMPROVED = 0.7  # of the best error so far: a row above it is no improvement
@@ -66,19 +64,12 @@ def step_factor(method: Method) -> float:
     return float(min(MAX_FACTOR, 10.0 ** (1 / method.order)))
 
 
-def why_not_here(equations: Equations, method: Method) -> str | None:
-    """Why a method cannot run here, or would take too long to compile; None when it can."""
+def why_not_here(method: Method) -> str | None:
+    """Why a method cannot run here; None when it can."""
     if method.kind == "scipy":
         importlib.import_module("scipy.integrate")  # takes longer than most runs, and must not count as a run's time
         return None
-    if method.kind != "taylor":
-        return None
-    if heyoka() is None:
-        return "it needs heyoka, which is not installed"
-    seconds = taylor_seconds(equations)
-    if seconds <= MAX_COMPILING:
-        return None
-    return f"its steps would take about {seconds:.0f} s to compile, the limit is {MAX_COMPILING:.0f} s"
+    return NO_LIBRARY if method.kind == "taylor" and library() is None else None
 
 
 @dataclass(frozen=True)
@@ -104,33 +95,17 @@ class ReferenceSolution:
 def first_reference(equations: Equations, times: Array) -> ReferenceSolution:
     """The quickest good reference at the samples `times` (n,). Raises AccuracyError where the motion cannot be solved.
 
-    Without heyoka, or where Taylor's method would take too long to compile, it is SciPy's at its tightest tolerance.
+    Without the native library it is SciPy's at its tightest tolerance.
     """
-    if heyoka() is None:
-        return _by_scipy(equations, times, "heyoka is not installed")
-    seconds = taylor_seconds(equations)
-    if seconds > MAX_COMPILING:
-        return _by_scipy(equations, times, f"Taylor's method would take about {seconds:.0f} s to compile")
-    if np.finfo(np.longdouble).eps < 1e-18:
-        return _by_taylor(equations, times, "extended")
-    return better_reference(equations, times) or _by_scipy(equations, times, "numbers of more digits are not there")
+    if library() is None:
+        return _by_scipy(equations, times, NO_LIBRARY)
+    return by_taylor(equations, times)
 
 
-def better_reference(equations: Equations, times: Array) -> ReferenceSolution | None:
-    """A reference of 33 digits; None where there is none, or where it takes too long."""
-    if not hasattr(heyoka(), "real128"):
-        return None
-    try:
-        return _by_taylor(equations, times, "quad", MAX_SECONDS)
-    except OutOfTime:
-        return None
-
-
-def _by_taylor(
-    equations: Equations, times: Array, precision: Precision, seconds: float | None = None
-) -> ReferenceSolution:
-    how = f"Taylor's method in {precision} precision ({DIGITS[precision]} digits)"
-    return _verified(equations, times, MethodChoice(METHODS["taylor"], FINEST[precision], how, precision), seconds)
+def by_taylor(equations: Equations, times: Array, precision: Precision = "extended") -> ReferenceSolution:
+    """A reference by Taylor's method at the samples `times` (n,)."""
+    how = f"Taylor's method in {precision} precision ({DIGITS[precision]})"
+    return _verified(equations, times, MethodChoice(METHODS["taylor"], FINEST[precision], how, precision))
 
 
 def _by_scipy(equations: Equations, times: Array, why: str) -> ReferenceSolution:
@@ -138,13 +113,10 @@ def _by_scipy(equations: Equations, times: Array, why: str) -> ReferenceSolution
     return _verified(equations, times, MethodChoice(METHODS["scipy-dop853"], FINEST["double"], how))
 
 
-def _verified(
-    equations: Equations, times: Array, choice: MethodChoice, seconds: float | None = None
-) -> ReferenceSolution:
+def _verified(equations: Equations, times: Array, choice: MethodChoice) -> ReferenceSolution:
     """A solution, with its error by the solutions beside it, as that of every run."""
     start, space = time.perf_counter(), equations.space
-    limit = None if seconds is None else TimeLimit(seconds)
-    run = Verification(equations, times, np.arange(len(times)), 0.0, limit)(choice)
+    run = Verification(equations, times, np.arange(len(times)), 0.0)(choice)
     if run.truncation is None or run.rounding is None:  # Ctrl-C has cut it short: half a reference is of no use
         raise KeyboardInterrupt
     if not np.isfinite(run.solution.x).all():
@@ -162,14 +134,11 @@ def _verified(
 
 
 def _parts(solution: Solution, space: StateSpace) -> tuple[Array, Array]:
-    """q (n, nq) as a sum of two doubles: of 32 digits, all that 19 have and all that matter of 33."""
-    digits: Any = solution.precise
-    if digits is None:
+    """q (n, nq) as a sum of two doubles."""
+    if solution.precise is None:
         q = space.rows(solution.x)[0]
         return q, np.zeros_like(q)
-    digits = digits[:, : space.nq]
-    q = digits.astype(float)
-    return q, (digits - q.astype(digits.dtype)).astype(float)
+    return solution.precise[:, : space.nq, 0], solution.precise[:, : space.nq, 1]
 
 
 @dataclass
@@ -185,7 +154,7 @@ class Measurement:
 
 @dataclass
 class StudyRun:
-    """What all rows of a study have in common, the measurements so far, and the failures."""
+    """The data common to all rows of a study, its measurements so far, and its failures."""
 
     equations: Equations
     times: Array
@@ -283,7 +252,7 @@ def measure_method(
     with the number of each row and its setting.
     """
     equations = measurements.equations
-    reason = why_not_here(equations, method)
+    reason = why_not_here(method)
     if reason is not None:
         measurements.fail(method, None, reason)
         return

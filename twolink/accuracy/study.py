@@ -8,7 +8,7 @@ import math
 import os
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +16,8 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.accuracy.measuring import StudyRun, better_reference, count, first_reference, measure_method
-from twolink.accuracy.study_data import BETTER, Row, StudyData, plot_study, study_text, with_front
+from twolink.accuracy.measuring import StudyRun, count, first_reference, measure_method
+from twolink.accuracy.study_data import Row, StudyData, plot_study, study_text, with_front
 from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
 from twolink.integrate.motion.scene_equations import equations_of
@@ -28,7 +28,7 @@ from twolink.io.tables import SUFFIXES, require_format, write_table
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted
 from twolink.simulation.sampling import duration_for, sample_times, with_ends
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,8 +38,8 @@ MAX_SAMPLES = 200_000  # each row keeps its own until the reference is final
 
 
 @dataclass(frozen=True, repr=False)
-class Study(StudyData, Result, Plotted):
-    """What each method's accuracy costs on a scene: rows, the Pareto front, and the price of each further digit."""
+class Study(StudyData, BaseResult, Plotted):
+    """The cost of each method's accuracy on a scene: rows, the Pareto front, and the price of each further digit."""
 
     def to_dict(self) -> dict[str, Any]:
         """The study as plain data, which `save` writes as JSON."""
@@ -174,8 +174,6 @@ def accuracy_study(
     interrupted = False
     try:
         _measure_all(measurements, chosen, aims, report, total)
-        report(total - repeats, total, "a reference of more digits")
-        _improve_reference(measurements)
         for number in range(2, repeats + 1):
             report(total - repeats + number - 1, total, f"all once more, {number} of {repeats}")
             measurements.time_again(number)
@@ -204,20 +202,6 @@ def _measure_all(
 
         measure_method(measurements, method, tolerances, announce)
         done += count(method, tolerances)
-
-
-def _improve_reference(measurements: StudyRun) -> None:
-    """Take a reference of more digits where the best row comes too near to this one's error."""
-    reference = measurements.reference
-    best = min((entry.row.error for entry in measurements.done), default=math.inf)
-    if best >= BETTER * reference.digits_error or reference.precision != "extended":
-        return
-    better = better_reference(measurements.equations, measurements.times)
-    if better is None or better.digits_error > reference.digits_error:
-        return
-    measurements.reference = better
-    for entry in measurements.done:
-        entry.row = replace(entry.row, error=better.error_of(measurements.equations.space, entry.q))
 
 
 def _sorted(measurements: StudyRun) -> list[Row]:

@@ -1,4 +1,4 @@
-"""What an accuracy study measured: rows, failures, the reference and the Pareto front, as data, text and figure."""
+"""Measurements of an accuracy study: rows, failures, the reference and the Pareto front, as data, text and figure."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Price:
 
 @dataclass(frozen=True)
 class Reference:
-    """How the reference was computed, its own error [rad, m], its seconds, and q at its end (nq,)."""
+    """The reference: its method in words, its own error [rad, m], its seconds, and q at its end (nq,)."""
 
     how: str
     error: float
@@ -81,7 +81,7 @@ class Reference:
 
 @dataclass(frozen=True)
 class StudyData:
-    """What each method's accuracy costs on a scene.
+    """The cost of each method's accuracy on a scene.
 
     Parameters
     ----------

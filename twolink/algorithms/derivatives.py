@@ -220,7 +220,7 @@ def _rows(
 def _columns(
     mech: Mechanism, at: Sequence[Pose], motion_of: _MovingBody, body: _Flow, i: int, out: tuple[Matrix, Matrix]
 ) -> None:
-    """What the joints that carry joint i feel of steps along its directions.
+    """The columns of the derivatives by joint i, in the rows of the joints that carry it.
 
     A step of q also turns and shifts the force itself, which rides on the body: s x* f.
     """

@@ -103,7 +103,7 @@ class JetNamespace:
         return Jet(r)
 
     def less(self, a: Any, b: Any) -> Any:
-        """Whether a < b now."""
+        """True if a < b, by the coefficients of order 0."""
         return self.xp.less(coefficient(a, 0), coefficient(b, 0))
 
     def where(self, condition: Any, yes: Any, no: Any) -> Any:
@@ -228,11 +228,11 @@ class DualNamespace:
         return x.inverse(self.xp) if isinstance(x, Dual) else reciprocal(x, self.xp)
 
     def less(self, a: Any, b: Any) -> Any:
-        """Whether a < b, by the values."""
+        """True if a < b, by the values."""
         return self.xp.less(self.value_of(a), self.value_of(b))
 
     def less_equal(self, a: Any, b: Any) -> Any:
-        """Whether a <= b, by the values."""
+        """True if a <= b, by the values."""
         return self.xp.less_equal(self.value_of(a), self.value_of(b))
 
     def where(self, condition: Any, yes: Any, no: Any) -> Any:

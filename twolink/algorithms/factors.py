@@ -52,7 +52,7 @@ def elimination_order(matrix: Matrix) -> list[int]:
 
 
 def is_zero(entry: Scalar) -> bool:
-    """Whether an entry is the constant 0, which leaves no operation."""
+    """True if an entry is the constant 0, which leaves no operation."""
     return constant(entry) and entry == 0.0
 
 

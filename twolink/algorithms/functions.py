@@ -111,7 +111,7 @@ def _entries(
 
 
 def _mean_square_depth(mech: Mechanism) -> float:
-    """How many degrees of freedom carry each one, squared, on the average."""
+    """The number of degrees of freedom that carry each one, squared, on the average."""
     depth: list[int] = []
     for parent in mech.dof_parents():
         depth.append(depth[parent] + 1 if parent >= 0 else 0)

@@ -24,7 +24,7 @@ _SHIFTS: tuple[Spatial, ...] = ((_X, ZERO), (_Y, ZERO), (_Z, ZERO))
 
 
 @dataclass(frozen=True)
-class Joint:
+class JointKinematics:
     """One joint: q[entries] and v[dofs] are its own, or for a mimic joint those of the joint it follows.
 
     axis (3,): of revolute, continuous and prismatic joints, unit, in the joint's frame.
@@ -133,12 +133,12 @@ _KINDS: dict[str, Kind] = {
 }
 
 
-def read_joint(model: pin.Model, index: int) -> Joint:
+def read_joint(model: pin.Model, index: int) -> JointKinematics:
     """Joint `index` of a model. Raises QueryError for other kinds."""
     joint = model.joints[index]
     name, q, v = joint.shortname(), joint.idx_q, joint.idx_v
     if name in _KINDS:
-        return Joint(_KINDS[name], ZERO, tuple(range(q, q + joint.nq)), tuple(range(v, v + joint.nv)))
+        return JointKinematics(_KINDS[name], ZERO, tuple(range(q, q + joint.nq)), tuple(range(v, v + joint.nv)))
     if "Mimic" in name:
         return _read_mimic(model, joint.extract(), _subspace(model, index), index)
     kinds: dict[str, Kind] = {"RUB": "continuous", "RevoluteUnb": "continuous", "P": "prismatic", "R": "revolute"}
@@ -146,7 +146,7 @@ def read_joint(model: pin.Model, index: int) -> Joint:
     if kind is None or joint.nv != 1:
         raise _unknown(model, index, name)
     subspace = _subspace(model, index)
-    return Joint(kind, _axis(subspace, kind), tuple(range(q, q + joint.nq)), (v,))
+    return JointKinematics(kind, _axis(subspace, kind), tuple(range(q, q + joint.nq)), (v,))
 
 
 def _subspace(model: pin.Model, index: int) -> np.ndarray:
@@ -156,7 +156,7 @@ def _subspace(model: pin.Model, index: int) -> np.ndarray:
     return np.asarray(data.S).reshape(-1)
 
 
-def _read_mimic(model: pin.Model, joint: Any, subspace: np.ndarray, index: int) -> Joint:
+def _read_mimic(model: pin.Model, joint: Any, subspace: np.ndarray, index: int) -> JointKinematics:
     if joint.scaling == 0.0 or not subspace.any():
         raise _unknown(model, index, "a mimic joint with multiplier 0")
     kind: Kind = "prismatic" if subspace[:3].any() else "revolute"
@@ -164,7 +164,9 @@ def _read_mimic(model: pin.Model, joint: Any, subspace: np.ndarray, index: int) 
     entries = 2 if followed.nq == 2 else 1
     axis = _axis(subspace / joint.scaling, kind)
     q, v = joint.idx_q, joint.idx_v
-    return Joint(kind, axis, tuple(range(q, q + entries)), (v,), True, float(joint.scaling), float(joint.offset))
+    return JointKinematics(
+        kind, axis, tuple(range(q, q + entries)), (v,), True, float(joint.scaling), float(joint.offset)
+    )
 
 
 def _axis(subspace: np.ndarray, kind: Kind) -> Vec:
@@ -179,7 +181,7 @@ def _unknown(model: pin.Model, index: int, what: str) -> QueryError:
     )
 
 
-def velocity_product(joint: Joint, turned: Vec, motion: Spatial) -> Spatial:
+def velocity_product(joint: JointKinematics, turned: Vec, motion: Spatial) -> Spatial:
     """The accelerations that velocities alone give a child: ((2 w_p + w) x v, w_p x w), in its frame.
 
     turned is the parent's angular velocity w_p there, motion = (v, w) the joint's own. The first part is Coriolis'

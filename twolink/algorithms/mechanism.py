@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms import spatial as sp
-from twolink.algorithms.joint_models import Joint, read_joint
+from twolink.algorithms.joint_models import JointKinematics, read_joint
 from twolink.algorithms.spatial import ZERO, Inertia, Pose, Scalar, Vec
 from twolink.errors import QueryError, require_known
 
@@ -27,7 +27,7 @@ class Mechanism:
     nq: int
     nv: int
     parents: tuple[int, ...]
-    joints: tuple[Joint, ...]
+    joints: tuple[JointKinematics, ...]
     placements: tuple[Pose, ...]
     inertias: tuple[Inertia, ...]
     armature: tuple[Scalar, ...]
@@ -41,7 +41,7 @@ class Mechanism:
 
     @property
     def has_mimic(self) -> bool:
-        """Whether some joints follow others."""
+        """True if some joints follow others."""
         return any(joint.mimic for joint in self.joints)
 
     def support(self, body: int) -> list[int]:
@@ -72,7 +72,7 @@ BODY_PARAMETERS = (
     "mass", "first_moment.x", "first_moment.y", "first_moment.z", "origin_inertia.xx", "origin_inertia.xy",
     "origin_inertia.yy", "origin_inertia.xz", "origin_inertia.yz", "origin_inertia.zz",
 )  # fmt: skip
-_WORLD = Joint("revolute", ZERO, (), ())
+_WORLD = JointKinematics("revolute", ZERO, (), ())
 _COORDINATES = ("x", "y", "z")
 _MOMENTS = tuple(_COORDINATES[i] + _COORDINATES[j] for i, j in sp.ENTRIES)
 
@@ -81,7 +81,7 @@ def mechanism(model: pin.Model, parameters: Mapping[str, Scalar] | None = None) 
     """The model's constants with regrouped inertias: the same motion and energies with fewer operations.
 
     Each body passes on to its parent the part of its inertia that does not feel the joint between them
-    (`Joint.passed_on`). The inertias are then no longer those of the single bodies.
+    (`JointKinematics.passed_on`). The inertias are then no longer those of the single bodies.
 
     parameters: constants to replace by scalars, arrays or symbols, by name (`parameter_names`). Raises QueryError for
     an unknown name.
@@ -244,7 +244,7 @@ def _per_dof(model: pin.Model, what: str, values: Mapping[str, Scalar], default:
 
 
 def _regrouped(mech: Mechanism) -> Mechanism:
-    """The same mechanism with its inertias passed on towards the root, as far as they do not feel the joints."""
+    """The mechanism with its inertias passed on towards the root, as far as they do not feel the joints."""
     inertias = list(mech.inertias)
     for i in reversed(mech.bodies):
         placement, parent = mech.placements[i], mech.parents[i]

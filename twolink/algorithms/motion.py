@@ -31,8 +31,8 @@ from twolink.algorithms.spatial import (
 GROUND = "universe"  # the world, whose points are given in its coordinates; Pinocchio's name for it
 
 
-class Motion:
-    """A robot in motion: q (nq), v (nv) and the time t, as numbers, arrays of a batch, or expressions.
+class KinematicState:
+    """A kinematic state of a robot: q (nq), v (nv) and the time t, as numbers, arrays of a batch, or expressions.
 
     mech: the robot's constants. xp: the namespace of sin, cos, sqrt, exp, tanh, where, less. states: those of effects,
     by name. links: the motion of the robot itself, where this is one of its motors (`driven_by`). What is asked for is
@@ -65,15 +65,15 @@ class Motion:
         supports = [[*self.mech.support(self.frame(frame)[0]), 0] for frame in frames]
         return next(i for i in supports[0] if all(i in support for support in supports))
 
-    def seen_from(self, body: int) -> Motion:
-        """The same motion as that body and what it carries see it, which its own joints do not change."""
+    def seen_from(self, body: int) -> KinematicState:
+        """The motion relative to a body, for it and what it carries; the joints that carry it do not change that."""
         if body == 0:
             return self
-        seen = Motion(self.model, self.mech, self.q, self.v, self.t, self.xp)
+        seen = KinematicState(self.model, self.mech, self.q, self.v, self.t, self.xp)
         seen._own, seen._world, seen._velocity = self.own(), {body: AT_PARENT}, {body: STILL}
         return seen
 
-    def driven_by(self, motors: Mapping[str, tuple[Scalar, Scalar]]) -> Motion:
+    def driven_by(self, motors: Mapping[str, tuple[Scalar, Scalar]]) -> KinematicState:
         """The motion of motors in the place of joints of one coordinate: by joint the motor's angle and its speed."""
         seen = copy.copy(self)
         seen.q, seen.v, seen._own, seen._world, seen._velocity = (
@@ -104,7 +104,7 @@ class Motion:
         return self._velocity[i]
 
     def position(self, frame: str, point: Vec = ZERO) -> Vec:
-        """Where a point of the frame is in the world, m."""
+        """Position of a point of the frame in the world, m."""
         i, place = self.frame(frame)
         return placed(self.body(i), placed(place, point))
 

@@ -1,7 +1,7 @@
 """The recursions of rigid-body dynamics, M(q) a + h(q, v) = tau + J^T f_ext, over plain arithmetic.
 
 Featherstone 2008, chapters 5 to 7. q, v, a, tau are sequences of
-scalars: floats, NumPy arrays of a batch, or expressions; xp is the namespace of sin, cos (numpy or heyoka).
+scalars: floats, NumPy arrays of a batch, or expressions; xp is the namespace of sin, cos (numpy or a tape).
 Answers are lists of scalars. Everything is written in the bodies' own frames. f_ext gives, for a body's number, the
 wrench (force, moment) on it at its joint's origin, in its joint's frame; bodies that are not named cost no operation.
 

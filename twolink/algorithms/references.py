@@ -1,4 +1,4 @@
-"""What the answers to queries have to be at one state, each with the scale of its rounding errors.
+"""Reference values of the answers to queries at one state, each with the scale of its rounding errors.
 
 M, h, g and the energies are sums over the bodies, from where Pinocchio's forward kinematics puts them (Kane's form of
 the Newton-Euler equations). None of Pinocchio's algorithms that answer these queries has a part in them, so that both
@@ -18,7 +18,7 @@ import pinocchio as pin
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
 
-class State:
+class ModelState:
     """One state of a model: the arguments by name, and what several references need, computed when first used.
 
     damped: the joints whose damping is a parameter; the others have no damping.
@@ -112,46 +112,46 @@ class State:
 
 
 Scale = float | Array  # for all entries, or one for each
-Reference = Callable[[State], tuple[Array, Scale]]
+Reference = Callable[[ModelState], tuple[Array, Scale]]
 
 
-def mass_matrix(x: State) -> tuple[Array, float]:
+def mass_matrix(x: ModelState) -> tuple[Array, float]:
     return x.mass_matrix, float(np.abs(x.mass_matrix).max())
 
 
-def gravity_torque(x: State) -> tuple[Array, float]:
+def gravity_torque(x: ModelState) -> tuple[Array, float]:
     return x.gravity_torque, float(x.bias_terms.max())
 
 
-def bias(x: State) -> tuple[Array, float]:
+def bias(x: ModelState) -> tuple[Array, float]:
     return x.bias, float(x.bias_terms.max())
 
 
-def energy(x: State) -> tuple[Array, float]:
+def energy(x: ModelState) -> tuple[Array, float]:
     both = np.array([x.v @ x.mass_matrix @ x.v / 2, x.potential])
     return both, float(np.abs(both).max()) + x.weight
 
 
-def inverse_dynamics(x: State) -> tuple[Array, float]:
+def inverse_dynamics(x: ModelState) -> tuple[Array, float]:
     tau = x.mass_matrix @ x.arguments["a"] + x.bias - x.wrenches
     return np.asarray(tau), float(_inverse_terms(x).max())
 
 
-def _inverse_terms(x: State) -> Array:
+def _inverse_terms(x: ModelState) -> Array:
     return np.asarray(x.bias_terms + np.abs(x.wrenches) + np.abs(x.mass_matrix) @ np.abs(x.arguments["a"]))
 
 
-def inverse_derivatives(x: State) -> tuple[Array, float]:
+def inverse_derivatives(x: ModelState) -> tuple[Array, float]:
     expected = x.torque_derivatives(x.arguments["a"])
     return expected, float(np.abs(expected).max() + _inverse_terms(x).max())
 
 
-def forward_dynamics(x: State) -> tuple[Array, float]:
+def forward_dynamics(x: ModelState) -> tuple[Array, float]:
     _, a, scale = _solved(x)
     return a, scale
 
 
-def _solved(x: State) -> tuple[Array, Array, float]:
+def _solved(x: ModelState) -> tuple[Array, Array, float]:
     """M^-1, the acceleration by it, and the scale of that."""
     inverse = np.asarray(np.linalg.inv(x.mass_matrix), dtype=np.float64)
     tau = x.arguments["tau"]
@@ -160,7 +160,7 @@ def _solved(x: State) -> tuple[Array, Array, float]:
     return inverse, a, float((np.abs(inverse) @ terms).max())
 
 
-def forward_derivatives(x: State) -> tuple[Array, float]:
+def forward_derivatives(x: ModelState) -> tuple[Array, float]:
     inverse, a, scale = _solved(x)
     by_q, by_v, _ = x.torque_derivatives(a)
     expected = np.stack([-inverse @ by_q, -inverse @ by_v, inverse])
@@ -168,22 +168,22 @@ def forward_derivatives(x: State) -> tuple[Array, float]:
     return expected, float((np.abs(inverse) @ terms).max() + np.abs(expected).max()) + scale
 
 
-def frame_pose(frame: int, x: State) -> tuple[Array, Scale]:
+def frame_pose(frame: int, x: ModelState) -> tuple[Array, Scale]:
     pose = _placed(x, frame)
     scale = np.repeat([1.0, _distance(x, pose)], [9, 3])
     return np.concatenate([pose.rotation.ravel(), pose.translation]), scale
 
 
-def frame_jacobian(axes: pin.ReferenceFrame, frame: int, x: State) -> tuple[Array, float]:
+def frame_jacobian(axes: pin.ReferenceFrame, frame: int, x: ModelState) -> tuple[Array, float]:
     jacobian = pin.computeFrameJacobian(x.model, x.model.createData(), x.q, frame, axes)
     return np.asarray(jacobian), 1.0 + _distance(x, _placed(x, frame))
 
 
-def _placed(x: State, frame: int) -> pin.SE3:
+def _placed(x: ModelState, frame: int) -> pin.SE3:
     data = x.model.createData()
     pin.framesForwardKinematics(x.model, data, x.q)
     return pin.SE3(data.oMf[frame])
 
 
-def _distance(x: State, pose: pin.SE3) -> float:
+def _distance(x: ModelState, pose: pin.SE3) -> float:
     return x.reach + float(np.abs(pose.translation).max()) + 1e-3

@@ -38,7 +38,7 @@ ENTRIES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # of a Sym
 
 
 def constant(x: Scalar) -> bool:
-    """Whether x is a constant to fold. A np.float64 is not: it may be one state's value."""
+    """True if x is a constant to fold. A np.float64 is not: it may be one state's value."""
     return type(x) is float
 
 
@@ -76,7 +76,7 @@ def minus(a: Scalar, b: Scalar) -> Scalar:
 
 
 def reciprocal(a: Scalar, xp: Any) -> Scalar:
-    """1 / a. A namespace may have its own: heyoka turns x * (1 / a) back into x / a, at ten times a product's cost."""
+    """1 / a. A namespace may have its own, such as that of numbers with derivatives."""
     return xp.reciprocal(a) if hasattr(xp, "reciprocal") and not constant(a) else 1.0 / a
 
 
@@ -235,7 +235,7 @@ def _entries(m: Mat) -> int:
 
 
 def single_turn(pose: Pose) -> Pose:
-    """The same pose with its turns multiplied into one."""
+    """The pose with its turns multiplied into one."""
     turn = pose.turns[0]
     for other in pose.turns[1:]:
         turn = product(turn, other)

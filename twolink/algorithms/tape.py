@@ -94,7 +94,7 @@ class Tape:
 
     @staticmethod
     def both(a: Any, b: Any) -> Any:
-        """Whether both hold: 1 or 0."""
+        """The conjunction of two conditions: 1 or 0."""
         return a * b
 
     def power(self, x: Any, exponent: float) -> Symbol:
@@ -156,7 +156,7 @@ class Tape:
         return self.symbol(self, len(self.operations) - 1)
 
     def count(self, outputs: Sequence[Any]) -> dict[str, int]:
-        """How often each operation is needed for the outputs, by its sign or name."""
+        """Counts of the operations that the outputs need, by sign or name."""
         counts = Counter(self.operations[key][0] for key in self.needed(outputs))
         return {what: n for what, n in counts.items() if what != "neg"}
 

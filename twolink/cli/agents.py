@@ -106,7 +106,7 @@ class Tools:
         return Answer(f"{what}: {', '.join(found)}", {"results": as_data(found), "units": units})
 
     def explain(self, scene: str, duration: float | None = None, accuracy: float = 1e-6) -> Answer:
-        """What a scene computes, what each effect costs, and how it would be solved; nothing is simulated."""
+        """Explain what a scene computes, what each effect costs, and how it would be solved; nothing is simulated."""
         explained = explain(self._scene(scene), duration, accuracy=accuracy)
         return Answer(str(explained), as_data(explained))
 
@@ -132,7 +132,7 @@ class Tools:
         return Answer(repr(run), data, error, run.bound, [str(path) for path in targets])
 
     def accuracy_study(self, scene: str, context: Context, duration: float | None = None) -> Answer:
-        """What each digit costs: the error and the time of the methods at several tolerances."""
+        """Measure the cost of each digit: the error and the time of the methods at several tolerances."""
         study = accuracy_study(self._scene(scene), duration, budget=0.2, repeats=3, progress=_progress(context))
         return Answer(str(study), study.to_dict())
 
@@ -144,7 +144,7 @@ class Tools:
     def judge(
         self, scene: str, log: str, tolerance: float = 1e-6, start: Literal["scene", "log"] | None = None
     ) -> Answer:
-        """How far a simulator's log is from the solution of a scene, since when, and why: right, wrong or not known.
+        """Judge a simulator's log by the solution of a scene: right, wrong or not known; how far off, since when, why.
 
         log: a file (.csv .npz .parquet: t, q.JOINT, v.JOINT; .mcap .db3: joint states). start: where the solution
         starts, by default at the scene's state, and of a robot at the log's first sample.
@@ -157,7 +157,7 @@ class Tools:
         return Answer(str(verdict), data, float(verdict.bar.max()), "verified")
 
     def compare_models(self, a: str, b: str, root: Root = "fixed") -> Answer:
-        """Whether two robots are the same mechanism; each difference with its place and cause."""
+        """Compare two robots: the same mechanism or not, and each difference with its place and cause."""
         found = compare_models(self._robot(a, root), self._robot(b, root))
         return Answer(str(found), found.to_dict())
 
@@ -224,7 +224,7 @@ def _cut(value: Any) -> Any:
 
 
 def _progress(context: Context) -> Report:
-    """What tells the client how far a call is, at most five times a second."""
+    """The callback that tells the client the progress of a call, at most five times a second."""
     token, told = anyio.from_thread.run_sync(anyio.lowlevel.current_token), [0.0]
 
     def report(done: float, total: float, label: str = "") -> None:

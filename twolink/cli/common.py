@@ -1,4 +1,4 @@
-"""What commands share: their options and the robot that these describe, what they print and write, and their failures
+"""The common parts of commands: their options and the robot that these describe, their output, and their failures
 with exit codes: 1 failed, 2 misused, 130 interrupted.
 """
 

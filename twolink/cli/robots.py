@@ -92,7 +92,7 @@ def _entries(start: int, stop: int) -> str:
 
 
 def _engines(robot: Robot) -> str:
-    """How batches of queries are answered on this machine."""
+    """The engines that answer batches of queries on this machine, in words."""
     from twolink.native.library import library
 
     if library() is None:

@@ -137,7 +137,7 @@ def run(
     method: Method = "auto",
     tolerance: Annotated[float | None, Option(help="Tolerance of an adaptive method, in place of --accuracy.")] = None,
     step: Annotated[float | None, Option(help="Step of a fixed-step method, s, in place of --accuracy.")] = None,
-    precision: Annotated[str, Option(help="double (16 digits), extended (19) or quad (33); auto: as needed.")] = "auto",
+    precision: Annotated[str, Option(help="double (16 digits), extended (31) or quad (47); auto: as needed.")] = "auto",
     patience: Annotated[float | None, Option(help="Seconds that solving may take, 600 unless given.")] = None,
     contact: ContactWay = None,
     ground: Annotated[bool, Option("--ground", help="Of a robot: its links touch each other and the ground.")] = False,
@@ -160,7 +160,7 @@ def run(
     twolink run anymal --ground                          on its feet, or not: --root free leaves the ground out
     twolink run arm-swing --accuracy 1e-9
     twolink run arm-swing --method rk4 --step 0.01      the error bar says how wrong that is
-    twolink run arm-swing --accuracy 1e-25               33 digits, as 16 do not reach it
+    twolink run arm-swing --accuracy 1e-25               31 digits, as 16 do not reach it
     """
     from twolink.simulation.scene_run import simulate
 
@@ -230,7 +230,7 @@ def accuracy(
 ) -> None:
     """Measure what accuracy costs on a scene.
 
-    Each method is run at several settings. Errors are measured against a reference of 19 or 33 digits, whose own error
+    Each method is run at several settings. Errors are measured against a reference of 31 digits, whose own error
     is printed. Ctrl-C keeps what is done. A complete study of all methods is stored; `twolink run` then chooses its
     method by it. --out writes a figure (.png .svg .pdf), the study (.json) or its rows (.csv .parquet .npz).
 

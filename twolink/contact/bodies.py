@@ -72,7 +72,7 @@ class Multibody:
         return out
 
     def places(self, q: Array, v: Array) -> tuple[Places, Array]:
-        """Where the joints are, and of each its linear and angular speed (joints, 2), m/s and rad/s."""
+        """Poses of the joints, and of each its linear and angular speed (joints, 2), m/s and rad/s."""
         pin.forwardKinematics(self.model, self.data, q, v)
         at, moving = self.data.oMi, self.data.v
         speeds = np.linalg.norm(np.array([x.vector for x in moving]).reshape(-1, 2, 3), axis=2)
@@ -137,7 +137,7 @@ class Multibody:
         return self._forces(np.concatenate([[t], q, v, numbers]))
 
     def by_pinocchio(self, t: float, q: Array, v: Array, numbers: Array) -> Array:
-        """The same with Pinocchio's h, for a comparison."""
+        """tau - h (nv,) with Pinocchio's h, for a comparison."""
         equations = self.equations
         tau, wrenches = loads_of(equations, t, q, v, numbers)
         forces = pin.StdVec_Force()
@@ -233,7 +233,7 @@ class FreeBodies(Multibody):
         return out
 
     def places(self, q: Array, v: Array) -> tuple[Places, Array]:
-        """Where the bodies are, and their speeds."""
+        """Poses of the bodies, and their speeds."""
         rotations = np.concatenate([np.eye(3)[None], rotations_of(q[self.q + np.arange(3, 7)])])
         self.places_now = Places(rotations, np.concatenate([np.zeros((1, 3)), q[self.q + LIN]]))
         speeds = np.linalg.norm(v[self.v + np.arange(6)].reshape(-1, 2, 3), axis=2)

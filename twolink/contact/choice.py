@@ -1,4 +1,4 @@
-"""How contacts are computed: located one by one, or stepped through.
+"""The choice of the contact method: located one by one, or stepped through.
 
 Located contacts are verified, and their cost grows with every event. Stepping goes through any number of contacts, and
 its error can only be estimated.
@@ -24,7 +24,7 @@ class Choice(NamedTuple):
 
 
 def choose_contact_method(scene: Scene, asked: str | None = None) -> Choice:
-    """How the contacts of a scene are computed. asked: "located" or "stepped" forces it. Raises SceneError."""
+    """The choice of a scene's contact method. asked: "located" or "stepped" forces it. Raises SceneError."""
     effects = [effect for effect in scene.effects if effect.touches]
     if asked is not None:
         require_known(asked, METHODS, SceneError, argument="contact")

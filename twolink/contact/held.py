@@ -21,7 +21,7 @@ from twolink.contact.bodies import Multibody
 from twolink.contact.held_step import held_step
 from twolink.contact.impulses import EXACT, Impulses
 from twolink.contact.joints import JointPoints, Laws
-from twolink.contact.steps import STILL, Memory, Plan, Step, along
+from twolink.contact.steps import STILL, Memory, Step, StepPlan, along
 from twolink.geometry.detection import Detector, OnPlanes
 from twolink.geometry.gaps import PlaneGap, axes_of
 from twolink.integrate.motion.equations import Equations
@@ -34,7 +34,7 @@ SLIDERS = 4  # points that may slide, up to which they are: compiling takes as t
 MOST = 64  # steps that are looked at together
 
 
-class Held(NamedTuple):
+class HeldContacts(NamedTuple):
     """Points that press: the function of their steps, their keys and friction (k,), static where they stick, and
     their axes (k, 3, 3), the normal last. faces (k,): whether others of the pair press. slides: whether they may."""
 
@@ -55,7 +55,7 @@ class HeldRun:
     """
 
     def __init__(
-        self, held: Held, h: Array, rows: Array, nq: int, nv: int, joints: JointPoints, before: Memory
+        self, held: HeldContacts, h: Array, rows: Array, nq: int, nv: int, joints: JointPoints, before: Memory
     ) -> None:
         self.held, self.h, k, self.unfollowed = held, h, len(held.keys), before.unfollowed
         cuts = list(itertools.accumulate((nv, 2 * nv, nq, 3 * k, 3 * k, 3 * k, 3 * k)))
@@ -86,7 +86,7 @@ class HeldRun:
 
     @property
     def impulses(self) -> Impulses:
-        """How far the impulses of all steps miss the laws."""
+        """Impulses of all steps, with their misses of the laws."""
         p, u = self.p[: self.length], self.u[: self.length]
         largest = float(np.abs(self.miss[: self.length]).max())
         slip = self.held.mu * p[:, :, 2] * np.hypot(u[:, :, 0], u[:, :, 1]) + (p[:, :, :2] * u[:, :, :2]).sum(axis=2)
@@ -104,9 +104,9 @@ class HeldSteps:
         group = detector.groups[0] if len(detector.groups) == 1 else None
         simple = type(bodies) is Multibody
         self.group = group if type(group) is OnPlanes and len(group.key) <= FEW and simple else None
-        self._known: dict[tuple[bytes, bool], Held] = {}
+        self._known: dict[tuple[bytes, bool], HeldContacts] = {}
 
-    def of(self, memory: Memory) -> Held | None:
+    def of(self, memory: Memory) -> HeldContacts | None:
         """The steps in which the points that pressed do so again; None where they are not compiled."""
         group, keys, slides = self.group, memory.keys, not memory.stuck.all()
         presses = memory.forces[:, 2] > 0.0
@@ -131,11 +131,11 @@ class HeldSteps:
             name = self.equations.key("held", digest[:32])  # of a file
             function = _program(name, self.equations, group.gaps, chosen, faces, sliding)
             normals = np.array([group.gaps[i].normal for i in chosen.tolist()])
-            self._known[known] = Held(function, keys, mu, axes_of(normals), faces, slides)
+            self._known[known] = HeldContacts(function, keys, mu, axes_of(normals), faces, slides)
         held = self._known[known]
         return held if memory.still[held.faces].all() else None
 
-    def run(self, held: Held, plan: Plan, steps: slice, q: Array, w: Array, memory: Memory) -> HeldRun:
+    def run(self, held: HeldContacts, plan: StepPlan, steps: slice, q: Array, w: Array, memory: Memory) -> HeldRun:
         """The steps of a plan from a state on."""
         h = plan.h[steps]
         moves = np.stack([~memory.stuck, ~memory.stuck, ~memory.still], axis=1)  # in place of U

@@ -15,7 +15,7 @@ import numpy as np
 
 from twolink.algorithms.factors import factored, ldlt, ldlt_apply, ldlt_inward, ldlt_outward, solved
 from twolink.algorithms.mechanism import Mechanism
-from twolink.algorithms.motion import Motion, placed
+from twolink.algorithms.motion import KinematicState, placed
 from twolink.algorithms.recursions import composite_bodies, frame_jacobian, poses
 from twolink.algorithms.spatial import (
     IDENTITY,
@@ -48,7 +48,7 @@ def held_step(
 ) -> list[Scalar]:  # fmt: skip
     """The entries of a row of `HeldRun`.
 
-    faces: as of `Held`. mu: the friction of points that may slide; empty for points that stick. x: w, w' of the
+    faces: as of `HeldContacts`. mu: the friction of points that may slide; empty for points that stick. x: w, w' of the
     two steps before, q, P and U of the step before, the middle in time, the length, numbers.
     """
     nq, nv, k = mech.nq, mech.nv, 3 * len(chosen)
@@ -59,7 +59,7 @@ def held_step(
     q = moved(mech, rest[:nq], [half * a for a in w], xp)
     start, free, lower, inverse, parents = _free(equations, mech, (t, h, numbers), q, w, change, xp)
     held = chosen.tolist()
-    middle = Motion(equations.robot.model, mech, q, [], t, xp)
+    middle = KinematicState(equations.robot.model, mech, q, [], t, xp)
     own, heights, places = _rows_of(middle, [gaps[i] for i in held])
     inward = [ldlt_inward(lower, parents, row) for row in own]
     g = _delassus(inward, inverse)
@@ -89,7 +89,7 @@ def held_step(
     passed = [xp.where(known, a, b) for a, b in zip(last, mean, strict=True)]
     others, at_end = (
         [i for i in range(len(gaps)) if i not in held],
-        Motion(equations.robot.model, mech, q_end, [], t, xp),
+        KinematicState(equations.robot.model, mech, q_end, [], t, xp),
     )
     at_ends = list(u)
     at_ends[2::3] = along
@@ -155,7 +155,7 @@ def _without_slips(
     return rows, [times(x, y) for x, y in zip(sticks, off, strict=True)]
 
 
-def _rows_of(motion: Motion, gaps: Sequence[PlaneGap]) -> tuple[Matrix, list[Any], list[Vec]]:
+def _rows_of(motion: KinematicState, gaps: Sequence[PlaneGap]) -> tuple[Matrix, list[Any], list[Vec]]:
     """Of points the rows of their velocities (3k, nv), their gaps, and their places."""
     rows, open_, places, xp = [], [], [], motion.xp
     for gap in gaps:

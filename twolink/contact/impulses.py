@@ -61,11 +61,11 @@ class Impulses:
 
     @property
     def solved(self) -> bool:
-        """Whether the laws hold."""
+        """True if the laws hold."""
         return self.residual <= EXACT
 
 
-class Problem:
+class ContactProblem:
     """A contact problem. g_matrix: G (3n, 3n), full or sparse. b (n, 3): with c in the normal. mu (n,)."""
 
     def __init__(self, g_matrix: Any, b: Array, mu: Array) -> None:
@@ -111,13 +111,13 @@ class Problem:
         count, of = connected_components(sparse.coo_array((np.ones(len(places[0])), places), shape=(n, n)))
         return [np.flatnonzero(of == k) for k in range(count)]
 
-    def part(self, island: Array) -> Problem:
+    def part(self, island: Array) -> ContactProblem:
         """The problem of an island alone."""
         if len(island) == len(self.b):
             return self
         rows = (3 * island[:, None] + np.arange(3)).ravel()
         matrix = self.matrix.tocsr() if sparse.issparse(self.matrix) else self.matrix
-        return Problem(matrix[rows][:, rows], self.b[island], self.mu[island])
+        return ContactProblem(matrix[rows][:, rows], self.b[island], self.mu[island])
 
     def answer(self, p: Array, solver: str) -> Impulses:
         """The impulses with the residuals of the contact laws."""
@@ -129,7 +129,7 @@ class Problem:
         return Impulses(p, u, feasibility, missed, self.residual(f), solver)
 
 
-def solve_impulses(problem: Problem, guess: Array) -> Impulses:
+def solve_impulses(problem: ContactProblem, guess: Array) -> Impulses:
     """The impulses of a problem from a guess (n, 3); the best found where the laws are not reached."""
     p = newton(problem, accelerated(problem, guess, LEADING if len(guess) > FEW else 0))
     best = problem.answer(p, "newton")
@@ -144,7 +144,7 @@ def solve_impulses(problem: Problem, guess: Array) -> Impulses:
     return problem.answer(p, solver)
 
 
-def _led(problem: Problem, p: Array) -> Impulses:
+def _led(problem: ContactProblem, p: Array) -> Impulses:
     """The impulses by other methods, where Newton's goes in circles from a guess."""
     best = problem.answer(proximal(problem, accelerated(problem, p, LEADING)), "proximal")
     if not best.solved:
@@ -152,7 +152,7 @@ def _led(problem: Problem, p: Array) -> Impulses:
     return best
 
 
-def newton(problem: Problem, guess: Array) -> Array:
+def newton(problem: ContactProblem, guess: Array) -> Array:
     """The best iterate of Newton's method on F."""
     p, best = guess, (np.inf, guess)
     for _ in range(NEWTON + 1):
@@ -169,7 +169,7 @@ def newton(problem: Problem, guess: Array) -> Array:
     return best[1]
 
 
-def proximal(problem: Problem, guess: Array) -> Array:
+def proximal(problem: ContactProblem, guess: Array) -> Array:
     """The best of proximal points, whose e falls while Newton's method finds them."""
     p, best, damping = guess, (np.inf, guess), FIRST
     for _ in range(POINTS):
@@ -185,7 +185,7 @@ def proximal(problem: Problem, guess: Array) -> Array:
     return best[1]
 
 
-def _proximal_point(problem: Problem, anchor: Array, damping: float, small: float) -> Array | None:
+def _proximal_point(problem: ContactProblem, anchor: Array, damping: float, small: float) -> Array | None:
     """The solution of the laws with U + e g (P - anchor) in place of U; None where Newton's method does not find it.
 
     small: what it may miss. What obeys the laws as they are is taken at once.
@@ -202,7 +202,7 @@ def _proximal_point(problem: Problem, anchor: Array, damping: float, small: floa
     return None
 
 
-def accelerated(problem: Problem, guess: Array, count: int) -> Array:
+def accelerated(problem: ContactProblem, guess: Array, count: int) -> Array:
     """Impulses by a number of steps of P - F / 3 with momentum, which is lost where it leads back."""
     p = ahead = guess
     inertia = 1.0
@@ -215,7 +215,7 @@ def accelerated(problem: Problem, guess: Array, count: int) -> Array:
     return p
 
 
-def _newton_step(problem: Problem, f: Array, z: Array, damping: float) -> Array:
+def _newton_step(problem: ContactProblem, f: Array, z: Array, damping: float) -> Array:
     """(I - C + C (G / g + e))^-1 F with C = dproj / dz. Where nothing presses, z_n <= 0, it is F."""
     pressing = z[:, 2] > 0.0
     chosen, step = np.flatnonzero(pressing), np.where(pressing[:, None], 0.0, f)
@@ -228,7 +228,7 @@ def _newton_step(problem: Problem, f: Array, z: Array, damping: float) -> Array:
     return step
 
 
-def _solve_sparse(problem: Problem, pressing: Array, own: Array, scaled: Array, right: Array) -> Array:
+def _solve_sparse(problem: ContactProblem, pressing: Array, own: Array, scaled: Array, right: Array) -> Array:
     """(own + scaled G)^-1 times the right side; of what presses, with blocks (n, 3, 3) on the diagonal."""
     number = np.cumsum(pressing) - 1
     kept = np.flatnonzero(pressing[problem.rows] & pressing[problem.matrix.indices])
@@ -246,8 +246,8 @@ def factors(matrix: Any) -> Any:
     return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1, options={"SymmetricMode": True})
 
 
-def _solve_full(problem: Problem, pressing: Array, own: Array, scaled: Array, right: Array) -> Array:
-    """The same for a full matrix."""
+def _solve_full(problem: ContactProblem, pressing: Array, own: Array, scaled: Array, right: Array) -> Array:
+    """(own + scaled G)^-1 times the right side, for a full matrix; of what presses."""
     rows, n = np.flatnonzero(np.repeat(pressing, 3)), len(own)
     jacobian = np.matmul(scaled, problem.matrix[np.ix_(rows, rows)].reshape(n, 3, 3 * n)).reshape(3 * n, 3 * n)
     jacobian.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n), :] += own

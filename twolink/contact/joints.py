@@ -72,7 +72,7 @@ class JointPoints:
         return bool(len(self.dof))
 
     def notes(self) -> list[str]:
-        """What they are, for people."""
+        """Notes on the stops and the joints with dry friction in the contact problem, for people."""
         counts = ((len(self.stops), "stops"), (len(self.holds), "joints with dry friction"))
         return [f"{count} {what} are in the contact problem" for count, what in counts if count]
 
@@ -108,7 +108,7 @@ class JointPoints:
         return Points(pair, key_of(pair, 0), ground, ground, gap, normal, vectors)
 
     def of(self, points: Points) -> Array:
-        """Which of the points are these (n,)."""
+        """Mask of the points that are of these joints (n,)."""
         return np.asarray(points.pair >= self.pairs)
 
     def with_rows(self, jacobian: Any, points: Points) -> Any:
@@ -144,7 +144,7 @@ SINGULAR = 1e-10  # relative: singular values of B M^-1 B^T below it belong to p
 
 
 class Kept(NamedTuple):
-    """What the loops leave of a step: v+ without contacts (nv,), W (nv, nv), and the change (nv,) that closes them."""
+    """A step with its loops closed: v+ without contacts (nv,), W (nv, nv), and the change (nv,) that closes them."""
 
     free: Array
     inverse: Any

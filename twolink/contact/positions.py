@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sparse
 
-from twolink.contact.impulses import Problem, factors, solve_impulses
+from twolink.contact.impulses import ContactProblem, factors, solve_impulses
 from twolink.geometry.points import CLOSED
 from twolink.integrate.motion.state import Array
 
@@ -86,7 +86,7 @@ def solve_normal(matrix: Any, b: Array, equal: Array | None = None, soft: Array 
         raise ArithmeticError
     thick = np.zeros((len(b), 3))
     thick[:, 2] = b
-    found = solve_impulses(Problem(_with_tangents(matrix), thick, np.zeros(len(b))), np.zeros_like(thick))
+    found = solve_impulses(ContactProblem(_with_tangents(matrix), thick, np.zeros(len(b))), np.zeros_like(thick))
     if not found.solved:
         raise ArithmeticError
     return found.p[:, 2]

@@ -19,7 +19,7 @@ import scipy.sparse as sparse
 
 from twolink.contact.bodies import Multibody
 from twolink.contact.impulses import EXACT, factors
-from twolink.contact.steps import AtRest, Memory, Plan, Step
+from twolink.contact.steps import AtRest, Memory, Step, StepPlan
 from twolink.integrate.motion.state import Array
 
 DETERMINED = 1e-9  # of the largest: smaller pivots of J^T J are those of motions that the rows leave free
@@ -48,8 +48,8 @@ class RestingSteps(Sequence[Step]):
                        memory=replace(one.memory, rest=self.rest))  # fmt: skip
 
 
-def steps_at_rest(bodies: Multibody, plan: Plan, steps: range, memory: Memory) -> RestingSteps | None:
-    """Those of the steps up to the first in which other forces act; None where bodies move, or for none."""
+def steps_at_rest(bodies: Multibody, plan: StepPlan, steps: range, memory: Memory) -> RestingSteps | None:
+    """The steps at rest up to the first in which other forces act; None where bodies move, or for none."""
     rest = memory.rest
     if rest is None:
         return None
@@ -61,7 +61,7 @@ def steps_at_rest(bodies: Multibody, plan: Plan, steps: range, memory: Memory) -
     return RestingSteps(rest, plan.h[steps.start : steps.start + count]) if count else None
 
 
-def at_rest(bodies: Multibody, plan: Plan, number: int, q: Array, v: Array, step: Step, memory: Memory) -> Step:
+def at_rest(bodies: Multibody, plan: StepPlan, number: int, q: Array, v: Array, step: Step, memory: Memory) -> Step:
     """The step, or one at rest in place of one that moves less than the laws may be missed by.
 
     number: of the step in the plan, from (q, v) and the memory on.
@@ -76,14 +76,14 @@ def at_rest(bodies: Multibody, plan: Plan, number: int, q: Array, v: Array, step
     return replace(rest.step, memory=replace(passed, rest=rest))
 
 
-def _forces(bodies: Multibody, plan: Plan, number: int, q: Array) -> Array:
+def _forces(bodies: Multibody, plan: StepPlan, number: int, q: Array) -> Array:
     """tau - h in the middle of a step."""
     t, zero = float(plan.t[number] + 0.5 * plan.h[number]), np.zeros(bodies.model.nv)
     return bodies.forces(t, q, zero, plan.numbers[plan.piece[number]])
 
 
 def _determined(rows: Any) -> bool:
-    """Whether J v = 0 has no solution but 0."""
+    """True if J v = 0 has no solution but 0."""
     if not sparse.issparse(rows):
         return bool(np.linalg.matrix_rank(rows) == rows.shape[1])
     if not np.diff(rows.tocsc().indptr).all():  # a body that nothing touches

@@ -11,8 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.contact.joints import LoopRows
-from twolink.contact.stepping import Stepper
-from twolink.contact.steps import Plan, Record, Step, plan_steps
+from twolink.contact.stepping import ContactStepper
+from twolink.contact.steps import Record, Step, StepPlan, plan_steps
 from twolink.effects.contact import Contact
 from twolink.effects.loops import Loop
 from twolink.effects.sensors import Forces
@@ -32,8 +32,8 @@ OVERLAP = 1e-9  # m, at the start
 _smooth: weakref.WeakKeyDictionary[Scene, tuple[Equations, Equations]] = weakref.WeakKeyDictionary()
 
 
-def stepper_of(scene: Scene) -> Stepper:
-    """What steps a scene. Raises SceneError for what cannot be stepped."""
+def stepper_of(scene: Scene) -> ContactStepper:
+    """The stepper of a scene. Raises SceneError for what cannot be stepped."""
     effects = [effect for effect in scene.effects if isinstance(effect, Contact)]
     if any(effect.impacts == "reflections" for effect in effects):
         raise SceneError('Contact with impacts="reflections" is not stepped: expected "newton", one impulse a step',
@@ -62,7 +62,7 @@ def stepper_of(scene: Scene) -> Stepper:
                          argument="contact", remedy='contact="located", or leave them out',
                          code="not-stepped")  # fmt: skip
     loops = None if with_loops.constraints is None else LoopRows(with_loops, with_loops.constraints)
-    stepper = Stepper(equations, effects, stops, holds, loops)
+    stepper = ContactStepper(equations, effects, stops, holds, loops)
     overlap, pair = stepper.overlap(equations.start[: equations.space.nq])
     if overlap > OVERLAP:
         raise SceneError(f"{pair} overlap by {overlap:.3g} m at the start", where="q", code="overlap",
@@ -169,13 +169,13 @@ class SteppedSolution:
         return out
 
 
-def _means(stepper: Stepper, one: Step) -> tuple[Array, Array]:
+def _means(stepper: ContactStepper, one: Step) -> tuple[Array, Array]:
     """The mean acceleration over a step (nv,), and the mean torques of joints' stops and dry friction (nv,)."""
     mean = stepper.bodies.to_local_velocity(one.q, one.mean)
     return mean, np.zeros_like(mean) if one.joints is None else one.joints / one.h
 
 
-def _pressing(stepper: Stepper, one: Step) -> Pressing:
+def _pressing(stepper: ContactStepper, one: Step) -> Pressing:
     """By pair the points that press in a step, their mean forces, and their slips."""
     found: Pressing = {}
     slips = np.zeros_like(one.place) if one.slips is None else one.slips
@@ -184,8 +184,8 @@ def _pressing(stepper: Stepper, one: Step) -> Pressing:
     return found
 
 
-def _impulses(stepper: Stepper, begin: float, one: Step) -> Iterator[Impulse]:
-    """Those of impacts in a step."""
+def _impulses(stepper: ContactStepper, begin: float, one: Step) -> Iterator[Impulse]:
+    """Impulses of the impacts in a step."""
     for blow in one.blows:
         for pair, p in zip(pair_of(blow.keys).tolist(), blow.on_first, strict=True):
             yield Impulse(begin + blow.late, stepper.detector.names[pair], p)
@@ -193,7 +193,7 @@ def _impulses(stepper: Stepper, begin: float, one: Step) -> Iterator[Impulse]:
 
 @np.errstate(over="ignore", invalid="ignore")  # what steps that are too long give is refused ("step-too-large")
 def solve_stepped(
-    stepper: Stepper, times: Array, step: float, progress: Progress | None = None, halvings: int = 0
+    stepper: ContactStepper, times: Array, step: float, progress: Progress | None = None, halvings: int = 0
 ) -> SteppedSolution:
     """Step a scene for samples at times (n,), in steps of at most `step` [s]. Raises AccuracyError.
 
@@ -207,7 +207,7 @@ def solve_stepped(
     states, overlap = [(q, v, none, none, plan.numbers[0], 0.0)], stepper.overlap(q)[0]
     pressing: list[Pressing] = [{}]
     impulses: list[Impulse] = []
-    ticks = None if equations.sampling is None else _Ticks(equations, equations.sampling, plan)
+    ticks = None if equations.sampling is None else _SteppedTicks(equations, equations.sampling, plan)
     v = local(q, v, -1)
     memory = stepper.start(float(times[0]), q, v, equations.layout.numbers_at(float(times[0])))
     stepper.record, interrupted, failed = record, False, None
@@ -248,10 +248,10 @@ def solve_stepped(
     return solution
 
 
-class _Ticks:
+class _SteppedTicks:
     """The controllers and sensors of one solution; ends of steps are their ticks."""
 
-    def __init__(self, equations: Equations, sampling: Sampling, plan: Plan) -> None:
+    def __init__(self, equations: Equations, sampling: Sampling, plan: StepPlan) -> None:
         self._plan, moving = plan, equations.moving
         self._x = np.array(equations.start[:, None], dtype=float)
         self._x[moving:, 0] = plan.numbers[0]

@@ -37,12 +37,12 @@ class SplicedSolution:
 
     @property
     def impulses(self) -> tuple[Impulse, ...]:
-        """Those of impacts."""
+        """Impulses of the impacts."""
         return (*self.located.impulses, *self.stepped.impulses)
 
     @property
     def record(self) -> Record:
-        """How the steps obey the laws."""
+        """The record of the steps, with the largest misses of the laws."""
         return self.stepped.record
 
     @property
@@ -72,7 +72,7 @@ class SplicedSolution:
         return self._joined(self.located.contact_slips(), self.stepped.contact_slips())
 
     def forces_on_links(self) -> Marks:
-        """Those of the located part."""
+        """Points and forces by effect on a link, of the located part."""
         return self._joined(self.located.forces_on_links(), self.stepped.forces_on_links())
 
     def _joined(self, *parts: Marks) -> Marks:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from twolink.contact.impulses import Impulses, Problem, solve_impulses
+from twolink.contact.impulses import ContactProblem, Impulses, solve_impulses
 from twolink.contact.joints import Laws, complete
 from twolink.contact.steps import STILL, Memory
 from twolink.geometry.points import CLOSED, TOUCHING, Points
@@ -80,7 +80,7 @@ class StepLaw:
         return np.asarray(self.points.gap + 0.5 * self.h * velocities.reshape(-1, 3)[:, 2])
 
     def blow(self, pressing: Array, p: Array) -> tuple[float, Array, Array] | None:
-        """When impacts act after the begin of the step, s; which points they reach, and their impulses (k, 3).
+        """Impacts of a step: their time after its begin, s; the points that they reach, and their impulses (k, 3).
 
         None where no body hits another. pressing: the numbers of points with impulses p (k, 3).
         """
@@ -170,7 +170,7 @@ class StepLaw:
             matrix = own @ response
             if self.of_joints.any():
                 complete(matrix, b, np.flatnonzero(self.of_joints[active]), self.given[active])
-            impulses = solve_impulses(Problem(matrix, b, self.mu[active]), self.guess[active])
+            impulses = solve_impulses(ContactProblem(matrix, b, self.mu[active]), self.guess[active])
             if not impulses.solved:
                 return None
             self.guess[active] = impulses.p

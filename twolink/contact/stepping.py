@@ -37,7 +37,7 @@ from twolink.contact.joints import JointPoints, Kept, LoopRows
 from twolink.contact.positions import correction
 from twolink.contact.rest import at_rest, steps_at_rest
 from twolink.contact.step_law import StepLaw, rows_of
-from twolink.contact.steps import STILL, Blow, Memory, Plan, Record, Step, along
+from twolink.contact.steps import STILL, Blow, Memory, Record, Step, StepPlan, along
 from twolink.effects.contact import Contact
 from twolink.effects.switching import Hold, Stop
 from twolink.errors import AccuracyError
@@ -54,7 +54,7 @@ HALVINGS = 10
 UNSEEN, UNSEEN_HALVINGS = 0.01, 6  # of the reach of a step: one after which hulls overlap by so much more is halved
 
 
-class Stepper:
+class ContactStepper:
     """Steps of a scene: its equations without contacts, its contact effects, and its joints' stops and friction.
 
     A step depends on the state and the memory that it begins with; of other steps there is only the record.
@@ -106,7 +106,7 @@ class Stepper:
         return np.asarray(rows.toarray() if hasattr(rows, "toarray") else rows)[2::3]
 
     def notes(self) -> list[str]:
-        """What is in the contact problem besides pairs of bodies."""
+        """Notes on the rows in the contact problem besides pairs of bodies."""
         loops = [] if self.loops is None else [f"{len(self.loops.constraints.kept)} rows of loops hold at each step"]
         return [*self.joints.notes(), *loops]
 
@@ -120,7 +120,9 @@ class Stepper:
         rows = self.bodies.jacobian(points, axes)
         return self.joints.with_rows(rows, points) if self.joints else rows
 
-    def run(self, plan: Plan, first: int, until: int, q: Array, v: Array, memory: Memory) -> HeldRun | Sequence[Step]:
+    def run(
+        self, plan: StepPlan, first: int, until: int, q: Array, v: Array, memory: Memory
+    ) -> HeldRun | Sequence[Step]:
         """One or more steps of a plan, up to the one of a number: at rest, while the same points press, or one.
 
         Raises as `advance`.
@@ -175,7 +177,7 @@ class Stepper:
         return replace(step, memory=replace(step.memory, overlap=overlap))
 
     def _reach(self, h: float, speeds: Array) -> float:
-        """How near points must be to count in a step, m: more than bodies move. speeds: of the joints (joints, 2)."""
+        """The gap below which points count in a step, m: more than bodies move. speeds: of the joints (joints, 2)."""
         return 3.0 * h * float((speeds[:, 0] + speeds[:, 1] * self.detector.extent).max(initial=0.0)) + 100.0 * h * h
 
     def step(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory) -> Step | None:

@@ -13,7 +13,7 @@ from twolink.integrate.motion.state import Array
 from twolink.loop.clock import SAME_TIME, Clock
 
 
-class Plan(NamedTuple):
+class StepPlan(NamedTuple):
     """Of each step its begin and its length (n,), s, its smooth piece (n,), and whether a sample is at its end (n,).
 
     numbers (pieces, m): of each piece.
@@ -26,7 +26,7 @@ class Plan(NamedTuple):
     numbers: Array
 
 
-def plan_steps(equations: Equations, times: Array, step: float, halvings: int) -> Plan:
+def plan_steps(equations: Equations, times: Array, step: float, halvings: int) -> StepPlan:
     """Steps of at most `step` [s] for samples at times (n,). Samples, breaks and ticks end a step.
 
     halvings: how often the steps between two of those are doubled in number (`twice_as_many`).
@@ -44,7 +44,7 @@ def plan_steps(equations: Equations, times: Array, step: float, halvings: int) -
     h, sampled = (np.diff(grid) / count)[piece], np.zeros(len(piece), dtype=bool)
     sampled[after - 1] = np.isin(grid[1:], times)
     numbers = np.array([equations.layout.numbers_at(t) for t in (0.5 * (grid[:-1] + grid[1:])).tolist()])
-    return Plan(grid[piece] + (np.arange(len(piece)) - (after - count)[piece]) * h, h, piece, sampled, numbers)
+    return StepPlan(grid[piece] + (np.arange(len(piece)) - (after - count)[piece]) * h, h, piece, sampled, numbers)
 
 
 def twice_as_many(count: Any) -> Any:
@@ -67,7 +67,7 @@ FIRST_AHEAD = 8  # compiled steps that are taken together at first
 
 @dataclass(frozen=True)
 class Memory:
-    """What a step passes on to the next one of its solution, all of it: steppers remember nothing.
+    """The memory that a step passes on to the next one of its solution, all of it: steppers remember nothing.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class Memory:
     ahead: int = FIRST_AHEAD
 
     def changes(self, mean: Array, *, smooth: bool = True) -> Array:
-        """What the next step passes on of w'."""
+        """The changes w' of the last two steps for the next one; 0 where the step was not smooth."""
         if not smooth:
             return np.zeros_like(self.change)
         return np.array([mean, self.change[0] if self.change[0].any() else mean])

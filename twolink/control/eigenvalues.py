@@ -28,7 +28,7 @@ def eigenvalues(matrix: Array, error: float) -> tuple[Array, Array]:
     circle = np.exp(2j * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
 
     def free(radii: Array) -> Array:
-        """Whether the circles of these radii (n,) keep the eigenvalues in."""
+        """True for each of the radii (n,) whose circles keep the eigenvalues in."""
         z = values[:, None] + radii[:, None] * circle
         smallest = np.linalg.svd(z[..., None, None] * np.eye(n) - matrix, compute_uv=False)[..., -1]
         return np.asarray(smallest.min(axis=1) > limit)
@@ -48,7 +48,7 @@ def eigenvalues(matrix: Array, error: float) -> tuple[Array, Array]:
 
 
 def stability_of(values: Array, errors: Array, mass: Array, derivatives: Array, error: float) -> Stability:
-    """What eigenvalues, and the second-order form M a = -K dq - D dv, say about an equilibrium.
+    """The stability of an equilibrium, by eigenvalues and the second-order form M a = -K dq - D dv.
 
     Where K is symmetric and positive definite and D = 0 exactly, all eigenvalues are imaginary, however they are
     rounded: a centre. With a symmetric part of D that is not negative, energy does not grow: stable.
@@ -72,7 +72,7 @@ def stability_of(values: Array, errors: Array, mass: Array, derivatives: Array, 
 
 
 class Controllability(NamedTuple):
-    """How many directions of the state the inputs reach.
+    """The number of directions of the state that the inputs reach, with the singular values that decide on it.
 
     rank: so many. size: of the state. kept: the smallest singular value that counted. dropped: the largest that did
     not. tolerance: between both.

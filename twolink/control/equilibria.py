@@ -24,7 +24,7 @@ from twolink.integrate.motion.state import Array
 from twolink.io.text import Table
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted, plot_eigenvalues
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,7 +38,7 @@ SAME = 1e-6  # rad or m: equilibria nearer to each other are one
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Equilibria(Result, Plotted, Sequence[Linearization]):
+class Equilibria(BaseResult, Plotted, Sequence[Linearization]):
     """Equilibria, each as its linearization with the configuration `q` and its `stability`.
 
     Parameters
@@ -209,7 +209,7 @@ def _applied(inverse: Array, r: Array) -> Array:
 
 
 def _at_rest(r: Array, slope: Array) -> Array:
-    """Whether forces (n, nv) are 0 but for rounding; slope (n, nv, nv): their derivatives by q."""
+    """True for each of the forces (n, nv) that is 0 but for rounding; slope (n, nv, nv): their derivatives by q."""
     scale = 1.0 + np.abs(slope).max(axis=(1, 2), initial=0.0)
     return np.asarray(np.abs(r).max(axis=1, initial=0.0) <= AT_REST * scale)
 

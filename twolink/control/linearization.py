@@ -22,7 +22,7 @@ from twolink.integrate.motion.scene_equations import equations_of
 from twolink.io.text import Table
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted, plot_eigenvalues
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 from twolink.simulation.trajectory_tables import coordinate_names
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ AT_REST = 1e-9  # relative: accelerations below it are those of an equilibrium t
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Linearization(Result, Plotted):
+class Linearization(BaseResult, Plotted):
     """Linear equations of small motions: x' = A x + B u, with x = (dq, dv, dz) in the tangent space.
 
     dz are the changes of the states of effects.
@@ -85,13 +85,13 @@ class Linearization(Result, Plotted):
         return iter((self.A, self.B, self.names))
 
     def state(self, i: int) -> "Linearization":
-        """That about the i-th of several states."""
+        """The linearization about the i-th of several states."""
         values = {name: getattr(self, name)[i] for name in ("q", "v", "t", "A", "B", "a", "lift")}
         return replace(self, **values)
 
     @property
     def is_equilibrium(self) -> bool:
-        """Whether the state is at rest and stays there, to rounding."""
+        """True if the state is at rest and stays there, to rounding."""
         one = self._one("is_equilibrium")
         scale = 1.0 + float(np.abs(one.A).max(initial=0.0))
         return not one.v.any() and float(np.abs(one.a).max(initial=0.0)) <= AT_REST * scale
@@ -132,7 +132,7 @@ class Linearization(Result, Plotted):
 
     @cached_property
     def controllability(self) -> Controllability:
-        """How many directions of the state the inputs reach, and the singular values that decided."""
+        """The number of directions of the state that the inputs reach, and the singular values that decided."""
         one = self._one("controllability")
         return controllability(one.A, one.B, one.error)
 

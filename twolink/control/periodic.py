@@ -29,7 +29,7 @@ from twolink.show.figure import Plotted, plot_eigenvalues
 from twolink.simulation.scene_run import simulate
 from twolink.simulation.sensitivities import Sensitivities, sensitivities
 from twolink.simulation.sensitivity_names import wanted_of
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 from twolink.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class Shots:
 
 
 class Shooting:
-    """How starts and the period may change: the first start along directions (2 nv, k), the others along all.
+    """A shooting problem whose first start changes along directions (2 nv, k), and the others along all.
 
     free_period: the period too.
     """
@@ -168,7 +168,7 @@ class Shooting:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PeriodicMotion(Result, Plotted):
+class PeriodicMotion(BaseResult, Plotted):
     """A motion with x(T) = x(0), and how small deviations from it grow in a period: dx(T) = M dx(0).
 
     Parameters

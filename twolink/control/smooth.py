@@ -72,7 +72,7 @@ def equations_at(equations: Equations, t: float, q: Array, v: Array) -> Equation
 
 
 def depends_on_time(equations: Equations) -> bool:
-    """Whether accelerations depend on time for a given state, by tables or formulas of time."""
+    """True if accelerations depend on time for a given state, by tables or formulas of time."""
     if any(True for _ in equations.layout.tables):
         return True
     tape = Tape()
@@ -98,7 +98,7 @@ def _not_smooth(why: str) -> SceneError:
 
 
 def _name(run: RunState, kind: str, number: int) -> str:
-    """What a guard watches."""
+    """The joint, contact or trigger that a guard watches, by its name."""
     if kind == "stop":
         return f"joint {run.system.stops[number].name!r} at its stop"
     if kind in ("impact", "leave", "slide", "roll"):

@@ -135,7 +135,7 @@ FExt = Mapping[str, Wrench | ArrayLike]
 
 
 def states_of(x: Any) -> int:
-    """How many states an argument with leading axes has; 0 of one without."""
+    """The number of states of an argument with leading axes; 0 of one without."""
     if not isinstance(x, np.ndarray):
         if not (isinstance(x, list | tuple) and x and isinstance(x[0], list | tuple | np.ndarray)):
             return 0

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from twolink.algorithms.functions import Function
 from twolink.algorithms.mechanism import nominal
-from twolink.algorithms.references import State
+from twolink.algorithms.references import ModelState
 from twolink.dynamics.kernels import Kernel
 from twolink.dynamics.pinocchio_queries import by_name
 from twolink.errors import CertificationError
@@ -79,7 +79,7 @@ def certify(
     for i in range(count):
         at = with_values(model, {name: v[i] for name, v in values.items()}) if values else model
         state = {name: v[i] for name, v in arguments.items()}
-        expected, scale = function.reference(State(at, state, damped))
+        expected, scale = function.reference(ModelState(at, state, damped))
         expected = np.reshape(expected, function.shape)
         for engine, answers in served:
             error = float((np.abs(answers[i] - expected) / scale).max(initial=0.0))

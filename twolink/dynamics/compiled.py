@@ -223,7 +223,7 @@ class Compiled:
 
 
 def _are_rows(arrays: Sequence[Any], sizes: tuple[int, ...]) -> TypeGuard[Sequence[Array]]:
-    """Whether arrays are (n, size) of float64 each, with one n above 0."""
+    """True if arrays are (n, size) of float64 each, with one n above 0."""
     count = 0
     for a, size in zip(arrays, sizes, strict=True):
         if type(a) is not np.ndarray or a.ndim != 2 or a.shape[1] != size or a.dtype != np.float64:

@@ -109,7 +109,7 @@ def random_state(robot: RobotModel, n: int, seed: int = 0) -> tuple[Array, Array
 
 
 class Targets(NamedTuple):
-    """Where a frame is to be: positions (n, 3), rotations (n, 9), or None for any."""
+    """Targets of a frame: positions (n, 3), rotations (n, 9), or None for any."""
 
     positions: Array | None
     rotations: Array | None

@@ -1,4 +1,4 @@
-"""Which engine answers a query with engine="auto": a fixed rule of the query, nv and the number of states.
+"""The choice of the engine with engine="auto": a fixed rule of the query, nv and the number of states.
 
 The rule never looks at a clock, at earlier calls or at the disk cache, so that the same call gives the same bits every
 time and in every process. Single states, without leading axes, go to Pinocchio. Batches, even of one, go to programs,

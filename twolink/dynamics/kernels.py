@@ -7,9 +7,6 @@ finite is answered by Pinocchio, after a check of each value.
 
 import functools
 import math
-import os
-import sys
-import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -22,7 +19,6 @@ from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.tape import Tape
 from twolink.dynamics.arguments import UNIT_TOLERANCE
 from twolink.dynamics.threads import do_all, is_forked_child, is_shared, thread_count
-from twolink.errors import QueryError
 from twolink.native.instructions import Assembled
 from twolink.native.library import Pool
 from twolink.native.machine import Program, SmallBatch, assembled
@@ -32,45 +28,6 @@ CHUNK = 4096  # states that a thread takes at once: a multiple of every vector's
 SHARED_FROM = 4_000_000  # operations in a batch from which threads that share its chunks pay
 FEW_NUMBERS = 2**15  # in the memory of small batches, through which they go
 SINE = 20  # operations of a sine or cosine
-
-_import_lock = threading.Lock()
-
-
-def heyoka() -> Any:
-    """The heyoka module, or None where it is not installed (there are wheels for Linux only) or TWOLINK_HEYOKA is 0."""
-    with _import_lock:
-        return _imported()
-
-
-@functools.cache
-def _imported() -> Any:
-    """heyoka, imported without what nothing here uses.
-
-    It imports SymPy where it can, for conversions: more than half of its import time. It keeps a database of compiled
-    code in the user's cache folder, up to 20 GB, which each process checks from end to end before it compiles anything,
-    and up to 2 GB of code in memory after its functions are gone. Our own cache has what is compiled here.
-    TWOLINK_OPT_LEVEL (0 to 3) is its level of optimization: code of level 0 compiles sooner and runs slower.
-    """
-    if os.environ.get("TWOLINK_HEYOKA") == "0":
-        return None
-    hidden = "sympy" not in sys.modules
-    if hidden:
-        sys.modules["sympy"] = None  # type: ignore[assignment]  # makes its import fail
-    try:
-        import heyoka as module
-    except ImportError:
-        return None
-    finally:
-        if hidden:
-            del sys.modules["sympy"]
-    module.llvm_state.set_diskcache_enabled(False)
-    module.llvm_state.set_memcache_limit(0)
-    if level := os.environ.get("TWOLINK_OPT_LEVEL"):
-        if level not in {"0", "1", "2", "3"}:
-            raise QueryError(f"{level[:40]!r} is no level", where="TWOLINK_OPT_LEVEL", remedy="set it to 0, 1, 2 or 3")
-        for name in ("taylor_adaptive", "taylor_adaptive_batch"):
-            setattr(module, name, functools.partial(getattr(module, name), opt_level=int(level)))
-    return module
 
 
 @dataclass(frozen=True)
@@ -105,7 +62,7 @@ class Kernel:
 
     @functools.cached_property
     def _few(self) -> int:
-        """How many states are a small batch."""
+        """The number of states of a small batch, at most."""
         width = sum(self.sizes) + math.prod(self.shape) + 1
         return min(256, max(8, FEW_NUMBERS // width // 8 * 8))
 

@@ -226,7 +226,7 @@ def energies_with_mimic(model: pin.Model, data: pin.Data, q: Array, v: Array) ->
 
 
 def shows_all(robot: RobotModel, known: dict[str, bool], name: str) -> bool:
-    """Whether Pinocchio's answer is not finite wherever an entry of the state is not; looked at once, kept in `known`.
+    """True if Pinocchio's answer is not finite wherever an entry of the state is not; looked at once, kept in `known`.
 
     Then a look at the answer is one at the state: a sum takes longer than a third of the query. What is not a number
     stays so through sums and products; but a torque may not depend on the speed of a slider.

@@ -59,7 +59,7 @@ class Query:
 
     @cached_property
     def signature(self) -> Signature:
-        """How the query is called, without the robot and the engine."""
+        """The query's signature, without the robot and the engine."""
         whole = signature(self.function, eval_str=True)
         return whole.replace(parameters=[p for p in list(whole.parameters.values())[1:] if p.name != "engine"])
 
@@ -85,7 +85,7 @@ class Query:
         return (getdoc(self.function) or "").partition("\n")[0]
 
     def numbers(self, nv: int, frames: int = 1) -> int:
-        """How many numbers answer the query for one state."""
+        """The count of numbers that answer the query for one state."""
         sizes = {"nv": nv, "frames": frames}
         shapes = (shape for shape, _ in self.results.values())
         return sum(math.prod(n if isinstance(n, int) else sizes[n] for n in shape) for shape in shapes)

@@ -473,7 +473,7 @@ class Robot(RobotModel):
         return configurations.random_state(self, n, seed)
 
     def compiled(self, parameters: Sequence[str] = ()) -> Compiled:
-        """The same queries as compiled functions; see `Compiled`.
+        """The robot's queries as compiled functions; see `Compiled`.
 
         Parameters
         ----------
@@ -516,7 +516,7 @@ class Robot(RobotModel):
         return self._queries.setdefault(name, pinocchio_queries.query_of(self, name))
 
     def _is_compiled(self, name: str, engine: str, *arguments: Any) -> bool:
-        """Whether the compiled function answers: always with engine="compiled", by the engine rule with "auto"."""
+        """True if the compiled function answers: always with engine="compiled", by the engine rule with "auto"."""
         if engine == "auto":
             count = max(map(states_of, arguments))
             if count < compiled_from(name, self.nv) or library() is None:
@@ -530,7 +530,7 @@ class Robot(RobotModel):
         return one_of(ENGINES, engine, "engine") == "compiled"
 
     def _is_state(self, q: Any, *others: Any) -> bool:
-        """Whether these are float64 arrays of one state that Pinocchio can take as they are, units of length 1."""
+        """True for float64 arrays of one state that Pinocchio can take as they are, units of length 1."""
         if type(q) is not np.ndarray or q.shape != self._q_shape or q.dtype is not _FLOAT:
             return False
         for y in others:

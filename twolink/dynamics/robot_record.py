@@ -192,7 +192,7 @@ def require_same(robot: Robot, notes: Mapping[str, str], label: str) -> Robot:
 
 
 def _is_from_catalogue(robot: Robot) -> bool:
-    """Whether loading the robot's name gives the file that it came from."""
+    """True if loading the robot's name gives the file that it came from."""
     try:
         return catalogue_entry(robot.name).path.name == robot.report.source
     except RobotError:

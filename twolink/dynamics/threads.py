@@ -21,7 +21,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def is_forked_child() -> bool:
-    """Whether this process was forked from one that had imported twolink.
+    """True if this process was forked from one that had imported twolink.
 
     The thread pools of OpenMP and TBB do not survive a fork: a child that waits for their threads, which exist in the
     parent only, waits for ever. A child therefore uses one thread.
@@ -45,7 +45,7 @@ def thread_count() -> int:
 
 
 def is_shared() -> bool:
-    """Whether this thread does a part of work that threads share: then what it calls shall use no more threads."""
+    """True if this thread does a part of work that threads share: then what it calls shall use no more threads."""
     return getattr(_own, "sharing", False)
 
 

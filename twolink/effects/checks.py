@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 import msgspec
 
 from twolink.algorithms.functions import frame_pose
-from twolink.algorithms.motion import GROUND, Motion
+from twolink.algorithms.motion import GROUND, KinematicState
 from twolink.algorithms.spatial import Scalar, Vec, minus
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect, all_finite, check_name, finite, number
@@ -80,7 +80,7 @@ def _check_tuple(value: Any, kinds: tuple[Any, ...], field: str) -> None:
 
 
 def _structs(kind: Any) -> bool:
-    """Whether a type is a union of structs alone, such as shapes."""
+    """True if a type is a union of structs alone, such as shapes."""
     return get_origin(kind) in (Union, UnionType) and all(
         isinstance(one, type) and issubclass(one, msgspec.Struct) for one in get_args(kind)
     )
@@ -158,7 +158,7 @@ def check_values_or_urdf(
         raise SceneError(f"the URDF gives no joint {what or field}", where=field, remedy=remedy)
 
 
-def values_by_dof(values: Mapping[str, float] | None, urdf: Any, motion: Motion) -> dict[int, float]:
+def values_by_dof(values: Mapping[str, float] | None, urdf: Any, motion: KinematicState) -> dict[int, float]:
     """The values of each degree of freedom that has one: those by joint, or for None the URDF's (nv,)."""
     if values is None:
         return dict(enumerate(urdf.tolist()))
@@ -187,7 +187,7 @@ def check_frame(frame: str, robot: Robot, field: str, *, ground: bool = False) -
     return body
 
 
-def apart(motion: Motion, a: str, point_a: Vec, b: str, point_b: Vec) -> list[Scalar]:
+def apart(motion: KinematicState, a: str, point_a: Vec, b: str, point_b: Vec) -> list[Scalar]:
     """x_a - x_b of two frames' points, along the axes that the motion is seen in, m."""
     ends = motion.position(a, point_a), motion.position(b, point_b)
     return [minus(x, y) for x, y in zip(*ends, strict=True)]

@@ -4,7 +4,7 @@ from typing import Literal
 
 import msgspec
 
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import Scalar, dot, unit
 from twolink.dynamics import Robot
 from twolink.effects.checks import check_frame, check_joint
@@ -33,8 +33,8 @@ class JointReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_
         """The joint has one coordinate."""
         check_joint(self.joint, robot, f"{field}.joint", coordinate=self.of == "position")
 
-    def distance(self, motion: Motion) -> Scalar:
-        """What is missing: 0 when it is reached."""
+    def distance(self, motion: KinematicState) -> Scalar:
+        """The signed distance from the value: 0 when it is reached."""
         if self.of == "velocity":
             return motion.v[motion.dofs(self.joint)[0]] - self.value
         return motion.q[motion.coordinate(self.joint)[0]] - self.value
@@ -68,8 +68,8 @@ class FrameReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_
         check_frame(self.frame, robot, f"{field}.frame")
         unit(self.direction, f"{field}.direction")
 
-    def distance(self, motion: Motion) -> Scalar:
-        """What is missing: 0 when it is reached."""
+    def distance(self, motion: KinematicState) -> Scalar:
+        """The signed distance from the value: 0 when it is reached."""
         see = motion.velocity if self.of == "velocity" else motion.position
         return dot(unit(self.direction, "direction"), see(self.frame, self.point)) - self.value
 

@@ -6,7 +6,7 @@ import functools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import ClassVar, Literal
 
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import Scalar, Vec, add, minus, plus, scale, times
 from twolink.dynamics import Robot
 from twolink.effects.contact_pairs import Body, Pairs, hollow_notes, select_pairs, solids_of
@@ -50,15 +50,15 @@ class Touching(Loop, frozen=True):
     touches: ClassVar[bool] = True
     max_rows: ClassVar[int] = 3  # the normal row, and two along the tangents
 
-    def rows(self, motion: Motion) -> list[Scalar]:
+    def rows(self, motion: KinematicState) -> list[Scalar]:
         """The gap, of what touches."""
         return [self.gap.nearest(motion).gap]
 
-    def velocity_rows(self, motion: Motion) -> list[Scalar]:
+    def velocity_rows(self, motion: KinematicState) -> list[Scalar]:
         """c along the tangents."""
         return list(self.gap.velocity(motion)[1:]) if self.rolling else []
 
-    def forces(self, motion: Motion, along: Motion) -> list[Scalar] | None:
+    def forces(self, motion: KinematicState, along: KinematicState) -> list[Scalar] | None:
         """The power of a normal force of size 1 and of its friction."""
         if self.rolling or not self.friction:
             return None
@@ -66,7 +66,7 @@ class Touching(Loop, frozen=True):
         friction = plus(*(times(d, other) for d, other in zip(self.sliding(motion), others, strict=True)))
         return [minus(normal, times(self.friction, friction))]
 
-    def contact_force(self, motion: Motion, multipliers: Sequence[Scalar]) -> tuple[str, Vec, Vec]:
+    def contact_force(self, motion: KinematicState, multipliers: Sequence[Scalar]) -> tuple[str, Vec, Vec]:
         """The normal force and that of friction, at the nearest point of the first body."""
         normal, *across = multipliers
         if not self.rolling:
@@ -76,12 +76,12 @@ class Touching(Loop, frozen=True):
         force = add(*(scale(size, axis) for size, axis in zip((normal, *across), near.axes, strict=True)))
         return self.pair, near.first.position(motion), force
 
-    def contact_slip(self, motion: Motion) -> Vec:
+    def contact_slip(self, motion: KinematicState) -> Vec:
         """c along the world's axes."""
         slip, axes = self.gap.velocity(motion)[1:], self.gap.nearest(motion).axes[1:]
         return add(*(scale(speed, axis) for speed, axis in zip(slip, axes, strict=True)))
 
-    def sliding(self, motion: Motion) -> list[Scalar]:
+    def sliding(self, motion: KinematicState) -> list[Scalar]:
         """The direction of sliding along the two tangents: of c + s b, with the direction b of `before` and s = SLOW.
 
         That of c alone is singular at c = 0, and need not be b there: steps would be ever smaller. This one is singular
@@ -192,7 +192,7 @@ class Contact(SwitchingEffect, frozen=True):
         return select_pairs(robot, solids, asked, float(self.margin), self.exclude)
 
     def notes(self, robot: Robot) -> list[str]:
-        """How many pairs are watched, which of "self" are not, and what the hulls of meshes fill."""
+        """Notes on the pairs: the number watched, those of "self" that are not, and what the hulls of meshes fill."""
         pairs = self.selected(robot)
         lines = [f"{_pairs(len(pairs.chosen))} may touch: {_listed(dict.fromkeys(pair.name for pair in pairs.chosen))}"]
         for reason in sorted({reason for _, reason in pairs.excluded}):

@@ -1,4 +1,4 @@
-"""Which bodies of a robot may touch: the pairs that a scene names, and what "self" and "ground" stand for."""
+"""Pairs of a robot's bodies that may touch: those that a scene names, and what "self" and "ground" stand for."""
 
 from __future__ import annotations
 
@@ -106,13 +106,13 @@ def _numbered(pairs: Iterable[Pair]) -> list[Pair]:
 
 
 def _key(pair: Pair) -> tuple[int, object]:
-    """What two equal pairs have in common, in whichever order their bodies were named."""
+    """The key that two equal pairs have in common, in whichever order their bodies were named."""
     first, second = id(pair.first), pair.second if isinstance(pair.second, World) else id(pair.second)
     return (first, second) if isinstance(second, World) else (min(first, second), max(first, second))
 
 
 def hollow_notes(pairs: Pairs) -> list[str]:
-    """How many convex parts meshes have, and what the convex hulls of others fill, the deepest first."""
+    """Notes on meshes: their numbers of convex parts, and what the convex hulls of others fill, the deepest first."""
     meshes = {id(solid): solid.name for pair in pairs.chosen for solid in (pair.first, pair.second)
               if isinstance(solid, Solid) and solid.mesh}  # fmt: skip
     parts = ", ".join(f"{name} {count}" for name, count in Counter(meshes.values()).items() if count > 1)
@@ -152,7 +152,7 @@ def _own_pairs(robot: Robot, solids: Sequence[Solid], margin: float) -> tuple[li
 
 
 def _overlap(geometry: Sequence[pin.GeometryObject], poses: Sequence[pin.SE3], i: int, k: int, margin: float) -> bool:
-    """Whether shapes are nearer than a margin, m. Those that touch, such as Newton's cradle, have the distance 0."""
+    """True if shapes are nearer than a margin, m. Those that touch, such as Newton's cradle, have the distance 0."""
     import coal
 
     placed = [(item, poses[item.parentJoint] * item.placement) for item in (geometry[i], geometry[k])]
@@ -206,7 +206,7 @@ def _named(solids: Sequence[Solid], body: Body, where: str) -> list[Solid] | Wor
 
 
 def _counts(solids: Sequence[Solid]) -> Counter[str]:
-    """How many solids each link has; the parts of a mesh are one."""
+    """The number of solids of each link; the parts of a mesh are one."""
     return Counter(link for link, _ in {(solid.link, solid.name) for solid in solids})
 
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any, Literal
 
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.recursions import newton_euler
 from twolink.algorithms.spatial import Scalar, Vec, add, cross, dot, minus, negative, plus, scale, times
 from twolink.dynamics import Robot
@@ -51,7 +51,7 @@ class JointPD(Effect, frozen=True):
 
     @property
     def analytic(self) -> bool:
-        """Whether there are no limits: a torque is not smooth where it reaches its limit."""
+        """True if there are no limits: a torque is not smooth where it reaches its limit."""
         return self.effort is None
 
     def check(self, robot: Robot) -> None:
@@ -67,7 +67,7 @@ class JointPD(Effect, frozen=True):
         """kd by joint."""
         return self.kd
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add kp (target - q) - kd v + feedforward."""
         for joint, target in self.target.items():
             entry, dof = motion.coordinate(joint)
@@ -125,7 +125,7 @@ class PID(Effect, frozen=True):
 
     @property
     def analytic(self) -> bool:
-        """Whether there are no limits: a torque is not smooth where it reaches its limit."""
+        """True if there are no limits: a torque is not smooth where it reaches its limit."""
         return self.effort is None
 
     def check(self, robot: Robot) -> None:
@@ -141,13 +141,13 @@ class PID(Effect, frozen=True):
                                  remedy=f"tracking={{{joint!r}: 0.1}}")  # fmt: skip
         check_limits(self.effort, self.target, robot)
 
-    def states(self, motion: Motion) -> Mapping[str, Scalar]:
+    def states(self, motion: KinematicState) -> Mapping[str, Scalar]:
         """I and w."""
         seen = motion.links if self.side == "joint" else motion
         speeds = {f"{joint}.filter": seen.v[seen.coordinate(joint)[1]] for joint, time in self.filter.items() if time}
         return {**{f"{joint}.integral": 0.0 for joint, gain in self.ki.items() if gain}, **speeds}
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add tau, and give I' and w'."""
         seen = motion.links if self.side == "joint" else motion
         for joint, target in self.target.items():
@@ -194,7 +194,7 @@ class GravityCompensation(Effect, frozen=True):
 
     @property
     def analytic(self) -> bool:
-        """Whether there are no limits: a torque is not smooth where it reaches its limit."""
+        """True if there are no limits: a torque is not smooth where it reaches its limit."""
         return self.effort is None
 
     def check(self, robot: Robot) -> None:
@@ -207,7 +207,7 @@ class GravityCompensation(Effect, frozen=True):
             check_joint(joint, robot, "joints")
         check_limits(self.effort, joints, robot)
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add g(q)."""
         zeros = [0.0] * motion.mech.nv
         torques = newton_euler(motion.mech, motion.own(), zeros, zeros, None)
@@ -258,7 +258,7 @@ class ComputedTorque(Effect, frozen=True):
 
     @property
     def analytic(self) -> bool:
-        """Whether there are no limits: a torque is not smooth where it reaches its limit."""
+        """True if there are no limits: a torque is not smooth where it reaches its limit."""
         return self.effort is None
 
     def check(self, robot: Robot) -> None:
@@ -281,7 +281,7 @@ class ComputedTorque(Effect, frozen=True):
                 raise SceneError(what, where=f"path.{joint}.interpolation", remedy='interpolation="cubic"')
         check_limits(self.effort, [*self.path, *self.following], robot)
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add the inverse dynamics of a_ref + kd e' + kp e."""
         paths = {joint: derivatives_at(path, motion.t, motion.xp) for joint, path in self.path.items()}
         for joint, factors in self.following.items():
@@ -333,7 +333,7 @@ class StateFeedback(Effect, frozen=True):
 
     @property
     def analytic(self) -> bool:
-        """Whether there are no limits: a torque is not smooth where it reaches its limit."""
+        """True if there are no limits: a torque is not smooth where it reaches its limit."""
         return self.effort is None
 
     def check(self, robot: Robot) -> None:
@@ -350,7 +350,7 @@ class StateFeedback(Effect, frozen=True):
         check_subset(self.torque, self.gain, "torque", "joint with a gain")
         check_limits(self.effort, self.gain, robot)
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add torque - K (e, v)."""
         state = [*_errors(motion, [number(x) for x in self.target]), *motion.v]
         for joint, row in self.gain.items():
@@ -359,7 +359,7 @@ class StateFeedback(Effect, frozen=True):
             loads.torque(motion.dofs(joint)[0], clamped(torque, joint, self.effort, motion, loads))
 
 
-def _errors(motion: Motion, target: list[Scalar]) -> list[Scalar]:
+def _errors(motion: KinematicState, target: list[Scalar]) -> list[Scalar]:
     """e (nv)."""
     errors: list[Scalar] = []
     for joint in joint_layouts(motion.model):
@@ -417,7 +417,7 @@ def limit_of(joint: str, limits: Limits, model: Any) -> float | None:
     return _urdf_limit(model, joint) if limits == "urdf" else (limits or {}).get(joint)
 
 
-def clamped(torque: Scalar, joint: str, limits: Limits, motion: Motion, loads: Loads) -> Scalar:
+def clamped(torque: Scalar, joint: str, limits: Limits, motion: KinematicState, loads: Loads) -> Scalar:
     """The torque of a joint within its limit L: min(max(torque, -L), L). The loads note where it is not smooth."""
     limit = limit_of(joint, limits, motion.model)
     if limit is None:

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import Scalar, minus, negative, plus, times
 from twolink.dynamics import Robot
 from twolink.effects.checks import above_zero, check_effect, check_joints, check_subset
@@ -25,18 +25,18 @@ from twolink.errors import SceneError
 
 
 class Drive(Effect, frozen=True):
-    """What acts on the torques of another effect, `of`."""
+    """A drive: an effect that acts on the torques of another one, `of`."""
 
     of: Any = None  # an Effect: scene files read it by its type
 
     @property
     def analytic(self) -> bool:
-        """Whether what is inside is."""
+        """True if the effect inside is analytic, or there is none."""
         return self.of is None or self.of.analytic
 
     @property
     def changes(self) -> bool:
-        """Whether what is inside changes the robot."""
+        """True if the effect inside changes the robot."""
         return self.of is not None and self.of.changes
 
     @property
@@ -62,19 +62,19 @@ class Drive(Effect, frozen=True):
             raise error.at(f"of.{error.where}") from None
 
     def change(self, model: pin.Model) -> None:
-        """What is inside may change the robot."""
+        """Change the robot as the effect inside does."""
         if self.of is not None:
             self.of.change(model)
 
-    def states(self, motion: Motion) -> Mapping[str, Scalar]:
-        """Those of what is inside."""
+    def states(self, motion: KinematicState) -> Mapping[str, Scalar]:
+        """States of the effect inside."""
         return {} if self.of is None else self.of.states(self.seen_inside(motion))
 
     def breaks(self, duration: float) -> Sequence[float]:
-        """Those of what is inside."""
+        """The times [s] at which the effect inside is not smooth."""
         return () if self.of is None else self.of.breaks(duration)
 
-    def inside(self, motion: Motion, loads: Loads) -> list[Scalar]:
+    def inside(self, motion: KinematicState, loads: Loads) -> list[Scalar]:
         """The torques (nv) of what is inside, which sees a motion."""
         own = loads.of_motor(motion)
         if self.of is not None:
@@ -84,7 +84,7 @@ class Drive(Effect, frozen=True):
                              remedy="leave it outside")  # fmt: skip
         return own.tau
 
-    def seen_inside(self, motion: Motion) -> Motion:
+    def seen_inside(self, motion: KinematicState) -> KinematicState:
         """The motion as what is inside sees it."""
         return motion
 
@@ -119,11 +119,11 @@ class ActuatorLag(Drive, frozen=True):
         above_zero(self.time, "time")
         check_subset(self.start, self.time, "start", "joint with a lag")
 
-    def states(self, motion: Motion) -> Mapping[str, Scalar]:
+    def states(self, motion: KinematicState) -> Mapping[str, Scalar]:
         """z of each joint."""
         return {**super().states(motion), **{f"{j}.lag": number(self.start.get(j, 0.0)) for j in self.time}}
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add z."""
         commands = self.inside(motion, loads)
         for joint, time in self.time.items():
@@ -203,13 +203,13 @@ class DCMotor(Drive, frozen=True):
         if self.winding is not None:
             finite(self.winding.capacity, "winding.capacity", least=np.finfo(float).tiny)
 
-    def states(self, motion: Motion) -> Mapping[str, Scalar]:
+    def states(self, motion: KinematicState) -> Mapping[str, Scalar]:
         """The currents and temperatures."""
         currents = {f"{joint}.current": number(self.start.get(joint, 0.0)) for joint in self.resistance}
         heat = {f"{joint}.winding": 0.0 for joint in self.resistance if self.winding is not None}
         return {**super().states(motion), **currents, **heat}
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add K i, and give i' and the winding's temperature."""
         voltages = self.inside(motion, loads)
         for joint, resistance in self.resistance.items():
@@ -266,7 +266,7 @@ class Gear(Drive, frozen=True):
 
     @property
     def changes(self) -> bool:
-        """Whether it has a rotor, or what is inside changes the robot."""
+        """True if it has a rotor, or the effect inside changes the robot."""
         return bool(self.inertia) or super().changes
 
     def check(self, robot: Robot) -> None:
@@ -289,14 +289,14 @@ class Gear(Drive, frozen=True):
         super().change(model)
         Rotor(self.inertia, self.ratio).change(model)
 
-    def seen_inside(self, motion: Motion) -> Motion:
+    def seen_inside(self, motion: KinematicState) -> KinematicState:
         """N q and N v."""
         rows = {joint: motion.coordinate(joint) for joint in self.ratio}
         return motion.driven_by({joint: (times(number(n), motion.q[rows[joint][0]]),
                                          times(number(n), motion.v[rows[joint][1]]))
                                  for joint, n in self.ratio.items()})  # fmt: skip
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add N tau (a - b tanh(N tau v / P))."""
         torques = self.inside(self.seen_inside(motion), loads)
         for joint, ratio in self.ratio.items():
@@ -328,13 +328,13 @@ class MotorOnSpring(Drive, frozen=True):
             check_name(joint, self.inertia, "inertia", "inertia for joint")
         above_zero(self.inertia, "inertia")
 
-    def seen_inside(self, motion: Motion) -> Motion:
+    def seen_inside(self, motion: KinematicState) -> KinematicState:
         """theta and w; at the start q and v."""
         names = [joint for joint in self.stiffness if f"{joint}.motor" in motion.states]
         return motion.driven_by({joint: (motion.states[f"{joint}.motor"], motion.states[f"{joint}.motor_speed"])
                                  for joint in names})  # fmt: skip
 
-    def states(self, motion: Motion) -> Mapping[str, Scalar]:
+    def states(self, motion: KinematicState) -> Mapping[str, Scalar]:
         """theta and w."""
         own: dict[str, Scalar] = {}
         for joint in self.stiffness:
@@ -342,7 +342,7 @@ class MotorOnSpring(Drive, frozen=True):
             own |= {f"{joint}.motor": motion.q[entry], f"{joint}.motor_speed": motion.v[dof]}
         return {**super().states(motion), **own}
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add f, and give theta' and w'."""
         motor = self.seen_inside(motion)
         torques = self.inside(motor, loads)

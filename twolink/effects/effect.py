@@ -1,4 +1,4 @@
-"""What all effects have in common: their place in scene files, and what they may do to a robot."""
+"""The interface of all effects: their place in scene files, and what they may do to a robot."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import msgspec
 import numpy as np
 
-from twolink.algorithms.motion import Motion, placed
+from twolink.algorithms.motion import KinematicState, placed
 from twolink.algorithms.spatial import ZERO, Scalar, Vec, add, cross, inward, plus
 from twolink.errors import SceneError, require_known
 from twolink.io.text import kebab_case
@@ -34,7 +34,7 @@ class Loads:
     sides: of each limit of effort, on which side it stays, -1 below, 0 within, 1 above; None: as the torque is.
     """
 
-    def __init__(self, motion: Motion, sides: Sequence[Scalar] | None = None) -> None:
+    def __init__(self, motion: KinematicState, sides: Sequence[Scalar] | None = None) -> None:
         self.sides = sides
         self._motion = motion
         self.tau: list[Scalar] = [0.0] * motion.mech.nv
@@ -43,14 +43,14 @@ class Loads:
 
         self.rates: dict[str, Scalar] = {}
 
-    def of_motor(self, motion: Motion) -> Loads:
+    def of_motor(self, motion: KinematicState) -> Loads:
         """Loads of what drives a motor: their torques are its own; rates and limits are common."""
         own = copy.copy(self)
         own._motion, own.tau, own.wrenches = motion, [0.0] * motion.mech.nv, {}
         return own
 
     def beyond(self, name: str, lower: Scalar, upper: Scalar, xp: Any) -> tuple[Any, Any]:
-        """Whether a value is below, or above, two limits, from its distances to them (above 0 within).
+        """Two conditions: a value is below, or above, its limits, by its distances to them (above 0 within).
 
         Events locate where they pass 0, so that no step crosses what is not smooth.
         """
@@ -88,7 +88,7 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
     """One thing a scene calls for. In a scene file its `type` is the class's name in lower case, with hyphens.
 
     An effect may change the robot's constants (`change`), or act on the moving robot (`act`), or both. What it does
-    is written once, over plain arithmetic: NumPy runs it beside Pinocchio, heyoka compiles it.
+    is written once, over plain arithmetic: NumPy runs it beside Pinocchio, the machine runs its tape.
     """
 
     touches: ClassVar[bool] = False  # whether bodies touch by it
@@ -96,12 +96,12 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
 
     @property
     def analytic(self) -> bool:
-        """Whether what it does is smooth to any order, as Taylor's method needs."""
+        """True if the effect is smooth to any order, as Taylor's method needs."""
         return True
 
     @property
     def changes(self) -> bool:
-        """Whether it changes constants of the robot."""
+        """True if the effect changes constants of the robot."""
         return type(self).change is not Effect.change
 
     @property
@@ -110,7 +110,7 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
         return None
 
     def held(self, robot: Robot, place: int) -> Effect:
-        """What acts between the ticks of its sampled controller; place: of the effect in its scene."""
+        """The effect that acts between the ticks of its sampled controller; place: of the effect in its scene."""
         del robot, place
         return self
 
@@ -123,7 +123,7 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
     def change(self, model: pin.Model) -> None:
         """Change the constants of a model that belongs to the scene alone."""
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add the torques on joints and the wrenches on bodies that the effect gives to a motion."""
 
     def viscosity(self, robot: Robot) -> Mapping[str, float]:
@@ -131,7 +131,7 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
         del robot
         return {}
 
-    def states(self, motion: Motion) -> Mapping[str, Scalar]:
+    def states(self, motion: KinematicState) -> Mapping[str, Scalar]:
         """The states z of the effect beside q and v, by name, and their values at the start, of a motion at t = 0.
 
         `act` finds them in `motion.states`, and gives z' by `loads.rates`.
@@ -140,7 +140,7 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
         return {}
 
     def notes(self, robot: Robot) -> Sequence[str]:
-        """What `explain` says of the effect beside its fields, one line each."""
+        """Notes of `explain` on the effect beside its fields, one line each."""
         del robot
         return ()
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 from twolink.algorithms.functions import frame_pose
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import (
     Vec,
     add,
@@ -49,7 +49,7 @@ class Torque(Effect, frozen=True):
         """Require joints with one degree of freedom."""
         check_joints(self.inputs, robot, "inputs", dofs=True)
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add u(t)."""
         for joint, u in self.inputs.items():
             loads.torque(motion.dofs(joint)[0], value_at(u, motion.t, motion.xp))
@@ -75,7 +75,7 @@ class JointDamping(Effect, frozen=True):
         """d by joint."""
         return self.damping or {joint.name: float(robot.model.damping[joint.v][0]) for joint in robot.joints}
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add -d v."""
         for k, d in values_by_dof(self.damping, motion.model.damping, motion).items():
             loads.torque(k, times(-d, motion.v[k]))
@@ -100,7 +100,7 @@ class JointSpring(Effect, frozen=True):
         check_joints(self.stiffness, robot, "stiffness", coordinates=True)
         check_subset(self.rest, self.stiffness, "rest", "joint with a stiffness")
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add -k (q - q0)."""
         for joint, k in self.stiffness.items():
             entry, dof = motion.coordinate(joint)
@@ -137,7 +137,7 @@ class SmoothFriction(Effect, frozen=True):
         finite(self.scale, "scale", least=math.ulp(0.0))
         check_values_or_urdf(self.friction, robot.model.friction, robot, "friction")
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add -f tanh(v / s)."""
         for k, f in values_by_dof(self.friction, motion.model.friction, motion).items():
             if f:
@@ -195,12 +195,12 @@ class LuGreFriction(Effect, frozen=True):
         for name in ("stiffness", "coulomb", "stribeck"):
             above_zero(getattr(self, name), name)
 
-    def states(self, motion: Motion) -> Mapping[str, float]:
+    def states(self, motion: KinematicState) -> Mapping[str, float]:
         """k z."""
         del motion
         return {f"{joint}.bristle": 0.0 for joint in self.stiffness}
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add tau, and give k z'."""
         xp = motion.xp
         for joint, stiffness in self.stiffness.items():
@@ -248,7 +248,7 @@ class FrameWrench(Effect, frozen=True):
         """Require a link that moves."""
         check_frame(self.frame, robot, "frame")
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add f and n, moved to the joint that carries the link."""
         force, moment, point = _value(self.force, motion), _value(self.moment, motion), floats(self.point)
         if self.axes == "world":
@@ -258,7 +258,7 @@ class FrameWrench(Effect, frozen=True):
         loads.wrench(body, *force_to_parent(place, (force, add(moment, cross(point, force)))))
 
 
-def _value(vector: Three, motion: Motion) -> Vec:
+def _value(vector: Three, motion: KinematicState) -> Vec:
     x, y, z = (value_at(component, motion.t, motion.xp) for component in vector)
     return x, y, z
 
@@ -310,7 +310,7 @@ class AirDrag(Effect, frozen=True):
         """Require a link that moves."""
         check_frame(self.frame, robot, "frame")
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add -rho c A |u| u / 2."""
         k = -0.5 * number(self.density) * number(self.coefficient) * number(self.area)
         if k == 0.0:
@@ -368,7 +368,7 @@ class SpringBetween(Effect, frozen=True):
             what = f"{self.first!r} and {self.second!r} do not move against each other"
             raise SceneError(what, where="second", remedy="name links with a joint between them")
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add T n to the first point and -T n to the second, n the direction from the first to the second."""
         near, far = floats(self.first_point), floats(self.second_point)
         k, c, rest = number(self.stiffness), number(self.damping), number(self.rest_length)

@@ -21,7 +21,7 @@ MAX_BYTES = 2**28
 DEGREES = {"hold": 0, "linear": 1, "cubic": 3}
 
 
-class Piece(NamedTuple):
+class PolynomialPiece(NamedTuple):
     """c0 + c1 (t - start) + ...: a table between two of its knots."""
 
     start: Scalar
@@ -73,13 +73,13 @@ class Sampled(
 
     @property
     def rows(self) -> int:
-        """How many numbers make a piece: its coefficients, and where it starts if that matters."""
+        """The count of numbers that make a piece: its coefficients, and its start if that matters."""
         degree = DEGREES[self.interpolation]
         return degree + 2 if degree else 1
 
-    def piece_of(self, rows: Any) -> Piece:
+    def piece_of(self, rows: Any) -> PolynomialPiece:
         """The piece made of so many numbers, or symbols."""
-        return Piece(rows[0], tuple(rows[1:])) if len(rows) > 1 else Piece(0.0, tuple(rows))
+        return PolynomialPiece(rows[0], tuple(rows[1:])) if len(rows) > 1 else PolynomialPiece(0.0, tuple(rows))
 
     def rows_at(self, t: float) -> Array:
         """The numbers of the piece that holds at time t, (rows,)."""
@@ -87,15 +87,15 @@ class Sampled(
         at = int(np.searchsorted(self.times, t, side="right"))
         return np.append(starts[at], coefficients[at]) if len(coefficients[at]) > 1 else coefficients[at]
 
-    def piece_at(self, t: Scalar) -> Piece:
+    def piece_at(self, t: Scalar) -> PolynomialPiece:
         """The piece that holds at time t, or from it on; of an array of times, the piece of each."""
         starts, coefficients = self._pieces
         at = np.searchsorted(self.times, np.asarray(t, dtype=float), side="right")
-        return Piece(starts[at], tuple(np.moveaxis(coefficients[at], -1, 0)))
+        return PolynomialPiece(starts[at], tuple(np.moveaxis(coefficients[at], -1, 0)))
 
     @functools.cached_property
     def _pieces(self) -> tuple[Array, Array]:
-        """Where each piece starts (n + 1,), and its coefficients (n + 1, degree + 1): n - 1 between, one each side."""
+        """Starts of the pieces (n + 1,), and their coefficients (n + 1, degree + 1): n - 1 between, one each side."""
         degree = DEGREES[self.interpolation]
         knots, values = np.array(self.times, dtype=float), np.array(self.values, dtype=float)
         coefficients = np.zeros((len(knots) + 1, degree + 1))
@@ -230,14 +230,14 @@ class Slot(msgspec.Struct, frozen=True, tag_field="kind", tag="slot"):
 Input = float | Polynomial | Bezier | Sine | Sampled
 
 
-def value_at(signal: Input | Piece, t: Scalar, xp: Any) -> Scalar:
+def value_at(signal: Input | PolynomialPiece, t: Scalar, xp: Any) -> Scalar:
     """The input at time t. A table is looked up at numbers; in expressions its current piece stands for it."""
     if isinstance(signal, Sine):
         return plus(times(number(signal.amplitude), xp.sin(signal.frequency * t + signal.phase)), number(signal.mean))
     return _polynomial(*_series(signal, t))
 
 
-def derivatives_at(signal: Input | Piece, t: Scalar, xp: Any) -> tuple[Scalar, Scalar, Scalar]:
+def derivatives_at(signal: Input | PolynomialPiece, t: Scalar, xp: Any) -> tuple[Scalar, Scalar, Scalar]:
     """The input and its first and second derivatives at time t."""
     if isinstance(signal, Sine):
         a, w, angle = number(signal.amplitude), number(signal.frequency), signal.frequency * t + signal.phase
@@ -252,7 +252,7 @@ def derivatives_at(signal: Input | Piece, t: Scalar, xp: Any) -> tuple[Scalar, S
 def _series(signal: Any, t: Scalar) -> tuple[list[Scalar], Scalar]:
     """The coefficients of a number, a polynomial or a piece of a table, and the time that they are of."""
     piece = signal.piece_at(t) if isinstance(signal, Sampled) else signal
-    if isinstance(piece, Piece):
+    if isinstance(piece, PolynomialPiece):
         return list(piece.coefficients), t - piece.start
     if isinstance(piece, Bezier):
         return _powers(piece), t

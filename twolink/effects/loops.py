@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import pinocchio as pin
 
-from twolink.algorithms.motion import GROUND, Motion
+from twolink.algorithms.motion import GROUND, KinematicState
 from twolink.algorithms.spatial import ZERO, Scalar, Vec, across, dot, minus, plus, times, unit
 from twolink.dynamics import Robot
 from twolink.effects.checks import apart, check_frame
@@ -22,7 +22,7 @@ class Loop(Effect, frozen=True):
     touches: ClassVar[bool] = False  # whether it is that of bodies that touch
     max_rows: ClassVar[int] = 0  # the number of rows in the mode that has most; 0 where it has no modes
 
-    def carrier(self, motion: Motion) -> int:
+    def carrier(self, motion: KinematicState) -> int:
         """The body along whose axes the rows are, where they are differences of points; 0 is the ground.
 
         Seen from the nearest body that carries both places, the rows do not depend on the joints that carry it: a loop
@@ -31,16 +31,16 @@ class Loop(Effect, frozen=True):
         del motion
         return 0
 
-    def rows(self, motion: Motion) -> list[Scalar]:
+    def rows(self, motion: KinematicState) -> list[Scalar]:
         """g(q), m and (of directions) 1: what stays 0."""
         raise NotImplementedError
 
-    def velocity_rows(self, motion: Motion) -> list[Scalar]:
+    def velocity_rows(self, motion: KinematicState) -> list[Scalar]:
         """b(q) v, m/s: what stays 0 of velocities alone, as rolling does. Linear in v."""
         del motion
         return []
 
-    def forces(self, motion: Motion, along: Motion) -> list[Scalar] | None:
+    def forces(self, motion: KinematicState, along: KinematicState) -> list[Scalar] | None:
         """The power along another velocity of each row's force of size 1, where that force is not the row's J^T.
 
         motion: q and v. along: the same q and some other velocity. Friction is such a force: it comes with the normal
@@ -49,7 +49,7 @@ class Loop(Effect, frozen=True):
         del motion, along
         return None
 
-    def contact_force(self, motion: Motion, multipliers: Sequence[Scalar]) -> tuple[str, Vec, Vec] | None:
+    def contact_force(self, motion: KinematicState, multipliers: Sequence[Scalar]) -> tuple[str, Vec, Vec] | None:
         """The pair of bodies whose contact this is, the point where it acts, m, and the force on the first, N.
 
         Both are along the world's axes.
@@ -57,7 +57,7 @@ class Loop(Effect, frozen=True):
         del motion, multipliers
         return None
 
-    def contact_slip(self, motion: Motion) -> Vec:
+    def contact_slip(self, motion: KinematicState) -> Vec:
         """The velocity of the first of two bodies that touch relative to the second one, along the contact, m/s."""
         del motion
         return ZERO
@@ -84,11 +84,11 @@ class PointLoop(Loop, frozen=True):
         check_frame(self.a, robot, "a", ground=True)
         check_frame(self.b, robot, "b", ground=True)
 
-    def carrier(self, motion: Motion) -> int:
+    def carrier(self, motion: KinematicState) -> int:
         """The nearest body that carries a and b."""
         return motion.carrier(self.a, self.b)
 
-    def rows(self, motion: Motion) -> list[Scalar]:
+    def rows(self, motion: KinematicState) -> list[Scalar]:
         """x_a - x_b along the carrier's axes."""
         return apart(motion.seen_from(self.carrier(motion)), self.a, self.point_a, self.b, self.point_b)
 
@@ -120,11 +120,11 @@ class HingeLoop(Loop, frozen=True):
         unit(self.axis_a, "axis_a")
         unit(self.axis_b, "axis_b")
 
-    def carrier(self, motion: Motion) -> int:
+    def carrier(self, motion: KinematicState) -> int:
         """The nearest body that carries a and b."""
         return motion.carrier(self.a, self.b)
 
-    def rows(self, motion: Motion) -> list[Scalar]:
+    def rows(self, motion: KinematicState) -> list[Scalar]:
         """x_a - x_b, and the parts of b's axis along two directions across a's."""
         motion = motion.seen_from(self.carrier(motion))
         axis = motion.direction(self.b, unit(self.axis_b, "axis_b"))
@@ -159,11 +159,11 @@ class WeldLoop(Loop, frozen=True):
         check_frame(self.a, robot, "a", ground=True)
         check_frame(self.b, robot, "b", ground=True)
 
-    def carrier(self, motion: Motion) -> int:
+    def carrier(self, motion: KinematicState) -> int:
         """The nearest body that carries a and b."""
         return motion.carrier(self.a, self.b)
 
-    def rows(self, motion: Motion) -> list[Scalar]:
+    def rows(self, motion: KinematicState) -> list[Scalar]:
         """x_a - x_b, and for axes a_i of a and b_i of b: a_2 . b_3, a_3 . b_1, a_1 . b_2."""
         motion = motion.seen_from(self.carrier(motion))
         turned = pin.rpy.rpyToMatrix(*self.rpy).T.tolist()  # its rows: a's axes as b sees them
@@ -199,7 +199,7 @@ class Coupling(Loop, frozen=True):
         if self.joint == self.other:
             raise SceneError(f"joint {self.joint!r} is coupled to itself", where="other", remedy="name two joints")
 
-    def rows(self, motion: Motion) -> list[Scalar]:
+    def rows(self, motion: KinematicState) -> list[Scalar]:
         """q_joint - ratio q_other - offset."""
         ours, theirs = motion.coordinate(self.joint)[0], motion.coordinate(self.other)[0]
         driven = plus(times(float(self.ratio), motion.q[theirs]), float(self.offset))

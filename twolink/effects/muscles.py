@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.dynamics import Robot
 from twolink.effects.checks import check_joints, check_subset
@@ -86,12 +86,12 @@ class Muscle(Effect, frozen=True):
                 if value > 1.0:
                     raise SceneError(f"expected at most 1, got {value!r}", where=field, remedy="1 is all of the muscle")
 
-    def states(self, motion: Motion) -> Mapping[str, Scalar]:
+    def states(self, motion: KinematicState) -> Mapping[str, Scalar]:
         """a."""
         del motion
         return {f"{self.name}.activation": number(self.start)}
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add r_j F, and give a'."""
         name, xp = f"{self.name}.activation", motion.xp
         a, u = motion.states[name], value_at(self.excitation, motion.t, xp)

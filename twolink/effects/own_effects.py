@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.mechanism import mechanism
-from twolink.algorithms.motion import GROUND, Motion
+from twolink.algorithms.motion import GROUND, KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.tape import Symbol, Tape
 from twolink.dynamics import Robot
@@ -43,7 +43,7 @@ _INSTEAD = {
 
 
 def is_own(effect: Effect) -> bool:
-    """Whether a user wrote the effect, and it acts on the moving robot."""
+    """True if a user wrote the effect, and it acts on the moving robot."""
     return not type(effect).__module__.startswith("twolink.") and type(effect).act is not Effect.act
 
 
@@ -68,7 +68,7 @@ def check_own_formula(effect: Effect, robot: Robot) -> None:
 
 
 def has_own(effect: Effect) -> bool:
-    """Whether the effect, or what is inside it, is one of a user's own."""
+    """True if the effect, or one inside it, is one of a user's own."""
     inside = getattr(effect, "of", None)
     return not type(effect).__module__.startswith("twolink.") or (isinstance(inside, Effect) and has_own(inside))
 
@@ -97,9 +97,9 @@ def _require_repeatable(effect: Effect, robot: Robot, formulas: Outputs) -> None
     model = robot.model
 
     def values(shift: float) -> Outputs:
-        """What `act` adds at a state."""
+        """The outputs of `act` at a state."""
         q, v = robot.integrate(robot.neutral, np.full(model.nv, shift)), np.full(model.nv, -shift)
-        motion = Motion(model, mechanism(model), list(q), list(v), shift, Numbers)
+        motion = KinematicState(model, mechanism(model), list(q), list(v), shift, Numbers)
         motion.states = dict.fromkeys(effect.states(motion), shift)
         with np.errstate(all="ignore"):
             return _outputs(effect, motion, _number)
@@ -118,8 +118,8 @@ def _require_same(effect: Effect, first: Outputs, second: Outputs) -> None:
             raise SceneError(what, where="act", remedy=remedy, code="not-repeatable")
 
 
-def _outputs(effect: Effect, motion: Motion, read: Callable[[Any], str]) -> Outputs:
-    """What `act` adds, read as text: by joint its torques, and the wrench on its body. Raises SceneError."""
+def _outputs(effect: Effect, motion: KinematicState, read: Callable[[Any], str]) -> Outputs:
+    """The outputs of `act`, read as text: by joint its torques, and the wrench on its body. Raises SceneError."""
     model, loads = motion.model, _StrictLoads(motion)
     act: Callable[..., object] = with_pieces(effect, lambda _: 1.0).act
     try:
@@ -210,7 +210,7 @@ class _StrictTape(Tape):
         raise _refusal(f"motion.xp.{name}", f"motion.xp has {', '.join(_NAMESPACE)}")
 
 
-class _StrictMotion(Motion):
+class _StrictMotion(KinematicState):
     """A motion that knows which joints and frames there are."""
 
     def frame(self, frame: str) -> Any:

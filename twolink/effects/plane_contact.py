@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from twolink.algorithms.motion import GROUND, Motion
+from twolink.algorithms.motion import GROUND, KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.spatial import (
     ZERO,
@@ -51,7 +51,7 @@ class EllipsoidGap(Gap, frozen=True):
     normal: Vec
     height: float
 
-    def nearest(self, motion: Motion) -> Nearest:
+    def nearest(self, motion: KinematicState) -> Nearest:
         """The ellipsoid's lowest point."""
         n, axes = self.normal, [motion.direction(self.link, axis) for axis in AXES]
         sizes = [times(radius, dot(n, axis)) for radius, axis in zip(self.radii, axes, strict=True)]
@@ -194,7 +194,7 @@ class CompliantContact(Effect, frozen=True):
         check_on_plane(self, robot)
         finite(self.slip, "slip", least=np.finfo(float).tiny)
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add the force at the lowest point and the moments."""
         xp, gap = motion.xp, gap_to_plane(self, motion.xp)
         near, (rate, *across) = gap.nearest(motion), gap.velocity(motion)

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import minus, plus, times
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import whole
@@ -50,7 +50,7 @@ class HeldTorques(Effect, frozen=True):
     slopes: Mapping[str, Slot] = {}
     since: Slot | None = None
 
-    def act(self, motion: Motion, loads: Loads) -> None:
+    def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add the held torques."""
         for joint, value in self.values.items():
             if joint in self.slopes:
@@ -65,7 +65,7 @@ class DofTorques(Effect, frozen=True):
 
     values: Mapping[str, Slot]
 
-    def act(self, motion: Motion, loads: Loads) -> None:  # noqa: ARG002 what all effects are given
+    def act(self, motion: KinematicState, loads: Loads) -> None:  # noqa: ARG002 what all effects are given
         """Add them."""
         loads.torques(list(self.values.values()))
 
@@ -170,7 +170,7 @@ class Controller(Effect, frozen=True):
         return np.array([np.inf if value is None else value for value in values], dtype=float)
 
     def held(self, robot: Robot, place: int) -> HeldTorques:
-        """What acts on the moving robot; place: of the controller among the scene's effects."""
+        """The held torques that act on the moving robot; place: of the controller among the scene's effects."""
         joints = self.joints(robot)
         values, slopes = (
             {joint: Slot(f"controller {place} {kind} {joint}") for joint in joints} for kind in ("value", "slope")

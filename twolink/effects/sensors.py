@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.mechanism import mechanism
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.dynamics import Robot
 from twolink.effects.checks import check_frame, check_joints, check_subset
@@ -37,7 +37,7 @@ class Forces:
 
 
 class Seen:
-    """What sensors see: states of a robot, q (n, nq) and v (n, nv), and of effects, by name z (n,); and forces.
+    """The input of sensors: states of a robot, q (n, nq) and v (n, nv), and of effects, by name z (n,); and forces.
 
     look: computes the forces when they are needed.
     """
@@ -198,7 +198,7 @@ class StateSensor(Sensor, frozen=True):
 
     def check_beside(self, effects: Sequence[Effect], robot: Robot) -> None:
         """Require states that the effects have."""
-        start = Motion(robot.model, mechanism(robot.model), list(robot.neutral), [0.0] * robot.nv, 0.0, Numbers)
+        start = KinematicState(robot.model, mechanism(robot.model), list(robot.neutral), [0.0] * robot.nv, 0.0, Numbers)
         check_subset(self.names, [name for one in effects for name in one.states(start)], "names", "state")
 
     def read(self, seen: Seen) -> Array:
@@ -276,7 +276,7 @@ class PoseSensor(_OfLink, frozen=True):
 
 
 class ForceTorque(Sensor, frozen=True):
-    """What a joint transmits from its parent to its child link, along the joint's axes: force [N], moment [N m].
+    """The wrench from a joint's parent link on its child link, along the joint's axes: force [N], moment [N m].
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import Scalar
 from twolink.effects.effect import Effect
 from twolink.effects.inputs import Slot
@@ -50,7 +50,7 @@ class Hold:
     kinds: tuple[str, str] = ("stick", "slip")
 
     def acts(self, q: np.ndarray) -> bool:
-        """Whether it can hold the joint where it is."""
+        """True if it can hold the joint at its position."""
         return self.entry is None or bool(q[self.entry] == self.position)
 
 
@@ -91,11 +91,11 @@ class ContactPoint:
     restitution: float
     friction: float
     static: float
-    gap: Callable[[Motion], Scalar]
-    velocity: Callable[[Motion], tuple[Scalar, Scalar, Scalar]]
+    gap: Callable[[KinematicState], Scalar]
+    velocity: Callable[[KinematicState], tuple[Scalar, Scalar, Scalar]]
     constraint: Callable[[bool, tuple[Slot, Slot]], Loop]
     content: str
-    single: Callable[[Motion], Scalar | None]
+    single: Callable[[KinematicState], Scalar | None]
     reflects: bool
     threshold: float
 
@@ -111,9 +111,9 @@ class ContactPair:
     """
 
     name: str
-    gaps: Callable[[Motion, Collection[int]], np.ndarray]
-    touching: Callable[[Motion, float], list[list[Feature]]]
-    separation: Callable[[Motion], float]
+    gaps: Callable[[KinematicState, Collection[int]], np.ndarray]
+    touching: Callable[[KinematicState, float], list[list[Feature]]]
+    separation: Callable[[KinematicState], float]
     point: Callable[[Any], ContactPoint]
     content: str
 
@@ -143,7 +143,7 @@ class Trigger:
     name: str
     at: float | None = None
     condition: Condition | None = None
-    function: Callable[[Motion], Any] | None = None
+    function: Callable[[KinematicState], Any] | None = None
     drops: bool = False
     begins: bool = False
     catch: Catch | None = None
@@ -153,7 +153,7 @@ class Trigger:
 
     @property
     def changes(self) -> bool:
-        """Whether it changes the state or the forces."""
+        """True if it changes the state or the forces."""
         return self.drops or self.begins or self.catch is not None or self.state is not None
 
 
@@ -166,7 +166,7 @@ class SwitchingEffect(Effect, frozen=True):
     analytic: ClassVar[bool] = False  # only between events
 
     def modes(self, robot: Robot) -> Iterable[Declared]:
-        """What changes at events."""
+        """Declarations of what changes at events: holds, stops, contacts and triggers."""
         raise NotImplementedError
 
     def acting(self) -> tuple[Effect, ...]:
@@ -176,7 +176,7 @@ class SwitchingEffect(Effect, frozen=True):
 
 @dataclass(frozen=True, eq=False)
 class Switching:
-    """What the switching effects of a scene declare, each with the place of its effect in the scene.
+    """The declarations of a scene's switching effects, each with the place of its effect in the scene.
 
     base: the robot before effects changed its constants; robot: after that.
     """
@@ -241,7 +241,7 @@ class Switching:
 
 
 def switching_of(base: Robot, robot: Robot, effects: Sequence[Effect]) -> Switching | None:
-    """What the switching effects among those of a scene declare; None where there are none."""
+    """The declarations of a scene's switching effects; None where there are none."""
     own = [(place, effect) for place, effect in enumerate(effects) if isinstance(effect, SwitchingEffect)]
     if not own:
         return None

@@ -1,4 +1,4 @@
-"""What happens at a time or a condition: events of the user, effects that end, and effects that begin."""
+"""Events at a time or a condition: events of the user, effects that end, and effects that begin."""
 
 from typing import Any, Literal
 

@@ -1,4 +1,4 @@
-"""What would explain that a trajectory is not the solution: the first of a list of causes that leaves nothing, in time.
+"""The cause of a trajectory's deviation from the solution: the first of a list that leaves nothing, in time.
 
 A cause is another law of motion, or another way of stepping. What it leaves unexplained is the share of the local
 defects, or of the distance, that remains with it.
@@ -47,7 +47,7 @@ _WORDS = {"JointDamping": "damping", "DryFriction": "friction", "SmoothFriction"
 
 @dataclass(frozen=True)
 class Cause:
-    """What may be wrong, the share that it leaves unexplained, and how many numbers were fitted for that."""
+    """A possible cause, the share that it leaves unexplained, and the count of numbers that were fitted for that."""
 
     what: str
     unexplained: float
@@ -73,7 +73,7 @@ def look_for(looks: Sequence[Look], progress: Report | None) -> tuple[list[Cause
 
 
 def is_clear(found: Sequence[Cause]) -> bool:
-    """Whether one leaves next to nothing, without fitted numbers: then none other is looked for."""
+    """True if a cause leaves next to nothing, without fitted numbers: then none other is looked for."""
     return any(not cause.fitted and cause.unexplained < CLEAR for cause in found)
 
 
@@ -88,16 +88,16 @@ def named(found: Sequence[Cause]) -> tuple[tuple[Cause, ...], Cause | None]:
 
 
 def looks_at(few: Intervals) -> list[Look]:
-    """What local defects can show."""
+    """The searches for causes that local defects can show."""
     looks: list[Look] = [("ways of stepping", lambda: _steppers(few, few.scene)),
                          ("effects that are left out", lambda: _left_out(few))]  # fmt: skip
     if equations_of(few.scene).constraints is None and not few.scene.robot.has_mimic:
-        looks += [(f"whether {fit.words}", functools.partial(_fitted, few, fit)) for fit in _fits(few.scene.robot)]
+        looks += [(f"whether {one.words}", functools.partial(_fitted, few, one)) for one in _offsets(few.scene.robot)]
     return looks
 
 
 def _share(left: Array, before: Array) -> float:
-    """What is left of the defects."""
+    """The share of the defects that is left."""
     size = float(np.linalg.norm(before))
     return float(np.linalg.norm(left)) / size if np.isfinite(left).all() and size > 0 else np.inf
 
@@ -142,7 +142,7 @@ def _left_out(few: Intervals) -> Iterator[Cause]:
 
 
 @dataclass(frozen=True)
-class Fit:
+class ParameterOffset:
     """Numbers that may differ: in words, their names ("" where they say nothing), their place in the torques, and the
     scene with so much more of them.
 
@@ -155,21 +155,21 @@ class Fit:
     changed: Callable[[Scene, Array], Scene]
 
 
-def _fits(robot: Robot) -> Iterator[Fit]:
+def _offsets(robot: Robot) -> Iterator[ParameterOffset]:
     """Gravity; damping, friction and armature of joints; and the inertia of each body."""
-    yield Fit("gravity differs [m/s^2]", ("x", "y", "z"), _pull, _with_gravity)
+    yield ParameterOffset("gravity differs [m/s^2]", ("x", "y", "z"), _pull, _with_gravity)
     names = robot.parameter_names
     single = [joint.name for joint in robot.joints if joint.v.stop - joint.v.start == 1]
     for kind, unit, change in (("damping", "N m s or N s/m", _with_damping), ("friction", "N m or N", _with_friction),
                                ("armature", "kg m^2 or kg", _with_armature)):  # fmt: skip
         own = [names.index(f"{joint}.{kind}") for joint in single]
-        yield Fit(f"{kind} differs [{unit}]", tuple(single), functools.partial(_regressor, own),
-                  functools.partial(change, single))  # fmt: skip
+        yield ParameterOffset(f"{kind} differs [{unit}]", tuple(single), functools.partial(_regressor, own),
+                              functools.partial(change, single))  # fmt: skip
     for body in range(sum(name.endswith(".mass") for name in names)):
         own = list(range(10 * body, 10 * body + 10))
         link = names[own[0]].removesuffix(".mass")
-        yield Fit(f"the mass or inertia of link {link} differs", ("",) * 10, functools.partial(_regressor, own),
-                  functools.partial(_with_body, body + 1))  # fmt: skip
+        yield ParameterOffset(f"the mass or inertia of link {link} differs", ("",) * 10,
+                              functools.partial(_regressor, own), functools.partial(_with_body, body + 1))  # fmt: skip
 
 
 def _middle(few: Intervals) -> tuple[Array, Array, Array]:
@@ -228,17 +228,17 @@ def _dofs(scene: Scene, joints: list[str]) -> list[int]:
     return [joint.v.start for joint in scene.robot.joints if joint.name in joints]
 
 
-def _fitted(few: Intervals, fit: Fit) -> Iterator[Cause]:
+def _fitted(few: Intervals, offset: ParameterOffset) -> Iterator[Cause]:
     """The numbers by least squares of the torques M dv / h that are missing, and refined by Gauss and Newton's method.
 
     Refined, the share is that of the exact motion with these numbers, as of every other cause.
     """
-    if "friction" in fit.words:  # which is smooth where no velocity changes its sign
+    if "friction" in offset.words:  # which is smooth where no velocity changes its sign
         same = np.all(few.start.v * few.end.v > 0.0, axis=1)
         if same.sum() < 3:
             return
         few = few if same.all() else few.part(same)
-    columns, total, left = fit.columns(few), np.zeros(len(fit.names)), few.exact
+    columns, total, left = offset.columns(few), np.zeros(len(offset.names)), few.exact
     flat = columns.reshape(-1, columns.shape[2])
     scale = np.linalg.norm(flat, axis=0)
     scale[scale <= 1e-9 * scale.max(initial=0.0)] = np.inf  # what this motion does not show
@@ -253,7 +253,7 @@ def _fitted(few: Intervals, fit: Fit) -> Iterator[Cause]:
             total = numbers
             break
         try:
-            left = few.exact_for(fit.changed(few.scene, numbers))
+            left = few.exact_for(offset.changed(few.scene, numbers))
         except OutOfTime:
             raise
         except (TwolinkError, ValueError):  # no robot has such numbers
@@ -262,6 +262,6 @@ def _fitted(few: Intervals, fit: Fit) -> Iterator[Cause]:
         if round_ and share > 0.5 * best:
             break
         best, total = share, numbers
-    told = [f"{name} {x:+.3g}" for name, x in zip(fit.names, total, strict=True)
+    told = [f"{name} {x:+.3g}" for name, x in zip(offset.names, total, strict=True)
             if name and abs(x) > 1e-2 * np.abs(total).max()]  # fmt: skip
-    yield Cause(": ".join([fit.words, *filter(None, [", ".join(told)])]), best, int(np.isfinite(scale).sum()))
+    yield Cause(": ".join([offset.words, *filter(None, [", ".join(told)])]), best, int(np.isfinite(scale).sum()))

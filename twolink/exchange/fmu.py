@@ -23,7 +23,7 @@ import numpy as np
 from twolink._version import __version__
 from twolink.errors import MissingExtraError, QueryError, SceneError, TwolinkError, require_known
 from twolink.exchange.c_code import c_files, identifier
-from twolink.exchange.fmu_model import FmuModel, Variable, fmu_model
+from twolink.exchange.fmu_model import FmuModel, FmuVariable, fmu_model
 from twolink.integrate.steps import step_control
 from twolink.integrate.steps.methods import METHODS
 from twolink.io.files import write_atomic
@@ -187,7 +187,7 @@ def _description(scene: Scene, model: FmuModel, stem: str, token: str) -> str:
     return _text(root)
 
 
-def _attributes(i: int, variable: Variable) -> dict[str, str]:
+def _attributes(i: int, variable: FmuVariable) -> dict[str, str]:
     """Of a variable's element."""
     initial = "exact" if variable.start is not None else "calculated"
     start = {} if variable.start is None else {"start": repr(float(variable.start))}

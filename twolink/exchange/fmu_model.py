@@ -35,7 +35,7 @@ from twolink.scenes.parameters import named_parameters, parameters_of
 
 
 @dataclass(frozen=True)
-class Variable:
+class FmuVariable:
     """A variable of the FMU. of: what it is the rate of; depends: on what, by value reference; None: of no interest."""
 
     name: str
@@ -57,7 +57,7 @@ class FmuModel:
     """
 
     equations: Equations
-    variables: list[Variable]
+    variables: list[FmuVariable]
     functions: list[Traced]
     start: Array
     counts: tuple[int, int, int, int]
@@ -202,7 +202,7 @@ def _certify(equations: Equations, inputs: int, functions: dict[str, Traced]) ->
 
 def _variables(
     scene: Scene, equations: Equations, sizes: Sequence[int], inputs: int, traced: tuple[Traced, Traced]
-) -> tuple[list[Variable], int]:
+) -> tuple[list[FmuVariable], int]:
     """The variables in the order of their value references, and how many constants there are."""
     space, joints, known = equations.space, scene.robot.joints, parameters_of(scene)
     units = {letter: [unit for joint in joints for unit in _units(scene, joint, letter)] for letter in ("q", "v")}
@@ -219,26 +219,26 @@ def _variables(
     def depends(one: Traced, i: int) -> tuple[int, ...]:
         return tuple(sorted(rows[k] for k in one.tape.inputs(one.outputs[i]) if k in rows))
 
-    found = [Variable("time", "time", "s", "independent")]
-    found += [Variable(*state, "output", start=float(x), depends=(1 + i,))
+    found = [FmuVariable("time", "time", "s", "independent")]
+    found += [FmuVariable(*state, "output", start=float(x), depends=(1 + i,))
               for i, (state, x) in enumerate(zip(states, equations.start[:count], strict=True))]  # fmt: skip
     for i, (name, _, unit) in enumerate(states):
         accelerates = space.nq <= i < space.v_rows.stop
         own = names["a"][i - space.nq] if accelerates else f"der({name})"
         of = f"acceleration of {name[2:]}" if accelerates else f"rate of {name}"
         per_second, kind = f"{unit}/s".replace("/s/s", "/s^2") if unit else "", "output" if accelerates else "local"
-        found.append(Variable(own, of, per_second, kind, of=1 + i, depends=depends(traced[0], i)))
-    found += [Variable(name, f"torque or force on {name[4:]}", "N m" if unit == "rad" else "N", "input", start=0.0)
+        found.append(FmuVariable(own, of, per_second, kind, of=1 + i, depends=depends(traced[0], i)))
+    found += [FmuVariable(name, f"torque or force on {name[4:]}", "N m" if unit == "rad" else "N", "input", start=0.0)
               for name, unit in zip(names["tau"], units["v"], strict=True)]  # fmt: skip
-    found.append(Variable("energy", "kinetic energy, and potential energy of gravity", "J", "output",
-                          depends=depends(traced[1], 0)))  # fmt: skip
+    found.append(FmuVariable("energy", "kinetic energy, and potential energy of gravity", "J", "output",
+                             depends=depends(traced[1], 0)))  # fmt: skip
     fixed = [name for name in _numbers(scene) if name not in equations.parameters]
     nominal = dict(zip(equations.parameters, nominal_vector(equations), strict=True))
     for name in (*equations.parameters, *fixed):
         one, kept = known[name], name in nominal
         unit = "" if one.unit == "SI units" else one.unit
-        found.append(Variable(name, one.about, unit, "parameter" if kept else "local",
-                              "tunable" if kept else "constant", nominal.get(name, one.nominal)))  # fmt: skip
+        found.append(FmuVariable(name, one.about, unit, "parameter" if kept else "local",
+                                 "tunable" if kept else "constant", nominal.get(name, one.nominal)))  # fmt: skip
     twice = next((v.name for i, v in enumerate(found) if any(v.name == w.name for w in found[:i])), None)
     if twice is not None:
         raise SceneError(f"two variables would be called {twice!r}", where="robot", code="no-fmu",

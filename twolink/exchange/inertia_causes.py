@@ -39,7 +39,7 @@ class LinkInertia:
 
 
 def link_inertia(link: UrdfLink) -> LinkInertia:
-    """What the URDF says of a link."""
+    """The inertia of a link as its URDF states it."""
     inertial = link.element.first("inertial")
     origin = None if inertial is None else inertial.first("origin")
     xyz, rpy = (([float(x) for x in origin.attributes.get(key, "0 0 0").split()] if origin else [0.0] * 3)

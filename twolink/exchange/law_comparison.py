@@ -1,4 +1,4 @@
-"""Which springs, loops and constant forces that two robots' files say besides a URDF are not the same, by joints."""
+"""Differences, by joints, of the springs, loops and constant forces that two robots' files state besides a URDF."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -19,7 +19,7 @@ def couplings(robot: Robot) -> dict[str, Mimic]:
 
 
 def law_differences(a: Robot, b: Robot, tolerance: float) -> Iterator[tuple[str, str, Any, Any, str]]:
-    """What, where, the numbers of both, and the cause of each difference; couplings are not looked at."""
+    """Differences: name, place, the numbers of both, and the cause of each; couplings are not looked at."""
     ours, theirs = _laws(a), _laws(b)
     for law in {**ours, **theirs}:
         x, y = ours.get(law), theirs.get(law)

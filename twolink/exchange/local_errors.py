@@ -1,4 +1,4 @@
-"""How far a trajectory is from obeying the equations from sample to sample.
+"""Local defects of a trajectory: by how much it does not obey the equations from sample to sample.
 
 From each sample the exact motion to the next one's time is computed; what the trajectory differs by there is its local
 defect. The same with other laws of motion, or by the steps of another method.
@@ -20,7 +20,7 @@ from twolink.effects.forces import JointDamping, SmoothFriction
 from twolink.effects.joint_switches import DryFriction, JointStops
 from twolink.effects.switching import Stop, SwitchingEffect
 from twolink.effects.triggers import Watch
-from twolink.exchange.trajectory_log import Log
+from twolink.exchange.trajectory_log import TrajectoryLog
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.pinocchio_rate import rate
 from twolink.integrate.motion.scene_equations import equations_of
@@ -51,8 +51,8 @@ class Intervals:
     """Neighbouring samples between which the motion is smooth: the first of each pair, and the second."""
 
     scene: Scene
-    start: Log
-    end: Log
+    start: TrajectoryLog
+    end: TrajectoryLog
     check: Check = lambda _: None
 
     @property
@@ -92,15 +92,15 @@ class Intervals:
         return replace(self, start=self.start.part(rows), end=self.end.part(rows))
 
     def known(self) -> Intervals:
-        """Those whose defects are known."""
+        """The intervals whose defects are known."""
         found = np.isfinite(self.exact).all(axis=1)
         return self if found.all() else self.part(found)
 
 
-Flow = Callable[[Log, np.ndarray], tuple[np.ndarray, np.ndarray]]
+Flow = Callable[[TrajectoryLog, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-def intervals_of(scene: Scene, log: Log, check: Check) -> Intervals | None:
+def intervals_of(scene: Scene, log: TrajectoryLog, check: Check) -> Intervals | None:
     """Some intervals without an event; None where the scene has other events than of stops and dry friction, or states
     beside q and v, or the log no velocities."""
     if not log.has_velocities:
@@ -133,7 +133,7 @@ def flow_of(scene: Scene, stepper: str = "", substeps: int = EXACT, check: Check
     equations = _smooth_equations(scene)
     space, tableau, law = equations.space, STEPPERS[stepper], functools.partial(rate, equations)
 
-    def flow(start: Log, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def flow(start: TrajectoryLog, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         numbers = np.repeat(equations.start[space.moving :, None], len(h), axis=1)
         t, x, small = start.t, np.concatenate([start.q.T, start.v.T, numbers]), h / substeps
         implicit = functools.partial(_implicit_rate, scene, equations, stepper == IMPLICIT, small)
@@ -181,7 +181,7 @@ def _smooth_equations(scene: Scene) -> Equations:
 
 
 def _smooth(effect: Effect, robot: Robot) -> Effect | None:
-    """What an effect is between its events."""
+    """The effect between its events, in a smooth form; None where it gives none."""
     if isinstance(effect, DryFriction):
         names = {joint.v.start: joint.name for joint in robot.joints}
         return SmoothFriction({names[hold.dof]: hold.kinetic for hold in effect.modes(robot)}, SLIPS)

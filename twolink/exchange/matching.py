@@ -1,4 +1,4 @@
-"""Which joints of two robots are the same, and where their bodies are when both are at zero.
+"""Pairs of joints that are the same in two robots, and the poses of their bodies when both are at zero.
 
 A mechanism is told by the screws of its joints and the inertias of its bodies in the world, both at zero (the product
 of exponentials, Brockett 1984). Link frames, fixed joints, the order of joints and the axes in which an inertia is
@@ -20,7 +20,7 @@ STATES = 100
 
 
 @dataclass(frozen=True)
-class Mechanism:
+class ScrewModel:
     """A model at zero: of each joint its screws (6, k), of each body its inertia, of each link its pose, in the world.
 
     children: of each joint. links: the names of the links that each joint carries. size: the reach at zero [m].
@@ -52,11 +52,11 @@ class Match:
 
     @property
     def moved(self) -> pin.SE3:
-        """What the joint's place adds to the shift."""
+        """The part of the shift that the joint's place adds."""
         return self.shift * self.before.inverse()
 
 
-def mechanism_of(model: pin.Model) -> Mechanism:
+def screw_model_of(model: pin.Model) -> ScrewModel:
     """The model at zero."""
     data, zero = model.createData(), pin.neutral(model)
     pin.computeJointJacobians(model, data, zero)
@@ -65,7 +65,7 @@ def mechanism_of(model: pin.Model) -> Mechanism:
     bodies = [(f.name, f.parentJoint, data.oMf[k]) for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY]
     inertias = tuple(data.oMi[j].act(model.inertias[j]) for j in range(model.njoints))
     points = [data.oMi[j].translation for j in range(model.njoints)] + [body.lever for body in inertias]
-    return Mechanism(
+    return ScrewModel(
         model,
         tuple(np.reshape(data.J, (6, -1), order="F")[:, part].copy() for part in columns),
         inertias,
@@ -76,7 +76,7 @@ def mechanism_of(model: pin.Model) -> Mechanism:
     )
 
 
-def matched_joints(a: Mechanism, b: Mechanism) -> list[tuple[int, int]]:
+def matched_joints(a: ScrewModel, b: ScrewModel) -> list[tuple[int, int]]:
     """Pairs of joints: of one name; then, below joints that are a pair, of one kind and nearest place."""
     named = {name: k for k, name in enumerate(b.model.names)}
     pairs = {0: 0} | {j: named[name] for j, name in enumerate(a.model.names) if j and name in named}
@@ -98,7 +98,7 @@ def reduced(model: pin.Model, kept: set[int]) -> pin.Model:
     return without_joints(model, [j for j in range(1, model.njoints) if j not in kept], pin.neutral(model))
 
 
-def aligned(a: Mechanism, b: Mechanism, pairs: list[tuple[int, int]], tolerance: float) -> list[Match]:
+def aligned(a: ScrewModel, b: ScrewModel, pairs: list[tuple[int, int]], tolerance: float) -> list[Match]:
     """The matches, each with the shift by which most of what is behind the joint agrees."""
     partner, shifts, found = dict(pairs), {0: pin.SE3.Identity()}, []
     for j, k in pairs:
@@ -119,7 +119,7 @@ def aligned(a: Mechanism, b: Mechanism, pairs: list[tuple[int, int]], tolerance:
     return found
 
 
-def dynamics_differences(a: Mechanism, b: Mechanism, matches: Sequence[Match]) -> dict[str, float]:
+def dynamics_differences(a: ScrewModel, b: ScrewModel, matches: Sequence[Match]) -> dict[str, float]:
     """The largest differences of M, h and g over random states, of their own size, in the coordinates of a."""
     rng, worst = np.random.default_rng(32), {"M": 0.0, "h": 0.0, "g": 0.0}
     order, signs, zero = np.zeros(a.model.nv, int), np.ones(a.model.nv), np.zeros(b.model.nv)
@@ -162,7 +162,7 @@ def _distance(a: np.ndarray, b: np.ndarray) -> float:
     return float(min(np.abs(a - b).max(), np.abs(a + b).max() if a.shape[1] == 1 else np.inf))
 
 
-def _shifts(a: Mechanism, b: Mechanism, partner: dict[int, int], match: Match) -> Iterator[pin.SE3]:
+def _shifts(a: ScrewModel, b: ScrewModel, partner: dict[int, int], match: Match) -> Iterator[pin.SE3]:
     """Shifts that may be: none of its own, that of a link's frame, and turns or slides of the joint itself."""
     yield match.before
     j, k = match.a, match.b
@@ -198,9 +198,9 @@ def _turn(screw: np.ndarray, ours: np.ndarray, theirs: np.ndarray) -> float:
 
 
 def _mismatch(
-    a: Mechanism, b: Mechanism, partner: dict[int, int], j: int, k: int, shift: pin.SE3, tolerance: float
+    a: ScrewModel, b: ScrewModel, partner: dict[int, int], j: int, k: int, shift: pin.SE3, tolerance: float
 ) -> tuple[int, int]:
-    """How many of the body's and the next joints' properties differ under a shift, and of the links' frames."""
+    """Counts of differences under a shift: of the properties of the body and the next joints, and of links' frames."""
     ours, theirs = a.inertias[j], shift.act(b.inertias[k])
     near = tolerance * a.size
     wrong = int(np.abs(ours.lever - theirs.lever).max() > near and ours.mass > 0)
@@ -213,12 +213,12 @@ def _mismatch(
 
 
 def inertia_tolerance(mass: float, inertia: np.ndarray, size: float, tolerance: float) -> float:
-    """How far the moments of inertia of equal bodies may be apart, kg m^2."""
+    """The tolerance of the moments of inertia of equal bodies, kg m^2."""
     return float(tolerance * np.abs(inertia).max() + mass * (tolerance * size) ** 2)
 
 
 def same_pose(a: pin.SE3, b: pin.SE3, tolerance: float, size: float) -> bool:
-    """Whether two poses are equal."""
+    """True if two poses are equal, to the tolerance."""
     return bool(
         np.abs(a.rotation - b.rotation).max() <= 10 * tolerance
         and np.abs(a.translation - b.translation).max() <= tolerance * size

@@ -22,14 +22,14 @@ from twolink.exchange.matching import (
     dynamics_differences,
     inertia_tolerance,
     matched_joints,
-    mechanism_of,
     reduced,
     same_pose,
+    screw_model_of,
 )
 from twolink.exchange.urdf_scene import urdf_tree
 from twolink.robots.joint_layout import NO_LIMIT, urdf_kind
 from twolink.robots.tree import Tree
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 
 _ATTRIBUTES = {"lower limit": "<limit lower>", "upper limit": "<limit upper>", "velocity limit": "<limit velocity>",
                "effort limit": "<limit effort>", "damping": "<dynamics damping>", "friction": "<dynamics friction>",
@@ -52,8 +52,8 @@ class Difference:
 
 
 @dataclass(frozen=True, repr=False)
-class ModelComparison(Result):
-    """Whether two robots are the same mechanism.
+class ModelComparison(BaseResult):
+    """The comparison of two robots: the same mechanism or not.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class ModelComparison(Result):
 
     @property
     def equal(self) -> bool:
-        """Whether nothing differs."""
+        """True if nothing differs."""
         return not self.differences
 
     def to_dict(self) -> dict[str, Any]:
@@ -138,12 +138,12 @@ class _Comparison:
         self.labels = (a.report.source, b.report.source)
         if self.labels[0] == self.labels[1]:
             self.labels = (f"{self.labels[0]} (a)", f"{self.labels[1]} (b)")
-        pairs = matched_joints(mechanism_of(a.model), mechanism_of(b.model))
+        pairs = matched_joints(screw_model_of(a.model), screw_model_of(b.model))
         common = {j for j, _ in pairs}, {k for _, k in pairs}
         self.missing = [[robot.model.names[j] for j in range(1, robot.model.njoints) if j not in kept]
                         for robot, kept in zip(self.robots, common, strict=True)]  # fmt: skip
         partner = {a.model.names[j]: b.model.names[k] for j, k in pairs}
-        self.a, self.b = (mechanism_of(reduced(robot.model, kept))
+        self.a, self.b = (screw_model_of(reduced(robot.model, kept))
                           for robot, kept in zip(self.robots, common, strict=True))  # fmt: skip
         index = {name: k for k, name in enumerate(self.b.model.names)}
         ordered = [(j, index[partner[name]]) for j, name in enumerate(self.a.model.names) if j]
@@ -255,7 +255,7 @@ class _Comparison:
                 yield Difference("inertia", f"{where}, {attribute}", x.inertia, y.inertia, cause)
 
     def _unequal(self, x: LinkInertia, y: LinkInertia) -> tuple[bool, bool, bool]:
-        """Whether mass, centre of mass and inertia differ."""
+        """Three flags, true if mass, centre of mass and inertia differ."""
         near = inertia_tolerance(x.mass, x.inertia, self.a.size, self.tolerance)
         return (
             bool(abs(x.mass - y.mass) > self.tolerance * max(x.mass, y.mass)),

@@ -10,7 +10,7 @@ import numpy as np
 
 from twolink.algorithms.functions import function
 from twolink.algorithms.mechanism import mechanism
-from twolink.algorithms.references import State
+from twolink.algorithms.references import ModelState
 from twolink.algorithms.tape import Symbol, Tape
 from twolink.dynamics import Robot
 from twolink.dynamics.certificates import BOUND, certify
@@ -44,7 +44,7 @@ class Traced:
 
     @property
     def operations(self) -> dict[str, int]:
-        """How many there are of each kind."""
+        """Counts of the operations by their kind."""
         return self.tape.count(self.outputs)
 
     def needed(self) -> list[tuple[int, tuple[Any, ...]]]:
@@ -80,7 +80,7 @@ def function_of(robot: Robot, name: str) -> tuple[Traced, str, Vectors]:
         f"{name}: {certificate.states} states against the reference, worst error {certificate.worst:.1e} of its scale"
     )
     arguments = _states(robot, [argument for argument, _ in of.arguments])
-    answers = [of.reference(State(robot.model, {k: x[i] for k, x in arguments.items()})) for i in range(VECTORS)]
+    answers = [of.reference(ModelState(robot.model, {k: x[i] for k, x in arguments.items()})) for i in range(VECTORS)]
     expected = np.array([np.ravel(value) for value, _ in answers])
     return traced, told, (list(arguments.values()), expected, np.array([np.max(s) for _, s in answers]))
 
@@ -137,7 +137,7 @@ def step_of(robot: Robot, name: str) -> tuple[Traced, str, Vectors]:
 def _pinocchio_step(
     robot: Robot, space: StateSpace, tableau: Tableau, q: Array, v: Array, tau: Array, h: Array
 ) -> np.ndarray:
-    """The same step by Pinocchio."""
+    """One explicit step of (q, v) by Pinocchio's accelerations, for a comparison."""
 
     def rate(_: Any, x: Array) -> Array:
         unit = robot.normalize(x[: robot.nq])

@@ -25,24 +25,24 @@ ENOUGH = 10  # different numbers, which show to how many digits a log was writte
 
 
 @dataclass(frozen=True, eq=False)
-class Log:
+class TrajectoryLog:
     """A trajectory: t (n,), q (n, nq), v (n, nv), NaN where the log has no velocities."""
 
     t: Array
     q: Array
     v: Array
 
-    def part(self, rows: Array) -> Log:
+    def part(self, rows: Array) -> TrajectoryLog:
         """Some of its samples."""
-        return Log(self.t[rows], self.q[rows], self.v[rows])
+        return TrajectoryLog(self.t[rows], self.q[rows], self.v[rows])
 
     @property
     def has_velocities(self) -> bool:
-        """Whether it has velocities."""
+        """True if the log has velocities."""
         return not np.isnan(self.v).any()
 
     def digits(self) -> tuple[Array, Array]:
-        """How far q and v may be from what was rounded when the log was written, (n,) each, rad or m, and a second.
+        """Bounds on the errors of q and v from rounding when the log was written, (n,) each, rad or m, and a second.
 
         Rounded times count as well: the motion goes on between a time and its rounded one.
         """
@@ -84,11 +84,11 @@ def _rounded_times(t: Array) -> float:
     return 0.5 * unit if 1e-9 * float(np.median(gaps)) < apart <= 1.001 * unit else 0.0
 
 
-def read_log(given: Given, robot: Robot) -> Log:
+def read_log(given: Given, robot: Robot) -> TrajectoryLog:
     """The trajectory as arrays. Raises SceneError (code "not-a-trajectory")."""
     label = "trajectory"
     if isinstance(given, Trajectory):
-        return Log(given.t, given.q, given.v)
+        return TrajectoryLog(given.t, given.q, given.v)
     if isinstance(given, str | os.PathLike):
         label = os.fspath(given)
         table: Mapping[str, Any] = read_table(Path(given))[0]
@@ -117,7 +117,7 @@ def read_log(given: Given, robot: Robot) -> Log:
         raise _no_trajectory("expected three increasing times or more, from 0 on", label)
     if len(arrays["v"]) != len(t):
         raise _no_trajectory("q and v are not equally long", label)
-    return Log(t, robot.normalize(arrays["q"]), arrays["v"])
+    return TrajectoryLog(t, robot.normalize(arrays["q"]), arrays["v"])
 
 
 def _numbered(table: Mapping[str, Any], name: str, size: int) -> Array | None:
@@ -131,7 +131,7 @@ def _no_trajectory(what: str, label: str) -> SceneError:
     return SceneError(what, where=label, remedy=remedy, argument="trajectory", code="not-a-trajectory")
 
 
-def in_si(log: Log, robot: Robot, start: Array) -> tuple[Log, str]:
+def in_si(log: TrajectoryLog, robot: Robot, start: Array) -> tuple[TrajectoryLog, str]:
     """The trajectory in seconds and radians, and which units it had, "" for those. start (nq,): of the scene."""
     degrees = math.pi / 180
     unit_free = all(joint.unit is None for joint in robot.joints)
@@ -141,12 +141,12 @@ def in_si(log: Log, robot: Robot, start: Array) -> tuple[Log, str]:
         slope = float(np.vdot(rates, means)) / moving if moving > 0 else 1.0
         follows = moving > 0 and np.linalg.norm(rates - slope * means) < 0.2 * np.linalg.norm(rates)
         if follows and abs(slope / 1e-3 - 1) < 0.1:
-            return Log(log.t / 1e3, log.q, log.v), "t is in milliseconds"
+            return TrajectoryLog(log.t / 1e3, log.q, log.v), "t is in milliseconds"
         if follows and unit_free and abs(slope * degrees - 1) < 0.1:
-            return Log(log.t, log.q * degrees, log.v), "q is in degrees"
+            return TrajectoryLog(log.t, log.q * degrees, log.v), "q is in degrees"
         if follows and abs(slope / degrees - 1) < 0.1:
-            return Log(log.t, log.q, log.v * degrees), "v is in degrees per second"
+            return TrajectoryLog(log.t, log.q, log.v * degrees), "v is in degrees per second"
     away = np.abs(robot.difference(start, log.q[0])).max()
     if unit_free and away > 1e-3 and np.abs(log.q[0] * degrees - start).max() < 1e-2 * away:
-        return Log(log.t, log.q * degrees, log.v * degrees), "q and v are in degrees"
+        return TrajectoryLog(log.t, log.q * degrees, log.v * degrees), "q and v are in degrees"
     return log, ""

@@ -48,7 +48,7 @@ class UrdfScene(Scene):
 
     @property
     def report(self) -> LoadReport:
-        """What was taken from the file, what was not, and what was assumed."""
+        """The report of what was taken from the file, what was not, and what was assumed."""
         robot, model = self.base, self.base.model
         names = {
             "damping (JointDamping)": _joints(robot, model.damping),
@@ -184,7 +184,7 @@ def _lowest(robot: Robot, q: np.ndarray) -> float:
 
 
 def limit_notes(run: Trajectory) -> list[str]:
-    """Where a run is beyond the URDF's limits of velocity or position, one line a joint."""
+    """Notes on a run beyond the URDF's limits of velocity or position, one line a joint."""
     robot, notes = run.robot, []
     for joint, (lower, upper) in _limited(robot):
         q, unit = run.q[:, joint.q.start], "rad" if turns(robot.model, joint) else "m"
@@ -206,7 +206,7 @@ def _note(run: Trajectory, joint: str, values: np.ndarray, beyond: np.ndarray, l
 
 
 def urdf_tree(robot: Robot) -> Tree:
-    """What the URDF of a robot says."""
+    """The tree of elements in the URDF of a robot."""
     return read_tree(parse_xml(robot.visuals.text.encode(), robot.report.source), robot.report.source)
 
 

@@ -19,7 +19,7 @@ from twolink.dynamics import Robot
 from twolink.geometry.distance import Placed, distance, nearest_points
 from twolink.geometry.fields import FieldBody, HeightField, surface_of
 from twolink.geometry.gaps import Gap, PlaneGap, RimGap, down_rim
-from twolink.geometry.hulls import Hull, Name, Touch, facing, hull_of, touching
+from twolink.geometry.hulls import Hull, Name, TouchPoint, facing, hull_of, touching
 from twolink.geometry.pairs import Pair, Plane, gaps_of
 from twolink.geometry.points import Links, Places, Points, each, joined, key_of, points_of, stacked
 from twolink.robots.collisions import AnyShape, Box, Capsule, Convex, Cylinder, Solid, Sphere
@@ -41,7 +41,7 @@ class Group:
         raise NotImplementedError
 
     def overlaps(self, links: Links) -> Iterator[tuple[float, int]]:
-        """How deep bodies overlap [m], and the numbers of the pairs."""
+        """Overlaps of bodies: their depths [m], and the numbers of the pairs."""
         found = self.points(links, 0.0)
         return zip((-found.gap).tolist(), found.pair.tolist(), strict=True)
 
@@ -202,7 +202,7 @@ class OfSolids(Group):
         joints = links.joint[self.links[self.ends[which]]]
         return of_touches(self.pair[which], found, self.names, joints[:, 0], joints[:, 1])
 
-    def _between(self, number: int, result: Any, rotations: Array, origins: Array, reach: float) -> list[Touch]:
+    def _between(self, number: int, result: Any, rotations: Array, origins: Array, reach: float) -> list[TouchPoint]:
         """The points of a pair of placed solids: the nearest ones. There is one, also where they touch along a line."""
         del reach
         return [nearest_points(*self._shapes(number, rotations, origins), result)]
@@ -249,11 +249,11 @@ class Hulls(OfSolids):
         self.hulls: dict[int, Hull] = {}  # of those that have been near
 
     def overlaps(self, links: Links) -> Iterator[tuple[float, int]]:
-        """How deep the solids overlap [m], and the numbers of the pairs."""
+        """Overlaps of the solids: their depths [m], and the numbers of the pairs."""
         for k, result, *_ in self._looked_at(self._near(links, 0.0), links, 0.0):
             yield -float(result.min_distance), int(self.pair[k])
 
-    def _between(self, number: int, result: Any, rotations: Array, origins: Array, reach: float) -> list[Touch]:
+    def _between(self, number: int, result: Any, rotations: Array, origins: Array, reach: float) -> list[TouchPoint]:
         """The corners of faces that lie over each other, or the crossing of two edges."""
         a, b = (self.hull(i).placed(rotations[k], origins[k]) for k, i in enumerate(self.ends[number].tolist()))
         return touching(*facing(a, b, -np.array(result.normal)), reach)
@@ -308,7 +308,7 @@ class Detector:
 
 
 def of_touches(
-    pair: Array, found: Sequence[tuple[int, Touch]], names: list[dict[Name, int]], first: Array, second: Array
+    pair: Array, found: Sequence[tuple[int, TouchPoint]], names: list[dict[Name, int]], first: Array, second: Array
 ) -> Points:
     """Points of touches, each with its place among the pairs of a group. names: of each pair, with their numbers."""
     feature = np.array([names[k].setdefault(one.name, len(names[k])) for k, one in found], dtype=int)
@@ -327,7 +327,7 @@ def bounding_radius(shape: AnyShape) -> float:
 
 
 def _kind(pair: Pair) -> tuple[type[Group], str]:
-    """What finds the points of a pair, and the kind of its shapes where that has a formula for each."""
+    """The group that finds the points of a pair, and the kind of its shapes where that has a formula for each."""
     a, b = pair.first.shape, pair.second
     if isinstance(b, HeightField):
         return OnFields, ""

@@ -16,7 +16,7 @@ import coal
 import numpy as np
 
 from twolink.algorithms.namespaces import Array
-from twolink.geometry.hulls import FLAT, Touch
+from twolink.geometry.hulls import FLAT, TouchPoint
 
 NEAREST, ITERATIONS = 1e-10, 1000  # of Coal's nearest points, whose default of 1e-6 m shows at cylinders
 AGREES = 1e-9  # m: by so much less f(n) may be than the distance
@@ -34,7 +34,7 @@ def distance(a: Placed, b: Placed) -> tuple[float, Any]:
     return float(coal.distance(*_placed(*a), *_placed(*b), request, result)), result
 
 
-def nearest_points(a: Placed, b: Placed, result: Any) -> Touch:
+def nearest_points(a: Placed, b: Placed, result: Any) -> TouchPoint:
     """The middle of the nearest points, with the gap and the normal from b to a. result: of `distance`."""
     best = _touch(result, np.zeros(3))
     if not best.normal.any():  # of segments that cross and points on them
@@ -64,11 +64,11 @@ def separation_along(normal: Array, a: Placed, b: Placed) -> float:
                                    coal.DistanceResult())) for shape, half in ends)  # fmt: skip
 
 
-def _touch(result: Any, moved: Array) -> Touch:
+def _touch(result: Any, moved: Array) -> TouchPoint:
     """moved: of the first body, which its point goes back by, m."""
     first, second = np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
     normal = -np.array(result.normal)
-    return Touch((), float(result.min_distance), normal, 0.5 * (first - moved + second))
+    return TouchPoint((), float(result.min_distance), normal, 0.5 * (first - moved + second))
 
 
 def _placed(shape: Any, rotation: Array, origin: Array) -> tuple[Any, Any]:

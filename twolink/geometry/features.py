@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, cast
 import msgspec
 import numpy as np
 
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Array
 from twolink.algorithms.spatial import IDENTITY, Scalar, Vec, constant, cross, dot, scale
 from twolink.geometry.gaps import Ball, Gap, Nearest, Place, PlaneGap, sub, tangents
@@ -41,7 +41,7 @@ class FaceGap(PlaneGap, frozen=True):
     sides: tuple[tuple[Vec, float], ...]
     second: bool
 
-    def nearest(self, motion: Motion) -> Nearest:
+    def nearest(self, motion: KinematicState) -> Nearest:
         """The corner, and its foot on the face."""
         near = super().nearest(motion)
         if not self.second:
@@ -49,8 +49,8 @@ class FaceGap(PlaneGap, frozen=True):
         n, s, t = near.axes
         return Nearest(near.gap, (scale(-1.0, n), t, s), near.second, near.first)
 
-    def single(self, motion: Motion) -> Scalar:
-        """How far the corner's foot is from the nearest side of the face, m; below 0 beside it."""
+    def single(self, motion: KinematicState) -> Scalar:
+        """Distance of the corner's foot from the nearest side of the face, m; below 0 beside it."""
         apart, xp = sub(self.ball.centre(motion), motion.position(self.frame)), motion.xp
         depths = [dot(motion.direction(self.frame, inward), apart) - height for inward, height in self.sides]
         least = depths[0]
@@ -80,7 +80,7 @@ class EdgeGap(Gap, frozen=True):
     second: Edge
     side: float
 
-    def nearest(self, motion: Motion) -> Nearest:
+    def nearest(self, motion: KinematicState) -> Nearest:
         """The nearest points of the lines along the edges."""
         u, w, apart = self._lines(motion)
         s, t = self._along(u, w, apart)
@@ -91,14 +91,14 @@ class EdgeGap(Gap, frozen=True):
                 for edge, share, line in ((self.first, s, u), (self.second, t, w)))  # fmt: skip
         return Nearest(dot(n, apart), (n, *tangents(n, motion.xp)), *ends)
 
-    def single(self, motion: Motion) -> Scalar:
-        """How far the nearest points are from the ends of the edges, m; below 0 beyond them."""
+    def single(self, motion: KinematicState) -> Scalar:
+        """Distance of the nearest points from the ends of the edges, m; below 0 beyond them."""
         xp = motion.xp
         shares = zip((self.first, self.second), self._along(*self._lines(motion)), strict=True)
         s, t = (math.hypot(*edge.half) * (1.0 - xp.where(xp.less(share, 0.0), -share, share)) for edge, share in shares)
         return xp.where(xp.less(s, t), s, t)
 
-    def _lines(self, motion: Motion) -> tuple[Vec, Vec, Vec]:
+    def _lines(self, motion: KinematicState) -> tuple[Vec, Vec, Vec]:
         """u, w and a - b in the world."""
         (a, u), (b, w) = ((motion.position(edge.frame, edge.middle), motion.direction(edge.frame, edge.half))
                           for edge in (self.first, self.second))  # fmt: skip
@@ -137,7 +137,7 @@ class HullFeatures:
     def __len__(self) -> int:
         return int(self.ends[-1])
 
-    def gaps(self, motion: Motion, without: Collection[int] = ()) -> Array:
+    def gaps(self, motion: KinematicState, without: Collection[int] = ()) -> Array:
         """The smallest gap (n,) of states of features that are over each other, m; AWAY where there are none.
 
         Below 0 it is how far the bodies overlap. without: features that do not count.
@@ -154,12 +154,12 @@ class HullFeatures:
                 out[some] = kept.min(axis=1)
         return out
 
-    def separation(self, motion: Motion) -> float:
-        """How far the hulls of one state are apart along the direction that shows it best, m; below 0: they overlap."""
+    def separation(self, motion: KinematicState) -> float:
+        """Distance of the hulls of one state along the direction that shows it best, m; below 0: they overlap."""
         r, p = self._relative(motion)
         return separation(self.bodies[0].hull.placed(r[0], p[0]), self.bodies[1].hull).gap
 
-    def touching(self, motion: Motion, reach: float = CLOSED) -> list[list[Feature]]:
+    def touching(self, motion: KinematicState, reach: float = CLOSED) -> list[list[Feature]]:
         """The features of one state with gaps up to the reach, those together that are at one place with one normal."""
         r, p = self._relative(motion)
         a, b = self.bodies
@@ -183,7 +183,9 @@ class HullFeatures:
                 groups.append([one])
         return groups
 
-    def _touching_corners(self, motion: Motion, reach: float, kind: int, corners: Array, turn: Array) -> list[Feature]:
+    def _touching_corners(
+        self, motion: KinematicState, reach: float, kind: int, corners: Array, turn: Array
+    ) -> list[Feature]:
         """Corners of one body (n, 3) in the axes of the other, on its faces. turn: from these axes to the body's own.
 
         A corner touches with the normal of a face on whose outer side its body lies.
@@ -210,14 +212,14 @@ class HullFeatures:
         return [np.where(np.where(gap < 0.0, (shown >= apart - SIDE) & (over | (gap < -CLOSED)), over), gap, AWAY)
                 for (over, gap), shown in zip(ranges, (over_b, over_a, supports), strict=True)]  # fmt: skip
 
-    def _relative(self, motion: Motion) -> tuple[Array, Array]:
+    def _relative(self, motion: KinematicState) -> tuple[Array, Array]:
         """R (n, 3, 3) and p (n, 3) of the first body in the axes of the second."""
         (ra, pa), (rb, pb) = (_placed(motion, body.link) for body in self.bodies)
         turned = rb.transpose(0, 2, 1)
         return turned @ ra, (turned @ (pa - pb)[..., None])[..., 0]
 
     def _far(self, r: Array, p: Array) -> Array:
-        """What lies between spheres around the bodies (n,), m."""
+        """Distance between spheres around the bodies (n,), m."""
         a, b = self.bodies
         return np.asarray(np.linalg.norm(r @ a.middle + p - b.middle, axis=1) - a.radius - b.radius)
 
@@ -286,18 +288,18 @@ class _Crossings:
 
 
 def _apart(over_b: Array, over_a: Array, supports: Array) -> Array:
-    """How far hulls are apart along the best direction (n,): of the heights of corners over faces, and of edges."""
+    """Distance of hulls along the best direction (n,): of the heights of corners over faces, and of edges."""
     faces = [heights.min(axis=1).max(axis=1) for heights in (over_b, over_a)]
     return np.asarray(np.maximum(np.maximum(*faces), supports.max(axis=(1, 2))))
 
 
-def _touching(feature: int, gap: FaceGap | EdgeGap, motion: Motion) -> Feature:
+def _touching(feature: int, gap: FaceGap | EdgeGap, motion: KinematicState) -> Feature:
     near = gap.nearest(motion)
     return Feature(feature, gap, *(np.array([float(np.asarray(x).item()) for x in vector])
                                     for vector in (near.first.position(motion), near.axes[0])))  # fmt: skip
 
 
-def _placed(motion: Motion, link: str) -> tuple[Array, Array]:
+def _placed(motion: KinematicState, link: str) -> tuple[Array, Array]:
     """R (n, 3, 3) and the origin (n, 3) of a link."""
     vectors = [*(motion.direction(link, axis) for axis in IDENTITY), motion.position(link)]
     count = max(np.size(x) for vector in vectors for x in vector)

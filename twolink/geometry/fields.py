@@ -17,7 +17,7 @@ import numpy as np
 
 from twolink.algorithms.namespaces import Array
 from twolink.errors import SceneError
-from twolink.geometry.hulls import Hull, Touch, hull_of
+from twolink.geometry.hulls import Hull, TouchPoint, hull_of
 from twolink.robots.collisions import AnyShape, Box, Capsule, Convex, Length, Sphere, Vector
 
 SAME = 1e-9  # m: points that are one, and heights of what lies on the surface
@@ -66,7 +66,7 @@ class HeightField(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_f
                 raise SceneError(what, where=f"{where}.{name}", remedy="give them in m")
 
 
-class Surface:
+class FieldSurface:
     """The triangles of a height field in the world.
 
     corners (nx, ny, 3). triangles (nx - 1, ny - 1, 2, 3, 3), normals (nx - 1, ny - 1, 2, 3). ridges (n, 2, 3): the ends
@@ -114,12 +114,12 @@ class Surface:
         return self.triangles[i, k, half, 0], self.normals[i, k, half]
 
     def height(self, x: Array) -> float:
-        """How far a point is above the plane of the triangle below it, m; inf beyond the grid."""
+        """Height of a point above the plane of the triangle below it, m; inf beyond the grid."""
         below = self.below(x)
         return np.inf if below is None else float(below[1] @ (x - below[0]))
 
     def supports(self, p: Array, n: Array) -> bool:
-        """Whether the triangles at a point of the surface lie below the plane across n."""
+        """True if the triangles at a point of the surface lie below the plane across n."""
         triangles = self.triangles[self.cells(p - SAME, p + SAME)].reshape(-1, 3, 3)
         beside = np.linalg.norm(nearest_of_triangles(p, triangles) - p, axis=1) <= SAME
         way = triangles[beside].reshape(-1, 3) - p
@@ -127,9 +127,9 @@ class Surface:
 
 
 @functools.lru_cache(maxsize=16)
-def surface_of(field: HeightField) -> Surface:
+def surface_of(field: HeightField) -> FieldSurface:
     """The surface of a field."""
-    return Surface(field)
+    return FieldSurface(field)
 
 
 def nearest_of_triangles(x: Array, triangles: Array) -> Array:
@@ -159,7 +159,7 @@ class FieldBody:
             self.radius, half = float(shape.radius), 0.5 * float(getattr(shape, "length", 0.0))
             self.corners = np.array([[0.0, 0.0, -half], [0.0, 0.0, half]]) if self.line else self.corners
 
-    def touches(self, surface: Surface, rotation: Array, origin: Array, reach: float) -> list[Touch]:
+    def touches(self, surface: FieldSurface, rotation: Array, origin: Array, reach: float) -> list[TouchPoint]:
         """The points at which the placed body touches a surface, with gaps below the reach."""
         corners, near = self.corners @ rotation.T + origin, self.radius + reach
         low, high = corners.min(axis=0) - near, corners.max(axis=0) + near
@@ -175,7 +175,7 @@ class FieldBody:
             found += [*_of_edges(surface, hull, ridges, reach), *_of_faces(surface, hull, peaks, reach)]
         return [touch for touch in found if touch.gap < reach]
 
-    def _of_corner(self, surface: Surface, number: int, x: Array, reach: float) -> Iterator[Touch]:
+    def _of_corner(self, surface: FieldSurface, number: int, x: Array, reach: float) -> Iterator[TouchPoint]:
         """The triangles that a corner or ball touches, each plane once."""
         below, deep = surface.below(x), surface.height(x)
         cells, seen = surface.cells(x - self.radius - reach, x + self.radius + reach), list[Array]()
@@ -198,7 +198,7 @@ class FieldBody:
             if not any(np.abs(n - other).max() < LEVEL for other in seen):
                 seen.append(n)
                 gap = far_off - self.radius
-                yield Touch(("corner", number, len(seen)), gap, n, x - (self.radius + 0.5 * gap) * n)
+                yield TouchPoint(("corner", number, len(seen)), gap, n, x - (self.radius + 0.5 * gap) * n)
 
 
 def _lines(starts: Array, ways: Array, others: Array, other_ways: Array) -> tuple[Array, Array, Array]:
@@ -212,7 +212,7 @@ def _lines(starts: Array, ways: Array, others: Array, other_ways: Array) -> tupl
     return (b * e - c * d) / size, (a[:, None] * e - b * d) / size, crosses
 
 
-def _of_line(surface: Surface, ends: Array, radius: float, ridges: Array, peaks: Array) -> Iterator[Touch]:
+def _of_line(surface: FieldSurface, ends: Array, radius: float, ridges: Array, peaks: Array) -> Iterator[TouchPoint]:
     """The ridges and their ends at which the side of a capsule touches."""
     start, way, edge = ends[0], ends[1] - ends[0], ridges[:, 1] - ridges[:, 0]
     _, t, crosses = (found[0] for found in _lines(start[None], way[None], ridges[:, 0], edge))
@@ -223,10 +223,10 @@ def _of_line(surface: Surface, ends: Array, radius: float, ridges: Array, peaks:
         line = start + share[number] * way - p
         far = float(np.linalg.norm(line))
         if far > SAME and surface.supports(p, line / far):
-            yield Touch(("side", *np.round(p, 6)), far - radius, line / far, p + 0.5 * (far - radius) * line / far)
+            yield TouchPoint(("side", *np.round(p, 6)), far - radius, line / far, p + 0.5 * (far - radius) * line / far)
 
 
-def _of_edges(surface: Surface, hull: Hull, ridges: Array, reach: float) -> Iterator[Touch]:
+def _of_edges(surface: FieldSurface, hull: Hull, ridges: Array, reach: float) -> Iterator[TouchPoint]:
     """The edges of a hull that cross ridges."""
     ends = hull.vertices[hull.edges]
     ways, edge = ends[:, 1] - ends[:, 0], ridges[:, 1] - ridges[:, 0]
@@ -246,14 +246,14 @@ def _of_edges(surface: Surface, hull: Hull, ridges: Array, reach: float) -> Iter
             and surface.supports(p, n)
             and (gap > -SAME or gap >= FARTHER * surface.height(x) - SAME)
         ):
-            yield Touch(("edge", i, *np.round(ridges[k].mean(axis=0), 6)), gap, n, 0.5 * (x + p))
+            yield TouchPoint(("edge", i, *np.round(ridges[k].mean(axis=0), 6)), gap, n, 0.5 * (x + p))
 
 
-def _of_faces(surface: Surface, hull: Hull, peaks: Array, reach: float) -> Iterator[Touch]:
+def _of_faces(surface: FieldSurface, hull: Hull, peaks: Array, reach: float) -> Iterator[TouchPoint]:
     """The faces of a hull that peaks touch."""
     over, within = hull.over_faces(peaks), hull.within_sides(peaks)
     nearest = over >= over.max(axis=1, keepdims=True) - SAME  # not those on the far side of the hull
     for i, face in np.argwhere(nearest & (over < reach) & (within >= 0.0) & (hull.normals[:, 2] < -LEVEL)).tolist():
         n, gap = -hull.normals[face], float(over[i, face])
         if surface.supports(peaks[i], n):
-            yield Touch(("face", face, *np.round(peaks[i], 6)), gap, n, peaks[i] + 0.5 * gap * n)
+            yield TouchPoint(("face", face, *np.round(peaks[i], 6)), gap, n, peaks[i] + 0.5 * gap * n)

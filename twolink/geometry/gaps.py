@@ -13,7 +13,7 @@ A cylinder meets a plane with the discs at its ends. A tilted disc touches with 
 flat up to a tilt of 1e-9 rad, which moves no point of a body of 1 m by more than 1e-9 m. One that touches with a larger
 tilt, up to 3e-5 rad, is refused by `single`: its lowest point is not determined.
 
-Frames are names of links, of which a `Motion` knows the places; or numbers of many links, see `points`.
+Frames are names of links, of which a `KinematicState` knows the places; or numbers of many links, see `points`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from twolink.algorithms.motion import GROUND, Motion
+from twolink.algorithms.motion import GROUND, KinematicState
 from twolink.algorithms.namespaces import Array, Numbers
 from twolink.algorithms.spatial import (
     IDENTITY,
@@ -57,11 +57,11 @@ class Place(NamedTuple):
     point: Vec
     offset: Vec
 
-    def position(self, motion: Motion) -> Vec:
-        """Where it is in the world, m."""
+    def position(self, motion: KinematicState) -> Vec:
+        """Position of the place in the world, m."""
         return add(motion.position(self.frame, self.point), self.offset)
 
-    def velocity(self, motion: Motion) -> Vec:
+    def velocity(self, motion: KinematicState) -> Vec:
         """Its velocity along the world's axes, m/s."""
         velocity = motion.velocity(self.frame, self.point)
         if self.offset is ZERO:
@@ -81,22 +81,22 @@ class Nearest(NamedTuple):
 class Gap(msgspec.Struct, frozen=True, tag_field="kind", tag=kebab_case):
     """A gap between two shapes. Subclasses say where their nearest points are."""
 
-    def nearest(self, motion: Motion) -> Nearest:
+    def nearest(self, motion: KinematicState) -> Nearest:
         """The nearest points."""
         raise NotImplementedError
 
-    def value(self, motion: Motion) -> Scalar:
+    def value(self, motion: KinematicState) -> Scalar:
         """g, m."""
         return self.nearest(motion).gap
 
-    def velocity(self, motion: Motion) -> Vec:
+    def velocity(self, motion: KinematicState) -> Vec:
         """g' and the slip of a on b along the two tangents, m/s."""
         near = self.nearest(motion)
         slip = sub(near.first.velocity(motion), near.second.velocity(motion))
         x, y, z = (dot(axis, slip) for axis in near.axes)
         return x, y, z
 
-    def single(self, motion: Motion) -> Scalar | None:
+    def single(self, motion: KinematicState) -> Scalar | None:
         """Above 0 where the nearest points are single ones; None where they are so everywhere.
 
         Where they are not, a line or a side is nearest, and the gap has a kink.
@@ -112,7 +112,7 @@ class Ball(msgspec.Struct, frozen=True):
     point: Vec
     radius: float
 
-    def centre(self, motion: Motion) -> Vec:
+    def centre(self, motion: KinematicState) -> Vec:
         """Its centre in the world, m."""
         return motion.position(self.frame, self.point)
 
@@ -132,7 +132,7 @@ class PlaneGap(Gap, frozen=True):
     normal: Vec
     height: float
 
-    def nearest(self, motion: Motion) -> Nearest:
+    def nearest(self, motion: KinematicState) -> Nearest:
         """The ball's lowest point."""
         normal = self.normal
         x, axes = self.ball.centre(motion), (normal, *tangents(normal, motion.xp))
@@ -159,7 +159,7 @@ class RoundGap(Gap, frozen=True):
     first_half: Vec = ZERO
     second_half: Vec = ZERO
 
-    def nearest(self, motion: Motion) -> Nearest:
+    def nearest(self, motion: KinematicState) -> Nearest:
         """The nearest points of the segments, each with its radius."""
         a, b = self.first.centre(motion), self.second.centre(motion)
         u, w = (motion.direction(ball.frame, half) if has_length(half) else None
@@ -167,7 +167,7 @@ class RoundGap(Gap, frozen=True):
         along_a, along_b = _nearest_of_segments(sub(a, b), u, w, motion.xp)
         return between_balls(motion, (self.first, a, along_a), (self.second, b, along_b))
 
-    def single(self, motion: Motion) -> Scalar | None:
+    def single(self, motion: KinematicState) -> Scalar | None:
         """The square of the sine between segments; or what parallel ones have between their ends, over their length."""
         if not (has_length(self.first_half) and has_length(self.second_half)):
             return None
@@ -192,7 +192,7 @@ class BoxGap(Gap, frozen=True):
     axes: tuple[Vec, Vec, Vec]
     half: Vec
 
-    def nearest(self, motion: Motion) -> Nearest:
+    def nearest(self, motion: KinematicState) -> Nearest:
         """The point of the box with the ball's centre's coordinates, each limited to the box."""
         x, middle = self.ball.centre(motion), motion.position(self.frame, self.point)
         apart, inside = sub(x, middle), ZERO
@@ -216,7 +216,7 @@ class CylinderGap(Gap, frozen=True):
     radius: float
     half: float
 
-    def nearest(self, motion: Motion) -> Nearest:
+    def nearest(self, motion: KinematicState) -> Nearest:
         """The ball's centre, limited to the cylinder along its axis and across it."""
         xp = motion.xp
         x, middle = self.ball.centre(motion), motion.position(self.frame, self.point)
@@ -240,7 +240,7 @@ def sub(a: Vec, b: Vec) -> Vec:
 
 
 def has_length(half: Vec) -> bool:
-    """Whether it is not the constant 0."""
+    """True if a vector is not the constant 0."""
     return not isinstance(half, tuple) or any(half)
 
 
@@ -264,7 +264,7 @@ def axes_of(normals: Array) -> Array:
     return np.array([*tangents(tuple(normals.T), Numbers), normals.T]).transpose(2, 0, 1)
 
 
-def between_balls(motion: Motion, a: Core, b: Core) -> Nearest:
+def between_balls(motion: KinematicState, a: Core, b: Core) -> Nearest:
     """The nearest points of two balls about core points."""
     xp = motion.xp
     (first, x, along_a), (second, y, along_b) = a, b
@@ -319,7 +319,7 @@ class RimGap(Gap, frozen=True):
     normal: Vec
     height: float
 
-    def nearest(self, motion: Motion) -> Nearest:
+    def nearest(self, motion: KinematicState) -> Nearest:
         """The lowest point of the rim."""
         xp = motion.xp
         n, s, t = (motion.direction(self.frame, axis) for axis in (self.normal, *tangents(self.normal, xp)))
@@ -332,16 +332,16 @@ class RimGap(Gap, frozen=True):
         touched = sub(apart, scale(gap, n))
         return Nearest(gap, (n, s, t), Place(self.link, self.point, offset), Place(self.frame, ZERO, touched))
 
-    def value(self, motion: Motion) -> Scalar:
+    def value(self, motion: KinematicState) -> Scalar:
         """g, or AWAY of a disc that lies flat."""
         flat = motion.xp.less(self._tilt(motion), FLAT)
         return motion.xp.where(flat, AWAY, self.nearest(motion).gap)
 
-    def single(self, motion: Motion) -> Scalar:
+    def single(self, motion: KinematicState) -> Scalar:
         """The square of the sine of its tilt."""
         return minus(self._tilt(motion), PARALLEL)
 
-    def _tilt(self, motion: Motion) -> Scalar:
+    def _tilt(self, motion: KinematicState) -> Scalar:
         return tilt_of(motion, (self.frame, self.normal), (self.link, self.axis))
 
 
@@ -354,15 +354,15 @@ class StandGap(PlaneGap, frozen=True):
 
     axis: Vec
 
-    def value(self, motion: Motion) -> Scalar:
+    def value(self, motion: KinematicState) -> Scalar:
         """g, or AWAY of a disc that is tilted."""
         return motion.xp.where(motion.xp.less(self._tilt(motion), FLAT), self.nearest(motion).gap, AWAY)
 
-    def single(self, motion: Motion) -> Scalar:
+    def single(self, motion: KinematicState) -> Scalar:
         """1 less the square of the sine of its tilt over that up to which it lies flat."""
         return 1.0 - self._tilt(motion) / FLAT
 
-    def _tilt(self, motion: Motion) -> Scalar:
+    def _tilt(self, motion: KinematicState) -> Scalar:
         return tilt_of(motion, (self.frame, self.normal), (self.ball.frame, self.axis))
 
 
@@ -371,7 +371,7 @@ def down_rim(n: Vec, u: Vec) -> Vec:
     return sub(scale(dot(n, u), u), n)
 
 
-def tilt_of(motion: Motion, *ways: tuple[str, Vec]) -> Scalar:
+def tilt_of(motion: KinematicState, *ways: tuple[str, Vec]) -> Scalar:
     """The square of the sine between two directions, each fixed in a frame."""
     tilt = cross(*(motion.direction(frame, way) for frame, way in ways))
     return dot(tilt, tilt)
@@ -389,7 +389,7 @@ class HullGap(Gap, frozen=True):
     edges: tuple[tuple[Vec, Vec], ...]
     faces: tuple[tuple[Vec, ...], ...]
 
-    def nearest(self, motion: Motion) -> Nearest:
+    def nearest(self, motion: KinematicState) -> Nearest:
         """The nearest of the nearest points of edges, and of the feet on the faces that are below the ball."""
         xp = motion.xp
         x, origin = self.ball.centre(motion), motion.position(self.frame)

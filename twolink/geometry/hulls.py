@@ -66,7 +66,7 @@ class Hull:
                     self.starts, self.corners)  # fmt: skip
 
     def towards(self, direction: Array) -> Hull:
-        """The same vertices with the faces and edges at those that are farthest in a direction (3,)."""
+        """The hull of all vertices with the faces and edges at those that are farthest in a direction (3,)."""
         heights = self.vertices @ direction
         top = heights >= heights.max() - SLAB * np.ptp(heights)
         kept = top[self.edges].any(axis=1)
@@ -87,7 +87,7 @@ class Hull:
         return np.asarray(x @ self.normals.T - self.heights)
 
     def within_sides(self, x: Array) -> Array:
-        """How far points (..., 3) are from the nearest side of each face (..., faces), below 0 beside it."""
+        """Distances of points (..., 3) from the nearest side of each face (..., faces), below 0 beside it."""
         return np.asarray(np.minimum.reduceat(x @ self.inward.T - self.depths, self.starts, axis=-1))
 
 
@@ -146,7 +146,7 @@ def _hull_of_points(cloud: Array) -> Hull:
 
 
 class Separation(NamedTuple):
-    """How far two hulls are apart, m, below 0 how far they overlap, along the normal from the second to the first.
+    """The distance of two hulls, m, below 0 their overlap, along the normal from the second to the first.
 
     kind: a face of the first or the second hull, or two edges. feature: the face's number, or those of both edges.
     """
@@ -250,7 +250,7 @@ def _loop(border: dict[int, int]) -> list[int]:
     return loop
 
 
-class Touch(NamedTuple):
+class TouchPoint(NamedTuple):
     """A point at which hulls touch: its name, the gap [m], the normal from b to a, and the middle point."""
 
     name: Name
@@ -259,7 +259,7 @@ class Touch(NamedTuple):
     middle: Array
 
 
-def touching(a: Hull, b: Hull, reach: float) -> list[Touch]:
+def touching(a: Hull, b: Hull, reach: float) -> list[TouchPoint]:
     """The points with gaps below the reach. Names stay the same while features do.
 
     Where edges cross, corners over the best face count too: a body that turns a little may land on them.
@@ -272,7 +272,7 @@ def touching(a: Hull, b: Hull, reach: float) -> list[Touch]:
     hulls, sign = ((a, b), -1.0) if face.kind == "first" else ((b, a), 1.0)
     for name, gap, x in _over_face(*hulls, face.feature[0], face.kind == "second"):
         if gap < reach and not (found and set(name) == set(found[0].name)):
-            found.append(Touch((face.kind, *name), gap, face.normal, x - 0.5 * sign * gap * face.normal))
+            found.append(TouchPoint((face.kind, *name), gap, face.normal, x - 0.5 * sign * gap * face.normal))
     return found
 
 
@@ -309,14 +309,14 @@ def _cut(x: Array, names: list[Name], depths: Array, side: Name) -> tuple[Array,
     return np.array(kept).reshape(-1, 3), after
 
 
-def _crossing(a: Hull, b: Hull, apart: Separation) -> Touch:
+def _crossing(a: Hull, b: Hull, apart: Separation) -> TouchPoint:
     """The nearest points of two edges: p + s u - q - t w = gap n."""
     ends = [hull.edges[number].tolist() for hull, number in zip((a, b), apart.feature, strict=True)]
     (p, p_end), (q, q_end) = a.vertices[ends[0]], b.vertices[ends[1]]
     u, w = p_end - p, q_end - q
     s, t, _ = np.linalg.solve(np.stack([u, -w, -apart.normal], axis=1), q - p)
     x, y = p + np.clip(s, 0.0, 1.0) * u, q + np.clip(t, 0.0, 1.0) * w
-    return Touch((_edge(False, *ends[0]), _edge(True, *ends[1])), apart.gap, apart.normal, 0.5 * (x + y))
+    return TouchPoint((_edge(False, *ends[0]), _edge(True, *ends[1])), apart.gap, apart.normal, 0.5 * (x + y))
 
 
 def _edge(second: bool, i: int, k: int) -> Name:

@@ -82,7 +82,7 @@ def _no_formula(pair: Pair, why: str) -> SceneError:
 
 
 def are_hulls(pair: Pair) -> bool:
-    """Whether both are boxes or convex meshes, which touch with features that change."""
+    """True if both are boxes or convex meshes, which touch with features that change."""
     return all(isinstance(body, Solid) and isinstance(body.shape, (Box, Convex)) for body in (pair.first, pair.second))
 
 

@@ -25,14 +25,14 @@ TOUCHING = 1e-6  # m: points of two bodies that are so near move as one
 
 
 class Places(NamedTuple):
-    """Where the joints of a robot are: rotations R (joints, 3, 3) and origins (joints, 3), the ground first."""
+    """Poses of a robot's joints: rotations R (joints, 3, 3) and origins (joints, 3), the ground first."""
 
     rotations: Array
     origins: Array
 
 
 class Links:
-    """Where links are, as a `Motion` says it: frames are numbers (n,) of many links, vectors are (3, n)."""
+    """Poses of links, read as from a `KinematicState`: frames are numbers (n,) of many links, vectors are (3, n)."""
 
     xp = Numbers
 
@@ -40,13 +40,13 @@ class Links:
         self.joint, self.rotations, self.origins = joint, rotations, origins
 
     def at(self, places: Places) -> Links:
-        """Those whose places in their joints' axes these are, in the world."""
+        """The links in the world, from these in their joints' axes and the places of the joints."""
         turned = places.rotations[self.joint]
         origins = np.einsum("nij,nj->ni", turned, self.origins) + places.origins[self.joint]
         return Links(self.joint, turned @ self.rotations, origins)
 
     def position(self, frames: Any, point: Any = ZERO) -> Any:
-        """Where points of the frames are in the world, m."""
+        """Positions of points of the frames in the world, m."""
         if isinstance(frames, str):  # the ground
             return point
         x = self.origins[frames].T

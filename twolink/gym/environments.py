@@ -40,7 +40,7 @@ EFFORT = 1.0  # N m or N, of joints without a limit of effort
 
 
 class Task:
-    """What is to be done in a scene: what is seen, what is given, and the reward.
+    """A task in a scene: its observations, actions and reward.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class Task:
         return np.asarray(np.clip(np.asarray(action, dtype=float), -self.limit, self.limit))
 
     def outcome(self, state: State, action: Array) -> tuple[Array, float, bool, bool]:
-        """What is seen of a state, the reward, whether it is terminal, and whether the time is up."""
+        """The observation of a state, the reward, whether it is terminal, and whether the time is up."""
         seen = np.asarray(self.observe(state), dtype=float)
         late = state.t >= self.scene.duration - 0.5 * self.period
         return seen, float(self.reward(state, action)), bool(self.terminated(state)), bool(late)

@@ -35,7 +35,7 @@ ErrorFunction = Callable[[Robot, Track], np.ndarray]
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """What all cases have.
+    """The common fields of all cases.
 
     Parameters
     ----------
@@ -195,12 +195,12 @@ class CaseResult:
 
     @property
     def passed(self) -> bool:
-        """Whether every attempt met its limit, or said that it does not."""
+        """True if every attempt met its limit, or said that it does not."""
         return self.verdict in (MET, SAID)
 
     @property
     def interrupted(self) -> bool:
-        """Whether Ctrl-C ended the last attempt; those before it are judged."""
+        """True if Ctrl-C ended the last attempt; those before it are judged."""
         return any(a.verdict == INTERRUPTED for a in (*self.ours, *(attempt for _, attempt in self.peers)))
 
     @property

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from twolink.errors import SceneError, require_extra, require_known
-from twolink.exchange.trajectory_log import Log
+from twolink.exchange.trajectory_log import TrajectoryLog
 from twolink.hard.peers import NAMES, peer_module
 from twolink.hard.peers.task import PeerError, UnsupportedError, task_of
 from twolink.hard.referee import SECONDS, best_run, verdict_of
@@ -18,7 +18,7 @@ from twolink.hard.verdict import Verdict
 from twolink.io.progress import Report
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 from twolink.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -31,8 +31,8 @@ _EXTRAS = {"mujoco": "mjcf", "drake": "peers", "scipy": ""}
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison(Plotted, Result):
-    """What another simulator makes of a scene.
+class Comparison(Plotted, BaseResult):
+    """The motion of a scene by another simulator, with the verdict on it.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ def compare(scene: Scene, peer: str = "mujoco", duration: float | None = None, *
     times = interval * np.arange(max(3, round(end / interval)) + 1)
     found = peer_log(scene, peer, times)
     ours = best_run(scene, times, ACCURACY)
-    log = Log(found.log.t, found.log.q, found.log.v)
+    log = TrajectoryLog(found.log.t, found.log.q, found.log.v)
     verdict = verdict_of(scene, log, ours, TOLERANCE, accuracy=ACCURACY, seconds=seconds, progress=progress)
     return Comparison(found.peer, found.setting, found.log, verdict, found.seconds, ours)
 

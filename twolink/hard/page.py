@@ -36,7 +36,7 @@ MAX_POINTS = 240
 DOTS_UP_TO = 25  # points: a truth that is available at a few times only
 HEAD = f"{'case':<22}{'setting':<34}{'error':>10}{'bar':>10}{'seconds':>9}  verdict"
 FOLDER = Path(__file__).parent
-PACKAGES = ("twolink", "pin", "heyoka", "numpy", "scipy", "mujoco", "drake")
+PACKAGES = ("twolink", "pin", "numpy", "scipy", "mujoco", "drake")
 STYLES = {MET: "met", SAID: "said", WRONG: "wrong", MISSED: "missed", INTERRUPTED: "unable", UNABLE: "unable"}
 
 

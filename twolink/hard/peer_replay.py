@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from twolink.exchange.causes import CLEAR, SUBSTEPS, Cause, Look
-from twolink.exchange.trajectory_log import Log
+from twolink.exchange.trajectory_log import TrajectoryLog
 from twolink.hard.peers import peer_module
 from twolink.hard.peers.task import PeerError, PeerTask, Setting, UnsupportedError, task_of
 from twolink.scenes import Scene
@@ -25,8 +25,8 @@ FINER = 20  # times smaller steps, which show whether the length of the step is 
 OURS = 0.1  # of the distance: where the finer steps are as near to the solution, the step was too long
 
 
-def replays(scene: Scene, log: Log, run: Trajectory) -> list[Look]:
-    """Where the log may be MuJoCo's: from the scene's start, equally spaced, of what MuJoCo softens."""
+def replays(scene: Scene, log: TrajectoryLog, run: Trajectory) -> list[Look]:
+    """Searches for MuJoCo's motion where a log may be it: from the scene's start, equally spaced, with soft laws."""
     gaps = np.diff(log.t)
     if log.t[0] != 0 or np.ptp(gaps) > 1e-6 * gaps[0] or importlib.util.find_spec("mujoco") is None:
         return []
@@ -39,7 +39,7 @@ def replays(scene: Scene, log: Log, run: Trajectory) -> list[Look]:
     return [(words, functools.partial(_replayed, task, log, run, words))] if soft else []
 
 
-def _replayed(task: PeerTask, log: Log, run: Trajectory, words: str) -> Iterator[Cause]:
+def _replayed(task: PeerTask, log: TrajectoryLog, run: Trajectory, words: str) -> Iterator[Cause]:
     """MuJoCo's run by its own options, and by steps of which the samples are multiples; the best of each way."""
     module = peer_module("mujoco")
     usual = module.usual_settings(task)[0]

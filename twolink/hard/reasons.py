@@ -10,14 +10,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from twolink.algorithms.mechanism import mechanism
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.joint_switches import JointStops
 from twolink.effects.loops import Loop
 from twolink.errors import TwolinkError
 from twolink.exchange.causes import Cause, Look, is_clear, look_for, looks_at, named
 from twolink.exchange.local_errors import intervals_of
-from twolink.exchange.trajectory_log import Array, Log
+from twolink.exchange.trajectory_log import Array, TrajectoryLog
 from twolink.hard.peer_replay import replays
 from twolink.hard.verdict import Verdict
 from twolink.io.progress import Report
@@ -29,8 +29,8 @@ from twolink.simulation.trajectory import Trajectory
 GLANCE = 1.0  # s of computing: for the local defects of a log that is not wrong
 
 
-def explained(verdict: Verdict, scene: Scene, log: Log, run: Trajectory, offset: Array, units: str, seconds: float,
-               progress: Report | None) -> Verdict:  # fmt: skip
+def explained(verdict: Verdict, scene: Scene, log: TrajectoryLog, run: Trajectory, offset: Array, units: str,
+              seconds: float, progress: Report | None) -> Verdict:  # fmt: skip
     """The verdict with its local defects, and of a wrong log its causes, as far as the time goes."""
     if progress is not None:
         progress(0.0, 1.0, verdict.summary)
@@ -56,7 +56,7 @@ def explained(verdict: Verdict, scene: Scene, log: Log, run: Trajectory, offset:
     return dataclasses.replace(verdict, defect=defect, causes=causes, nearest=nearest, not_looked_at=missed)
 
 
-def _started(scene: Scene, log: Log, offset: Array, limit: TimeLimit) -> Iterator[Cause]:
+def _started(scene: Scene, log: TrajectoryLog, offset: Array, limit: TimeLimit) -> Iterator[Cause]:
     """Another start: the solution from the log's own."""
     v = log.v[0] if log.has_velocities else scene.v
     if log.t[0] != 0 or np.abs([*offset[0], *(v - scene.v)]).max() <= 1e-9:
@@ -73,7 +73,7 @@ def _started(scene: Scene, log: Log, offset: Array, limit: TimeLimit) -> Iterato
     yield Cause(f"it starts elsewhere, {apart}", float(left), 1)
 
 
-def _shifted(log: Log, run: Trajectory, offset: Array) -> Iterator[Cause]:
+def _shifted(log: TrajectoryLog, run: Trajectory, offset: Array) -> Iterator[Cause]:
     """A delay in time, by Gauss and Newton's method on the solution; and velocities of another sample."""
     robot = run.robot
     plain = float(np.linalg.norm(log.v[1:-1] - run.v[1:-1]))
@@ -94,10 +94,10 @@ def _shifted(log: Log, run: Trajectory, offset: Array) -> Iterator[Cause]:
         yield Cause(words, float(np.linalg.norm(apart) / np.linalg.norm(offset[inside])), 1)
 
 
-def violations(scene: Scene, log: Log) -> dict[str, float]:
-    """How far loops are open and joints beyond their stops, where they are."""
+def violations(scene: Scene, log: TrajectoryLog) -> dict[str, float]:
+    """Largest openings of loops, and distances of joints beyond their stops, where there are any."""
     found = {}
-    motion = functools.partial(Motion, scene.robot.model, mechanism(scene.robot.model))
+    motion = functools.partial(KinematicState, scene.robot.model, mechanism(scene.robot.model))
     for i, effect in enumerate(scene.effects):
         if isinstance(effect, Loop):
             rows = effect.rows(motion(list(log.q.T), list(log.v.T), log.t, Numbers))

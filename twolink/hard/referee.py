@@ -11,7 +11,7 @@ import numpy as np
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, SceneError, TwolinkError, require_known
-from twolink.exchange.trajectory_log import Array, Given, Log, in_si, read_log
+from twolink.exchange.trajectory_log import Array, Given, TrajectoryLog, in_si, read_log
 from twolink.exchange.urdf_scene import scene_of
 from twolink.hard.reasons import explained, violations
 from twolink.hard.verdict import Answer, Verdict
@@ -91,14 +91,14 @@ def judge(
                       seconds=positive(seconds, "seconds", SceneError, "such as 10"), progress=progress)  # fmt: skip
 
 
-def _in_radians(log: Log, run: Trajectory) -> tuple[Log, str]:
+def _in_radians(log: TrajectoryLog, run: Trajectory) -> tuple[TrajectoryLog, str]:
     """The trajectory in radians, where it follows the solution in degrees from a start that is 0 in both."""
     degrees, count = math.pi / 180, len(run.t)
     if any(joint.unit is not None for joint in run.robot.joints):
         return log, ""
     apart, converted = (np.linalg.norm(scale * log.q[:count] - run.q) for scale in (1.0, degrees))
     if converted < 1e-2 * apart and apart > 1e-3 * math.sqrt(count):
-        return Log(log.t, log.q * degrees, log.v * degrees), "q and v are in degrees"
+        return TrajectoryLog(log.t, log.q * degrees, log.v * degrees), "q and v are in degrees"
     return log, ""
 
 
@@ -112,17 +112,17 @@ def _scene(given: Scene | Robot | str | os.PathLike[str]) -> tuple[Scene, bool]:
     return scene_of(given), True
 
 
-def _from_log(scene: Scene, log: Log) -> tuple[Scene, Log]:
+def _from_log(scene: Scene, log: TrajectoryLog) -> tuple[Scene, TrajectoryLog]:
     """The scene from the log's first sample on, which is at 0 then. Raises SceneError without velocities."""
     if not log.has_velocities:
         raise SceneError("the log has no velocities to start from", argument="start", code="not-a-trajectory",
                          remedy='give v, or start="scene"')  # fmt: skip
     made = Scene(scene.base, log.q[0], log.v[0], scene.effects, scene.duration, scene.title)
-    return made, Log(log.t - log.t[0], log.q, log.v)
+    return made, TrajectoryLog(log.t - log.t[0], log.q, log.v)
 
 
-def _spread(scene: Scene, log: Log) -> Pair:
-    """How far the digits of the log's first sample move q and v, at every sample: the sum over its entries."""
+def _spread(scene: Scene, log: TrajectoryLog) -> Pair:
+    """Displacements of q and v at every sample by the digits of the log's first one: the sum over its entries."""
     sizes, nv = [digits[0] for digits in log.digits()], scene.robot.nv
     total = np.zeros((2, len(log.t)))
     if not any(sizes):
@@ -153,10 +153,10 @@ def best_run(scene: Scene, t: Array, accuracy: float) -> Trajectory:
         return best
 
 
-def verdict_of(scene: Scene, log: Log, run: Trajectory, tolerance: float, *, units: str = "",
+def verdict_of(scene: Scene, log: TrajectoryLog, run: Trajectory, tolerance: float, *, units: str = "",
                spread: Pair | None = None, accuracy: float = 1e-9, seconds: float = SECONDS,
                progress: Report | None = None) -> Verdict:  # fmt: skip
-    """What a log is worth beside a run at its samples.
+    """The verdict on a log beside a run at its samples.
 
     units: which ones it had, if not SI. spread: how far the digits of the start move q and v, (n,) each.
     """
@@ -184,7 +184,7 @@ def verdict_of(scene: Scene, log: Log, run: Trajectory, tolerance: float, *, uni
 
 
 def _of_velocities(
-    scene: Scene, log: Log, run: Trajectory, bar: Array, digits: Array, tolerance: float, accuracy: float
+    scene: Scene, log: TrajectoryLog, run: Trajectory, bar: Array, digits: Array, tolerance: float, accuracy: float
 ) -> tuple[float, float, Array]:
     """The largest distance of v, by how much it is wrong at least, and where it is fine (n,).
 

@@ -11,7 +11,7 @@ import numpy as np
 from twolink.exchange.causes import Cause
 from twolink.exchange.trajectory_log import Array
 from twolink.show.figure import Plotted, plot_lines
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,8 +20,8 @@ Answer = Literal["right", "wrong", "not known"]
 
 
 @dataclass(frozen=True, repr=False)
-class Verdict(Plotted, Result):
-    """What a trajectory is worth.
+class Verdict(Plotted, BaseResult):
+    """The verdict on a trajectory.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Verdict(Plotted, Result):
 
     @property
     def right(self) -> bool:
-        """Whether the answer is "right"."""
+        """True if the answer is "right"."""
         return self.answer == "right"
 
     def to_dict(self) -> dict[str, Any]:

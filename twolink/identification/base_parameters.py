@@ -52,13 +52,13 @@ class Selection:
         return columns, regressor @ self.parameters(robot, np.zeros(len(self.names)))
 
     def without(self, names: Collection[str]) -> "Selection":
-        """The same but for these names."""
+        """The selection without these names."""
         keep = [k for k, name in enumerate(self.names) if name not in names]
         terms = tuple(term for term in self.terms if term.name not in names)
         return Selection(tuple(self.names[k] for k in keep), self.nominal[keep], self.columns[:, keep], terms)
 
     def beside(self, names: tuple[str, ...], nominal: np.ndarray) -> "Selection":
-        """The same, and names with these values that no column of C belongs to."""
+        """The selection with more names, whose values are given and to which no column of C belongs."""
         columns = np.hstack([self.columns, np.zeros((len(self.columns), len(names)))])
         return Selection((*self.names, *names), np.append(self.nominal, nominal), columns, self.terms)
 
@@ -151,7 +151,7 @@ class BaseParameters:
         return np.asarray(scipy.linalg.null_space(self.matrix))
 
     def not_identifiable(self, what: str = "torque") -> tuple[str, ...]:
-        """What cannot be told, in words: parameters that do not act, and sums of which only the whole acts."""
+        """Parameters that cannot be told, in words: those that do not act, and sums of which only the whole acts."""
         alone = [f"{name}: no {what} depends on it" for name in self.unseen]
         sums = [text for text, row in zip(self.combinations, self.matrix, strict=True) if np.count_nonzero(row) > 1]
         return (*alone, *(f"only the sum {text}" for text in sums))

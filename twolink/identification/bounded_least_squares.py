@@ -34,14 +34,14 @@ class Bounds(NamedTuple):
 Evaluated = tuple[np.ndarray, Callable[[], np.ndarray]]  # residuals and their Jacobian
 
 
-class Limits(NamedTuple):
-    """What a step must keep: bounds, and a convex set, by a function that gives bounds that a step outside breaks."""
+class StepLimits(NamedTuple):
+    """The limits of a step: bounds, and a convex set, by a function that gives bounds that a step outside breaks."""
 
     bounds: Bounds
     cut: Callable[[np.ndarray], Bounds]
 
 
-def step_within(jacobian: np.ndarray, residuals: np.ndarray, damping: np.ndarray, limits: Limits) -> np.ndarray:
+def step_within(jacobian: np.ndarray, residuals: np.ndarray, damping: np.ndarray, limits: StepLimits) -> np.ndarray:
     """d (n,) that minimises |J d + r|^2 + |damping d|^2 within limits, which d = 0 keeps."""
     q, triangle = scipy.linalg.qr(np.vstack([jacobian, np.diag(damping)]), mode="economic")
     toward = -q[: len(residuals)].T @ residuals
@@ -69,7 +69,7 @@ def _back(triangle: np.ndarray, rows: np.ndarray, least: np.ndarray) -> np.ndarr
 
 
 def least_squares(
-    evaluate: Callable[[np.ndarray], Evaluated | None], size: int, limits: Callable[[np.ndarray], Limits], most: int
+    evaluate: Callable[[np.ndarray], Evaluated | None], size: int, limits: Callable[[np.ndarray], StepLimits], most: int
 ) -> tuple[np.ndarray, bool]:
     """The u (size,) whose residuals are least, from u = 0; and whether the search came to an end.
 

@@ -137,12 +137,12 @@ class Consistency:
 
     @property
     def consistent(self) -> bool:
-        """Whether such bodies exist within three standard errors of the estimate, and no model error moves it more."""
+        """True if such bodies exist within three standard errors of the estimate, and no model error moves it more."""
         return self.distance < 3.0 and not self.model_errors
 
     @property
     def verdict(self) -> str:
-        """What the distance means."""
+        """The verdict on the distance, in words."""
         if self.model_errors:
             return f"not consistent, the model lacks something: {self.model_errors[0]}"
         if self.distance < 0.1:

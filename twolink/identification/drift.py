@@ -1,4 +1,4 @@
-"""What slow disturbances of torques do to an estimate: their spectrum by restricted maximum likelihood.
+"""The effect of slow disturbances of torques on an estimate: their spectrum by restricted maximum likelihood.
 
 Residuals e = y - G x of a drifting sensor or friction tell less than the disturbance was, as the fit took a part of
 it; neither their correlations nor blocks of time show it all. In the coefficients of a sine series of each run,

@@ -1,4 +1,4 @@
-"""What a fit by simulation found: values with intervals, the scene with them, what cannot be told, and residuals."""
+"""The result of a fit by simulation: values with intervals, the scene with them, what cannot be told, and residuals."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -67,7 +67,7 @@ class SceneFit(Estimate):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against trusting the values, in words; empty where nothing does."""
+        """Reasons against trusting the values, in words; empty where there are none."""
         texts = []
         if not self.explained:
             texts.append("the scene's motion is not the measured one: values and intervals cannot be trusted; "

@@ -13,7 +13,7 @@ from twolink.dynamics import Robot
 from twolink.errors import AccuracyError, QueryError, TwolinkError
 from twolink.identification import regression
 from twolink.identification.base_parameters import BaseParameters, independent
-from twolink.identification.bounded_least_squares import Bounds, Evaluated, Limits, least_squares, step_within
+from twolink.identification.bounded_least_squares import Bounds, Evaluated, StepLimits, least_squares, step_within
 from twolink.identification.measured_motion import MeasuredMotion
 from twolink.identification.shooting import MultipleShooting, Shot, State, later_starts, segment_ends
 from twolink.identification.unknowns import Unknowns
@@ -33,7 +33,7 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class Point:
-    """Where a search stands: coordinates, starts of later segments, what was simulated there, and the noise (c,).
+    """A point of a search: coordinates, starts of later segments, what was simulated there, and the noise (c,).
 
     shooting: what simulates. converged: whether the least squares ended before they had to.
     """
@@ -52,7 +52,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Linearized:
+class CondensedProblem:
     """The condensed problem at a point, in the values p of the names.
 
     residuals (n, c), columns (n, c, k) = d simulated/dp, error (n, k): bound on their errors. possible: what such a
@@ -74,7 +74,7 @@ class Linearized:
         return np.asarray(self.columns[..., list(self.shown.members)])
 
 
-def linearized(unknowns: Unknowns, point: Point, weights: np.ndarray) -> Linearized:
+def linearized(unknowns: Unknowns, point: Point, weights: np.ndarray) -> CondensedProblem:
     """The condensed problem. Raises QueryError where the measurements show nothing."""
     residuals, by_z, moves, alongs = point.shot.condensed()
     values_by_z = unknowns.derivatives(point.z)[0]
@@ -98,7 +98,7 @@ def linearized(unknowns: Unknowns, point: Point, weights: np.ndarray) -> Lineari
                          argument="parameters", code="nothing-identifiable",
                          remedy="measure a motion that depends on them more, or look for others")  # fmt: skip
     basis = scipy.linalg.null_space((inverse @ shown.null_space).T) if len(shown.members) < k else np.eye(k)
-    return Linearized(residuals, columns, error, possible, shown, basis, moves, alongs)
+    return CondensedProblem(residuals, columns, error, possible, shown, basis, moves, alongs)
 
 
 def _diagonal(like: np.ndarray, bound: np.ndarray) -> np.ndarray:
@@ -138,7 +138,7 @@ class LeastSquaresSearch:
         data.require_units(q, v)
 
     def point_with(self, count: int) -> Point:
-        """Where the search ends with so many segments."""
+        """The point at which the search ends with so many segments."""
         ends = segment_ends(count, self.data)
         shooting = MultipleShooting(self.unknowns, self.data, ends, self.accuracy)
         z, starts = np.zeros(len(self.unknowns.names)), later_starts(ends, self.data, self.first)
@@ -162,14 +162,14 @@ class LeastSquaresSearch:
 
     @property
     def growth(self) -> float:
-        """How errors of the start grow along the scene's own motion; infinite where it could not be simulated."""
+        """Growth of the start's errors along the scene's own motion; infinite where it could not be simulated."""
         return math.inf if self.first is None else float(np.abs(self.first.segments[0].end_by_start).max(initial=1.0))
 
-    def at(self, point: Point) -> Linearized:
+    def at(self, point: Point) -> CondensedProblem:
         """The condensed problem there."""
         return linearized(self.unknowns, point, point.weights(self.robust))
 
-    def statistics(self, point: Point, now: Linearized) -> regression.Fit:
+    def statistics(self, point: Point, now: CondensedProblem) -> regression.Fit:
         """The step that is left, its covariance, and the noise, which is no smaller than numerical errors."""
         floor = float(np.mean(np.concatenate([segment.error for segment in point.shot.segments])))
         method = "robust" if self.robust else "weighted"
@@ -229,8 +229,8 @@ class LeastSquaresSearch:
         z, starts = moved(best)
         return replace(point, z=z, starts=starts, shot=cast("Shot", shot(best)), converged=converged), r
 
-    def _limits(self, z: np.ndarray, basis: np.ndarray, more: int = 0) -> Limits:
-        """What moves of z along a basis must keep, with `more` unknowns that have no limits."""
+    def _limits(self, z: np.ndarray, basis: np.ndarray, more: int = 0) -> StepLimits:
+        """The limits of moves of z along a basis, with `more` unknowns that have no limits."""
         rows, least = np.vstack([basis, -basis]), np.concatenate([self.low - z, z - self.high])
         kept, r = np.isfinite(least), basis.shape[1]
 
@@ -239,7 +239,7 @@ class LeastSquaresSearch:
             by_u = by_z @ basis
             return Bounds(np.pad(by_u, ((0, 0), (0, more))), by_u @ u[:r] - values)
 
-        return Limits(Bounds(np.pad(rows[kept], ((0, 0), (0, more))), np.minimum(least[kept], 0.0)), cut)
+        return StepLimits(Bounds(np.pad(rows[kept], ((0, 0), (0, more))), np.minimum(least[kept], 0.0)), cut)
 
     def _moved(self, point: Point, dz: np.ndarray, changes: Sequence[np.ndarray]) -> tuple[np.ndarray, list[State]]:
         """z and starts, moved; z within its bounds, which rounding may pass."""

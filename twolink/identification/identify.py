@@ -27,7 +27,7 @@ from twolink.identification.measurements import filtered, recordings, wider
 from twolink.identification.regression import METHODS
 from twolink.identification.result import Identification
 from twolink.identification.setup import setup_of
-from twolink.identification.solving import Plan, examined, linear_system, plan_of, solve, validation
+from twolink.identification.solving import IdentificationPlan, examined, linear_system, plan_of, solve, validation
 from twolink.identification.units import DEGREE, beyond_reach, in_degrees, range_of, wide_joint
 
 _SURE = 0.5  # of the logarithm of the mean square: degrees must explain the torques so much better than radians
@@ -140,7 +140,9 @@ def identify(
     return replace(result, validation=validation(result, held)) if held else result
 
 
-def _without_delay(plan: Plan, runs: Sequence[Recording], by: Filter | None, result: Identification) -> Identification:
+def _without_delay(
+    plan: IdentificationPlan, runs: Sequence[Recording], by: Filter | None, result: Identification
+) -> Identification:
     """The identification with the torques' delay, where it is the clearest of the model errors."""
     if [error.name for error in result.model_errors[:1]] != ["delay"]:
         return result

@@ -81,7 +81,7 @@ def read_log(
 
 
 def _clock(t: np.ndarray) -> list[str]:
-    """What is odd in the times."""
+    """Notes on irregular steps between the times."""
     steps = np.diff(t)
     steps = steps[(steps > 0) & (steps < GAP * np.median(steps))]
     usual = float(np.median(steps)) if len(steps) else 0.0

@@ -44,7 +44,7 @@ class MeasuredMotion:
 
     @property
     def values(self) -> np.ndarray:
-        """What was measured (n, c), positions from the neutral one on."""
+        """The measured values (n, c), positions from the neutral one on."""
         off = self.robot.difference(self.robot.neutral, self.q)
         return np.hstack([off[:, self.of_q], self.v[:, self.of_v]])
 

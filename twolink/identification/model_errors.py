@@ -1,4 +1,4 @@
-"""What the residuals have that the model lacks: a test of every parameter, joint model and error of the setup left out.
+"""Errors of the model, shown by its residuals: a test of every parameter, joint model and error of the setup left out.
 
 For a column z that is not in the model, z~ its part that the columns of the model do not explain, and e the residuals,
 

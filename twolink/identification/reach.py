@@ -1,4 +1,4 @@
-"""What a robot cannot do along a motion: torques beyond its limits, and links that go through each other."""
+"""Motions beyond a robot's reach: torques beyond its limits, and links that go through each other."""
 
 import numpy as np
 import pinocchio as pin
@@ -30,7 +30,7 @@ class Reach:
         self._data, self._seen = robot.model.createData(), pin.GeometryData(self._geometry)
 
     def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[str, np.ndarray]:
-        """What goes beyond it first, in words, and the degrees of freedom (nv,) that matter; "" where nothing does."""
+        """The first violation, in words, and the degrees of freedom (nv,) that matter; "" where there is none."""
         limits = np.array(self.robot.model.effortLimit)
         torques = np.abs(self.robot.regressor(q, v, a) @ self.robot.parameter_values).max(axis=0)
         for joint in self.robot.joints:

@@ -117,7 +117,7 @@ def _solve(
 
 
 def _block_ends(n: int, length: int) -> np.ndarray:
-    """Where blocks end that are as long as residuals follow each other, from 4 to 10 of them."""
+    """Ends of blocks that are as long as residuals follow each other, from 4 to 10 of them."""
     return np.linspace(0, n, min(max(FEWEST, min(BLOCKS, n // max(length, 1))), n) + 1).round().astype(int)[1:]
 
 

@@ -70,7 +70,7 @@ def _lines(texts: Iterable[str], *, bad: bool = False) -> str:
 
 
 def _criterion(by: Filter, joints: Sequence[str]) -> str:
-    """What each window leaves of left-out torques, against its cut-off."""
+    """Figure of what each window leaves of left-out torques, against its cut-off."""
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
     rate = by.cutoff / cutoff(by.half_window, 1.0)

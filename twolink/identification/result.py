@@ -1,4 +1,4 @@
-"""What an identification found: values with intervals, what cannot be told, and whether such a robot can exist.
+"""The result of an identification: values with intervals, what cannot be told, and whether such a robot can exist.
 
 `Estimate` is what it shares with a fit by simulation.
 """
@@ -21,7 +21,7 @@ from twolink.identification.report import write_report
 from twolink.identification.setup import Setup
 from twolink.io.text import Table
 from twolink.show.figure import COLOURS, Plotted, new_figure, plain
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 from twolink.simulation.trajectory_tables import coordinate_names
 
 if TYPE_CHECKING:
@@ -32,8 +32,8 @@ MEASURED: dict[str, Any] = {"linestyle": "", "marker": ".", "markersize": 2.5, "
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Estimate(Result, Plotted):
-    """What an identification and a fit by simulation share.
+class Estimate(BaseResult, Plotted):
+    """The estimate that an identification and a fit by simulation share.
 
     Attributes
     ----------
@@ -154,7 +154,7 @@ class Validation:
 
     @property
     def share(self) -> np.ndarray:
-        """The same (nv,), relative to that of the torques."""
+        """The residuals' root mean square (nv,), relative to that of the torques."""
         return np.asarray(self.rms / np.maximum(np.sqrt(np.mean(self.torques**2, axis=0)), 1e-300))
 
     def to_dict(self, names: Iterable[str]) -> dict[str, Any]:
@@ -208,12 +208,12 @@ class Identification(Estimate):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """What was looked for, k names."""
+        """Names (k) of the parameters that were looked for."""
         return self.selection.names
 
     @cached_property
     def consistency(self) -> Consistency:
-        """Whether bodies with such parameters can exist, and the nearest that can."""
+        """The physical consistency of the parameters: whether such bodies can exist, and the nearest that can."""
         names, matrix = self.combinations, self.matrix
         nearest = consistent(self.robot, self.selection, names, matrix, self.estimate, self.covariance, self.metric)
         harmful = tuple(str(error) for error in self.model_errors if error.moved > HARM)
@@ -229,7 +229,7 @@ class Identification(Estimate):
         return self.model_torques(self.setup.position(np.asarray(q, float)), np.asarray(v, float), np.asarray(a, float))
 
     def model_torques(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, of: Consistency | None = None) -> np.ndarray:
-        """The same at the true positions. of: other parameters than the consistent ones."""
+        """Torques (..., nv), N m or N, at the true positions. of: other parameters than the consistent ones."""
         of = of or self.consistency
         tau = self.setup.true_robot.regressor(q, v, a) @ of.vector
         terms = (of.parameters[term.name] * term.torque(q, v, a) for term in self.selection.terms)

@@ -11,7 +11,7 @@ from twolink.dynamics.arguments import array, one_of, positive
 from twolink.errors import QueryError, require_known
 from twolink.identification.base_parameters import BaseParameters
 from twolink.identification.fit_result import SceneFit
-from twolink.identification.fit_search import METHODS, LeastSquaresSearch, Linearized, Point
+from twolink.identification.fit_search import METHODS, CondensedProblem, LeastSquaresSearch, Point
 from twolink.identification.measured_motion import MeasuredMotion, measured_motion
 from twolink.identification.shooting import can_be_cut, segment_counts
 from twolink.identification.unknowns import unknowns_of
@@ -182,15 +182,15 @@ def _result(search: LeastSquaresSearch, point: Point, method: str, confidence: f
 
 
 def _ratios(possible: BaseParameters, values: np.ndarray) -> list[str]:
-    """What is said where a common factor of parameters changes nothing: sums that are 0 are ratios."""
+    """Notes on a common factor of parameters that changes nothing: sums that are 0 are ratios."""
     size = np.abs(possible.matrix) @ np.abs(values)
     sums = (np.abs(possible.matrix @ values) < _ZERO * size) & (np.count_nonzero(possible.matrix, axis=1) > 1)
     names = [name for name, here in zip(possible.names, possible.matrix[sums].any(axis=0), strict=True) if here]
     return [f"only the ratios of {', '.join(names)}; leave one out, whose value is known"] if names else []
 
 
-def _from_bars(now: Linearized, point: Point, noise: np.ndarray) -> np.ndarray:
-    """What errors of the simulated values and of their derivatives may change, (r,), by their bounds."""
+def _from_bars(now: CondensedProblem, point: Point, noise: np.ndarray) -> np.ndarray:
+    """Bounds (r,) on the estimate's change by the errors of the simulated values and of their derivatives."""
     columns = now.of_members / noise[:, None]
     flat = columns.reshape(-1, columns.shape[-1])
     lengths = np.linalg.norm(flat, axis=0)

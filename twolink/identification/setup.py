@@ -34,7 +34,7 @@ class Setup:
     values: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def at(self, values: np.ndarray) -> "Setup":
-        """The same with these values."""
+        """The setup with these values."""
         return replace(self, values=values)
 
     def of_joints(self, kind: str, usual: float) -> np.ndarray:
@@ -82,7 +82,7 @@ class Setup:
 
 
 def names_of(robot: Robot) -> tuple[str, ...]:
-    """What can be looked for of a setup of the robot."""
+    """Names of all that can be looked for of a robot's setup."""
     single = single_joints(robot)
     tilt = ("gravity.tilt_x", "gravity.tilt_y") if np.any(robot.gravity) else ()
     return ("delay", *(f"{name}.zero" for name in single), *tilt, *(f"{name}.motor_constant" for name in single))

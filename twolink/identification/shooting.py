@@ -170,7 +170,7 @@ TRIED = (1, 4, 16)  # times as many segments, one after the other, until the mot
 
 
 def can_be_cut(scene: Scene) -> bool:
-    """Whether a motion may be simulated in segments."""
+    """True if a motion may be simulated in segments."""
     equations = equations_of(scene)
     return equations.constraints is None and not equations.has_events
 

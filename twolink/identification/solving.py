@@ -28,8 +28,8 @@ _RUNS = 8  # so many runs tell the covariance from run to run, fewer are cut in 
 
 
 @dataclass(frozen=True)
-class Plan:
-    """What is looked for in which runs, and how. possible: what some motion can show of it."""
+class IdentificationPlan:
+    """The plan of an identification: what is looked for, and how. possible: what some motion can show of it."""
 
     robot: Robot
     chosen: Selection
@@ -56,7 +56,7 @@ class Plan:
         return system
 
 
-def plan_of(setup: Setup, chosen: Selection, method: str, confidence: float, half: int | None) -> Plan:
+def plan_of(setup: Setup, chosen: Selection, method: str, confidence: float, half: int | None) -> IdentificationPlan:
     """A plan. Raises QueryError where no motion can show what is looked for."""
     robot = setup.robot
     base = base_parameters(setup.at(setup.values + _ANY_TILT).true_robot, chosen)
@@ -64,11 +64,11 @@ def plan_of(setup: Setup, chosen: Selection, method: str, confidence: float, hal
         what = f"no joint torque depends on {', '.join(chosen.names[:6])}"
         remedy = "look for other parameters: `base_parameters(robot)` lists what can be told"
         raise QueryError(what, argument="parameters", remedy=remedy, code="nothing-identifiable")
-    return Plan(robot, chosen, base, method, confidence, half)
+    return IdentificationPlan(robot, chosen, base, method, confidence, half)
 
 
 @dataclass(frozen=True)
-class Solution:
+class SolvedIdentification:
     """An identification, and what it was solved from: samples, columns of G, the fit, residuals by a wider window."""
 
     result: Identification
@@ -79,7 +79,7 @@ class Solution:
     sure: np.ndarray
 
 
-def solve(plan: Plan, setup: Setup, runs: Sequence[Recording], by: Filter | None) -> Solution:
+def solve(plan: IdentificationPlan, setup: Setup, runs: Sequence[Recording], by: Filter | None) -> SolvedIdentification:
     """The solution; what is looked for of the setup by Gauss-Newton's steps.
 
     Raises
@@ -103,7 +103,7 @@ def solve(plan: Plan, setup: Setup, runs: Sequence[Recording], by: Filter | None
     return found
 
 
-def _with_constants(setup: Setup, first: Solution) -> Setup:
+def _with_constants(setup: Setup, first: SolvedIdentification) -> Setup:
     """The setup with motor constants that take what was measured to the torques of the robot as it was given."""
     data = first.data
     nominal = np.concatenate([setup.robot.regressor(*state) @ setup.robot.parameter_values for state in data.states()])
@@ -119,8 +119,8 @@ def _errors_of(result: Identification) -> np.ndarray:
 
 
 def _solved(
-    plan: Plan, setup: Setup, runs: Sequence[Recording], by: Filter | None, around: Identification | None
-) -> Solution:
+    plan: IdentificationPlan, setup: Setup, runs: Sequence[Recording], by: Filter | None, around: Identification | None
+) -> SolvedIdentification:
     """Linear least squares at a setup. around: what the derivatives by the setup are taken at; None leaves them out."""
     robot, names = setup.true_robot, () if around is None else setup.names
     chosen = plan.chosen.beside(names, setup.values[: len(names)])
@@ -157,10 +157,10 @@ def _solved(
         setup=setup.at(_values(chosen, base, found.x, len(names))) if names else setup,
         block_covariance=found.by_blocks, joint_models=None,
     )  # fmt: skip
-    return Solution(result, data, columns, found, wide, prior[1])
+    return SolvedIdentification(result, data, columns, found, wide, prior[1])
 
 
-def _half_width(plan: Plan, y: np.ndarray, found: Fit, of_runs: bool) -> np.ndarray:
+def _half_width(plan: IdentificationPlan, y: np.ndarray, found: Fit, of_runs: bool) -> np.ndarray:
     """Of the intervals. Residuals that follow each other count for few; what drifts and many runs may show more."""
     level = (1 + plan.confidence) / 2
     free = y.size - len(found.x) if found.length == 0 else max(len(y) / (2 * found.length), _FEWEST)
@@ -201,14 +201,14 @@ def _values(chosen: Selection, base: BaseParameters, x: np.ndarray, count: int) 
 
 
 def _untold(base: BaseParameters, names: Sequence[str]) -> tuple[str, ...]:
-    """What cannot be told of a setup."""
+    """Quantities of a setup that cannot be told, in words."""
     own = base.matrix[:, len(base.names) - len(names) :]
     alone = [f"{name}: no torque depends on it" for name, column in zip(names, own.T, strict=True) if not column.any()]
     mixed = [np.any(part) and np.count_nonzero(row) > 1 for part, row in zip(own, base.matrix, strict=True)]
     return (*alone, *(f"only the sum {text}" for text, here in zip(base.combinations, mixed, strict=True) if here))
 
 
-def examined(plan: Plan, found: Solution) -> Identification:
+def examined(plan: IdentificationPlan, found: SolvedIdentification) -> Identification:
     """The identification with the model errors that its residuals show."""
     result, data = found.result, found.data
     every = select(plan.robot, ["*"], terms=joint_terms(plan.robot, ["offset", "stribeck"])[1])
@@ -267,9 +267,9 @@ def linear_system(robot: Robot, chosen: Selection, data: Measurements) -> tuple[
 
 
 def _excited(
-    plan: Plan, robot: Robot, names: tuple[str, ...], data: Measurements, columns: np.ndarray
+    plan: IdentificationPlan, robot: Robot, names: tuple[str, ...], data: Measurements, columns: np.ndarray
 ) -> BaseParameters:
-    """What this motion shows of it, and of the setup: the null space of the motion without what only noise moves."""
+    """Base parameters and setup that this motion shows: its null space without what only noise moves."""
     members, count = list(plan.possible.members), len(plan.chosen.names)
     own = columns[..., members]
     if (calm := _without_noise(robot, data)) is not None:

@@ -1,4 +1,4 @@
-"""Whether a log's numbers can be in rad, m and s: rates against velocities, ranges against limits."""
+"""Checks of a log's numbers for rad, m and s: rates against velocities, ranges against limits."""
 
 from collections.abc import Mapping
 
@@ -20,7 +20,7 @@ _UNITS = {("q", DEGREE): "np.radians(q), --units deg", ("t", 1e-3): "t / 1000, -
 
 
 def remedy_of(column: str, factor: float) -> str:
-    """How to give a column in SI units, with what can be pasted."""
+    """The remedy that gives a column in SI units, with text that can be pasted."""
     ways = _UNITS.get((column.partition(".")[0], factor), f"{factor:.6g} times it")
     return (
         f'give {column} in SI units: {ways}, or {column} = {{column = "...", scale = {factor:.6g}}} in a map of columns'

@@ -1,4 +1,4 @@
-"""What is looked for by simulation: names, and coordinates z in which every value is one that can be.
+"""Unknowns of a fit by simulation: names, and coordinates z in which every value is one that can be.
 
 z = 0 is the scene as it is, and a change of z by 1 about as large as the value itself. A mass is m0 exp(z). The ten
 parameters of a body, where all of them are looked for, are its log-Cholesky parameters (`consistency`); other
@@ -49,7 +49,7 @@ class _NameGroup:
 
 
 class Unknowns:
-    """What is looked for in a scene.
+    """The unknowns of a fit of a scene.
 
     names (k,): as asked for, in SI units. wrt: the names of the derivatives that it takes, in order; of those the first
     `constants` are no initial states.
@@ -98,7 +98,7 @@ class Unknowns:
         return out[0], out[1]
 
     def lacking(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What bodies of which a part is looked for lack to exist: eigenvalues (m,), and their derivatives (m, k).
+        """Eigenvalues (m,) near 0 of bodies of which a part is looked for, and their derivatives (m, k).
 
         A body can exist where no eigenvalue of its pseudo-inertia is negative (Wensing, Kim and Slotine 2018); those
         that are here are nearer to 0 than a small margin, which is taken off.
@@ -151,7 +151,7 @@ class Unknowns:
 
 
 def unknowns_of(scene: Scene, parameters: Sequence[str]) -> Unknowns:
-    """What the names and patterns ask for.
+    """The unknowns that names and patterns ask for.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def _named(scene: Scene, text: str, known: Collection[str], patterned: Sequence[
 
 
 def _of_an_effect(scene: Scene, joint: str, kind: str) -> str:
-    """How the damping or friction of a joint is looked for."""
+    """The remedy by which the damping or friction of a joint is looked for."""
     if kind == "friction":
         return f"look for a number of a friction effect, such as effects.1.kinetic.{joint}"
     place = next((i for i, e in enumerate(scene.effects) if isinstance(e, JointDamping)), None)

@@ -175,7 +175,7 @@ class DenseOutput:
         return np.searchsorted([piece.begin for piece in self.pieces], times, side="right") - 1
 
     def _group(self, number: int, places: Array, times: Array) -> _Group:
-        """Those of the times that have these places, for one piece."""
+        """The group of the times at these places, which are all within one piece."""
         stored_t, stored_x = self._stored[number]
         before = np.searchsorted(stored_t, times[places], side="right") - 1
         piece = self.pieces[number]

@@ -16,7 +16,7 @@ NAMED = 20  # ticks that are named
 
 @dataclass(frozen=True)
 class Event:
-    """What happened at a time t [s].
+    """An event of a run at a time t [s].
 
     kind: "impact", "rest", "leave", "edge" (a corner or an edge passes the end of what it touches), "stick", "slip",
     "reverse" (of slip), "slide", "roll", "catch", "breakaway" (of a catch), "release", "engage", "limit" (of effort),

@@ -12,7 +12,7 @@ from twolink.integrate.motion.state import Array
 
 
 def forces_seen(equations: Equations, t: float | Array, x: Array) -> Forces:
-    """What sensors feel at states x (nq + nv or size, n) of one piece at a time, or at times (n,)."""
+    """Forces that sensors feel at states x (nq + nv or size, n) of one piece at a time, or at times (n,)."""
     count = x.shape[1]
     states = np.concatenate([x, np.repeat(equations.start[len(x) :, None], count, axis=1)])
     times = np.broadcast_to(t, count)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.spatial import ZERO, Scalar, Vec, outward
 from twolink.effects.effect import Loads
@@ -93,7 +93,7 @@ def _rows(vector: Vec, count: int) -> Array:
 class _ForcesOnLinks(Loads):
     """Loads that note each force on a link, and where it acts."""
 
-    def __init__(self, motion: Motion, sides: Sequence[Scalar] | None) -> None:
+    def __init__(self, motion: KinematicState, sides: Sequence[Scalar] | None) -> None:
         super().__init__(motion, sides)
         self.noted: list[tuple[str, Vec, Vec]] = []
 

@@ -77,8 +77,8 @@ class Solution:
         Whether the steps were native.
     interrupted : bool
         Ctrl-C ended it.
-    precise : ndarray (n, size) or None
-        The states in a higher precision, where it was asked for.
+    precise : ndarray (n, size, parts) or None
+        The states in a higher precision, where it was asked for: sums of doubles (`digits`).
     events : tuple of Event
         What happened on the way.
     impulses : tuple of Impulse
@@ -89,6 +89,8 @@ class Solution:
         The smooth parts; one at least in what `solver.solve` returns.
     taken : (ndarray (k,), ndarray (k, nq + nv)) or None
         Of a single piece, as in `Piece`.
+    beside : int
+        How many attempted steps solutions in the same batch took beyond those of the run: the batch went on for them.
     """
 
     t: np.ndarray
@@ -105,6 +107,7 @@ class Solution:
     hit: Any = None
     pieces: tuple[Piece, ...] = ()
     taken: tuple[np.ndarray, np.ndarray] | None = None
+    beside: int = 0
 
 
 def joined(parts: Sequence[Solution]) -> Solution:
@@ -122,4 +125,5 @@ def joined(parts: Sequence[Solution]) -> Solution:
         parts[-1].interrupted,
         None if parts[0].precise is None else np.concatenate([part.precise for part in parts]),
         pieces=tuple(piece for part in parts for piece in part.pieces),
+        beside=sum(part.beside for part in parts),
     )

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 SMALLEST = {"explicit": SMALLEST_TOLERANCE, "implicit": SMALLEST_TOLERANCE, "taylor": 1e-16,
             "scipy": scipy_solver.SMALLEST_TOLERANCE}  # fmt: skip
-SMALLEST_PRECISE = {"extended": 1e-19, "quad": 1e-33}
+SMALLEST_PRECISE = {"extended": 1e-31, "quad": 1e-46}
 
 
 def smallest_tolerance(method: Method, precision: Precision = "double") -> float:
@@ -106,19 +106,19 @@ def solve_beside(
 
 
 def sampling_beside(equations: Equations, method: Method) -> Sampling | None:
-    """What is sampled, where a run and those beside it go from tick to tick by `solve_beside`; else None."""
+    """The sampling of a run, where it and those beside it go from tick to tick by `solve_beside`; else None."""
     return equations.sampling if equations.has_events and is_stepping(method) else None
 
 
 def has_lanes(equations: Equations, method: Method, precision: Precision) -> bool:
-    """Whether solutions beside a run are lanes of one batch."""
+    """True if solutions beside a run are lanes of one batch."""
     if method.kind == "taylor" or (equations.sampling is not None and not equations.has_events):
         return precision == "double" and equations.space.size > 0
     return is_stepping(method) and not equations.has_events and equations.space.size > 0
 
 
 def is_stepping(method: Method) -> bool:
-    """Whether it is a step map that makes its steps."""
+    """True if a step map makes the method's steps."""
     return method.kind not in ("taylor", "scipy")
 
 

@@ -51,7 +51,7 @@ def topic_of(name: str, taken: Iterable[str]) -> str:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is that of a bag: a file, or rosbag2's folder."""
+    """True if a path is that of a bag: a file, or rosbag2's folder."""
     return path.is_dir() or path.suffix.lower() in BAGS
 
 

@@ -62,7 +62,7 @@ def _is_private(info: os.stat_result, right_kind: Any) -> bool:
 
 
 def has(name: str) -> bool:
-    """Whether there is a file for this name; `load` tells whether it can be used."""
+    """True if there is a file for this name; `load` tells whether it can be used."""
     return os.path.exists(location(f"{name}{SUFFIX}"))
 
 
@@ -124,7 +124,7 @@ def _shrink(place: Path) -> None:
 
 
 def _is_kernel(path: Path) -> bool:
-    """Whether this module wrote the file."""
+    """True if this module wrote the file."""
     if path.is_symlink() or not path.is_file():
         return False
     with path.open("rb") as file:

@@ -34,7 +34,7 @@ def confining_roots() -> tuple[Path, ...] | None:
 
 
 def may_be_read(path: Path) -> bool:
-    """Whether `confined` admits a path."""
+    """True if `confined` admits a path."""
     roots = _roots.get()
     return roots is None or any(path.resolve().is_relative_to(root) for root in roots)
 

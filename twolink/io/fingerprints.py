@@ -6,7 +6,6 @@ A pin.Data takes about nv^3 numbers. That of many bodies in one model fills any 
 
 import functools
 import hashlib
-import os
 import platform
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -19,7 +18,7 @@ import pinocchio as pin
 
 KERNEL_FORMAT = 1
 PACKAGE = Path(__file__).parents[1]
-LIBRARIES = ("heyoka", "pin", "numpy", "scipy", "example-robot-data")  # which results depend on
+LIBRARIES = ("pin", "numpy", "scipy", "example-robot-data")  # which results depend on
 TRACED_ROOMS = (
     "algorithms",
     "contact",
@@ -69,7 +68,7 @@ def _tree(model: pin.Model, joints: range) -> ModelTree:
 
 
 def joint_poses(model: pin.Model, q: np.ndarray) -> list[pin.SE3]:
-    """Where the joints are at a configuration (nq,), the ground first, without a pin.Data."""
+    """Poses of the joints at a configuration (nq,), the ground first, without a pin.Data."""
     poses = [pin.SE3.Identity()]
     for j in range(1, model.njoints):
         data = model.joints[j].createData()
@@ -204,5 +203,4 @@ def _environment() -> str:
         processor = sorted({line for line in lines if line.startswith(("model name", "flags", "Features"))})
     except OSError:
         processor = [platform.processor()]
-    level = os.environ.get("TWOLINK_OPT_LEVEL")
-    return repr((KERNEL_FORMAT, code_key(*TRACED_ROOMS), platform.machine(), processor, level))
+    return repr((KERNEL_FORMAT, code_key(*TRACED_ROOMS), platform.machine(), processor))

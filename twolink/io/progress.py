@@ -1,4 +1,4 @@
-"""How long work tells how far it is: one signature for the `progress` of every call, and a bar that shows it."""
+"""Progress of long work: one signature for the `progress` of every call, and a bar that shows it."""
 
 import contextlib
 import html
@@ -15,7 +15,7 @@ Report = Callable[[float, float, str], None]
 
 
 def in_time(progress: Report | None, duration: float) -> Callable[[float], None] | None:
-    """What solvers call with the simulated time [s], of a run of so many seconds. Raises SceneError."""
+    """The callback for solvers, of the simulated time [s], of a run of so many seconds. Raises SceneError."""
     if progress is None:
         return None
     try:
@@ -88,7 +88,7 @@ def _in_terminal() -> Iterator[Bar]:
 
 
 def _in_notebook() -> bool:
-    """Whether this is the kernel of a notebook."""
+    """True if this is the kernel of a notebook."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return hasattr(shell, "kernel")
 

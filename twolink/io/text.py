@@ -148,7 +148,7 @@ class Table:
         return list(self)
 
     def select(self, *columns: str) -> Table:
-        """The same rows with these columns only."""
+        """A table of the rows with these columns only."""
         return Table(columns, tuple(tuple(record[name] for name in columns) for record in self))
 
     def __str__(self) -> str:
@@ -179,7 +179,7 @@ def facts_html(title: str, facts: Mapping[str, Iterable[object]]) -> str:
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a cell is right-aligned; an empty one does not decide."""
+    """True if a cell is right-aligned; an empty one does not decide."""
     return value is None or (isinstance(value, numbers.Real) and not isinstance(value, bool))
 
 

@@ -111,7 +111,7 @@ TOLERANCE = 1e-10  # of the energy runs, relative and absolute
 
 
 @dataclass(frozen=True)
-class Comparison:
+class QuantityComparison:
     """One quantity: the largest relative error of each set of equations against Pinocchio, and SymPy's differences.
 
     `*_minus_derived` is the symbolic difference from the equations that SymPy derives: "0" where equal for all arms and
@@ -127,7 +127,7 @@ class Comparison:
 
     @property
     def misprinted(self) -> bool:
-        """Whether the paper's entry is wrong, by its symbols."""
+        """True if the paper's entry is wrong, by its symbols."""
         return self.printed_minus_derived not in ("0", None)
 
     @property
@@ -169,7 +169,7 @@ class CheckReport:
         The number of random arms and states, and the seed they come from.
     largest_condition : float
         The largest condition number of their mass matrices.
-    rows : tuple of Comparison
+    rows : tuple of QuantityComparison
         The comparison, quantity by quantity.
     horizon : float
         The time of the energy runs [s].
@@ -180,7 +180,7 @@ class CheckReport:
     n: int
     seed: int
     largest_condition: float
-    rows: tuple[Comparison, ...]
+    rows: tuple[QuantityComparison, ...]
     horizon: float
     energies: tuple[Energy, ...]
 
@@ -270,7 +270,7 @@ def check(n: int = 10_000, seed: int = 0, horizon: float = 10.0) -> CheckReport:
     rows = []
     for name, values in expected.items():
         errors = [float(np.max(np.abs(columns[name] - values) / scale[name])) for columns in equations]
-        rows.append(Comparison(name, errors[0], errors[1], errors[2], *differences.get(name, ())))
+        rows.append(QuantityComparison(name, errors[0], errors[1], errors[2], *differences.get(name, ())))
     condition = float(np.linalg.cond(answers["A"]).max())
     return CheckReport(n, seed, condition, tuple(rows), horizon, energies(horizon))
 
@@ -314,7 +314,7 @@ def _energy(name: str, acceleration: Callable[..., np.ndarray], model: pin.Model
 
 
 def _scales(answers: Columns, samples: ArmSamples) -> Columns:
-    """What each error is relative to, (n, 1): see `check`. Where all is zero, errors are absolute."""
+    """Scales to which each error is relative, (n, 1): see `check`. Where all is zero, errors are absolute."""
     mass, bias = np.abs(answers["A"]), np.abs(answers["h"])
     inverse = np.abs(np.linalg.inv(answers["A"]))
     scale = {name: _largest(answers[name[0]]) for name in derive.ENTRIES}

@@ -55,7 +55,7 @@ class Ambiguity:
         return growth(times, np.concatenate(now._rounding)) if now._answered > ANSWERED * len(times) else None
 
     def _looked(self) -> "Ambiguity":
-        """What has looked at all ticks so far. That blocks end elsewhere shall not follow from when that is asked."""
+        """A copy that has looked at all ticks so far: the blocks do not depend on the time of the question."""
         other = copy.copy(self)
         other._found, other._ticks, other._rounding = self._found.copy(), self._ticks.copy(), self._rounding.copy()
         other._look()

@@ -13,7 +13,7 @@ Array = np.ndarray[Any, np.dtype[Any]]
 
 
 class Measured(SimpleNamespace):
-    """What a controller asked for, by name: y.q or y["q"]."""
+    """The inputs that a controller asked for, by name: y.q or y["q"]."""
 
     def __getitem__(self, name: str) -> Any:
         return getattr(self, name)

@@ -67,7 +67,7 @@ class Clock:
         self.time = self._next()
 
     def due(self) -> list[tuple[int, int, int]]:
-        """What happens at `time`, in order: (READ, ARRIVE, UPDATE or ACT; the place of what does it; its tick)."""
+        """Actions at `time`, in order: (READ, ARRIVE, UPDATE or ACT; the place of what does it; its tick)."""
         heap, actions = self._heap, []
         now = heap[0][0]
         while heap and heap[0][0] == now:
@@ -85,7 +85,7 @@ class Clock:
         return actions
 
     def saved(self) -> tuple[list[tuple[int, int, int, int]], float]:
-        """Where it is."""
+        """The state of the clock, for `restore`."""
         return self._heap.copy(), self.time
 
     def restore(self, saved: tuple[list[tuple[int, int, int, int]], float]) -> None:

@@ -38,7 +38,7 @@ def copied(x: Any, memo: dict[int, Any]) -> Any:
 
 
 def is_a_users(x: types.FunctionType | type) -> bool:
-    """Whether a function or class is not Python's own, ours, or an installed package's."""
+    """True if a function or class is not Python's own, ours, or an installed package's."""
     module = x.__module__ or ""
     top, file = module.partition(".")[0], getattr(sys.modules.get(module), "__file__", None)
     others = {*sys.stdlib_module_names, "twolink"} - {"__main__"}

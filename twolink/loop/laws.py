@@ -21,14 +21,14 @@ Copy = Callable[[Any, dict[int, Any]], Any]
 
 @dataclass(eq=False)
 class Own:
-    """What one solution has of a controller: the law that it calls, and the state."""
+    """A solution's own part of a controller: the law that it calls, and the state."""
 
     law: Callable[..., Any]
     state: Any
 
 
 def own_laws(controllers: Mapping[int, Controller]) -> dict[int, Own]:
-    """What a new solution has of controllers, by their places. Objects that they have in common stay in common."""
+    """A new solution's own laws and states, by their controllers' places. Objects that they share stay in common."""
     return _each(controllers, copy.deepcopy)
 
 
@@ -46,19 +46,19 @@ def copied_laws(laws: Mapping[int, Own], controllers: Mapping[int, Controller]) 
 
 
 def is_made(update: Any) -> bool:
-    """Whether what a controller has is no law, but a class whose objects are."""
+    """True if a controller has a class whose objects are laws, in place of a law."""
     return isinstance(update, type) or (isinstance(update, functools.partial) and isinstance(update.func, type))
 
 
 def is_function(update: Any) -> bool:
-    """Whether all solutions call the same one."""
+    """True if the law is a function, which all solutions call."""
     while isinstance(update, functools.partial):
         update = update.func
     return isinstance(update, types.FunctionType)
 
 
 def name_of(update: Any) -> str:
-    """What a law is called in a text."""
+    """The name of a law in a text."""
     while isinstance(update, functools.partial):
         update = update.func
     return str(getattr(update, "__qualname__", type(update).__qualname__)).rpartition("<locals>.")[2]

@@ -48,7 +48,7 @@ _UNKNOWN = open  # stands for a name that is not there: it is not harmless
 
 
 def is_plain(update: Any, state: Any) -> bool:
-    """Whether a law is a function that is seen to remember nothing but its state, which is data."""
+    """True if a law is a function that is seen to remember nothing but its state, which is data."""
     found = _Found()
     return found.plain(update) and not (found.arrays and found.writes) and _Found().harmless(state)
 
@@ -66,7 +66,7 @@ class _Found:
     known: set[int] = field(default_factory=set)
 
     def plain(self, one: Any) -> bool:
-        """Whether a function is plain, but for writing to what it refers to."""
+        """True if a function is plain, but for writing to what it refers to."""
         if not isinstance(one, types.FunctionType):
             return False
         if id(one) in self.known:
@@ -81,7 +81,7 @@ class _Found:
         return all(map(self.harmless, kept)) and self._code(one.__code__, cells, one.__globals__)
 
     def _code(self, code: types.CodeType, cells: dict[str, Any], known: dict[str, Any]) -> bool:
-        """Whether code is plain. cells: what its free variables are; known: its globals."""
+        """True if code is plain. cells: what its free variables are; known: its globals."""
         if code.co_flags & _LATER and code.co_name != "<genexpr>":
             return False
         module: Any = None  # on top of the stack
@@ -110,7 +110,7 @@ class _Found:
         return module is None and all(self._code(one, cells, known) for one in inner)
 
     def harmless(self, x: Any) -> bool:
-        """Whether a function may refer to it."""
+        """True if a function may refer to x."""
         if type(x) in (np.ndarray, list, dict):
             self.arrays = True
             values = () if isinstance(x, np.ndarray) else x.values() if isinstance(x, dict) else x
@@ -129,7 +129,7 @@ class _Found:
 
 
 def _writes(name: str, value: Any, text: str) -> bool:
-    """Whether an instruction may write to an array, list or dict."""
+    """True if an instruction may write to an array, list or dict."""
     if name in ("STORE_SUBSCR", "DELETE_SUBSCR", "STORE_SLICE"):
         return True
     if name in ("BINARY_OP", "INPLACE_ADD") and text.endswith("="):

@@ -13,7 +13,7 @@ AMPLIFIED = 4.0  # of a solution's distance from the run, where its reading is r
 
 
 class Readings(NamedTuple):
-    """What a sensor read: the times (n,) at which it measured, s, and the values (n, m)."""
+    """Readings of a sensor: the times (n,) at which it measured, s, and the values (n, m)."""
 
     t: Array
     values: Array

@@ -87,7 +87,7 @@ class Replay:
             self._ticks.append((place, t, noted, u))
 
     def saved(self) -> tuple[list[Tick], int, bool]:
-        """Where it is."""
+        """The state of the replay, for `restore`."""
         return self._ticks.copy(), self._checked, self._full
 
     def restore(self, saved: tuple[list[Tick], int, bool]) -> None:

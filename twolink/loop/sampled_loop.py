@@ -30,7 +30,7 @@ OFTEN = 256  # ticks, of which one is repeated to see whether the answer is the 
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """What is sampled in a scene: the controllers and sensors, by their places among its effects."""
+    """The sampled parts of a scene: the controllers and sensors, by their places among its effects."""
 
     robot: Robot
     controllers: Mapping[int, Controller]
@@ -131,12 +131,12 @@ class SampledLoop:
 
     @property
     def time(self) -> float:
-        """When something happens next, s; infinite: never."""
+        """Time of the next action, s; infinite: never."""
         return self._clock.time
 
     @property
     def readings(self) -> dict[str, Readings]:
-        """What the sensors read in the run so far, by name."""
+        """Readings of the sensors in the run so far, by name."""
         logs = {one.sensor.label: (one.log, one.latest.shape[1]) for one in self._sensors.values()}
         return {name: Readings(np.array([t for t, _ in log]), np.array([x for _, x in log]).reshape(-1, size))
                 for name, (log, size) in logs.items()}  # fmt: skip
@@ -211,7 +211,7 @@ class SampledLoop:
         return Seen(self._robot, q, v, z, lambda: self._look(t, x))
 
     def _given(self, control: _Control, x: Array) -> Given:
-        """What a controller asked for, of each solution (n, ...), as new copies."""
+        """The inputs that a controller asked for, of each solution (n, ...), as new copies."""
         nq, names = self._nq, control.controller.inputs
         state = {"q": x[:nq].T.copy(), "v": x[nq : nq + self._nv].T.copy()}
         if names == STATE:

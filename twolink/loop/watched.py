@@ -1,4 +1,4 @@
-"""What laws may change that cannot be copied: attributes of classes, names of modules, variables of the context.
+"""State that laws may change and no copy holds: attributes of classes, names of modules, variables of the context.
 
 They are not a solution's own, and may act in the next one where they change no answer in this one.
 """
@@ -15,7 +15,7 @@ Place = tuple[dict[str, Any], str, str]  # a namespace, a name in it, and what b
 
 
 class Watched:
-    """What the classes and modules of laws have now, and the context."""
+    """The present attributes of the classes and modules of laws, and the context."""
 
     def __init__(self, laws: Iterable[Any]) -> None:
         self._known: set[int] = set()
@@ -24,7 +24,7 @@ class Watched:
         self._context = dict(contextvars.copy_context().items())
 
     def changed(self) -> str:
-        """What is another one now; "": nothing."""
+        """The name of the first that is another one now; "": none."""
         for (names, name, called), value, before in self._values:
             if names.get(name) is not value or not _equal(value, before):
                 return called

@@ -137,7 +137,7 @@ def _live(nodes: _Nodes, ends: Iterable[Node]) -> dict[int, tuple[Any, ...]]:
 
 
 def _uses(found: dict[int, tuple[Any, ...]], ends: Iterable[Node]) -> dict[int, int]:
-    """How often each node is used."""
+    """Counts of the uses of each node."""
     uses: dict[int, int] = defaultdict(int)
     for operands in (tuple(ends), *(node[1:] for node in found.values())):
         for x in operands:

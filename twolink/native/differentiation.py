@@ -34,7 +34,7 @@ def jacobian(tape: Tape, outputs: Sequence[Any], variables: Iterable[Any]) -> tu
 
 
 def _derivatives(tape: Tape, what: str, x: list[Any], parts: list[Derivatives], made: Symbol) -> Derivatives:
-    """Those of one operation, from those of its operands."""
+    """Derivatives of one operation, from those of its operands."""
     if what in ("less", "less_equal"):
         return {}
     if what == "where":

@@ -69,7 +69,7 @@ def instructions_of(found: dict[int, tuple[Any, ...]]) -> list[Instruction]:
 
 
 def _held(x: Node) -> Any:
-    """What a register holds: a node, or a constant."""
+    """The content of a register: a node, or a constant."""
     return x if type(x) is int else ("constant", x)
 
 
@@ -102,7 +102,7 @@ def ordered(instructions: list[Instruction]) -> list[Instruction]:
 
 
 def _depths(users: list[list[int]], waiting: list[int]) -> list[int]:
-    """How many instructions the longest way from each to the end has."""
+    """The number of instructions on the longest way from each to the end."""
     left, order = waiting[:], [i for i, count in enumerate(waiting) if not count]
     for i in order:
         for user in users[i]:

@@ -17,7 +17,8 @@ from twolink.errors import TwolinkError
 FOLDER = Path(__file__).parent
 NAMES = ("libtwolink.so", "libtwolink.dylib", "twolink.dll")
 OUTCOMES = ("fine", "the program has an index that does not exist", "there is not enough memory",
-            "the program is too large", "an argument is out of bounds")  # fmt: skip
+            "the program is too large", "an argument is out of bounds", "the state is not finite",
+            "an operation has no Taylor series")  # fmt: skip
 _ADDRESS, _LONG, _INT = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int
 _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "tl_level": (_INT, []),
@@ -31,6 +32,9 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "tl_method_free": (None, [_ADDRESS]),
     "tl_workspace_new": (_ADDRESS, [_ADDRESS, _INT]),
     "tl_workspace_free": (None, [_ADDRESS]),
+    "tl_taylor_new": (_INT, [_ADDRESS, *[_INT] * 4, ctypes.c_double, _ADDRESS, _ADDRESS, ctypes.c_double, _ADDRESS]),
+    "tl_taylor_free": (None, [_ADDRESS]),
+    "tl_taylor_advance": (_LONG, [_ADDRESS, _INT, _LONG, _ADDRESS, _ADDRESS, _ADDRESS, _LONG, _ADDRESS]),
     "tl_attempts": (_LONG, [_ADDRESS, _INT, _LONG, _LONG, _LONG, _ADDRESS, _ADDRESS]),
 }
 log = logging.getLogger("twolink")
@@ -84,7 +88,7 @@ def level() -> int:
 
 
 def address(array: "np.ndarray[Any, Any] | None") -> int | None:
-    """Where an array's numbers are."""
+    """The address of an array's numbers."""
     return None if array is None else array.ctypes.data
 
 

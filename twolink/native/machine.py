@@ -96,7 +96,7 @@ class Program:
         return self.handle
 
     def fits(self, width: int) -> bool:
-        """Whether so many columns fit side by side."""
+        """True if so many columns fit side by side."""
         return self.arrays.registers * width <= 65_536
 
     def widest(self, columns: int, most: int = MANY) -> int:

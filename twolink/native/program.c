@@ -105,6 +105,8 @@ TL_API int tl_program_new(int inputs, int outputs, int registers, int64_t quads,
   return TL_FINE;
 }
 
+int tl_quads(int operation) { return QUADS[operation] ? QUADS[operation] : 1; }
+
 int tl_log2(int width) {
   return width == 1 ? 0 : width == 4 ? 2 : width == 8 ? 3 : width == 16 ? 4 : -1;
 }

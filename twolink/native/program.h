@@ -27,8 +27,8 @@ enum { TL_CONTROLS = 10 };
 enum { TL_MAX_STAGES = 16, TL_MAX_ERRORS = 2, TL_MAX_ITERATIONS = 1000 };
 #define TL_MAX_COUNT (INT64_C(1) << 48) /* numbers of an array: no machine has more */
 
-/* The codes of all outcomes, in the order of `machine.OUTCOMES`. */
-enum tl_code { TL_FINE, TL_BAD_PROGRAM, TL_NO_MEMORY, TL_TOO_WIDE, TL_BAD_ARGUMENT };
+/* The codes of all outcomes, in the order of `library.OUTCOMES`. */
+enum tl_code { TL_FINE, TL_BAD_PROGRAM, TL_NO_MEMORY, TL_TOO_WIDE, TL_BAD_ARGUMENT, TL_NOT_FINITE, TL_NO_SERIES };
 
 typedef struct {
   int inputs, outputs, registers, constants, scalars;
@@ -85,6 +85,8 @@ void *tl_copied(const void *from, size_t bytes, int *failed);
 void *tl_aligned(size_t bytes);
 void tl_free_aligned(void *memory);
 int tl_log2(int width);
+int tl_quads(int operation);
+TL_API int tl_level(void);
 
 /* What is compiled once for each width and processor. */
 #define TL_DECLARE(S)                                                                                                         \

@@ -21,7 +21,7 @@ _lock = threading.Lock()  # held for lookups only: tracing and comparing go on s
 
 
 def kept(name: str) -> Any:
-    """What this process keeps under a name; None where there is nothing."""
+    """The object that this process keeps under a name; None where there is nothing."""
     return _kept.get(name)
 
 

@@ -18,7 +18,7 @@ KINDS = ("explicit", "implicit", "whole")
 
 @dataclass(frozen=True, eq=False)
 class Formulas:
-    """What is advanced: x' = f(t, x, p), with x (size,), of which the first `moving` rows change.
+    """The system to advance: x' = f(t, x, p), with x (size,), of which the first `moving` rows change.
 
     rate: (t, x, p) -> x' (moving,); of kind "whole", (t, x, p, h) -> x after a step. projection: (x, p) -> x on its
     manifold (moving,), or None. jacobian: (t, x, p) -> the entries `entries` (k, 2), row and column, of df/dx, of
@@ -115,7 +115,7 @@ class Stepper:
         return Handle(made.value, library().tl_method_free)
 
     def width(self, columns: int) -> int:
-        """How many columns run side by side."""
+        """The number of columns that run side by side."""
         wanted = ALONE if columns == 1 else FEW if columns <= FEW else MANY
         fitting = (w for w in WIDTHS if w <= wanted and all(p.fits(w) for p in self.formulas.programs()))
         return next(fitting)

@@ -34,7 +34,7 @@ from twolink.simulation.sampling import duration_for, sample_times, with_ends
 from twolink.simulation.sensitivities import refined
 from twolink.simulation.sensitivity_names import Wanted, wanted_of
 from twolink.simulation.sensitivity_runs import along_solutions, with_states
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 from twolink.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ SMALL = 1e-3  # SI units: constants below it are moved as if they were so large
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Gradient(Result, Plotted):
+class Gradient(BaseResult, Plotted):
     """The derivatives of one number of a run.
 
     Parameters
@@ -135,8 +135,6 @@ def gradient(
         they change with a parameter in a way that is not followed (code "gradient-objective").
     AccuracyError
         As `sensitivities`.
-    MissingExtraError
-        heyoka is not installed.
 
     Notes
     -----
@@ -210,7 +208,7 @@ def _by_columns(
 
 
 def _depends_on_earlier(run: Trajectory, function: Objective) -> bool:
-    """Whether a function depends on other samples than the last."""
+    """True if a function depends on other samples than the last."""
     dq, dv = STEP * np.random.default_rng(0).uniform(-1.0, 1.0, (2, *run.v.shape))
     dq[-1] = dv[-1] = 0.0
     return value_of(function, beside(run, dq, dv, {})) != value_of(function, run)
@@ -239,7 +237,7 @@ def _constants(run: Trajectory, wanted: Wanted, function: Objective) -> dict[str
 
 
 def _uses_torques(run: Trajectory, function: Objective) -> bool:
-    """Whether a function asks for torques or accelerations."""
+    """True if a function asks for torques or accelerations."""
     still = np.zeros_like(run.v)
     try:
         function(replace(beside(run, still, still, {}), solution=Unknown("a torque")))  # type: ignore[arg-type]

@@ -22,7 +22,7 @@ from scipy.interpolate import CubicSpline
 
 from twolink.algorithms.dual_numbers import derivative
 from twolink.algorithms.mechanism import mechanism, nominal, with_nominal
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.dynamics import Robot
 from twolink.effects.triggers import Watch
@@ -124,7 +124,7 @@ def _end_shift(
     scene: Scene, run: Trajectory, parameter: Parameter, place: int, rates: tuple[np.ndarray, np.ndarray],
     along: tuple[np.ndarray, np.ndarray],
 ) -> float:  # fmt: skip
-    """How much later a run ends, per unit of a parameter. place: of the effect that ends it."""
+    """The shift of a run's end in time, per unit of a parameter. place: of the effect that ends it."""
     robot, q, v, t = run.robot, run.q[-1], run.v[-1], float(run.t[-1])
     in_time, across = (STEP / max(1.0, float(np.abs(np.concatenate(pair)).max())) for pair in (rates, along))
 
@@ -133,7 +133,9 @@ def _end_shift(
             scene_with(scene, {parameter.name: parameter.nominal + by}))  # fmt: skip
         watch, model = cast(Watch, other.effects[place]), other.robot.model
         value, x = watch.function if watch.when is None else watch.when.distance, robot.integrate(q, h * direction[0])
-        motion = Motion(model, mechanism(model), x.tolist(), (v + h * direction[1]).tolist(), t + later, Numbers)
+        motion = KinematicState(
+            model, mechanism(model), x.tolist(), (v + h * direction[1]).tolist(), t + later, Numbers
+        )
         return float(np.squeeze(value(motion)))
 
     by_time = derivative(lambda k: guard(rates, k * in_time, k * in_time, 0.0), in_time)
@@ -368,7 +370,7 @@ class Limit:
     sign: float
 
     def __call__(self, run: Trajectory) -> float:
-        """How far the objective is from the value, on the side that is allowed."""
+        """The distance of the objective from the value, above 0 on the side that is allowed."""
         return self.sign * (self.objective(run) - self.value)
 
 

@@ -26,7 +26,7 @@ from twolink.scenes.scene import accuracy_of
 from twolink.show.figure import Plotted, plot_lines
 from twolink.simulation.error_bar import SAFETY
 from twolink.simulation.sampling import duration_for, sample_times, with_ends
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 from twolink.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Optimum(Result, Plotted):
+class Optimum(BaseResult, Plotted):
     """The best that a search found. It unpacks as scene, run, history.
 
     Attributes
@@ -94,7 +94,7 @@ class Optimum(Result, Plotted):
 
     @property
     def resolution(self) -> dict[str, float]:
-        """How far each variable alone may be off before the objective changes by more than its error.
+        """The change of each variable alone that changes the objective by its error.
 
         The positive root d of |g_k| d + |H_kk| d^2 / 2 = error; NaN where error or Hessian are not known.
         """

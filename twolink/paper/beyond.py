@@ -19,7 +19,7 @@ LIKE_FIGURE_6: dict[str, Any] = {"masses": (2.0, 1.0), "ratio": 1.12}  # passes 
 
 @dataclass(frozen=True)
 class FirstSwing:
-    """How far link 1 swings before it turns for the first time, (masses, lengths) [rad], by m1 / m2 and l2 / l1.
+    """The swing of link 1 before it first turns, (masses, lengths) [rad], by m1 / m2 and l2 / l1.
 
     By dimensions nothing else counts: gravity and l1 set the time alone, and all masses together nothing.
     """
@@ -30,7 +30,7 @@ class FirstSwing:
 
     @property
     def passes(self) -> np.ndarray:
-        """Where it passes -pi, (masses, lengths)."""
+        """Mask of the arms that pass -pi, (masses, lengths)."""
         return np.asarray(self.lowest < -np.pi)
 
     def range_of_lengths(self, mass_ratio: float) -> tuple[float, float]:

@@ -139,7 +139,7 @@ def cycle_claims(slow: ArmMotion, fast: ArmMotion) -> list[Claim]:
 
 
 def mass_claims(hand: ArmMotion) -> list[Claim]:
-    """What the paper leaves open: the masses and the C matrix that its figures can come from."""
+    """Claims on what the paper leaves open: the masses and the C matrix that its figures can come from."""
     seconds = float(hand.t[-1])
     equal, printed = by_hand(1.0, seconds, (1.0, 1.0)), by_hand(1.0, seconds, variant="printed")
     near, far = recurrence(hand), recurrence(equal)

@@ -88,7 +88,7 @@ def by_hand(
 
 
 def release(length: float, seconds: float, masses: Pair = MASSES, ratio: float = 1.0) -> Scene:
-    """The same release of the same arm as a scene, from a URDF."""
+    """A scene of the arm's release at rest in the horizontal position, from a URDF."""
     robot = load_robot(arm_urdf(length, ratio * length, *masses))
     return Scene(robot, effects=[Gravity()], duration=seconds)
 
@@ -115,7 +115,7 @@ def sign_changes(values: np.ndarray) -> np.ndarray:
 
 
 def recurrence(motion: ArmMotion) -> float:
-    """How near the state comes to its start after a fifth of the time, as a part of the state's own range."""
+    """The nearest return of the state to its start after a fifth of the time, as a part of the state's own range."""
     state = np.hstack([motion.theta, motion.dtheta * np.sqrt(motion.length / G)])
     late = motion.t > motion.t[-1] / 5
     return float(np.abs(state[late]).max(axis=1).min() / np.ptp(state, axis=0).max())

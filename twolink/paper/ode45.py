@@ -90,7 +90,7 @@ def defaults_study(length: float, seconds: float) -> DefaultsStudy:
 
 
 def _verified(scene: Scene, accuracy: float, end: np.ndarray) -> SolverCost:
-    """What `tl.simulate` takes for an accuracy, the least of several runs, and its errors at the end (2,) [rad]."""
+    """The cost of `tl.simulate` for an accuracy, the least of several runs, and its errors at the end (2,) [rad]."""
     taken, compiling, found = [], [], []
     for _ in range(REPEATS):
         run = simulate(scene, accuracy=accuracy, samples_per_second=200.0)

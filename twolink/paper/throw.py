@@ -45,7 +45,7 @@ LANE = (-0.6, 4.5)  # m: the part of the lane that is drawn, because the ball is
 
 @dataclass(frozen=True)
 class Aim:
-    """What a search maximizes: `what` of the ball at the scene's end, in `unit`.
+    """The aim of a search, which maximizes `what` of the ball at the scene's end, in `unit`.
 
     windows: the range of each release time [s], by what is released: the ball, and perhaps the elbow. derivatives: as
     in `optimize`.
@@ -115,7 +115,7 @@ class SearchResult:
 
     @property
     def resolution(self) -> dict[str, float]:
-        """How far each time may be off without a change of the aim beyond its error, s."""
+        """The change of each time that changes the aim by its error, s."""
         return dict(zip(self.best.times, self.found.resolution.values(), strict=True))
 
     def others(self) -> list[Throw]:

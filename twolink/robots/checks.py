@@ -32,7 +32,7 @@ _APART = "or load it with mimic=False"
 
 
 def _defects(inertia: np.ndarray, mass: float) -> tuple[float, float]:
-    """How far the principal moments I1 <= I2 <= I3 are from those of a real body, (0, 0) within rounding.
+    """Defects of the principal moments I1 <= I2 <= I3 against those of a real body, (0, 0) within rounding.
 
     First -I1 [kg m^2] where it is below zero; then (I3 - I1 - I2) / max(I3, -I1) where that is above zero. Every
     distribution of positive mass obeys the triangle inequality: I1 + I2 - I3 = 2 * integral of z^2 dm.
@@ -58,7 +58,7 @@ def check_bodies(tree: Tree, model: pin.Model, unphysical: str) -> list[str]:
 
 
 def is_impossible(inertia: np.ndarray, mass: float) -> bool:
-    """Whether no body has this inertia (3, 3) [kg m^2] about its centre of mass."""
+    """True if no body has this inertia (3, 3) [kg m^2] about its centre of mass."""
     return any(_defects(inertia, mass))
 
 

@@ -42,7 +42,7 @@ class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="
 
     @property
     def placement(self) -> pin.SE3:
-        """Where it is in its link."""
+        """The pose of the shape in its link."""
         point, rpy = (np.array(getattr(self, name, (0.0, 0.0, 0.0)), float) for name in ("point", "rpy"))
         return pin.SE3(pin.rpy.rpyToMatrix(*rpy), point)
 

@@ -1,4 +1,4 @@
-"""What a file of any format says of a robot, as elements of a URDF: URDF as it is, xacro expanded, MJCF compiled."""
+"""Descriptions of robots from files of any format, as elements of a URDF: xacro is expanded, MJCF compiled."""
 
 import re
 import threading
@@ -34,7 +34,7 @@ def describe(
     trusted: bool = True,
     xacro: str = "expand",
 ) -> Description:
-    """What a source says of a robot.
+    """Describe a robot by the file of a source.
 
     Parameters
     ----------

@@ -201,7 +201,7 @@ def _names(element: Element) -> set[str]:
 
 
 def _new_names(element: Element, name: str, taken: Collection[str]) -> dict[str, str]:
-    """What the links and joints of a part are called, where their names are taken or it is one body."""
+    """New names of the links and joints of a part, by the old ones, where theirs are taken or it is one body."""
     own = [one.attributes["name"] for one in element.children if one.tag in ("link", "joint")]
     if len(own) == 1:
         return {own[0]: name}

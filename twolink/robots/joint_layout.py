@@ -153,7 +153,7 @@ def urdf_kind(model: pin.Model, joint: int) -> str:
 
 
 def turns(model: pin.Model, joint: JointLayout) -> bool:
-    """Whether the coordinate of a joint with one coordinate is an angle [rad], not a length [m]."""
+    """True if the coordinate of a joint with one coordinate is an angle [rad], not a length [m]."""
     return str(model.joints[joint.index].shortname()).startswith("JointModelR")
 
 

@@ -47,7 +47,7 @@ class Finding:
 
 @dataclass(frozen=True, repr=False)
 class LoadReport:
-    """What is suspicious, and what was read, ignored, repaired and assumed when a robot was loaded.
+    """Findings of loading a robot: what is suspicious, and what was read, ignored, repaired and assumed.
 
     It prints as a list by kind.
 
@@ -64,27 +64,27 @@ class LoadReport:
 
     @property
     def suspicious(self) -> tuple[Finding, ...]:
-        """What is used as it is though it looks wrong: units, masses and inertias out of proportion."""
+        """Findings on values used as they are though they look wrong: units, masses and inertias out of proportion."""
         return self._of("suspicious")
 
     @property
     def read(self) -> tuple[Finding, ...]:
-        """What was read and is used."""
+        """Findings on what was read and is used."""
         return self._of("read")
 
     @property
     def ignored(self) -> tuple[Finding, ...]:
-        """What the URDF says without effect on the answers."""
+        """Findings on contents of the URDF without effect on the answers."""
         return self._of("ignored")
 
     @property
     def repaired(self) -> tuple[Finding, ...]:
-        """What was wrong and has been corrected."""
+        """Findings on errors of the file that have been corrected."""
         return self._of("repaired")
 
     @property
     def assumed(self) -> tuple[Finding, ...]:
-        """What the URDF does not say, or says in an unusual way, and the value that is used."""
+        """Findings on what the URDF leaves out, or says in an unusual way, with the value that is used."""
         return self._of("assumed")
 
     def _of(self, kind: Kind) -> tuple[Finding, ...]:
@@ -128,7 +128,7 @@ def content_findings(
     tree: Tree, *, mimic: bool, odd_inertias: Sequence[str], unphysical: str, missing: Mapping[str, Sequence[str]],
     massless: Sequence[str] = (),
 ) -> list[Finding]:  # fmt: skip
-    """What a sound URDF has that is ignored, repaired or assumed.
+    """Findings on contents of a sound URDF that are ignored, repaired or assumed.
 
     mimic: mimic joints are coupled. odd_inertias: the links whose inertia no real body has; unphysical: "refuse" where
     the bodies they belong to were checked. missing: by what is said of them, meshes without a file. massless: links
@@ -183,7 +183,7 @@ def content_findings(
 
 
 def _of_collisions(collisions: Mapping[str, Sequence[Element]]) -> dict[str, list[str]]:
-    """What is said of links by their <collision> elements."""
+    """Links with <collision> elements, by the statement made of them."""
 
     def meshed(body: Element) -> bool:
         return any(geometry.first("mesh") is not None for geometry in body.all("geometry"))
@@ -203,7 +203,7 @@ def _of_collisions(collisions: Mapping[str, Sequence[Element]]) -> dict[str, lis
 
 
 def _lacks_limit(joint: Element) -> bool:
-    """Whether a joint's <limit> leaves out the lower or the upper limit."""
+    """True if a joint's <limit> leaves out the lower or the upper limit."""
     limit = joint.first("limit")
     return limit is not None and not {"lower", "upper"} <= limit.attributes.keys()
 
@@ -211,7 +211,7 @@ def _lacks_limit(joint: Element) -> bool:
 def choice_findings(
     tree: Tree, *, root: str, usual_root: str | None, gravity: np.ndarray, locked: Sequence[str], beyond: Sequence[str]
 ) -> list[Finding]:
-    """What the arguments of `load_robot` decide. `beyond`: the joints that are locked beyond their limits."""
+    """Findings on the arguments of `load_robot`. `beyond`: the joints that are locked beyond their limits."""
     base = tree.links[tree.root]
     fixed_mass = f", its {base.mass:g} kg do not move" if base.mass > 0 else ""
     place = f"is fixed to the world{fixed_mass}" if root == "fixed" else "moves freely (joint 'root_joint')"
@@ -229,7 +229,7 @@ def choice_findings(
 
 
 def _foreign_findings(foreign: Foreign) -> list[Finding]:
-    """What belongs to other programs."""
+    """Findings on contents that belong to other programs."""
     elements: Counter[str] = Counter()
     for tag, count in foreign.elements.items():
         elements[_FOREIGN.get(tag, f"<{tag}>")] += count

@@ -30,7 +30,7 @@ class MeshFile:
 
 @dataclass(frozen=True)
 class MeshFolders:
-    """Where meshes are looked for: `packages`, which package:// counts from, and `base`, the URDF's own folder.
+    """Folders searched for meshes: `packages`, which package:// counts from, and `base`, the URDF's own folder.
 
     roots: the folders that a mesh must lie in after all links, where the URDF comes from a stranger, whose package may
     be the folder itself under another name; None: any.

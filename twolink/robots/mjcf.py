@@ -28,7 +28,7 @@ DRAWN_GROUPS = 3  # MuJoCo's viewer draws groups 0 to 2 unless told otherwise
 
 @dataclass(frozen=True)
 class Description:
-    """What a file says of a robot.
+    """A robot as its file describes it.
 
     robot: a <robot> element. gravity (3,), m/s^2, if the file says it. laws: what acts besides forward dynamics.
     findings: for the load report. srdf: bodies that do not touch.
@@ -42,7 +42,7 @@ class Description:
 
 
 def read_mjcf(model: Any, source: Source, foreign: str) -> Description:
-    """What a compiled MJCF says of a robot.
+    """Describe the robot of a compiled MJCF.
 
     Raises
     ------

@@ -67,7 +67,7 @@ def _parts(element: Element) -> Iterator[Element]:
 
 
 def _names(model: Element) -> Iterator[tuple[Element, str]]:
-    """What names a file: attributes file, fileright, fileup and so on, and the folders themselves."""
+    """Names of files (attributes file, fileright, fileup and so on) and of the folders, each after its element."""
     for part in _parts(model):
         for key, value in part.attributes.items():
             if key.startswith("file") or key in _FOLDERS:

@@ -1,5 +1,5 @@
-"""What an MJCF has beside bodies and joints: springs, loops and gravity compensation as effects of a scene; and what
-twolink has not, by whether it changes the motion.
+"""Contents of an MJCF beside bodies and joints: springs, loops and gravity compensation as effects of a scene; and
+what twolink has not, by whether it changes the motion.
 """
 
 from collections.abc import Iterator, Mapping
@@ -19,7 +19,7 @@ _OPTIONS = ("timestep", "integrator", "cone", "solver", "impratio", "iterations"
 
 
 def without_counterpart(mjcf: Mjcf) -> dict[str, list[str]]:
-    """What changes the motion and has no counterpart: what it is, and the elements by name; the others left out."""
+    """Parts that change the motion and have no counterpart: names of elements by what they are; the others left out."""
     m, joints = mjcf.model, [f"joint {name!r}" for name in mjcf.joints]
     tendons, count = mjcf.names("tendon", "tendon"), len(m.actuator_trntype)
     many = [m.jnt_type[k] in (_FREE, _BALL) for k in range(m.njnt)]
@@ -63,7 +63,7 @@ def without_counterpart(mjcf: Mjcf) -> dict[str, list[str]]:
 
 
 def left_out(mjcf: Mjcf) -> dict[str, list[str]]:
-    """What has no effect on the answers: what it is, with names."""
+    """Parts without effect on the answers: names of elements by what they are."""
     m = mjcf.model
     unknown = {k for k in range(m.ngeom) if int(m.geom_type[k]) not in SHAPES}
     off = [name for name, flag in (("springs", "SPRING"), ("damping", "DAMPER"), ("joint friction", "FRICTIONLOSS"),
@@ -129,7 +129,7 @@ def effects_of(mjcf: Mjcf) -> Iterator[tuple[str, Mapping[str, Any]]]:
 
 
 def _has_loop(m: Any, equality: int) -> bool:
-    """Whether an equality constraint has a counterpart."""
+    """True if an equality constraint has a counterpart."""
     kind, data = m.eq_type[equality], m.eq_data[equality]
     return kind in (_CONNECT, _WELD) or (kind == _JOINT and m.eq_obj2id[equality] >= 0 and not data[2:5].any())
 

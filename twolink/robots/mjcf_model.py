@@ -58,7 +58,7 @@ class Mjcf:
         return range(first, first + int(self.model.body_jntnum[body]))
 
     def is_off(self, *flags: str) -> bool:
-        """Whether a flag such as "SPRING" disables a part of the model."""
+        """True if a flag such as "SPRING" disables a part of the model."""
         bits = import_extra("mujoco", "mjcf").mjtDisableBit
         return any(int(self.model.opt.disableflags) & int(getattr(bits, f"mjDSBL_{flag}", 0)) for flag in flags)
 

@@ -46,7 +46,7 @@ def _mimics(model: pin.Model) -> list[_Mimic]:
 
 
 def reduce_model(model: pin.Model) -> tuple[Any, ...]:
-    """How a model is pickled, for `copyreg.pickle`."""
+    """Pickle a model, for `copyreg.pickle`: the function that restores it, with its arguments."""
     plain = model.__reduce__()
     mimics = _mimics(model) if len(model.mimicking_joints) else []
     return (restore_model, (*plain[1:3], mimics)) if mimics else plain
@@ -74,8 +74,8 @@ copyreg.pickle(pin.Model, reduce_model)
 
 @dataclass(frozen=True)
 class FileLaws:
-    """What a robot's file says of a scene that a URDF cannot: effects, by type and arguments as in scene files, and the
-    configuration at the start, by joint. options: by which MuJoCo would step it, as its mjOption has them."""
+    """Parts of a scene in a robot's file that a URDF cannot hold: effects, by type and arguments as in scene files, and
+    the configuration at the start, by joint. options: by which MuJoCo would step it, as its mjOption has them."""
 
     effects: tuple[tuple[str, Mapping[str, Any]], ...] = ()
     start: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
@@ -84,7 +84,7 @@ class FileLaws:
 
 @dataclass(frozen=True)
 class Visuals:
-    """What drawing and contact need: URDF text with visuals and collisions, the meshes of both by Pinocchio's names,
+    """Data for drawing and contact: URDF text with visuals and collisions, the meshes of both by Pinocchio's names,
     the model before joints were locked, and where they were locked. laws: what acts on it by its file. placed:
     the poses at which free objects beside it start, by joint."""
 
@@ -186,7 +186,7 @@ class RobotModel:
 
     @functools.cached_property
     def is_whole(self) -> bool:
-        """Whether it has a pin.Data; else only its trees have, for that of the whole would be too large."""
+        """True if the robot has a pin.Data; else only its trees have, for that of the whole would be too large."""
         return self.nv <= LARGEST or len(self.trees) == 1
 
     @property
@@ -232,7 +232,7 @@ class RobotModel:
         return out
 
     def with_gravity(self, gravity: np.ndarray) -> Self:
-        """The same robot in another gravity field (3,) [m/s^2]. Raises QueryError unless it has 3 finite numbers."""
+        """Copy the robot into another gravity field (3,) [m/s^2]. Raises QueryError unless it has 3 finite numbers."""
         field = gravity_field(gravity, QueryError)
 
         def change(model: pin.Model) -> None:
@@ -241,7 +241,7 @@ class RobotModel:
         return self.changed(change)
 
     def changed(self, change: Callable[[pin.Model], None]) -> Self:
-        """The same robot with other constants: `change` sets them in a copy of the model."""
+        """A copy of the robot with other constants: `change` sets them in a copy of the model."""
         model = self.model.copy()
         change(model)
         robot = type(self)(self.name, model, self.report, self.visuals)

@@ -1,4 +1,4 @@
-"""What an SRDF beside a URDF says: pairs of links that are not looked at for collisions, and named states."""
+"""Contents of an SRDF beside a URDF: pairs of links that are not looked at for collisions, and named states."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a robot's numbers make suspicious though they can be loaded: units, masses and inertias out of all proportion.
+"""Suspicious numbers of a robot that can be loaded: units, masses and inertias out of all proportion.
 
 Each statement has the value, the reason and the remedy. The thresholds are far beyond the published robots: of the
 catalogue's, no limit but a symmetric power of ten (which stands for "none") is beyond 10 rad, no link has more than 8
@@ -49,7 +49,7 @@ def visible_without_mass(tree: Tree, model: pin.Model) -> list[str]:
 
 
 def too_heavy(mass: float, carried_by: float) -> str:
-    """What is suspicious about a mass [kg] on others; "" if nothing is."""
+    """A statement on a mass [kg] suspiciously large for those that carry it; "" if it is not."""
     if not mass > HEAVY * carried_by > 0:
         return ""
     grams = " (in grams it would be " + f"{mass / 1000:g} kg)" if mass >= 100 else ""
@@ -111,7 +111,7 @@ def _limits(tree: Tree) -> Iterator[tuple[str, str]]:
 
 
 def _beyond(joint: UrdfJoint, reach: float) -> bool:
-    """Whether a joint's limits are wider, and no symmetric power of ten, by which files say that there are none."""
+    """True if a joint's limits are wider, and no symmetric power of ten, by which files say that there are none."""
     lower, upper = joint.limits or (0.0, 0.0)
     far = max(abs(lower), abs(upper))
     return far > reach and not (lower == -upper and math.log10(far).is_integer())

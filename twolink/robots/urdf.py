@@ -1,4 +1,4 @@
-"""What a URDF says, as plain values: links with inertias, joints with axes and limits.
+"""Contents of a URDF as plain values: links with inertias, joints with axes and limits.
 
 Pinocchio accepts NaN masses, zero axes and reversed limits without a message, so every number is checked here, before
 Pinocchio sees the file. Python's float() reads a decimal point whatever the locale is.
@@ -34,7 +34,7 @@ class UrdfLink:
 
 
 class Mimic(NamedTuple):
-    """What a joint follows: its configuration is multiplier * (the other joint's) + offset, rad or m."""
+    """The coupling of a joint to another: its configuration is multiplier * (the other joint's) + offset, rad or m."""
 
     joint: str
     multiplier: float
@@ -224,7 +224,7 @@ def _rate_limits(reader: Reader, joint: Element, owner: str) -> tuple[str, ...]:
 
 
 def _mimic(reader: Reader, joint: Element, owner: str) -> Mimic | None:
-    """What a joint follows."""
+    """Read a joint's <mimic>; None if it has none."""
     element = joint.first("mimic")
     if element is None:
         return None

@@ -220,7 +220,7 @@ URDF_ELEMENTS: dict[str, UrdfElement] = msgspec.toml.decode(_FILE.read_bytes(), 
 
 @dataclass(frozen=True)
 class Foreign:
-    """What a URDF holds of other programs, with counts.
+    """Contents of a URDF for other programs, with counts.
 
     elements: by tag. attributes: as "D= in <dynamics>". motion: elements that change the motion in their program, as
     "mu1 in <gazebo>". text: text between elements, as "in <link>". unknown: names of no known program, as
@@ -238,7 +238,7 @@ class Foreign:
 
 
 def foreign_content(reader: Reader, robot: Element, lenient: bool = False) -> Foreign:
-    """What a <robot> holds of other programs. lenient: unknown names are counted, not refused.
+    """Contents of a <robot> for other programs. lenient: unknown names are counted, not refused.
 
     Raises
     ------
@@ -297,13 +297,13 @@ def _unknown(
 
 
 def _is_prefixed(tag: str) -> bool:
-    """Whether a tag has the prefix of another program, and is not its form of a URDF element, as <drake:joint> is."""
+    """True if a tag has the prefix of another program, and is not its form of a URDF element, as <drake:joint> is."""
     prefix, _, name = tag.rpartition(":")
     return bool(prefix) and URDF_ELEMENTS.get(name) is None
 
 
 def _moves_nothing(reader: Reader, element: Element, owner: str) -> bool:
-    """Whether this is an <origin> without effect. Some exporters write one into each link."""
+    """True if this is an <origin> without effect. Some exporters write one into each link."""
     zeros, keys = (0.0, 0.0, 0.0), ("xyz", "rpy")
     if element.tag != "origin" or element.attributes.keys() - set(keys):
         return False

@@ -1,4 +1,4 @@
-"""What a scene file may say: its schema, saved scenes that `load_scene` reads again, and a commented template."""
+"""The format of scene files: its schema, saved scenes that `load_scene` reads again, and a commented template."""
 
 import functools
 import inspect
@@ -266,7 +266,7 @@ def _effects(robot: Robot, joints: list[dict[str, Any]], starts: dict[str, Any])
 
 
 def _start(q: np.ndarray, joint: dict[str, Any]) -> list[float]:
-    """Where a joint starts, to the last digit only where fewer would not do; a continuous joint's angle."""
+    """The start of a joint, to the last digit only where fewer would not do; a continuous joint's angle."""
     values = q[slice(*joint["q"])]
     if joint["layout"] == "cos-sin":
         return [round(float(np.arctan2(values[1], values[0])), 3)]

@@ -17,7 +17,7 @@ from twolink.scenes.file_format import ObjectEntry, RobotEntry
 
 
 def is_mesh(source: object) -> TypeGuard[str]:
-    """Whether the source of an object is the path of a mesh."""
+    """True if the source of an object is the path of a mesh."""
     return isinstance(source, str) and source.lower().endswith(SUFFIXES)
 
 

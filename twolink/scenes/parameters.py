@@ -145,7 +145,7 @@ def _numbers(effects: Sequence[Effect]) -> Iterator[Parameter]:
 
 
 def _acts(effect: Effect) -> bool:
-    """Whether its numbers are inputs of the equations of motion alone."""
+    """True if the effect's numbers are inputs of the equations of motion alone."""
     return type(effect).act is not Effect.act and not effect.changes
 
 
@@ -190,7 +190,7 @@ def _place_of(effects: Sequence[Effect], name: str) -> tuple[int, tuple[str, ...
 
 
 def part_of(effect: Effect, path: Sequence[str]) -> Effect:
-    """What a path in an effect begins with: the effect, or the one that is released."""
+    """The effect at which a path begins: the given one, or the one that is released."""
     return effect.acting()[0] if path[0] == "of" and isinstance(effect, SwitchingEffect) else effect
 
 
@@ -248,7 +248,7 @@ def with_number(value: Any, path: Sequence[str], number: Any) -> Any:
 
 
 def _parts(value: Any, *, tables: bool = False) -> dict[str, Any]:
-    """What a value consists of, by name; nothing for a number or a text, and for a table unless it is asked for."""
+    """The parts of a value, by name; none for a number or a text, and for a table unless it is asked for."""
     if isinstance(value, msgspec.Struct) and (tables or not isinstance(value, Sampled)):
         return {name: getattr(value, name) for name in value.__struct_fields__}
     if isinstance(value, Mapping):

@@ -77,7 +77,7 @@ def state_by_joint(robot: Robot, values: Mapping[str, ArrayLike], name: str) -> 
 
 
 def start_notes(robot: Robot, q: np.ndarray) -> list[str]:
-    """What may be a mistake in a start q (nq,): joints beyond the URDF's limits, angles that may be in degrees."""
+    """Possible mistakes in a start q (nq,): joints beyond the URDF's limits, angles that may be in degrees."""
     notes = []
     for joint in robot.joints:
         if joint.kind != "vector" or joint.v.stop - joint.v.start != 1:
@@ -196,12 +196,12 @@ class Scene:
         return {effect.label: effect for effect in self.effects if effect.is_sensor}  # type: ignore
 
     def notes(self) -> list[str]:
-        """What may be a mistake in the start, and what the effects say of themselves, one line each."""
+        """Notes on possible mistakes in the start, and those of the effects on themselves, one line each."""
         of_effects = [note for effect in self.effects for note in effect.notes(self.robot)]
         return [*start_notes(self.base, self.q), *of_effects]
 
     def without(self, effect: int | str | type[Effect]) -> Scene:
-        """The same scene without one of its effects, given by its place, or without all of a kind.
+        """A copy of the scene without one of its effects, given by its place, or without all of a kind.
 
         Parameters
         ----------
@@ -222,7 +222,7 @@ class Scene:
         return self.with_effects(kept)
 
     def with_effects(self, effects: Sequence[Effect]) -> Scene:
-        """The same scene with other effects."""
+        """A copy of the scene with other effects."""
         return Scene(self.base, self.q, self.v, effects, self.duration, self.title)
 
     def with_object(
@@ -234,7 +234,7 @@ class Scene:
         name: str = "",
         root: Literal["fixed", "free"] | None = None,
     ) -> Scene:
-        """The same scene with another robot or object beside the robot; `scene.base.report` says what was joined.
+        """A copy of the scene with another robot or object beside the robot; `scene.base.report` says what was joined.
 
         Parameters
         ----------
@@ -296,7 +296,7 @@ class Scene:
         return self.with_effects([*self.effects, DofTorques({name: Slot(name) for name in names})]), names
 
     def _summary(self) -> dict[str, str]:
-        """What a person wants to know of the scene, by its name."""
+        """The scene's summary for people, by name."""
         robot = self.robot
         return {
             "robot": f"{robot.name}, nq = {robot.nq}, nv = {robot.nv}, {robot.mass:.4g} kg",
@@ -363,7 +363,7 @@ def _checked(effects: Sequence[Effect], robot: Robot) -> tuple[Effect, ...]:
 
 
 def at_effect(error: TwolinkError, index: int) -> TwolinkError:
-    """The same failure with the place of the effect before its own; its data has the index as `effect`."""
+    """The failure with the place of the effect before its own; its data has the index as `effect`."""
     joint = "." if isinstance(error, SceneError) else ", "
     where = f"effects[{index}]{joint}{error.where}" if error.where else f"effects[{index}]"
     return error.at(where, SceneError, argument="effects", effect=index)

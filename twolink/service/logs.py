@@ -1,4 +1,4 @@
-"""What the service writes to stderr: a line for each request, and what its operator must know; as text or as JSON."""
+"""Output of the service to stderr: a line for each request, and what its operator must know; as text or as JSON."""
 
 import contextlib
 import functools

@@ -32,7 +32,7 @@ class _Joint(msgspec.Struct):
 
 
 class _Description(msgspec.Struct):
-    """What is read of the service's description of a robot."""
+    """Fields that are read of the service's description of a robot."""
 
     id: str
     name: str
@@ -96,7 +96,7 @@ class RemoteRobot:
         return [*super().__dir__(), *(query.method for query in QUERIES.values())]
 
     def link_poses(self, q: ArrayLike) -> dict[str, Array]:
-        """Where the links are, by name: position [m] and quaternion (x y z w), (..., 7) each."""
+        """Poses of the links, by name: position [m] and quaternion (x y z w), (..., 7) each."""
         poses = self._ask(KINEMATICS, {"q": q})[0]
         return {name: poses[..., i, :] for i, name in enumerate(self._links)}
 
@@ -152,7 +152,7 @@ class RemoteRobot:
         self._most[query.name] = count // 2
 
     def _largest(self, query: Query, arrays: Mapping[str, Array], texts: Mapping[str, str]) -> int:
-        """How many states to send at once."""
+        """The number of states to send at once."""
         numbers = query.numbers(self.nv, len(self._links))
         sent = sum(array.shape[-1] for array in arrays.values())
         by_size: int = _PART // (max(numbers, sent, 1) * (_JSON_NUMBER if texts else 8))

@@ -165,7 +165,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def default_folder() -> Path:
-    """Where this platform keeps a user's data."""
+    """The folder in which this platform keeps a user's data."""
     return platformdirs.user_data_path("twolink", appauthor=False)
 
 
@@ -178,7 +178,7 @@ def ip_address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | Non
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches that host."""
+    """True if only this machine reaches that host."""
     address = ip_address(host)
     return host == "localhost" if address is None else address.is_loopback
 

@@ -197,7 +197,7 @@ class _Connection(http.client.HTTPConnection):
         super().send(data)
 
     def is_open(self) -> bool:
-        """Whether the other side has not closed it. Nothing may have arrived between two requests."""
+        """True if the other side has not closed it. Nothing may have arrived between two requests."""
         if isinstance(self.sock, ssl.SSLSocket):  # cannot be looked into
             return True
         try:
@@ -232,7 +232,7 @@ class _Connection(http.client.HTTPConnection):
 
 
 class _TLSConnection(_Connection):
-    """The same with TLS, certificates checked."""
+    """A connection over TLS, certificates checked."""
 
     def connect(self) -> None:
         super().connect()
@@ -240,7 +240,7 @@ class _TLSConnection(_Connection):
 
 
 class _Timed(io.RawIOBase):
-    """What HTTPResponse takes for a socket: reads from one, within the seconds that `left` says before each read."""
+    """A socket for HTTPResponse: reads from one, within the seconds that `left` says before each read."""
 
     def __init__(self, sock: socket.socket, left: Callable[[], float]) -> None:
         self._sock, self._left = sock, left

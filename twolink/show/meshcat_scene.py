@@ -33,7 +33,7 @@ _SLANTED, _FROM_ABOVE = (0.75, -1.0, 0.5), (0.0, -1e-3, 1.0)  # directions towar
 
 
 class PosedPiece(Protocol):
-    """What has a pose and a size: a node of the viewer, or a surface."""
+    """An object with a pose and a size: a node of the viewer, or a surface."""
 
     @property
     def index(self) -> int: ...
@@ -111,7 +111,7 @@ def poses(model: Any, visuals: Any, q: Floats, nodes: Sequence[PosedPiece]) -> F
 
 
 def _look(item: Any) -> tuple[object, ...]:
-    """What decides on the object of a mesh; () for a shape."""
+    """The fields that decide on the object of a mesh; () for a shape."""
     numbers = np.concatenate([item.meshScale, item.meshColor]).tolist()
     return (item.meshPath, item.overrideMaterial, *numbers) if Path(item.meshPath).suffix.lower() in SUFFIXES else ()
 
@@ -153,7 +153,7 @@ def box_corners(low: Floats, high: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """Where the camera looks from, and to: the centre of the motion."""
+    """The view of the camera: its direction, and its target, the centre of the motion."""
 
     centre: Floats  # (3,) m
     direction: Floats  # (3,) unit, from the centre to the camera
@@ -238,7 +238,7 @@ def plane_direction(placed: Floats) -> list[float] | None:
 
 
 def _plane_direction(points: Floats) -> Floats | None:
-    """The same for the points (n, k, 8, 3) that a motion goes through."""
+    """The direction of `plane_direction`, of the points (n, k, 8, 3) that a motion goes through."""
     steps = (points - points[:1]).reshape(-1, 3)
     _, sizes, axes = np.linalg.svd(steps.T @ steps)  # squares of the singular values of the steps
     if not (sizes[1] > 1e-6 * sizes[0] > 0.0 and sizes[2] < 1e-8 * sizes[0]):

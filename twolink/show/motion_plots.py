@@ -323,7 +323,7 @@ def tube(robot: Robot, q: np.ndarray, v: np.ndarray, dq: np.ndarray, dv: np.ndar
 
 
 def _draw_moves(axis: Any, t: np.ndarray, moves: Mapping[str, np.ndarray]) -> None:
-    """How far each parameter moves the motion, those that move it the most."""
+    """Draw the distance by which each parameter moves the motion, for those that move it the most."""
     largest = {name: float(move.max(initial=0.0)) for name, move in moves.items()}
     names = sorted(moves, key=lambda name: -largest[name])[:MAX_NAMES]
     for name, colour in zip(names, COLOURS, strict=False):

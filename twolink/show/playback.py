@@ -265,7 +265,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _wait(event: threading.Event, seconds: float) -> bool:
-    """Whether the event comes within so many seconds.
+    """True if the event comes within so many seconds.
 
     Python sees a Ctrl-C only between two of its instructions. One that comes just before the thread blocks, or that the
     system gives to another thread, does not end the block: so no block is long.

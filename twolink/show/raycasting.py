@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from twolink.errors import ShowError
 from twolink.show.meshcat_scene import FIELD_OF_VIEW, View, picture_axes
-from twolink.show.surfaces import Floats, Surface
+from twolink.show.surfaces import Floats, TriangleMesh
 from twolink.show.viewer_data import Contacts, sample_before
 
 AMBIENT, DIFFUSE, SHINE = 0.5, 0.5, 0.12  # shares of light
@@ -63,14 +63,14 @@ class Camera:
         return np.asarray(directions / np.sqrt(1.0 + x * x + y * y)[:, None])
 
     def place(self, points: Floats) -> Floats:
-        """Where points (n, 3), m, are in the picture: columns and rows (n, 2) from its upper left."""
+        """Positions of points (n, 3), m, in the picture: columns and rows (n, 2) from its upper left."""
         width, height = self.size
         x, y, back = ((points - self.position) @ self.axes.T).T
         return np.column_stack([width / 2 - 0.5 - x / back / self.pixel, height / 2 - 0.5 + y / back / self.pixel])
 
 
 class Ground(NamedTuple):
-    """What n rays show where there is no body, and the m of them that meet the floor."""
+    """The background of n rays that meet no body, and the m of them that meet the floor."""
 
     colours: Floats  # (n, 3)
     rows: NDArray[np.intp]  # (m,)
@@ -85,13 +85,13 @@ class Picture:
     ----------
     model, visuals : pin.Model, pin.GeometryModel
         The robot.
-    drawn : sequence of Surface
+    drawn : sequence of TriangleMesh
         What to draw.
     camera : Camera
         From where.
     """
 
-    def __init__(self, model: Any, visuals: Any, drawn: Sequence[Surface], camera: Camera) -> None:
+    def __init__(self, model: Any, visuals: Any, drawn: Sequence[TriangleMesh], camera: Camera) -> None:
         self._embree = _embree()
         self._model, self._visuals, self._camera = model, visuals, camera
         self._data, self._placed = model.createData(), pin.GeometryData(visuals)
@@ -130,7 +130,7 @@ class Picture:
         return np.asarray(np.round(255.0 * np.clip(colours, 0.0, 1.0)), np.uint8).reshape(height, width, 3)
 
     def _smooth_ground(self) -> Ground:
-        """What the pixels show where there is no body: it is the same in all pictures."""
+        """The background of the pixels, where there is no body: it is the same in all pictures."""
         width, height = self._camera.size
         ground = self._seen_empty(self._pixels, self._rays)
         edges = _edges(ground.colours.reshape(height, width, 3), np.ones((height, width), bool))
@@ -196,13 +196,13 @@ class Picture:
         return Ground(colours, rows, _singles(points + np.array([0.0, 0.0, 1e-5 * reach])), fade)
 
     def _in_shadow(self, scene: Any, points: Floats) -> NDArray[np.bool_]:
-        """Whether a body lies between points (n, 3) and the light."""
+        """True for each of the points (n, 3) that a body hides from the light."""
         light = np.broadcast_to(self._camera.light, points.shape)
         return np.asarray(scene.run(_singles(points), _singles(light), query="OCCLUDED") >= 0)
 
 
 def _edges(image: Floats, touched: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which pixels (n,) of a picture (height, width, 3) differ from a neighbour, one of the two being touched."""
+    """Mask (n,) of a picture's pixels (height, width, 3) that differ from a neighbour, one of the two being touched."""
     edges = np.zeros(touched.shape, bool)
     for axis in (0, 1):
         ahead, behind = (np.s_[1:], np.s_[:-1]) if axis == 0 else (np.s_[:, 1:], np.s_[:, :-1])

@@ -21,7 +21,7 @@ SEGMENTS = 64  # of round bodies
 
 
 @dataclass(frozen=True, slots=True)
-class Surface:
+class TriangleMesh:
     """The m triangles of one piece in its own frame: three corners each."""
 
     index: int  # the piece's place in GeometryModel.geometryObjects
@@ -35,13 +35,13 @@ class Surface:
         return box_corners(self.triangles.min(axis=(0, 1)), self.triangles.max(axis=(0, 1)))
 
 
-def surfaces(visuals: Any) -> tuple[list[Surface], list[str]]:
+def surfaces(visuals: Any) -> tuple[list[TriangleMesh], list[str]]:
     """The surfaces of the pin.GeometryModel `visuals`, and the names of pieces that cannot be drawn."""
     drawn, skipped = [], []
     for index, item in enumerate(visuals.geometryObjects):
         parts = list(_parts(item))
         if parts:
-            drawn.append(Surface(index, *(np.concatenate(arrays) for arrays in zip(*parts, strict=True))))
+            drawn.append(TriangleMesh(index, *(np.concatenate(arrays) for arrays in zip(*parts, strict=True))))
         else:
             skipped.append(item.name)
     return drawn, skipped

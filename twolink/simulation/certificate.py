@@ -29,7 +29,7 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import constraint_forces, motion_of
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece, Solution
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 
 POSITION = 1e-9  # m or rad, and per second relative to the velocities: what counts as 0
 RELATIVE = 1e-6  # of forces, powers, accelerations and energies to the largest at that time
@@ -59,7 +59,7 @@ class Law:
 
 
 @dataclass(frozen=True, repr=False)
-class Certificate(Result):
+class Certificate(BaseResult):
     """The laws that a run was checked for, at so many states: samples, and the starts of modes."""
 
     laws: tuple[Law, ...]
@@ -248,14 +248,14 @@ def _constraint_forces(states: _States, look: Snapshot, load: Array) -> Broken:
 
 
 def _redundant(equations: Equations) -> bool:
-    """Whether contacts have more rows than determine their forces: then they share them with what holds joints."""
+    """True if contacts have more rows than determine their forces: then they share them with what holds joints."""
     constraints = equations.constraints
     return constraints is not None and any(loop.touches for loop in constraints.loops) and len(
         constraints.kept) < len(constraints.all_rows)  # fmt: skip
 
 
 def _margins(states: _States, closed: Sequence[Any]) -> Array:
-    """How far the best share of the forces of contacts, and of what holds joints, is within the laws (n,)."""
+    """Margins of the best share of the forces of contacts, and of what holds joints, within the laws (n,)."""
     out, locked = np.empty(len(states.t)), states.holds[0]
     for pattern in np.unique(locked, axis=1).T:
         these = np.flatnonzero((locked == pattern[:, None]).all(axis=0))
@@ -284,7 +284,7 @@ def _with_static(switching: Switching, loop: Any) -> Any:
 
 
 def _starts(states: _States, a: Array, contacts: Array) -> Broken:
-    """What touches and does not part does not begin to approach; a joint begins to slip against its friction.
+    """Touches that do not part do not begin to approach; a joint begins to slip against its friction.
 
     The acceleration counts where it would break the law of positions while the mode lasts.
     """

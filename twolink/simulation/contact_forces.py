@@ -33,7 +33,7 @@ class ContactForces(dict[str, np.ndarray]):
 
     @functools.cached_property
     def slips(self) -> dict[str, np.ndarray]:
-        """How the first body slides on the second, by pair (n, k, 3), m/s, along the world's axes.
+        """Velocity of slip of the first body on the second, by pair (n, k, 3), m/s, along the world's axes.
 
             c = (1 - n n^T) (v_a - v_b),   T . c <= 0
 

@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 
 from twolink.integrate.solution import Code
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 
 KINDS = {"steps": "native", "": "by NumPy or SciPy"}
 
 
 @dataclass(frozen=True, repr=False)
-class Cost(Result):
-    """What a run cost: the method, its steps and evaluations of the dynamics, and seconds of wall clock.
+class Cost(BaseResult):
+    """The cost of a run: the method, its steps and evaluations of the dynamics, and seconds of wall clock.
 
     Parameters
     ----------
@@ -21,8 +21,9 @@ class Cost(Result):
     steps, evaluations, rejected : int
         Steps taken, evaluations of the dynamics, and steps that were tried in vain.
     seconds, verify_seconds, compile_seconds : float
-        Of solving, of solutions behind the error bar that were not solved in the same steps, with those of runs that
-        were not accurate enough, and of tracing programs, compiling Taylor's method, or loading either.
+        Of solving; of what the error bar took; and of tracing or loading programs. Solutions behind the bar that are
+        columns of one batch with the run cost the steps that the batch made for them after as many as the run's own.
+        Runs that were not accurate enough count for the bar.
     compiled : {"steps", ""}
         Whether the steps were native: those of the native library, or of Taylor's method.
     why : str

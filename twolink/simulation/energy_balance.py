@@ -3,7 +3,7 @@
     stored(t) = stored(0) + sum of works(t) - lost(t),   work of an effect = integral of (tau . v + wrench . V) dt
 
 Stored is kinetic and gravity's potential energy; springs are effects, and what they store is their work. The integrals
-are Gauss's of order 12 between samples, split where the motion is not smooth, from the dense output of the run.
+are Gauss's of order 12 over the run's own steps, split at samples and where the motion is not smooth.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.spatial import outward, spatial_dot
 from twolink.effects.effect import Loads
@@ -28,17 +28,18 @@ from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted, plot_lines
 from twolink.simulation.scene_run import simulate
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 from twolink.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-NODES = 6  # of Gauss's quadrature between two samples
+NODES = 6  # of Gauss's quadrature between two edges
+A_SECOND = 200.0  # edges, where a solver does not tell its steps
 
 
 @dataclass(frozen=True, repr=False)
-class EnergyBalance(Result, Plotted):
+class EnergyBalance(BaseResult, Plotted):
     """The energy balance at the samples t (n,) [s]; all in J.
 
     run: the trajectory. stored (n,): kinetic and potential energy. work: of each effect since the start, by its name,
@@ -53,7 +54,7 @@ class EnergyBalance(Result, Plotted):
 
     @property
     def residual(self) -> np.ndarray:
-        """What does not add up at each sample (n,), J."""
+        """The residual of the balance at each sample (n,), J."""
         works = sum(self.work.values(), np.zeros_like(self.stored))
         return np.asarray(self.stored - self.stored[0] - works + self.lost)
 
@@ -120,7 +121,8 @@ def energy_book(scene: Scene, run: Trajectory | None = None) -> EnergyBalance:
     run = simulate(scene, accuracy=1e-9) if run is None else run
     edges = np.union1d(run.t, [event.t for event in run.events if event.t < run.t[-1]])
     edges = np.union1d(edges, equations_of(scene, ticks=True).breaks(float(run.t[-1])))
-    edges = np.union1d(edges, _dense(run).changes())
+    edges = np.union1d(edges, np.concatenate([_dense(run).changes(), *_steps(run)]))
+    edges = edges[(edges >= run.t[0]) & (edges <= run.t[-1])]
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     middle, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
     inner = (middle[:, None] + half[:, None] * nodes).ravel()
@@ -139,6 +141,15 @@ def energy_book(scene: Scene, run: Trajectory | None = None) -> EnergyBalance:
         work[name] = np.concatenate([[0.0], np.cumsum(parts)])[kept]
     lost = np.array([sum(event.energy for event in run.events if event.t < t) for t in run.t])
     return EnergyBalance(run, run.t, run.energy, work, lost)
+
+
+def _steps(run: Trajectory) -> Iterator[np.ndarray]:
+    """Times at which the run's steps ended, by piece, s."""
+    for piece, end in zip(_dense(run).pieces, [*(one.begin for one in _dense(run).pieces[1:]), run.t[-1]], strict=True):
+        if piece.taken is not None:
+            yield piece.taken[0]
+        else:
+            yield np.linspace(piece.begin, end, 2 + int(A_SECOND * (end - piece.begin)))
 
 
 def loop_forces(scene: Scene, run: Trajectory) -> dict[str, np.ndarray]:
@@ -213,7 +224,7 @@ def _multipliers(stretch: _Stretch) -> list[np.ndarray]:
     return np.split(every, np.cumsum(constraints.counts)[:-1])
 
 
-def _motion(stretch: _Stretch) -> Motion:
+def _motion(stretch: _Stretch) -> KinematicState:
     """The moving robot along a stretch."""
     return motion_of(stretch.equations, stretch.equations.mechanism, stretch.t, stretch.x, Numbers)
 
@@ -237,7 +248,7 @@ def _powers(scene: Scene, stretch: _Stretch) -> Iterator[tuple[int, np.ndarray]]
             yield equations.places[len(equations.effects) + i], np.asarray(watts, dtype=float)
 
 
-def _power(motion: Motion, loads: Loads) -> np.ndarray:
+def _power(motion: KinematicState, loads: Loads) -> np.ndarray:
     """tau . v + wrench . V."""
     total = sum((tau * v for tau, v in zip(loads.tau, motion.v, strict=True)), np.zeros(1))
     for i, (x, y, z, *moment) in loads.wrenches.items():

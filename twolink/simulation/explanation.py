@@ -25,9 +25,9 @@ from twolink.native.speed import nanoseconds_of_operation
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.show.figure import Plotted, plot_bars
-from twolink.simulation.refinement import DIGITS, PATIENCE, first_choice, precisions_of
+from twolink.simulation.refinement import DIGITS, first_choice, precisions_of
 from twolink.simulation.sampling import duration_for, sample_times, with_ends
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,15 +48,15 @@ LONG = 1000  # characters of an effect with its fields
 
 @dataclass(frozen=True)
 class Share:
-    """How many operations of an evaluation one effect adds."""
+    """The number of operations that one effect adds to an evaluation."""
 
     effect: str
     operations: int
 
 
 @dataclass(frozen=True, repr=False)
-class Explanation(Result, Plotted):
-    """How a scene is computed.
+class Explanation(BaseResult, Plotted):
+    """The computation of a scene: its formulation, operations, method and expected time.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def explain(
     if chosen.method == "stepped":
         return _of_steps(scene, chosen, accuracy, length)
     equations = equations_of(scene, ticks=True)
-    more = precisions_of(equations, PATIENCE) if method in ("auto", "taylor") else ()
+    more = precisions_of(equations) if method in ("auto", "taylor") else ()
     choice = first_choice(equations, accuracy, length, method, "auto", more if method == "auto" else ())
     acting = {i: one.held(scene.robot, i) for i, one in enumerate(scene.effects) if not one.is_sensor}
     fewer = {i: scene.with_effects([one for j, one in acting.items() if j != i]) for i in acting}
@@ -201,25 +201,25 @@ def _shortened(text: str) -> str:
 
 
 def _notes(scene: Scene, chosen: Choice) -> tuple[str, ...]:
-    """What is to be said of the start and of the effects, and how contacts are computed."""
+    """Notes on the start and on the effects, and the choice of the contact method."""
     return (*scene.notes(), *([f"contacts are {chosen.method}: {chosen.why}"] if chosen.method else []))
 
 
 def _states(equations: Equations) -> list[str]:
-    """Which states of effects there are beside q and v."""
+    """A note on the states of effects beside q and v, if there are any."""
     names = equations.space.states
     return [f"{', '.join(names)} are states of effects beside q and v"] if names else []
 
 
 def _digits(more: tuple[Precision, ...], accuracy: float) -> list[str]:
-    """Which digits the accuracy may take."""
+    """A note on the digits that the accuracy may take."""
     if not more:
         return [] if accuracy >= DEMANDING else ["double precision only: the equations are not smooth, or not compiled"]
     return [f"where 16 digits do not keep the accuracy: {' or '.join(DIGITS[one] for one in more)}"]
 
 
 def _of_steps(scene: Scene, chosen: Choice, accuracy: float, length: float) -> Explanation:
-    """How a scene with stepped contacts is computed."""
+    """Explain a scene whose contacts are stepped through."""
     from twolink.contact.solver import (
         solve_stepped,
         stepper_of,  # which other scenes do not load

@@ -20,7 +20,7 @@ from twolink.scenes import Scene
 from twolink.scenes.parameters import scene_with
 from twolink.show.figure import Plotted
 from twolink.simulation.cost import Cost
-from twolink.simulation.text import Result, as_data
+from twolink.simulation.text import BaseResult, as_data
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.trajectory_tables import EXTRA, coordinate_names
 
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Worlds(Result, Plotted):
-    """Where many worlds ended. `len` is their number; `worlds[i]` is the run of one of them, at the samples kept.
+class Worlds(BaseResult, Plotted):
+    """The ends of many worlds. `len` is their number; `worlds[i]` is the run of one of them, at the samples kept.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ class Worlds(Result, Plotted):
         return Scene(own.base, self.start_q[i], self.start_v[i], own.effects, self.t, own.title)
 
     def varied(self) -> dict[str, np.ndarray]:
-        """What differs between the worlds at the start (n,), by name: parameters, and coordinates such as q.elbow."""
+        """Values at the start that differ between the worlds (n,), by name: parameters, and coordinates as q.elbow."""
         starts = {f"{letter}.{name}": column for letter, values in (("q", self.start_q), ("v", self.start_v))
                   for name, column in zip(coordinate_names(self.robot, letter), values.T, strict=True)}  # fmt: skip
         return {name: values for name, values in {**self.parameters, **starts}.items() if np.ptp(values) > 0.0}

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twolink.contact.solver import no_forces, stepper_of
-from twolink.contact.steps import Memory, Plan, Record, twice_as_many
+from twolink.contact.steps import Memory, Record, StepPlan, twice_as_many
 from twolink.effects.sensors import Forces
 from twolink.integrate.event import Event
 from twolink.integrate.forces_seen import forces_seen
@@ -63,7 +63,7 @@ class SavedMotion(NamedTuple):
 
 
 class StepwiseMotion(ABC):
-    """What the three kinds have in common. loop: the controllers and sensors; None where the scene has none."""
+    """The interface of the three kinds of motion. loop: the controllers and sensors; None where the scene has none."""
 
     loop: SampledLoop | None = None
     _bar = 0.0
@@ -71,7 +71,7 @@ class StepwiseMotion(ABC):
     @property
     @abstractmethod
     def equations(self) -> Equations:
-        """What it solves, in its first mode where there are several."""
+        """The equations of motion, in the first mode where there are several."""
 
     @property
     @abstractmethod
@@ -111,12 +111,12 @@ class StepwiseMotion(ABC):
 
     @property
     def events(self) -> Sequence[Event]:
-        """What has happened."""
+        """Events so far."""
         return ()
 
     @property
     def ended(self) -> bool:
-        """Whether an event has ended it."""
+        """True if an event has ended the motion."""
         return False
 
     def listen(self, sampling: Sampling) -> None:
@@ -181,7 +181,7 @@ class Smooth(StepwiseMotion):
 
     @property
     def equations(self) -> Equations:
-        """What it solves."""
+        """The equations of motion."""
         return self._lanes.by.equations
 
     @property
@@ -254,7 +254,7 @@ class Located(StepwiseMotion):
 
     @property
     def equations(self) -> Equations:
-        """Those of all modes."""
+        """The equations of all modes."""
         return self._equations
 
     @property
@@ -269,12 +269,12 @@ class Located(StepwiseMotion):
 
     @property
     def events(self) -> Sequence[Event]:
-        """What has happened."""
+        """Events so far."""
         return self._engines[0].run.events
 
     @property
     def ended(self) -> bool:
-        """Whether an event has ended it."""
+        """True if an event has ended the motion."""
         return self._engines[0].run.ended
 
     @property
@@ -340,7 +340,7 @@ class Stepped(StepwiseMotion):
 
     @property
     def equations(self) -> Equations:
-        """Those without contacts."""
+        """The equations without contacts."""
         return self._stepper.equations
 
     @property
@@ -385,7 +385,7 @@ class Stepped(StepwiseMotion):
     def _solved(self, number: int, end: float, count: int) -> SteppedState:
         h, first, (q, w, memory) = (end - self.t) / count, 0, self._states[number]
         steps = np.arange(count)
-        plan = Plan(self.t + h * steps, np.full(count, h), 0 * steps, steps < 0, self._numbers[None, :, number])
+        plan = StepPlan(self.t + h * steps, np.full(count, h), 0 * steps, steps < 0, self._numbers[None, :, number])
         while first < count:
             found = self._stepper.run(plan, first, count, q, w, memory)
             last, first = found[len(found) - 1], first + len(found)

@@ -33,7 +33,7 @@ FINER, OTHERS = 0.5, (0.7, 1.3)
 
 
 class Second(NamedTuple):
-    """How a second solution is computed beside the run's; plain, how the run's is.
+    """Settings of a second solution beside the run's; with a plain perturbation, of the run's own.
 
     The finer one shows truncation: it is not disturbed, and the steps of its derivatives are halved. The disturbed ones
     show rounding: they have the run's own setting. differences: the steps of differences through
@@ -167,7 +167,7 @@ class NominalSolutions:
                                 code="sensitivity-undefined", t=end)  # fmt: skip
 
     def paired(self, nominal: NominalSolution) -> int:
-        """How many pieces of a second solution end as those of the run do: all, but where one follows bounces farther.
+        """Count the pieces of a second solution that end as the run's do: all, but where one follows bounces farther.
 
         What ends the run does not count: it is at the last sample or a rounding beside it. Raises AccuracyError for
         other events.
@@ -189,7 +189,7 @@ class NominalSolutions:
 
 
 def bound(distances: Sequence[Array], share: float = 1.0) -> Array:
-    """What the distances to the second solutions say of errors: truncation by the finer one, rounding by the others.
+    """Error bounds from the distances to the second solutions: truncation by the finer one, rounding by the others.
 
     share: of the distance to the finer solution, where the result is nearer to the truth than the run is.
     """
@@ -198,7 +198,7 @@ def bound(distances: Sequence[Array], share: float = 1.0) -> Array:
 
 
 def _alike(ours: Sequence[tuple[object, float]], theirs: Sequence[tuple[object, float]]) -> int:
-    """How many events at the begin of two sequences have the same guards."""
+    """The number of events at the begin of two sequences that have the same guards."""
     alike = itertools.takewhile(lambda pair: pair[0][0] == pair[1][0], zip(ours, theirs, strict=False))
     return sum(1 for _ in alike)
 

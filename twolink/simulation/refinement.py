@@ -1,7 +1,7 @@
 """Refinement: what is tried next where an error bar is above the accuracy, and the error where nothing is left.
 
 Smaller settings come first, as long as truncation is a part of the bar that they can make smaller. Then other methods,
-and numbers of more digits: 19, then 33, by Taylor's method.
+and numbers of more digits: 31, then 47, by Taylor's method.
 """
 
 from collections.abc import Iterator
@@ -10,30 +10,31 @@ from typing import Any, Literal
 
 import numpy as np
 
-from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError
 from twolink.integrate.event import UNSTABLE
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.solvers.method_choice import MethodChoice, choose, first_setting
 from twolink.integrate.solvers.taylor import ROUNDING_UNIT
-from twolink.integrate.solvers.taylor_code import UNOPTIMIZED_SHARE, Precision, taylor_seconds
+from twolink.integrate.solvers.taylor_code import Precision
 from twolink.integrate.steps.failures import MAX_STEPS
 from twolink.integrate.steps.methods import METHODS, Method
+from twolink.native.library import library
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.verification import Verified
 
 PATIENCE = 600.0  # s of wall clock, unless a caller has another one
 ROOM = 10.0  # times the smallest tolerance: the finer solution must be able to be finer
 AIM = 0.3  # of the accuracy, for the next bar
+USUAL_GROWTH = 30.0  # of the error of a run in many digits over its tolerance, at least
 MOST = 0.8  # of the accuracy, that rounding may take
 CHANCE = 2.0  # times the accuracy: the bar of the same rounding may be half as large by other random numbers
 DECIDES = 0.1  # of rounding: with less truncation, no smaller setting helps
 TRIALS = 8  # settings of a method, at most
 WORSE, STRIKES = 0.9, 2  # of the best bar: a setting is no better; so many of them may be, as steps meet singularities
 OTHERS = ("dop853", "rk45", "esdirk43")  # where one method does not get to the accuracy by smaller settings
-REACHED = {"double": 3e-15, "extended": 3e-18}  # rad or m: a smaller accuracy is not tried in these numbers
-DIGITS: dict[Precision, str] = {"double": "16 digits", "extended": "19 digits", "quad": "33 digits"}
+REACHED = {"double": 3e-15, "extended": 3e-29}  # rad or m: a smaller accuracy is not tried in these numbers
+DIGITS: dict[Precision, str] = {"double": "16 digits", "extended": "31 digits", "quad": "47 digits"}
 
 
 @dataclass(eq=False)
@@ -94,12 +95,12 @@ class Refinement:
                 replace(other, error=_at_least(other.error, apart + run.error[:n])))  # fmt: skip
 
     def after(self, one: Verified) -> MethodChoice | None:
-        """What to try after a run; None where nothing is left."""
+        """The choice to try after a run; None where nothing is left."""
         self._settings, self.lost = self._settings + 1, one.lost
         return self._smaller(one) or self._other(self._others(one.choice.method, one))
 
     def after_failure(self, choice: MethodChoice) -> MethodChoice | None:
-        """What to try after a run that could not be solved: another method."""
+        """The choice to try after a run that could not be solved: another method."""
         return self._other(self._others(choice.method))
 
     def _other(self, every: Iterator[MethodChoice]) -> MethodChoice | None:
@@ -151,14 +152,14 @@ class Refinement:
         if one is None:
             return
         for precision in self.precisions:
-            more = ROUNDING_UNIT[precision] / ROUNDING_UNIT["double"]
+            more = ROUNDING_UNIT[precision] / ROUNDING_UNIT[one.choice.precision]
             reaches = not np.isfinite(rounding) or rounding * more <= MOST * self.accuracy
-            if one.choice.precision != precision and (reaches or precision == self.precisions[-1]):
-                yield more_digits(self.accuracy, precision, _reached(one))
+            if more < 1.0 and (reaches or precision == self.precisions[-1]):
+                yield more_digits(self.accuracy, precision, _reached(one), _growth(one))
 
     @property
     def _kinks(self) -> bool:
-        """Whether steps may meet kinks of the forces that are not located.
+        """True if steps may meet kinks of the forces that are not located.
 
         There a step is accepted or not by chance, and a disturbed solution takes other steps: its distance to the run
         is of truncation, too. It is taken for rounding once smaller settings do not make it smaller.
@@ -170,7 +171,7 @@ class Refinement:
         if self.lost is not None and not _is_finite(self.best):
             return self.lost
         run, what = self.best, f"{self.accuracy:g} cannot be kept in {self._digits} precision"
-        more = "quad" if self._digits == "double" and self.equations.analytic and heyoka() is not None else ""
+        more = "quad" if self._digits == "double" and self.equations.analytic and library() is not None else ""
         also = ', or precision="auto"' if more else ""
         data: dict[str, Any] = {"code": "accuracy-limit", "precision": more, "tried": self.tried}
         if run is None or run.error is None:
@@ -197,29 +198,24 @@ def first_choice(
     precision: Precision | Literal["auto"],
     more: tuple[Precision, ...],
 ) -> MethodChoice:
-    """What is tried first. more: the precisions beyond double that may be tried."""
+    """The first choice of method and setting. more: the precisions beyond double that may be tried."""
     if more and accuracy < REACHED["double"]:
         return more_digits(accuracy, more[-1] if accuracy < REACHED["extended"] else more[0], "the accuracy needs them")
     return choose(equations, accuracy, end, method, "double" if precision == "auto" else precision)
 
 
-def more_digits(accuracy: float, precision: Precision, why: str = "asked for") -> MethodChoice:
-    """Taylor's method in numbers of more digits, for an accuracy."""
+def more_digits(
+    accuracy: float, precision: Precision, why: str = "asked for", growth: float = USUAL_GROWTH
+) -> MethodChoice:
+    """Taylor's method in numbers of more digits, for an accuracy. growth: of the error of a run over its tolerance."""
     method = METHODS["taylor"]
-    tolerance = max(accuracy / 30.0, ROOM * smallest_tolerance(method, precision))
+    tolerance = max(accuracy / max(growth, USUAL_GROWTH), ROOM * smallest_tolerance(method, precision))
     return MethodChoice(method, tolerance, f"{DIGITS[precision]}: {why}", precision)
 
 
-def precisions_of(equations: Equations, seconds: float) -> tuple[Precision, ...]:
-    """The precisions beyond double in which equations can be solved, with compiling in so many seconds."""
-    if not equations.analytic or heyoka() is None or UNOPTIMIZED_SHARE * taylor_seconds(equations) > seconds:
-        return ()
-    there: list[Precision] = []
-    if np.finfo(np.longdouble).eps < 1e-18:
-        there.append("extended")
-    if hasattr(heyoka(), "real128"):
-        there.append("quad")
-    return tuple(there)
+def precisions_of(equations: Equations) -> tuple[Precision, ...]:
+    """The precisions beyond double in which equations can be solved."""
+    return ("extended", "quad") if equations.analytic and library() is not None else ()
 
 
 def _at_least(bar: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -234,7 +230,7 @@ def _worth(run: Trajectory) -> tuple[float, float]:
 
 
 def _is_finite(run: Trajectory | None) -> bool:
-    """Whether a run has an error bar at its end."""
+    """True if a run has an error bar at its end."""
     return run is not None and run.error is not None and bool(np.isfinite(run.error[-1]))
 
 
@@ -242,8 +238,14 @@ def _largest(part: np.ndarray | None) -> float:
     return np.inf if part is None else float(part.max(initial=0.0))
 
 
+def _growth(one: Verified) -> float:
+    """By how much an accuracy has to be above the tolerance, as a run showed."""
+    truncation = _largest(one.truncation)
+    return truncation / (AIM * one.choice.setting) if np.isfinite(truncation) and one.choice.method.adaptive else 0.0
+
+
 def _reached(one: Verified) -> str:
-    """What the run before reached, in words."""
+    """The error that the run before reached, in words."""
     reached = _largest(one.truncation) + _largest(one.rounding)
     return f"{DIGITS[one.choice.precision]} reached {reached:.1e}"
 

@@ -1,4 +1,4 @@
-"""What is asked of a run: scene, duration, sample times, and the times at which errors are looked at."""
+"""Duration and times of a run: sample times, and the times at which errors are looked at."""
 
 from __future__ import annotations
 

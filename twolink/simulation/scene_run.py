@@ -12,6 +12,7 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, ControllerError, SceneError
 from twolink.integrate.dense_output import DenseOutput
+from twolink.integrate.digits import decimals
 from twolink.integrate.event import Event
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of
@@ -81,7 +82,7 @@ def simulate(
         Solve beside the run a finer solution, and some that are disturbed by rounding, and take the distances as the
         error bar; the settings are refined until the bar is below `accuracy`. Without it run.error is None.
     precision : {"auto", "double", "extended", "quad"}
-        Of the numbers: 16 digits, 19 or 33. The latter two by Taylor's method, for smooth scenes; their digits are in
+        Of the numbers: 16 digits, 31 or 47. The latter two by Taylor's method, for smooth scenes; their digits are in
         run.precise, which the error bar is for. "auto" takes more digits where 16 do not keep the accuracy.
     tolerance, step : float, optional
         Of the method, in place of what `accuracy` calls for, the step in s; the error bar is measured and reported.
@@ -120,7 +121,7 @@ def simulate(
     limit = TimeLimit(patience or PATIENCE, progress=told, from_now=True)
     accuracy, equations = ACCURACY if asked is None else asked, equations_of(scene, ticks=True)
     free = method == "auto" and tolerance is None and step is None
-    more = precisions_of(equations, limit.seconds) if precision == "auto" and method in ("auto", "taylor") else ()
+    more = precisions_of(equations) if precision == "auto" and method in ("auto", "taylor") else ()
     first = first_choice(equations, accuracy, end, method, precision, more if free else ())
     choice, measured = _with_setting(first, method, tolerance, step)
     if verify and not (measured or choice.method.adaptive):  # a pilot, whose error tells the step that is needed
@@ -251,7 +252,7 @@ def _lawful(run: Trajectory, equations: Equations, solution: Solution) -> Trajec
 
 
 def _cost(one: Verified, spent: float) -> Cost:
-    """What a run took. spent: s, on runs before it whose error bars were too large."""
+    """The cost of a run. spent: s, on runs before it whose error bars were too large."""
     choice, solution = one.choice, one.solution
     return Cost(
         choice.method.name,
@@ -302,7 +303,7 @@ def _trajectory(
         events,
         solution.interrupted,
         accuracy=None if error is None else accuracy,
-        precise=None if solution.precise is None else solution.precise[kept],
+        precise=None if solution.precise is None else decimals(solution.precise[kept]),
         robots=_robots(solution, kept),
         solution=dense,
         title=scene.title,

@@ -26,7 +26,7 @@ from twolink.simulation.sampling import duration_for, only_at, sample_times, wit
 from twolink.simulation.scene_run import run_of
 from twolink.simulation.sensitivity_names import wanted_of
 from twolink.simulation.sensitivity_runs import SensitivityRun
-from twolink.simulation.text import Result
+from twolink.simulation.text import BaseResult
 from twolink.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sensitivities(Result):
+class Sensitivities(BaseResult):
     """Derivatives of a motion.
 
     Parameters
@@ -166,8 +166,6 @@ def sensitivities(
         An argument does not fit, or a name is unknown (code "unknown-parameter").
     AccuracyError
         The motion cannot be simulated, or the accuracy cannot be kept.
-    MissingExtraError
-        heyoka is not installed.
 
     Notes
     -----
@@ -216,7 +214,7 @@ def refined(
     *,
     numbers_as_inputs: bool = False,
 ) -> Found:
-    """What is derived from a run at times (n,), by ever more accurate runs until its bars are below the accuracy.
+    """Derive a result from a run at times (n,), by ever more accurate runs until its bars are below the accuracy.
 
     attempt: of equations, their run and a tolerance of steps: the result, and how many times too large
     its bars are. Raises AccuracyError, code "accuracy-limit", where that has no end.
@@ -230,8 +228,6 @@ def refined(
     margin = MARGIN if equations.has_events else SMOOTH_MARGIN
     for _ in range(TRIALS):
         choice = choose(equations, sought, end - begin, "auto")
-        if numbers_as_inputs and choice.method.kind == "taylor":  # whose optimized code is for one scene
-            choice = choose(equations, sought, end - begin, "dop853")
         try:
             run = run_of(scene, equations, choice, times, sought, progress)
         except AccuracyError:

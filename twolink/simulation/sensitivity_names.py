@@ -25,7 +25,7 @@ CLOSED = 1e-9  # rad, m, per second: a start that was moved by less was closed
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """What is asked for.
+    """Sensitivities asked for: the quantities to differentiate by, with their columns.
 
     variation: of the scene, by the parameters among it. columns: of each name, the columns that it has. start
     (tangent + p, k): the derivatives of the start by each column, and of the parameters.
@@ -42,7 +42,7 @@ class Wanted:
 
 
 def wanted_of(scene: Scene, wrt: Sequence[str]) -> Wanted:
-    """What the names ask for. Raises SceneError: codes "unknown-parameter", "sensitivity-undefined"."""
+    """Sensitivities that the names ask for. Raises SceneError: codes "unknown-parameter", "sensitivity-undefined"."""
     names = list(dict.fromkeys([wrt] if isinstance(wrt, str) else wrt))
     if not names:
         raise SceneError("it names nothing", argument="wrt", remedy='such as ["q", "v"]')
@@ -102,7 +102,7 @@ def _of_state(scene: Scene) -> dict[str, range]:
 
 
 def _closes(scene: Scene, name: str) -> bool:
-    """Whether a parameter changes how loops close."""
+    """True if a parameter changes the closure of loops."""
     if not name.startswith(PREFIX):
         return ".origin." in name
     _, place, *path = name.split(".")

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from twolink.contact.solver import SteppedSolution, solve_stepped, stepper_of
-from twolink.contact.stepping import Stepper
+from twolink.contact.stepping import ContactStepper
 from twolink.errors import AccuracyError, ControllerError
 from twolink.integrate.event import Event, ambiguous_events
 from twolink.integrate.solution import Progress
@@ -68,7 +68,7 @@ def simulate_stepped(
 
 
 def _solved(
-    scene: Scene, stepper: Stepper, times: np.ndarray, progress: Progress | None, step: float, halvings: int
+    scene: Scene, stepper: ContactStepper, times: np.ndarray, progress: Progress | None, step: float, halvings: int
 ) -> Solved:
     start = time.perf_counter()
     try:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.contact.choice import choose_contact_method
 from twolink.dynamics.arguments import array, configuration, positive
@@ -46,7 +46,7 @@ Missing = Callable[[State], float]  # 0 at an event
 
 @dataclass(frozen=True, eq=False)
 class Saved:
-    """Where a simulation was; for `Simulation.restore`.
+    """A saved point of a simulation; for `Simulation.restore`.
 
     settings: of the simulation. start: q, v, t that the motion began with. state: all that it goes on from.
     """
@@ -74,7 +74,7 @@ def start_of(scene: Scene, equations: Equations, q: ArrayLike, v: ArrayLike) -> 
         configuration("q", one("q", q, scene.robot.nq), scene.robot.nq, scene.robot.joints),
         one("v", v, scene.robot.nv),
     )
-    motion = Motion(equations.robot.model, equations.mechanism, list(at[0]), list(at[1]), 0.0, Numbers)
+    motion = KinematicState(equations.robot.model, equations.mechanism, list(at[0]), list(at[1]), 0.0, Numbers)
     effects = scene.effects if equations.switching is None else equations.switching.every
     z = np.array(list(starting_states(effects, motion).values()), dtype=float)
     return np.concatenate([*at, z, equations.layout.numbers_at(0.0)])
@@ -188,7 +188,7 @@ class Simulation:
 
     @property
     def state(self) -> State:
-        """Where the motion is, in copies."""
+        """The state of the motion, in copies."""
         motion = self._motion
         return state_of(self.scene, motion.equations, motion.t, motion.x[:, 0])
 
@@ -292,7 +292,7 @@ class Simulation:
             return event
         event.check(self.scene.robot, "event")
         model, mech = self._motion.equations.robot.model, self._motion.equations.mechanism
-        return lambda at: float(event.distance(Motion(model, mech, list(at.q), list(at.v), at.t, Numbers)))
+        return lambda at: float(event.distance(KinematicState(model, mech, list(at.q), list(at.v), at.t, Numbers)))
 
     def set_state(self, q: ArrayLike | None = None, v: ArrayLike | None = None, t: float | None = None) -> None:
         """Go on from another state, with the states of effects that they begin with, no torques, and a new error.

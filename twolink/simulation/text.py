@@ -1,4 +1,4 @@
-"""What every result has: texts, plain data, a file."""
+"""The common base of results: texts, plain data, a file."""
 
 import dataclasses
 import html
@@ -17,7 +17,7 @@ from twolink.io.tables import require_format
 from twolink.scenes import Scene
 
 
-class Result:
+class BaseResult:
     """A result: a full text, one line of it, the text in notebooks, plain data for JSON, a file."""
 
     def text(self) -> str:

@@ -14,7 +14,7 @@ class OutOfTime(AccuracyError):
     code = "out-of-time"
 
     def with_run(self, run: Any) -> "OutOfTime":
-        """The same, with the best run so far."""
+        """Copy the error, with the best run so far."""
         if run is None or run.error is None:
             return self
         bar = float(run.error[-1])

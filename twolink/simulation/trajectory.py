@@ -24,7 +24,7 @@ from twolink.simulation.certificate import Certificate
 from twolink.simulation.contact_forces import ContactForces
 from twolink.simulation.cost import Cost
 from twolink.simulation.recording import log, log_skipped, save_run
-from twolink.simulation.text import Result, as_data
+from twolink.simulation.text import BaseResult, as_data
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,7 +37,7 @@ SHOWN_EVENTS = 5  # in notebooks
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory(Result, Plotted):
+class Trajectory(BaseResult, Plotted):
     """A motion and how far it can be trusted.
 
     Parameters
@@ -59,7 +59,7 @@ class Trajectory(Result, Plotted):
         Ctrl-C ended it early; the samples so far are kept.
     accuracy : float or None
         The accuracy asked for, rad or m.
-    precise : ndarray (n, nq + nv + states) or None
+    precise : ndarray of decimal.Decimal (n, nq + nv + states) or None
         The states with more digits than a double has, of runs in higher precision.
     robots : sequence of (Robot, int)
         The robot of each piece of a motion in which payloads are released, and how many samples the piece has.
@@ -127,12 +127,12 @@ class Trajectory(Result, Plotted):
 
     @property
     def bound(self) -> Literal["verified", "estimated", ""]:
-        """What the error is: "verified" by a more accurate solution, "estimated" from steps of half the size, or ""."""
+        """Kind of error: "verified" by a more accurate solution, "estimated" from steps of half the size, or ""."""
         return "" if self.error is None else "estimated" if self.estimated else "verified"
 
     @property
     def end(self) -> float:
-        """When the run ended, s: at its duration, at an event, or at Ctrl-C."""
+        """End of the run, s: at its duration, at an event, or at Ctrl-C."""
         return float(self.t[-1] if self.solution is None else self.solution.t[-1])
 
     @property
@@ -241,8 +241,8 @@ class Trajectory(Result, Plotted):
         return self.solution
 
     @property
-    def _samples(self) -> tables.Samples:
-        return tables.Samples(self.robot, self.t, self.q, self.v, self.energy, self.error, states=self.states)
+    def _samples(self) -> tables.TrajectorySamples:
+        return tables.TrajectorySamples(self.robot, self.t, self.q, self.v, self.energy, self.error, states=self.states)
 
     def columns(self) -> dict[str, np.ndarray]:
         """The samples by name: t, q.JOINT, v.JOINT (numbered where a joint has several), z.STATE, energy, error."""
@@ -448,7 +448,7 @@ class Trajectory(Result, Plotted):
 
     @property
     def _told(self) -> dict[str, Any]:
-        """What a page tells about the run beside its motion."""
+        """Contents of a page about the run beside its motion."""
         events = [
             (event.t, f"{event.kind} {event.what}{': ' if event.detail else ''}{event.detail}")
             for event in self.events or ()

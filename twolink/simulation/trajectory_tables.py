@@ -25,7 +25,7 @@ At = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 UNITS = {"t": "s", "q": "rad or m", "v": "rad/s or m/s", "z": "SI units", "energy": "J", "error": "rad or m"}
 
 
-class Samples(NamedTuple):
+class TrajectorySamples(NamedTuple):
     """t (n,), q (n, nq), v (n, nv), energy (n,) and error (n,) or None, of a robot; the title of its scene, whether
     the error is an estimate and no bound, events, contacts and forces on links, None where a file does not say, and
     the states of effects (n,) by name."""
@@ -49,7 +49,7 @@ def coordinate_names(robot: Robot, letter: str) -> list[str]:
     return [column.removeprefix(f"{letter}.") for column, _ in joint_columns(robot.joints, letter)]
 
 
-def columns(samples: Samples) -> dict[str, np.ndarray]:
+def columns(samples: TrajectorySamples) -> dict[str, np.ndarray]:
     """The samples by name: t, q.JOINT, v.JOINT, z.STATE, energy, error.
 
     Raises
@@ -82,7 +82,7 @@ def mark_notes(events: Sequence[Event]) -> dict[str, str]:
     return {EVENTS: msgspec.json.encode(list(events), enc_hook=np.generic.item).decode()}
 
 
-def chosen_columns(samples: Samples, names: Sequence[str]) -> dict[str, np.ndarray]:
+def chosen_columns(samples: TrajectorySamples, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Some columns by name and unit. Raises SceneError for a name that is none, with the nearest right one."""
     table = columns(samples)
     for name in names:
@@ -90,7 +90,7 @@ def chosen_columns(samples: Samples, names: Sequence[str]) -> dict[str, np.ndarr
     return {f"{name} ({UNITS[name.partition('.')[0]]})": table[name] for name in names}
 
 
-def read_samples(path: Path, robot: Robot | None) -> Samples:
+def read_samples(path: Path, robot: Robot | None) -> TrajectorySamples:
     """The samples of a saved trajectory, of the robot that the file names, or of the one passed. Raises SceneError."""
     label = str(path)
     content, notes = read_table(path)
@@ -101,9 +101,9 @@ def read_samples(path: Path, robot: Robot | None) -> Samples:
     error = np.empty(n) if "error" in table else None
     states = {name.removeprefix("z."): np.empty(n) for name in table if name.startswith("z.")}
     contacts, forces = (_forces(marks, kind, n, label) if EVENTS in notes else None for kind in (CONTACT, FORCE))
-    samples = Samples(robot, np.empty(n), np.empty((n, robot.nq)), np.empty((n, robot.nv)), np.empty(n), error,
-                      notes.get("title", ""), notes.get("bound") == "estimated", _events(notes, label),
-                      contacts, forces, states)  # fmt: skip
+    samples = TrajectorySamples(robot, np.empty(n), np.empty((n, robot.nq)), np.empty((n, robot.nv)), np.empty(n),
+                                error, notes.get("title", ""), notes.get("bound") == "estimated",
+                                _events(notes, label), contacts, forces, states)  # fmt: skip
     wanted = columns(samples)
     if is_bag(path):
         known = wanted if "robot" in notes else {name: place for name, place in wanted.items() if name != "energy"}
@@ -161,7 +161,7 @@ def _numbers(content: Mapping[str, np.ndarray], label: str) -> dict[str, np.ndar
     return table
 
 
-def as_dataset(samples: Samples, attributes: Mapping[str, Any]) -> Any:
+def as_dataset(samples: TrajectorySamples, attributes: Mapping[str, Any]) -> Any:
     """An xarray.Dataset with dimensions time, q_name and v_name. Raises MissingExtraError."""
     xarray = import_extra("xarray", EXTRA)
     variables = {
@@ -180,13 +180,13 @@ def as_dataset(samples: Samples, attributes: Mapping[str, Any]) -> Any:
     return xarray.Dataset(variables, coordinates, dict(attributes))
 
 
-def as_frame(samples: Samples) -> Any:
+def as_frame(samples: TrajectorySamples) -> Any:
     """A pandas.DataFrame with the columns by name and t as its index. Raises MissingExtraError."""
     return import_extra("pandas", EXTRA).DataFrame(columns(samples)).set_index("t")
 
 
 def drawn_curves(
-    samples: Samples, at: At | None, robots: Sequence[tuple[Robot, int]]
+    samples: TrajectorySamples, at: At | None, robots: Sequence[tuple[Robot, int]]
 ) -> tuple[Curves, tuple[np.ndarray, np.ndarray]]:
     """(t, q, v), and times with energies.
 
@@ -200,7 +200,7 @@ def drawn_curves(
     return (t, q, v), (t, np.sum(robot.energy(q, v), axis=0))
 
 
-def _states(samples: Samples, at: At | None) -> Curves:
+def _states(samples: TrajectorySamples, at: At | None) -> Curves:
     """(t, q, v), between few samples by the solution itself."""
     own = samples.t, samples.q, samples.v
     if at is None or len(samples.t) >= SMOOTH:

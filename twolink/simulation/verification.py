@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twolink.errors import AccuracyError
+from twolink.integrate.digits import difference
 from twolink.integrate.event import AMBIGUOUS
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array, StateSpace
@@ -38,8 +39,9 @@ if TYPE_CHECKING:
     from twolink.loop.sampled_loop import Sampling
 
 LOST = "loops-singular", "steps-collapsed"  # codes of a solution beside a run that gets no farther
-# Disturbed solutions: as lanes of a batch with the run they cost little, as lanes of Taylor's method more.
-IN_LANES, BY_TAYLOR, ALONE = 6, 3, 2
+# Disturbed solutions as lanes of a batch with the run: more where rounding counts, as it does below FINE (rad or m).
+IN_LANES, FINE = (2, 6), 1e-9
+BY_TAYLOR, ALONE = 3, 2
 PAIRS = 1, 3  # of a sampled loop: more where rounding counts
 WIDE = 50.0  # times rounding: their disturbances
 LESS_FINE = 3  # times that the finer solution is tried, each time nearer to the run
@@ -50,8 +52,8 @@ class Verified:
     """A run and how far the solutions beside it are from it.
 
     checks (k,): numbers of its samples at which they are compared. truncation, rounding (k,): parts of the error bar
-    there, rad or m; None: not verified, or interrupted. seconds: of solving. verify_seconds: of solutions that were
-    solved by themselves. lost: why the finer solution does not get to the end.
+    there, rad or m; None: not verified, or interrupted. seconds: of solving; of a batch, those of the run's steps.
+    verify_seconds: of the others. lost: why the finer solution does not get to the end.
     """
 
     choice: MethodChoice
@@ -128,16 +130,29 @@ class Verification:
 
     def _in_lanes(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run and the others as lanes of one batch; by Taylor's method, whose order all lanes have, the others."""
-        taylor = choice.method.kind == "taylor"
-        disturbed = disturbed_solutions(BY_TAYLOR, finer.finer) if taylor else disturbed_solutions(IN_LANES)
-        run, own, x, beside = self._batch(choice, (finer, *disturbed))
-        if run.solution.interrupted:
-            return run
-        space, undisturbed = self._equations.space, x[:, :, :1] if taylor else own
-        each = np.concatenate([distances(space, own, x[:, :, :1]), distances(space, undisturbed, x[:, :, 1:])], axis=1)
-        if not taylor:  # between two checks, what the later one shows
-            each[1:, 1:] = each[beside.seldom, 1:].repeat(SELDOM, axis=0)[-len(each) + 1 :]
+        taylor, space = choice.method.kind == "taylor", self._equations.space
+        few, spent = not 0.0 < self._accuracy < FINE, 0.0
+        for count in (BY_TAYLOR,) if taylor else IN_LANES if few else IN_LANES[-1:]:
+            disturbed = disturbed_solutions(count, finer.finer if taylor else 1.0)
+            run, own, x, beside = self._batch(choice, (finer, *disturbed))
+            if run.solution.interrupted:
+                return run
+            undisturbed = x[:, :, :1] if taylor else own
+            each = np.concatenate([distances(space, own, x[:, :, :1]), distances(space, undisturbed, x[:, :, 1:])],
+                                  axis=1)  # fmt: skip
+            if not taylor:  # between two checks, what the later one shows
+                each[1:, 1:] = each[beside.seldom, 1:].repeat(SELDOM, axis=0)[-len(each) + 1 :]
+            run = replace(run, verify_seconds=run.verify_seconds + spent)
+            if self._is_enough(count, each):
+                break
+            spent = run.seconds + run.verify_seconds
         return self._with_parts(run, each)
+
+    def _is_enough(self, count: int, each: Array) -> bool:
+        """True if so many disturbed solutions suffice: more of them could not lessen the bar by much, or not enough."""
+        far, most = float(each[-1, 1:].max()), max(IN_LANES)
+        return bool(DISTURBED[count] * far <= max(ENOUGH * self._accuracy, each[-1, 0])
+                    or DISTURBED[most] * far > self._accuracy > 0.0)  # fmt: skip
 
     def _in_loop(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run of a sampled loop and pairs of finer solutions, whose disturbances mirror each other, as lanes.
@@ -145,7 +160,7 @@ class Verification:
         Each calls the controllers. The middle of a pair shows truncation, the distance from it rounding. Disturbances
         are so much larger than rounding that a threshold which is near to the motion lies between two solutions.
         """
-        space = self._equations.space
+        space, spent = self._equations.space, 0.0
         for pairs in PAIRS:
             others = (replace(one, rounding=WIDE * one.rounding, sign=sign)
                       for one in disturbed_solutions(pairs, finer.finer) for sign in (1.0, -1.0))  # fmt: skip
@@ -155,8 +170,10 @@ class Verification:
             one, other = x[:, :, ::2], x[:, :, 1::2]
             truncation = distances(space, own, 0.5 * (one + other)).max(axis=1, keepdims=True)
             each = np.concatenate([truncation, 0.5 / WIDE * distances(space, one, other)], axis=1)
-            if DISTURBED[pairs] * each[-1, 1:].max() <= max(ENOUGH * self._accuracy, each[-1, 0]):
+            run = replace(run, verify_seconds=run.verify_seconds + spent)
+            if self._is_enough(pairs, each):
                 break
+            spent = run.seconds + run.verify_seconds
         return self._with_parts(run, _in_doubt(run, each))
 
     def _from_tick_to_tick(self, sampling: Sampling, choice: MethodChoice, finer: Perturbation) -> Verified:
@@ -176,7 +193,9 @@ class Verification:
         equations = self._equations
         beside = Beside.of(others, self._times[self._checks], equations.start[: equations.moving])
         solution, seconds = self._solved(choice, self._times, beside=beside)
-        run = Verified(choice, solution, seconds, self._numbers(solution))
+        tried = solution.steps + solution.rejected
+        more = seconds * solution.beside / max(1, tried + solution.beside)  # the steps that were made for the others
+        run = Verified(choice, solution, seconds - more, self._numbers(solution), verify_seconds=more)
         own = solution.x[: equations.moving, run.checks].T[:, :, None]
         return run, own, beside.x.swapaxes(1, 2), beside
 
@@ -269,9 +288,9 @@ def _distance(space: StateSpace, run: Verified, other: Solution) -> Array:
     same = np.minimum(np.arange(len(checks)), len(other.t) - 1)
     if other.precise is not None and solution.precise is not None:
         own = solution.precise[checks]
-        off = np.abs(own - other.precise[same]).astype(float)
+        off = np.abs(difference(own, other.precise[same]))
         turned = 2.0 if space.curved else 1.0  # a rotation turns by twice what its quaternion differs by
-        inner = (off / (1.0 + np.abs(own).astype(float)))[:, space.z_rows].max(axis=1, initial=0.0)
+        inner = (off / (1.0 + np.abs(own[:, :, 0])))[:, space.z_rows].max(axis=1, initial=0.0)
         return np.asarray(np.fmax(turned * off[:, : space.nq].max(axis=1, initial=0.0), inner))
     distance = distances(space, x.T[:, :, None], other.x[:, same].T[:, :, None])[:, 0]
     # An event that ends both solutions ends each at a time of its own.

@@ -88,7 +88,7 @@ class _Worlds:
 
 
 def can_be_finer(method: Method, accuracy: float) -> bool:
-    """Whether a method's first solution for an accuracy can be verified by one of a smaller tolerance."""
+    """True if a method's first solution for an accuracy can be verified by one of a smaller tolerance."""
     return first_tolerance(method, accuracy) > LEAST * smallest_tolerance(method)
 
 

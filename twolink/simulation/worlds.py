@@ -123,7 +123,7 @@ def simulate_many(
 
 
 def differs_beyond_numbers(scene: Scene, names: Collection[str]) -> bool:
-    """Whether worlds that differ in these parameters are no batch of one step.
+    """True if worlds that differ in these parameters are no batch of one step.
 
     They have events, sampled controllers, loops of their own, or constants of their own.
     """

@@ -1,4 +1,4 @@
-"""Which runs a sweep consists of: what can vary, by name; and a grid, a list, or random samples of it."""
+"""The runs of a sweep: quantities that can vary, by name; and a grid, a list, or random samples of them."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
@@ -18,7 +18,7 @@ OF_VARIANTS = ("switch", "accuracy", "robot")
 
 
 def named_quantities(scene: Scene, names: Iterable[str]) -> dict[str, Parameter]:
-    """What names of a sweep stand for: numbers of the scene (`scenes.parameters`), or what makes a variant of it.
+    """Quantities of a sweep by name: numbers of the scene (`scenes.parameters`), or what makes a variant of it.
 
     These are "effects.1" for an effect that is on or off, "accuracy", and "robot" for other robots under the same
     effects. Raises SceneError for an unknown name, code "unknown-parameter".
@@ -35,7 +35,7 @@ def quantities(scene: Scene) -> dict[str, Parameter]:
 
 
 def _of_variants(scene: Scene) -> dict[str, Parameter]:
-    """What makes another variant of the scene."""
+    """Quantities that make another variant of the scene."""
     found = [Parameter("accuracy", "accuracy", math.nan, "rad or m", "accuracy asked for"),
              Parameter("robot", "robot", math.nan, "", "robot, from random_state(1, seed=0)")]  # fmt: skip
     for i, effect in enumerate(scene.effects):
@@ -232,7 +232,7 @@ def _range(name: str, given: Any) -> Any:
 
 
 def _numbers(name: str, given: Any, kinds: tuple[str, ...], size: int) -> tuple[str, list[float]]:
-    """What a mapping of one entry says: its name, and its numbers. Raises SceneError."""
+    """The name and the numbers of a mapping of one entry. Raises SceneError."""
     remedy = f"such as {{{kinds[0]!r}: {[0.0, 1.0, 100][:size]}}}"
     if isinstance(given, Mapping) and len(given) == 1:
         kind, numbers = next(iter(given.items()))

@@ -1,4 +1,4 @@
-"""Where blocks are computed: local processes, a Dask cluster, or any executor of the concurrent.futures interface."""
+"""Engines that compute blocks: local processes, a Dask cluster, or any executor of the concurrent.futures interface."""
 
 import multiprocessing
 import os
@@ -14,7 +14,7 @@ from typing import Any
 
 from twolink.dynamics.threads import thread_count
 from twolink.errors import TwolinkError, import_extra
-from twolink.sweeps.runs import Columns, Task, compute
+from twolink.sweeps.runs import Columns, SweepTask, compute
 
 AT_ONCE = 64  # blocks given to an executor that does not say how many it takes
 GONE_AFTER = 30.0  # s: without a scheduler
@@ -22,7 +22,7 @@ LOOK = 2.0  # s: between two looks at the number of workers
 
 
 class BlockEngine:
-    """What computes tasks.
+    """An engine that computes tasks.
 
     submit: gives a future of a task's columns. width: how many workers there are. restart: after workers died. check:
     raises TwolinkError, code "cluster-lost", where there is nobody to wait for.
@@ -30,7 +30,7 @@ class BlockEngine:
 
     width = 1
 
-    def submit(self, task: Task) -> "Future[Columns]":
+    def submit(self, task: SweepTask) -> "Future[Columns]":
         """Give a task to a worker."""
         raise NotImplementedError
 
@@ -58,7 +58,7 @@ class LocalProcesses(BlockEngine):
         self._pool = ProcessPoolExecutor(self.width, _Spawn(), _prepare)
         self._begun = [self._pool.submit(os.getpid) for _ in range(self.width)]
 
-    def submit(self, task: Task) -> "Future[Columns]":
+    def submit(self, task: SweepTask) -> "Future[Columns]":
         """Give a task to a worker."""
         return self._pool.submit(compute, task)
 
@@ -121,7 +121,7 @@ class Futures(BlockEngine):
         self._executor = executor
         self.width = getattr(executor, "_max_workers", 0) or AT_ONCE
 
-    def submit(self, task: Task) -> "Future[Columns]":
+    def submit(self, task: SweepTask) -> "Future[Columns]":
         """Give a task to a worker."""
         return self._executor.submit(compute, task)
 
@@ -145,7 +145,7 @@ class Dask(BlockEngine):
         workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
         return sum(int(worker["nthreads"]) for worker in workers) or 1
 
-    def submit(self, task: Task) -> "Future[Columns]":
+    def submit(self, task: SweepTask) -> "Future[Columns]":
         """Give a task to a worker."""
         try:
             return self._executor.submit(compute, task)  # type: ignore[no-any-return]

@@ -1,4 +1,4 @@
-"""What is kept of every run, as the variables of the store."""
+"""Outputs that are kept of every run, as the variables of the store."""
 
 import importlib
 from collections.abc import Callable, Sequence
@@ -19,7 +19,7 @@ TEXT = "str"
 
 
 @dataclass(frozen=True)
-class Variable:
+class OutputVariable:
     """A variable of the store: its dimensions and sizes behind those of the runs, its type and attributes."""
 
     name: str
@@ -41,7 +41,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked of every run.
+    """The request to every run.
 
     duration, s; accuracy, rad or m, where it does not vary; outputs: of OUTPUTS, or "module:function"; t_eval: times of
     the samples, s; verify: whether there are error bars.
@@ -99,30 +99,32 @@ def function_of(name: str) -> Callable[[Trajectory], float]:
     return found  # type: ignore[no-any-return]
 
 
-def variables(robot: Any, request: Request) -> list[Variable]:
+def variables(robot: Any, request: Request) -> list[OutputVariable]:
     """The variables for what is asked for; `status` is the last one, and is written last."""
     size = {"q_name": robot.nq, "v_name": robot.nv, "time": len(request.t_eval)}
-    found = [Variable("error", "bound on the global error of q at the end", UNITS["error"])]
+    found = [OutputVariable("error", "bound on the global error of q at the end", UNITS["error"])]
     if "final" in request.outputs:
-        found += [Variable("t", "time of the end, or of the event that ended the run", "s"),
-                  Variable("q", "configuration at the end", UNITS["q"], "f8", ("q_name",), (size["q_name"],)),
-                  Variable("v", "velocity at the end", UNITS["v"], "f8", ("v_name",), (size["v_name"],))]  # fmt: skip
+        found += [OutputVariable("t", "time of the end, or of the event that ended the run", "s"),
+                  OutputVariable("q", "configuration at the end", UNITS["q"], "f8", ("q_name",), (size["q_name"],)),
+                  OutputVariable("v", "velocity at the end", UNITS["v"], "f8", ("v_name",),
+                                 (size["v_name"],))]  # fmt: skip
     if "samples" in request.outputs:
         for letter, what in (("q", "configuration"), ("v", "velocity")):
             dims = "time", f"{letter}_name"
-            found.append(Variable(f"{letter}_samples", f"{what} at the samples", UNITS[letter], "f8", dims,
-                                  tuple(size[name] for name in dims)))  # fmt: skip
+            found.append(OutputVariable(f"{letter}_samples", f"{what} at the samples", UNITS[letter], "f8", dims,
+                                        tuple(size[name] for name in dims)))  # fmt: skip
     if "energy" in request.outputs:
-        found.append(Variable("energy", "kinetic and potential energy at the end", "J"))
+        found.append(OutputVariable("energy", "kinetic and potential energy at the end", "J"))
     if "events" in request.outputs:
-        found += [Variable("event_count", "number of events", "1", "i4"),
-                  Variable("events", "events as JSON: t [s], kind, what, detail", "", TEXT)]  # fmt: skip
+        found += [OutputVariable("event_count", "number of events", "1", "i4"),
+                  OutputVariable("events", "events as JSON: t [s], kind, what, detail", "", TEXT)]  # fmt: skip
     if "cost" in request.outputs:
-        found += [Variable("steps", "steps of the solution", "1", "i8"),
-                  Variable("seconds", "time of solving, error bar included; the mean of a batch", "s")]  # fmt: skip
-    found += [Variable(column_of(name), f"what {name} gives for the run") for name in request.functions]
-    return [*found, Variable("reason", "why a run is not done", "", TEXT),
-            Variable("status", ", ".join(f"{i} {name}" for i, name in enumerate(STATUS)), "", "i1")]  # fmt: skip
+        found += [OutputVariable("steps", "steps of the solution", "1", "i8"),
+                  OutputVariable("seconds", "time of solving, error bar included; the mean of a batch",
+                                 "s")]  # fmt: skip
+    found += [OutputVariable(column_of(name), f"what {name} gives for the run") for name in request.functions]
+    return [*found, OutputVariable("reason", "why a run is not done", "", TEXT),
+            OutputVariable("status", ", ".join(f"{i} {name}" for i, name in enumerate(STATUS)), "", "i1")]  # fmt: skip
 
 
 def coordinates(robot: Any, request: Request) -> dict[str, Any]:

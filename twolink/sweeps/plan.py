@@ -20,10 +20,10 @@ from twolink.errors import SceneError
 from twolink.io.fingerprints import processor, versions
 from twolink.scenes import Scene
 from twolink.sweeps.design import OF_VARIANTS, RUN, Block, Design, block_shape
-from twolink.sweeps.outputs import Request, Variable, variables
-from twolink.sweeps.runs import Columns, Task, ways
+from twolink.sweeps.outputs import OutputVariable, Request, variables
+from twolink.sweeps.runs import Columns, SweepTask, ways
 
-LIBRARIES = ("pin", "heyoka", "numpy", "scipy", "zarr", "xarray")
+LIBRARIES = ("pin", "numpy", "scipy", "zarr", "xarray")
 BATCH, SINGLE = 4096, 64  # runs of a block at most
 LEAST_BATCH = 64  # fewer do not fill the vectors of a batch
 PARTS = 32  # blocks at least, so that workers end together
@@ -49,13 +49,13 @@ class SweepPlan:
     sizes: tuple[int, ...]
 
     @functools.cached_property
-    def variables(self) -> list[Variable]:
+    def variables(self) -> list[OutputVariable]:
         """The variables of the store; `status` is the last."""
         return variables(self.scene.robot, self.request)
 
     @functools.cached_property
     def record(self) -> dict[str, Any]:
-        """What the results depend on beside the values that vary, as plain data."""
+        """A record of all that the results depend on beside the values that vary, as plain data."""
         request, design = self.request, self.design
         return {"scene": scene_record(self.scene), "design": design.kind, "vary": sorted(design.values),
                 "seed": design.seed, "duration": request.duration, "accuracy": request.accuracy,
@@ -66,22 +66,22 @@ class SweepPlan:
         content = pickle.dumps(self.scene)
         return hashlib.sha256(content).hexdigest(), content
 
-    def task(self, block: Block) -> Task:
+    def task(self, block: Block) -> SweepTask:
         """The runs of a block."""
         return self.task_of(self.design.in_block(block))
 
-    def task_of(self, values: Columns) -> Task:
+    def task_of(self, values: Columns) -> SweepTask:
         """Runs with these values (n,) by name."""
-        return Task(*self._scene, self.request, self.design.quantities, values)
+        return SweepTask(*self._scene, self.request, self.design.quantities, values)
 
     @property
-    def first(self) -> Task:
+    def first(self) -> SweepTask:
         """The first run."""
         return self.task(tuple(slice(0, 1) for _ in self.design.shape))
 
     @functools.cached_property
     def ways(self) -> dict[str, int]:
-        """How many runs of the first block are solved in which way, and why."""
+        """Counts of the first block's runs by the way they are solved, with its reason."""
         return _ways(self.scene, self.request, self.design, WAYS_FROM)
 
 
@@ -115,7 +115,7 @@ def _check_robots(design: Design, request: Request) -> None:
                          remedy='such as ["cost", "energy"]')  # fmt: skip
 
 
-def _size(variable: Variable) -> int:
+def _size(variable: OutputVariable) -> int:
     size = 1
     for n in variable.shape:
         size *= n

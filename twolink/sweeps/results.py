@@ -56,7 +56,7 @@ class SweepStatus:
 
 
 def sweep_status(path: str | os.PathLike[str]) -> SweepStatus:
-    """How far a sweep is.
+    """The progress of a sweep.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def _label(data: Any, name: str) -> str:
 
 
 def _axes(data: Any) -> list[tuple[str, np.ndarray]]:
-    """What the runs are drawn over: names with units, and values (n,), of one or two quantities that differ."""
+    """The axes of a drawing of runs: names with units, and values (n,), of one or two quantities that differ."""
     dims = run_dims(data)
     names = list(dims) if dims != ("run",) else [str(n) for n in data.coords if data[n].dims == dims and n != "run"]
     varied = [name for name in names if data[name].size > 1] or names[:1]

@@ -29,8 +29,8 @@ from twolink.sweeps.outputs import (
     DONE,
     FAILED,
     INACCURATE,
+    OutputVariable,
     Request,
-    Variable,
     column_of,
     function_of,
     variables,
@@ -46,7 +46,7 @@ _own = threading.local()  # Pinocchio's data in a scene are not for several thre
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class SweepTask:
     """Runs for a worker.
 
     scene: pickled; key: its digest. quantities, values (n,): what varies, by name.
@@ -63,12 +63,12 @@ class Task:
         """The number of runs."""
         return len(next(iter(self.values.values())))
 
-    def part(self, some: slice) -> "Task":
+    def part(self, some: slice) -> "SweepTask":
         """Some of the runs."""
         return dataclasses.replace(self, values={name: numbers[some] for name, numbers in self.values.items()})
 
 
-def compute(task: Task) -> Columns:
+def compute(task: SweepTask) -> Columns:
     """The variables (n, ...) of the runs, by name."""
     with one_thread():
         scene = _kept((task.key,), lambda: pickle.loads(task.scene))
@@ -85,7 +85,7 @@ def _kept(name: Any, make: Callable[[], Scene]) -> Scene:
     return scenes[name]
 
 
-def _compute(scene: Scene, task: Task) -> Columns:
+def _compute(scene: Scene, task: SweepTask) -> Columns:
     request, quantities, values = task.request, task.quantities, task.values
     for name in request.functions:
         function_of(name)  # a worker that lacks it fails, and not the runs
@@ -104,7 +104,7 @@ def _compute(scene: Scene, task: Task) -> Columns:
 
 
 class _Variant(NamedTuple):
-    """What runs of a group share: the places of effects that are off, the accuracy, and the robot ("": the scene's)."""
+    """Settings that a group of runs shares: places of effects that are off, accuracy, and robot ("": the scene's)."""
 
     off: tuple[int, ...]
     accuracy: float
@@ -126,7 +126,7 @@ def groups(accuracy: float, quantities: dict[str, Parameter], values: Columns) -
 
 
 def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Parameter]) -> tuple[bool, str]:
-    """Whether runs of a variant are solved in batches, and why. scene: without the effects that are off."""
+    """True if runs of a variant are solved in batches, with the reason. scene: without the effects that are off."""
     if of.robot:
         return False, "one by one: robots differ"
     if request.functions:
@@ -143,7 +143,7 @@ def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Para
 
 
 def ways(scene: Scene, request: Request, quantities: dict[str, Parameter], values: Columns) -> dict[str, int]:
-    """How many of the runs with these values are solved in which way, and why."""
+    """Counts of the runs with these values by the way they are solved, with its reason."""
     counts: dict[str, int] = {}
     for of, rows in groups(request.accuracy, quantities, values):
         text = way(scene if of.robot else variant(scene, of.off), of, request, quantities)[1]
@@ -157,7 +157,7 @@ class _VariantRuns:
 
     request: Request
     inputs: RunInputs
-    kinds: dict[str, Variable]
+    kinds: dict[str, OutputVariable]
     out: Columns
     rows: np.ndarray
 

@@ -27,7 +27,7 @@ from twolink.errors import TwolinkError
 from twolink.io.files import write_atomic
 from twolink.io.fingerprints import code_key
 from twolink.sweeps.engines import BlockEngine
-from twolink.sweeps.runs import Columns, Task, compute
+from twolink.sweeps.runs import Columns, SweepTask, compute
 
 SCHEME = "slurm:"
 WORTH = 10.0  # s at least that a shard takes, as starting one takes a second or more
@@ -52,7 +52,7 @@ class Slurm(BlockEngine):
             raise _refused(f"{parts.path!r} is no absolute path", "give a folder that all nodes see: slurm:/scratch/me")
         self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         _run("sbatch", "--version")
-        self._waiting: dict[str, tuple[Task, Future[Columns]]] = {}
+        self._waiting: dict[str, tuple[SweepTask, Future[Columns]]] = {}
         self._sent: dict[str, tuple[str, Future[Columns]]] = {}  # with the number of the array job
         self._missing: dict[str, float] = {}  # since when
         self._taken: list[str] = []
@@ -61,7 +61,7 @@ class Slurm(BlockEngine):
         self._thread = threading.Thread(target=self._watch, daemon=True)
         self._thread.start()
 
-    def submit(self, task: Task) -> "Future[Columns]":
+    def submit(self, task: SweepTask) -> "Future[Columns]":
         """Give a task to the next shard, unless its result is there, or it is in the queue from an earlier call."""
         name, future = _name(task), Future[Columns]()
         future.set_running_or_notify_cancel()
@@ -154,7 +154,7 @@ class Slurm(BlockEngine):
             self._forget(name)
 
 
-def _name(task: Task) -> str:
+def _name(task: SweepTask) -> str:
     """A digest of all that a task's result depends on."""
     values = {name: numbers.tolist() for name, numbers in task.values.items()}
     content = msgspec.json.encode([code_key(), task.key, task.request, values], enc_hook=np.generic.item)
@@ -170,7 +170,7 @@ def _refused(what: str, remedy: str) -> TwolinkError:
 
 
 def _run(*command: str) -> str:
-    """What a command of Slurm answers. Raises TwolinkError where it fails, or is not there."""
+    """The answer of a command of Slurm. Raises TwolinkError where it fails, or is not there."""
     try:
         return subprocess.run(command, check=True, capture_output=True, text=True).stdout
     except FileNotFoundError:
@@ -181,7 +181,7 @@ def _run(*command: str) -> str:
 
 
 def _is_queued(job: str) -> bool:
-    """Whether a part of an array job waits or runs. Slurm forgets jobs that ended some minutes ago."""
+    """True if a part of an array job waits or runs. Slurm forgets jobs that ended some minutes ago."""
     try:
         return bool(_run("squeue", "--noheader", f"--jobs={job}").strip())
     except TwolinkError:

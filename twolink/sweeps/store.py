@@ -206,7 +206,7 @@ def _array(
 
 
 def _places(path: Path, name: str, old: np.ndarray, new: np.ndarray) -> np.ndarray:
-    """Where the old values are among the new ones. Raises SceneError where one is missing."""
+    """Indices of the old values among the new ones. Raises SceneError where one is missing."""
     where = {value: i for i, value in enumerate(new.tolist())}
     missing = [value for value in old.tolist() if value not in where]
     if missing:

@@ -173,7 +173,7 @@ def open_sweep(path: str | os.PathLike[str]) -> Any:
 
 
 def landing(run: Trajectory) -> float:
-    """Where the ball of a pitch lands, m; NaN where it does not."""
+    """The x coordinate at which the ball of a pitch lands, m; NaN where it does not."""
     if not any(event.what == "landed" for event in run.events):
         return math.nan
     return float(run.robot.frame_pose(run.robot.normalize(run.q[-1]), "ball")[1][0])
@@ -184,7 +184,7 @@ REMEDY = "give ranges in place of long lists"
 
 
 class SweepFigure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What the figure of a study shows: the arguments of `plot_sweep`."""
+    """Contents of a study's figure: the arguments of `plot_sweep`."""
 
     variable: str = ""
     turns: bool = False

@@ -17,7 +17,7 @@ from twolink.sweeps.design import Block
 from twolink.sweeps.engines import BlockEngine, Dask, Futures, LocalProcesses, cluster_lost
 from twolink.sweeps.outputs import ABANDONED
 from twolink.sweeps.plan import SweepPlan
-from twolink.sweeps.runs import Columns, Task
+from twolink.sweeps.runs import Columns, SweepTask
 from twolink.sweeps.slurm import SCHEME, Slurm
 from twolink.sweeps.store import SweepStore
 
@@ -30,18 +30,18 @@ LOOK = 0.5  # s: between two looks at the engine
 class _Part:
     """A part of a block that is given to a worker: the runs (n,) of the block's pending ones, and tries in vain."""
 
-    block: "_Block"
+    block: "_PendingBlock"
     rows: np.ndarray
     tries: int = 0
 
 
 @dataclass(eq=False)
-class _Block:
+class _PendingBlock:
     """A block under way. some (n,): its runs that were pending; columns: their results so far; left: runs to come."""
 
     block: Block
     some: np.ndarray
-    task: Task
+    task: SweepTask
     left: int
     columns: Columns = field(default_factory=dict)
 
@@ -73,7 +73,7 @@ class _Work:
             task = self.plan.task(block)
             if len(some) < task.runs:
                 task = self.plan.task_of({name: numbers[some] for name, numbers in task.values.items()})
-            yield _Part(_Block(block, some, task, len(some)), np.arange(len(some)))
+            yield _Part(_PendingBlock(block, some, task, len(some)), np.arange(len(some)))
 
     def _fill(self, parts: Iterator[_Part]) -> bool:
         """Give tasks to the engine, those that are tried again one at a time: then it is known who ends a worker."""

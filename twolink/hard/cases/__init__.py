@@ -53,7 +53,7 @@ def _case(entry: dict[str, Any]) -> Case:
 
 @functools.cache
 def _code(table: str) -> dict[str, Any]:
-    """What the modules define in the tables of this name, by the name of the case."""
+    """Entries of the modules' tables of this name, by the name of the case."""
     modules = [importlib.import_module(f"{__name__}.{module}") for module in MODULES]
     return {name: code for module in modules for name, code in getattr(module, table, {}).items()}
 

@@ -1,4 +1,4 @@
-"""What a peer is asked and what it answers: task, setting and result; its run in a process of its own, which is ended
+"""The task, setting and result of a peer; its run in a process of its own, which is ended
 when it takes too long; and the coordinates that MuJoCo and Drake share.
 """
 
@@ -35,7 +35,7 @@ class PeerError(Exception):
 
 @dataclass(frozen=True)
 class Setting:
-    """How a peer is run.
+    """The setting of a peer's run.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ class PeerTask:
 
     @property
     def needs(self) -> set[str]:
-        """What a peer has to simulate, beside bodies, joints and gravity: the fields that are not empty, and armature.
+        """Needs of a task, beside bodies, joints and gravity: the fields that are not empty, and armature.
 
         A field that is added is needed by default.
         """

@@ -84,7 +84,7 @@ class ParameterVariation:
         return STEP * value if value else NOTHING
 
     def _switching(self, i: int, k: float) -> Switching:
-        """What the effects declare and act on with parameter i moved by k steps."""
+        """Declarations of the effects, and the robot they act on, with parameter i moved by k steps."""
         if (i, k) not in self._kept:
             name, by, own = self.names[i], k * self.step(i), self._own
             effects = list(own.effects)
@@ -159,12 +159,12 @@ def shifted(equations: Equations, values: Mapping[str, float]) -> Equations:
 
 
 def _acts(scene: Scene, name: str) -> bool:
-    """Whether a number of an effect is an input of what acts."""
+    """True if a number of an effect is an input of its `act`."""
     return type(_part(scene, name)).act is not Effect.act
 
 
 def _changes(scene: Scene, name: str, released: bool) -> bool:
-    """Whether a parameter acts through constants of the robot. released: some of these change when it is released."""
+    """True if a parameter acts by constants of the robot. released: some of these change when it is released."""
     if name.startswith(PREFIX):
         return _part(scene, name).changes
     return (released and not name.endswith(DAMPING)) or name in moments(scene.robot.model)

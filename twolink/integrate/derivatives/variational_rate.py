@@ -79,7 +79,7 @@ def constant_rows(equations: Equations) -> Array:
 
 
 def side_count(equations: Equations) -> int:
-    """How many joints have limits of effort."""
+    """The number of joints that have limits of effort."""
     return len(equations.effort_limits) // 2
 
 
@@ -89,7 +89,7 @@ def sides_in_turn(equations: Equations) -> Equations:
 
 
 def row_sizes(equations: Equations, width: int, driven: int) -> list[int]:
-    """How many rows of each kind `traced_variation` takes, in order; see `VariationalRate`."""
+    """Numbers of rows of each kind that `traced_variation` takes, in order; see `VariationalRate`."""
     moving, count = equations.moving, len(equations.parameters)
     numbers, directions = equations.space.size - moving, width * (driven + count)
     return [1, numbers, count, side_count(equations), directions, moving, width * moving]

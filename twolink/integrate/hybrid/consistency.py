@@ -13,7 +13,7 @@ import numpy as np
 from twolink.algorithms.namespaces import Numbers
 from twolink.errors import AccuracyError
 from twolink.integrate.hybrid.contact_problem import (
-    Held,
+    HeldJoint,
     Outcome,
     Rows,
     contact_bias,
@@ -55,7 +55,7 @@ def different(v: Array, slips: Array) -> float:
 
 
 def consistent(state: ModeState, opened: frozenset[Key] = frozenset(), slow: float = SLOW) -> ModeState:
-    """The same state in the mode that is consistent there, with 0 for velocities of what is at rest.
+    """Put a state into the mode that is consistent there, with 0 for velocities of what is at rest.
 
     opened: what an event has just freed; it is not tried at rest again unless it would move the wrong way. slow: the
     speed of slips that are tried at rest, m/s.
@@ -147,7 +147,7 @@ def _without_redundant_locks(state: ModeState) -> Mode:
 
 
 def _is_lawful(state: ModeState, still: float) -> bool:
-    """Whether all that is held, and that presses, does so within its law, and nothing else begins the wrong way."""
+    """True if all that is held, and that presses, does so within its law, and nothing else begins the wrong way."""
     system, mode, x, t = state
     own, snapshot = state.own, state.evaluate()
     if not np.isfinite(snapshot.a).all():
@@ -189,7 +189,7 @@ def _wrong_joints(state: ModeState, a: Array, small: float) -> list[int]:
 
 
 def _is_determined(state: ModeState) -> bool:
-    """Whether friction has the same effect for all shares of the normal forces."""
+    """True if friction has the same effect for all shares of the normal forces."""
     own, mode = state.own, state.mode
     slides = [i for i, kind in enumerate(mode.contacts) if kind == "sliding" and state.system.contacts[i].friction]
     if not (own.redundant and slides):
@@ -215,7 +215,7 @@ def _by_contact_problem(state: ModeState, still: float, opened: frozenset[Key], 
     What an event has just opened, or set sliding, is in the problem only where it would begin the wrong way.
     """
     state = _without_slow_slips(state, _touching(state, still), max(still, slow))
-    touching, problem = _touching(state, still), Problem(state, still)
+    touching, problem = _touching(state, still), ModeProblem(state, still)
     contacts = {i for i in touching if ("contact", i) not in opened}
     sticking = {i for i in touching if ("roll", i) not in opened and problem.slip(i) is None}
     joints = set(state.mode.locked)
@@ -237,7 +237,7 @@ def _by_contact_problem(state: ModeState, still: float, opened: frozenset[Key], 
     return None
 
 
-class Problem:
+class ModeProblem:
     """The contact problem of a state: of contacts that touch and of joints at rest, as they are asked for."""
 
     def __init__(self, state: ModeState, still: float) -> None:
@@ -251,7 +251,7 @@ class Problem:
         return self.slips[i] / speed if speed > self.still else None
 
     def turns_back(self, found: ModeState, i: int, small: float) -> bool:
-        """Whether contact i, set sliding, begins to slide the other way."""
+        """True if contact i, set sliding, begins to slide the other way."""
         ahead = contact_rows(found, i) @ found.evaluate().a[:, 0] + contact_bias(found, i)
         return float(ahead[1:] @ found.mode.directions[i]) < -small
 
@@ -268,7 +268,7 @@ class Problem:
         for k in {*joints, *mode.locked}:
             mode = mode.freeing(k, 0.0)
         without = self.state.in_mode(mode)
-        held = [Held(np.eye(len(self.state.v))[[k]], *system.torque_range(k, self.state.x), system.kinetic[k])
+        held = [HeldJoint(np.eye(len(self.state.v))[[k]], *system.torque_range(k, self.state.x), system.kinetic[k])
                 for k in joints]  # fmt: skip
         rows = [self._rows(without, i, sticking) for i in contacts]
         return solve_contacts(without.evaluate().a[:, 0], self.inverse, [*rows, *held])
@@ -316,7 +316,7 @@ class Problem:
 
 
 def _without_slow_slips(state: ModeState, touching: list[int], slow: float) -> ModeState:
-    """The same state, if all that touches slips slowly: without these slips, by the impulses that stop them.
+    """Remove the slips of a state, if all that touches slips slowly, by the impulses that stop them.
 
     Where a body stops, its points have slips in all directions, though they begin to slide in one.
     """

@@ -22,7 +22,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.dual_numbers import Jet, JetNamespace, coefficient
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.integrate.hybrid.modes import ModeState
 from twolink.integrate.motion.state import Array
@@ -50,7 +50,7 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldJoint:
     """A joint at rest. rows: J (1, nv). least, greatest: of torques that hold it; kinetic: of friction in motion."""
 
     rows: Array
@@ -68,7 +68,7 @@ class Outcome(NamedTuple):
     rates: list[Array]
 
 
-def solve_contacts(free: Array, inverse: Array, contacts: Sequence[Rows | Held]) -> Outcome | None:
+def solve_contacts(free: Array, inverse: Array, contacts: Sequence[Rows | HeldJoint]) -> Outcome | None:
     """The motion of a_0 (nv,) and W (nv, nv) under the forces of contacts and joints at rest; None without any."""
     if not contacts:
         return Outcome(free, [], [])
@@ -92,7 +92,7 @@ class _Laws:
     Source: Alart, Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375.
     """
 
-    def __init__(self, free: Array, inverse: Array, contacts: Sequence[Rows | Held]) -> None:
+    def __init__(self, free: Array, inverse: Array, contacts: Sequence[Rows | HeldJoint]) -> None:
         ends = np.cumsum([len(contact.rows) for contact in contacts])
         self.places = [slice(end - len(contact.rows), end) for end, contact in zip(ends, contacts, strict=True)]
         self.contacts, self.rows = contacts, np.concatenate([contact.rows for contact in contacts])
@@ -110,7 +110,7 @@ class _Laws:
                 rates = self.gain[place] @ p + self.at_rest[place]
                 better = (
                     _projection(contact, p[place], rates, float(self.r[place.start]))[0]
-                    if isinstance(contact, Held)
+                    if isinstance(contact, HeldJoint)
                     else _force(contact, self.gain[place, place], rates, p[place])
                 )
                 if better is None:
@@ -142,7 +142,7 @@ class _Laws:
         return p if size <= small else None
 
     def _size(self, left: Array) -> float:
-        """What a residual is as an acceleration."""
+        """The size of a residual as an acceleration."""
         return float((np.abs(left) * np.diag(self.gain)).max())
 
     def _residual(self, p: Array) -> tuple[Array, Array]:
@@ -156,11 +156,11 @@ class _Laws:
         return left, slopes
 
 
-def _projection(contact: Rows | Held, p: Array, rates: Array, r: float) -> tuple[Array, Array, Array]:
+def _projection(contact: Rows | HeldJoint, p: Array, rates: Array, r: float) -> tuple[Array, Array, Array]:
     """proj(p - r c'), and its derivatives by p and by c'; beyond what holds, kinetic friction acts."""
     z, size = p - r * rates, len(p)
     target, by_z, by_p = z.copy(), np.eye(size), np.zeros((size, size))
-    if isinstance(contact, Held):
+    if isinstance(contact, HeldJoint):
         if not contact.least <= z[0] <= contact.greatest:
             target[0], by_z[0, 0] = math.copysign(contact.kinetic, z[0] - contact.least), 0.0
         return target, by_z, -r * by_z
@@ -253,7 +253,7 @@ def contact_bias(state: ModeState, i: int) -> Array:
     equations, nq = state.own.equations, state.system.nq
     q, v = state.x[:nq], state.v
     jets = [Jet(pair) for pair in zip(q, equations.space.rate(q, v), strict=True)]
-    moving = Motion(equations.robot.model, equations.mechanism, jets, list(v), state.t, JetNamespace(Numbers))
+    moving = KinematicState(equations.robot.model, equations.mechanism, jets, list(v), state.t, JetNamespace(Numbers))
     return np.array([float(coefficient(row, 1)) for row in state.system.contacts[i].velocity(moving)])
 
 

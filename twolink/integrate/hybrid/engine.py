@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twolink.errors import AccuracyError
-from twolink.integrate.hybrid.locating import Guard, Hit, Watcher
+from twolink.integrate.hybrid.locating import Guard, GuardWatcher, Hit
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.hybrid.transitions import fire_timed, guards_of, same_time
 from twolink.integrate.motion.equations import Equations
@@ -134,14 +134,14 @@ class Engine:
                                 remedy="more restitution, smooth friction, or a shorter duration",
                                 code="events-without-end", t=run.t)  # fmt: skip
 
-    def _in_mode(self, stop: float) -> tuple[StepMap, Watcher, Array]:
+    def _in_mode(self, stop: float) -> tuple[StepMap, GuardWatcher, Array]:
         """The steps of the mode, of equations that hold up to a break; its guards; and the rate at the start."""
         self.run.drop_open_features()
         run, state = self.run, self.run.mode_state
         equations = replace(state.own.equations, start=state.full_state(0.5 * (run.t + stop)))
         steps = step_map(equations, self.method)
         snapshot = state.evaluate()
-        watcher = Watcher(state.own.evaluate, steps, guards_of(run, snapshot), self.perturbation.touch_margin)
+        watcher = GuardWatcher(state.own.evaluate, steps, guards_of(run, snapshot), self.perturbation.touch_margin)
         space, x = equations.space, snapshot.x
         rate = np.concatenate([space.rate(x[: space.nq], x[space.v_rows]), snapshot.a, snapshot.rates])
         return steps, watcher, rate
@@ -164,7 +164,7 @@ class Engine:
         self._keep_sides(watcher.guards)
         return steps.equations, part, part.hit
 
-    def _resolved(self, part: Solution, steps: StepMap, watcher: Watcher, grid: Array) -> Solution:
+    def _resolved(self, part: Solution, steps: StepMap, watcher: GuardWatcher, grid: Array) -> Solution:
         """A piece of a few steps of fixed size again in more: else half the step would take the same ones.
 
         Their number grows with the root of the run's, so that a finer run is finer here too.

@@ -34,7 +34,7 @@ def _least_gap(run: RunState, p: int, without: set[int], s: Snapshot) -> Any:
 
 
 def single_point(run: RunState, i: int, s: Snapshot) -> Any:
-    """What is above 0 while a contact touches at one point; None where it always does."""
+    """The value that is above 0 while a contact touches at one point; None where it always does."""
     return run.system.contacts[i].single(run.motion(s))
 
 

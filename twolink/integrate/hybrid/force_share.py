@@ -35,8 +35,8 @@ EMPTY = 1e-6  # of the load: a normal force that is 0
 
 
 @dataclass(frozen=True)
-class Share:
-    """The best share of states (n,). margin: N. forces: (n, supports, 3). weight: of each law in the optimum."""
+class ForceDistribution:
+    """The best forces in states (n,). margin: N. forces: (n, supports, 3). weight: of each law in the optimum."""
 
     margin: Array
     forces: Array
@@ -55,7 +55,7 @@ class Support:
 
     @property
     def both(self) -> bool:
-        """Whether its torque has two limits."""
+        """True if its torque has two limits."""
         return math.isfinite(self.least) and math.isfinite(self.greatest)
 
     def within(self, torque: Array) -> Array:
@@ -75,14 +75,14 @@ class Support:
         return float(force[0]) + self.least if math.isfinite(self.least) else self.greatest - float(force[0])
 
 
-def share_of(state: ModeState) -> ForceShare:
+def share_of(state: ModeState) -> ForceDistributionProblem:
     """The shares of the forces of what touches and what is held in a state of its mode."""
     system, mode = state.system, state.mode
     held = [Support(i, k, *system.torque_range(k, state.x)) for i, k in enumerate(system.lockable) if k in mode.locked]
-    return ForceShare(state.own, mode, system.static, held)
+    return ForceDistributionProblem(state.own, mode, system.static, held)
 
 
-class ForceShare:
+class ForceDistributionProblem:
     """The shares of the forces of a mode's closed contacts, which rigid bodies do not determine. held: its joints."""
 
     def __init__(self, own: ModeEquations, mode: Mode, static: Array, held: Sequence[Support] = ()) -> None:
@@ -96,11 +96,11 @@ class ForceShare:
         self.free[sorted(mode.locked)] = 0.0
         self._ways: tuple[Array, Array] | None = None  # B, and Z of it
 
-    def best(self, snapshot: Snapshot) -> Share:
+    def best(self, snapshot: Snapshot) -> ForceDistribution:
         """The best share of the states of a snapshot."""
         base, columns = self._base(snapshot), self._every_column(snapshot)
         load = max(1e-300, float(np.abs(base).max(initial=0.0)))
-        out = Share(np.empty(len(base)), np.empty_like(base), np.empty(base.shape[:2]), load)
+        out = ForceDistribution(np.empty(len(base)), np.empty_like(base), np.empty(base.shape[:2]), load)
         for chosen, ways in self.ways(columns):
             part = self._solved(base[chosen], ways, load)
             out.margin[chosen], out.forces[chosen], out.weight[chosen] = part.margin, part.forces, part.weight
@@ -154,7 +154,7 @@ class ForceShare:
             base[:, c] = one.within(snapshot.locks[one.row])
         return base
 
-    def _solved(self, base: Array, ways: Array, load: float) -> Share:
+    def _solved(self, base: Array, ways: Array, load: float) -> ForceDistribution:
         """The best shares of states, of Z (states or 1, supports, 3, k)."""
         scaled, y = base / load, np.zeros((len(base), ways.shape[3] + 1))
         own, count = slice(len(self.contacts)), 3 * len(self.contacts)
@@ -163,7 +163,7 @@ class ForceShare:
         across = np.sqrt(scaled[..., 1] ** 2 + scaled[..., 2] ** 2) * self.sticks
         inner = (self.friction * scaled[..., 0] - across).min(axis=1)
         if inner.min() > ENOUGH:
-            return Share(np.full(len(base), load * ENOUGH), load * scaled, np.zeros(base.shape[:2]), load)
+            return ForceDistribution(np.full(len(base), load * ENOUGH), load * scaled, np.zeros(base.shape[:2]), load)
         # The cones t > |T| with t = mu N - s, and t = N - s: as (t, T), which are linear in y = (z, s).
         cone = np.concatenate([ways, np.zeros((*ways.shape[:3], 1))], axis=3)
         start = scaled.copy()
@@ -182,16 +182,18 @@ class ForceShare:
         size = np.maximum(_square(u), 1e-300)
         forces = scaled + _applied(ways, y[:, :-1])
         margin = np.where(inner > ENOUGH, ENOUGH, np.minimum(y[:, -1], ENOUGH))
-        return Share(load * margin, load * forces, 2.0 * u[..., 0] / (size * weight / GROWTH), load)
+        return ForceDistribution(load * margin, load * forces, 2.0 * u[..., 0] / (size * weight / GROWTH), load)
 
 
 def margins(equations: Equations, closed: Sequence[Any], t: Array, x: Array, held: Sequence[Support]) -> Array:
-    """How far the best shares of states x (size, n) are within the laws, (n,), N. closed, held: see `_of_loops`."""
+    """Margins of the best shares of states x (size, n) within the laws, (n,), N. closed, held: see `_of_loops`."""
     evaluator, share = _of_loops(equations, closed, held)
     return share.best(evaluator.by_numpy(t, x)).margin
 
 
-def _of_loops(equations: Equations, closed: Sequence[Any], held: Sequence[Support]) -> tuple[Evaluator, ForceShare]:
+def _of_loops(
+    equations: Equations, closed: Sequence[Any], held: Sequence[Support]
+) -> tuple[Evaluator, ForceDistributionProblem]:
     """The shares of equations with contacts.
 
     closed: the constraints of the contacts, with `rolling` and `friction`, which are the last of the equations. held:
@@ -202,7 +204,7 @@ def _of_loops(equations: Equations, closed: Sequence[Any], held: Sequence[Suppor
     mode = Mode(tuple("rolling" if loop.rolling else "sliding" for loop in closed),
                 locked=frozenset(one.dof for one in held))  # fmt: skip
     static = np.array([loop.friction for loop in closed])
-    return evaluator, ForceShare(ModeEquations(equations, evaluator, rows), mode, static, held)
+    return evaluator, ForceDistributionProblem(ModeEquations(equations, evaluator, rows), mode, static, held)
 
 
 def within_laws(equations: Equations, closed: Sequence[Any], t: Array, x: Array, every: Array) -> Array:

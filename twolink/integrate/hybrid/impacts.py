@@ -26,7 +26,7 @@ import pinocchio as pin
 
 from twolink.effects.switching import Catch, Stop
 from twolink.errors import AccuracyError
-from twolink.integrate.hybrid.consistency import NEAR, Problem, different, still_speed
+from twolink.integrate.hybrid.consistency import NEAR, ModeProblem, different, still_speed
 from twolink.integrate.hybrid.contact_problem import (
     Rows,
     contact_rows,
@@ -43,7 +43,7 @@ ROUNDS = 1000  # of reflections
 
 @dataclass(frozen=True)
 class Touch:
-    """What touches. rows: of its velocity, the normal one, with friction two tangential ones (1 or 3, nv).
+    """A touch in an impact. rows: of its velocity, the normal one, with friction two tangential ones (1 or 3, nv).
 
     contact: its number; None for a stop. unit: of the velocity. reflects: in rounds. threshold: the speed of approach
     up to which it does not bounce.
@@ -66,7 +66,7 @@ class Touch:
 
 @dataclass(frozen=True)
 class Impact:
-    """What an impact did to one touch: its speed of approach, the energy lost, J, and the impulse (1 or 3,), N s.
+    """The effect of an impact on one touch: its speed of approach, the energy lost, J, and the impulse (1 or 3,), N s.
 
     was_hit: whether it approached, else it only passed the impact on.
     """
@@ -145,7 +145,7 @@ def _unit_row(system: System, dof: int, side: float) -> Array:
 
 
 def _others(state: ModeState, hit: Touch) -> list[Touch]:
-    """What touches besides what is hit: stops at which joints are, and contacts without a gap."""
+    """Touches besides the one that is hit: stops at which joints are, and contacts without a gap."""
     system = state.system
     touches = [stop_touch(system, stop) for stop in system.stops if state.x[stop.entry] == stop.position]
     touches = [touch for touch in touches if (touch.name, touch.rows.tolist()) != (hit.name, hit.rows.tolist())]
@@ -240,7 +240,7 @@ RESOLVED = 4e-13  # relative to the state: lower bounces are not seen
 
 @dataclass(frozen=True)
 class Bounce:
-    """What parts with a speed. contact: whether it is a contact, else a stop; number: its own, or the joint's."""
+    """A touch that parts with a speed. contact: True of a contact, else a stop; number: its own, or the joint's."""
 
     name: str
     contact: bool
@@ -259,7 +259,7 @@ def brought_to_rest(state: ModeState, small: float) -> tuple[Array, list[tuple[s
     parting = list(_parting(state, math.sqrt(2.0 * STRONGEST * low)))
     if not parting:
         return None
-    still, problem = still_speed(state.v), Problem(state, still_speed(state.v))
+    still, problem = still_speed(state.v), ModeProblem(state, still_speed(state.v))
     resting = {k for k in state.system.lockable if abs(state.v[k]) <= still and state.system.holds(k, state.x)}
     rows = state.evaluate().contacts[:, :2, 0] if state.system.contacts else np.empty((0, 2))
     touching = {i for i, (gap, rate) in enumerate(rows) if gap <= NEAR and abs(rate) <= still}
@@ -288,7 +288,7 @@ def brought_to_rest(state: ModeState, small: float) -> tuple[Array, list[tuple[s
 
 
 def _parting(state: ModeState, fastest: float) -> Iterator[Bounce]:
-    """What touches and parts, but not fast."""
+    """Contacts and stops that touch and part, but not fast."""
     still = still_speed(state.v)
     for stop in state.system.stops:
         rate = stop.side * float(state.v[stop.dof])

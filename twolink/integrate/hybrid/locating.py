@@ -108,7 +108,7 @@ class _Bracket(NamedTuple):
         return float(self.times[max(0, end - 1)]), float(self.times[end])
 
 
-class Watcher:
+class GuardWatcher:
     """The guards of a piece. margin: dips to it are touches, m, rad or per second."""
 
     def __init__(self, evaluate: Evaluator, step_map: StepMap, guards: Sequence[Guard], margin: float = 0.0) -> None:
@@ -116,7 +116,7 @@ class Watcher:
         self.margins = np.array([margin if guard.touching and not guard.at_zero else 0.0 for guard in guards])
         self._before: tuple[float, Array] | None = None  # where the last step began: a dip may lie at its end
 
-    def copied(self) -> "Watcher":
+    def copied(self) -> "GuardWatcher":
         """One that goes on from here, whatever this one sees."""
         other = copy.copy(self)
         other.guards = [copy.copy(guard) for guard in self.guards]
@@ -179,7 +179,7 @@ class Watcher:
         return [j for j, guard in enumerate(self.guards) if j not in far or not guard.moved]
 
     def _bracket(self, j: int, times: Array, g: Array, dips: Array, t: Array, x: Array) -> _Bracket | None:
-        """Where guard j first passes 0, or the margin of a near touch."""
+        """The bracket in which guard j first passes 0, or the margin of a near touch."""
         below = np.flatnonzero(g <= 0.0)  # NaN is neither
         last = int(below[0]) if below.size else len(g)
         if last == 0:  # the mode ends where it begins
@@ -195,7 +195,7 @@ class Watcher:
         return None if last == len(g) else _Bracket(times[near], g[near])
 
     def _root(self, guard: Guard, bracket: _Bracket, t: Array, x: Array) -> float:
-        """Where the guard passes the bracket's level."""
+        """The time at which the guard passes the bracket's level."""
         a, b = bracket.ends
         if a == b:
             return a
@@ -222,7 +222,7 @@ class Watcher:
 
 
 def _dips(values: Array, margins: Array) -> Array:
-    """Where values (guards, m) have low points between their ends that may reach 0, or the margins."""
+    """Low points of values (guards, m) between their ends that may reach 0, or the margins; True at each."""
     before, here, after = values[:, :-2], values[:, 1:-1], values[:, 2:]
     dips = np.zeros(values.shape, dtype=bool)
     low = (here < before) & (here <= after)
@@ -233,7 +233,7 @@ def _dips(values: Array, margins: Array) -> Array:
 
 
 def _passing(guards: Sequence[Guard], margins: Array, snapshot: Snapshot, times: Array, values: Array) -> Array:
-    """Where gaps fall at one point and grow at the next, with tangents that meet at 0, the margin, or below.
+    """Points at which gaps fall, and grow at the next, with tangents that meet at 0, the margin, or below.
 
     The gap of bodies that move straight is convex: it lies above its tangents.
     """

@@ -26,7 +26,7 @@ ContactMode = Literal["free", "sliding", "rolling"]
 
 @dataclass(frozen=True)
 class Mode:
-    """What the switching effects do. At first nothing is locked or in contact: forces decide what is at rest.
+    """A mode of the switching effects. At first nothing is locked or in contact: forces decide what is at rest.
 
     contacts: the mode of each contact. directions: of each, the direction along its tangents in which it began to
     slide. locked: degrees of freedom held at rest. slip: the direction of slip of those with friction. dropped and
@@ -92,7 +92,7 @@ class ModeEquations:
 
     @property
     def redundant(self) -> bool:
-        """Whether the closed contacts have more rows than determine their forces."""
+        """True if the closed contacts have more rows than determine their forces."""
         return any(None in rows for rows in self.rows.values())
 
     def contact_forces(self, snapshot: Snapshot, i: int) -> Array:
@@ -110,7 +110,7 @@ _kept: weakref.WeakKeyDictionary[Switching, dict[object, ModeEquations]] = weakr
 
 
 class System:
-    """What a scene declares for its modes, and the equations of each mode, made when it is met."""
+    """Declarations of a scene for its modes, and the equations of each mode, made when it is met."""
 
     def __init__(self, equations: Equations, *, traced: bool = True) -> None:
         self.whole, self.traced = equations, traced
@@ -156,11 +156,11 @@ class System:
         return other
 
     def every_hold(self, k: int) -> list[Hold]:
-        """What can hold a degree of freedom somewhere."""
+        """Holds of a degree of freedom, at any position."""
         return self._holds[k]
 
     def holds(self, k: int, x: Array) -> list[Hold]:
-        """What can hold a degree of freedom where it is."""
+        """Holds of a degree of freedom that can act at its position."""
         return [hold for hold in self._holds[k] if hold.acts(x)]
 
     def torque_range(self, k: int, x: Array) -> tuple[float, float]:
@@ -265,7 +265,7 @@ class ModeState(NamedTuple):
         return self.system.evaluate(self)
 
     def in_mode(self, mode: Mode) -> ModeState:
-        """The same state in another mode."""
+        """Copy the state into another mode."""
         return self._replace(mode=mode)
 
 

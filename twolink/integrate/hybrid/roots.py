@@ -21,7 +21,7 @@ REACH = (4, 2, 1)  # points on each side for the estimate of each batch: nearer 
 
 
 def crossing(f: Function, points: Array, values: Array, resolution: float) -> float:
-    """Where f passes from above 0 to 0 or below: by the secant of a bracket that is no longer than the resolution.
+    """Zero at which f passes from above 0 to 0 or below: by the secant of a bracket no longer than the resolution.
 
     An end of the bracket would be wrong by half the resolution on average, always to the same side, and the energies of
     many impacts would all be too large. Where the secant of a longer bracket is near an estimate from more points, that

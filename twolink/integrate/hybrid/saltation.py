@@ -40,7 +40,7 @@ Function = Callable[[RunState], Array]
 
 
 class Jump(NamedTuple):
-    """What happens at the end of a piece.
+    """The event at the end of a piece.
 
     before, after: the run. guard: what passed 0, if anything. timed: triggers whose time it is, by number; None where
     the event is at no given time. begin: of the piece, s. rest: when the bounces end that are not followed, s.
@@ -136,13 +136,13 @@ class Saltation:
         return s
 
     def _places(self, run: RunState, k: int, parameter: int | None = None) -> list[float]:
-        """Where degree of freedom k is held, with a parameter moved."""
+        """Positions at which degree of freedom k is held, with a parameter moved."""
         every = (run.system if parameter is None else self._system(parameter, 1)).every_hold(k)
         return [hold.position for hold, own in zip(every, run.system.every_hold(k), strict=True)
                 if own.entry is not None and own.acts(run.x)]  # fmt: skip
 
     def _delay(self, jump: Jump, guard: Guard, rate: Array, s: Array, share: float) -> Array:
-        """How much later the event is, along each column."""
+        """Delay of the event along each column."""
         before = jump.before
 
         def value(run: RunState) -> Array:
@@ -162,7 +162,7 @@ class Saltation:
         return np.asarray(-np.array(across) / along_motion)
 
     def _delay_of_time(self, jump: Jump, s: Array) -> Array:
-        """How much later an event at a given time is, along each column. Raises AccuracyError."""
+        """Delay of an event at a given time, along each column. Raises AccuracyError."""
         late, before, names = np.zeros(s.shape[1]), jump.before, self.variation.names
         for n in jump.timed or ():
             name = f"effects.{before.system.triggers[n][0]}.at"
@@ -232,7 +232,7 @@ class Saltation:
         return np.asarray(derivative(lambda k: at(share * k), share * step))
 
     def _step(self, size: float, parameters: Array) -> tuple[int | None, float]:
-        """Which parameter a direction moves, and the step along it. size: of its changes of state and time."""
+        """The parameter that a direction moves, and the step along it. size: of its changes of state and time."""
         moved = np.flatnonzero(parameters)
         if not moved.size:
             return None, STEP / size if size else STEP
@@ -278,7 +278,7 @@ def _copy(run: RunState) -> RunState:
 
 
 def _kind(run: RunState) -> object:
-    """What of a mode cannot change a little."""
+    """The part of a mode that cannot change a little."""
     mode = run.mode
     return mode.contacts, mode.locked, {k: slip for k, slip in mode.slip.items() if slip}, mode.idle
 

@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from twolink.algorithms.dual_numbers import Jet, JetNamespace, coefficient
 from twolink.algorithms.mechanism import Mechanism, mechanism
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.switching import ContactPoint
 from twolink.errors import CertificationError
@@ -161,12 +161,12 @@ class Evaluator:
         rows = constraint_forces(replace(equations, constraints=every), mech, x, xp)
         return list(itertools.chain.from_iterable(rows))
 
-    def _contact_rows(self, contact: ContactPoint, motion: Motion, x: Any, a: Sequence[Any]) -> list[Any]:
+    def _contact_rows(self, contact: ContactPoint, motion: KinematicState, x: Any, a: Sequence[Any]) -> list[Any]:
         """The gap, its rate and slip, and its acceleration: the rate's derivative along the motion."""
         space = self.equations.space
         changes = zip((*motion.q, *motion.v), (*space.rate(x[: space.nq], x[space.v_rows]), *a), strict=True)
         jets = [Jet(pair) for pair in changes]
-        moving = Motion(
+        moving = KinematicState(
             motion.model, motion.mech, jets[: space.nq], jets[space.nq :], motion.t, JetNamespace(motion.xp)
         )
         acceleration = coefficient(contact.velocity(moving)[0], 1)

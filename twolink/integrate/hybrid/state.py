@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.spatial import ZERO
 from twolink.errors import AccuracyError, SceneError
@@ -139,7 +139,7 @@ class RunState:
                 self._rest_noted.add(name)
 
     def _impulse(self, impact: Impact, i: int) -> Impulse:
-        """That of an impact at contact i."""
+        """The impulse of an impact at contact i."""
         p = [*impact.impulse.tolist(), 0.0, 0.0][:3]
         contact = self.system.contacts[i]
         found = contact.constraint(True, contact_slots(i)).contact_force(self.motion(), p)
@@ -151,7 +151,7 @@ class RunState:
         motion = self.motion()
         return [(p, group) for p, pair in enumerate(self.system.pairs) for group in pair.touching(motion, reach)]
 
-    def motion(self, snapshot: Snapshot | None = None) -> Motion:
+    def motion(self, snapshot: Snapshot | None = None) -> KinematicState:
         """The motion of the states of a snapshot, or of the present one."""
         snapshot, equations = snapshot or self.mode_state.evaluate(), self.mode_state.own.equations
         return motion_of(equations, equations.mechanism, snapshot.t, snapshot.x, Numbers)

@@ -16,7 +16,7 @@ from twolink.errors import ControllerError
 from twolink.integrate.event import Event, events_of
 from twolink.integrate.forces_seen import forces_seen
 from twolink.integrate.hybrid.engine import FIRST_BLOCK, Engine
-from twolink.integrate.hybrid.locating import Hit, Watcher
+from twolink.integrate.hybrid.locating import GuardWatcher, Hit
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.hybrid.transitions import same_time
 from twolink.integrate.motion.equations import Equations
@@ -39,7 +39,7 @@ class OpenPiece:
     parts: steps from tick to tick, at least.
     """
 
-    def __init__(self, steps: StepMap, watcher: Watcher, lanes: Lanes, parts: int) -> None:
+    def __init__(self, steps: StepMap, watcher: GuardWatcher, lanes: Lanes, parts: int) -> None:
         self.steps, self.watcher, self._lanes, equations = steps, watcher, lanes, steps.equations
         self._parts = parts
         self.begin, self.t, self.x = lanes.time, [lanes.time], [lanes.x[:, 0].copy()]
@@ -110,7 +110,7 @@ class OpenPiece:
 
 
 class SavedEngine(NamedTuple):
-    """Where a `TickEngine` is: its run, the piece that goes on, accepted steps before it, and events at this instant.
+    """State of a `TickEngine`: its run, the piece that goes on, accepted steps before it, and events at this instant.
 
     stops: at which pieces end, s.
     """
@@ -224,7 +224,7 @@ def solve_ticks_in_modes(
     engines = [TickEngine(equations, method, times, setting, None, NO_PERTURBATION)]
     engines += [TickEngine(equations, method, times if checks is None else checks, setting, None, one)
                 for one in others]  # fmt: skip
-    ticks = _Ticks(engines, sampling)
+    ticks = _EngineTicks(engines, sampling)
     try:
         while ticks.loop.time <= engines[0].end * (1.0 + SAME_TIME) and not all(one.run.ended for one in engines):
             if progress is not None:
@@ -241,7 +241,7 @@ def solve_ticks_in_modes(
     return ticks.solutions()
 
 
-class _Ticks:
+class _EngineTicks:
     """Engines, the run's first, with the controllers and sensors that they have together."""
 
     def __init__(self, engines: list[TickEngine], sampling: Sampling) -> None:
@@ -289,7 +289,7 @@ class _Ticks:
 
 
 def forces_in_modes(engines: Sequence[TickEngine]) -> Forces:
-    """What sensors feel in each solution, which has its own mode."""
+    """Forces that sensors feel in each solution, which has its own mode."""
     states = [engine.run.mode_state for engine in engines]
     each = [forces_seen(one.own.equations, one.t, one.full_state()[:, None]) for one in states]
     return Forces(

@@ -13,7 +13,7 @@ from twolink.effects.switching import Trigger
 from twolink.errors import SceneError
 from twolink.integrate.hybrid.consistency import ALLOWED, SLOW
 from twolink.integrate.hybrid.features import pair_guards, pass_edge, single_point
-from twolink.integrate.hybrid.force_share import EMPTY, TIGHT, ForceShare, share_of
+from twolink.integrate.hybrid.force_share import EMPTY, TIGHT, ForceDistributionProblem, share_of
 from twolink.integrate.hybrid.impacts import catch_touch, contact_touch, onto_contact, stop_touch
 from twolink.integrate.hybrid.locating import Guard, Key
 from twolink.integrate.hybrid.modes import freed, sliding
@@ -113,8 +113,8 @@ def _row(field: str, row: Any, side: float, offset: float, s: Snapshot) -> Any:
     return side * (getattr(s, field)[row] - offset)
 
 
-def _margin(share: ForceShare, s: Snapshot) -> Any:
-    """How far the best share of the contact forces is within the laws, N."""
+def _margin(share: ForceDistributionProblem, s: Snapshot) -> Any:
+    """The margin of the best share of the contact forces within the laws, N."""
     return share.best(s).margin
 
 
@@ -129,7 +129,7 @@ def _normal_force(forces: Value, s: Snapshot) -> Any:
 
 
 def _cone(forces: Value, friction: float, s: Snapshot) -> Any:
-    """What is left of the friction that can be had, N."""
+    """The margin of the friction within its cone, N."""
     normal, first, second = forces(s)
     return friction * normal - np.hypot(first, second)
 
@@ -155,12 +155,12 @@ def fire(run: RunState, numbers: Iterable[int]) -> None:
 
 
 def same_time(a: float, b: float) -> bool:
-    """Whether no step lies between two times."""
+    """True if no step lies between two times."""
     return abs(a - b) <= 1e-13 * max(1.0, b)
 
 
 def _trigger_value(run: RunState, n: int) -> Value | None:
-    """What passes 0 where a trigger fires; None for one at a time."""
+    """The value that passes 0 where a trigger fires; None for one at a time."""
     system, (_, trigger) = run.system, run.system.triggers[n]
     if trigger.condition is not None:
         row = [i for i, (_, other) in enumerate(system.triggers) if other.condition is not None].index(n)
@@ -179,12 +179,12 @@ def _limit_value(run: RunState, i: int) -> Value | None:
 
 
 def _is_over(run: RunState, place: int, trigger: Trigger) -> bool:
-    """Whether the effect of a trigger has ceased to act, or has begun where that is what the trigger does."""
+    """True if the effect of a trigger has ceased to act, or has begun where that is what the trigger does."""
     return place in run.mode.dropped or (trigger.begins and place not in run.mode.waiting)
 
 
 def _is_caught(run: RunState, trigger: Trigger) -> bool:
-    """Whether the joint of a catch is held where that catches it."""
+    """True if the joint of a catch is held where that catches it."""
     catch = trigger.catch
     return catch is not None and catch.dof in run.mode.locked and run.x[catch.entry] == catch.position
 
@@ -249,8 +249,8 @@ def _still(run: RunState) -> None:
     run.x = projected(state.own.equations, state.full_state(), Numbers)[: len(run.x)]
 
 
-def _give_way(share: ForceShare, run: RunState) -> None:
-    """What happens where no share of the contact forces obeys the laws any more: those at their limit give way."""
+def _give_way(share: ForceDistributionProblem, run: RunState) -> None:
+    """Free the contacts and joints at their limits, where no share of the contact forces obeys the laws any more."""
     _still(run)
     before, best = run.mode, share.best(run.mode_state.evaluate())
     tight, count = best.weight[0] > TIGHT * best.weight[0].max(), len(share.contacts)
@@ -283,7 +283,7 @@ def _fire(n: int, run: RunState) -> None:
 
 
 def _act(run: RunState, n: int, direction: int = 0) -> None:
-    """What a trigger does, but for choosing a consistent mode. direction: in which its value has passed 0."""
+    """Do what a trigger does, but for choosing a consistent mode. direction: in which its value has passed 0."""
     place, trigger = run.system.triggers[n]
     catch = trigger.catch
     if catch is not None:

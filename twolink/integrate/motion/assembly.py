@@ -89,7 +89,7 @@ def _with_rows(constraints: Constraints, places: Sequence[Array]) -> tuple[list[
 
 
 def _shares(jacobians: Sequence[np.ndarray], kept: list[int]) -> tuple[tuple[float, ...], ...] | None:
-    """What each row takes of the kept multipliers, as the smallest ones; None where that depends on the position.
+    """Shares of each row in the kept multipliers, as the smallest ones; None where they depend on the position.
 
     With J = C J_kept they are S = C (C^T C)^-1: then J^T S = J_kept^T.
     """
@@ -179,5 +179,5 @@ def _rank(jacobian: np.ndarray) -> int:
 
 
 def _count(sizes: np.ndarray) -> int:
-    """How many singular values are not 0."""
+    """The number of singular values that are not 0."""
     return int((sizes > RANK**0.5 * max(1e-300, sizes[0])).sum()) if sizes.size else 0

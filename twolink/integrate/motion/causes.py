@@ -17,7 +17,7 @@ MOST_NAMES = 4
 
 @np.errstate(all="ignore")
 def cause(equations: Equations, t: float, x: Array) -> str:
-    """What makes accelerations large or not finite at a state x (size,); "" where nothing stands out."""
+    """The cause of large or not finite accelerations at a state x (size,); "" where nothing stands out."""
     robot, space = equations.robot, equations.space
     names = [joint.name for joint in robot.joints for _ in range(joint.v.start, joint.v.stop)]
     lost = ~np.isfinite(x[space.v_rows])
@@ -37,7 +37,7 @@ def cause(equations: Equations, t: float, x: Array) -> str:
 
 
 def _without_mass(mass: Array) -> Array:
-    """Which degrees of freedom (nv,) move no mass, alone or together, by the upper half of the mass matrix."""
+    """Degrees of freedom (nv,) that move no mass, alone or together, by the upper half of the mass matrix."""
     diagonal = np.diag(mass)
     if not (diagonal > 0.0).all():
         return np.asarray(~(diagonal > 0.0))

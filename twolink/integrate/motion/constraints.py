@@ -22,7 +22,7 @@ import pinocchio as pin
 from twolink.algorithms.dual_numbers import Jet, JetNamespace, coefficient
 from twolink.algorithms.factors import ldlt
 from twolink.algorithms.mechanism import Mechanism
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.recursions import composite_bodies, newton_euler, poses
 from twolink.algorithms.spatial import Matrix, Scalar, minus, negative, plus, times
@@ -67,7 +67,7 @@ class Constraints:
 
     def residuals(self, mech: Mechanism, q: Sequence[Any], xp: Any) -> list[Scalar]:
         """g(q) of all rows; 0 for those of velocities."""
-        motion = Motion(self.model, mech, q, [0.0] * self.space.nv, 0.0, xp)
+        motion = KinematicState(self.model, mech, q, [0.0] * self.space.nv, 0.0, xp)
         rows: list[Scalar] = []
         for loop, count in zip(self.loops, self.counts, strict=True):
             values = loop.rows(motion)
@@ -116,13 +116,13 @@ class Constraints:
         """
         if all(type(loop).forces is Loop.forces for loop in loops):
             return jacobian
-        motion = Motion(self.model, mech, list(q), list(v), 0.0, xp)
+        motion = KinematicState(self.model, mech, list(q), list(v), 0.0, xp)
         numbers: Sequence[int] = self.kept
         if self.shares is not None:
             numbers, jacobian = self.all_rows, self.jacobian(mech, q, xp, self.all_rows)
         columns: list[list[Scalar | None]] = []
         for unit in self._units(q):
-            along = Motion(self.model, mech, list(q), list(unit), 0.0, xp)
+            along = KinematicState(self.model, mech, list(q), list(unit), 0.0, xp)
             columns.append([power for loop, count in zip(loops, self.counts, strict=True)
                             for power in loop.forces(motion, along) or [None] * count])  # fmt: skip
         every = [[own if column[i] is None else column[i] for own, column in zip(row, columns, strict=True)]
@@ -215,7 +215,7 @@ class Constraints:
                 rows[k] = v[k]
             second = self.space.rate(inner, rows)
             jets = [Jet([*jet.c, times(0.5, coefficient(second[i], 1))]) for i, jet in enumerate(jets)]
-        motion = Motion(self.model, mech, jets, list(v), 0.0, JetNamespace(xp))
+        motion = KinematicState(self.model, mech, jets, list(v), 0.0, JetNamespace(xp))
         pairs: list[tuple[Scalar, Scalar]] = []
         for loop in self.loops:
             pairs += [(coefficient(row, 1), times(2.0, coefficient(row, 2)) if order == 2 else 0.0)
@@ -228,7 +228,7 @@ def all_constraints(space: StateSpace, loops: Sequence[Loop], mech: Mechanism) -
     """All rows of the loops, redundant ones too."""
     tape = Tape()
     variables = [tape.variable() for _ in range(space.nq + space.nv)]
-    motion = Motion(space.robot.model, mech, variables[: space.nq], variables[space.nq :], 0.0, tape)
+    motion = KinematicState(space.robot.model, mech, variables[: space.nq], variables[space.nq :], 0.0, tape)
     rows = [[*loop.rows(motion), *loop.velocity_rows(motion)] for loop in loops]
     owners = [range(j.v.start, j.v.stop) for j in space.robot.joints for _ in range(j.q.start, j.q.stop)]
     dofs = dict(enumerate([*owners, *([k] for k in range(space.nv))]))  # of each entry of (q, v)

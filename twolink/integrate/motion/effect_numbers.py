@@ -31,7 +31,7 @@ def with_effect_numbers(equations: Equations, values: Mapping[str, Any]) -> Equa
 
 
 def physical(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of values by name that are physical constants of the robot."""
+    """Physical constants of the robot among values by name."""
     return {name: value for name, value in values.items() if not name.startswith(PREFIX)}
 
 
@@ -56,7 +56,7 @@ def nominal_vector(equations: Equations) -> list[float]:
 
 
 def _found(equations: Equations, name: str) -> tuple[int, tuple[str, ...]] | None:
-    """Which of the equations' effects, then loops, has the number, and the path to it there; None where none does."""
+    """Place of a number among the equations' effects, then loops, and the path to it there; None where none has it."""
     _, place, rest = name.split(".", 2)
     parts = acting_parts(equations)
     if place == "contacts":

@@ -1,6 +1,6 @@
 """Equations of motion of a scene, x' = f(t, x), as frozen data. The formulas are functions in other modules.
 
-formulas          what heyoka compiles and NumPy evaluates
+formulas          what the machine runs and NumPy evaluates
 pinocchio_rate    the same by Pinocchio, state by state
 scene_equations   makes equations from a scene
 pieces            solves them from break to break
@@ -77,17 +77,17 @@ class Equations:
 
     @property
     def moving(self) -> int:
-        """How many rows of a state q, v and z are."""
+        """The number of rows of q, v and z in a state."""
         return self.layout.moving
 
     @property
     def analytic(self) -> bool:
-        """Whether the equations are smooth to any order, as Taylor's method needs."""
+        """True if the equations are smooth to any order, as Taylor's method needs."""
         return self.constraints is None and self.switching is None and all(e.analytic for e in self.effects)
 
     @property
     def has_events(self) -> bool:
-        """Whether modes change at events that must be located."""
+        """True if modes change at events that must be located."""
         return self.switching is not None or bool(self.effort_limits)
 
     def breaks(self, duration: float) -> tuple[float, ...]:

@@ -1,4 +1,4 @@
-"""Formulas of the equations of motion, over plain arithmetic: NumPy evaluates them, heyoka compiles them.
+"""Formulas of the equations of motion, over plain arithmetic: NumPy evaluates them, the machine runs their tape.
 
     M a + h = tau + B lambda + lock torques
 
@@ -13,7 +13,7 @@ import numpy as np
 from twolink.algorithms.factors import ldlt_solve
 from twolink.algorithms.functions import function
 from twolink.algorithms.mechanism import Mechanism, mechanism
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.recursions import composite_bodies, newton_euler, poses
 from twolink.algorithms.spatial import Scalar, minus, plus, times
@@ -33,14 +33,16 @@ class Dynamics(NamedTuple):
     loads: Loads
 
 
-def motion_of(equations: Equations, mech: Mechanism, t: Any, x: Any, xp: Any) -> Motion:
+def motion_of(equations: Equations, mech: Mechanism, t: Any, x: Any, xp: Any) -> KinematicState:
     """The moving robot at a state x (size, ...)."""
     space = equations.space
     states = dict(zip(space.states, x[space.z_rows], strict=True))
-    return Motion(equations.robot.model, mech, list(x[: space.nq]), list(x[space.v_rows]), t, xp, states)
+    return KinematicState(equations.robot.model, mech, list(x[: space.nq]), list(x[space.v_rows]), t, xp, states)
 
 
-def effect_loads(equations: Equations, motion: Motion, numbers: Sequence[Any], effects: Sequence[Effect]) -> Loads:
+def effect_loads(
+    equations: Equations, motion: KinematicState, numbers: Sequence[Any], effects: Sequence[Effect]
+) -> Loads:
     """Torques and wrenches of these effects. numbers: the rows of the state behind (q, v, z)."""
     loads = Loads(motion, equations.sides)
     for effect in equations.layout.with_numbers(effects, numbers):

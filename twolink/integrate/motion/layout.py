@@ -38,7 +38,7 @@ class Layout:
 
     @property
     def moving(self) -> int:
-        """How many rows q, v and z are."""
+        """The number of rows of q, v and z."""
         return self.space.moving
 
     def numbers_at(self, t: float, slots: Mapping[str, float] = NO_SLOTS, locks: Array | None = None) -> Array:

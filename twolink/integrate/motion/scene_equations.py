@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from twolink.algorithms.functions import function
 from twolink.algorithms.mechanism import mechanism, nominal_values
-from twolink.algorithms.motion import Motion
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.tape import Tape, collection_paused
 from twolink.dynamics import Robot
@@ -86,7 +86,7 @@ def sampled(scene: Scene) -> "tuple[Sampling | None, Sequence[Effect]]":
 
 
 def with_parameters(equations: Equations, parameters: Sequence[str]) -> Equations:
-    """The same equations with physical constants kept as run-time inputs; code for them serves any values of those."""
+    """Copy the equations with physical constants as run-time inputs; code for them serves any values of those."""
     if tuple(parameters) == equations.parameters:
         return equations
     other, ones = replace(equations, parameters=tuple(parameters)), dict.fromkeys(parameters, 1.0)
@@ -150,7 +150,7 @@ def make_equations(
         start, moved = closed, np.abs(closed - start)
         constraints = independent(rows, start[: robot.nq])
     if states is None:
-        motion = Motion(robot.model, mech, list(start[: robot.nq]), list(start[robot.nq :]), 0.0, Numbers)
+        motion = KinematicState(robot.model, mech, list(start[: robot.nq]), list(start[robot.nq :]), 0.0, Numbers)
         states = starting_states([e for _, e in effects] if switching is None else switching.every, motion)
     layout = layout_of(robot, [e for _, e in (*acting, *loops)], lockable, tuple(states))
     equations = Equations(
@@ -171,7 +171,7 @@ def make_equations(
                    content=content)  # fmt: skip
 
 
-def starting_states(effects: Sequence[Effect], motion: Motion) -> dict[str, Any]:
+def starting_states(effects: Sequence[Effect], motion: KinematicState) -> dict[str, Any]:
     """The states of effects at the start, by name. Raises SceneError, code "state-twice"."""
     found: dict[str, Any] = {}
     for effect in effects:
@@ -198,7 +198,7 @@ def with_starting_states(equations: Equations, x: Array, values: Mapping[str, Ar
     acting, switching = with_effect_numbers(equations, values or {}).effects, equations.switching
     effects = acting if switching is None else switching.every
     model, nq = equations.robot.model, equations.space.nq
-    motion = Motion(model, equations.mechanism, list(x[:nq]), list(x[nq:]), 0.0, Numbers)
+    motion = KinematicState(model, equations.mechanism, list(x[:nq]), list(x[nq:]), 0.0, Numbers)
     states = starting_states(effects, motion).values()
     return np.concatenate([x, *(np.broadcast_to(z, x.shape[1:])[None] for z in states)])
 
@@ -224,7 +224,7 @@ def _effort_limits(equations: Equations) -> tuple[tuple[int, str], ...]:
 
 
 def _fewest_operations(equations: Equations, variant: int | None = None) -> tuple[int, int, tuple[int, ...]]:
-    """Which formula of the accelerations has the fewest operations, how many, and the rows whose rate is 0 by it.
+    """The formula of the accelerations with the fewest operations, their number, and the rows whose rate is 0 by it.
 
     variant: the only one to look at.
     """

@@ -55,6 +55,7 @@ class Restarted:
         self.method, self.time, self.counts = method, t, (0, 0)
         self.x = np.repeat(equations.start[:, None].astype(float), len(perturbations), axis=1)
         self.compile_seconds = self.step = 0.0
+        self.beside = 0  # each is solved by itself
         self.compiled: Code = ""
         self._equations, self._perturbations, self._solve, self._progress = equations, perturbations, solve, progress
         self._ticks, self._steps = 0, 1.0

@@ -1,4 +1,4 @@
-"""Which method, at which setting, for an accuracy.
+"""Choice of the method and its setting for an accuracy.
 
 The figures were measured on the paper's arm over 10 s: attempted steps at a tolerance of 1e-3, the power of the
 tolerance by which they grow, and seconds an attempt and an operation. They say which method is cheapest, not how long a

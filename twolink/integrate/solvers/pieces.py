@@ -29,7 +29,7 @@ def in_pieces(equations: Equations, times: Array, solve: Callable[[Equations, Ar
         grid, extra = piece_times(times, begin, stop)
         piece = equations.starting_at(x, 0.5 * (begin + stop), slots=held)
         part = solve(piece, grid)
-        x = part.x[:, -1] if part.precise is None else part.precise[-1]
+        x = part.x[:, -1]
         taken = slice(int(bool(parts)), len(part.t) - int(extra and len(part.t) == len(grid)))
         parts.append(replace(part, t=part.t[taken], x=part.x[: equations.moving, taken],
                              pieces=(Piece(piece, begin, len(part.t[taken]), part.taken),),

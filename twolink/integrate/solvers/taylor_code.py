@@ -1,8 +1,8 @@
-"""Compiled Taylor integrators: made, and kept by name for one user at a time.
+"""Programs of Taylor's method: equations of motion with the model's constants as inputs.
 
 The step size follows from the last two coefficients. Where a motion starts from symmetric rest, both may vanish by
 symmetry, and the step size becomes infinite (the paper's own release does so at orders 8, 12 and 20). A companion with
-the motion's singularities, but not its symmetries, is therefore integrated beside it:
+the motion's singularities, but not its symmetries, therefore co-decides it:
 
     u = log(c + x . x) / 2,   u' = x . x' / (c + x . x)
 
@@ -11,42 +11,27 @@ so that u never decides the scale of the error. c = 16 costs 2 % more steps on t
 (20 % more steps); c = 1000 protects less.
 """
 
-import logging
 import math
-import threading
 import time
 from typing import Any, Literal
 
 import numpy as np
 
-from twolink.algorithms.mechanism import nominal, parameter_names
-from twolink.algorithms.namespaces import Expressions
-from twolink.dynamics.kernels import heyoka
+from twolink.algorithms.mechanism import nominal_values
+from twolink.algorithms.tape import Tape
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import traced_rate
-from twolink.io import cache
+from twolink.integrate.motion.state import Array
+from twolink.integrate.steps.step_certificate import certify_rate
+from twolink.native.instructions import Assembled
+from twolink.native.machine import Program, assembled
+from twolink.native.programs import arrays_named, keep, kept, once
 
-COMPACT_FROM = 4  # degrees of freedom from which heyoka compiles loops in place of straight code
 RESTORING = 1.0  # 1/s: how fast a quaternion's length returns to 1, which the exact motion never leaves
-DIGITS = 256  # bits of the constants behind quadruple precision
 COMPANION = 16.0  # c
-TAYLOR_EVALUATIONS = 12.0  # that compile as slowly as Taylor's method
-UNOPTIMIZED = {"opt_level": 0}  # heyoka's option for code that is not called often
-UNOPTIMIZED_SHARE = 1 / 7  # of the time to compile
 
 Precision = Literal["double", "extended", "quad"]
-log = logging.getLogger("twolink")
-
-
-def number_type(precision: Precision) -> Any:
-    """The type of a number of this precision."""
-    return {"double": float, "extended": np.longdouble, "quad": getattr(heyoka(), "real128", None)}[precision]
-
-
-def taylor_seconds(equations: Equations) -> float:
-    """Seconds to compile Taylor's method, roughly."""
-    operations = equations.operations * TAYLOR_EVALUATIONS
-    return operations / 4_000 * (1.0 + operations / 20_000)
+PARTS: dict[Precision, int] = {"double": 1, "extended": 2, "quad": 3}  # doubles that make a number
 
 
 def order_of(tolerance: float) -> int:
@@ -54,84 +39,40 @@ def order_of(tolerance: float) -> int:
     return max(3, math.ceil(1 - math.log(tolerance) / 2))
 
 
-_pool: dict[str, list[Any]] = {}
-_lock = threading.Lock()
-MAX_POOL = 64
+def exact_constants(equations: Equations) -> dict[str, float]:
+    """The model's constants that are inputs, so that what is made of them is not rounded to doubles."""
+    values = nominal_values(equations.robot.model)
+    return {k: v for k, v in values.items() if v not in (0.0, 1.0) and not k.endswith(".damping")}
 
 
-class Integrator:
-    """An integrator that no thread is using, `integrator`, the name of its code, and the numbers that are its `pars`.
+def taylor_rate(equations: Equations) -> tuple[Program, Array, float]:
+    """(t, x, numbers of the state array, constants) -> (x', u'), these constants, and the seconds of making it."""
+    name = equations.key("taylor")
+    found, start = kept(f"{name}-program"), time.perf_counter()
+    if found is not None:
+        return *found, 0.0
+    constants = exact_constants(equations)
+    program = Program(arrays_named(name, lambda: _traced(equations, list(constants)))[0])
+    values, size, moving = np.array(list(constants.values())), equations.space.size, equations.moving
 
-    Code of more digits than a double's is rarely run twice: it is not optimized, which compiles in a seventh of the
-    time and runs twice as long.
-    """
+    def rates(rows: Array) -> Array:
+        found = np.zeros((size, rows.shape[1]))
+        found[:moving] = program(np.concatenate([rows, np.repeat(values[:, None], rows.shape[1], axis=1)]))[:moving]
+        return found
 
-    def __init__(
-        self, equations: Equations, tolerance: float, precision: Precision, compact: bool, lanes: int = 1
-    ) -> None:
-        parts = ("taylor", str(order_of(tolerance)), precision, "compact" if compact else "straight", f"{lanes} lanes")
-        self.name, self.numbers = equations.key(*parts), equations.start[equations.moving :]
-        options = {} if precision == "double" else UNOPTIMIZED
-        start = time.perf_counter()
-        self.integrator = _take(self.name) or _build(
-            self.name, equations, tolerance, precision, compact, lanes, **options
-        )
-        self.compile_seconds = time.perf_counter() - start
-
-    def give_back(self) -> None:
-        """Let others use the integrator."""
-        _pool.setdefault(self.name, []).append(self.integrator)
+    once(f"{name}-certified", lambda: certify_rate(equations, rates))
+    return *keep(f"{name}-program", (program, values)), time.perf_counter() - start
 
 
-def _take(name: str) -> Any:
-    """An integrator that no thread is using, from this process or the disk cache."""
-    with _lock:
-        while len(_pool) > MAX_POOL:
-            del _pool[next(iter(_pool))]
-        free = _pool.setdefault(name, [])
-        if free:
-            return free.pop()
-    content = cache.load(name)
-    return content if type(content).__name__.startswith("taylor_adaptive") else None
-
-
-def _build(
-    name: str,
-    equations: Equations,
-    tolerance: float,
-    precision: Precision,
-    compact: bool,
-    lanes: int,
-    **options: Any,
-) -> Any:
-    module, start = heyoka(), time.perf_counter()
-    log.info("compiling Taylor's method of order %d for %s", order_of(tolerance), equations.robot.name)
-    xp = Expressions(module)
-    size = equations.moving
-    rows = [module.par[i] for i in range(equations.space.size - size)]
-    x = np.array([module.expression(f"x{i}") for i in range(size)] + rows, dtype=object)
-    constants = {} if precision == "double" else _exact_constants(equations, module)
-    rate, x = traced_rate(equations, module.time, x, xp, constants)[:size], x[:size]
-    square = (x * x).sum()
-    companion = (x * rate).sum() / (COMPANION + square)
+def _traced(equations: Equations, names: list[str]) -> Assembled:
+    """The arrays of the program."""
+    tape, size, moving = Tape(), equations.space.size, equations.moving
+    z: Any = tape.variables(1 + size + len(names))
+    x, constants = z[1 : 1 + size], dict(zip(names, z[1 + size :], strict=True))
+    rate, x = traced_rate(equations, z[0], x, tape, constants)[:moving], x[:moving]
+    companion = (x * rate).sum() / (COMPANION + (x * x).sum())
     for joint in equations.space.curved:
         if joint.unit is not None:
             part = x[joint.unit]
             rate[joint.unit] = rate[joint.unit] + part * ((1.0 - (part * part).sum()) * RESTORING)
-    system = [*zip(x, (xp.lift(r) for r in rate), strict=True), (module.expression("companion"), companion)]
-    kind = number_type(precision)
-    make, start_values = module.taylor_adaptive, np.zeros(size + 1, dtype=kind)
-    if lanes > 1:
-        make, start_values = module.taylor_adaptive_batch, np.zeros((size + 1, lanes), dtype=kind)
-    integrator = make(system, start_values, compact_mode=compact, fp_type=kind, tol=kind(tolerance), **options)
-    cache.store(name, integrator)
-    log.info("compiled in %.1f s", time.perf_counter() - start)
-    return integrator
-
-
-def _exact_constants(equations: Equations, module: Any) -> dict[str, Any]:
-    """The model's constants as numbers of many digits, so that what is made of them is not rounded to doubles."""
-    model = equations.robot.model
-    values = {name: nominal(model, name) for name in parameter_names(model) if not name.endswith(".damping")}
-    exact = {k: v for k, v in values.items() if v not in (0.0, 1.0)}
-    return {name: module.expression(module.real(value, DIGITS)) for name, value in exact.items()}
+    return assembled(tape, z, [*rate, companion])

@@ -104,18 +104,24 @@ class Lanes:
 
     @property
     def time(self) -> float:
-        """Where they are, s."""
+        """The time that the solutions have reached, s."""
         return float(self.state.item(self._rows.time, 0))
 
     @property
     def step(self) -> float:
-        """How long the next step of the first is meant to be, s."""
+        """The planned length of the first solution's next step, s."""
         return float(self.state[self._rows.step, 0])
 
     @property
     def counts(self) -> tuple[int, int]:
         """Accepted and rejected steps of the first."""
         return int(self.state[self._rows.accepted, 0]), int(self.state[self._rows.rejected, 0])
+
+    @property
+    def beside(self) -> int:
+        """The most steps that another solution has attempted beyond those of the first."""
+        tried = self.state[self._rows.accepted] + self.state[self._rows.rejected]
+        return int(tried.max() - tried[0])
 
     def advance(self, end: float, looks: Array = NONE, passed: "Passed | None" = None) -> Array:
         """Advance all to a time, s.
@@ -158,7 +164,7 @@ class Lanes:
         return self._between(np.concatenate(taken), looks) if taken else NONE
 
     def _begun(self) -> Callable[[int, int], int]:
-        """What makes attempts."""
+        """Prepare attempts: the function that makes them."""
         attempt = self._attempt = self.by.on(self._steps, self._disturbances)
         return attempt
 
@@ -263,7 +269,8 @@ class _Run:
         piece = Piece(self._equations, float(t[0]), len(times), (t, x[:, :moving]), held=x[:, moving:],
                       readings=self._loop.readings)  # fmt: skip
         return Solution(times, samples[:moving], accepted, evaluations, rejected, by.compile_seconds, by.compiled,
-                        interrupted, events=tuple(events_of(self._loop)), pieces=(piece,))  # fmt: skip
+                        interrupted, events=tuple(events_of(self._loop)), pieces=(piece,),
+                        beside=self._lanes.beside)  # fmt: skip
 
 
 def solve_ticks(

@@ -27,5 +27,5 @@ def failure(code: str, t: float, cause: str = "", **data: float) -> AccuracyErro
 
 
 def is_hopeless(steps: Any, limit: float, t: Any, start: Any, end: Any) -> Any:
-    """Whether the pace so far leads beyond HOPELESS times the limit of steps; of numbers or of one a world (n,)."""
+    """True if the pace so far leads beyond HOPELESS times the limit of steps; of numbers or of one a world (n,)."""
     return steps * (end - start) > HOPELESS * limit * (t - start)

@@ -43,7 +43,7 @@ class Method:
 
     @functools.cached_property
     def adaptive(self) -> bool:
-        """Whether the method chooses its own steps."""
+        """True if the method chooses its own steps."""
         return self.kind in ("taylor", "scipy") or bool(self.tableau and self.tableau.errors)
 
     @functools.cached_property

@@ -13,7 +13,7 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.steps.methods import Method
-from twolink.integrate.steps.step_control import ROWS, Problem, Step, adaptive_advance, fixed_advance
+from twolink.integrate.steps.step_control import ROWS, Step, StepProblem, adaptive_advance, fixed_advance
 from twolink.integrate.steps.step_formulas import Rate, diagonally_implicit_step, explicit_step, semi_implicit_step
 
 MAX_NUMBERS = 200_000  # in the Jacobians of one call
@@ -32,7 +32,7 @@ def numeric_map(equations: Equations, method: Method, formulas: Formulas) -> Map
         with np.errstate(all="ignore"):
             rate, project = formulas(state[space.size + ROWS :])
             step = _step(equations, method, rate)
-            problem = Problem(step, space.size, space.absolute, space.joint_rows, project, method.error_order)
+            problem = StepProblem(step, space.size, space.absolute, space.joint_rows, project, method.error_order)
             out[:] = advance(problem, state, Numbers)
 
     def call(state: Array, out: Array) -> None:

@@ -32,7 +32,7 @@ class Block(NamedTuple):
 
 
 def outcome_of(step_map: StepMap, state: Array, start: Array, limit: int) -> Array:
-    """What became of each world since its start: FINE, or why it cannot go on."""
+    """Outcome of each world since its start: FINE, or why it cannot go on."""
     rows, space = step_map.rows, step_map.equations.space
     t, end, tried = state[rows.time], state[rows.end], state[rows.accepted] + state[rows.rejected]
     outcome = np.full(len(t), FINE)

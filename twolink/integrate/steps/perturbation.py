@@ -33,7 +33,7 @@ APART = 613  # places between the random numbers of two solutions
 
 @dataclass(frozen=True)
 class Perturbation:
-    """What differs from the run; by default nothing.
+    """Differences of a second solution from the run; by default none.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def _numbers(perturbations: tuple[Perturbation, ...]) -> tuple[Array, Array, Arr
 def step_disturbances(
     perturbations: tuple[Perturbation, ...], state: Array, equations: Equations
 ) -> Disturbances | None:
-    """What is added before each attempt to solutions that are disturbed: r |x|, r random, and b x, b the bias.
+    """Disturbances added to solutions before each attempt: r |x|, r random, and b x, b the bias.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def step_disturbances(
 def disturbances(
     perturbations: tuple[Perturbation, ...], counts: Array, x: Array, equations: Equations, steps: float = 1.0
 ) -> Array:
-    """What is added to states, time after time: sqrt(steps) r |x|, r random, and at first k steps b x, b the bias.
+    """Disturbances added to states, time after time: sqrt(steps) r |x|, r random, and at first k steps b x, b the bias.
 
     Parameters
     ----------

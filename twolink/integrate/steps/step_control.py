@@ -63,8 +63,8 @@ def control_rows(size: int) -> Control:
 
 
 @dataclass(frozen=True)
-class Problem:
-    """What is advanced.
+class StepProblem:
+    """The problem to advance: its step, with the size of its state and the scales of its errors.
 
     step: (t, x, h) -> (x_new, error estimates, last change of an iteration or None). size: rows of x. absolute (size,):
     whether the error of an entry is compared with the tolerance alone, not with the entry's size. joints: of each
@@ -80,7 +80,7 @@ class Problem:
     order: int
 
 
-def fixed_advance(problem: Problem, state: Array, xp: Any) -> Array:
+def fixed_advance(problem: StepProblem, state: Array, xp: Any) -> Array:
     """One step of a fixed size; the last one ends at the end."""
     x, control, parameters = _split(problem, state)
     left = control.end - control.time
@@ -96,7 +96,7 @@ def fixed_advance(problem: Problem, state: Array, xp: Any) -> Array:
     return _stack(xp.where(going, problem.project(new), x), control, parameters)
 
 
-def adaptive_advance(problem: Problem, state: Array, xp: Any) -> Array:
+def adaptive_advance(problem: StepProblem, state: Array, xp: Any) -> Array:
     """One attempt: the new state where its error is admitted, else the old one; and the size of the next step."""
     x, control, parameters = _split(problem, state)
     going = xp.less(0.0, control.end - control.time)
@@ -133,7 +133,7 @@ def _arrival(control: Control, xp: Any) -> Any:
     return xp.where(xp.less_equal(left, control.step * LAST_STEP), control.end, control.time + h)
 
 
-def _judged(problem: Problem, control: Control, x: Array, h: Any, xp: Any) -> tuple[Array, Any]:
+def _judged(problem: StepProblem, control: Control, x: Array, h: Any, xp: Any) -> tuple[Array, Any]:
     """A step's new state on its manifold, and e^2, which is NaN where a number is not finite.
 
     A step whose projection fails is not admitted: no step may end there. A sample (infinite tolerance) may be there,
@@ -177,14 +177,14 @@ def _mean_square(error: Array, inverse: Array) -> Any:
     return (error * error * inverse).sum(axis=0) * (1.0 / max(1, len(error)))
 
 
-def _admitted(problem: Problem, x: Array, new: Array, tolerance: Any, xp: Any) -> Array:
+def _admitted(problem: StepProblem, x: Array, new: Array, tolerance: Any, xp: Any) -> Array:
     """1 / admitted^2 by the tolerance: tolerance * (1 or, of velocities, 1 + |v|), and rounding."""
     largest = xp.where(xp.less(x * x, new * new), new * new, x * x)
     relative = np.where(problem.absolute, 0.0, 1.0).reshape(-1, *[1] * (x.ndim - 1))
     return np.asarray(1.0 / ((largest * relative + 1.0) * (tolerance * tolerance) + largest * ROUNDING**2))
 
 
-def _resolved(problem: Problem, x: Array, new: Array, h: Any, resolution: Any, xp: Any) -> Array:
+def _resolved(problem: StepProblem, x: Array, new: Array, h: Any, resolution: Any, xp: Any) -> Array:
     """1 / admitted^2 by the resolution: a part of what the step changes in the joint, and rounding.
 
     What it changes is the sum of both of its changes, dq + h dv or dv + dq / h: one of the two may vanish for a moment.
@@ -200,7 +200,7 @@ def _resolved(problem: Problem, x: Array, new: Array, h: Any, resolution: Any, x
     return inverse
 
 
-def _split(problem: Problem, state: Array) -> tuple[Array, Control, Array]:
+def _split(problem: StepProblem, state: Array) -> tuple[Array, Control, Array]:
     """x, the control's rows and the run-time parameters of a state array."""
     end = problem.size + ROWS
     return state[: problem.size], Control(*state[problem.size : end]), state[end:]

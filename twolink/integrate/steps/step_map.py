@@ -98,7 +98,7 @@ class StepMap:
             return np.asarray(rate(t, x)[: self.equations.moving])
 
     def _disturbance(self, state: Array, one: Disturbances) -> Array:
-        """What is added to worlds (moving, n): r |x|, r random, and the bias times x; 0 of what has arrived."""
+        """The disturbance added to worlds (moving, n): r |x|, r random, and the bias times x; 0 of what has arrived."""
         rows, x = self.rows, state[: self.equations.moving]
         size = np.abs(x)
         for begin, end in (one.parts[:2], one.parts[2:]):

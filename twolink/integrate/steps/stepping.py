@@ -29,8 +29,8 @@ BLOCK_NUMBERS = 200_000  # in a block, which stays in the cache: with many world
 SMALLEST_TOLERANCE = 1e-15  # below this the rounding of the numbers decides
 
 
-class Watcher(Protocol):
-    """What looks for events along the states of a world."""
+class EventWatcher(Protocol):
+    """A watcher for events along the states of a world."""
 
     def first(self, t: Array, x: Array) -> Any:
         """The first event, with its time `t`, along states x (k, size) at times t (k,); None if there is none."""
@@ -44,7 +44,7 @@ def integrate(
     *,
     perturbation: Perturbation = NO_PERTURBATION,
     beside: Beside | None = None,
-    watcher: Watcher | None = None,
+    watcher: EventWatcher | None = None,
     span: float | None = None,
     rate: Array | None = None,
     first_block: int = BLOCK,
@@ -65,7 +65,7 @@ def integrate(
         Of this solution; its setting is divided by `finer`.
     beside : Beside, optional
         Solutions that are solved in the same calls, from where they are to the last sample.
-    watcher : Watcher, optional
+    watcher : EventWatcher, optional
         The first event that it finds ends the solution.
     span : float, optional
         The time of the whole run, s, of which a step is a part; by default that from first to last sample.
@@ -113,11 +113,12 @@ def integrate(
         interrupted = True
     if beside is not None:
         beside.now[:] = state[: equations.moving, 1:]
-    return record.solution(last, hit, interrupted=interrupted)
+    tried = state[step_map.rows.accepted] + state[step_map.rows.rejected]
+    return record.solution(last, hit, interrupted=interrupted, beside=int(tried.max() - tried[0]))
 
 
 class _Record:
-    """What is kept of a run: x (size, n), its states at the times, of which so many are `done`; and its steps."""
+    """The record of a run: x (size, n), its states at the times, of which so many are `done`; and its steps."""
 
     def __init__(self, step_map: StepMap, times: Array) -> None:
         self._map, self._times, start = step_map, times, step_map.equations.start
@@ -134,13 +135,14 @@ class _Record:
         self.done, moved = reached, t[1:] > t[:-1]  # not refused
         self._steps.append((t[1:][moved], states[1:, : self._map.equations.moving][moved]))
 
-    def solution(self, last: Array, hit: Any, *, interrupted: bool) -> Solution:
+    def solution(self, last: Array, hit: Any, *, interrupted: bool, beside: int) -> Solution:
         """The solution so far. last: the state array (rows,) that it came to."""
         by, rows = self._map, self._map.rows
         accepted, rejected = int(last[rows.accepted]), int(last[rows.rejected])
         evaluations = (accepted + rejected + self.done) * by.method.evaluations
         return Solution(self._times[: self.done], self.x[:, : self.done], accepted, evaluations, rejected,
-                        by.compile_seconds, by.compiled, interrupted, hit=hit, taken=self._taken())  # fmt: skip
+                        by.compile_seconds, by.compiled, interrupted, hit=hit, taken=self._taken(),
+                        beside=beside)  # fmt: skip
 
     def _taken(self) -> tuple[Array, Array] | None:
         """Times (k,) and states (k, nq + nv) where steps ended; None where they are too many to keep."""

@@ -1,4 +1,4 @@
-"""What the API answers in JSON, as types: its description is made of them, and clients are generated from that."""
+"""JSON answers of the API, as types: its description is made of them, and clients are generated from that."""
 
 from typing import Any, Literal
 
@@ -21,7 +21,7 @@ class Argument(msgspec.Struct):
 
 
 class Result(msgspec.Struct):
-    """What a query answers: the axes of one state, and the unit."""
+    """The answer of a query: the axes of one state, and the unit."""
 
     shape: list[str | int]
     unit: str
@@ -121,7 +121,7 @@ class UnderstoodScene(msgspec.Struct):
 
 
 class ExplainedScene(msgspec.Struct):
-    """What a scene computes and costs."""
+    """The computation of a scene, and its cost."""
 
     scene: str
     effects: list[str]
@@ -138,7 +138,7 @@ class ExplainedScene(msgspec.Struct):
 
 
 class QuantityAbout(msgspec.Struct):
-    """What can be varied in a scene, with the scene's own value."""
+    """A quantity that can be varied in a scene, with the scene's own value."""
 
     name: str
     kind: str
@@ -171,7 +171,7 @@ class Samples(msgspec.Struct):
 
 
 class Motion(msgspec.Struct):
-    """Where the links are over time: [x, y, z, qx, qy, qz, qw] of each link, a frame."""
+    """Poses of the links over time: [x, y, z, qx, qy, qz, qw] of each link, a frame."""
 
     t: Vector
     links: list[str]
@@ -217,7 +217,7 @@ class SweepRun(msgspec.Struct):
 
 
 class Health(msgspec.Struct):
-    """That the service answers: its version, jobs that wait or run, bytes kept, and what keeps workers in."""
+    """The state of the service: its version, jobs that wait or run, bytes kept, and what keeps workers in."""
 
     status: str
     version: str
@@ -227,7 +227,7 @@ class Health(msgspec.Struct):
 
 
 class Ready(msgspec.Struct):
-    """That the service can do its work."""
+    """The readiness of the service for its work."""
 
     status: str
     version: str

@@ -75,7 +75,7 @@ class Session:
 
 
 def problem(error: BaseException) -> dict[str, Any]:
-    """What a message has of a failure."""
+    """The content of a message on a failure."""
     return {"problem": problem_of(error)}
 
 

@@ -52,7 +52,7 @@ def _about(name: str) -> dict[str, Any]:
 
 @get("/v1/queries", tags=["queries"], summary="List the dynamics queries")
 async def list_queries() -> list[dict[str, Any]]:
-    """What each takes and answers, with shapes and units; POST /v1/robots/{robot}/{query} asks one."""
+    """Arguments and answers of each query, with shapes and units; POST /v1/robots/{robot}/{query} asks one."""
     return [query.to_dict() for query in QUERIES.values()]
 
 
@@ -115,7 +115,7 @@ def _sniffed(body: bytes) -> str:
 
 
 def _from_json(body: bytes) -> tuple[str, RobotOptions, bytes]:
-    """What is uploaded ("source" or "urdf"), how to load it, and its content.
+    """Read an upload: its kind ("source" or "urdf"), the options to load it, and its content.
 
     Decoded, a number takes up to 16 times its bytes: without the text, a body has at most OPTIONS_BYTES, counted before
     it is decoded.

@@ -243,7 +243,7 @@ class Service:
         return msgspec.convert(await self.read("prepare", kind=kind, body=body, ids=ids), JobRequest)
 
     def ids_of(self, owner: str) -> str:
-        """What makes the ids of a named owner's robots and jobs its own: who knows them has them from the owner."""
+        """Key that makes the ids of a named owner's robots and jobs its own: who knows them has them from the owner."""
         return hashlib.sha256(f"{self.store.secret} {owner}".encode()).hexdigest() if owner else ""
 
     async def make(self, path: Path, task: str, **arguments: Any) -> None:

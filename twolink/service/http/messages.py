@@ -1,4 +1,4 @@
-"""What HTTP's handlers share: reading a body within limits, sending an answer, media types; and access control."""
+"""Common parts of HTTP's handlers: reading a body within limits, sending an answer, media types; access control."""
 
 import asyncio
 import base64
@@ -54,7 +54,7 @@ def media_type(value: bytes) -> str:
 
 
 def body_limit(media: str, quotas: Quotas) -> float:
-    """How many bytes a body of this media type may have. Only the types that are stored or mapped may be large."""
+    """The most bytes that a body of this media type may have. Only the types that are stored or mapped may be large."""
     return (quotas.body_mb if media in _LARGE else min(quotas.json_mb, quotas.body_mb)) * 2**20
 
 
@@ -131,7 +131,7 @@ def _gzip(body: bytes) -> bytes:
 
 
 def accepts_gzip(scope: Any) -> bool:
-    """Whether a client takes answers by gzip (RFC 9110, 12.5.3)."""
+    """True if a client takes answers by gzip (RFC 9110, 12.5.3)."""
     for choice in header(scope, b"accept-encoding").lower().split(b","):
         name, _, weight = choice.partition(b";")
         if name.strip() == b"gzip":
@@ -261,7 +261,7 @@ def _offered_token(subprotocols: Sequence[str]) -> bytes:
 
 
 def _is_own(origin: bytes, host: bytes) -> bool:
-    """Whether the request comes from a page of this service: browsers send its origin."""
+    """True if the request comes from a page of this service: browsers send its origin."""
     return urlsplit(origin.decode("latin-1")).netloc.encode("latin-1") == host != b""
 
 

@@ -41,8 +41,8 @@ _CHECK = 1.0  # seconds between looks at a connection
 
 
 @dataclasses.dataclass
-class Limits:
-    """What a connection may take.
+class ConnectionLimits:
+    """Limits of connections.
 
     connections: open at once, of all clients. header: bytes of a request's line and headers. seconds: in which a
     request must arrive. rate: bytes/s at which it must arrive after the first seconds, and its answer must be read.
@@ -54,7 +54,7 @@ class Limits:
     rate: float
 
     @classmethod
-    def of(cls, quotas: Quotas, files: float) -> "Limits":
+    def of(cls, quotas: Quotas, files: float) -> "ConnectionLimits":
         """The limits in the quotas, and for a process that may have so many files open."""
         return cls(
             Shares(min(quotas.connections, files - _OTHER_FILES)),
@@ -82,7 +82,7 @@ class _Transport:
 class Protocol(HttpToolsProtocol):
     """A connection. The parser calls its `on_...` methods; a failure in them ends the connection."""
 
-    def __init__(self, limits: Limits, **others: Any) -> None:
+    def __init__(self, limits: ConnectionLimits, **others: Any) -> None:
         super().__init__(**others)
         self._limits = limits
         self._holder: str | None = None  # the client, if the connection is counted
@@ -245,7 +245,7 @@ class Protocol(HttpToolsProtocol):
         return Refusal(431, what, where="headers", remedy="leave out what the service does not need")
 
     def _refuse(self, refusal: Refusal) -> httptools.HttpParserError:
-        """What a callback of the parser raises to end the connection with this refusal."""
+        """The error that a callback of the parser raises to end the connection with this refusal."""
         self._refusal = refusal
         return httptools.HttpParserError(refusal.what)
 
@@ -334,7 +334,7 @@ def _listening(settings: Settings) -> socket.socket:
 def uvicorn_options(settings: Settings) -> dict[str, Any]:
     """The options of uvicorn.Config."""
     return {
-        "http": functools.partial(Protocol, Limits.of(settings.quotas, open_files())),
+        "http": functools.partial(Protocol, ConnectionLimits.of(settings.quotas, open_files())),
         "ws": "websockets-sansio",
         "ws_max_size": WS_BYTES,
         "ws_per_message_deflate": False,

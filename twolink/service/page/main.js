@@ -326,7 +326,7 @@ run.onProblem = problem => {
   const length = Number(Number(trusted).toPrecision(6));
   const buttons = [];
   if (length > 0) buttons.push(again(`Run ${length} s`, "duration", length));
-  if (precision === "quad") buttons.push(again("Run in quadruple precision", "precision", "quad"));
+  if (precision === "quad") buttons.push(again("Run in 47 digits", "precision", "quad"));
   byId("run-problem").firstChild.append(el("p", { className: "buttons" }, ...buttons));
 };
 

@@ -1,4 +1,4 @@
-"""What owners have: bytes that are kept or about to be, and seconds of processors by day."""
+"""Accounts of owners: bytes that are kept or about to be, and seconds of processors by day."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""What comes and goes as bytes: robots between processes, and zips and arrays that are not trusted; and kept robots.
+"""Content as bytes: robots between processes, and zips and arrays that are not trusted; and kept robots.
 
 Every size is checked before memory is taken for it. A mesh may only come from the upload, and its materials and
 pictures only from the folder of the mesh. That is required where the files are opened (`io.confined`), whatever the
@@ -109,7 +109,7 @@ def choose_urdf(names: list[str], wanted: str) -> str:
 
 
 def upload_folders(files: Path, urdf: str) -> MeshFolders:
-    """Where the meshes of an upload are looked for: in its folder `files`, from the URDF's place in it upwards.
+    """Folders searched for the meshes of an upload: its folder `files`, from the URDF's place in it upwards.
 
     Those of example-robot-data are found too; nothing else is.
     """

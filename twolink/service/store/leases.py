@@ -1,4 +1,4 @@
-"""Which process runs a job: who claims it says every second that it lives, and who has not for long has lost it."""
+"""Leases of jobs: who claims one says every second that it lives, and who has not for long has lost it."""
 
 import os
 import secrets
@@ -39,7 +39,7 @@ class Leases:
         return [tuple(row) for row in rows]
 
     def has(self, key: str) -> bool:
-        """Whether this process has claimed a job last."""
+        """True if this process has claimed a job last."""
         which = "SELECT 1 FROM jobs WHERE id = ? AND process = ?"
         return bool(self._database.execute(which, (key, self.process)))
 
@@ -67,7 +67,7 @@ class Leases:
         )
 
     def waiting(self, keys: list[str]) -> set[str]:
-        """Which of these jobs wait still."""
+        """Keys of these jobs that still wait."""
         marks = ", ".join("?" * len(keys)) or "NULL"
         rows = self._database.execute(f"SELECT id FROM jobs WHERE state = 'queued' AND id IN ({marks})", tuple(keys))
         return {row[0] for row in rows}

@@ -1,4 +1,4 @@
-"""What the service keeps: uploaded robots, jobs and their results, in SQLite and files under one folder.
+"""The store of the service: uploaded robots, jobs and their results, in SQLite and files under one folder.
 
 One service uses a folder at a time: it holds SQLite's exclusive lock, which ends with its process however that ends.
 Several services share a PostgreSQL database and an object store: then the folder of each has copies.
@@ -39,7 +39,7 @@ _LISTED_REQUEST = 16_384  # bytes: lists leave larger requests out
 _JOB_TEXTS = ("request", "progress", "problem", "result")  # JSON
 
 
-class Job(msgspec.Struct, frozen=True):
+class JobRow(msgspec.Struct, frozen=True):
     """A row of the jobs. Times are seconds since 1970; request, progress, problem and result are JSON."""
 
     id: str
@@ -58,7 +58,7 @@ class Job(msgspec.Struct, frozen=True):
 
     @property
     def active(self) -> bool:
-        """Whether it waits or runs."""
+        """True if it waits or runs."""
         return self.state in ACTIVE
 
 
@@ -135,7 +135,7 @@ class Store:
     # Robots
 
     def robot_folder(self, key: str) -> Path:
-        """Where an uploaded robot's files are."""
+        """The folder of an uploaded robot's files."""
         return self.folder / ROBOTS / key
 
     def stage(self, key: str, content: bytes) -> Path:
@@ -172,7 +172,7 @@ class Store:
         return {**msgspec.json.decode(rows[0][0]), "owner": rows[0][1]} if rows else None
 
     def has_robot(self, key: str) -> bool:
-        """Whether a robot of this id was uploaded."""
+        """True if a robot of this id was uploaded."""
         return bool(self._execute("SELECT 1 FROM robots WHERE id = ?", (key,)))
 
     def robots(self, fields: tuple[str, ...], owner: str | None) -> list[dict[str, Any]]:
@@ -201,11 +201,11 @@ class Store:
 
     # Jobs
 
-    def job(self, key: str, *, whole: bool = True) -> Job | None:
+    def job(self, key: str, *, whole: bool = True) -> JobRow | None:
         """A job, or None. whole: with its request, problem and result."""
         return next(iter(self._jobs("WHERE id = ?", key, texts=_JOB_TEXTS if whole else ("progress",))), None)
 
-    def jobs(self, kind: str, before: float, limit: int, owner: str | None = None) -> list[Job]:
+    def jobs(self, kind: str, before: float, limit: int, owner: str | None = None) -> list[JobRow]:
         """The newest jobs of a kind that were asked for before that time, the newest first, without their results.
 
         owner: whose; None: of all. Requests of more than 16 kB are left out.
@@ -215,12 +215,12 @@ class Store:
         values = kind, before, owner, owner, min(limit, LISTED_JOBS)
         return self._jobs(condition, *values, texts=(short, "progress", "problem"))
 
-    def _jobs(self, condition: str, *values: Any, texts: tuple[str, ...] = _JOB_TEXTS) -> list[Job]:
+    def _jobs(self, condition: str, *values: Any, texts: tuple[str, ...] = _JOB_TEXTS) -> list[JobRow]:
         found = [next((text for text in texts if text.endswith(name)), f"NULL AS {name}") for name in _JOB_TEXTS]
-        columns = ", ".join((*Job.__struct_fields__[: -len(_JOB_TEXTS)], *found))
+        columns = ", ".join((*JobRow.__struct_fields__[: -len(_JOB_TEXTS)], *found))
         rows = self._execute(f"SELECT {columns} FROM jobs {condition}", values)
-        plain = len(Job.__struct_fields__) - len(_JOB_TEXTS)
-        return [Job(*row[:plain], *(msgspec.Raw(text or "null") for text in row[plain:])) for row in rows]
+        plain = len(JobRow.__struct_fields__) - len(_JOB_TEXTS)
+        return [JobRow(*row[:plain], *(msgspec.Raw(text or "null") for text in row[plain:])) for row in rows]
 
     def new_job(self, key: str, kind: str, content: bytes, owner: str = "", waiting: float = math.inf) -> None:
         """Note a job that waits, in place of an earlier attempt at the same. content: its request, as JSON.
@@ -270,18 +270,18 @@ class Store:
         """Note that a job's result is used."""
         self.update_job(key, used=time.time())
 
-    def waiting(self) -> list[Job]:
+    def waiting(self) -> list[JobRow]:
         """The jobs that wait, the oldest first."""
         return self._jobs("WHERE state = 'queued' ORDER BY created", texts=())
 
     # Results
 
     def result_folder(self, key: str) -> Path:
-        """Where a job's result is."""
+        """The folder of a job's result."""
         return self.folder / RESULTS / key
 
     def visuals(self, name: str) -> Path:
-        """Where a robot is drawn."""
+        """The folder of a robot's drawing."""
         return self.folder / VISUALS / name
 
     def remove_job(self, key: str) -> None:
@@ -362,6 +362,6 @@ def _length(column: str) -> str:
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """What is not a number, a text or None as JSON."""
+    """Values for the database: what is not a number, a text or None as JSON."""
     simple = int, float, str, type(None)
     return {name: v if isinstance(v, simple) else msgspec.json.encode(v).decode() for name, v in values.items()}

@@ -14,7 +14,7 @@ _DAY = 86_400
 
 
 class Budget:
-    """What named owners may still take. seconds: of a day."""
+    """The processor time that named owners may still take. seconds: of a day."""
 
     def __init__(self, store: Store, seconds: float) -> None:
         self._store, self._seconds = store, seconds

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from twolink.service.problems import Refusal
-from twolink.service.store.store import ACTIVE, Job, Store
+from twolink.service.store.store import ACTIVE, JobRow, Store
 from twolink.service.work.sharing import hold, require_owner
 
 View = dict[str, Any]
@@ -43,21 +43,21 @@ class Running:
 
 
 class JobViews:
-    """What can be read of the jobs. running: those of this process; closing: the service ends."""
+    """Views of the jobs, for reading. running: those of this process; closing: the service ends."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
         self.running: dict[str, Running] = {}
         self.closing = False
 
-    async def job(self, kind: str, key: str, *, whole: bool = True) -> Job:
+    async def job(self, kind: str, key: str, *, whole: bool = True) -> JobRow:
         """A job of the store. Raises Refusal (404) when there is none."""
         job = await self._store.run(self._store.job, key, whole=whole)
         if job is None or job.kind != kind:
             raise self.removed(kind, key)
         return job
 
-    async def own(self, kind: str, key: str) -> Job:
+    async def own(self, kind: str, key: str) -> JobRow:
         """A job of the store that the request under way may change. Raises Refusal (403, 404)."""
         job = await self.job(kind, key)
         require_owner(job.owner, kind)
@@ -80,7 +80,7 @@ class JobViews:
             raise self.removed(kind, key)
         await self._store.run(self._store.use, key)
 
-    async def bring(self, job: Job) -> bool:
+    async def bring(self, job: JobRow) -> bool:
         """Have the files of a job here that another process has written. False where there are none."""
         state = job.ended or int(time.time() / _PARTS)
         return job.id in self.running or await asyncio.to_thread(self._store.copies.bring, job.id, state)
@@ -90,7 +90,7 @@ class JobViews:
         await self.bring(await self.job(kind, key, whole=False))
 
     async def request(self, kind: str, key: str) -> bytes:
-        """What was asked for, as JSON. Raises Refusal (404) when there is no such job."""
+        """The request of a job, as JSON. Raises Refusal (404) when there is no such job."""
         return bytes((await self.job(kind, key)).request)
 
     async def view(self, kind: str, key: str) -> View:
@@ -102,7 +102,7 @@ class JobViews:
         jobs = await self._store.run(self._store.jobs, kind, before, limit, hold().sees)
         return [without(self.view_of(job), "result") for job in jobs]
 
-    def view_of(self, job: Job) -> View:
+    def view_of(self, job: JobRow) -> View:
         running = self.running.get(job.id)
         names = ("id", "kind", "state", "owner", "created", "request", "problem", "result")
         return {name: getattr(job, name) for name in names} | {

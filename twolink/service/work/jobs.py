@@ -60,7 +60,7 @@ class Jobs:
         self._queue = Shares(2 * (settings.quotas.queue + settings.quotas.jobs))  # of which one client may have half
 
     def count(self, state: str) -> int:
-        """How many jobs are "queued" or "running"."""
+        """The number of jobs in a state, "queued" or "running"."""
         return sum(running.state == state for running in self.running.values())
 
     async def resume(self) -> None:
@@ -78,7 +78,7 @@ class Jobs:
 
     @property
     def free(self) -> int:
-        """How many jobs more could run here now."""
+        """The number of further jobs that could run here now."""
         return 0 if self.views.closing else self._turns.free
 
     async def submit(self, kind: str, request: JobRequest) -> View:

@@ -1,4 +1,4 @@
-"""What the service counts, in Prometheus's text format."""
+"""Counts of the service, in Prometheus's text format."""
 
 from collections.abc import Callable
 

@@ -216,7 +216,7 @@ class Drag(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class LiveWords(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What acts from the next frame on. tau: torques (nv), N m and N. end: the simulation ends."""
+    """Commands that act from the next frame on. tau: torques (nv), N m and N. end: the simulation ends."""
 
     tau: list[float] | None = None
     drag: Drag | None = None

@@ -1,4 +1,4 @@
-"""What a worker process may do: read the program, write its own folders, compute. Nothing else, where Linux can say so.
+"""Rights of a worker process: read the program, write its own folders, compute. Nothing else, where Linux can say so.
 
 Landlock (Linux 5.13 and later) limits the files that a process may open, and from 6.7 and 6.12 on TCP and signals;
 seccomp refuses all system calls but those that tasks need. Both hold for native code too, and cannot be taken back.
@@ -58,14 +58,14 @@ _ASKED: list[tuple[str, list[_Asked]]] = [
 
 
 class Protection(msgspec.Struct, frozen=True):
-    """How worker processes are kept in, as was tried on this machine. landlock: its version; 0: none."""
+    """Confinement of worker processes, as was tried on this machine. landlock: its version; 0: none."""
 
     landlock: int
     seccomp: bool
 
     @property
     def complete(self) -> bool:
-        """Whether files and system calls are limited."""
+        """True if files and system calls are limited."""
         return bool(self.landlock and self.seccomp)
 
     def __str__(self) -> str:
@@ -77,7 +77,7 @@ class Protection(msgspec.Struct, frozen=True):
 
 
 def protection() -> Protection:
-    """What this machine can do: a thread tries it, as limits of a thread end with it."""
+    """The protection that this machine offers: a thread tries it, as limits of a thread end with it."""
     if sys.platform != "linux":
         return Protection(0, False)
     found: list[int] = []
@@ -99,7 +99,7 @@ def protection() -> Protection:
 
 
 def _holds(limit: Callable[[], object], forbidden: Callable[[], object]) -> bool:
-    """Whether a limit can be set, and what it forbids is refused then."""
+    """True if a limit can be set, and what it forbids is refused then."""
     try:
         limit()
         forbidden()
@@ -138,7 +138,7 @@ def restrict(writable: Sequence[Path], *, network: bool = False) -> None:
 
 
 def _program() -> Iterable[str | Path]:
-    """What the interpreter, its libraries and the package read."""
+    """Files and folders that the interpreter, its libraries and the package read."""
     import twolink
     from twolink.robots.catalogue import our_urdfs
 

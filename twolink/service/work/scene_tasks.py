@@ -110,7 +110,7 @@ def validate(*, body: bytes, robots: str) -> bytes:
 
 
 def explain(*, body: bytes, robots: str, quotas: Quotas) -> bytes:
-    """What a scene computes, and what a run will take, as JSON. body: an ExplainRequest."""
+    """Explain the computation of a scene, and the cost of a run, as JSON. body: an ExplainRequest."""
     request = decode_unique(body, ExplainRequest)
     scene, duration = allowed_scene(request, robots, quotas)
     explanation = explain_scene(scene, duration, accuracy=request.accuracy or ACCURACY, t_eval=request.t_eval,
@@ -165,7 +165,7 @@ def simulate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
 
 
 def _peers_run(request: SimulationRequest, scene: Scene, duration: float, folder: Path) -> dict[str, Any]:
-    """The same of another simulator: `setting` says which one and how."""
+    """Run the scene in another simulator: `setting` says which one and how."""
     from twolink.hard.comparison import peer_log  # few services are asked for it
 
     if request.t_eval is not None:
@@ -244,7 +244,7 @@ def export(*, path: str) -> None:
 
 
 def motion(*, folder: str, frames: int, quotas: Quotas) -> bytes:
-    """Where the links are at `frames` times at equal distances, as JSON."""
+    """Poses of the links at `frames` times at equal distances, as JSON."""
     return msgspec.json.encode(_motion(_run_in(Path(folder)), frames, quotas))
 
 

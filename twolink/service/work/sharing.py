@@ -1,4 +1,4 @@
-"""What clients share fairly: memory in flight, turns at a scarce resource, and the threads of sweeps."""
+"""Resources that clients share fairly: memory in flight, turns at a scarce resource, and the threads of sweeps."""
 
 import asyncio
 import contextlib
@@ -105,7 +105,7 @@ HOLD: ContextVar[RequestMemory] = ContextVar("HOLD")
 
 
 def hold() -> RequestMemory:
-    """What the request under way holds; outside of requests, something without limits."""
+    """The memory of the request under way; outside of requests, one without limits."""
     return HOLD.get(None) or RequestMemory(Shares(math.inf), _NOBODY)
 
 
@@ -157,7 +157,7 @@ class Turns:
 
     @property
     def waiting(self) -> int:
-        """How many tasks wait."""
+        """The number of tasks that wait."""
         return self._waiting.held
 
     @contextlib.asynccontextmanager
@@ -261,7 +261,7 @@ class SweepThreads(ThreadPoolExecutor):
 
 
 def _digest(task: Any) -> str:
-    """The same for the same runs, in each process."""
+    """A digest of runs, equal for equal ones in each process."""
     values = {name: numbers.tolist() for name, numbers in task.values.items()}
     content = msgspec.json.encode([task.request, values], enc_hook=np.generic.item)
     return hashlib.sha256(content).hexdigest()[:20]

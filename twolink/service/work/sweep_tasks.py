@@ -181,7 +181,7 @@ def _opened(folder: str) -> Any:
 
 
 def sweep_run(*, body: bytes, robots: str, number: int, quotas: Quotas) -> bytes:
-    """What to ask of /v1/simulations to see one run, as JSON. body: the SweepRequest. Raises as `sweep`."""
+    """The request to /v1/simulations that shows one run, as JSON. body: the SweepRequest. Raises as `sweep`."""
     request = msgspec.json.decode(body, type=SweepRequest)
     scene, duration = _allowed(request, robots, b"", quotas)
     design = make_design(scene, request.vary, request.design, request.count, request.seed)

@@ -41,7 +41,7 @@ _SHOWN = 2000  # samples of residuals in a record
 
 
 def quantities(*, body: bytes, robots: str) -> bytes:
-    """What can be varied in a scene, with the scene's own values, as JSON. body: a SceneRequest."""
+    """Quantities that can be varied in a scene, with the scene's own values, as JSON. body: a SceneRequest."""
     scene = scene_of(decode_unique(body, SceneRequest).scene, robots)
     rows = [{"name": name, "kind": asked.kind, "unit": asked.unit, "about": asked.about,
              "value": asked.nominal} for name, asked in quantities_of(scene).items()]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Which jobs run: the processors' time is shared between clients, and a short job does not wait for long ones.
+"""Scheduling of jobs: the processors' time is shared between clients, and a short job does not wait for long ones.
 
 The client whose jobs have run for least time comes first, as in start-time fair queueing (Goyal, Vin, Cheng, IEEE/ACM
 Transactions on Networking 5 (1997) 690). A job that has run for its slice yields where another client waits: its
@@ -48,7 +48,7 @@ class TimeShares:
 
     @property
     def free(self) -> int:
-        """How many jobs more could run now."""
+        """The number of further jobs that could run now."""
         return max(0, self._slots - len(self._running) - len(self._waiting))
 
     @contextlib.asynccontextmanager

@@ -43,19 +43,19 @@ class Call(msgspec.Struct):
 
 
 class Progress(msgspec.Struct, tag=True):
-    """How far a task is."""
+    """The progress of a task."""
 
     value: Any
 
 
 class Done(msgspec.Struct, tag=True):
-    """What a task returned."""
+    """The result that a task returned."""
 
     result: Any
 
 
 class Failed(msgspec.Struct, tag=True):
-    """What a task raised. traceback: for the log, of unexpected failures only."""
+    """The failure that a task raised. traceback: for the log, of unexpected failures only."""
 
     problem: Problem
     traceback: str = ""
@@ -140,7 +140,7 @@ def _answer(function: Callable[..., Any], arguments: dict[str, Any], tools: dict
 
 
 def _has_filled(megabytes: float) -> bool:
-    """Whether this process came near its limit: LLVM then fails with any error ("Could not find the symbol ...")."""
+    """True if this process came near its limit: LLVM then fails with any error ("Could not find the symbol ...")."""
     try:
         peak = re.search(rb"VmPeak:\s+(\d+) kB", Path("/proc/self/status").read_bytes())
     except OSError:  # not Linux: no limit either

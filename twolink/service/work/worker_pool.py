@@ -36,7 +36,7 @@ _LAST_WORDS = 5.0  # seconds for a process whose pipe has closed to end by itsel
 # What workers get of the service's environment, which may hold secrets, such as the service's own tokens.
 _ENVIRONMENT = (
     "HOME", "USERPROFILE", "PATH", "LANG", "LC_ALL", "LC_CTYPE", "TZ", "PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH",
-    "DYLD_LIBRARY_PATH", "SYSTEMROOT", "TWOLINK_CACHE_MB", "TWOLINK_OPT_LEVEL", "TWOLINK_HEYOKA", "TWOLINK_NATIVE",
+    "DYLD_LIBRARY_PATH", "SYSTEMROOT", "TWOLINK_CACHE_MB", "TWOLINK_NATIVE",
 )  # fmt: skip
 Reply = Callable[[Any], Awaitable[dict[str, Any]]]  # to what a task asks
 _decode: Callable[[bytes], Progress | Done | Failed] = msgspec.msgpack.Decoder(Progress | Done | Failed).decode

@@ -37,7 +37,7 @@ _LOOK = 0.1  # seconds between looks: a process may fill some 100 MB in that tim
 
 
 class Exchange:
-    """Where the content of a request goes to a worker, and an answer comes back.
+    """A channel for the content of a request to a worker, and for its answer.
 
     name: what the worker opens: a file descriptor, or a path. inherited: descriptors that the worker inherits.
     """
@@ -83,7 +83,7 @@ class Exchange:
 
 
 class WorkerProcess:
-    """What the service uses of asyncio's Process, for one whose stdin and stdout are a socket."""
+    """A process as the service uses asyncio's Process, for one whose stdin and stdout are a socket."""
 
     def __init__(self, process: "subprocess.Popen[bytes]", socket_streams: tuple[Any, Any]) -> None:
         self._process, self.pid, self.kill = process, process.pid, process.kill
@@ -229,7 +229,7 @@ class WorkerMemory:
             self.look()
 
     def has_room(self) -> bool:
-        """Whether there is memory for what the next tasks take."""
+        """True if there is memory for what the next tasks take."""
         return sum(worker.memory() for worker in self.workers) < self._limit / 2
 
     def look(self) -> None:
