@@ -99,6 +99,10 @@ class Refinement:
         self._settings, self.lost = self._settings + 1, one.lost
         return self._smaller(one) or self._other(self._others(one.choice.method, one))
 
+    def _rounding(self, one: Verified) -> float:
+        """The largest part of the bar that is rounding, rad or m."""
+        return _largest(one.rounding) + float(one.common_rounding(self.equations.space).max(initial=0.0))
+
     def after_failure(self, choice: MethodChoice) -> MethodChoice | None:
         """The choice to try after a run that could not be solved: another method."""
         return self._other(self._others(choice.method))
@@ -112,7 +116,7 @@ class Refinement:
     def _smaller(self, one: Verified) -> MethodChoice | None:
         """A smaller setting of the same method; None where that does not help."""
         choice, method = one.choice, one.choice.method
-        truncation, rounding = _largest(one.truncation), _largest(one.rounding)
+        truncation, rounding = _largest(one.truncation), self._rounding(one)
         bar = truncation + rounding
         if self.equations.sampling is not None and method.order < METHODS["dop853"].order and self.any_method:
             return None  # steps end at ticks: more order costs less there than more steps
@@ -143,7 +147,7 @@ class Refinement:
 
     def _others(self, method: Method, one: Verified | None = None) -> Iterator[MethodChoice]:
         """Other methods, unless rounding is in the way; then more digits."""
-        rounding = 0.0 if one is None else _largest(one.rounding)
+        rounding = 0.0 if one is None else self._rounding(one)
         if self.any_method and method.name in OTHERS and rounding < MOST * self.accuracy:
             for name in OTHERS if self.equations.sampling is None else OTHERS[:1]:
                 if name != method.name:

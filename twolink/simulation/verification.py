@@ -65,14 +65,19 @@ class Verified:
     verify_seconds: float = 0.0
     lost: AccuracyError | None = None
 
+    def common_rounding(self, space: StateSpace) -> Array:
+        """The rounding that all solutions have alike, where they are compared (k,), rad or m."""
+        solution, checks = self.solution, self.checks
+        if solution.precise is not None:
+            return np.zeros(len(checks))
+        return common_rounding(space, solution.t[checks], solution.x[:, checks].T, solution.steps)
+
     def bar(self, space: StateSpace, slack: float) -> Array | None:
         """The error bar at each sample (n,), rad or m."""
         if self.truncation is None or self.rounding is None:
             return None
-        solution, checks = self.solution, self.checks
-        same = common_rounding(space, solution.t[checks], solution.x[:, checks].T, solution.steps)
-        bar = error_bar(self.truncation + self.rounding, same if solution.precise is None else 0.0 * same)
-        bar = bar.repeat(np.diff(checks, prepend=-1))
+        bar = error_bar(self.truncation + self.rounding, self.common_rounding(space))
+        bar = bar.repeat(np.diff(self.checks, prepend=-1))
         bar[1:] += slack
         return np.asarray(bar)  # between two checks, that of the later one
 
