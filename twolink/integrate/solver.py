@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 SMALLEST = {"explicit": SMALLEST_TOLERANCE, "implicit": SMALLEST_TOLERANCE, "taylor": 1e-16,
             "scipy": scipy_solver.SMALLEST_TOLERANCE}  # fmt: skip
+BY_STEPS = 'method="auto", or one of rk45, dop853, esdirk43'
 SMALLEST_PRECISE = {"extended": 1e-31, "quad": 1e-46}
 
 
@@ -137,19 +138,16 @@ def _solve(
         return Solution(times, np.empty((0, len(times))), 0, 0)
     stepping = is_stepping(method)
     if equations.switching is not None and not stepping:
-        raise SceneError(f"{method.name} does not locate events", argument="method",
-                         remedy='method="auto", or one of rk45, dop853, esdirk43')  # fmt: skip
+        raise SceneError(f"{method.name} does not locate events", argument="method", remedy=BY_STEPS)
     tables = stepping and method.adaptive and bool(equations.layout.tables) and not equations.has_events
     if equations.sampling is not None or tables:
         from twolink.integrate.solvers.ticks import solve_ticks  # which other scenes do not load
 
-        if equations.sampling is not None and precision != "double":
-            raise SceneError("torques of controllers are held in double precision", argument="precision",
-                             remedy='precision="auto"')  # fmt: skip
+        if not stepping:
+            raise SceneError(f"{method.name} does not call controllers", argument="method", remedy=BY_STEPS)
         if equations.sampling is not None and equations.has_events:
             return solve_beside(equations, equations.sampling, method, times, setting, progress)[0]
-        alone = None if stepping else functools.partial(_alone, method, setting)
-        return solve_ticks(equations, equations.sampling, method, times, setting, progress, perturbation, beside, alone)
+        return solve_ticks(equations, equations.sampling, method, times, setting, progress, perturbation, beside)
     if stepping and equations.has_events:
         from twolink.integrate.hybrid.engine import solve as solve_events  # with it come the effects of modes
 
@@ -168,11 +166,6 @@ def _solve(
         return integrate(step_map(piece, method), part, setting, progress, perturbation=perturbation, beside=beside)
 
     return in_pieces(equations, times, smooth)
-
-
-def _alone(method: Method, setting: float, equations: Equations, times: Array, perturbation: Perturbation) -> Solution:
-    """A solution of equations without sampling."""
-    return _solve(equations, method, times, setting, None, "double", perturbation, None)
 
 
 def _require_pieces(equations: Equations, times: Array, step: float) -> None:

@@ -7,7 +7,6 @@ are asked for, and go on as if they had not.
 import copy
 import functools
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +17,6 @@ from twolink.integrate.forces_seen import forces_seen
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece, Progress, Solution
-from twolink.integrate.solvers.from_tick_to_tick import Restarted, Solve
 from twolink.integrate.steps.beside import Beside
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.outcomes import FINE, Block, failure_of, outcome_of
@@ -201,9 +199,7 @@ def _pass(passed: Passed, steps: Array, time: int, size: int, start: float, end:
 class _Run:
     """A run from tick to tick. t, x: where steps of the first solution ended, and with which held numbers."""
 
-    def __init__(
-        self, equations: Equations, lanes: Lanes | Restarted, loop: SampledLoop, beside: Beside | None
-    ) -> None:
+    def __init__(self, equations: Equations, lanes: Lanes, loop: SampledLoop, beside: Beside | None) -> None:
         self._equations, self._lanes, self._loop, self._beside = equations, lanes, loop, beside
         self.t, self.x = [lanes.time], [lanes.x[:, 0].copy()]
         self._passed: list[float] = []  # times at which the others are yet to be looked at
@@ -256,7 +252,7 @@ class _Run:
                 self._lanes.x[rows] = table.rows_at(t)[:, None]
         self._keep()
 
-    def solution(self, by: StepMap | Restarted, times: Array, *, interrupted: bool) -> Solution:
+    def solution(self, by: StepMap, times: Array, *, interrupted: bool) -> Solution:
         """The solution so far, with the samples at times (n,)."""
         t, x, moving = np.array(self.t), np.array(self.x), self._equations.moving
         times = times[: np.searchsorted(times, t[-1] * (1.0 + SAME_TIME), side="right")]
@@ -282,24 +278,17 @@ def solve_ticks(
     progress: Progress | None,
     perturbation: Perturbation = NO_PERTURBATION,
     beside: Beside | None = None,
-    alone: Solve | None = None,
 ) -> Solution:
     """Solve from the equations' start for samples; see `solver.solve`.
 
-    alone: how each solution is solved from tick to tick, for methods without a step map.
     sampling: None where only tables of samples change the numbers. Raises ControllerError, whose `run` is the solution
     so far.
     """
     equations.require(float(times[0]), float(times[-1]))
     start, end = float(times[0]), float(times[-1])
     every = (perturbation, *(() if beside is None else beside.perturbations))
-    by: StepMap | Restarted
-    lanes: Lanes | Restarted
-    if alone is None:
-        by = step_map(equations, method)
-        lanes = Lanes(by, start, end, setting, every, progress)
-    else:
-        by = lanes = Restarted(replace(equations, sampling=None), method, start, every, alone, progress)
+    by = step_map(equations, method)
+    lanes = Lanes(by, start, end, setting, every, progress)
     loop = SampledLoop(
         sampling or Sampling(equations.robot, {}, {}),
         equations.layout.rows_of_slots(),
