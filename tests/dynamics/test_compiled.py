@@ -337,7 +337,7 @@ def test_without_the_native_library_queries_answer(monkeypatch: pytest.MonkeyPat
 def test_the_environment_does_without_compiled_code() -> None:
     """Every scene and query works without the native library."""
     code = ("import twolink as tl\n"
-            "run = tl.simulate(tl.load_scene('bouncing-ball'), 0.6, 1e-4)\n"
+            "run = tl.simulate(tl.load_scene('bouncing-ball'), 0.6, accuracy=1e-4)\n"
             "print(bool(run.cost.compiled), run.bound)")  # fmt: skip
     environment = {**os.environ, "TWOLINK_NATIVE": "0"}
     done = subprocess.run([sys.executable, "-c", code], env=environment, text=True, capture_output=True, check=False)

@@ -174,7 +174,7 @@ class TwoNumbers(E.Effect, frozen=True):
         (OtherArguments(), "write def act(self, motion, loads)"),
         (OtherCheck(), "write def check(self, robot)"),
         (Returns(), "act returns a value; add torques by loads.torque"),
-        (TwoNumbers(), "test_own_effects.py: ValueError"),
+        (TwoNumbers(), "test_own_effects.py: IndexError"),
     ],
 )
 def test_wrong_calls_are_refused_with_the_right_ones(effect: tl.effects.Effect, part: str) -> None:

@@ -16,8 +16,6 @@ from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.arguments import array, configuration, positive
 from twolink.effects import Effect
 from twolink.effects.checks import check_effect
-from twolink.effects.inputs import Slot
-from twolink.effects.sampled_control import DofTorques
 from twolink.errors import AccuracyError, SceneError, TwolinkError, nearest
 from twolink.io.text import facts_html
 from twolink.robots.collisions import Shape
@@ -292,6 +290,9 @@ class Scene:
 
     def with_held_torques(self) -> tuple[Scene, tuple[str, ...]]:
         """The scene with torques of all degrees of freedom that are numbers of a state, and their names."""
+        from twolink.effects.inputs import Slot  # which other scenes do not load
+        from twolink.effects.sampled_control import DofTorques
+
         names = tuple(f"torque {k}" for k in range(self.robot.nv))
         return self.with_effects([*self.effects, DofTorques({name: Slot(name) for name in names})]), names
 

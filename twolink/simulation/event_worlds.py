@@ -19,7 +19,6 @@ from twolink.scenes import Scene
 from twolink.scenes.parameters import scene_with
 from twolink.simulation.cost import Cost
 from twolink.simulation.scene_run import ACCURACY, run_of
-from twolink.simulation.stepped_run import simulate_stepped
 from twolink.simulation.trajectory import Trajectory
 
 
@@ -95,6 +94,9 @@ def run_from(
     `simulate` raises.
     """
     chosen = choose_contact_method(scene, contact).method
+    if chosen is not None:
+        from twolink.simulation.spliced_run import beyond_located  # which scenes without contacts do not load
+        from twolink.simulation.stepped_run import simulate_stepped
     if chosen == "stepped":
         return simulate_stepped(_started(scene, x), times, accuracy, None, None, verify=verify)
     equations, bound = equations_of(scene, ticks=True), ACCURACY if accuracy is None else accuracy
@@ -106,8 +108,6 @@ def run_from(
     except AccuracyError as error:
         if chosen is None:
             raise
-        from twolink.simulation.spliced_run import beyond_located  # which other scenes do not load
-
         located = functools.partial(run_of, scene, equations, choice, accuracy=bound, verify=verify)
         stepped = functools.partial(simulate_stepped, accuracy=None, step=None, progress=None, verify=verify)
         effort = contact is None and accuracy is None
