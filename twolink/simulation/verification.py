@@ -103,6 +103,7 @@ class Verification:
     ) -> None:
         self._equations, self._times, self._checks = equations, times, checks
         self._accuracy, self._progress = accuracy, progress
+        self._few = not 0.0 < accuracy < FINE  # disturbed solutions, until a run shows that rounding counts
 
     def unverified(self, choice: MethodChoice) -> Verified:
         """A run alone."""
@@ -136,8 +137,8 @@ class Verification:
     def _in_lanes(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run and the others as lanes of one batch; by Taylor's method, whose order all lanes have, the others."""
         taylor, space = choice.method.kind == "taylor", self._equations.space
-        few, spent = not 0.0 < self._accuracy < FINE, 0.0
-        for count in (BY_TAYLOR,) if taylor else IN_LANES if few else IN_LANES[-1:]:
+        spent = 0.0
+        for count in (BY_TAYLOR,) if taylor else IN_LANES if self._few else IN_LANES[-1:]:
             disturbed = disturbed_solutions(count, finer.finer if taylor else 1.0)
             run, own, x, beside = self._batch(choice, (finer, *disturbed))
             if run.solution.interrupted:
@@ -150,7 +151,7 @@ class Verification:
             run = replace(run, verify_seconds=run.verify_seconds + spent)
             if self._is_enough(count, each):
                 break
-            spent = run.seconds + run.verify_seconds
+            spent, self._few = run.seconds + run.verify_seconds, False
         return self._with_parts(run, each)
 
     def _is_enough(self, count: int, each: Array) -> bool:
