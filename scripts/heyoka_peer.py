@@ -64,6 +64,15 @@ def number_type(precision: str) -> Any:
     return {"double": float, "extended": np.longdouble, "quad": getattr(heyoka(), "real128", None)}[precision]
 
 
+def parts_of(x: np.ndarray) -> np.ndarray:
+    """Numbers of any type as sums of three doubles (..., 3)."""
+    out = []
+    for _ in range(3):
+        out.append(x.astype(float))
+        x = x - out[-1].astype(x.dtype)
+    return np.stack(out, axis=-1)
+
+
 def system_of(equations: Equations, constants: Mapping[str, Any] | None = None) -> list[tuple[Any, Any]]:
     """x' as its expressions; the numbers of the state array, then the equations' parameters, are its `par`.
 

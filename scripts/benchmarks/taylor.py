@@ -19,7 +19,7 @@ import numpy as np
 
 import twolink as tl
 from scripts.benchmarks.machine import scene_of
-from scripts.heyoka_peer import integrator, states_at
+from scripts.heyoka_peer import integrator, parts_of, states_at
 from scripts.runner import Table, once, options, print_bars, seconds_of
 from twolink.integrate.digits import difference
 from twolink.integrate.motion.equations import Equations
@@ -36,15 +36,6 @@ SETTINGS: dict[Any, tuple[float, float]] = {
 }
 BAR = 3.0  # of heyoka's time
 clock = functools.partial(once, clock=time.process_time)
-
-
-def parts_of(x: np.ndarray) -> np.ndarray:
-    """Numbers of any type as sums of three doubles (..., 3)."""
-    out = []
-    for _ in range(3):
-        out.append(x.astype(float))
-        x = x - out[-1].astype(x.dtype)
-    return np.stack(out, axis=-1)
 
 
 def row_of(name: str, precision: Any, truth: np.ndarray, times: np.ndarray, rounds: int) -> tuple[Any, ...]:

@@ -18,22 +18,13 @@ def robot(name: str) -> tl.Scene:
     return tl.Scene(one, np.linspace(0.3, -0.8, one.nq), effects=[tl.effects.Gravity()])
 
 
-def parts_of(x: np.ndarray) -> np.ndarray:
-    """Numbers of 113 bits as sums of three doubles."""
-    out = []
-    for _ in range(3):
-        out.append(x.astype(float))
-        x = x - out[-1].astype(x.dtype)
-    return np.stack(out, axis=-1)
-
-
 @pytest.mark.parametrize("name", ["rods", "ur5", "panda", "box"])
 def test_thirty_digits_agree(name: str) -> None:
     scene = {"rods": rods, "box": box}.get(name, lambda: robot(name))()
     equations, end = equations_of(scene), 1.0 if name == "rods" else 0.5
     times = np.linspace(0.0, end, 6)
     theirs = heyoka_peer.integrator(equations, 1e-33, "quad", compact_mode=True, opt_level=0)
-    expected = parts_of(heyoka_peer.states_at(theirs, times, end / 16))
+    expected = heyoka_peer.parts_of(heyoka_peer.states_at(theirs, times, end / 16))
     quad = taylor.solve(equations, times, 1e-36, precision="quad").precise
     assert np.abs(difference(quad, expected)).max() < 1e-30
     extended = taylor.solve(equations, times, 1e-31, precision="extended").precise

@@ -117,7 +117,7 @@ def _from_log(scene: Scene, log: TrajectoryLog) -> tuple[Scene, TrajectoryLog]:
     if not log.has_velocities:
         raise SceneError("the log has no velocities to start from", argument="start", code="not-a-trajectory",
                          remedy='give v, or start="scene"')  # fmt: skip
-    made = Scene(scene.base, log.q[0], log.v[0], scene.effects, scene.duration, scene.title)
+    made = scene.with_start(log.q[0], log.v[0])
     return made, TrajectoryLog(log.t - log.t[0], log.q, log.v)
 
 

@@ -135,7 +135,7 @@ class Unknowns:
         own = scene_with(self.scene, constants) if constants else self.scene
         self._require_bodies(own)
         q, v = robot.integrate(own.q, change["q"]), own.v + change["v"]
-        return Scene(own.base, q, v, own.effects, own.duration, own.title)
+        return own.with_start(q, v)
 
     def _require_bodies(self, scene: Scene) -> None:
         """Refuse a body that cannot exist where the scene's own can. Raises SceneError."""

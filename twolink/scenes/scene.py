@@ -288,6 +288,10 @@ class Scene:
         """
         return save_scene(Path(path), self.base, self.q, self.v, self.effects, self.duration, self.title)
 
+    def with_start(self, q: ArrayLike, v: ArrayLike) -> Scene:
+        """A copy of the scene with another start q (nq,), v (nv,)."""
+        return Scene(self.base, q, v, self.effects, self.duration, self.title)
+
     def with_held_torques(self) -> tuple[Scene, tuple[str, ...]]:
         """The scene with torques of all degrees of freedom that are numbers of a state, and their names."""
         from twolink.effects.inputs import Slot  # which other scenes do not load

@@ -93,12 +93,12 @@ def run_from(
     accuracy: None as in `simulate`. Runs of one scene share its equations, and so their programs. Raises what
     `simulate` raises.
     """
-    chosen = choose_contact_method(scene, contact).method
+    chosen, nq = choose_contact_method(scene, contact).method, scene.robot.nq
     if chosen is not None:
         from twolink.simulation.spliced_run import beyond_located  # which scenes without contacts do not load
         from twolink.simulation.stepped_run import simulate_stepped
     if chosen == "stepped":
-        return simulate_stepped(_started(scene, x), times, accuracy, None, None, verify=verify)
+        return simulate_stepped(scene.with_start(x[:nq], x[nq:]), times, accuracy, None, None, verify=verify)
     equations, bound = equations_of(scene, ticks=True), ACCURACY if accuracy is None else accuracy
     start = x if equations.constraints is None else assembled(equations.constraints, x)
     equations = replace(equations.starting_at(with_starting_states(equations, start), 0.0), assembled=(0.0, 0.0))
@@ -111,13 +111,7 @@ def run_from(
         located = functools.partial(run_of, scene, equations, choice, accuracy=bound, verify=verify)
         stepped = functools.partial(simulate_stepped, accuracy=None, step=None, progress=None, verify=verify)
         effort = contact is None and accuracy is None
-        return beyond_located(_started(scene, x), times, error, located, stepped, best_effort=effort)
-
-
-def _started(scene: Scene, x: Array) -> Scene:
-    """The scene from another state (nq + nv,)."""
-    nq = scene.robot.nq
-    return Scene(scene.base, x[:nq], x[nq : nq + scene.robot.nv], scene.effects, scene.duration, scene.title)
+        return beyond_located(scene.with_start(x[:nq], x[nq:]), times, error, located, stepped, best_effort=effort)
 
 
 def _run(

@@ -74,24 +74,19 @@ def _located(error: AccuracyError, located: Run, times: np.ndarray) -> Trajector
 def _spliced(scene: Scene, times: np.ndarray, failure: AccuracyError, run: Trajectory, stepped: Run) -> Trajectory:
     """The located run and the one that is stepped from its end."""
     begin = float(run.t[-1])
-    start = _starting(scene, run.q[-1], run.v[-1])
+    start = scene.with_start(run.q[-1], run.v[-1])
     after = np.append(begin, times[times > begin])
     rest, error = stepped(start, after), None
     if run.error is not None and rest.error is not None and rest.cost is not None:
         bar, speed = float(run.error[-1]), float(np.abs(run.v[-1]).max())
         rate = max(1.0 / begin, float(np.abs(run.acceleration[-1]).max()) / speed if speed else 0.0)
-        others = start, _starting(scene, *displaced(start, bar, rate))
+        others = start, scene.with_start(*displaced(start, bar, rate))
         one, other = (stepped(each, after, step=COARSER * rest.cost.setting, verify=False) for each in others)
         if not (one.interrupted or other.interrupted):
             apart = np.maximum(bar, equations_of(scene).space.distance(one.q, other.q))
             grown = error_bar(apart, np.zeros_like(apart), PARTING)
             error = np.concatenate([run.error, (rest.error + grown)[1:]])
     return _joined(run, rest, error, failure)
-
-
-def _starting(scene: Scene, q: np.ndarray, v: np.ndarray) -> Scene:
-    """The scene from another state."""
-    return Scene(scene.base, q, v, scene.effects, scene.duration, scene.title)
 
 
 def _joined(run: Trajectory, rest: Trajectory, error: np.ndarray | None, failure: AccuracyError) -> Trajectory:

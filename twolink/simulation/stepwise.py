@@ -163,12 +163,12 @@ class Simulation:
         """The motion from a state on, without controllers."""
         driven = self._driven
         if self._stepped:
-            return Stepped(_moved(driven, q, v), t, self._step, verify=self._verify)
+            return Stepped(driven.with_start(q, v), t, self._step, verify=self._verify)
         equations = equations_held(driven, self._names)[0]
         if equations.constraints is None:
             equations = replace(equations, start=start_of(driven, equations, q, v))
         elif not (np.array_equal(q, driven.q) and np.array_equal(v, driven.v)):  # loops are closed
-            self._driven = _moved(driven, q, v)
+            self._driven = driven.with_start(q, v)
             equations = equations_held(self._driven, self._names)[0]
         if equations.has_events:
             return Located(equations, t, self._tolerance, self._solutions)
@@ -329,8 +329,3 @@ class Simulation:
             self._motion = self._begun(*saved.start)
             self._start = saved.start
         self._motion.restore(saved.state)
-
-
-def _moved(scene: Scene, q: ArrayLike, v: ArrayLike) -> Scene:
-    """The scene from another start."""
-    return Scene(scene.base, q, v, scene.effects, scene.duration, scene.title)
