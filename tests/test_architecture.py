@@ -3,15 +3,19 @@
 import ast
 import functools
 import graphlib
+import inspect
 import io
 import re
 import statistics
+import textwrap
 import tokenize
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+
+from twolink.integrate.core.motion import drive
 
 ROOT = Path(__file__).parents[1]
 LONGEST_MODULE, MEDIAN_MODULE, LONGEST_FUNCTION = 250, 150, 50  # lines of code
@@ -221,3 +225,11 @@ def test_the_picture_shows_the_rooms_in_the_order_of_imports() -> None:
     assert rooms == layers()
     folders = {path.parent.name for path in (ROOT / "twolink").glob("*/__init__.py")}
     assert set(rooms) == folders | {"errors"}
+
+
+def test_the_page_prints_the_loop() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text("utf-8")
+    source = textwrap.dedent(inspect.getsource(drive))
+    printed = [block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "loop.tick" in block]
+    assert len(printed) == 1
+    assert textwrap.indent(printed[0], "    ") in source

@@ -32,7 +32,7 @@ import numpy as np
 import twolink as tl
 from scripts.runner import FINGERS, OUT, Some, Table, once, options
 from twolink.errors import TwolinkError
-from twolink.hard.case import Track
+from twolink.hard.case import StateHistory
 from twolink.hard.peers import NAMES, peer_module
 from twolink.hard.peers.task import PeerError, PeerRun, PeerTask, task_of
 from twolink.hard.truths import COARSE, FINE, extended_reference
@@ -281,7 +281,7 @@ def own_timings(
             raise PeerError(str(error)) from None
         if np.abs(got.t[wanted] - times).max() > 1e-12:
             raise PeerError("the samples are not at the common times")
-        return PeerRun(Track(times, got.q[wanted], got.v[wanted]), got.cost.evaluations)
+        return PeerRun(StateHistory(times, got.q[wanted], got.v[wanted]), got.cost.evaluations)
 
     for method in ("rk45", "dop853"):  # else the first runs would take steps that are compiled in parts
         step_map(equations_of(scene), METHODS[method])

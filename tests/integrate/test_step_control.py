@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from tests.integrate.problems import arm, rods
+from twolink.integrate.core.smooth import solve_smooth
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.step_control import FIRST_SQUARE, SAFETY, control_rows, initial_state
 from twolink.integrate.steps.step_map import step_map
-from twolink.integrate.steps.stepping import integrate, start_state
+from twolink.integrate.steps.stepping import start_state
 
 ROWS = control_rows(4)
 
@@ -56,7 +57,7 @@ def test_the_step_size_after_a_rejected_step_has_no_memory() -> None:
 def test_what_a_state_cannot_resolve_is_no_error() -> None:
     """A tolerance below rounding, at velocities of 1e3: without rounding admitted, the step size would collapse."""
     steps = step_map(equations_of(rods(v=[1e3, -1e3])), METHODS["dop853"])
-    assert integrate(steps, np.array([0.0, 0.01]), 1e-17).t[-1] == 0.01
+    assert solve_smooth(steps.equations, steps.method, np.array([0.0, 0.01]), 1e-17).t[-1] == 0.01
 
 
 def test_two_tolerances_take_different_first_steps_however_short_the_duration() -> None:

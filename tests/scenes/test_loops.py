@@ -8,7 +8,7 @@ import twolink as tl
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.loops import Loop
 from twolink.errors import AccuracyError, SceneError
-from twolink.hard.case import Track
+from twolink.hard.case import StateHistory
 from twolink.hard.cases.loops import four_bars, hanging_four_bars, pendulum_of_row, row_of_four_bars
 from twolink.integrate.motion.assembly import assembled
 from twolink.integrate.motion.equations import Equations
@@ -245,7 +245,7 @@ def test_a_four_bar_of_ones_own_passes_its_singular_position_again_and_again() -
     run = tl.simulate(scene, 20.0, accuracy=1e-6, samples_per_second=50)
     assert run.error is not None
     assert run.error[-1] <= 1e-6
-    assert np.all(four_bars(1)(scene.robot, Track(run.t, run.q, run.v)) <= run.error)
+    assert np.all(four_bars(1)(scene.robot, StateHistory(run.t, run.q, run.v)) <= run.error)
     with pytest.raises(AccuracyError) as caught:
         tl.simulate(scene, 20.0, accuracy=1e-10, samples_per_second=50)
     assert caught.value.code in ("loops-singular", "accuracy-limit")

@@ -9,7 +9,7 @@ import pytest
 import twolink as tl
 from twolink.errors import AccuracyError
 from twolink.hard import truths
-from twolink.hard.case import Track
+from twolink.hard.case import StateHistory
 from twolink.hard.truths import extended_reference
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solvers.method_choice import MethodChoice
@@ -73,7 +73,7 @@ def test_bars_of_pendulums_hold_over_an_hour(method: str, start: float, duration
     scene = tl.Scene(robot, [start], effects=[tl.effects.Gravity((0.0, 0.0, -G))])
     run = near_the_limit(scene, duration, method, 0.1)
     some = np.linspace(1, len(run.t) - 1, 30).astype(int)
-    track = Track(run.t[some], run.q[some], run.v[some])
+    track = StateHistory(run.t[some], run.q[some], run.v[some])
     error = truths.configuration_error(truths.swing(start, math.sqrt(G)))(robot, track)
     assert run.error is not None
     assert (error <= run.error[some]).all()
@@ -167,7 +167,7 @@ def test_steps_whose_rounding_has_a_mean_are_in_the_bar() -> None:
         tolerance=1e-14,
         samples_per_second=60 / 1279.099,
     )
-    error = truths.configuration_error(truths.swing(0.213, w0))(scene.robot, Track(run.t, run.q, run.v))
+    error = truths.configuration_error(truths.swing(0.213, w0))(scene.robot, StateHistory(run.t, run.q, run.v))
     assert run.error is not None
     assert (error <= run.error)[1:].all()
     assert run.error[-1] < 3e-12

@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
-import functools
+import math
 import weakref
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from twolink.contact.joints import LoopRows
+from twolink.contact.stepped_solution import SteppedSolution, SteppedTrack
 from twolink.contact.stepping import ContactStepper
-from twolink.contact.steps import Record, Step, StepPlan, plan_steps
+from twolink.contact.steps import Memory, Record, StepPlan, plan_steps, twice_as_many
 from twolink.effects.contact import Contact
 from twolink.effects.loops import Loop
 from twolink.effects.sensors import Forces
 from twolink.effects.switching import Hold, Stop, SwitchingEffect
 from twolink.errors import ControllerError, SceneError
-from twolink.geometry.points import pair_of
-from twolink.integrate.joint_forces import accelerations_and_joint_torques
+from twolink.integrate.core.motion import Motion, drive, loop_of
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import make_equations, sampled
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Impulse, Piece, Progress
+from twolink.integrate.solution import Progress
 from twolink.loop.clock import SAME_TIME
-from twolink.loop.sampled_loop import SampledLoop, Sampling
 from twolink.scenes import Scene
 
 OVERLAP = 1e-9  # m, at the start
@@ -71,214 +70,158 @@ def stepper_of(scene: Scene) -> ContactStepper:
 
 
 REPORT = 50  # steps
-Pressing = dict[str, list[tuple[Array, Array, Array]]]  # by pair points, m, forces, N, and slips, m/s
+Planned = Callable[[float, float, Array], tuple[StepPlan, int]]
 
 
-@dataclass(frozen=True, eq=False)
-class SteppedSolution:
-    """States at samples, and between them by interpolation.
+class SteppedState(NamedTuple):
+    """One solution with stepped contacts: q, w (see `Multibody`), and what its last step passed on."""
+
+    q: Array
+    w: Array
+    memory: Memory
+
+
+class SteppedMotion(Motion):
+    """Solutions with stepped contacts, each by steps of its own.
 
     Parameters
     ----------
-    pieces : tuple of Piece
-        One: the equations without contacts.
-    t : ndarray (n,)
-        Times of the samples, s.
-    q, v, a : ndarray (n, nq), (n, nv), (n, nv)
-        Configurations, velocities, and the mean accelerations over the step before each sample; over the first step at
-        the first sample. So it is with `held`, `numbers` and `pressing`.
-    held : ndarray (n, nv)
-        The mean torques of joints' stops and dry friction over that step, N m or N.
-    numbers : ndarray (n, m)
-        The numbers that held behind (q, v) in that step.
-    pressing : sequence of dict
-        Of each sample by pair the points that pressed in the step before it, with their mean forces, N, and their slips
-        at its end, m/s.
-    record : Record
-        What the steps were and how they obey the laws.
-    overlap : float
-        The largest overlap of bodies at a sample, m.
-    step : float
-        The longest step, but for halved ones, s.
-    interrupted : bool
-        Ctrl-C ended it.
-    unfollowed : ndarray (n,)
-        By how much bounces that were too low for the steps would have moved a joint at most, up to each sample, rad or
-        m.
-    loop : SampledLoop or None
-        The controllers and sensors, where there are any.
-    impulses : tuple of Impulse
-        Those of impacts.
+    stepper : ContactStepper
+    t : float
+        The time of the start, s.
+    plans : sequence of callable
+        Of each solution: (t, end, numbers (m,)) -> its steps up to an end, and the number of the first of them.
+    track : SteppedTrack, optional
+        Of what the first solution passes.
+    progress : callable, optional
+        Called with the time now and then.
     """
 
-    pieces: tuple[Piece, ...]
-    t: Array
-    q: Array
-    v: Array
-    a: Array
-    held: Array
-    numbers: Array
-    pressing: Sequence[Pressing]
-    record: Record
-    overlap: float
-    step: float
-    unfollowed: Array
-    interrupted: bool = False
-    loop: SampledLoop | None = None
-    impulses: tuple[Impulse, ...] = ()
+    def __init__(
+        self,
+        stepper: ContactStepper,
+        t: float,
+        plans: Sequence[Planned],
+        *,
+        track: SteppedTrack | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        self._stepper, self._t, self._plans, self._track, self._progress = stepper, t, plans, track, progress
+        stepper.record, equations, nq = Record(), stepper.equations, stepper.equations.space.nq
+        numbers = equations.layout.numbers_at(t)
+        self._numbers = np.repeat(numbers[:, None], len(plans), axis=1)
+        q, v = np.array(equations.start[:nq]), np.array(equations.start[nq : equations.moving])
+        w = stepper.bodies.to_local_velocity(q, v, -1)
+        self.states = [SteppedState(q, w, stepper.start(t, q, w, numbers))] * len(plans)
 
-    def states(self, times: Array) -> Array:
-        """The states (nq + nv, m) at times (m,), interpolated between samples."""
-        model = self.pieces[0].equations.robot.model
-        after = np.clip(np.searchsorted(self.t, times, side="left"), 1, max(1, len(self.t) - 1))
-        out = np.empty((self.q.shape[1] + self.v.shape[1], len(times)))
-        for k, (i, t) in enumerate(zip(np.minimum(after, len(self.t) - 1).tolist(), times.tolist(), strict=True)):
-            share = (t - self.t[i - 1]) / (self.t[i] - self.t[i - 1]) if i else 0.0
-            q = pin.interpolate(model, self.q[i - 1], self.q[i], share)
-            out[:, k] = np.concatenate([q, self.v[i - 1] + share * (self.v[i] - self.v[i - 1])])
-        return out
+    @property
+    def equations(self) -> Equations:
+        """The equations without contacts."""
+        return self._stepper.equations
 
-    def accelerations_and_torques(self) -> tuple[Array, Array]:
-        """Mean accelerations over the step before each sample (n, nv), and applied joint torques (n, nv)."""
-        states = np.concatenate([self.q, self.v, self.numbers], axis=1).T
-        return self.a, accelerations_and_joint_torques(self.pieces[0].equations, self.t, states)[1].T + self.held
+    @property
+    def t(self) -> float:
+        """The time, s."""
+        return self._t
 
-    def forces_on_links(self) -> dict[str, tuple[Array, Array]]:
-        """None: steps have no equations of motion."""
-        return {}
+    @property
+    def x(self) -> Array:
+        """The states."""
+        local = self._stepper.bodies.to_local_velocity
+        return np.stack([np.concatenate([q, local(q, w)]) for q, w, _ in self.states], axis=1)
 
-    def contacts(self) -> dict[str, tuple[Array, Array]]:
-        """As `DenseOutput.contacts`: points (n, k, 3) and forces (n, k, 3) by pair, means over the step before."""
-        return {pair: (rows[0], rows[1]) for pair, rows in self._rows.items()}
+    @property
+    def steps(self) -> int:
+        """Steps of all solutions."""
+        return self._stepper.record.steps
 
-    def contact_slips(self) -> dict[str, tuple[Array, Array]]:
-        """As `contacts`, with slips of the first body on the second, m/s, in place of forces."""
-        return {pair: (rows[0], rows[2]) for pair, rows in self._rows.items()}
+    @property
+    def unfollowed(self) -> float:
+        """The most that bounces too low for the steps would have moved a joint, rad or m."""
+        return max(state.memory.unfollowed for state in self.states)
 
-    @functools.cached_property
-    def _rows(self) -> dict[str, Array]:
-        """By pair points, forces and slips (3, n, k, 3)."""
-        most: dict[str, int] = {}
-        for found in self.pressing:
-            for pair, rows in found.items():
-                most[pair] = max(most.get(pair, 0), len(rows))
-        out = {pair: np.full((3, len(self.t), k, 3), np.nan) for pair, k in most.items()}
-        for sample, found in enumerate(self.pressing):
-            for pair, rows in found.items():
-                out[pair][:, sample, : len(rows)] = np.array(rows).swapaxes(0, 1)
-        return out
+    @np.errstate(over="ignore", invalid="ignore")  # what steps that are too long give is refused ("step-too-large")
+    def advance(self, t: float) -> None:
+        """Go to a time, s."""
+        ends = [self._solved(k, t) for k in range(len(self.states))]
+        self.states, self._t = ends, t
+
+    def _solved(self, number: int, end: float) -> SteppedState:
+        plan, first = self._plans[number](self._t, end, self._numbers[:, number])
+        until = int(np.searchsorted(plan.t, end * (1.0 - SAME_TIME)))
+        q, w, memory = self.states[number]
+        while first < until:
+            steps = self._stepper.run(plan, first, until, q, w, memory)
+            if self._track is not None:
+                self._track.add(first, steps)
+            last, before, first = steps[len(steps) - 1], first, first + len(steps)
+            q, w, memory = last.q, last.v, last.memory
+            if self._progress is not None and first // REPORT > before // REPORT:
+                self._progress(float(plan.t[first - 1]))
+        return SteppedState(q, w, memory)
+
+    def held(self) -> Array:
+        """The states with the numbers."""
+        return np.concatenate([self.x, self._numbers])
+
+    def hold(self, x: Array) -> None:
+        """Let the numbers hold from now on."""
+        self._numbers = x[self.equations.moving :].copy()
+
+    def forces(self, *_: object) -> Forces:
+        """Raises SceneError, code "sensor-of-forces": steps have no forces at an instant."""
+        raise SceneError("the forces of stepped contacts are means over steps: no sensor reads them", where="effects",
+                         remedy='contact="located", or sensors of positions and velocities; afterwards run.tau and '
+                                "run.contact_forces", code="sensor-of-forces")  # fmt: skip
+
+    def save(self) -> tuple[float, Array, list[SteppedState]]:
+        """The time, the numbers that hold, and the solutions, none of which is written to."""
+        return self._t, self._numbers, self.states
+
+    def restore(self, saved: tuple[float, Array, list[SteppedState]]) -> None:
+        """Go on from there."""
+        self._t, self._numbers, self.states = saved
 
 
-def _means(stepper: ContactStepper, one: Step) -> tuple[Array, Array]:
-    """The mean acceleration over a step (nv,), and the mean torques of joints' stops and dry friction (nv,)."""
-    mean = stepper.bodies.to_local_velocity(one.q, one.mean)
-    return mean, np.zeros_like(mean) if one.joints is None else one.joints / one.h
+def steps_of(step: float, doubled: int = 0) -> Planned:
+    """Equal steps of at most a length [s] to each end; their number is doubled so often (`twice_as_many`)."""
+
+    def plan(t: float, end: float, numbers: Array) -> tuple[StepPlan, int]:
+        count = max(1, math.ceil((end - t) / step - 1e-9))
+        for _ in range(doubled):
+            count = twice_as_many(count)
+        h, every = (end - t) / count, np.arange(count)
+        return StepPlan(t + h * every, np.full(count, h), 0 * every, every < 0, numbers[None]), 0
+
+    return plan
 
 
-def _pressing(stepper: ContactStepper, one: Step) -> Pressing:
-    """By pair the points that press in a step, their mean forces, and their slips."""
-    found: Pressing = {}
-    slips = np.zeros_like(one.place) if one.slips is None else one.slips
-    for pair, place, impulse, slip in zip(pair_of(one.keys).tolist(), one.place, one.on_first, slips, strict=True):
-        found.setdefault(stepper.detector.names[pair], []).append((place, impulse / one.h, slip))
-    return found
-
-
-def _impulses(stepper: ContactStepper, begin: float, one: Step) -> Iterator[Impulse]:
-    """Impulses of the impacts in a step."""
-    for blow in one.blows:
-        for pair, p in zip(pair_of(blow.keys).tolist(), blow.on_first, strict=True):
-            yield Impulse(begin + blow.late, stepper.detector.names[pair], p)
-
-
-@np.errstate(over="ignore", invalid="ignore")  # what steps that are too long give is refused ("step-too-large")
 def solve_stepped(
     stepper: ContactStepper, times: Array, step: float, progress: Progress | None = None, halvings: int = 0
 ) -> SteppedSolution:
     """Step a scene for samples at times (n,), in steps of at most `step` [s]. Raises AccuracyError.
 
-    halvings: see `plan_steps`.
+    halvings: see `plan_steps`. Raises ControllerError, whose `run` is the solution so far.
     """
-    equations, record = stepper.equations, Record()
-    nq, local = equations.space.nq, stepper.bodies.to_local_velocity
-    q, v = np.array(equations.start[:nq]), np.array(equations.start[nq : equations.moving])
-    plan, first = plan_steps(equations, times, step, halvings), 0
-    none = np.zeros_like(v)
-    states, overlap = [(q, v, none, none, plan.numbers[0], 0.0)], stepper.overlap(q)[0]
-    pressing: list[Pressing] = [{}]
-    impulses: list[Impulse] = []
-    ticks = None if equations.sampling is None else _SteppedTicks(equations, equations.sampling, plan)
-    v = local(q, v, -1)
-    memory = stepper.start(float(times[0]), q, v, equations.layout.numbers_at(float(times[0])))
-    stepper.record, interrupted, failed = record, False, None
+    equations = stepper.equations
+    plan, moving = plan_steps(equations, times, step, halvings), equations.moving
+    slots = np.array(list(equations.layout.rows_of_slots().values()), dtype=int) - moving
+
+    def planned(t: float, _: float, numbers: Array) -> tuple[StepPlan, int]:
+        first = int(np.searchsorted(plan.t, t * (1.0 - SAME_TIME)))
+        plan.numbers[plan.piece[first] :, slots] = numbers[slots]  # the others are those of tables
+        return plan, first
+
+    track = SteppedTrack(stepper, plan, times)
+    motion = SteppedMotion(stepper, float(times[0]), [planned], track=track, progress=progress)
+    loop = None if equations.sampling is None else loop_of(motion, equations.sampling)
     try:
-        while first < len(plan.h):
-            until = len(plan.h) if ticks is None else ticks.next(first, q, local(q, v))
-            steps = stepper.run(plan, first, until, q, v, memory)
-            if first == 0:
-                states[0] = (*states[0][:2], *_means(stepper, steps[0]), plan.numbers[0].copy(), 0.0)
-                pressing[0] = _pressing(stepper, steps[0])
-            for j in np.flatnonzero(plan.sampled[first : first + len(steps)]).tolist():
-                one = steps[j]
-                pressing.append(_pressing(stepper, one))
-                now = plan.numbers[plan.piece[first + j]].copy()
-                states.append((one.q, local(one.q, one.v), *_means(stepper, one), now, one.memory.unfollowed))
-                overlap = max(overlap, stepper.overlap(one.q)[0] if one.overlap is None else one.overlap)
-            end = steps[len(steps) - 1]
-            impulses += _impulses(stepper, float(plan.t[first]), end)  # what repeats or rests has none
-            q, v, memory = end.q, end.v, end.memory
-            last, first = first, first + len(steps)
-            if progress is not None and first // REPORT > last // REPORT:
-                progress(float(plan.t[first - 1]))
-        if ticks is not None:
-            ticks.end(first, q, local(q, v))
+        drive(motion, float(times[-1]), loop)
+        if loop is not None:
+            loop.require_repeatable()
     except KeyboardInterrupt:
-        interrupted = True
+        return track.solution(loop, interrupted=True)
     except ControllerError as error:
-        interrupted, failed = True, error
-    qs, vs, accelerations, held, numbers, unfollowed = (np.array(column) for column in zip(*states, strict=True))
-    n, loop = len(qs), None if ticks is None else ticks.loop
-    readings = None if loop is None else loop.readings
-    solution = SteppedSolution((Piece(equations, float(times[0]), n, readings=readings),), times[:n], qs, vs,
-                               accelerations, held, numbers, pressing[:n], record, overlap, float(plan.h.max()),
-                               unfollowed, interrupted, loop, tuple(impulses))  # fmt: skip
-    if failed is not None:
-        failed.run = solution
-        raise failed
-    return solution
-
-
-class _SteppedTicks:
-    """The controllers and sensors of one solution; ends of steps are their ticks."""
-
-    def __init__(self, equations: Equations, sampling: Sampling, plan: StepPlan) -> None:
-        self._plan, moving = plan, equations.moving
-        self._x = np.array(equations.start[:, None], dtype=float)
-        self._x[moving:, 0] = plan.numbers[0]
-        rows = equations.layout.rows_of_slots()
-        self._rows = np.array(list(rows.values()), dtype=int)
-        self._numbers = self._rows - moving
-        self.loop = SampledLoop(sampling, rows, equations.space.states, self._x, no_forces)
-
-    def next(self, first: int, q: Array, v: Array) -> int:
-        """Let happen what is due before the step `first` from (q, v). Returns the step before which more is."""
-        plan, loop = self._plan, self.loop
-        t = float(plan.t[first]) if first < len(plan.t) else float(plan.t[-1] + plan.h[-1])
-        while loop.time <= t * (1.0 + SAME_TIME):
-            self._x[: len(q) + len(v), 0] = np.concatenate([q, v])
-            loop.tick(self._x)
-            if first < len(plan.t):
-                plan.numbers[plan.piece[first] :, self._numbers] = self._x[self._rows, 0]
-        return int(np.searchsorted(plan.t, loop.time * (1.0 - SAME_TIME)))
-
-    def end(self, first: int, q: Array, v: Array) -> None:
-        """Let happen what is due at the end, and require laws that remember nothing beside their states."""
-        self.next(first, q, v)
-        self.loop.require_repeatable()
-
-
-def no_forces(*_: object) -> Forces:
-    """Raises SceneError, code "sensor-of-forces"."""
-    raise SceneError("the forces of stepped contacts are means over steps: no sensor reads them", where="effects",
-                     remedy='contact="located", or sensors of positions and velocities; afterwards run.tau and '
-                            "run.contact_forces", code="sensor-of-forces")  # fmt: skip
+        error.run = track.solution(loop, interrupted=True)
+        raise
+    return track.solution(loop)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twolink.contact.solver import SteppedSolution, stepper_of
+from twolink.contact.solver import stepper_of
+from twolink.contact.stepped_solution import SteppedSolution
 from twolink.contact.steps import Record
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.motion.state import Array

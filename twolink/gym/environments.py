@@ -14,7 +14,7 @@ from twolink.integrate.steps.perturbation import NO_PERTURBATION
 from twolink.integrate.steps.step_map import step_map
 from twolink.integrate.steps.stepping import BLOCK, advance, start_state
 from twolink.scenes import Scene
-from twolink.simulation.motions import METHOD
+from twolink.simulation.motion_error import METHOD
 from twolink.simulation.sampling import duration_for
 from twolink.simulation.stepwise import (
     Simulation,

@@ -5,8 +5,8 @@ tasks, here and for `scripts/benchmarks/peers.py`. The referee holds any simulat
 """
 
 from twolink.hard.attempts import run_case
-from twolink.hard.case import Attempt, Case, CaseResult, ErrorCheck, RefusalCase, SimulationCase, Track
+from twolink.hard.case import Attempt, Case, CaseResult, ErrorCheck, RefusalCase, SimulationCase, StateHistory
 from twolink.hard.cases import all_cases, select_cases
 
-__all__ = ["Attempt", "Case", "CaseResult", "ErrorCheck", "RefusalCase", "SimulationCase", "Track", "all_cases",
+__all__ = ["Attempt", "Case", "CaseResult", "ErrorCheck", "RefusalCase", "SimulationCase", "StateHistory", "all_cases",
            "run_case", "select_cases"]  # fmt: skip

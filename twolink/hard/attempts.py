@@ -27,7 +27,7 @@ from twolink.hard.case import (
     ErrorCurve,
     RefusalCase,
     SimulationCase,
-    Track,
+    StateHistory,
 )
 from twolink.hard.peers import NAMES, peer_module
 from twolink.hard.peers.task import PeerError, PeerTask, Setting, UnsupportedError, run_limited, task_of
@@ -153,7 +153,7 @@ def _attempt(case: SimulationCase, load: Callable[[], Scene], setting: Mapping[s
 
 def _judged(case: SimulationCase, scene: Scene, run: Trajectory, accuracy: float, attempt: Attempt) -> Attempt:
     """The attempt with the true error of its run. Without a message it has no verdict yet; else it was refused."""
-    error = case.error(scene.robot, Track(run.t, run.q, run.v))
+    error = case.error(scene.robot, StateHistory(run.t, run.q, run.v))
     available = np.isfinite(error)
     largest = float(error[available].max())
     bar = None if run.error is None else float(run.error.max())

@@ -21,7 +21,7 @@ it is not judged."""
 UNABLE = "cannot"  # of peers: they lack a feature, or take too long
 
 
-class Track(NamedTuple):
+class StateHistory(NamedTuple):
     """A motion from any simulator: t (n,) [s], q (n, nq), v (n, nv) in Pinocchio's layout."""
 
     t: np.ndarray
@@ -29,7 +29,7 @@ class Track(NamedTuple):
     v: np.ndarray
 
 
-ErrorFunction = Callable[[Robot, Track], np.ndarray]
+ErrorFunction = Callable[[Robot, StateHistory], np.ndarray]
 """The error of a motion at each of its times (n,); NaN where the exact value is not available."""
 
 

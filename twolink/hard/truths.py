@@ -13,7 +13,7 @@ import mpmath as mp
 import numpy as np
 
 from twolink.dynamics import Robot
-from twolink.hard.case import ErrorFunction, Track
+from twolink.hard.case import ErrorFunction, StateHistory
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solution import Solution
 from twolink.integrate.solvers import taylor
@@ -34,7 +34,7 @@ def configuration_error(exact: ExactMotion) -> ErrorFunction:
 def energy_error(scale: float) -> ErrorFunction:
     """|E - E(0)| over a scale [J], for motions that keep their energy."""
 
-    def error(robot: Robot, track: Track) -> np.ndarray:
+    def error(robot: Robot, track: StateHistory) -> np.ndarray:
         energy = np.sum(robot.energy(track.q, track.v), axis=0)
         return np.asarray(np.abs(energy - energy[0]) / scale)
 

@@ -6,11 +6,11 @@ import functools
 import itertools
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twolink.errors import AccuracyError, SceneError
+from twolink.integrate.core.smooth import solve_smooth
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece, Progress, Solution
@@ -20,11 +20,7 @@ from twolink.integrate.solvers.taylor_code import Precision
 from twolink.integrate.steps.beside import Beside
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
-from twolink.integrate.steps.step_map import step_map
-from twolink.integrate.steps.stepping import SMALLEST_TOLERANCE, integrate
-
-if TYPE_CHECKING:
-    from twolink.loop.sampled_loop import Sampling
+from twolink.integrate.steps.stepping import SMALLEST_TOLERANCE
 
 SMALLEST = {"explicit": SMALLEST_TOLERANCE, "implicit": SMALLEST_TOLERANCE, "taylor": 1e-16,
             "scipy": scipy_solver.SMALLEST_TOLERANCE}  # fmt: skip
@@ -92,7 +88,6 @@ def solve(
 
 def solve_beside(
     equations: Equations,
-    sampling: Sampling,
     method: Method,
     times: Array,
     setting: float,
@@ -100,15 +95,15 @@ def solve_beside(
     others: tuple[Perturbation, ...] = (),
     checks: Array | None = None,
 ) -> list[Solution]:
-    """Solve a scene with events and sampled controllers: the run, and others at the checks (k,), from tick to tick."""
-    from twolink.integrate.hybrid.ticks import solve_ticks_in_modes  # with it come the effects of modes
+    """Solve a scene with events: the run for samples at times (n,), and others at the checks (k,), side by side."""
+    from twolink.integrate.hybrid.located import solve_located  # with it come the effects of modes
 
-    return solve_ticks_in_modes(equations, sampling, method, times, setting, progress, others, checks)
+    return solve_located(equations, method, times, setting, progress, (NO_PERTURBATION, *others), checks)
 
 
-def sampling_beside(equations: Equations, method: Method) -> Sampling | None:
-    """The sampling of a run, where it and those beside it go from tick to tick by `solve_beside`; else None."""
-    return equations.sampling if equations.has_events and is_stepping(method) else None
+def goes_side_by_side(equations: Equations, method: Method) -> bool:
+    """True if a run with events and those beside it go from tick to tick by `solve_beside`."""
+    return equations.sampling is not None and equations.has_events and is_stepping(method)
 
 
 def has_lanes(equations: Equations, method: Method, precision: Precision) -> bool:
@@ -139,33 +134,22 @@ def _solve(
     stepping = is_stepping(method)
     if equations.switching is not None and not stepping:
         raise SceneError(f"{method.name} does not locate events", argument="method", remedy=BY_STEPS)
-    tables = stepping and method.adaptive and bool(equations.layout.tables) and not equations.has_events
-    if equations.sampling is not None or tables:
-        from twolink.integrate.solvers.ticks import solve_ticks  # which other scenes do not load
-
-        if not stepping:
-            raise SceneError(f"{method.name} does not call controllers", argument="method", remedy=BY_STEPS)
-        if equations.sampling is not None and equations.has_events:
-            return solve_beside(equations, equations.sampling, method, times, setting, progress)[0]
-        return solve_ticks(equations, equations.sampling, method, times, setting, progress, perturbation, beside)
+    if equations.sampling is not None and not stepping:
+        raise SceneError(f"{method.name} does not call controllers", argument="method", remedy=BY_STEPS)
     if stepping and equations.has_events:
-        from twolink.integrate.hybrid.engine import solve as solve_events  # with it come the effects of modes
+        from twolink.integrate.hybrid.located import solve_located  # with it come the effects of modes
 
-        return solve_events(equations, method, times, setting, progress, perturbation)
+        return solve_located(equations, method, times, setting, progress, (perturbation,))[0]
+    if stepping:
+        if not method.adaptive:
+            _require_pieces(equations, times, setting)
+        return solve_smooth(equations, method, times, setting, progress, perturbation, beside)
     if method.kind == "taylor":
         return taylor.solve(equations, times, setting, progress, precision=precision, perturbation=perturbation,
                             beside=beside)  # fmt: skip
-    if method.kind == "scipy":
-        by_scipy = functools.partial(scipy_solver.solve, method=method, tolerance=setting, progress=progress,
-                                     perturbation=perturbation)  # fmt: skip
-        return in_pieces(equations, times, lambda piece, part: by_scipy(piece, times=part))
-    if not method.adaptive:
-        _require_pieces(equations, times, setting)
-
-    def smooth(piece: Equations, part: Array) -> Solution:
-        return integrate(step_map(piece, method), part, setting, progress, perturbation=perturbation, beside=beside)
-
-    return in_pieces(equations, times, smooth)
+    by_scipy = functools.partial(scipy_solver.solve, method=method, tolerance=setting, progress=progress,
+                                 perturbation=perturbation)  # fmt: skip
+    return in_pieces(equations, times, lambda piece, part: by_scipy(piece, times=part))
 
 
 def _require_pieces(equations: Equations, times: Array, step: float) -> None:

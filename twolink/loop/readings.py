@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twolink.effects.sensors import Sensor
-from twolink.loop.clock import Random
+from twolink.loop.clock import SAME_TIME, Random
 
 Array = np.ndarray[Any, np.dtype[Any]]
 AMPLIFIED = 4.0  # of a solution's distance from the run, where its reading is rounded
@@ -17,6 +17,11 @@ class Readings(NamedTuple):
 
     t: Array
     values: Array
+
+    def until(self, t: float) -> "Readings":
+        """The readings up to a time, s."""
+        count = int(np.searchsorted(self.t, t * (1.0 + SAME_TIME), side="right"))
+        return Readings(self.t[:count], self.values[:count])
 
 
 def random_of(sensor: Sensor, size: int) -> Random:

@@ -18,7 +18,7 @@ from twolink.effects.sensors import Forces, Seen, Sensor, StateSensor
 from twolink.errors import SceneError
 from twolink.loop.ambiguity import FIRST_STEPPED, Ambiguity
 from twolink.loop.answers import Measured, answer, failure
-from twolink.loop.clock import ACT, READ, UPDATE, Clock, Random
+from twolink.loop.clock import ACT, ARRIVE, READ, UPDATE, Clock, Random
 from twolink.loop.laws import Own, own_laws
 from twolink.loop.readings import Readings, random_of, reading
 from twolink.loop.replay import REMEDY, Given, Replay, repeated_once
@@ -94,6 +94,9 @@ class SampledLoop:
         (t, x) -> the forces at states x (size, n) at a time.
     start : float
         The time of the start, s: ticks before it are left out.
+    endless : bool
+        Keep no more of what was read and answered than is to come, and look now and then for laws that remember what
+        is not their solution's own.
     """
 
     def __init__(
@@ -104,7 +107,10 @@ class SampledLoop:
         x: Array,
         look: Callable[[float, Array], Forces],
         start: float = 0.0,
+        *,
+        endless: bool = False,
     ) -> None:
+        self._endless = endless
         self._robot, self._states, self._look = sampling.robot, states, look
         self._nq, self._nv = sampling.robot.nq, sampling.robot.nv
         self._of_states = {one.label for one in sampling.sensors.values() if isinstance(one, StateSensor)}
@@ -142,21 +148,39 @@ class SampledLoop:
                 for name, (log, size) in logs.items()}  # fmt: skip
 
     def tick(self, x: Array) -> None:
-        """Let happen what is due. x (size, n): the states of the solutions, whose held numbers are written."""
-        t = self._clock.time
-        for kind, place, tick in self._clock.due():
-            if kind == UPDATE:
-                self._update(self._controls[place], t, tick, x)
-            elif kind == ACT:
-                self._act(self._controls[place], t, self._controls[place].waiting.pop(tick), x)
-            elif kind == READ:
-                one = self._sensors[place]
-                one.waiting[tick] = reading(one.sensor, one.random, tick, one.sensor.read(self._seen(t, x)))
-                one.log.append((t, one.waiting[tick][0]))
-            else:
-                self._sensors[place].latest = self._sensors[place].waiting.pop(tick)
+        """Let happen what is due. x (size, n): the states of the solutions, whose held numbers are written.
 
-    def forget(self) -> None:
+        Where a controller fails, all of it is due again.
+        """
+        before, t = self._clock.saved(), self._clock.time
+        due = self._clock.due()
+        try:
+            for kind, place, tick in due:
+                self._do(kind, place, tick, t, x)
+        except BaseException:
+            self._clock.restore(before)
+            raise
+        for kind, place, tick in due:
+            if kind in (ACT, ARRIVE):
+                (self._controls if kind == ACT else self._sensors)[place].waiting.pop(tick)
+        if self._endless:
+            self._forget()
+            self._replay.now_and_then()
+
+    def _do(self, kind: int, place: int, tick: int, t: float, x: Array) -> None:
+        """Do what is due of a controller or a sensor."""
+        if kind == UPDATE:
+            self._update(self._controls[place], t, tick, x)
+        elif kind == ACT:
+            self._act(self._controls[place], t, self._controls[place].waiting[tick], x)
+        elif kind == READ:
+            one = self._sensors[place]
+            one.waiting[tick] = reading(one.sensor, one.random, tick, one.sensor.read(self._seen(t, x)))
+            one.log.append((t, one.waiting[tick][0]))
+        else:
+            self._sensors[place].latest = self._sensors[place].waiting[tick]
+
+    def _forget(self) -> None:
         """Keep no more of what was read and answered than what is to come."""
         for control in self._controls.values():
             control.log.clear()
@@ -166,10 +190,6 @@ class SampledLoop:
     def require_repeatable(self) -> None:
         """Require that no law remembers what is not its solution's own. Raises ControllerError."""
         self._replay.require()
-
-    def look_back(self) -> None:
-        """As `require_repeatable`, whenever the ticks are twice as many as the last time."""
-        self._replay.now_and_then()
 
     def saved(self) -> Any:
         """All that it goes on from; what controllers keep, in copies."""

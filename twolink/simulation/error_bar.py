@@ -12,6 +12,7 @@ from twolink.integrate.motion.state import Array, StateSpace
 from twolink.integrate.steps.methods import Method
 
 SAFETY = 2.5  # of the distance to a finer solution, which has an error of its own
+STEPPED = 4.0  # the same of stepped contacts: where in a step an impact falls changes its error by chance
 FEW = 16.0  # steps, of which the errors do not yet follow the tolerance
 # Of the largest distance to disturbed solutions, by their number. One distance may be small by chance, all of them
 # hardly: if rounding is all of the error, and normal, and disturbances are three times as large, a bar of 6, 3, 2 or 1

@@ -150,6 +150,7 @@ class NominalSolutions:
         begun, choice, perturbation = None, second.choice, second.perturbation
         if self.equations.has_events:
             engine = RecordingEngine(self.equations, choice.method, times, choice.setting, None, perturbation)
+            engine.advance(engine.end)
             solution = engine.solution()
             jumps, begun = engine.jumps, engine.begun
         else:

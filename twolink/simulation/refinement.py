@@ -65,6 +65,7 @@ class Refinement:
     _finite: float = 0.0  # the last setting whose bar was finite
     _worse: int = 0
     _left: Iterator[MethodChoice] | None = None
+    _verified: Verified | None = None  # the last one
 
     def seen(self, choice: MethodChoice, run: Trajectory | None) -> None:
         """Take note of what was tried, and of the run that is within the accuracy for longest."""
@@ -96,15 +97,20 @@ class Refinement:
 
     def after(self, one: Verified) -> MethodChoice | None:
         """The choice to try after a run; None where nothing is left."""
-        self._settings, self.lost = self._settings + 1, one.lost
+        self._settings, self.lost, self._verified = self._settings + 1, one.lost, one
         return self._smaller(one) or self._other(self._others(one.choice.method, one))
 
     def _rounding(self, one: Verified) -> float:
         """The largest part of the bar that is rounding, rad or m."""
         return _largest(one.rounding) + float(one.common_rounding(self.equations.space).max(initial=0.0))
 
-    def after_failure(self, choice: MethodChoice) -> MethodChoice | None:
-        """The choice to try after a run that could not be solved: another method."""
+    def after_failure(self, choice: MethodChoice, code: str | None = None) -> MethodChoice | None:
+        """The choice to try after a run that could not be solved: another method.
+
+        Where the steps were too many, methods of lower order would take more of them: only more digits help.
+        """
+        if code == "too-many-steps" and self._verified is not None:
+            return self._other(self._more_digits(self._verified))
         return self._other(self._others(choice.method))
 
     def _other(self, every: Iterator[MethodChoice]) -> MethodChoice | None:
@@ -153,8 +159,12 @@ class Refinement:
                 if name != method.name:
                     yield MethodChoice(METHODS[name], first_setting(self.equations, METHODS[name], self.accuracy),
                                        f"{method.name} did not reach the accuracy")  # fmt: skip
-        if one is None:
-            return
+        if one is not None:
+            yield from self._more_digits(one)
+
+    def _more_digits(self, one: Verified) -> Iterator[MethodChoice]:
+        """Numbers of more digits than those of a run, by Taylor's method."""
+        rounding = self._rounding(one)
         for precision in self.precisions:
             more = ROUNDING_UNIT[precision] / ROUNDING_UNIT[one.choice.precision]
             reaches = not np.isfinite(rounding) or rounding * more <= MOST * self.accuracy

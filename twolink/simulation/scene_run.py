@@ -203,7 +203,7 @@ def run_of(
                 if measured or error.code not in UNSOLVED:
                     raise
                 search.seen(following, None)
-                other = search.after_failure(following)
+                other = search.after_failure(following, error.code)
                 if other is None and search.best is None:
                     raise
             else:

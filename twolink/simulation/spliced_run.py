@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from twolink.contact.solver import SteppedSolution
 from twolink.contact.spliced import SplicedSolution, displaced
+from twolink.contact.stepped_solution import SteppedSolution
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.event import STEPPED, Event

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from twolink.contact.solver import SteppedSolution, solve_stepped, stepper_of
+from twolink.contact.solver import solve_stepped, stepper_of
+from twolink.contact.stepped_solution import SteppedSolution
 from twolink.contact.stepping import ContactStepper
 from twolink.errors import AccuracyError, ControllerError
 from twolink.integrate.event import Event, ambiguous_events
@@ -16,14 +17,13 @@ from twolink.integrate.solution import Progress
 from twolink.integrate.steps.failures import failure
 from twolink.scenes import Scene
 from twolink.simulation.cost import Cost
-from twolink.simulation.error_bar import CHANCE, error_bar
+from twolink.simulation.error_bar import CHANCE, STEPPED, error_bar
 from twolink.simulation.trajectory import Trajectory
 
 METHOD = "stepped"
 FIRST = 1e-2  # s: the first step
 STEPS = 200_000  # of a run that an accuracy may call for
-SAFETY = 4.0  # of the distance to half the step: where in a step an impact falls changes its error by chance
-PARTING = 2.0  # of the distance to a run of much smaller steps: SAFETY covers it where errors follow the step
+PARTING = 2.0  # of the distance to a run of much smaller steps: STEPPED covers it where errors follow the step
 STRIDE = 32.0  # by which the step is made smaller at most before the error is looked at again
 SMALLER = 4.0  # by which it is where a run has failed
 ENOUGH = 1e-6  # rad, m: an estimate that is good enough where no accuracy is asked for
@@ -219,6 +219,6 @@ def _trajectory(
     record = solution.record
     cost = Cost(METHOD, None, record.steps, record.steps, seconds, verifying, rejected=record.halved,
                 why="many contacts", step=solution.step)  # fmt: skip
-    error = None if distance is None else error_bar(distance, np.zeros_like(distance), SAFETY)
+    error = None if distance is None else error_bar(distance, np.zeros_like(distance), STEPPED)
     return Trajectory(scene.robot, solution.t, solution.q, solution.v, error, cost, events, solution.interrupted,
                       accuracy=accuracy, solution=solution, title=scene.title, estimated=True, scene=scene)  # fmt: skip

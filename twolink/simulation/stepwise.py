@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +17,8 @@ from twolink.dynamics.arguments import array, configuration, positive
 from twolink.effects.conditions import Condition, FrameReaches, JointReaches
 from twolink.effects.inputs import Sampled
 from twolink.errors import QueryError, SceneError
+from twolink.integrate.core.motion import Motion, drive, loop_of
+from twolink.integrate.core.smooth import SmoothMotion
 from twolink.integrate.event import Event, events_of
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of, sampled, starting_states
@@ -25,7 +27,7 @@ from twolink.integrate.solvers.method_choice import first_tolerance
 from twolink.integrate.steps.step_map import step_map
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
-from twolink.simulation.motions import METHOD, Located, SavedMotion, Smooth, Stepped, StepwiseMotion, solutions_of
+from twolink.simulation.motion_error import METHOD, MotionError, solutions_of
 from twolink.simulation.sampling import duration_for
 
 SAME_TIME = 1e-12  # relative
@@ -48,13 +50,16 @@ Missing = Callable[[State], float]  # 0 at an event
 class Saved:
     """A saved point of a simulation; for `Simulation.restore`.
 
-    settings: of the simulation. start: q, v, t that the motion began with. state: all that it goes on from.
+    settings: of the simulation. start: q, v, t that the motion began with. motion, loop, error: all that the solutions,
+    the controllers and the error go on from.
     """
 
     scene: Scene
     settings: tuple[float, bool, bool, float]
     start: tuple[Array, Array, float]
-    state: SavedMotion
+    motion: Any
+    loop: Any
+    error: Any
 
 
 def equations_held(scene: Scene, names: Sequence[str]) -> tuple[Equations, slice]:
@@ -147,23 +152,25 @@ class Simulation:
         self._step = positive(step, "step", SceneError, "such as 1e-3")
         self._driven, self._names = scene.with_held_torques()
         self._settings = self._tolerance, verify, self._stepped, self._step
-        self._motion = self._begun(scene.q, scene.v, 0.0)
+        self._begin(scene.q, scene.v, 0.0)
 
-    def _begun(self, q: Array, v: Array, t: float) -> StepwiseMotion:
-        """The motion from a state on, whose controllers begin anew."""
-        motion, self._start = self._uncontrolled(q, v, t), (q, v, t)
+    def _begin(self, q: Array, v: Array, t: float) -> None:
+        """Begin at a state, with controllers that begin anew."""
+        motion = self._motion = self._motion_from(q, v, t)
+        self._start, sampling = (q, v, t), sampled(self._driven)[0]
         first = motion.equations.layout.rows_of_slots().get(self._names[0], 0) if self._names else 0
         self._torques = slice(first, first + len(self._names))
-        sampling = sampled(self._driven)[0]
-        if sampling is not None:
-            motion.listen(sampling)
-        return motion
+        self._loop = None if sampling is None else loop_of(motion, sampling, endless=True)
+        self._error = MotionError(motion) if self._verify else None
 
-    def _uncontrolled(self, q: Array, v: Array, t: float) -> StepwiseMotion:
+    def _motion_from(self, q: Array, v: Array, t: float) -> Motion:
         """The motion from a state on, without controllers."""
         driven = self._driven
         if self._stepped:
-            return Stepped(driven.with_start(q, v), t, self._step, verify=self._verify)
+            from twolink.contact.solver import SteppedMotion, stepper_of, steps_of  # which other scenes do not load
+
+            plans = [steps_of(self._step, doubled) for doubled in range(1 + self._verify)]
+            return SteppedMotion(stepper_of(driven.with_start(q, v)), t, plans)
         equations = equations_held(driven, self._names)[0]
         if equations.constraints is None:
             equations = replace(equations, start=start_of(driven, equations, q, v))
@@ -171,9 +178,14 @@ class Simulation:
             self._driven = driven.with_start(q, v)
             equations = equations_held(self._driven, self._names)[0]
         if equations.has_events:
-            return Located(equations, t, self._tolerance, self._solutions)
+            from twolink.integrate.hybrid.engine import Engine
+            from twolink.integrate.hybrid.located import LocatedMotion  # with it come the effects of modes
+
+            times = np.array([t, math.inf])
+            engines = [Engine(equations, METHOD, times, self._tolerance, None, one) for one in self._solutions]
+            return LocatedMotion(engines, endless=True)
         by = step_map(equations, METHOD)
-        return Smooth(equations, by, t, self.scene.duration, self._tolerance, self._solutions)
+        return SmoothMotion(by, t, t + self.scene.duration, self._tolerance, self._solutions)
 
     @property
     def t(self) -> float:
@@ -183,7 +195,7 @@ class Simulation:
     @property
     def events(self) -> Sequence[Event]:
         """The located events so far, and with `verify` ambiguous ticks and from when a loop is unstable."""
-        loop = self._motion.loop if self._verify else None
+        loop = self._loop if self._verify else None
         return (*self._motion.events, *(() if loop is None else events_of(loop)))
 
     @property
@@ -198,7 +210,7 @@ class Simulation:
 
         Of stepped contacts an estimate.
         """
-        return self._motion.error if self._verify else math.nan
+        return math.nan if self._error is None else self._error.largest
 
     def step(self, dt: float, tau: ArrayLike | None = None) -> State:
         """Go on for a time with constant torques.
@@ -235,9 +247,9 @@ class Simulation:
         if motion.ended:
             raise SceneError("an event has ended the motion", where=f"t = {motion.t:.9g} s", code="motion-ended",
                              remedy="look at events; then restore, or set_state")  # fmt: skip
-        motion.advance(float(motion.t + dt))
-        if self._verify:
-            motion.note()
+        drive(motion, float(motion.t + dt), self._loop)
+        if self._error is not None:
+            self._error.note()
         return self.state
 
     def run_until(self, event: Condition | Missing, limit: float, tau: ArrayLike | None = None) -> bool:
@@ -305,14 +317,16 @@ class Simulation:
             s; by default the time it is.
         """
         now = self.state
-        if self._motion.loop is not None:  # what its laws have kept would act in the new motion
-            self._motion.loop.require_repeatable()
+        if self._loop is not None:  # what its laws have kept would act in the new motion
+            self._loop.require_repeatable()
         q, v = (np.array(old if new is None else new, dtype=float) for old, new in ((now.q, q), (now.v, v)))
-        self._motion = self._begun(q, v, now.t if t is None else float(t))
+        self._begin(q, v, now.t if t is None else float(t))
 
     def save(self) -> Saved:
         """All that the motion goes on from; what controllers keep as their states, in copies."""
-        return Saved(self.scene, self._settings, self._start, self._motion.save())
+        loop, error = self._loop, self._error
+        return Saved(self.scene, self._settings, self._start, self._motion.save(), loop and loop.saved(),
+                     error and error.saved())  # fmt: skip
 
     def restore(self, saved: Saved) -> None:
         """Go on from where it was saved, here or by another simulation of the scene, with the same bits.
@@ -326,6 +340,10 @@ class Simulation:
             raise SceneError("it was saved by a simulation of another scene, or with other arguments", where="saved",
                              remedy="restore it there, or set_state", code="other-scene")  # fmt: skip
         if saved.start is not self._start:
-            self._motion = self._begun(*saved.start)
+            self._begin(*saved.start)
             self._start = saved.start
-        self._motion.restore(saved.state)
+        self._motion.restore(saved.motion)
+        if self._loop is not None:
+            self._loop.restore(saved.loop)
+        if self._error is not None:
+            self._error.restore(saved.error)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from twolink.integrate.event import AMBIGUOUS
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array, StateSpace
 from twolink.integrate.solution import Progress, Solution
-from twolink.integrate.solver import has_lanes, sampling_beside, solve, solve_beside
+from twolink.integrate.solver import goes_side_by_side, has_lanes, solve, solve_beside
 from twolink.integrate.solvers.method_choice import MethodChoice
 from twolink.integrate.steps.beside import SELDOM, Beside
 from twolink.integrate.steps.perturbation import (
@@ -34,9 +33,6 @@ from twolink.simulation.error_bar import (
     error_bar,
     truncation_factor,
 )
-
-if TYPE_CHECKING:
-    from twolink.loop.sampled_loop import Sampling
 
 LOST = "loops-singular", "steps-collapsed"  # codes of a solution beside a run that gets no farther
 # Disturbed solutions as lanes of a batch with the run: more where rounding counts, as it does below FINE (rad or m).
@@ -130,8 +126,8 @@ class Verification:
     def _tried(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         if has_lanes(self._equations, choice.method, choice.precision):
             return (self._in_lanes if self._equations.sampling is None else self._in_loop)(choice, finer)
-        if (sampling := sampling_beside(self._equations, choice.method)) is not None:
-            return self._from_tick_to_tick(sampling, choice, finer)
+        if goes_side_by_side(self._equations, choice.method):
+            return self._from_tick_to_tick(choice, finer)
         return self._one_by_one(choice, finer)
 
     def _in_lanes(self, choice: MethodChoice, finer: Perturbation) -> Verified:
@@ -182,10 +178,10 @@ class Verification:
             spent = run.seconds + run.verify_seconds
         return self._with_parts(run, _in_doubt(run, each))
 
-    def _from_tick_to_tick(self, sampling: Sampling, choice: MethodChoice, finer: Perturbation) -> Verified:
+    def _from_tick_to_tick(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run and the others side by side, each with its own events and controllers."""
         start = time.perf_counter()
-        solution, *others = solve_beside(self._equations, sampling, choice.method, self._times, choice.setting,
+        solution, *others = solve_beside(self._equations, choice.method, self._times, choice.setting,
                                          self._progress, (finer, *_mirrored()), self._times[self._checks])  # fmt: skip
         seconds = time.perf_counter() - start - solution.compile_seconds
         run = Verified(choice, solution, seconds, self._numbers(solution))
@@ -197,7 +193,8 @@ class Verification:
     def _batch(self, choice: MethodChoice, others: tuple[Perturbation, ...]) -> tuple[Verified, Array, Array, Beside]:
         """The run with others as lanes: its states (k, nq + nv, 1), and theirs (k, nq + nv, n), where they are seen."""
         equations = self._equations
-        beside = Beside.of(others, self._times[self._checks], equations.start[: equations.moving])
+        stride = 1 if equations.sampling is not None else SELDOM
+        beside = Beside.of(others, self._times[self._checks], equations.start[: equations.moving], stride)
         solution, seconds = self._solved(choice, self._times, beside=beside)
         tried = solution.steps + solution.rejected
         more = seconds * solution.beside / max(1, tried + solution.beside)  # the steps that were made for the others

@@ -9,7 +9,7 @@ from twolink.dynamics import Robot, load_robot
 from twolink.effects import Effect, Gravity, HingeLoop, PointLoop
 from twolink.hard import truths
 from twolink.hard.case import SCENES as FOLDER
-from twolink.hard.case import ErrorFunction, Track
+from twolink.hard.case import ErrorFunction, StateHistory
 from twolink.scenes import Scene
 
 G = 9.81
@@ -25,7 +25,7 @@ def four_bars(number: int) -> ErrorFunction:
     return truths.configuration_error(truths.whirl(1.0, math.sqrt(pull / inertia * G), factors))
 
 
-def _crank(robot: Robot, track: Track) -> np.ndarray:
+def _crank(robot: Robot, track: StateHistory) -> np.ndarray:
     """The error of the crank's angle at the three times that the quadrature gives."""
     exact = truths.at_table_times([0.5, 1.0, 3.0], [[4.073130130354], [14.12789221775], [121.8862775082]])
     crank = next(j for j in robot.joints if j.name == "crank_joint").q

@@ -11,7 +11,7 @@ import numpy as np
 from twolink.dynamics import Robot, load_robot
 from twolink.effects import Gravity
 from twolink.hard import truths
-from twolink.hard.case import Track
+from twolink.hard.case import StateHistory
 from twolink.hard.high_precision import CHAINS
 from twolink.lagrange.check import arm_urdf
 from twolink.scenes import Scene
@@ -51,7 +51,7 @@ def _rods(m1: float, m2: float, q: Sequence[float]) -> Scene:
     return Scene(load_robot(arm_urdf(1.0, 1.0, m1, m2)), q, effects=[Gravity((0.0, 0.0, -G))])
 
 
-def _quaternion_length(robot: Robot, track: Track) -> np.ndarray:
+def _quaternion_length(robot: Robot, track: StateHistory) -> np.ndarray:
     """| |p| - 1 | of the free body's quaternion p."""
     del robot
     return np.asarray(np.abs(np.linalg.norm(track.q[:, 3:7], axis=1) - 1.0))
@@ -70,7 +70,7 @@ def _creep(t: Any) -> Sequence[Any]:
     return [(fast * mp.exp(slow * t) - slow * mp.exp(fast * t)) / (fast - slow)]
 
 
-def _spin_change(robot: Robot, track: Track) -> np.ndarray:
+def _spin_change(robot: Robot, track: StateHistory) -> np.ndarray:
     """The relative change of the governor's angular momentum about its shaft, about which no torque acts."""
     momentum = np.einsum("nj,nj->n", robot.mass_matrix(track.q)[:, 0, :], track.v)
     return np.asarray(np.abs(momentum / momentum[0] - 1.0))

@@ -12,7 +12,7 @@ import scipy
 from scipy.integrate import ode, odeint, solve_ivp
 
 from twolink.effects.inputs import value_at
-from twolink.hard.case import Track
+from twolink.hard.case import StateHistory
 from twolink.hard.peers.task import PeerError, PeerRun, PeerTask, Setting, tolerances
 from twolink.integrate.motion.state import StateSpace
 
@@ -50,7 +50,7 @@ def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
         q, v = x[:, : model.nq], x[:, model.nq :]
         if model.nq != model.nv:
             q = np.array([pin.normalize(model, row) for row in q])
-        return PeerRun(Track(task.times, q, v), evaluations)
+        return PeerRun(StateHistory(task.times, q, v), evaluations)
 
     return run
 

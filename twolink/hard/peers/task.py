@@ -16,7 +16,7 @@ from twolink import effects as fx
 from twolink.algorithms.spatial import across, unit
 from twolink.dynamics import Robot
 from twolink.geometry.pairs import Plane
-from twolink.hard.case import Track
+from twolink.hard.case import StateHistory
 from twolink.robots.collisions import AnyShape, Solid
 from twolink.scenes import Scene
 
@@ -65,7 +65,7 @@ class Setting:
 class PeerRun:
     """States at the task's times, and the number of evaluations of the dynamics where the peer counts them."""
 
-    track: Track
+    track: StateHistory
     evaluations: int | None = None
 
 
@@ -326,7 +326,7 @@ def to_peer(task: PeerTask, *, body_spin: bool) -> tuple[np.ndarray, np.ndarray]
     return np.array(q), _turned(task, task.q[None], task.v[None], body_spin, inverse=False)[0]
 
 
-def from_peer(task: PeerTask, q: np.ndarray, v: np.ndarray, *, body_spin: bool) -> Track:
+def from_peer(task: PeerTask, q: np.ndarray, v: np.ndarray, *, body_spin: bool) -> StateHistory:
     """Pinocchio's q (n, nq) and v (n, nv) of rows in the coordinates of `to_peer`."""
     out, at = np.empty((len(q), task.model.nq)), 0
     for joint in task.joints:
@@ -339,7 +339,7 @@ def from_peer(task: PeerTask, q: np.ndarray, v: np.ndarray, *, body_spin: bool) 
         else:
             out[:, joint.q.start] = q[:, at]
         at += 1
-    return Track(task.times, out, _turned(task, out, v, body_spin, inverse=True))
+    return StateHistory(task.times, out, _turned(task, out, v, body_spin, inverse=True))
 
 
 def _turned(task: PeerTask, q: np.ndarray, v: np.ndarray, body_spin: bool, *, inverse: bool) -> np.ndarray:

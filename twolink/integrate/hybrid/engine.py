@@ -1,26 +1,33 @@
-"""The hybrid engine: a scene with modes, from event to event.
+"""The hybrid engine: one solution of a scene with modes, from event to event.
 
 mode -> equations -> steps to the first zero of a guard -> its transition -> consistent mode -> and so on
+
+A mode goes on where controllers change numbers that hold, with the steps of its method, unless these break one of its
+laws: then the next mode begins there.
 """
 
+from __future__ import annotations
+
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from twolink.errors import AccuracyError
+from twolink.integrate.core.lanes import Lanes
 from twolink.integrate.hybrid.locating import Guard, GuardWatcher, Hit
+from twolink.integrate.hybrid.piece import OpenPiece
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.hybrid.transitions import fire_timed, guards_of, same_time
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Piece, Progress, Solution, joined
-from twolink.integrate.solvers.pieces import piece_times
+from twolink.integrate.solution import Progress, Solution, joined
 from twolink.integrate.steps.methods import Method
-from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
-from twolink.integrate.steps.step_map import StepMap, step_map
-from twolink.integrate.steps.stepping import BLOCK, integrate
+from twolink.integrate.steps.perturbation import Perturbation
+from twolink.integrate.steps.step_map import step_map
+from twolink.integrate.steps.stepping import BLOCK
 
 AT_ONCE = 200  # events at one time
 MAX_EVENTS = 100_000
@@ -29,16 +36,13 @@ SMALL_BOUNCE = 1e-2  # of the tolerance: lower bounces are not followed
 SMALLEST_BOUNCE = 1e-13  # m or rad: what numbers resolve
 
 
-def solve(
-    equations: Equations,
-    method: Method,
-    times: Array,
-    setting: float,
-    progress: Progress | None = None,
-    perturbation: Perturbation = NO_PERTURBATION,
-) -> Solution:
-    """Solve a scene with modes for the samples `times` (n,). Raises AccuracyError and SceneError."""
-    return Engine(equations, method, times, setting, progress, perturbation).solution()
+class SavedEngine(NamedTuple):
+    """State of an `Engine`: its run, the piece that goes on, accepted steps before it, and events at this instant."""
+
+    run: RunState
+    piece: OpenPiece | None
+    done: int
+    at_once: int
 
 
 @dataclass
@@ -56,26 +60,11 @@ class Engine:
         small = SMALL_BOUNCE * self.setting / self.perturbation.finer if self.method.adaptive else 0.0
         self.run = RunState(self.whole, float(self.times[0]), max(small, SMALLEST_BOUNCE))
         self.end, self.at_once = float(self.times[-1]), 0
-        self.span = self.end - self.run.t
-        self.block = FIRST_BLOCK
-
-    def solution(self) -> Solution:
-        """The samples up to the end, or to where the run ends or is interrupted."""
-        run, stops = self.run, self._begin()
-        parts: list[Solution] = []
-        try:
-            while run.t < self.end and not run.ended:
-                parts.append(self._next(next(t for t in stops if t > run.t), first=not parts))
-                if parts[-1].interrupted:
-                    break
-        except AccuracyError as error:
-            error.data.setdefault("t", run.t)  # also of what fails in an event, such as an impact
-            raise
-        except KeyboardInterrupt:
-            if not parts:
-                raise
-            parts[-1] = replace(parts[-1], interrupted=True)
-        return self._joined(parts)
+        self._span, self._block = self.end - self.run.t, FIRST_BLOCK
+        self._stops = self._begin()
+        self._parts: list[Solution] = []
+        self._open: OpenPiece | None = None
+        self._done = 0
 
     def _begin(self) -> list[float]:
         """Find the mode at the start. Returns the times at which pieces end."""
@@ -88,32 +77,134 @@ class Engine:
             run.resolve_mode()
         return [*(t for t in self.whole.breaks(self.end) if t > run.t), self.end]
 
-    def _joined(self, parts: list[Solution]) -> Solution:
-        """The solution of its pieces, with the events, and the state where one ended the run."""
-        run, solution = self.run, joined(parts)
+    @property
+    def steps(self) -> int:
+        """Accepted steps."""
+        return self._done + (0 if self._open is None else self._open.lanes.counts[0])
+
+    def advance(self, end: float) -> None:
+        """Go to a time, or to where the run ends. Raises AccuracyError and SceneError."""
+        run = self.run
+        try:
+            while run.t < end and not run.ended:
+                stop = next(t for t in self._stops if t > run.t)
+                fresh, to = self._open is None, min(stop, end)
+                piece = self._opened()
+                hit = piece.advance(to, self._block if to == stop else 1)
+                if hit is not None and fresh and not self.method.adaptive:
+                    hit = self._resolved(hit, to)
+                if hit is not None or to == stop < self.end:
+                    self._close(hit, to)
+                else:
+                    run.t, run.x = to, piece.x[: self.whole.moving].copy()
+        except AccuracyError as error:
+            error.data.setdefault("t", run.t)  # also of what fails in an event, such as an impact
+            raise
+
+    def hold(self, numbers: Mapping[str, float]) -> None:
+        """Let numbers, by the names of their slots, hold from now on."""
+        run = self.run
+        if run.ended:
+            return
+        run.system = run.system.holding(numbers)
+        if self._open is None:
+            run.resolve_mode()
+        elif self._keeps_laws(self._open):
+            self._open.hold(run.system.held)
+        else:
+            self._close(None, run.t)
+
+    def _keeps_laws(self, piece: OpenPiece) -> bool:
+        """True if the laws of the mode of a piece hold with the numbers that hold now."""
+        forces = [guard for guard in piece.watcher.guards if guard.is_force]
+        snapshot = self.run.mode_state.evaluate() if forces else None
+        with np.errstate(all="ignore"):
+            return snapshot is None or all(np.asarray(one.value(snapshot)).item() > one.noise for one in forces)
+
+    def solution(self) -> Solution:
+        """The samples so far, with the events, and the state where one ended the run."""
+        run = self.run
+        if self._open is not None and run.t == self.end:
+            self._close(None, self.end)
+        elif self._open is not None or not self._parts:
+            self._parts.append(self._opened().solution(run.t, run.x.copy()))
+            self._open = None
+        solution = joined(self._parts)
         if run.ended and solution.t[-1] < run.t:
             solution = _with_sample(solution, run.t, run.x)
         events = tuple(sorted(run.events, key=lambda event: event.t))
         return replace(solution, events=events, impulses=tuple(run.impulses))
 
-    def _next(self, stop: float, *, first: bool) -> Solution:
-        """The next piece, and the transition at its end."""
-        run, begin = self.run, self.run.t
-        grid, extra = piece_times(self.times, begin, stop)
-        equations, part, hit = self._piece(grid, stop)
-        taken = slice(0 if first else 1, len(part.t) - int(extra and len(part.t) == len(grid)))
-        moving = self.whole.moving
-        last = np.array((part.x[:, -1] if hit is None else hit.x)[:moving])
-        kept = replace(part, t=part.t[taken], x=part.x[:moving, taken],
-                       pieces=(Piece(equations, begin, len(part.t[taken]), part.taken, last),))  # fmt: skip
-        if part.interrupted:
-            return kept
-        if hit is not None and not extra and same_time(hit.t, stop) and kept.t[-1:] != stop:
-            kept = _with_sample(kept, stop, hit.x[:moving])
-        run.t = stop if hit is None or same_time(hit.t, stop) else hit.t
-        run.x = last.copy()
-        self._transit(hit, begin, stop)
-        return kept
+    def forget(self) -> None:
+        """Keep no more than the present, for a run whose solution is not asked for."""
+        self._parts.clear()
+        if self._open is not None:
+            self._open.track.forget()
+
+    def saved(self) -> SavedEngine:
+        """All that it goes on from, in copies; its samples are not."""
+        piece = None if self._open is None else self._open.copied()
+        return SavedEngine(self.run.copied(), piece, self._done, self.at_once)
+
+    def restore(self, saved: SavedEngine) -> None:
+        """Go on from where it was saved, with the same bits."""
+        self.run, self._open = saved.run.copied(), None if saved.piece is None else saved.piece.copied()
+        self._done, self.at_once = saved.done, saved.at_once
+
+    def _opened(self) -> OpenPiece:
+        """The piece that goes on from now."""
+        if self._open is None:
+            self._open = self._piece(self.setting)
+        return self._open
+
+    def _piece(self, setting: float) -> OpenPiece:
+        """A piece from now on in the mode of the run, of equations that hold up to a break."""
+        self.run.drop_open_features()
+        run, state = self.run, self.run.mode_state
+        stop = next((t for t in self._stops if t > run.t), self.end)
+        equations = replace(state.own.equations, start=state.full_state(0.5 * (run.t + stop)))
+        steps, snapshot, space = step_map(equations, self.method), state.evaluate(), equations.space
+        watcher = GuardWatcher(state.own.evaluate, steps, guards_of(run, snapshot), self.perturbation.touch_margin)
+        x = snapshot.x
+        rate = np.concatenate([space.rate(x[: space.nq], x[space.v_rows]), snapshot.a, snapshot.rates])
+        lanes = Lanes(steps, run.t, self.end, setting, (self.perturbation,), self.progress, rate=rate)
+        first = np.searchsorted(self.times, run.t, side="right" if self._parts else "left")
+        return OpenPiece(lanes, watcher, self.times[first:])
+
+    def _resolved(self, hit: Hit, to: float) -> Hit | None:
+        """The event at the end of a piece of a few steps of fixed size, in more: else half the step takes the same.
+
+        Their number grows with the root of the run's, so that a finer run is finer here too.
+        """
+        run, length, found = self.run, hit.t - self.run.t, hit
+        step = self.setting / self.perturbation.finer
+        count = max(4.0, math.sqrt(self._span / step))
+        while 0.0 < length < count * step:
+            end = run.t + 2.0 * length
+            self._open = self._piece(self.perturbation.finer * length / count)
+            again = self._open.advance(min(end, to))
+            if again is not None or end >= to:
+                return again
+            length *= 2.0  # the event is later than the few steps showed
+        return found
+
+    def _close(self, hit: Hit | None, stop: float) -> None:
+        """End the piece at an event, or at a time, with what happens there."""
+        piece, run = self._opened(), self.run
+        last = np.array((piece.x if hit is None else hit.x)[: self.whole.moving])
+        run.t, run.x = stop if hit is None or same_time(hit.t, stop) else hit.t, last.copy()
+        self._parts.append(piece.solution(run.t, last))
+        taken = 4 + 5 * sum(piece.lanes.counts) // 4  # the next piece may be about as long
+        self._block = min(max(taken, self._block // 2, FIRST_BLOCK), BLOCK)
+        self._done, self._open = self.steps, None
+        self._keep_sides(piece.watcher.guards)
+        self._transit(hit, piece.begin, stop)
+
+    def _keep_sides(self, guards: Sequence[Guard]) -> None:
+        """Keep on which side triggers are."""
+        for guard in guards:
+            if guard.key[0] == "trigger" and guard.side is not None:
+                self.run.sides[guard.key] = guard.side
 
     def _transit(self, hit: Hit | None, begin: float, stop: float) -> None:
         """Cause what happens at the end of a piece. Raises AccuracyError where that has no end."""
@@ -133,53 +224,6 @@ class Engine:
             raise AccuracyError("events follow each other without end", where=f"t = {run.t:.9g} s",
                                 remedy="more restitution, smooth friction, or a shorter duration",
                                 code="events-without-end", t=run.t)  # fmt: skip
-
-    def _in_mode(self, stop: float) -> tuple[StepMap, GuardWatcher, Array]:
-        """The steps of the mode, of equations that hold up to a break; its guards; and the rate at the start."""
-        self.run.drop_open_features()
-        run, state = self.run, self.run.mode_state
-        equations = replace(state.own.equations, start=state.full_state(0.5 * (run.t + stop)))
-        steps = step_map(equations, self.method)
-        snapshot = state.evaluate()
-        watcher = GuardWatcher(state.own.evaluate, steps, guards_of(run, snapshot), self.perturbation.touch_margin)
-        space, x = equations.space, snapshot.x
-        rate = np.concatenate([space.rate(x[: space.nq], x[space.v_rows]), snapshot.a, snapshot.rates])
-        return steps, watcher, rate
-
-    def _keep_sides(self, guards: Sequence[Guard]) -> None:
-        """Keep on which side triggers are."""
-        for guard in guards:
-            if guard.key[0] == "trigger" and guard.side is not None:
-                self.run.sides[guard.key] = guard.side
-
-    def _piece(self, grid: Array, stop: float) -> tuple[Equations, Solution, Hit | None]:
-        """Solve from now to the next event or stop."""
-        steps, watcher, rate = self._in_mode(stop)
-        part = integrate(steps, grid, self.setting, self.progress, perturbation=self.perturbation, watcher=watcher,
-                         span=self.span, rate=rate, first_block=self.block)  # fmt: skip
-        taken = 4 + 5 * (part.steps + part.rejected) // 4  # the next piece may be about as long
-        self.block = min(max(taken, self.block // 2, FIRST_BLOCK), BLOCK)
-        if part.hit is not None and not self.method.adaptive:
-            part = self._resolved(part, steps, watcher, grid)
-        self._keep_sides(watcher.guards)
-        return steps.equations, part, part.hit
-
-    def _resolved(self, part: Solution, steps: StepMap, watcher: GuardWatcher, grid: Array) -> Solution:
-        """A piece of a few steps of fixed size again in more: else half the step would take the same ones.
-
-        Their number grows with the root of the run's, so that a finer run is finer here too.
-        """
-        length = float(part.hit.t) - float(grid[0])
-        step = self.setting / self.perturbation.finer
-        count = max(4.0, math.sqrt(self.span / step))
-        while part.hit is not None and 0.0 < length < count * step:
-            end = float(grid[0]) + 2.0 * length
-            shorter = np.append(grid[grid < end], end) if end < grid[-1] else grid
-            again = integrate(steps, shorter, length / count, self.progress, watcher=watcher)
-            if again.hit is not None or end >= grid[-1]:
-                return again
-            length *= 2.0  # the event is later than the few steps showed
-        return part
 
 
 def _with_sample(part: Solution, t: float, x: Array) -> Solution:

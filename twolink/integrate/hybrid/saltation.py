@@ -28,7 +28,6 @@ from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.hybrid.transitions import fire, guard_of, same_time, timed_triggers
 from twolink.integrate.motion.formulas import projected
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Solution
 
 STEP = 1e-3  # of differences by states and times, relative to the size of a direction; rounding is 1e-13 of the size
 SHARES = (1.0, 0.1, 1e-3, 1e-5)  # of it, until the same happens beside an event: small bounces have small speeds
@@ -60,12 +59,7 @@ class RecordingEngine(Engine):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.jumps: list[Jump] = []
-        self.begun = self.run
-
-    def _next(self, stop: float, *, first: bool) -> Solution:
-        if first:
-            self.begun = _copy(self.run)
-        return super()._next(stop, first=first)
+        self.begun = _copy(self.run)
 
     def _transit(self, hit: Hit | None, begin: float, stop: float) -> None:
         before = _copy(self.run)

@@ -68,6 +68,7 @@ def solve(
     if library() is None:
         raise MissingExtraError("Taylor's method needs the native library", remedy='method="scipy-dop853"')
     order, end = order_of(tolerance / perturbation.finer), None
+    now = None if beside is None else beside.x[0].T.copy()  # where the solutions beside the run are
 
     def piece(equations: Equations, times: Array) -> Solution:
         nonlocal end
@@ -83,8 +84,8 @@ def solve(
                 done, steps = reached
                 if progress is not None:
                     progress(float(times[done - 1]))
-            if beside is not None:
-                _advance_beside(equations, rate, numbers, tolerance, times, beside, progress)
+            if beside is not None and now is not None:
+                _advance_beside(equations, rate, numbers, tolerance, times, beside, now, progress)
         except KeyboardInterrupt:
             interrupted = True
         end = states[done - 1]
@@ -134,15 +135,19 @@ def _advance_beside(
     tolerance: float,
     times: Array,
     beside: Beside,
+    now: Array,
     progress: Progress | None,
 ) -> None:
-    """Solve from where the solutions beside a run are to the end of a piece; what is not finite stays NaN."""
+    """Solve from where the solutions beside a run are, `now` (moving, n), to the end of a piece.
+
+    What is not finite stays NaN.
+    """
     first, after = np.searchsorted(beside.t, times[[0, -1]], side="right")
     inside = beside.t[first:after]
     grid = np.concatenate([times[:1], inside, times[-1:] if not inside.size or inside[-1] < times[-1] else []])
     for i, one in enumerate(beside.perturbations):
         states = np.full((len(grid), equations.moving, 1), np.nan)
-        states[0, :, 0] = beside.now[:, i]
+        states[0, :, 0] = now[:, i]
         try:
             for done, _ in _advanced(equations, rate, numbers, order_of(tolerance / one.finer), grid, states, one):
                 if progress is not None:
@@ -151,4 +156,4 @@ def _advance_beside(
             if error.code not in ("not-finite", "too-many-steps"):
                 raise
         beside.x[first:after, i] = states[1 : 1 + len(inside), :, 0]
-        beside.now[:, i] = states[-1, :, 0]
+        now[:, i] = states[-1, :, 0]

@@ -170,7 +170,7 @@ class Samples(msgspec.Struct):
     columns: dict[str, list[float | None]]
 
 
-class Motion(msgspec.Struct):
+class MotionAnswer(msgspec.Struct):
     """Poses of the links over time: [x, y, z, qx, qy, qz, qw] of each link, a frame."""
 
     t: Vector
@@ -187,7 +187,7 @@ class Preview(msgspec.Struct):
 
     result: Object
     columns: dict[str, list[float | None]]
-    motion: Motion
+    motion: MotionAnswer
 
 
 class Column(msgspec.Struct):

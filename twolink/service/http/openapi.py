@@ -44,7 +44,7 @@ _ANSWERS: dict[str, Any] = {  # in JSON, by method and path
     "post /v1/scenes/preview": answers.Preview,
     "post /v1/scenes/quantities": list[answers.QuantityAbout],
     "post /v1/scenes/linearize": answers.Linearized,
-    "get /v1/simulations/{job}/motion": answers.Motion,
+    "get /v1/simulations/{job}/motion": answers.MotionAnswer,
     "get /v1/simulations/{job}/result": answers.Samples,
     "get /v1/studies/{job}/result": answers.Object,
     "get /v1/sweeps/{job}/result": answers.SweepColumns,

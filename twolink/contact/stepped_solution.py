@@ -1,0 +1,186 @@
+"""The solution of stepped contacts: states at samples, and what presses there."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from twolink.contact.held import HeldRun
+from twolink.contact.stepping import ContactStepper
+from twolink.contact.steps import Record, Step, StepPlan
+from twolink.geometry.points import pair_of
+from twolink.integrate.joint_forces import accelerations_and_joint_torques
+from twolink.integrate.motion.state import Array
+from twolink.integrate.solution import Impulse, Piece
+from twolink.loop.sampled_loop import SampledLoop
+
+Pressing = dict[str, list[tuple[Array, Array, Array]]]  # by pair points, m, forces, N, and slips, m/s
+
+
+@dataclass(frozen=True, eq=False)
+class SteppedSolution:
+    """States at samples, and between them by interpolation.
+
+    Parameters
+    ----------
+    pieces : tuple of Piece
+        One: the equations without contacts.
+    t : ndarray (n,)
+        Times of the samples, s.
+    q, v, a : ndarray (n, nq), (n, nv), (n, nv)
+        Configurations, velocities, and the mean accelerations over the step before each sample; over the first step at
+        the first sample. So it is with `held`, `numbers` and `pressing`.
+    held : ndarray (n, nv)
+        The mean torques of joints' stops and dry friction over that step, N m or N.
+    numbers : ndarray (n, m)
+        The numbers that held behind (q, v) in that step.
+    pressing : sequence of dict
+        Of each sample by pair the points that pressed in the step before it, with their mean forces, N, and their slips
+        at its end, m/s.
+    record : Record
+        What the steps were and how they obey the laws.
+    overlap : float
+        The largest overlap of bodies at a sample, m.
+    step : float
+        The longest step, but for halved ones, s.
+    interrupted : bool
+        Ctrl-C ended it.
+    unfollowed : ndarray (n,)
+        By how much bounces that were too low for the steps would have moved a joint at most, up to each sample, rad or
+        m.
+    loop : SampledLoop or None
+        The controllers and sensors, where there are any.
+    impulses : tuple of Impulse
+        Those of impacts.
+    """
+
+    pieces: tuple[Piece, ...]
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+    held: Array
+    numbers: Array
+    pressing: Sequence[Pressing]
+    record: Record
+    overlap: float
+    step: float
+    unfollowed: Array
+    interrupted: bool = False
+    loop: SampledLoop | None = None
+    impulses: tuple[Impulse, ...] = ()
+
+    def states(self, times: Array) -> Array:
+        """The states (nq + nv, m) at times (m,), interpolated between samples."""
+        model = self.pieces[0].equations.robot.model
+        after = np.clip(np.searchsorted(self.t, times, side="left"), 1, max(1, len(self.t) - 1))
+        out = np.empty((self.q.shape[1] + self.v.shape[1], len(times)))
+        for k, (i, t) in enumerate(zip(np.minimum(after, len(self.t) - 1).tolist(), times.tolist(), strict=True)):
+            share = (t - self.t[i - 1]) / (self.t[i] - self.t[i - 1]) if i else 0.0
+            q = pin.interpolate(model, self.q[i - 1], self.q[i], share)
+            out[:, k] = np.concatenate([q, self.v[i - 1] + share * (self.v[i] - self.v[i - 1])])
+        return out
+
+    def accelerations_and_torques(self) -> tuple[Array, Array]:
+        """Mean accelerations over the step before each sample (n, nv), and applied joint torques (n, nv)."""
+        states = np.concatenate([self.q, self.v, self.numbers], axis=1).T
+        return self.a, accelerations_and_joint_torques(self.pieces[0].equations, self.t, states)[1].T + self.held
+
+    def forces_on_links(self) -> dict[str, tuple[Array, Array]]:
+        """None: steps have no equations of motion."""
+        return {}
+
+    def contacts(self) -> dict[str, tuple[Array, Array]]:
+        """As `DenseOutput.contacts`: points (n, k, 3) and forces (n, k, 3) by pair, means over the step before."""
+        return {pair: (rows[0], rows[1]) for pair, rows in self._rows.items()}
+
+    def contact_slips(self) -> dict[str, tuple[Array, Array]]:
+        """As `contacts`, with slips of the first body on the second, m/s, in place of forces."""
+        return {pair: (rows[0], rows[2]) for pair, rows in self._rows.items()}
+
+    @functools.cached_property
+    def _rows(self) -> dict[str, Array]:
+        """By pair points, forces and slips (3, n, k, 3)."""
+        most: dict[str, int] = {}
+        for found in self.pressing:
+            for pair, rows in found.items():
+                most[pair] = max(most.get(pair, 0), len(rows))
+        out = {pair: np.full((3, len(self.t), k, 3), np.nan) for pair, k in most.items()}
+        for sample, found in enumerate(self.pressing):
+            for pair, rows in found.items():
+                out[pair][:, sample, : len(rows)] = np.array(rows).swapaxes(0, 1)
+        return out
+
+
+class SteppedTrack:
+    """The states that a solution passed: of each sample the state, and what pressed in the step before it.
+
+    Parameters
+    ----------
+    stepper : ContactStepper
+    plan : StepPlan
+        Of all steps, whose numbers controllers change on the way.
+    times : ndarray (n,)
+        Of the samples, s.
+    """
+
+    def __init__(self, stepper: ContactStepper, plan: StepPlan, times: Array) -> None:
+        self._stepper, self._plan, self._times, equations = stepper, plan, times, stepper.equations
+        nq = equations.space.nq
+        q, v = np.array(equations.start[:nq]), np.array(equations.start[nq : equations.moving])
+        none = np.zeros_like(v)
+        self._states = [(q, v, none, none, plan.numbers[0], 0.0)]
+        self._pressing: list[Pressing] = [{}]
+        self._impulses: list[Impulse] = []
+        self._overlap = stepper.overlap(q)[0]
+
+    def add(self, first: int, steps: HeldRun | Sequence[Step]) -> None:
+        """Add steps, the first of which has a number in the plan."""
+        stepper, plan, local = self._stepper, self._plan, self._stepper.bodies.to_local_velocity
+        if first == 0:
+            one = steps[0]
+            self._states[0] = (*self._states[0][:2], *_means(stepper, one), plan.numbers[0].copy(), 0.0)
+            self._pressing[0] = _pressing(stepper, one)
+        for j in np.flatnonzero(plan.sampled[first : first + len(steps)]).tolist():
+            one = steps[j]
+            self._pressing.append(_pressing(stepper, one))
+            now = plan.numbers[plan.piece[first + j]].copy()
+            self._states.append((one.q, local(one.q, one.v), *_means(stepper, one), now, one.memory.unfollowed))
+            self._overlap = max(self._overlap, stepper.overlap(one.q)[0] if one.overlap is None else one.overlap)
+        # What repeats or rests has no impacts.
+        self._impulses += _impulses(stepper, float(plan.t[first]), steps[len(steps) - 1])
+
+    def solution(self, loop: SampledLoop | None, *, interrupted: bool = False) -> SteppedSolution:
+        """The solution so far."""
+        plan, n = self._plan, len(self._states)
+        q, v, a, held, numbers, unfollowed = (np.array(column) for column in zip(*self._states, strict=True))
+        piece = Piece(self._stepper.equations, float(self._times[0]), n, readings=loop and loop.readings)
+        return SteppedSolution((piece,), self._times[:n], q, v, a, held, numbers, self._pressing[:n],
+                               self._stepper.record, self._overlap, float(plan.h.max()), unfollowed, interrupted, loop,
+                               tuple(self._impulses))  # fmt: skip
+
+
+def _means(stepper: ContactStepper, one: Step) -> tuple[Array, Array]:
+    """The mean acceleration over a step (nv,), and the mean torques of joints' stops and dry friction (nv,)."""
+    mean = stepper.bodies.to_local_velocity(one.q, one.mean)
+    return mean, np.zeros_like(mean) if one.joints is None else one.joints / one.h
+
+
+def _pressing(stepper: ContactStepper, one: Step) -> Pressing:
+    """By pair the points that press in a step, their mean forces, and their slips."""
+    found: Pressing = {}
+    slips = np.zeros_like(one.place) if one.slips is None else one.slips
+    for pair, place, impulse, slip in zip(pair_of(one.keys).tolist(), one.place, one.on_first, slips, strict=True):
+        found.setdefault(stepper.detector.names[pair], []).append((place, impulse / one.h, slip))
+    return found
+
+
+def _impulses(stepper: ContactStepper, begin: float, one: Step) -> Iterator[Impulse]:
+    """Impulses of the impacts in a step."""
+    for blow in one.blows:
+        for pair, p in zip(pair_of(blow.keys).tolist(), blow.on_first, strict=True):
+            yield Impulse(begin + blow.late, stepper.detector.names[pair], p)

@@ -1,0 +1,191 @@
+"""Lanes: solutions of one scene as columns of a state array, whose steps go on from call to call.
+
+Steps end at the times that are asked for, and go on as if they had not.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from twolink.integrate.motion.state import Array
+from twolink.integrate.solution import Progress
+from twolink.integrate.steps.outcomes import FINE, Block, failure_of, outcome_of
+from twolink.integrate.steps.perturbation import Perturbation, step_disturbances
+from twolink.integrate.steps.step_control import MAX_FACTOR, MIN_SQUARE
+from twolink.integrate.steps.step_map import StepMap
+from twolink.integrate.steps.stepping import BLOCK, advance, start_state
+
+TICKS = 64  # short calls between two looks at whether steps get on
+AT_ONCE = 8  # attempted steps in a short call, at most: a call ends where all have arrived
+SHORT = 32  # attempted steps, after which solutions that have arrived are left out of what follows
+SAME_TIME = 1e-12  # relative
+LEAST = 0.1  # of the time to the next stop: steps may grow to it
+
+
+class Lanes:
+    """Solutions of one scene side by side, advanced by a step map.
+
+    Parameters
+    ----------
+    by : StepMap
+    t : float
+        Time of the start, s.
+    end : float
+        Until when they are meant to go, s: it sets the first and the longest steps.
+    setting : float
+        The tolerance of the method, or its step, s.
+    perturbations : tuple of Perturbation
+        Of each.
+    progress : callable, optional
+        Called with the time now and then.
+    rate : ndarray (nq + nv, 1), optional
+        Of the states at the start, where the caller knows it.
+    lose : bool
+        Solutions beside the first one that cannot go on are lost: NaN from there on. Else they raise AccuracyError, as
+        the first one does.
+
+    Attributes
+    ----------
+    x : ndarray (size, n)
+        The states with the numbers that they hold, which may be written between two calls of `advance`.
+    by : StepMap
+    """
+
+    def __init__(
+        self,
+        by: StepMap,
+        t: float,
+        end: float,
+        setting: float,
+        perturbations: tuple[Perturbation, ...],
+        progress: Progress | None = None,
+        rate: Array | None = None,
+        *,
+        lose: bool = False,
+    ) -> None:
+        start = np.repeat(by.equations.start[:, None], len(perturbations), axis=1)
+        self.by, self._rows, self._perturbations, self._lose = by, by.rows, perturbations, lose
+        self.state, self._limit = start_state(by, start, t, end, setting, perturbations, span=end - t, rate=rate)
+        self._size, self._every = by.equations.space.size, np.arange(len(perturbations))
+        self._fine = np.full(len(perturbations), FINE)
+        self._disturbances = step_disturbances(perturbations, self.state, by.equations)
+        self._finer = np.flatnonzero([one.finer > 1.0 for one in perturbations])
+        self._longest = self.state[by.rows.longest, self._finer]
+        self._progress, self._told, self._end = progress, t, end
+        self._start = self.state[by.rows.time].copy()
+        self._ticks, self._half = 0, 0.0
+        self._own_steps()
+
+    def _own_steps(self) -> None:
+        """Let attempts begin at the state, in a place of their own."""
+        self._steps = np.empty((AT_ONCE + 1, *self.state.shape))
+        self._steps[0] = self.state
+        self.state = self._steps[0]
+        self._attempt: Callable[[int, int], int] | None = None
+
+    def copied(self) -> Lanes:
+        """Solutions that go on from here with the same bits, whatever these do."""
+        other = copy.copy(self)
+        other._own_steps()
+        return other
+
+    @property
+    def x(self) -> Array:
+        """The states (size, n)."""
+        return self.state[: self._size]
+
+    @property
+    def time(self) -> float:
+        """The time that the solutions have reached, s."""
+        return float(self.state.item(self._rows.time, 0))
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """Accepted and rejected steps of the first."""
+        return int(self.state[self._rows.accepted, 0]), int(self.state[self._rows.rejected, 0])
+
+    @property
+    def beside(self) -> int:
+        """The most steps that another solution has attempted beyond those of the first."""
+        tried = self.state[self._rows.accepted] + self.state[self._rows.rejected]
+        return int(tried.max() - tried[0])
+
+    def advance(self, end: float) -> None:
+        """Advance all to a time, s. Raises AccuracyError."""
+        for _ in self.blocks(end):
+            pass
+
+    def blocks(self, end: float, first: int = 1) -> Iterator[Block]:
+        """Advance all to a time, s, and yield the states on the way, whose arrays are written to afterwards.
+
+        first: how many attempted steps are expected, where more than a few are. Raises AccuracyError.
+        """
+        rows, state = self._rows, self.state
+        time, step_row, start, step = rows.time, rows.step, state.item(rows.time, 0), state.item(rows.step, 0)
+        adaptive = self.by.method.adaptive
+        short = end - start  # the stop ends a step before its time, and would make the next ones shorter
+        planned = state[step_row].copy() if step > MAX_FACTOR * short or not adaptive else None
+        self._halve(short, step, end)
+        state[rows.end] = end
+        attempt, steps, tried = self._attempt or self._begun(), self._steps, 0
+        while first <= AT_ONCE and tried < SHORT and state[time].min() < end:
+            made = attempt(AT_ONCE, AT_ONCE)
+            tried += made
+            yield Block(self._every, steps[: made + 1], steps[: made + 1, time], self._fine)
+            state[:] = steps[made]
+        if state[time].min() < end:
+            tried += 1
+            yield from self._long(max(first, tried))
+        if planned is not None and (tried <= 2 or not adaptive):
+            np.maximum(state[step_row], planned, out=state[step_row])
+        elif step < short and state.item(rows.previous, 0) <= MIN_SQUARE:
+            # Two steps to a stop are as short as their end makes them, not as their error.
+            np.minimum(2.0 * state[step_row], state[rows.longest], out=state[step_row])
+        self._ticks += 1
+        if self._ticks % TICKS == 0:
+            outcome = outcome_of(self.by, state, self._start, self._limit)
+            self._require_fine(Block(self._every, state[None], state[None, time], outcome))
+        if self._ticks % TICKS == 0 or end >= self._end:
+            self._tell()
+
+    def _halve(self, short: float, step: float, end: float) -> None:
+        """Let the steps of finer solutions be at most half as long as the run's, also where a stop ends both."""
+        if not len(self._finer):
+            return
+        alone = len(self._every) == 1
+        half = 0.5 * (short if step > short or alone else max(step, LEAST * short))
+        if abs(half - self._half) > SAME_TIME * end:
+            rows, self._half = self._rows, half
+            self.state[rows.longest, self._finer] = longest = np.minimum(self._longest, half)
+            self.state[rows.step, self._finer] = np.minimum(self.state[rows.step, self._finer], longest)
+
+    def _begun(self) -> Callable[[int, int], int]:
+        """Prepare attempts: the function that makes them."""
+        attempt = self._attempt = self.by.on(self._steps, self._disturbances)
+        return attempt
+
+    def _long(self, first: int) -> Iterator[Block]:
+        """Advance those that have not arrived in growing blocks."""
+        for block in advance(self.by, self.state, self._limit, min(first, BLOCK), self._perturbations, self._start):
+            failed = block.outcome != FINE
+            self._require_fine(block)
+            yield block
+            self._tell()
+            lost = block.worlds[failed]
+            self.state[: self._size, lost], self.state[self._rows.time, lost] = np.nan, np.inf
+
+    def _require_fine(self, block: Block) -> None:
+        """Require that the steps get on. Raises AccuracyError."""
+        for i in np.flatnonzero(block.outcome != FINE):
+            if block.worlds[i] == 0 or not self._lose:
+                alone = Block(*(part[..., [i]] for part in block))
+                raise failure_of(self.by, alone, self._limit)
+
+    def _tell(self) -> None:
+        """Tell how far the first solution is."""
+        if self._progress is not None and self.time > self._told:
+            self._told = self.time
+            self._progress(self._told)

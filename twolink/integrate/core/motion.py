@@ -1,0 +1,132 @@
+"""Motion: solutions of one scene side by side, which go on from call to call; and `drive`, the loop that leads them.
+
+There are three kinds: smooth (`core.smooth`), from event to event (`hybrid.located`), and in steps of contacts that
+press (`contact.solver`). `simulate` drives a motion that keeps a track; `Simulation` drives one that keeps none.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from twolink.integrate.event import Event
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.state import Array
+
+if TYPE_CHECKING:
+    from twolink.effects.sensors import Forces
+    from twolink.loop.sampled_loop import SampledLoop, Sampling
+
+LATER = 1.0 + 1e-12  # times a time: the same time
+
+
+class Motion(ABC):
+    """Solutions of one scene side by side. The first is the run, the others show its error.
+
+    All that a motion remembers belongs to one of its solutions, and is in what `save` returns: what saves and goes on
+    has the same bits as what does not save, and as what restores it.
+    """
+
+    @property
+    @abstractmethod
+    def equations(self) -> Equations:
+        """The equations of motion, in the first mode where there are several."""
+
+    @property
+    @abstractmethod
+    def t(self) -> float:
+        """The time of the run, s."""
+
+    @property
+    @abstractmethod
+    def x(self) -> Array:
+        """The states (moving, n)."""
+
+    @property
+    @abstractmethod
+    def steps(self) -> int:
+        """Accepted steps of the run."""
+
+    @property
+    def unfollowed(self) -> float | None:
+        """The most that bounces too low for the steps would have moved a joint, rad or m; None: all are followed."""
+        return None
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """Events of the run so far."""
+        return ()
+
+    @property
+    def ended(self) -> bool:
+        """True if an event has ended the run."""
+        return False
+
+    @property
+    def over(self) -> bool:
+        """True if events have ended all solutions."""
+        return self.ended
+
+    @abstractmethod
+    def advance(self, t: float) -> None:
+        """Go to a time, s, with the numbers that hold, or to where an event ends a solution."""
+
+    @abstractmethod
+    def held(self) -> Array:
+        """The states with the numbers that hold (size, n), which may be written and given to `hold`."""
+
+    @abstractmethod
+    def hold(self, x: Array) -> None:
+        """Let the numbers in states (size, n) hold from now on."""
+
+    @abstractmethod
+    def forces(self, t: float, x: Array) -> Forces:
+        """The forces at states (size, n) at a time."""
+
+    @abstractmethod
+    def save(self) -> Any:
+        """All that the solutions go on from, in copies."""
+
+    @abstractmethod
+    def restore(self, saved: Any) -> None:
+        """Go on from there."""
+
+
+def drive(motion: Motion, until: float, loop: SampledLoop | None = None) -> None:
+    """Let a motion go to a time, from tick to tick of its controllers and sensors.
+
+    Parameters
+    ----------
+    motion : Motion
+        It stops at its own breaks and events.
+    until : float
+        s.
+    loop : SampledLoop, optional
+        The controllers and sensors, which read the states at a tick and write the numbers that hold until the next.
+
+    Raises
+    ------
+    ControllerError
+        A controller failed; the motion is at its tick, which is due again.
+    """
+    while loop is not None and loop.time <= until * LATER:
+        if loop.time > motion.t * LATER:
+            motion.advance(min(loop.time, until))
+        if motion.over:
+            break
+        states = motion.held()
+        loop.tick(states)
+        motion.hold(states)
+    # Behind a tick at this time, finer solutions would take half of what rounding leaves as a step.
+    if until > motion.t * (1.0 if loop is None else LATER) and not motion.over:
+        motion.advance(until)
+
+
+def loop_of(motion: Motion, sampling: Sampling, *, endless: bool = False) -> SampledLoop:
+    """The controllers and sensors of a motion from now on. endless: as of `SampledLoop`."""
+    from twolink.loop.sampled_loop import SampledLoop  # which scenes without controllers and sensors do not load
+
+    layout = motion.equations.layout
+    return SampledLoop(sampling, layout.rows_of_slots(), layout.space.states, motion.held(), motion.forces, motion.t,
+                       endless=endless)  # fmt: skip

@@ -1,0 +1,225 @@
+"""Smooth motion: solutions without modes as lanes of one batch, and the run of it for samples."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from twolink.effects.inputs import Slot
+from twolink.errors import ControllerError
+from twolink.integrate.core.lanes import Lanes
+from twolink.integrate.core.motion import LATER, Motion, drive, loop_of
+from twolink.integrate.core.track import Track
+from twolink.integrate.event import events_of
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.state import Array
+from twolink.integrate.solution import Piece, Progress, Solution
+from twolink.integrate.steps.beside import Beside
+from twolink.integrate.steps.methods import Method
+from twolink.integrate.steps.outcomes import Block
+from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
+from twolink.integrate.steps.step_map import StepMap, step_map
+from twolink.integrate.steps.stepping import take_samples
+
+if TYPE_CHECKING:
+    from twolink.effects.sensors import Forces
+    from twolink.loop.sampled_loop import SampledLoop
+
+MANY = 1_000_000  # steps, after which the count of steps of a motion without end begins anew
+
+
+class SavedLanes(NamedTuple):
+    """State of a `SmoothMotion`: its lanes, the steps before them, and how many breaks are over."""
+
+    lanes: Lanes
+    steps: int
+    passed: int
+
+
+class SmoothMotion(Motion):
+    """Solutions as lanes of one batch.
+
+    Parameters
+    ----------
+    by : StepMap
+        Of the equations, from whose start it goes on.
+    t, end : float
+        The time of the start, and until when it is meant to go, s.
+    setting : float
+        The tolerance of the method, or its step, s.
+    perturbations : tuple of Perturbation
+        Of each solution.
+    track : Track, optional
+        Of what the first one passes.
+    beside : Beside, optional
+        Where the others are looked at.
+    progress : callable, optional
+        Called with the time now and then.
+    lose : bool
+        As of `Lanes`.
+    """
+
+    def __init__(
+        self,
+        by: StepMap,
+        t: float,
+        end: float,
+        setting: float,
+        perturbations: tuple[Perturbation, ...] = (NO_PERTURBATION,),
+        *,
+        track: Track | None = None,
+        beside: Beside | None = None,
+        progress: Progress | None = None,
+        lose: bool = False,
+    ) -> None:
+        self._equations, self._by, self._span, self._setting, self._perturbations = (
+            by.equations, by, end - t, setting, perturbations
+        )  # fmt: skip
+        self.lanes = Lanes(by, t, end, setting, perturbations, progress, lose=lose)
+        self.track, self._beside, self._steps = track, beside, 0
+        self._end = end
+        self._breaks, self._passed = [*(b for b in by.equations.breaks(end) if b > t), math.inf], 0
+        self._seen = track is not None or beside is not None
+        self._tables = any(not isinstance(table, Slot) for table in by.equations.layout.tables)
+
+    @property
+    def equations(self) -> Equations:
+        """The equations of motion."""
+        return self._equations
+
+    @property
+    def t(self) -> float:
+        """The time, s."""
+        return self.lanes.time
+
+    @property
+    def x(self) -> Array:
+        """The states."""
+        return self.lanes.x[: self._equations.moving]
+
+    @property
+    def steps(self) -> int:
+        """Accepted steps of the run."""
+        return self._steps + self.lanes.counts[0]
+
+    def advance(self, t: float) -> None:
+        """Go to a time, s. Steps end at breaks."""
+        while (stop := self._breaks[self._passed]) <= t * LATER:
+            if stop > self.t:
+                self._to(stop)
+            self._passed += 1
+            if self._tables:
+                self._take_tables(0.5 * (stop + min(self._breaks[self._passed], self._end)))
+        if t > self.t:
+            self._to(t)
+        if self.track is None and self.lanes.counts[0] > MANY:
+            self._begin_anew()
+
+    def _to(self, t: float) -> None:
+        if not self._seen:
+            self.lanes.advance(t)
+            return
+        for block in self.lanes.blocks(t):
+            if self.track is not None and block.worlds[0] == 0:
+                self.track.add(block.t[1:, 0], block.states[1:, : self._equations.space.size, 0])
+            if self._beside is not None:
+                self._look(self._beside, block)
+
+    def _look(self, beside: Beside, block: Block) -> None:
+        """Take the samples of the solutions beside the first, which are numbered behind it."""
+        if not beside.within(float(block.t[0].min()), float(block.t[-1].max())):
+            return
+        for others, often in ((block.worlds == 1, slice(None)), (block.worlds > 1, beside.seldom)):
+            if others.any():
+                part = Block(block.worlds[others] - 1, *(rows[..., others] for rows in block[1:]))
+                take_samples(self._by, part, beside.t[often], beside.x[often])
+
+    def _take_tables(self, t: float) -> None:
+        """Write the pieces of tables that hold at a time."""
+        for rows, table in self._equations.layout.rows_of_tables():
+            if not isinstance(table, Slot):
+                self.lanes.x[rows] = table.rows_at(t)[:, None]
+        if self.track is not None:
+            self.track.change(self.lanes.x[:, 0])
+
+    def _begin_anew(self) -> None:
+        """Count the steps from here on."""
+        x, t = self.lanes.x.copy(), self.t
+        self._steps, self._by.equations = self.steps, self._equations.starting_at(x[:, 0], t)
+        self.lanes = Lanes(self._by, t, t + self._span, self._setting, self._perturbations)
+        self.lanes.x[:] = x
+
+    def held(self) -> Array:
+        """The states and numbers, as they are stepped."""
+        return self.lanes.x
+
+    def hold(self, x: Array) -> None:
+        """Let the numbers hold, which are written already."""
+        if self.track is not None:
+            self.track.change(x[:, 0])
+
+    def forces(self, t: float, x: Array) -> Forces:
+        """The forces at states (size, n)."""
+        from twolink.integrate.forces_seen import forces_seen  # which scenes without sensors do not load
+
+        return forces_seen(self._equations, t, x)
+
+    def save(self) -> SavedLanes:
+        """The lanes, and what is to come."""
+        return SavedLanes(self.lanes.copied(), self._steps, self._passed)
+
+    def restore(self, saved: SavedLanes) -> None:
+        """Go on from there."""
+        self.lanes, self._steps, self._passed = saved.lanes.copied(), saved.steps, saved.passed
+
+
+def solve_smooth(
+    equations: Equations,
+    method: Method,
+    times: Array,
+    setting: float,
+    progress: Progress | None = None,
+    perturbation: Perturbation = NO_PERTURBATION,
+    beside: Beside | None = None,
+) -> Solution:
+    """Solve from the equations' start for samples, with their controllers; see `solver.solve`.
+
+    Raises ControllerError, whose `run` is the solution so far.
+    """
+    start, end = float(times[0]), float(times[-1])
+    equations.require(start, end)
+    by = step_map(equations, method)
+    track = Track(by, times, start, equations.start)
+    every = (perturbation, *(() if beside is None else beside.perturbations))
+    motion = SmoothMotion(by, start, end, setting, every, track=track, beside=beside, progress=progress,
+                          lose=equations.sampling is None)  # fmt: skip
+    loop = None if equations.sampling is None else loop_of(motion, equations.sampling)
+    try:
+        drive(motion, end, loop)
+        if loop is not None:
+            loop.require_repeatable()
+    except KeyboardInterrupt:
+        return replace(_solution(motion, track, loop), interrupted=True)
+    except ControllerError as error:
+        error.run = replace(_solution(motion, track, loop, float(error.data["t"])), interrupted=True)
+        raise
+    return _solution(motion, track, loop)
+
+
+def _solution(motion: SmoothMotion, track: Track, loop: SampledLoop | None, until: float = np.inf) -> Solution:
+    """The solution so far, with the samples up to a time."""
+    equations, by, moving = motion.equations, motion.lanes.by, motion.equations.moving
+    samples = track.samples(min(until, track.t) * LATER)
+    times = track.times[: samples.shape[1]]
+    t, x = track.steps()
+    held = x[:, moving:] if equations.layout.tables else None
+    piece = Piece(equations, float(times[0]), len(times), (t, x[:, :moving]) if track.whole else None, held=held,
+                  readings=None if loop is None else loop.readings)  # fmt: skip
+    accepted, rejected = motion.lanes.counts
+    evaluations = (accepted + rejected + len(times)) * by.method.evaluations
+    return Solution(times, samples[:moving], accepted, evaluations, rejected, by.compile_seconds, by.compiled,
+                    events=() if loop is None else tuple(events_of(loop)), pieces=(piece,),
+                    beside=motion.lanes.beside)  # fmt: skip

@@ -1,0 +1,97 @@
+"""Track: what a solution passed, and from it the state at any time."""
+
+import math
+
+import numpy as np
+
+from twolink.integrate.motion.state import Array
+from twolink.integrate.solution import MAX_KEPT
+from twolink.integrate.steps.step_map import StepMap
+
+
+class Track:
+    """Times and states (size,) where the steps of a solution ended, with the numbers that held from then on.
+
+    A state between two of them is a part of the step from the first: as exact as the method.
+
+    Parameters
+    ----------
+    by : StepMap
+    times : ndarray (n,)
+        Of the samples, s, increasing.
+    t : float
+        The time of the start, s.
+    x : ndarray (size,)
+        The state there.
+
+    Attributes
+    ----------
+    whole : bool
+        Whether all ends of steps are kept: of too many only the samples are, unless numbers change on the way.
+    """
+
+    def __init__(self, by: StepMap, times: Array, t: float, x: Array) -> None:
+        self._by, self.times = by, times
+        self._most = math.inf if by.equations.layout.tables else MAX_KEPT
+        self._t, self._x, self._numbers = [np.array([t])], [x[None].copy()], 0
+        self._sampled: list[Array] = []  # samples of what is kept no more
+        self.whole = True
+
+    @property
+    def t(self) -> float:
+        """The last time, s."""
+        return float(self._t[-1][-1])
+
+    @property
+    def x(self) -> Array:
+        """The last state (size,)."""
+        return np.asarray(self._x[-1][-1])
+
+    def last(self) -> "Track":
+        """A track from the last state on."""
+        return Track(self._by, self.times, self.t, self.x)
+
+    def add(self, t: Array, x: Array) -> None:
+        """Add the ends of attempted steps: times (k,) and states (k, size), which repeat the last where one failed."""
+        self._t.append(t.copy())
+        self._x.append(x.copy())
+        self._numbers += x.size
+        if self._numbers > self._most:
+            self._sampled.append(self._samples(self._count(self.t)))
+            self.forget()
+
+    def change(self, x: Array) -> None:
+        """Let the numbers of a state (size,) hold from the last time on."""
+        self._x[-1][-1] = x
+
+    def forget(self) -> None:
+        """Keep the last state alone, with the samples so far."""
+        self._t, self._x, self._numbers, self.whole = [self._t[-1][-1:]], [self._x[-1][-1:]], 0, False
+
+    def steps(self) -> tuple[Array, Array]:
+        """Times (k,) and states (k, size) where steps ended, each once."""
+        t, x = np.concatenate(self._t), np.concatenate(self._x)
+        kept = np.append(t[1:] > t[:-1], True)
+        self._t, self._x = [t[kept]], [x[kept]]
+        return self._t[0], self._x[0]
+
+    def samples(self, until: float) -> Array:
+        """The states (size, m) at those sample times that are not after a time, s."""
+        count = self._count(until)
+        return np.concatenate([*self._sampled, self._samples(count)], axis=1)[:, :count]
+
+    def _count(self, until: float) -> int:
+        return int(np.searchsorted(self.times, until, side="right"))
+
+    def _samples(self, count: int) -> Array:
+        """The states (size, m) from the samples of what is kept no more up to a number of samples."""
+        return states_at(self._by, *self.steps(), self.times[sum(part.shape[1] for part in self._sampled) : count])
+
+
+def states_at(by: StepMap, t: Array, x: Array, times: Array) -> Array:
+    """States (size, m) at times (m,), from states x (k, size) at increasing times t (k,) where steps ended."""
+    step = np.searchsorted(t, times, side="right") - 1
+    states, between = x[step].T, t[step] < times
+    if between.any():
+        states[:, between] = by.partial(states[:, between], t[step[between]], times[between])
+    return states
