@@ -118,10 +118,10 @@ class Lanes:
         for _ in self.blocks(end):
             pass
 
-    def blocks(self, end: float, first: int = 1) -> Iterator[Block]:
+    def blocks(self, end: float, first: int | None = None) -> Iterator[Block]:
         """Advance all to a time, s, and yield the states on the way, whose arrays are written to afterwards.
 
-        first: how many attempted steps are expected, where more than a few are. Raises AccuracyError.
+        first: of attempted steps in a first block, where more than a few are expected. Raises AccuracyError.
         """
         rows, state = self._rows, self.state
         time, step_row, start, step = rows.time, rows.step, state.item(rows.time, 0), state.item(rows.step, 0)
@@ -130,6 +130,7 @@ class Lanes:
         planned = state[step_row].copy() if step > MAX_FACTOR * short or not adaptive else None
         self._halve(short, step, end)
         state[rows.end] = end
+        first = (1 if short <= AT_ONCE * step else BLOCK) if first is None else first
         attempt, steps, tried = self._attempt or self._begun(), self._steps, 0
         while first <= AT_ONCE and tried < SHORT and state[time].min() < end:
             made = attempt(AT_ONCE, AT_ONCE)

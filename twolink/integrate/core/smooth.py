@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from twolink.effects.sensors import Forces
     from twolink.loop.sampled_loop import SampledLoop
 
+SHORT = 16  # attempted steps of a block in which solutions beside the run are looked at at once
 MANY = 1_000_000  # steps, after which the count of steps of a motion without end begins anew
 
 
@@ -82,7 +83,7 @@ class SmoothMotion(Motion):
         self.track, self._beside, self._steps = track, beside, 0
         self._end = end
         self._breaks, self._passed = [*(b for b in by.equations.breaks(end) if b > t), math.inf], 0
-        self._seen = track is not None or beside is not None
+        self._checks, self._looked = [*([] if beside is None else beside.t.tolist()), math.inf], 0
         self._tables = any(not isinstance(table, Slot) for table in by.equations.layout.tables)
 
     @property
@@ -119,23 +120,23 @@ class SmoothMotion(Motion):
             self._begin_anew()
 
     def _to(self, t: float) -> None:
-        if not self._seen:
+        looks = self._beside is not None and self._checks[self._looked] <= t
+        if not looks and self.track is None:
             self.lanes.advance(t)
             return
         for block in self.lanes.blocks(t):
             if self.track is not None and block.worlds[0] == 0:
                 self.track.add(block.t[1:, 0], block.states[1:, : self._equations.space.size, 0])
-            if self._beside is not None:
+            if looks and self._beside is not None:
                 self._look(self._beside, block)
+        while self._checks[self._looked] <= t:
+            self._looked += 1
 
     def _look(self, beside: Beside, block: Block) -> None:
         """Take the samples of the solutions beside the first, which are numbered behind it."""
-        if not beside.within(float(block.t[0].min()), float(block.t[-1].max())):
-            return
-        for others, often in ((block.worlds == 1, slice(None)), (block.worlds > 1, beside.seldom)):
-            if others.any():
-                part = Block(block.worlds[others] - 1, *(rows[..., others] for rows in block[1:]))
-                take_samples(self._by, part, beside.t[often], beside.x[often])
+        for others, often in beside.looks(block.worlds, few=len(block.t) <= SHORT):
+            part = Block(block.worlds[others] - 1, *(rows[..., others] for rows in block[1:]))
+            take_samples(self._by, part, beside.t[often], beside.x[often])
 
     def _take_tables(self, t: float) -> None:
         """Write the pieces of tables that hold at a time."""

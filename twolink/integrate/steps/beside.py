@@ -1,5 +1,6 @@
 """Solutions beside a run, which show its error."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,10 +30,14 @@ class Beside:
         """Of the times t: those of the stride, with the last."""
         return slice((len(self.t) - 1) % self.stride, None, self.stride)
 
-    def within(self, begin: float, end: float) -> bool:
-        """True if one of the times lies behind a begin and not behind an end, s."""
-        first, after = self.t.searchsorted((begin, end), side="right").tolist()
-        return bool(first < after)
+    def looks(self, worlds: Array, *, few: bool = False) -> Iterator[tuple[Array, slice]]:
+        """The worlds of some, of which 0 is the run, that are looked at, and at which of the times.
+
+        few: of the times are of interest, so that one look at all costs less than two.
+        """
+        every = ((worlds > 0, slice(None)),) if few or self.stride == 1 else (
+            (worlds == 1, slice(None)), (worlds > 1, self.seldom))  # fmt: skip
+        return ((others, often) for others, often in every if others.any())
 
     @classmethod
     def of(cls, perturbations: tuple[Perturbation, ...], t: Array, start: Array, stride: int = SELDOM) -> "Beside":
