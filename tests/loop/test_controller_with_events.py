@@ -63,7 +63,7 @@ def test_a_sampled_law_on_a_slider_is_exact(switches: str, kp: int, kd: int, tar
     "fields", [{}, {"hold": "first"}, {"delay": 0.017}, {"jitter": 0.004, "seed": 3}, {"limit": {"rail": 0.5}}]
 )
 def test_a_stop_that_is_never_reached_changes_nothing(fields: dict) -> None:
-    """Two controllers and a late, noisy, rounded encoder: the same as in lanes."""
+    """Two controllers and a late, noisy, rounded encoder: the same as in columns."""
     encoder = E.Encoder(("rail",), period=0.003, noise=1e-3, delay=0.004, quantum=1e-4)
     one = E.Controller(lambda _, y, s: (-4.0 * y.encoder - 2.0 * y.v + s, 0.99 * s), period=0.01, state=np.ones(1),
                        inputs=("encoder", "v"), **fields)  # fmt: skip

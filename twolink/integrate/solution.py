@@ -89,7 +89,7 @@ class Solution:
         The smooth parts; one at least in what `solver.solve` returns.
     taken : (ndarray (k,), ndarray (k, nq + nv)) or None
         Of a single piece, as in `Piece`.
-    beside : int
+    companion_steps : int
         How many attempted steps solutions in the same batch took beyond those of the run: the batch went on for them.
     """
 
@@ -107,7 +107,7 @@ class Solution:
     hit: Any = None
     pieces: tuple[Piece, ...] = ()
     taken: tuple[np.ndarray, np.ndarray] | None = None
-    beside: int = 0
+    companion_steps: int = 0
 
 
 def joined(parts: Sequence[Solution]) -> Solution:
@@ -125,5 +125,5 @@ def joined(parts: Sequence[Solution]) -> Solution:
         parts[-1].interrupted,
         None if parts[0].precise is None else np.concatenate([part.precise for part in parts]),
         pieces=tuple(piece for part in parts for piece in part.pieces),
-        beside=sum(part.beside for part in parts),
+        companion_steps=sum(part.companion_steps for part in parts),
     )

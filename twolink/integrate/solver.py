@@ -17,7 +17,7 @@ from twolink.integrate.solution import Piece, Progress, Solution
 from twolink.integrate.solvers import scipy_solver, taylor
 from twolink.integrate.solvers.pieces import in_pieces
 from twolink.integrate.solvers.taylor_code import Precision
-from twolink.integrate.steps.beside import Beside
+from twolink.integrate.steps.companions import Companions
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
 from twolink.integrate.steps.stepping import SMALLEST_TOLERANCE
@@ -43,7 +43,7 @@ def solve(
     progress: Progress | None = None,
     precision: Precision = "double",
     perturbation: Perturbation = NO_PERTURBATION,
-    beside: Beside | None = None,
+    companions: Companions | None = None,
 ) -> Solution:
     """Solve equations of motion from their start for samples.
 
@@ -61,8 +61,8 @@ def solve(
         Of the numbers; beyond "double" by Taylor's method only.
     perturbation : Perturbation
         Of this solution; its setting is divided by `finer`.
-    beside : Beside, optional
-        Solutions in the same batch, where `has_lanes` says that there are batches.
+    companions : Companions, optional
+        Solutions in the same batch, where `has_columns` says that there are batches.
 
     Returns
     -------
@@ -81,12 +81,12 @@ def solve(
         raise AccuracyError(f"expected a number above 0, got {setting!r}", argument=name, remedy="such as 1e-6")
     if precision != "double" and method.kind != "taylor":
         raise SceneError(f"{method.name} works in double precision", argument="precision", remedy='method="taylor"')
-    solution = _solve(equations, method, times, setting, progress, precision, perturbation, beside)
+    solution = _solve(equations, method, times, setting, progress, precision, perturbation, companions)
     whole = Piece(equations, float(times[0]), len(solution.t), solution.taken)
     return solution if solution.pieces else replace(solution, pieces=(whole,))
 
 
-def solve_beside(
+def solve_with_companions(
     equations: Equations,
     method: Method,
     times: Array,
@@ -102,12 +102,12 @@ def solve_beside(
 
 
 def goes_side_by_side(equations: Equations, method: Method) -> bool:
-    """True if a run with events and those beside it go from tick to tick by `solve_beside`."""
+    """True if a run with events and those beside it go from tick to tick by `solve_with_companions`."""
     return equations.sampling is not None and equations.has_events and is_stepping(method)
 
 
-def has_lanes(equations: Equations, method: Method, precision: Precision) -> bool:
-    """True if solutions beside a run are lanes of one batch."""
+def has_columns(equations: Equations, method: Method, precision: Precision) -> bool:
+    """True if solutions beside a run are columns of one batch."""
     if method.kind == "taylor" or (equations.sampling is not None and not equations.has_events):
         return precision == "double" and equations.space.size > 0
     return is_stepping(method) and not equations.has_events and equations.space.size > 0
@@ -126,7 +126,7 @@ def _solve(
     progress: Progress | None,
     precision: Precision,
     perturbation: Perturbation,
-    beside: Beside | None,
+    companions: Companions | None,
 ) -> Solution:
     """Solve by the method's own solver."""
     if equations.space.size == 0:  # nothing moves
@@ -143,10 +143,10 @@ def _solve(
     if stepping:
         if not method.adaptive:
             _require_pieces(equations, times, setting)
-        return solve_smooth(equations, method, times, setting, progress, perturbation, beside)
+        return solve_smooth(equations, method, times, setting, progress, perturbation, companions)
     if method.kind == "taylor":
         return taylor.solve(equations, times, setting, progress, precision=precision, perturbation=perturbation,
-                            beside=beside)  # fmt: skip
+                            companions=companions)  # fmt: skip
     by_scipy = functools.partial(scipy_solver.solve, method=method, tolerance=setting, progress=progress,
                                  perturbation=perturbation)  # fmt: skip
     return in_pieces(equations, times, lambda piece, part: by_scipy(piece, times=part))

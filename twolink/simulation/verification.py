@@ -14,9 +14,9 @@ from twolink.integrate.event import AMBIGUOUS
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array, StateSpace
 from twolink.integrate.solution import Progress, Solution
-from twolink.integrate.solver import goes_side_by_side, has_lanes, solve, solve_beside
+from twolink.integrate.solver import goes_side_by_side, has_columns, solve, solve_with_companions
 from twolink.integrate.solvers.method_choice import MethodChoice
-from twolink.integrate.steps.beside import SELDOM, Beside
+from twolink.integrate.steps.companions import SELDOM, Companions
 from twolink.integrate.steps.perturbation import (
     NO_PERTURBATION,
     RESTARTED,
@@ -35,8 +35,8 @@ from twolink.simulation.error_bar import (
 )
 
 LOST = "loops-singular", "steps-collapsed"  # codes of a solution beside a run that gets no farther
-# Disturbed solutions as lanes of a batch with the run: more where rounding counts, as it does below FINE (rad or m).
-IN_LANES, FINE = (2, 6), 1e-9
+# Disturbed solutions as columns of a batch with the run: more where rounding counts, as it does below FINE (rad or m).
+IN_COLUMNS, FINE = (2, 6), 1e-9
 BY_TAYLOR, ALONE = 3, 2
 PAIRS = 1, 3  # of a sampled loop: more where rounding counts
 WIDE = 50.0  # times rounding: their disturbances
@@ -124,26 +124,26 @@ class Verification:
         return one
 
     def _tried(self, choice: MethodChoice, finer: Perturbation) -> Verified:
-        if has_lanes(self._equations, choice.method, choice.precision):
-            return (self._in_lanes if self._equations.sampling is None else self._in_loop)(choice, finer)
+        if has_columns(self._equations, choice.method, choice.precision):
+            return (self._in_columns if self._equations.sampling is None else self._in_loop)(choice, finer)
         if goes_side_by_side(self._equations, choice.method):
             return self._from_tick_to_tick(choice, finer)
         return self._one_by_one(choice, finer)
 
-    def _in_lanes(self, choice: MethodChoice, finer: Perturbation) -> Verified:
-        """The run and the others as lanes of one batch; by Taylor's method, whose order all lanes have, the others."""
+    def _in_columns(self, choice: MethodChoice, finer: Perturbation) -> Verified:
+        """The run and the others as columns of one batch; by Taylor's method, whose order all have, the others."""
         taylor, space = choice.method.kind == "taylor", self._equations.space
         spent = 0.0
-        for count in (BY_TAYLOR,) if taylor else IN_LANES if self._few else IN_LANES[-1:]:
+        for count in (BY_TAYLOR,) if taylor else IN_COLUMNS if self._few else IN_COLUMNS[-1:]:
             disturbed = disturbed_solutions(count, finer.finer if taylor else 1.0)
-            run, own, x, beside = self._batch(choice, (finer, *disturbed))
+            run, own, x, companions = self._batch(choice, (finer, *disturbed))
             if run.solution.interrupted:
                 return run
             undisturbed = x[:, :, :1] if taylor else own
             each = np.concatenate([distances(space, own, x[:, :, :1]), distances(space, undisturbed, x[:, :, 1:])],
                                   axis=1)  # fmt: skip
             if not taylor:  # between two checks, what the later one shows
-                each[1:, 1:] = each[beside.seldom, 1:].repeat(SELDOM, axis=0)[-len(each) + 1 :]
+                each[1:, 1:] = each[companions.seldom, 1:].repeat(SELDOM, axis=0)[-len(each) + 1 :]
             run = replace(run, verify_seconds=run.verify_seconds + spent)
             if self._is_enough(count, each):
                 break
@@ -152,12 +152,12 @@ class Verification:
 
     def _is_enough(self, count: int, each: Array) -> bool:
         """True if so many disturbed solutions suffice: more of them could not lessen the bar by much, or not enough."""
-        far, most = float(each[-1, 1:].max()), max(IN_LANES)
+        far, most = float(each[-1, 1:].max()), max(IN_COLUMNS)
         return bool(DISTURBED[count] * far <= max(ENOUGH * self._accuracy, each[-1, 0])
                     or DISTURBED[most] * far > self._accuracy > 0.0)  # fmt: skip
 
     def _in_loop(self, choice: MethodChoice, finer: Perturbation) -> Verified:
-        """The run of a sampled loop and pairs of finer solutions, whose disturbances mirror each other, as lanes.
+        """The run of a sampled loop and pairs of finer solutions, whose disturbances mirror each other, as columns.
 
         Each calls the controllers. The middle of a pair shows truncation, the distance from it rounding. Disturbances
         are so much larger than rounding that a threshold which is near to the motion lies between two solutions.
@@ -181,7 +181,7 @@ class Verification:
     def _from_tick_to_tick(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run and the others side by side, each with its own events and controllers."""
         start = time.perf_counter()
-        solution, *others = solve_beside(self._equations, choice.method, self._times, choice.setting,
+        solution, *others = solve_with_companions(self._equations, choice.method, self._times, choice.setting,
                                          self._progress, (finer, *_mirrored()), self._times[self._checks])  # fmt: skip
         seconds = time.perf_counter() - start - solution.compile_seconds
         run = Verified(choice, solution, seconds, self._numbers(solution))
@@ -190,17 +190,20 @@ class Verification:
         each = np.stack([_distance(self._equations.space, run, other) for other in others], axis=1)
         return self._with_parts(run, _of_mirrored(run, each))
 
-    def _batch(self, choice: MethodChoice, others: tuple[Perturbation, ...]) -> tuple[Verified, Array, Array, Beside]:
-        """The run with others as lanes: its states (k, nq + nv, 1), and theirs (k, nq + nv, n), where they are seen."""
+    def _batch(
+        self, choice: MethodChoice, others: tuple[Perturbation, ...]
+    ) -> tuple[Verified, Array, Array, Companions]:
+        """The run with others as columns: its states (k, nq + nv, 1), and theirs (k, nq + nv, n) there."""
         equations = self._equations
         stride = 1 if equations.sampling is not None else SELDOM
-        beside = Beside.of(others, self._times[self._checks], equations.start[: equations.moving], stride)
-        solution, seconds = self._solved(choice, self._times, beside=beside)
+        companions = Companions.of(others, self._times[self._checks], equations.start[: equations.moving], stride)
+        solution, seconds = self._solved(choice, self._times, companions=companions)
         tried = solution.steps + solution.rejected
-        more = seconds * solution.beside / max(1, tried + solution.beside)  # the steps that were made for the others
+        others_own = solution.companion_steps  # steps that were made for the others alone
+        more = seconds * others_own / max(1, tried + others_own)
         run = Verified(choice, solution, seconds - more, self._numbers(solution), verify_seconds=more)
         own = solution.x[: equations.moving, run.checks].T[:, :, None]
-        return run, own, beside.x.swapaxes(1, 2), beside
+        return run, own, companions.x.swapaxes(1, 2), companions
 
     def _one_by_one(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run, then the others."""
@@ -247,11 +250,11 @@ class Verification:
         choice: MethodChoice,
         times: Array,
         perturbation: Perturbation = NO_PERTURBATION,
-        beside: Beside | None = None,
+        companions: Companions | None = None,
     ) -> tuple[Solution, float]:
         start = time.perf_counter()
         solution = solve(self._equations, choice.method, times, choice.setting, self._progress, choice.precision,
-                         perturbation, beside)  # fmt: skip
+                         perturbation, companions)  # fmt: skip
         seconds = time.perf_counter() - start - solution.compile_seconds
         return solution, seconds
 

@@ -1,4 +1,4 @@
-"""Smooth motion: solutions without modes as lanes of one batch, and the run of it for samples."""
+"""Smooth motion: solutions without modes as columns of one batch, and the run of it for samples."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 
 from twolink.effects.inputs import Slot
 from twolink.errors import ControllerError
-from twolink.integrate.core.lanes import Lanes
+from twolink.integrate.core.columns import Columns
 from twolink.integrate.core.motion import LATER, Motion, drive, loop_of
 from twolink.integrate.core.track import Track
 from twolink.integrate.event import events_of
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece, Progress, Solution
-from twolink.integrate.steps.beside import Beside
+from twolink.integrate.steps.companions import Companions
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.outcomes import Block
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
@@ -32,16 +32,16 @@ SHORT = 16  # attempted steps of a block in which solutions beside the run are l
 MANY = 1_000_000  # steps, after which the count of steps of a motion without end begins anew
 
 
-class SavedLanes(NamedTuple):
-    """State of a `SmoothMotion`: its lanes, the steps before them, and how many breaks are over."""
+class SavedColumns(NamedTuple):
+    """State of a `SmoothMotion`: its columns, the steps before them, and how many breaks are over."""
 
-    lanes: Lanes
+    columns: Columns
     steps: int
     passed: int
 
 
 class SmoothMotion(Motion):
-    """Solutions as lanes of one batch.
+    """Solutions as columns of one batch.
 
     Parameters
     ----------
@@ -55,12 +55,12 @@ class SmoothMotion(Motion):
         Of each solution.
     track : Track, optional
         Of what the first one passes.
-    beside : Beside, optional
+    companions : Companions, optional
         Where the others are looked at.
     progress : callable, optional
         Called with the time now and then.
     lose : bool
-        As of `Lanes`.
+        As of `Columns`.
     """
 
     def __init__(
@@ -72,18 +72,18 @@ class SmoothMotion(Motion):
         perturbations: tuple[Perturbation, ...] = (NO_PERTURBATION,),
         *,
         track: Track | None = None,
-        beside: Beside | None = None,
+        companions: Companions | None = None,
         progress: Progress | None = None,
         lose: bool = False,
     ) -> None:
         self._equations, self._by, self._span, self._setting, self._perturbations = (
             by.equations, by, end - t, setting, perturbations
         )  # fmt: skip
-        self.lanes = Lanes(by, t, end, setting, perturbations, progress, lose=lose)
-        self.track, self._beside, self._steps = track, beside, 0
+        self.columns = Columns(by, t, end, setting, perturbations, progress, lose=lose)
+        self.track, self._companions, self._steps = track, companions, 0
         self._end = end
         self._breaks, self._passed = [*(b for b in by.equations.breaks(end) if b > t), math.inf], 0
-        self._checks, self._looked = [*([] if beside is None else beside.t.tolist()), math.inf], 0
+        self._checks, self._looked = [*([] if companions is None else companions.t.tolist()), math.inf], 0
         self._tables = any(not isinstance(table, Slot) for table in by.equations.layout.tables)
 
     @property
@@ -94,17 +94,17 @@ class SmoothMotion(Motion):
     @property
     def t(self) -> float:
         """The time, s."""
-        return self.lanes.time
+        return self.columns.time
 
     @property
     def x(self) -> Array:
         """The states."""
-        return self.lanes.x[: self._equations.moving]
+        return self.columns.x[: self._equations.moving]
 
     @property
     def steps(self) -> int:
         """Accepted steps of the run."""
-        return self._steps + self.lanes.counts[0]
+        return self._steps + self.columns.counts[0]
 
     def advance(self, t: float) -> None:
         """Go to a time, s. Steps end at breaks."""
@@ -116,46 +116,46 @@ class SmoothMotion(Motion):
                 self._take_tables(0.5 * (stop + min(self._breaks[self._passed], self._end)))
         if t > self.t:
             self._to(t)
-        if self.track is None and self.lanes.counts[0] > MANY:
+        if self.track is None and self.columns.counts[0] > MANY:
             self._begin_anew()
 
     def _to(self, t: float) -> None:
-        looks = self._beside is not None and self._checks[self._looked] <= t
+        looks = self._companions is not None and self._checks[self._looked] <= t
         if not looks and self.track is None:
-            self.lanes.advance(t)
+            self.columns.advance(t)
             return
-        for block in self.lanes.blocks(t):
+        for block in self.columns.blocks(t):
             if self.track is not None and block.worlds[0] == 0:
                 self.track.add(block.t[1:, 0], block.states[1:, : self._equations.space.size, 0])
-            if looks and self._beside is not None:
-                self._look(self._beside, block)
+            if looks and self._companions is not None:
+                self._look(self._companions, block)
         while self._checks[self._looked] <= t:
             self._looked += 1
 
-    def _look(self, beside: Beside, block: Block) -> None:
+    def _look(self, companions: Companions, block: Block) -> None:
         """Take the samples of the solutions beside the first, which are numbered behind it."""
-        for others, often in beside.looks(block.worlds, few=len(block.t) <= SHORT):
+        for others, often in companions.looks(block.worlds, few=len(block.t) <= SHORT):
             part = Block(block.worlds[others] - 1, *(rows[..., others] for rows in block[1:]))
-            take_samples(self._by, part, beside.t[often], beside.x[often])
+            take_samples(self._by, part, companions.t[often], companions.x[often])
 
     def _take_tables(self, t: float) -> None:
         """Write the pieces of tables that hold at a time."""
         for rows, table in self._equations.layout.rows_of_tables():
             if not isinstance(table, Slot):
-                self.lanes.x[rows] = table.rows_at(t)[:, None]
+                self.columns.x[rows] = table.rows_at(t)[:, None]
         if self.track is not None:
-            self.track.change(self.lanes.x[:, 0])
+            self.track.change(self.columns.x[:, 0])
 
     def _begin_anew(self) -> None:
         """Count the steps from here on."""
-        x, t = self.lanes.x.copy(), self.t
+        x, t = self.columns.x.copy(), self.t
         self._steps, self._by.equations = self.steps, self._equations.starting_at(x[:, 0], t)
-        self.lanes = Lanes(self._by, t, t + self._span, self._setting, self._perturbations)
-        self.lanes.x[:] = x
+        self.columns = Columns(self._by, t, t + self._span, self._setting, self._perturbations)
+        self.columns.x[:] = x
 
     def held(self) -> Array:
         """The states and numbers, as they are stepped."""
-        return self.lanes.x
+        return self.columns.x
 
     def hold(self, x: Array) -> None:
         """Let the numbers hold, which are written already."""
@@ -168,13 +168,13 @@ class SmoothMotion(Motion):
 
         return forces_seen(self._equations, t, x)
 
-    def save(self) -> SavedLanes:
-        """The lanes, and what is to come."""
-        return SavedLanes(self.lanes.copied(), self._steps, self._passed)
+    def save(self) -> SavedColumns:
+        """The columns, and what is to come."""
+        return SavedColumns(self.columns.copied(), self._steps, self._passed)
 
-    def restore(self, saved: SavedLanes) -> None:
+    def restore(self, saved: SavedColumns) -> None:
         """Go on from there."""
-        self.lanes, self._steps, self._passed = saved.lanes.copied(), saved.steps, saved.passed
+        self.columns, self._steps, self._passed = saved.columns.copied(), saved.steps, saved.passed
 
 
 def solve_smooth(
@@ -184,7 +184,7 @@ def solve_smooth(
     setting: float,
     progress: Progress | None = None,
     perturbation: Perturbation = NO_PERTURBATION,
-    beside: Beside | None = None,
+    companions: Companions | None = None,
 ) -> Solution:
     """Solve from the equations' start for samples, with their controllers; see `solver.solve`.
 
@@ -194,8 +194,8 @@ def solve_smooth(
     equations.require(start, end)
     by = step_map(equations, method)
     track = Track(by, times, start, equations.start)
-    every = (perturbation, *(() if beside is None else beside.perturbations))
-    motion = SmoothMotion(by, start, end, setting, every, track=track, beside=beside, progress=progress,
+    every = (perturbation, *(() if companions is None else companions.perturbations))
+    motion = SmoothMotion(by, start, end, setting, every, track=track, companions=companions, progress=progress,
                           lose=equations.sampling is None)  # fmt: skip
     loop = None if equations.sampling is None else loop_of(motion, equations.sampling)
     try:
@@ -212,15 +212,15 @@ def solve_smooth(
 
 def _solution(motion: SmoothMotion, track: Track, loop: SampledLoop | None, until: float = np.inf) -> Solution:
     """The solution so far, with the samples up to a time."""
-    equations, by, moving = motion.equations, motion.lanes.by, motion.equations.moving
+    equations, by, moving = motion.equations, motion.columns.by, motion.equations.moving
     samples = track.samples(min(until, track.t) * LATER)
     times = track.times[: samples.shape[1]]
     t, x = track.steps()
     held = x[:, moving:] if equations.layout.tables else None
     piece = Piece(equations, float(times[0]), len(times), (t, x[:, :moving]) if track.whole else None, held=held,
                   readings=None if loop is None else loop.readings)  # fmt: skip
-    accepted, rejected = motion.lanes.counts
+    accepted, rejected = motion.columns.counts
     evaluations = (accepted + rejected + len(times)) * by.method.evaluations
     return Solution(times, samples[:moving], accepted, evaluations, rejected, by.compile_seconds, by.compiled,
                     events=() if loop is None else tuple(events_of(loop)), pieces=(piece,),
-                    beside=motion.lanes.beside)  # fmt: skip
+                    companion_steps=motion.columns.companion_steps)  # fmt: skip

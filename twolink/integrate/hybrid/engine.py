@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twolink.errors import AccuracyError
-from twolink.integrate.core.lanes import Lanes
+from twolink.integrate.core.columns import Columns
 from twolink.integrate.hybrid.locating import Guard, GuardWatcher, Hit
 from twolink.integrate.hybrid.piece import OpenPiece
 from twolink.integrate.hybrid.state import RunState
@@ -80,7 +80,7 @@ class Engine:
     @property
     def steps(self) -> int:
         """Accepted steps."""
-        return self._done + (0 if self._open is None else self._open.lanes.counts[0])
+        return self._done + (0 if self._open is None else self._open.columns.counts[0])
 
     def advance(self, end: float) -> None:
         """Go to a time, or to where the run ends. Raises AccuracyError and SceneError."""
@@ -167,9 +167,9 @@ class Engine:
         watcher = GuardWatcher(state.own.evaluate, steps, guards_of(run, snapshot), self.perturbation.touch_margin)
         x = snapshot.x
         rate = np.concatenate([space.rate(x[: space.nq], x[space.v_rows]), snapshot.a, snapshot.rates])
-        lanes = Lanes(steps, run.t, self.end, setting, (self.perturbation,), self.progress, rate=rate)
+        columns = Columns(steps, run.t, self.end, setting, (self.perturbation,), self.progress, rate=rate)
         first = np.searchsorted(self.times, run.t, side="right" if self._parts else "left")
-        return OpenPiece(lanes, watcher, self.times[first:])
+        return OpenPiece(columns, watcher, self.times[first:])
 
     def _resolved(self, hit: Hit, to: float) -> Hit | None:
         """The event at the end of a piece of a few steps of fixed size, in more: else half the step takes the same.
@@ -194,7 +194,7 @@ class Engine:
         last = np.array((piece.x if hit is None else hit.x)[: self.whole.moving])
         run.t, run.x = stop if hit is None or same_time(hit.t, stop) else hit.t, last.copy()
         self._parts.append(piece.solution(run.t, last))
-        taken = 4 + 5 * sum(piece.lanes.counts) // 4  # the next piece may be about as long
+        taken = 4 + 5 * sum(piece.columns.counts) // 4  # the next piece may be about as long
         self._block = min(max(taken, self._block // 2, FIRST_BLOCK), BLOCK)
         self._done, self._open = self.steps, None
         self._keep_sides(piece.watcher.guards)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from twolink.integrate.core.lanes import Lanes
+from twolink.integrate.core.columns import Columns
 from twolink.integrate.core.track import Track
 from twolink.integrate.hybrid.locating import GuardWatcher, Hit
 from twolink.integrate.motion.state import Array
@@ -19,22 +19,22 @@ class OpenPiece:
 
     Parameters
     ----------
-    lanes : Lanes
+    columns : Columns
         One solution.
     watcher : GuardWatcher
     times : ndarray (n,)
         Of the samples from its begin on, s.
     """
 
-    def __init__(self, lanes: Lanes, watcher: GuardWatcher, times: Array) -> None:
-        self.lanes, self.watcher, self.begin = lanes, watcher, lanes.time
-        self.track = Track(lanes.by, times, lanes.time, lanes.x[:, 0])
-        self._rows = lanes.by.equations.layout.rows_of_slots()
+    def __init__(self, columns: Columns, watcher: GuardWatcher, times: Array) -> None:
+        self.columns, self.watcher, self.begin = columns, watcher, columns.time
+        self.track = Track(columns.by, times, columns.time, columns.x[:, 0])
+        self._rows = columns.by.equations.layout.rows_of_slots()
 
     def copied(self) -> OpenPiece:
         """A piece that goes on from here with the same bits, whatever this one does; its samples are not copied."""
         other = copy.copy(self)
-        other.watcher, other.lanes, other.track = self.watcher.copied(), self.lanes.copied(), self.track.last()
+        other.watcher, other.columns, other.track = self.watcher.copied(), self.columns.copied(), self.track.last()
         return other
 
     @property
@@ -45,13 +45,13 @@ class OpenPiece:
     def advance(self, end: float, expected: int = 1) -> Hit | None:
         """Advance to a time, s, or to the first event. expected: about how many steps that takes."""
         size = len(self.track.x)
-        for block in self.lanes.blocks(end, expected):
+        for block in self.columns.blocks(end, expected):
             t, x = block.t[:, 0], block.states[:, :size, 0]
             hit = self.watcher.first(t, x)
             before = len(t) if hit is None else max(1, int(np.searchsorted(t, hit.t)))
             self.track.add(t[1:before], x[1:before])
             if hit is not None:
-                self.lanes.state[:] = block.states[before - 1]
+                self.columns.state[:] = block.states[before - 1]
                 return hit
         return None
 
@@ -59,15 +59,15 @@ class OpenPiece:
         """Let numbers hold from now on, by the names of their slots."""
         for name, value in numbers.items():
             if name in self._rows:
-                self.lanes.x[self._rows[name]] = value
-        self.track.change(self.lanes.x[:, 0])
+                self.columns.x[self._rows[name]] = value
+        self.track.change(self.columns.x[:, 0])
 
     def solution(self, end: float, last: Array) -> Solution:
         """The piece up to its end, where the state is `last` (moving,), with the samples within it."""
-        by, samples = self.lanes.by, self.track.samples(end)
+        by, samples = self.columns.by, self.track.samples(end)
         equations, moving, count = by.equations, by.equations.moving, samples.shape[1]
         t, x = self.track.steps()
-        accepted, rejected = self.lanes.counts
+        accepted, rejected = self.columns.counts
         held = x[:, moving:] if self._rows else None
         taken = (t, x[:, :moving]) if self.track.whole else None
         piece = Piece(equations, self.begin, count, taken, last, held)

@@ -11,7 +11,7 @@ from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.solvers.pieces import in_pieces
 from twolink.integrate.solvers.taylor_code import PARTS, Precision, order_of, taylor_rate
-from twolink.integrate.steps.beside import Beside
+from twolink.integrate.steps.companions import Companions
 from twolink.integrate.steps.failures import MAX_STEPS, failure
 from twolink.integrate.steps.perturbation import MIN_STEPS, NO_PERTURBATION, Perturbation, step_disturbances
 from twolink.native.library import library
@@ -33,7 +33,7 @@ def solve(
     *,
     precision: Precision = "double",
     perturbation: Perturbation = NO_PERTURBATION,
-    beside: Beside | None = None,
+    companions: Companions | None = None,
 ) -> Solution:
     """Solve from the equations' start for samples, by Taylor's method.
 
@@ -51,7 +51,7 @@ def solve(
         constants keep their digits.
     perturbation : Perturbation
         Of this solution; its tolerance is divided by `finer`, which adds orders.
-    beside : Beside, optional
+    companions : Companions, optional
         Solutions in double precision, each of an order of its own.
 
     Returns
@@ -68,7 +68,7 @@ def solve(
     if library() is None:
         raise MissingExtraError("Taylor's method needs the native library", remedy='method="scipy-dop853"')
     order, end = order_of(tolerance / perturbation.finer), None
-    now = None if beside is None else beside.x[0].T.copy()  # where the solutions beside the run are
+    now = None if companions is None else companions.x[0].T.copy()  # where the solutions beside the run are
 
     def piece(equations: Equations, times: Array) -> Solution:
         nonlocal end
@@ -84,8 +84,8 @@ def solve(
                 done, steps = reached
                 if progress is not None:
                     progress(float(times[done - 1]))
-            if beside is not None and now is not None:
-                _advance_beside(equations, rate, numbers, tolerance, times, beside, now, progress)
+            if companions is not None and now is not None:
+                _advance_companions(equations, rate, numbers, tolerance, times, companions, now, progress)
         except KeyboardInterrupt:
             interrupted = True
         end = states[done - 1]
@@ -128,13 +128,13 @@ def _disturbances(equations: Equations, perturbation: Perturbation, parts: int) 
     return found and replace(found, rounding=unit * found.rounding, bias=unit * found.bias)
 
 
-def _advance_beside(
+def _advance_companions(
     equations: Equations,
     rate: Program,
     numbers: Array,
     tolerance: float,
     times: Array,
-    beside: Beside,
+    companions: Companions,
     now: Array,
     progress: Progress | None,
 ) -> None:
@@ -142,10 +142,10 @@ def _advance_beside(
 
     What is not finite stays NaN.
     """
-    first, after = np.searchsorted(beside.t, times[[0, -1]], side="right")
-    inside = beside.t[first:after]
+    first, after = np.searchsorted(companions.t, times[[0, -1]], side="right")
+    inside = companions.t[first:after]
     grid = np.concatenate([times[:1], inside, times[-1:] if not inside.size or inside[-1] < times[-1] else []])
-    for i, one in enumerate(beside.perturbations):
+    for i, one in enumerate(companions.perturbations):
         states = np.full((len(grid), equations.moving, 1), np.nan)
         states[0, :, 0] = now[:, i]
         try:
@@ -155,5 +155,5 @@ def _advance_beside(
         except AccuracyError as error:
             if error.code not in ("not-finite", "too-many-steps"):
                 raise
-        beside.x[first:after, i] = states[1 : 1 + len(inside), :, 0]
+        companions.x[first:after, i] = states[1 : 1 + len(inside), :, 0]
         now[:, i] = states[-1, :, 0]

@@ -12,8 +12,8 @@ SELDOM = 2  # of the times: at which solutions that differ by rounding are looke
 
 
 @dataclass(eq=False)
-class Beside:
-    """Solutions beside a run, as lanes of one batch.
+class Companions:
+    """Solutions beside a run, as columns of one batch.
 
     perturbations: how each of the n differs from the run, the first by being finer, the others by rounding. t (m,): the
     times at which they are looked at. x (m, n, nq + nv): their states there, NaN where one did not get there, or was
@@ -40,7 +40,7 @@ class Beside:
         return ((others, often) for others, often in every if others.any())
 
     @classmethod
-    def of(cls, perturbations: tuple[Perturbation, ...], t: Array, start: Array, stride: int = SELDOM) -> "Beside":
+    def of(cls, perturbations: tuple[Perturbation, ...], t: Array, start: Array, stride: int = SELDOM) -> "Companions":
         """Solutions that begin at a start (nq + nv,)."""
         x = np.full((len(t), len(perturbations), len(start)), np.nan)
         x[0] = start

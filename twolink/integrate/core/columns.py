@@ -1,4 +1,4 @@
-"""Lanes: solutions of one scene as columns of a state array, whose steps go on from call to call.
+"""Columns: solutions of one scene as columns of a state array, whose steps go on from call to call.
 
 Steps end at the times that are asked for, and go on as if they had not.
 """
@@ -25,7 +25,7 @@ SAME_TIME = 1e-12  # relative
 LEAST = 0.1  # of the time to the next stop: steps may grow to it
 
 
-class Lanes:
+class Columns:
     """Solutions of one scene side by side, advanced by a step map.
 
     Parameters
@@ -86,7 +86,7 @@ class Lanes:
         self.state = self._steps[0]
         self._attempt: Callable[[int, int], int] | None = None
 
-    def copied(self) -> Lanes:
+    def copied(self) -> Columns:
         """Solutions that go on from here with the same bits, whatever these do."""
         other = copy.copy(self)
         other._own_steps()
@@ -108,7 +108,7 @@ class Lanes:
         return int(self.state[self._rows.accepted, 0]), int(self.state[self._rows.rejected, 0])
 
     @property
-    def beside(self) -> int:
+    def companion_steps(self) -> int:
         """The most steps that another solution has attempted beyond those of the first."""
         tried = self.state[self._rows.accepted] + self.state[self._rows.rejected]
         return int(tried.max() - tried[0])
