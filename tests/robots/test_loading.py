@@ -29,7 +29,7 @@ def everything() -> dict[str, tl.Robot | tl.errors.RobotError]:
     loaded: dict[str, tl.Robot | tl.errors.RobotError] = {}
     for name in catalogue_names():
         try:
-            loaded[name] = tl.load_robot(name)
+            loaded[name] = tl.load_robot(name, root=catalogue_entry(name).usual_root)
         except tl.errors.RobotError as error:
             loaded[name] = error
     return loaded
@@ -55,6 +55,12 @@ def test_all_robots_load_with_a_report_or_are_refused_for_a_known_reason(everyth
         if isinstance(robot, tl.Robot):
             assert robot.report.read, name
             assert robot.report.assumed, name
+
+
+def test_no_robot_of_the_catalogue_is_suspicious(everything: dict[str, tl.Robot | tl.errors.RobotError]) -> None:
+    robots = {name: robot for name, robot in everything.items() if isinstance(robot, tl.Robot)}
+    assert len(robots) > 80
+    assert {name: robot.report.suspicious for name, robot in robots.items() if robot.report.suspicious} == {}
 
 
 def test_refused_robots_load_with_the_remedy_their_error_names() -> None:
