@@ -1,6 +1,7 @@
 """For all tests: a cache of their own, Ctrl-C, their order, and the browser."""
 
 import collections
+import gc
 import os
 import shutil
 import signal
@@ -29,6 +30,17 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else each of the processes compiles every module
     if "TWOLINK_CACHE" not in os.environ:
         config.stash[_own_cache] = os.environ["TWOLINK_CACHE"] = tempfile.mkdtemp(prefix="twolink-tests-")
+
+
+def pytest_collection() -> None:
+    """Collect no garbage while tests are imported: there is none, and each look at all objects takes longer."""
+    gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """What was imported stays: collections of garbage leave it out."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

@@ -3,15 +3,17 @@
 import ast
 import functools
 import graphlib
+import importlib.metadata
 import inspect
-import io
+import itertools
 import re
 import statistics
+import sys
 import textwrap
-import tokenize
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -19,7 +21,6 @@ from twolink.integrate.core.motion import drive
 
 ROOT = Path(__file__).parents[1]
 LONGEST_MODULE, MEDIAN_MODULE, LONGEST_FUNCTION = 250, 150, 50  # lines of code
-LAYOUT = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
 EXAMPLES = {"effects/my_effect.py", "hard/peers/my_peer.py", "scenes/bundled/my_scene.toml"}
 
 
@@ -28,6 +29,16 @@ def layers() -> list[str]:
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
     rooms = next(contract["layers"] for contract in contracts if contract["type"] == "layers")
     return [layer.split(" ")[0] for layer in rooms]
+
+
+@functools.cache
+def syntax(text: str) -> SimpleNamespace:
+    """The nodes of a file that tests look at: imports, constants, joined (f-strings), classes, functions, module."""
+    kinds = {"imports": (ast.Import, ast.ImportFrom), "constants": ast.Constant, "joined": ast.JoinedStr,
+             "module": ast.Module, "classes": ast.ClassDef,
+             "functions": (ast.FunctionDef, ast.AsyncFunctionDef)}  # fmt: skip
+    nodes = list(ast.walk(ast.parse(text)))
+    return SimpleNamespace(**{name: [n for n in nodes if isinstance(n, kind)] for name, kind in kinds.items()})
 
 
 def sources() -> dict[str, str]:
@@ -44,10 +55,10 @@ def imports(texts: Mapping[str, str]) -> dict[str, set[str]]:
     graph: dict[str, set[str]] = {}
     for module, text in texts.items():
         names = set()
-        for node in ast.walk(tree(text)):
+        for node in syntax(text).imports:
             if isinstance(node, ast.Import):
                 names |= {alias.name for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and node.module:
+            elif node.module:
                 full = [f"{node.module}.{alias.name}" for alias in node.names]
                 names |= {name if name in texts else node.module for name in full}
         graph[module] = (names & texts.keys()) - {module}
@@ -63,11 +74,12 @@ def names_in_strings(texts: Mapping[str, str]) -> dict[str, set[str]]:
     for module, text in texts.items():
         if module in FACES[:2] or module.startswith(FACES[2]):
             continue
-        for node in ast.walk(tree(text)):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str) and "." in node.value:
+        for node in syntax(text).constants:
+            if isinstance(node.value, str) and "." in node.value:
                 named = {node.value, f"twolink.{node.value}"} & texts.keys()
                 graph[module] |= {one for one in named if one.count(".") > 1}  # a room's name may be that of its data
-            elif isinstance(node, ast.JoinedStr) and isinstance(first := node.values[0], ast.Constant):
+        for node in syntax(text).joined:
+            if isinstance(first := node.values[0], ast.Constant):
                 start = str(first.value)
                 if start.startswith("twolink.") and len(node.values) > 1:
                     graph[module] |= {one for one in texts if one.startswith(start)}
@@ -127,23 +139,46 @@ def test_rooms_import_only_from_rooms_below() -> None:
     assert upward(imports(texts)) == [("twolink.io.text", "twolink.dynamics")]
 
 
-@functools.cache
-def tree(text: str) -> ast.Module:
-    """The syntax of a file."""
-    return ast.parse(text)
+def test_imported_libraries_are_declared() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    wanted = [*project["dependencies"], *itertools.chain(*project["optional-dependencies"].values())]
+    declared = {re.split(r"[^\w.-]", text)[0].lower().replace("_", "-") for text in wanted}
+    provided = importlib.metadata.packages_distributions()
+    provided["pinocchio"] = ["pin"]  # a cmeel wheel: its modules are beside site-packages' own
+    provided["pydrake"] = ["drake"]  # of an extra that may be absent
+    provided["coal"], provided["example_robot_data"] = ["coal"], ["example-robot-data"]
+    undeclared: dict[str, str] = {}
+    for module, text in sources().items():
+        for name in imported_packages(text) - set(sys.stdlib_module_names) - {"twolink"}:
+            names = {each.lower().replace("_", "-") for each in provided.get(name, [name])}
+            if not names & declared:
+                undeclared[name] = module
+    assert undeclared == {}
+
+
+def imported_packages(text: str) -> set[str]:
+    """The packages that a file imports."""
+    nodes = syntax(text).imports
+    plain = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    return {name.partition(".")[0] for name in plain | {str(n.module) for n in nodes if isinstance(n, ast.ImportFrom)}}
+
+
+def rows_of(node: ast.expr | ast.stmt) -> range:
+    """The lines of a node."""
+    return range(node.lineno, (node.end_lineno or 0) + 1)
 
 
 def code_lines(text: str) -> set[int]:
-    """The lines with code: no docstrings, no comments, no blank lines."""
-    lines: set[int] = set()
-    for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.type not in LAYOUT:
-            lines |= set(range(token.start[0], token.end[0] + 1))
-    for node in ast.walk(tree(text)):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            first = node.body[0] if node.body else None
-            if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
-                lines -= set(range(first.lineno, (first.end_lineno or 0) + 1))
+    """The lines with code: no docstrings, no comments, no blank lines, which within a longer string are code."""
+    found = syntax(text)
+    lines = {n for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.lstrip().startswith("#")}
+    for node in (*found.constants, *found.joined):
+        if node.end_lineno != node.lineno:
+            lines |= set(rows_of(node))
+    for node in (*found.module, *found.classes, *found.functions):
+        first = node.body[0] if node.body else None
+        if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
+            lines -= set(rows_of(first))
     return lines
 
 
@@ -163,11 +198,10 @@ def test_files_and_functions_are_short() -> None:
     assert statistics.median(len(own) for path, own in lines.items() if path.name != "__init__.py") <= MEDIAN_MODULE
     long = {}
     for path, text in texts.items():
-        for node in ast.walk(tree(text)):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                size = len(lines[path] & set(range(node.lineno, (node.end_lineno or 0) + 1)))
-                if size > LONGEST_FUNCTION:
-                    long[f"{path.relative_to(ROOT)}: {node.name}"] = size
+        for node in syntax(text).functions:
+            size = len(lines[path] & set(rows_of(node)))
+            if size > LONGEST_FUNCTION:
+                long[f"{path.relative_to(ROOT)}: {node.name}"] = size
     assert long == {}
 
 
@@ -175,9 +209,8 @@ def classes(texts: Mapping[str, str]) -> dict[str, list[str]]:
     """The modules that define a class, by its name; private classes and those within others included."""
     modules: dict[str, list[str]] = {}
     for module, text in texts.items():
-        for node in ast.walk(tree(text)):
-            if isinstance(node, ast.ClassDef):
-                modules.setdefault(node.name, []).append(module)
+        for node in syntax(text).classes:
+            modules.setdefault(node.name, []).append(module)
     return modules
 
 
@@ -194,8 +227,9 @@ NO_NOUN = {"What", "How", "Where", "Whether", "Those", "That", "When", "Who", "W
 
 def docstrings(text: str) -> list[str]:
     """The docstrings of a file."""
-    kinds = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
-    return [found for node in ast.walk(tree(text)) if isinstance(node, kinds) and (found := ast.get_docstring(node))]
+    found = syntax(text)
+    nodes = (*found.module, *found.classes, *found.functions)
+    return [docstring for node in nodes if (docstring := ast.get_docstring(node))]
 
 
 def names_nothing(docstring: str) -> bool:

@@ -1,9 +1,6 @@
 """The public face: its names, what importing costs, and errors that pickle and have one root."""
 
-import ast
-import importlib.metadata
 import inspect
-import itertools
 import pickle
 import re
 import subprocess
@@ -107,29 +104,6 @@ def test_every_module_says_its_job_and_no_product_code_asserts() -> None:
         text = path.read_text()
         assert text.startswith('"""'), path
         assert not any(line.strip().startswith("assert ") for line in text.splitlines()), path
-
-
-def test_imported_libraries_are_declared() -> None:
-    project = tomllib.loads((TOP / "pyproject.toml").read_text())["project"]
-    wanted = [*project["dependencies"], *itertools.chain(*project["optional-dependencies"].values())]
-    declared = {re.split(r"[^\w.-]", text)[0].lower().replace("_", "-") for text in wanted}
-    provided = importlib.metadata.packages_distributions()
-    provided["pinocchio"] = ["pin"]  # a cmeel wheel: its modules are beside site-packages' own
-    provided["pydrake"] = ["drake"]  # of an extra that may be absent
-    provided["coal"], provided["example_robot_data"] = ["coal"], ["example-robot-data"]
-    undeclared: dict[str, str] = {}
-    for path in (TOP / "twolink").rglob("*.py"):
-        for name in imported_packages(path) - set(sys.stdlib_module_names) - {"twolink"}:
-            names = {each.lower().replace("_", "-") for each in provided.get(name, [name])}
-            if not names & declared:
-                undeclared[name] = str(path)
-    assert undeclared == {}
-
-
-def imported_packages(path: Path) -> set[str]:
-    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
-    plain = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
-    return {name.partition(".")[0] for name in plain | {str(n.module) for n in nodes if isinstance(n, ast.ImportFrom)}}
 
 
 WITHOUT_SERVICE = """

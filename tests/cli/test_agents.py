@@ -10,11 +10,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mcp import Client, StdioServerParameters
 
 import twolink as tl
-from twolink.cli.agents import LARGEST, Tools
 from twolink.dynamics.queries import QUERIES
+
+
+def server_of(folder: Path) -> Any:
+    """The tools over a folder. Importing the SDK takes seconds, which processes without these tests do not need."""
+    from twolink.cli.agents import Tools
+
+    return Tools(folder).server()
 
 
 def ask(folder: Path, *calls: tuple[str, dict], progress: list | None = None, server: Any = None) -> list:
@@ -24,8 +29,10 @@ def ask(folder: Path, *calls: tuple[str, dict], progress: list | None = None, se
         if progress is not None:
             progress.append((done, total, label))
 
+    from mcp import Client
+
     async def session() -> list:
-        async with Client(server or Tools(folder).server()) as client:
+        async with Client(server or server_of(folder)) as client:
             return [await client.call_tool(name, given, progress_callback=told) for name, given in calls]
 
     return asyncio.run(session())
@@ -37,8 +44,10 @@ def data(result: Any) -> dict:
 
 
 def listed(folder: Path) -> list:
+    from mcp import Client
+
     async def session() -> list:
-        async with Client(Tools(folder).server()) as client:
+        async with Client(server_of(folder)) as client:
             return (await client.list_tools()).tools
 
     return asyncio.run(session())
@@ -193,6 +202,8 @@ def test_models_and_meshes_of_the_folder_and_of_the_catalogue_are_read(tmp_path:
 
 
 def test_long_answers_go_to_a_file(tmp_path: Path) -> None:
+    from twolink.cli.agents import LARGEST
+
     states = np.random.default_rng(0).uniform(-1, 1, (500, 2)).tolist()
     given = {"robot": "two_link", "what": "mass-matrix", "arguments": {"q": states}}
     (result,) = ask(tmp_path, ("query", given))
@@ -204,6 +215,8 @@ def test_long_answers_go_to_a_file(tmp_path: Path) -> None:
 
 
 def test_over_stdin_and_stdout(tmp_path: Path) -> None:
+    from mcp import StdioServerParameters
+
     command = StdioServerParameters(command=sys.executable, args=["-m", "twolink", "mcp", "--folder", str(tmp_path)],
                                     env=dict(os.environ))  # fmt: skip
     (answer,) = ask(tmp_path, ("query", {"robot": "two_link", "what": "energy", "arguments": {"q": [0, 0]}}),

@@ -54,7 +54,7 @@ MISUSED = {
 @pytest.mark.parametrize("case", FAILED)
 def test_failures_are_one_line_and_exit_1(case: str) -> None:
     arguments, part = FAILED[case]
-    one_line(call_process(*arguments), 1, part)
+    one_line(call(*arguments), 1, part)
 
 
 @pytest.mark.parametrize("case", MISUSED)
@@ -69,6 +69,11 @@ def test_misuse_is_one_line_and_exit_2(case: str) -> None:
 )
 def test_a_wrong_states_file_is_no_misuse(states: str, part: str) -> None:
     one_line(call("query", "arm", "bias", "--states", "-", stdin=states), 1, part)
+
+
+def test_a_process_that_fails_says_so_in_one_line() -> None:
+    arguments, part = FAILED["robot"]
+    one_line(call_process(*arguments), 1, part)
 
 
 def test_done_is_0() -> None:

@@ -106,7 +106,8 @@ def test_an_interrupted_run_keeps_what_is_done(
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
-@pytest.mark.parametrize("arguments", [["--help"], ["inspect", "arm"], ["query", "arm", "bias", "--q", "0 0"]])
+@pytest.mark.some(2)
+@pytest.mark.parametrize("arguments", [["--help"], ["query", "arm", "bias", "--q", "0 0"], ["inspect", "arm"]])
 def test_output_that_cannot_be_written(arguments: list[str]) -> None:
     with open("/dev/full", "w") as full:
         command = [*TWOLINK, *arguments]

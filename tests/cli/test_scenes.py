@@ -102,6 +102,7 @@ def test_messages_name_options(twolink: Twolink) -> None:
     assert problem == "twolink: --method: rk4 takes steps of one size; give --step\n"
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize(("words", "found"), [("run pend", "pendulum-friction"), ("inspect pand", "panda")])
 def test_the_shell_completes_names(words: str, found: str) -> None:
     position = {"COMP_WORDS": f"twolink {words}", "COMP_CWORD": "2", "_TWOLINK_COMPLETE": "complete_bash"}

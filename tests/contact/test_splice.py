@@ -50,9 +50,9 @@ def test_the_part_before_is_the_located_run_with_its_bar() -> None:
 
 def test_the_whole_agrees_with_finer_steps_within_the_estimate() -> None:
     run = spliced()
-    fine = tl.simulate(box(), END, samples_per_second=100, contact="stepped", step=2e-4, verify=True)
+    fine = tl.simulate(box(), END, samples_per_second=100, contact="stepped", step=2e-4, verify=False)
     off = np.abs(run.robot.difference(run.q, fine.q)).max(axis=1)
-    assert (off <= run.error + fine.error).all()
+    assert (off <= run.error).all()
     assert run.error[-1] < 1e-2
     assert (run.error[1:] >= run.error[:-1]).all()
 

@@ -1,5 +1,7 @@
 """Robots with every kind of joint, as the tests of the queries use them."""
 
+import functools
+
 import numpy as np
 import pinocchio as pin
 
@@ -52,6 +54,7 @@ def spherical() -> tl.Robot:
     return tl.Robot("spherical", model, like.report, like.visuals)
 
 
+@functools.cache
 def of_every_kind() -> dict[str, tl.Robot]:
     """Revolute, continuous, planar, prismatic, spherical and free joints; a chain and a humanoid."""
     return {

@@ -88,34 +88,47 @@ def check(answer: Array, truth: list[Array], tolerance: float = 1e-12, scale: fl
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=tolerance * size)
 
 
+@functools.cache
+def truths_of(name: str) -> tuple[Array, Array, Array, list[Bodies]]:
+    """Three states (q, v, a) of a robot, and the truth there, which every query and engine is held against."""
+    robot = robot_of(name)
+    q, v, a = states(robot, 3, seed=5)
+    return q, v, a, [Bodies(robot, *state) for state in zip(q, v, strict=True)]
+
+
+@functools.cache
+def torque_derivatives(name: str) -> list[tuple[Array, Array, Array]]:
+    """The derivatives (nv, nv) of tau = M a + h by q, v and a, at each of the three states."""
+    robot = robot_of(name)
+    unit = np.eye(robot.nv)
+
+    def torque(q: Array, v: Array, a: Array) -> Array:
+        bodies = Bodies(robot, q, v)
+        return bodies.mass_matrix() @ a + bodies.bias()
+
+    def by_direction(of: Callable[[int, float], Array]) -> Array:
+        return np.stack([derivative(lambda s, k=k: of(k, s)) for k in range(robot.nv)], axis=1)
+
+    def at(q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+        by_q = by_direction(lambda k, s: torque(pin.integrate(robot.model, q, s * unit[k]), v, a))
+        by_v = by_direction(lambda k, s: torque(q, v + s * unit[k], a))
+        return by_q, by_v, Bodies(robot, q, v).mass_matrix()
+
+    return [at(*state) for state in zip(*truths_of(name)[:3], strict=True)]
+
+
 class Case:
     """A robot, states, the truth there, and an engine."""
 
     def __init__(self, name: str, engine: str) -> None:
-        self.robot, self.engine = robot_of(name), engine
-        self.q, self.v, self.a = states(self.robot, 3, seed=5)
-        self.truths = [Bodies(self.robot, q, v) for q, v in zip(self.q, self.v, strict=True)]
+        self.name, self.robot, self.engine = name, robot_of(name), engine
+        self.q, self.v, self.a, self.truths = truths_of(name)
         self.rows = list(zip(self.truths, self.q, self.v, self.a, strict=True))
 
     def asked(self, query: str, *others: Array, **options: object) -> list[Array]:
         method = getattr(self.robot, query)
         method = method if has_engines(query) else no_engine(method)
         return served(self.engine, method, self.q, *others, **options)
-
-    def torque(self, q: Array, v: Array, a: Array) -> Array:
-        """tau = M a + h."""
-        bodies = Bodies(self.robot, q, v)
-        return bodies.mass_matrix() @ a + bodies.bias()
-
-    def by_direction(self, of: Callable[[int, float], Array]) -> Array:
-        """The derivatives (nv, nv) of a torque along each direction."""
-        return np.stack([derivative(lambda s, k=k: of(k, s)) for k in range(self.robot.nv)], axis=1)
-
-    def torque_derivatives(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-        unit, model = np.eye(self.robot.nv), self.robot.model
-        by_q = self.by_direction(lambda k, s: self.torque(pin.integrate(model, q, s * unit[k]), v, a))
-        by_v = self.by_direction(lambda k, s: self.torque(q, v + s * unit[k], a))
-        return by_q, by_v, Bodies(self.robot, q, v).mass_matrix()
 
 
 def inverse_dynamics(case: Case) -> None:
@@ -187,18 +200,16 @@ def frame_velocity(case: Case) -> None:
 
 def inverse_dynamics_derivatives(case: Case) -> None:
     found = case.asked("inverse_dynamics_derivatives", case.v, case.a)
-    expected = [case.torque_derivatives(q, v, a) for _, q, v, a in case.rows]
+    expected = torque_derivatives(case.name)
     for ours, theirs, tolerance in zip(found, zip(*expected, strict=True), (1e-8, 1e-10, 1e-12), strict=True):
         check(ours, list(theirs), tolerance)
 
 
 def forward_dynamics_derivatives(case: Case) -> None:
-    """M da/dx = -dtau/dx at the acceleration, M da/dtau = 1."""
-    found = case.asked("forward_dynamics_derivatives", case.v, case.a)
-    for (truth, q, v, tau), by_q, by_v, by_tau in zip(case.rows, *found, strict=True):
-        M = truth.mass_matrix()
-        a = np.linalg.solve(M, tau - truth.bias())
-        of_q, of_v, _ = case.torque_derivatives(q, v, a)
+    """M da/dx = -dtau/dx at the acceleration, which tau = M a + h gives, and M da/dtau = 1."""
+    tau = np.array([truth.mass_matrix() @ a + truth.bias() for truth, _, _, a in case.rows])
+    found = case.asked("forward_dynamics_derivatives", case.v, tau)
+    for (of_q, of_v, M), by_q, by_v, by_tau in zip(torque_derivatives(case.name), *found, strict=True):
         check([M @ by_q, M @ by_v, M @ by_tau], [-of_q, -of_v, np.eye(len(M))], 1e-8)
 
 

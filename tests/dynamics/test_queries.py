@@ -20,7 +20,8 @@ from twolink.robots.catalogue import our_urdfs
 ROBOTS = {"two_link": "fixed", "panda": "fixed", "kinova": "fixed", "anymal": "free", "talos": "free"}
 
 
-@pytest.fixture(scope="module", params=ROBOTS)
+@pytest.fixture(scope="module", params=[name if name not in ("panda", "anymal") else
+                                        pytest.param(name, marks=pytest.mark.slow) for name in ROBOTS])  # fmt: skip
 def robot(request: pytest.FixtureRequest) -> tl.Robot:
     return tl.load_robot(request.param, root=ROBOTS[request.param])
 

@@ -208,7 +208,7 @@ def test_backlash_makes_a_limit_cycle() -> None:
     for side in ("joint", "motor"):
         pid = fx.PID(of_all(0.5), of_all(20.0), of_all(20.0), of_all(4.0), side=side)
         drive = fx.Backlash(pid, of_all(300.0), of_all(0.05), of_all(0.0), of_all(50.0), of_all(0.2))
-        run = tl.simulate(scene(drive, fx.JointDamping(of_all(0.3)), duration=8.0), accuracy=1e-5)
+        run = tl.simulate(scene(drive, fx.JointDamping(of_all(0.3)), duration=8.0), verify=False)
         hunting[side] = np.ptp(run.q[run.t > 6.0, 0])
     assert hunting["joint"] > 0.05
     assert hunting["motor"] < 1e-3

@@ -85,11 +85,12 @@ def test_where_cores_overlap_the_gap_is_coals(shapes: tuple[AnyShape, AnyShape])
     assert separation_along(normal, *bodies) == pytest.approx(depth, abs=1e-9)
 
 
+@pytest.mark.parametrize("placements", [7, pytest.param(40, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("pair", PLACED, ids=" - ".join)
-def test_any_shapes_touch_where_coal_and_their_supports_say(pair: tuple[str, str]) -> None:
-    """20 random placements: gap, normal, both nearest points, and of hulls the features that lie on each other."""
+def test_any_shapes_touch_where_coal_and_their_supports_say(pair: tuple[str, str], placements: int) -> None:
+    """Random placements: gap, normal, both nearest points, and of hulls the features that lie on each other."""
     random = np.random.default_rng(5)
-    for _ in range(20):
+    for _ in range(placements):
         _, *off = placed(pair, random)
         assert max(off) < ACCURACY
 

@@ -1,5 +1,7 @@
 """scripts/benchmarks/peers.py: its peers simulate the same robots, its reference is one, its tables say what is met."""
 
+import functools
+
 import mujoco
 import numpy as np
 import pytest
@@ -14,20 +16,25 @@ from scripts.benchmarks.peers import (
     print_scene,
 )
 from twolink.hard.peers import mujoco_peer, scipy_peer
-from twolink.hard.peers.task import Setting, task_of
+from twolink.hard.peers.task import PeerTask, Setting, task_of
 from twolink.hard.truths import extended_reference
 
-TASKS = {name: task_of(scene, np.linspace(0, end, INTERVALS + 1)) for name, (scene, end) in compared_scenes().items()}
+
+@functools.cache
+def task(name: str) -> PeerTask:
+    """What the peers are asked to do in a scene."""
+    scene, end = compared_scenes()[name]
+    return task_of(scene, np.linspace(0, end, INTERVALS + 1))
 
 
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("name", compared_scenes())
 def test_mujocos_models_accelerate_as_pinocchio_says(name: str) -> None:
-    aba, forward = scipy_peer.accelerations(TASKS[name]), mujoco_peer.accelerations(TASKS[name])
-    assert largest_difference(TASKS[name], forward, aba) < 1e-12
+    aba, forward = scipy_peer.accelerations(task(name)), mujoco_peer.accelerations(task(name))
+    assert largest_difference(task(name), forward, aba) < 1e-12
 
 
 def test_effects_that_the_scene_lacks_are_off_in_mujoco() -> None:
-    model = mujoco_peer.build(TASKS["panda"])
+    model = mujoco_peer.build(task("panda"))
     assert not model.dof_damping.any()
     assert not model.dof_armature.any()
     assert not model.jnt_limited.any()
@@ -38,22 +45,22 @@ def test_effects_that_the_scene_lacks_are_off_in_mujoco() -> None:
 
 def test_the_reference_is_close_to_every_peer() -> None:
     scene, _ = compared_scenes()["arm-swing"]
-    task = TASKS["arm-swing"]
-    reference, doubt = extended_reference(scene, task.times)
+    swing = task("arm-swing")
+    reference, doubt = extended_reference(scene, swing.times)
     assert reference.shape == (INTERVALS + 1, 2)
     assert np.array_equal(reference[0], scene.q)
     assert doubt[-1] < 1e-15
-    assert largest_growth(scene, task.times, reference) < 100
+    assert largest_growth(scene, swing.times, reference) < 100
     settings = [Setting(method, "tol 1e-8", 1e-8) for method in scipy_peer.METHODS if method != "Radau"]
-    errors = {s.method: error_of(scipy_peer.prepare(task, s)().track.q, reference) for s in settings}
-    runge_kutta = [s for s in mujoco_peer.all_settings(task, coarse=True) if s.method == "RK4"][6]
-    errors["MuJoCo RK4"] = error_of(mujoco_peer.prepare(task, runge_kutta)().track.q, reference)
+    errors = {s.method: error_of(scipy_peer.prepare(swing, s)().track.q, reference) for s in settings}
+    runge_kutta = [s for s in mujoco_peer.all_settings(swing, coarse=True) if s.method == "RK4"][6]
+    errors["MuJoCo RK4"] = error_of(mujoco_peer.prepare(swing, runge_kutta)().track.q, reference)
     assert max(errors.values()) < 1e-5, errors
 
 
 def test_settings_go_from_rough_to_fine() -> None:
     for module in (scipy_peer, mujoco_peer):
-        coarse, fine = (module.all_settings(TASKS["ur5"], coarse) for coarse in (True, False))
+        coarse, fine = (module.all_settings(task("ur5"), coarse) for coarse in (True, False))
         assert len(fine) > 1.8 * len(coarse)
         for method in {s.method for s in fine}:
             values = [s.tolerance or s.step for s in fine if s.method == method]

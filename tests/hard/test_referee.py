@@ -203,6 +203,7 @@ def test_what_is_not_known_is_neither_right_nor_wrong() -> None:
     assert lost.excess >= 0.9e-3
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("digits", [4, 6])
 def test_digits_that_a_log_has_not_do_not_make_it_wrong(digits: int) -> None:
     scene = pendulum()
@@ -276,7 +277,8 @@ def test_a_cause_that_leaves_more_than_a_percent_is_not_named() -> None:
     assert "cause: none known; nearest: " in str(verdict)
 
 
-@pytest.mark.parametrize("name", ["implicit damping", "implicit in the velocity"])
+@pytest.mark.some(1)
+@pytest.mark.parametrize("name", ["implicit in the velocity", "implicit damping"])
 def test_implicit_steps_are_named(name: str) -> None:
     """v += h (M + h (D + dh/dv))^-1 (M a), written down here with differences for dh/dv."""
     robot, d, h = ARM.robot, 0.3, 0.004

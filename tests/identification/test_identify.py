@@ -132,11 +132,12 @@ def pseudo_inertias(robot: tl.Robot) -> list[np.ndarray]:
     return [pin.PseudoInertia.FromInertia(robot.model.inertias[j]).toMatrix() for j in range(1, robot.model.njoints)]
 
 
-def test_intervals_hold_where_an_offset_of_the_torques_walks_at_random() -> None:
+@pytest.mark.parametrize("seeds", [15, pytest.param(40, marks=pytest.mark.slow)])
+def test_intervals_hold_where_an_offset_of_the_torques_walks_at_random(seeds: int) -> None:
     robot = tl.load_robot("arm")
     t, q, v, a = motion(robot, 500)
     tau, held = robot.inverse_dynamics(q, v, a), []
-    for seed in range(40):
+    for seed in range(seeds):
         steps = 0.02 * np.random.default_rng(seed).standard_normal((2, *tau.shape))
         found = identify(robot, t, q, v, tau + steps[0] + np.cumsum(steps[1], axis=0) / np.sqrt(len(t)), a=a)
         held.append(np.abs(found.estimate - found.matrix @ found.selection.nominal) <= found.half_width)

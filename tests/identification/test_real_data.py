@@ -63,7 +63,8 @@ def test_bodies_that_can_exist_explain_held_out_data_as_well_as_the_estimate(fou
     assert found.found.mass < 2 * PENDULUM.mass
 
 
-def test_the_urdf_that_is_written_loads(found: Identification, tmp_path: Path) -> None:
+def test_the_urdf_that_is_written_loads(tmp_path: Path) -> None:
+    found = identify(PENDULUM, RUNS[:1], parameters=["*"], half_window=12)
     again = tl.load_robot(write_urdf(found, LOGS / "double_pendulum.urdf", tmp_path / "found.urdf"))
     np.testing.assert_allclose(again.model.damping, found.found.model.damping, rtol=0, atol=1e-12)
 

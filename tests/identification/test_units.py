@@ -14,7 +14,7 @@ from twolink.identification import identify, read_log
 from twolink.io.tables import write_table
 
 ARM = tl.load_robot("two_link")  # its limits are 1,000 rad: they tell nothing
-T, Q, V, A = motion(ARM, 400)
+T, Q, V, A = motion(ARM, 250)
 FRICTION = 0.5 * V + 0.8 * np.tanh(V / 0.01)
 TAU = noisy(ARM.inverse_dynamics(Q, V, A) + FRICTION, 0.1)
 
@@ -64,7 +64,7 @@ def test_a_joint_that_turns_many_times_is_in_radians() -> None:
     """Whether gravity tells it (a pendulum that turns over) or nothing does (a wheel, whose torque is linear in a)."""
     for gravity, parameters in ((-9.81, None), (0.0, ["*.origin_inertia.*"])):
         wheel = tl.load_robot("friction_pendulum", gravity=(0, 0, gravity))
-        t, q, v, a = motion(wheel, 800)
+        t, q, v, a = motion(wheel, 400)
         q, v, a = 20 * q, 20 * v, 20 * a
         assert np.abs(q).max() > 4 * np.pi
         identify(wheel, t, q, None, noisy(wheel.inverse_dynamics(q, v, a), 0.1), parameters)

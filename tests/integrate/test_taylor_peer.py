@@ -18,7 +18,8 @@ def robot(name: str) -> tl.Scene:
     return tl.Scene(one, np.linspace(0.3, -0.8, one.nq), effects=[tl.effects.Gravity()])
 
 
-@pytest.mark.parametrize("name", ["rods", "ur5", "panda", "box"])
+@pytest.mark.some(3)
+@pytest.mark.parametrize("name", ["rods", "ur5", "box", "panda"])
 def test_thirty_digits_agree(name: str) -> None:
     scene = {"rods": rods, "box": box}.get(name, lambda: robot(name))()
     equations, end = equations_of(scene), 1.0 if name == "rods" else 0.5

@@ -45,8 +45,10 @@ def motion(step: Callable[..., Any], start: Any) -> tl.Trajectory:
     return tl.simulate(scene_of(pure(base, step), state=(None, start)), accuracy=1e-8)
 
 
-@pytest.mark.parametrize("events", [False, True])
-@pytest.mark.parametrize(("step", "start"), [(latch, False), (late, 0)])
+@pytest.mark.parametrize(("step", "start", "events"), [
+    (latch, False, False), (late, 0, True), pytest.param(latch, False, True, marks=pytest.mark.slow),
+    pytest.param(late, 0, False, marks=pytest.mark.slow),
+])  # fmt: skip
 @pytest.mark.parametrize("holder", HOLDERS)
 def test_hidden_memory_is_a_solutions_own_or_refused(holder: str, step: Any, start: Any, events: bool) -> None:
     scene = scene_of(HOLDERS[holder](base, step, start), events=events)

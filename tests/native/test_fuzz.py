@@ -10,9 +10,10 @@ import pytest
 ENTRIES = ("tl_attempts", "tl_columns", "tl_method_new", "tl_program_new")
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_no_call_crashes(seed: int) -> None:
-    done = subprocess.run([sys.executable, "-m", "tests.native.fuzzing", str(seed), "400"], capture_output=True,
+@pytest.mark.some(1)
+@pytest.mark.parametrize(("seed", "count"), [(0, 150), *((seed, 400) for seed in range(1, 6))])
+def test_no_call_crashes(seed: int, count: int) -> None:
+    done = subprocess.run([sys.executable, "-m", "tests.native.fuzzing", str(seed), str(count)], capture_output=True,
                           text=True, cwd=Path(__file__).parents[2], env=dict(os.environ), check=False)  # fmt: skip
     assert done.returncode == 0, done.stderr
     for entry in ENTRIES:

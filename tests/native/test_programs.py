@@ -125,6 +125,7 @@ def changed(arrays: Assembled, **values: object) -> Assembled:
     return Assembled(**{**vars(arrays), **values})
 
 
+@pytest.mark.some(100)
 @pytest.mark.parametrize("seed", range(300))
 def test_a_damaged_program_is_refused_or_harmless(seed: int) -> None:
     """Any number of the code may be anything: an index that does not exist is refused, the rest computes something."""

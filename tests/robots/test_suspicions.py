@@ -9,9 +9,6 @@ import pytest
 
 import twolink as tl
 from tests.command import answer
-from twolink.robots.catalogue import catalogue_entry, catalogue_names
-from twolink.robots.load import load_model
-from twolink.robots.model import RobotModel
 
 ROD = '<origin xyz="0 0 0.2"/><mass value="{}"/><inertia ixx="0.03" iyy="0.03" izz="0.001" ixy="0" ixz="0" iyz="0"/>'
 LINK = """
@@ -79,18 +76,6 @@ def test_what_is_meant_is_not_suspicious() -> None:
 def test_a_link_without_mass_is_no_longer_listed_beside_the_base() -> None:
     report = tl.load_robot(without_inertial("l2")).report
     assert [f.names for f in report.assumed if "<inertial>" in f.what] == [("base",)]
-
-
-def test_no_robot_of_the_catalogue_is_suspicious() -> None:
-    loaded = 0
-    for name in catalogue_names():
-        try:
-            robot = load_model(RobotModel, name, root=catalogue_entry(name).usual_root)
-        except tl.errors.RobotError:
-            continue
-        loaded += 1
-        assert robot.report.suspicious == (), name
-    assert loaded > 80
 
 
 def test_a_heavy_payload_is_said_of_the_scene() -> None:

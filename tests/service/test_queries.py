@@ -39,7 +39,8 @@ def packed(**arrays: Any) -> bytes:
 
 
 @pytest.mark.parametrize("what", QUERIES)
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", [name if name != "ur5" else pytest.param(name, marks=pytest.mark.slow)
+                                  for name in ROBOTS])  # fmt: skip
 def test_answers_are_those_of_the_robot(http: httpx.Client, name: str, what: str) -> None:
     robot = tl.load_robot(name)
     for batch in ((), (3,), (2, 40)):

@@ -57,6 +57,7 @@ def test_runs_and_their_derivatives(names: dict[str, str]) -> None:
         assert np.array_equal(found.q[renamed(name, names)], expected.q[name]), name
 
 
+@pytest.mark.some(2)
 def test_numbers_are_changed_where_they_are(names: dict[str, str]) -> None:
     constants = {name: x for name, x in NUMBERS.items() if name[1] != "."}
     moved = scene_with(scene_of(names), {renamed(name, names): x for name, x in constants.items()})

@@ -175,6 +175,7 @@ def test_places_that_cannot_be_written(run: tl.Trajectory, tmp_path: Path) -> No
         run.plot(tmp_path / "file" / "x.png")
 
 
+@pytest.mark.some(1)
 @pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
 def test_plots(run: tl.Trajectory, suffix: str, tmp_path: Path) -> None:
     path = run.plot(tmp_path / f"x{suffix}")

@@ -181,7 +181,7 @@ def test_rounding_of_a_pendulum_that_topples_is_in_the_bar(method: str) -> None:
     assert (true_error(scene, run) <= run.error)[1:].all()
 
 
-@pytest.mark.some(4)
+@pytest.mark.some(2)
 @pytest.mark.parametrize("method", ["rk45", "scipy-rk45", "dop853", "rk23", "scipy-dop853"])
 @pytest.mark.parametrize(("start", "duration"), [(3.141592632945389, 5.306555492429107), (3.1415926, 5.0)])
 def test_steps_resolve_a_pendulum_that_topples(method: str, start: float, duration: float) -> None:
