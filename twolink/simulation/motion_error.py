@@ -12,7 +12,7 @@ from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, disturbed_solutions, finer_solution
 from twolink.simulation.error_bar import DISTURBED, STEPPED, distances, rounding_after, truncation_factor, widened
 
-METHOD = METHODS["dop853"]
+METHOD, NEARER = METHODS["dop853"], METHODS["rk45"]  # the latter for steps that a caller keeps short
 ROUNDED = 2  # solutions that are disturbed by rounding, with verify
 NOTES = 64  # states at which solutions are compared at once
 

@@ -27,7 +27,7 @@ from twolink.integrate.solvers.method_choice import first_tolerance
 from twolink.integrate.steps.step_map import step_map
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
-from twolink.simulation.motion_error import METHOD, MotionError, solutions_of
+from twolink.simulation.motion_error import METHOD, NEARER, MotionError, solutions_of
 from twolink.simulation.sampling import duration_for
 
 SAME_TIME = 1e-12  # relative
@@ -184,8 +184,8 @@ class Simulation:
             times = np.array([t, math.inf])
             engines = [Engine(equations, METHOD, times, self._tolerance, None, one) for one in self._solutions]
             return LocatedMotion(engines, endless=True)
-        by = step_map(equations, METHOD)
-        return SmoothMotion(by, t, t + self.scene.duration, self._tolerance, self._solutions)
+        by, nearer = step_map(equations, METHOD), step_map(equations, NEARER)
+        return SmoothMotion(by, t, t + self.scene.duration, self._tolerance, self._solutions, nearer=nearer)
 
     @property
     def t(self) -> float:

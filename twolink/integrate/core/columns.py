@@ -103,6 +103,20 @@ class Columns:
         return float(self.state.item(self._rows.time, 0))
 
     @property
+    def step(self) -> float:
+        """The planned length of the first solution's next step, s."""
+        return float(self.state.item(self._rows.step, 0))
+
+    @property
+    def too_exact(self) -> bool:
+        """True if the error of the first solution's last step is as small a part of the tolerance as counts."""
+        return bool(self.state.item(self._rows.previous, 0) <= MIN_SQUARE)
+
+    def go_on_by(self, by: StepMap) -> None:
+        """Take the next steps by another method, of the same equations."""
+        self.by, self._attempt = by, None
+
+    @property
     def counts(self) -> tuple[int, int]:
         """Accepted and rejected steps of the first."""
         return int(self.state[self._rows.accepted, 0]), int(self.state[self._rows.rejected, 0])
@@ -131,13 +145,14 @@ class Columns:
         self._halve(short, step, end)
         state[rows.end] = end
         first = (1 if short <= AT_ONCE * step else BLOCK) if first is None else first
-        attempt, steps, tried = self._attempt or self._begun(), self._steps, 0
-        while first <= AT_ONCE and tried < SHORT and state[time].min() < end:
+        attempt, steps, tried, going = self._attempt or self._begun(), self._steps, 0, True
+        while going and first <= AT_ONCE and tried < SHORT:
             made = attempt(AT_ONCE, AT_ONCE)
             tried += made
             yield Block(self._every, steps[: made + 1], steps[: made + 1, time], self._fine)
             state[:] = steps[made]
-        if state[time].min() < end:
+            going = made == AT_ONCE and bool(state[time].min() < end)
+        if going:
             tried += 1
             yield from self._long(max(first, tried))
         if planned is not None and (tried <= 2 or not adaptive):

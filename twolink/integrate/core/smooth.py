@@ -29,15 +29,17 @@ if TYPE_CHECKING:
     from twolink.loop.sampled_loop import SampledLoop
 
 SHORT = 16  # attempted steps of a block in which solutions beside the run are looked at at once
+FAR, NEAR = 1.5, 0.5  # of its step: a time for which a method of lower order is left; of that time, for which it is not
 MANY = 1_000_000  # steps, after which the count of steps of a motion without end begins anew
 
 
 class SavedColumns(NamedTuple):
-    """State of a `SmoothMotion`: its columns, the steps before them, and how many breaks are over."""
+    """State of a `SmoothMotion`: its columns, the steps before them, how many breaks are over, and its `too_far`."""
 
     columns: Columns
     steps: int
     passed: int
+    too_far: float
 
 
 class SmoothMotion(Motion):
@@ -59,6 +61,8 @@ class SmoothMotion(Motion):
         Where the others are looked at.
     progress : callable, optional
         Called with the time now and then.
+    nearer : StepMap, optional
+        Of a method of lower order, which costs less where it is asked for times that are nearer than its steps.
     lose : bool
         As of `Columns`.
     """
@@ -74,8 +78,10 @@ class SmoothMotion(Motion):
         track: Track | None = None,
         companions: Companions | None = None,
         progress: Progress | None = None,
+        nearer: StepMap | None = None,
         lose: bool = False,
     ) -> None:
+        self._nearer, self._too_far = nearer, math.inf
         self._equations, self._by, self._span, self._setting, self._perturbations = (
             by.equations, by, end - t, setting, perturbations
         )  # fmt: skip
@@ -108,6 +114,8 @@ class SmoothMotion(Motion):
 
     def advance(self, t: float) -> None:
         """Go to a time, s. Steps end at breaks."""
+        if self._nearer is not None:
+            self._choose_method(self._nearer, t - self.t)
         while (stop := self._breaks[self._passed]) <= t * LATER:
             if stop > self.t:
                 self._to(stop)
@@ -118,6 +126,16 @@ class SmoothMotion(Motion):
             self._to(t)
         if self.track is None and self.columns.counts[0] > MANY:
             self._begin_anew()
+
+    def _choose_method(self, nearer: StepMap, ahead: float) -> None:
+        """Take the method of lower order for times that are so near that it gets there by a step."""
+        columns = self.columns
+        if columns.by is not nearer:
+            if columns.too_exact and ahead < min(columns.step, NEAR * self._too_far):
+                columns.go_on_by(nearer)
+        elif ahead > FAR * columns.step:
+            self._too_far = ahead
+            columns.go_on_by(self._by)
 
     def _to(self, t: float) -> None:
         looks = self._companions is not None and self._checks[self._looked] <= t
@@ -170,11 +188,12 @@ class SmoothMotion(Motion):
 
     def save(self) -> SavedColumns:
         """The columns, and what is to come."""
-        return SavedColumns(self.columns.copied(), self._steps, self._passed)
+        return SavedColumns(self.columns.copied(), self._steps, self._passed, self._too_far)
 
     def restore(self, saved: SavedColumns) -> None:
         """Go on from there."""
-        self.columns, self._steps, self._passed = saved.columns.copied(), saved.steps, saved.passed
+        self.columns, self._steps, self._passed, self._too_far = saved
+        self.columns = self.columns.copied()
 
 
 def solve_smooth(
