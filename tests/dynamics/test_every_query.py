@@ -106,13 +106,10 @@ def torque_derivatives(name: str) -> list[tuple[Array, Array, Array]]:
         bodies = Bodies(robot, q, v)
         return bodies.mass_matrix() @ a + bodies.bias()
 
-    def by_direction(of: Callable[[int, float], Array]) -> Array:
-        return np.stack([derivative(lambda s, k=k: of(k, s)) for k in range(robot.nv)], axis=1)
-
     def at(q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-        by_q = by_direction(lambda k, s: torque(pin.integrate(robot.model, q, s * unit[k]), v, a))
-        by_v = by_direction(lambda k, s: torque(q, v + s * unit[k], a))
-        return by_q, by_v, Bodies(robot, q, v).mass_matrix()
+        by_q = [derivative(lambda s, e=e: torque(pin.integrate(robot.model, q, s * e), v, a)) for e in unit]
+        by_v = [0.5 * (torque(q, v + e, a) - torque(q, v - e, a)) for e in unit]  # exact: tau is quadratic in v
+        return np.stack(by_q, axis=1), np.stack(by_v, axis=1), Bodies(robot, q, v).mass_matrix()
 
     return [at(*state) for state in zip(*truths_of(name)[:3], strict=True)]
 

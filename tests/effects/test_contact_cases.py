@@ -448,6 +448,6 @@ def test_a_slip_that_stops_while_it_turns_ends_there() -> None:
     kinds = [event.kind for event in run.events]
     assert kinds == ["impact", "slide", "roll", "slide", "leave"]
     assert run.solution is not None
-    assert len(run.solution.pieces) < 20
+    assert len(run.solution.segments) < 20
     assert run.error is not None
     assert run.error[-1] < 1e-4

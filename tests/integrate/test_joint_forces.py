@@ -21,8 +21,8 @@ def test_torques_are_those_of_inverse_dynamics(effects: list) -> None:
     scene = tl.Scene(robot("arm"), [0.5, 0.3], effects=[E.Gravity(), *effects])
     solution = solve(equations_of(scene), METHODS["dop853"], np.linspace(0, 2, 41), 1e-9)
     model, data, first = scene.robot.model, scene.robot.model.createData(), 0
-    for piece in solution.pieces:
-        equations, count = piece.equations, piece.samples
+    for segment in solution.segments:
+        equations, count = segment.equations, segment.samples
         part = slice(first, first + count)
         a, tau = accelerations_and_joint_torques(equations, solution.t[part], solution.x[:, part])
         assert a.shape == tau.shape == (2, count)
@@ -35,7 +35,7 @@ def test_torques_are_those_of_inverse_dynamics(effects: list) -> None:
 def test_friction_that_holds_gives_the_torque_against_the_load() -> None:
     effects = [E.DryFriction({"x": 3.0}), E.Torque({"x": 2.0})]
     solution = solve(equations_of(tl.Scene(slider(), effects=effects)), METHODS["dop853"], np.array([0.0, 1.0]), 1e-9)
-    equations = solution.pieces[0].equations
+    equations = solution.segments[0].equations
     a, tau = accelerations_and_joint_torques(equations, solution.t, solution.x)
     assert not a.any()
     assert np.abs(tau).max() < 1e-12

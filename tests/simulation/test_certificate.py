@@ -36,14 +36,14 @@ def broken(scene: tl.Scene, solution: Solution) -> set[str]:
     return {law.law for law in found.laws if law.worst > law.limit}
 
 
-def with_start(solution: Solution, piece: int, row: int, value: float) -> Solution:
-    """The solution with another number in the state at the start of a piece."""
-    pieces = list(solution.pieces)
-    start = pieces[piece].equations.start.copy()
+def with_start(solution: Solution, segment: int, row: int, value: float) -> Solution:
+    """The solution with another number in the state at the start of a segment."""
+    segments = list(solution.segments)
+    start = segments[segment].equations.start.copy()
     start[row] = value
-    own = replace(pieces[piece].equations, start=start)
-    pieces[piece] = replace(pieces[piece], equations=own, taken=None)
-    return replace(solution, pieces=tuple(pieces))
+    own = replace(segments[segment].equations, start=start)
+    segments[segment] = replace(segments[segment], equations=own, taken=None)
+    return replace(solution, segments=tuple(segments))
 
 
 @pytest.mark.parametrize("scene", [STOPPED, RUBBED, LANDED], ids=["stop", "friction", "contact"])
@@ -78,7 +78,7 @@ def test_a_stop_that_pulls_and_one_that_is_passed_break_laws() -> None:
     solution.x[:] = [[1.0], [0.0]]
     assert broken(away, with_start(solution, 0, 2, 1.0)) == {"forces"}
     solution = solved(STOPPED)
-    assert "mode starts" in broken(STOPPED, with_start(solution, len(solution.pieces) - 1, 2, 0.0))
+    assert "mode starts" in broken(STOPPED, with_start(solution, len(solution.segments) - 1, 2, 0.0))
 
 
 def test_friction_along_the_motion_and_too_little_of_it_break_its_law() -> None:
@@ -89,7 +89,7 @@ def test_friction_along_the_motion_and_too_little_of_it_break_its_law() -> None:
 
 def test_an_impact_that_adds_energy_breaks_a_law() -> None:
     solution = solved(LANDED)
-    after = solution.pieces[1].equations.start
+    after = solution.segments[1].equations.start
     assert broken(LANDED, with_start(solution, 1, 3, 1.01 * np.hypot(after[3], 2 * np.sqrt(0.2 * G)))) >= {"impacts"}
 
 

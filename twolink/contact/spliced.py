@@ -12,7 +12,7 @@ from twolink.contact.stepped_solution import SteppedSolution
 from twolink.contact.steps import Record
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Impulse, Piece
+from twolink.integrate.solution import Impulse, Segment
 from twolink.scenes import Scene
 
 NEAR = 10.0  # of a displacement: the gaps of what counts as touching
@@ -27,9 +27,9 @@ class SplicedSolution:
     stepped: SteppedSolution
 
     @property
-    def pieces(self) -> tuple[Piece, ...]:
+    def segments(self) -> tuple[Segment, ...]:
         """The smooth parts."""
-        return (*self.located.pieces, *self.stepped.pieces)
+        return (*self.located.segments, *self.stepped.segments)
 
     @property
     def t(self) -> Array:

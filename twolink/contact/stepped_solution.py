@@ -15,7 +15,7 @@ from twolink.contact.steps import Record, Step, StepPlan
 from twolink.geometry.points import pair_of
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Impulse, Piece
+from twolink.integrate.solution import Impulse, Segment
 from twolink.loop.sampled_loop import SampledLoop
 
 Pressing = dict[str, list[tuple[Array, Array, Array]]]  # by pair points, m, forces, N, and slips, m/s
@@ -27,7 +27,7 @@ class SteppedSolution:
 
     Parameters
     ----------
-    pieces : tuple of Piece
+    segments : tuple of Segment
         One: the equations without contacts.
     t : ndarray (n,)
         Times of the samples, s.
@@ -58,7 +58,7 @@ class SteppedSolution:
         Those of impacts.
     """
 
-    pieces: tuple[Piece, ...]
+    segments: tuple[Segment, ...]
     t: Array
     q: Array
     v: Array
@@ -76,7 +76,7 @@ class SteppedSolution:
 
     def states(self, times: Array) -> Array:
         """The states (nq + nv, m) at times (m,), interpolated between samples."""
-        model = self.pieces[0].equations.robot.model
+        model = self.segments[0].equations.robot.model
         after = np.clip(np.searchsorted(self.t, times, side="left"), 1, max(1, len(self.t) - 1))
         out = np.empty((self.q.shape[1] + self.v.shape[1], len(times)))
         for k, (i, t) in enumerate(zip(np.minimum(after, len(self.t) - 1).tolist(), times.tolist(), strict=True)):
@@ -88,7 +88,7 @@ class SteppedSolution:
     def accelerations_and_torques(self) -> tuple[Array, Array]:
         """Mean accelerations over the step before each sample (n, nv), and applied joint torques (n, nv)."""
         states = np.concatenate([self.q, self.v, self.numbers], axis=1).T
-        return self.a, accelerations_and_joint_torques(self.pieces[0].equations, self.t, states)[1].T + self.held
+        return self.a, accelerations_and_joint_torques(self.segments[0].equations, self.t, states)[1].T + self.held
 
     def forces_on_links(self) -> dict[str, tuple[Array, Array]]:
         """None: steps have no equations of motion."""
@@ -158,8 +158,8 @@ class SteppedTrack:
         """The solution so far."""
         plan, n = self._plan, len(self._states)
         q, v, a, held, numbers, unfollowed = (np.array(column) for column in zip(*self._states, strict=True))
-        piece = Piece(self._stepper.equations, float(self._times[0]), n, readings=loop and loop.readings)
-        return SteppedSolution((piece,), self._times[:n], q, v, a, held, numbers, self._pressing[:n],
+        segment = Segment(self._stepper.equations, float(self._times[0]), n, readings=loop and loop.readings)
+        return SteppedSolution((segment,), self._times[:n], q, v, a, held, numbers, self._pressing[:n],
                                self._stepper.record, self._overlap, float(plan.h.max()), unfollowed, interrupted, loop,
                                tuple(self._impulses))  # fmt: skip
 

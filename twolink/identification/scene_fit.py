@@ -60,7 +60,7 @@ def fit(
         Robust: outliers count less (Huber).
     segments : int, optional
         Of multiple shooting. By default 1, and more where errors of the start grow a lot or one does not find the
-        motion. Motions with events and closed loops are simulated in one piece.
+        motion. Motions with events and closed loops are simulated in one segment.
     bounds : mapping of names to (float, float), optional
         The least and the largest values, infinite where there is none. Masses, damping and the like are never
         negative, also without.

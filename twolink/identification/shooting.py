@@ -26,7 +26,7 @@ State = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Segment:
+class ShootingInterval:
     """A simulated segment: residuals (m, c), their derivatives by z (m, c, k) and by its start (m, c, 2 nv).
 
     end: its last state, with derivatives by z (2 nv, k) and by its start (2 nv, 2 nv). error (m,): bound on the error
@@ -49,7 +49,7 @@ class Shot:
     """All segments with the gaps between them (., 2 nv)."""
 
     scene: Scene
-    segments: list[Segment]
+    segments: list[ShootingInterval]
     gaps: np.ndarray
 
     @property
@@ -121,10 +121,10 @@ class MultipleShooting:
         self.simulations += len(segments)
         return Shot(scene, segments, np.array(gaps).reshape(len(starts), 2 * robot.nv))
 
-    def _segment(self, scene: Scene, start: State, number: int, by_z: np.ndarray, accuracy: float) -> Segment:
+    def _segment(self, scene: Scene, start: State, number: int, by_z: np.ndarray, accuracy: float) -> ShootingInterval:
         """Simulate a segment."""
         begin, rows, unknowns = self.begins[number], self.rows[number], self.unknowns
-        # Motions with events have one piece, which no other start leads into; at rest with friction there are none.
+        # Motions with events have one segment, which no other start leads into; at rest with friction there are none.
         by_start = () if equations_of(scene).has_events else ("q", "v")
         own, wrt = scene, [*unknowns.wrt, *by_start]
         if number:
@@ -145,7 +145,7 @@ class MultipleShooting:
             by[:, :, :count] @ by_z[:count],
             by[:, :, count:] if by_start else np.zeros((len(by), nx, nx)),
         )
-        return Segment(
+        return ShootingInterval(
             q, v, self.data.residuals(q, v, rows), self.data.derivatives(q, along_z, rows),
             self.data.derivatives(q, along_start, rows), along_z[-1], along_start[-1],
             np.zeros(len(times)) if s.run.error is None else s.run.error[kept],
@@ -187,7 +187,7 @@ def segment_counts(asked: int | None, growth: float, data: MeasuredMotion, scene
             raise QueryError(f"expected a whole number from 1 to {most}, got {asked!r}", argument="segments",
                              remedy=f"a segment has {FEWEST} samples at least")  # fmt: skip
         if asked > 1 and not smooth_motion:
-            raise QueryError("motions with events or closed loops are simulated in one piece", argument="segments",
+            raise QueryError("motions with events or closed loops are simulated in one segment", argument="segments",
                              remedy="leave it out", code="one-segment")  # fmt: skip
         return [asked]
     if not smooth_motion:

@@ -1,7 +1,7 @@
 """Dense output: a solution at any time, as exact as at its samples, and the accelerations and torques at samples.
 
-The state at a time t is computed from the last stored state before t within the same smooth piece, a sample or the end
-of one of the solution's own steps, by the method of the solution. At an event, t belongs to the piece after it.
+The state at a time t is computed from the last stored state before t within the same smooth segment, a sample or the
+end of one of the solution's own steps, by the method of the solution. At an event, t belongs to the segment after it.
 """
 
 import collections
@@ -21,7 +21,7 @@ from twolink.integrate.joint_forces import (
 )
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Impulse, Piece
+from twolink.integrate.solution import Impulse, Segment
 from twolink.integrate.solver import is_stepping, solve
 from twolink.integrate.solvers.taylor_code import Precision
 from twolink.integrate.steps.methods import METHODS
@@ -34,7 +34,7 @@ Forces = Callable[[Equations, Array, Array], list[tuple[str, Array, Array]]]  # 
 
 
 class _Group(NamedTuple):
-    """Asked times (k,) of one piece: their places, and the stored states before them with their times.
+    """Asked times (k,) of one segment: their places, and the stored states before them with their times.
 
     The states are (nq + nv, k), or (size, k) where the numbers behind them change from tick to tick.
     within_steps: whether each time lies within the step from its stored state.
@@ -54,7 +54,7 @@ class DenseOutput:
 
     Parameters
     ----------
-    pieces : tuple of Piece
+    segments : tuple of Segment
         The smooth parts of the solution.
     t : ndarray (n,)
         Times of the stored states, s.
@@ -70,7 +70,7 @@ class DenseOutput:
         Those of impacts at contacts.
     """
 
-    pieces: tuple[Piece, ...]
+    segments: tuple[Segment, ...]
     t: Array
     x: Array
     method: str
@@ -100,10 +100,10 @@ class DenseOutput:
             self._fill(group, out)
         return out
 
-    def states_of(self, piece: int, times: Array) -> Array:
-        """The states (nq + nv, m) at times (m,) from the begin of a piece to its end, where the next one begins."""
+    def states_of(self, segment: int, times: Array) -> Array:
+        """The states (nq + nv, m) at times (m,) from the begin of a segment to its end, where the next one begins."""
         out = np.empty((len(self.x), len(times)))
-        self._fill(self._group(piece, np.arange(len(times)), times), out)
+        self._fill(self._group(segment, np.arange(len(times)), times), out)
         return out
 
     def _fill(self, group: _Group, out: Array) -> None:
@@ -116,7 +116,7 @@ class DenseOutput:
 
     def accelerations_and_torques(self) -> tuple[Array, Array]:
         """Accelerations (n, nv) and applied joint torques (n, nv) at the stored times."""
-        nv = self.pieces[0].equations.space.nv
+        nv = self.segments[0].equations.space.nv
         a, tau = np.empty((len(self.t), nv)), np.empty((len(self.t), nv))
         for group in self._groups(self.t):
             at_group = accelerations_and_joint_torques(group.equations, group.t, group.stored_x)
@@ -150,41 +150,41 @@ class DenseOutput:
                 count[pair] += 1
         return {pair: tuple(np.stack(columns, axis=2)) for pair, columns in found.items()}
 
-    def by_piece(self, times: Array) -> Iterator[tuple[Equations, Array, Array]]:
-        """Of each piece that has some of the times (m,), its equations, the places of those, and its numbers then."""
-        number = self._piece_of(times)
+    def by_segment(self, times: Array) -> Iterator[tuple[Equations, Array, Array]]:
+        """Of each segment that has some of the times (m,), its equations, the places of those, and its numbers then."""
+        number = self._segment_of(times)
         for i in np.unique(number):
-            piece, places = self.pieces[i], np.flatnonzero(number == i)
-            yield piece.equations, places, piece.numbers(times[places])
+            segment, places = self.segments[i], np.flatnonzero(number == i)
+            yield segment.equations, places, segment.numbers(times[places])
 
     def changes(self) -> Array:
         """Times at which numbers behind the states change, as held torques do at ticks."""
         found = [np.empty(0)]
-        for piece in self.pieces:
-            if piece.held is not None and piece.taken is not None:
-                found.append(piece.taken[0][1:][(np.diff(piece.held, axis=0) != 0.0).any(axis=1)])
+        for segment in self.segments:
+            if segment.held is not None and segment.taken is not None:
+                found.append(segment.taken[0][1:][(np.diff(segment.held, axis=0) != 0.0).any(axis=1)])
         return np.concatenate(found)
 
     def _groups(self, times: Array) -> Iterator[_Group]:
-        """The times by pieces; a time at which a piece begins belongs to that piece."""
-        number = self._piece_of(times)
+        """The times by segments; a time at which a segment begins belongs to that segment."""
+        number = self._segment_of(times)
         for i in np.unique(number):
             yield self._group(int(i), np.flatnonzero(number == i), times)
 
-    def _piece_of(self, times: Array) -> Array:
-        return np.searchsorted([piece.begin for piece in self.pieces], times, side="right") - 1
+    def _segment_of(self, times: Array) -> Array:
+        return np.searchsorted([segment.begin for segment in self.segments], times, side="right") - 1
 
     def _group(self, number: int, places: Array, times: Array) -> _Group:
-        """The group of the times at these places, which are all within one piece."""
+        """The group of the times at these places, which are all within one segment."""
         stored_t, stored_x = self._stored[number]
         before = np.searchsorted(stored_t, times[places], side="right") - 1
-        piece = self.pieces[number]
+        segment = self.segments[number]
         x = stored_x[:, before]
-        if piece.held is not None:
-            x = np.append(x, piece.numbers(stored_t[before]), axis=0)
+        if segment.held is not None:
+            x = np.append(x, segment.numbers(stored_t[before]), axis=0)
         return _Group(
-            piece.equations,
-            piece.taken is not None and is_stepping(METHODS[self.method]),
+            segment.equations,
+            segment.taken is not None and is_stepping(METHODS[self.method]),
             places,
             times[places],
             stored_t[before],
@@ -193,15 +193,15 @@ class DenseOutput:
 
     @functools.cached_property
     def _stored(self) -> list[tuple[Array, Array]]:
-        """Of each piece, the times (k,) and states (nq + nv, k) at its begin, at its samples, and where steps ended."""
+        """Of each segment, times (k,) and states (nq + nv, k): its begin, its samples, and where steps ended."""
         every, end = [], 0
-        for piece in self.pieces:
-            inside, end = slice(end, end + piece.samples), end + piece.samples
-            start = np.asarray(piece.equations.start[: len(self.x)], dtype=float)
-            t, x = np.append(piece.begin, self.t[inside]), np.concatenate([start[:, None], self.x[:, inside]], axis=1)
-            if piece.taken is not None:
-                t, first = np.unique(np.concatenate([t, piece.taken[0]]), return_index=True)
-                x = np.concatenate([x, piece.taken[1].T], axis=1)[:, first]
+        for segment in self.segments:
+            inside, end = slice(end, end + segment.samples), end + segment.samples
+            start = np.asarray(segment.equations.start[: len(self.x)], dtype=float)
+            t, x = np.append(segment.begin, self.t[inside]), np.concatenate([start[:, None], self.x[:, inside]], axis=1)
+            if segment.taken is not None:
+                t, first = np.unique(np.concatenate([t, segment.taken[0]]), return_index=True)
+                x = np.concatenate([x, segment.taken[1].T], axis=1)[:, first]
             every.append((t, x))
         return every
 

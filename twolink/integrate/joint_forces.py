@@ -17,7 +17,7 @@ from twolink.io.text import kebab_case
 
 
 def accelerations_and_joint_torques(equations: Equations, t: Array, x: Array) -> tuple[Array, Array]:
-    """Accelerations and applied joint torques at states of one smooth piece.
+    """Accelerations and applied joint torques at states of one smooth segment.
 
         M(q) a + h(q, v) = tau + J^T f_ext + J_c^T lambda
 
@@ -26,11 +26,11 @@ def accelerations_and_joint_torques(equations: Equations, t: Array, x: Array) ->
     Parameters
     ----------
     equations : Equations
-        Equations of the piece; their start holds the numbers of the piece behind (q, v).
+        Equations of the segment; their start holds the numbers of the segment behind (q, v).
     t : ndarray (n,)
         Times, s.
     x : ndarray (nq + nv, n) or (size, n)
-        States (q, v), with or without the numbers of the piece behind them.
+        States (q, v), with or without the numbers of the segment behind them.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def accelerations_and_joint_torques(equations: Equations, t: Array, x: Array) ->
 
 
 def contacts(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array, Array]]:
-    """The contacts of bodies at states x (nq + nv, n) of one piece.
+    """The contacts of bodies at states x (nq + nv, n) of one segment.
 
     Where forces are not determined they are the smallest ones, or the share that obeys the laws where those do not.
 
@@ -111,7 +111,7 @@ class _ForcesOnLinks(Loads):
 
 
 def forces_on_links(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array, Array]]:
-    """The forces of effects on links at states x (nq + nv, n) of one piece, without gravity, contacts and loops.
+    """The forces of effects on links at states x (nq + nv, n) of one segment, without gravity, contacts and loops.
 
     Returns
     -------
@@ -130,5 +130,5 @@ def forces_on_links(equations: Equations, t: Array, x: Array) -> list[tuple[str,
 
 
 def _full(equations: Equations, x: Array) -> Array:
-    """States (size, n) with the numbers of the piece behind (q, v)."""
+    """States (size, n) with the numbers of the segment behind (q, v)."""
     return np.concatenate([x, np.repeat(equations.start[len(x) :, None], x.shape[1], axis=1)])

@@ -22,7 +22,7 @@ class Impulse(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Piece:
+class Segment:
     """A smooth part of a solution; between two events it may have no sample.
 
     Parameters
@@ -84,11 +84,11 @@ class Solution:
     impulses : tuple of Impulse
         Those of impacts at contacts, of each point that is pressed.
     hit : object
-        The event that ended a piece, as the watcher found it.
-    pieces : tuple of Piece
+        The event that ended a segment, as the watcher found it.
+    segments : tuple of Segment
         The smooth parts; one at least in what `solver.solve` returns.
     taken : (ndarray (k,), ndarray (k, nq + nv)) or None
-        Of a single piece, as in `Piece`.
+        Of a single segment, as in `Segment`.
     companion_steps : int
         How many attempted steps solutions in the same batch took beyond those of the run: the batch went on for them.
     """
@@ -105,7 +105,7 @@ class Solution:
     events: tuple[Event, ...] = ()
     impulses: tuple[Impulse, ...] = ()
     hit: Any = None
-    pieces: tuple[Piece, ...] = ()
+    segments: tuple[Segment, ...] = ()
     taken: tuple[np.ndarray, np.ndarray] | None = None
     companion_steps: int = 0
 
@@ -124,6 +124,6 @@ def joined(parts: Sequence[Solution]) -> Solution:
         parts[-1].compiled,
         parts[-1].interrupted,
         None if parts[0].precise is None else np.concatenate([part.precise for part in parts]),
-        pieces=tuple(piece for part in parts for piece in part.pieces),
+        segments=tuple(segment for part in parts for segment in part.segments),
         companion_steps=sum(part.companion_steps for part in parts),
     )

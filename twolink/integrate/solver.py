@@ -13,9 +13,9 @@ from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.core.smooth import solve_smooth
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Piece, Progress, Solution
+from twolink.integrate.solution import Progress, Segment, Solution
 from twolink.integrate.solvers import scipy_solver, taylor
-from twolink.integrate.solvers.pieces import in_pieces
+from twolink.integrate.solvers.segments import in_segments
 from twolink.integrate.solvers.taylor_code import Precision
 from twolink.integrate.steps.companions import Companions
 from twolink.integrate.steps.methods import Method
@@ -67,7 +67,7 @@ def solve(
     Returns
     -------
     Solution
-        With one piece at least. No step goes across a time at which the equations are not smooth.
+        With one segment at least. No step goes across a time at which the equations are not smooth.
 
     Raises
     ------
@@ -82,8 +82,8 @@ def solve(
     if precision != "double" and method.kind != "taylor":
         raise SceneError(f"{method.name} works in double precision", argument="precision", remedy='method="taylor"')
     solution = _solve(equations, method, times, setting, progress, precision, perturbation, companions)
-    whole = Piece(equations, float(times[0]), len(solution.t), solution.taken)
-    return solution if solution.pieces else replace(solution, pieces=(whole,))
+    whole = Segment(equations, float(times[0]), len(solution.t), solution.taken)
+    return solution if solution.segments else replace(solution, segments=(whole,))
 
 
 def solve_with_companions(
@@ -142,18 +142,18 @@ def _solve(
         return solve_located(equations, method, times, setting, progress, (perturbation,))[0]
     if stepping:
         if not method.adaptive:
-            _require_pieces(equations, times, setting)
+            _require_segments(equations, times, setting)
         return solve_smooth(equations, method, times, setting, progress, perturbation, companions)
     if method.kind == "taylor":
         return taylor.solve(equations, times, setting, progress, precision=precision, perturbation=perturbation,
                             companions=companions)  # fmt: skip
     by_scipy = functools.partial(scipy_solver.solve, method=method, tolerance=setting, progress=progress,
                                  perturbation=perturbation)  # fmt: skip
-    return in_pieces(equations, times, lambda piece, part: by_scipy(piece, times=part))
+    return in_segments(equations, times, lambda segment, part: by_scipy(segment, times=part))
 
 
-def _require_pieces(equations: Equations, times: Array, step: float) -> None:
-    """Refuse a step longer than a piece: half the step would be the same step, and their distance no error bar."""
+def _require_segments(equations: Equations, times: Array, step: float) -> None:
+    """Refuse a step longer than a segment: half the step would be the same step, and their distance no error bar."""
     edges = [float(times[0]), *equations.breaks(float(times[-1])), float(times[-1])]
     shortest = min(b - a for a, b in itertools.pairwise(edges))
     if step > shortest * (1 + 1e-9):

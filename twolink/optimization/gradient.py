@@ -220,8 +220,8 @@ def _constants(run: Trajectory, wanted: Wanted, function: Objective) -> dict[str
     Raises SceneError, code "gradient-objective", where constants that it uses change with a parameter indirectly.
     """
     variation, still, own = wanted.variation, np.zeros_like(run.v), value_of(function, run)
-    pieces = run.solution.pieces if run.solution else ()
-    steps = {name: SHARE * max(abs(nominal_value(pieces[0].equations, name)), SMALL) for name in variation.constants}
+    segments = run.solution.segments if run.solution else ()
+    steps = {name: SHARE * max(abs(nominal_value(segments[0].equations, name)), SMALL) for name in variation.constants}
     direct = {name: step for name, step in steps.items() if name in variation.names}
 
     def used(changes: dict[str, float]) -> bool:

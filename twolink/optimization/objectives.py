@@ -68,7 +68,9 @@ class _Beside(Unknown):
         x = np.concatenate([self._run.q, self._run.v], axis=1).T
         a, tau = np.empty_like(self._run.v), np.empty_like(self._run.v)
         solution = self._base.solution
-        for equations, places, numbers in solution.by_piece(self._base.t) if isinstance(solution, DenseOutput) else ():
+        for equations, places, numbers in (
+            solution.by_segment(self._base.t) if isinstance(solution, DenseOutput) else ()
+        ):
             own = {name: nominal_value(equations, name) + change for name, change in self._changes.items()}
             found = accelerations_and_joint_torques(
                 shifted(equations, own), self.t[places], np.append(x[:, places], numbers, axis=0)

@@ -28,7 +28,7 @@ from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import constraint_forces, motion_of
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Piece, Solution
+from twolink.integrate.solution import Segment, Solution
 from twolink.simulation.text import BaseResult
 
 POSITION = 1e-9  # m or rad, and per second relative to the velocities: what counts as 0
@@ -81,7 +81,7 @@ class Certificate(BaseResult):
 
 @dataclass(frozen=True)
 class _States:
-    """States x (size, n) at times t (n,) of pieces with the same equations but for numbers.
+    """States x (size, n) at times t (n,) of segments with the same equations but for numbers.
 
     lasts: how long a mode lasts that starts there, s; 0 elsewhere.
     """
@@ -122,7 +122,7 @@ def certificate(switching: Switching, solution: Solution) -> Certificate:
         count += len(states.t)
         for law, broken, t in _laws(states):
             _take(worst, law, broken, t)
-    for law, broken, t in _impacts(switching, solution.pieces):
+    for law, broken, t in _impacts(switching, solution.segments):
         _take(worst, law, broken, t)
     laws = [Law(law, size, POSITION if law in UNITS else RELATIVE, t) for law, (size, t) in worst.items()]
     return Certificate(tuple(laws), count)
@@ -138,25 +138,25 @@ def _take(worst: dict[str, tuple[float, float]], law: str, broken: Array, t: Arr
 
 
 def _states(switching: Switching, solution: Solution) -> Iterator[_States]:
-    """The samples of each piece, where its steps end, and its start, those of equal equations together."""
+    """The samples of each segment, where its steps end, and its start, those of equal equations together."""
     forms: dict[tuple[int, ...], list[_States]] = {}
     first = 0
-    ends = [*(piece.begin for piece in solution.pieces[1:]), float(solution.t[-1])]
-    for piece, end in zip(solution.pieces, ends, strict=True):
-        own, moving = piece.equations, piece.equations.moving
-        inside = slice(first, first + piece.samples)
-        first += piece.samples
+    ends = [*(segment.begin for segment in solution.segments[1:]), float(solution.t[-1])]
+    for segment, end in zip(solution.segments, ends, strict=True):
+        own, moving = segment.equations, segment.equations.moving
+        inside = slice(first, first + segment.samples)
+        first += segment.samples
         t, at = solution.t[inside], solution.x[:moving, inside]
-        if piece.taken is not None:
-            within = (piece.taken[0] > piece.begin) & (piece.taken[0] < end)
-            t, at = np.append(t, piece.taken[0][within]), np.concatenate([at, piece.taken[1][within].T], axis=1)
+        if segment.taken is not None:
+            within = (segment.taken[0] > segment.begin) & (segment.taken[0] < end)
+            t, at = np.append(t, segment.taken[0][within]), np.concatenate([at, segment.taken[1][within].T], axis=1)
         first_state = np.asarray(own.start, dtype=float)[:, None]
-        x = np.append(first_state, np.concatenate([at, piece.numbers(t)]), axis=1)
+        x = np.append(first_state, np.concatenate([at, segment.numbers(t)]), axis=1)
         lasts = np.zeros(1 + len(t))
-        lasts[0] = end - piece.begin
+        lasts[0] = end - segment.begin
         key = id(own.robot), id(own.effects), id(own.constraints)
         every = forms.setdefault(key, [])
-        every.append(_States(switching, own, np.append(piece.begin, t), x, lasts))
+        every.append(_States(switching, own, np.append(segment.begin, t), x, lasts))
     for every in forms.values():
         t, lasts = np.concatenate([s.t for s in every]), np.concatenate([s.lasts for s in every])
         x = np.concatenate([s.x for s in every], axis=1)
@@ -304,12 +304,12 @@ def _starts(states: _States, a: Array, contacts: Array) -> Broken:
         yield "mode starts", np.where(rests, np.sign(friction) * a[k] / largest, 0.0)
 
 
-def _impacts(switching: Switching, pieces: Sequence[Piece]) -> Iterator[tuple[str, Array, Array]]:
+def _impacts(switching: Switching, segments: Sequence[Segment]) -> Iterator[tuple[str, Array, Array]]:
     """Kinetic energies after events, beside those before them. What a `then` changes may add any."""
     if any(trigger.state is not None for _, trigger in switching.triggers):
         return
-    for robot in {id(piece.equations.robot): piece.equations.robot for piece in pieces}.values():
-        pairs = [(one.last, two) for one, two in itertools.pairwise(pieces)
+    for robot in {id(segment.equations.robot): segment.equations.robot for segment in segments}.values():
+        pairs = [(one.last, two) for one, two in itertools.pairwise(segments)
                  if one.equations.robot is robot and two.equations.robot is robot and one.last is not None]  # fmt: skip
         if pairs:
             x = np.array([np.stack([last, two.equations.start[: len(last)]]) for last, two in pairs])

@@ -144,12 +144,14 @@ def energy_book(scene: Scene, run: Trajectory | None = None) -> EnergyBalance:
 
 
 def _steps(run: Trajectory) -> Iterator[np.ndarray]:
-    """Times at which the run's steps ended, by piece, s."""
-    for piece, end in zip(_dense(run).pieces, [*(one.begin for one in _dense(run).pieces[1:]), run.t[-1]], strict=True):
-        if piece.taken is not None:
-            yield piece.taken[0]
+    """Times at which the run's steps ended, by segment, s."""
+    for segment, end in zip(
+        _dense(run).segments, [*(one.begin for one in _dense(run).segments[1:]), run.t[-1]], strict=True
+    ):
+        if segment.taken is not None:
+            yield segment.taken[0]
         else:
-            yield np.linspace(piece.begin, end, 2 + int(A_SECOND * (end - piece.begin)))
+            yield np.linspace(segment.begin, end, 2 + int(A_SECOND * (end - segment.begin)))
 
 
 def loop_forces(scene: Scene, run: Trajectory) -> dict[str, np.ndarray]:
@@ -202,16 +204,16 @@ def _dense(run: Trajectory) -> DenseOutput:
         raise SceneError("a loaded trajectory has no equations of motion", where="run",
                          remedy="simulate it again with its scene", code="no-equations", argument="run")  # fmt: skip
     if not isinstance(run.solution, DenseOutput):
-        raise SceneError("a run with stepped contacts has no smooth pieces", where="run", argument="run",
+        raise SceneError("a run with stepped contacts has no smooth segments", where="run", argument="run",
                          remedy='simulate it with contact="located"', code="stepped")  # fmt: skip
     return run.solution
 
 
 def _stretches(run: Trajectory, times: np.ndarray) -> Iterator[_Stretch]:
-    """The states of a run at other times, by its smooth pieces."""
+    """The states of a run at other times, by its smooth segments."""
     solution = _dense(run)
     states = solution.states(times)
-    for equations, places, numbers in solution.by_piece(times):
+    for equations, places, numbers in solution.by_segment(times):
         yield _Stretch(equations, times[places], np.concatenate([states[:, places], numbers]), places)
 
 

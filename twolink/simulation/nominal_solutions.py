@@ -47,7 +47,7 @@ class Second(NamedTuple):
 
 
 class NominalSolution(NamedTuple):
-    """A solution with the jumps at the ends of its pieces, and where it began; without events neither."""
+    """A solution with the jumps at the ends of its segments, and where it began; without events neither."""
 
     dense: DenseOutput
     edges: list[tuple[float, float]]
@@ -78,10 +78,10 @@ class NominalSolutions:
         return nominal.dense.t[:: max(1, len(nominal.dense.t) // max(1, self.run.cost.steps if self.run.cost else 1))]
 
     def leg(self, nominal: NominalSolution, number: int, times: Array, tolerance: float) -> Leg:
-        """The leg of a piece, between those of times (m,) that are in it."""
+        """The leg of a segment, between those of times (m,) that are in it."""
         begin, end = nominal.edges[number]
         inside = times[(times > begin) & (times < end)]
-        breaks = np.array(nominal.dense.pieces[number].equations.breaks(end))
+        breaks = np.array(nominal.dense.segments[number].equations.breaks(end))
         between = np.unique(np.concatenate([[begin], inside, breaks[breaks > begin], [end]]))
         return leg_of(self._steps_of(nominal, number), nominal.dense, number, between, tolerance)
 
@@ -101,14 +101,14 @@ class NominalSolutions:
         return self.wanted.start if nominal.begun is None else self.saltation.start(nominal.begun, self.wanted.start)
 
     def after(self, nominal: NominalSolution, number: int, s: Array) -> Array:
-        """S after the end of a piece."""
+        """S after the end of a segment."""
         if not nominal.jumps or number + 1 == len(nominal.edges):
             return s
         return self.saltation(nominal.jumps[number], s, nominal.second.differences)
 
     def _on_one_side(self, nominal: NominalSolution, number: int) -> Equations:
-        """The equations of a piece, on the sides of limits of effort where it is: at its ends rounding would decide."""
-        equations: Equations = nominal.dense.pieces[number].equations
+        """The equations of a segment, on its sides of limits of effort: at its ends rounding would decide."""
+        equations: Equations = nominal.dense.segments[number].equations
         if not equations.effort_limits:
             return equations
         middle = np.array([0.5 * sum(nominal.edges[number])])
@@ -122,14 +122,16 @@ class NominalSolutions:
         return replace(equations, sides=tuple(sides))
 
     def _steps_of(self, nominal: NominalSolution, number: int) -> VariationalSteps:
-        """The variational steps of a piece."""
+        """The variational steps of a segment."""
         equations = with_parameters(self._on_one_side(nominal, number), self.variation.constants)
         mode = nominal.jumps[number].before.mode if nominal.jumps else Mode()
         gains = self.variation.gains(mode.idle, {k: slip for k, slip in mode.slip.items() if k not in mode.locked})
         if equations.content not in self._steps:
             self._steps[equations.content] = VariationalSteps(equations, gains)
-        piece = nominal.dense.pieces[number]
-        return self._steps[equations.content].starting(equations, gains, None if piece.held is None else piece.numbers)
+        segment = nominal.dense.segments[number]
+        return self._steps[equations.content].starting(
+            equations, gains, None if segment.held is None else segment.numbers
+        )
 
     def second_ones(self) -> list[Second]:
         """The finer solution and the disturbed ones."""
@@ -155,12 +157,12 @@ class NominalSolutions:
             jumps, begun = engine.jumps, engine.begun
         else:
             solution = solve(self.equations, choice.method, times, choice.setting, None, choice.precision, perturbation)
-        dense = DenseOutput(solution.pieces, solution.t, solution.x[: self.equations.moving], choice.method.name,
+        dense = DenseOutput(solution.segments, solution.t, solution.x[: self.equations.moving], choice.method.name,
                             choice.setting, choice.precision)  # fmt: skip
         return _nominal_of(dense, float(solution.t[-1]), second, jumps, begun)
 
     def require_alike(self, nominal: NominalSolution) -> None:
-        """Require that a second solution has the pieces of the first. Raises AccuracyError."""
+        """Require that a second solution has the segments of the first. Raises AccuracyError."""
         if not self.paired(nominal) == len(self.first.edges) == len(nominal.edges):
             end = nominal.edges[-1][0]
             raise AccuracyError("a more accurate motion follows more bounces", where=f"t = {end:.6g} s",
@@ -168,7 +170,7 @@ class NominalSolutions:
                                 code="sensitivity-undefined", t=end)  # fmt: skip
 
     def paired(self, nominal: NominalSolution) -> int:
-        """Count the pieces of a second solution that end as the run's do: all, but where one follows bounces farther.
+        """Count the segments of a second solution that end as the run's do: all, but where one follows bounces farther.
 
         What ends the run does not count: it is at the last sample or a rounding beside it. Raises AccuracyError for
         other events.
@@ -207,5 +209,5 @@ def _alike(ours: Sequence[tuple[object, float]], theirs: Sequence[tuple[object, 
 def _nominal_of(
     dense: DenseOutput, end: float, second: Second, jumps: Sequence[Jump] = (), begun: RunState | None = None
 ) -> NominalSolution:
-    edges = [*(piece.begin for piece in dense.pieces), end]
+    edges = [*(segment.begin for segment in dense.segments), end]
     return NominalSolution(dense, list(itertools.pairwise(edges)), list(jumps), begun, second)

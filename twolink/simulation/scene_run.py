@@ -291,7 +291,7 @@ def _trajectory(
     if max(equations.assembled) > ASSEMBLED:
         moved = "q moved by {:.3g}, v by {:.3g}".format(*equations.assembled)
         events = (Event(0.0, "assembled", "loops", moved), *events)
-    dense = DenseOutput(solution.pieces, solution.t, solution.x[: equations.moving], choice.method.name,
+    dense = DenseOutput(solution.segments, solution.t, solution.x[: equations.moving], choice.method.name,
                         choice.setting, choice.precision, solution.impulses)  # fmt: skip
     return Trajectory(
         scene.robot,
@@ -315,9 +315,9 @@ def _trajectory(
 
 
 def _robots(solution: Solution, kept: np.ndarray) -> list[tuple[Robot, int]]:
-    """The robot of each piece and its number of kept samples; empty where it is the same robot throughout."""
-    robots = [piece.equations.robot for piece in solution.pieces]
+    """The robot of each segment and its number of kept samples; empty where it is the same robot throughout."""
+    robots = [segment.equations.robot for segment in solution.segments]
     if all(robot is robots[0] for robot in robots):
         return []
-    parts = np.split(kept, np.cumsum([piece.samples for piece in solution.pieces])[:-1])
+    parts = np.split(kept, np.cumsum([segment.samples for segment in solution.segments])[:-1])
     return [(robot, int(part.sum())) for robot, part in zip(robots, parts, strict=True)]

@@ -15,7 +15,7 @@ INTERPOLATED = 1 / 64  # of an interpolation's error, what is left of it with tw
 # Of the distance, where the derivatives are those along the finer solution: their steps are halved, of order 8, and
 # its motion is 10 times or more as accurate, so that a tenth of the distance would do.
 OF_FINER = 0.25
-SMALLER = 100.0  # tolerance of the steps along a second solution of other pieces
+SMALLER = 100.0  # tolerance of the steps along a second solution of other segments
 
 
 class SensitivityRun:
@@ -44,11 +44,11 @@ class SensitivityRun:
         """S at sample times (n,), the legs, and S (., 2 nv + p, k) at their times."""
         start, times = self._nominals.start(nominal), self._nominals.times(nominal)
         legs, states, out = list[Leg](), list[np.ndarray](), np.empty((len(samples), self._rows, start.shape[1]))
-        piece = np.maximum(np.searchsorted([begin for begin, _ in nominal.edges], samples, side="right") - 1, 0)
+        segment = np.maximum(np.searchsorted([begin for begin, _ in nominal.edges], samples, side="right") - 1, 0)
         for number in range(len(nominal.edges)):
             leg = self._nominals.leg(nominal, number, times, tolerance)
             s = leg.along(start)
-            here = piece == number
+            here = segment == number
             out[here] = leg.at(samples[here], s)
             legs.append(leg)
             states.append(s)
@@ -81,8 +81,8 @@ class SensitivityRun:
     def _interpolated(self, samples: np.ndarray) -> np.ndarray:
         """S (n, 2 nv, k) at sample times, from that along the finer solution, at twice as many times."""
         fine = self._fine
-        piece = np.maximum(np.searchsorted([leg.t[0] for leg, _ in fine], samples, side="right") - 1, 0)
-        return np.concatenate([leg.at(samples[piece == number], s, interpolating=True)
+        segment = np.maximum(np.searchsorted([leg.t[0] for leg, _ in fine], samples, side="right") - 1, 0)
+        return np.concatenate([leg.at(samples[segment == number], s, interpolating=True)
                                for number, (leg, s) in enumerate(fine)])  # fmt: skip
 
     def _distance_in_time(
@@ -105,19 +105,19 @@ def along_solutions(
 ) -> list[tuple[NominalSolution, np.ndarray]]:
     """The solution of a run and second ones, each with S (n, 2 nv, k) at some samples of the run, else 0.
 
-    samples: their numbers (m,). Raises AccuracyError where a second solution has other pieces.
+    samples: their numbers (m,). Raises AccuracyError where a second solution has other segments.
     """
     own = NominalSolutions(run, equations, wanted)
     times = np.union1d(own.times(own.first), run.t[samples])
     legs = [own.leg(own.first, number, times, tolerance) for number in range(len(own.first.edges))]
-    piece = np.maximum(np.searchsorted([begin for begin, _ in own.first.edges], run.t[samples], side="right") - 1, 0)
+    segment = np.maximum(np.searchsorted([begin for begin, _ in own.first.edges], run.t[samples], side="right") - 1, 0)
     found = list[tuple[NominalSolution, np.ndarray]]()
     for nominal in [own.first, *(own.second(legs, one, run.t) for one in own.second_ones())]:
         own.require_alike(nominal)
         start, out = own.start(nominal), np.zeros((len(run.t), equations.space.tangent, wanted.start.shape[1]))
         for number, leg in enumerate(legs):
             s = own.beside(leg, nominal, number).along(start) if found else leg.along(start)
-            here = samples[piece == number]
+            here = samples[segment == number]
             out[here] = s[nominal.second.parts * np.searchsorted(leg.t, run.t[here]), : out.shape[1]]
             start = own.after(nominal, number, s[-1])
         found.append((nominal, out))
@@ -127,5 +127,5 @@ def along_solutions(
 def with_states(run: Trajectory, nominal: NominalSolution) -> Trajectory:
     """The run with the states of a second solution at its samples."""
     states = nominal.dense.states(np.minimum(run.t, nominal.edges[-1][1]))
-    q, v = nominal.dense.pieces[0].equations.space.rows(states)
+    q, v = nominal.dense.segments[0].equations.space.rows(states)
     return replace(run, q=q, v=v, error=None, precise=None, recorded_energy=None, solution=nominal.dense)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 def readings_of(scene: Scene | None, solution: Solved) -> dict[str, Readings]:
     """The readings of a scene's sensors by name: those of its controllers, or read afterwards."""
-    kept = solution.pieces[0].readings
+    kept = solution.segments[0].readings
     if kept is not None or scene is None:
         return dict(kept or {})
     return {name: _read_along(sensor, solution) for name, sensor in scene.sensors.items()}
@@ -44,8 +44,8 @@ def _read_along(sensor: Sensor, solution: Solved) -> Readings:
                              where=sensor.label, remedy="take run.tau or run.contact_forces")  # fmt: skip
         return forces_seen(equations, times[places], np.append(states[:, places], numbers, axis=0))
 
-    whole = [(solution.pieces[0].equations, np.arange(len(times)), states[:0])]
-    for equations, places, numbers in solution.by_piece(times) if isinstance(solution, DenseOutput) else whole:
+    whole = [(solution.segments[0].equations, np.arange(len(times)), states[:0])]
+    for equations, places, numbers in solution.by_segment(times) if isinstance(solution, DenseOutput) else whole:
         q, v = equations.space.rows(states[:, places])
         z = dict(zip(equations.space.states, states[equations.space.z_rows, places], strict=True))
         seen = Seen(equations.robot, q, v, z, functools.partial(look, equations, places, numbers))

@@ -84,7 +84,7 @@ def _apart(coarse: SteppedSolution, fine: SteppedSolution) -> tuple[np.ndarray, 
 
     With it the bounces that the better of them has not followed: where both have come to rest, they have no distance.
     """
-    off = np.asarray(coarse.pieces[0].equations.space.distance(coarse.q, fine.q)) + fine.unfollowed
+    off = np.asarray(coarse.segments[0].equations.space.distance(coarse.q, fine.q)) + fine.unfollowed
     found = [] if coarse.loop is None or fine.loop is None else coarse.loop.ambiguous_beside(fine.loop)
     if found:  # which branch the motion takes is chance
         off[coarse.t > found[0][0]] *= CHANCE
@@ -162,7 +162,7 @@ class _StepRefinement:
     def _refute(self, finer: SteppedSolution) -> None:
         """Let the best run's estimate cover its distance to a finer one, which may have parted from both its halves."""
         if self.best is not None and self.best.error is not None:
-            gap = finer.pieces[0].equations.space.distance(self.best.q, finer.q)
+            gap = finer.segments[0].equations.space.distance(self.best.q, finer.q)
             error = np.maximum(self.best.error, error_bar(gap, np.zeros_like(gap), PARTING))
             self.best, self.least = replace(self.best, error=error), float(error[-1])
 

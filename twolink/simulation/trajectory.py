@@ -62,7 +62,7 @@ class Trajectory(BaseResult, Plotted):
     precise : ndarray of decimal.Decimal (n, nq + nv + states) or None
         The states with more digits than a double has, of runs in higher precision.
     robots : sequence of (Robot, int)
-        The robot of each piece of a motion in which payloads are released, and how many samples the piece has.
+        The robot of each segment of a motion in which payloads are released, and how many samples the segment has.
     solution : DenseOutput, SteppedSolution, SplicedSolution or None
         The solution between the samples; None for a loaded trajectory.
     recorded_energy : ndarray (n,) or None
@@ -177,7 +177,7 @@ class Trajectory(BaseResult, Plotted):
             raise SceneError(f"{flat[outside][0]:g} s is not within {start:g} and {end:g} s", argument="t",
                              remedy="ask for times of the run, or simulate for longer", code="outside-run",
                              start=start, end=end)  # fmt: skip
-        q, v = solution.pieces[0].equations.space.rows(solution.states(flat))
+        q, v = solution.segments[0].equations.space.rows(solution.states(flat))
         return q.reshape(*times.shape, self.robot.nq), v.reshape(*times.shape, self.robot.nv)
 
     @property

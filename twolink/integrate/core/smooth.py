@@ -16,7 +16,7 @@ from twolink.integrate.core.track import Track
 from twolink.integrate.event import events_of
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Piece, Progress, Solution
+from twolink.integrate.solution import Progress, Segment, Solution
 from twolink.integrate.steps.companions import Companions
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.outcomes import Block
@@ -157,7 +157,7 @@ class SmoothMotion(Motion):
             take_samples(self._by, part, companions.t[often], companions.x[often])
 
     def _take_tables(self, t: float) -> None:
-        """Write the pieces of tables that hold at a time."""
+        """Write the segments of tables that hold at a time."""
         for rows, table in self._equations.layout.rows_of_tables():
             if not isinstance(table, Slot):
                 self.columns.x[rows] = table.rows_at(t)[:, None]
@@ -236,10 +236,10 @@ def _solution(motion: SmoothMotion, track: Track, loop: SampledLoop | None, unti
     times = track.times[: samples.shape[1]]
     t, x = track.steps()
     held = x[:, moving:] if equations.layout.tables else None
-    piece = Piece(equations, float(times[0]), len(times), (t, x[:, :moving]) if track.whole else None, held=held,
+    segment = Segment(equations, float(times[0]), len(times), (t, x[:, :moving]) if track.whole else None, held=held,
                   readings=None if loop is None else loop.readings)  # fmt: skip
     accepted, rejected = motion.columns.counts
     evaluations = (accepted + rejected + len(times)) * by.method.evaluations
     return Solution(times, samples[:moving], accepted, evaluations, rejected, by.compile_seconds, by.compiled,
-                    events=() if loop is None else tuple(events_of(loop)), pieces=(piece,),
+                    events=() if loop is None else tuple(events_of(loop)), segments=(segment,),
                     companion_steps=motion.columns.companion_steps)  # fmt: skip

@@ -1,4 +1,4 @@
-"""Legs: the smooth pieces of a solution, and the derivatives of its states by those at the begin of each leg.
+"""Legs: the smooth segments of a solution, and the derivatives of its states by those at the begin of each leg.
 
 The states come from the solution, by whatever method it was solved. Between them stand the matrices of
 `variational_steps`; where the error of a matrix is not within the tolerance, its step is divided.
@@ -24,7 +24,7 @@ NEARLY = 0.9  # of a step that the estimate admits
 
 @dataclass(frozen=True)
 class Leg:
-    """The states x (nq + nv, m) of a piece of a solution at times t (m,), with the matrices between them.
+    """The states x (nq + nv, m) of a segment of a solution at times t (m,), with the matrices between them.
 
     matrices (m - 1, 2 nv, 2 nv + p): the derivatives of each next state by the one before, and by the parameters.
     """
@@ -104,9 +104,9 @@ def _interpolated(t: Array, values: Array, slopes: Array, first: Array, times: A
 
 
 def leg_of(steps: VariationalSteps, solution: DenseOutput, number: int, times: Array, tolerance: float) -> Leg:
-    """The leg of a piece of a solution, at these times or more.
+    """The leg of a segment of a solution, at these times or more.
 
-    times (m,): from the begin of the piece to its end. Raises AccuracyError where dividing has no end, code
+    times (m,): from the begin of the segment to its end. Raises AccuracyError where dividing has no end, code
     "sensitivities-steps".
     """
     t, x = times, solution.states_of(number, times)
@@ -145,7 +145,7 @@ def _at_stored(t: Array, share: Array, stored: Array) -> Array:
 
 
 def leg_at(steps: VariationalSteps, solution: DenseOutput, number: int, times: Array) -> Leg:
-    """The leg of a piece of another solution, at these times (m,)."""
+    """The leg of a segment of another solution, at these times (m,)."""
     x = solution.states_of(number, times)
     found, _ = steps.matrices(times[:-1], x[:, :-1], times[1:], np.inf)
     return Leg(steps, times, x, found)

@@ -47,7 +47,7 @@ class VariationalSteps:
     def starting(
         self, equations: Equations, gains: Array, numbers: Callable[[Array], Array] | None = None
     ) -> "VariationalSteps":
-        """Copy the steps for another piece of these equations, with the values that it has."""
+        """Copy the steps for another segment of these equations, with the values that it has."""
         other = copy.copy(self)
         other.equations, other.gains, other._constant = equations, gains, constant_rows(equations)
         other.numbers = numbers

@@ -1,4 +1,4 @@
-"""The hybrid engine: smooth pieces between located events. It knows holds, stops, contacts and triggers, no effects.
+"""The hybrid engine: smooth segments between located events. It knows holds, stops, contacts and triggers, no effects.
 
 snapshot      accelerations, forces and what guards look at, of states in one mode
 modes         the modes of a scene, and the equations of each
@@ -10,6 +10,6 @@ guard         a value that ends a mode where it passes 0
 features      contacts at corners and edges: which are hit, and how one follows another
 transitions   the guards of a mode, and what their zeros do
 roots         zeros and minima by evaluations in batches
-locating      the first zero of guards along a piece
-engine        piece by piece to the end
+locating      the first zero of guards along a segment
+engine        segment by segment to the end
 """

@@ -18,7 +18,7 @@ import numpy as np
 from twolink.errors import AccuracyError
 from twolink.integrate.core.columns import Columns
 from twolink.integrate.hybrid.locating import Guard, GuardWatcher, Hit
-from twolink.integrate.hybrid.piece import OpenPiece
+from twolink.integrate.hybrid.segment import OpenSegment
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.hybrid.transitions import fire_timed, guards_of, same_time
 from twolink.integrate.motion.equations import Equations
@@ -31,23 +31,23 @@ from twolink.integrate.steps.stepping import BLOCK
 
 AT_ONCE = 200  # events at one time
 MAX_EVENTS = 100_000
-FIRST_BLOCK = 8  # steps between two looks for events, before a piece has shown how many it takes
+FIRST_BLOCK = 8  # steps between two looks for events, before a segment has shown how many it takes
 SMALL_BOUNCE = 1e-2  # of the tolerance: lower bounces are not followed
 SMALLEST_BOUNCE = 1e-13  # m or rad: what numbers resolve
 
 
 class SavedEngine(NamedTuple):
-    """State of an `Engine`: its run, the piece that goes on, accepted steps before it, and events at this instant."""
+    """State of an `Engine`: its run, the segment that goes on, accepted steps before it, and events at this instant."""
 
     run: RunState
-    piece: OpenPiece | None
+    segment: OpenSegment | None
     done: int
     at_once: int
 
 
 @dataclass
 class Engine:
-    """One solution: pieces between events and breaks, up to the last of `times`."""
+    """One solution: segments between events and breaks, up to the last of `times`."""
 
     whole: Equations
     method: Method
@@ -63,11 +63,11 @@ class Engine:
         self._span, self._block = self.end - self.run.t, FIRST_BLOCK
         self._stops = self._begin()
         self._parts: list[Solution] = []
-        self._open: OpenPiece | None = None
+        self._open: OpenSegment | None = None
         self._done = 0
 
     def _begin(self) -> list[float]:
-        """Find the mode at the start. Returns the times at which pieces end."""
+        """Find the mode at the start. Returns the times at which segments end."""
         run = self.run
         self.whole.require(run.t, self.end)
         run.require_room("the start")
@@ -89,14 +89,14 @@ class Engine:
             while run.t < end and not run.ended:
                 stop = next(t for t in self._stops if t > run.t)
                 fresh, to = self._open is None, min(stop, end)
-                piece = self._opened()
-                hit = piece.advance(to, self._block if to == stop else 1)
+                segment = self._opened()
+                hit = segment.advance(to, self._block if to == stop else 1)
                 if hit is not None and fresh and not self.method.adaptive:
                     hit = self._resolved(hit, to)
                 if hit is not None or to == stop < self.end:
                     self._close(hit, to)
                 else:
-                    run.t, run.x = to, piece.x[: self.whole.moving].copy()
+                    run.t, run.x = to, segment.x[: self.whole.moving].copy()
         except AccuracyError as error:
             error.data.setdefault("t", run.t)  # also of what fails in an event, such as an impact
             raise
@@ -114,9 +114,9 @@ class Engine:
         else:
             self._close(None, run.t)
 
-    def _keeps_laws(self, piece: OpenPiece) -> bool:
-        """True if the laws of the mode of a piece hold with the numbers that hold now."""
-        forces = [guard for guard in piece.watcher.guards if guard.is_force]
+    def _keeps_laws(self, segment: OpenSegment) -> bool:
+        """True if the laws of the mode of a segment hold with the numbers that hold now."""
+        forces = [guard for guard in segment.watcher.guards if guard.is_force]
         snapshot = self.run.mode_state.evaluate() if forces else None
         with np.errstate(all="ignore"):
             return snapshot is None or all(np.asarray(one.value(snapshot)).item() > one.noise for one in forces)
@@ -143,22 +143,22 @@ class Engine:
 
     def saved(self) -> SavedEngine:
         """All that it goes on from, in copies; its samples are not."""
-        piece = None if self._open is None else self._open.copied()
-        return SavedEngine(self.run.copied(), piece, self._done, self.at_once)
+        segment = None if self._open is None else self._open.copied()
+        return SavedEngine(self.run.copied(), segment, self._done, self.at_once)
 
     def restore(self, saved: SavedEngine) -> None:
         """Go on from where it was saved, with the same bits."""
-        self.run, self._open = saved.run.copied(), None if saved.piece is None else saved.piece.copied()
+        self.run, self._open = saved.run.copied(), None if saved.segment is None else saved.segment.copied()
         self._done, self.at_once = saved.done, saved.at_once
 
-    def _opened(self) -> OpenPiece:
-        """The piece that goes on from now."""
+    def _opened(self) -> OpenSegment:
+        """The segment that goes on from now."""
         if self._open is None:
-            self._open = self._piece(self.setting)
+            self._open = self._segment(self.setting)
         return self._open
 
-    def _piece(self, setting: float) -> OpenPiece:
-        """A piece from now on in the mode of the run, of equations that hold up to a break."""
+    def _segment(self, setting: float) -> OpenSegment:
+        """A segment from now on in the mode of the run, of equations that hold up to a break."""
         self.run.drop_open_features()
         run, state = self.run, self.run.mode_state
         stop = next((t for t in self._stops if t > run.t), self.end)
@@ -169,10 +169,10 @@ class Engine:
         rate = np.concatenate([space.rate(x[: space.nq], x[space.v_rows]), snapshot.a, snapshot.rates])
         columns = Columns(steps, run.t, self.end, setting, (self.perturbation,), self.progress, rate=rate)
         first = np.searchsorted(self.times, run.t, side="right" if self._parts else "left")
-        return OpenPiece(columns, watcher, self.times[first:])
+        return OpenSegment(columns, watcher, self.times[first:])
 
     def _resolved(self, hit: Hit, to: float) -> Hit | None:
-        """The event at the end of a piece of a few steps of fixed size, in more: else half the step takes the same.
+        """The event at the end of a segment of a few steps of fixed size, in more: else half the step takes the same.
 
         Their number grows with the root of the run's, so that a finer run is finer here too.
         """
@@ -181,7 +181,7 @@ class Engine:
         count = max(4.0, math.sqrt(self._span / step))
         while 0.0 < length < count * step:
             end = run.t + 2.0 * length
-            self._open = self._piece(self.perturbation.finer * length / count)
+            self._open = self._segment(self.perturbation.finer * length / count)
             again = self._open.advance(min(end, to))
             if again is not None or end >= to:
                 return again
@@ -189,16 +189,16 @@ class Engine:
         return found
 
     def _close(self, hit: Hit | None, stop: float) -> None:
-        """End the piece at an event, or at a time, with what happens there."""
-        piece, run = self._opened(), self.run
-        last = np.array((piece.x if hit is None else hit.x)[: self.whole.moving])
+        """End the segment at an event, or at a time, with what happens there."""
+        segment, run = self._opened(), self.run
+        last = np.array((segment.x if hit is None else hit.x)[: self.whole.moving])
         run.t, run.x = stop if hit is None or same_time(hit.t, stop) else hit.t, last.copy()
-        self._parts.append(piece.solution(run.t, last))
-        taken = 4 + 5 * sum(piece.columns.counts) // 4  # the next piece may be about as long
+        self._parts.append(segment.solution(run.t, last))
+        taken = 4 + 5 * sum(segment.columns.counts) // 4  # the next segment may be about as long
         self._block = min(max(taken, self._block // 2, FIRST_BLOCK), BLOCK)
         self._done, self._open = self.steps, None
-        self._keep_sides(piece.watcher.guards)
-        self._transit(hit, piece.begin, stop)
+        self._keep_sides(segment.watcher.guards)
+        self._transit(hit, segment.begin, stop)
 
     def _keep_sides(self, guards: Sequence[Guard]) -> None:
         """Keep on which side triggers are."""
@@ -207,7 +207,7 @@ class Engine:
                 self.run.sides[guard.key] = guard.side
 
     def _transit(self, hit: Hit | None, begin: float, stop: float) -> None:
-        """Cause what happens at the end of a piece. Raises AccuracyError where that has no end."""
+        """Cause what happens at the end of a segment. Raises AccuracyError where that has no end."""
         run = self.run
         if not same_time(run.t, begin):
             self.at_once = 0
@@ -227,7 +227,7 @@ class Engine:
 
 
 def _with_sample(part: Solution, t: float, x: Array) -> Solution:
-    """A solution with a sample more, of its last piece."""
-    *before, last = part.pieces
+    """A solution with a sample more, of its last segment."""
+    *before, last = part.segments
     return replace(part, t=np.append(part.t, t), x=np.concatenate([part.x, x[:, None]], axis=1),
-                   pieces=(*before, replace(last, samples=last.samples + 1)))  # fmt: skip
+                   segments=(*before, replace(last, samples=last.samples + 1)))  # fmt: skip

@@ -146,5 +146,5 @@ def _solutions(motion: LocatedMotion, loop: SampledLoop | None) -> list[Solution
         return [run, *others]
     readings = {name: one.until(motion.t) for name, one in loop.readings.items()}
     events = (*run.events, *(event for event in events_of(loop) if event.t <= motion.t))
-    pieces = (replace(run.pieces[0], readings=readings), *run.pieces[1:])
-    return [replace(run, pieces=pieces, events=tuple(sorted(events, key=lambda event: event.t))), *others]
+    segments = (replace(run.segments[0], readings=readings), *run.segments[1:])
+    return [replace(run, segments=segments, events=tuple(sorted(events, key=lambda event: event.t))), *others]

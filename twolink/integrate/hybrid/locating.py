@@ -1,4 +1,4 @@
-"""Locating: the first zero of guards along the steps of a piece, to the last digits of time.
+"""Locating: the first zero of guards along the steps of a segment, to the last digits of time.
 
 Guards are looked at where steps end and at points within them, each a step of the method from the state before it, so
 that a zero is as exact as the method. A dip between such points is followed to its bottom, lest two zeros within a step
@@ -30,9 +30,9 @@ class Guard:
     event. That zero is no event. Then the value is nothing until it has been farther from 0 than `noise`, and from
     there on it is judged by value / (t - start), which is not 0 at the start.
 
-    key: names the guard from piece to piece. value: of a snapshot, (n,); rate: its derivative, of a gap. side: the sign
-    while the mode lasts; None where it is not known before the first look. touching: it is a distance or a speed, for
-    which a near miss may count. is_force: it is a force or a torque.
+    key: names the guard from segment to segment. value: of a snapshot, (n,); rate: its derivative, of a gap. side: the
+    sign while the mode lasts; None where it is not known before the first look. touching: it is a distance or a speed,
+    for which a near miss may count. is_force: it is a force or a torque.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ EXACT = 2 * np.finfo(float).eps  # relative to max(1, t): times are not finer
 
 @dataclass(frozen=True)
 class Hit:
-    """The first event of a piece: its time, the state there, and the guard."""
+    """The first event of a segment: its time, the state there, and the guard."""
 
     t: float
     x: Array
@@ -109,7 +109,7 @@ class _Bracket(NamedTuple):
 
 
 class GuardWatcher:
-    """The guards of a piece. margin: dips to it are touches, m, rad or per second."""
+    """The guards of a segment. margin: dips to it are touches, m, rad or per second."""
 
     def __init__(self, evaluate: Evaluator, step_map: StepMap, guards: Sequence[Guard], margin: float = 0.0) -> None:
         self.evaluate, self.map, self.guards = evaluate, step_map, guards

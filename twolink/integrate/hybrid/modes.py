@@ -250,7 +250,7 @@ class ModeState(NamedTuple):
         return self.x[self.system.whole.space.v_rows]
 
     def full_state(self, t: float | None = None) -> Array:
-        """x with the numbers of the piece behind it, (size,); t: a time within that piece, if it is not the present."""
+        """x with the numbers of the segment behind it, (size,). t: a time within it, by default the present."""
         system, mode, layout = self.system, self.mode, self.own.equations.layout
         locks = [1.0 if k in mode.locked else 0.0 for k in system.lockable]
         friction = [0.0 if k in mode.locked else -mode.slip.get(k, 0.0) * system.kinetic[k] for k in system.lockable]

@@ -39,10 +39,10 @@ Function = Callable[[RunState], Array]
 
 
 class Jump(NamedTuple):
-    """The event at the end of a piece.
+    """The event at the end of a segment.
 
     before, after: the run. guard: what passed 0, if anything. timed: triggers whose time it is, by number; None where
-    the event is at no given time. begin: of the piece, s. rest: when the bounces end that are not followed, s.
+    the event is at no given time. begin: of the segment, s. rest: when the bounces end that are not followed, s.
     """
 
     before: RunState
@@ -54,7 +54,7 @@ class Jump(NamedTuple):
 
 
 class RecordingEngine(Engine):
-    """The hybrid engine, which keeps the jump at the end of each piece."""
+    """The hybrid engine, which keeps the jump at the end of each segment."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -255,7 +255,7 @@ def _held(other: RunState, run: RunState, *, bound: bool) -> RunState:
 
 
 def _rate(run: RunState, begin: float | None = None) -> Array:
-    """(v, a, z') of a run; begin: of its piece, whose numbers then count, instead of those of the next piece."""
+    """(v, a, z') of a run; begin: of its segment, whose numbers then count, instead of those of the next segment."""
     state = run.mode_state
     if begin is None:
         snapshot = state.evaluate()

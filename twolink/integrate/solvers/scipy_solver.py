@@ -54,7 +54,7 @@ def solve(
     start, end = float(times[0]), float(times[-1])
     if end - start <= SAME_TIME * end:  # SciPy has no steps of a rounding
         return Solution(times, np.repeat(x0[:, None], len(times), axis=1), 0, 0)
-    # In a piece of a table no step may depend on the piece alone: two tolerances would take the same steps.
+    # In a segment of a table no step may depend on the segment alone: two tolerances would take the same steps.
     first = {"first_step": (end - start) * tolerance ** (1 / 8)} if equations.layout.tables else {}
     longest = max(1e-300, (end - start) / perturbation.min_steps(method))
     resolved = method.solver in RESOLVING
@@ -108,13 +108,13 @@ def _in_parts(
         count = np.full((1, 1), float(i))
         x[:moving] += disturbances((perturbation,), count, x[:moving, None], equations, each)[0, :, 0]
         part = times[i : i + stride + 1]
-        piece = solve(replace(equations, start=x), method, part, tolerance, progress, plain)
-        if piece.interrupted:
-            return replace(piece, t=times[:1], x=out[0])
-        out.append(piece.x[:, 1:])
-        x = np.concatenate([piece.x[:, -1], x[moving:]])
-        each = max(1.0, float(piece.steps))
-        steps, evaluations = steps + piece.steps, evaluations + piece.evaluations
+        segment = solve(replace(equations, start=x), method, part, tolerance, progress, plain)
+        if segment.interrupted:
+            return replace(segment, t=times[:1], x=out[0])
+        out.append(segment.x[:, 1:])
+        x = np.concatenate([segment.x[:, -1], x[moving:]])
+        each = max(1.0, float(segment.steps))
+        steps, evaluations = steps + segment.steps, evaluations + segment.evaluations
     return Solution(times, np.concatenate(out, axis=1), steps, evaluations)
 
 

@@ -9,7 +9,7 @@ from twolink.errors import AccuracyError, MissingExtraError
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress, Solution
-from twolink.integrate.solvers.pieces import in_pieces
+from twolink.integrate.solvers.segments import in_segments
 from twolink.integrate.solvers.taylor_code import PARTS, Precision, order_of, taylor_rate
 from twolink.integrate.steps.companions import Companions
 from twolink.integrate.steps.failures import MAX_STEPS, failure
@@ -70,7 +70,7 @@ def solve(
     order, end = order_of(tolerance / perturbation.finer), None
     now = None if companions is None else companions.x[0].T.copy()  # where the solutions beside the run are
 
-    def piece(equations: Equations, times: Array) -> Solution:
+    def segment(equations: Equations, times: Array) -> Solution:
         nonlocal end
         rate, constants, seconds = taylor_rate(equations)
         numbers = np.concatenate([equations.start[equations.moving :], constants])
@@ -94,7 +94,7 @@ def solve(
         return Solution(times[:done], x, steps, steps * order, compile_seconds=seconds, compiled="steps",
                         interrupted=interrupted, precise=precise)  # fmt: skip
 
-    return in_pieces(equations, times, piece)
+    return in_segments(equations, times, segment)
 
 
 def _advanced(
@@ -138,7 +138,7 @@ def _advance_companions(
     now: Array,
     progress: Progress | None,
 ) -> None:
-    """Solve from where the solutions beside a run are, `now` (moving, n), to the end of a piece.
+    """Solve from where the solutions beside a run are, `now` (moving, n), to the end of a segment.
 
     What is not finite stays NaN.
     """

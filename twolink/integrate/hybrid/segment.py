@@ -1,4 +1,4 @@
-"""A piece of a solution with modes: smooth motion in one mode, up to the first zero of a guard."""
+"""A segment of a solution with modes: smooth motion in one mode, up to the first zero of a guard."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from twolink.integrate.core.columns import Columns
 from twolink.integrate.core.track import Track
 from twolink.integrate.hybrid.locating import GuardWatcher, Hit
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Piece, Solution
+from twolink.integrate.solution import Segment, Solution
 
 
-class OpenPiece:
-    """A piece that goes on.
+class OpenSegment:
+    """A segment that goes on.
 
     Parameters
     ----------
@@ -31,8 +31,8 @@ class OpenPiece:
         self.track = Track(columns.by, times, columns.time, columns.x[:, 0])
         self._rows = columns.by.equations.layout.rows_of_slots()
 
-    def copied(self) -> OpenPiece:
-        """A piece that goes on from here with the same bits, whatever this one does; its samples are not copied."""
+    def copied(self) -> OpenSegment:
+        """A segment that goes on from here with the same bits, whatever this one does; its samples are not copied."""
         other = copy.copy(self)
         other.watcher, other.columns, other.track = self.watcher.copied(), self.columns.copied(), self.track.last()
         return other
@@ -63,14 +63,14 @@ class OpenPiece:
         self.track.change(self.columns.x[:, 0])
 
     def solution(self, end: float, last: Array) -> Solution:
-        """The piece up to its end, where the state is `last` (moving,), with the samples within it."""
+        """The segment up to its end, where the state is `last` (moving,), with the samples within it."""
         by, samples = self.columns.by, self.track.samples(end)
         equations, moving, count = by.equations, by.equations.moving, samples.shape[1]
         t, x = self.track.steps()
         accepted, rejected = self.columns.counts
         held = x[:, moving:] if self._rows else None
         taken = (t, x[:, :moving]) if self.track.whole else None
-        piece = Piece(equations, self.begin, count, taken, last, held)
+        segment = Segment(equations, self.begin, count, taken, last, held)
         evaluations = (accepted + rejected + count) * by.method.evaluations
         return Solution(self.track.times[:count], samples[:moving], accepted, evaluations, rejected,
-                        by.compile_seconds, by.compiled, pieces=(piece,))  # fmt: skip
+                        by.compile_seconds, by.compiled, segments=(segment,))  # fmt: skip

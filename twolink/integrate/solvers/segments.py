@@ -9,13 +9,13 @@ import numpy as np
 
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Piece, Solution, joined
+from twolink.integrate.solution import Segment, Solution, joined
 
 
-def in_pieces(equations: Equations, times: Array, solve: Callable[[Equations, Array], Solution]) -> Solution:
+def in_segments(equations: Equations, times: Array, solve: Callable[[Equations, Array], Solution]) -> Solution:
     """Solve from break to break for the samples `times` (n,).
 
-    Each piece is solved on its own by `solve(equations, times)`, from the state at its beginning.
+    Each segment is solved on its own by `solve(equations, times)`, from the state at its beginning.
     """
     start, end = float(times[0]), float(times[-1])
     equations.require(start, end)
@@ -26,21 +26,21 @@ def in_pieces(equations: Equations, times: Array, solve: Callable[[Equations, Ar
     parts: list[Solution] = []
     x: Any = equations.start
     for begin, stop in itertools.pairwise(edges):
-        grid, extra = piece_times(times, begin, stop)
-        piece = equations.starting_at(x, 0.5 * (begin + stop), slots=held)
-        part = solve(piece, grid)
+        grid, extra = segment_times(times, begin, stop)
+        segment = equations.starting_at(x, 0.5 * (begin + stop), slots=held)
+        part = solve(segment, grid)
         x = part.x[:, -1]
         taken = slice(int(bool(parts)), len(part.t) - int(extra and len(part.t) == len(grid)))
         parts.append(replace(part, t=part.t[taken], x=part.x[: equations.moving, taken],
-                             pieces=(Piece(piece, begin, len(part.t[taken]), part.taken),),
+                             segments=(Segment(segment, begin, len(part.t[taken]), part.taken),),
                              precise=None if part.precise is None else part.precise[taken]))  # fmt: skip
         if part.interrupted:
             break
     return joined(parts)
 
 
-def piece_times(times: Array, begin: float, stop: float) -> tuple[Array, bool]:
-    """The begin of a piece, the samples within it and its end; and whether that end is no sample."""
+def segment_times(times: Array, begin: float, stop: float) -> tuple[Array, bool]:
+    """The begin of a segment, the samples within it and its end; and whether that end is no sample."""
     first, after = np.searchsorted(times, [begin, stop], side="right")
     inside = times[first:after]
     extra = not inside.size or bool(inside[-1] < stop)
