@@ -20,6 +20,7 @@ from twolink.integrate.solvers.taylor_code import Precision
 from twolink.integrate.steps.failures import MAX_STEPS
 from twolink.integrate.steps.methods import METHODS, Method
 from twolink.native.library import library
+from twolink.simulation.error_bar import PARTED
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.verification import Verified
 
@@ -27,6 +28,7 @@ PATIENCE = 600.0  # s of wall clock, unless a caller has another one
 ROOM = 10.0  # times the smallest tolerance: the finer solution must be able to be finer
 AIM = 0.3  # of the accuracy, for the next bar
 USUAL_GROWTH = 30.0  # of the error of a run in many digits over its tolerance, at least
+UNKNOWN = 100.0  # times the growth that solutions show which have parted
 MOST = 0.8  # of the accuracy, that rounding may take
 CHANCE = 2.0  # times the accuracy: the bar of the same rounding may be half as large by other random numbers
 DECIDES = 0.1  # of rounding: with less truncation, no smaller setting helps
@@ -98,7 +100,10 @@ class Refinement:
     def after(self, one: Verified) -> MethodChoice | None:
         """The choice to try after a run; None where nothing is left."""
         self._settings, self.lost, self._verified = self._settings + 1, one.lost, one
-        return self._smaller(one) or self._other(self._others(one.choice.method, one))
+        smaller = self._smaller(one)
+        if smaller is not None and _steps_at(one, smaller.setting) > MAX_STEPS:
+            return self._other(self._more_digits(one))
+        return smaller or self._other(self._others(one.choice.method, one))
 
     def _rounding(self, one: Verified) -> float:
         """The largest part of the bar that is rounding, rad or m."""
@@ -253,9 +258,21 @@ def _largest(part: np.ndarray | None) -> float:
 
 
 def _growth(one: Verified) -> float:
-    """By how much an accuracy has to be above the tolerance, as a run showed."""
+    """By how much an accuracy has to be above the tolerance, as a run showed.
+
+    Solutions that have parted show no more than that it is large; a tolerance in many digits costs little.
+    """
     truncation = _largest(one.truncation)
-    return truncation / (AIM * one.choice.setting) if np.isfinite(truncation) and one.choice.method.adaptive else 0.0
+    if not (np.isfinite(truncation) and one.choice.method.adaptive):
+        return 0.0
+    growth = truncation / (AIM * one.choice.setting)
+    return growth if truncation < PARTED else UNKNOWN * max(growth, float(one.solution.steps))
+
+
+def _steps_at(one: Verified, tolerance: float) -> float:
+    """The number of steps that a run would take at another tolerance of its method, about."""
+    method, ratio = one.choice.method, one.choice.setting / tolerance
+    return one.solution.steps * ratio ** (1.0 / method.error_order) if method.adaptive else 0.0
 
 
 def _reached(one: Verified) -> str:

@@ -157,7 +157,7 @@ class SmoothMotion(Motion):
             take_samples(self._by, part, companions.t[often], companions.x[often])
 
     def _take_tables(self, t: float) -> None:
-        """Write the segments of tables that hold at a time."""
+        """Write the pieces of tables that hold at a time."""
         for rows, table in self._equations.layout.rows_of_tables():
             if not isinstance(table, Slot):
                 self.columns.x[rows] = table.rows_at(t)[:, None]
