@@ -37,7 +37,7 @@ class Multibody:
         self.equations = equations
         self.model = model = equations.robot.model
         self.data = equations.robot.data  # of this thread; Pinocchio's takes nv^3 numbers
-        self._forces = _forces_program(self) if equations.effects else None
+        self.program = _forces_program(self) if equations.effects else None
         self.moving_axes = [joint for joint in equations.robot.joints if joint.kind in ("free-flyer", "planar")]
         free = [joint.v.start for joint in equations.robot.joints if joint.kind == "free-flyer"]
         self.angular = np.array(free, dtype=int)[:, None] + ANG
@@ -132,9 +132,9 @@ class Multibody:
 
     def forces(self, t: float, q: Array, v: Array, numbers: Array) -> Array:
         """tau - h (nv,), of all that acts but contacts."""
-        if self._forces is None:
+        if self.program is None:
             return -np.array(pin.nonLinearEffects(self.model, self.data, q, v))
-        return self._forces(np.concatenate([[t], q, v, numbers]))
+        return self.program(np.concatenate([[t], q, v, numbers]))
 
     def by_pinocchio(self, t: float, q: Array, v: Array, numbers: Array) -> Array:
         """tau - h (nv,) with Pinocchio's h, for a comparison."""
@@ -207,7 +207,8 @@ class FreeBodies(Multibody):
     """Bodies that a free joint connects to the ground each. There is no pin.Data, which takes nv^3 numbers."""
 
     def __init__(self, equations: Equations) -> None:
-        self.equations, self.model = equations, equations.robot.model
+        self.equations, self.model, self.program = equations, equations.robot.model, None
+        self.viscosity = viscosity_of(equations)
         model, bodies = self.model, range(1, self.model.njoints)
         self.q = np.array([model.idx_qs[j] for j in bodies], dtype=int)[:, None]
         self.v = np.array([model.idx_vs[j] for j in bodies], dtype=int)[:, None]

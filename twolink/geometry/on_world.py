@@ -1,0 +1,146 @@
+"""Points at which bodies touch what is fixed to the world: planes and height fields."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import cast
+
+import numpy as np
+
+from twolink.algorithms.namespaces import Array
+from twolink.algorithms.spatial import ZERO
+from twolink.geometry.fields import FieldBody, HeightField, surface_of
+from twolink.geometry.gaps import Gap, PlaneGap, RimGap, down_rim
+from twolink.geometry.hulls import Name, TouchPoint
+from twolink.geometry.pairs import Pair, gaps_of
+from twolink.geometry.points import Links, Points, joined, key_of, stacked
+from twolink.robots.collisions import AnyShape, Box, Convex, Cylinder
+
+FLAT = 1e-9  # of a rim: below it the disc lies flat on the plane
+FEW = 64  # points that are all looked at
+
+
+class Group:
+    """Pairs of shapes of one kind, with their numbers. number: of each link, by its name."""
+
+    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
+        raise NotImplementedError
+
+    def points(self, links: Links, reach: float) -> Points:
+        """The points with gaps below the reach."""
+        raise NotImplementedError
+
+    def overlaps(self, links: Links) -> Iterator[tuple[float, int]]:
+        """Overlaps of bodies: their depths [m], and the numbers of the pairs."""
+        found = self.points(links, 0.0)
+        return zip((-found.gap).tolist(), found.pair.tolist(), strict=True)
+
+
+class OnPlanes(Group):
+    """Balls and points of bodies over planes of the world, and the rims of cylinders.
+
+    gaps: of each point, by formulas. key, pair: see `Points`. first, solid: of each body its first point, and of each
+    point its body. centres (3, bodies), bounds (bodies,): of spheres around the bodies.
+    """
+
+    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
+        rows = [(pair_number, k, gap) for pair_number, pair in items for k, gap in enumerate(self._gaps(pair))]
+        self.pair = np.array([row[0] for row in rows])
+        self.feature = np.array([row[1] for row in rows])
+        self.key, self.gaps = key_of(self.pair, self.feature), [cast(PlaneGap, gap) for *_, gap in rows]
+        self.every = stacked(self.gaps, number)
+        _, self.first, self.solid = np.unique(self.pair, return_index=True, return_inverse=True)
+        of = {pair_number: pair.first.shape for pair_number, pair in items}
+        shapes = [of[pair_number] for pair_number in self.pair[self.first].tolist()]
+        self.centres = np.array([shape.placement.translation for shape in shapes]).T
+        self.bounds = np.array([bounding_radius(shape) for shape in shapes])
+
+    def _gaps(self, pair: Pair) -> Sequence[Gap]:
+        return gaps_of(pair)
+
+    def points(self, links: Links, reach: float) -> Points:
+        """The balls' lowest points."""
+        gap, rows = self.every, self._near(links, reach)
+        link, normal, radius = gap.ball.frame[rows], gap.normal[:, rows], gap.ball.radius[rows]
+        x = links.position(link, ZERO if gap.ball.point is ZERO else gap.ball.point[:, rows])
+        height = (normal * x).sum(axis=0) - gap.height[rows] - radius
+        found = np.flatnonzero(height < reach)
+        rows, height, normal = rows[found], height[found], normal[:, found]
+        position = x[:, found] - (radius[found] + 0.5 * height) * normal
+        ground = np.zeros(len(rows), dtype=int)
+        return Points(self.pair[rows], self.key[rows], links.joint[link[found]], ground, height, normal.T, position.T)
+
+    def _near(self, links: Links, reach: float) -> Array:
+        """The rows of the bodies whose bounding spheres are near their planes; all where there are few."""
+        if len(self.pair) <= FEW:
+            return np.arange(len(self.pair))
+        first, gap = self.first, self.every
+        low = (gap.normal[:, first] * links.position(gap.ball.frame[first], self.centres)).sum(axis=0) - self.bounds
+        return np.flatnonzero((low - gap.height[first] < reach)[self.solid])
+
+
+class RimsOnPlanes(OnPlanes):
+    """Cylinders over planes of the world: of each end the lowest point of the rim and three others."""
+
+    def _gaps(self, pair: Pair) -> Sequence[Gap]:
+        return [gap for gap in gaps_of(pair) if isinstance(gap, RimGap)]
+
+    def points(self, links: Links, reach: float) -> Points:
+        """The lowest point of each rim, the highest one, and those between."""
+        gap, found = self.every, []
+        u = links.direction(gap.link, gap.axis)
+        down = np.array(down_rim(gap.normal, u))
+        any_radius = np.cross(u, np.where(np.abs(u[:1]) < 0.9, [[1.0], [0.0], [0.0]], [[0.0], [1.0], [0.0]]), axis=0)
+        down = np.where(np.linalg.norm(down, axis=0) > FLAT, down, any_radius)
+        down /= np.linalg.norm(down, axis=0)
+        side, centre = np.cross(u, down, axis=0), links.position(gap.link, gap.point)
+        for feature, way in enumerate((down, side, -side, -down)):
+            x = centre + gap.radius * way
+            height = np.einsum("in,in->n", gap.normal, x) - gap.height
+            ground = np.zeros(len(height), dtype=int)
+            found.append(Points(self.pair, key_of(self.pair, 4 * self.feature + feature), links.joint[gap.link], ground,
+                                height, gap.normal.T, (x - 0.5 * height * gap.normal).T))  # fmt: skip
+        every = joined(found)
+        return every.taken(np.flatnonzero(every.gap < reach))
+
+
+class OnFields(Group):
+    """Bodies over height fields of the world."""
+
+    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
+        self.pair = np.array([pair_number for pair_number, _ in items])
+        self.link = np.array([number[pair.first.link] for _, pair in items])
+        self.bodies = [FieldBody(pair.first.shape) for _, pair in items]
+        self.surfaces = [surface_of(cast(HeightField, pair.second)) for _, pair in items]
+        places = [pair.first.shape.placement for _, pair in items]
+        self.rotations = np.array([place.rotation for place in places])
+        self.origins = np.array([place.translation for place in places]).T
+        self.names: list[dict[Name, int]] = [{} for _ in items]
+
+    def points(self, links: Links, reach: float) -> Points:
+        """The points of one body after the other."""
+        rotations, origins = links.rotations[self.link] @ self.rotations, links.position(self.link, self.origins).T
+        found = [(k, touch) for k, (body, surface) in enumerate(zip(self.bodies, self.surfaces, strict=True))
+                 for touch in body.touches(surface, rotations[k], origins[k], reach)]  # fmt: skip
+        rows = np.array([k for k, _ in found], dtype=int)
+        features = [self.names[k].setdefault(one.name, len(self.names[k])) for k, one in found]
+        return of_touches(self.pair[rows], found, features, links.joint[self.link[rows]], np.zeros(len(rows), int))
+
+
+def of_touches(
+    pair: Array, found: Sequence[tuple[int, TouchPoint]], features: Sequence[int], first: Array, second: Array
+) -> Points:
+    """Points of touches, each with its place among the pairs of a group. features: their numbers within a pair."""
+    feature = np.array(features, dtype=int)
+    gap, normal, middle = (np.array([getattr(one, key) for _, one in found]) for key in ("gap", "normal", "middle"))
+    return Points(pair, key_of(pair, feature), first, second, gap, normal.reshape(-1, 3), middle.reshape(-1, 3))
+
+
+def bounding_radius(shape: AnyShape) -> float:
+    """Of a sphere around a shape's middle, m."""
+    if isinstance(shape, Convex):
+        return float(np.linalg.norm(np.array(shape.vertices), axis=1).max())
+    if isinstance(shape, Box):
+        return 0.5 * float(np.linalg.norm(shape.size))
+    radius, half = float(shape.radius), 0.5 * float(getattr(shape, "length", 0.0))
+    return float(np.hypot(radius, half)) if isinstance(shape, Cylinder) else radius + half
