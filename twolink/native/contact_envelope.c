@@ -2,39 +2,43 @@
 
     A = L U,   L_ij = (A_ij - sum_k L_ik U_kj) U_jj^-1,   U_ji = A_ji - sum_k L_jk U_ki,   k < j
 
-All that arises lies within the envelope. Source: George, Liu: Computer Solution of Large Sparse Positive Definite Systems,
-1981, chapter 4. */
+All that arises lies within the envelope. Rows of L and columns of U are kept as rows of numbers, so that all sums are over
+neighbours. Source: George, Liu: Computer Solution of Large Sparse Positive Definite Systems, 1981, chapter 4. Compiled once for
+each level of a processor: -DLEVEL=base, v3 or v4. */
 #include "contact_solver.h"
 #include "contact_vectors.h"
 
-/* Block (i, j) of the lower triangle, or (j, i) of the upper one, first[i] <= j <= i. */
-double *tl_block_at(const tl_envelope *g, double *triangle, int i, int j) {
-  return triangle + 9 * (g->at[i] + (size_t)(j - g->first[i]));
-}
+#pragma STDC FP_CONTRACT ON
 
-/* out = G p of a symmetric matrix. */
-void tl_envelope_times(const tl_envelope *g, const double *p, double *out) {
-  memset(out, 0, (size_t)g->n * 3 * sizeof(double));
-  for (int i = 0; i < g->n; i++) {
-    const double *block = g->lower + 9 * g->at[i], *own = p + 3 * i;
-    double sum[3] = {0, 0, 0};
-    for (int j = g->first[i]; j < i; j++, block += 9) {
-      const double *x = p + 3 * j;
-      double *to = out + 3 * j;
-      for (int k = 0; k < 3; k++) {
-        sum[k] += block[3 * k] * x[0] + block[3 * k + 1] * x[1] + block[3 * k + 2] * x[2];
-        to[k] += block[k] * own[0] + block[3 + k] * own[1] + block[6 + k] * own[2];
-      }
-    }
-    for (int k = 0; k < 3; k++)
-      out[3 * i + k] += sum[k] + block[3 * k] * own[0] + block[3 * k + 1] * own[1] + block[3 * k + 2] * own[2];
+#define JOIN_(a, b) a##_##b
+#define JOIN(a, b) JOIN_(a, b)
+#define NAMED(name) JOIN(name, LEVEL)
+
+enum { LANES = 4 };
+typedef double lanes __attribute__((vector_size(LANES * sizeof(double)), aligned(sizeof(double))));
+
+static inline lanes load(const double *x) { return *(const lanes *)x; }
+static inline double sum(lanes x) { return (x[0] + x[1]) + (x[2] + x[3]); }
+
+/* out[3 r + c] -= a_r . b_c of three rows each, which lie so many numbers apart. */
+static void subtract_dots(const double *a, size_t a_apart, const double *b, size_t b_apart, int count, double *out) {
+  const double *a1 = a + a_apart, *a2 = a1 + a_apart, *b1 = b + b_apart, *b2 = b1 + b_apart;
+  const int whole = count - count % LANES;
+  lanes s0 = {0}, s1 = {0}, s2 = {0}, s3 = {0}, s4 = {0}, s5 = {0}, s6 = {0}, s7 = {0}, s8 = {0};
+  for (int k = 0; k < whole; k += LANES) {
+    const lanes x = load(b + k), y = load(b1 + k), z = load(b2 + k);
+    const lanes u = load(a + k), v = load(a1 + k), w = load(a2 + k);
+    s0 += u * x, s1 += u * y, s2 += u * z;
+    s3 += v * x, s4 += v * y, s5 += v * z;
+    s6 += w * x, s7 += w * y, s8 += w * z;
   }
-}
-
-/* out -= A B */
-static void subtract_product(const double *a, const double *b, double *out) {
-  for (int r = 0; r < 3; r++)
-    for (int c = 0; c < 3; c++) out[3 * r + c] -= a[3 * r] * b[c] + a[3 * r + 1] * b[3 + c] + a[3 * r + 2] * b[6 + c];
+  double sums[9] = {sum(s0), sum(s1), sum(s2), sum(s3), sum(s4), sum(s5), sum(s6), sum(s7), sum(s8)};
+  for (int k = whole; k < count; k++) {
+    sums[0] += a[k] * b[k], sums[1] += a[k] * b1[k], sums[2] += a[k] * b2[k];
+    sums[3] += a1[k] * b[k], sums[4] += a1[k] * b1[k], sums[5] += a1[k] * b2[k];
+    sums[6] += a2[k] * b[k], sums[7] += a2[k] * b1[k], sums[8] += a2[k] * b2[k];
+  }
+  for (int i = 0; i < 9; i++) out[i] -= sums[i];
 }
 
 /* x <- x^-1, with exchanges of rows; 0 where it is singular. */
@@ -65,38 +69,72 @@ static int invert(double *x) {
 }
 
 /* The factors in place of the matrix, with U_ii^-1 on the diagonal of `lower`; 0 where a block is singular. */
-int tl_factor_envelope(const tl_envelope *a) {
+int NAMED(tl_factor_envelope)(const tl_envelope *a) {
   for (int i = 0; i < a->n; i++) {
-    double *const left = a->lower + 9 * a->at[i], *const up = a->upper + 9 * a->at[i], *own = tl_block_at(a, a->lower, i, i);
-    for (int j = a->first[i]; j < i; j++) {
-      double *l = left + 9 * (j - a->first[i]), *u = up + 9 * (j - a->first[i]), x[9];
-      for (int k = a->first[i] > a->first[j] ? a->first[i] : a->first[j]; k < j; k++) {
-        subtract_product(left + 9 * (k - a->first[i]), tl_block_at(a, a->upper, j, k), l);
-        subtract_product(tl_block_at(a, a->lower, j, k), up + 9 * (k - a->first[i]), u);
-      }
-      tl_product(l, tl_block_at(a, a->lower, j, j), x);
-      memcpy(l, x, sizeof x);
-      subtract_product(l, u, own);
+    const int first = a->first[i];
+    const size_t apart = tl_row_length(a, i);
+    double *left = tl_block_at(a, a->lower, i, first), *up = tl_block_at(a, a->upper, i, first), block[9], product[9];
+    for (int j = first; j < i; j++) {
+      const int low = first > a->first[j] ? first : a->first[j], count = 3 * (j - low);
+      const size_t other = tl_row_length(a, j), from = 3 * (size_t)(low - first), to = 3 * (size_t)(j - first);
+      tl_get_block(left + to, apart, block);
+      subtract_dots(left + from, apart, tl_block_at(a, a->upper, j, low), other, count, block);
+      double inverse[9];
+      tl_get_block(tl_block_at(a, a->lower, j, j), other, inverse);
+      tl_product(block, inverse, product);
+      tl_set_block(left + to, apart, product);
+      tl_get_block(up + to, apart, block); /* a column of U is a row here: the block is transposed */
+      subtract_dots(up + from, apart, tl_block_at(a, a->lower, j, low), other, count, block);
+      tl_set_block(up + to, apart, block);
     }
-    if (!invert(own)) return 0;
+    double *own = tl_block_at(a, a->lower, i, i);
+    tl_get_block(own, apart, block);
+    subtract_dots(left, apart, up, apart, 3 * (i - first), block);
+    if (!invert(block)) return 0;
+    tl_set_block(own, apart, block);
   }
   return 1;
 }
 
 /* x <- A^-1 x by the factors. */
-void tl_solve_envelope(const tl_envelope *a, double *x) {
-  double y[3];
-  for (int i = 0; i < a->n; i++)
-    for (int j = a->first[i]; j < i; j++) {
-      tl_times(tl_block_at(a, a->lower, i, j), x + 3 * j, y);
-      tl_add_scaled(-1, y, x + 3 * i);
+void NAMED(tl_solve_envelope)(const tl_envelope *a, double *x) {
+  for (int i = 0; i < a->n; i++) {
+    const size_t apart = tl_row_length(a, i);
+    const double *left = tl_block_at(a, a->lower, i, a->first[i]), *from = x + 3 * a->first[i];
+    const int count = 3 * (i - a->first[i]);
+    for (int r = 0; r < 3; r++, left += apart) {
+      double all = 0.0;
+      for (int k = 0; k < count; k++) all += left[k] * from[k];
+      x[3 * i + r] -= all;
     }
+  }
   for (int i = a->n - 1; i >= 0; i--) {
-    tl_times(tl_block_at(a, a->lower, i, i), x + 3 * i, y);
+    const size_t apart = tl_row_length(a, i);
+    const double *up = tl_block_at(a, a->upper, i, a->first[i]);
+    const int count = 3 * (i - a->first[i]);
+    double inverse[9], y[3], *to = x + 3 * a->first[i];
+    tl_get_block(tl_block_at(a, a->lower, i, i), apart, inverse);
+    tl_times(inverse, x + 3 * i, y);
     tl_copy3(y, x + 3 * i);
-    for (int j = a->first[i]; j < i; j++) {
-      tl_times(tl_block_at(a, a->upper, i, j), x + 3 * i, y);
-      tl_add_scaled(-1, y, x + 3 * j);
+    for (int c = 0; c < 3; c++, up += apart)
+      for (int k = 0; k < count; k++) to[k] -= up[k] * y[c];
+  }
+}
+
+/* out = G p of a symmetric matrix. */
+void NAMED(tl_envelope_times)(const tl_envelope *g, const double *p, double *out) {
+  memset(out, 0, (size_t)g->n * 3 * sizeof(double));
+  for (int i = 0; i < g->n; i++) {
+    const size_t apart = tl_row_length(g, i);
+    const int first = 3 * g->first[i], count = 3 * i - first;
+    const double *row = tl_block_at(g, g->lower, i, g->first[i]), *from = p + first;
+    double *to = out + first;
+    for (int r = 0; r < 3; r++, row += apart) {
+      const double own = p[3 * i + r];
+      double all = 0.0;
+      for (int k = 0; k < count; k++) all += row[k] * from[k], to[k] += row[k] * own;
+      for (int k = count; k < count + 3; k++) all += row[k] * from[k];
+      out[3 * i + r] += all;
     }
   }
 }

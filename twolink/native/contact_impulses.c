@@ -12,6 +12,7 @@ enum { NEWTON = 80, LEADING = 30, LED = 1000, POINTS = 60, INNER = 20, FEW = 50 
 
 /* What the methods work with: u, z, F, and others of the same size (3n); and the matrix of Newton's method. */
 typedef struct {
+  int level;
   const tl_problem *problem;
   double *u, *z, *f, *best, *ahead, *anchor, *nearest, *step, *right;
   int32_t *chosen, *number;
@@ -22,7 +23,7 @@ typedef struct {
 static int new_workspace(tl_scene *s, const tl_problem *problem, workspace *w) {
   const size_t n = (size_t)problem->g.n;
   double *x = tl_take(&s->work, 27 * n, sizeof(double));
-  w->problem = problem, w->blocks = problem->g.at[n];
+  w->level = s->level, w->problem = problem, w->blocks = problem->g.at[n];
   w->chosen = tl_take(&s->work, n, sizeof(int32_t));
   w->number = tl_take(&s->work, n + 1, sizeof(int32_t));
   w->matrix.first = tl_take(&s->work, n, sizeof(int32_t));
@@ -41,7 +42,7 @@ point, or 0 and NULL. */
 static double miss(workspace *w, const double *p, double damping, const double *anchor) {
   const tl_problem *q = w->problem;
   double worst = 0.0;
-  tl_envelope_times(&q->g, p, w->u);
+  tl_envelope_times(w->level, &q->g, p, w->u);
   for (int i = 0; i < q->g.n; i++) {
     double *u = w->u + 3 * i, *z = w->z + 3 * i, *f = w->f + 3 * i;
     const double *own = p + 3 * i, size = q->size[i];
@@ -86,6 +87,12 @@ static void derivative(double mu, const double *z, double *c) {
   c[2] = mu * x, c[5] = mu * y;
 }
 
+/* A B^T */
+static void product_with_transpose(const double *a, const double *b, double *out) {
+  for (int r = 0; r < 3; r++)
+    for (int c = 0; c < 3; c++) out[3 * r + c] = tl_dot(a + 3 * r, b + 3 * c);
+}
+
 /* Newton's matrix of what presses, (I - C) + C (G / g + e), and the right side. free: the step of all others. */
 static void assemble(workspace *w, double damping) {
   const tl_problem *q = w->problem;
@@ -98,22 +105,26 @@ static void assemble(workspace *w, double damping) {
   }
   for (int a = 0; a < m->n; a++) {
     const int i = w->chosen[a];
-    double c[9], scaled[9], *x = w->right + 3 * a, y[3];
+    double c[9], scaled[9], block[9], product[9], *x = w->right + 3 * a, y[3];
     derivative(q->mu[i], w->z + 3 * i, c);
     for (int k = 0; k < 9; k++) scaled[k] = c[k] / q->size[i];
     tl_times(scaled, w->u + 3 * i, y); /* u: G times the step of what does not press */
     tl_minus(w->f + 3 * i, y, x);
-    for (int b = m->first[a]; b < a; b++)
-      tl_product(scaled, tl_block_at(&q->g, q->g.lower, i, w->chosen[b]), tl_block_at(m, m->lower, a, b));
-    for (int b = a + 1; b < m->n; b++) {
-      if (m->first[b] > a) continue;
-      const double *g = tl_block_at(&q->g, q->g.lower, w->chosen[b], i);
-      const double back[9] = {g[0], g[3], g[6], g[1], g[4], g[7], g[2], g[5], g[8]};
-      tl_product(scaled, back, tl_block_at(m, m->upper, b, a));
+    for (int b = m->first[a]; b < a; b++) {
+      tl_get_block(tl_block_at(&q->g, q->g.lower, i, w->chosen[b]), tl_row_length(&q->g, i), block);
+      tl_product(scaled, block, product);
+      tl_set_block(tl_block_at(m, m->lower, a, b), tl_row_length(m, a), product);
     }
-    double *own = tl_block_at(m, m->lower, a, a);
-    tl_product(scaled, tl_block_at(&q->g, q->g.lower, i, i), own);
-    for (int k = 0; k < 9; k++) own[k] += (k % 4 == 0) + (damping - 1.0) * c[k];
+    for (int b = a + 1; b < m->n; b++) { /* of the upper triangle, transposed: G scaled^T */
+      if (m->first[b] > a) continue;
+      tl_get_block(tl_block_at(&q->g, q->g.lower, w->chosen[b], i), tl_row_length(&q->g, w->chosen[b]), block);
+      product_with_transpose(block, scaled, product);
+      tl_set_block(tl_block_at(m, m->upper, b, a), tl_row_length(m, b), product);
+    }
+    tl_get_block(tl_block_at(&q->g, q->g.lower, i, i), tl_row_length(&q->g, i), block);
+    tl_product(scaled, block, product);
+    for (int k = 0; k < 9; k++) product[k] += (k % 4 == 0) + (damping - 1.0) * c[k];
+    tl_set_block(tl_block_at(m, m->lower, a, a), tl_row_length(m, a), product);
   }
 }
 
@@ -129,10 +140,10 @@ static int newton_step(workspace *w, double *p, double damping) {
     for (int k = 0; k < 3; k++) w->step[3 * i + k] = presses ? 0.0 : w->f[3 * i + k];
   }
   w->matrix.n = count;
-  tl_envelope_times(&q->g, w->step, w->u);
+  tl_envelope_times(w->level, &q->g, w->step, w->u);
   assemble(w, damping);
-  if (!tl_factor_envelope(&w->matrix)) return 0;
-  tl_solve_envelope(&w->matrix, w->right);
+  if (!tl_factor_envelope(w->level, &w->matrix)) return 0;
+  tl_solve_envelope(w->level, &w->matrix, w->right);
   for (int a = 0; a < count; a++) tl_copy3(w->right + 3 * a, w->step + 3 * w->chosen[a]);
   for (int i = 0; i < 3 * n; i++) p[i] -= w->step[i];
   return 1;
@@ -215,7 +226,8 @@ int tl_problem_sizes(tl_scene *s, tl_problem *q) {
   if (!q->size) return TL_NO_MEMORY;
   q->fastest = 1e-300;
   for (int i = 0; i < q->g.n; i++) {
-    const double *own = tl_block_at(&q->g, q->g.lower, i, i);
+    double own[9];
+    tl_get_block(tl_block_at(&q->g, q->g.lower, i, i), tl_row_length(&q->g, i), own);
     q->size[i] = tl_larger(tl_larger(own[0], own[4]), tl_larger(own[8], 1e-300));
     for (int k = 0; k < 3; k++) q->fastest = tl_larger(q->fastest, fabs(q->b[3 * i + k]));
   }

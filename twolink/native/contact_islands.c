@@ -2,52 +2,18 @@
 #include "contact_law.h"
 #include "contact_vectors.h"
 
-#include <stdlib.h>
-
 #define CREATED 1e-6 /* of the energy that impulses take: what counts as created */
 enum { ROUNDS = 20, HALVED = 10 };
-
-static int compare(const void *a, const void *b) {
-  const tl_place_of *x = a, *y = b;
-  if (x->island != y->island) return x->island < y->island ? -1 : 1;
-  if (x->body != y->body) return x->body < y->body ? -1 : 1;
-  return x->point < y->point ? -1 : x->point > y->point;
-}
-
-static int32_t root_of(int32_t *up, int32_t tree) {
-  while (up[tree] != tree) tree = up[tree] = up[up[tree]];
-  return tree;
-}
-
-/* The marked points in the order of their islands, and how many there are. Trees that a contact connects are united (Tarjan,
-J. ACM 22 (1975) 215). */
-int tl_in_order(tl_scene *s, const tl_law *law, const uint8_t *marked, tl_place_of **order, int *size) {
-  int count = 0;
-  for (int k = 0; k < law->n; k++) count += marked[k];
-  int32_t *up = tl_take(&s->work, (size_t)s->bodies, sizeof(int32_t));
-  tl_place_of *out = *order = tl_take(&s->work, (size_t)count, sizeof(tl_place_of));
-  if (!up || !out) return TL_NO_MEMORY;
-  *size = count, count = 0;
-  for (int b = 0; b < s->bodies; b++) up[b] = b;
-  for (int k = 0; k < law->n; k++) {
-    if (!marked[k]) continue;
-    const tl_point *point = law->points + k;
-    const int first = point->dof >= 0 ? s->dof_body[point->dof] : point->first, second = point->second;
-    int32_t a = root_of(up, s->body[first].tree), b = root_of(up, s->body[second].tree);
-    if (a && b) up[a > b ? a : b] = a > b ? b : a;
-    out[count++] = (tl_place_of){a ? a : b, first > second ? first : second, k};
-  }
-  for (int i = 0; i < count; i++) out[i].island = root_of(up, out[i].island);
-  qsort(out, (size_t)count, sizeof(tl_place_of), compare);
-  return TL_FINE;
-}
 
 /* The rows of a joint's point that are 0 get the size of the one that is not, so that their impulses are 0; b gets the normal
 impulse that is given. See `complete` of contact/joints.py. */
 static void complete(tl_problem *problem, int i, double given) {
-  double *own = tl_block_at(&problem->g, problem->g.lower, i, i);
+  double *at = tl_block_at(&problem->g, problem->g.lower, i, i), own[9];
+  const size_t apart = tl_row_length(&problem->g, i);
+  tl_get_block(at, apart, own);
   const double size = tl_larger(own[0], tl_larger(own[4], own[8]));
   own[0] = own[4] = own[8] = size;
+  tl_set_block(at, apart, own);
   problem->b[3 * i + 2] -= size * given;
 }
 
@@ -118,7 +84,7 @@ static int solve_islands(tl_scene *s, tl_law *law, const tl_place_of *order, tl_
     if (code) return code;
     add_answer(&found->answer, &answer);
     if (!(answer.residual <= TL_EXACT)) return TL_HALVE;
-    tl_envelope_times(&problem.g, p, u);
+    tl_envelope_times(s->level, &problem.g, p, u);
     for (int i = 0; i < 3 * (end - first); i++) u[i] += problem.b[i];
   }
   return TL_FINE;

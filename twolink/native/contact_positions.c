@@ -40,7 +40,9 @@ static int new_rows(tl_scene *s, const tl_law *law, const double *off, const uin
   if (code) return code;
   double most = 0.0;
   for (size_t i = 0; i < count; i++) {
-    out->size[i] = tl_larger(tl_block_at(&out->g, out->g.lower, (int)(i / 3), (int)(i / 3))[4 * (i % 3)], 1e-300);
+    const int k = (int)(i / 3);
+    const double *own = tl_block_at(&out->g, out->g.lower, k, k) + (i % 3) * (tl_row_length(&out->g, k) + 1);
+    out->size[i] = tl_larger(*own, 1e-300);
     if (out->sought[i]) most = tl_larger(most, out->size[i]);
   }
   for (size_t i = 0; i < count; i++) out->regular[i] = TL_REGULAR * most + (i % 3 < 2 ? SOFT * out->size[i] : 0.0);
@@ -51,22 +53,21 @@ static int new_rows(tl_scene *s, const tl_law *law, const double *off, const uin
 }
 
 /* nu of the rows that press: (G + regular) nu = -off. 0 where the matrix is singular. */
-static int solve_pressing(rows_of_positions *r) {
-  for (int i = 0; i < r->n; i++)
-    for (int j = r->g.first[i]; j <= i; j++) {
-      const double *g = tl_block_at(&r->g, r->g.lower, i, j);
-      double *lower = tl_block_at(&r->matrix, r->matrix.lower, i, j), *upper = tl_block_at(&r->matrix, r->matrix.upper, i, j);
-      for (int a = 0; a < 3; a++)
-        for (int b = 0; b < 3; b++) {
-          const double both = r->pressing[3 * i + a] && r->pressing[3 * j + b] ? g[3 * a + b] : 0.0;
-          lower[3 * a + b] = both, upper[3 * b + a] = both;
-        }
-      if (i == j)
-        for (int a = 0; a < 3; a++) lower[4 * a] += r->pressing[3 * i + a] ? r->regular[3 * i + a] : 1.0;
+static int solve_pressing(int level, rows_of_positions *r) {
+  for (int i = 0; i < r->n; i++) {
+    const int first = 3 * r->g.first[i], count = 3 * (i + 1) - first;
+    const uint8_t *pressing = r->pressing + first;
+    for (int a = 0; a < 3; a++) {
+      const size_t at = 9 * r->g.at[i] + (size_t)(a * count);
+      const double *g = r->g.lower + at;
+      double *lower = r->matrix.lower + at, *upper = r->matrix.upper + at;
+      for (int k = 0; k < count; k++) lower[k] = upper[k] = r->pressing[3 * i + a] && pressing[k] ? g[k] : 0.0;
+      lower[count - 3 + a] += r->pressing[3 * i + a] ? r->regular[3 * i + a] : 1.0;
     }
+  }
   for (int i = 0; i < 3 * r->n; i++) r->nu[i] = r->pressing[i] ? -r->off[i] : 0.0;
-  if (!tl_factor_envelope(&r->matrix)) return 0;
-  tl_solve_envelope(&r->matrix, r->nu);
+  if (!tl_factor_envelope(level, &r->matrix)) return 0;
+  tl_solve_envelope(level, &r->matrix, r->nu);
   return 1;
 }
 
@@ -76,12 +77,15 @@ static int solve_as_contacts(tl_scene *s, rows_of_positions *r) {
   tl_answer answer;
   for (int i = 0; i < r->n; i++) {
     for (int j = r->g.first[i]; j <= i; j++) {
-      double *g = tl_block_at(&r->g, r->g.lower, i, j);
+      double *at = tl_block_at(&r->g, r->g.lower, i, j), g[9];
+      const size_t apart = tl_row_length(&r->g, i);
       const int both = r->sought[3 * i + 2] && r->sought[3 * j + 2];
+      tl_get_block(at, apart, g);
       const double normal = both ? g[8] : 0.0;
-      memset(g, 0, 9 * sizeof(double));
+      memset(g, 0, sizeof g);
       g[8] = i == j && !both ? 1.0 : normal;
       if (i == j) g[0] = g[4] = 1.0;
+      tl_set_block(at, apart, g);
     }
     problem.b[3 * i] = problem.b[3 * i + 1] = 0.0, problem.b[3 * i + 2] = r->sought[3 * i + 2] ? r->off[3 * i + 2] : 0.0;
     problem.mu[i] = 0.0;
@@ -105,8 +109,8 @@ static int solve_normal(tl_scene *s, rows_of_positions *r) {
   }
   for (int round = 0; round < SETS; round++) {
     int changed = 0;
-    if (!solve_pressing(r)) return TL_HALVE;
-    tl_envelope_times(&r->g, r->nu, r->u);
+    if (!solve_pressing(s->level, r)) return TL_HALVE;
+    tl_envelope_times(s->level, &r->g, r->nu, r->u);
     for (int i = 0; i < count; i++) {
       const int now = r->sought[i] && (r->equal[i] || r->nu[i] - (r->u[i] + r->off[i]) / r->size[i] > 0.0);
       changed |= now != r->pressing[i];

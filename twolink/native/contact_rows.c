@@ -148,6 +148,10 @@ int tl_envelope_of(tl_scene *s, const tl_row *const *rows, int n, tl_envelope *o
   out->lower = tl_take(&s->work, 9 * out->at[n], sizeof(double));
   if (!out->lower) return TL_NO_MEMORY;
   for (int i = 0; i < n; i++)
-    for (int j = out->first[i]; j <= i; j++) tl_coupling(s, rows[i], rows[j], tl_block_at(out, out->lower, i, j));
+    for (int j = out->first[i]; j <= i; j++) {
+      double block[9];
+      tl_coupling(s, rows[i], rows[j], block);
+      tl_set_block(tl_block_at(out, out->lower, i, j), tl_row_length(out, i), block);
+    }
   return TL_FINE;
 }
