@@ -7,14 +7,16 @@ from pathlib import Path
 
 import pytest
 
-ENTRIES = ("tl_attempts", "tl_columns", "tl_method_new", "tl_program_new")
+CALLS = {"fuzzing": ("tl_attempts", "tl_columns", "tl_method_new", "tl_program_new"),
+         "fuzzing_contacts": ("tl_contact_new", "tl_contact_run")}  # fmt: skip
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_no_call_crashes(seed: int) -> None:
-    done = subprocess.run([sys.executable, "-m", "tests.native.fuzzing", str(seed), "400"], capture_output=True,
+@pytest.mark.parametrize("module", CALLS)
+def test_no_call_crashes(module: str, seed: int) -> None:
+    done = subprocess.run([sys.executable, "-m", f"tests.native.{module}", str(seed), "400"], capture_output=True,
                           text=True, cwd=Path(__file__).parents[2], env=dict(os.environ), check=False)  # fmt: skip
     assert done.returncode == 0, done.stderr
-    for entry in ENTRIES:
+    for entry in CALLS[module]:
         for outcome in ("fine", "refused"):
             assert f"{entry} {outcome}" in done.stdout

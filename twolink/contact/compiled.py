@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.joint_models import read_joint
+from twolink.algorithms.spatial import ZERO
 from twolink.contact.bodies import Multibody
 from twolink.contact.joints import JointPoints, Laws
 from twolink.errors import QueryError
@@ -34,10 +35,12 @@ ENDLESS = 1e300  # m: the thickness of what has none
 
 def compiled(bodies: Multibody, detector: Detector, joints: JointPoints, laws: Laws) -> ContactScene | None:
     """The scene in the native library; None where NumPy takes its steps."""
-    if not is_covered(bodies, detector):
-        return None
-    sizes, whole, numbers = _Scene(bodies, detector, joints, laws).arrays()
-    return ContactScene(Parts(sizes, whole, numbers, bodies.program))
+    return ContactScene(parts_of(bodies, detector, joints, laws)) if is_covered(bodies, detector) else None
+
+
+def parts_of(bodies: Multibody, detector: Detector, joints: JointPoints, laws: Laws) -> Parts:
+    """The scene as arrays."""
+    return Parts(*_Scene(bodies, detector, joints, laws).arrays(), bodies.program)
 
 
 def is_covered(bodies: Multibody, detector: Detector) -> bool:
@@ -65,6 +68,8 @@ class _Scene:
     def __init__(self, bodies: Multibody, detector: Detector, joints: JointPoints, laws: Laws) -> None:
         self.bodies, self.detector, self.joints, self.laws = bodies, detector, joints, laws
         self.model = bodies.model
+        self._places: dict[str, tuple[int, Array, Array]] = {}
+        self._points: dict[Any, list[float]] = {}
 
     def arrays(self) -> tuple[list[int], Array, Array]:
         """The sizes, the whole numbers and the numbers."""
@@ -73,14 +78,14 @@ class _Scene:
         hulls, solids, pairs = self._hulls()
         laws, (stops, ways) = self.laws, self._joints()
         model, viscosity = self.model, self.bodies.viscosity
-        sizes = [model.njoints, model.nq, model.nv, self._numbers(), len(self.detector.names), len(balls), len(planes),
-                  len(rims), len(rounds), len(hulls), len(solids), len(pairs), len(stops)]  # fmt: skip
+        sizes = [model.njoints, model.nq, model.nv, self._numbers(), len(self.detector.names), sum(map(len, balls)),
+                 len(planes),  len(rims), len(rounds), len(hulls), len(solids), len(pairs), len(stops)]  # fmt: skip
         thickness = np.where(np.isfinite(laws.thickness), laws.thickness, ENDLESS)
         of_bodies, of_joints = self._bodies()
-        whole = [of_bodies, [row[0] for row in balls], *(row[0] for row in (*planes, *rims, *rounds)),
+        whole = [of_bodies, *(rows[:, 0] for rows in balls), *(row[0] for row in (*planes, *rims, *rounds)),
                  *(_whole_of(hull) for hull in hulls), *(row[0] for row in solids), *pairs, *stops]  # fmt: skip
         numbers = [model.gravity.linear, of_joints, model.armature, viscosity,
-                   np.array([row[1:] for row in balls]).T, *(row[1] for row in (*planes, *rims, *rounds)),
+                   *(rows[:, k] for k in range(1, 5) for rows in balls), *(row[1] for row in (*planes, *rims, *rounds)),
                    *(_numbers_of(hull) for hull in hulls), *(row[1] for row in solids), *ways, laws.friction,
                    laws.static, laws.restitution, laws.threshold, thickness, laws.pressing]  # fmt: skip
         return sizes, _joined(whole).astype(np.int32), _joined(numbers)
@@ -106,67 +111,77 @@ class _Scene:
 
     def _placed(self, link: str) -> tuple[int, Array, Array]:
         """The joint that carries a link, and the link's pose in its axes."""
-        frame = self.model.frames[self.model.getFrameId(link, pin.FrameType.BODY)]
-        return int(frame.parentJoint), frame.placement.rotation, frame.placement.translation
+        if link not in self._places:
+            frame = self.model.frames[self.model.getFrameId(link, pin.FrameType.BODY)]
+            self._places[link] = int(frame.parentJoint), frame.placement.rotation, frame.placement.translation
+        return self._places[link]
+
+    def _at(self, link: str, point: Any, *, turned: bool = False) -> list[float]:
+        """A point of a link in the axes of its joint; a direction where it is only turned."""
+        key = link, tuple(point), turned
+        if key not in self._points:
+            _, rotation, origin = self._placed(link)
+            out = rotation @ np.array(point, dtype=float)
+            self._points[key] = (out if turned else out + origin).tolist()
+        return self._points[key]
 
     def _on_planes(self) -> tuple[list[Any], list[Any], list[Any]]:
         """Balls (feature, x, y, z, radius), and bodies over planes and rims as pairs of whole numbers and numbers."""
-        balls, planes, rims = list[Any](), list[Any](), list[Any]()
-        for group in (*self._groups(OnPlanes), *self._groups(RimsOnPlanes)):
-            of_pairs: dict[int, list[tuple[int, Any]]] = {}
-            for pair, feature, gap in zip(group.pair.tolist(), group.feature.tolist(), group.gaps, strict=True):  # type: ignore[attr-defined]
-                of_pairs.setdefault(pair, []).append((feature, gap))
-            for pair, gaps in of_pairs.items():
-                if type(group) is RimsOnPlanes:
-                    rims += [self._rim(pair, feature, gap) for feature, gap in gaps]
-                else:
-                    own, plane = self._on_plane(pair, gaps, len(balls))
-                    balls += own
-                    planes.append(plane)
+        balls, planes, count = list[Array](), list[Any](), 0
+        for group in self._groups(OnPlanes):
+            on_planes = cast(OnPlanes, group)
+            for rows in np.split(np.arange(len(on_planes.pair)), on_planes.first[1:]):
+                own, plane = self._on_plane(on_planes, rows, count)
+                balls.append(own)
+                planes.append(plane)
+                count += len(rows)
+        rims = [self._rim(pair, feature, cast(RimGap, gap)) for group in self._groups(RimsOnPlanes)
+                for pair, feature, gap in _rows_of(cast(OnPlanes, group))]  # fmt: skip
         return balls, planes, rims
 
-    def _on_plane(self, pair: int, gaps: list[tuple[int, PlaneGap]], first: int) -> tuple[list[Any], tuple[Any, Any]]:
+    def _on_plane(self, group: OnPlanes, rows: Array, first: int) -> tuple[Array, tuple[Any, Any]]:
         """The balls of a body over a plane, and the body; first: the number of the first ball."""
-        one = gaps[0][1]
+        one, ball = group.gaps[int(rows[0])], group.every.ball
         joint, rotation, origin = self._placed(one.ball.frame)
-        x = np.array([gap.ball.point for _, gap in gaps], dtype=float) @ rotation.T + origin
-        radii = np.array([gap.ball.radius for _, gap in gaps])
+        own = np.zeros((len(rows), 3)) if ball.point is ZERO else ball.point[:, rows].T
+        x, radii = own @ rotation.T + origin, ball.radius[rows]
         centre = x.mean(axis=0)
         bound = float((np.linalg.norm(x - centre, axis=1) + radii).max())
-        rows = [
-            (feature, *at, radius) for (feature, _), at, radius in zip(gaps, x.tolist(), radii.tolist(), strict=True)
-        ]
-        return rows, ([pair, joint, first, first + len(rows)], [*one.normal, one.height, *centre, bound])
+        balls = np.column_stack([group.feature[rows], x, radii])
+        whole = [int(group.pair[rows[0]]), joint, first, first + len(rows)]
+        return balls, (whole, [*one.normal, one.height, *centre.tolist(), bound])
 
     def _rim(self, pair: int, feature: int, gap: RimGap) -> tuple[Any, Any]:
-        joint, rotation, origin = self._placed(gap.link)
-        point, axis = rotation @ np.array(gap.point) + origin, rotation @ np.array(gap.axis)
+        joint, point = self._placed(gap.link)[0], self._at(gap.link, gap.point)
+        axis = self._at(gap.link, gap.axis, turned=True)
         return [pair, joint, feature], [*gap.normal, gap.height, *point, *axis, gap.radius]
 
     def _rounds(self, group: ByFormula) -> Iterable[tuple[Any, Any]]:
-        for k, pair in enumerate(group.pairs):
+        bounds = group.bounds[group.ends].sum(axis=1).tolist()
+        for pair, number, bound in zip(group.pairs, group.pair.tolist(), bounds, strict=True):
             (gap,) = gaps_of(pair)
-            bound = float(group.bounds[group.ends[k]].sum())
-            yield self._round(int(group.pair[k]), gap, bound)
+            yield self._round(number, gap, bound)
 
     def _round(self, pair: int, gap: Any, bound: float) -> tuple[Any, Any]:
         """A ball or capsule, the first body, and another shape, the second."""
-        ball = gap.first if isinstance(gap, RoundGap) else gap.ball
-        other = gap.second.frame if isinstance(gap, RoundGap) else gap.frame
-        (first, r, p), (second, s, o) = self._placed(ball.frame), self._placed(other)
-        centre, axes, edges, radius = r @ np.array(ball.point, float) + p, np.zeros((3, 3)), np.zeros(3), 0.0
-        halves = np.zeros((2, 3))
+        none = [0.0] * 3
         if isinstance(gap, RoundGap):
-            kind, point, radius = 0, gap.second.point, gap.second.radius
-            halves = np.array([r @ np.array(gap.first_half, float), s @ np.array(gap.second_half, float)])
+            ball, other = gap.first, gap.second.frame
+            kind, point, radius, axes, edges = 0, gap.second.point, gap.second.radius, 3 * none, none
+            halves = [*self._at(ball.frame, gap.first_half, turned=True),
+                      *self._at(other, gap.second_half, turned=True)]  # fmt: skip
         elif isinstance(gap, BoxGap):
-            kind, point, edges, axes = 1, gap.point, np.array(gap.half), np.array(gap.axes) @ s.T
+            ball, other, point, radius, halves = gap.ball, gap.frame, gap.point, 0.0, 2 * none
+            kind, edges = 1, list(gap.half)
+            axes = [x for axis in gap.axes for x in self._at(other, axis, turned=True)]
         else:
             cylinder = cast(CylinderGap, gap)
-            kind, point, edges = 2, cylinder.point, np.array([cylinder.radius, cylinder.half, 0.0])
-            axes[0] = s @ np.array(cylinder.axis)
-        numbers = [centre, s @ np.array(point, float) + o, [ball.radius, radius], halves, axes, edges, bound]
-        return [kind, pair, first, second], _joined(numbers)
+            ball, other, point, radius, halves = cylinder.ball, cylinder.frame, cylinder.point, 0.0, 2 * none
+            kind, edges = 2, [cylinder.radius, cylinder.half, 0.0]
+            axes = [*self._at(other, cylinder.axis, turned=True), *none, *none]
+        places = [*self._at(ball.frame, ball.point), *self._at(other, point)]
+        first, second = self._placed(ball.frame)[0], self._placed(other)[0]
+        return [kind, pair, first, second], [*places, ball.radius, radius, *halves, *axes, *edges, bound]
 
     def _hulls(self) -> tuple[list[Hull], list[tuple[Any, Any]], list[list[int]]]:
         """Hulls, solids that have their shapes, and pairs of solids."""
@@ -191,6 +206,10 @@ class _Scene:
         stops, holds = self.joints.stops, self.joints.holds
         whole = [*([1, stop.entry, stop.dof] for stop in stops), *([0, 0, hold.dof] for hold in holds)]
         return whole, [*([float(stop.position), float(stop.side)] for stop in stops), *([0.0, 1.0] for _ in holds)]
+
+
+def _rows_of(group: OnPlanes) -> Iterable[tuple[int, int, PlaneGap]]:
+    return zip(group.pair.tolist(), group.feature.tolist(), group.gaps, strict=True)
 
 
 def _whole_of(hull: Hull) -> Array:
