@@ -23,6 +23,8 @@ TETRAHEDRON = E.Convex(((0.1, 0.0, -0.05), (-0.07, 0.08, -0.05), (-0.06, -0.09, 
 PRISM = E.Convex(
     tuple((0.06 * math.cos(a), 0.06 * math.sin(a), z) for a in (0.3, 1.4, 2.4, 3.9, 5.0) for z in (-0.1, 0.1))
 )
+POINTS = np.random.default_rng(5).normal(size=(40, 3))
+STONE = E.Convex(tuple(tuple(x) for x in (0.1 * POINTS / np.linalg.norm(POINTS, axis=1)[:, None]).tolist()))
 SHAPES: dict[str, tuple[AnyShape, ...]] = {
     "balls": (E.Sphere(0.1), E.Sphere(0.07), E.Sphere(0.12)),
     "capsules": (E.Capsule(0.05, 0.2), E.Sphere(0.08), E.Capsule(0.06, 0.1, (0.02, 0.0, 0.0), (0.5, 0.2, 0.0))),
@@ -30,6 +32,8 @@ SHAPES: dict[str, tuple[AnyShape, ...]] = {
     "balls and a box": (E.Sphere(0.1), E.Box((0.3, 0.2, 0.2)), E.Sphere(0.05)),
     "balls and a cylinder": (E.Sphere(0.1), E.Cylinder(0.1, 0.15), E.Sphere(0.05)),
     "meshes": (TETRAHEDRON, PRISM, E.Box((0.2, 0.1, 0.15))),
+    "meshes of many edges": (STONE, STONE, E.Box((0.2, 0.1, 0.15))),
+    "what has no formula": (E.Cylinder(0.1, 0.15), E.Capsule(0.05, 0.2), E.Box((0.2, 0.1, 0.15))),
 }
 
 
@@ -78,7 +82,7 @@ def require_same(one: Step, other: Step) -> None:
     assert len(one.blows) == len(other.blows)
     for blow, same in zip(one.blows, other.blows, strict=True):
         assert same.late == pytest.approx(blow.late, abs=1e-9)
-        assert np.array_equal(blow.keys, same.keys)
+        assert np.array_equal(np.sort(blow.keys), np.sort(same.keys))
     assert (one.joints is None) == (other.joints is None)
 
 

@@ -109,7 +109,7 @@ class Fuzzer:
         counts = [count, 2, known]
         if random.random() < 0.1:
             counts[int(random.integers(3))] = int(random.choice([-1, 0, -(2**63), 2**62]))
-        plan, out = _Plan(*places[:5], *counts[:2]), _Told()
+        plan, out = _Plan(*places[:5], *counts[:2], misses=int(random.integers(2))), _Told()
         start = _Start(*places[5:], counts[2], float(random.choice(NUMBERS)), float(random.choice(NUMBERS)))
         pointers = [scene, *map(ctypes.addressof, (plan, start, out))]
         if random.random() < 0.05:

@@ -1,9 +1,9 @@
 """Scenes whose steps the native library takes, and these as arrays for it (`native/contact_scene.c`).
 
-It takes those of robots of all joints but mimic ones, whose shapes touch planes, and each other where that has a
-formula or where both are boxes or meshes with few edges; with stops and dry friction of joints, but without loops.
-NumPy (`stepping`), whose law this is, takes all others, single steps that the library does not find, and all steps
-where there is none.
+It takes those of robots of all joints but mimic ones, without loops, with stops and dry friction of joints. It finds
+the points of shapes on planes, of shapes that touch at one point that has a formula, and of boxes and meshes with few
+edges; those of others it asks the detector for. NumPy (`stepping`), whose law this is, takes all other scenes, single
+steps that the library does not find, and all steps where there is no library.
 """
 
 from __future__ import annotations
@@ -24,18 +24,23 @@ from twolink.geometry.gaps import BoxGap, CylinderGap, PlaneGap, RimGap, RoundGa
 from twolink.geometry.hulls import FEW, Hull
 from twolink.geometry.on_world import Group, OnPlanes, RimsOnPlanes, bounding_radius
 from twolink.geometry.pairs import gaps_of
+from twolink.geometry.points import Links, Places, joined
 from twolink.integrate.motion.state import Array
-from twolink.native.contact import ContactScene, Parts, runs_alone
+from twolink.native.contact import ContactScene, Found, Parts, runs_alone
 from twolink.native.library import library
 
 KINDS = ("free-flyer", "spherical", "planar", "revolute", "continuous", "prismatic")
-GROUPS = (OnPlanes, RimsOnPlanes, ByFormula, Hulls)
+GROUPS = (OnPlanes, RimsOnPlanes, ByFormula)
 ENDLESS = 1e300  # m: the thickness of what has none
 
 
 def compiled(bodies: Multibody, detector: Detector, joints: JointPoints, laws: Laws) -> ContactScene | None:
     """The scene in the native library; None where NumPy takes its steps."""
-    return ContactScene(parts_of(bodies, detector, joints, laws)) if is_covered(bodies, detector) else None
+    if not is_covered(bodies):
+        return None
+    others = [group for group in detector.groups if not is_found_natively(group)]
+    finder = OtherPoints(detector.links, others) if others else None
+    return ContactScene(parts_of(bodies, detector, joints, laws), finder, misses=not detector.sees_all)
 
 
 def parts_of(bodies: Multibody, detector: Detector, joints: JointPoints, laws: Laws) -> Parts:
@@ -43,19 +48,42 @@ def parts_of(bodies: Multibody, detector: Detector, joints: JointPoints, laws: L
     return Parts(*_Scene(bodies, detector, joints, laws).arrays(), bodies.program)
 
 
-def is_covered(bodies: Multibody, detector: Detector) -> bool:
+def is_covered(bodies: Multibody) -> bool:
     """True if the native library takes the steps of a scene without loops."""
-    if library() is None or any(type(group) not in GROUPS for group in detector.groups):
+    if library() is None:
         return False
     if bodies.equations.effects and (bodies.program is None or not runs_alone(bodies.program)):
         return False
-    for group in detector.groups:
-        if type(group) is Hulls and any(_edges(group, a) * _edges(group, b) > FEW for a, b in group.ends.tolist()):
-            return False
     try:
         return not any(read_joint(bodies.model, i).mimic for i in range(1, bodies.model.njoints))
     except QueryError:  # a joint that formulas do not know
         return False
+
+
+def is_found_natively(group: Group) -> bool:
+    """True if the native library finds the points of a group."""
+    if type(group) is Hulls:
+        return all(_edges(group, a) * _edges(group, b) <= FEW for a, b in group.ends.tolist())
+    return type(group) in GROUPS
+
+
+class OtherPoints:
+    """Points that the detector's groups find for the native library."""
+
+    def __init__(self, links: Links, groups: Sequence[Group]) -> None:
+        self._links, self._groups = links, groups
+
+    def points(self, rotations: Array, origins: Array, reach: float) -> Found:
+        """The points with gaps below the reach, by their pairs."""
+        links = self._links.at(Places(rotations, origins))
+        points = joined(group.points(links, reach) for group in self._groups)
+        one = points.taken(np.argsort(points.pair, kind="stable"))
+        return Found(one.key, one.pair, one.first, one.second, one.gap, one.normal, one.position)
+
+    def overlap(self, rotations: Array, origins: Array) -> float:
+        """The largest overlap, m."""
+        links = self._links.at(Places(rotations, origins))
+        return max((depth for group in self._groups for depth, _ in group.overlaps(links)), default=0.0)
 
 
 def _edges(group: Hulls, number: int) -> int:
@@ -107,7 +135,7 @@ class _Scene:
         return whole, _joined(numbers)
 
     def _groups(self, kind: type[Group]) -> Iterable[Group]:
-        return (group for group in self.detector.groups if type(group) is kind)
+        return (group for group in self.detector.groups if type(group) is kind and is_found_natively(group))
 
     def _placed(self, link: str) -> tuple[int, Array, Array]:
         """The joint that carries a link, and the link's pose in its axes."""

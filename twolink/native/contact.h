@@ -80,6 +80,18 @@ typedef struct {
   double gap, sign, normal[3], position[3];
 } tl_point;
 
+/* Points that the caller finds, of pairs that follow each other: normal, position (count, 3). overlap: the largest, m. */
+typedef struct {
+  int64_t count;
+  const int64_t *keys;
+  const int32_t *pair, *first, *second;
+  const double *gap, *normal, *position;
+  double overlap;
+} tl_found;
+
+/* Finds points with gaps below the reach, or the overlap, at poses of all bodies: rotations and origins. 0 if it does. */
+typedef int (*tl_finder)(double reach, int wants_overlap, const double *turned, const double *origin, tl_found *out);
+
 /* The rows of a point: J (3 x count) over degrees of freedom that fall, and L^-T J^T, see contact_rows.c. */
 typedef struct {
   int count;
@@ -119,7 +131,8 @@ typedef struct {
 
 enum tl_solver { TL_NEWTON, TL_PROXIMAL };
 
-/* A scene: its parts, which stay, and what its steps work with. */
+/* A scene: its parts, which stay, and what its steps work with. buried: there are points that are not found. misses: whether what
+touches within a step may be no point before. */
 typedef struct {
   int bodies, nq, nv, numbers, pairs, balls, on_planes, rims, rounds, hulls, solids, hull_pairs, joint_points, level, damped;
   double gravity[3];
@@ -142,8 +155,9 @@ typedef struct {
       *inverse;
   int64_t placed;
   tl_point *points;
-  int count, capacity, short_of_memory, buried;
+  int count, capacity, short_of_memory, buried, misses;
   double *heights;
+  tl_finder find;
   tl_arena work, *ended, ends[2], words, blow_words;
   tl_record record;
   void *owned;
@@ -168,5 +182,7 @@ double tl_overlap(tl_scene *s, const double *q);
 void tl_detect_rounds(tl_scene *s, double reach);
 void tl_detect_hulls(tl_scene *s, double reach);
 double tl_hull_overlap(tl_scene *s);
+void tl_detect_others(tl_scene *s, double reach);
+double tl_overlap_of_others(tl_scene *s);
 void tl_joint_gaps(tl_scene *s, const double *q);
 #endif

@@ -3,7 +3,7 @@
 import ctypes
 import threading
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -49,6 +49,28 @@ class Start(NamedTuple):
     unfollowed: float
 
 
+class Found(NamedTuple):
+    """Points of other pairs, which follow each other: (n,), and normal, position (n, 3)."""
+
+    keys: Array
+    pair: Array
+    first: Array
+    second: Array
+    gap: Array
+    normal: Array
+    position: Array
+
+
+class Finder(Protocol):
+    """A finder of points for which the library has no formula, at poses of all bodies, the ground first."""
+
+    def points(self, rotations: Array, origins: Array, reach: float) -> Found:
+        """The points with gaps below the reach, m."""
+
+    def overlap(self, rotations: Array, origins: Array) -> float:
+        """The largest overlap, m."""
+
+
 class Told(NamedTuple):
     """The outcome of steps: their number, words of those that are told of and of impacts, and whether bodies rest.
 
@@ -62,11 +84,24 @@ class Told(NamedTuple):
     record: tuple[float, ...]
 
 
+class _Found(ctypes.Structure):
+    """tl_found of native/contact.h."""
+
+    _fields_ = (("count", ctypes.c_int64), *((name, ctypes.c_void_p) for name in Found._fields),
+                ("overlap", ctypes.c_double))  # fmt: skip
+
+
+_FINDER = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p,
+                           ctypes.POINTER(_Found))  # fmt: skip
+_KINDS = (np.int64, np.int32, np.int32, np.int32, float, float, float)
+
+
 class _Plan(ctypes.Structure):
     """tl_plan of native/contact_run.c."""
 
     _fields_ = (*((name, ctypes.c_void_p) for name in ("t", "h", "piece", "sampled", "numbers")),
-                ("count", ctypes.c_int64), ("pieces", ctypes.c_int64))  # fmt: skip
+                ("count", ctypes.c_int64), ("pieces", ctypes.c_int64), ("find", _FINDER),
+                ("misses", ctypes.c_int64))  # fmt: skip
 
 
 class _Start(ctypes.Structure):
@@ -85,9 +120,10 @@ class _Told(ctypes.Structure):
 
 
 class ContactScene:
-    """A scene in the native library. Threads use it one after the other."""
+    """A scene in the native library. Threads use it one after the other. misses: whether what touches
+    within a step may be no point before."""
 
-    def __init__(self, parts: Parts) -> None:
+    def __init__(self, parts: Parts, finder: Finder | None = None, *, misses: bool = False) -> None:
         self._program, made = parts.program, ctypes.c_void_p()
         sizes = np.array(parts.sizes, dtype=np.int32)
         whole, numbers = (np.ascontiguousarray(parts.whole, dtype=np.int32), _numbers(parts.numbers))
@@ -96,8 +132,29 @@ class ContactScene:
                                         program, level(), ctypes.byref(made))  # fmt: skip
         require(code, "a scene with contacts")
         self._handle = Handle(made.value, library().tl_contact_free)
-        self._sizes = tuple(int(size) for size in sizes[1:4])
-        self._lock = threading.Lock()
+        self._bodies, *self._sizes = (int(size) for size in sizes[:4])
+        self._lock, self._finder, self._misses = threading.Lock(), finder, misses
+        self._find = _FINDER() if finder is None else _FINDER(self._found)
+        self._points: list[Array] = []  # which the library reads
+        self._failed: BaseException | None = None
+
+    def _found(self, reach: float, wants_overlap: int, turned: int, origin: int, out: Any) -> int:
+        """What the finder finds. What it raises is raised when the library is back."""
+        try:
+            count, finder = self._bodies, cast(Finder, self._finder)
+            rotations, origins = _copied(turned, 9 * count).reshape(-1, 3, 3), _copied(origin, 3 * count).reshape(-1, 3)
+            if wants_overlap:
+                out.contents.overlap = finder.overlap(rotations, origins)
+                return 0
+            found = finder.points(rotations, origins, reach)
+            self._points = [np.ascontiguousarray(x, dtype=kind) for x, kind in zip(found, _KINDS, strict=True)]
+            out.contents.count = len(found.keys)
+            for name, array in zip(Found._fields, self._points, strict=True):
+                setattr(out.contents, name, array.ctypes.data)
+        except BaseException as error:
+            self._failed = error
+            return 1
+        return 0
 
     def run(self, steps: Steps, start: Start) -> Told:
         """Take steps up to their end, to bodies at rest, or to one that is not found."""
@@ -112,13 +169,16 @@ class ContactScene:
                   (stuck, known), (still, known), (numbers, m * len(numbers))]  # fmt: skip
         if any(array.size != size for array, size in shapes):
             raise ValueError(f"steps of {[array.shape for array, _ in shapes]}")
-        plan = _Plan(*map(address, (t, h, piece, told, numbers)), count, len(numbers))
+        plan = _Plan(*map(address, (t, h, piece, told, numbers)), count, len(numbers), self._find, self._misses)
         begin = _Start(
             *map(address, (q, v, forces, change, keys, stuck, still)), known, start.overlap, start.unfollowed
         )
         out = _Told()
         with self._lock:
+            self._failed = None
             taken = library().tl_contact_run(self._handle.value, *map(ctypes.byref, (plan, begin, out)))
+            if self._failed is not None:
+                raise self._failed
             if taken < 0:
                 require(taken, "steps with contacts")
             words, blows = _copied(out.words, out.word_count), _copied(out.blow_words, out.blow_count)

@@ -89,6 +89,7 @@ void tl_detect(tl_scene *s, double reach) {
   rims(s, reach);
   tl_detect_rounds(s, reach);
   tl_detect_hulls(s, reach);
+  tl_detect_others(s, reach);
 }
 
 /* The points of stops and of dry friction, behind those of bodies. */
@@ -105,7 +106,7 @@ void tl_joint_gaps(tl_scene *s, const double *q) {
 /* The largest overlap of bodies, m, with those of joints with their stops where q is given. The poses are those of the last
 `tl_place`. The points are lost. */
 double tl_overlap(tl_scene *s, const double *q) {
-  double most = tl_hull_overlap(s);
+  double most = tl_larger(tl_hull_overlap(s), tl_overlap_of_others(s));
   s->count = 0;
   balls(s, 0.0);
   rims(s, 0.0);

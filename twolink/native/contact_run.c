@@ -8,13 +8,16 @@ What is told is a row of words of 8 bytes each, numbers or whole ones, see nativ
 
 #define MOST_MEMORY ((size_t)1 << 33) /* bytes of an arena */
 
-/* The steps to take: begins, lengths, pieces and whether samples are at the ends (count). numbers (pieces, numbers). */
+/* The steps to take: begins, lengths, pieces and whether samples are at the ends (count). numbers (pieces, numbers). find: finds
+other points, or NULL. misses: as of the scene. */
 typedef struct {
   const double *t, *h;
   const int64_t *piece;
   const uint8_t *sampled;
   const double *numbers;
   int64_t count, pieces;
+  tl_finder find;
+  int64_t misses;
 } tl_plan;
 
 /* Where a run begins: the state, and its memory, whose keys rise. */
@@ -172,6 +175,7 @@ TL_API int64_t tl_contact_run(tl_scene *s, const tl_plan *plan, const tl_start *
   int64_t taken = 0, rests = 0, is_told = 0;
   memset(&s->record, 0, sizeof s->record);
   s->words.used = s->blow_words.used = 0, s->short_of_memory = 0;
+  s->find = plan->find, s->misses = plan->misses != 0;
   while (taken < plan->count && !rests) {
     task.t = plan->t[taken], task.h = plan->h[taken];
     task.numbers = s->numbers ? plan->numbers + plan->piece[taken] * s->numbers : NULL;

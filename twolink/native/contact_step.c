@@ -111,7 +111,7 @@ int tl_step(tl_scene *s, const tl_task *task, tl_ended *out) {
 comes in from beside a face is no point of the contact problem until it is over the face. */
 static int checked(tl_scene *s, const tl_task *task, int halve, tl_ended *out) {
   if (!tl_is_finite(out->v, s->nv)) return TL_NOT_FINITE;
-  if (!s->hull_pairs) return TL_FINE;
+  if (!s->misses) return TL_FINE;
   tl_place(s, out->q);
   const double reach = tl_reach(out->h, tl_fastest(s, out->v)), overlap = tl_overlap(s, NULL);
   if (s->buried) return TL_NO_STEP;
