@@ -84,7 +84,7 @@ class Told(NamedTuple):
     record: tuple[float, ...]
 
 
-class _Found(ctypes.Structure):
+class _FoundPoints(ctypes.Structure):
     """tl_found of native/contact.h."""
 
     _fields_ = (("count", ctypes.c_int64), *((name, ctypes.c_void_p) for name in Found._fields),
@@ -92,7 +92,7 @@ class _Found(ctypes.Structure):
 
 
 _FINDER = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p,
-                           ctypes.POINTER(_Found))  # fmt: skip
+                           ctypes.POINTER(_FoundPoints))  # fmt: skip
 _KINDS = (np.int64, np.int32, np.int32, np.int32, float, float, float)
 
 
@@ -139,7 +139,7 @@ class ContactScene:
         self._failed: BaseException | None = None
 
     def _found(self, reach: float, wants_overlap: int, turned: int, origin: int, out: Any) -> int:
-        """What the finder finds. What it raises is raised when the library is back."""
+        """Ask the finder. What it raises is raised when the library is back."""
         try:
             count, finder = self._bodies, cast(Finder, self._finder)
             rotations, origins = _copied(turned, 9 * count).reshape(-1, 3, 3), _copied(origin, 3 * count).reshape(-1, 3)
