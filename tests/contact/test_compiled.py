@@ -11,6 +11,7 @@ import twolink as tl
 from tests.dynamics import robots
 from tests.effects.bodies import free_bodies
 from twolink.contact import compiled, stepping
+from twolink.contact.bodies import FreeBodies
 from twolink.contact.compiled_steps import take_steps
 from twolink.contact.impulses import EXACT
 from twolink.contact.solver import stepper_of
@@ -123,6 +124,22 @@ def thrown(kind: str, seed: int, restitution: float) -> tl.Scene:
 def test_steps_of_shapes_are_those_of_the_law(kind: str, restitution: float) -> None:
     for seed in range(3):
         require_same_steps(thrown(kind, seed, restitution), 0.005, 120)
+
+
+def test_steps_of_many_free_bodies_with_effects_are_those_of_the_law() -> None:
+    names = tuple(f"b{k}" for k in range(22))
+    robot, random = free_bodies(*names), np.random.default_rng(1)
+    places = np.zeros((22, 7))
+    places[:, :3] = 0.3 * np.array([(k % 4, k // 4 % 4, k // 16) for k in range(22)]) + random.uniform(
+        -0.02, 0.02, (22, 3)
+    )
+    places[:, 2] += 0.2
+    places[:, 6] = 1.0
+    contact = E.Contact(("self", "ground"), 0.3, shapes={name: (E.Sphere(0.1),) for name in names})
+    pushes = [E.FrameWrench(name, (0.5 * k, 0.3, -2.0), point=(0.0, 0.1, 0.0)) for k, name in enumerate(names[:4])]
+    scene = tl.Scene(robot, places.ravel(), random.uniform(-2.0, 2.0, 132), [E.Gravity(), contact, *pushes])
+    assert isinstance(stepper_of(scene).bodies, FreeBodies)
+    require_same_steps(scene, 0.005, 60)
 
 
 def on_plane(name: str, seed: int) -> tl.Scene:

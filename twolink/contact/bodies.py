@@ -201,13 +201,14 @@ def cross(a: Array, b: Array) -> Array:
 
 
 MANY = 20  # free bodies from which sparse matrices pay
+TRACED = 200  # of them, whose effects are traced for the native library
 
 
 class FreeBodies(Multibody):
     """Bodies that a free joint connects to the ground each. There is no pin.Data, which takes nv^3 numbers."""
 
     def __init__(self, equations: Equations) -> None:
-        self.equations, self.model, self.program = equations, equations.robot.model, None
+        self.equations, self.model = equations, equations.robot.model
         self.viscosity = viscosity_of(equations)
         model, bodies = self.model, range(1, self.model.njoints)
         self.q = np.array([model.idx_qs[j] for j in bodies], dtype=int)[:, None]
@@ -217,6 +218,8 @@ class FreeBodies(Multibody):
         self.inertias = np.array([model.inertias[j].matrix() for j in bodies])
         self.inverses = np.linalg.inv(self.inertias)
         self.places_now = Places(np.eye(3)[None], np.zeros((1, 3)))
+        traced = equations.effects and len(self.v) <= TRACED
+        self.program = _forces_program(self) if traced else None
 
     def to_local_velocity(self, q: Array, w: Array, sign: int = 1) -> Array:
         """v of w; w of v with the sign -1."""
@@ -270,6 +273,15 @@ class FreeBodies(Multibody):
             column = np.repeat(self.first[joints], 3)[:, None] + np.arange(6)
             parts.append(sparse.csr_array((rows.ravel(), (row, column.ravel())), shape=(count, self.model.nv)))
         return parts[0] + parts[1]
+
+    def by_pinocchio(self, t: float, q: Array, v: Array, numbers: Array) -> Array:
+        """tau - h (nv) without Pinocchio, for a comparison."""
+        rotations, velocity = self.places(q, v)[0].rotations[1:], v[self.v + np.arange(6)]
+        gravity = np.concatenate([self.model.gravity.linear @ rotations, np.zeros((len(rotations), 3))], axis=1)
+        weight = np.einsum("nij,nj->ni", self.inertias, gravity)
+        out = np.empty(self.model.nv)
+        out[self.v + np.arange(6)] = self.forces(t, q, v, numbers) - self._bias(velocity) + weight
+        return out
 
     def _bias(self, velocity: Array) -> Array:
         """v x* I v (n, 6)."""

@@ -15,8 +15,9 @@ from twolink.contact.steps import Blow, Memory, Record, Step, StepPlan
 from twolink.integrate.motion.state import Array
 from twolink.native.contact import ContactScene, Start, Steps, Told
 
-AT_ONCE = 256  # steps a call, so that a run can be interrupted and tells how far it is
+AT_ONCE = 128  # steps a call, so that a run can be interrupted and tells how far it is
 SOLVERS = ("newton", "proximal")
+HEAD, NUMBERS = 8, 7  # words of a step before its arrays: whole numbers, and numbers
 
 
 def take_steps(
@@ -40,11 +41,12 @@ class CompiledSteps(Sequence[Step]):
 
     def __init__(self, told: Told, bodies: Multibody, plan: StepPlan, first: int) -> None:
         self._told, self._bodies, self._plan, self._first = told, bodies, plan, first
-        words, wholes, at = told.words, told.words.view(np.int64), 0
+        wholes, at, model = told.words.view(np.int64), 0, bodies.model
         self._at: dict[int, int] = {}  # where the words of a step begin
-        while at < len(words):
-            self._at[int(wholes[at])] = at
-            at = self._read(at)[1]
+        while at < len(wholes):
+            number, *_, known, count, of_joints = wholes[at : at + HEAD].tolist()
+            self._at[number] = at
+            at += HEAD + NUMBERS + model.nq + (4 + of_joints) * model.nv + 6 * known + 10 * count
 
     def __len__(self) -> int:
         return self._told.taken
@@ -55,7 +57,7 @@ class CompiledSteps(Sequence[Step]):
     def __getitem__(self, j: slice) -> Sequence[Step]: ...
     def __getitem__(self, j: Any) -> Any:
         """The step j."""
-        step = self._read(self._at[j])[0]
+        step = self._read(self._at[j])
         if j < len(self) - 1:
             return step
         step = replace(step, blows=self._blows())
@@ -73,11 +75,11 @@ class CompiledSteps(Sequence[Step]):
         record.feasibility = max(record.feasibility, feasibility)
         record.complementarity = max(record.complementarity, complementarity)
 
-    def _read(self, at: int) -> tuple[Step, int]:
-        """The step whose words begin at a place, and the place behind them: `tell` of native/contact_run.c."""
+    def _read(self, at: int) -> Step:
+        """The step whose words begin at a place: `tell` of native/contact_run.c."""
         read = _Reader(self._told.words, at)
-        _, touches, solver, softened, _, known, count, of_joints = read.wholes(8).tolist()
-        h, overlap, feasibility, complementarity, residual, at_end, unfollowed = read.numbers(7).tolist()
+        _, touches, solver, softened, _, known, count, of_joints = read.wholes(HEAD).tolist()
+        h, overlap, feasibility, complementarity, residual, at_end, unfollowed = read.numbers(NUMBERS).tolist()
         nq, nv = self._bodies.model.nq, self._bodies.model.nv
         q, v, mean, change = (read.numbers(size) for size in (nq, nv, nv, 2 * nv))
         memory = Memory(read.wholes(known), read.numbers(3 * known).reshape(-1, 3), read.wholes(known) > 0,
@@ -89,7 +91,7 @@ class CompiledSteps(Sequence[Step]):
         impulses = Impulses(none, none, feasibility, complementarity, residual, SOLVERS[solver]) if touches else None
         deepest = None if np.isnan(overlap) else overlap
         return Step(h, q, v, mean, memory, keys, place, on_first, impulses, deepest, joints, slips,
-                    softened=bool(softened)), read.at  # fmt: skip
+                    softened=bool(softened))  # fmt: skip
 
     def _blows(self) -> tuple[Blow, ...]:
         """The impacts of all steps."""
