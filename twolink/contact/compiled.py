@@ -15,12 +15,11 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.joint_models import read_joint
-from twolink.algorithms.spatial import ZERO
 from twolink.contact.bodies import Multibody
 from twolink.contact.joints import JointPoints, Laws
 from twolink.errors import QueryError
 from twolink.geometry.detection import ByFormula, Detector, Hulls
-from twolink.geometry.gaps import BoxGap, CylinderGap, PlaneGap, RimGap, RoundGap
+from twolink.geometry.gaps import BoxGap, CylinderGap, RimGap, RoundGap
 from twolink.geometry.hulls import FEW, Hull
 from twolink.geometry.on_world import Group, OnPlanes, RimsOnPlanes, bounding_radius
 from twolink.geometry.pairs import gaps_of
@@ -163,21 +162,19 @@ class _Scene:
                 balls.append(own)
                 planes.append(plane)
                 count += len(rows)
-        rims = [self._rim(pair, feature, cast(RimGap, gap)) for group in self._groups(RimsOnPlanes)
-                for pair, feature, gap in _rows_of(cast(OnPlanes, group))]  # fmt: skip
+        rims = [self._rim(*row) for group in self._groups(RimsOnPlanes) for row in _rims_of(cast(RimsOnPlanes, group))]
         return balls, planes, rims
 
     def _on_plane(self, group: OnPlanes, rows: Array, first: int) -> tuple[Array, tuple[Any, Any]]:
         """The balls of a body over a plane, and the body; first: the number of the first ball."""
-        one, ball = group.gaps[int(rows[0])], group.every.ball
-        joint, rotation, origin = self._placed(one.ball.frame)
-        own = np.zeros((len(rows), 3)) if ball.point is ZERO else ball.point[:, rows].T
-        x, radii = own @ rotation.T + origin, ball.radius[rows]
+        one, gap = int(rows[0]), group.every
+        joint, rotation, origin = self._placed(group.bodies[int(group.solid[one])])
+        x, radii = gap.ball.point[:, rows].T @ rotation.T + origin, gap.ball.radius[rows]
         centre = x.mean(axis=0)
         bound = float((np.linalg.norm(x - centre, axis=1) + radii).max())
-        balls = np.column_stack([group.feature[rows], x, radii])
-        whole = [int(group.pair[rows[0]]), joint, first, first + len(rows)]
-        return balls, (whole, [*one.normal, one.height, *centre.tolist(), bound])
+        whole = [int(group.pair[one]), joint, first, first + len(rows)]
+        numbers = [*gap.normal[:, one].tolist(), float(gap.height[one]), *centre.tolist(), bound]
+        return np.column_stack([group.feature[rows], x, radii]), (whole, numbers)
 
     def _rim(self, pair: int, feature: int, gap: RimGap) -> tuple[Any, Any]:
         joint, point = self._placed(gap.link)[0], self._at(gap.link, gap.point)
@@ -236,7 +233,7 @@ class _Scene:
         return whole, [*([float(stop.position), float(stop.side)] for stop in stops), *([0.0, 1.0] for _ in holds)]
 
 
-def _rows_of(group: OnPlanes) -> Iterable[tuple[int, int, PlaneGap]]:
+def _rims_of(group: RimsOnPlanes) -> Iterable[tuple[int, int, RimGap]]:
     return zip(group.pair.tolist(), group.feature.tolist(), group.gaps, strict=True)
 
 

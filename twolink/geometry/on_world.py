@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
+from twolink.algorithms.motion import GROUND
 from twolink.algorithms.namespaces import Array
-from twolink.algorithms.spatial import ZERO
+from twolink.algorithms.spatial import unit
 from twolink.geometry.fields import FieldBody, HeightField, surface_of
-from twolink.geometry.gaps import Gap, PlaneGap, RimGap, down_rim
+from twolink.geometry.gaps import Ball, PlaneGap, RimGap, down_rim
 from twolink.geometry.hulls import Name, TouchPoint
-from twolink.geometry.pairs import Pair, gaps_of
+from twolink.geometry.pairs import Pair, Plane, balls_of, gaps_of
 from twolink.geometry.points import Links, Points, joined, key_of, stacked
 from twolink.robots.collisions import AnyShape, Box, Convex, Cylinder
 
@@ -37,32 +38,34 @@ class Group:
 
 
 class OnPlanes(Group):
-    """Balls and points of bodies over planes of the world, and the rims of cylinders.
+    """Balls and points of bodies over planes of the world.
 
-    gaps: of each point, by formulas. key, pair: see `Points`. first, solid: of each body its first point, and of each
-    point its body. centres (3, bodies), bounds (bodies,): of spheres around the bodies.
+    every: the gaps of all points as one. key, pair: see `Points`. first, solid: of each body its first point, and of
+    each point its body. bodies: their links. centres (3, bodies), bounds (bodies,): of spheres around them.
     """
 
     def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
-        rows = [(pair_number, k, gap) for pair_number, pair in items for k, gap in enumerate(self._gaps(pair))]
-        self.pair = np.array([row[0] for row in rows])
-        self.feature = np.array([row[1] for row in rows])
-        self.key, self.gaps = key_of(self.pair, self.feature), [cast(PlaneGap, gap) for *_, gap in rows]
-        self.every = stacked(self.gaps, number)
-        _, self.first, self.solid = np.unique(self.pair, return_index=True, return_inverse=True)
-        of = {pair_number: pair.first.shape for pair_number, pair in items}
-        shapes = [of[pair_number] for pair_number in self.pair[self.first].tolist()]
-        self.centres = np.array([shape.placement.translation for shape in shapes]).T
-        self.bounds = np.array([bounding_radius(shape) for shape in shapes])
-
-    def _gaps(self, pair: Pair) -> Sequence[Gap]:
-        return gaps_of(pair)
+        solids, planes = [pair.first for _, pair in items], [cast(Plane, pair.second) for _, pair in items]
+        balls = [balls_of(solid) for solid in solids]
+        counts = np.array([len(points) for points, _ in balls])
+        self.solid, self.first = np.repeat(np.arange(len(items)), counts), np.cumsum(counts) - counts
+        self.pair = np.array([pair_number for pair_number, _ in items])[self.solid]
+        self.feature = np.arange(len(self.solid)) - self.first[self.solid]
+        self.key, self.bodies = key_of(self.pair, self.feature), [solid.link for solid in solids]
+        normals = np.array([unit(plane.normal, "pairs") for plane in planes], dtype=float)
+        heights, radii = (np.array(x, dtype=float)[self.solid]
+                          for x in ([plane.height for plane in planes], [radius for _, radius in balls]))  # fmt: skip
+        frames = np.array([number[solid.link] for solid in solids])[self.solid]
+        points: Any = np.concatenate([points for points, _ in balls]).T
+        self.every: Any = PlaneGap(Ball(frames, points, radii), GROUND, normals[self.solid].T, heights)  # type: ignore[arg-type]
+        self.centres = np.array([solid.shape.placement.translation for solid in solids]).T
+        self.bounds = np.array([bounding_radius(solid.shape) for solid in solids])
 
     def points(self, links: Links, reach: float) -> Points:
         """The balls' lowest points."""
         gap, rows = self.every, self._near(links, reach)
         link, normal, radius = gap.ball.frame[rows], gap.normal[:, rows], gap.ball.radius[rows]
-        x = links.position(link, ZERO if gap.ball.point is ZERO else gap.ball.point[:, rows])
+        x = links.position(link, gap.ball.point[:, rows])
         height = (normal * x).sum(axis=0) - gap.height[rows] - radius
         found = np.flatnonzero(height < reach)
         rows, height, normal = rows[found], height[found], normal[:, found]
@@ -79,11 +82,18 @@ class OnPlanes(Group):
         return np.flatnonzero((low - gap.height[first] < reach)[self.solid])
 
 
-class RimsOnPlanes(OnPlanes):
-    """Cylinders over planes of the world: of each end the lowest point of the rim and three others."""
+class RimsOnPlanes(Group):
+    """Cylinders over planes of the world: of each end the lowest point of the rim and three others.
 
-    def _gaps(self, pair: Pair) -> Sequence[Gap]:
-        return [gap for gap in gaps_of(pair) if isinstance(gap, RimGap)]
+    pair, feature, gaps: of each rim.
+    """
+
+    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
+        rims = [(pair_number, [gap for gap in gaps_of(pair) if isinstance(gap, RimGap)]) for pair_number, pair in items]
+        self.pair = np.array([pair_number for pair_number, gaps in rims for _ in gaps])
+        self.feature = np.array([k for _, gaps in rims for k, _ in enumerate(gaps)])
+        self.gaps = [gap for _, gaps in rims for gap in gaps]
+        self.every = stacked(self.gaps, number)
 
     def points(self, links: Links, reach: float) -> Points:
         """The lowest point of each rim, the highest one, and those between."""
