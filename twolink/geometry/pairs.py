@@ -138,7 +138,7 @@ def _on_plane(solid: Solid, frame: str, normal: Vec, height: float) -> list[Gap]
 
 
 def balls_of(solid: Solid) -> tuple[Array, float]:
-    """The balls or points of a solid without a rim that meet planes: centres (n, 3) in its link's axes, and a radius."""
+    """The balls or points of a solid without a rim over planes: centres (n, 3) in its link's axes, and a radius."""
     shape = solid.shape
     if isinstance(shape, Sphere):
         return np.array([shape.point], dtype=float), float(shape.radius)
