@@ -15,7 +15,7 @@ each level of a processor: -DLEVEL=base, v3 or v4. */
 #define NAMED(name) JOIN(name, LEVEL)
 
 enum { LANES = 4 };
-typedef double lanes __attribute__((vector_size(LANES * sizeof(double)), aligned(sizeof(double))));
+typedef double lanes __attribute__((vector_size(LANES * sizeof(double)), aligned(sizeof(double)), may_alias));
 
 static inline lanes load(const double *x) { return *(const lanes *)x; }
 static inline double sum(lanes x) { return (x[0] + x[1]) + (x[2] + x[3]); }
@@ -122,19 +122,27 @@ void NAMED(tl_solve_envelope)(const tl_envelope *a, double *x) {
 }
 
 /* out = G p of a symmetric matrix. */
-void NAMED(tl_envelope_times)(const tl_envelope *g, const double *p, double *out) {
+void NAMED(tl_envelope_times)(const tl_envelope *g, const double *p, double *restrict out) {
   memset(out, 0, (size_t)g->n * 3 * sizeof(double));
   for (int i = 0; i < g->n; i++) {
     const size_t apart = tl_row_length(g, i);
-    const int first = 3 * g->first[i], count = 3 * i - first;
-    const double *row = tl_block_at(g, g->lower, i, g->first[i]), *from = p + first;
-    double *to = out + first;
-    for (int r = 0; r < 3; r++, row += apart) {
-      const double own = p[3 * i + r];
-      double all = 0.0;
-      for (int k = 0; k < count; k++) all += row[k] * from[k], to[k] += row[k] * own;
-      for (int k = count; k < count + 3; k++) all += row[k] * from[k];
-      out[3 * i + r] += all;
+    const int first = 3 * g->first[i], count = 3 * i - first, whole = count - count % LANES;
+    const double *a = tl_block_at(g, g->lower, i, g->first[i]), *b = a + apart, *c = b + apart, *from = p + first;
+    const double x = p[3 * i], y = p[3 * i + 1], z = p[3 * i + 2];
+    double *restrict to = out + first;
+    lanes s0 = {0}, s1 = {0}, s2 = {0};
+    for (int k = 0; k < whole; k += LANES) {
+      const lanes u = load(a + k), v = load(b + k), w = load(c + k), own = load(from + k);
+      s0 += u * own, s1 += v * own, s2 += w * own;
+      *(lanes *)(to + k) = load(to + k) + (u * x + v * y + w * z);
     }
+    double sums[3] = {sum(s0), sum(s1), sum(s2)};
+    for (int k = whole; k < count; k++) {
+      sums[0] += a[k] * from[k], sums[1] += b[k] * from[k], sums[2] += c[k] * from[k];
+      to[k] += a[k] * x + b[k] * y + c[k] * z;
+    }
+    out[3 * i] += sums[0] + a[count] * x + a[count + 1] * y + a[count + 2] * z;
+    out[3 * i + 1] += sums[1] + b[count] * x + b[count + 1] * y + b[count + 2] * z;
+    out[3 * i + 2] += sums[2] + c[count] * x + c[count + 1] * y + c[count + 2] * z;
   }
 }

@@ -10,11 +10,12 @@ proximal points where it goes in circles. Statement, laws and sources: contact/i
 #define LARGEST 1.0
 enum { NEWTON = 80, LEADING = 30, LED = 1000, POINTS = 60, INNER = 20, FEW = 50 };
 
-/* What the methods work with: u, z, F, and others of the same size (3n); and the matrix of Newton's method. */
+/* What the methods work with: u, z, F, and others of the same size (3n); C / g of what presses (n, 9); and the matrix of Newton's
+method. */
 typedef struct {
   int level;
   const tl_problem *problem;
-  double *u, *z, *f, *best, *ahead, *anchor, *nearest, *step, *right;
+  double *u, *z, *f, *best, *ahead, *anchor, *nearest, *step, *right, *scaled;
   int32_t *chosen, *number;
   tl_envelope matrix;
   size_t blocks;
@@ -22,7 +23,7 @@ typedef struct {
 
 static int new_workspace(tl_scene *s, const tl_problem *problem, workspace *w) {
   const size_t n = (size_t)problem->g.n;
-  double *x = tl_take(&s->work, 27 * n, sizeof(double));
+  double *x = tl_take(&s->work, 36 * n, sizeof(double));
   w->level = s->level, w->problem = problem, w->blocks = problem->g.at[n];
   w->chosen = tl_take(&s->work, n, sizeof(int32_t));
   w->number = tl_take(&s->work, n + 1, sizeof(int32_t));
@@ -34,6 +35,7 @@ static int new_workspace(tl_scene *s, const tl_problem *problem, workspace *w) {
     return TL_NO_MEMORY;
   double **const parts[9] = {&w->u, &w->z, &w->f, &w->best, &w->ahead, &w->anchor, &w->nearest, &w->step, &w->right};
   for (int k = 0; k < 9; k++) *parts[k] = x + 3 * n * (size_t)k;
+  w->scaled = x + 27 * n;
   return TL_FINE;
 }
 
@@ -93,38 +95,41 @@ static void product_with_transpose(const double *a, const double *b, double *out
     for (int c = 0; c < 3; c++) out[3 * r + c] = tl_dot(a + 3 * r, b + 3 * c);
 }
 
-/* Newton's matrix of what presses, (I - C) + C (G / g + e), and the right side. free: the step of all others. */
-static void assemble(workspace *w, double damping) {
-  const tl_problem *q = w->problem;
+/* The shape of Newton's matrix: that of G between what presses. */
+static void shape(workspace *w) {
   tl_envelope *m = &w->matrix;
   m->at[0] = 0;
   for (int a = 0; a < m->n; a++) {
-    const int i = w->chosen[a];
-    m->first[a] = w->number[q->g.first[i]];
+    m->first[a] = w->number[w->problem->g.first[w->chosen[a]]];
     m->at[a + 1] = m->at[a] + (size_t)(a - m->first[a] + 1);
   }
+}
+
+/* Newton's matrix of what presses, (I - C) + C (G / g + e), and the right side F - C G d / g, d: the step of what does not. Of the
+block (b, a) above the diagonal the transpose is kept, G_ab (C_b / g_b)^T. */
+static void assemble(workspace *w, double damping) {
+  const tl_problem *q = w->problem;
+  tl_envelope *m = &w->matrix;
+  shape(w);
   for (int a = 0; a < m->n; a++) {
     const int i = w->chosen[a];
-    double c[9], scaled[9], block[9], product[9], *x = w->right + 3 * a, y[3];
+    const size_t from = tl_row_length(&q->g, i), to = tl_row_length(m, a);
+    double c[9], block[9], product[9], *scaled = w->scaled + 9 * a, *x = w->right + 3 * a, y[3];
     derivative(q->mu[i], w->z + 3 * i, c);
     for (int k = 0; k < 9; k++) scaled[k] = c[k] / q->size[i];
-    tl_times(scaled, w->u + 3 * i, y); /* u: G times the step of what does not press */
+    tl_times(scaled, w->u + 3 * i, y); /* u: G d */
     tl_minus(w->f + 3 * i, y, x);
     for (int b = m->first[a]; b < a; b++) {
-      tl_get_block(tl_block_at(&q->g, q->g.lower, i, w->chosen[b]), tl_row_length(&q->g, i), block);
+      tl_get_block(tl_block_at(&q->g, q->g.lower, i, w->chosen[b]), from, block);
       tl_product(scaled, block, product);
-      tl_set_block(tl_block_at(m, m->lower, a, b), tl_row_length(m, a), product);
+      tl_set_block(tl_block_at(m, m->lower, a, b), to, product);
+      product_with_transpose(block, w->scaled + 9 * b, product);
+      tl_set_block(tl_block_at(m, m->upper, a, b), to, product);
     }
-    for (int b = a + 1; b < m->n; b++) { /* of the upper triangle, transposed: G scaled^T */
-      if (m->first[b] > a) continue;
-      tl_get_block(tl_block_at(&q->g, q->g.lower, w->chosen[b], i), tl_row_length(&q->g, w->chosen[b]), block);
-      product_with_transpose(block, scaled, product);
-      tl_set_block(tl_block_at(m, m->upper, b, a), tl_row_length(m, b), product);
-    }
-    tl_get_block(tl_block_at(&q->g, q->g.lower, i, i), tl_row_length(&q->g, i), block);
+    tl_get_block(tl_block_at(&q->g, q->g.lower, i, i), from, block);
     tl_product(scaled, block, product);
     for (int k = 0; k < 9; k++) product[k] += (k % 4 == 0) + (damping - 1.0) * c[k];
-    tl_set_block(tl_block_at(m, m->lower, a, a), tl_row_length(m, a), product);
+    tl_set_block(tl_block_at(m, m->lower, a, a), to, product);
   }
 }
 
