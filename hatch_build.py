@@ -20,6 +20,8 @@ except ImportError:  # the studies use `build` without hatchling
     BuildHookInterface = object
 
 NATIVE = Path(__file__).parent / "twolink" / "native"
+LEVELLED = ("columns", "taylor", "contact_envelope")  # compiled for each level of a processor
+CONTACT = sorted({file.stem for file in NATIVE.glob("contact_*.c")} - set(LEVELLED))
 FLAGS = [
     "-std=gnu99",
     "-O3",
@@ -78,9 +80,9 @@ def build(target: str, path: Path) -> None:
         levels |= {"v3": "-mcpu=x86_64_v3", "v4": "-mcpu=x86_64_v4"}
     with tempfile.TemporaryDirectory() as folder:
         jobs = [(f"{name}-{level}", f"{name}.c", [f"-DLEVEL={level}", option]) for level, option in levels.items()
-                for name in ("columns", "taylor")]  # fmt: skip
+                for name in LEVELLED]  # fmt: skip
         own = [f"-DSOURCES={digest()}", cpu, *(["-DX86_LEVELS"] if x86 else [])]
-        jobs += [(name, f"{name}.c", own) for name in ("machine", "program", "recurrences", "taylor_face")]
+        jobs += [(name, f"{name}.c", own) for name in ("machine", "program", "recurrences", "taylor_face", *CONTACT)]
         environment = {"ZIG_GLOBAL_CACHE_DIR": folder, "ZIG_LOCAL_CACHE_DIR": folder, **os.environ}
         running = [subprocess.Popen([*zig, *FLAGS, *options, "-c", str(NATIVE / source), "-o", f"{folder}/{name}.o"],
                                     env=environment)

@@ -124,14 +124,13 @@ def test_a_joint_beyond_its_stop_is_refused() -> None:
         stepped(on_ground(0.0, E.JointStops({"x": (0.1, 1.0)})), 0.1, 0.01)
 
 
-def test_a_held_step_ends_where_a_joint_meets_its_stop() -> None:
+def test_a_ball_rolls_until_its_joint_meets_its_stop() -> None:
     """A ball that rolls with 2/3 g sin down an incline, until its joint is at 0.3 m, and rests there."""
     gravity = E.Gravity((G * math.sin(0.3), 0.0, -G * math.cos(0.3)))
     contact = E.Contact(("ground",), 0.5, shapes={"body": (E.Sphere(0.1),)})
     effects = [gravity, contact, E.JointStops({"x": (-1.0, 0.3)})]
     run = stepped(tl.Scene(planar(0.005), [0, 0.1, 0], effects=effects), 1.0, 0.01)
     assert run.contact_record is not None
-    assert run.contact_record["solvers"]["held"] > 10
     assert run.contact_record["overlap"] < 1e-9
     exact = np.fmin(G * math.sin(0.3) / 1.5 * run.t**2 / 2, 0.3)
     assert np.abs(run.q[:, 0] - exact).max() < 1e-9

@@ -4,12 +4,11 @@ In: a scene, times and a step; the points at which bodies touch come from `geome
 impulses of the contacts, and of each step how well they obey the laws. This room knows nothing of error bars and
 trajectories.
 
-velocities    velocities along axes in which they do not change while bodies turn
 bodies        mass matrix, free motion and Jacobians at the points where bodies touch; of many free bodies, sparse
 joints        stops and dry friction of joints, as points of the contact problem, and motions that loops leave free
 impulses      the contact problem: impulses that obey the laws of contact and friction
 positions     what removes overlap and drift from positions
-held          steps in which the same points press, compiled; held_step: their formulas
+compiled      scenes as arrays for the native library, which takes their steps; compiled_steps: what it says of them
 rest          steps in which nothing moves
 stepping      one step; steps: what it is, and those of a run
 solver        the run from step to step

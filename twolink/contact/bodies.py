@@ -37,7 +37,7 @@ class Multibody:
         self.equations = equations
         self.model = model = equations.robot.model
         self.data = equations.robot.data  # of this thread; Pinocchio's takes nv^3 numbers
-        self._forces = _forces_program(self) if equations.effects else None
+        self.program = _forces_program(self) if equations.effects else None
         self.moving_axes = [joint for joint in equations.robot.joints if joint.kind in ("free-flyer", "planar")]
         free = [joint.v.start for joint in equations.robot.joints if joint.kind == "free-flyer"]
         self.angular = np.array(free, dtype=int)[:, None] + ANG
@@ -132,9 +132,9 @@ class Multibody:
 
     def forces(self, t: float, q: Array, v: Array, numbers: Array) -> Array:
         """tau - h (nv,), of all that acts but contacts."""
-        if self._forces is None:
+        if self.program is None:
             return -np.array(pin.nonLinearEffects(self.model, self.data, q, v))
-        return self._forces(np.concatenate([[t], q, v, numbers]))
+        return self.program(np.concatenate([[t], q, v, numbers]))
 
     def by_pinocchio(self, t: float, q: Array, v: Array, numbers: Array) -> Array:
         """tau - h (nv,) with Pinocchio's h, for a comparison."""
@@ -201,6 +201,7 @@ def cross(a: Array, b: Array) -> Array:
 
 
 MANY = 20  # free bodies from which sparse matrices pay
+TRACED = 200  # of them, whose effects are traced for the native library
 
 
 class FreeBodies(Multibody):
@@ -208,6 +209,7 @@ class FreeBodies(Multibody):
 
     def __init__(self, equations: Equations) -> None:
         self.equations, self.model = equations, equations.robot.model
+        self.viscosity = viscosity_of(equations)
         model, bodies = self.model, range(1, self.model.njoints)
         self.q = np.array([model.idx_qs[j] for j in bodies], dtype=int)[:, None]
         self.v = np.array([model.idx_vs[j] for j in bodies], dtype=int)[:, None]
@@ -216,6 +218,8 @@ class FreeBodies(Multibody):
         self.inertias = np.array([model.inertias[j].matrix() for j in bodies])
         self.inverses = np.linalg.inv(self.inertias)
         self.places_now = Places(np.eye(3)[None], np.zeros((1, 3)))
+        traced = equations.effects and len(self.v) <= TRACED
+        self.program = _forces_program(self) if traced else None
 
     def to_local_velocity(self, q: Array, w: Array, sign: int = 1) -> Array:
         """v of w; w of v with the sign -1."""
@@ -269,6 +273,15 @@ class FreeBodies(Multibody):
             column = np.repeat(self.first[joints], 3)[:, None] + np.arange(6)
             parts.append(sparse.csr_array((rows.ravel(), (row, column.ravel())), shape=(count, self.model.nv)))
         return parts[0] + parts[1]
+
+    def by_pinocchio(self, t: float, q: Array, v: Array, numbers: Array) -> Array:
+        """tau - h (nv) without Pinocchio, for a comparison."""
+        rotations, velocity = self.places(q, v)[0].rotations[1:], v[self.v + np.arange(6)]
+        gravity = np.concatenate([self.model.gravity.linear @ rotations, np.zeros((len(rotations), 3))], axis=1)
+        weight = np.einsum("nij,nj->ni", self.inertias, gravity)
+        out = np.empty(self.model.nv)
+        out[self.v + np.arange(6)] = self.forces(t, q, v, numbers) - self._bias(velocity) + weight
+        return out
 
     def _bias(self, velocity: Array) -> Array:
         """v x* I v (n, 6)."""

@@ -13,9 +13,9 @@ undetermined, and which ends with F, so that the solution obeys the laws as exac
 goes in circles, as in piles that come to rest, the proximal point method leads on from the best it found: the laws with
 U + e g (P - P_k) in place of U have one solution near P_k; what Newton's method finds that misses them by a third of
 what P_k misses is the next P_k, and e falls as much (Rockafellar, SIAM J. Control Optim. 14 (1976) 877-898, also for
-points that are not exact), for each island of bodies alone. Each begins after steps of P - F / 3 with Nesterov's
-momentum (O'Donoghue, Candes, Found. Comput. Math. 15 (2015) 715-732, for the restarts; Mazhar, Heyn, Negrut, Tasora,
-ACM Trans. Graph. 34 (2015) 32).
+points that are not exact). Each island of bodies is solved alone. Each method begins after steps of P - F / 3 with
+Nesterov's momentum (O'Donoghue, Candes, Found. Comput. Math. 15 (2015) 715-732, for the restarts; Mazhar, Heyn, Negrut,
+Tasora, ACM Trans. Graph. 34 (2015) 32).
 """
 
 from __future__ import annotations
@@ -112,12 +112,14 @@ class ContactProblem:
         return [np.flatnonzero(of == k) for k in range(count)]
 
     def part(self, island: Array) -> ContactProblem:
-        """The problem of an island alone."""
+        """The problem of an island alone, which obeys the laws as exactly as all do."""
         if len(island) == len(self.b):
             return self
         rows = (3 * island[:, None] + np.arange(3)).ravel()
         matrix = self.matrix.tocsr() if sparse.issparse(self.matrix) else self.matrix
-        return ContactProblem(matrix[rows][:, rows], self.b[island], self.mu[island])
+        part = ContactProblem(matrix[rows][:, rows], self.b[island], self.mu[island])
+        part.scale = self.scale
+        return part
 
     def answer(self, p: Array, solver: str) -> Impulses:
         """The impulses with the residuals of the contact laws."""
@@ -130,17 +132,14 @@ class ContactProblem:
 
 
 def solve_impulses(problem: ContactProblem, guess: Array) -> Impulses:
-    """The impulses of a problem from a guess (n, 3); the best found where the laws are not reached."""
-    p = newton(problem, accelerated(problem, guess, LEADING if len(guess) > FEW else 0))
-    best = problem.answer(p, "newton")
-    if best.solved:
-        return best
-    solver = "newton"
+    """The impulses of a problem from a guess (n, 3), by islands; the best found where the laws are not reached."""
+    p, solver = np.array(guess, dtype=float), "newton"
     for island in problem.islands():
         one = problem.part(island)
-        if not one.answer(p[island], solver).solved:
-            found = _led(one, p[island])
-            p[island], solver = found.p, max(solver, found.solver)  # the slower comes later in the alphabet
+        found = one.answer(newton(one, accelerated(one, p[island], LEADING if len(island) > FEW else 0)), "newton")
+        if not found.solved:
+            found = _led(one, found.p)
+        p[island], solver = found.p, max(solver, found.solver)  # the slower comes later in the alphabet
     return problem.answer(p, solver)
 
 

@@ -72,8 +72,13 @@ def at_rest(bodies: Multibody, plan: StepPlan, number: int, q: Array, v: Array, 
         return step
     zero = np.zeros_like(v)
     passed = replace(step.memory, change=np.zeros_like(memory.change))
-    rest = AtRest(replace(step, q=q, v=zero, mean=zero, memory=passed, rows=None), _forces(bodies, plan, number, q))
-    return replace(rest.step, memory=replace(passed, rest=rest))
+    return resting(bodies, plan, number, replace(step, q=q, v=zero, mean=zero, memory=passed, rows=None))
+
+
+def resting(bodies: Multibody, plan: StepPlan, number: int, step: Step) -> Step:
+    """A step at rest that remembers so, and the forces that act then. number: of the step in the plan."""
+    rest = AtRest(step, _forces(bodies, plan, number, step.q))
+    return replace(step, memory=replace(step.memory, rest=rest))
 
 
 def _forces(bodies: Multibody, plan: StepPlan, number: int, q: Array) -> Array:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from twolink.contact.held import HeldRun
 from twolink.contact.stepping import ContactStepper
 from twolink.contact.steps import Record, Step, StepPlan
 from twolink.geometry.points import pair_of
@@ -138,7 +137,7 @@ class SteppedTrack:
         self._impulses: list[Impulse] = []
         self._overlap = stepper.overlap(q)[0]
 
-    def add(self, first: int, steps: HeldRun | Sequence[Step]) -> None:
+    def add(self, first: int, steps: Sequence[Step]) -> None:
         """Add steps, the first of which has a number in the plan."""
         stepper, plan, local = self._stepper, self._plan, self._stepper.bodies.to_local_velocity
         if first == 0:

@@ -32,7 +32,8 @@ from typing import Any
 import numpy as np
 
 from twolink.contact.bodies import Multibody, bodies_of
-from twolink.contact.held import HeldRun, HeldSteps
+from twolink.contact.compiled import compiled
+from twolink.contact.compiled_steps import take_steps
 from twolink.contact.joints import JointPoints, Kept, LoopRows
 from twolink.contact.positions import correction
 from twolink.contact.rest import at_rest, steps_at_rest
@@ -74,7 +75,7 @@ class ContactStepper:
         self.joints = JointPoints(stops, holds, len(self.detector.names))
         self.laws = self.joints.laws(self.detector, [effect for _, effect in pairs])
         self.bodies, self.loops = bodies_of(equations) if loops is None else Multibody(equations), loops
-        self.held = HeldSteps(self.bodies, self.detector, self.joints, self.laws)
+        self.native = None if loops is not None else compiled(self.bodies, self.detector, self.joints, self.laws)
         self.record = Record()
 
     def start(self, t: float, q: Array, v: Array, numbers: Array) -> Memory:
@@ -120,10 +121,8 @@ class ContactStepper:
         rows = self.bodies.jacobian(points, axes)
         return self.joints.with_rows(rows, points) if self.joints else rows
 
-    def run(
-        self, plan: StepPlan, first: int, until: int, q: Array, v: Array, memory: Memory
-    ) -> HeldRun | Sequence[Step]:
-        """One or more steps of a plan, up to the one of a number: at rest, while the same points press, or one.
+    def run(self, plan: StepPlan, first: int, until: int, q: Array, v: Array, memory: Memory) -> Sequence[Step]:
+        """One or more steps of a plan, up to the one of a number: at rest, by the native library, or one.
 
         Raises as `advance`.
         """
@@ -131,11 +130,10 @@ class ContactStepper:
         if resting is not None and resting.rest.step.impulses is not None:
             self.record.add(replace(resting.rest.step.impulses, solver="rest"), len(resting))
             return resting
-        known = self.held.of(memory) if memory.ahead and self.loops is None else None
-        if known is not None:
-            found = self.held.run(known, plan, slice(first, min(first + memory.ahead, until)), q, v, memory)
-            if len(found):
-                self.record.add(found.impulses, len(found))
+        if self.native is not None:
+            found = take_steps(self.native, self.bodies, plan, range(first, until), q, v, memory)
+            if found is not None:
+                found.count_in(self.record)
                 return found
         numbers = plan.numbers[plan.piece[first]]
         step = self.advance(float(plan.t[first]), float(plan.h[first]), q, v, numbers, memory)

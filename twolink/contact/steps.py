@@ -62,7 +62,6 @@ def along(parts: Array, axes: Array) -> Array:
 
 
 STILL = 1e-9  # m/s: a slip that counts as none
-FIRST_AHEAD = 8  # compiled steps that are taken together at first
 
 
 @dataclass(frozen=True)
@@ -85,8 +84,6 @@ class Memory:
         By how much bounces that were too low for the steps would have moved a joint so far at most, rad or m.
     rest : AtRest, optional
         Where the bodies are at rest.
-    ahead : int
-        How many compiled steps are taken together next; 0 for none.
     """
 
     keys: Array
@@ -97,7 +94,6 @@ class Memory:
     overlap: float = 0.0
     unfollowed: float = 0.0
     rest: AtRest | None = None
-    ahead: int = FIRST_AHEAD
 
     def changes(self, mean: Array, *, smooth: bool = True) -> Array:
         """The changes w' of the last two steps for the next one; 0 where the step was not smooth."""

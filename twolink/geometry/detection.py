@@ -14,126 +14,18 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.namespaces import Array
-from twolink.algorithms.spatial import ZERO
 from twolink.dynamics import Robot
 from twolink.geometry.distance import Placed, distance, nearest_points
-from twolink.geometry.fields import FieldBody, HeightField, surface_of
-from twolink.geometry.gaps import Gap, PlaneGap, RimGap, down_rim
-from twolink.geometry.hulls import Hull, Name, TouchPoint, facing, hull_of, touching
+from twolink.geometry.fields import HeightField
+from twolink.geometry.hulls import Hull, Name, TouchPoint, facing, hull_of, separation, touching
+from twolink.geometry.on_world import Group, OnFields, OnPlanes, RimsOnPlanes, bounding_radius, of_touches
 from twolink.geometry.pairs import Pair, Plane, gaps_of
-from twolink.geometry.points import Links, Places, Points, each, joined, key_of, points_of, stacked
+from twolink.geometry.points import Links, Places, Points, each, joined, points_of, stacked
 from twolink.robots.collisions import AnyShape, Box, Capsule, Convex, Cylinder, Solid, Sphere
 
 BURIED = 1e-9  # m: cores that are nearer have no normal
-FLAT = 1e-9  # of a rim: below it the disc lies flat on the plane
-FEW = 64  # points that are all looked at
+FEATURES = ("first", "second", "edges")  # kinds of points of hulls
 MANY = 2_000  # pairs beyond which a tree finds those that are near
-
-
-class Group:
-    """Pairs of shapes of one kind, with their numbers. number: of each link, by its name."""
-
-    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
-        raise NotImplementedError
-
-    def points(self, links: Links, reach: float) -> Points:
-        """The points with gaps below the reach."""
-        raise NotImplementedError
-
-    def overlaps(self, links: Links) -> Iterator[tuple[float, int]]:
-        """Overlaps of bodies: their depths [m], and the numbers of the pairs."""
-        found = self.points(links, 0.0)
-        return zip((-found.gap).tolist(), found.pair.tolist(), strict=True)
-
-
-class OnPlanes(Group):
-    """Balls and points of bodies over planes of the world, and the rims of cylinders.
-
-    gaps: of each point, by formulas. key, pair: see `Points`. first, solid: of each body its first point, and of each
-    point its body. centres (3, bodies), bounds (bodies,): of spheres around the bodies.
-    """
-
-    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
-        rows = [(pair_number, k, gap) for pair_number, pair in items for k, gap in enumerate(self._gaps(pair))]
-        self.pair = np.array([row[0] for row in rows])
-        self.feature = np.array([row[1] for row in rows])
-        self.key, self.gaps = key_of(self.pair, self.feature), [cast(PlaneGap, gap) for *_, gap in rows]
-        self.every = stacked(self.gaps, number)
-        _, self.first, self.solid = np.unique(self.pair, return_index=True, return_inverse=True)
-        of = {pair_number: pair.first.shape for pair_number, pair in items}
-        shapes = [of[pair_number] for pair_number in self.pair[self.first].tolist()]
-        self.centres = np.array([shape.placement.translation for shape in shapes]).T
-        self.bounds = np.array([bounding_radius(shape) for shape in shapes])
-
-    def _gaps(self, pair: Pair) -> Sequence[Gap]:
-        return gaps_of(pair)
-
-    def points(self, links: Links, reach: float) -> Points:
-        """The balls' lowest points."""
-        gap, rows = self.every, self._near(links, reach)
-        link, normal, radius = gap.ball.frame[rows], gap.normal[:, rows], gap.ball.radius[rows]
-        x = links.position(link, ZERO if gap.ball.point is ZERO else gap.ball.point[:, rows])
-        height = (normal * x).sum(axis=0) - gap.height[rows] - radius
-        found = np.flatnonzero(height < reach)
-        rows, height, normal = rows[found], height[found], normal[:, found]
-        position = x[:, found] - (radius[found] + 0.5 * height) * normal
-        ground = np.zeros(len(rows), dtype=int)
-        return Points(self.pair[rows], self.key[rows], links.joint[link[found]], ground, height, normal.T, position.T)
-
-    def _near(self, links: Links, reach: float) -> Array:
-        """The rows of the bodies whose bounding spheres are near their planes; all where there are few."""
-        if len(self.pair) <= FEW:
-            return np.arange(len(self.pair))
-        first, gap = self.first, self.every
-        low = (gap.normal[:, first] * links.position(gap.ball.frame[first], self.centres)).sum(axis=0) - self.bounds
-        return np.flatnonzero((low - gap.height[first] < reach)[self.solid])
-
-
-class RimsOnPlanes(OnPlanes):
-    """Cylinders over planes of the world: of each end the lowest point of the rim and three others."""
-
-    def _gaps(self, pair: Pair) -> Sequence[Gap]:
-        return [gap for gap in gaps_of(pair) if isinstance(gap, RimGap)]
-
-    def points(self, links: Links, reach: float) -> Points:
-        """The lowest point of each rim, the highest one, and those between."""
-        gap, found = self.every, []
-        u = links.direction(gap.link, gap.axis)
-        down = np.array(down_rim(gap.normal, u))
-        any_radius = np.cross(u, np.where(np.abs(u[:1]) < 0.9, [[1.0], [0.0], [0.0]], [[0.0], [1.0], [0.0]]), axis=0)
-        down = np.where(np.linalg.norm(down, axis=0) > FLAT, down, any_radius)
-        down /= np.linalg.norm(down, axis=0)
-        side, centre = np.cross(u, down, axis=0), links.position(gap.link, gap.point)
-        for feature, way in enumerate((down, side, -side, -down)):
-            x = centre + gap.radius * way
-            height = np.einsum("in,in->n", gap.normal, x) - gap.height
-            ground = np.zeros(len(height), dtype=int)
-            found.append(Points(self.pair, key_of(self.pair, 4 * self.feature + feature), links.joint[gap.link], ground,
-                                height, gap.normal.T, (x - 0.5 * height * gap.normal).T))  # fmt: skip
-        every = joined(found)
-        return every.taken(np.flatnonzero(every.gap < reach))
-
-
-class OnFields(Group):
-    """Bodies over height fields of the world."""
-
-    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
-        self.pair = np.array([pair_number for pair_number, _ in items])
-        self.link = np.array([number[pair.first.link] for _, pair in items])
-        self.bodies = [FieldBody(pair.first.shape) for _, pair in items]
-        self.surfaces = [surface_of(cast(HeightField, pair.second)) for _, pair in items]
-        places = [pair.first.shape.placement for _, pair in items]
-        self.rotations = np.array([place.rotation for place in places])
-        self.origins = np.array([place.translation for place in places]).T
-        self.names: list[dict[Name, int]] = [{} for _ in items]
-
-    def points(self, links: Links, reach: float) -> Points:
-        """The points of one body after the other."""
-        rotations, origins = links.rotations[self.link] @ self.rotations, links.position(self.link, self.origins).T
-        found = [(k, touch) for k, (body, surface) in enumerate(zip(self.bodies, self.surfaces, strict=True))
-                 for touch in body.touches(surface, rotations[k], origins[k], reach)]  # fmt: skip
-        rows = np.array([k for k, _ in found], dtype=int)
-        return of_touches(self.pair[rows], found, self.names, links.joint[self.link[rows]], np.zeros(len(rows), int))
 
 
 class OfSolids(Group):
@@ -151,7 +43,6 @@ class OfSolids(Group):
         self.rotations = np.array([place.rotation for place in places])
         self.origins = np.array([place.translation for place in places]).T
         self.bounds = np.array([bounding_radius(solid.shape) for solid in self.solids])
-        self.names: list[dict[Name, int]] = [{} for _ in items]  # of the points of each pair, with their numbers
         self.of_ends: Array | None = None
         if len(items) > MANY:
             self.of_ends = np.full((len(solids), len(solids)), -1)
@@ -200,7 +91,13 @@ class OfSolids(Group):
                  for one in self._between(k, result, rotation, origin, reach) if one.gap < reach]  # fmt: skip
         which = np.array([k for k, _ in found], dtype=int)
         joints = links.joint[self.links[self.ends[which]]]
-        return of_touches(self.pair[which], found, self.names, joints[:, 0], joints[:, 1])
+        features = [self._feature(k, one.name) for k, one in found]
+        return of_touches(self.pair[which], found, features, joints[:, 0], joints[:, 1])
+
+    def _feature(self, number: int, name: Name) -> int:
+        """The number of a point of a pair by its name, which is the only one."""
+        del number, name
+        return 0
 
     def _between(self, number: int, result: Any, rotations: Array, origins: Array, reach: float) -> list[TouchPoint]:
         """The points of a pair of placed solids: the nearest ones. There is one, also where they touch along a line."""
@@ -250,13 +147,25 @@ class Hulls(OfSolids):
 
     def overlaps(self, links: Links) -> Iterator[tuple[float, int]]:
         """Overlaps of the solids: their depths [m], and the numbers of the pairs."""
-        for k, result, *_ in self._looked_at(self._near(links, 0.0), links, 0.0):
-            yield -float(result.min_distance), int(self.pair[k])
+        for k, result, rotations, origins in self._looked_at(self._near(links, 0.0), links, 0.0):
+            yield -separation(*self._facing(k, result, rotations, origins)).gap, int(self.pair[k])
 
     def _between(self, number: int, result: Any, rotations: Array, origins: Array, reach: float) -> list[TouchPoint]:
         """The corners of faces that lie over each other, or the crossing of two edges."""
+        return touching(*self._facing(number, result, rotations, origins), reach)
+
+    def _facing(self, number: int, result: Any, rotations: Array, origins: Array) -> tuple[Hull, Hull]:
+        """The placed hulls of a pair, or what of them looks at the other."""
         a, b = (self.hull(i).placed(rotations[k], origins[k]) for k, i in enumerate(self.ends[number].tolist()))
-        return touching(*facing(a, b, -np.array(result.normal)), reach)
+        return facing(a, b, -np.array(result.normal))
+
+    def _feature(self, number: int, name: Name) -> int:
+        """The number of a point by its kind and the edges that it lies between: what names it."""
+        a, b = (self.hull(i) for i in self.ends[number].tolist())
+        kind, *edges = name if len(name) == 3 else ("edges", *name)
+        count = len(a.edges) + len(b.edges)
+        first, second = (_edge_number(a, b, cast(tuple[bool, int, int], edge)) for edge in edges)
+        return (FEATURES.index(cast(str, kind)) * count + first) * count + second
 
     def hull(self, number: int) -> Hull:
         """The hull of a solid."""
@@ -307,23 +216,11 @@ class Detector:
         return max(itertools.chain(((0.0, -1),), *(group.overlaps(links) for group in self.groups)))
 
 
-def of_touches(
-    pair: Array, found: Sequence[tuple[int, TouchPoint]], names: list[dict[Name, int]], first: Array, second: Array
-) -> Points:
-    """Points of touches, each with its place among the pairs of a group. names: of each pair, with their numbers."""
-    feature = np.array([names[k].setdefault(one.name, len(names[k])) for k, one in found], dtype=int)
-    gap, normal, middle = (np.array([getattr(one, key) for _, one in found]) for key in ("gap", "normal", "middle"))
-    return Points(pair, key_of(pair, feature), first, second, gap, normal.reshape(-1, 3), middle.reshape(-1, 3))
-
-
-def bounding_radius(shape: AnyShape) -> float:
-    """Of a sphere around a shape's middle, m."""
-    if isinstance(shape, Convex):
-        return float(np.linalg.norm(np.array(shape.vertices), axis=1).max())
-    if isinstance(shape, Box):
-        return 0.5 * float(np.linalg.norm(shape.size))
-    radius, half = float(shape.radius), 0.5 * float(getattr(shape, "length", 0.0))
-    return float(np.hypot(radius, half)) if isinstance(shape, Cylinder) else radius + half
+def _edge_number(a: Hull, b: Hull, edge: tuple[bool, int, int]) -> int:
+    """The number of an edge of a pair of hulls, those of the second behind those of the first."""
+    second, *ends = edge
+    hull = b if second else a
+    return int(np.flatnonzero((hull.edges == ends).all(axis=1))[0]) + len(a.edges) * second
 
 
 def _kind(pair: Pair) -> tuple[type[Group], str]:

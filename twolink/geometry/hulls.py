@@ -268,7 +268,7 @@ def touching(a: Hull, b: Hull, reach: float) -> list[TouchPoint]:
     edges = separation_by_edges(a, b, face.gap + FACE_FIRST)
     if (edges or face).gap > reach:
         return []
-    found = [] if edges is None else [_crossing(a, b, edges)]
+    found = [] if edges is None else _crossing(a, b, edges, reach)
     hulls, sign = ((a, b), -1.0) if face.kind == "first" else ((b, a), 1.0)
     for name, gap, x in _over_face(*hulls, face.feature[0], face.kind == "second"):
         if gap < reach and not (found and set(name) == set(found[0].name)):
@@ -309,14 +309,16 @@ def _cut(x: Array, names: list[Name], depths: Array, side: Name) -> tuple[Array,
     return np.array(kept).reshape(-1, 3), after
 
 
-def _crossing(a: Hull, b: Hull, apart: Separation) -> TouchPoint:
-    """The nearest points of two edges: p + s u - q - t w = gap n."""
+def _crossing(a: Hull, b: Hull, apart: Separation, reach: float) -> list[TouchPoint]:
+    """The nearest points of two edges: p + s u - q - t w = gap n. None where they are farther apart than the reach."""
     ends = [hull.edges[number].tolist() for hull, number in zip((a, b), apart.feature, strict=True)]
     (p, p_end), (q, q_end) = a.vertices[ends[0]], b.vertices[ends[1]]
     u, w = p_end - p, q_end - q
     s, t, _ = np.linalg.solve(np.stack([u, -w, -apart.normal], axis=1), q - p)
     x, y = p + np.clip(s, 0.0, 1.0) * u, q + np.clip(t, 0.0, 1.0) * w
-    return TouchPoint((_edge(False, *ends[0]), _edge(True, *ends[1])), apart.gap, apart.normal, 0.5 * (x + y))
+    if apart.gap >= 0.0 and np.linalg.norm(x - y) >= reach:
+        return []
+    return [TouchPoint((_edge(False, *ends[0]), _edge(True, *ends[1])), apart.gap, apart.normal, 0.5 * (x + y))]
 
 
 def _edge(second: bool, i: int, k: int) -> Name:

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from twolink.algorithms.motion import GROUND
+from twolink.algorithms.namespaces import Array
 from twolink.algorithms.spatial import ZERO, Vec, unit
 from twolink.errors import SceneError
 from twolink.geometry.features import HullFeatures
@@ -108,14 +109,14 @@ def _capsule_on_hull(capsule: Solid, solid: Solid) -> list[Gap]:
 
 def _hull_gap(ball: Ball, solid: Solid) -> HullGap:
     hull = hull_of(solid.shape)
-    corners = _placed(solid, hull.vertices)
+    corners = [_vec(corner) for corner in _placed(solid, hull.vertices)]
     return HullGap(ball, solid.link, _edges(solid), tuple(tuple(corners[i] for i in face) for face in hull.faces))
 
 
 def _edges(solid: Solid) -> tuple[tuple[Vec, Vec], ...]:
     """The ends of the edges of a box or mesh, in the link's axes."""
     hull = hull_of(solid.shape)
-    corners = _placed(solid, hull.vertices)
+    corners = [_vec(corner) for corner in _placed(solid, hull.vertices)]
     return tuple((corners[i], corners[k]) for i, k in hull.edges)
 
 
@@ -127,29 +128,26 @@ def _box_gap(ball: Ball, solid: Solid) -> BoxGap:
     return BoxGap(ball, solid.link, _vec(solid.shape.point), _axes(solid), _half_edges(solid))
 
 
-def _corners(solid: Solid) -> list[Ball]:
-    x, y, z = _half_edges(solid)
-    corners = _placed(solid, [*itertools.product((x, -x), (y, -y), (z, -z))])
-    return [Ball(solid.link, corner, 0.0) for corner in corners]
-
-
 def _on_plane(solid: Solid, frame: str, normal: Vec, height: float) -> list[Gap]:
     """The gaps between a solid and a plane that is fixed to a frame."""
     shape = solid.shape
     if isinstance(shape, Cylinder):
         return _cylinder_on_plane(solid, shape, frame, normal, height)
-    radius, points = 0.0, list[Vec]()
-    if isinstance(shape, (Sphere, Capsule)):
-        radius = float(shape.radius)
+    points, radius = balls_of(solid)
+    return [PlaneGap(Ball(solid.link, (x, y, z), radius), frame, normal, height) for x, y, z in points.tolist()]
+
+
+def balls_of(solid: Solid) -> tuple[Array, float]:
+    """The balls or points of a solid without a rim over planes: centres (n, 3) in its link's axes, and a radius."""
+    shape = solid.shape
     if isinstance(shape, Sphere):
-        points = [_vec(shape.point)]
-    elif isinstance(shape, Capsule):
-        points = _placed(solid, [(0.0, 0.0, side * 0.5 * float(shape.length)) for side in (-1.0, 1.0)])
-    elif isinstance(shape, Box):
-        points = [corner.point for corner in _corners(solid)]
-    elif isinstance(shape, Convex):
-        points = _placed(solid, shape.vertices)
-    return [PlaneGap(Ball(solid.link, point, radius), frame, normal, height) for point in points]
+        return np.array([shape.point], dtype=float), float(shape.radius)
+    if isinstance(shape, Capsule):
+        ends = [(0.0, 0.0, side * 0.5 * float(shape.length)) for side in (-1.0, 1.0)]
+        return _placed(solid, ends), float(shape.radius)
+    x, y, z = _half_edges(solid) if isinstance(shape, Box) else ZERO
+    corners = shape.vertices if isinstance(shape, Convex) else [*itertools.product((x, -x), (y, -y), (z, -z))]
+    return _placed(solid, corners), 0.0
 
 
 def _cylinder_on_plane(solid: Solid, shape: Cylinder, frame: str, normal: Vec, height: float) -> list[Gap]:
@@ -157,7 +155,8 @@ def _cylinder_on_plane(solid: Solid, shape: Cylinder, frame: str, normal: Vec, h
     axis, r, gaps = _axes(solid)[2], float(shape.radius), list[Gap]()
     for z in (-0.5 * float(shape.length), 0.5 * float(shape.length)):
         angles = np.arange(STANDS_ON) * 2.0 * np.pi / STANDS_ON
-        centre, *stands = _placed(solid, [(0.0, 0.0, z), *((r * np.cos(a), r * np.sin(a), z) for a in angles)])
+        rim = [(0.0, 0.0, z), *((r * np.cos(a), r * np.sin(a), z) for a in angles)]
+        centre, *stands = map(_vec, _placed(solid, rim))
         gaps.append(RimGap(solid.link, centre, axis, r, frame, normal, height))
         gaps += [StandGap(Ball(solid.link, point, 0.0), frame, normal, height, axis) for point in stands]
     return gaps
@@ -181,10 +180,10 @@ def _axes(solid: Solid) -> tuple[Vec, Vec, Vec]:
     return x, y, z
 
 
-def _placed(solid: Solid, points: Any) -> list[Vec]:
+def _placed(solid: Solid, points: Any) -> Array:
     """Points (n, 3) of the shape's own axes in the link's."""
     place = solid.shape.placement
-    return [(x, y, z) for x, y, z in (np.array(points, float) @ place.rotation.T + place.translation).tolist()]
+    return np.asarray(np.array(points, float) @ place.rotation.T + place.translation)
 
 
 def _vec(values: object) -> Vec:

@@ -18,7 +18,7 @@ FOLDER = Path(__file__).parent
 NAMES = ("libtwolink.so", "libtwolink.dylib", "twolink.dll")
 OUTCOMES = ("fine", "the program has an index that does not exist", "there is not enough memory",
             "the program is too large", "an argument is out of bounds", "the state is not finite",
-            "an operation has no Taylor series")  # fmt: skip
+            "an operation has no Taylor series", "a step with contacts is not found")  # fmt: skip
 _ADDRESS, _LONG, _INT = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int
 _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "tl_level": (_INT, []),
@@ -35,6 +35,9 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "tl_taylor_new": (_INT, [_ADDRESS, *[_INT] * 4, ctypes.c_double, _ADDRESS, _ADDRESS, ctypes.c_double, _ADDRESS]),
     "tl_taylor_free": (None, [_ADDRESS]),
     "tl_taylor_advance": (_LONG, [_ADDRESS, _INT, _LONG, _ADDRESS, _ADDRESS, _ADDRESS, _LONG, _ADDRESS]),
+    "tl_contact_new": (_INT, [_ADDRESS, _LONG, _ADDRESS, _LONG, _ADDRESS, _ADDRESS, _INT, _ADDRESS]),
+    "tl_contact_free": (None, [_ADDRESS]),
+    "tl_contact_run": (_LONG, [_ADDRESS] * 4),
     "tl_attempts": (_LONG, [_ADDRESS, _INT, _LONG, _LONG, _LONG, _ADDRESS, _ADDRESS]),
 }
 log = logging.getLogger("twolink")

@@ -28,7 +28,7 @@ enum { TL_MAX_STAGES = 16, TL_MAX_ERRORS = 2, TL_MAX_ITERATIONS = 1000 };
 #define TL_MAX_COUNT (INT64_C(1) << 48) /* numbers of an array: no machine has more */
 
 /* The codes of all outcomes, in the order of `library.OUTCOMES`. */
-enum tl_code { TL_FINE, TL_BAD_PROGRAM, TL_NO_MEMORY, TL_TOO_WIDE, TL_BAD_ARGUMENT, TL_NOT_FINITE, TL_NO_SERIES };
+enum tl_code { TL_FINE, TL_BAD_PROGRAM, TL_NO_MEMORY, TL_TOO_WIDE, TL_BAD_ARGUMENT, TL_NOT_FINITE, TL_NO_SERIES, TL_NO_STEP };
 
 typedef struct {
   int inputs, outputs, registers, constants, scalars;
@@ -87,6 +87,8 @@ void tl_free_aligned(void *memory);
 int tl_log2(int width);
 int tl_quads(int operation);
 TL_API int tl_level(void);
+TL_API int tl_columns(const tl_program *p, int level, int width, double *registers, int64_t count, int inputs,
+                      const tl_block *in, int outputs, const tl_block *out);
 
 /* What is compiled once for each width and processor. */
 #define TL_DECLARE(S)                                                                                                         \

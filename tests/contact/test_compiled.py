@@ -1,0 +1,205 @@
+"""Steps of the native library are those of the contact law in NumPy, from the same state and memory."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.dynamics import robots
+from tests.effects.bodies import free_bodies
+from twolink.contact import compiled, stepping
+from twolink.contact.bodies import FreeBodies
+from twolink.contact.compiled_steps import take_steps
+from twolink.contact.impulses import EXACT
+from twolink.contact.solver import stepper_of
+from twolink.contact.steps import Step, plan_steps
+from twolink.robots.collisions import AnyShape
+
+E = tl.effects
+SAME = 1e-11  # m, rad, and of the speed
+TETRAHEDRON = E.Convex(((0.1, 0.0, -0.05), (-0.07, 0.08, -0.05), (-0.06, -0.09, -0.05), (0.01, 0.0, 0.12)))
+PRISM = E.Convex(
+    tuple((0.06 * math.cos(a), 0.06 * math.sin(a), z) for a in (0.3, 1.4, 2.4, 3.9, 5.0) for z in (-0.1, 0.1))
+)
+POINTS = np.random.default_rng(5).normal(size=(40, 3))
+STONE = E.Convex(tuple(tuple(x) for x in (0.1 * POINTS / np.linalg.norm(POINTS, axis=1)[:, None]).tolist()))
+SHAPES: dict[str, tuple[AnyShape, ...]] = {
+    "balls": (E.Sphere(0.1), E.Sphere(0.07), E.Sphere(0.12)),
+    "capsules": (E.Capsule(0.05, 0.2), E.Sphere(0.08), E.Capsule(0.06, 0.1, (0.02, 0.0, 0.0), (0.5, 0.2, 0.0))),
+    "boxes": (E.Box((0.2, 0.16, 0.1)), E.Box((0.1, 0.1, 0.3), (0.0, 0.01, 0.02), (0.1, 0.0, 0.3))),
+    "balls and a box": (E.Sphere(0.1), E.Box((0.3, 0.2, 0.2)), E.Sphere(0.05)),
+    "balls and a cylinder": (E.Sphere(0.1), E.Cylinder(0.1, 0.15), E.Sphere(0.05)),
+    "meshes": (TETRAHEDRON, PRISM, E.Box((0.2, 0.1, 0.15))),
+    "meshes of many edges": (STONE, STONE, E.Box((0.2, 0.1, 0.15))),
+    "what has no formula": (E.Cylinder(0.1, 0.15), E.Capsule(0.05, 0.2), E.Box((0.2, 0.1, 0.15))),
+}
+
+
+def pairs_of_steps(scene: tl.Scene, h: float, count: int) -> Iterator[tuple[Step, Step]]:
+    """A step by NumPy and the same one by the library, one after the other from NumPy's ends."""
+    stepper = stepper_of(scene)
+    equations, nq = stepper.equations, scene.robot.nq
+    assert stepper.native is not None
+    plan = plan_steps(equations, np.array([0.0, count * h]), h, 0)
+    q = np.array(equations.start[:nq])
+    v = stepper.bodies.to_local_velocity(q, np.array(equations.start[nq : equations.moving]), -1)
+    memory = stepper.start(0.0, q, v, plan.numbers[0])
+    for k, (t, length) in enumerate(zip(plan.t.tolist(), plan.h.tolist(), strict=True)):
+        one = stepper.advance(t, length, q, v, plan.numbers[plan.piece[k]], memory)
+        found = take_steps(stepper.native, stepper.bodies, plan, range(k, k + 1), q, v, memory)
+        assert found is not None
+        other = found[0]
+        if other.memory.rest is None:
+            yield one, other
+        q, v, memory = one.q, one.v, replace(one.memory, rest=None)
+
+
+def differ(one: Step, other: Step) -> bool:
+    """True if states differ by more than rounding."""
+    fast = max(1.0, float(np.abs(one.v).max()))
+    return bool(np.abs(one.q - other.q).max() > SAME * fast or np.abs(one.v - other.v).max() > SAME * fast)
+
+
+def require_same(one: Step, other: Step) -> None:
+    """All that a step says and remembers, but forces that motions do not determine."""
+    assert other.v == pytest.approx(one.v, abs=SAME * max(1.0, np.abs(one.v).max()))
+    assert other.q == pytest.approx(one.q, abs=SAME * max(1.0, np.abs(one.v).max()))
+    assert other.h == one.h
+    assert other.h * other.mean == pytest.approx(one.h * one.mean, abs=SAME * max(1.0, np.abs(one.v).max()))
+    a, b = one.memory, other.memory
+    assert np.array_equal(a.keys, b.keys)
+    assert np.array_equal(a.stuck, b.stuck)
+    assert np.array_equal(a.still, b.still)
+    assert b.change == pytest.approx(a.change, rel=1e-6, abs=1e-6)
+    assert b.overlap == pytest.approx(a.overlap, abs=1e-12)
+    assert b.unfollowed == pytest.approx(a.unfollowed, rel=1e-6, abs=1e-12)
+    assert (one.impulses is None) == (other.impulses is None)
+    assert len(one.keys) == len(other.keys)
+    if one.joints is None:  # with friction in joints, those of contacts need not be determined
+        assert other.on_first.sum(axis=0) == pytest.approx(one.on_first.sum(axis=0), abs=1e-8)
+    assert len(one.blows) == len(other.blows)
+    for blow, same in zip(one.blows, other.blows, strict=True):
+        assert same.late == pytest.approx(blow.late, abs=1e-9)
+        assert np.array_equal(np.sort(blow.keys), np.sort(same.keys))
+    assert (one.joints is None) == (other.joints is None)
+
+
+def require_same_steps(scene: tl.Scene, h: float, count: int) -> None:
+    """Steps are the same; a few may differ whose laws have several solutions, which both obey."""
+    others, touched = 0, 0
+    for one, other in pairs_of_steps(scene, h, count):
+        touched += one.impulses is not None
+        if differ(one, other):
+            others += 1
+            assert other.impulses is not None
+            assert other.impulses.residual <= EXACT
+        else:
+            require_same(one, other)
+    assert touched > 0
+    assert others <= 0.05 * count
+
+
+def thrown(kind: str, seed: int, restitution: float) -> tl.Scene:
+    """Bodies that fall onto each other and onto a plane that is inclined."""
+    random, shapes = np.random.default_rng(seed), SHAPES[kind]
+    names = tuple("abc"[: len(shapes)])
+    robot = free_bodies(*names)
+    places = np.zeros((len(names), 7))
+    places[:, :2], places[:, 3:] = random.uniform(-0.02, 0.02, (len(names), 2)), random.normal(size=(len(names), 4))
+    places[:, 2] = 0.25 + 0.4 * np.arange(len(names))
+    v = random.uniform(-1.0, 1.0, (len(names), 6))
+    v[:, 2] -= np.arange(len(names)) + 1.0
+    plane = E.Plane((0.1, -0.2, 1.0), -0.1)
+    placed = {name: (shape,) for name, shape in zip(names, shapes, strict=True)}
+    contact = E.Contact(("self", *((name, plane) for name in names)), 0.3, static=0.5, restitution=restitution,
+                        threshold=0.3, shapes=placed)  # fmt: skip
+    return tl.Scene(robot, robot.normalize(places.ravel()), v.ravel(), [E.Gravity(), contact])
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.6])
+@pytest.mark.parametrize("kind", SHAPES)
+def test_steps_of_shapes_are_those_of_the_law(kind: str, restitution: float) -> None:
+    for seed in range(3):
+        require_same_steps(thrown(kind, seed, restitution), 0.005, 120)
+
+
+def test_steps_of_many_free_bodies_with_effects_are_those_of_the_law() -> None:
+    names = tuple(f"b{k}" for k in range(22))
+    robot, random = free_bodies(*names), np.random.default_rng(1)
+    places = np.zeros((22, 7))
+    places[:, :3] = 0.3 * np.array([(k % 4, k // 4 % 4, k // 16) for k in range(22)]) + random.uniform(
+        -0.02, 0.02, (22, 3)
+    )
+    places[:, 2] += 0.2
+    places[:, 6] = 1.0
+    contact = E.Contact(("self", "ground"), 0.3, shapes={name: (E.Sphere(0.1),) for name in names})
+    pushes = [E.FrameWrench(name, (0.5 * k, 0.3, -2.0), point=(0.0, 0.1, 0.0)) for k, name in enumerate(names[:4])]
+    scene = tl.Scene(robot, places.ravel(), random.uniform(-2.0, 2.0, 132), [E.Gravity(), contact, *pushes])
+    assert isinstance(stepper_of(scene).bodies, FreeBodies)
+    require_same_steps(scene, 0.005, 60)
+
+
+def on_plane(name: str, seed: int) -> tl.Scene:
+    """A robot with balls on its links, one just above a plane; with stops, dry friction, springs and dampers."""
+    robot, random = robots.of_every_kind()[name], np.random.default_rng(seed)
+    (q,), (v,) = robot.random_state(1, seed=seed)
+    single = [
+        joint for joint in robot.joints if joint.v.stop == joint.v.start + 1 and joint.q.stop == joint.q.start + 1
+    ]
+    links = [link for link in robot.frame_names if robot.model.frames[robot.model.getFrameId(link)].parentJoint]
+    chosen = sorted(set(random.choice(links, size=min(4, len(links)), replace=False).tolist()))
+    shapes = {link: (E.Sphere(0.05, tuple(random.uniform(-0.1, 0.1, 3).tolist())),) for link in chosen}
+    low = min(float(_centre(robot, q, link, shapes[link][0].point)[2]) for link in chosen) - 0.051
+    plane = E.Plane((0.0, 0.0, 1.0), low)
+    contact = E.Contact(tuple((link, plane) for link in chosen), 0.4, restitution=0.3, shapes=shapes)
+    effects: list[tl.effects.Effect] = [E.Gravity(), contact]
+    if single:
+        stops = {joint.name: (float(q[joint.q.start]) - 0.02, float(q[joint.q.start]) + 0.05) for joint in single[:2]}
+        effects += [E.JointStops(stops), E.JointDamping({joint.name: 0.3 for joint in single}),
+                    E.JointSpring({joint.name: 5.0 for joint in single})]  # fmt: skip
+    if single[1:]:
+        last = single[-1].name
+        effects.append(E.DryFriction({last: 0.5}, {last: 0.7}))
+    return tl.Scene(robot, q, 0.3 * v, effects)
+
+
+def _centre(robot: tl.Robot, q: np.ndarray, link: str, point: tuple[float, ...]) -> np.ndarray:
+    rotation, origin = robot.frame_pose(q, link)
+    return np.asarray(rotation @ np.array(point) + origin)
+
+
+@pytest.mark.parametrize("name", ["two_link", "chain", "planar", "spherical", "kinova", "panda", "anymal"])
+def test_steps_of_every_kind_of_joint_are_those_of_the_law(name: str) -> None:
+    for seed in range(2):
+        require_same_steps(on_plane(name, seed), 0.002, 60)
+
+
+@pytest.mark.parametrize(
+    "name", ["box-stack", "grasp", "can-on-table", "arm-pushes-box", "quadruped-stands", "dominoes"]
+)
+def test_bundled_scenes_have_the_same_run(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = tl.load_scene(name)
+
+    def run() -> tl.Trajectory:
+        return tl.simulate(scene, 0.25, contact="stepped", step=0.005, samples_per_second=40, verify=False)
+
+    assert stepper_of(scene).native is not None
+    ours = run()
+    monkeypatch.setattr(stepping, "compiled", lambda *_: None)
+    theirs = run()
+    assert np.abs(ours.q - theirs.q).max() < 1e-9
+    assert np.abs(ours.v - theirs.v).max() < 1e-7
+    assert ours.contact_record is not None
+    assert theirs.contact_record is not None
+    assert ours.contact_record["solvers"] == theirs.contact_record["solvers"]
+    assert ours.contact_record["overlap"] == pytest.approx(theirs.contact_record["overlap"], abs=1e-9)
+
+
+def test_what_the_library_does_not_take_is_taken_by_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = thrown("balls", 0, 0.5)
+    assert stepper_of(scene).native is not None
+    monkeypatch.setattr(compiled, "library", lambda: None)
+    assert stepper_of(scene).native is None

@@ -1,0 +1,131 @@
+"""Scenes with contacts and states that are wrong, for the native library: run as a process, which a crash ends.
+
+    python -m tests.native.fuzzing_contacts SEED COUNT
+
+Prints, by entry, how many calls were refused and how many were fine.
+"""
+
+import collections
+import ctypes
+import sys
+from typing import Any
+
+import numpy as np
+
+import twolink as tl
+from tests.native.fuzzing import LONG, NUMBERS, WHOLE
+from twolink.contact.compiled import parts_of
+from twolink.contact.solver import stepper_of
+from twolink.native.contact import Parts, _Plan, _Start, _Told
+from twolink.native.library import OUTCOMES, library
+
+E = tl.effects
+REFUSED = range(1, len(OUTCOMES))  # the codes
+
+
+def scenes() -> list[Parts]:
+    """Boxes on each other; and an arm with a stop and dry friction, and balls and a cylinder around it."""
+    box = '<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
+    names = "abc"
+    text = "".join(f'<link name="{n}">{box}</link><joint name="{n}_joint" type="floating"><parent link="world"/>'
+                   f'<child link="{n}"/></joint>' for n in names)  # fmt: skip
+    robot = tl.load_robot(f'<robot name="boxes"><link name="world"/>{text}</robot>')
+    stacked, apart = ([x for k in range(3) for x in (0.0, 0.0, 0.1 + h * k, 0.0, 0.0, 0.0, 1.0)] for h in (0.2, 0.5))
+    boxes = E.Contact(("self", "ground"), 0.5, restitution=0.3, shapes={name: (E.Box((0.2,) * 3),) for name in names})
+    shapes = {"a": (E.Sphere(0.1),), "b": (E.Capsule(0.1, 0.1),), "c": (E.Cylinder(0.1, 0.1),)}
+    arm = tl.load_robot("two_link")
+    rounds = E.Contact(("ground", ("a", "b"), ("a", "c")), 0.5, shapes=shapes)
+    joint, tip = arm.joints[0].name, arm.frame_names[-1]
+    on_arm = [E.Gravity(), E.JointStops({joint: (-1.0, 1.0)}), E.DryFriction({joint: 0.1}),
+              E.JointDamping({joint: 0.1}), E.Contact(((tip, E.Plane(height=-5.0)),), 0.5,
+                                                      shapes={tip: (E.Sphere(0.1),)})]  # fmt: skip
+    made = [tl.Scene(robot, stacked, effects=[E.Gravity(), boxes]), tl.Scene(robot, apart, effects=[rounds]),
+            tl.Scene(arm, effects=on_arm)]  # fmt: skip
+    steppers = [stepper_of(scene) for scene in made]
+    return [parts_of(one.bodies, one.detector, one.joints, one.laws) for one in steppers]
+
+
+class Fuzzer:
+    """Sound scenes, of which some numbers are made wrong."""
+
+    def __init__(self, seed: int) -> None:
+        self.random, self.c, self.seen = np.random.default_rng(seed), library(), collections.Counter[str]()
+        self.scenes = scenes()
+
+    def note(self, entry: str, code: int) -> None:
+        """Count an outcome, which is a code of the table, or how many steps there were."""
+        assert code >= 0 or -code in REFUSED, (entry, code)
+        assert entry == "tl_contact_run" or code == 0 or code in REFUSED, (entry, code)
+        fine = code == 0 if entry == "tl_contact_new" else code >= 0
+        self.seen[f"{entry} {'fine' if fine else 'refused'}"] += 1
+
+    def one(self) -> None:
+        """A scene with some wrong sizes, indices or numbers, and steps of it."""
+        parts, random = self.scenes[int(self.random.integers(len(self.scenes)))], self.random
+        sizes, whole = np.array(parts.sizes, dtype=np.int32), np.array(parts.whole, dtype=np.int32)
+        numbers, lengths = np.array(parts.numbers, dtype=float), [len(parts.whole), len(parts.numbers)]
+        program = None if parts.program is None else parts.program.require_handle().value
+        kind = random.integers(6)
+        if kind == 0:
+            sizes[random.integers(len(sizes))] = random.choice(WHOLE)
+        elif kind == 1:
+            for at in random.integers(len(whole), size=2):
+                whole[at] = random.choice([*WHOLE, 3, 4])
+        elif kind in (2, 3):
+            for at in random.integers(len(numbers), size=random.integers(1, 4)):
+                numbers[at] = random.choice(NUMBERS)
+        elif kind == 4:  # a length above the true one tells the library to read what is not there
+            lengths[random.integers(2)] = int(random.choice([-1, 0, 1, 5, -(2**63)]))
+        values = [sizes.ctypes.data, lengths[0], whole.ctypes.data, lengths[1], numbers.ctypes.data, program, 0]
+        if random.random() < 0.1:
+            values[int(random.choice([0, 2, 4, 5]))] = None
+        made = ctypes.c_void_p()
+        self.note("tl_contact_new", code := self.c.tl_contact_new(*values, ctypes.byref(made)))
+        if code == 0:
+            for _ in range(3):
+                self.run(made.value, *(int(size) for size in sizes[1:4]))
+            self.c.tl_contact_free(made)
+
+    def run(self, scene: Any, nq: int, nv: int, m: int) -> None:
+        """States, memories, lengths and pieces of every kind."""
+        random, count, known = self.random, int(self.random.integers(1, 6)), int(self.random.integers(0, 5))
+        q, v, change = random.normal(size=nq), random.normal(size=nv), random.normal(size=2 * nv)
+        t, h, numbers = np.arange(count) * 0.01, np.full(count, 0.01), random.normal(size=(2, max(m, 1)))
+        for array in (q, v, change, t, h, numbers):
+            if random.random() < 0.3 and array.size:
+                array.flat[random.integers(array.size)] = random.choice([*NUMBERS, 1e5])
+        piece, told = random.integers(0, 2, count), random.integers(0, 2, count).astype(np.uint8)
+        keys = np.sort(random.choice([*LONG[:8], 2**32, 3 * 2**32, 2**33 + 1], size=known, replace=False)).astype(
+            np.int64
+        )
+        forces, marks = random.normal(size=(known, 3)), random.integers(0, 2, (2, known)).astype(np.uint8)
+        if random.random() < 0.2:
+            piece[random.integers(count)] = random.choice(LONG)
+            keys = keys[::-1].copy()
+        arrays = [t, h, piece, told, numbers, q, v, forces, change, keys, marks[0], marks[1]]
+        places = [array.ctypes.data for array in arrays]
+        if random.random() < 0.1:
+            places[int(random.integers(len(places)))] = None
+        counts = [count, 2, known]
+        if random.random() < 0.1:
+            counts[int(random.integers(3))] = int(random.choice([-1, 0, -(2**63), 2**62]))
+        plan, out = _Plan(*places[:5], *counts[:2], misses=int(random.integers(2))), _Told()
+        start = _Start(*places[5:], counts[2], float(random.choice(NUMBERS)), float(random.choice(NUMBERS)))
+        pointers = [scene, *map(ctypes.addressof, (plan, start, out))]
+        if random.random() < 0.05:
+            pointers[int(random.integers(4))] = None
+        self.note("tl_contact_run", int(self.c.tl_contact_run(*pointers)))
+
+
+def main(seed: int, count: int) -> None:
+    """So many scenes."""
+    fuzzer = Fuzzer(seed)
+    fuzzer.c.tl_contact_free(None)
+    for _ in range(count):
+        fuzzer.one()
+    for name, times in sorted(fuzzer.seen.items()):
+        print(name, times)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]))

@@ -1,0 +1,252 @@
+"""Scenes whose steps the native library takes, and these as arrays for it (`native/contact_scene.c`).
+
+It takes those of robots of all joints but mimic ones, without loops, with stops and dry friction of joints. It finds
+the points of shapes on planes, of shapes that touch at one point that has a formula, and of boxes and meshes with few
+edges; those of others it asks the detector for. NumPy (`stepping`), whose law this is, takes all other scenes, single
+steps that the library does not find, and all steps where there is no library.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, cast
+
+import numpy as np
+import pinocchio as pin
+
+from twolink.algorithms.joint_models import read_joint
+from twolink.contact.bodies import Multibody
+from twolink.contact.joints import JointPoints, Laws
+from twolink.errors import QueryError
+from twolink.geometry.detection import ByFormula, Detector, Hulls
+from twolink.geometry.gaps import BoxGap, CylinderGap, RimGap, RoundGap
+from twolink.geometry.hulls import FEW, Hull
+from twolink.geometry.on_world import Group, OnPlanes, RimsOnPlanes, bounding_radius
+from twolink.geometry.pairs import gaps_of
+from twolink.geometry.points import Links, Places, joined
+from twolink.integrate.motion.state import Array
+from twolink.native.contact import ContactScene, Found, Parts, runs_alone
+from twolink.native.library import library
+
+KINDS = ("free-flyer", "spherical", "planar", "revolute", "continuous", "prismatic")
+GROUPS = (OnPlanes, RimsOnPlanes, ByFormula)
+ENDLESS = 1e300  # m: the thickness of what has none
+
+
+def compiled(bodies: Multibody, detector: Detector, joints: JointPoints, laws: Laws) -> ContactScene | None:
+    """The scene in the native library; None where NumPy takes its steps."""
+    if not is_covered(bodies):
+        return None
+    others = [group for group in detector.groups if not is_found_natively(group)]
+    finder = OtherPoints(detector.links, others) if others else None
+    return ContactScene(parts_of(bodies, detector, joints, laws), finder, misses=not detector.sees_all)
+
+
+def parts_of(bodies: Multibody, detector: Detector, joints: JointPoints, laws: Laws) -> Parts:
+    """The scene as arrays."""
+    return Parts(*_Scene(bodies, detector, joints, laws).arrays(), bodies.program)
+
+
+def is_covered(bodies: Multibody) -> bool:
+    """True if the native library takes the steps of a scene without loops."""
+    if library() is None:
+        return False
+    if bodies.equations.effects and (bodies.program is None or not runs_alone(bodies.program)):
+        return False
+    try:
+        return not any(read_joint(bodies.model, i).mimic for i in range(1, bodies.model.njoints))
+    except QueryError:  # a joint that formulas do not know
+        return False
+
+
+def is_found_natively(group: Group) -> bool:
+    """True if the native library finds the points of a group."""
+    if type(group) is Hulls:
+        return all(_edges(group, a) * _edges(group, b) <= FEW for a, b in group.ends.tolist())
+    return type(group) in GROUPS
+
+
+class OtherPoints:
+    """Points that the detector's groups find for the native library."""
+
+    def __init__(self, links: Links, groups: Sequence[Group]) -> None:
+        self._links, self._groups = links, groups
+
+    def points(self, rotations: Array, origins: Array, reach: float) -> Found:
+        """The points with gaps below the reach, by their pairs."""
+        links = self._links.at(Places(rotations, origins))
+        points = joined(group.points(links, reach) for group in self._groups)
+        one = points.taken(np.argsort(points.pair, kind="stable"))
+        return Found(one.key, one.pair, one.first, one.second, one.gap, one.normal, one.position)
+
+    def overlap(self, rotations: Array, origins: Array) -> float:
+        """The largest overlap, m."""
+        links = self._links.at(Places(rotations, origins))
+        return max((depth for group in self._groups for depth, _ in group.overlaps(links)), default=0.0)
+
+
+def _edges(group: Hulls, number: int) -> int:
+    return len(group.hull(number).edges)
+
+
+class _Scene:
+    """The arrays of a scene, of which each part is a list of rows."""
+
+    def __init__(self, bodies: Multibody, detector: Detector, joints: JointPoints, laws: Laws) -> None:
+        self.bodies, self.detector, self.joints, self.laws = bodies, detector, joints, laws
+        self.model = bodies.model
+        self._places: dict[str, tuple[int, Array, Array]] = {}
+        self._points: dict[Any, list[float]] = {}
+
+    def arrays(self) -> tuple[list[int], Array, Array]:
+        """The sizes, the whole numbers and the numbers."""
+        balls, planes, rims = self._on_planes()
+        rounds = [row for group in self._groups(ByFormula) for row in self._rounds(cast(ByFormula, group))]
+        hulls, solids, pairs = self._hulls()
+        laws, (stops, ways) = self.laws, self._joints()
+        model, viscosity = self.model, self.bodies.viscosity
+        sizes = [model.njoints, model.nq, model.nv, self._numbers(), len(self.detector.names), sum(map(len, balls)),
+                 len(planes),  len(rims), len(rounds), len(hulls), len(solids), len(pairs), len(stops)]  # fmt: skip
+        thickness = np.where(np.isfinite(laws.thickness), laws.thickness, ENDLESS)
+        of_bodies, of_joints = self._bodies()
+        whole = [of_bodies, *(rows[:, 0] for rows in balls), *(row[0] for row in (*planes, *rims, *rounds)),
+                 *(_whole_of(hull) for hull in hulls), *(row[0] for row in solids), *pairs, *stops]  # fmt: skip
+        numbers = [model.gravity.linear, of_joints, model.armature, viscosity,
+                   *(rows[:, k] for k in range(1, 5) for rows in balls), *(row[1] for row in (*planes, *rims, *rounds)),
+                   *(_numbers_of(hull) for hull in hulls), *(row[1] for row in solids), *ways, laws.friction,
+                   laws.static, laws.restitution, laws.threshold, thickness, laws.pressing]  # fmt: skip
+        return sizes, _joined(whole).astype(np.int32), _joined(numbers)
+
+    def _numbers(self) -> int:
+        """The number of numbers that the program takes behind the velocity."""
+        program = self.bodies.program
+        return 0 if program is None else program.inputs - 1 - self.model.nq - self.model.nv
+
+    def _bodies(self) -> tuple[list[int], Array]:
+        """Of each body its joint's kind, parent, and places in q and v; and its numbers."""
+        model, whole, numbers = self.model, list[int](), list[Any]()
+        for i in range(1, model.njoints):
+            joint, place, body = read_joint(model, i), model.jointPlacements[i], model.inertias[i]
+            whole += [KINDS.index(joint.kind), int(model.parents[i]), joint.entries[0], joint.dofs[0]]
+            axis = [0.0, 0.0, 0.0] if len(joint.dofs) > 1 else [float(x) for x in joint.axis]
+            numbers += [axis, place.rotation, place.translation, body.mass, body.lever, body.inertia,
+                        self.detector.extent[i]]  # fmt: skip
+        return whole, _joined(numbers)
+
+    def _groups(self, kind: type[Group]) -> Iterable[Group]:
+        return (group for group in self.detector.groups if type(group) is kind and is_found_natively(group))
+
+    def _placed(self, link: str) -> tuple[int, Array, Array]:
+        """The joint that carries a link, and the link's pose in its axes."""
+        if link not in self._places:
+            frame = self.model.frames[self.model.getFrameId(link, pin.FrameType.BODY)]
+            self._places[link] = int(frame.parentJoint), frame.placement.rotation, frame.placement.translation
+        return self._places[link]
+
+    def _at(self, link: str, point: Any, *, turned: bool = False) -> list[float]:
+        """A point of a link in the axes of its joint; a direction where it is only turned."""
+        key = link, tuple(point), turned
+        if key not in self._points:
+            _, rotation, origin = self._placed(link)
+            out = rotation @ np.array(point, dtype=float)
+            self._points[key] = (out if turned else out + origin).tolist()
+        return self._points[key]
+
+    def _on_planes(self) -> tuple[list[Any], list[Any], list[Any]]:
+        """Balls (feature, x, y, z, radius), and bodies over planes and rims as pairs of whole numbers and numbers."""
+        balls, planes, count = list[Array](), list[Any](), 0
+        for group in self._groups(OnPlanes):
+            on_planes = cast(OnPlanes, group)
+            for rows in np.split(np.arange(len(on_planes.pair)), on_planes.first[1:]):
+                own, plane = self._on_plane(on_planes, rows, count)
+                balls.append(own)
+                planes.append(plane)
+                count += len(rows)
+        rims = [self._rim(*row) for group in self._groups(RimsOnPlanes) for row in _rims_of(cast(RimsOnPlanes, group))]
+        return balls, planes, rims
+
+    def _on_plane(self, group: OnPlanes, rows: Array, first: int) -> tuple[Array, tuple[Any, Any]]:
+        """The balls of a body over a plane, and the body; first: the number of the first ball."""
+        one, gap = int(rows[0]), group.every
+        joint, rotation, origin = self._placed(group.bodies[int(group.solid[one])])
+        x, radii = gap.ball.point[:, rows].T @ rotation.T + origin, gap.ball.radius[rows]
+        centre = x.mean(axis=0)
+        bound = float((np.linalg.norm(x - centre, axis=1) + radii).max())
+        whole = [int(group.pair[one]), joint, first, first + len(rows)]
+        numbers = [*gap.normal[:, one].tolist(), float(gap.height[one]), *centre.tolist(), bound]
+        return np.column_stack([group.feature[rows], x, radii]), (whole, numbers)
+
+    def _rim(self, pair: int, feature: int, gap: RimGap) -> tuple[Any, Any]:
+        joint, point = self._placed(gap.link)[0], self._at(gap.link, gap.point)
+        axis = self._at(gap.link, gap.axis, turned=True)
+        return [pair, joint, feature], [*gap.normal, gap.height, *point, *axis, gap.radius]
+
+    def _rounds(self, group: ByFormula) -> Iterable[tuple[Any, Any]]:
+        bounds = group.bounds[group.ends].sum(axis=1).tolist()
+        for pair, number, bound in zip(group.pairs, group.pair.tolist(), bounds, strict=True):
+            (gap,) = gaps_of(pair)
+            yield self._round(number, gap, bound)
+
+    def _round(self, pair: int, gap: Any, bound: float) -> tuple[Any, Any]:
+        """A ball or capsule, the first body, and another shape, the second."""
+        none = [0.0] * 3
+        if isinstance(gap, RoundGap):
+            ball, other = gap.first, gap.second.frame
+            kind, point, radius, axes, edges = 0, gap.second.point, gap.second.radius, 3 * none, none
+            halves = [*self._at(ball.frame, gap.first_half, turned=True),
+                      *self._at(other, gap.second_half, turned=True)]  # fmt: skip
+        elif isinstance(gap, BoxGap):
+            ball, other, point, radius, halves = gap.ball, gap.frame, gap.point, 0.0, 2 * none
+            kind, edges = 1, list(gap.half)
+            axes = [x for axis in gap.axes for x in self._at(other, axis, turned=True)]
+        else:
+            cylinder = cast(CylinderGap, gap)
+            ball, other, point, radius, halves = cylinder.ball, cylinder.frame, cylinder.point, 0.0, 2 * none
+            kind, edges = 2, [cylinder.radius, cylinder.half, 0.0]
+            axes = [*self._at(other, cylinder.axis, turned=True), *none, *none]
+        places = [*self._at(ball.frame, ball.point), *self._at(other, point)]
+        first, second = self._placed(ball.frame)[0], self._placed(other)[0]
+        return [kind, pair, first, second], [*places, ball.radius, radius, *halves, *axes, *edges, bound]
+
+    def _hulls(self) -> tuple[list[Hull], list[tuple[Any, Any]], list[list[int]]]:
+        """Hulls, solids that have their shapes, and pairs of solids."""
+        hulls, solids, pairs = dict[int, Hull](), list[tuple[Any, Any]](), list[list[int]]()
+        for one in self._groups(Hulls):
+            group = cast(Hulls, one)
+            first, places = len(solids), list(hulls)
+            for i, solid in enumerate(group.solids):
+                hull = group.hull(i)
+                hulls.setdefault(id(hull), hull)
+                places = list(hulls)
+                joint, rotation, origin = self._placed(solid.link)
+                at = rotation @ group.origins[:, i] + origin
+                solids.append(([joint, places.index(id(hull))],
+                               _joined([rotation @ group.rotations[i], at, bounding_radius(solid.shape)])))  # fmt: skip
+            pairs += [[int(pair), first + a, first + b]
+                      for pair, (a, b) in zip(group.pair.tolist(), group.ends.tolist(), strict=True)]  # fmt: skip
+        return list(hulls.values()), solids, pairs
+
+    def _joints(self) -> tuple[list[list[int]], list[list[float]]]:
+        """Stops and dry friction of joints."""
+        stops, holds = self.joints.stops, self.joints.holds
+        whole = [*([1, stop.entry, stop.dof] for stop in stops), *([0, 0, hold.dof] for hold in holds)]
+        return whole, [*([float(stop.position), float(stop.side)] for stop in stops), *([0.0, 1.0] for _ in holds)]
+
+
+def _rims_of(group: RimsOnPlanes) -> Iterable[tuple[int, int, RimGap]]:
+    return zip(group.pair.tolist(), group.feature.tolist(), group.gaps, strict=True)
+
+
+def _whole_of(hull: Hull) -> Array:
+    starts = [*hull.starts, len(hull.inward)]
+    return _joined([[len(hull.vertices), len(hull.faces), len(hull.edges), len(hull.inward)], hull.edges, hull.sides,
+                    starts, *hull.faces])  # fmt: skip
+
+
+def _numbers_of(hull: Hull) -> Array:
+    return _joined([hull.vertices, hull.normals, hull.heights, hull.ways, hull.inward, hull.depths])
+
+
+def _joined(parts: Sequence[Any]) -> Array:
+    """All numbers of the parts, one behind the other."""
+    return np.concatenate([np.zeros(0), *(np.ravel(np.asarray(part, dtype=float)) for part in parts)])

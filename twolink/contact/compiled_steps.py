@@ -1,0 +1,120 @@
+"""Steps that the native library has taken: of some of them, what a step is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, overload
+
+import numpy as np
+
+from twolink.contact.bodies import Multibody
+from twolink.contact.impulses import Impulses
+from twolink.contact.rest import resting
+from twolink.contact.steps import Blow, Memory, Record, Step, StepPlan
+from twolink.integrate.motion.state import Array
+from twolink.native.contact import ContactScene, Start, Steps, Told
+
+AT_ONCE = 128  # steps a call, so that a run can be interrupted and tells how far it is
+SOLVERS = ("newton", "proximal")
+HEAD, NUMBERS = 8, 7  # words of a step before its arrays: whole numbers, and numbers
+
+
+def take_steps(
+    scene: ContactScene, bodies: Multibody, plan: StepPlan, steps: range, q: Array, v: Array, memory: Memory
+) -> CompiledSteps | None:
+    """Steps of a plan from a state on, up to the first that the library does not find; None for none."""
+    some = slice(steps.start, min(steps.stop, steps.start + AT_ONCE))
+    told = plan.sampled[some].copy()
+    told[:1] |= some.start == 0  # at the first sample stands what the first step is
+    start = Start(q, v, memory.keys, memory.forces, memory.stuck, memory.still, memory.change, memory.overlap,
+                  memory.unfollowed)  # fmt: skip
+    found = scene.run(Steps(plan.t[some], plan.h[some], plan.piece[some], told, plan.numbers), start)
+    return CompiledSteps(found, bodies, plan, some.start) if found.taken else None
+
+
+class CompiledSteps(Sequence[Step]):
+    """Steps one after the other, of which those at samples and the last are known, the first of a run too.
+
+    The last has the impacts of all, at times from the begin of the first on.
+    """
+
+    def __init__(self, told: Told, bodies: Multibody, plan: StepPlan, first: int) -> None:
+        self._told, self._bodies, self._plan, self._first = told, bodies, plan, first
+        wholes, at, model = told.words.view(np.int64), 0, bodies.model
+        self._at: dict[int, int] = {}  # where the words of a step begin
+        while at < len(wholes):
+            number, *_, known, count, of_joints = wholes[at : at + HEAD].tolist()
+            self._at[number] = at
+            at += HEAD + NUMBERS + model.nq + (4 + of_joints) * model.nv + 6 * known + 10 * count
+
+    def __len__(self) -> int:
+        return self._told.taken
+
+    @overload
+    def __getitem__(self, j: int) -> Step: ...
+    @overload
+    def __getitem__(self, j: slice) -> Sequence[Step]: ...
+    def __getitem__(self, j: Any) -> Any:
+        """The step j."""
+        step = self._read(self._at[j])
+        if j < len(self) - 1:
+            return step
+        step = replace(step, blows=self._blows())
+        return resting(self._bodies, self._plan, self._first + j, step) if self._told.rests else step
+
+    def count_in(self, record: Record) -> None:
+        """Count the steps."""
+        steps, halved, softened, newton, proximal, feasibility, complementarity = self._told.record
+        record.steps += int(steps)
+        record.halved += int(halved)
+        record.softened += int(softened)
+        for solver, count in zip(SOLVERS, (newton, proximal), strict=True):
+            if count:
+                record.solvers[solver] = record.solvers.get(solver, 0) + int(count)
+        record.feasibility = max(record.feasibility, feasibility)
+        record.complementarity = max(record.complementarity, complementarity)
+
+    def _read(self, at: int) -> Step:
+        """The step whose words begin at a place: `tell` of native/contact_run.c."""
+        read = _Reader(self._told.words, at)
+        _, touches, solver, softened, _, known, count, of_joints = read.wholes(HEAD).tolist()
+        h, overlap, feasibility, complementarity, residual, at_end, unfollowed = read.numbers(NUMBERS).tolist()
+        nq, nv = self._bodies.model.nq, self._bodies.model.nv
+        q, v, mean, change = (read.numbers(size) for size in (nq, nv, nv, 2 * nv))
+        memory = Memory(read.wholes(known), read.numbers(3 * known).reshape(-1, 3), read.wholes(known) > 0,
+                        read.wholes(known) > 0, change.reshape(2, nv), at_end, unfollowed)  # fmt: skip
+        keys = read.wholes(count)
+        place, on_first, slips = (read.numbers(3 * count).reshape(-1, 3) for _ in range(3))
+        joints = read.numbers(nv) if of_joints else None
+        none = np.empty((0, 3))
+        impulses = Impulses(none, none, feasibility, complementarity, residual, SOLVERS[solver]) if touches else None
+        deepest = None if np.isnan(overlap) else overlap
+        return Step(h, q, v, mean, memory, keys, place, on_first, impulses, deepest, joints, slips,
+                    softened=bool(softened))  # fmt: skip
+
+    def _blows(self) -> tuple[Blow, ...]:
+        """The impacts of all steps."""
+        read, found = _Reader(self._told.blow_words, 0), []
+        while read.at < len(self._told.blow_words):
+            (count,), (late,) = read.wholes(1).tolist(), read.numbers(1).tolist()
+            keys, on_first = read.wholes(count), read.numbers(3 * count).reshape(-1, 3)
+            found.append(Blow(late, keys, on_first, read.numbers(self._bodies.model.nv)))
+        return tuple(found)
+
+
+class _Reader:
+    """Words, read from a place on: numbers, or whole ones."""
+
+    def __init__(self, words: Array, at: int) -> None:
+        self._words, self._wholes, self.at = words, words.view(np.int64), at
+
+    def numbers(self, count: int) -> Array:
+        """The next numbers."""
+        self.at += count
+        return self._words[self.at - count : self.at]
+
+    def wholes(self, count: int) -> Array:
+        """The next whole numbers."""
+        self.at += count
+        return self._wholes[self.at - count : self.at]

@@ -1,0 +1,202 @@
+"""Contact steps in the native library: many steps of a scene in one call."""
+
+import ctypes
+import threading
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol, cast
+
+import numpy as np
+
+from twolink.native.library import Handle, address, level, library, require
+from twolink.native.machine import ALONE, Program
+
+Array = np.ndarray[Any, np.dtype[Any]]
+
+
+class Parts(NamedTuple):
+    """A scene as arrays, in the order of `tl_contact_new` of native/contact_scene.c: sizes (13,), whole, numbers.
+
+    program: of (t, q, v, numbers) for tau - h; None for bodies on which gravity alone acts.
+    """
+
+    sizes: Sequence[int]
+    whole: Array
+    numbers: Array
+    program: Program | None
+
+
+class Steps(NamedTuple):
+    """Steps to take: begins and lengths, s, pieces, and whether they are told of (n,); numbers (pieces, m)."""
+
+    t: Array
+    h: Array
+    piece: Array
+    told: Array
+    numbers: Array
+
+
+class Start(NamedTuple):
+    """The begin of steps: q, v, and the memory. keys (k,) rise; forces (k, 3); stuck, still (k,); change (2, nv)."""
+
+    q: Array
+    v: Array
+    keys: Array
+    forces: Array
+    stuck: Array
+    still: Array
+    change: Array
+    overlap: float
+    unfollowed: float
+
+
+class Found(NamedTuple):
+    """Points of other pairs, which follow each other: (n,), and normal, position (n, 3)."""
+
+    keys: Array
+    pair: Array
+    first: Array
+    second: Array
+    gap: Array
+    normal: Array
+    position: Array
+
+
+class Finder(Protocol):
+    """A finder of points for which the library has no formula, at poses of all bodies, the ground first."""
+
+    def points(self, rotations: Array, origins: Array, reach: float) -> Found:
+        """The points with gaps below the reach, m."""
+
+    def overlap(self, rotations: Array, origins: Array) -> float:
+        """The largest overlap, m."""
+
+
+class Told(NamedTuple):
+    """The outcome of steps: their number, words of those that are told of and of impacts, and whether bodies rest.
+
+    record: counts of steps, halved ones, softened ones, by Newton, by proximal points, then the largest misses.
+    """
+
+    taken: int
+    words: Array
+    blow_words: Array
+    rests: bool
+    record: tuple[float, ...]
+
+
+class _FoundPoints(ctypes.Structure):
+    """tl_found of native/contact.h."""
+
+    _fields_ = (("count", ctypes.c_int64), *((name, ctypes.c_void_p) for name in Found._fields),
+                ("overlap", ctypes.c_double))  # fmt: skip
+
+
+_FINDER = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p,
+                           ctypes.POINTER(_FoundPoints))  # fmt: skip
+_KINDS = (np.int64, np.int32, np.int32, np.int32, float, float, float)
+
+
+class _Plan(ctypes.Structure):
+    """tl_plan of native/contact_run.c."""
+
+    _fields_ = (*((name, ctypes.c_void_p) for name in ("t", "h", "piece", "sampled", "numbers")),
+                ("count", ctypes.c_int64), ("pieces", ctypes.c_int64), ("find", _FINDER),
+                ("misses", ctypes.c_int64))  # fmt: skip
+
+
+class _Start(ctypes.Structure):
+    """tl_start of native/contact_run.c."""
+
+    _fields_ = (*((name, ctypes.c_void_p) for name in ("q", "v", "forces", "change", "keys", "stuck", "still")),
+                ("count", ctypes.c_int64), ("overlap", ctypes.c_double), ("unfollowed", ctypes.c_double))  # fmt: skip
+
+
+class _Told(ctypes.Structure):
+    """tl_told of native/contact_run.c."""
+
+    _fields_ = (("words", ctypes.c_void_p), ("blow_words", ctypes.c_void_p),
+                *((name, ctypes.c_int64) for name in ("word_count", "blow_count", "rests")),
+                ("record", ctypes.c_double * 7))  # fmt: skip
+
+
+class ContactScene:
+    """A scene in the native library. Threads use it one after the other. misses: whether what touches
+    within a step may be no point before."""
+
+    def __init__(self, parts: Parts, finder: Finder | None = None, *, misses: bool = False) -> None:
+        self._program, made = parts.program, ctypes.c_void_p()
+        sizes = np.array(parts.sizes, dtype=np.int32)
+        whole, numbers = (np.ascontiguousarray(parts.whole, dtype=np.int32), _numbers(parts.numbers))
+        program = None if self._program is None else self._program.require_handle().value
+        code = library().tl_contact_new(address(sizes), len(whole), address(whole), len(numbers), address(numbers),
+                                        program, level(), ctypes.byref(made))  # fmt: skip
+        require(code, "a scene with contacts")
+        self._handle = Handle(made.value, library().tl_contact_free)
+        self._bodies, *self._sizes = (int(size) for size in sizes[:4])
+        self._lock, self._finder, self._misses = threading.Lock(), finder, misses
+        self._find = _FINDER() if finder is None else _FINDER(self._found)
+        self._points: list[Array] = []  # which the library reads
+        self._failed: BaseException | None = None
+
+    def _found(self, reach: float, wants_overlap: int, turned: int, origin: int, out: Any) -> int:
+        """Ask the finder. What it raises is raised when the library is back."""
+        try:
+            count, finder = self._bodies, cast(Finder, self._finder)
+            rotations, origins = _copied(turned, 9 * count).reshape(-1, 3, 3), _copied(origin, 3 * count).reshape(-1, 3)
+            if wants_overlap:
+                out.contents.overlap = finder.overlap(rotations, origins)
+                return 0
+            found = finder.points(rotations, origins, reach)
+            self._points = [np.ascontiguousarray(x, dtype=kind) for x, kind in zip(found, _KINDS, strict=True)]
+            out.contents.count = len(found.keys)
+            for name, array in zip(Found._fields, self._points, strict=True):
+                setattr(out.contents, name, array.ctypes.data)
+        except BaseException as error:
+            self._failed = error
+            return 1
+        return 0
+
+    def run(self, steps: Steps, start: Start) -> Told:
+        """Take steps up to their end, to bodies at rest, or to one that is not found."""
+        nq, nv, m = self._sizes
+        t, h, numbers, q, v, forces, change = (
+            _numbers(x) for x in (steps.t, steps.h, steps.numbers, start.q, start.v, start.forces, start.change)
+        )
+        piece, keys = (np.ascontiguousarray(x, dtype=np.int64) for x in (steps.piece, start.keys))
+        told, stuck, still = (np.ascontiguousarray(x, dtype=np.uint8) for x in (steps.told, start.stuck, start.still))
+        count, known = len(t), len(keys)
+        shapes = [(h, count), (piece, count), (told, count), (q, nq), (v, nv), (change, 2 * nv), (forces, 3 * known),
+                  (stuck, known), (still, known), (numbers, m * len(numbers))]  # fmt: skip
+        if any(array.size != size for array, size in shapes):
+            raise ValueError(f"steps of {[array.shape for array, _ in shapes]}")
+        plan = _Plan(*map(address, (t, h, piece, told, numbers)), count, len(numbers), self._find, self._misses)
+        begin = _Start(
+            *map(address, (q, v, forces, change, keys, stuck, still)), known, start.overlap, start.unfollowed
+        )
+        out = _Told()
+        with self._lock:
+            self._failed = None
+            taken = library().tl_contact_run(self._handle.value, *map(ctypes.byref, (plan, begin, out)))
+            if self._failed is not None:
+                raise self._failed
+            if taken < 0:
+                require(taken, "steps with contacts")
+            words, blows = _copied(out.words, out.word_count), _copied(out.blow_words, out.blow_count)
+        return Told(int(taken), words, blows, bool(out.rests), tuple(out.record))
+
+
+def _numbers(x: Array) -> Array:
+    return np.ascontiguousarray(x, dtype=float)
+
+
+def _copied(place: int, count: int) -> Array:
+    """Words of the library (n,), as numbers."""
+    out = np.empty(count)
+    if count:
+        ctypes.memmove(out.ctypes.data, place, 8 * count)
+    return out
+
+
+def runs_alone(program: Program) -> bool:
+    """True if the library can run a program for one state."""
+    return program.handle is not None and program.fits(ALONE)

@@ -1,0 +1,38 @@
+/* The laws of the points of a step and what obeys them: see contact/step_law.py. */
+#ifndef TWOLINK_CONTACT_LAW_H
+#define TWOLINK_CONTACT_LAW_H
+#include "contact_solver.h"
+
+enum { TL_HALVE = -1 }; /* in place of a code: the laws are not reached in a step of this length */
+
+/* Points (n) of a step of length h. before, after, guess, lasting, sums: (n, 3). */
+typedef struct {
+  int n;
+  double h, share;
+  const tl_point *points;
+  tl_row *rows;
+  double *before, *after, *guess, *lasting, *sums, *rebound, *open, *late, *heights, *given, *mu, *slower, *ends;
+  uint8_t *known, *stuck, *hits, *bounces, *rests, *of_joints, *active, *taken;
+} tl_law;
+
+/* Active points (count), in the order of their islands, with P and U + c (count, 3), and v+ (nv). bounces: whether one does. */
+typedef struct {
+  int count, bounces;
+  int32_t *active;
+  double *p, *u, *ends;
+  tl_answer answer;
+} tl_solution;
+
+/* A point with its island, the rank of the later of its trees, and its later body: what its place in a problem is by. */
+typedef struct {
+  int32_t island, rank, body, point;
+} tl_place_of;
+
+int tl_in_order(tl_scene *s, const tl_law *law, const uint8_t *marked, tl_place_of **order, int *size);
+int tl_new_law(tl_scene *s, double h, const double *v, const double *free, tl_row *rows, const tl_memory *memory, tl_law *law);
+int tl_missed(tl_law *law, const tl_solution *found);
+int tl_solve_law(tl_scene *s, tl_law *law, const double *free, tl_solution *out);
+int tl_without_gain(tl_scene *s, tl_law *law, const double *free, tl_solution *out);
+int tl_unfollowed(tl_scene *s, const tl_law *law, const tl_solution *found, double *out);
+int tl_correction(tl_scene *s, const tl_law *law, const double *off, const uint8_t *lasts, double *push);
+#endif
