@@ -37,7 +37,7 @@ typedef struct {
 } tl_told;
 
 static int grow(tl_arena *arena, int keep) {
-  size_t size = 2 * arena->size + 4096;
+  size_t size = 4 * arena->size;
   if (size < arena->wanted + arena->wanted / 2) size = arena->wanted + arena->wanted / 2;
   if (size > MOST_MEMORY) return TL_NO_MEMORY;
   char *memory = keep ? realloc(arena->memory, size) : malloc(size);

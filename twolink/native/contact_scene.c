@@ -4,7 +4,7 @@
 
 #include <stdlib.h>
 
-enum { SIZES = 13, MOST = 10000000 };
+enum { SIZES = 13, MOST = 10000000, SMALL = 1 << 16, LARGE = 1 << 24 };
 
 /* The arrays that a scene is made of, read from front to back. failed: more was asked for than there is. */
 typedef struct {
@@ -239,8 +239,8 @@ static void own_parts(tl_scene *s, reader *r) {
   s->hull_pair = own(s, r, (size_t)s->hull_pairs, sizeof(tl_hull_pair));
   s->joint_point = own(s, r, (size_t)s->joint_points, sizeof(tl_joint_point));
   for (int k = 0; k < 5; k++) {
-    arenas[k]->size = 1 << 16, arenas[k]->memory = malloc(1 << 16);
-    if (!arenas[k]->memory) r->failed = 2;
+    arenas[k]->size = k ? SMALL : LARGE; /* what is not used is not there */
+    if (!(arenas[k]->memory = malloc(arenas[k]->size))) r->failed = 2;
   }
 }
 
