@@ -6,7 +6,7 @@
 
 G = J M^-1 J^T; b: the velocities without impulses; c: what the gap still leaves open. P and U have the normal last.
 
-The laws are the zeros of F(P) = P - proj(P - U / g), proj onto the cone of radius mu P_n, g the size of G at a contact.
+The laws are the zeros of F(P) = P - proj(P - U / g), proj that of `friction_cone`, g the size of G at a contact.
 Newton's method on F (Alart, Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375) takes steps with G + e g, e
 in proportion to what F misses: a proximal term, which keeps the steps small where contacts leave their forces
 undetermined, and which ends with F, so that the solution obeys the laws as exactly as without. Where Newton's method
@@ -28,6 +28,7 @@ import scipy.sparse as sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
+from twolink.algorithms.friction_cone import cone_derivative, onto_cone
 from twolink.integrate.motion.state import Array
 
 NEWTON = 80  # steps before another method leads on: where forces are not determined, it goes round before it finds them
@@ -88,13 +89,7 @@ class ContactProblem:
         if anchor is not None:
             u = u + damping * self.size[:, None] * (p - anchor)
         z = p - u / self.size[:, None]
-        out = z.copy()
-        normal = np.maximum(z[:, 2], 0.0)
-        limit, length = self.mu * normal, np.hypot(z[:, 0], z[:, 1])
-        slips = length > limit
-        out[:, :2] *= np.where(slips, limit / np.where(slips, length, 1.0), 1.0)[:, None]
-        out[:, 2] = normal
-        return p - out, z, u
+        return p - onto_cone(z, self.mu), z, u
 
     def residual(self, f: Array) -> float:
         """|g F| relative to velocities that matter."""
@@ -218,7 +213,7 @@ def _newton_step(problem: ContactProblem, f: Array, z: Array, damping: float) ->
     """(I - C + C (G / g + e))^-1 F with C = dproj / dz. Where nothing presses, z_n <= 0, it is F."""
     pressing = z[:, 2] > 0.0
     chosen, step = np.flatnonzero(pressing), np.where(pressing[:, None], 0.0, f)
-    c = _derivative(problem.mu[chosen], z[chosen])
+    c = cone_derivative(z[chosen], problem.mu[chosen])
     scaled, others = c / problem.size[chosen, None, None], (problem.matrix @ step.ravel()).reshape(-1, 3)[chosen]
     right = (f[chosen] - np.einsum("nij,nj->ni", scaled, others)).ravel()
     own = np.eye(3) + (damping - 1.0) * c
@@ -254,16 +249,3 @@ def _solve_full(problem: ContactProblem, pressing: Array, own: Array, scaled: Ar
         return np.asarray(np.linalg.solve(jacobian, right))
     except np.linalg.LinAlgError:
         return np.asarray(np.linalg.lstsq(jacobian, right, rcond=1e-12)[0])
-
-
-def _derivative(mu: Array, z: Array) -> Array:
-    """C (n, 3, 3): the derivative of proj at z, of what presses."""
-    length, limit = np.hypot(z[:, 0], z[:, 1]), mu * z[:, 2]
-    slips = length > limit
-    over = np.where(slips, length, 1.0)
-    d, c = z[:, :2] * (slips / over)[:, None], np.zeros((len(z), 3, 3))
-    share = np.where(slips, limit / over, 1.0)[:, None, None]
-    c[:, :2, :2] = share * (np.eye(2) - d[:, :, None] * d[:, None, :])
-    c[:, :2, 2] = mu[:, None] * d
-    c[:, 2, 2] = 1.0
-    return c

@@ -232,7 +232,7 @@ def solve_smooth(
 def _solution(motion: SmoothMotion, track: Track, loop: SampledLoop | None, until: float = np.inf) -> Solution:
     """The solution so far, with the samples up to a time."""
     equations, by, moving = motion.equations, motion.columns.by, motion.equations.moving
-    samples = track.samples(min(until, track.t) * LATER)
+    samples = track.samples(min(until * LATER, track.t))
     times = track.times[: samples.shape[1]]
     t, x = track.steps()
     held = x[:, moving:] if equations.layout.tables else None

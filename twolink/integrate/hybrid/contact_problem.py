@@ -22,12 +22,14 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.dual_numbers import Jet, JetNamespace, coefficient
+from twolink.algorithms.friction_cone import cone_derivative, onto_cone
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.integrate.hybrid.modes import ModeState
 from twolink.integrate.motion.state import Array
 
 FIRST, SWEEPS = 32, 5_000  # of the first look for a solution, and of the last
+NORMAL_LAST, NORMAL_FIRST = [1, 2, 0], [2, 0, 1]
 NEWTON, SHORTEST = 50, 1e-3  # steps, and the shortest share of one
 RANK = 1e-10  # relative: a gain below it is 0
 UNCHANGED = 1e-13  # relative to the largest acceleration: what breaks no law
@@ -88,8 +90,7 @@ def solve_contacts(free: Array, inverse: Array, contacts: Sequence[Rows | HeldJo
 class _Laws:
     """The laws p = proj(p - r c') of forces p (m,), with c' = D p + c'_0.
 
-    The projection is on the cone of friction of radius mu p_n, or between the limits of a joint.
-    Source: Alart, Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375.
+    The projection is that of `friction_cone`, or between the limits of a joint.
     """
 
     def __init__(self, free: Array, inverse: Array, contacts: Sequence[Rows | HeldJoint]) -> None:
@@ -109,7 +110,7 @@ class _Laws:
             for contact, place in zip(self.contacts, self.places, strict=True):
                 rates = self.gain[place] @ p + self.at_rest[place]
                 better = (
-                    _projection(contact, p[place], rates, float(self.r[place.start]))[0]
+                    _projection(contact, p[place] - self.r[place] * rates)[0]
                     if isinstance(contact, HeldJoint)
                     else _force(contact, self.gain[place, place], rates, p[place])
                 )
@@ -149,38 +150,33 @@ class _Laws:
         """p - proj(p - r c') and its derivative by p."""
         rates, left, slopes = self.gain @ p + self.at_rest, np.empty_like(p), np.zeros_like(self.gain)
         for contact, place in zip(self.contacts, self.places, strict=True):
-            target, by_p, by_rates = _projection(contact, p[place], rates[place], float(self.r[place.start]))
+            r = float(self.r[place.start])
+            target, by_z = _projection(contact, p[place] - r * rates[place])
             left[place] = p[place] - target
-            slopes[place, place] += np.eye(len(target)) - by_p
-            slopes[place] -= by_rates @ self.gain[place]
+            slopes[place, place] += np.eye(len(target)) - by_z
+            slopes[place] += r * by_z @ self.gain[place]
         return left, slopes
 
 
-def _projection(contact: Rows | HeldJoint, p: Array, rates: Array, r: float) -> tuple[Array, Array, Array]:
-    """proj(p - r c'), and its derivatives by p and by c'; beyond what holds, kinetic friction acts."""
-    z, size = p - r * rates, len(p)
-    target, by_z, by_p = z.copy(), np.eye(size), np.zeros((size, size))
+def _projection(contact: Rows | HeldJoint, z: Array) -> tuple[Array, Array]:
+    """proj(z), and its derivative by z = p - r c'; beyond what holds, kinetic friction acts."""
+    size = len(z)
     if isinstance(contact, HeldJoint):
-        if not contact.least <= z[0] <= contact.greatest:
-            target[0], by_z[0, 0] = math.copysign(contact.kinetic, z[0] - contact.least), 0.0
-        return target, by_z, -r * by_z
+        if contact.least <= z[0] <= contact.greatest:
+            return z, np.eye(1)
+        return np.array([math.copysign(contact.kinetic, z[0] - contact.least)]), np.zeros((1, 1))
     if z[0] <= 0.0:
-        target[0] = by_z[0, 0] = 0.0
+        return np.zeros(size), np.zeros((size, size))
     if size == 1:
-        return target, by_z, -r * by_z
+        return z, np.eye(1)
     if contact.slip is not None:
-        target[1:], by_z[1:], by_p[1:, 0] = (
-            -contact.friction * p[0] * contact.slip,
-            0.0,
-            -contact.friction * contact.slip,
-        )
-        return target, by_z + by_p, -r * by_z
-    across, normal = math.hypot(*z[1:]), max(0.0, float(p[0]))
-    if across > contact.static * normal:
-        way, radius = z[1:] / across, contact.friction * normal
-        target[1:], by_z[1:, 1:] = radius * way, radius / across * (np.eye(2) - np.outer(way, way))
-        by_p[1:, 0] = contact.friction * way * (p[0] > 0.0)
-    return target, by_z + by_p, -r * by_z
+        along = np.append(1.0, -contact.friction * contact.slip)
+        by_z = np.zeros((3, 3))
+        by_z[:, 0] = along
+        return z[0] * along, by_z
+    given, order = z[None, NORMAL_LAST], np.ix_(NORMAL_FIRST, NORMAL_FIRST)
+    friction, static = np.array([contact.friction]), np.array([contact.static])
+    return (onto_cone(given, friction, static)[0, NORMAL_FIRST], cone_derivative(given, friction, static)[0][order])
 
 
 def _force(contact: Rows, gain: Array, rates: Array, before: Array) -> Array | None:
