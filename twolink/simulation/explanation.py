@@ -123,10 +123,20 @@ class Explanation(BaseResult, Plotted):
             lines.append(f"  evaluation   {batch:.1f} ns in a batch, {alone:.0f} ns alone (by the operations)")
         lines += [
             f"  method       {self.method}, setting {self.setting:.1e}: {self.why}",
-            f"  expected     {self.expected_seconds:.2g} s for {self.duration:g} s at accuracy {self.accuracy:g}, "
-            f"error bar{' and later events' if self.formulation.startswith('events') else ''} not included",
+            f"  expected     {self._expected()}",
         ]
         return "\n".join(lines)
+
+    def _expected(self) -> str:
+        """The expected time, in words."""
+        what = f"{self.expected_seconds:.2g} s for {self.duration:g} s"
+        if self.method == "stepped":
+            from twolink.simulation.stepped_run import PATIENCE  # which other scenes do not load
+
+            return (f"{what} in such steps; a tenth of the error takes about ten times that, and without an accuracy "
+                    f"steps become smaller while that helps, for up to {PATIENCE:g} s")  # fmt: skip
+        later = " and later events" if self.formulation.startswith("events") else ""
+        return f"{what} at accuracy {self.accuracy:g}, error bar{later} not included"
 
 
 def explain(
