@@ -14,7 +14,7 @@ from twolink.contact.steps import Record, Step, StepPlan
 from twolink.geometry.points import pair_of
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Impulse, Segment
+from twolink.integrate.solution import Code, Impulse, Segment
 from twolink.loop.sampled_loop import SampledLoop
 
 Pressing = dict[str, list[tuple[Array, Array, Array]]]  # by pair points, m, forces, N, and slips, m/s
@@ -55,6 +55,8 @@ class SteppedSolution:
         The controllers and sensors, where there are any.
     impulses : tuple of Impulse
         Those of impacts.
+    compiled : {"steps", ""}
+        Whether the steps were native.
     """
 
     segments: tuple[Segment, ...]
@@ -72,6 +74,7 @@ class SteppedSolution:
     interrupted: bool = False
     loop: SampledLoop | None = None
     impulses: tuple[Impulse, ...] = ()
+    compiled: Code = ""
 
     def states(self, times: Array) -> Array:
         """The states (nq + nv, m) at times (m,), interpolated between samples."""
@@ -160,7 +163,7 @@ class SteppedTrack:
         segment = Segment(self._stepper.equations, float(self._times[0]), n, readings=loop and loop.readings)
         return SteppedSolution((segment,), self._times[:n], q, v, a, held, numbers, self._pressing[:n],
                                self._stepper.record, self._overlap, float(plan.h.max()), unfollowed, interrupted, loop,
-                               tuple(self._impulses))  # fmt: skip
+                               tuple(self._impulses), "" if self._stepper.native is None else "steps")  # fmt: skip
 
 
 def _means(stepper: ContactStepper, one: Step) -> tuple[Array, Array]:
