@@ -244,7 +244,8 @@ XacroArguments = Annotated[
     list[str] | None, Option("--xacro-argument", metavar="NAME=VALUE", help="Of a xacro; repeatable.")
 ]
 RobotLoader = functools.partial[Robot]
-REPORTED = {"root": "--root", "mimic": "--mimic", "package_dirs": "--package-dir"}  # what load reports advise
+REPORTED = {"root": "--root", "mimic": "--mimic", "package_dirs": "--package-dir", "losses": "--losses"}
+"""What load reports advise."""
 
 
 def sample_times_of(text: SampleTimes) -> list[float] | None:

@@ -110,7 +110,7 @@ def query(
     states: Annotated[Path | None, Option(help="Many states: a .json or .csv file, or - for stdin.")] = None,
     load: RobotLoader,
     as_json: Json = False,
-    **given: str | None,
+    **given: Any,
 ) -> None:
     """Ask a dynamics question about one state or many.
 
@@ -125,7 +125,7 @@ def query(
     if given["q"] is None and states is None and what in QUERIES:
         raise Misuse("it is not given", where="q", remedy="give --q with a configuration, or --states with many")
     loaded = load(robot)
-    options: dict[str, Any] = {name: text for name, text in given.items() if name in OPTIONS}
+    options: dict[str, Any] = {name: text or None for name, text in given.items() if name in OPTIONS}
     if given["f_ext"] is not None:
         options["f_ext"] = parse_json(given["f_ext"], "f_ext", 'such as {"tip": [0, 0, -1, 0, 0, 0]}')
     arguments = read_states(loaded, {name: text for name, text in given.items() if name in ARGUMENTS}, states)
@@ -141,11 +141,15 @@ def _declared() -> Iterator[Parameter]:
         if takers:
             taken = takers[0].signature.parameters[name]
             text = ARGUMENTS[name] if name in ARGUMENTS else OPTIONS[name][1]
-            text += f": {' or '.join(choices)}" if (choices := takers[0].options.get(name)) else ""
+            is_flag = OPTIONS.get(name, (str,))[0] is bool
+            choices = () if is_flag else takers[0].options.get(name, ())
+            text += f": {' or '.join(choices)}" if choices else ""
             text += f" ({', '.join(each.name for each in takers)})" if len(takers) < 5 else ""
             default = "0" if name in ARGUMENTS and name != "q" else taken.default
-            option = Option(help=f"{text}.", show_default=default if isinstance(default, str) else False)
-            yield Parameter(name, Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[str | None, option])
+            shown, spelt = default if isinstance(default, str) else False, [f"--{name}"] if is_flag else []
+            option = Option(*spelt, help=f"{text}.", show_default=shown)
+            kind, left_out = (bool, False) if is_flag else (str | None, None)
+            yield Parameter(name, Parameter.KEYWORD_ONLY, default=left_out, annotation=Annotated[kind, option])
 
 
 _robot, _what, *_others = signature(query).parameters.values()
