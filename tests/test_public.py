@@ -15,14 +15,13 @@ from twolink import errors
 
 TOP = Path(__file__).parents[1]
 FACE = {
-    tl: ["Certificate", "Compiled", "Cost", "EnergyBalance", "Equilibria", "Event", "Explanation", "Gradient",
-         "Identification", "Linearization", "LoadReport", "ModelComparison", "Optimum", "PeriodicMotion", "Robot",
-         "Scene", "SceneFit", "Sensitivities", "Simulation", "Study", "Trajectory", "Verdict", "Worlds", "Wrench",
-         "accuracy_study",
-         "compare_models", "connect", "effects", "energy_book", "equilibria", "errors", "explain", "export", "fit",
-         "gradient", "identify", "judge", "lagrange", "linearize", "load_robot", "load_scene", "loop_forces", "lqr",
-         "methods", "optimize", "periodic_motion", "progress_bar", "robots", "scene_of", "scenes", "sensitivities",
-         "simulate", "simulate_many", "sweep"],
+    tl: ["Certificate", "Compiled", "Cost", "EnergyBalance", "EquationCheck", "Equilibria", "Event", "Explanation",
+         "Gradient", "Identification", "Linearization", "LoadReport", "ModelComparison", "Optimum", "PeriodicMotion",
+         "Robot", "Scene", "SceneFit", "Sensitivities", "Simulation", "Study", "Trajectory", "Verdict", "Worlds",
+         "Wrench", "accuracy_study", "check_equations", "compare_models", "connect", "effects", "energy_book",
+         "equilibria", "errors", "explain", "export", "fit", "gradient", "identify", "judge", "lagrange", "linearize",
+         "load_robot", "load_scene", "loop_forces", "lqr", "methods", "optimize", "periodic_motion", "progress_bar",
+         "robots", "scene_of", "scenes", "sensitivities", "simulate", "simulate_many", "sweep"],
     tl.Robot: ["nq", "nv", "joint_names", "neutral", "report", "model", "forward_dynamics", "inverse_dynamics",
                "mass_matrix", "bias", "coriolis", "gravity_torque", "energy", "frame_names", "frame_pose",
                "frame_velocity", "frame_jacobian", "inverse_kinematics", "forward_dynamics_derivatives",

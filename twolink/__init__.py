@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from twolink.control.feedback import lqr
     from twolink.control.linearization import Linearization, linearize
     from twolink.control.periodic import PeriodicMotion, periodic_motion
+    from twolink.exchange.equation_check import EquationCheck, check_equations
     from twolink.exchange.export import export
     from twolink.exchange.model_comparison import ModelComparison, compare_models
     from twolink.exchange.urdf_scene import scene_of
@@ -51,6 +52,7 @@ _IMPORTED_WHEN_USED = {
     "control.feedback": ("lqr",),
     "control.linearization": ("Linearization", "linearize"),
     "control.periodic": ("PeriodicMotion", "periodic_motion"),
+    "exchange.equation_check": ("EquationCheck", "check_equations"),
     "exchange.export": ("export",),
     "exchange.model_comparison": ("ModelComparison", "compare_models"),
     "hard.referee": ("judge",),
@@ -109,6 +111,7 @@ __all__ = [
     "Compiled",
     "Cost",
     "EnergyBalance",
+    "EquationCheck",
     "Equilibria",
     "Event",
     "Explanation",
@@ -130,6 +133,7 @@ __all__ = [
     "Worlds",
     "Wrench",
     "accuracy_study",
+    "check_equations",
     "compare_models",
     "connect",
     "effects",

@@ -43,7 +43,7 @@ ENGINES = ["one state", "batch", *(["compiled"] if library() is not None else []
 
 @functools.cache
 def robot_of(name: str) -> tl.Robot:
-    """A robot with armature and damping in every degree of freedom."""
+    """A robot with armature, damping and friction in every degree of freedom."""
     if name == "balls":
         like, model = tl.load_robot("two_link"), balls()
         for joint in range(1, model.njoints):
@@ -55,6 +55,7 @@ def robot_of(name: str) -> tl.Robot:
     def geared(model: pin.Model) -> None:
         rng = np.random.default_rng(zlib.crc32(name.encode()))
         model.armature, model.damping = rng.uniform(0.2, 5, model.nv), rng.uniform(0.1, 1, model.nv)
+        model.friction = rng.uniform(0.1, 1, model.nv)
 
     return robot.changed(geared)
 
@@ -140,6 +141,12 @@ def inverse_dynamics(case: Case) -> None:
             local = wrench if axes == "frame" else np.kron(np.eye(2), turn.T) @ wrench
             pushed.append(tau - jacobian.T @ local)
         check(case.asked("inverse_dynamics", case.v, case.a, f_ext=given)[0], pushed)
+    if case.robot.has_mimic:
+        return
+    lossy, speeds = case.robot.model, np.where(np.arange(case.robot.nv) % 3 == 1, 0.0, case.v)  # some joints rest
+    lost = lossy.damping * speeds + np.where(speeds > 0, lossy.friction, np.where(speeds < 0, -lossy.friction, 0.0))
+    without = case.asked("inverse_dynamics", speeds, case.a)[0]
+    check(case.asked("inverse_dynamics", speeds, case.a, losses=True)[0], list(without + lost))
 
 
 def forward_dynamics(case: Case) -> None:

@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import ArrayLike
 
 import twolink as tl
+from tests.dynamics.test_losses import ROBOT as LOSSY
 from tests.service.test_transport import ABOUT
 from twolink.dynamics.queries import ALGORITHMS, QUERIES, answer_query, query
 from twolink.service.http.app import build
@@ -59,7 +60,8 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Here]:
 
         patch.setattr(tl.Robot, "centroidal_map", centroidal_map, raising=False)
         app = build(Settings(str(tmp_path)))
-        app.service.robots.put("two_link", write_robot(tl.load_robot("two_link")))
+        for name, robot in (("two_link", tl.load_robot("two_link")), ("lossy", LOSSY)):
+            app.service.robots.put(name, write_robot(robot))
         with contextlib.closing(app.service.store):
             yield Here(app)
 
@@ -97,6 +99,31 @@ def test_a_declared_query_is_described(here: Here) -> None:
     assert operation["summary"].startswith("A_g(q)")
     answer = operation["responses"]["200"]["content"][media]["schema"]
     assert answer["properties"]["map"]["description"] == "(6, nv) for one state, kg m^2 or kg"
+
+
+def test_losses_are_asked_for_by_every_face(here: Here) -> None:
+    """Damping and friction in inverse dynamics: by Robot, by name, over HTTP, by the client in a batch and alone."""
+    rest, media = [0.0, 0.0], "application/json"
+    expected = LOSSY.inverse_dynamics(Q, V, rest, losses=True)
+    assert expected[0] - LOSSY.inverse_dynamics(Q, V, rest)[0] == pytest.approx(0.7 * V[0] + 1.5)
+    assert np.array_equal(answer_query(LOSSY, "inverse-dynamics", {"q": Q, "v": V}, losses=True)["tau"], expected)
+
+    body = json.dumps({"q": Q, "v": V, "losses": True}).encode()
+    answer = here.request("POST", "/v1/robots/lossy/inverse-dynamics", body, media, media)[1]
+    assert json.loads(answer) == {"tau": expected.tolist()}
+
+    there: Any = RemoteRobot(here, {**ABOUT, "id": "lossy"})
+    assert np.array_equal(there.inverse_dynamics(Q, V, rest, losses=True), expected)
+    np.testing.assert_allclose(there.inverse_dynamics([Q, Q], V, rest, losses=True), [expected] * 2, rtol=1e-13)
+    assert np.array_equal(there.inverse_dynamics(Q, V, rest), LOSSY.inverse_dynamics(Q, V, rest))
+
+    rows = {row["name"]: row for row in json.loads(here.request("GET", "/v1/queries", None, media, media)[1])}
+    takers = [name for name, row in rows.items() if "losses" in row["options"]]
+    assert takers == ["inverse-dynamics"]
+    assert rows["inverse-dynamics"]["options"]["losses"]["choices"] == [False, True]
+    document = json.loads(here.request("GET", "/openapi.json", None, media, media)[1])
+    schema = document["components"]["schemas"]["InverseDynamics"]["properties"]["losses"]
+    assert {"type": "boolean"} in schema["anyOf"]
 
 
 def test_the_client_has_all_queries_of_the_robot_and_no_others() -> None:

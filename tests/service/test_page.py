@@ -312,6 +312,9 @@ def test_queries_are_answered_and_shown_as_programs(page: Page) -> None:
     printed: list[object] = []
     exec(compile(python.replace("print(", "printed.append("), "shown", "exec"), {"printed": printed})
     assert np.asarray(printed[0]) == pytest.approx(tau)
+    page.choose("#in-losses", "true")
+    assert json.loads(re.search(r"-d '(.*)'", page.text("#curl")).group(1)) == body | {"losses": True}
+    assert "losses=True" in page.text("#python")
     page.choose("#in-q", "0.3 nan?")
     page.evaluate("document.getElementById('query').requestSubmit()")
     page.wait_for("document.querySelector('#query-problem [role=alert]')")

@@ -244,7 +244,8 @@ XacroArguments = Annotated[
     list[str] | None, Option("--xacro-argument", metavar="NAME=VALUE", help="Of a xacro; repeatable.")
 ]
 RobotLoader = functools.partial[Robot]
-REPORTED = {"root": "--root", "mimic": "--mimic", "package_dirs": "--package-dir"}  # what load reports advise
+REPORTED = {"root": "--root", "mimic": "--mimic", "package_dirs": "--package-dir", "losses": "--losses"}
+"""What load reports advise."""
 
 
 def sample_times_of(text: SampleTimes) -> list[float] | None:
@@ -290,6 +291,12 @@ def with_robot_options(command: Callable[..., None]) -> Callable[..., None]:
     return call
 
 
+def chosen_of(load: RobotLoader) -> list[str]:
+    """The options of robots that are not left out."""
+    usual = signature(robot_from).parameters
+    return [name for name, value in load.keywords.items() if value != usual[name].default]
+
+
 def locks_of(lock: Lock) -> dict[str, list[float]]:
     """The locked joints' configurations."""
     return {
@@ -329,9 +336,7 @@ def scene_from(source: str, load: RobotLoader | None = None, *, ground: bool = F
     if ground:
         raise Misuse("it is for robots, and this is a scene, which has its own contacts", where="ground",
                      remedy="leave it out")  # fmt: skip
-    usual = signature(robot_from).parameters
-    for name, value in load.keywords.items() if load else ():
-        if value != usual[name].default:
-            raise Misuse("it is for robots, and this is a scene, which has its own", where=name,
-                         remedy=f"change the scene: twolink scenes {source} prints a bundled one")  # fmt: skip
+    for name in chosen_of(load) if load else ():
+        raise Misuse("it is for robots, and this is a scene, which has its own", where=name,
+                     remedy=f"change the scene: twolink scenes {source} prints a bundled one")  # fmt: skip
     return load_scene(source)

@@ -2,12 +2,13 @@
 answers.
 """
 
+import contextlib
 import sys
 from collections.abc import Iterator, Mapping
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from textwrap import shorten
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -20,6 +21,7 @@ from twolink.cli.common import (
     Misuse,
     RobotLoader,
     RobotName,
+    chosen_of,
     show,
     spoken,
     with_robot_options,
@@ -27,11 +29,14 @@ from twolink.cli.common import (
 from twolink.dynamics import Robot
 from twolink.dynamics.queries import ARGUMENTS, OPTIONS, QUERIES, answer_query
 from twolink.dynamics.robot_record import robot_record
-from twolink.errors import QueryError, RobotError
+from twolink.errors import QueryError, RobotError, TwolinkError
 from twolink.io.tables import parse_csv
 from twolink.io.text import Table, decode, parse_json, parse_numbers, read_bytes
 from twolink.robots import robots as robot_table
 from twolink.robots.joint_layout import columns_to_read, read_columns
+
+if TYPE_CHECKING:
+    from twolink.exchange.equation_check import EquationCheck
 
 
 def robots(as_json: Json = False) -> None:
@@ -110,7 +115,7 @@ def query(
     states: Annotated[Path | None, Option(help="Many states: a .json or .csv file, or - for stdin.")] = None,
     load: RobotLoader,
     as_json: Json = False,
-    **given: str | None,
+    **given: Any,
 ) -> None:
     """Ask a dynamics question about one state or many.
 
@@ -125,7 +130,7 @@ def query(
     if given["q"] is None and states is None and what in QUERIES:
         raise Misuse("it is not given", where="q", remedy="give --q with a configuration, or --states with many")
     loaded = load(robot)
-    options: dict[str, Any] = {name: text for name, text in given.items() if name in OPTIONS}
+    options: dict[str, Any] = {name: text or None for name, text in given.items() if name in OPTIONS}
     if given["f_ext"] is not None:
         options["f_ext"] = parse_json(given["f_ext"], "f_ext", 'such as {"tip": [0, 0, -1, 0, 0, 0]}')
     arguments = read_states(loaded, {name: text for name, text in given.items() if name in ARGUMENTS}, states)
@@ -141,11 +146,15 @@ def _declared() -> Iterator[Parameter]:
         if takers:
             taken = takers[0].signature.parameters[name]
             text = ARGUMENTS[name] if name in ARGUMENTS else OPTIONS[name][1]
-            text += f": {' or '.join(choices)}" if (choices := takers[0].options.get(name)) else ""
+            is_flag = OPTIONS.get(name, (str,))[0] is bool
+            choices = () if is_flag else takers[0].options.get(name, ())
+            text += f": {' or '.join(choices)}" if choices else ""
             text += f" ({', '.join(each.name for each in takers)})" if len(takers) < 5 else ""
             default = "0" if name in ARGUMENTS and name != "q" else taken.default
-            option = Option(help=f"{text}.", show_default=default if isinstance(default, str) else False)
-            yield Parameter(name, Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[str | None, option])
+            shown, spelt = default if isinstance(default, str) else False, [f"--{name}"] if is_flag else []
+            option = Option(*spelt, help=f"{text}.", show_default=shown)
+            kind, left_out = (bool, False) if is_flag else (str | None, None)
+            yield Parameter(name, Parameter.KEYWORD_ONLY, default=left_out, annotation=Annotated[kind, option])
 
 
 _robot, _what, *_others = signature(query).parameters.values()
@@ -200,18 +209,60 @@ def _from_csv(robot: Robot, text: str) -> dict[str, Any]:
     return out
 
 
+@with_robot_options
 def check(
+    *,
     n: Annotated[int, Option(min=1, metavar="COUNT", help="Number of random arms and states.")] = 10_000,
     seed: Annotated[int, Option(min=0, metavar="SEED", help="Seed of the random numbers.")] = 0,
+    module: Annotated[Path | None, Option(help="A Python file with your M(q) and h(q, v); it is run.")] = None,
+    robot: Annotated[str | None, Option(help="Of --module: a name or a URDF.", show_default="two_link")] = None,
+    to: Annotated[str | None, Option(help="Of --module: absolute, vertical, both, or a matrix in JSON.")] = None,
+    load: RobotLoader,
     as_json: Json = False,
 ) -> None:
-    """Check the paper's equations against Pinocchio.
+    """Check the paper's equations, or your own, against Pinocchio.
 
-    Three sources are compared: Pinocchio, the hand-derived equations, and a derivation by computer algebra.
+    Without --module three sources are compared: Pinocchio, the hand-derived equations, and a derivation by computer
+    algebra. With it, your mass matrix and bias are compared with those of a robot, entry by entry, and the sign or
+    factor is named that mends them, as by tl.check_equations. Exit codes: 0 right, 1 wrong, 2 bad input.
     """
-    from twolink.lagrange.check import check as run_check
+    if module is not None:
+        if (n, seed) != (10_000, 0):
+            raise Misuse("they are of the paper's check", where="n and seed", remedy="leave them out")
+        result = _check_module(module, load, robot or "two_link", to)
+        show(result.to_dict(), result, as_json)
+        passed = result.right
+    else:
+        from twolink.lagrange.check import check as run_check
 
-    result = run_check(n=n, seed=seed)
-    show(result.to_dict(), result.text(), as_json)
-    if not result.passed:
+        chosen = [name for name, value in (("robot", robot), ("to", to)) if value is not None] + chosen_of(load)
+        if chosen:
+            raise Misuse("it is of your own equations", where=chosen[0], remedy="give --module with their file")
+        report = run_check(n=n, seed=seed)
+        show(report.to_dict(), report.text(), as_json)
+        passed = report.passed
+    if not passed:
         raise typer.Exit(FAILED)
+
+
+def _check_module(path: Path, load: RobotLoader, robot: str, to: str | None) -> "EquationCheck":
+    """The check of the equations in a file. Raises Misuse for all that keeps it from being made."""
+    from twolink.exchange.equation_check import check_equations, raised
+
+    names: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
+    try:
+        code = decode(read_bytes(path, QueryError), path, QueryError)
+        change = parse_json(to, "to", "such as [[1, 0], [-1, 1]]") if to and to.lstrip().startswith("[") else to
+        with contextlib.redirect_stdout(sys.stderr):  # what the file prints is no part of the result
+            try:
+                exec(compile(code, str(path), "exec"), names)
+            except (Exception, SystemExit) as error:  # of any type: it is not ours
+                raise QueryError(raised(error), where=str(path), remedy="correct it: the file is run") from error
+            lacking = [name for name in ("M", "h") if name not in names]
+            if lacking:
+                what, remedy = f"it defines no {lacking[0]}", "define M(q) -> (nv, nv) and h(q, v) -> (nv,)"
+                raise QueryError(what, where=str(path), remedy=remedy)
+            return check_equations(names["M"], names["h"], load(robot), change)
+    except TwolinkError as error:
+        where = f"{path}: {error.where}" if error.argument in ("M", "h") else error.where
+        raise Misuse(error.what, where=where, remedy=error.remedy, code=error.code) from error

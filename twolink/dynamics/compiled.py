@@ -73,10 +73,16 @@ class Compiled:
         return self.answer("forward_dynamics", {"q": q, "v": v, "tau": tau}, parameters, f_ext)
 
     def inverse_dynamics(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, f_ext: FExt | None = None, parameters: Parameters = None
-    ) -> Array:
-        """tau = M a + h - J^T f_ext, (..., nv); see `Robot.inverse_dynamics`."""
-        return self.answer("inverse_dynamics", {"q": q, "v": v, "a": a}, parameters, f_ext)
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, f_ext: FExt | None = None, losses: bool = False,
+        parameters: Parameters = None,
+    ) -> Array:  # fmt: skip
+        """tau = M a + h - J^T f_ext, (..., nv); see `Robot.inverse_dynamics`.
+
+        Damping that is kept as a parameter is always in it, and losses do not add it again.
+        """
+        tau = self.answer("inverse_dynamics", {"q": q, "v": v, "a": a}, parameters, f_ext)
+        damped = [name.removesuffix(".damping") for name in self.parameters if name.endswith(".damping")]
+        return tau if losses is False else pinocchio_queries.with_losses(self.robot, losses, tau, v, damped)
 
     def mass_matrix(self, q: ArrayLike, parameters: Parameters = None) -> Array:
         """M(q), (..., nv, nv)."""

@@ -7,7 +7,7 @@ batch, calls the algorithm for every row, and refuses a result that is not finit
 import itertools
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -128,6 +128,26 @@ def require_finite(result: Array, batch: tuple[int, ...], shape: tuple[int, ...]
         remedy = "the values overflow, or the mass matrix is singular there"
         raise QueryError(what, where=f"robot {name!r}", remedy=remedy, code="not-finite")
     return result
+
+
+def with_losses(robot: RobotModel, losses: bool, tau: Array, v: ArrayLike, damped: Sequence[str] = ()) -> Array:
+    """tau + d v + f sign(v), (..., nv), with the damping d and the friction f of the robot's file; sign(0) = 0.
+
+    damped: the joints whose damping is in tau already.
+    Raises QueryError where `losses` is no bool, for mimic joints, or for a result that is not finite.
+    """
+    if not isinstance(losses, bool | np.bool_):
+        raise QueryError(f"expected True or False, got {losses!r:.60}", argument="losses", remedy="losses=True")
+    if not losses:
+        return tau
+    if robot.has_mimic:
+        what = "the damping and friction of joints that follow others are not in the model"
+        raise QueryError(what, argument="losses", remedy="load the robot with mimic=False", code="mimic-joints")
+    speed, model, damping = array("v", v, robot.nv), robot.model, np.array(robot.model.damping)
+    damping[[model.idx_vs[model.getJointId(joint)] for joint in damped]] = 0.0
+    with np.errstate(over="ignore", invalid="ignore"):  # refused below
+        result = tau + damping * speed + np.asarray(model.friction) * np.sign(speed)
+    return require_finite(result, result.shape[:-1], (robot.nv,), robot.name)
 
 
 def require_method(method: str, has_mimic: bool) -> None:

@@ -33,6 +33,7 @@ OPTIONS: dict[str, tuple[Any, str]] = {
     "frames": (list[str], "Frames of links"),
     "axes": (str, "Axes of spatial vectors"),
     "method": (str, "Algorithm"),
+    "losses": (bool, "Add the joint damping and friction of the robot's file; at v = 0 friction is 0"),
 }
 """What options are as JSON, and what they mean."""
 
@@ -73,11 +74,11 @@ class Query:
         return tuple(x for x in self.arguments if self.signature.parameters[x].default is Parameter.empty)
 
     @cached_property
-    def options(self) -> dict[str, tuple[str, ...]]:
+    def options(self) -> dict[str, tuple[Any, ...]]:
         """The options: their names, and what can be chosen, where that is fixed."""
-        given = self.signature.parameters.values()
-        return {p.name: get_args(p.annotation) if get_origin(p.annotation) is Literal else ()
-                for p in given if p.name in OPTIONS}  # fmt: skip
+        given = {p.name: p.annotation for p in self.signature.parameters.values() if p.name in OPTIONS}
+        return {name: (False, True) if kind is bool else get_args(kind) if get_origin(kind) is Literal else ()
+                for name, kind in given.items()}  # fmt: skip
 
     @property
     def summary(self) -> str:

@@ -92,15 +92,14 @@ class Robot(RobotModel):
 
     def _summary(self) -> dict[str, str]:
         shown = ", ".join(self.joint_names[:8]) + (", ..." if len(self.joint_names) > 8 else "")
-        report = self.report
-        doubts = f", {len(report.suspicious)} suspicious" if report.suspicious else ""
+        doubts = f", {len(self.report.suspicious)} suspicious" if self.report.suspicious else ""
         return {
             "nq": str(self.nq),
             "nv": str(self.nv),
             "joints": f"{len(self.joint_names)} ({shown})",
             "mass": f"{self.mass:.4g} kg",
             "source": self.report.source,
-            "remarks": f"{len(report.findings) - len(report.read)}{doubts} (see .report)",
+            "remarks": f"{len(self.report.findings) - len(self.report.read)}{doubts} (see .report)",
         }
 
     @query({"a": (("nv",), "rad/s^2 or m/s^2")}, pin.aba, parallel=pin.abaInParallel, join=np.hstack)
@@ -152,14 +151,16 @@ class Robot(RobotModel):
         if method == "aba" and self._is_compiled("forward_dynamics", engine, q, v, tau):
             return self.compiled().forward_dynamics(q, v, tau, f_ext)
         pinocchio_queries.require_method(method, self.has_mimic)
-        query = self._query("forward_dynamics")
-        return pinocchio_queries.answer(self, query, (q, v, tau), f_ext, method)
+        return pinocchio_queries.answer(self, self._query("forward_dynamics"), (q, v, tau), f_ext, method)
 
     @query({"tau": (("nv",), "N m or N")}, pin.rnea, parallel=pin.rneaInParallel, join=np.hstack)
     def inverse_dynamics(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, f_ext: FExt | None = None, engine: Engine = "auto"
-    ) -> Array:
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, f_ext: FExt | None = None, engine: Engine = "auto",
+        losses: bool = False,
+    ) -> Array:  # fmt: skip
         """Joint torques tau = M(q) a + h(q, v) - J^T f_ext, by the recursive Newton-Euler algorithm.
+
+        With losses tau = M(q) a + h(q, v) - J^T f_ext + d v + f sign(v), which the motors of the robot must give.
 
         Parameters
         ----------
@@ -169,16 +170,27 @@ class Robot(RobotModel):
             As in `forward_dynamics`.
         engine : {"auto", "pinocchio", "compiled"}
             Who answers; see the class.
+        losses : bool
+            Add the damping d [N m s/rad, N s/m] and the friction f [N m, N] of the file (<dynamics damping friction>).
+            At v = 0 the friction is 0, where a real joint may need any torque from -f to f. Joints without them get
+            0; `report` names them.
 
         Returns
         -------
         ndarray, (..., nv)
             Joint torques and forces, N m or N.
 
+        Raises
+        ------
+        QueryError
+            As `forward_dynamics`; of losses, also with mimic joints, whose own losses are not known to the model.
+
         References
         ----------
         Featherstone 2008, table 5.1.
         """
+        if losses is not False:
+            return pinocchio_queries.with_losses(self, losses, self.inverse_dynamics(q, v, a, f_ext, engine), v)
         if f_ext is None:
             shown = self._shown.get("inverse_dynamics") or shows_all(self, self._shown, "inverse_dynamics")
             if shown and engine in _BY_PINOCCHIO and self._is_state(q, v, a):
@@ -427,7 +439,7 @@ class Robot(RobotModel):
 
     @property
     def parameter_values(self) -> Array:
-        """pi (p,) of this robot, SI units. Damping and friction are 0, as they are in `inverse_dynamics`."""
+        """pi (p,) of this robot, SI units. Damping and friction are 0, as in `inverse_dynamics` without losses."""
         return regressor_values(self.model)
 
     def regressor(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:

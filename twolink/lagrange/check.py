@@ -269,7 +269,7 @@ def check(n: int = 10_000, seed: int = 0, horizon: float = 10.0) -> CheckReport:
     equations = _by_hand(samples, "corrected"), _by_sympy(samples), _by_hand(samples, "printed")
     rows = []
     for name, values in expected.items():
-        errors = [float(np.max(np.abs(columns[name] - values) / scale[name])) for columns in equations]
+        errors = [largest_error(columns[name], values, scale[name]) for columns in equations]
         rows.append(QuantityComparison(name, errors[0], errors[1], errors[2], *differences.get(name, ())))
     condition = float(np.linalg.cond(answers["A"]).max())
     return CheckReport(n, seed, condition, tuple(rows), horizon, energies(horizon))
@@ -317,10 +317,10 @@ def _scales(answers: Columns, samples: ArmSamples) -> Columns:
     """Scales to which each error is relative, (n, 1): see `check`. Where all is zero, errors are absolute."""
     mass, bias = np.abs(answers["A"]), np.abs(answers["h"])
     inverse = np.abs(np.linalg.inv(answers["A"]))
-    scale = {name: _largest(answers[name[0]]) for name in derive.ENTRIES}
+    scale = {name: largest(answers[name[0]]) for name in derive.ENTRIES}
     effort = np.abs(samples.torque) + bias
-    scale |= dict.fromkeys(ACCELERATIONS, _largest(np.einsum("nij,nj->ni", inverse, effort)))
-    scale[TORQUE] = _largest(np.einsum("nij,nj->ni", mass, np.abs(samples.ddtheta)) + bias)
+    scale |= dict.fromkeys(ACCELERATIONS, largest(np.einsum("nij,nj->ni", inverse, effort)))
+    scale[TORQUE] = largest(np.einsum("nij,nj->ni", mass, np.abs(samples.ddtheta)) + bias)
     return {name: np.where(size > 0, size, 1.0) for name, size in scale.items()}
 
 
@@ -352,5 +352,11 @@ def _columns(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, *motion
     return named | dict(zip((*ACCELERATIONS, TORQUE), motion, strict=True))
 
 
-def _largest(values: np.ndarray) -> np.ndarray:
+def largest_error(found: np.ndarray, expected: np.ndarray, scale: np.ndarray) -> float:
+    """The largest difference over all samples, relative to a scale that broadcasts."""
+    return float(np.max(np.abs(found - expected) / scale))
+
+
+def largest(values: np.ndarray) -> np.ndarray:
+    """The largest magnitude of each sample, (n, 1), of values (n, ...)."""
     return np.asarray(np.abs(values).reshape(len(values), -1).max(axis=1, keepdims=True))

@@ -124,6 +124,12 @@ def summary(tree: Tree, model: pin.Model, size: int) -> Finding:
     return Finding("read", f"{what}nq = {model.nq}, nv = {model.nv} ({size} bytes)")
 
 
+_NOT_APPLIED = "forward dynamics does not apply it, inverse dynamics with losses=True only"
+_DAMPING = f"joint damping (in robot.model.damping; {_NOT_APPLIED})"
+_FRICTION = f"joint friction (in robot.model; {_NOT_APPLIED})"
+_NO_LOSSES = "joints without damping and friction: losses=True adds 0 there"
+
+
 def content_findings(
     tree: Tree, *, mimic: bool, odd_inertias: Sequence[str], unphysical: str, missing: Mapping[str, Sequence[str]],
     massless: Sequence[str] = (),
@@ -138,10 +144,9 @@ def content_findings(
     mimics = {j.name: j.mimic.joint for j in moving if j.mimic is not None}
     joint_names = {j.name for j in tree.joints}
     sound = " (the bodies they are fixed to are sound)" if unphysical == "refuse" else ""
-    not_applied = "forward and inverse dynamics do not apply it"
     ignored = {
-        f"joint damping (in robot.model.damping; {not_applied})": [j.name for j in moving if j.damping != 0],
-        f"joint friction (in robot.model; {not_applied})": [j.name for j in moving if j.friction != 0],
+        _DAMPING: [j.name for j in moving if j.damping != 0],
+        _FRICTION: [j.name for j in moving if j.friction != 0],
         "joint limits (in robot.model; forward and inverse dynamics do not enforce them)": [
             j.name for j in moving if j.limits is not None and min(map(abs, j.limits)) < NO_LIMIT
         ],
@@ -169,6 +174,7 @@ def content_findings(
         "joints without <axis> turn or slide along x": [
             j.name for j in moving if j.axis is None and j.type not in ("floating", "spherical")
         ],
+        _NO_LOSSES: [j.name for j in moving if j.damping == j.friction == 0],
         "limits without lower or upper: taken as 0": [
             j.name for j in moving if j.limits is not None and _lacks_limit(j.element)
         ],

@@ -112,7 +112,7 @@ class RemoteRobot:
             raise QueryError(what, argument="f_ext", remedy='such as {"tool0": [0, 0, 1, 0, 0, 0]}')
         arrays |= {f"f_ext.{frame}": checked.array(f"f_ext[{frame!r}]", w, 6) for frame, w in (f_ext or {}).items()}
         defaults = query.signature.parameters
-        texts = {
+        chosen = {
             name: given[name] for name in query.options
             if name != "f_ext" and name in given and given[name] != defaults[name].default
         }  # fmt: skip
@@ -120,25 +120,25 @@ class RemoteRobot:
             batch = np.broadcast_shapes(*(array.shape[:-1] for array in arrays.values()))
         except ValueError:
             batch = ()  # they do not fit, which the service says
-        if math.prod(batch) <= self._largest(query, arrays, texts):
+        if math.prod(batch) <= self._largest(query, arrays, chosen):
             try:
-                return self._send(query, arrays, texts, batch)
+                return self._send(query, arrays, chosen, batch)
             except Refusal as refusal:
                 self._note_refusal(query, math.prod(batch), refusal)
-        return self._in_parts(query, arrays, texts, batch)
+        return self._in_parts(query, arrays, chosen, batch)
 
     def _in_parts(
-        self, query: Query, arrays: dict[str, Array], texts: Mapping[str, str], batch: tuple[int, ...]
+        self, query: Query, arrays: dict[str, Array], chosen: Mapping[str, Any], batch: tuple[int, ...]
     ) -> tuple[Array, ...]:
         """The answers to a batch in parts of about the same size: the service chooses its engine by the size."""
         count, done, parts = math.prod(batch), 0, []
         rows = {name: np.broadcast_to(a, (*batch, a.shape[-1])).reshape(count, -1) for name, a in arrays.items()}
         while done < count:
             left = count - done
-            size = math.ceil(left / math.ceil(left / self._largest(query, arrays, texts)))
+            size = math.ceil(left / math.ceil(left / self._largest(query, arrays, chosen)))
             try:
                 parts.append(
-                    self._send(query, {name: a[done : done + size] for name, a in rows.items()}, texts, (size,))
+                    self._send(query, {name: a[done : done + size] for name, a in rows.items()}, chosen, (size,))
                 )
                 done += size
             except Refusal as refusal:
@@ -151,22 +151,22 @@ class RemoteRobot:
             raise refusal
         self._most[query.name] = count // 2
 
-    def _largest(self, query: Query, arrays: Mapping[str, Array], texts: Mapping[str, str]) -> int:
+    def _largest(self, query: Query, arrays: Mapping[str, Array], chosen: Mapping[str, Any]) -> int:
         """The number of states to send at once."""
         numbers = query.numbers(self.nv, len(self._links))
         sent = sum(array.shape[-1] for array in arrays.values())
-        by_size: int = _PART // (max(numbers, sent, 1) * (_JSON_NUMBER if texts else 8))
+        by_size: int = _PART // (max(numbers, sent, 1) * (_JSON_NUMBER if chosen else 8))
         return max(1, min(by_size, self._most.get(query.name, by_size)))
 
     def _send(
-        self, query: Query, arrays: Mapping[str, Array], texts: Mapping[str, str], batch: tuple[int, ...]
+        self, query: Query, arrays: Mapping[str, Array], chosen: Mapping[str, Any], batch: tuple[int, ...]
     ) -> tuple[Array, ...]:
-        """The answer to one request. npz has no place for texts, so requests with texts are JSON."""
+        """The answer to one request. npz has no place for options, so requests with options are JSON."""
         path = f"/v1/robots/{quote(self.id, safe='')}/{query.name}"
-        if not texts and any(array.ndim > 1 for array in arrays.values()):
+        if not chosen and any(array.ndim > 1 for array in arrays.values()):
             content, media = write_npz(arrays), NPZ
         else:
-            body: dict[str, Any] = {**texts}
+            body: dict[str, Any] = {**chosen}
             for name, array in arrays.items():
                 head, _, frame = name.partition(".")
                 if frame:

@@ -61,7 +61,7 @@ export class QueryForm {
       );
     });
     for (const [name, { about, choices }] of this.#chosen()) {
-      const offered = choices.map(choice => el("option", {}, choice));
+      const offered = choices.map(choice => el("option", {}, String(choice)));
       const hint = el("span", { className: "hint" }, ` ${about}`);
       const select = el("select", { id: `in-${name}` }, ...offered);
       fields.push(el("label", { className: "field" }, el("span", {}, el("b", {}, name), hint), select));
@@ -143,7 +143,10 @@ export class QueryForm {
       return values;
     };
     for (const name of Object.keys(this.query.arguments)) body[name] = read(name, `in-${name}`);
-    for (const [name] of this.#chosen()) body[name] = byId(`in-${name}`).value;
+    for (const [name, { choices }] of this.#chosen()) {
+      const choice = choices[byId(`in-${name}`).selectedIndex];
+      if (choice !== false) body[name] = choice;
+    }
     if (this.query.options.f_ext && byId("in-wrench-frame").value)
       body.f_ext = { [byId("in-wrench-frame").value]: read("f_ext", "in-wrench") };
     return body;
@@ -166,7 +169,7 @@ export class QueryForm {
       : `tl.connect("${origin}")`;
     const head = `${hasToken() ? "import os\n\n" : ""}import twolink as tl\n\n`;
     const inputs = Object.entries(body)
-      .map(([name, value]) => `${name}=${JSON.stringify(value)}`)
+      .map(([name, value]) => `${name}=${inPython(value)}`)
       .join(", ");
     byId("python").textContent = `${head}robot = ${connect}.robot("${this.robot.id}")\nprint(robot.${this.query.method}(${inputs}))`;
   }
@@ -192,6 +195,10 @@ export class QueryForm {
 
 function numbers(values) {
   return values.map(x => Number(Number(x).toPrecision(6))).join(" ");
+}
+
+function inPython(value) {
+  return typeof value === "boolean" ? (value ? "True" : "False") : JSON.stringify(value);
 }
 
 async function copy(button, text) {

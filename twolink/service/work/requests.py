@@ -80,7 +80,7 @@ def arguments_from_json(query: Query, body: bytes) -> dict[str, Any]:
         if name not in OPTIONS:
             arguments[name] = _array(name, value)
             continue
-        strings += 1 if isinstance(value, str) else len(value)
+        strings += 1 if isinstance(value, str) else 0 if isinstance(value, bool) else len(value)
         if name == "f_ext":
             value = {frame: _array(f"f_ext.{frame}", wrench) for frame, wrench in value.items()}
         arguments[name] = value

@@ -1,0 +1,84 @@
+"""Damping and friction of the robot's file in inverse dynamics: what they cost, and every face that offers them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.command import answer
+from tests.dynamics.states import states
+from twolink.errors import QueryError
+
+ARM = (Path(__file__).parents[2] / "urdf" / "two_link.urdf").read_text("utf-8")
+LOSSY = ARM.replace('<axis xyz="0 -1 0"/>', '<axis xyz="0 -1 0"/><dynamics damping="0.7" friction="1.5"/>', 1)
+ROBOT = tl.load_robot(LOSSY)  # the shoulder loses energy, the elbow does not
+
+
+def test_losses_are_what_the_motors_pay_for() -> None:
+    """The power of the torques is the change of energy, and what damping and friction take: d v^2 + f |v|."""
+    q, v, a = states(ROBOT, 5, seed=2)
+    power = (ROBOT.inverse_dynamics(q, v, a, losses=True) * v).sum(axis=-1)
+    step = 1e-5
+    later, earlier = (sum(ROBOT.energy(q + s * v + s**2 / 2 * a, v + s * a)) for s in (step, -step))
+    lost = 0.7 * v[:, 0] ** 2 + 1.5 * np.abs(v[:, 0])
+    np.testing.assert_allclose(power, (later - earlier) / (2 * step) + lost, rtol=1e-6, atol=1e-6)
+
+
+def test_losses_are_the_columns_of_the_regressor() -> None:
+    q, v, a = states(ROBOT, 5, seed=3)
+    given = {"shoulder.damping": 0.7, "shoulder.friction": 1.5}
+    values = [given.get(name, x) for name, x in zip(ROBOT.parameter_names, ROBOT.parameter_values, strict=True)]
+    np.testing.assert_allclose(ROBOT.inverse_dynamics(q, v, a, losses=True), ROBOT.regressor(q, v, a) @ values)
+
+
+@pytest.mark.parametrize("engine", ["auto", "pinocchio", "compiled"])
+def test_leading_axes_broadcast_and_friction_at_rest_is_zero(engine: str) -> None:
+    speeds = np.array([-2.0, -0.0, 0.0, 3.0])[:, None] * [1.0, 1.0]
+    lost = ROBOT.inverse_dynamics([0.3, 0.2], speeds, np.zeros((6, 1, 2)), engine=engine, losses=True)
+    lost = lost - ROBOT.inverse_dynamics([0.3, 0.2], speeds, np.zeros((6, 1, 2)), engine=engine)
+    assert lost.shape == (6, 4, 2)
+    np.testing.assert_allclose(lost[..., 0], np.broadcast_to([-1.4 - 1.5, 0, 0, 2.1 + 1.5], (6, 4)), atol=1e-12)
+    assert not lost[..., 1].any()
+
+
+def test_damping_that_is_a_parameter_of_a_program_is_counted_once() -> None:
+    q, v, a = states(ROBOT, 4, seed=6)
+    program = ROBOT.compiled(parameters=["shoulder.damping"])
+    d = np.array([0.0, 0.7, 1.0, 2.0])
+    lost = program.inverse_dynamics(q, v, a, losses=True, parameters={"shoulder.damping": d})
+    lost = lost - ROBOT.compiled().inverse_dynamics(q, v, a)
+    np.testing.assert_allclose(lost[:, 0], d * v[:, 0] + 1.5 * np.sign(v[:, 0]), atol=1e-12)
+    both = ROBOT.compiled().inverse_dynamics(q, v, a, losses=True), ROBOT.inverse_dynamics(q, v, a, losses=True)
+    np.testing.assert_allclose(*both, rtol=1e-12)
+
+
+def test_where_the_file_has_none_they_are_zero_and_the_report_says_so() -> None:
+    said = "joints without damping and friction: losses=True adds 0 there: "
+    assert f"{said}elbow\n" in str(ROBOT.report)
+    assert "(in robot.model.damping; forward dynamics does not apply it, inverse dynamics with losses=True only): " \
+           "shoulder" in str(ROBOT.report)  # fmt: skip
+    bare = tl.load_robot("two_link")
+    assert f"{said}shoulder, elbow\n" in str(bare.report)
+    q, v, a = states(bare, 3, seed=1)
+    assert np.array_equal(bare.inverse_dynamics(q, v, a, losses=True), bare.inverse_dynamics(q, v, a))
+
+
+def test_what_cannot_be_added_is_refused() -> None:
+    with pytest.raises(QueryError, match="losses: expected True or False, got 'yes'"):
+        ROBOT.inverse_dynamics([0, 0], [0, 0], [0, 0], losses="yes")
+    with pytest.raises(QueryError, match=r"losses: .*mimic=False"):
+        tl.load_robot("panda", mimic=True).inverse_dynamics(np.zeros(8), np.zeros(8), np.zeros(8), losses=True)
+    with pytest.raises(QueryError, match="not finite for state 1"):
+        ROBOT.inverse_dynamics(np.zeros((2, 2)), [[0, 0], [1.7e308, 0]], [0, 0], losses=True)
+
+
+def test_the_command_offers_them(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(LOSSY)
+    (tmp_path / "states.json").write_text(json.dumps({"q": [[0.1, 0.2]] * 2, "v": [[0, 1], [-1, 1]]}))
+    asked = ("query", str(tmp_path / "arm.urdf"), "inverse-dynamics", "--states", str(tmp_path / "states.json"))
+    with_losses, without = answer(*asked, "--losses")["tau"], answer(*asked)["tau"]
+    np.testing.assert_allclose(np.subtract(with_losses, without), [[0, 0], [-0.7 - 1.5, 0]], atol=1e-12)
