@@ -114,8 +114,12 @@ class Refinement:
 
         Where the steps were too many, methods of lower order would take more of them: only more digits help.
         """
-        if code == "too-many-steps" and self._verified is not None:
-            return self._other(self._more_digits(self._verified))
+        if code == "too-many-steps" and self.precisions:
+            most = UNKNOWN * MAX_STEPS  # tolerances, as no run shows less
+            unknown = (
+                more_digits(self.accuracy, one, "16 digits take too many steps", most) for one in self.precisions
+            )
+            return self._other(self._more_digits(self._verified) if self._verified else unknown)
         return self._other(self._others(choice.method))
 
     def _other(self, every: Iterator[MethodChoice]) -> MethodChoice | None:
