@@ -66,10 +66,13 @@ class Track:
 
     def forget(self) -> None:
         """Keep the last state alone, with the samples so far."""
-        self._t, self._x, self._numbers, self.whole = [self._t[-1][-1:]], [self._x[-1][-1:]], 0, False
+        self._t, self._x = [self._t[-1][-1:].copy()], [self._x[-1][-1:].copy()]
+        self._numbers, self.whole = 0, False
 
     def steps(self) -> tuple[Array, Array]:
         """Times (k,) and states (k, size) where steps ended, each once."""
+        if len(self._t) == 1:
+            return self._t[0], self._x[0]
         t, x = np.concatenate(self._t), np.concatenate(self._x)
         kept = np.append(t[1:] > t[:-1], True)
         self._t, self._x = [t[kept]], [x[kept]]
@@ -78,7 +81,8 @@ class Track:
     def samples(self, until: float) -> Array:
         """The states (size, m) at those sample times that are not after a time, s."""
         count = self._count(until)
-        return np.concatenate([*self._sampled, self._samples(count)], axis=1)[:, :count]
+        last = self._samples(count)
+        return np.concatenate([*self._sampled, last], axis=1)[:, :count] if self._sampled else last
 
     def _count(self, until: float) -> int:
         return int(np.searchsorted(self.times, until, side="right"))

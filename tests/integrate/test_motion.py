@@ -1,0 +1,48 @@
+"""Motion: what a solution passes, and a tick that is interrupted."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.integrate.problems import arm
+from twolink.integrate.core import track
+from twolink.integrate.core.smooth import solve_smooth
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.steps.methods import METHODS
+from twolink.loop import sampled_loop
+
+TIMES = np.linspace(0, 2, 401)
+
+
+def test_samples_are_the_same_where_too_many_steps_to_keep_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    equations = equations_of(arm())
+    whole = solve_smooth(equations, METHODS["rk4"], TIMES, 0.002)
+    monkeypatch.setattr(track, "MAX_KEPT", 500)
+    part = solve_smooth(equations, METHODS["rk4"], TIMES, 0.002)
+    np.testing.assert_array_equal(part.x, whole.x)
+    assert part.segments[0].taken is None
+    assert whole.segments[0].taken is not None
+
+
+def test_a_tick_that_ctrl_c_ends_is_due_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    control = tl.effects.Controller(lambda _, y, state: (-5.0 * y.q - y.v, state), period=0.1)
+    scene = tl.load_scene("arm-swing")
+    scene = scene.with_effects([*scene.effects, control])
+    sim, other = tl.Simulation(scene), tl.Simulation(scene)
+    asked = sampled_loop.answer
+
+    def interrupted(place: int, joints: Any, own: Any, t: float, y: Any) -> Any:
+        if t >= 0.3:
+            raise KeyboardInterrupt
+        return asked(place, joints, own, t, y)
+
+    monkeypatch.setattr(sampled_loop, "answer", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        sim.step(1.0)
+    monkeypatch.undo()
+    assert sim.t == pytest.approx(0.3)
+    sim.step(1.0 - sim.t)
+    other.step(1.0)
+    np.testing.assert_allclose(sim.state.q, other.state.q, rtol=0, atol=1e-12)
