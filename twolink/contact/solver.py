@@ -18,8 +18,8 @@ from twolink.effects.contact import Contact
 from twolink.effects.loops import Loop
 from twolink.effects.sensors import Forces
 from twolink.effects.switching import Hold, Stop, SwitchingEffect
-from twolink.errors import ControllerError, SceneError
-from twolink.integrate.core.motion import Motion, drive, loop_of
+from twolink.errors import SceneError
+from twolink.integrate.core.motion import Motion, driven
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import make_equations, sampled
 from twolink.integrate.motion.state import Array
@@ -214,14 +214,5 @@ def solve_stepped(
 
     track = SteppedTrack(stepper, plan, times)
     motion = SteppedMotion(stepper, float(times[0]), [planned], track=track, progress=progress)
-    loop = None if equations.sampling is None else loop_of(motion, equations.sampling)
-    try:
-        drive(motion, float(times[-1]), loop)
-        if loop is not None:
-            loop.require_repeatable()
-    except KeyboardInterrupt:
-        return track.solution(loop, interrupted=True)
-    except ControllerError as error:
-        error.run = track.solution(loop, interrupted=True)
-        raise
-    return track.solution(loop)
+    return driven(motion, float(times[-1]), equations.sampling,
+                  lambda loop, interrupted, _: [track.solution(loop, interrupted=interrupted)])[0]  # fmt: skip

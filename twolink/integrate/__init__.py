@@ -4,6 +4,6 @@ In: a scene, times, a method and its tolerance or step. Out: states at the times
 the work. The engine for events knows modes, guards, transitions and constraints, but no effect by name. This room
 knows nothing of error bars, figures or files of results.
 
-motion: the equations. steps: methods, compiled steps, batches. solvers: Taylor, SciPy, the choice of a method, breaks
-and ticks. hybrid: events and modes. derivatives: of motions. solver.py is the door to all.
+motion: the equations. steps: methods, compiled steps, batches. core: motion, and the loop that drives it. hybrid:
+events and modes. solvers: Taylor, SciPy, the choice of a method. derivatives: of motions. solver.py is the door to all.
 """

@@ -83,12 +83,8 @@ class Solution:
         What happened on the way.
     impulses : tuple of Impulse
         Those of impacts at contacts, of each point that is pressed.
-    hit : object
-        The event that ended a segment, as the watcher found it.
     segments : tuple of Segment
         The smooth parts; one at least in what `solver.solve` returns.
-    taken : (ndarray (k,), ndarray (k, nq + nv)) or None
-        Of a single segment, as in `Segment`.
     companion_steps : int
         How many attempted steps solutions in the same batch took beyond those of the run: the batch went on for them.
     """
@@ -104,9 +100,7 @@ class Solution:
     precise: Any = None
     events: tuple[Event, ...] = ()
     impulses: tuple[Impulse, ...] = ()
-    hit: Any = None
     segments: tuple[Segment, ...] = ()
-    taken: tuple[np.ndarray, np.ndarray] | None = None
     companion_steps: int = 0
 
 

@@ -82,7 +82,7 @@ def solve(
     if precision != "double" and method.kind != "taylor":
         raise SceneError(f"{method.name} works in double precision", argument="precision", remedy='method="taylor"')
     solution = _solve(equations, method, times, setting, progress, precision, perturbation, companions)
-    whole = Segment(equations, float(times[0]), len(solution.t), solution.taken)
+    whole = Segment(equations, float(times[0]), len(solution.t))
     return solution if solution.segments else replace(solution, segments=(whole,))
 
 

@@ -17,7 +17,7 @@ from twolink.dynamics.arguments import array, configuration, positive
 from twolink.effects.conditions import Condition, FrameReaches, JointReaches
 from twolink.effects.inputs import Sampled
 from twolink.errors import QueryError, SceneError
-from twolink.integrate.core.motion import Motion, drive, loop_of
+from twolink.integrate.core.motion import SAME_TIME, Motion, drive, loop_of
 from twolink.integrate.core.smooth import SmoothMotion
 from twolink.integrate.event import Event, events_of
 from twolink.integrate.motion.equations import Equations
@@ -30,7 +30,6 @@ from twolink.scenes.scene import accuracy_of
 from twolink.simulation.motion_error import METHOD, NEARER, MotionError, solutions_of
 from twolink.simulation.sampling import duration_for
 
-SAME_TIME = 1e-12  # relative
 LOOKS = 64  # parts of the longest time to an event, after which it is looked for
 
 

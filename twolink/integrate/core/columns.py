@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from twolink.integrate.core.motion import SAME_TIME
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress
 from twolink.integrate.steps.outcomes import FINE, Block, failure_of, outcome_of
@@ -21,7 +22,6 @@ from twolink.integrate.steps.stepping import BLOCK, advance, start_state
 TICKS = 64  # short calls between two looks at whether steps get on
 AT_ONCE = 8  # attempted steps in a short call, at most: a call ends where all have arrived
 SHORT = 32  # attempted steps, after which solutions that have arrived are left out of what follows
-SAME_TIME = 1e-12  # relative
 LEAST = 0.1  # of the time to the next stop: steps may grow to it
 
 
@@ -120,6 +120,11 @@ class Columns:
     def counts(self) -> tuple[int, int]:
         """Accepted and rejected steps of the first."""
         return int(self.state[self._rows.accepted, 0]), int(self.state[self._rows.rejected, 0])
+
+    def count_anew(self) -> None:
+        """Count steps, which are limited, from here on."""
+        self.state[self._rows.accepted] = self.state[self._rows.rejected] = 0.0
+        self._start = self.state[self._rows.time].copy()
 
     @property
     def companion_steps(self) -> int:

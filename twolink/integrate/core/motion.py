@@ -6,10 +6,12 @@ press (`contact.solver`). `simulate` drives a motion that keeps a track; `Simula
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from twolink.errors import ControllerError
 from twolink.integrate.event import Event
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
@@ -18,7 +20,9 @@ if TYPE_CHECKING:
     from twolink.effects.sensors import Forces
     from twolink.loop.sampled_loop import SampledLoop, Sampling
 
-LATER = 1.0 + 1e-12  # times a time: the same time
+SAME_TIME = 1e-12  # relative: what separates two times by less is no time
+LATER = 1.0 + SAME_TIME
+S = TypeVar("S")
 
 
 class Motion(ABC):
@@ -121,6 +125,41 @@ def drive(motion: Motion, until: float, loop: SampledLoop | None = None) -> None
     # Behind a tick at this time, finer solutions would take half of what rounding leaves as a step.
     if until > motion.t * (1.0 if loop is None else LATER) and not motion.over:
         motion.advance(until)
+
+
+def driven(
+    motion: Motion,
+    until: float,
+    sampling: Sampling | None,
+    solutions: Callable[[SampledLoop | None, bool, float], list[S]],
+) -> list[S]:
+    """The solutions of a motion that is driven to a time with its controllers and sensors, the run's first.
+
+    Parameters
+    ----------
+    motion : Motion
+    until : float
+        s.
+    sampling : Sampling or None
+    solutions : callable
+        (loop, interrupted, t) -> what there is so far, up to a time t [s] where a controller failed, else infinite.
+
+    Raises
+    ------
+    ControllerError
+        A controller failed; its `run` is the run so far.
+    """
+    loop = None if sampling is None else loop_of(motion, sampling)
+    try:
+        drive(motion, until, loop)
+        if loop is not None:
+            loop.require_repeatable()
+    except KeyboardInterrupt:
+        return solutions(loop, True, math.inf)
+    except ControllerError as error:
+        error.run = solutions(loop, True, float(error.data.get("t", math.inf)))[0]
+        raise
+    return solutions(loop, False, math.inf)
 
 
 def loop_of(motion: Motion, sampling: Sampling, *, endless: bool = False) -> SampledLoop:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from twolink.effects.inputs import Slot
-from twolink.errors import ControllerError
 from twolink.integrate.core.columns import Columns
-from twolink.integrate.core.motion import LATER, Motion, drive, loop_of
+from twolink.integrate.core.motion import LATER, Motion, driven
 from twolink.integrate.core.track import Track
 from twolink.integrate.event import events_of
 from twolink.integrate.motion.equations import Equations
@@ -82,9 +79,7 @@ class SmoothMotion(Motion):
         lose: bool = False,
     ) -> None:
         self._nearer, self._too_far = nearer, math.inf
-        self._equations, self._by, self._span, self._setting, self._perturbations = (
-            by.equations, by, end - t, setting, perturbations
-        )  # fmt: skip
+        self._equations, self._by = by.equations, by
         self.columns = Columns(by, t, end, setting, perturbations, progress, lose=lose)
         self.track, self._companions, self._steps = track, companions, 0
         self._end = end
@@ -125,7 +120,8 @@ class SmoothMotion(Motion):
         if t > self.t:
             self._to(t)
         if self.track is None and self.columns.counts[0] > MANY:
-            self._begin_anew()
+            self._steps = self.steps
+            self.columns.count_anew()
 
     def _choose_method(self, nearer: StepMap, ahead: float) -> None:
         """Take the method of lower order for times that are so near that it gets there by a step."""
@@ -163,13 +159,6 @@ class SmoothMotion(Motion):
                 self.columns.x[rows] = table.rows_at(t)[:, None]
         if self.track is not None:
             self.track.change(self.columns.x[:, 0])
-
-    def _begin_anew(self) -> None:
-        """Count the steps from here on."""
-        x, t = self.columns.x.copy(), self.t
-        self._steps, self._by.equations = self.steps, self._equations.starting_at(x[:, 0], t)
-        self.columns = Columns(self._by, t, t + self._span, self._setting, self._perturbations)
-        self.columns.x[:] = x
 
     def held(self) -> Array:
         """The states and numbers, as they are stepped."""
@@ -216,21 +205,13 @@ def solve_smooth(
     every = (perturbation, *(() if companions is None else companions.perturbations))
     motion = SmoothMotion(by, start, end, setting, every, track=track, companions=companions, progress=progress,
                           lose=equations.sampling is None)  # fmt: skip
-    loop = None if equations.sampling is None else loop_of(motion, equations.sampling)
-    try:
-        drive(motion, end, loop)
-        if loop is not None:
-            loop.require_repeatable()
-    except KeyboardInterrupt:
-        return replace(_solution(motion, track, loop), interrupted=True)
-    except ControllerError as error:
-        error.run = replace(_solution(motion, track, loop, float(error.data["t"])), interrupted=True)
-        raise
-    return _solution(motion, track, loop)
+    return driven(motion, end, equations.sampling, functools.partial(_solutions, motion, track))[0]
 
 
-def _solution(motion: SmoothMotion, track: Track, loop: SampledLoop | None, until: float = np.inf) -> Solution:
-    """The solution so far, with the samples up to a time."""
+def _solutions(
+    motion: SmoothMotion, track: Track, loop: SampledLoop | None, interrupted: bool, until: float
+) -> list[Solution]:
+    """The run so far, with the samples up to a time."""
     equations, by, moving = motion.equations, motion.columns.by, motion.equations.moving
     samples = track.samples(min(until * LATER, track.t))
     times = track.times[: samples.shape[1]]
@@ -240,6 +221,7 @@ def _solution(motion: SmoothMotion, track: Track, loop: SampledLoop | None, unti
                   readings=None if loop is None else loop.readings)  # fmt: skip
     accepted, rejected = motion.columns.counts
     evaluations = (accepted + rejected + len(times)) * by.method.evaluations
-    return Solution(times, samples[:moving], accepted, evaluations, rejected, by.compile_seconds, by.compiled,
-                    events=() if loop is None else tuple(events_of(loop)), segments=(segment,),
-                    companion_steps=motion.columns.companion_steps)  # fmt: skip
+    run = Solution(times, samples[:moving], accepted, evaluations, rejected, by.compile_seconds, by.compiled,
+                   interrupted, events=() if loop is None else tuple(events_of(loop)), segments=(segment,),
+                   companion_steps=motion.columns.companion_steps)  # fmt: skip
+    return [run]

@@ -11,5 +11,7 @@ features      contacts at corners and edges: which are hit, and how one follows 
 transitions   the guards of a mode, and what their zeros do
 roots         zeros and minima by evaluations in batches
 locating      the first zero of guards along a segment
-engine        segment by segment to the end
+segment       smooth motion in one mode, up to an event
+engine        one solution, segment by segment
+located       solutions side by side as a motion, and runs for samples
 """

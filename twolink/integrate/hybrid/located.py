@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -9,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from twolink.effects.sensors import Forces
-from twolink.errors import ControllerError
-from twolink.integrate.core.motion import Motion, drive, loop_of
+from twolink.integrate.core.motion import Motion, driven
 from twolink.integrate.event import Event, events_of
 from twolink.integrate.forces_seen import forces_seen
 from twolink.integrate.hybrid.engine import Engine, SavedEngine
@@ -126,22 +126,12 @@ def solve_located(
     engines = [Engine(equations, method, times if checks is None or not i else checks, setting,
                       None if i else progress, one) for i, one in enumerate(perturbations)]  # fmt: skip
     motion = LocatedMotion(engines)
-    loop = None if equations.sampling is None else loop_of(motion, equations.sampling)
-    try:
-        drive(motion, float(times[-1]), loop)
-        if loop is not None:
-            loop.require_repeatable()
-    except KeyboardInterrupt:
-        return [replace(one, interrupted=True) for one in _solutions(motion, loop)]
-    except ControllerError as error:
-        error.run = replace(_solutions(motion, loop)[0], interrupted=True)
-        raise
-    return _solutions(motion, loop)
+    return driven(motion, float(times[-1]), equations.sampling, functools.partial(_solutions, motion))
 
 
-def _solutions(motion: LocatedMotion, loop: SampledLoop | None) -> list[Solution]:
+def _solutions(motion: LocatedMotion, loop: SampledLoop | None, interrupted: bool, _: float) -> list[Solution]:
     """All so far; the first with readings and ambiguous ticks."""
-    run, *others = (engine.solution() for engine in motion.engines)
+    run, *others = (replace(engine.solution(), interrupted=interrupted) for engine in motion.engines)
     if loop is None:
         return [run, *others]
     readings = {name: one.until(motion.t) for name, one in loop.readings.items()}

@@ -32,7 +32,7 @@ def in_segments(equations: Equations, times: Array, solve: Callable[[Equations, 
         x = part.x[:, -1]
         taken = slice(int(bool(parts)), len(part.t) - int(extra and len(part.t) == len(grid)))
         parts.append(replace(part, t=part.t[taken], x=part.x[: equations.moving, taken],
-                             segments=(Segment(segment, begin, len(part.t[taken]), part.taken),),
+                             segments=(Segment(segment, begin, len(part.t[taken])),),
                              precise=None if part.precise is None else part.precise[taken]))  # fmt: skip
         if part.interrupted:
             break
