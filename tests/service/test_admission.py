@@ -30,7 +30,7 @@ from twolink.service.work.budget import Budget
 from twolink.service.work.jobs import Jobs
 from twolink.service.work.metrics import Metrics
 from twolink.service.work.requests import prepare
-from twolink.service.work.sharing import HOLD, SMALL, RequestMemory, Shares, Turns, client_of, hold
+from twolink.service.work.sharing import REQUEST, SMALL, RequestMemory, Shares, Turns, client_of, this_request
 
 BIAS = "/v1/robots/two_link/bias"
 HEAD = f"POST {BIAS} HTTP/1.1\r\nHost: localhost\r\n".encode()
@@ -45,7 +45,7 @@ def test_a_client_may_hold_as_much_as_stays_free() -> None:
     assert [shares.take("b") for _ in range(4)] == [True] * 3 + [False]
     assert shares.take("c", 1)
     shares.give("a", 6)
-    assert shares.held == 4
+    assert shares.taken == 4
     assert shares.take("b")
     assert not shares.take("c", 4)
 
@@ -69,14 +69,14 @@ def test_a_hold_says_whether_to_come_again() -> None:
     first.keep(0)
     second.add(5 * SMALL)
     second.keep(0)
-    assert shares.held == 0
+    assert shares.taken == 0
 
 
 def test_clients_have_turns_round_robin() -> None:
     done: list[str] = []
 
     async def task(turns: Turns, name: str) -> None:
-        HOLD.set(RequestMemory(Shares(1), name[0]))
+        REQUEST.set(RequestMemory(Shares(1), name[0]))
         async with turns.turn():
             done.append(name)
             await asyncio.sleep(0)
@@ -106,7 +106,7 @@ class Workers:
 
     async def run(self, *_: object, **__: object) -> dict[str, object]:
         await self.go.wait()
-        self.done.append(hold().client)
+        self.done.append(this_request().client)
         return {}
 
 
@@ -122,7 +122,7 @@ def test_jobs_are_run_by_client_in_turn_and_each_has_its_queue(tmp_path: Path) -
         )
 
         async def submit(client: str, number: int) -> None:
-            HOLD.set(RequestMemory(Shares(1), client))
+            REQUEST.set(RequestMemory(Shares(1), client))
             body = b'{"scene": "arm-swing", "wait": 0, "samples_per_second": %d}' % (1000 * ord(client) + number)
             await jobs.submit("simulation", prepare(kind="simulation", body=body))
 

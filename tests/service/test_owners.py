@@ -23,7 +23,7 @@ from twolink.service.settings import Quotas, Settings
 from twolink.service.store.data_folder import size_of, to_remove
 from twolink.service.store.store import Store
 from twolink.service.work import time_shares
-from twolink.service.work.sharing import HOLD, RequestMemory, Shares
+from twolink.service.work.sharing import REQUEST, RequestMemory, Shares
 from twolink.service.work.time_shares import TimeShares
 
 RUN = {"scene": "arm-swing", "duration": 0.5, "wait": 30}
@@ -79,7 +79,7 @@ class Clock:
 
     async def job(self, client: str, seconds: int) -> None:
         """Compute for a second, and report."""
-        HOLD.set(RequestMemory(Shares(1), client))
+        REQUEST.set(RequestMemory(Shares(1), client))
         async with self.shares.turn() as turn:
             for _ in range(seconds):
                 await self.tick.wait()
@@ -122,7 +122,7 @@ def test_jobs_that_never_report_do_not_hold_up_short_ones(monkeypatch: pytest.Mo
         clock = Clock(TimeShares(2), monkeypatch)
 
         async def silent(client: str) -> None:
-            HOLD.set(RequestMemory(Shares(1), client))
+            REQUEST.set(RequestMemory(Shares(1), client))
             async with clock.shares.turn():
                 await asyncio.Event().wait()
 

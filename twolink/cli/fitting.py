@@ -102,14 +102,14 @@ def identify(
     require_writable([*(out or []), *([html] if html else [])], (".urdf", *FORMATS, ".html"))
     loaded = load(robot)
     of_setup = [*(_words(find) if find != "none" else []), *(["motor_constant"] if "A" in _words(units) else [])]
-    logs, held = ([read_log(loaded, path, columns, _words(units), decimate) for path in paths]
+    logs, held_out = ([read_log(loaded, path, columns, _words(units), decimate) for path in paths]
                   for paths in (data, validate or []))  # fmt: skip
     wanted = None if parameters is None else [name for text in parameters for name in _words(text)]
     found = find_in(loaded, [log.table for log in logs], parameters=wanted, joint_model=joint_model,
                     find=of_setup or (() if find else None),
                     method=method, half_window=half_window, cutoff=cutoff, confidence=confidence,
-                    validate=[log.table for log in held] or None)  # fmt: skip
-    notes = [note for log in (*logs, *held) for note in log.notes]
+                    validate=[log.table for log in held_out] or None)  # fmt: skip
+    notes = [note for log in (*logs, *held_out) for note in log.notes]
 
     def write_one(path: Path) -> Path:
         if path.suffix.lower() == ".html":

@@ -228,9 +228,9 @@ class _Scene:
 
     def _joints(self) -> tuple[list[list[int]], list[list[float]]]:
         """Stops and dry friction of joints."""
-        stops, holds = self.joints.stops, self.joints.holds
-        whole = [*([1, stop.entry, stop.dof] for stop in stops), *([0, 0, hold.dof] for hold in holds)]
-        return whole, [*([float(stop.position), float(stop.side)] for stop in stops), *([0.0, 1.0] for _ in holds)]
+        stops, locks = self.joints.stops, self.joints.locks
+        whole = [*([1, stop.entry, stop.dof] for stop in stops), *([0, 0, lock.dof] for lock in locks)]
+        return whole, [*([float(stop.position), float(stop.side)] for stop in stops), *([0.0, 1.0] for _ in locks)]
 
 
 def _rims_of(group: RimsOnPlanes) -> Iterable[tuple[int, int, RimGap]]:

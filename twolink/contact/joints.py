@@ -30,7 +30,7 @@ from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.namespaces import Numbers
 from twolink.contact.bodies import Multibody
 from twolink.effects.contact import Contact
-from twolink.effects.switching import Hold, Stop
+from twolink.effects.switching import JointLock, Stop
 from twolink.geometry.detection import Detector
 from twolink.geometry.points import Points, key_of
 from twolink.integrate.motion.constraints import Constraints
@@ -60,12 +60,12 @@ class Laws(NamedTuple):
 class JointPoints:
     """Stops and dry friction of a robot's joints. pairs: how many pairs of bodies the scene has, which come first."""
 
-    def __init__(self, stops: Sequence[Stop], holds: Sequence[Hold], pairs: int) -> None:
-        self.stops, self.holds, self.pairs = stops, [hold for hold in holds if hold.greatest > 0.0], pairs
+    def __init__(self, stops: Sequence[Stop], locks: Sequence[JointLock], pairs: int) -> None:
+        self.stops, self.locks, self.pairs = stops, [lock for lock in locks if lock.greatest > 0.0], pairs
         self.entry = np.array([stop.entry for stop in stops], dtype=int)
         self.position = np.array([stop.position for stop in stops])
         self.side = np.array([stop.side for stop in stops])
-        self.dof = np.array([*(stop.dof for stop in stops), *(hold.dof for hold in self.holds)], dtype=int)
+        self.dof = np.array([*(stop.dof for stop in stops), *(lock.dof for lock in self.locks)], dtype=int)
         self.first_key = int(key_of(np.array([pairs]), 0)[0])
 
     def __bool__(self) -> bool:
@@ -73,7 +73,7 @@ class JointPoints:
 
     def notes(self) -> list[str]:
         """Notes on the stops and the joints with dry friction in the contact problem, for people."""
-        counts = ((len(self.stops), "stops"), (len(self.holds), "joints with dry friction"))
+        counts = ((len(self.stops), "stops"), (len(self.locks), "joints with dry friction"))
         return [f"{count} {what} are in the contact problem" for count, what in counts if count]
 
     def laws(self, detector: Detector, effects: Sequence[Contact]) -> Laws:
@@ -82,16 +82,16 @@ class JointPoints:
                      float(e.threshold)) for e in effects]  # fmt: skip
         friction, static, restitution, threshold = np.array(of_pairs).reshape(-1, 4).T
         stops, count, none = self.stops, len(self.dof), np.zeros(len(self.stops))
-        names = [*(f"stop of {stop.name}" for stop in stops), *(f"friction of dof {hold.dof}" for hold in self.holds)]
-        kinetic = np.array([hold.kinetic / hold.greatest for hold in self.holds])
+        names = [*(f"stop of {stop.name}" for stop in stops), *(f"friction of dof {lock.dof}" for lock in self.locks)]
+        kinetic = np.array([lock.kinetic / lock.greatest for lock in self.locks])
         return Laws(
             [*detector.names, *names],
             np.concatenate([friction, none, kinetic]),
-            np.concatenate([static, none, np.ones(len(self.holds))]),
-            np.concatenate([restitution, [stop.restitution for stop in stops], np.zeros(len(self.holds))]),
+            np.concatenate([static, none, np.ones(len(self.locks))]),
+            np.concatenate([restitution, [stop.restitution for stop in stops], np.zeros(len(self.locks))]),
             np.concatenate([threshold, np.zeros(count)]),
             np.concatenate([detector.thickness, np.full(count, np.inf)]),
-            np.concatenate([np.zeros(self.pairs), none, [hold.greatest for hold in self.holds]]),
+            np.concatenate([np.zeros(self.pairs), none, [lock.greatest for lock in self.locks]]),
             np.arange(self.pairs + count) >= self.pairs,
         )
 
@@ -101,7 +101,7 @@ class JointPoints:
 
     def points(self, q: Array) -> Points:
         """All of them, as points of the ground at its origin."""
-        count, still = len(self.dof), len(self.holds)
+        count, still = len(self.dof), len(self.locks)
         pair, ground, vectors = self.pairs + np.arange(count), np.zeros(count, dtype=int), np.zeros((count, 3))
         normal = np.tile([0.0, 0.0, 1.0], (count, 1))
         gap = np.concatenate([self.gaps(q), np.zeros(still)])
@@ -115,7 +115,7 @@ class JointPoints:
         """The Jacobian (3n, nv) of points with the rows of these, which are 0 in it."""
         rows = np.flatnonzero(self.of(points))
         k = points.pair[rows] - self.pairs
-        signs = np.concatenate([self.side, np.ones(len(self.holds))])
+        signs = np.concatenate([self.side, np.ones(len(self.locks))])
         jacobian[3 * rows + np.where(k < len(self.stops), 2, 0), self.dof[k]] = signs[k]
         return jacobian
 

@@ -17,7 +17,7 @@ from twolink.contact.steps import Memory, Record, StepPlan, plan_steps, twice_as
 from twolink.effects.contact import Contact
 from twolink.effects.loops import Loop
 from twolink.effects.sensors import Forces
-from twolink.effects.switching import Hold, Stop, SwitchingEffect
+from twolink.effects.switching import JointLock, Stop, SwitchingEffect
 from twolink.errors import SceneError
 from twolink.integrate.core.motion import Motion, driven
 from twolink.integrate.motion.equations import Equations
@@ -41,8 +41,8 @@ def stepper_of(scene: Scene) -> ContactStepper:
     others = [effect for effect in scene.effects if not isinstance(effect, Contact)]
     declared = [item for e in others if isinstance(e, SwitchingEffect) for item in e.modes(scene.robot)]
     stops = [item for item in declared if isinstance(item, Stop)]
-    holds = [item for item in declared if isinstance(item, Hold) and item.entry is None]
-    if len(stops) + len(holds) < len(declared):
+    locks = [item for item in declared if isinstance(item, JointLock) and item.entry is None]
+    if len(stops) + len(locks) < len(declared):
         raise SceneError("effects that switch, other than joint stops and dry friction, cannot be stepped",
                          argument="contact", remedy='contact="located", or leave them out',
                          code="not-stepped")  # fmt: skip
@@ -61,7 +61,7 @@ def stepper_of(scene: Scene) -> ContactStepper:
                          argument="contact", remedy='contact="located", or leave them out',
                          code="not-stepped")  # fmt: skip
     loops = None if with_loops.constraints is None else LoopRows(with_loops, with_loops.constraints)
-    stepper = ContactStepper(equations, effects, stops, holds, loops)
+    stepper = ContactStepper(equations, effects, stops, locks, loops)
     overlap, pair = stepper.overlap(equations.start[: equations.space.nq])
     if overlap > OVERLAP:
         raise SceneError(f"{pair} overlap by {overlap:.3g} m at the start", where="q", code="overlap",
@@ -175,7 +175,7 @@ class SteppedMotion(Motion):
                                 "run.contact_forces", code="sensor-of-forces")  # fmt: skip
 
     def save(self) -> tuple[float, Array, list[SteppedState]]:
-        """The time, the numbers that hold, and the solutions, none of which is written to."""
+        """The time, the held numbers, and the solutions, none of which is written to."""
         return self._t, self._numbers, self.states
 
     def restore(self, saved: tuple[float, Array, list[SteppedState]]) -> None:

@@ -40,7 +40,7 @@ from twolink.contact.rest import at_rest, steps_at_rest
 from twolink.contact.step_law import StepLaw, rows_of
 from twolink.contact.steps import STILL, Blow, Memory, Record, Step, StepPlan, along
 from twolink.effects.contact import Contact
-from twolink.effects.switching import Hold, Stop
+from twolink.effects.switching import JointLock, Stop
 from twolink.errors import AccuracyError
 from twolink.geometry.detection import Detector
 from twolink.geometry.gaps import axes_of
@@ -66,13 +66,13 @@ class ContactStepper:
         equations: Equations,
         effects: Sequence[Contact],
         stops: Sequence[Stop] = (),
-        holds: Sequence[Hold] = (),
+        locks: Sequence[JointLock] = (),
         loops: LoopRows | None = None,
     ) -> None:
         self.equations, self.model = equations, equations.robot.model
         pairs = [(pair, effect) for effect in effects for pair in effect.selected(equations.robot).chosen]
         self.detector = Detector(equations.robot, [pair for pair, _ in pairs])
-        self.joints = JointPoints(stops, holds, len(self.detector.names))
+        self.joints = JointPoints(stops, locks, len(self.detector.names))
         self.laws = self.joints.laws(self.detector, [effect for _, effect in pairs])
         self.bodies, self.loops = bodies_of(equations) if loops is None else Multibody(equations), loops
         self.native = None if loops is not None else compiled(self.bodies, self.detector, self.joints, self.laws)

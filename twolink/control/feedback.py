@@ -72,17 +72,17 @@ def lqr(
     if depends_on_time(equations_of(scene)):
         raise SceneError("its forces depend on time; a regulator holds a robot at rest in constant ones", where="scene",
                          remedy="leave out effects with functions of time", code="depends-on-time")  # fmt: skip
-    at_rest = held(scene, q, inputs)
+    at_rest = linearized_at_rest(scene, q, inputs)
     nv, m = scene.robot.nv, len(at_rest.inputs)
     state, control = _weight(Q, len(at_rest.A), "Q"), _weight(R, m, "R", positive=True)
     gain = np.zeros((m, 2 * nv))
     gain[:, [*at_rest.independent, *(nv + k for k in at_rest.independent)]] = _gain(at_rest, state, control)
     rows = {joint: tuple(row.tolist()) for joint, row in zip(at_rest.inputs, gain, strict=True)}
-    holding = dict(zip(at_rest.inputs, at_rest.tau.tolist(), strict=True))
-    return StateFeedback(rows, tuple(at_rest.q.tolist()), holding, effort)
+    torques = dict(zip(at_rest.inputs, at_rest.tau.tolist(), strict=True))
+    return StateFeedback(rows, tuple(at_rest.q.tolist()), torques, effort)
 
 
-def held(scene: Scene, q: ArrayLike | None = None, inputs: Sequence[str] | None = None) -> Linearization:
+def linearized_at_rest(scene: Scene, q: ArrayLike | None = None, inputs: Sequence[str] | None = None) -> Linearization:
     """The linearization at rest at q under the smallest torques at the inputs that hold it there.
 
     Raises SceneError where they cannot, code "not-equilibrium".

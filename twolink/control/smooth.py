@@ -46,7 +46,7 @@ Formula = Callable[[Equations, Mechanism, Any, Any, Any], Sequence[Any]]
 def equations_at(equations: Equations, t: float, q: Array, v: Array) -> Equations:
     """The equations of the mode that holds at a state, which is their start, loops closed; with the same parameters.
 
-    Raises SceneError, code "not-differentiable", where a joint is held, bodies touch, or an event is due.
+    Raises SceneError, code "not-differentiable", where a joint is locked, bodies touch, or an event is due.
     """
     x = np.concatenate([q, v])
     if equations.constraints is not None:
@@ -84,11 +84,11 @@ def depends_on_time(equations: Equations) -> bool:
 
 def _require_no_contact(run: RunState) -> None:
     """Require that nothing holds a joint and no bodies touch."""
-    held = [run.system.names[k] for k in sorted(run.mode.locked)]
-    held += [contact.name for contact, mode in zip(run.system.contacts, run.mode.contacts, strict=True)
+    fixed = [run.system.names[k] for k in sorted(run.mode.locked)]
+    fixed += [contact.name for contact, mode in zip(run.system.contacts, run.mode.contacts, strict=True)
              if mode != "free"]  # fmt: skip
-    if held:
-        raise _not_smooth(f"{', '.join(held)} is held by friction, a stop or a contact")
+    if fixed:
+        raise _not_smooth(f"{', '.join(fixed)} is locked by friction, a stop or a contact")
 
 
 def _not_smooth(why: str) -> SceneError:

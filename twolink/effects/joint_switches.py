@@ -8,7 +8,7 @@ from twolink.dynamics import Robot
 from twolink.effects.checks import check_joint, check_joints, check_values_or_urdf
 from twolink.effects.conditions import JointReaches
 from twolink.effects.effect import JointName, NotNegative, check_name
-from twolink.effects.switching import Catch, Hold, Stop, SwitchingEffect, Trigger
+from twolink.effects.switching import Catch, JointLock, Stop, SwitchingEffect, Trigger
 from twolink.errors import SceneError
 from twolink.robots.joint_layout import turns, urdf_limits
 
@@ -102,12 +102,12 @@ class DryFriction(SwitchingEffect, frozen=True):
                 raise SceneError(f"it is {level:g}, below the kinetic friction {kinetic[joint]:g}",
                                  where=f"static.{joint}", remedy="static friction is the larger one")  # fmt: skip
 
-    def modes(self, robot: Robot) -> list[Hold]:
+    def modes(self, robot: Robot) -> list[JointLock]:
         """Static friction holds a joint, kinetic friction brakes it."""
         dofs = {joint.name: joint.v.start for joint in robot.joints}
         kinetic = self._kinetic(robot)
         static = {name: float(self.static.get(name, c)) for name, c in kinetic.items()}
-        return [Hold(dofs[name], -static[name], static[name], c) for name, c in kinetic.items()]
+        return [JointLock(dofs[name], -static[name], static[name], c) for name, c in kinetic.items()]
 
     def _kinetic(self, robot: Robot) -> dict[str, float]:
         """The kinetic friction of each joint that has one."""
@@ -153,14 +153,14 @@ class Detent(SwitchingEffect, frozen=True):
         if not self.positions:
             raise SceneError("there is no notch", where="positions", remedy="such as (0.0,)")
 
-    def modes(self, robot: Robot) -> list[Hold | Trigger]:
+    def modes(self, robot: Robot) -> list[JointLock | Trigger]:
         """The ball in each notch, and the ball that falls into it."""
         joint = next(j for j in robot.joints if j.name == self.joint)
         entry, dof, torque, speed = joint.q.start, joint.v.start, float(self.torque), float(self.speed)
         unit = "rad/s" if turns(robot.model, joint) else "m/s"
-        modes: list[Hold | Trigger] = []
+        modes: list[JointLock | Trigger] = []
         for p in map(float, self.positions):
-            modes.append(Hold(dof, -torque, torque, 0.0, entry, p, ("catch", "breakaway")))
+            modes.append(JointLock(dof, -torque, torque, 0.0, entry, p, ("catch", "breakaway")))
             if speed:
                 catch = Catch(dof, entry, p, speed, unit)
                 modes.append(Trigger("catch", self.joint, condition=JointReaches(self.joint, p), catch=catch))

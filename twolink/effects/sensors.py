@@ -291,10 +291,10 @@ class ForceTorque(Sensor, frozen=True):
         check_joints((self.joint,), robot, "joint")
 
     def check_beside(self, effects: Sequence[Effect], robot: Robot) -> None:
-        """Require that no link is held by forces that no joint transmits."""
+        """Require that no link bears forces that no joint transmits."""
         del robot
-        held = Contact, PlaneContact, PointLoop, HingeLoop, WeldLoop
-        other = next((one for one in effects if isinstance(one, held)), None)
+        joining = Contact, PlaneContact, PointLoop, HingeLoop, WeldLoop
+        other = next((one for one in effects if isinstance(one, joining)), None)
         if other is not None:
             raise SceneError(f"it leaves the forces of {type(other).__name__} out", where="joint",
                              remedy="TorqueSensor, TouchSensor or run.contact_forces", code="not-seen")  # fmt: skip

@@ -1,6 +1,6 @@
 """Switching effects: what changes at events, as a few frozen concepts that an effect declares.
 
-Hold          holds one degree of freedom at rest, up to a torque
+JointLock     locks one degree of freedom at rest, up to a torque
 Stop          a joint's coordinate that stays on one side of a position
 ContactPoint  a gap between bodies that stays at or above 0
 ContactPair   two bodies whose points of contact are found where they touch
@@ -33,12 +33,12 @@ State = tuple[np.ndarray, np.ndarray]  # (q, v)
 
 
 @dataclass(frozen=True)
-class Hold:
+class JointLock:
     """Keeps a degree of freedom at rest while that takes a torque from `least` to `greatest`, N m or N.
 
     kinetic: the torque against the motion while the joint slips. entry, position: it acts only where q[entry] is the
-    position exactly, to which events move it; entry None: anywhere. kinds: of the events at which it begins to hold
-    and is overcome.
+    position exactly, to which events move it; entry None: anywhere. kinds: of the events at which it locks and gives
+    way.
     """
 
     dof: int
@@ -50,7 +50,7 @@ class Hold:
     kinds: tuple[str, str] = ("stick", "slip")
 
     def acts(self, q: np.ndarray) -> bool:
-        """True if it can hold the joint at its position."""
+        """True if it can lock the joint at its position."""
         return self.entry is None or bool(q[self.entry] == self.position)
 
 
@@ -58,7 +58,7 @@ class Hold:
 class Stop:
     """A stop of a joint: side (q[entry] - position) >= 0, with the side +1 or -1.
 
-    At an impact the joint's velocity v becomes -restitution v. In contact the joint is held, see `hold`.
+    At an impact the joint's velocity v becomes -restitution v. In contact the joint is locked, see `lock`.
     """
 
     name: str
@@ -70,10 +70,10 @@ class Stop:
     unit: str  # of the velocity
 
     @property
-    def hold(self) -> Hold:
+    def lock(self) -> JointLock:
         """The stop's force on a joint at rest against it: away from it, of any size."""
         least, greatest = (0.0, math.inf) if self.side > 0 else (-math.inf, 0.0)
-        return Hold(self.dof, least, greatest, 0.0, self.entry, self.position, ("rest", "leave"))
+        return JointLock(self.dof, least, greatest, 0.0, self.entry, self.position, ("rest", "leave"))
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class Trigger:
         return self.drops or self.begins or self.catch is not None or self.state is not None
 
 
-Declared = Hold | Stop | ContactPoint | ContactPair | Trigger
+Declared = JointLock | Stop | ContactPoint | ContactPair | Trigger
 
 
 class SwitchingEffect(Effect, frozen=True):
@@ -166,7 +166,7 @@ class SwitchingEffect(Effect, frozen=True):
     analytic: ClassVar[bool] = False  # only between events
 
     def modes(self, robot: Robot) -> Iterable[Declared]:
-        """Declarations of what changes at events: holds, stops, contacts and triggers."""
+        """Declarations of what changes at events: locks, stops, contacts and triggers."""
         raise NotImplementedError
 
     def acting(self) -> tuple[Effect, ...]:
@@ -184,7 +184,7 @@ class Switching:
     base: Robot
     robot: Robot
     effects: tuple[Effect, ...] = ()
-    holds: tuple[tuple[int, Hold], ...] = ()
+    locks: tuple[tuple[int, JointLock], ...] = ()
     stops: tuple[Stop, ...] = ()
     contacts: tuple[tuple[int, ContactPoint], ...] = ()
     pairs: tuple[tuple[int, ContactPair], ...] = ()
@@ -192,8 +192,8 @@ class Switching:
 
     @property
     def lockable(self) -> tuple[int, ...]:
-        """The degrees of freedom that something may hold at rest."""
-        return tuple(sorted({hold.dof for _, hold in self.holds}))
+        """The degrees of freedom that something may lock at rest."""
+        return tuple(sorted({lock.dof for _, lock in self.locks}))
 
     @property
     def times(self) -> tuple[float, ...]:
@@ -252,8 +252,8 @@ def switching_of(base: Robot, robot: Robot, effects: Sequence[Effect]) -> Switch
         robot,
         tuple(effects),
         (
-            *((place, item) for place, item in declared if isinstance(item, Hold)),
-            *((place, stop.hold) for place, stop in stops),
+            *((place, item) for place, item in declared if isinstance(item, JointLock)),
+            *((place, stop.lock) for place, stop in stops),
         ),
         tuple(stop for _, stop in stops),
         tuple((place, item) for place, item in declared if isinstance(item, ContactPoint)),

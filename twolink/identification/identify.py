@@ -108,7 +108,7 @@ def identify(
     A parameter counts as not excited where the motion, with rest in the place of what its own filter errors explain,
     cannot show it at all. `model_errors` are tests of the residuals by what the model lacks.
 
-    Directions that the data hardly show are held near the URDF's values by a ridge: a normal prior of 10 times the
+    Directions that the data hardly show are kept near the URDF's values by a ridge: a normal prior of 10 times the
     size of the links. It is part of the weighted and the robust method, and of the covariance.
 
     References
@@ -122,7 +122,7 @@ def identify(
     of_joints, terms = ([], ()) if joint_model is None else joint_terms(robot, joint_model, coupling)
     chosen, setup = select(robot, parameters, of_joints, terms), setup_of(robot, find or ())
     runs = recordings(robot, t, q, v, tau, a)
-    held = () if validate is None else recordings(robot, validate, None, None, None)
+    held_out = () if validate is None else recordings(robot, validate, None, None, None)
     if method == "total" and runs[0].v is not None:
         what, remedy = "the errors of measured velocities are not known", "leave v and a out, or use another method"
         raise QueryError(what, argument="method", remedy=remedy, code="no-errors")
@@ -137,7 +137,7 @@ def identify(
     if find is None:
         result = _without_delay(plan, runs, by, result)
     result = replace(result, joint_models=table)
-    return replace(result, validation=validation(result, held)) if held else result
+    return replace(result, validation=validation(result, held_out)) if held_out else result
 
 
 def _without_delay(

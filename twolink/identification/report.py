@@ -91,15 +91,15 @@ def _criterion(by: Filter, joints: Sequence[str]) -> str:
     return figure_html(figure)
 
 
-def _validation(held: Any, joints: Sequence[str]) -> str:
+def _validation(found: Any, joints: Sequence[str]) -> str:
     """Measured and predicted torques of the runs that were kept out, and the residuals in N m and percent."""
-    rows = tuple(zip(joints, held.rms.tolist(), (100 * held.share).tolist(), strict=True))
-    return Table(("joint", "residual rms", "%"), rows)._repr_html_() + figure_html(_torques(held, joints))
+    rows = tuple(zip(joints, found.rms.tolist(), (100 * found.share).tolist(), strict=True))
+    return Table(("joint", "residual rms", "%"), rows)._repr_html_() + figure_html(_torques(found, joints))
 
 
-def _torques(held: Any, joints: Sequence[str]) -> "Figure":
+def _torques(found: Any, joints: Sequence[str]) -> "Figure":
     figure, axes = new_figure(len(joints), size=(8, 1 + 1.3 * len(joints)), sharex=True)
-    for axis, name, measured, residual in zip(axes[:, 0], joints, held.torques.T, held.residuals.T, strict=True):
+    for axis, name, measured, residual in zip(axes[:, 0], joints, found.torques.T, found.residuals.T, strict=True):
         axis.plot(measured, color="0.6", linewidth=2, label="measured")
         axis.plot(measured - residual, color=COLOURS[0], linewidth=1, label="predicted")
         axis.set_ylabel(plain(name), fontsize=8)

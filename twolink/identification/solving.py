@@ -240,16 +240,16 @@ def _prior(robot: Robot, chosen: Selection, base: BaseParameters) -> tuple[np.nd
     return base.matrix @ chosen.nominal, np.divide(1.0, spread, out=np.zeros_like(spread), where=spread > 0)
 
 
-def validation(found: Identification, held: Sequence[Recording]) -> Validation:
+def validation(found: Identification, held_out: Sequence[Recording]) -> Validation:
     """Torques of other runs, by the same filter, less their prediction."""
     if found.filter is not None:
-        for run in held:
+        for run in held_out:
             require_samples(len(run.t), wider(found.filter.half_window))
-        held = [replace(run, a=None) for run in held]
-    elif any(run.a is None for run in held):
+        held_out = [replace(run, a=None) for run in held_out]
+    elif any(run.a is None for run in held_out):
         what, remedy = "the runs that were identified have accelerations, these have not", "give q, v and a"
         raise QueryError(what, argument="validate", remedy=remedy, code="column-missing")
-    data = filtered(found.robot, [found.setup.corrected(run) for run in held], found.filter)
+    data = filtered(found.robot, [found.setup.corrected(run) for run in held_out], found.filter)
     predicted = np.concatenate([found.model_torques(*state) for state in data.states()])
     tau, predicted = data.averaged(data.tau), data.averaged(predicted)
     return Validation(data.averaged(data.t), tau, tau - predicted)

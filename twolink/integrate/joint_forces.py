@@ -1,4 +1,4 @@
-"""Along a solution: accelerations, torques of effects, friction and holds, forces on links, contact forces."""
+"""Along a solution: accelerations, torques of effects, friction and locks, forces on links, contact forces."""
 
 from collections.abc import Sequence
 
@@ -37,7 +37,7 @@ def accelerations_and_joint_torques(equations: Equations, t: Array, x: Array) ->
     a : ndarray (nv, n)
         Accelerations, in the tangent space, per s^2.
     tau : ndarray (nv, n)
-        Joint torques and forces of effects, dry friction and holds, N m or N.
+        Joint torques and forces of effects, dry friction and locks, N m or N.
     """
     snapshot = Evaluator(equations).by_numpy(t, _full(equations, x))
     tau = snapshot.tau.copy()

@@ -60,16 +60,16 @@ def instructions_of(found: dict[int, tuple[Any, ...]]) -> list[Instruction]:
             pair = angles[x[0]]
             if min(pair.values()) == number:
                 makes = (pair.get("SIN", ("unused", number)), pair.get("COS", ("unused", -number)))
-                out.append(Instruction("SINCOS", makes, (_held(x[0]),)))
+                out.append(Instruction("SINCOS", makes, (_operand(x[0]),)))
         elif what in WITH_SCALAR:
-            out.append(Instruction(what, (number,), tuple(map(_held, (x[0], *x[2:]))), float(x[1])))
+            out.append(Instruction(what, (number,), tuple(map(_operand, (x[0], *x[2:]))), float(x[1])))
         else:
-            out.append(Instruction(what, (number,), tuple(map(_held, x))))
+            out.append(Instruction(what, (number,), tuple(map(_operand, x))))
     return out
 
 
-def _held(x: Node) -> Any:
-    """The content of a register: a node, or a constant."""
+def _operand(x: Node) -> Any:
+    """An operand: a node, or a constant."""
     return x if type(x) is int else ("constant", x)
 
 
@@ -118,11 +118,11 @@ def _depths(users: list[list[int]], waiting: list[int]) -> list[int]:
 def allocated(instructions: list[Instruction], inputs: int, ends: Sequence[Node]) -> Assembled:
     """The arrays of a program: registers for inputs and constants, then for values as long as they live."""
     constants = dict.fromkeys(x for one in instructions for x in one.reads if type(x) is tuple and x[0] == "constant")
-    constants.update(dict.fromkeys(_held(x) for x in ends if type(x) is not int))
+    constants.update(dict.fromkeys(_operand(x) for x in ends if type(x) is not int))
     register: dict[Any, int] = {i: i for i in range(inputs)}
     register.update({x: inputs + i for i, x in enumerate(constants)})
     last: dict[Any, int] = {x: i for i, one in enumerate(instructions) for x in one.reads}
-    last.update({_held(x): len(instructions) for x in ends})
+    last.update({_operand(x): len(instructions) for x in ends})
     free: list[int] = []
     top, scalars = len(register), dict[float, int]()
     runs: list[tuple[str, list[list[int]]]] = []
@@ -151,7 +151,7 @@ def allocated(instructions: list[Instruction], inputs: int, ends: Sequence[Node]
         np.array(list(scalars), dtype=float),
         np.array([value for _, value in constants], dtype=float),
         np.array([register[x] for x in constants], dtype=np.int32),
-        np.array([register[_held(x)] for x in ends], dtype=np.int32),
+        np.array([register[_operand(x)] for x in ends], dtype=np.int32),
         len(instructions),
     )
 

@@ -107,7 +107,7 @@ class _States:
         return 1.0 + np.asarray(np.abs(self.v).max(axis=0, initial=0.0))
 
     @property
-    def holds(self) -> tuple[Array, Array]:
+    def locks(self) -> tuple[Array, Array]:
         """Of each lockable degree of freedom, whether it is locked and its friction torque, (lockable, n) each."""
         count = len(self.equations.layout.lockable)
         numbers = self.x[len(self.x) - 2 * count :]
@@ -170,7 +170,7 @@ def _laws(states: _States) -> Iterator[tuple[str, Array, Array]]:
     """All laws but that of impacts: by how much states break them, and their times."""
     for law, broken in _positions(states):
         yield law, broken, states.t
-    locked, friction = states.holds
+    locked, friction = states.locks
     forced = locked.any(axis=0) | (friction != 0.0).any(axis=0) | (states.lasts > 0.0)
     states = states.chosen(forced | (states.equations.constraints is not None))
     if not len(states.t):
@@ -178,7 +178,7 @@ def _laws(states: _States) -> Iterator[tuple[str, Array, Array]]:
     look = Evaluator(states.equations, [contact for _, contact in states.switching.contacts]).by_numpy(
         states.t, states.x
     )
-    load = np.abs(np.concatenate([look.tau, look.bias, states.holds[1]])).max(axis=0)
+    load = np.abs(np.concatenate([look.tau, look.bias, states.locks[1]])).max(axis=0)
     load = np.maximum(load, LEAST_LOAD * sum(inertia.mass for inertia in states.equations.robot.model.inertias))
     for law, broken in itertools.chain(_joint_forces(states, look, load), _constraint_forces(states, look, load)):
         yield law, broken, states.t
@@ -199,9 +199,9 @@ def _positions(states: _States) -> Broken:
         yield "gaps", every - contact.gap(motion)
     for _, pair in switching.pairs:
         yield "gaps", every - pair.gaps(motion, ())
-    locked, _ = states.holds
-    for k, holds in zip(equations.layout.lockable, locked, strict=True):
-        yield "constraints", np.where(holds, np.abs(states.v[k]) / states.speed, 0.0)
+    locked, _ = states.locks
+    for k, rests in zip(equations.layout.lockable, locked, strict=True):
+        yield "constraints", np.where(rests, np.abs(states.v[k]) / states.speed, 0.0)
     constraints = equations.constraints
     if constraints is not None:
         q = x[: equations.space.nq]
@@ -212,12 +212,12 @@ def _positions(states: _States) -> Broken:
 
 
 def _joint_forces(states: _States, look: Snapshot, load: Array) -> Broken:
-    """Torques of holds within what they can give; all of the friction of what slips, against it."""
-    for k, locked, friction, torque in zip(states.equations.layout.lockable, *states.holds, look.locks, strict=True):
+    """Torques of locks within what they can give; all of the friction of what slips, against it."""
+    for k, locked, friction, torque in zip(states.equations.layout.lockable, *states.locks, look.locks, strict=True):
         least, greatest = _limits(states, k)
         alone = locked & (not _redundant(states.equations))
         yield "forces", np.where(alone, np.maximum(torque - greatest, least - torque) / load, 0.0)
-        kinetic, v = sum(hold.kinetic for _, hold in states.switching.holds if hold.dof == k), states.v[k]
+        kinetic, v = sum(lock.kinetic for _, lock in states.switching.locks if lock.dof == k), states.v[k]
         slips = ~locked & (np.abs(v) > RELATIVE * states.speed)
         yield "friction", np.where(slips, np.abs(friction + kinetic * np.sign(v)) / load, 0.0)
 
@@ -248,30 +248,30 @@ def _constraint_forces(states: _States, look: Snapshot, load: Array) -> Broken:
 
 
 def _redundant(equations: Equations) -> bool:
-    """True if contacts have more rows than determine their forces: then they share them with what holds joints."""
+    """True if contacts have more rows than determine their forces: then they share them with what locks joints."""
     constraints = equations.constraints
     return constraints is not None and any(loop.touches for loop in constraints.loops) and len(
         constraints.kept) < len(constraints.all_rows)  # fmt: skip
 
 
 def _margins(states: _States, closed: Sequence[Any]) -> Array:
-    """Margins of the best share of the forces of contacts, and of what holds joints, within the laws (n,)."""
-    out, locked = np.empty(len(states.t)), states.holds[0]
+    """Margins of the best share of the forces of contacts, and of what locks joints, within the laws (n,)."""
+    out, locked = np.empty(len(states.t)), states.locks[0]
     for pattern in np.unique(locked, axis=1).T:
         these = np.flatnonzero((locked == pattern[:, None]).all(axis=0))
-        held = [Support(i, k, *(float(limit[these[0]]) for limit in _limits(states, k)))
+        supports = [Support(i, k, *(float(limit[these[0]]) for limit in _limits(states, k)))
                 for i, k in enumerate(states.equations.layout.lockable) if pattern[i]]  # fmt: skip
-        out[these] = margins(states.equations, closed, states.t[these], states.x[:, these], held)
+        out[these] = margins(states.equations, closed, states.t[these], states.x[:, these], supports)
     return out
 
 
 def _limits(states: _States, k: int) -> tuple[Array, Array]:
-    """The least and the greatest torque (n,) that can hold joint k where it is."""
-    holds = [hold for _, hold in states.switching.holds if hold.dof == k]
-    near = [np.abs(states.x[h.entry] - h.position) <= POSITION if h.entry is not None else True for h in holds]
+    """The least and the greatest torque (n,) that can lock joint k where it is."""
+    locks = [lock for _, lock in states.switching.locks if lock.dof == k]
+    near = [np.abs(states.x[h.entry] - h.position) <= POSITION if h.entry is not None else True for h in locks]
     least, greatest = (sum((np.where(at, limit, 0.0) for at, limit in zip(near, limits, strict=True)),
                            np.zeros(len(states.t)))
-                       for limits in ([h.least for h in holds], [h.greatest for h in holds]))  # fmt: skip
+                       for limits in ([h.least for h in locks], [h.greatest for h in locks]))  # fmt: skip
     return least, greatest
 
 
@@ -299,7 +299,7 @@ def _starts(states: _States, a: Array, contacts: Array) -> Broken:
         yield "mode starts", approach(room, stop.side * states.v[stop.dof], stop.side * a[stop.dof])
     for gap, rate, *_, acceleration in contacts:
         yield "mode starts", approach(gap, rate, acceleration)
-    for k, friction in zip(states.equations.layout.lockable, states.holds[1], strict=True):
+    for k, friction in zip(states.equations.layout.lockable, states.locks[1], strict=True):
         rests = np.abs(states.v[k]) <= small
         yield "mode starts", np.where(rests, np.sign(friction) * a[k] / largest, 0.0)
 

@@ -238,9 +238,9 @@ def _powers(scene: Scene, stretch: _Stretch) -> Iterator[tuple[int, np.ndarray]]
     for place, effect in zip(equations.places, equations.effects, strict=False):
         yield place, _power(motion, effect_loads(equations, motion, numbers, [effect]))
     switching = equations_of(scene, ticks=True).switching
-    for place, hold in switching.holds if switching is not None else ():
-        if hold.kinetic:
-            yield place, -hold.kinetic * np.abs(motion.v[hold.dof])
+    for place, lock in switching.locks if switching is not None else ():
+        if lock.kinetic:
+            yield place, -lock.kinetic * np.abs(motion.v[lock.dof])
     constraints = equations.constraints
     loops = equations.layout.with_numbers(constraints.loops, numbers) if constraints is not None else ()
     for i, (loop, rows) in enumerate(zip(loops, _multipliers(stretch), strict=True)):

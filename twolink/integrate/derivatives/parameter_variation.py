@@ -62,7 +62,7 @@ class ParameterVariation:
         self._through = [i for i, name in enumerate(self.names) if _changes(scene, name, released)]
         self._acting = [name for i, name in enumerate(self.names)
                         if (_acts(scene, name) if name.startswith(PREFIX) else i not in self._through)]  # fmt: skip
-        modes = bool(self._own.holds or self._own.contacts)
+        modes = bool(self._own.locks or self._own.contacts)
         self._derives = [i for i in range(len(self.names)) if modes or i in self._through]
         for i, name in enumerate(self.names):
             for (_, pair), (_, moved) in zip(self._own.pairs, self._switching(i, 1).pairs, strict=True):
@@ -73,8 +73,8 @@ class ParameterVariation:
         changed = [name for i in self._derives for name, value in self._derived(i, 1).items()
                    if value != self._derived(i, 0)[name]]  # fmt: skip
         self.constants = tuple(dict.fromkeys([*self._acting, *changed]))
-        beside = [zip(self._own.holds, self._switching(i, 1).holds, strict=True) for i in self._derives]
-        self.has_friction = any(hold.kinetic != moved.kinetic for pairs in beside for (_, hold), (_, moved) in pairs)
+        beside = [zip(self._own.locks, self._switching(i, 1).locks, strict=True) for i in self._derives]
+        self.has_friction = any(lock.kinetic != moved.kinetic for pairs in beside for (_, lock), (_, moved) in pairs)
 
     def step(self, i: int) -> float:
         """By how much parameter i is moved."""
@@ -121,8 +121,8 @@ class ParameterVariation:
         lockable = self.equations.layout.lockable if self.has_friction else ()
 
         def values(i: int, k: float) -> Array:
-            holds, derived = self._switching(i, k).holds, self._derived(i, k, dropped)
-            torques = [-slip.get(d, 0.0) * sum(h.kinetic for _, h in holds if h.dof == d) for d in lockable]
+            locks, derived = self._switching(i, k).locks, self._derived(i, k, dropped)
+            torques = [-slip.get(d, 0.0) * sum(h.kinetic for _, h in locks if h.dof == d) for d in lockable]
             return np.array(torques + [derived.get(name, 0.0) for name in self.constants])
 
         out = np.zeros((len(lockable) + len(self.constants), len(self.names)))

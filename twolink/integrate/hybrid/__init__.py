@@ -1,4 +1,4 @@
-"""The hybrid engine: smooth segments between located events. It knows holds, stops, contacts and triggers, no effects.
+"""The hybrid engine: smooth segments between located events. It knows locks, stops, contacts and triggers, no effects.
 
 snapshot      accelerations, forces and what guards look at, of states in one mode
 modes         the modes of a scene, and the equations of each

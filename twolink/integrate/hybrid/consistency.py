@@ -1,4 +1,4 @@
-"""Consistent modes: which joints are held and which contacts press, slide or roll, so that the laws hold.
+"""Consistent modes: which joints are locked and which contacts press, slide or roll, so that the laws hold.
 
 Everything that may be at rest is tried at rest. Where a force breaks its law there, all forces are solved for at once
 (`contact_problem`), and the modes are those of the accelerations.
@@ -13,7 +13,7 @@ import numpy as np
 from twolink.algorithms.namespaces import Numbers
 from twolink.errors import AccuracyError
 from twolink.integrate.hybrid.contact_problem import (
-    HeldJoint,
+    LockedJoint,
     Outcome,
     Rows,
     contact_bias,
@@ -85,7 +85,7 @@ def _with_consistent_contacts(state: ModeState, still: float, opened: frozenset[
 
 
 def _with_joints_at_rest(state: ModeState, still: float, opened: frozenset[Key]) -> ModeState:
-    """Every joint locked that is at rest and can be held; velocities of joints at rest are 0."""
+    """Every joint locked that is at rest and can be locked; velocities of joints at rest are 0."""
     system, mode, x, _ = state
     x = np.array(x)
     for k in system.lockable:
@@ -95,7 +95,7 @@ def _with_joints_at_rest(state: ModeState, still: float, opened: frozenset[Key])
         if moving:
             continue
         x[system.nq + k] = 0.0
-        if ("joint", k) not in opened and system.holds(k, x):
+        if ("joint", k) not in opened and system.locks(k, x):
             mode = mode.locking(k)
     return state._replace(mode=mode, x=x)
 
@@ -134,7 +134,7 @@ def _with_closed_contacts(state: ModeState, still: float, opened: frozenset[Key]
 
 
 def _without_redundant_locks(state: ModeState) -> Mode:
-    """The mode without locks of joints that loops hold already: their friction is not determined."""
+    """The mode without locks of joints that loops lock already: their friction is not determined."""
     mode = state.mode
     loops = loop_rows(state) if mode.locked else np.empty((0, 0))
     wanted, free = np.linalg.matrix_rank(loops, tol=RANK) if len(loops) else 0, np.ones(len(state.v))
@@ -147,7 +147,7 @@ def _without_redundant_locks(state: ModeState) -> Mode:
 
 
 def _is_lawful(state: ModeState, still: float) -> bool:
-    """True if all that is held, and that presses, does so within its law, and nothing else begins the wrong way."""
+    """True if all that is locked, and that presses, does so within its law, and nothing else begins the wrong way."""
     system, mode, x, t = state
     own, snapshot = state.own, state.evaluate()
     if not np.isfinite(snapshot.a).all():
@@ -164,8 +164,8 @@ def _is_lawful(state: ModeState, still: float) -> bool:
         for i, kind in enumerate(mode.contacts):
             if kind != "free":
                 normal, *across = own.contact_forces(snapshot, i)[:, 0]
-                holds = system.contacts[i].static * normal if kind == "rolling" else math.inf
-                lawful &= normal >= -allowed and math.hypot(*across) - holds <= allowed
+                limit = system.contacts[i].static * normal if kind == "rolling" else math.inf
+                lawful &= normal >= -allowed and math.hypot(*across) - limit <= allowed
     small = OVERLAPS * (1.0 + float(np.abs(snapshot.a).max(initial=0.0)))
     return (
         lawful
@@ -175,7 +175,7 @@ def _is_lawful(state: ModeState, still: float) -> bool:
 
 
 def _wrong_joints(state: ModeState, a: Array, small: float) -> list[int]:
-    """The joints at rest that nothing holds and that begin to move into a stop, or not as their friction says."""
+    """The joints at rest that nothing locks and that begin to move into a stop, or not as their friction says."""
     system, mode, x, _ = state
     wrong = []
     for k in system.lockable:
@@ -268,10 +268,10 @@ class ModeProblem:
         for k in {*joints, *mode.locked}:
             mode = mode.freeing(k, 0.0)
         without = self.state.in_mode(mode)
-        held = [HeldJoint(np.eye(len(self.state.v))[[k]], *system.torque_range(k, self.state.x), system.kinetic[k])
+        locked = [LockedJoint(np.eye(len(self.state.v))[[k]], *system.torque_range(k, self.state.x), system.kinetic[k])
                 for k in joints]  # fmt: skip
         rows = [self._rows(without, i, sticking) for i in contacts]
-        return solve_contacts(without.evaluate().a[:, 0], self.inverse, [*rows, *held])
+        return solve_contacts(without.evaluate().a[:, 0], self.inverse, [*rows, *locked])
 
     def mode_state(
         self, outcome: Outcome, contacts: Sequence[int], joints: Sequence[int], sticking: AbstractSet[int]

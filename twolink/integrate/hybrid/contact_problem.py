@@ -7,7 +7,7 @@
     joint at rest:           least <= p <= greatest,   c' = 0, or p at its limit against c'
 
 a_0: without these forces. W: the inverse of M for what loops allow. J: rows of the gaps' rates and slips c, and units
-of joints that stops and dry friction hold. Solved by sweeps over them (projected Gauss-Seidel) until the laws hold, or
+of joints that stops and dry friction lock. Solved by sweeps over them (projected Gauss-Seidel) until the laws hold, or
 by Newton's method from there. Which press, slide or stick is read from the accelerations: they are determined where
 the forces are not.
 Source: Jourdan, Alart, Jean, Comput. Methods Appl. Mech. Engrg. 155 (1998) 31-47.
@@ -52,8 +52,8 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class HeldJoint:
-    """A joint at rest. rows: J (1, nv). least, greatest: of torques that hold it; kinetic: of friction in motion."""
+class LockedJoint:
+    """A joint at rest. rows: J (1, nv). least, greatest: of torques that lock it; kinetic: of friction in motion."""
 
     rows: Array
     least: float
@@ -70,7 +70,7 @@ class Outcome(NamedTuple):
     rates: list[Array]
 
 
-def solve_contacts(free: Array, inverse: Array, contacts: Sequence[Rows | HeldJoint]) -> Outcome | None:
+def solve_contacts(free: Array, inverse: Array, contacts: Sequence[Rows | LockedJoint]) -> Outcome | None:
     """The motion of a_0 (nv,) and W (nv, nv) under the forces of contacts and joints at rest; None without any."""
     if not contacts:
         return Outcome(free, [], [])
@@ -93,7 +93,7 @@ class _Laws:
     The projection is that of `friction_cone`, or between the limits of a joint.
     """
 
-    def __init__(self, free: Array, inverse: Array, contacts: Sequence[Rows | HeldJoint]) -> None:
+    def __init__(self, free: Array, inverse: Array, contacts: Sequence[Rows | LockedJoint]) -> None:
         ends = np.cumsum([len(contact.rows) for contact in contacts])
         self.places = [slice(end - len(contact.rows), end) for end, contact in zip(ends, contacts, strict=True)]
         self.contacts, self.rows = contacts, np.concatenate([contact.rows for contact in contacts])
@@ -111,7 +111,7 @@ class _Laws:
                 rates = self.gain[place] @ p + self.at_rest[place]
                 better = (
                     _projection(contact, p[place] - self.r[place] * rates)[0]
-                    if isinstance(contact, HeldJoint)
+                    if isinstance(contact, LockedJoint)
                     else _force(contact, self.gain[place, place], rates, p[place])
                 )
                 if better is None:
@@ -158,10 +158,10 @@ class _Laws:
         return left, slopes
 
 
-def _projection(contact: Rows | HeldJoint, z: Array) -> tuple[Array, Array]:
+def _projection(contact: Rows | LockedJoint, z: Array) -> tuple[Array, Array]:
     """proj(z), and its derivative by z = p - r c'; beyond what holds, kinetic friction acts."""
     size = len(z)
-    if isinstance(contact, HeldJoint):
+    if isinstance(contact, LockedJoint):
         if contact.least <= z[0] <= contact.greatest:
             return z, np.eye(1)
         return np.array([math.copysign(contact.kinetic, z[0] - contact.least)]), np.zeros((1, 1))

@@ -2,7 +2,7 @@
 
 mode -> equations -> steps to the first zero of a guard -> its transition -> consistent mode -> and so on
 
-A mode goes on where controllers change numbers that hold, with the steps of its method, unless these break one of its
+A mode goes on where controllers change held numbers, with the steps of its method, unless these break one of its
 laws: then the next mode begins there.
 """
 
@@ -106,7 +106,7 @@ class Engine:
         run = self.run
         if run.ended:
             return
-        run.system = run.system.holding(numbers)
+        run.system = run.system.with_held(numbers)
         if self._open is None:
             run.resolve_mode()
         elif self._keeps_laws(self._open):

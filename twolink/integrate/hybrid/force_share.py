@@ -1,14 +1,14 @@
 """Forces of contacts on more points than determine them: whether any share of the forces obeys the laws.
 
-    lambda = lambda_0 + Z z,   F B Z = 0,   torques of held joints = those of lambda_0 - B Z z
+    lambda = lambda_0 + Z z,   F B Z = 0,   torques of locked joints = those of lambda_0 - B Z z
     margin = max over z of min over contacts:  N_i,  of those that stick  mu N_i - |T_i|
-                       and over held joints:   how far their torques are within what holds them
+                       and over locked joints: how far their torques are within what locks them
 
 B: the generalized forces of the rows of contacts, and of loops, which have no law; F: those on joints that are not
-held. The laws hold as long as the margin is not negative. Where it passes 0, the contacts and joints whose laws are at
-their limit in the best share give way. It is the optimum of a cone program, found by Newton's method along the central
-path (Boyd, Vandenberghe: Convex Optimization, 2004, chapter 11), for many states at once. A margin counts up to ENOUGH
-of the load: where the smallest forces have that, nothing is optimized.
+locked. The laws hold as long as the margin is not negative. Where it passes 0, the contacts and joints whose laws are
+at their limit in the best share give way. It is the optimum of a cone program, found by Newton's method along the
+central path (Boyd, Vandenberghe: Convex Optimization, 2004, chapter 11), for many states at once. A margin counts up to
+ENOUGH of the load: where the smallest forces have that, nothing is optimized.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class ForceDistribution:
 
 @dataclass(frozen=True)
 class Support:
-    """A joint that is held: its row of the snapshot's `locks`, its degree of freedom, what can hold it, N m or N."""
+    """A joint that is locked: its row of the snapshot's `locks`, its degree of freedom, what can lock it, N m or N."""
 
     row: int
     dof: int
@@ -76,22 +76,24 @@ class Support:
 
 
 def share_of(state: ModeState) -> ForceDistributionProblem:
-    """The shares of the forces of what touches and what is held in a state of its mode."""
+    """The shares of the forces of what touches and what is locked in a state of its mode."""
     system, mode = state.system, state.mode
-    held = [Support(i, k, *system.torque_range(k, state.x)) for i, k in enumerate(system.lockable) if k in mode.locked]
-    return ForceDistributionProblem(state.own, mode, system.static, held)
+    supports = [
+        Support(i, k, *system.torque_range(k, state.x)) for i, k in enumerate(system.lockable) if k in mode.locked
+    ]
+    return ForceDistributionProblem(state.own, mode, system.static, supports)
 
 
 class ForceDistributionProblem:
-    """The shares of the forces of a mode's closed contacts, which rigid bodies do not determine. held: its joints."""
+    """The shares of the forces of a mode's closed contacts, not determined by rigid bodies. supports: locked joints."""
 
-    def __init__(self, own: ModeEquations, mode: Mode, static: Array, held: Sequence[Support] = ()) -> None:
-        self.own, self.held = own, tuple(held)
+    def __init__(self, own: ModeEquations, mode: Mode, static: Array, supports: Sequence[Support] = ()) -> None:
+        self.own, self.supports = own, tuple(supports)
         self.contacts = tuple(own.rows)
         sticks = np.array([mode.contacts[i] == "rolling" for i in self.contacts])
-        self.friction = np.append(np.where(sticks, static[list(self.contacts)], 1.0), np.ones(len(self.held)))
+        self.friction = np.append(np.where(sticks, static[list(self.contacts)], 1.0), np.ones(len(self.supports)))
         self.entries = [(c, k) for c, rolls in enumerate(sticks) for k in range(3 if rolls else 1)]  # of columns
-        self.sticks = np.append(sticks, np.array([one.both for one in self.held], dtype=bool))
+        self.sticks = np.append(sticks, np.array([one.both for one in self.supports], dtype=bool))
         self.free = np.ones(own.equations.space.nv)
         self.free[sorted(mode.locked)] = 0.0
         self._ways: tuple[Array, Array] | None = None  # B, and Z of it
@@ -110,7 +112,7 @@ class ForceDistributionProblem:
         """Z of states with B (n, nv, columns): states with k ways in common, and Z (states or 1, supports, 3, k).
 
         Its columns are forces of contacts that together move nothing, each of size 1 and orthogonal to the others, and
-        below them what they do to the joints that are held.
+        below them what they do to the joints that are locked.
         """
         small = SAME * np.abs(columns).max(initial=0.0)
         if self._ways is not None and (np.abs(columns - self._ways[0]) <= small).all():
@@ -123,10 +125,10 @@ class ForceDistributionProblem:
         ranks = (sizes > RANK * np.maximum(1e-300, sizes[:, :1])).sum(axis=1)
         for rank in np.unique(ranks):
             these = np.flatnonzero(ranks == rank)
-            ways = np.zeros((len(these), len(self.contacts) + len(self.held), 3, columns.shape[2] - rank))
+            ways = np.zeros((len(these), len(self.contacts) + len(self.supports), 3, columns.shape[2] - rank))
             for k, (contact, entry) in enumerate(self.entries):
                 ways[:, contact, entry] = right[these, rank:, columns.shape[2] - len(self.entries) + k]
-            for c, one in enumerate(self.held, len(self.contacts)):
+            for c, one in enumerate(self.supports, len(self.contacts)):
                 torque = -np.einsum("sk,swk->sw", columns_of[these, one.dof], right[these, rank:])
                 ways[:, c, int(one.both)] = torque if one.both or math.isfinite(one.least) else -torque
             chosen = np.flatnonzero(ranks[place] == rank)
@@ -145,12 +147,12 @@ class ForceDistributionProblem:
         return snapshot.columns.T.reshape(count, -1, len(self.free)).swapaxes(1, 2)
 
     def _base(self, snapshot: Snapshot) -> Array:
-        """The multipliers of the kept rows, 0 for the others, and what holds joints, (n, supports, 3)."""
-        base = np.zeros((len(snapshot.t), len(self.contacts) + len(self.held), 3))
+        """The multipliers of the kept rows, 0 for the others, and what locks joints, (n, supports, 3)."""
+        base = np.zeros((len(snapshot.t), len(self.contacts) + len(self.supports), 3))
         for c, i in enumerate(self.contacts):
             rows = self.own.contact_forces(snapshot, i)
             base[:, c, : len(rows)] = rows.T
-        for c, one in enumerate(self.held, len(self.contacts)):
+        for c, one in enumerate(self.supports, len(self.contacts)):
             base[:, c] = one.within(snapshot.locks[one.row])
         return base
 
@@ -185,26 +187,26 @@ class ForceDistributionProblem:
         return ForceDistribution(load * margin, load * forces, 2.0 * u[..., 0] / (size * weight / GROWTH), load)
 
 
-def margins(equations: Equations, closed: Sequence[Any], t: Array, x: Array, held: Sequence[Support]) -> Array:
-    """Margins of the best shares of states x (size, n) within the laws, (n,), N. closed, held: see `_of_loops`."""
-    evaluator, share = _of_loops(equations, closed, held)
+def margins(equations: Equations, closed: Sequence[Any], t: Array, x: Array, supports: Sequence[Support]) -> Array:
+    """Margins of the best shares of states x (size, n) within the laws, (n,), N. closed, supports: see `_of_loops`."""
+    evaluator, share = _of_loops(equations, closed, supports)
     return share.best(evaluator.by_numpy(t, x)).margin
 
 
 def _of_loops(
-    equations: Equations, closed: Sequence[Any], held: Sequence[Support]
+    equations: Equations, closed: Sequence[Any], supports: Sequence[Support]
 ) -> tuple[Evaluator, ForceDistributionProblem]:
     """The shares of equations with contacts.
 
-    closed: the constraints of the contacts, with `rolling` and `friction`, which are the last of the equations. held:
-    the joints that are held at all states.
+    closed: the constraints of the contacts, with `rolling` and `friction`, which are the last of the equations.
+    supports: the joints that are locked at all states.
     """
     evaluator = Evaluator(equations, columns_of=len(closed))
     rows = {} if equations.constraints is None else contact_places(equations.constraints, range(len(closed)))
     mode = Mode(tuple("rolling" if loop.rolling else "sliding" for loop in closed),
-                locked=frozenset(one.dof for one in held))  # fmt: skip
+                locked=frozenset(one.dof for one in supports))  # fmt: skip
     static = np.array([loop.friction for loop in closed])
-    return evaluator, ForceDistributionProblem(ModeEquations(equations, evaluator, rows), mode, static, held)
+    return evaluator, ForceDistributionProblem(ModeEquations(equations, evaluator, rows), mode, static, supports)
 
 
 def within_laws(equations: Equations, closed: Sequence[Any], t: Array, x: Array, every: Array) -> Array:

@@ -12,7 +12,7 @@ What bounces lower than a run resolves comes to rest at once, all of it together
     v+ = v - W B (J W B)^+ J v,   so that J v+ = 0
 
 J: rows of what rests, B: the forces there, with the friction of contacts that slide. A stop or contact that parts with
-a speed u comes back if it presses with a force p where all that rests is held: it is accelerated back by g = p J W J^T,
+a speed u comes back if it presses with a force p where all that rests stays: it is accelerated back by g = p J W J^T,
 from a height u^2 / (2 g). Bounces with restitution e end after 2 u / (g (1 - e)) seconds.
 """
 
@@ -260,7 +260,7 @@ def brought_to_rest(state: ModeState, small: float) -> tuple[Array, list[tuple[s
     if not parting:
         return None
     still, problem = still_speed(state.v), ModeProblem(state, still_speed(state.v))
-    resting = {k for k in state.system.lockable if abs(state.v[k]) <= still and state.system.holds(k, state.x)}
+    resting = {k for k in state.system.lockable if abs(state.v[k]) <= still and state.system.locks(k, state.x)}
     rows = state.evaluate().contacts[:, :2, 0] if state.system.contacts else np.empty((0, 2))
     touching = {i for i, (gap, rate) in enumerate(rows) if gap <= NEAR and abs(rate) <= still}
     while parting:

@@ -1,4 +1,4 @@
-"""Modes: what is locked, slipping, in contact and dropped, and the equations that hold in each mode."""
+"""Modes: what is locked, slipping, in contact and dropped, and the equations in force in each mode."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from twolink.effects.switching import Hold, Switching, Trigger
+from twolink.effects.switching import JointLock, Switching, Trigger
 from twolink.geometry.features import Feature
 from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
 from twolink.integrate.motion.assembly import independent_rows
@@ -29,7 +29,7 @@ class Mode:
     """A mode of the switching effects. At first nothing is locked or in contact: forces decide what is at rest.
 
     contacts: the mode of each contact. directions: of each, the direction along its tangents in which it began to
-    slide. locked: degrees of freedom held at rest. slip: the direction of slip of those with friction. dropped and
+    slide. locked: degrees of freedom at rest. slip: the direction of slip of those with friction. dropped and
     waiting: places of effects that act no more, and not yet.
     """
 
@@ -61,7 +61,7 @@ class Mode:
         return replace(self, contacts=(*self.contacts[:i], mode, *self.contacts[i + 1 :]), directions=directions)
 
     def locking(self, k: int) -> Mode:
-        """The mode with degree of freedom k held at rest."""
+        """The mode with degree of freedom k locked at rest."""
         return replace(self, locked=self.locked | {k})
 
     def without(self, place: int) -> Mode:
@@ -128,11 +128,11 @@ class System:
         self.triggers = (*self.switching.triggers, *limits)
         self.conditions = [trigger.condition for _, trigger in self.triggers if trigger.condition is not None]
         self.names = {joint.v.start: joint.name for joint in self.robot.joints}
-        self._holds: dict[int, list[Hold]] = {k: [] for k in self.lockable}
-        for _, hold in self.switching.holds:
-            self._holds[hold.dof].append(hold)
-        self.kinetic = {k: sum(hold.kinetic for hold in holds) for k, holds in self._holds.items()}
-        self.has_friction = {k for k, holds in self._holds.items() if any(hold.entry is None for hold in holds)}
+        self._locks: dict[int, list[JointLock]] = {k: [] for k in self.lockable}
+        for _, lock in self.switching.locks:
+            self._locks[lock.dof].append(lock)
+        self.kinetic = {k: sum(lock.kinetic for lock in locks) for k, locks in self._locks.items()}
+        self.has_friction = {k for k, locks in self._locks.items() if any(lock.entry is None for lock in locks)}
         self.held: Mapping[str, float] = {}  # numbers by name, which controllers change at ticks
         self._seen: tuple[object, Snapshot] | None = None
         self._modes: dict[object, ModeEquations] = (
@@ -149,24 +149,24 @@ class System:
         other.static = np.array([contact.static for contact in other.contacts])
         return other
 
-    def holding(self, held: Mapping[str, float]) -> System:
-        """The system with other numbers that hold from now on."""
+    def with_held(self, held: Mapping[str, float]) -> System:
+        """The system with other held numbers, from now on."""
         other = copy.copy(self)
         other.held, other._seen = held, None
         return other
 
-    def every_hold(self, k: int) -> list[Hold]:
-        """Holds of a degree of freedom, at any position."""
-        return self._holds[k]
+    def every_lock(self, k: int) -> list[JointLock]:
+        """Locks of a degree of freedom, at any position."""
+        return self._locks[k]
 
-    def holds(self, k: int, x: Array) -> list[Hold]:
-        """Holds of a degree of freedom that can act at its position."""
-        return [hold for hold in self._holds[k] if hold.acts(x)]
+    def locks(self, k: int, x: Array) -> list[JointLock]:
+        """Locks of a degree of freedom that can act at its position."""
+        return [lock for lock in self._locks[k] if lock.acts(x)]
 
     def torque_range(self, k: int, x: Array) -> tuple[float, float]:
-        """The torques (least, greatest) that can hold a degree of freedom where it is."""
-        holds = self.holds(k, x)
-        return sum(hold.least for hold in holds), sum(hold.greatest for hold in holds)
+        """The torques (least, greatest) that can lock a degree of freedom where it is."""
+        locks = self.locks(k, x)
+        return sum(lock.least for lock in locks), sum(lock.greatest for lock in locks)
 
     def in_mode(self, mode: Mode, x: Array) -> ModeEquations:
         """The equations of a mode; independent constraint rows are chosen at the state x that meets them first."""
@@ -270,13 +270,13 @@ class ModeState(NamedTuple):
 
 
 def freed(state: ModeState, k: int, torque: float) -> Mode:
-    """The mode with a joint freed that this torque would hold: it slips where the load drives it."""
+    """The mode with a joint freed that this torque would lock: it slips where the load drives it."""
     if k not in state.system.has_friction:
         return state.mode.freeing(k, 0.0)
     return state.mode.freeing(k, 1.0 if torque < state.system.torque_range(k, state.x)[0] or torque < 0.0 else -1.0)
 
 
 def sliding(mode: Mode, i: int, forces: Array) -> Mode:
-    """The mode with contact i sliding against the force (normal, two tangential) that would hold it."""
+    """The mode with contact i sliding against the force (normal, two tangential) that would stop it."""
     size = math.hypot(forces[1], forces[2])
     return mode.with_contact(i, "sliding", (float(-forces[1] / size), float(-forces[2] / size)))

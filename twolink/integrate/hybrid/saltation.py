@@ -97,7 +97,7 @@ class Saltation:
         out[:states] += np.outer(rates[0], late)
         if moved:
             directions = out.copy()
-            for k in before.mode.locked:  # what is held is held exactly
+            for k in before.mode.locked:  # what is locked stays exactly
                 directions[nv + k] = 0.0
             out[:states] = np.array([self._derivative_after(jump, direction, delay, share)
                                      for direction, delay in zip(directions.T, late, strict=True)]).T  # fmt: skip
@@ -107,12 +107,12 @@ class Saltation:
     def start(self, run: RunState, s: Array) -> Array:
         """S at the start, where a run has found its mode. Raises AccuracyError where S would leave that mode."""
         nv, moving = self.equations.space.nv, np.flatnonzero(s[self.equations.space.tangent :].any(axis=1)).tolist()
-        held = [k for k in run.mode.locked if s[nv + k].any() or any(hold.entry is not None and s[k].any()
-                for hold in run.system.holds(k, run.x))]  # fmt: skip
-        held += [k for k in run.mode.locked for i in moving if self._places(run, k, i) != self._places(run, k)]
+        locked = [k for k in run.mode.locked if s[nv + k].any() or any(lock.entry is not None and s[k].any()
+                for lock in run.system.locks(k, run.x))]  # fmt: skip
+        locked += [k for k in run.mode.locked for i in moving if self._places(run, k, i) != self._places(run, k)]
         at_rest = [k for k in run.mode.slip if k not in run.mode.locked and run.x[self.equations.space.nq + k] == 0.0]
-        held += [k for k in at_rest if s[nv + k].any() and any(hold.kinetic for hold in run.system.holds(k, run.x))]
-        names = [run.system.names[k] for k in held]
+        locked += [k for k in at_rest if s[nv + k].any() and any(lock.kinetic for lock in run.system.locks(k, run.x))]
+        names = [run.system.names[k] for k in locked]
         for i, kind in enumerate(run.mode.contacts):
             if kind == "free":
                 continue
@@ -123,16 +123,16 @@ class Saltation:
             if any(np.abs(self._derivative(run, rows, column, 0.0, bound=False)).max() > UNCHANGED for column in s.T):
                 names.append(run.system.contacts[i].name)
         if names:
-            raise AccuracyError(f"there are no derivatives by a start that would move {', '.join(names)}, held there "
+            raise AccuracyError(f"there are no derivatives by a start that would move {', '.join(names)}, locked there "
                                 "or at rest with friction, which acts against either direction",
                                 where="wrt", remedy='ask for single joints, such as "q.elbow"',
                                 code="sensitivity-undefined", t=run.t)  # fmt: skip
         return s
 
     def _places(self, run: RunState, k: int, parameter: int | None = None) -> list[float]:
-        """Positions at which degree of freedom k is held, with a parameter moved."""
-        every = (run.system if parameter is None else self._system(parameter, 1)).every_hold(k)
-        return [hold.position for hold, own in zip(every, run.system.every_hold(k), strict=True)
+        """Positions at which degree of freedom k is locked, with a parameter moved."""
+        every = (run.system if parameter is None else self._system(parameter, 1)).every_lock(k)
+        return [lock.position for lock, own in zip(every, run.system.every_lock(k), strict=True)
                 if own.entry is not None and own.acts(run.x)]  # fmt: skip
 
     def _delay(self, jump: Jump, guard: Guard, rate: Array, s: Array, share: float) -> Array:
@@ -221,7 +221,7 @@ class Saltation:
             q = self.equations.robot.integrate(run.x[:nq], k * step * direction[:nv])
             other.x = np.concatenate([q, run.x[nq:] + k * step * direction[nv:states]])
             other.t = run.t + k * step * delay
-            return function(_held(other, run, bound=bound))
+            return function(_beside(other, run, bound=bound))
 
         return np.asarray(derivative(lambda k: at(share * k), share * step))
 
@@ -242,12 +242,12 @@ class Saltation:
         return self._systems[i, k]
 
 
-def _held(other: RunState, run: RunState, *, bound: bool) -> RunState:
-    """A run beside another, with what that holds held, and loops closed."""
+def _beside(other: RunState, run: RunState, *, bound: bool) -> RunState:
+    """A run beside another, with the same joints locked in place, and loops closed."""
     for k in run.mode.locked:
-        for hold, own in zip(other.system.every_hold(k), run.system.every_hold(k), strict=True):
+        for lock, own in zip(other.system.every_lock(k), run.system.every_lock(k), strict=True):
             if own.entry is not None and own.acts(run.x):
-                other.x[own.entry] = hold.position
+                other.x[own.entry] = lock.position
     equations = other.mode_state.own.equations
     if bound and equations.constraints is not None:
         other.x = projected(equations, other.mode_state.full_state(), Numbers)[: equations.moving]

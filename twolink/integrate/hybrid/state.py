@@ -114,13 +114,13 @@ class RunState:
             self._rest_noted.add(name)
 
     def _note_joint(self, k: int) -> None:
-        """Note that a joint is held now, or free: by what holds it there, else by what holds it anywhere."""
-        holds = sorted(self.system.holds(k, self.x), key=lambda hold: hold.entry is None)
+        """Note that a joint is locked now, or free: by what locks it there, else by what locks it anywhere."""
+        locks = sorted(self.system.locks(k, self.x), key=lambda lock: lock.entry is None)
         name, locked = self.system.names[k], k in self.mode.locked
-        if locked and not (holds[0].entry is not None and name in self._rest_noted):
-            self.note(holds[0].kinds[0], name)
+        if locked and not (locks[0].entry is not None and name in self._rest_noted):
+            self.note(locks[0].kinds[0], name)
         if not locked:
-            self.note(holds[-1].kinds[1] if holds else "leave", name)
+            self.note(locks[-1].kinds[1] if locks else "leave", name)
 
     def apply_impact(self, touch: Touch, kind: str = "impact") -> None:
         """Change the velocities by the impulses of what is hit, if it is not only grazed."""
@@ -213,9 +213,9 @@ class RunState:
             if room < -BEYOND:
                 raise SceneError(f"{who} has joint {stop.name!r} {-room:.3g} beyond its stop at {stop.position:g}",
                                  where="q", remedy="keep it within its limits", code="beyond-stop")  # fmt: skip
-        for _, hold in self.system.switching.holds:
-            if hold.entry is not None and abs(self.x[hold.entry] - hold.position) <= BEYOND:
-                self.x[hold.entry] = hold.position
+        for _, lock in self.system.switching.locks:
+            if lock.entry is not None and abs(self.x[lock.entry] - lock.position) <= BEYOND:
+                self.x[lock.entry] = lock.position
         for pair in self.system.pairs:
             _require_gap(who, pair.name, pair.separation(self.motion()))
         self.add_touching()

@@ -184,7 +184,7 @@ def _is_over(run: RunState, place: int, trigger: Trigger) -> bool:
 
 
 def _is_caught(run: RunState, trigger: Trigger) -> bool:
-    """True if the joint of a catch is held where that catches it."""
+    """True if the joint of a catch is locked where that catches it."""
     catch = trigger.catch
     return catch is not None and catch.dof in run.mode.locked and run.x[catch.entry] == catch.position
 
@@ -254,7 +254,7 @@ def _give_way(share: ForceDistributionProblem, run: RunState) -> None:
     _still(run)
     before, best = run.mode, share.best(run.mode_state.evaluate())
     tight, count = best.weight[0] > TIGHT * best.weight[0].max(), len(share.contacts)
-    for one, force, gives in zip(share.held, best.forces[0, count:], tight[count:], strict=True):
+    for one, force, gives in zip(share.supports, best.forces[0, count:], tight[count:], strict=True):
         if gives:
             run.mode = freed(run.mode_state, one.dof, one.torque(force))
             run.opened.add(("joint", one.dof))

@@ -106,7 +106,7 @@ async def _take_place(service: Shared, client: str) -> None:
             while not service.lives.take(client):
                 await asyncio.sleep(0.05)
     except TimeoutError:
-        raise busy(f"{service.lives.held} simulations are live already", "connection") from None
+        raise busy(f"{service.lives.taken} simulations are live already", "connection") from None
 
 
 async def _run(socket: WebSocket[Any, Any, Any], service: Shared, client: str) -> None:

@@ -24,7 +24,7 @@ from twolink.service.problems import JSON, Refusal, decode_unique, problem_of
 from twolink.service.settings import Quotas
 from twolink.service.work.requests import QUERIES, version_key
 from twolink.service.work.robot_tasks import ReceivedRobot, RobotOptions
-from twolink.service.work.sharing import hold, require_owner
+from twolink.service.work.sharing import require_owner, this_request
 
 OPTIONS_BYTES = 2**16  # of a body in JSON, without the text of a robot
 _Undecoded = msgspec.defstruct(
@@ -39,7 +39,7 @@ _PARAMETERS = ("root", "mimic", "unphysical", "foreign", "urdf", "gravity", "loc
 async def list_robots(service: Shared) -> list[dict[str, Any]]:
     """The robots of the catalogue, whose names are their ids, and those that the token's owner has uploaded."""
     shown = ("id", "name", "origin", "nq", "nv", "mass", "root", "source", "lock")
-    uploaded = await service.store.run(service.store.robots, shown, hold().sees)
+    uploaded = await service.store.run(service.store.robots, shown, this_request().sees)
     return [*({"name": name, **_about(name)} for name in catalogue()), *uploaded]
 
 
@@ -77,8 +77,8 @@ async def upload_robot(request: Request[Any, Any, Any], service: Shared) -> Resp
     body, media = await request.body(), media_type(request.headers.get("content-type", "").encode())
     media = _sniffed(body) if media in (*UNSPECIFIED, OCTETS) else media
     if media == JSON:
-        hold().add(2 * len(body))  # its text, decoded and encoded again
-    parts = (body, media, request.query_params, service.settings.quotas, service.ids_of(hold().owner))
+        this_request().add(2 * len(body))  # its text, decoded and encoded again
+    parts = (body, media, request.query_params, service.settings.quotas, service.ids_of(this_request().owner))
     key, kind, options, content = await asyncio.to_thread(_upload, *parts)  # to hash 100 MB takes 0.1 s
     async with service.locks(key):
         kept = await service.store.run(service.store.robot, key)
@@ -152,7 +152,7 @@ def _options(query: MultiDict[str]) -> RobotOptions:
 async def _receive(service: Service, key: str, kind: str, options: RobotOptions, content: bytes) -> dict[str, Any]:
     """Have a worker load an upload, and keep it once that has gone well."""
     quotas, store = service.settings.quotas, service.store
-    owner, (count, _) = hold().owner, await store.run(store.robot_use)
+    owner, (count, _) = this_request().owner, await store.run(store.robot_use)
     if count >= quotas.uploads:
         raise Refusal(429, f"{quotas.uploads} robots are kept already", where="request", remedy="delete some")
 

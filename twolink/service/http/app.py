@@ -34,7 +34,7 @@ from twolink.service.logs import REQUEST_ID, AccessLog, Answered, request_id
 from twolink.service.problems import JSON, Refusal, answer_of
 from twolink.service.settings import Settings
 from twolink.service.work.requests import QUERIES
-from twolink.service.work.sharing import HOLD, OWNER, RequestMemory, Shares, client_of_scope, hold
+from twolink.service.work.sharing import OWNER, REQUEST, RequestMemory, Shares, client_of_scope, this_request
 
 _PARTS = (api_models, api_jobs, api_live, api_site)
 _HANDLERS = [handler for part in _PARTS for handler in part.HANDLERS]
@@ -76,7 +76,7 @@ class Shell:
         self._memory = Shares(self._quotas.memory_in_flight_mb * 2**20)
         self._under_way, self._routes = 0, _routes(inner)
         service.metrics.gauge("twolink_requests_under_way", "Requests that are answered", lambda: self._under_way)
-        service.metrics.gauge("twolink_bytes_in_flight", "Bytes of bodies and answers", lambda: self._memory.held)
+        service.metrics.gauge("twolink_bytes_in_flight", "Bytes of bodies and answers", lambda: self._memory.taken)
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         root = self.service.settings.root_path if "path" in scope else ""
@@ -113,7 +113,7 @@ class Shell:
 
         self._under_way += 1
         mine = RequestMemory(self._memory, client_of_scope(scope))
-        HOLD.set(mine)  # uvicorn answers each request in a task of its own
+        REQUEST.set(mine)  # uvicorn answers each request in a task of its own
         try:
             asked = scope if scope["method"] != "HEAD" else {**scope, "method": "GET"}
             await self._answer(asked, receive, send_noted)
@@ -199,13 +199,13 @@ class Shell:
         except Exception as error:
             cause = error.__cause__  # Litestar wraps what is refused while an answer is sent
             status, headers, body = answer_of(cause if isinstance(cause, Refusal) else error)
-        hold().keep(len(body))
+        this_request().keep(len(body))
         await send_answer(send, status, [*headers, *cors, DENY_ALL], body)
         self._metrics.answered(route, status, time.perf_counter() - start)
 
     def _identify(self, scope: Any) -> None:
         """Let the request under way have what its owner may have."""
-        mine, owner = hold(), scope.get(OWNER, "")
+        mine, owner = this_request(), scope.get(OWNER, "")
         mine.client, mine.owner = client_of_scope(scope), owner
         mine.sees = None if owner in self.service.settings.admins else owner
 

@@ -45,7 +45,7 @@ from twolink.service.work.requests import (
     prepare,
 )
 from twolink.service.work.sandbox import protection
-from twolink.service.work.sharing import KeyedLocks, Shares, hold
+from twolink.service.work.sharing import KeyedLocks, Shares, this_request
 from twolink.service.work.time_shares import BESIDE, PAUSED
 from twolink.service.work.worker_pool import Workers
 from twolink.service.work.worker_process import WorkerMemory
@@ -237,7 +237,7 @@ class Service:
 
     async def prepare(self, kind: str, body: bytes) -> JobRequest:
         """Check the body of a request for a job."""
-        ids = self.ids_of(hold().owner)
+        ids = self.ids_of(this_request().owner)
         if len(body) <= _REQUEST_IN_LOOP:
             return prepare(kind=kind, body=body, ids=ids)
         return msgspec.convert(await self.read("prepare", kind=kind, body=body, ids=ids), JobRequest)

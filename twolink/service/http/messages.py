@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 from twolink.service.problems import Refusal
 from twolink.service.settings import Quotas, Settings, ip_address
 from twolink.service.store.archives import GZIP_LEVEL, NPZ
-from twolink.service.work.sharing import OWNER, hold
+from twolink.service.work.sharing import OWNER, this_request
 
 T = TypeVar("T")
 Header = tuple[bytes, bytes]
@@ -66,9 +66,9 @@ async def read_body(scope: Any, receive: Any, limit: float) -> bytes:
     stated = header(scope, b"content-length")
     if stated and (not stated.isdigit() or len(stated) > 18 or int(stated) > limit):
         raise too_large(limit)
-    reserve, parts, size, more = hold().add, [], 0, True
-    held = int(stated or 0)  # from the begin: what has been let in is not refused half way
-    reserve(2 * held)  # twice: in pieces and whole
+    reserve, parts, size, more = this_request().add, [], 0, True
+    reserved = int(stated or 0)  # from the begin: what has been let in is not refused half way
+    reserve(2 * reserved)  # twice: in pieces and whole
     while more:
         message = await receive()
         if message["type"] == "http.disconnect":
@@ -77,9 +77,9 @@ async def read_body(scope: Any, receive: Any, limit: float) -> bytes:
         size += len(parts[-1])
         if size > limit:
             raise too_large(limit)
-        if size > held:
+        if size > reserved:
             reserve(2 * size)
-            held += size
+            reserved += size
         more = message.get("more_body", False)
     if size > _JOIN:
         return await asyncio.to_thread(b"".join, parts)

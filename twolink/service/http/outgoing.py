@@ -8,7 +8,7 @@ from typing import Any
 
 from twolink.service.http.messages import DENY_ALL, SECURITY, Header, compressed, header, send_body
 from twolink.service.problems import Refusal
-from twolink.service.work.sharing import hold
+from twolink.service.work.sharing import this_request
 
 _BESIDE = 2**18  # bytes from which on another thread makes the tag
 _RANGE = re.compile(rb"bytes=(\d{0,18})-(\d{0,18})")
@@ -51,7 +51,7 @@ class Outgoing:
                 headers.append((b"etag", await asyncio.to_thread(_tag, body) if len(body) > _BESIDE else _tag(body)))
         if is_kept and {b"etag", b"content-length"} <= dict(headers).keys():
             headers = self._select(headers)
-        hold().add(len(body))
+        this_request().add(len(body))
         has_policy = any(name == DENY_ALL[0] for name, _ in headers)
         added = [*SECURITY, *self._added, *([] if has_policy else [DENY_ALL])]
         await self._send({**self._start, "status": self.status, "headers": [*headers, *added]})

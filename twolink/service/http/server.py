@@ -109,7 +109,7 @@ class Protocol(HttpToolsProtocol):
         if self._limits.connections.take(client):
             self._holder = client
         else:
-            self._end_with(busy(f"{self._limits.connections.held} connections are open already", "connection"))
+            self._end_with(busy(f"{self._limits.connections.taken} connections are open already", "connection"))
             transport.close()
 
     def connection_lost(self, exc: Exception | None) -> None:

@@ -8,12 +8,12 @@ const MOST = 60; // messages a second
 export class Live {
   /** scene(): the scene as JSON. onEnd(): the simulation is over. */
   constructor(viewer, scene, onEnd) {
-    Object.assign(this, { viewer, scene, onEnd, socket: null, held: null, sent: 0 });
+    Object.assign(this, { viewer, scene, onEnd, socket: null, grip: null, sent: 0 });
     this.button = byId("live-button");
     this.button.addEventListener("click", () => (this.socket ? this.stop() : this.start()));
     const { pane } = viewer;
     pane.addEventListener("pointerdown", event => this.#grab(event), true);
-    pane.addEventListener("pointermove", event => this.held && this.#pull(event), true);
+    pane.addEventListener("pointermove", event => this.grip && this.#pull(event), true);
     for (const kind of ["pointerup", "pointercancel"]) pane.addEventListener(kind, () => this.#release(), true);
   }
 
@@ -38,7 +38,7 @@ export class Live {
   stop() {
     if (!this.socket) return;
     const closed = this.socket;
-    this.socket = this.held = null;
+    this.socket = this.grip = null;
     closed.close();
     this.#say("");
     this.onEnd();
@@ -51,8 +51,8 @@ export class Live {
 
   #grab(event) {
     if (event.button !== 0 || this.socket?.readyState !== WebSocket.OPEN) return;
-    this.held = this.viewer.grab(event);
-    if (!this.held) return;
+    this.grip = this.viewer.grab(event);
+    if (!this.grip) return;
     event.stopPropagation(); // the camera stays
     this.viewer.pane.setPointerCapture(event.pointerId);
     this.#pull(event);
@@ -62,13 +62,13 @@ export class Live {
     event.stopPropagation();
     if (performance.now() - this.sent < 1000 / MOST) return;
     this.sent = performance.now();
-    const { link, point, to } = this.held;
+    const { link, point, to } = this.grip;
     this.#send({ drag: { link, point, to: to(event) } });
   }
 
   #release() {
-    if (this.held) this.#send({});
-    this.held = null;
+    if (this.grip) this.#send({});
+    this.grip = null;
   }
 
   #send(words) {

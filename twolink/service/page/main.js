@@ -100,7 +100,7 @@ let running = null; // id of the run that the address names
 let drawn = null; // id of the robot in the 3D view
 let placed = {}; // where the links are at the start: {frames, poses}
 let turn = 0; // counts picks: an answer to an earlier pick is dropped
-let holding = 0; // changes of what is shown that are under way: the address is written after them
+let underWay = 0; // changes of what is shown that are under way: the address is written after them
 let drawing = null; // the picture of the robot that is under way: a run is shown after it
 let fitted = null; // id of the robot at whose motion the camera was aimed
 let awaited = false; // a run is shown after the scene: no look at it before
@@ -111,12 +111,12 @@ let stepping = false; // the next address that is written is a new step of the b
 async function useRobot(robot, changes) {
   turn += 1;
   editor.offer(robots.source, OWN);
-  await held(() => arrange(editor.own(robot), robot, OWN, changes));
+  await changing(() => arrange(editor.own(robot), robot, OWN, changes));
   remember(true);
 }
 
 async function pickScene(id, written = null) {
-  await held(() => useScene(id, written));
+  await changing(() => useScene(id, written));
   remember(true);
 }
 
@@ -193,7 +193,7 @@ async function draw(robot) {
 /** Write what is shown into the address; step: a new one in the browser's history. */
 function remember(step = false) {
   stepping ||= step;
-  if (holding || !robots.robot) return;
+  if (underWay || !robots.robot) return;
   const scene = editor.id === OWN ? null : editor.id;
   const { changes } = editor;
   writeAddress({ robot: robots.robot.id, scene, changes, run: running, compared: comparison.ids }, stepping);
@@ -215,19 +215,19 @@ function outdate() {
 }
 
 /** Change what is shown. What happens on the way is no step of the history, and does not replace the one before. */
-async function held(change) {
-  holding += 1;
+async function changing(change) {
+  underWay += 1;
   try {
     await change();
   } finally {
-    holding -= 1;
+    underWay -= 1;
   }
 }
 
 /** Show what the address says. */
 async function restore() {
   const { robot, scene, changes, run: id, compared } = readAddress();
-  await held(async () => {
+  await changing(async () => {
     const job = id ? await finished(id).catch(() => null) : null;
     awaited = Boolean(id); // where it is not kept, that is said, and stays
     if (scene) await useScene(scene, null, changes ?? {});
@@ -442,7 +442,7 @@ async function useRequest({ scene, accuracy = 1e-6, method = "auto", precision =
 /** Show one run of a sweep. */
 async function runCell(request) {
   awaited = true;
-  await held(() => useRequest(request));
+  await changing(() => useRequest(request));
   awaited = false;
   remember(true);
   byId("run-button").click();
@@ -452,7 +452,7 @@ async function runCell(request) {
 async function openPast(job) {
   const compared = comparison.kept;
   awaited = true;
-  await held(async () => {
+  await changing(async () => {
     await useRequest(job.request);
     awaited = false;
     comparison.kept = compared.filter(each => each.job.result.robot === job.result.robot);

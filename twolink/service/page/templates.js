@@ -66,10 +66,10 @@ export function templates({ robot, q, place, constants }) {
     const ground = { kind: "plane", normal: [0, 0, 1], height: z - 0.3 };
     const ball = { [tip]: [{ kind: "sphere", radius: 0.05 }] };
     add("Bodies", `${tip} as a ball that touches a floor`, { type: "contact", pairs: [[tip, ground]], shapes: ball, friction: 0.4, restitution: 0.5 });
-    const held = { a: tip, b: "universe", point_b: point };
-    add("Closed loops", `${tip} pinned where it is, free to turn`, { type: "point-loop", ...held });
-    add("Closed loops", `${tip} on a hinge along y`, { type: "hinge-loop", ...held, axis_a: along(turn), axis_b: [0, 1, 0] });
-    add("Closed loops", `${tip} welded where it is`, { type: "weld-loop", ...held, rpy: anglesOf(turn) });
+    const joined = { a: tip, b: "universe", point_b: point };
+    add("Closed loops", `${tip} pinned where it is, free to turn`, { type: "point-loop", ...joined });
+    add("Closed loops", `${tip} on a hinge along y`, { type: "hinge-loop", ...joined, axis_a: along(turn), axis_b: [0, 1, 0] });
+    add("Closed loops", `${tip} welded where it is`, { type: "weld-loop", ...joined, rpy: anglesOf(turn) });
   }
   const masses = Object.entries(constants).filter(([name]) => name.endsWith(".mass"));
   if (tip) add("Bodies", "Other masses", { type: "constants", values: Object.fromEntries(masses) });

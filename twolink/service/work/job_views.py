@@ -10,7 +10,7 @@ import msgspec
 
 from twolink.service.problems import Refusal
 from twolink.service.store.store import ACTIVE, JobRow, Store
-from twolink.service.work.sharing import hold, require_owner
+from twolink.service.work.sharing import require_owner, this_request
 
 View = dict[str, Any]
 LOOK = 0.5  # seconds between looks at a job of another process
@@ -99,7 +99,7 @@ class JobViews:
 
     async def all(self, kind: str, before: float, limit: int) -> list[View]:
         """The views of the owner's newest jobs asked for before that time, without results and large requests."""
-        jobs = await self._store.run(self._store.jobs, kind, before, limit, hold().sees)
+        jobs = await self._store.run(self._store.jobs, kind, before, limit, this_request().sees)
         return [without(self.view_of(job), "result") for job in jobs]
 
     def view_of(self, job: JobRow) -> View:

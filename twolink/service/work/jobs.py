@@ -25,13 +25,13 @@ from twolink.service.work.job_views import LOOK, JobViews, Running, View
 from twolink.service.work.metrics import Metrics
 from twolink.service.work.requests import JOB_KINDS, JobRequest
 from twolink.service.work.sharing import (
-    HOLD,
     NO_TASK,
+    REQUEST,
     KeyedLocks,
     RequestMemory,
     Shares,
     client_of_owner,
-    hold,
+    this_request,
 )
 from twolink.service.work.time_shares import TimeShares, Turn
 from twolink.service.work.worker_pool import Workers
@@ -73,7 +73,7 @@ class Jobs:
         if key in self.running:  # it has come meanwhile, and waits here
             self.running[key].claimed = claimed
             return
-        HOLD.set(RequestMemory(Shares(math.inf), client_of_owner(owner), owner))
+        REQUEST.set(RequestMemory(Shares(math.inf), client_of_owner(owner), owner))
         self._start(key, kind, claimed=claimed)
 
     @property
@@ -92,7 +92,7 @@ class Jobs:
             if job is not None and job.state == "done":
                 await self._store.run(self._store.use, key)
             elif key not in self.running and not (job is not None and job.active):
-                await self._begin(key, kind, request.content, hold().owner)
+                await self._begin(key, kind, request.content, this_request().owner)
         await self._wait(key, request.wait)
         job = await self.views.job(kind, key)
         if job.state == "failed":
@@ -108,7 +108,7 @@ class Jobs:
         return await self.views.view(kind, key)
 
     async def _begin(self, key: str, kind: str, content: bytes, owner: str) -> None:
-        client, quotas = hold().client, self._quotas
+        client, quotas = this_request().client, self._quotas
         await self._budget.require(owner)
         if not self._queue.take(client):
             what = f"{len(self.running)} jobs wait already"
@@ -187,7 +187,7 @@ class Jobs:
         death = None
         while True:
             try:
-                left = seconds if death is None else max(0.0, seconds - turn.held)
+                left = seconds if death is None else max(0.0, seconds - turn.ran)
                 return await self._workers.run("sweep", left, died=death is not None, **arguments)
             except Refusal as refusal:
                 if refusal.code == NO_TASK and death is not None:

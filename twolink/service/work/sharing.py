@@ -47,24 +47,24 @@ class Shares:
     """
 
     def __init__(self, limit: float) -> None:
-        self.limit, self.held = limit, 0
+        self.limit, self.taken = limit, 0
         self._by_client: dict[str, int] = {}
         self._lock = threading.Lock()
 
     def take(self, client: str, amount: int = 1) -> bool:
         """Take some for a client. False, and nothing is taken, when that is more than its share."""
         with self._lock:
-            held = self._by_client.get(client, 0) + amount
-            if held > self.limit - self.held - amount:
+            own = self._by_client.get(client, 0) + amount
+            if own > self.limit - self.taken - amount:
                 return False
-            self._by_client[client] = held
-            self.held += amount
+            self._by_client[client] = own
+            self.taken += amount
             return True
 
     def give(self, client: str, amount: int = 1) -> None:
         """Give back what was taken."""
         with self._lock:
-            self.held -= amount
+            self.taken -= amount
             self._by_client[client] -= amount
             if not self._by_client[client]:
                 del self._by_client[client]
@@ -101,17 +101,17 @@ class RequestMemory:
             self._bytes = count
 
 
-HOLD: ContextVar[RequestMemory] = ContextVar("HOLD")
+REQUEST: ContextVar[RequestMemory] = ContextVar("REQUEST")
 
 
-def hold() -> RequestMemory:
+def this_request() -> RequestMemory:
     """The memory of the request under way; outside of requests, one without limits."""
-    return HOLD.get(None) or RequestMemory(Shares(math.inf), _NOBODY)
+    return REQUEST.get(None) or RequestMemory(Shares(math.inf), _NOBODY)
 
 
 def require_owner(owner: str, what: str) -> None:
     """Raise Refusal (403) unless the request under way may end or delete what this owner has."""
-    if hold().sees not in (None, owner):
+    if this_request().sees not in (None, owner):
         remedy = "ask its owner, or an administrator"
         raise Refusal(403, f"the {what} is not yours", where="header: Authorization", remedy=remedy)
 
@@ -158,7 +158,7 @@ class Turns:
     @property
     def waiting(self) -> int:
         """The number of tasks that wait."""
-        return self._waiting.held
+        return self._waiting.taken
 
     @contextlib.asynccontextmanager
     async def turn(self) -> AsyncIterator[None]:
@@ -166,7 +166,7 @@ class Turns:
         if self._free:
             self._free -= 1
         else:
-            await self._wait(hold().client)
+            await self._wait(this_request().client)
         try:
             yield
         finally:
@@ -174,7 +174,7 @@ class Turns:
 
     async def _wait(self, client: str) -> None:
         if not self._waiting.take(client):
-            raise busy(f"{self._waiting.held} requests wait already", "request")
+            raise busy(f"{self._waiting.taken} requests wait already", "request")
         mine = asyncio.get_running_loop().create_future()
         queue = self._queues.setdefault(client, deque())
         queue.append(mine)

@@ -11,7 +11,7 @@ import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field
 
-from twolink.service.work.sharing import hold
+from twolink.service.work.sharing import this_request
 
 SHORT = 2.0  # s: a job that has run for more is long
 BESIDE = 4  # jobs at most beside the others: those that report seldom, as they compile
@@ -22,10 +22,10 @@ _LOOK = 0.25  # s: how soon it is seen that jobs have become long
 
 @dataclass(eq=False)
 class Turn:
-    """A job that waits or runs. held: s for which it has run; slice: of these since it went on last."""
+    """A job that waits or runs. ran: s for which it has run; slice: of these since it went on last."""
 
     client: str
-    held: float = 0.0
+    ran: float = 0.0
     slice: float = 0.0
     since: float = 0.0
     ready: "asyncio.Future[None]" = field(default_factory=lambda: asyncio.get_running_loop().create_future())
@@ -54,7 +54,7 @@ class TimeShares:
     @contextlib.asynccontextmanager
     async def turn(self) -> AsyncIterator[Turn]:
         """Wait for a turn, and have it."""
-        turn = Turn(hold().client)
+        turn = Turn(this_request().client)
         least = min((self._used[other.client] for other in self._running + self._waiting), default=0.0)
         self._used[turn.client] = max(self._used.get(turn.client, 0.0), least)  # idle time is no credit
         await self._wait(turn)
@@ -66,11 +66,11 @@ class TimeShares:
     async def go_on(self, turn: Turn) -> None:
         """Let others run first where it is their turn; returns when it is this one's again."""
         self._charge()
-        crowded = len(self._running) > self._slots and all(each.held > SHORT for each in self._running)
+        crowded = len(self._running) > self._slots and all(each.ran > SHORT for each in self._running)
         is_others = turn.slice > SLICE and any(
             self._used[each.client] < self._used[turn.client] for each in self._waiting
         )
-        paused = sum(each.held > 0 for each in self._waiting)
+        paused = sum(each.ran > 0 for each in self._waiting)
         if (crowded or is_others) and paused < PAUSED and self._may_pause():
             turn.ready = asyncio.get_running_loop().create_future()
             self._waiting.append(turn)
@@ -97,7 +97,7 @@ class TimeShares:
         now = time.monotonic()
         for turn in self._running:
             passed, turn.since = now - turn.since, now
-            turn.held, turn.slice = turn.held + passed, turn.slice + passed
+            turn.ran, turn.slice = turn.ran + passed, turn.slice + passed
             self._used[turn.client] += passed
 
     def _stop(self, turn: Turn) -> None:
@@ -123,7 +123,5 @@ class TimeShares:
 
     def _fits(self, turn: Turn) -> bool:
         count = len(self._running)
-        beside = (
-            count < self._slots + BESIDE and turn.held <= SHORT and all(each.held > SHORT for each in self._running)
-        )
+        beside = count < self._slots + BESIDE and turn.ran <= SHORT and all(each.ran > SHORT for each in self._running)
         return count < self._slots or beside

@@ -24,7 +24,7 @@ import msgspec
 from twolink.io import cache
 from twolink.service.problems import Refusal, error_from
 from twolink.service.work.budget import Budget
-from twolink.service.work.sharing import Turns, hold
+from twolink.service.work.sharing import Turns, this_request
 from twolink.service.work.worker import LENGTH, Call, Done, Failed, Progress, packed
 from twolink.service.work.worker_process import Exchange, Worker, WorkerMemory, WorkerProcess, start
 
@@ -136,7 +136,7 @@ class Workers:
 
         on_question: what a task is told that asks or reports; it goes on then.
         """
-        written, owner, budget = b"", hold().owner, self._budget
+        written, owner, budget = b"", this_request().owner, self._budget
         left = math.inf if budget is None else await budget.require(owner)
         async with self._turns.turn():
             worker = await self._take(task)

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from twolink.service.problems import Refusal
-from twolink.service.work.sharing import hold
+from twolink.service.work.sharing import this_request
 
 _SLICE = 2**19  # bytes copied at once: the event loop waits for a millisecond, for several where cores are busy
 _KEPT = 2**24  # bytes of the file that stay allocated from task to task
@@ -62,7 +62,7 @@ class Exchange:
     async def take(self) -> bytes:
         """The content of the file. Raises Refusal when there is no room for it."""
         size, parts = os.fstat(self._file).st_size, []
-        hold().add(2 * size)  # in pieces and whole
+        this_request().add(2 * size)  # in pieces and whole
         os.lseek(self._file, 0, os.SEEK_SET)
         while part := os.read(self._file, _SLICE):
             parts.append(part)
