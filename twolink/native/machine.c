@@ -18,13 +18,20 @@ static const columns_function COLUMNS[3][TL_WIDTHS] = {TABLE(tl_columns, base), 
 static const attempts_function ATTEMPTS[3][TL_WIDTHS] = {TABLE(tl_attempts, base), TABLE(tl_attempts, v3),
                                                          TABLE(tl_attempts, v4)};
 /* 2 with AVX-512 (F, DQ, CD, BW, VL), 1 with AVX2 and FMA, which the system must save too; else 0. */
-TL_API int tl_level(void) {
+static int level_of_processor(void) {
   unsigned a, b, c, d, low, high;
   if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & (1u << 27)) || !(c & (1u << 12))) return 0;
   __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
   if ((low & 6) != 6 || !__get_cpuid_count(7, 0, &a, &b, &c, &d) || !(b & (1u << 5)) || !(b & (1u << 8))) return 0;
   const unsigned wanted = (1u << 16) | (1u << 17) | (1u << 28) | (1u << 30) | (1u << 31);
   return (low & 0xe6) == 0xe6 && (b & wanted) == wanted ? 2 : 1;
+}
+/* Asked once: in a virtual machine a cpuid takes as long as some hundred instructions of a program. Threads that ask at the
+same time write the same. */
+TL_API int tl_level(void) {
+  static volatile int known = -1;
+  if (known < 0) known = level_of_processor();
+  return known;
 }
 #else
 static const columns_function COLUMNS[1][TL_WIDTHS] = {TABLE(tl_columns, base)};
