@@ -1,5 +1,6 @@
 """Inputs: what a scene gives as a function of time, by a formula or by a table of samples."""
 
+import bisect
 import functools
 import math
 from collections.abc import Callable, Mapping
@@ -83,21 +84,22 @@ class Sampled(
 
     def rows_at(self, t: float) -> Array:
         """The numbers of the piece that holds at time t, (rows,)."""
-        starts, coefficients = self._pieces
-        at = int(np.searchsorted(self.times, t, side="right"))
-        return np.append(starts[at], coefficients[at]) if len(coefficients[at]) > 1 else coefficients[at]
+        return np.asarray(self._pieces[bisect.bisect_right(self.times, t)])
 
     def piece_at(self, t: Scalar) -> PolynomialPiece:
         """The piece that holds at time t, or from it on; of an array of times, the piece of each."""
-        starts, coefficients = self._pieces
-        at = np.searchsorted(self.times, np.asarray(t, dtype=float), side="right")
-        return PolynomialPiece(starts[at], tuple(np.moveaxis(coefficients[at], -1, 0)))
+        at = np.searchsorted(self._knots, np.asarray(t, dtype=float), side="right")
+        return self.piece_of(np.moveaxis(self._pieces[at], -1, 0))
 
     @functools.cached_property
-    def _pieces(self) -> tuple[Array, Array]:
-        """Starts of the pieces (n + 1,), and their coefficients (n + 1, degree + 1): n - 1 between, one each side."""
+    def _knots(self) -> Array:
+        return np.array(self.times, dtype=float)
+
+    @functools.cached_property
+    def _pieces(self) -> Array:
+        """The numbers of the pieces (n + 1, rows): n - 1 between the times, one each side."""
         degree = DEGREES[self.interpolation]
-        knots, values = np.array(self.times, dtype=float), np.array(self.values, dtype=float)
+        knots, values = self._knots, np.array(self.values, dtype=float)
         coefficients = np.zeros((len(knots) + 1, degree + 1))
         outside = {"hold": (values[0], values[-1]), "zero": (0.0, 0.0), "error": (math.nan, math.nan)}[self.beyond]
         coefficients[[0, -1], 0] = outside
@@ -109,7 +111,7 @@ class Sampled(
             coefficients[1:-1, 0] = values[:-1]
             if degree:
                 coefficients[1:-1, 1] = np.diff(values) / np.diff(knots)
-        return np.append(knots[:1], knots), coefficients
+        return np.column_stack([np.append(knots[:1], knots), coefficients]) if degree else coefficients
 
     def require(self, start: float, end: float) -> None:
         """Raise SceneError where the table says nothing of a part of this time and should not be asked."""

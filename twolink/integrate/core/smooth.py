@@ -85,7 +85,7 @@ class SmoothMotion(Motion):
         self._end = end
         self._breaks, self._passed = [*(b for b in by.equations.breaks(end) if b > t), math.inf], 0
         self._checks, self._looked = [*([] if companions is None else companions.t.tolist()), math.inf], 0
-        self._tables = any(not isinstance(table, Slot) for table in by.equations.layout.tables)
+        self._tables = [(at, x) for at, x in by.equations.layout.rows_of_tables() if not isinstance(x, Slot)]
 
     @property
     def equations(self) -> Equations:
@@ -154,9 +154,8 @@ class SmoothMotion(Motion):
 
     def _take_tables(self, t: float) -> None:
         """Write the pieces of tables that hold at a time."""
-        for rows, table in self._equations.layout.rows_of_tables():
-            if not isinstance(table, Slot):
-                self.columns.x[rows] = table.rows_at(t)[:, None]
+        for rows, table in self._tables:
+            self.columns.x[rows] = table.rows_at(t)[:, None]
         if self.track is not None:
             self.track.change(self.columns.x[:, 0])
 
