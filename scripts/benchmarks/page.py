@@ -78,7 +78,7 @@ BENCHES = (
           ("--quick", "--rounds", "3", "--states", "20000"), queries),
     Bench("worlds", "Many worlds, beside MuJoCo", (), ("--quick",)),
     Bench("first_answers", "The first answer of a new scene, beside SciPy", (), ("--quick",),
-          bars("seconds", "scene", ("cold", "cached", "again", "scipy"))),
+          bars("seconds", "scene", ("first", "cached", "last", "scipy"))),
     Bench("effects", "What effects cost", (), ("--quick",),
           bars("milliseconds of a run", "effects so far", ("run, ms",))),
     Bench("sensitivities", "Sensitivities, beside heyoka", (), ("--runs", "3", "--no-peers")),

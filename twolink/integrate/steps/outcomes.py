@@ -12,7 +12,7 @@ from twolink.integrate.steps.step_map import StepMap
 
 SINGULAR = 0.1  # relative: singular values of constraint rows below it are those near a singular position
 SMALLEST_STEP = 1e-60  # s: of steps at t = 0, where any step changes the time
-PACE_FROM = 20_000  # steps after which the pace so far is taken for the pace to the end
+PACE_FROM = 10_000  # steps after which the pace so far is taken for the pace to the end
 STUCK = 10  # limits of steps as short as the last one that would be left
 FINE, NOT_FINITE, COLLAPSED, TOO_MANY = range(4)  # what became of a world
 CODES = ("", "not-finite", "steps-collapsed", "too-many-steps")  # of failures, by outcome
@@ -38,8 +38,9 @@ def outcome_of(step_map: StepMap, state: Array, start: Array, limit: int) -> Arr
     outcome = np.full(len(t), FINE)
     left = t < end
     if tried.max() > min(PACE_FROM, limit):
-        slow = is_hopeless(tried, limit, t, start, end) | (end - t > STUCK * limit * state[rows.step])
-        outcome[left & ((slow & (tried > PACE_FROM)) | (tried > limit))] = TOO_MANY
+        late = tried > PACE_FROM
+        outcome[left & ((late & is_hopeless(tried, limit, t, start, end)) | (tried > limit))] = TOO_MANY
+        outcome[left & late & (end - t > STUCK * limit * state[rows.step])] = COLLAPSED
     outcome[left & (t + np.fmax(state[rows.step] - SMALLEST_STEP, 0.0) <= t)] = COLLAPSED
     outcome[~np.isfinite(state[: space.size]).all(axis=0)] = NOT_FINITE
     return outcome
