@@ -4,9 +4,9 @@
 
 Robots fall for 2 s under gravity, with joints damped by 0.1 N m s/rad or N s/m. first: of a new process with an empty
 cache, without the import of the package; cached: the first of a new process with the cache that the one before left;
-last: the minimum of the last three of its runs. Processor time, with the error bar. SciPy: the cheapest of DOP853, RK45 and
-LSODA on Pinocchio's rates that comes within the accuracy, without an error bar; none for scenes with events. A bar is
-that the first takes at most 2 times the last and 0.2 s. Writes out/first_answers.csv. --limit: s, of the runs of one
+last: the minimum of the last three of its runs. Processor time, with the error bar. SciPy: the cheapest of DOP853, RK45
+and LSODA on Pinocchio's rates that comes within the accuracy, without an error bar; none for scenes with events. A bar
+is that the first takes at most 2 times the last and 0.2 s. Writes out/first_answers.csv. --limit: s, of the runs of one
 process. --quick: the first two scenes.
 """
 
