@@ -12,6 +12,7 @@ import csv
 import io
 import os
 import re
+import shutil
 import signal
 import statistics
 import subprocess
@@ -109,6 +110,15 @@ def new_process(code: str, *arguments: str, cache: str | None = None, **more: An
         environment = {"OPENBLAS_NUM_THREADS": "1", **os.environ, "TWOLINK_CACHE": folder}
         return subprocess.run([sys.executable, "-c", code, *arguments], env=environment, cwd=TOP, text=True,
                               **({"capture_output": True} | more))  # fmt: skip
+
+
+def tests_of_a_copy(folder: Path, arguments: Sequence[str]) -> dict[str, Any]:
+    """Copy the package into a folder, where it may be changed: what `subprocess.run` takes to test the copy."""
+    shutil.copytree(TOP / "twolink", folder / "twolink", ignore=shutil.ignore_patterns("__pycache__"))
+    for other in ("tests", "scripts", "urdf", "docs", "pyproject.toml", "README.md"):
+        (folder / other).symlink_to(TOP / other)
+    return {"args": [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *arguments], "cwd": folder,
+            "env": {**os.environ, "PYTHONPATH": str(folder), "TWOLINK_CACHE": str(folder / "cache")}}  # fmt: skip
 
 
 class Table:

@@ -24,11 +24,11 @@ LONGEST_MODULE, MEDIAN_MODULE, LONGEST_FUNCTION = 250, 150, 50  # lines of code
 EXAMPLES = {"effects/my_effect.py", "hard/peers/my_peer.py", "scenes/bundled/my_scene.toml"}
 
 
-def layers() -> list[str]:
-    """The rooms from the top down, as pyproject.toml gives them to import-linter."""
+def layers(container: str = "twolink") -> list[str]:
+    """The rooms in a package from the top down, as pyproject.toml gives them to import-linter."""
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
-    rooms = next(contract["layers"] for contract in contracts if contract["type"] == "layers")
-    return [layer.split(" ")[0] for layer in rooms]
+    rooms = next(contract["layers"] for contract in contracts if contract["containers"] == [container])
+    return [room for layer in rooms for room in re.findall(r"\w+", layer) if not room.startswith("_")]
 
 
 @functools.cache
@@ -119,8 +119,8 @@ def by_any_name(texts: Mapping[str, str]) -> dict[str, set[str]]:
 def test_no_module_imports_in_a_circle_by_a_name_in_a_string() -> None:
     texts = sources()
     assert first_circle(by_any_name(texts)) == []
-    texts["twolink.dynamics.robot"] += '\nmodule = f"twolink.exchange.{name}"'
-    assert {"twolink.dynamics.robot", "twolink.exchange.c_code"} & set(first_circle(by_any_name(texts)))
+    texts["twolink.dynamics.robot"] += '\nmodule = f"twolink.parts.exchange.{name}"'
+    assert {"twolink.dynamics.robot", "twolink.parts.exchange.c_code"} & set(first_circle(by_any_name(texts)))
 
 
 @pytest.mark.some(1)
@@ -247,7 +247,14 @@ def test_docstrings_begin_with_a_noun_phrase_or_a_verb() -> None:
 def test_every_file_that_the_page_names_exists() -> None:
     page = (ROOT / "docs" / "architecture.md").read_text("utf-8")
     named = set(re.findall(r"`([\w/]+\.(?:pyi?|toml))`", page)) - EXAMPLES
-    rooms = ("", "dynamics", "integrate", "identification", "control", "optimization")  # of sections with short names
+    rooms = (
+        "",
+        "dynamics",
+        "integrate",
+        "parts",
+        "parts/identification",
+        "parts/design",
+    )  # of sections with short names
     missing = {name for name in named if not any((ROOT / "twolink" / room / name).exists() for room in rooms)}
     assert len(named) > 20
     assert missing == set()
@@ -255,10 +262,16 @@ def test_every_file_that_the_page_names_exists() -> None:
 
 def test_the_picture_shows_the_rooms_in_the_order_of_imports() -> None:
     picture = (ROOT / "docs" / "architecture.svg").read_text("utf-8")
-    rooms = re.findall(r'class="room"[^>]*>(\w+)<', picture.split('id="rooms"')[1])
-    assert rooms == layers()
+    parts, rooms = (re.findall(r'class="room"[^>]*>(\w+)<', text)
+                    for text in picture.split('id="parts"')[1].split('id="rooms"'))  # fmt: skip
+    assert parts == layers("twolink.parts")
+    doors, core = layers()[: layers().index("parts")], layers()[layers().index("parts") + 1 :]
+    assert rooms == core
     folders = {path.parent.name for path in (ROOT / "twolink").glob("*/__init__.py")}
-    assert set(rooms) == folders | {"errors"}
+    assert {*rooms, *doors, "parts"} == folders | {"errors"} | {
+        path.stem for path in (ROOT / "twolink").glob("[a-z]*.py")
+    }
+    assert set(parts) == {path.parent.name for path in (ROOT / "twolink" / "parts").glob("*/__init__.py")}
 
 
 def test_the_page_prints_the_loop() -> None:

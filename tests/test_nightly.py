@@ -23,6 +23,7 @@ STEPS = [
     "mutations",
     "attacks",
     "api",
+    "core",
     "coverage",
     "sanitizers",
     "processors",

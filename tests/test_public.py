@@ -52,9 +52,9 @@ def test_names_are_there() -> None:
 
 
 def test_no_public_function_is_shadowed_by_a_module() -> None:
-    import twolink.identification.identify
-    import twolink.optimization.optimize
-    import twolink.service.client
+    import twolink.parts.design.optimize
+    import twolink.parts.identification.identify
+    import twolink.parts.service.client
     import twolink.simulation.energy_balance
     import twolink.simulation.explanation
     import twolink.simulation.scene_run

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.service.serving import serving
+from tests.parts.service.serving import serving
 
 TOP = Path(__file__).parents[1]
 TEXT = (TOP / "README.md").read_text()

@@ -24,60 +24,60 @@ from twolink.simulation import (
 )
 
 if TYPE_CHECKING:
-    from twolink.control.equilibria import Equilibria, equilibria
-    from twolink.control.feedback import lqr
-    from twolink.control.linearization import Linearization, linearize
-    from twolink.control.periodic import PeriodicMotion, periodic_motion
-    from twolink.exchange.equation_check import EquationCheck, check_equations
-    from twolink.exchange.export import export
-    from twolink.exchange.model_comparison import ModelComparison, compare_models
-    from twolink.exchange.urdf_scene import scene_of
-    from twolink.hard.referee import judge
-    from twolink.hard.verdict import Verdict
-    from twolink.identification.fit_result import SceneFit
-    from twolink.identification.identify import identify
-    from twolink.identification.result import Identification
-    from twolink.identification.scene_fit import fit
     from twolink.io.progress import progress_bar
-    from twolink.optimization.gradient import Gradient, gradient
-    from twolink.optimization.optimize import Optimum, optimize
-    from twolink.service.client import connect
+    from twolink.lagrange.equation_check import EquationCheck, check_equations
+    from twolink.parts.design.equilibria import Equilibria, equilibria
+    from twolink.parts.design.feedback import lqr
+    from twolink.parts.design.gradient import Gradient, gradient
+    from twolink.parts.design.linearization import Linearization, linearize
+    from twolink.parts.design.optimize import Optimum, optimize
+    from twolink.parts.design.periodic import PeriodicMotion, periodic_motion
+    from twolink.parts.exchange.export import export
+    from twolink.parts.exchange.model_comparison import ModelComparison, compare_models
+    from twolink.parts.identification.fit_result import SceneFit
+    from twolink.parts.identification.identify import identify
+    from twolink.parts.identification.result import Identification
+    from twolink.parts.identification.scene_fit import fit
+    from twolink.parts.referee.referee import judge
+    from twolink.parts.referee.verdict import Verdict
+    from twolink.parts.service.client import connect
+    from twolink.parts.sweeps.sweeping import sweep
+    from twolink.scenes.urdf_scene import scene_of
     from twolink.simulation.energy_balance import EnergyBalance, energy_book, loop_forces
     from twolink.simulation.sensitivities import Sensitivities, sensitivities
     from twolink.simulation.stepwise import Simulation
-    from twolink.sweeps.sweeping import sweep
 
 _IMPORTED_WHEN_USED = {
-    "control.equilibria": ("Equilibria", "equilibria"),
-    "control.feedback": ("lqr",),
-    "control.linearization": ("Linearization", "linearize"),
-    "control.periodic": ("PeriodicMotion", "periodic_motion"),
-    "exchange.equation_check": ("EquationCheck", "check_equations"),
-    "exchange.export": ("export",),
-    "exchange.model_comparison": ("ModelComparison", "compare_models"),
-    "hard.referee": ("judge",),
-    "hard.verdict": ("Verdict",),
-    "exchange.urdf_scene": ("scene_of",),
-    "identification.fit_result": ("SceneFit",),
-    "identification.identify": ("identify",),
-    "identification.result": ("Identification",),
-    "identification.scene_fit": ("fit",),
+    "parts.design.equilibria": ("Equilibria", "equilibria"),
+    "parts.design.feedback": ("lqr",),
+    "parts.design.linearization": ("Linearization", "linearize"),
+    "parts.design.periodic": ("PeriodicMotion", "periodic_motion"),
+    "lagrange.equation_check": ("EquationCheck", "check_equations"),
+    "parts.exchange.export": ("export",),
+    "parts.exchange.model_comparison": ("ModelComparison", "compare_models"),
+    "parts.referee.referee": ("judge",),
+    "parts.referee.verdict": ("Verdict",),
+    "scenes.urdf_scene": ("scene_of",),
+    "parts.identification.fit_result": ("SceneFit",),
+    "parts.identification.identify": ("identify",),
+    "parts.identification.result": ("Identification",),
+    "parts.identification.scene_fit": ("fit",),
     "io.progress": ("progress_bar",),
-    "optimization.gradient": ("Gradient", "gradient"),
-    "optimization.optimize": ("Optimum", "optimize"),
-    "service.client": ("connect",),
+    "parts.design.gradient": ("Gradient", "gradient"),
+    "parts.design.optimize": ("Optimum", "optimize"),
+    "parts.service.client": ("connect",),
     "simulation.energy_balance": ("EnergyBalance", "energy_book", "loop_forces"),
     "simulation.sensitivities": ("Sensitivities", "sensitivities"),
     "simulation.stepwise": ("Simulation",),
-    "sweeps.sweeping": ("sweep",),
+    "parts.sweeps.sweeping": ("sweep",),
 }
 
 # Methods of classes that are functions of rooms above theirs: class, name, module.
 _METHODS_OF_ROOMS_ABOVE = (
-    (Robot, "export_c", "exchange.c_code"),
-    (Robot, "export_urdf", "exchange.urdf_text"),
-    (Robot, "export_mjcf", "exchange.mjcf_text"),
-    (Scene, "export_fmu", "exchange.fmu"),
+    (Robot, "export_c", "parts.exchange.c_code"),
+    (Robot, "export_urdf", "parts.exchange.urdf_text"),
+    (Robot, "export_mjcf", "parts.exchange.mjcf_text"),
+    (Scene, "export_fmu", "parts.exchange.fmu"),
 )
 
 

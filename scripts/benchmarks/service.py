@@ -56,8 +56,8 @@ def serve_bare() -> None:
     """Serve the bare application with the service's own options."""
     import uvicorn
 
-    from twolink.service.http.server import uvicorn_options
-    from twolink.service.settings import Settings
+    from twolink.parts.service.http.server import uvicorn_options
+    from twolink.parts.service.settings import Settings
 
     config = uvicorn.Config(bare, port=0, **uvicorn_options(Settings(data="unused")))
     socket = config.bind_socket()

@@ -16,8 +16,8 @@ from hypothesis import HealthCheck, Phase, given, settings
 from schemathesis.checks import content_type_conformance, response_schema_conformance, status_code_conformance
 
 from scripts.runner import options, print_bars
-from tests.service.serving import Served, serving
-from twolink.service.work.requests import JOB_KINDS
+from tests.parts.service.serving import Served, serving
+from twolink.parts.service.work.requests import JOB_KINDS
 
 JOBS = tuple(f"/v1/{kind.path}" for kind in JOB_KINDS.values())
 LONGEST = 60.0  # s: a request

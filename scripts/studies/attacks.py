@@ -2,11 +2,11 @@
 
     python -m scripts.studies.attacks [--quick] [--seconds 60] [--only NAME,NAME]
 
-The attacks are those of tests/service/attacks.py, the hostile corpus among them. Each comes from an address of its own
-and from processes of lower priority, because those who attack bring their own processors. /health is asked every 20 ms
-on one connection, and so is a bare server in a process of its own, which says what the machine itself delays. Memory is
-the proportional share (PSS) of the service and its worker processes. Exit code 1 when a bar is missed: /health p99
-under 100 ms and always answered, memory under 2 GB, no answer 500, and all well afterwards.
+The attacks are those of tests/parts/service/attacks.py, the hostile corpus among them. Each comes from an address of
+its own and from processes of lower priority, because those who attack bring their own processors. /health is asked
+every 20 ms on one connection, and so is a bare server in a process of its own, which says what the machine itself
+delays. Memory is the proportional share (PSS) of the service and its worker processes. Exit code 1 when a bar is
+missed: /health p99 under 100 ms and always answered, memory under 2 GB, no answer 500, and all well afterwards.
 """
 
 import contextlib
@@ -25,8 +25,8 @@ import numpy as np
 
 from scripts.benchmarks.service import BARE, server
 from scripts.runner import Bars, Some, options, print_bars
-from tests.service.attacks import ATTACKS, Target, prepare, rounds
-from tests.service.serving import Served, serving
+from tests.parts.service.attacks import ATTACKS, Target, prepare, rounds
+from tests.parts.service.serving import Served, serving
 
 MAX_P99, MAX_MEMORY = 0.1, 2000.0  # s, MB
 STALL = 1.0  # s: the attacks stalled an unprotected service for 5 to 80 s

@@ -5,16 +5,13 @@
 Runs the tests that should find each change, and prints which one found it first. A change that no test finds is a gap.
 """
 
-import os
 import re
-import shutil
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-from scripts.runner import TOP, Table, options, print_bars
+from scripts.runner import Table, options, print_bars, tests_of_a_copy
 
 
 class Mutation(NamedTuple):
@@ -49,27 +46,22 @@ MUTATIONS = {
                         '("friction", "damping", "armature")', "tests/robots tests/effects/test_closed_forms.py"),
     "cache-key": Mutation("the name of compiled code holds the effects", "integrate/motion/equations.py",
                           "{self.content}-", "{self.operations}-", "tests/integrate"),
-    "huber": Mutation("robust weights are Huber's", "identification/regression.py", "HUBER = 1.345", "HUBER = 13.45",
-                      "tests/identification"),
-    "token": Mutation("a request needs a token", "service/http/messages.py", "in compared if is_same]", "in compared]",
-                      "tests/service/test_access.py"),
+    "huber": Mutation("robust weights are Huber's", "parts/identification/regression.py", "HUBER = 1.345",
+                      "HUBER = 13.45", "tests/parts/identification"),
+    "token": Mutation("a request needs a token", "parts/service/http/messages.py", "in compared if is_same]",
+                      "in compared]", "tests/parts/service/test_access.py"),
 }  # fmt: skip
 
 
 def found_by(one: Mutation, folder: Path) -> str:
     """The test that fails first with the change; "" if none does."""
-    package = folder / "twolink"
-    shutil.copytree(TOP / "twolink", package, ignore=shutil.ignore_patterns("__pycache__"))
-    path = package / one.file
+    tests = tests_of_a_copy(folder, one.tests.split())
+    path = folder / "twolink" / one.file
     text = path.read_text("utf-8")
     if text.count(one.text) != 1:
         raise SystemExit(f"{one.file} states {one.text!r} {text.count(one.text)} times, expected once")
     path.write_text(text.replace(one.text, one.instead), "utf-8")
-    for other in ("tests", "scripts", "urdf", "docs", "pyproject.toml", "README.md"):
-        (folder / other).symlink_to(TOP / other)
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *one.tests.split()]
-    env = {**os.environ, "PYTHONPATH": str(folder), "TWOLINK_CACHE": str(folder / "cache")}
-    done = subprocess.run(command, cwd=folder, env=env, text=True, capture_output=True)
+    done = subprocess.run(**tests, text=True, capture_output=True)
     if done.returncode == 0:
         return ""
     failed = re.search(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE)

@@ -2,8 +2,8 @@
 
     python -m scripts.studies.real_data [--windows 4,10,20,30,40] [--panda FOLDER] [--twin] [--parts] [--fit]
 
-pendulum: fitted on runs 00, 02 and 04 of tests/identification/double_pendulum, judged on run 12. panda: fitted on the
-first 14 s of a log of a Franka Panda that may not be copied here, judged on the rest; FOLDER has the user's copy of
+pendulum: fitted on runs 00, 02 and 04 of tests/parts/identification/double_pendulum, judged on run 12. panda: fitted on
+the first 14 s of a log of a Franka Panda that may not be copied here, judged on the rest; FOLDER has the user's copy of
 matlab/data/Exciting_Traj/Trajectory_1/rbt_log of github.com/marcocognetti/FrankaEmikaPandaDynModel (GPL 3; Gaz et al.,
 IEEE RA-L 4(4), 2019). Root mean square of the measured torques less their prediction by joint, N m, all with the same
 states, filtered at 6 Hz. twin: simulated logs of a Panda as `scripts.studies.intervals` has them, for those without the
@@ -31,10 +31,10 @@ import twolink as tl
 import twolink.effects as fx
 from scripts.runner import FINGERS, TOP, Bars, Table, study
 from scripts.studies.intervals import DRIVES, recorded, robot_of
-from twolink.identification.base_parameters import base_parameters, select
-from twolink.identification.filtering import Recording, States, half_window_of, states
+from twolink.parts.identification.base_parameters import base_parameters, select
+from twolink.parts.identification.filtering import Recording, States, half_window_of, states
 
-LOGS = TOP / "tests" / "identification" / "double_pendulum"
+LOGS = TOP / "tests" / "parts" / "identification" / "double_pendulum"
 PUBLISHED = {"Link1.first_moment.z": -0.5594 * 0.3, "Link1.origin_inertia.xx": 0.05347, "Link2.mass": 0.6043,
              "Link2.first_moment.z": 0.6043 * 0.1838, "Link2.origin_inertia.xx": 0.02392,
              **{f"Joint{k}.armature": 36 * 7.66e-5 for k in (1, 2)}, **{f"Joint{k}.damping": 0.001 for k in (1, 2)},

@@ -88,6 +88,7 @@ def test_lag_beside_events() -> None:
     assert run.states["axle.lag"][run.t < 0.25].max() == 0.0
 
 
+@pytest.mark.parts
 def test_motor_by_the_matrix_exponential() -> None:
     """Step response of the armature, the rotor and their coupling."""
     r, ind, k, u = 1.2, 0.01, 0.3, 12.0
@@ -165,6 +166,7 @@ def test_sensitivities_through_a_whole_drive(name: str) -> None:
     assert found.q[name][-1, 0, 0] == pytest.approx(float((run(h) - run(-h))[0]) / (2 * h), rel=1e-4, abs=1e-5)
 
 
+@pytest.mark.parts
 def test_modes_of_an_elastic_joint() -> None:
     """Free: +- i sqrt(k (1 / I + 1 / J)); and a cubic spring against SciPy."""
     free = scene(fx.ElasticJoint(fx.Torque(of_all(0.0)), of_all(50.0), of_all(0.1)))
@@ -334,6 +336,7 @@ def test_muscles_against_scipy() -> None:
     assert run.q[:, 0].max() > 0.3
 
 
+@pytest.mark.parts
 def test_what_does_not_follow_states_refuses() -> None:
     for ask in (
         lambda: tl.equilibria(LAGGED),

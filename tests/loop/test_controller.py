@@ -278,6 +278,7 @@ def test_any_method_of_steps_goes_from_tick_to_tick(method: str) -> None:
     assert run.error.max() < 1e-6
 
 
+@pytest.mark.parts
 @pytest.mark.parametrize(
     "use",
     [

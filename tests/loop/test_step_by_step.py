@@ -78,6 +78,7 @@ def test_another_state_begins_the_controllers_anew() -> None:
     assert sim.step(0.1).q[0] == pytest.approx(1.0 - 0.5 * 4.0 * 0.1**2, abs=1e-14)
 
 
+@pytest.mark.parts
 def test_an_environment_has_an_inner_loop() -> None:
     """Actions at 20 Hz are what a controller at 200 Hz drives to."""
     pytest.importorskip("gymnasium")

@@ -141,6 +141,7 @@ def arm() -> tl.Trajectory:
     return tl.simulate(tl.load_scene("arm-swing"), 1.0)
 
 
+@pytest.mark.parts
 @pytest.mark.some(1)
 @pytest.mark.parametrize("start", [CLOCK, 0])
 def test_the_bag_of_another_program_is_judged(arm: tl.Trajectory, start: int, tmp_path: Path) -> None:
@@ -155,6 +156,7 @@ def test_the_bag_of_another_program_is_judged(arm: tl.Trajectory, start: int, tm
     assert not late.right
 
 
+@pytest.mark.parts
 @pytest.mark.some(1)
 @pytest.mark.parametrize(
     ("topics", "part"),
@@ -171,6 +173,7 @@ def test_bags_without_joint_states_of_one_robot(
     assert caught.value.code == "no-joint-states"
 
 
+@pytest.mark.parts
 def test_joints_that_lack_are_named(arm: tl.Trajectory, tmp_path: Path) -> None:
     bag = foreign(tmp_path / "bag", arm, {"/joint_states": ["elbow"]})
     with pytest.raises(SceneError, match=r"column 'q.shoulder' is not in it"):
@@ -212,6 +215,7 @@ def test_notes_are_in_the_file_and_the_bag_of_another_robot_is_refused(arm: tl.T
         tl.Trajectory.load(path, tl.load_robot("panda"))
 
 
+@pytest.mark.parts
 @pytest.mark.slow
 def test_parameters_are_found_from_a_bag(tmp_path: Path) -> None:
     path = tl.simulate(tl.load_scene("swing-up"), 2.0, samples_per_second=500).save(tmp_path / "x.mcap")

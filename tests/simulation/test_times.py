@@ -41,6 +41,7 @@ def test_released_payloads_and_stepped_contacts_have_them_too() -> None:
     np.testing.assert_array_equal(stepped.t, [0.1, 0.3])
 
 
+@pytest.mark.parts
 def test_derivatives_studies_and_explanations_take_them() -> None:
     found = tl.sensitivities(SWING, 1.0, wrt=["q"], t_eval=TIMES)
     np.testing.assert_array_equal(found.run.t, TIMES)

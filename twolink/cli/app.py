@@ -1,23 +1,31 @@
 """The command line: its commands, and the exit codes 0 done, 1 failed, 2 misused, 130 interrupted."""
 
 import contextlib
+import importlib
 import os
 import sys
-from typing import Annotated, NoReturn
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
 
 import typer
 
 from twolink._version import __version__
 from twolink.cli.common import FAILED, INTERRUPTED, MISUSED, Command
 from twolink.cli.demo import demo
-from twolink.cli.evidence import hard_cases, paper, throw
-from twolink.cli.exchange import compare, diff, export, judge
-from twolink.cli.fitting import excite, fit, identify, optimize
-from twolink.cli.play import mcp, play, serve, video
+from twolink.cli.evidence import hard_cases, paper
+from twolink.cli.play import play, video
 from twolink.cli.robots import check, inspect, query, robots
-from twolink.cli.scenes import accuracy, explain, linearize, methods, new, run, scenes
-from twolink.cli.sweep import sweep
+from twolink.cli.scenes import accuracy, explain, methods, new, run, scenes
 from twolink.errors import TwolinkError
+
+
+def commands_of_parts() -> Iterator[Any]:
+    """The commands of the parts that there are."""
+    parts = Path(__file__).parents[1] / "parts"
+    for file in sorted(parts.glob("*/commands.py")):
+        yield from importlib.import_module(f"twolink.parts.{file.parent.name}.commands").COMMANDS
+
 
 app = typer.Typer(
     pretty_exceptions_enable=False,
@@ -27,10 +35,10 @@ app = typer.Typer(
     epilog="ROBOT is a name (see `twolink robots`), or the path of a URDF. SI units and radians throughout. "
     "Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted.",
 )
-_QUESTIONS = demo, robots, inspect, query, check, diff, linearize, identify, excite, fit
-_EXPERIMENTS = scenes, new, explain, run, accuracy, sweep, optimize, judge, compare, methods, play, video, throw
-_WRITERS = hard_cases, paper, export, serve, mcp
-for _command in (*_QUESTIONS, *_EXPERIMENTS, *_WRITERS):
+_QUESTIONS = demo, robots, inspect, query, check
+_EXPERIMENTS = scenes, new, explain, run, accuracy, methods, play, video
+_EVIDENCE = hard_cases, paper
+for _command in (*_QUESTIONS, *_EXPERIMENTS, *_EVIDENCE, *commands_of_parts()):
     app.command(cls=Command)(_command)
 
 

@@ -19,12 +19,12 @@ from typer.core import TyperCommand
 from twolink.accuracy import Study
 from twolink.dynamics import Robot, load_robot
 from twolink.errors import SceneError, TwolinkError, require_extra, require_known
-from twolink.exchange.urdf_scene import scene_of
 from twolink.integrate.steps.methods import METHODS
 from twolink.io.tables import SUFFIXES, require_format
 from twolink.io.text import parse_numbers
 from twolink.robots.catalogue import FILES, catalogue_entry, catalogue_names
 from twolink.scenes import Scene, bundled_scenes, load_scene
+from twolink.scenes.urdf_scene import scene_of
 from twolink.show.figure import FORMATS
 from twolink.simulation.recording import SAVED
 from twolink.simulation.trajectory import Trajectory
@@ -340,3 +340,13 @@ def scene_from(source: str, load: RobotLoader | None = None, *, ground: bool = F
         raise Misuse("it is for robots, and this is a scene, which has its own", where=name,
                      remedy=f"change the scene: twolink scenes {source} prints a bundled one")  # fmt: skip
     return load_scene(source)
+
+
+def bounds_of(text: str, where: str = "wrt") -> tuple[str, tuple[float, float]]:
+    """A variable's name and bounds from NAME=LOW:HIGH."""
+    name, _, pair = text.partition("=")
+    try:
+        low, high = (float(number) for number in pair.split(":"))
+    except ValueError:
+        raise Misuse(f"expected NAME=LOW:HIGH, got {text!r}", where=where, remedy='such as "v.elbow=-1:1"') from None
+    return name.strip(), (low, high)

@@ -23,8 +23,9 @@ def demo(
     twolink demo
     twolink demo --html demo.html        a page to keep instead of a browser
     """
-    import twolink as tl
     from twolink.lagrange.check import check
+    from twolink.scenes import load_scene
+    from twolink.simulation.scene_run import simulate
 
     require_writable([] if html is None else [html], (".html",))
     typer.echo("1/3  the paper's two-link arm: hand-derived equations against Pinocchio, 1,000 random arms")
@@ -32,10 +33,10 @@ def demo(
     wrong = [name for name, row in rows.items() if row.misprinted]
     typer.echo(f"     accelerations agree to {rows['acceleration, ABA'].corrected:.0e} of their size; "
                f"the paper's print errs in {' and '.join(wrong)}")  # fmt: skip
-    scene = tl.load_scene("arm-swing")
+    scene = load_scene("arm-swing")
     typer.echo(f"2/3  what accuracy costs: the arm swings for {scene.duration:g} s")
     for accuracy in ACCURACIES:
-        run = tl.simulate(scene, accuracy=accuracy)
+        run = simulate(scene, accuracy=accuracy)
         if run.error is not None and run.cost is not None:
             seconds, compiling = run.cost.seconds + run.cost.verify_seconds, run.cost.compile_seconds
             typer.echo(f"     asked for {accuracy:.0e} rad: error at most {run.error[-1]:.0e} rad, solved in "

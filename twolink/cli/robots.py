@@ -36,7 +36,7 @@ from twolink.robots import robots as robot_table
 from twolink.robots.joint_layout import columns_to_read, read_columns
 
 if TYPE_CHECKING:
-    from twolink.exchange.equation_check import EquationCheck
+    from twolink.lagrange.equation_check import EquationCheck
 
 
 def robots(as_json: Json = False) -> None:
@@ -247,7 +247,7 @@ def check(
 
 def _check_module(path: Path, load: RobotLoader, robot: str, to: str | None) -> "EquationCheck":
     """The check of the equations in a file. Raises Misuse for all that keeps it from being made."""
-    from twolink.exchange.equation_check import check_equations, raised
+    from twolink.lagrange.equation_check import check_equations, raised
 
     names: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
     try:

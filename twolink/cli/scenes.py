@@ -42,17 +42,17 @@ from twolink.cli.common import (
     with_robot_options,
     write_by_ending,
 )
-from twolink.exchange.urdf_scene import UrdfScene, limit_notes, scene_of
 from twolink.integrate.steps.methods import methods as method_table
 from twolink.io.files import write_atomic
 from twolink.io.progress import progress_bar
 from twolink.io.text import parse_numbers
 from twolink.robots.catalogue import catalogue_names
+from twolink.robots.joint_layout import turns
 from twolink.scenes import bundled_scenes
 from twolink.scenes import scenes as scene_table
 from twolink.scenes.file import bundled_text
 from twolink.scenes.file_format import RobotEntry, scene_template
-from twolink.show.figure import FORMATS
+from twolink.scenes.urdf_scene import UrdfScene, limited_joints, limits_by_joint, scene_of
 from twolink.simulation.trajectory import Trajectory
 
 SHOWN_EVENTS = 20
@@ -263,32 +263,23 @@ def methods(as_json: Json = False) -> None:
     show(table.to_records(), text, as_json)
 
 
-def linearize(
-    scene: SceneName,
-    q: Annotated[str | None, Option(help="Configuration.", show_default="the scene's")] = None,
-    v: Annotated[str | None, Option(help="Velocity.", show_default="the scene's; 0 with --q")] = None,
-    t: Annotated[float, Option("--time", help="Time, s, for effects that depend on it.")] = 0.0,
-    inputs: Annotated[
-        list[str] | None, Option("--input", metavar="JOINT", help="A motor; repeatable.", show_default="every joint")
-    ] = None,
-    out: Annotated[
-        list[Path] | None, Option("--out", metavar="FILE", help="Draw the eigenvalues (.png .svg .pdf).")
-    ] = None,
-    as_json: Json = False,
-) -> None:
-    """Find the linear equations of small motions.
+def limit_notes(run: Trajectory) -> list[str]:
+    """Notes on a run beyond the URDF's limits of velocity or position, one line a joint."""
+    robot, notes = run.robot, []
+    for joint, (lower, upper) in limited_joints(robot):
+        q, unit = run.q[:, joint.q.start], "rad" if turns(robot.model, joint) else "m"
+        for value, beyond in ((lower, q < lower - 1e-6), (upper, q > upper + 1e-6)):
+            notes += _note(run, joint.name, q, beyond, f"{value:.4g} {unit}")
+    limits = limits_by_joint(robot, robot.model.velocityLimit)
+    for joint in robot.joints:
+        if joint.name in limits:
+            speed, unit = np.abs(run.v[:, joint.v]).max(axis=1), "rad/s" if turns(robot.model, joint) else "m/s"
+            notes += _note(run, joint.name, speed, speed > limits[joint.name], f"{limits[joint.name]:.4g} {unit}")
+    return notes
 
-    x' = A x + B u, with x = (dq, dv) and torques u at the inputs: A, B, their error, eigenvalues, what kind of
-    equilibrium it is, and whether the inputs can control it.
 
-    \b
-    twolink linearize arm-swing --q "1.5707963267948966 0" --input elbow
-    twolink linearize panda-hold --out eigenvalues.png --json
-    """
-    from twolink.control.linearization import linearize as linearize_scene
-
-    require_writable(out or [], FORMATS)
-    states = (None if text is None else parse_numbers(name, text) for name, text in (("q", q), ("v", v)))
-    found = linearize_scene(scene_from(scene), *states, t=t, inputs=inputs)
-    text = f"{found}\nA =\n{found.A}\nB =\n{found.B}"
-    deliver({"scene": scene, **found.to_dict()}, text, out, found.plot, as_json, listed="files")
+def _note(run: Trajectory, joint: str, values: np.ndarray, beyond: np.ndarray, limit: str) -> list[str]:
+    if not beyond.any():
+        return []
+    largest = values[beyond][np.argmax(np.abs(values[beyond]))]
+    return [f"{joint} is beyond its limit of {limit} from {run.t[np.argmax(beyond)]:.3g} s on: {largest:.4g} at most"]

@@ -191,7 +191,7 @@ class Scene:
     @property
     def sensors(self) -> dict[str, Sensor]:
         """The sensors among the effects, by name."""
-        return {effect.label: effect for effect in self.effects if effect.is_sensor}  # type: ignore
+        return {effect.label: effect for effect in self.effects if effect.is_sensor}  # type: ignore[attr-defined, misc]
 
     def notes(self) -> list[str]:
         """Notes on possible mistakes in the start, and those of the effects on themselves, one line each."""

@@ -1,0 +1,235 @@
+"""Optimization: closed forms of best values, derivatives against runs, and what a search keeps and says."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from twolink.errors import SceneError
+from twolink.parts.design.evaluation import ObjectiveEvaluator, variables_of
+from twolink.parts.design.objectives import Extreme, FramePosition, FrameSpeed, Integral, StateDistance, final_energy
+from twolink.scenes.parameters import named_parameters, parameters_of, scene_with
+
+INERTIAL = """<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>"""
+LIMIT = """<limit lower="-99" upper="99" effort="1000" velocity="100"/>"""
+PLANE = f"""<robot name="plane"><link name="world"/>
+<link name="side">{INERTIAL}</link><link name="ball">{INERTIAL}</link>
+<joint name="x" type="prismatic"><parent link="world"/><child link="side"/><axis xyz="1 0 0"/>{LIMIT}</joint>
+<joint name="z" type="prismatic"><parent link="side"/><child link="ball"/><axis xyz="0 0 1"/>{LIMIT}</joint></robot>"""
+G, SPEED, HEIGHT = 9.81, 5.0, 1.5
+
+
+def thrown(*more: tl.effects.Effect) -> tl.Scene:
+    """A ball in a plane that falls to the ground, where the run ends."""
+    effects = tl.effects
+    landed = effects.Watch("landed", when=effects.FrameReaches("ball", 0.0), stop=True)
+    return tl.Scene(tl.load_robot(PLANE), [0.0, HEIGHT], [2.0, 2.0], [effects.Gravity(), *more, landed], 5.0)
+
+
+@pytest.mark.slow
+def test_the_farthest_throw_with_a_limited_speed_is_the_textbook_one() -> None:
+    """From a height h: range V sqrt(V^2 + 2 g h) / g, at tan of the elevation V / sqrt(V^2 + 2 g h)."""
+    limit = {"speed": lambda run: SPEED**2 - float(run.v[0] @ run.v[0])}
+    wrt = {"v.x": (0.5, 8.0), "v.z": (0.5, 8.0)}
+    found = tl.optimize(
+        thrown(), wrt=wrt, objective="x:ball", maximize=True, constraints=limit, starts=2, accuracy=1e-9
+    )
+    scene, run, history = found
+    root = np.sqrt(SPEED**2 + 2 * G * HEIGHT)
+    assert found.objective == pytest.approx(SPEED * root / G, abs=1e-8)
+    assert abs(found.objective - SPEED * root / G) <= found.error + 1e-8
+    assert scene.v[1] / scene.v[0] == pytest.approx(SPEED / root, abs=1e-4)
+    assert run.error is not None
+    assert abs(run.q[-1, 1]) < 1e-9  # it has landed
+    assert found.constraints["speed"] == pytest.approx(0.0, abs=1e-6)
+    assert set(history.select("derivatives").rows) == {("sensitivities",)}
+    assert found.simulations <= len(history) + 6
+
+
+def test_the_least_effort_from_rest_to_rest_is_the_textbook_one() -> None:
+    """m x'' = u over 1 s and 1 m: u = m (6 - 12 t), of which the squared integral is 12 m^2."""
+    push = tl.effects.Torque({"x": tl.effects.Polynomial((1.0, 0.0))})
+    scene = tl.Scene(tl.load_robot(PLANE), effects=[push], duration=1.0)
+    mass = scene.robot.mass
+    wrt = {f"effects.0.inputs.x.coefficients.{k}": (-100.0, 100.0) for k in (0, 1)}
+    limits = {"there": lambda run: run.q[-1, 0] - 1.0, "slow": lambda run: -run.v[-1, 0],
+              "forward": lambda run: run.v[-1, 0]}  # fmt: skip
+    found = tl.optimize(
+        scene, wrt=wrt, objective="effort", constraints=limits, starts=1, accuracy=1e-9, curvature=False
+    )
+    assert found.objective == pytest.approx(12 * mass**2, rel=1e-6)
+    assert list(found.values.values()) == pytest.approx([6 * mass, -12 * mass], rel=1e-5)
+    assert np.isnan(found.hessian).all()
+
+
+@pytest.mark.slow
+def test_the_path_of_least_jerk_from_rest_to_rest_is_the_textbook_one() -> None:
+    """Flash and Hogan 1985: 10 s^3 - 15 s^4 + 6 s^5, of which the squared jerk is 720 D^2 / T^5."""
+    (a, b), duration, level = (np.array([0.6, -2.1]), np.array([1.3, -1.5])), 2.0, {"shoulder": -1.0, "elbow": -1.0}
+    names, rest = ("shoulder", "elbow"), lambda p, q: tl.effects.Bezier((p,) * 3 + (p, q) + (q,) * 3, duration)
+    path = {joint: rest(*ends) for joint, *ends in zip(names, a, b, strict=True)}
+    track = tl.effects.ComputedTorque(path, 100.0, 20.0, following={"wrist": level})
+    scene = tl.Scene(tl.load_robot("feeding_arm"), [*a, -a.sum()], effects=[tl.effects.Gravity(), track])
+    wrt = {f"effects.1.path.{joint}.points.{k}": (-3.0, 3.0) for joint in names for k in (3, 4)}
+    found = tl.optimize(
+        scene, wrt=wrt, objective="jerk", starts=1, duration=duration, samples_per_second=50, curvature=False
+    )
+    change = np.append(b - a, -(b - a).sum())
+    assert found.objective == pytest.approx(720 * (change**2).sum() / duration**5, rel=1e-5)
+    share = np.array([2 / 7, 5 / 7])  # of the quintic in control points of degree 7
+    assert list(found.values.values()) == pytest.approx((a[:, None] + np.outer(b - a, share)).ravel(), abs=2e-3)
+    assert set(found.history.select("derivatives").rows) == {("sensitivities",)}
+    assert np.abs(found.run.q.sum(axis=1)).max() < 1e-6  # level
+
+
+WALL = tl.effects.Watch("landed", when=tl.effects.JointReaches("x", 50.0), stop=True)  # named as the other end is
+CASES = {
+    "landing": (thrown, {"v.x": (0, 8), "q.z": (0.1, 3)}, FramePosition("ball", "x")),
+    "landing, or at a wall": (lambda: thrown(WALL), {"v.x": (0, 8), "q.z": (0.1, 3)}, FramePosition("ball", "x")),
+    "landing speed": (thrown, {"v.z": (0, 8), "gravity.z": (-12, -5)}, FrameSpeed("ball")),
+    "place of the ground": (thrown, {"effects.1.when.value": (-1, 1)}, FramePosition("ball", "x")),
+    "arm": (lambda: arm(), {"q.elbow": (-1, 1), "forearm.mass": (0.1, 9)}, FramePosition("forearm")),
+    "energy": (lambda: arm(), {"v.elbow": (-1, 1), "forearm.mass": (0.1, 9)}, final_energy),
+    "effort": (lambda: held(), {"effects.1.kp.elbow": (1, 9), "q.elbow": (-1, 1)}, Integral("effort")),
+    "peak": (lambda: held(), {"effects.1.kp.elbow": (1, 9), "v.elbow": (-1, 1)}, Extreme("min", "a", "elbow")),
+    "rest": (lambda: held(), {"effects.1.kd.elbow": (0, 2), "v.elbow": (-1, 1)}, StateDistance((("elbow", 0.3),))),
+}  # fmt: skip
+
+
+def arm() -> tl.Scene:
+    scene = tl.load_scene("arm-swing")
+    return tl.Scene(scene.base, [0.2, 0.4], [0.3, -1.0], scene.effects)
+
+
+def held() -> tl.Scene:
+    control = tl.effects.JointPD({"elbow": 0.5}, {"elbow": 4.0}, {"elbow": 0.5})
+    return tl.Scene(tl.load_robot("two_link"), [0.2, 0.4], effects=[tl.effects.Gravity(), control])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
+def test_derivatives_along_a_run_agree_with_differences_of_runs(case: str) -> None:
+    make, wrt, objective = CASES[case]
+    scene, length = make(), 5.0 if "landing" in case or "ground" in case else 0.7
+    variables = variables_of(scene, wrt)
+    evaluate = ObjectiveEvaluator(
+        variables, {"objective": objective}, np.linspace(0.0, length, round(100 * length) + 1), 1e-9
+    )
+    found = evaluate(variables.own)
+    assert found.by == "sensitivities"
+    assert found.simulations == 1
+    for k, step in enumerate(1e-3 * variables.width):
+        ends = []
+        for sign in (2, 1, -1, -2):
+            x = variables.own.copy()
+            x[k] += sign * step
+            ends.append(evaluate.values_of(evaluate.run(variables.scene_at(x)))[0])
+        truth = (8 * (ends[1] - ends[2]) - (ends[0] - ends[3])) / (12 * step)
+        assert abs(truth) > 1e-3
+        assert found.gradients[0, k] == pytest.approx(truth, rel=1e-6, abs=1e-6)
+
+
+def test_what_sensitivities_do_not_follow_is_a_difference_of_runs_and_said() -> None:
+    """A table's values, and an objective that asks for states between samples."""
+    table = tl.effects.Sampled((0.0, 0.5, 1.0), (0.5, 0.5, 0.5), interpolation="linear")
+    scene = tl.Scene(tl.load_robot(PLANE), effects=[tl.effects.Torque({"x": table})], duration=1.0)
+    wrt = {f"effects.0.inputs.x.values.{k}": (-4.0, 4.0) for k in (0, 1)}
+    found = tl.optimize(scene, wrt=wrt, objective=lambda run: run.at(0.77)[0][0], maximize=True, starts=1)
+    assert list(found.values.values()) == [4.0, 4.0]
+    assert found.on_bound == dict.fromkeys(wrt, "high")
+    assert all(record["derivatives"].startswith("differences of runs: ") for record in found.history)
+    assert "derivatives: differences of runs" in str(found)
+
+
+def test_a_function_of_what_a_variable_moves_unseen_is_found_out() -> None:
+    """The time of an event, which is not in the samples: differences of runs stand in from the first evaluation on."""
+    scene = thrown()
+    watch = tl.effects.Watch("high", when=tl.effects.FrameReaches("ball", HEIGHT + 0.1))
+    scene = scene.with_effects([*scene.effects, watch])
+    found = tl.optimize(
+        scene, wrt={"v.z": (1.9, 6.0)}, objective=lambda run: (run.events[0].t - 0.03) ** 2, starts=1, accuracy=1e-9
+    )
+    assert found.history.to_records()[-1]["derivatives"].startswith("differences of runs: ")
+    vz = found.values["v.z"]
+    assert (vz - np.sqrt(vz**2 - 2 * G * 0.1)) / G == pytest.approx(0.03, abs=1e-4)
+
+
+@pytest.mark.slow
+def test_a_search_goes_on_from_its_file_with_the_same_result(tmp_path: Path) -> None:
+    scene, wrt, out = thrown(), {"v.x": (0.5, 3.0), "v.z": (0.5, 3.0)}, tmp_path / "search.json"
+
+    def objective(run: tl.Trajectory) -> float:
+        return (run.q[-1, 0] - 1.0) ** 2 + 0.1 * float(run.v[0] @ run.v[0])
+
+    whole = tl.optimize(scene, wrt=wrt, objective=objective, starts=1)
+    seen: list[int] = []
+
+    def press(done: int, _most: int, _label: str) -> None:
+        seen.append(done)
+        if done == 3 and len(seen) < 6:
+            raise KeyboardInterrupt
+
+    part = tl.optimize(scene, wrt=wrt, objective=objective, starts=1, out=out, progress=press)
+    assert part.interrupted
+    assert len(part.history) == 3
+    assert part.objective == min(record["objective"] for record in part.history)
+    assert "interrupted" in str(part)
+    first = len(seen)
+    rest = tl.optimize(
+        scene, wrt=wrt, objective=objective, starts=1, out=out, progress=lambda done, *_: seen.append(done)
+    )
+    assert seen[first] == 3  # the first three are not computed again
+    assert rest.values == whole.values
+    assert [r["objective"] for r in rest.history] == [r["objective"] for r in whole.history]
+    with pytest.raises(SceneError, match="its maximize is False, not True") as caught:
+        tl.optimize(scene, wrt=wrt, objective=objective, starts=1, out=out, maximize=True)
+    assert caught.value.code == "another-search"
+    out.write_text("{}")
+    with pytest.raises(SceneError) as caught:
+        tl.optimize(scene, wrt=wrt, objective=objective, out=out)
+    assert caught.value.code == "not-a-search"
+    assert json.loads(json.dumps(rest.to_dict(), allow_nan=False))["simulations"] >= len(rest.history)
+
+
+@pytest.mark.parametrize(
+    ("wrt", "objective", "code", "part"),
+    [
+        ({"effects.0.field": (0, 1)}, "energy", "unknown-parameter", "effects.0.field."),
+        ({}, "energy", "no-variables", "expected bounds by name"),
+        ({"v.elbo": (0, 1)}, "energy", "unknown-parameter", "did you mean 'v.elbow'"),
+        ({"v.elbow": (1, 0)}, "energy", "bounds", "(1, 0)"),
+        ({"v.elbow": (0, float("inf"))}, "energy", "bounds", "v.elbow"),
+        ({"forearm.mass": (-1, 1)}, "energy", "scene", "forearm.mass"),
+        ({"forearm.inertia.yy": (-0.1, 9.0)}, "energy", "impossible-body", "forearm.inertia: no body has"),
+        ({"v.elbow": (0, 1)}, "energie", "unknown-objective", "energy"),
+        ({"v.elbow": (0, 1)}, "max-v:elbw", "scene", "there is no joint 'elbw' with one coordinate"),
+        ({"v.elbow": (0, 1)}, "x:hand", "scene", "there is no frame 'hand'"),
+        ({"v.elbow": (0, 1)}, lambda run: run.q, "objective", "expected a finite number"),
+        ({"v.elbow": (0, 1)}, lambda run: 0.0 * run.t[0] + float("nan"), "objective", "nan"),
+        ({"v.elbow": (0, 1)}, 3.0, "objective", "expected a function of a run, got 3.0"),
+    ],
+)
+def test_errors_name_parameter_value_and_expectation(wrt, objective, code: str, part: str) -> None:
+    with pytest.raises(tl.errors.TwolinkError) as caught:
+        tl.optimize(tl.load_scene("arm-swing"), wrt=wrt, objective=objective, duration=0.1)
+    assert part in str(caught.value)
+    assert not code or caught.value.code == code
+
+
+def test_numbers_of_a_scene_have_names_and_can_be_changed() -> None:
+    scene = tl.load_scene("pitch")
+
+    def values_of(scene: tl.Scene) -> dict[str, float]:
+        names = [*parameters_of(scene), "effects.3.inputs.elbow.values.0"]
+        return {parameter.name: parameter.nominal for parameter in named_parameters(scene, names, "wrt")}
+
+    values = values_of(scene)
+    assert values["effects.5.at"] == 0.095595
+    assert values["effects.3.inputs.elbow.values.0"] == -70.0
+    other = scene_with(scene, {"effects.5.at": 0.1, "q.elbow": 2.0, "v.flight.4": 0.5, "forearm.mass": 1.1,
+                               "effects.3.inputs.elbow.values.0": -60.0})  # fmt: skip
+    changed = {name: value for name, value in values_of(other).items() if values.get(name, value) != value}
+    assert changed == {"effects.5.at": 0.1, "q.elbow": 2.0, "v.flight.4": 0.5, "forearm.mass": 1.1,
+                       "effects.3.inputs.elbow.values.0": -60.0}  # fmt: skip

@@ -1,0 +1,64 @@
+"""Robots as MJCF: read back by MuJoCo and by us, they are the same."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.robots.test_mjcf import ASSETS, EVERYTHING, LOOPS
+from twolink.errors import RobotError
+from twolink.parts.exchange.mjcf_text import mjcf_text
+
+LOOP = LOOPS.format('<weld body1="c" body2="b" anchor=".1 0 .3"/><connect body1="c" body2="a" anchor="1 0 0"/>'
+                    '<joint joint1="p" joint2="q" polycoef=".1 .5 0 0 0"/>')  # fmt: skip
+SOURCES = {"ur5": "ur5", "panda": "panda", "everything": EVERYTHING, "loops": LOOP, "ant": ASSETS / "ant.xml"}
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_what_is_read_back_is_equal(name: str, tmp_path: Path) -> None:
+    robot = tl.load_robot(SOURCES[name])
+    found = tl.compare_models(robot, robot.export_mjcf(tmp_path / "out.xml"))
+    assert [str(d) for d in found.differences if d.what != "velocity limit"] == []
+    assert max(found.dynamics.values()) < 1e-12
+    assert len(found.joints) == len(robot.joints)
+
+
+def test_mujoco_reads_the_same_mass_matrix() -> None:
+    robot = tl.load_robot("ur5")
+    model = mujoco.MjModel.from_xml_string(mjcf_text(robot))
+    data, full = mujoco.MjData(model), np.zeros((6, 6))
+    data.qpos[:] = np.linspace(-1, 1, 6)
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, full, data.qM) if hasattr(data, "qM") else mujoco.mj_fullM(model, data, full)
+    np.testing.assert_allclose(full, robot.mass_matrix(data.qpos), atol=1e-12)
+
+
+@pytest.mark.parametrize(("old", "new", "what"), [
+    ('stiffness="3.0"', 'stiffness="4.0"', "joint-spring"), ('armature="0.4"', 'armature="0.5"', "armature"),
+    ('gravcomp="0.7"', 'gravcomp="0.6"', "frame-wrench"), ('damping="0.1"', "", "damping"),
+    ("<site name=\"b0\" pos=\"0.1", "<site name=\"b0\" pos=\"0.2", "weld-loop"),
+    ("polycoef=\"0.", "polycoef=\"1.", "mimic"),
+])  # fmt: skip
+def test_a_change_is_found(old: str, new: str, what: str) -> None:
+    robot = tl.load_robot(LOOP if what in ("weld-loop", "mimic") else EVERYTHING)
+    text = mjcf_text(robot)
+    assert old in text
+    assert what in {d.what for d in tl.compare_models(robot, text.replace(old, new, 1)).differences}
+
+
+def test_gravity_compensation_has_the_number_of_the_file() -> None:
+    """The force is multiplied and divided by mass and gravity again, and rounds on the way."""
+    text = """<mujoco><option gravity="{} {} -9.81"/><worldbody><body name="a" gravcomp="{}"><joint axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0 0 {}" size=".03"/></body></worldbody></mujoco>"""
+    rng = np.random.default_rng(7)
+    for share in [*np.linspace(0.05, 1, 20).round(2), 1.25, 0.333333]:
+        x, y, length = rng.uniform(-3, 3, 3)
+        robot = tl.load_robot(text.format(x, y, share, length))
+        assert f'gravcomp="{float(share)!r}"' in mjcf_text(robot)
+
+
+def test_what_an_mjcf_cannot_hold_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RobotError, match=r"upper_arm.*thin rods"):
+        tl.load_robot("two_link").export_mjcf(tmp_path / "out.xml")

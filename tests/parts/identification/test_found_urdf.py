@@ -1,0 +1,53 @@
+"""The URDF with what was found: it loads as the robot that was found, and keeps the rest of the file."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.parts.identification.motions import FINGERS, motion, noisy
+from twolink.errors import RobotError
+from twolink.identification import identify, write_urdf
+
+
+def test_it_loads_as_the_robot_that_was_found_and_says_what_was(tmp_path: Path) -> None:
+    robot = tl.load_robot("arm")
+    t, q, v, a = motion(robot, 200)
+    tau = noisy(robot.inverse_dynamics(q, v, a) + 0.3 * v + 0.1 * a, 0.05)
+    found = identify(robot, t, q, v, tau, ["forearm.*", "*.damping", "*.armature"], a=a)
+    path = write_urdf(found, "arm", tmp_path / "found.urdf")
+    again = tl.load_robot(path)
+    bodies = slice(0, 20)
+    np.testing.assert_allclose(again.parameter_values[bodies], found.found.parameter_values[bodies], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(again.model.damping, found.found.model.damping, rtol=0, atol=1e-12)
+    text = path.read_text()
+    low, high = found.intervals["forearm.mass"]
+    assert (
+        f"<!-- found: forearm.mass = {found.values['forearm.mass']:.6g}, 95 % within {low:.6g} and {high:.6g}" in text
+    )
+    assert "found: elbow.armature = " in text
+    assert "kept near its value: forearm.first_moment.y, forearm.origin_inertia.xx" in text
+    original = (Path(__file__).parents[3] / "urdf" / "arm.urdf").read_text()
+    assert text.partition("<robot")[0] == original.partition("<robot")[0]  # the comments at its head
+
+
+def test_links_that_are_fixed_to_a_link_keep_their_own_values(tmp_path: Path) -> None:
+    """The body of the last link contains the hand: the link gets what the hand leaves."""
+    robot = tl.load_robot("panda", lock=FINGERS)
+    t, q, v, a = motion(robot, 60)
+    heavier = robot.regressor(q, v, a) @ (robot.parameter_values + 0.1 * np.eye(91)[60])
+    found = identify(robot, t, q, v, heavier, ["panda_link7.mass", "panda_link7.first_moment.*"], a=a)
+    again = tl.load_robot(write_urdf(found, "panda", tmp_path / "found.urdf"), lock=FINGERS)
+    wanted = found.found.parameter_values
+    assert wanted[60] - robot.parameter_values[60] == pytest.approx(0.1, abs=1e-4)
+    np.testing.assert_allclose(again.parameter_values, wanted, rtol=0, atol=1e-12)
+
+
+def test_another_robots_source_is_refused() -> None:
+    robot = tl.load_robot("arm")
+    t, q, v, a = motion(robot, 60)
+    found = identify(robot, t, q, v, robot.inverse_dynamics(q, v, a), ["forearm.mass"], a=a)
+    with pytest.raises(RobotError, match="has no link 'forearm'") as caught:
+        write_urdf(found, "panda", Path("never.urdf"))
+    assert caught.value.code == "other-robot"

@@ -1,0 +1,83 @@
+"""Robots whose inertias are not known yet: kinematics and the regressor answer, dynamics waits for identify."""
+
+import pickle
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.parts.identification.motions import motion, noisy
+from twolink.errors import QueryError, RobotError
+from twolink.identification import identify, write_urdf
+from twolink.parts.identification.measurements import Measurements
+from twolink.parts.identification.setup import derivatives, setup_of
+
+ARM = tl.load_robot("arm")
+BARE = re.sub(r"<inertial>.*?</inertial>", "", ARM.visuals.text, flags=re.DOTALL)
+Q, V = ARM.random_state(3)
+
+
+def test_dynamics_is_refused_by_name_and_kinematics_answer() -> None:
+    with pytest.raises(RobotError, match='purpose="kinematics"') as caught:
+        tl.load_robot(BARE)
+    assert caught.value.code == "no-inertia"
+    bare = tl.load_robot(BARE, purpose="kinematics")
+    np.testing.assert_allclose(bare.frame_jacobian(Q, "forearm"), ARM.frame_jacobian(Q, "forearm"), atol=1e-14)
+    np.testing.assert_allclose(bare.regressor(Q, V, V), ARM.regressor(Q, V, V), atol=1e-12)
+    for call in (bare.forward_dynamics, bare.inverse_dynamics):
+        for rows in (slice(None), 0):
+            with pytest.raises(QueryError, match="move no inertia") as refused:
+                call(Q[rows], V[rows], V[rows])
+            assert refused.value.code == "no-inertia"
+    for query in (bare.mass_matrix, bare.gravity_torque, lambda _: bare.compiled()):
+        with pytest.raises(QueryError, match="identify it first"):
+            query(Q)
+    with pytest.raises(QueryError, match="move no inertia"):
+        tl.Scene(bare)
+    assert pickle.loads(pickle.dumps(bare)).weightless == bare.weightless
+    assert "dynamics is refused" in str(bare.report)
+
+
+def test_a_robot_without_inertias_is_identified_and_then_has_dynamics(tmp_path: Path) -> None:
+    bare = tl.load_robot(BARE, purpose="identification")
+    t, q, v, a = motion(ARM)
+    tau = ARM.inverse_dynamics(q, v, a)
+    found = identify(bare, t, q, v, noisy(tau, 0.02), a=a)
+    assert found.consistency.consistent
+    np.testing.assert_allclose(found.found.inverse_dynamics(q, v, a), tau, rtol=0, atol=0.03)
+    again = tl.load_robot(write_urdf(found, BARE, tmp_path / "found.urdf"))
+    np.testing.assert_allclose(again.forward_dynamics(q, v, tau), a, rtol=0, atol=0.3)
+
+
+@pytest.mark.parametrize(("parameters", "deviation"), [(["forearm.*"], 0.02), (None, 3.0)])
+def test_a_fit_may_leave_joints_that_move_no_inertia(parameters: list[str] | None, deviation: float) -> None:
+    # One link alone, or noise in which the estimate is no body.
+    bare = tl.load_robot(BARE, purpose="identification")
+    t, q, v, a = motion(ARM)
+    found = identify(bare, t, q, v, noisy(ARM.inverse_dynamics(q, v, a), deviation), parameters, a=a,
+                     joint_model="viscous+coulomb")  # fmt: skip
+    assert np.isfinite(found.estimate).all()
+    assert np.isfinite(found.found.regressor(q, v, a) @ found.found.parameter_values).all()
+
+
+def test_derivatives_by_a_setup_need_no_bodies() -> None:
+    """Central differences of Y pi by q and by gravity, for ten numbers of each link that no body has."""
+    robot = tl.load_robot(BARE, purpose="identification")
+    t, q, v, a = motion(robot, 20)
+    pi = np.random.default_rng(3).normal(size=len(robot.parameter_names))
+    pi[0], pi[20:] = 0.0, 0.0  # a link without mass whose first moment is not 0; no friction
+    setup = setup_of(robot, ["elbow.zero", "gravity"])
+    data = Measurements(t, q, v, a, 0 * v, (len(t),))
+    slopes = derivatives(setup, pi, setup.names, data, 0 * v)
+    step = 1e-5
+
+    def torques(values: list[float]) -> np.ndarray:
+        moved = setup.at(np.array(values))
+        return np.asarray(moved.true_robot.regressor(moved.position(q), v, a) @ pi)
+
+    for k in range(len(setup.names)):
+        unit = step * np.eye(len(setup.names))[k]
+        expected = (torques((unit).tolist()) - torques((-unit).tolist())) / (2 * step)
+        np.testing.assert_allclose(slopes[..., k], expected, atol=1e-7)

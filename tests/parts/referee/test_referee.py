@@ -1,0 +1,317 @@
+"""The referee: right trajectories are right, wrong ones are explained."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.command import call
+from tests.parts.exchange.simulators import Log, exact, law_of, stepped
+from tests.parts.exchange.urdf_edits import plain_urdf, text
+from twolink.parts.referee.referee import best_run, verdict_of
+from twolink.parts.referee.trajectory_log import TrajectoryLog
+
+fx = tl.effects
+
+
+def damped(name: str, damping: float = 0.3, start: float = 0.4) -> tl.Scene:
+    robot = tl.load_robot(name)
+    effects = [fx.Gravity(), fx.JointDamping(dict.fromkeys(robot.joint_names, damping))]
+    return tl.Scene(robot, q=np.full(robot.nq, start), effects=effects, duration=2.0)
+
+
+ARM = damped("two_link")
+
+
+@pytest.mark.some(2)
+@pytest.mark.parametrize("name", ["two_link", "ur5", "z1", "finger_edu", "xarm7"])
+@pytest.mark.parametrize("start", [0.2, *(pytest.param(x, marks=pytest.mark.slow) for x in (0.4, 0.7))])
+def test_right_trajectories_are_right(name: str, start: float) -> None:
+    scene = damped(name, start=start)
+    verdict = tl.judge(scene, exact(scene, law_of(scene.robot, 0.3), 1.0, 0.01))
+    assert verdict.right, str(verdict)
+    assert verdict.causes == ()
+    assert verdict.defect < 1e-6
+    assert verdict.beyond == {}
+
+
+def blamed(log: Log, scene: tl.Scene = ARM) -> str:
+    verdict = tl.judge(scene, log)
+    assert verdict.answer == "wrong"
+    assert verdict.causes, str(verdict)
+    assert all(cause.unexplained < 0.01 for cause in verdict.causes)
+    return verdict.causes[0].what
+
+
+LAW = law_of(ARM.robot, 0.3)
+RIGHT = exact(ARM, LAW, 2.0, 0.01)
+
+
+@pytest.mark.slow
+def test_steps_that_are_too_long_are_named() -> None:
+    assert blamed(stepped(ARM, LAW, 2.0, 0.01, 0.002)) == "semi-implicit Euler with steps of 2 ms"
+    assert blamed(stepped(ARM, LAW, 2.0, 0.01, 0.01, "rk4")) == "Runge-Kutta of order 4 with steps of 10 ms"
+
+
+@pytest.mark.slow
+def test_what_is_left_out_is_named() -> None:
+    assert blamed(exact(ARM, law_of(ARM.robot), 2.0, 0.01)) == "damping is left out"
+    floating = law_of(ARM.robot.with_gravity([0, 0, 0]), 0.3)
+    assert blamed(exact(ARM, floating, 2.0, 0.01)) == "gravity is left out"
+    assert blamed(stepped(ARM, law_of(ARM.robot), 2.0, 0.01, 0.002)) == (
+        "semi-implicit Euler with steps of 2 ms, and damping is left out"
+    )
+
+
+def test_friction_that_is_left_out_is_named() -> None:
+    robot = tl.load_robot("two_link")
+    scene = tl.Scene(robot, q=[0.4, 0.4], effects=[fx.Gravity(), fx.DryFriction(dict.fromkeys(robot.joint_names, 0.5))])
+    assert blamed(exact(scene, law_of(scene.robot), 1.0, 0.005), scene) == "friction is left out"
+    assert tl.judge(scene, tl.simulate(scene, 1.0, accuracy=1e-9)).right
+
+
+@pytest.mark.slow
+def test_other_numbers_are_fitted() -> None:
+    moon = blamed(exact(ARM, law_of(ARM.robot.with_gravity([0, 0, -1.62]), 0.3), 2.0, 0.005))
+    assert moon.startswith("gravity differs")
+    assert "z +8.2" in moon or "z +8.1" in moon
+    assert "damping differs" in blamed(exact(ARM, law_of(ARM.robot, 0.5), 2.0, 0.005))
+
+    def change(model: object) -> None:
+        body = model.inertias[2].copy()
+        body.mass = 1.3 * body.mass
+        model.inertias[2] = body
+
+    scene = damped("ur5")
+    heavy = law_of(scene.robot.changed(change), 0.3)
+    assert "upper_arm_link" in blamed(exact(scene, heavy, 2.0, 0.005), scene)
+
+
+@pytest.mark.slow
+def test_delays_starts_and_units_are_named() -> None:
+    t, q, v = RIGHT
+    assert blamed((t + 0.05, q, v)) == "it is late by 0.05 s"
+    assert blamed((t[5:] - 0.05, q[5:], v[5:])) == "it is early by 0.05 s"
+    assert blamed((t[1:], q[1:], v[:-1])) == "v is that of the sample before"
+    assert blamed((1e3 * t, q, v)) == "t is in milliseconds"
+    assert blamed((t, np.rad2deg(q), np.rad2deg(v))) == "q and v are in degrees"
+    assert blamed((t, q, np.rad2deg(v))) == "v is in degrees per second"
+    assert blamed((t, np.rad2deg(q), v)) == "q is in degrees"
+    other = tl.Scene(ARM.base, [0.5, 0.4], [0.0, 0.0], ARM.effects)
+    assert blamed(exact(other, LAW, 2.0, 0.01)).startswith("it starts elsewhere, q by 0.1")
+
+
+def test_a_run_beyond_its_stops_is_told() -> None:
+    robot = tl.load_robot("two_link")
+    scene = tl.Scene(robot, q=[0.4, 0.4], effects=[fx.Gravity(), fx.JointStops({"shoulder": (0.0, 1.0)})])
+    verdict = tl.judge(scene, exact(scene, law_of(scene.robot), 1.0, 0.01))
+    assert not verdict.right
+    assert verdict.constraints["stop of shoulder"] > 0.1
+    assert tl.judge(scene, tl.simulate(scene, 1.0, accuracy=1e-9)).right
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["pendulum-friction", "four-bar", "panda-hold"])
+def test_our_own_runs_of_bundled_scenes_are_right(name: str) -> None:
+    scene = tl.load_scene(name)
+    end = min(scene.duration, 1.0)
+    verdict = tl.judge(scene, tl.simulate(scene, end, accuracy=1e-9))
+    assert verdict.right, str(verdict)
+    assert max(verdict.constraints.values(), default=0.0) < 1e-7
+
+
+@pytest.mark.slow
+def test_files_data_and_figures(tmp_path: Path) -> None:
+    t, q, v = stepped(ARM, LAW, 1.0, 0.01, 0.01)
+    table = np.column_stack([t, q, v])
+    np.savetxt(tmp_path / "log.csv", table, "%.17g", ",", header="t,q0,q1,v0,v1", comments="")
+    np.savez(tmp_path / "log.npz", t=t, q=q, v=v)
+    verdicts = [
+        tl.judge(ARM, given) for given in (tmp_path / "log.csv", tmp_path / "log.npz", {"t": t, "q": q, "v": v})
+    ]
+    assert len({str(verdict) for verdict in verdicts}) == 1
+    record = json.loads(verdicts[0].save(tmp_path / "v.json").read_text())
+    assert record["right"] is False
+    assert record["causes"][0]["what"] == "semi-implicit Euler with steps of 10 ms"
+    assert "WRONG" in verdicts[0].summary
+    assert verdicts[0].plot(tmp_path / "v.png").is_file()
+
+
+def test_angles_of_continuous_joints_may_be_given() -> None:
+    robot = tl.load_robot("double_pendulum_continuous")
+    scene = tl.Scene(robot, q={robot.joint_names[0]: 0.5}, effects=[fx.Gravity()])
+    run = tl.simulate(scene, 0.5, accuracy=1e-9)
+    angles = np.arctan2(run.q[:, 1::2], run.q[:, ::2])
+    assert tl.judge(scene, (run.t, angles, run.v)).right
+
+
+@pytest.mark.parametrize("given", [
+    ([0, 1], [[0, 0]] * 2, [[0, 0]] * 2), ([0, 1, 1], [[0, 0]] * 3, [[0, 0]] * 3),
+    ([0, 1, 2], [[0]] * 3, [[0, 0]] * 3), ([0, 1, 2], [[0, np.nan]] * 3, [[0, 0]] * 3), {"t": [0, 1, 2]},
+])  # fmt: skip
+def test_what_is_no_trajectory_is_refused(given: object) -> None:
+    with pytest.raises(tl.errors.SceneError) as failure:
+        tl.judge(ARM, given)
+    assert failure.value.code == "not-a-trajectory"
+
+
+@pytest.mark.slow
+def test_mujoco_is_judged() -> None:
+    mujoco = pytest.importorskip("mujoco")
+    robot = tl.load_robot("ur5")
+    model = mujoco.MjModel.from_xml_string(text(plain_urdf("ur5")))
+    model.opt.timestep, data = 0.002, mujoco.MjData(model)
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
+    scene = tl.Scene(robot, q=np.full(6, 0.4), effects=[fx.Gravity()])
+    data.qpos[:] = scene.q
+    rows = [(0.0, scene.q, scene.v)]
+    for _ in range(500):
+        mujoco.mj_step(model, data)
+        rows.append((data.time, data.qpos.copy(), data.qvel.copy()))
+    verdict = tl.judge(scene, tuple(np.array(x) for x in zip(*rows, strict=True)))
+    assert not verdict.right
+    assert verdict.causes[0].what == "semi-implicit Euler with steps of 2 ms"
+    assert verdict.beyond["0.0001"] < verdict.beyond["0.001"]
+
+
+def pendulum(q: float = 0.4, **more: float) -> tl.Scene:
+    robot = tl.load_robot("two_link")
+    effects = [fx.Gravity(), fx.JointDamping(dict.fromkeys(robot.joint_names, more.get("damping", 0.3)))]
+    return tl.Scene(robot, q=[q, 0.4], effects=effects)
+
+
+def test_what_is_not_known_is_neither_right_nor_wrong() -> None:
+    """A chaotic arm, whose stops, which it never touches, leave it to 16 digits: the solution is lost, not the log."""
+    arm = tl.load_robot("two_link")
+    effects = [fx.Gravity(), fx.JointStops(dict.fromkeys(arm.joint_names, (-10000.0, 10000.0)))]
+    scene = tl.Scene(arm, q=[np.pi / 2, 0.5], v=[0.0, 3.0], effects=effects)
+    solution = best_run(scene, np.linspace(0.0, 16.0, 321), 1e-9)
+    assert solution.error.max() > 1e-6
+    smooth = tl.simulate(scene.with_effects([fx.Gravity()]), 16.0, accuracy=1e-8, t_eval=solution.t)  # in 33 digits
+    t, q, v = smooth.t, smooth.q, smooth.v
+    verdict = verdict_of(scene, TrajectoryLog(t, q, v), solution, 1e-6)
+    itself = verdict_of(scene, TrajectoryLog(t, solution.q, solution.v), solution, 1e-6)
+    for one in (verdict, itself):
+        assert one.answer == "not known", str(one)
+        assert one.bar[one.t < one.unknown_from].max() <= 1e-6
+        assert one.causes == ()
+    moved = TrajectoryLog(t, q + 1e-3 * np.sin(t)[:, None], v + 1e-3 * np.cos(t)[:, None])
+    lost = verdict_of(scene, moved, solution, 1e-6, seconds=1.0)
+    assert lost.answer == "wrong"  # for certain, before the solution is lost
+    assert lost.excess >= 0.9e-3
+
+
+@pytest.mark.some(1)
+@pytest.mark.parametrize("digits", [4, 6])
+def test_digits_that_a_log_has_not_do_not_make_it_wrong(digits: int) -> None:
+    scene = pendulum()
+    run = tl.simulate(scene, 2.0, accuracy=1e-10)
+    rounded = tuple(np.round(x, digits) for x in (run.t, run.q, run.v))
+    significant = tuple(np.vectorize(lambda x: float(f"{x:.{digits}g}"))(x) for x in (run.t, run.q, run.v))
+    for log in (rounded, significant):
+        assert tl.judge(scene, log).answer == "right"
+        assert tl.judge(scene, log, start="log").answer != "wrong"
+    off = rounded[1] + 3 * 10.0**-digits * (run.t > 1)[:, None]
+    assert tl.judge(scene, (rounded[0], np.round(off, digits), rounded[2]), seconds=1.0).answer == "wrong"
+
+
+def test_a_log_without_velocities_is_judged_by_its_positions() -> None:
+    scene = pendulum()
+    run = tl.simulate(scene, 1.0, accuracy=1e-9)
+    verdict = tl.judge(scene, {"t": run.t, "q": run.q})
+    assert verdict.right
+    assert verdict.velocity is None
+    assert tl.judge(scene, {"t": run.t, "q": 1.01 * run.q}).answer == "wrong"
+    with pytest.raises(tl.errors.SceneError, match="no velocities to start from"):
+        tl.judge(scene, {"t": run.t, "q": run.q}, start="log")
+
+
+def test_wrong_velocities_alone_are_wrong() -> None:
+    run = tl.simulate(ARM, 1.0, accuracy=1e-9)
+    verdict = tl.judge(ARM, (run.t, run.q, run.v + 0.01), seconds=1.0)
+    assert verdict.answer == "wrong"
+    assert 0.009 < verdict.excess <= 0.01
+
+
+def test_a_robot_starts_where_its_log_does(tmp_path: Path) -> None:
+    """From another state than scene_of's, and from a log that begins late."""
+    made = tl.scene_of("two_link")
+    moved = tl.Scene(made.base, [0.9, -0.3], [0.5, 0.2], made.effects)
+    run = tl.simulate(moved, 1.0, accuracy=1e-10)
+    later = (run.t[50:], run.q[50:], run.v[50:])
+    for log in (run, later):
+        assert tl.judge("two_link", log).right
+        assert tl.judge(made, log, start="log").right
+        assert tl.judge(made, log, seconds=1.0).answer == "wrong"
+    path = run.save(tmp_path / "log.csv")
+    assert call("judge", "two_link", str(path)).returncode == 0
+    assert call("judge", "two_link", str(path), "--start", "scene", "--seconds", "1").returncode == 1
+
+
+def test_the_exit_code_of_what_is_not_known_is_3(tmp_path: Path) -> None:
+    run = tl.simulate(tl.load_scene("arm-swing"), 0.5, accuracy=1e-9)
+    path = run.save(tmp_path / "log.csv")
+    assert call("judge", "arm-swing", str(path)).returncode == 0
+    assert call("judge", "arm-swing", str(path), "--tolerance", "1e-13").returncode == 3
+
+
+def sign_error() -> Log:
+    """A student's two equations of the arm, by absolute angles; one sign of the second is wrong."""
+    arm = tl.load_robot("two_link")
+
+    def law(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        coriolis = arm.bias(q, v) - arm.gravity_torque(q)
+        return arm.forward_dynamics(q, v, np.array([0.0, 2 * coriolis[1]]), engine="pinocchio")
+
+    return exact(tl.Scene(arm, q=[0.4, 0.4], v=[1.0, 2.0], effects=[fx.Gravity()]), law, 1.0, 0.01)
+
+
+def test_a_cause_that_leaves_more_than_a_percent_is_not_named() -> None:
+    scene = tl.Scene(tl.load_robot("two_link"), q=[0.4, 0.4], v=[1.0, 2.0], effects=[fx.Gravity()])
+    verdict = tl.judge(scene, sign_error())
+    assert verdict.answer == "wrong"
+    assert verdict.causes == ()
+    assert verdict.nearest.unexplained > 0.01
+    assert "cause: none known; nearest: " in str(verdict)
+
+
+@pytest.mark.some(1)
+@pytest.mark.parametrize("name", ["implicit in the velocity", "implicit damping"])
+def test_implicit_steps_are_named(name: str) -> None:
+    """v += h (M + h (D + dh/dv))^-1 (M a), written down here with differences for dh/dv."""
+    robot, d, h = ARM.robot, 0.3, 0.004
+
+    def step(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        mass, force = robot.mass_matrix(q), -d * v - robot.bias(q, v)
+        slope = d * np.eye(2)
+        if "velocity" in name:
+            moved = [robot.bias(q, v + 1e-6 * e) - robot.bias(q, v - 1e-6 * e) for e in np.eye(2)]
+            slope += np.array(moved).T / 2e-6
+        return v + h * np.linalg.solve(mass + h * slope, force)
+
+    q, v = ARM.q.copy(), ARM.v.copy()
+    rows = [(q, v)]
+    for _ in range(200):
+        v = step(q, v)
+        q = q + h * v
+        rows.append((q, v))
+    log = np.arange(201) * h, np.array([q for q, _ in rows]), np.array([v for _, v in rows])
+    assert name in blamed(log)
+    assert "steps of 4 ms" in blamed(log)
+
+
+def test_causes_take_no_more_time_than_they_are_given() -> None:
+    labels: list[str] = []
+    log = exact(ARM, law_of(ARM.robot, 0.5), 1.0, 0.01)
+
+    def tell(_done: float, _total: float, label: str) -> None:
+        labels.append(label)
+
+    verdict = tl.judge(ARM, log, seconds=1e-3, progress=tell)
+    assert verdict.answer == "wrong"
+    assert verdict.causes == ()
+    assert any("local defects" in one for one in verdict.not_looked_at)
+    assert "not looked at, for lack of time" in str(verdict)
+    assert "WRONG" in labels[0]

@@ -1,0 +1,34 @@
+"""One running service for the tests that need no special one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import httpx
+import pytest
+
+from tests.parts.service.page_driver import Page
+from tests.parts.service.serving import Served, serving
+from tests.show.browser import Browser
+
+
+@pytest.fixture(scope="session")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    quotas = ("--quota", "load_seconds=60", "--quota", "disk_mb=600")
+    with serving(tmp_path_factory.mktemp("service"), *quotas) as running:
+        yield running
+
+
+@pytest.fixture
+def http(served: Served) -> Iterator[httpx.Client]:
+    with served.client() as client:
+        yield client
+
+
+@pytest.fixture
+def page(served: Served, browser: Browser) -> Iterator[Page]:
+    """The service's page. Afterwards: nothing was asked of others, and no script has failed."""
+    opened = Page(browser, served.url)
+    yield opened
+    assert opened.outside() == []
+    assert opened.faults() == []

@@ -1,0 +1,89 @@
+"""A service in a process of its own, as a user starts it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+
+TOP = Path(__file__).parents[3]
+
+
+def wait_until(condition: Callable[[], object], seconds: float = 240.0) -> None:
+    """Wait until the condition holds. Raises TimeoutError when it does not in time."""
+    end = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > end:
+            raise TimeoutError
+        time.sleep(0.02)
+
+
+@dataclass
+class Served:
+    """url: where it is. process: to end it. log: what it wrote to stderr so far."""
+
+    url: str
+    process: subprocess.Popen[str]
+    log_file: Path
+
+    @property
+    def log(self) -> str:
+        return self.log_file.read_text()
+
+    def client(self, **more: object) -> httpx.Client:
+        return httpx.Client(base_url=self.url, timeout=120, **more)
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait(120)
+
+    def workers(self) -> list[int]:
+        """Process ids of its worker processes."""
+        processes = []
+        for path in Path("/proc").glob("[0-9]*"):
+            with contextlib.suppress(OSError, IndexError):
+                parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
+                if (
+                    parent == self.process.pid
+                    and b"twolink.parts.service.work.worker" in (path / "cmdline").read_bytes()
+                ):
+                    processes.append(int(path.name))
+        return processes
+
+
+@contextlib.contextmanager
+def serving(folder: Path, *options: str, environment: dict[str, str] | None = None) -> Iterator[Served]:
+    """Start a service on a free port, and end it as Ctrl-C does."""
+    log_file = folder.parent / f"{folder.name}.log"
+    command = [sys.executable, "-m", "twolink", "serve", "--port", "0", "--data", str(folder), *options]
+    with log_file.open("w") as log:
+        process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=log, text=True, cwd=TOP,
+            env={**os.environ, **(environment or {})},
+        )  # fmt: skip
+    with process:
+        if process.stdout is None:
+            raise RuntimeError("no stdout")
+        address = re.search(r"http://\S+:\d+", process.stdout.readline())
+        if address is None:
+            process.kill()
+            raise RuntimeError(log_file.read_text())
+        try:
+            yield Served(address.group(), process, log_file)
+        finally:
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+            try:
+                process.wait(120)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                raise

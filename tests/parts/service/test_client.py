@@ -1,0 +1,104 @@
+"""tl.connect: a robot of a service gives the answers and the errors of a local one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.parts.service.serving import Served
+from tests.parts.service.urdfs import pendulum
+from twolink.errors import QueryError, RobotError, SceneError, TwolinkError
+from twolink.parts.service.client import Client
+
+RNG = np.random.default_rng(2)
+
+
+@pytest.fixture
+def client(served: Served) -> Iterator[Client]:
+    made = tl.connect(served.url)
+    yield made
+    made.close()
+
+
+def test_answers_are_those_of_a_local_robot(client: Client) -> None:
+    here, there = tl.load_robot("ur5"), client.robot("ur5")
+    assert (there.nq, there.nv, there.joint_names) == (here.nq, here.nv, here.joint_names)
+    for batch in ((), (5,), (2, 3)):
+        q, v, x = RNG.uniform(-1, 1, (3, *batch, here.nv))
+        for name, arguments in {
+            "forward_dynamics": (q, v, x), "inverse_dynamics": (q, v, x), "mass_matrix": (q,), "bias": (q, v),
+            "coriolis": (q, v), "gravity_torque": (q,), "energy": (q, v),
+        }.items():  # fmt: skip
+            expected, got = getattr(here, name)(*arguments), getattr(there, name)(*arguments)
+            np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9)
+            assert np.shape(got) == np.shape(expected)
+        f_ext = {"tool0": RNG.uniform(-1, 1, (*batch, 6))}
+        expected = here.forward_dynamics(q, v, x, f_ext)
+        np.testing.assert_allclose(there.forward_dynamics(q, v, x, f_ext), expected, rtol=1e-9, atol=1e-9)
+    assert there.link_poses(here.neutral)["tool0"].shape == (7,)
+
+
+@pytest.mark.parametrize("batch", [(), (3,)])
+def test_frames_momentum_and_derivatives_are_those_of_the_robot(client: Client, batch: tuple[int, ...]) -> None:
+    here, there = tl.load_robot("ur5"), client.robot("ur5")
+    q, v, x = RNG.uniform(-1, 1, (3, *batch, here.nv))
+    for name, arguments in {
+        "centre_of_mass": (q,), "momentum": (q, v), "frame_pose": (q, "tool0"), "frame_velocity": (q, v, "tool0"),
+        "frame_jacobian": (q, "tool0", "local"), "forward_dynamics_derivatives": (q, v, x),
+        "inverse_dynamics_derivatives": (q, v, x),
+    }.items():  # fmt: skip
+        expected, got = getattr(here, name)(*arguments), getattr(there, name)(*arguments)
+        for one, other in zip(got, expected, strict=True) if isinstance(expected, tuple) else [(got, expected)]:
+            np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+            assert one.shape == other.shape
+
+
+def test_errors_are_those_of_a_local_robot(client: Client) -> None:
+    robot = client.robot("two_link")
+    with pytest.raises(QueryError, match=r"expected shape \(..., 2\)"):
+        robot.bias([0, 0, 0], [0, 0])
+    with pytest.raises(QueryError, match="expected real numbers"):
+        robot.bias(["a", "b"], [0, 0])
+    with pytest.raises(TwolinkError, match="did you mean 'two_link'"):
+        client.robot("two_lnk")
+    with pytest.raises(RobotError, match="negative"):
+        client.upload(pendulum().replace('value="2"', 'value="-2"'))
+    with pytest.raises(SceneError, match="duration"):
+        client.simulate("arm-swing", duration=1e9)
+    with pytest.raises(TwolinkError, match="twolink serve"):
+        tl.connect("http://127.0.0.1:1").robots()
+    with pytest.raises(TwolinkError, match="not an address"):
+        tl.connect("ftp://x")
+
+
+def test_a_simulation_is_that_of_a_local_one(client: Client) -> None:
+    run, local = (
+        client.simulate("arm-swing", np.float64(1.0), accuracy=np.float64(1e-8)),
+        tl.simulate(tl.load_scene("arm-swing"), 1.0, accuracy=1e-8),
+    )
+    np.testing.assert_allclose(run.q, local.q, atol=2e-8)
+    scene = tl.Scene(tl.load_robot(pendulum()), q=[0.4], effects=[tl.effects.Gravity()], duration=0.5)
+    run = client.simulate(scene)
+    np.testing.assert_allclose(run.q[-1], tl.simulate(scene).q[-1], atol=3e-6)
+
+
+def test_the_way_of_contacts_can_be_asked_for(client: Client) -> None:
+    robot = tl.load_robot("two_link")
+    law = tl.effects.Contact((("forearm", "ground"),), shapes={"forearm": (tl.effects.Sphere(0.01),)})
+    scene = tl.Scene(robot, [0.3, 0.2], effects=[law], duration=0.05)
+    here = tl.simulate(scene, contact="stepped", step=0.01)
+    there = client.simulate(scene, contact="stepped", step=0.01)
+    assert there.bound == here.bound == "estimated"
+    np.testing.assert_allclose(there.q, here.q, rtol=0, atol=1e-12)
+
+
+def test_many_threads_share_a_client(client: Client) -> None:
+    robot = client.robot("two_link")
+    with ThreadPoolExecutor(8) as pool:
+        answers = list(pool.map(lambda x: robot.bias([x, 0.0], [1.0, 1.0]), np.linspace(0, 1, 100)))
+    here = tl.load_robot("two_link")
+    np.testing.assert_allclose(answers, [here.bias([x, 0.0], [1.0, 1.0]) for x in np.linspace(0, 1, 100)], rtol=1e-12)

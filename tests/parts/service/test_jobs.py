@@ -1,0 +1,226 @@
+"""Simulations and studies: answered at once or as jobs, watched, cancelled, stored, and taken in every format."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.parts.service.serving import Served, serving
+from tests.parts.service.urdfs import pendulum
+
+SWING = {"scene": "arm-swing", "duration": 1.0, "accuracy": 1e-8, "wait": 30}
+# Slow, as it has very many steps of a fixed size.
+SLOW = {"scene": "arm-swing", "duration": 1000.0, "samples_per_second": 1, "method": "rk4", "step": 1e-4, "wait": 0}
+
+
+def events(http: httpx.Client, path: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The events of a job, as they come, until it ends."""
+    with http.stream("GET", f"{path}/events") as answer:
+        assert answer.headers["content-type"].startswith("text/event-stream")
+        name = ""
+        for line in answer.iter_lines():
+            if line.startswith("event: "):
+                name = line.removeprefix("event: ")
+            elif line.startswith("data: "):
+                yield name, json.loads(line.removeprefix("data: "))
+
+
+def ended(http: httpx.Client, path: str) -> dict[str, Any]:
+    """The job at its end."""
+    assert [name for name, _ in events(http, path)][-1] == "end"
+    return http.get(path).json()
+
+
+def started(http: httpx.Client, path: str) -> None:
+    """Wait until a worker has reported progress of the job."""
+    assert any((job["progress"] or {}).get("fraction", 0) > 0 for _, job in events(http, path))
+
+
+@pytest.fixture(scope="module")
+def swing(served: Any) -> dict[str, Any]:
+    with served.client() as http:
+        answer = http.post("/v1/simulations", json=SWING)
+        assert answer.status_code == 200, answer.text
+        return answer.json()
+
+
+def test_a_short_simulation_is_answered_at_once(swing: dict[str, Any]) -> None:
+    run = tl.simulate(tl.load_scene("arm-swing"), 1.0, accuracy=1e-8)
+    assert swing["state"] == "done"
+    assert swing["result"]["error"] <= 1e-8
+    np.testing.assert_allclose(swing["result"]["q"], run.q[-1], atol=2e-8)
+    assert swing["result"]["samples"] == 201
+
+
+def test_the_same_request_is_answered_from_the_store(http: httpx.Client, swing: dict[str, Any]) -> None:
+    again = http.post("/v1/simulations", json={**SWING, "wait": 0})
+    assert again.status_code == 200
+    assert again.json()["created"] == swing["created"]
+    other = http.post("/v1/simulations", json={**SWING, "duration": 0.5}).json()
+    assert other["id"] != swing["id"]
+    assert {swing["id"], other["id"]} <= {job["id"] for job in http.get("/v1/simulations").json()}
+
+
+def test_results_in_every_format(http: httpx.Client, swing: dict[str, Any], tmp_path: Path) -> None:
+    path = f"/v1/simulations/{swing['id']}"
+    run = tl.simulate(tl.load_scene("arm-swing"), 1.0, accuracy=1e-8)
+    table = http.get(f"{path}/result").json()
+    assert list(table["columns"]) == ["t", "q.shoulder", "q.elbow", "v.shoulder", "v.elbow", "energy", "error"]
+    np.testing.assert_allclose(table["columns"]["q.elbow"], run.q[:, 1], atol=2e-8)
+    thin = http.get(f"{path}/result?points=11").json()
+    assert (thin["points"], thin["columns"]["t"][0], thin["columns"]["t"][-1]) == (11, 0.0, 1.0)
+    for form in ("csv", "parquet", "npz"):
+        answer = http.get(f"{path}/result?format={form}")
+        assert answer.status_code == 200
+        file = tmp_path / f"run.{form}"
+        file.write_bytes(answer.content)
+        loaded = tl.Trajectory.load(file, tl.load_scene("arm-swing").robot)
+        np.testing.assert_allclose(loaded.q, run.q, atol=2e-8)
+    figure = http.get(f"{path}/figure?format=svg")
+    assert "<svg" in figure.text
+    played = http.get(f"{path}/playback")
+    assert played.headers["content-type"].startswith("text/html")
+    assert "sandbox" in played.headers["content-security-policy"]
+
+
+def test_motion_says_where_the_links_are(http: httpx.Client, swing: dict[str, Any]) -> None:
+    moved = http.get(f"/v1/simulations/{swing['id']}/motion?frames=11").json()
+    assert np.shape(moved["poses"]) == (11, len(moved["links"]), 7)
+    last = http.post("/v1/robots/two_link/kinematics", json={"q": swing["result"]["q"]}).json()
+    np.testing.assert_allclose(moved["poses"][-1], last["poses"], atol=1e-6)
+
+
+def test_uploaded_robots_in_scenes(http: httpx.Client) -> None:
+    key = http.post("/v1/robots", content=pendulum(), headers={"Content-Type": "application/xml"}).json()["id"]
+    scene = {"robot": key, "q": {"hinge": 0.5}, "duration": 0.5, "effects": [{"type": "gravity"}]}
+    understood = http.post("/v1/scenes/validate", json={"scene": scene}).json()
+    assert understood["q"] == [0.5]
+    job = http.post("/v1/simulations", json={"scene": scene, "wait": 30}).json()
+    local = tl.Scene(tl.load_robot(pendulum()), q=[0.5], effects=[tl.effects.Gravity()])
+    np.testing.assert_allclose(job["result"]["q"], tl.simulate(local, 0.5).q[-1], atol=3e-6)
+    assert http.get(f"/v1/simulations/{job['id']}/result?format=csv").status_code == 200
+
+
+@pytest.mark.slow
+def test_stepped_contacts_answer_with_an_estimate_where_no_accuracy_is_asked_for(http: httpx.Client) -> None:
+    job = http.post("/v1/simulations", json={"scene": "dominoes", "duration": 0.3, "wait": 30}).json()
+    assert (job["state"], job["result"]["bound"], job["result"]["accuracy"]) == ("done", "estimated", None)
+    assert 1e-6 < job["result"]["error"] < 0.1  # 1e-6 would be refused
+
+
+def test_explain_counts_operations_and_seconds(http: httpx.Client) -> None:
+    explained = http.post("/v1/scenes/explain", json={"scene": "arm-swing", "accuracy": 1e-9}).json()
+    assert explained["operations"] == tl.explain(tl.load_scene("arm-swing"), accuracy=1e-9).operations
+    assert explained["expected_seconds"] > 0
+
+
+def test_a_long_simulation_is_a_job_with_progress_that_can_be_cancelled(http: httpx.Client) -> None:
+    answer = http.post("/v1/simulations", json=SLOW)
+    assert answer.status_code == 202
+    path = answer.headers["location"]
+    assert http.get(f"{path}/result").status_code == 409
+    started(http, path)
+    assert http.post(f"{path}/cancel").status_code == 202
+    seen = list(events(http, path))
+    assert seen[-1][0] == "end"
+    assert seen[-1][1]["state"] == "cancelled"
+    again = http.post(f"{path}/run").json()
+    assert again["state"] in ("queued", "running")
+    assert http.delete(path).status_code == 204
+    assert http.get(path).status_code == 404
+
+
+def test_deleting_a_job_ends_its_streams(served: Served, http: httpx.Client) -> None:
+    path = http.post("/v1/simulations", json={**SLOW, "duration": 1001.0}).headers["location"]
+    names = []
+    with served.client() as other:
+        for name, job in events(http, path):
+            names.append((name, job["state"]))
+            if job["state"] == "running":
+                assert other.delete(path).status_code == 204
+    assert names[-1] in (("end", "deleted"), ("end", "cancelled"))
+    assert "Traceback" not in served.log
+
+
+@pytest.mark.slow
+def test_the_progress_of_a_job_rises_to_its_end(http: httpx.Client) -> None:
+    asked = {"scene": "arm-swing", "duration": 40.0, "samples_per_second": 1, "method": "rk4", "step": 1e-4, "wait": 0}
+    path = http.post("/v1/simulations", json=asked).headers["location"]
+    seen = list(events(http, path))
+    fractions = [job["progress"]["fraction"] for _, job in seen if job["progress"]]
+    assert fractions == sorted(fractions)
+    assert [name for name, _ in seen[:-1]] == ["progress"] * (len(seen) - 1)
+    assert (seen[-1][0], seen[-1][1]["state"], fractions[-1]) == ("end", "done", 1.0)
+
+
+@pytest.mark.slow
+def test_a_study_has_rows_tables_and_a_figure(http: httpx.Client) -> None:
+    asked = {"scene": "arm-swing", "duration": 0.5, "methods": ["rk4", "dop853"], "tolerances": [1e-3, 1e-6],
+             "repeats": 1, "wait": 30}  # fmt: skip
+    answer = http.post("/v1/studies", json=asked)
+    job = answer.json() if answer.status_code == 200 else ended(http, answer.headers["location"])
+    assert {row["method"] for row in job["result"]["rows"]} == {"rk4", "dop853"}
+    path = f"/v1/studies/{job['id']}"
+    assert http.get(f"{path}/result?format=csv").text.startswith("method,")
+    assert len(np.load(io.BytesIO(http.get(f"{path}/result?format=npz").content))["error"]) == 4
+    assert "<svg" in http.get(f"{path}/figure").text
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "where"),
+    [
+        ({"scene": "arm-swin"}, 422, ""),
+        ({"scene": "../../etc/passwd"}, 422, "scene"),
+        ({"scene": "x.toml"}, 422, "scene"),
+        ({"scene": {"robot": "/etc/passwd"}}, 422, "scene"),
+        ({"scene": {"robot": "u-../../../etc"}}, 422, "scene"),
+        ({"scene": {"robot": "two_link", "effects": [{"type": "gravit"}]}}, 422, "scene.effects[0]"),
+        ({"scene": {"robot": "two_link", "q": {"elbw": 1}}}, 422, "scene.q"),
+        ({"scene": {"robot": "two_link", "effects": [{"type": "torque", "torque": {"elbow": {
+            "kind": "sampled", "file": "/etc/passwd"}}}]}}, 422, "scene.effects"),
+        ({"scene": "arm-swing", "accuracy": -1}, 400, "accuracy"),
+        ({"scene": "arm-swing", "accuracy": 1e-30, "precision": "double"}, 422, "t = "),
+        ({"scene": "arm-swing", "duration": 1e9}, 422, "duration"),
+        ({"scene": "arm-swing", "samples_per_second": 1e9}, 422, "samples_per_second"),
+        ({"scene": "arm-swing", "method": "magic"}, 422, "method"),
+        ({"scene": "arm-swing", "wait": 1e9}, 400, "wait"),
+    ],
+)  # fmt: skip
+def test_problems_of_simulations(http: httpx.Client, body: dict[str, Any], status: int, where: str) -> None:
+    answer = http.post("/v1/simulations", json={"wait": 30, **body})
+    assert answer.status_code == status, answer.text
+    assert answer.json()["where"].startswith(where), answer.text
+
+
+@pytest.mark.slow
+def test_quotas_limit_results_queue_and_time(tmp_path: Path) -> None:
+    quotas = ["jobs=1", "queue=1", "job_seconds=6", "disk_mb=0.05", "result_mb=0.03", "answer_mb=0.05"]
+    with serving(tmp_path / "data", *(x for q in quotas for x in ("--quota", q))) as served, served.client() as http:
+        keys = []
+        for k in range(6):  # about 15 kB each
+            job = http.post("/v1/simulations", json={**SWING, "duration": 1.0 + k / 100, "wait": 10}).json()
+            keys.append(job["id"])
+        assert http.get("/health").json()["bytes"] <= 0.05 * 2**20
+        assert http.get(f"/v1/simulations/{keys[0]}").status_code == 404  # the oldest went
+        assert http.get(f"/v1/simulations/{keys[-1]}").json()["state"] == "done"
+        last = f"/v1/simulations/{keys[-1]}"
+        for path in (f"{last}/playback", f"{last}/motion?frames=3600", "/v1/robots/double_pendulum/visuals"):
+            assert http.get(path).status_code == 413, path
+        assert all(http.get(f"{last}/motion?frames={count}").status_code == 200 for count in (2, 3, 4))
+        kept = {path.name for path in (tmp_path / "data").rglob("*") if path.is_file()}
+        assert {name for name in kept if not name.startswith("twolink.sqlite")} == {"result.npz", "robot.pickle"}
+        large = http.post("/v1/simulations", json={**SWING, "samples_per_second": 5000})
+        assert large.status_code == 422
+        assert "0.03 MB" in large.json()["detail"]
+        slow = [http.post("/v1/simulations", json={**SLOW, "duration": 3000.0 + k}) for k in range(3)]
+        assert [answer.status_code for answer in slow] == [202, 202, 429]
+        failed = ended(http, slow[0].headers["location"])
+        assert "6 s of computing" in failed["problem"]["detail"]

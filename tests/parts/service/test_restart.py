@@ -1,0 +1,134 @@
+"""Workers and services that are killed or end: nothing that was done is lost, and no process is left."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.parts.service.serving import TOP, Served, serving, wait_until
+from tests.parts.service.test_jobs import SLOW, SWING, ended, started
+from tests.parts.service.urdfs import INERTIAL, pendulum
+
+
+def large_robot(count: int, name: str) -> str:
+    """A robot whose reading takes a while."""
+    links = "".join(f'<link name="l{i}">{INERTIAL}</link>' for i in range(count))
+    joints = "".join(
+        f'<joint name="j{i}" type="fixed"><parent link="l{(i - 1) // 2}"/><child link="l{i}"/></joint>'
+        for i in range(1, count)
+    )
+    return f'<robot name="{name}">{links}{joints}</robot>'
+
+
+@pytest.mark.slow
+def test_a_killed_worker_is_a_problem_and_the_service_goes_on(tmp_path: Path) -> None:
+    with serving(tmp_path / "data") as served, served.client() as http:
+        deadline, answers = time.monotonic() + 60, []
+        while not any(answer.status_code == 422 for answer in answers) and time.monotonic() < deadline:
+            text = large_robot(3000, f"r{len(answers)}")
+            request = threading.Thread(target=lambda text=text: answers.append(http.post("/v1/robots", content=text)))
+            request.start()
+            staging = tmp_path / "data" / "staging"
+            wait_until(lambda: any(staging.iterdir()) or not request.is_alive())  # noqa: B023
+            kill_workers(served)
+            request.join()
+        died = next(answer for answer in answers if answer.status_code == 422)
+        assert died.json()["type"] == "urn:twolink:worker-died"
+        assert http.post("/v1/robots", content=pendulum()).status_code == 201
+        assert http.get("/health").json()["status"] == "ok"
+        assert "twolink_worker_deaths_total" in http.get("/metrics").text
+
+
+def kill_workers(served: Served) -> None:
+    for process in served.workers():
+        os.kill(process, signal.SIGKILL)
+
+
+def test_a_killed_service_loses_nothing_that_was_done(tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    with serving(folder, "--quota", "jobs=1") as first, first.client() as http:
+        done = http.post("/v1/simulations", json=SWING).json()
+        assert done["state"] == "done"
+        path = http.post("/v1/simulations", json=SLOW).headers["location"]
+        started(http, path)
+        waiting = http.post("/v1/simulations", json={**SWING, "duration": 1.5, "wait": 0}).headers["location"]
+        left = first.workers()
+        first.kill()
+    with serving(folder) as second, second.client() as http:
+        job = http.get(path).json()
+        assert (job["state"], job["problem"]["code"]) == ("interrupted", "interrupted")
+        assert f"interrupted by the end of an earlier run: simulation {job['id']}" in second.log
+        assert http.get(waiting).json()["state"] in ("queued", "running", "done")
+        kept = http.get(f"/v1/simulations/{done['id']}").json()
+        assert kept["result"] == done["result"]
+        assert len(http.get(f"/v1/simulations/{done['id']}/result").json()["columns"]["t"]) == 201
+        assert http.post(f"{path}/run").json()["state"] in ("queued", "running")
+        http.post(f"{path}/cancel")
+        assert ended(http, path)["state"] == "cancelled"
+    assert_gone(left)
+
+
+def assert_gone(processes: list[int]) -> None:
+    """Orphaned workers end by themselves."""
+    wait_until(lambda: not any(Path(f"/proc/{process}").exists() for process in processes))
+
+
+@pytest.mark.slow
+def test_a_service_that_ends_leaves_its_job_to_the_next_and_no_process(tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    with serving(folder) as first, first.client() as http:
+        path = http.post("/v1/simulations", json=SLOW).headers["location"]
+        started(http, path)
+        left = first.workers()
+    assert first.process.returncode == 0
+    assert "Traceback" not in first.log
+    assert_gone(left)
+    with serving(folder) as second, second.client() as http:
+        started(http, path)
+        assert "interrupted" not in second.log
+
+
+@pytest.mark.slow
+def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:
+    """Two services on one folder would each take the other's jobs for interrupted."""
+    with serving(tmp_path / "data") as served, served.client() as http:
+        http.post("/v1/simulations", json=SWING)
+        command = [sys.executable, "-m", "twolink", "serve", "--port", "0", "--data", str(tmp_path / "data")]
+        second = subprocess.run(command, capture_output=True, text=True, cwd=TOP, timeout=60)
+        assert (second.returncode, second.stderr.count("\n")) == (1, 1)
+        assert "--data" in second.stderr
+        assert http.get("/health").json()["status"] == "ok"
+
+
+@pytest.mark.slow
+def test_jobs_of_version_1_can_be_run_again(tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    folder.mkdir()
+    with contextlib.closing(sqlite3.connect(folder / "twolink.sqlite")) as database:
+        database.executescript(f"""
+            CREATE TABLE robots (id TEXT PRIMARY KEY, created REAL, used REAL, bytes INTEGER, description TEXT)
+                WITHOUT ROWID;
+            CREATE TABLE jobs (
+                id TEXT PRIMARY KEY, kind TEXT, request TEXT, state TEXT, owner TEXT, created REAL, started REAL,
+                ended REAL, used REAL, progress TEXT, problem TEXT, result TEXT, bytes INTEGER DEFAULT 0,
+                cancel INTEGER DEFAULT 0
+            ) WITHOUT ROWID;
+            CREATE INDEX jobs_by_state ON jobs (state);
+            INSERT INTO jobs VALUES ('s-1', 'simulation', '{json.dumps(SWING)}', 'done', 'x', 1.0, 1.0, 2.0, 2.0,
+                NULL, NULL, '{{"events": ["t = 1 s: impact"]}}', 10, 0);
+            PRAGMA user_version = 1;
+        """)
+    with serving(folder) as served, served.client() as http:
+        assert [(job["id"], job["state"]) for job in http.get("/v1/simulations").json()] == [("s-1", "interrupted")]
+        http.post("/v1/simulations/s-1/run")
+        assert ended(http, "/v1/simulations/s-1")["result"]["samples"] == 201

@@ -1,0 +1,209 @@
+"""Robots over HTTP: list, inspect, upload, draw, delete."""
+
+from __future__ import annotations
+
+import base64
+import tracemalloc
+from pathlib import Path
+
+import httpx
+import msgspec
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.parts.service.serving import serving
+from tests.parts.service.urdfs import URDFS, mesh, pendulum, stl, zipped
+from twolink.parts.service.http.api_models import _from_json
+from twolink.parts.service.problems import Refusal
+
+XML, ZIP = {"Content-Type": "application/xml"}, {"Content-Type": "application/zip"}
+
+
+def test_the_catalogue_is_listed_and_inspected(http: httpx.Client) -> None:
+    listed = {robot["id"]: robot for robot in http.get("/v1/robots").json()}
+    assert listed["panda"]["origin"] == "catalogue"
+    assert listed["anymal"]["usual_root"] == "free"
+    about = http.get("/v1/robots/kinova").json()
+    robot = tl.load_robot("kinova")
+    assert (about["nq"], about["nv"]) == (robot.nq, robot.nv)
+    assert [joint["name"] for joint in about["joints"]] == list(robot.joint_names)
+    assert about["neutral"] == robot.neutral.tolist()
+    assert about["report"] == robot.report.to_dict()
+
+
+def test_an_upload_answers_like_the_robot_it_is(http: httpx.Client) -> None:
+    text = (URDFS / "arm.urdf").read_text()
+    about = http.post("/v1/robots", content=text, headers=XML)
+    assert about.status_code == 201
+    key = about.json()["id"]
+    again = http.post("/v1/robots", content=text, headers=XML)
+    assert (again.status_code, again.json()) == (200, about.json())
+    assert http.get(f"/v1/robots/{key}").json() == about.json()
+    answer = http.post(f"/v1/robots/{key}/forward-dynamics", json={"q": [0.1, 0.2], "v": [1, 2]}).json()
+    assert answer["a"] == tl.load_robot("arm").forward_dynamics([0.1, 0.2], [1.0, 2.0], [0.0, 0.0]).tolist()
+
+
+def test_options_make_another_robot(http: httpx.Client) -> None:
+    text = (URDFS / "arm.urdf").read_text()
+    by_query = http.post("/v1/robots?gravity=0,0,-1.62&lock=elbow:0.5", content=text, headers=XML).json()
+    options = {"gravity": [0, 0, -1.62], "lock": {"elbow": 0.5}}
+    by_json = http.post("/v1/robots", json={"text": text, **options}).json()
+    robot = tl.load_robot(text, gravity=(0, 0, -1.62), lock={"elbow": 0.5})
+    for about in (by_query, by_json):
+        assert (about["nq"], about["nv"], about["gravity"]) == (robot.nq, robot.nv, robot.gravity.tolist())
+    anymal = http.post("/v1/robots", json={"source": "anymal", "root": "free"}).json()
+    assert (anymal["nq"], anymal["nv"]) == (19, 18)
+
+
+LARGE = 2**22 // 2  # numbers of two bytes
+ZEROS = b"[" + b"0," * LARGE + b"0]"
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b'{"source": "panda", "lock": {"a": ' + ZEROS + b"}}",
+        b'{"source": "panda", "lock": ' + ZEROS + b"}",
+        b'{"source": "panda", "lock": {"a": ' + ZEROS + b'}, "lock": {}}',
+        b'{"source": "panda", "gravity": ' + ZEROS + b"}",
+        b'{"text": ' + ZEROS + b"}",
+        b'{"source": "panda", "more": ' + ZEROS + b"}",
+        b'{"source": "panda", "lock": {' + b",".join(b'"%d":0' % i for i in range(LARGE // 4)) + b"}}",
+    ],
+    ids=["lock", "list", "twice", "gravity", "text", "unknown", "names"],
+)
+def test_an_upload_is_counted_before_it_is_decoded(body: bytes) -> None:
+    """Decoded, numbers take 16 times the bytes of their JSON; an upload may be 16 MB, and several come at once."""
+    tracemalloc.start()
+    try:
+        with pytest.raises((Refusal, msgspec.ValidationError)):
+            _from_json(body)
+        assert tracemalloc.get_traced_memory()[1] < 2 * len(body)
+    finally:
+        tracemalloc.stop()
+
+
+def test_text_may_be_long_and_a_joint_has_at_most_seven_numbers() -> None:
+    text = "<robot/>" + " " * LARGE
+    kind, options, content = _from_json(msgspec.json.encode({"text": text, "lock": {"elbow": 0.5}}))
+    assert (kind, options.lock, content) == ("urdf", {"elbow": 0.5}, text.encode())
+    with pytest.raises(msgspec.ValidationError, match="length <= 7"):
+        _from_json(b'{"source": "panda", "lock": {"a": [0,0,0,0,0,0,0,0]}}')
+
+
+def test_unknown_names_are_reported_where_that_is_asked_for(http: httpx.Client) -> None:
+    text = (URDFS / "arm.urdf").read_text().replace("<robot ", '<robot units="mm" ', 1)
+    refused = http.post("/v1/robots", content=text, headers=XML)
+    assert refused.status_code >= 400
+    assert "units= is unknown" in refused.text
+    about = http.post("/v1/robots?foreign=report", content=text, headers=XML).json()
+    assert "1 x units= in <robot>" in str(about["report"]["ignored"])
+
+
+def test_an_mjcf_of_a_stranger_is_refused(http: httpx.Client) -> None:
+    text = '<mujoco><asset><mesh name="m" file="/etc/passwd"/></asset></mujoco>'
+    answer = http.post("/v1/robots", content=text, headers=XML)
+    assert answer.status_code >= 400
+    assert "export_urdf" in answer.text
+
+
+def test_a_robot_with_mimic_joints_answers(http: httpx.Client) -> None:
+    about = http.post("/v1/robots", json={"source": "panda", "mimic": True}).json()
+    robot = tl.load_robot("panda", mimic=True)
+    q, v = robot.random_state(1, seed=3)
+    answer = http.post(f"/v1/robots/{about['id']}/bias", json={"q": q[0].tolist(), "v": v[0].tolist()}).json()
+    assert answer["h"] == robot.bias(q[0], v[0]).tolist()
+
+
+@pytest.mark.some(1)
+@pytest.mark.parametrize("name", ["package://my_arm/meshes/arm.stl", "meshes/arm.stl", "../meshes/arm.stl"])
+def test_meshes_come_from_the_zip(http: httpx.Client, name: str) -> None:
+    urdf = "urdf/robot.urdf" if name.startswith("..") else "robot.urdf"
+    content = zipped({urdf: pendulum(mesh(name)), "meshes/arm.stl": stl(), "notes.txt": "not used"})
+    about = http.post("/v1/robots", content=content, headers=ZIP)
+    assert about.status_code == 201, about.text
+    drawn = http.get(f"/v1/robots/{about.json()['id']}/visuals").json()
+    assert [piece["link"] for piece in drawn["pieces"]] == ["arm"]
+    data = drawn["objects"][drawn["pieces"][0]["object"]]["geometries"][0]["data"]
+    assert len(base64.b64decode(data["index"]["array"]["base64"])) == 2 * 3 * int.from_bytes(stl()[80:84], "little")
+
+
+def test_missing_meshes_are_in_the_load_report(http: httpx.Client) -> None:
+    about = http.post("/v1/robots", content=pendulum(mesh("package://elsewhere/a.stl")), headers=XML).json()
+    assert any("not found" in finding["what"] for finding in about["report"]["ignored"])
+
+
+@pytest.mark.slow
+def test_visuals_with_the_links_poses_are_where_pinocchio_draws_them(http: httpx.Client) -> None:
+    import pinocchio as pin
+
+    robot = tl.load_robot("ur5")
+    q = np.linspace(-1, 1, 6)
+    drawn = http.get("/v1/robots/ur5/visuals").json()
+    moved = http.post("/v1/robots/ur5/kinematics", json={"q": q.tolist()}).json()
+    poses = {name: pin.XYZQUATToSE3(np.array(pose)) for name, pose in zip(moved["frames"], moved["poses"], strict=True)}
+    geometry, data = robot.visual_model(), robot.model.createData()
+    placed = pin.GeometryData(geometry)
+    pin.updateGeometryPlacements(robot.model, data, geometry, placed, q)
+    expected = {item.name: placed.oMg[i] for i, item in enumerate(geometry.geometryObjects)}
+    assert len(drawn["pieces"]) == len(expected)
+    for piece in drawn["pieces"]:
+        at = poses[piece["link"]] * pin.XYZQUATToSE3(np.array(piece["placement"]))
+        assert at.isApprox(expected[piece["name"]], 1e-6)
+
+
+def test_large_answers_are_compressed_for_those_who_take_that(http: httpx.Client) -> None:
+    plain = http.get("/v1/robots/two_link/visuals", headers={"Accept-Encoding": "identity"})
+    packed = http.get("/v1/robots/two_link/visuals", headers={"Accept-Encoding": "gzip"})
+    assert "content-encoding" not in plain.headers
+    assert packed.headers["content-encoding"] == "gzip"
+    assert int(packed.headers["content-length"]) < 0.8 * len(plain.content)
+    assert packed.content == plain.content
+    refused = http.get("/v1/methods", headers={"Accept-Encoding": "br, gzip;q=0"})
+    taken = http.get("/v1/methods", headers={"Accept-Encoding": "br, gzip;q=0.5"})
+    assert "content-encoding" not in refused.headers
+    assert taken.headers["content-encoding"] == "gzip"
+    assert taken.json() == refused.json()
+
+
+def test_a_zip_with_several_urdfs_names_them(http: httpx.Client) -> None:
+    content = zipped({"a/one.urdf": pendulum(name="one"), "two.urdf": pendulum(name="two")})
+    problem = http.post("/v1/robots", content=content, headers=ZIP).json()
+    assert (problem["code"], problem["data"]) == ("several-urdfs", {"urdfs": ["a/one.urdf", "two.urdf"]})
+    chosen = http.post("/v1/robots?urdf=a/one.urdf", content=content, headers=ZIP)
+    assert chosen.json()["name"] == "one"
+    bad = zipped({"a/one.urdf": pendulum().replace('value="2"', 'value="-2"')})
+    assert http.post("/v1/robots", content=bad, headers=ZIP).json()["where"].startswith("a/one.urdf:3")
+
+
+def test_an_upload_is_deleted_and_the_catalogue_is_not(http: httpx.Client) -> None:
+    key = http.post("/v1/robots", content=pendulum(name="gone"), headers=XML).json()["id"]
+    assert http.delete(f"/v1/robots/{key}").status_code == 204
+    assert http.get(f"/v1/robots/{key}").status_code == 404
+    assert http.post(f"/v1/robots/{key}/bias", json={"q": [0]}).status_code == 404
+    assert http.delete("/v1/robots/panda").status_code == 409
+
+
+def test_errors_name_the_line(http: httpx.Client) -> None:
+    problem = http.post("/v1/robots", content=pendulum().replace('value="2"', 'value="-2"'), headers=XML).json()
+    assert (problem["status"], problem["type"]) == (422, "urn:twolink:robot-error")
+    assert problem["where"].startswith("URDF text:3")
+    assert "-2.0 kg is negative" in problem["detail"]
+
+
+@pytest.mark.slow
+def test_uploads_survive_a_restart_and_are_limited(tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    with serving(folder, "--quota", "uploads=1", "--quota", "moving_joints=1") as first, first.client() as http:
+        key = http.post("/v1/robots", content=pendulum(), headers=XML).json()["id"]
+        assert http.post("/v1/robots", content=pendulum(name="b"), headers=XML).status_code == 429
+        http.delete(f"/v1/robots/{key}")
+        problem = http.post("/v1/robots", json={"source": "two_link"}).json()
+        assert "up to 1" in problem["detail"]
+        http.post("/v1/robots", content=pendulum(), headers=XML)
+        first.kill()
+    with serving(folder) as second, second.client() as http:
+        assert http.get(f"/v1/robots/{key}").json()["nv"] == 1
+        assert len(http.post(f"/v1/robots/{key}/bias", json={"q": [0.3]}).json()["h"]) == 1
+        assert key in [robot["id"] for robot in http.get("/v1/robots").json()]

@@ -1,0 +1,160 @@
+"""The API's description: answers are as it says, whatever is asked, and a client is made of it without a complaint."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import shutil
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from scripts.studies.api import explore
+from tests.parts.service.serving import TOP, Served
+
+RUNS = pytest.mark.parametrize("count", [3, pytest.param(60, marks=pytest.mark.slow)])
+GENERATOR = Path(sys.prefix, "generator", "bin", "openapi-python-client")  # made by scripts/test
+CONFIG = TOP / "docs/operating/openapi-python-client.yaml"
+
+
+@pytest.mark.slow
+@RUNS
+@pytest.mark.filterwarnings("ignore")
+def test_answers_are_as_described_and_none_is_a_fault(served: Served, count: int) -> None:
+    failures: Counter[str] = Counter()
+    assert explore(served, count, failures) > 70 * min(count, 2)
+    assert not failures, failures
+    assert served.process.poll() is None
+
+
+def test_every_operation_says_what_it_answers(http: httpx.Client) -> None:
+    document = http.get("/openapi.json").json()
+    for path, operations in document["paths"].items():
+        for method, operation in operations.items():
+            answers = operation["responses"]
+            assert {"4XX", "5XX"} <= set(answers), path
+            for status, answer in answers.items():
+                for media, content in answer.get("content", {"": {"schema": {"$ref": ""}}}).items():
+                    assert content["schema"], (method, path, status, media)
+    begun = document["paths"]["/v1/simulations"]["post"]["responses"]
+    assert set(begun) == {"200", "202", "4XX", "5XX"}
+    assert begun["202"]["content"]["application/json"]["schema"] == {"$ref": "#/components/schemas/SimulationJob"}
+    assert list(document["paths"]["/v1/sweeps/{job}/events"]["get"]["responses"]["200"]["content"]) == [
+        "text/event-stream"
+    ]
+    assert '"items":false' not in http.get("/openapi.json").text
+
+
+@pytest.mark.slow
+def test_answers_of_jobs_are_as_described(http: httpx.Client) -> None:
+    """Those that take longer than made-up requests run."""
+    jsonschema: Any = importlib.import_module("jsonschema")
+    document = http.get("/openapi.json").json()
+    scene = {"scene": "arm-swing", "duration": 0.5}
+
+    def check(path: str, answer: httpx.Response) -> Any:
+        operation = document["paths"][path][answer.request.method.lower()]
+        schema = operation["responses"][str(answer.status_code)]["content"]["application/json"]["schema"]
+        jsonschema.Draft202012Validator({**schema, "components": document["components"]}).validate(answer.json())
+        return answer.json()
+
+    key = check("/v1/simulations", http.post("/v1/simulations", json={**scene, "wait": 30}))["id"]
+    for part in ("result", "motion"):
+        check(f"/v1/simulations/{{job}}/{part}", http.get(f"/v1/simulations/{key}/{part}"))
+    key = check("/v1/sweeps", http.post("/v1/sweeps", json={**scene, "vary": {"q.elbow": [0.0, 0.1]}, "wait": 30}))[
+        "id"
+    ]
+    check("/v1/sweeps/{job}/runs/{number}", http.get(f"/v1/sweeps/{key}/runs/1"))
+    for what in ("validate", "explain", "quantities", "linearize"):
+        check(f"/v1/scenes/{what}", http.post(f"/v1/scenes/{what}", json={"scene": "arm-swing"}))
+    for robot in ("two_link", http.post("/v1/robots", json={"source": "panda"}).json()["id"]):
+        check("/v1/robots/{robot}", http.get(f"/v1/robots/{robot}"))
+    for path in ("/v1/robots", "/v1/scenes", "/v1/methods", "/v1/queries", "/v1/simulations", "/health", "/ready"):
+        check(path, http.get(path))
+
+
+@pytest.mark.skipif(not GENERATOR.exists(), reason="openapi-python-client is not installed")
+def test_a_client_is_generated_and_used(served: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    command = [str(GENERATOR), "generate", "--url", f"{served.url}/openapi.json", "--config", str(CONFIG)]
+    done = subprocess.run(
+        [*command, "--meta", "none", "--output-path", str(tmp_path / "made"), "--fail-on-warning"],
+        capture_output=True, text=True, check=False, env={**os.environ, "PATH": f"{GENERATOR.parent}:{os.defpath}"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout
+    assert "WARNING" not in done.stdout + done.stderr
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for name in [name for name in sys.modules if name.split(".")[0] == "made"]:
+        monkeypatch.delitem(sys.modules, name)
+
+    def part(name: str) -> Any:
+        return importlib.import_module(f"made.{name}")
+
+    with part("client").Client(base_url=served.url, timeout=httpx.Timeout(120.0)) as client:
+        bias = part("models.bias").Bias(q=[0.0, 0.0])
+        answer = part("api.queries.bias").sync(robot="two_link", client=client, body=bias)
+        with served.client() as http:
+            assert answer.to_dict() == http.post("/v1/robots/two_link/bias", json={"q": [0.0, 0.0]}).json()
+        request = part("models.simulation_request").SimulationRequest(scene="arm-swing", duration=0.5, wait=30.0)
+        job = part("api.simulations.v1_simulations_begin").sync(client=client, body=request)
+        assert (job.kind, job.state, job.result["robot"]) == ("simulation", "done", "two_link")
+        again = part("api.simulations.v1_simulations_job_show_job").sync(job.id, client=client)
+        assert again.request.duration == 0.5
+        problem = part("api.robots.v1_robots_inspect_robot").sync("nobody", client=client)
+        assert (type(problem).__name__, problem.code) == ("Problem", "not-found")
+
+
+ASK = """
+import type { components, paths } from "./made";
+
+type Asked = paths["/v1/simulations"]["post"]["requestBody"]["content"]["application/json"];
+type Job = components["schemas"]["SimulationJob"];
+const base = process.argv[2];
+const post = async <T>(path: keyof paths, body: unknown): Promise<T> => {
+  const headers = { "content-type": "application/json" };
+  return (await (await fetch(base + path, { method: "POST", headers, body: JSON.stringify(body) })).json()) as T;
+};
+const asked: Asked = { scene: "arm-swing", duration: 0.5, wait: 30 };
+const job = await post<Job>("/v1/simulations", asked);
+const wrong = await post<components["schemas"]["Problem"]>("/v1/simulations", { scene: "nothing" });
+const state: "queued" | "running" | "done" | "failed" | "cancelled" | "interrupted" = job.state;
+console.log(state, job.request?.duration, wrong.status);
+export {};
+"""
+OPTIONAL = ("--default-non-nullable", "false")  # what has a default may be left out
+TOOLS = [shutil.which(name) for name in ("openapi-typescript", "tsc", "node")]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(None in TOOLS, reason="openapi-typescript, tsc or node is not installed")
+def test_types_for_typescript_are_generated_and_used(served: Served, tmp_path: Path) -> None:
+    generator, compiler, node = TOOLS
+
+    def run(*command: str | None) -> str:
+        done = subprocess.run(
+            [str(each) for each in command], capture_output=True, text=True, cwd=tmp_path, check=False
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout + done.stderr
+
+    assert "warn" not in run(generator, f"{served.url}/openapi.json", "--output", "made.d.ts", *OPTIONAL).lower()
+    (tmp_path / "ask.ts").write_text(ASK)
+    (tmp_path / "node.d.ts").write_text("declare const process: { argv: string[] };")
+    (tmp_path / "package.json").write_text('{"type": "module"}')
+    options = (
+        "--strict",
+        "--target",
+        "es2022",
+        "--module",
+        "es2022",
+        "--moduleResolution",
+        "bundler",
+        "--lib",
+        "es2022,dom",
+    )
+    run(compiler, *options, "--outDir", "out", "ask.ts", "node.d.ts", "made.d.ts")
+    assert run(node, "out/ask.js", served.url).split() == ["done", "0.5", "422"]

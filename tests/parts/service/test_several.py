@@ -1,0 +1,266 @@
+"""Several services that share a PostgreSQL database and an object store, with no stickiness between them."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+
+from tests.parts.service.serving import Served, serving, wait_until
+from tests.parts.service.test_jobs import SLOW, ended, events, started
+from tests.parts.service.test_sweeps import begun
+from tests.parts.service.urdfs import pendulum
+from twolink.parts.service.settings import Quotas
+from twolink.parts.service.store import leases
+from twolink.parts.service.store.accounts import today
+from twolink.parts.service.store.store import Store
+
+pytest.importorskip("psycopg")
+pytest.importorskip("obstore")
+pytestmark = pytest.mark.skipif(not (shutil.which("initdb") and shutil.which("pg_ctl")), reason="needs PostgreSQL")
+RUN = {"scene": "arm-swing", "duration": 0.5, "wait": 0}
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[str]:
+    """The URL of a PostgreSQL server of its own, which listens in its folder only; root starts it as its own user."""
+    is_root = os.geteuid() == 0
+    as_user = ["runuser", "-u", "postgres", "--"] if is_root else []
+    folder = Path(tempfile.mkdtemp(prefix="twolink-postgresql-"))  # pytest's folders are closed to other users
+    if is_root:
+        shutil.chown(folder, "postgres")
+
+    def run(*command: str) -> None:
+        subprocess.run([*as_user, *command], check=True, stdout=subprocess.DEVNULL, cwd=folder)
+
+    run("initdb", "-D", str(folder / "data"), "-U", "twolink", "--auth", "trust", "--no-sync", "-E", "UTF8")
+    options = f"-c listen_addresses= -c unix_socket_directories={folder} -c fsync=off"
+    run("pg_ctl", "-D", str(folder / "data"), "-w", "-l", str(folder / "log"), "-o", options, "start")
+    try:
+        yield f"postgresql://twolink@/postgres?host={folder}"
+    finally:
+        run("pg_ctl", "-D", str(folder / "data"), "-m", "immediate", "stop")
+        shutil.rmtree(folder)
+
+
+@pytest.fixture
+def shared(server: str, tmp_path: Path) -> Iterator[tuple[str, str]]:
+    """The URLs of a new database, and of a folder as the object store."""
+    import psycopg
+
+    with psycopg.connect(server, autocommit=True) as connection:
+        connection.execute("DROP SCHEMA public CASCADE")
+        connection.execute("CREATE SCHEMA public")
+    return server, f"file://{tmp_path}/objects"
+
+
+@pytest.fixture
+def stores(shared: tuple[str, str], tmp_path: Path) -> Iterator[list[Store]]:
+    """Two stores of the same."""
+    opened = [Store(tmp_path / name, *shared) for name in "ab"]
+    yield opened
+    for store in opened:
+        store.close()
+
+
+@contextlib.contextmanager
+def services(folder: Path, shared: tuple[str, str], names: str, *options: str) -> Iterator[list[Served]]:
+    with contextlib.ExitStack() as stack:
+        urls = "--database", shared[0], "--store", shared[1]
+        yield [stack.enter_context(serving(folder / name, *urls, *options)) for name in names]
+
+
+# Leases
+
+
+def test_a_job_is_claimed_once(stores: list[Store]) -> None:
+    keys = [f"simulation-{k:020x}" for k in range(40)]
+    for key in keys:
+        stores[0].new_job(key, "simulation", b"{}")
+    claimed: list[list[str]] = [[], []]
+
+    def claim(store: Store, mine: list[str]) -> None:
+        while rows := store.leases.claim(3):
+            mine += [row[0] for row in rows]
+
+    threads = [threading.Thread(target=claim, args=pair) for pair in zip(stores, claimed, strict=True)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(claimed[0] + claimed[1]) == keys
+
+
+def test_who_had_least_is_first(stores: list[Store]) -> None:
+    for k, owner in enumerate(("ann", "ann", "bob")):
+        stores[0].new_job(f"simulation-{k:020x}", "simulation", b"{}", owner)
+    stores[0].accounts.spend("ann", 3.0)
+    assert [row[2] for row in stores[1].leases.claim(2, day=today())] == ["bob", "ann"]
+
+
+def test_a_silent_process_loses_its_job_and_cannot_end_it(stores: list[Store], monkeypatch: pytest.MonkeyPatch) -> None:
+    (a, b), key = stores, "simulation-00000000000000000000"
+    a.new_job(key, "simulation", b"{}")
+    for tried in range(1, leases.TRIES + 1):
+        assert a.begin_job(key) is not None
+        assert b.begin_job(key) is None
+        assert a.leases.beat(key, {"fraction": 0.5}) is False
+        assert b.leases.expire() == []
+        monkeypatch.setattr(leases, "LEASE", -1.0)
+        assert b.leases.expire() == [(key, "queued" if tried < leases.TRIES else "interrupted")]
+        monkeypatch.undo()
+        assert a.leases.beat(key, None) is None
+    assert not a.leases.has(key)
+    a.new_job(key, "simulation", b"{}")
+    a.begin_job(key)
+    monkeypatch.setattr(leases, "LEASE", -1.0)
+    b.leases.expire()
+    assert b.begin_job(key) is not None
+    assert a.end_job(key, 1e9, state="done") is False
+    assert b.end_job(key, 1e9, state="failed") is True
+    job = a.job(key)
+    assert job is not None
+    assert job.state == "failed"
+    a.new_job(key, "simulation", b"{}")
+    a.begin_job(key)
+    b.leases.cancel(key)
+    assert a.leases.beat(key, None) is True
+    assert b.leases.expire() == [(key, "cancelled")]
+
+
+def test_room_for_uploads_is_taken_once(stores: list[Store]) -> None:
+    """Fifty uploads at once on two services never take more than there is."""
+    quotas, taken, lock = Quotas(disk_mb=40, result_mb=20), [], threading.Lock()
+
+    def reserve(k: int) -> None:
+        with contextlib.suppress(Exception):
+            stores[k % 2].accounts.reserve(f"u-{k:020x}", "", 2**20, quotas)
+            with lock:
+                taken.append(k)
+
+    threads = [threading.Thread(target=reserve, args=(k,)) for k in range(50)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    kept = stores[0].accounts.by_owner("loading")[""]
+    assert kept == len(taken) * 2**20
+    assert 0 < kept <= quotas.uploads_mb * 2**20
+
+
+# Services
+
+
+@pytest.mark.slow
+def test_what_one_service_is_given_another_has(tmp_path: Path, shared: tuple[str, str]) -> None:
+    def objects() -> list[Path]:
+        return [path for path in (tmp_path / "objects" / "results").rglob("*") if path.is_file()]
+
+    with services(tmp_path, shared, "ab") as (a, b), a.client() as first, b.client() as second:
+        robot = first.post("/v1/robots", content=pendulum()).json()["id"]
+        assert second.post(f"/v1/robots/{robot}/gravity-torque", json={"q": [0.5]}).status_code == 200
+        scene = {"robot": robot, "q": {"hinge": 0.5}, "effects": [{"type": "gravity"}]}
+        asked = {"scene": scene, "duration": 0.5, "wait": 25}
+        job = second.post("/v1/simulations", json=asked).json()
+        assert job["state"] == "done"
+        path = f"/v1/simulations/{job['id']}"
+        assert first.get(path).json()["result"] == job["result"]
+        contents = [http.get(f"{path}/result?format=csv").content for http in (first, second)]
+        assert contents[0] == contents[1]
+        assert contents[0].startswith(b"t,")
+        cancelled_elsewhere(first, second)
+        assert objects()
+        assert first.delete(path).status_code == 204
+        assert second.get(f"{path}/result").status_code == 404
+        assert not objects()
+
+
+def cancelled_elsewhere(first: httpx.Client, second: httpx.Client) -> None:
+    """A job that runs behind the first is watched and cancelled at the second."""
+    path = first.post("/v1/simulations", json=SLOW).headers["location"]
+    started(second, path)
+    with second.stream("GET", f"{path}/events") as stream:
+        lines = stream.iter_lines()
+        assert next(lines) == "event: progress"
+        second.post(f"{path}/cancel")
+        assert "event: end" in lines
+    assert ended(second, path)["state"] == "cancelled"
+    assert first.get(path).json()["state"] == "cancelled"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("which", "how"), [(0, signal.SIGKILL), (2, signal.SIGKILL), (1, signal.SIGTERM)])
+def test_of_a_hundred_jobs_none_is_lost_or_done_twice_when_a_service_is_killed(
+    which: int, how: signal.Signals, tmp_path: Path, shared: tuple[str, str]
+) -> None:
+    quotas = "--quota", "queue=200", "--quota", "jobs=1"
+    with services(tmp_path, shared, "abc", *quotas) as running, contextlib.ExitStack() as stack:
+        count_ends(shared[0])
+        clients = [stack.enter_context(each.client()) for each in running]
+        reader = clients[(which + 1) % 3]
+        paths = [
+            clients[k % 2].post("/v1/simulations", json={**RUN, "duration": 0.5 + k / 1000}).headers["location"]
+            for k in range(100)
+        ]
+        assert len(set(paths)) == 100
+
+        def states() -> list[str]:
+            return [reader.get(path).json()["state"] for path in paths]
+
+        wait_until(lambda: states().count("done") > 20)
+        running[which].process.send_signal(how)
+        running[which].process.wait(60)
+        wait_until(lambda: set(states()) == {"done"}, 400)
+        times = completions(shared[0])
+        assert sorted(times) == sorted(path.rpartition("/")[2] for path in paths)
+        assert set(times.values()) == {1}
+        answers = [reader.get(f"{path}/result?points=2") for path in paths]
+        assert {answer.status_code for answer in answers} == {200}
+
+
+def count_ends(url: str) -> None:
+    """Have the database write down whenever a job is done."""
+    import psycopg
+
+    with psycopg.connect(url, autocommit=True) as connection:
+        connection.execute("""
+            CREATE TABLE ends (id TEXT);
+            CREATE FUNCTION note() RETURNS trigger LANGUAGE plpgsql AS
+                $$ BEGIN INSERT INTO ends VALUES (NEW.id); RETURN NEW; END $$;
+            CREATE TRIGGER note AFTER UPDATE OF state ON jobs FOR EACH ROW
+                WHEN (NEW.state = 'done') EXECUTE FUNCTION note();
+        """)
+
+
+def completions(url: str) -> dict[str, int]:
+    """How often each job was done."""
+    import psycopg
+
+    with psycopg.connect(url) as connection:
+        return dict(connection.execute("SELECT id, count(*) FROM ends GROUP BY id").fetchall())
+
+
+@pytest.mark.slow
+def test_another_service_goes_on_with_the_sweep_of_one_that_was_killed(tmp_path: Path, shared: tuple[str, str]) -> None:
+    with services(tmp_path, shared, "ab") as (a, b), a.client() as first, b.client() as second:
+        path = begun(first)
+        objects = tmp_path / "objects" / "results" / path.rpartition("/")[2]
+        wait_until(lambda: len(list(objects.glob("sweep.zarr/status/c/*/*"))) >= 2)
+        stored = len(list(objects.glob("sweep.zarr/status/c/*/*")))
+        a.kill()
+        wait_until(lambda: "is queued" in b.log)
+        _, progress = next(
+            (k, job["progress"]) for k, job in events(second, path) if (job["progress"] or {}).get("done")
+        )
+        assert progress["done"] >= stored
+        done = ended(second, path)
+        assert (done["state"], done["result"]["done"]) == ("done", 6400)

@@ -1,0 +1,264 @@
+"""tl.sweep: what the store holds is what `simulate` gives, whatever computes it."""
+
+import importlib
+import json
+import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from twolink import effects
+from twolink.errors import MissingExtraError, SceneError, TwolinkError
+from twolink.parts.sweeps import store
+from twolink.parts.sweeps.plan import origin
+from twolink.sweeps import open_sweep
+
+pytest.importorskip("zarr")
+ARM = tl.load_scene("arm-swing")
+ELBOWS, MASSES = [-0.4, 0.1, 0.5], [1.0, 1.5]
+GRID = {"q.elbow": ELBOWS, "forearm.mass": MASSES}
+HERE = ThreadPoolExecutor(1)  # computes in this process
+
+
+def swept(out: Path, vary: dict = GRID, scene: tl.Scene = ARM, **options):
+    return tl.sweep(scene, vary=vary, out=out, **{"duration": 1.0, "executor": HERE, **options})
+
+
+def test_a_grid_in_worker_processes_is_what_simulate_gives(tmp_path: Path) -> None:
+    data = swept(tmp_path / "x.zarr", executor=None, workers=2, chunk=2, outputs=["final", "cost"])
+    assert dict(data.sizes) == {"q.elbow": 3, "forearm.mass": 2, "q_name": 2, "v_name": 2}
+    assert (data.status == 1).all()
+    assert (data.error <= 1e-6).all()
+    assert data["q.elbow"].attrs["units"] == "rad"
+    for elbow in ELBOWS:
+        worlds = tl.simulate_many(ARM, q=[0.0, elbow], parameters={"forearm.mass": MASSES}, duration=1.0)
+        found = data.sel({"q.elbow": elbow})
+        assert np.array_equal(found.q, worlds.q)
+        assert np.array_equal(found.error, worlds.error)
+        assert np.array_equal(found.steps, worlds.steps)
+
+
+def test_bits_do_not_depend_on_the_engine_the_workers_or_the_chunks(tmp_path: Path) -> None:
+    rubbing = tl.Scene(ARM.base, effects=[effects.Gravity(), effects.DryFriction(kinetic={"elbow": 0.5})])
+    vary = {"effects.1": [True, False], "accuracy": [1e-4, 1e-6], "q.elbow": [0.1, 0.2, 0.3]}
+    ways = [{"chunk": 1}, {"chunk": 5}, {}, {"executor": None, "workers": 1, "chunk": 4}]
+    first, *others = (
+        swept(
+            tmp_path / f"{i}.zarr",
+            vary,
+            rubbing,
+            outputs=["final", "samples", "energy"],
+            samples_per_second=3,
+            **options,
+        )
+        for i, options in enumerate(ways)
+    )
+    assert (first.status == 1).all()
+    for other in others:
+        for name in ("q", "v", "error", "t", "energy", "q_samples", "status", "reason"):
+            assert np.array_equal(first[name], other[name]), name
+
+
+def test_a_run_that_fails_is_a_row_with_its_reason(tmp_path: Path) -> None:
+    data = swept(tmp_path / "x.zarr", {"forearm.mass": [1.0, -1.0, 2.0]})
+    assert data.status.values.tolist() == [1, 3, 1]
+    assert "expected at least 0, got -1" in str(data.reason.values[1])
+    assert np.isnan(data.q.values[1]).all()
+    whole = tl.simulate_many(ARM, parameters={"forearm.mass": [1.0, 2.0]}, duration=1.0)
+    assert np.array_equal(data.q.values[[0, 2]], whole.q)
+
+
+def test_it_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
+    def stop(done: int, total: int, label: str) -> None:
+        assert "runs/s" in label
+        if done >= 2 * total / 3:
+            raise KeyboardInterrupt
+
+    part = swept(tmp_path / "x.zarr", chunk=1, progress=stop)
+    assert (part.status.values.ravel()[:4] == 1).all()
+    assert (part.status == 0).sum() == 2
+    calls: list[int] = []
+    whole = swept(tmp_path / "x.zarr", chunk=1, progress=lambda done, _total, _label: calls.append(done))
+    assert calls == [5, 6]
+    assert whole.equals(swept(tmp_path / "y.zarr"))
+
+
+def test_another_sweep_is_refused_and_the_difference_is_named(tmp_path: Path) -> None:
+    swept(tmp_path / "x.zarr")
+    other = tl.Scene(ARM.base, effects=[effects.Gravity(field=(0.0, 0.0, -1.6))])
+    for options, part in (
+        ({"accuracy": 1e-5}, "accuracy was 1e-06 and is now 1e-05"),
+        ({"scene": other}, "scene.effects[0].field[2] was -9.81 and is now -1.6"),
+        ({"vary": {"q.elbow": ELBOWS, "forearm.mass": [1.0]}}, "forearm.mass had the value 1.5"),
+        ({"vary": {"q.elbow": ELBOWS}}, "vary"),
+    ):
+        with pytest.raises(SceneError, match="another sweep") as caught:
+            swept(tmp_path / "x.zarr", **options)
+        assert caught.value.code == "another-sweep"
+        assert part in str(caught.value)
+
+
+def test_a_larger_grid_computes_the_new_runs_only(tmp_path: Path) -> None:
+    swept(tmp_path / "x.zarr", chunk=2)
+    done: list[int] = []
+    more = {"q.elbow": [-0.4, -0.1, 0.1, 0.5], "forearm.mass": [1.0, 1.5, 2.0]}
+    data = swept(tmp_path / "x.zarr", more, progress=lambda d, _total, _label: done.append(d), chunk=4)
+    assert done[0] > 6
+    assert done[-1] == 12
+    assert data.equals(swept(tmp_path / "y.zarr", more))
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".x") and path.suffix != ".lock"] == []
+
+
+def test_another_machine_that_goes_on_is_in_the_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    here = json.loads(swept(tmp_path / "x.zarr", chunk=1, progress=stop).attrs["twolink"])
+    assert "resumed" not in here
+    other = {**origin(), "machine": "another one"}
+    monkeypatch.setattr(store, "origin", lambda: other)
+    for vary in (GRID, GRID, {**GRID, "q.elbow": [*ELBOWS, 0.6]}):  # goes on, has nothing to do, is extended
+        record = json.loads(swept(tmp_path / "x.zarr", vary, chunk=1).attrs["twolink"])
+        assert record["resumed"] == [other]
+        assert {name: record[name] for name in other} == {name: here[name] for name in other}
+
+
+def test_samples_by_a_seed_and_more_of_them(tmp_path: Path) -> None:
+    vary = {"q.elbow": {"uniform": [-1.0, 1.0]}, "forearm.mass": {"normal": [1.0, 0.01]}}
+    few = swept(tmp_path / "x.zarr", vary, design="sobol", count=5, seed=3).load()
+    done: list[int] = []
+    many = swept(tmp_path / "x.zarr", vary, design="sobol", count=8, seed=3, progress=lambda d, *_: done.append(d))
+    assert done == [8]
+    assert many.isel(run=slice(5)).equals(few)
+    assert set(many.coords) >= {"run", "q.elbow", "forearm.mass"}
+    assert len(np.unique(many["q.elbow"])) == 8
+    for design in ("random", "latin-hypercube"):
+        assert (swept(tmp_path / f"{design}.zarr", vary, design=design, count=4).status == 1).all()
+
+
+def test_a_function_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "own_module.py").write_text("def change(run):\n    return float(run.energy[-1] - run.energy[0])\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    data = swept(tmp_path / "x.zarr", {"q.elbow": [0.1, 0.2]}, outputs=["own_module:change"])
+    assert (np.abs(data.change) < 1e-5).all()
+    with pytest.raises(SceneError, match="cannot be imported"):
+        swept(tmp_path / "y.zarr", outputs=["no_such:thing"])
+    with pytest.raises(SceneError, match="cannot be imported"):
+        swept(tmp_path / "z.zarr", outputs=["own_module:change"], executor=Elsewhere())
+    assert (open_sweep(tmp_path / "z.zarr").status == 0).all()
+
+
+def test_runs_are_reproducible_from_the_first_one_on(tmp_path: Path) -> None:
+    data = swept(tmp_path / "x.zarr", {"q.elbow": [0.1]}, outputs=["tests.parts.sweeps.run_functions:reproducible"])
+    assert data.reproducible.values.tolist() == [1.0]
+
+
+def test_robots_differ_under_the_same_effects(tmp_path: Path) -> None:
+    vary = {"robot": ["two_link", "no_such_robot", "double_pendulum"], "accuracy": [1e-4, 1e-8]}
+    data = swept(tmp_path / "x.zarr", vary, duration=0.2, outputs=["cost", "energy"])
+    assert data.status.sel(robot="no_such_robot").values.tolist() == [3, 3]
+    assert "no_such_robot" in str(data.reason.sel(robot="no_such_robot").values[0])
+    robot = tl.load_robot("double_pendulum")
+    q, v = robot.random_state(1, seed=0)
+    alone = tl.Scene(robot, q[0], v[0], ARM.effects).robot.energy(q[0], v[0])
+    found = data.sel(robot="double_pendulum")
+    np.testing.assert_allclose(found.energy, sum(alone), atol=1e-3)
+    assert (found.error <= found.accuracy).all()
+    assert "robots differ" in data.attrs["how"]
+    for outputs, vary in ((["final"], {"robot": ["arm"]}), (["cost"], {"robot": ["arm"], "q.elbow": [0.1]})):
+        with pytest.raises(SceneError, match="robot"):
+            swept(tmp_path / "y.zarr", vary, outputs=outputs)
+
+
+class Job:
+    """As submitit's: no future of concurrent.futures."""
+
+    def __init__(self, function: Callable[..., object], task: object) -> None:
+        self._function, self._task = function, task
+
+    def done(self) -> bool:
+        return True
+
+    def result(self) -> object:
+        return self._function(self._task)
+
+    def cancel(self) -> None:
+        """Nothing is left to do."""
+
+
+class Cluster:
+    """As submitit's executor."""
+
+    def submit(self, function: Callable[..., object], task: object) -> Job:
+        return Job(function, task)
+
+
+class Elsewhere(Cluster):
+    """A cluster whose workers have twolink, and no module of the caller's own."""
+
+    def submit(self, function: Callable[..., object], task: object) -> Job:
+        def there(task: object) -> object:
+            sys.modules.pop("own_module", None)
+            own, sys.path[:] = sys.path.copy(), [place for place in sys.path if "pytest-" not in place]
+            try:
+                return function(task)
+            finally:
+                sys.path[:] = own
+
+        return Job(there, task)
+
+
+class Stranger(Cluster):
+    """A cluster whose workers have no twolink."""
+
+    def submit(self, _function: Callable[..., object], task: object) -> Job:
+        return Job(lambda _: importlib.import_module("no_such_module"), task)
+
+
+def test_an_executor_of_another_kind(tmp_path: Path) -> None:
+    data = swept(tmp_path / "x.zarr", executor=Cluster(), chunk=2)
+    assert data.equals(swept(tmp_path / "y.zarr"))
+    with pytest.raises(TwolinkError, match="workers cannot import") as caught:
+        swept(tmp_path / "z.zarr", executor=Stranger())
+    assert caught.value.code == "workers-differ"
+    with pytest.raises(SceneError, match="an address or an executor"):
+        swept(tmp_path / "z.zarr", executor=3)
+
+
+@pytest.mark.parametrize("library", ["zarr", "xarray"])
+def test_nothing_is_computed_where_a_library_is_missing(
+    library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(MissingExtraError, match=f"{library} is not installed"):
+        swept(tmp_path / "x.zarr")
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_store_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="no store"):
+        open_sweep(tmp_path)
+    with pytest.raises(SceneError, match="no store"):
+        swept(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("vary", "part"),
+    [
+        ({"q.elbo": [0.0]}, "did you mean 'q.elbow'"),
+        ({}, "values by name"),
+        ({"q.elbow": [np.nan]}, "finite"),
+        ({"q.elbow": [0.1, 0.1]}, "twice"),
+        ({"effects.0": [0.5]}, "true or false"),
+        ({"accuracy": [0.0]}, "above 0"),
+        ({"q.elbow": {"range": [0, 1]}}, "range with 3 numbers"),
+    ],
+)
+def test_refusals(vary: dict, part: str, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=part):
+        swept(tmp_path / "x.zarr", vary)
+    assert not (tmp_path / "x.zarr").exists()

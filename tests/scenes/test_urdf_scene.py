@@ -1,0 +1,67 @@
+"""A scene with all that a URDF says."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from twolink.cli.scenes import limit_notes
+
+ARM = """<robot name="r">
+  <link name="base"/>
+  <link name="a"><inertial><origin xyz="0 0 -0.5"/><mass value="1"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="b"><inertial><origin xyz="0 0 -0.5"/><mass value="1"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="p" type="revolute"><parent link="base"/><child link="a"/><axis xyz="{axis}"/>
+    <limit lower="0.2" upper="1" effort="3" velocity="1"/><dynamics damping="0.1" friction="0.2"/></joint>
+  <joint name="m" type="revolute"><parent link="a"/><child link="b"/><axis xyz="{axis}"/><origin xyz="0 0 -1"/>
+    <limit lower="-9" upper="9" effort="0" velocity="0"/><mimic joint="p" multiplier="2" offset="0.1"/></joint>
+</robot>"""
+
+
+def test_all_that_the_urdf_says_acts_and_is_listed() -> None:
+    scene = tl.scene_of(tl.load_robot(ARM.format(axis="0 1 0")))
+    kinds = [type(effect).__name__ for effect in scene.effects]
+    assert kinds == ["Gravity", "JointDamping", "DryFriction", "JointStops", "Coupling"]
+    np.testing.assert_allclose(scene.q, [0.2 + 0.6 * 0.8, 2 * 0.68 + 0.1])
+    assert not scene.notes()
+    told = str(scene)
+    for words in ("damping", "friction", "limits of position", "mimic", "gravity", "limits of effort"):
+        assert words in told
+    assert {f.names for f in scene.report.read} >= {("p",), ("m",)}
+    again = pickle.loads(pickle.dumps(scene))
+    assert str(again) == told
+    assert np.array_equal(tl.scene_of(scene.base).q, scene.q)
+
+
+def test_the_run_keeps_the_limits_and_the_coupling_and_says_where_it_is_too_fast() -> None:
+    scene = tl.scene_of(tl.load_robot(ARM.format(axis="0 1 0")))
+    run = tl.simulate(scene, 1.0)
+    assert run.q[:, 0].min() >= 0.2 - 1e-9
+    np.testing.assert_allclose(run.q[:, 1], 2 * run.q[:, 0] + 0.1, atol=1e-9)
+    speed = np.abs(run.v[:, 0]).max()
+    notes = limit_notes(run)
+    assert len(notes) == (speed > 1)
+    assert notes == [] or f"{speed:.4g} at most" in notes[0]
+
+
+def test_a_robot_that_gravity_does_not_move_starts_with_a_speed() -> None:
+    scene = tl.scene_of(tl.load_robot(ARM.format(axis="0 0 1")))
+    assert scene.v.tolist() == [0.5, 1.0]
+    assert "gravity alone moves nothing" in str(scene)
+
+
+def test_a_robot_without_joints_is_refused() -> None:
+    with pytest.raises(tl.errors.SceneError, match="no joint moves") as failure:
+        tl.scene_of("spinning_box")
+    assert failure.value.code == "nothing-moves"
+
+
+def test_starts_of_the_catalogue_are_within_limits_and_off_equilibrium() -> None:
+    for name in ("panda", "kinova", "go1", "talos_arm", "tiago_no_hand", "bowler"):
+        scene = tl.scene_of(name)
+        assert not scene.notes(), name
+        torque = scene.robot.gravity_torque(scene.q)
+        assert np.any(np.abs(torque) > scene.robot.model.friction) or scene.v.any(), name

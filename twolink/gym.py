@@ -1,0 +1,5 @@
+"""Environments of Gymnasium; the part is `twolink.parts.gym`."""
+
+from twolink.parts.gym.environments import Environment, VectorEnvironment
+
+__all__ = ["Environment", "VectorEnvironment"]

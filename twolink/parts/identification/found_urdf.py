@@ -1,0 +1,149 @@
+"""A URDF with the parameters that were found: the file as it was, new values, and a comment on each."""
+
+import os
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from twolink.algorithms.mechanism import body_names
+from twolink.dynamics.regressors import JOINT_PARAMETERS
+from twolink.errors import RobotError
+from twolink.io.files import write_atomic
+from twolink.parts.identification.fit_result import SceneFit
+from twolink.parts.identification.result import Identification
+from twolink.robots.catalogue import open_source
+from twolink.robots.tree import Tree, read_tree
+from twolink.robots.xml import parse_xml
+
+Found = Identification | SceneFit
+_HEAD = re.compile(r"(?:\s|<\?.*?\?>|<!--.*?-->)*", re.DOTALL)  # what comes before <robot>
+
+
+def write_urdf(found: Found, source: str | os.PathLike[str], path: Path) -> Path:
+    """Write the URDF of `source` with what was found.
+
+    Parameters
+    ----------
+    found : Identification or SceneFit
+        What was found; the parameters of the robot `found.found` are written. Numbers of effects have no place in a
+        URDF: `SceneFit.scene.save` keeps them.
+    source : str or path
+        The name, path or URDF text that the robot was loaded from.
+    path : Path
+        The file to write.
+
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    RobotError
+        Code "other-robot": the source has not the links and joints of the robot.
+    TwolinkError
+        The file cannot be written.
+    """
+    text = found_urdf(found, source)
+    return write_atomic(path, lambda file: file.write(text.encode()), error=RobotError)
+
+
+def found_urdf(found: Found, source: str | os.PathLike[str]) -> str:
+    """The URDF text; see `write_urdf`."""
+    urdf = open_source(source)
+    tree = read_tree(parse_xml(urdf.data, urdf.label, urdf.encoding), urdf.label, foreign="report", xacro="ignore")
+    root = ET.fromstring(urdf.data, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
+    model, new = found.robot.model, found.found.model
+    changed = found.found.parameter_values - found.robot.parameter_values
+    for j, link in enumerate(body_names(model)[1:]):
+        change = changed[10 * j : 10 * j + 10]
+        if any(name.startswith(f"{link}.") for name in found.parameters):
+            element = _named(root, "link", link, urdf.label)
+            _set_inertial(element, _own_parameters(tree, link) + change)
+            _comment(element, _remarks(found, link))
+    for joint in model.names[1:]:
+        kinds = [kind for kind in JOINT_PARAMETERS if f"{joint}.{kind}" in found.parameters]
+        if kinds:
+            element = _named(root, "joint", joint, urdf.label)
+            dof = model.idx_vs[model.getJointId(joint)]
+            values = {"damping": float(new.damping[dof]), "friction": float(new.upperDryFrictionLimit[dof])}
+            values = {kind: value for kind, value in values.items() if kind in kinds}
+            _set_dynamics(element, values)
+            _comment(element, _remarks(found, joint))
+    head = _HEAD.match(urdf.data.decode("utf-8-sig"))
+    return (head.group() if head else "") + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _named(root: ET.Element, tag: str, name: str, label: str) -> ET.Element:
+    """The link or joint of this name. Raises RobotError."""
+    for element in root.findall(tag):
+        if element.get("name") == name:
+            return element
+    remedy = "give the source that the robot was loaded from"
+    raise RobotError(f"it has no {tag} {name!r}", where=label, remedy=remedy, code="other-robot")
+
+
+def _own_parameters(tree: Tree, name: str) -> np.ndarray:
+    """The ten parameters of a link alone, without the links that are fixed to it, in its frame."""
+    link = tree.links[name]
+    inertial = link.element.first("inertial")
+    origin = None if inertial is None else inertial.first("origin")
+    lever = [float(x) for x in (origin.attributes.get("xyz", "0 0 0") if origin else "0 0 0").split()]
+    return np.asarray(pin.Inertia(link.mass, np.array(lever), link.inertia).toDynamicParameters())
+
+
+def _set_inertial(link: ET.Element, parameters: np.ndarray) -> None:
+    """Write the ten parameters, the inertia about the centre of mass along the link's axes."""
+    body = pin.Inertia.FromDynamicParameters(parameters)
+    inertial = _child(link, "inertial")
+    entries = {f"i{'xyz'[i]}{'xyz'[j]}": repr(float(body.inertia[i, j])) for i in range(3) for j in range(i, 3)}
+    for tag, values in (
+        ("origin", {"xyz": " ".join(repr(float(x)) for x in body.lever), "rpy": "0 0 0"}),
+        ("mass", {"value": repr(float(body.mass))}),
+        ("inertia", entries),
+    ):
+        part = _child(inertial, tag)
+        part.attrib.clear()
+        part.attrib.update(values)
+
+
+def _set_dynamics(joint: ET.Element, values: dict[str, float]) -> None:
+    """Write damping and friction; URDF has no place for armature, which is in the comment."""
+    for kind in ("damping", "friction"):
+        if kind in values:
+            _child(joint, "dynamics").set(kind, repr(values[kind]))
+
+
+def _child(parent: ET.Element, tag: str) -> ET.Element:
+    """The first child of this tag; a new one, indented as the others, where there is none."""
+    found = parent.find(tag)
+    if found is None:
+        found = ET.Element(tag)
+        if len(parent):
+            parent[-1].tail, found.tail = parent.text, parent[-1].tail
+        parent.append(found)
+    return found
+
+
+def _remarks(found: Found, owner: str) -> list[str]:
+    """A line for each combination that a link or joint is part of, and for what could not be told of it."""
+    percent = f"{100 * found.confidence:g} %"
+    parameters = tuple(found.parameters)
+    names = [k for k, name in enumerate(parameters) if name.startswith(f"{owner}.")]
+    lines = []
+    for text, row, (low, high) in zip(found.combinations, found.matrix, found.intervals.values(), strict=True):
+        if np.any(row[names]):
+            lines.append(f"found: {text} = {(low + high) / 2:.6g}, {percent} within {low:.6g} and {high:.6g}")
+    unseen = [parameters[k] for k in names if not np.any(found.matrix[:, k])]
+    return [*lines, *([f"not seen in the data, kept near its value: {', '.join(unseen)}"] if unseen else [])]
+
+
+def _comment(element: ET.Element, lines: list[str]) -> None:
+    """Put lines as comments at the head of an element; XML forbids two hyphens in them."""
+    for k, line in enumerate(lines):
+        comment = ET.Comment(f" {line.replace('--', '- -')} ")
+        comment.tail = element.text
+        element.insert(k, comment)

@@ -1,0 +1,221 @@
+"""Measurements of motions: checked arrays and data files of one run or several; filtered samples of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twolink.dynamics import Robot
+from twolink.dynamics.arguments import array, configuration
+from twolink.errors import QueryError
+from twolink.io.tables import read_table
+from twolink.parts.identification.filtering import Filter, Recording, states
+from twolink.parts.identification.units import check_units
+from twolink.robots.joint_layout import read_columns
+
+_NARROWER = 0.7  # a window is compared with one wider by 1 / 0.7: errors of a grow with its fourth power
+GAP = 20.0  # times the usual step of time, from which it is a jump
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """Samples t (n,), q (n, nq), v, a, tau (n, nv) of all runs.
+
+    block: so many samples that follow each other are averaged, columns of the regressor and torques alike.
+    ends: where each run ends. coarse: the same samples by a wider window, for the filter's error.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    tau: np.ndarray
+    ends: tuple[int, ...]
+    block: int = 1
+    coarse: Measurements | None = None
+
+    def states(self, size: int = 2_000) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """(q, v, a) in parts of at most `size` samples."""
+        for i in range(0, len(self.t), size):
+            yield self.q[i : i + size], self.v[i : i + size], self.a[i : i + size]
+
+    def averaged(self, x: np.ndarray) -> np.ndarray:
+        """Means of x (n, ...) over blocks of samples, within each run."""
+        if self.block == 1:
+            return x
+        starts = (0, *self.ends[:-1])
+        blocks = [(e - s) // self.block for s, e in zip(starts, self.ends, strict=True)]
+        means = [x[s : s + n * self.block].reshape(n, self.block, *x.shape[1:]).mean(axis=1)
+                 for s, n in zip(starts, blocks, strict=True)]  # fmt: skip
+        return np.concatenate(means)
+
+
+def recordings(
+    robot: Robot, t: Any, q: ArrayLike | None, v: ArrayLike | None, tau: ArrayLike | None, a: ArrayLike | None = None
+) -> tuple[Recording, ...]:
+    """Checked runs: arrays of one, or in place of t a run or several as tables or paths.
+
+    Raises
+    ------
+    QueryError
+        For wrong shapes or values that are not finite; codes "times", "constant-data", "column-missing" and "units".
+    """
+    if q is not None and tau is not None:
+        return (_recording(robot, t, q, v, tau, a),)
+    if q is not None or tau is not None or v is not None or a is not None:
+        raise QueryError("expected t, q and tau, or runs alone", argument="t", remedy="give identify(robot, runs)")
+    tables = list(t) if isinstance(t, list | tuple) else [t]
+    if not tables:
+        raise QueryError("there are no runs", argument="t", remedy="give some", code="too-few-samples")
+    parts = [part for number, table in enumerate(tables) for part in _parts(table, number)]
+    runs = tuple(_recording(robot, **measurements_of(robot, part, where)) for part, where in parts)
+    if len({(run.v is None, run.a is None) for run in runs}) > 1:
+        what, remedy = "some runs have v or a, and some have not", "give all runs the same columns"
+        raise QueryError(what, argument="t", remedy=remedy, code="column-missing")
+    return runs
+
+
+def _parts(table: Any, number: int) -> list[tuple[dict[str, np.ndarray], str]]:
+    """The runs of a table by its column `run`, each with its name; the whole where there is none."""
+    where = str(table) if isinstance(table, str | Path) else f"run {number}"
+    columns = table_columns(table)
+    if "run" not in columns:
+        return [(columns, where)]
+    numbers = columns.pop("run")
+    cuts = np.flatnonzero(numbers[1:] != numbers[:-1]) + 1
+    return [({name: np.asarray(x)[rows] for name, x in columns.items()}, f"{where}, run {numbers[rows[0]]:g}")
+            for rows in np.split(np.arange(len(numbers)), cuts)]  # fmt: skip
+
+
+def _recording(
+    robot: Robot, t: ArrayLike, q: ArrayLike, v: ArrayLike | None, tau: ArrayLike, a: ArrayLike | None
+) -> Recording:
+    times = checked_times(t)
+    given = {"q": configuration("q", q, robot.nq, robot.joints), "tau": array("tau", tau, robot.nv)}
+    given |= {name: array(name, x, robot.nv) for name, x in (("v", v), ("a", a)) if x is not None}
+    for name, x in given.items():
+        if x.shape != (len(times), x.shape[-1]):
+            what = f"expected shape ({len(times)}, {x.shape[-1]}), got {x.shape}"
+            raise QueryError(what, argument=name, remedy="give one row for each of the times t")
+    if v is None and a is not None:
+        raise QueryError("accelerations came without velocities", argument="v", remedy="give v, or leave a out too")
+    if np.ptp(given["q"], axis=0).max() == 0.0 and not any(np.ptp(given[k]) for k in ("v", "a") if k in given):
+        what, remedy = "the robot never moves: all samples are the same", "measure motions, or several poses"
+        raise QueryError(what, argument="q", remedy=remedy, code="constant-data")
+    if a is None:
+        _require_no_gap(times)
+    if v is not None:
+        check_units(robot, times, given["q"], given["v"])
+    return Recording(times, given["q"], given.get("v"), given.get("a"), given["tau"])
+
+
+def _require_no_gap(t: np.ndarray) -> None:
+    """Refuse a jump in time: nothing is differentiated across it. Raises QueryError (code "times")."""
+    steps = np.diff(t)
+    if len(steps) and steps.max() > GAP * np.median(steps):
+        row = int(np.argmax(steps))
+        what = (
+            f"time jumps by {steps[row]:.4g} s at t[{row}] = {t[row]:.9g} s, the usual step is {np.median(steps):.4g} s"
+        )
+        remedy = "give the parts as several runs: a list of tables, or a column `run`"
+        raise QueryError(what, argument="t", remedy=remedy, code="times")
+
+
+def filtered(robot: Robot, runs: Sequence[Recording], by: Filter | None) -> Measurements:
+    """The runs' samples; without measured accelerations filtered by a window, and by a wider one.
+
+    Blocks of a quarter of the window are averaged, which its cut-off allows.
+    """
+    if by is None:
+        return _joined([(run.t, run.q, run.v, run.a, run.tau) for run in runs], 1)
+    block = max(1, by.half_window // 2)
+    wide = wider(by.half_window)
+    at = [np.arange(wide, len(run.t) - wide) for run in runs]
+    two = []
+    for half in (by.half_window, wide):
+        moved = [states(robot, run, half, by.source, rows) for run, rows in zip(runs, at, strict=True)]
+        parts = [(run.t[rows], s.q, s.v, s.a, run.tau[rows]) for run, rows, s in zip(runs, at, moved, strict=True)]
+        two.append(_joined(parts, block))
+    return replace(two[0], coarse=two[1])
+
+
+def _joined(parts: Sequence[tuple[Any, ...]], block: int) -> Measurements:
+    """The samples (t, q, v, a, tau) of all runs."""
+    t, q, v, a, tau = (np.concatenate(x) for x in zip(*parts, strict=True))
+    return Measurements(t, q, v, a, tau, tuple(np.cumsum([len(part[0]) for part in parts]).tolist()), block)
+
+
+def wider(half: int) -> int:
+    """The half window that shows the error of this one."""
+    return max(half + 1, round(half / _NARROWER))
+
+
+def checked_times(t: ArrayLike) -> np.ndarray:
+    """Increasing times (n,), s. Raises QueryError, codes "times" and "too-few-samples"."""
+    times = array("t", t, np.shape(t)[-1] if np.ndim(t) else 1)
+    if times.ndim != 1:
+        raise QueryError(
+            f"expected shape (n,), got {times.shape}", argument="t", remedy="give one time for each sample"
+        )
+    if not len(times):
+        raise QueryError("there are no samples", argument="t", remedy="give some", code="too-few-samples")
+    steps = np.diff(times)
+    if np.any(steps <= 0):
+        row = int(np.argmax(steps <= 0)) + 1
+        what = f"t[{row}] = {times[row]:.9g} s does not come after t[{row - 1}] = {times[row - 1]:.9g} s"
+        raise QueryError(what, argument="t", remedy="sort the samples by time and drop repeated ones", code="times")
+    if len(steps) and not 1e-12 < steps.min() <= steps.max() < 1e12:
+        what = f"steps are between {steps.min():.3g} s and {steps.max():.3g} s"
+        raise QueryError(what, argument="t", remedy="give seconds", code="times")
+    return times
+
+
+def table_columns(measurements: Any) -> dict[str, np.ndarray]:
+    """The columns by name."""
+    if isinstance(measurements, str | Path):
+        return dict(read_table(Path(measurements))[0])
+    if isinstance(measurements, Mapping):
+        return {str(name): np.asarray(values) for name, values in measurements.items()}
+    if hasattr(measurements, "columns") and hasattr(measurements, "__getitem__"):  # a DataFrame of any library
+        return {str(name): np.asarray(measurements[name]) for name in measurements.columns}
+    raise QueryError(f"expected a table, got {type(measurements).__name__}", argument="measurements",
+                     remedy='give a DataFrame, a path, or {"t": ..., "q.elbow": ...}')  # fmt: skip
+
+
+def measurements_of(robot: Robot, content: Mapping[str, np.ndarray], where: str) -> dict[str, Any]:
+    """t, q, v, a and tau from columns by name, the arguments of `identify`; where: they are from, for messages.
+
+    Columns are t, then q0, q1, ... or q.JOINT, and so on for v, a and tau, or whole arrays. v and a may be missing.
+    Raises QueryError for a missing column (code "column-missing").
+    """
+    out: dict[str, Any] = {"t": content.get("t")}
+    for name in ("q", "v", "a", "tau"):
+        out[name], lacking = read_columns(content, robot.joints, name)
+        if lacking and (name in ("q", "tau") or len(lacking) < robot.nv):
+            raise _missing(where, lacking[0], list(content), _from_one(content, robot, name))
+    if out["t"] is None:
+        raise _missing(where, "t", list(content))
+    return out
+
+
+def _from_one(content: Mapping[str, np.ndarray], robot: Robot, letter: str) -> str:
+    """The map of columns that are numbered from 1, one line of TOML for all; "" where they are not."""
+    columns = [f"{letter}{k + 1}" for k in range(len(robot.joints))]
+    if f"{letter}0" in content or not content.keys() >= set(columns):
+        return ""
+    pairs = zip(robot.joint_names, columns, strict=True)
+    return f"{letter} = {{{', '.join(f'{json.dumps(name)} = {json.dumps(column)}' for name, column in pairs)}}}"
+
+
+def _missing(where: str, column: str, there: list[str], mapped: str = "") -> QueryError:
+    what = f"column {column!r} is missing; there are {', '.join(there[:12])}"
+    remedy = "name the columns t, q0, q1, ... or q.JOINT, and so on for tau, v and a"
+    if mapped:
+        remedy = f"they are numbered from 1: give a map of columns with the line {mapped}"
+    return QueryError(what, where=where, remedy=remedy, code="column-missing")

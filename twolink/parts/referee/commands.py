@@ -1,0 +1,89 @@
+"""The commands of the referee: judge a log, or another simulator's run."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer import Argument, Option
+
+from twolink.cli.common import FAILED, Duration, Files, Json, SceneName, deliver, require_writable, scene_from
+from twolink.io.progress import progress_bar
+from twolink.scenes.urdf_scene import UrdfScene
+from twolink.show.figure import FORMATS
+from twolink.simulation.recording import SAVED
+
+NOT_KNOWN = 3  # the exit code of a log that is neither right nor wrong
+CauseSeconds = Annotated[float, Option(help="For how long causes are looked for, s of computing.")]
+
+
+def judge(
+    scene: SceneName,
+    log: Annotated[
+        Path, Argument(metavar="LOG", help="A .csv, .npz or .parquet (t, q.JOINT, v.JOINT), or a bag (.mcap, .db3).")
+    ],
+    start: Annotated[
+        str | None,
+        Option(
+            help="Whether the solution starts from the state of the scene, or the first sample of the log.",
+            show_default="scene; of a robot log",
+        ),
+    ] = None,
+    tolerance: Annotated[float, Option(help="A distance that does not count, rad or m.")] = 1e-6,
+    seconds: CauseSeconds = 10.0,
+    out: Files = None,
+    as_json: Json = False,
+) -> None:
+    """Judge a trajectory of any simulator against the solution.
+
+    It says how far the log is from the solution, since when, how large its local errors are, and what explains them.
+    --out writes a figure (.png .svg .pdf) or the verdict (.json). The exit code is 0 when the log is right, 1 when it
+    is wrong, and 3 when that is not known: the solution is not known well enough.
+
+    \b
+    twolink judge scene.toml log.csv --out verdict.png
+    twolink judge arm.xml log.csv                      from the first sample of the log, with all that the file says
+    """
+    from twolink.parts.referee.referee import judge as judge_log
+
+    require_writable(out or [], (".json", *FORMATS))
+    asked = scene_from(scene)
+    begin: Any = start or ("log" if isinstance(asked, UrdfScene) else "scene")
+    with progress_bar() as report:
+        verdict = judge_log(asked, log, start=begin, tolerance=tolerance, seconds=seconds, progress=report)
+    deliver(verdict.to_dict(), verdict, out,
+            lambda path: (verdict.plot if path.suffix in FORMATS else verdict.save)(path), as_json)  # fmt: skip
+    if not verdict.right:
+        raise typer.Exit(FAILED if verdict.answer == "wrong" else NOT_KNOWN)
+
+
+def compare(
+    scene: SceneName,
+    peer: Annotated[str, Option("--with", help="mujoco, drake or scipy, where installed.")] = "mujoco",
+    duration: Duration = None,
+    seconds: CauseSeconds = 10.0,
+    out: Files = None,
+    as_json: Json = False,
+) -> None:
+    """Judge another simulator's run of a scene.
+
+    MuJoCo runs it at its default setting, or that of the robot's own MJCF; or Drake or SciPy. What the other one does
+    not simulate is refused by name. It prints until when the log is right, what is wrong with it, and both costs.
+    --out writes a figure (.png .svg .pdf), the verdict (.json), or the log (.csv .mcap ...).
+
+    \b
+    twolink compare my.urdf --with mujoco --out compare.png
+    """
+    from twolink.parts.referee.comparison import compare as compare_with
+
+    require_writable(out or [], (".json", *FORMATS, *SAVED))
+    with progress_bar() as report:
+        found = compare_with(scene_from(scene), peer, duration, seconds=seconds, progress=report)
+
+    def write_one(path: Path) -> Path:
+        suffix = path.suffix.lower()
+        return found.plot(path) if suffix in FORMATS else (found.log if suffix in SAVED else found).save(path)
+
+    deliver(found.to_dict(), found, out, write_one, as_json)
+
+
+COMMANDS = judge, compare

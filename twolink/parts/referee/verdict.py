@@ -1,0 +1,127 @@
+"""The verdict on a trajectory, and its words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from twolink.parts.referee.causes import Cause
+from twolink.parts.referee.trajectory_log import Array
+from twolink.show.figure import Plotted, plot_lines
+from twolink.simulation.text import BaseResult
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Answer = Literal["right", "wrong", "not known"]
+
+
+@dataclass(frozen=True, repr=False)
+class Verdict(Plotted, BaseResult):
+    """The verdict on a trajectory.
+
+    Attributes
+    ----------
+    answer : {"right", "wrong", "not known"}
+        "right": within the tolerance of the solution at every sample, its velocity within 100 times as much a second;
+        digits that the log has not do not count. "wrong": farther off than the tolerance, the solution's error bar and
+        the log's digits together. "not known": neither is certain, for the solution is not known well enough.
+    unknown_from : float or None
+        Since when it is not known, s; None: it is, or the log is wrong.
+    excess : float
+        By how much it is wrong at least, rad or m, or for velocities a second; 0 of others.
+    t : ndarray (n,)
+        Its samples, s, as far as the solution goes.
+    distance : ndarray (n,)
+        From the solution, max |difference(q, q_solution)|, rad or m.
+    bar : ndarray (n,)
+        How far the solution itself may be off, rad or m.
+    digits : float
+        How far q may be off for the digits that were written, at most, rad or m.
+    beyond : mapping of str to float or None
+        Since when it is farther off than some distances for certain, s; None: never.
+    velocity : float or None
+        The largest distance of v from the solution's, rad/s or m/s; None: the log has no velocities.
+    defect : float or None
+        The largest local defect of v from a sample to the next, rad/s or m/s; None: no interval without events.
+    energy : float or None
+        The largest difference of its energy from the solution's, J; None: the log has no velocities.
+    constraints : mapping of str to float
+        How far loops are open, and joints beyond their stops, at most, m or rad.
+    causes : tuple of Cause
+        The cause that leaves less than 1 % unexplained; behind it those that this motion does not tell it from. Empty
+        where none is known, and of a log that is not wrong.
+    nearest : Cause or None
+        Where no cause is known: what leaves the least.
+    not_looked_at : tuple of str
+        What was not looked at for lack of time.
+    scene : str
+        The scene's title.
+    """
+
+    answer: Answer
+    unknown_from: float | None
+    excess: float
+    t: Array
+    distance: Array
+    bar: Array
+    digits: float
+    beyond: Mapping[str, float | None]
+    velocity: float | None
+    defect: float | None
+    energy: float | None
+    constraints: Mapping[str, float]
+    causes: tuple[Cause, ...]
+    nearest: Cause | None
+    not_looked_at: tuple[str, ...]
+    scene: str
+
+    @property
+    def right(self) -> bool:
+        """True if the answer is "right"."""
+        return self.answer == "right"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields as plain data, and right."""
+        return {"right": self.right, **super().to_dict()}
+
+    def _figure(self) -> Figure:
+        curves = {"distance from the solution": self.distance, "error bar of the solution": self.bar}
+        return plot_lines(self.summary, ("t (s)", "rad or m"), self.t, curves, log=True)
+
+    def _first_line(self) -> str:
+        known = f"the solution is known to {self.bar.max():.1e}" + (
+            f", the log to {self.digits:.1e}" if self.digits else "")  # fmt: skip
+        worst = int(np.argmax(self.distance))
+        apart = f"at most {self.distance[worst]:.2g} rad or m from the solution, at {self.t[worst]:.4g} s"
+        if self.answer == "not known":
+            return f"not known from {self.unknown_from:.4g} s on, right until then; {apart} ({known})"
+        if self.answer == "right":
+            return f"right, {apart} ({known})"
+        by = f", by at least {self.excess:.2g} rad or m" if self.beyond else (
+            f", its velocities by at least {self.excess:.2g} rad/s or m/s" if self.excess else "")  # fmt: skip
+        return f"WRONG{by}; {apart} ({known})"
+
+    def __str__(self) -> str:
+        lines = [f"{self.scene}: {self._first_line()}"]
+        lines += [f"  within {name} until {since:.4g} s" for name, since in self.beyond.items() if since is not None]
+        if self.defect is not None:
+            step = float(np.median(np.diff(self.t)))
+            lines.append(f"  local defect at most {self.defect:.2g} rad/s or m/s in a sample of {1e3 * step:.4g} ms")
+        if self.energy is not None:
+            lines.append(f"  energy off by at most {self.energy:.2g} J")
+        lines += [f"  {name} violated by {value:.2g}" for name, value in self.constraints.items()]
+        if self.causes:
+            lines.append(f"  cause: {self.causes[0]}")
+            others = "; ".join(cause.what for cause in self.causes[1:])
+            lines += [f"  which this motion does not tell from: {others}"] if others else []
+        elif self.answer == "wrong":
+            lines.append(f"  cause: none known{f'; nearest: {self.nearest}' if self.nearest else ''}")
+        if self.not_looked_at:
+            lines.append(f"  not looked at, for lack of time: {'; '.join(self.not_looked_at)}")
+        return "\n".join(lines)
+
+    __repr__ = __str__

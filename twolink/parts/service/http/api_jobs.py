@@ -1,0 +1,280 @@
+"""/v1/simulations, studies, sensitivities, identifications, sweeps: run, watch, cancel, and take the results.
+
+Results in other formats are made on demand by a worker process, and kept beside the result.
+"""
+
+import asyncio
+import contextlib
+import hashlib
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from litestar import MediaType, Request, Response, delete, get, post
+from litestar.params import FromPath, FromQuery, PathParameter, QueryParameter
+from litestar.response import File, Stream
+
+from twolink.errors import TwolinkError
+from twolink.io.tables import read_table
+from twolink.parts.service.http.components import Service, Shared
+from twolink.parts.service.store.store import ACTIVE, LISTED_JOBS
+from twolink.parts.service.work.requests import JOB_KINDS
+from twolink.parts.service.work.scene_tasks import SAMPLES, thinned
+
+MEDIA = {
+    "json": "application/json",
+    "csv": "text/csv",
+    "parquet": "application/vnd.apache.parquet",
+    "npz": "application/x-npz",
+    "svg": "image/svg+xml",
+    "png": "image/png",
+    "html": "text/html",
+    "zip": "application/zip",
+}
+MAX_POINTS = 20_000
+Points = Annotated[int, QueryParameter(ge=2, le=MAX_POINTS)]
+Limit = Annotated[int, QueryParameter(ge=1, le=LISTED_JOBS)]
+Frames = Annotated[int, QueryParameter(ge=2, le=3600)]
+PLAYBACK_POLICY = (
+    "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; "
+    "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob:"
+)
+FIGURE_POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:"  # SVG carries its own styles
+
+
+async def result_file(service: Service, kind: str, key: str, name: str, task: str = "export", **arguments: Any) -> Path:
+    """The file of that name beside a job's result, made by a task if it is not there.
+
+    Raises Refusal unless the job is done.
+    """
+    await service.jobs.views.require_done(kind, key)
+    path = service.store.result_folder(key) / name
+    with _removed_meanwhile(service, kind, key):
+        await service.make(path, task, **arguments)
+    await service.store.run(service.store.measure, key, service.settings.quotas.results_mb * 2**20)
+    return path
+
+
+async def result_bytes(service: Service, kind: str, key: str, name: str, *task: str, **arguments: Any) -> bytes:
+    """The content of such a file. Raises Refusal unless the job is done."""
+    path = await result_file(service, kind, key, name, *task, **arguments)
+    with _removed_meanwhile(service, kind, key):
+        return await asyncio.to_thread(path.read_bytes)
+
+
+async def samples_json(service: Service, key: str, points: int) -> bytes:
+    """A simulation's samples as {"columns": {name: [numbers]}}, thinned to at most so many points, ends included."""
+    await service.jobs.views.require_done("simulation", key)
+    with _removed_meanwhile(service, "simulation", key):
+        return await asyncio.to_thread(_samples, service.store.result_folder(key) / SAMPLES, points)
+
+
+@contextlib.contextmanager
+def _removed_meanwhile(service: Service, kind: str, key: str) -> Iterator[None]:
+    """Turn the failure to read a file into that of a job that was removed (404)."""
+    try:
+        yield
+    except (FileNotFoundError, TwolinkError) as error:
+        if getattr(error, "code", "not-readable") != "not-readable":
+            raise
+        raise service.jobs.views.removed(kind, key) from None
+
+
+def _samples(path: Path, points: int) -> bytes:
+    columns, _ = read_table(path)
+    kept = thinned(columns, points)
+    content = {name: values.tolist() for name, values in kept.items()}
+    return msgspec.json.encode({"samples": len(columns["t"]), "points": len(kept["t"]), "columns": content})
+
+
+# The playback brings its scripts with it; it is shut off from the service it came from.
+
+
+def _answered(view: dict[str, Any], path: str) -> Response[dict[str, Any]]:
+    """200 with the result, or 202 with where to ask for it."""
+    status = 202 if view["state"] in ACTIVE else 200
+    return Response(view, status_code=status, headers={"Location": f"/v1/{path}/{view['id']}"})
+
+
+def _begun(path: str, kind: str, summary: str) -> Any:
+    """The handler that takes requests for jobs of a kind."""
+
+    @post(f"/v1/{path}", tags=[path], summary=summary, status_code=200)
+    async def begin(request: Request[Any, Any, Any], service: Shared) -> Response[dict[str, Any]]:
+        """200 with the job and its result when it is done within `wait` seconds, else 202 with the job.
+
+        The same request is answered from the store.
+        """
+        asked = await service.prepare(kind, await request.body())
+        return _answered(await service.jobs.submit(kind, asked), path)
+
+    return begin
+
+
+def _shared(path: str, kind: str) -> list[Any]:
+    """The handlers of all jobs of a kind."""
+    tags = [path]
+
+    @get(f"/v1/{path}", tags=tags, summary=f"List {path}")
+    async def list_jobs(
+        service: Shared, limit: Limit = LISTED_JOBS, before: FromQuery[float] = math.inf
+    ) -> list[dict[str, Any]]:
+        """The newest jobs without their results, and without requests of more than 16 kB.
+
+        At most `limit` jobs, those `created` before the time `before`: the last one's `created` asks for the next page.
+        """
+        return await service.jobs.views.all(kind, before, limit)
+
+    @get(f"/v1/{path}/{{job:str}}", tags=tags, summary=f"A {kind}'s state and result")
+    async def show_job(service: Shared, job: FromPath[str]) -> dict[str, Any]:
+        """state: queued, running, done, failed, cancelled or interrupted."""
+        return await service.jobs.views.view(kind, job)
+
+    @get(f"/v1/{path}/{{job:str}}/events", tags=tags, summary=f"A {kind}'s progress as server-sent events")
+    async def events(service: Shared, job: FromPath[str]) -> Stream:
+        """Events `progress` and at last `end`, each with the job as JSON, without request and result."""
+        await service.jobs.views.view(kind, job)
+        headers = {"Cache-Control": "no-store"}
+        return Stream(service.jobs.views.events(kind, job), media_type="text/event-stream", headers=headers)
+
+    @post(f"/v1/{path}/{{job:str}}/cancel", tags=tags, summary=f"Cancel a {kind}", status_code=202)
+    async def cancel(service: Shared, job: FromPath[str]) -> dict[str, Any]:
+        """End a job that waits or runs. A job that has ended does not change."""
+        return await service.jobs.cancel(kind, job)
+
+    @post(f"/v1/{path}/{{job:str}}/run", tags=tags, summary=f"Run a {kind} again", status_code=202)
+    async def run_again(service: Shared, job: FromPath[str]) -> dict[str, Any]:
+        """Run a job again that failed, was cancelled or was interrupted. Others do not change."""
+        return await service.jobs.again(kind, job)
+
+    @delete(f"/v1/{path}/{{job:str}}", tags=tags, summary=f"Delete a {kind} and its result", status_code=204)
+    async def remove(service: Shared, job: FromPath[str]) -> None:
+        """Delete a job; a running one is cancelled first."""
+        await service.jobs.remove(kind, job)
+
+    return [list_jobs, show_job, events, cancel, run_again, remove]
+
+
+def _results(path: str, kind: str) -> list[Any]:
+    """The handlers of results, for simulations and for studies."""
+    tags = [path]
+
+    @get(f"/v1/{path}/{{job:str}}/figure", tags=tags, summary=f"A {kind}'s figure")
+    async def figure(
+        service: Shared,
+        job: FromPath[str],
+        form: Annotated[Literal["svg", "png"], QueryParameter(name="format")] = "svg",
+    ) -> Response[bytes]:
+        """As `plot` draws it: q, v, energy and error bar over time; or seconds over error, by method."""
+        content = await result_bytes(service, kind, job, f"figure.{form}")
+        return Response(content, media_type=MEDIA[form], headers={"Content-Security-Policy": FIGURE_POLICY})
+
+    @get(f"/v1/{path}/{{job:str}}/result", tags=tags, summary=f"A {kind}'s result")
+    async def result(
+        service: Shared,
+        job: FromPath[str],
+        form: Annotated[Literal["json", "csv", "parquet", "npz"], QueryParameter(name="format")] = "json",
+        points: Points = MAX_POINTS,
+    ) -> Response[bytes] | File:
+        """A simulation's samples: columns t, q.JOINT, v.JOINT, energy, error; JSON is thinned to at most `points`.
+
+        A study: all of it as JSON, its rows in the other formats.
+        """
+        if form == "json" and kind == "simulation":
+            return Response(await samples_json(service, job, points), media_type=MediaType.JSON)
+        file = await result_file(service, kind, job, f"result.{form}")
+        return File(file, filename=f"{job}.{form}", media_type=MEDIA[form])
+
+    return [figure, result]
+
+
+@get("/v1/simulations/{job:str}/motion", tags=["simulations"], summary="Where the links are over time")
+async def motion(service: Shared, job: FromPath[str], frames: Frames = 600) -> Response[bytes]:
+    """{"t": [s], "links": [name], "poses": [[[x, y, z, qx, qy, qz, qw], ...a link], ...a frame]}.
+
+    With "centre_of_mass": [[x, y, z], ...a frame], "direction": from a motion in a plane to the camera, else null, and
+    "contacts": [{"pair", "points" [m], "forces" [N]}], three numbers a frame, NaN where the pair is apart.
+    """
+    await service.jobs.views.require_done("simulation", job)
+    folder, quotas = str(service.store.result_folder(job)), service.settings.quotas
+    content = await service.read("motion", folder=folder, frames=frames, quotas=quotas)
+    return Response(content, media_type=MediaType.JSON)
+
+
+@get("/v1/simulations/{job:str}/playback", tags=["simulations"], summary="A page that plays the motion")
+async def playback(service: Shared, job: FromPath[str]) -> Response[bytes]:
+    """One HTML file that needs no network."""
+    content = await result_bytes(service, "simulation", job, "playback.html")
+    return Response(content, media_type=MediaType.HTML, headers={"Content-Security-Policy": PLAYBACK_POLICY})
+
+
+_TAGS = ["sweeps"]
+_TASK = "export_sweep"
+
+
+@get("/v1/sweeps/{job:str}/result", tags=_TAGS, summary="A sweep's results")
+async def result(
+    service: Shared,
+    job: FromPath[str],
+    form: Annotated[Literal["json", "csv", "parquet", "zip"], QueryParameter(name="format")] = "json",
+    variable: FromQuery[list[str] | None] = None,
+) -> Response[bytes] | File:
+    """JSON, also of a sweep that is not done: dims, shape, what varied, and columns in C order; NaN is null.
+
+    `variable`, repeatable, chooses columns: end.q.JOINT, end.v.JOINT, error, status (a place in `statuses`), reason,
+    and others by what was asked for. csv and parquet: a row a run. zip: the store, for Zarr's ZipStore.
+    """
+    if form == "json":
+        await service.jobs.views.bring_parts("sweep", job)
+        folder, quotas = str(service.store.result_folder(job)), service.settings.quotas
+        content = await service.read("sweep_columns", folder=folder, names=variable or [], quotas=quotas)
+        return Response(content, media_type=MediaType.JSON)
+    file = await result_file(service, "sweep", job, f"result.{form}", _TASK, variable="", turns=False)
+    return File(file, filename=f"{job}.{'zarr.zip' if form == 'zip' else form}", media_type=MEDIA[form])
+
+
+@get("/v1/sweeps/{job:str}/figure", tags=_TAGS, summary="A sweep's figure")
+async def figure(
+    service: Shared,
+    job: FromPath[str],
+    form: Annotated[Literal["svg", "png"], QueryParameter(name="format")] = "svg",
+    variable: FromQuery[str] = "",
+    turns: FromQuery[bool] = False,
+) -> Response[bytes]:
+    """A column over one quantity, as a curve with error bars, or over two, as a heat map.
+
+    turns: draw whole turns of an angle, and leave out those that the error bar does not decide.
+    """
+    name = hashlib.sha256(f"{turns} {variable}".encode()).hexdigest()[:16]
+    content = await result_bytes(service, "sweep", job, f"{name}.{form}", _TASK, variable=variable, turns=turns)
+    return Response(content, media_type=MEDIA[form], headers={"Content-Security-Policy": FIGURE_POLICY})
+
+
+@get("/v1/sweeps/{job:str}/runs/{number:int}", tags=_TAGS, summary="One run of a sweep")
+async def run(
+    service: Shared, job: FromPath[str], number: Annotated[int, PathParameter(ge=0, le=10**9)]
+) -> Response[bytes]:
+    """{"run", "values", "simulation"}: what varied in this run, and the body by which /v1/simulations computes it.
+
+    number: the run's place in the columns of the result.
+    """
+    body = await service.jobs.views.request("sweep", job)
+    return Response(
+        await service.read("sweep_run", body=body, number=number, quotas=service.settings.quotas),
+        media_type=MediaType.JSON,
+    )
+
+
+HANDLERS = [
+    motion,
+    playback,
+    *_results("simulations", "simulation"),
+    *_results("studies", "study"),
+    result,
+    figure,
+    run,
+]
+for _kind, _about in JOB_KINDS.items():
+    HANDLERS += [_begun(_about.path, _kind, _about.summary), *_shared(_about.path, _kind)]

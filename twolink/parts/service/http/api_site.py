@@ -1,0 +1,115 @@
+"""Paths outside /v1: the page, the API's description (OpenAPI 3.1) and its docs, health and metrics.
+
+The docs are the description as HTML, with no script and no outside address.
+"""
+
+import functools
+import json
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from litestar import MediaType, Request, Response, get
+from litestar.params import FromPath
+
+from twolink._version import __version__
+from twolink.parts.service.http.components import Shared
+from twolink.parts.service.http.messages import PAGE_POLICY
+from twolink.parts.service.http.openapi import openapi_document
+from twolink.parts.service.problems import Refusal
+from twolink.parts.service.work import metrics
+from twolink.show.playback import VIEWER, viewer_script
+
+Json = dict[str, Any]
+_PAGE = Path(__file__).parents[1] / "page"
+_MEDIA = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+_HEADERS = {"Content-Security-Policy": PAGE_POLICY, "Cache-Control": "no-cache"}
+
+
+def docs_page(document: Json) -> str:
+    """The page of an OpenAPI document: operations grouped by their tags, then the schemas they refer to."""
+    groups: dict[str, list[str]] = {}
+    for path, operations in document["paths"].items():
+        for method, operation in operations.items():
+            head = f'<span class="method">{method.upper()}</span>{escape(path)}</code> {escape(operation["summary"])}'
+            content = {name: operation[name] for name in ("parameters", "requestBody") if name in operation}
+            details = _details(head, operation.get("description", ""), content)
+            groups.setdefault(operation.get("tags", ["service"])[0], []).append(details)
+    schemas = document["components"]["schemas"]
+    groups["schemas"] = [_details(f"{escape(name)}</code>", "", schema) for name, schema in schemas.items()]
+    listed = "".join(f"<h2>{escape(tag)}</h2>{''.join(parts)}" for tag, parts in groups.items())
+    page = (_PAGE / "docs.html").read_text(encoding="utf-8")
+    return page.replace("{about}", escape(document["info"]["description"])).replace("{operations}", listed)
+
+
+def _details(head: str, text: str, content: Json) -> str:
+    shown = f"<pre>{escape(json.dumps(content, indent=1))}</pre>" if content else ""
+    return f"<details><summary><code>{head}</summary><p>{escape(text)}</p>{shown}</details>"
+
+
+@get("/health", tags=["service"], summary="Whether the service answers")
+async def health(service: Shared) -> dict[str, Any]:
+    """Version, jobs that wait or run, bytes kept, and what keeps worker processes in. The disk is asked by /ready."""
+    jobs = service.jobs.count("queued") + service.jobs.count("running")
+    kept, sandbox = service.store.kept_bytes, service.protection
+    return {"status": "ok", "version": __version__, "jobs": jobs, "bytes": kept, "sandbox": sandbox}
+
+
+@get("/ready", tags=["service"], summary="Whether the service can do its work")
+async def ready(service: Shared) -> dict[str, str]:
+    """503 with the reason while it ends, its data folder cannot be written, or the disk has no room for a result."""
+    await service.require_ready()
+    return {"status": "ready", "version": __version__}
+
+
+@get("/metrics", tags=["service"], summary="Counters in Prometheus's text format", media_type=MediaType.TEXT)
+async def show_metrics(service: Shared) -> Response[bytes]:
+    """Requests, states and jobs; what waits and for how long; memory, and how late the event loop is."""
+    return Response(service.metrics.text(), media_type=metrics.MEDIA_TYPE)
+
+
+@get("/openapi.json", tags=["service"], summary="This description")
+async def openapi(request: Request[Any, Any, Any]) -> dict[str, Any]:
+    """The API as an OpenAPI 3.1 document."""
+    return openapi_document(request.app)
+
+
+@get("/docs", include_in_schema=False)
+async def docs(request: Request[Any, Any, Any]) -> Response[str]:
+    """The description for people; no outside address."""
+    return Response(docs_page(openapi_document(request.app)), media_type=MediaType.HTML, headers=_HEADERS)
+
+
+@get("/", include_in_schema=False)
+async def index() -> Response[bytes]:
+    """The page."""
+    return _file("index.html")
+
+
+@get("/page/meshcat.js", include_in_schema=False)
+async def viewer() -> Response[str]:
+    """meshcat's viewer with three.js, from the installed package: the page draws robots with it."""
+    return Response(viewer_script(), media_type=_MEDIA[".js"], headers={"Cache-Control": "max-age=86400"})
+
+
+@get("/page/{path:path}", include_in_schema=False)
+async def page_file(path: FromPath[Path]) -> Response[bytes]:
+    """The page's scripts, styles and pictures."""
+    return _file(str(path).lstrip("/"))
+
+
+def _file(name: str) -> Response[bytes]:
+    """A file of the page's folder, from a list made beforehand: no path of a request is ever opened."""
+    path = _files().get(name)
+    if path is None:
+        raise Refusal(404, f"there is no {name[:80]!r}", where="path", remedy="the page is at /")
+    return Response(path.read_bytes(), media_type=_MEDIA[path.suffix], headers=_HEADERS)
+
+
+@functools.cache
+def _files() -> dict[str, Path]:
+    page = {path.relative_to(_PAGE).as_posix(): path for path in _PAGE.rglob("*") if path.suffix in _MEDIA}
+    return page | {f"viewer/{path.name}": path for path in VIEWER.iterdir() if path.suffix in _MEDIA}
+
+
+HANDLERS = [health, ready, show_metrics, openapi, docs, index, viewer, page_file]

@@ -1,0 +1,88 @@
+"""Accounts of owners: bytes that are kept or about to be, and seconds of processors by day."""
+
+import time
+
+from twolink.parts.service.problems import Refusal
+from twolink.parts.service.settings import Quotas
+from twolink.parts.service.store.database import Database
+
+_FORGOTTEN = 3600.0  # s after which an upload that loads has been lost with its process
+
+
+class Accounts:
+    """The sums of a database. process: that reserves."""
+
+    def __init__(self, database: Database, process: str) -> None:
+        self._execute, self._clock, self._process = database.execute, database.clock, process
+
+    def by_owner(self, table: str) -> dict[str, int]:
+        """Bytes of the robots, jobs or uploads that load."""
+        return {
+            owner: int(size) for owner, size in self._execute(f"SELECT owner, sum(bytes) FROM {table} GROUP BY owner")
+        }
+
+    def owned(self, owner: str) -> int:
+        """Bytes of the robots and jobs of an owner."""
+        return sum(self.by_owner(table).get(owner, 0) for table in ("robots", "jobs"))
+
+    def reserve(self, key: str, owner: str, more: int, quotas: Quotas) -> None:
+        """Keep so many bytes more for an upload while it loads, until they are given back.
+
+        They are counted first and looked at then, so that of several at once none can take what is not there.
+        Raises Refusal (413) where that is more than uploads, or this owner, may take.
+        """
+        self._count(key, owner, more)
+        try:
+            self._require_room(owner, quotas)
+        except BaseException:
+            self._count(key, owner, -more)
+            raise
+
+    def _count(self, key: str, owner: str, more: int) -> None:
+        add = (
+            "ON CONFLICT (id, process) DO UPDATE SET bytes = loading.bytes + excluded.bytes, beat = excluded.beat, "
+            "owner = excluded.owner"
+        )
+        self._execute(f"INSERT INTO loading (id, process, owner, bytes, beat) VALUES (?, ?, ?, ?, {self._clock}) {add}",
+                      (key, self._process, owner, more))  # fmt: skip
+
+    def _require_room(self, owner: str, quotas: Quotas) -> None:
+        loading, robots = self.by_owner("loading"), self.by_owner("robots")
+        if sum(loading.values()) + sum(robots.values()) > quotas.uploads_mb * 2**20:
+            what = f"the service's uploads would take more than the {quotas.uploads_mb:g} MB of its disk quota"
+            raise Refusal(413, what, where="body", remedy="delete some robots")
+        if owner and loading.get(owner, 0) + self.owned(owner) > quotas.owner_disk_mb * 2**20:
+            what = f"what {owner} keeps would take more than {quotas.owner_disk_mb:g} MB"
+            raise Refusal(413, what, where="body", remedy="delete some robots or results")
+
+    def require_place(self, owner: str, most: float) -> None:
+        """Raise Refusal (429) where an owner has so many jobs that wait or run."""
+        active = "SELECT count(*) FROM jobs WHERE owner = ? AND state IN ('queued', 'running')"
+        count = self._execute(active, (owner,))[0][0]
+        if count >= most:
+            raise Refusal(429, f"{count} jobs of {owner} wait already", where="request",
+                          remedy="wait until some are done", retry_after=10)  # fmt: skip
+
+    def give_back(self, key: str) -> None:
+        """Give back what an upload has reserved."""
+        self._execute("DELETE FROM loading WHERE id = ? AND process = ?", (key, self._process))
+
+    def forgotten(self) -> list[str]:
+        """Give back what lost processes have reserved. Returns the ids of these uploads."""
+        return [
+            row[0]
+            for row in self._execute(f"DELETE FROM loading WHERE beat < {self._clock} - {_FORGOTTEN} RETURNING id")
+        ]
+
+    def spend(self, owner: str, seconds: float) -> float:
+        """Note seconds of processors that an owner has had. Returns those of today."""
+        add = "ON CONFLICT (owner, day) DO UPDATE SET seconds = spent.seconds + excluded.seconds RETURNING seconds"
+        rows = self._execute(
+            f"INSERT INTO spent (owner, day, seconds) VALUES (?, ?, ?) {add}", (owner, today(), seconds)
+        )
+        return float(rows[0][0])
+
+
+def today() -> str:
+    """The day, in UTC."""
+    return time.strftime("%Y-%m-%d", time.gmtime())

@@ -1,0 +1,272 @@
+"""Tasks of worker processes about scenes: check and explain them, simulate, study accuracy, and write results.
+
+A scene in a request has the schema of scene files, as JSON, with robots by id. Nothing is read from files.
+"""
+
+import dataclasses
+import functools
+import time
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from twolink.accuracy import Study, accuracy_study
+from twolink.dynamics import Robot, load_robot
+from twolink.dynamics.robot_record import link_poses, robot_record
+from twolink.errors import RobotError, SceneError, TwolinkError
+from twolink.parts.service.problems import Refusal, decode_unique
+from twolink.parts.service.settings import Quotas
+from twolink.parts.service.store.archives import read_robot, write_robot
+from twolink.parts.service.work.requests import (
+    ExplainRequest,
+    PreviewRequest,
+    RunRequest,
+    SceneRequest,
+    SimulationRequest,
+    StudyRequest,
+)
+from twolink.parts.service.work.robot_tasks import robot_by_id
+from twolink.parts.service.work.worker import Report
+from twolink.robots.catalogue import catalogue_names
+from twolink.scenes import Scene, load_scene
+from twolink.scenes.file import scene_from_data
+from twolink.scenes.file_format import RobotEntry, SceneFile
+from twolink.scenes.objects import is_mesh
+from twolink.show.meshcat_scene import plane_direction
+from twolink.show.viewer_data import contact_data, resample
+from twolink.simulation.explanation import explain as explain_scene
+from twolink.simulation.scene_run import ACCURACY
+from twolink.simulation.scene_run import simulate as simulate_scene
+from twolink.simulation.trajectory import Trajectory
+
+_MOST = 200  # effects or objects
+SAMPLES, ROBOT, ROWS = "result.npz", "robot.pickle", "result.json"  # of simulations: samples, robot; of studies: all
+_POSE_BYTES = 80  # of seven numbers as JSON
+_REPORT_EVERY = 0.1  # seconds
+
+
+def scene_of(scene: str | SceneFile, robots: str, robot: bytes = b"") -> Scene:
+    """The scene: a bundled one by name, or one in full. robots: the folder of uploaded robots. robot: that of `packed`.
+
+    Raises SceneError and RobotError whose `where` is the path in the request.
+    """
+    if isinstance(scene, str):
+        if scene.endswith(".toml") or "/" in scene or "\\" in scene:
+            raise SceneError("paths are not read here", argument="scene", remedy="GET /v1/scenes lists the scenes")
+        return load_scene(scene)
+    try:
+        for name, items in (("effects", scene.effects), ("objects", scene.objects)):
+            if len(items) > _MOST:
+                raise SceneError(f"{len(items)} {name}, the limit is {_MOST}", argument=name, remedy="leave some out")
+        _refuse_files([*scene.effects, *({"file": one.source} for one in scene.objects if is_mesh(one.source))])
+        if robot:  # which has them
+            scene = msgspec.structs.replace(scene, objects=[])
+        return scene_from_data(scene, (lambda _: read_robot(robot)) if robot else functools.partial(_robot, robots))
+    except TwolinkError as error:
+        where = f"scene.{error.where}" if error.where else "scene"
+        raise error.at(where, argument=error.argument or "scene") from None
+
+
+def packed(scene: str | SceneFile, robots: str) -> bytes:
+    """The robot of a scene, for processes that shall not read what was uploaded; empty for a bundled scene."""
+    return b"" if isinstance(scene, str) else write_robot(scene_of(scene, robots).base)
+
+
+def _robot(robots: str, entry: RobotEntry) -> Robot:
+    """A robot by id. Only those of the catalogue take options here: an uploaded one has its own."""
+    if entry.root == "fixed" and not entry.lock:
+        return robot_by_id(entry.source, robots)
+    if entry.source in catalogue_names():
+        return load_robot(entry.source, root=entry.root, lock=entry.lock)
+    what = "an uploaded robot's root and lock are set when it is uploaded"
+    raise RobotError(what, argument="robot", remedy="POST /v1/robots with other options gives another id")
+
+
+def _refuse_files(value: Any) -> None:
+    """Raise SceneError where a table of samples would be read from a file."""
+    if isinstance(value, dict):
+        if isinstance(value.get("file"), str):
+            what = f"files are not read here: {value['file'][:80]!r}"
+            raise SceneError(what, argument="effects", remedy="send times and values, or shapes")
+        value = list(value.values())
+    for item in value if isinstance(value, list) else ():
+        _refuse_files(item)
+
+
+def validate(*, body: bytes, robots: str) -> bytes:
+    """A scene as it is understood, as JSON. body: a SceneRequest. robots: the folder of uploaded robots."""
+    scene = scene_of(decode_unique(body, SceneRequest).scene, robots)
+    content = {
+        "title": scene.title,
+        "robot": robot_record(scene.robot),
+        "duration": scene.duration,
+        "q": scene.q.tolist(),
+        "v": scene.v.tolist(),
+        "effects": scene.effects,
+    }
+    return msgspec.json.encode(content, enc_hook=np.generic.item)
+
+
+def explain(*, body: bytes, robots: str, quotas: Quotas) -> bytes:
+    """Explain the computation of a scene, and the cost of a run, as JSON. body: an ExplainRequest."""
+    request = decode_unique(body, ExplainRequest)
+    scene, duration = allowed_scene(request, robots, quotas)
+    explanation = explain_scene(scene, duration, accuracy=request.accuracy or ACCURACY, t_eval=request.t_eval,
+                                samples_per_second=request.samples_per_second, method=request.method,
+                                contact=request.contact)  # fmt: skip
+    content = {**dataclasses.asdict(explanation), "text": str(explanation)}
+    return msgspec.json.encode(content, enc_hook=np.generic.item)
+
+
+def allowed_scene(request: RunRequest, robots: str, quotas: Quotas, robot: bytes = b"") -> tuple[Scene, float]:
+    """The scene and its duration [s]. robots, robot: see `scene_of`.
+
+    Raises SceneError for a run that is longer, or has more samples, than allowed.
+    """
+    scene = scene_of(request.scene, robots, robot)
+    seconds = request.duration or scene.duration
+    if seconds > quotas.duration:
+        what = f"{seconds:g} s are too long, the service simulates up to {quotas.duration:g} s"
+        raise SceneError(what, argument="duration", remedy="ask for less")
+    samples = request.samples(seconds)
+    if samples > quotas.samples:
+        what = f"{samples:.3g} samples are too many, the limit is {quotas.samples}"
+        raise SceneError(what, argument="samples_per_second", remedy="ask for fewer, or a shorter duration")
+    return scene, seconds
+
+
+def simulate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
+    """Simulate, write the samples and the robot into `folder`, and return the record of the run.
+
+    body: a SimulationRequest.
+    """
+    request = msgspec.json.decode(body, type=SimulationRequest)
+    scene, duration = allowed_scene(request, robots, quotas)
+    if request.simulator != "twolink":
+        return _peers_run(request, scene, duration, Path(folder))
+    run = simulate_scene(
+        scene, duration, accuracy=request.accuracy, t_eval=request.t_eval,
+        samples_per_second=request.samples_per_second, method=request.method, verify=request.verify,
+        precision=request.precision, tolerance=request.tolerance, step=request.step, contact=request.contact,
+        progress=ProgressOf(2 if request.verify else 1, report),
+    )  # fmt: skip
+    path, largest = Path(folder) / SAMPLES, quotas.result_mb * 2**20
+    run.save(path)
+    if path.stat().st_size > largest:  # the samples matter more than what is drawn over them
+        dataclasses.replace(run, solution=None, recorded_contacts=None).save(path)
+    if path.stat().st_size > largest:
+        path.unlink()
+        what = f"the result takes more than {quotas.result_mb:g} MB"
+        raise SceneError(what, argument="samples_per_second", remedy="ask for fewer samples")
+    (Path(folder) / ROBOT).write_bytes(write_robot(run.robot))
+    return {"title": scene.title, **run.to_dict()}
+
+
+def _peers_run(request: SimulationRequest, scene: Scene, duration: float, folder: Path) -> dict[str, Any]:
+    """Run the scene in another simulator: `setting` says which one and how."""
+    from twolink.parts.referee.comparison import peer_log  # few services are asked for it
+
+    if request.t_eval is not None:
+        what = "another simulator has samples at equal distances only"
+        raise SceneError(what, argument="t_eval", remedy="give samples_per_second instead")
+    times = np.linspace(0.0, duration, max(3, round(request.samples(duration)) + 1))
+    found = peer_log(scene, request.simulator, times)
+    found.log.save(folder / SAMPLES)
+    (folder / ROBOT).write_bytes(write_robot(scene.robot))
+    return {"title": scene.title, "setting": f"{found.peer}, {found.setting}", **found.log.to_dict()}
+
+
+def preview(*, body: bytes, robots: str, quotas: Quotas) -> bytes:
+    """A run without an error bar, with its samples and the poses of its links, as JSON. body: a PreviewRequest."""
+    request = decode_unique(body, PreviewRequest)
+    scene, duration = allowed_scene(request, robots, quotas)
+    run = simulate_scene(scene, duration, accuracy=request.accuracy, t_eval=request.t_eval,
+                         samples_per_second=request.samples_per_second, method=request.method, verify=False,
+                         precision=request.precision, contact=request.contact,
+                         patience=quotas.load_seconds)  # fmt: skip
+    columns = {name: values.tolist() for name, values in thinned(run.columns(), request.frames).items()}
+    result = {"title": scene.title, **run.to_dict()}
+    return msgspec.json.encode({"result": result, "columns": columns, "motion": _motion(run, request.frames, quotas)})
+
+
+def thinned(columns: dict[str, np.ndarray], points: int) -> dict[str, np.ndarray]:
+    """The columns (n,) at no more than so many samples, ends included; without those of more axes."""
+    count = len(columns["t"])
+    kept = np.unique(np.linspace(0, count - 1, min(points, count)).round().astype(int))
+    return {name: values[kept] for name, values in columns.items() if values.ndim == 1}
+
+
+class ProgressOf:
+    """Reports how far a run is: it is solved once, again for the error bar, and more often where that is needed."""
+
+    def __init__(self, passes: int, report: Report) -> None:
+        self._passes, self._report = passes, report
+        self._done, self._t, self._fraction, self._reported = 0, 0.0, 0.0, 0.0
+
+    def __call__(self, t: float, duration: float, _label: str) -> None:
+        if t < self._t:
+            self._done += 1
+        self._t = t
+        part = (self._done + t / duration) / max(self._passes, self._done + 1)
+        self._fraction = min(0.99, max(self._fraction, part))
+        if time.monotonic() - self._reported > _REPORT_EVERY:
+            self._reported = time.monotonic()
+            self._report({"fraction": self._fraction, "t": t, "solution": self._done + 1})
+
+
+def study(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
+    """Study what accuracy costs, write the study into `folder`, and return it. body: a StudyRequest."""
+    request = msgspec.json.decode(body, type=StudyRequest)
+    scene, duration = allowed_scene(request, robots, quotas)
+
+    def progress(done: float, total: float, label: str) -> None:
+        report({"fraction": done / max(total, 1), "done": done, "total": total, "label": label})
+
+    result = accuracy_study(
+        scene, duration, t_eval=request.t_eval, samples_per_second=request.samples_per_second, methods=request.methods,
+        tolerances=request.tolerances, repeats=request.repeats, budget=request.budget, progress=progress,
+    )  # fmt: skip
+    result.save(Path(folder) / ROWS)
+    return result.to_dict()
+
+
+def export(*, path: str) -> None:
+    """Write a result in another format, beside it: a table, a figure or a playback by the ending of the path."""
+    target = Path(path)
+    rows = target.with_name(ROWS)
+    result = Study.load(rows) if rows.exists() else _run_in(target.parent)
+    if isinstance(result, Trajectory) and target.suffix == ".html":
+        result.playback(target)
+    else:
+        (result.plot if target.suffix in (".svg", ".png") else result.save)(target)
+
+
+def motion(*, folder: str, frames: int, quotas: Quotas) -> bytes:
+    """Poses of the links at `frames` times at equal distances, as JSON."""
+    return msgspec.json.encode(_motion(_run_in(Path(folder)), frames, quotas))
+
+
+def _motion(run: Trajectory, frames: int, quotas: Quotas) -> dict[str, Any]:
+    count = frames * len(run.robot.frame_names)
+    if count * _POSE_BYTES > quotas.answer_mb * 2**20:
+        what = f"{count} poses take more than {quotas.answer_mb:g} MB"
+        raise Refusal(413, what, where="query: frames", remedy="ask for fewer frames")
+    times = np.linspace(run.t[0], run.t[-1], frames)
+    q = run.robot.normalize(resample(run.robot.model, run.t, run.q, times))
+    poses = link_poses(run.robot, q)
+    return {
+        "t": times.tolist(),
+        "links": run.robot.frame_names,
+        "poses": np.round(poses, 7).tolist(),
+        "centre_of_mass": np.round(run.robot.centre_of_mass(q), 7).tolist(),
+        "direction": plane_direction(poses),
+        "contacts": contact_data(run.t, run.contacts, times),
+        "forces": contact_data(run.t, run.forces_on_links, times),
+    }
+
+
+def _run_in(folder: Path) -> Trajectory:
+    """The run that `simulate` has written into a folder."""
+    return Trajectory.load(folder / SAMPLES, read_robot((folder / ROBOT).read_bytes()))

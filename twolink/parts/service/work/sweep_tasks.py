@@ -1,0 +1,213 @@
+"""Tasks of worker processes about sweeps: run them, read what is there, and write it in other formats."""
+
+import asyncio
+import math
+import os
+import sys
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from twolink.errors import SceneError, TwolinkError
+from twolink.parts.service.problems import Refusal
+from twolink.parts.service.settings import Quotas
+from twolink.parts.service.store.data_folder import size_of
+from twolink.parts.service.work.requests import SweepRequest
+from twolink.parts.service.work.scene_tasks import allowed_scene, packed
+from twolink.parts.service.work.sharing import SweepThreads
+from twolink.parts.service.work.worker import Report
+from twolink.parts.sweeps.design import make_design, planned_runs
+from twolink.parts.sweeps.outputs import OUTPUTS, STATUS
+from twolink.parts.sweeps.results import column, column_names, plot_sweep, run_dims, sweep_status, write_sweep_table
+from twolink.parts.sweeps.runs import run_scene
+from twolink.parts.sweeps.sweeping import open_sweep
+from twolink.parts.sweeps.sweeping import sweep as run_sweep
+from twolink.robots.catalogue import catalogue_names
+from twolink.scenes import Scene
+from twolink.scenes.file import bundled_content, scene_tables
+from twolink.scenes.file_format import RobotEntry, scene_content
+
+STORE = "sweep.zarr"  # in the folder of the job
+_NUMBER_BYTES = 20  # of a number as JSON
+_VARIABLE_BYTES = 8  # of a number in the store, at most
+
+
+class _End:
+    """An end of a pipe, with what asyncio asks of the sockets by which it wakes its loop."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        os.set_blocking(descriptor, False)
+
+    def fileno(self) -> int:
+        return self._descriptor
+
+    def recv(self, size: int) -> bytes:
+        return os.read(self._descriptor, size)
+
+    def send(self, content: bytes) -> int:
+        return os.write(self._descriptor, content)
+
+    def close(self) -> None:
+        os.close(self._descriptor)
+
+
+class _PipeLoop(asyncio.SelectorEventLoop):
+    def _make_self_pipe(self) -> None:
+        self._ssock, self._csock = map(_End, os.pipe())
+        self._internal_fds += 1  # type: ignore[attr-defined]
+        self._add_reader(self._ssock.fileno(), self._read_from_self)  # type: ignore[attr-defined]
+
+
+class _Policy(asyncio.DefaultEventLoopPolicy):
+    def new_event_loop(self) -> asyncio.AbstractEventLoop:
+        return _PipeLoop()
+
+
+def use_pipes() -> None:
+    """Have new event loops of this process use pipes in place of sockets, where there are pipes."""
+    if sys.platform != "win32":
+        asyncio.set_event_loop_policy(_Policy())
+
+
+def pack_robot(*, body: bytes, robots: str) -> bytes:
+    """The robot of a sweep, for `sweep` in a process that may use the network. body: the SweepRequest."""
+    return packed(msgspec.json.decode(body, type=SweepRequest).scene, robots)
+
+
+def sweep(
+    *, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report, robot: bytes = b"", cluster: str = "",
+    died: bool = False,
+) -> dict[str, Any]:  # fmt: skip
+    """Run a sweep into the store in `folder`, or go on with it, and return its record.
+
+    body: a SweepRequest. cluster: the address of a Dask scheduler; empty: runs are computed in this process. died: the
+    process before this one died of it.
+    """
+    use_pipes()
+    request = msgspec.json.decode(body, type=SweepRequest)
+    scene, duration = _allowed(request, robots, robot, quotas)
+
+    def progress(done: float, total: float, label: str) -> None:
+        report({"fraction": 0.99 * done / total, "done": done, "total": total, "label": label})
+
+    path = Path(folder) / STORE
+    names = "accuracy", "t_eval", "samples_per_second", "design", "count", "seed", "outputs", "verify"
+    options = {name: getattr(request, name) for name in names}
+    with SweepThreads(Path(folder), died=died) as threads:
+        try:
+            data = run_sweep(scene, duration, vary=request.vary, out=path, executor=cluster or threads,
+                             progress=progress, **options)  # fmt: skip
+        except TwolinkError as error:
+            if error.code == "cluster-lost":
+                raise Refusal(503, "the cluster cannot be reached", code=error.code, where="service", retry_after=30,
+                              remedy="run it again when it is back: what is done is kept") from None  # fmt: skip
+            raise error.at("request") if folder in error.where else error from None
+    if size_of(path) > quotas.result_mb * 2**20:
+        raise _too_large(quotas)
+    status, (dims, shape) = sweep_status(path).to_dict(), _dims(data)
+    return {"title": scene.title, "how": data.attrs["how"], "runs": status["total"], "dims": dims, "shape": shape,
+            "columns": column_names(data), **{name: status[name] for name in STATUS[1:]}}  # fmt: skip
+
+
+def _allowed(request: SweepRequest, robots: str, robot: bytes, quotas: Quotas) -> tuple[Scene, float]:
+    """The scene and the duration. Raises SceneError for what is larger than allowed, and for what is not read here."""
+    runs = planned_runs(request.vary, request.design, request.count)
+    if runs > quotas.runs:
+        asked = f"{runs:,}" if runs < 1e18 else "more than 10^18"
+        raise SceneError(f"{asked} runs are too many, the service takes up to {quotas.runs:,}", argument="vary",
+                         code="too-large", remedy="ask for fewer values")  # fmt: skip
+    for name in request.outputs:
+        if name not in OUTPUTS:  # functions are imported
+            raise SceneError(f"there is no output {name[:80]!r} here", argument="outputs", code="unknown-output",
+                             remedy=f"one of {', '.join(OUTPUTS)}")  # fmt: skip
+    named = request.vary.get("robot")
+    for one in named if isinstance(named, list) else ():
+        if one not in catalogue_names():  # a path would be read
+            raise SceneError(f"{str(one)[:80]!r} is not in the catalogue", argument="vary", where="vary['robot']",
+                             remedy="GET /v1/robots lists the names")  # fmt: skip
+    scene, duration = allowed_scene(request, robots, quotas, robot)
+    numbers = 4 + (scene.robot.nq + scene.robot.nv) * (1 + request.samples(duration))
+    if runs * numbers * _VARIABLE_BYTES > quotas.result_mb * 2**20:
+        raise _too_large(quotas)
+    return scene, duration
+
+
+def _too_large(quotas: Quotas) -> SceneError:
+    return SceneError(f"the results take more than {quotas.result_mb:g} MB", argument="vary", code="too-large",
+                      remedy="ask for fewer runs, samples or outputs")  # fmt: skip
+
+
+def _dims(data: Any) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    dims = run_dims(data)
+    return dims, tuple(data.sizes[name] for name in dims)
+
+
+def sweep_columns(*, folder: str, names: Sequence[str], quotas: Quotas) -> bytes:
+    """Columns of a sweep, finished or not, as JSON. names: of them; none: all."""
+    data = _opened(folder)
+    dims, shape = _dims(data)
+    chosen = list(names) or column_names(data)
+    if math.prod(shape) * len(chosen) * _NUMBER_BYTES > quotas.answer_mb * 2**20:
+        what = f"{len(chosen)} columns of {math.prod(shape):,} runs take more than {quotas.answer_mb:g} MB"
+        raise Refusal(413, what, where="query: variable", remedy="ask for fewer columns, or for Parquet")
+    varied = {str(name): _column(data[name]) for name in data.coords if set(data[name].dims) <= set(dims)}
+    content = {"dims": dims, "shape": shape, "varied": varied, "statuses": STATUS,
+               "columns": {name: _column(column(data, name)) for name in chosen}}  # fmt: skip
+    return msgspec.json.encode(content, enc_hook=np.generic.item)
+
+
+def _column(array: Any) -> dict[str, Any]:
+    return {"units": array.attrs.get("units", ""), "long_name": array.attrs.get("long_name", ""),
+            "values": array.values.ravel().tolist()}  # fmt: skip
+
+
+def _opened(folder: str) -> Any:
+    use_pipes()
+    path = Path(folder) / STORE
+    if not path.exists():
+        raise Refusal(409, "no run is done yet", where="path: id", remedy="ask again in some seconds")
+    return open_sweep(path)
+
+
+def sweep_run(*, body: bytes, robots: str, number: int, quotas: Quotas) -> bytes:
+    """The request to /v1/simulations that shows one run, as JSON. body: the SweepRequest. Raises as `sweep`."""
+    request = msgspec.json.decode(body, type=SweepRequest)
+    scene, duration = _allowed(request, robots, b"", quotas)
+    design = make_design(scene, request.vary, request.design, request.count, request.seed)
+    own, accuracy, values = run_scene(scene, design, request.accuracy, duration, number)
+    tables = scene_tables(bundled_content(request.scene)) if isinstance(request.scene, str) else request.scene
+    robot = RobotEntry(values["robot"]) if "robot" in values else tables.robot
+    entry = RobotEntry(robot) if isinstance(robot, str) else robot
+    content = scene_content(entry, own.base, own.q, own.v, own.effects, duration, scene.title, tables.objects)
+    asked = {"scene": content, "duration": duration, "accuracy": accuracy, "verify": request.verify}
+    return msgspec.json.encode({"run": number, "values": values, "simulation": asked}, enc_hook=np.generic.item)
+
+
+def export_sweep(*, path: str, variable: str, turns: bool) -> None:
+    """Write a sweep in another format, beside it: a table, a zip of the store, or a figure, by the path's ending."""
+    target = Path(path)
+    data = _opened(str(target.parent))
+    if target.suffix in (".svg", ".png"):
+        plot_sweep(data, target, variable, turns=turns)
+    elif target.suffix == ".zip":
+        _zip(target.with_name(STORE), target)
+    else:
+        write_sweep_table(data, target)
+
+
+def _zip(store: Path, target: Path) -> None:
+    """The store as Zarr's ZipStore reads it. Its chunks are compressed already."""
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_STORED) as archive:
+        for file in sorted(store.rglob("*")):
+            if file.is_file() and file.suffix != ".partial":
+                archive.write(file, file.relative_to(store).as_posix())
+
+
+# Worker processes that send sweeps to a Dask cluster have this task only, and may use the network.
+NETWORK = True
+TASKS = {"sweep": sweep}

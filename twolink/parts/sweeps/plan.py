@@ -1,0 +1,169 @@
+"""The plan of a sweep: what is run, in which blocks, and the record by which a store knows its sweep and its origin."""
+
+import functools
+import hashlib
+import json
+import pickle
+import platform
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from twolink._version import __version__
+from twolink.dynamics.arguments import whole
+from twolink.dynamics.robot_record import robot_notes
+from twolink.effects.effect import plain
+from twolink.errors import SceneError
+from twolink.io.fingerprints import processor, versions
+from twolink.parts.sweeps.design import OF_VARIANTS, RUN, Block, Design, block_shape
+from twolink.parts.sweeps.outputs import OutputVariable, Request, variables
+from twolink.parts.sweeps.runs import Columns, SweepTask, ways
+from twolink.scenes import Scene
+
+LIBRARIES = ("pin", "numpy", "scipy", "zarr", "xarray")
+BATCH, SINGLE = 4096, 64  # runs of a block at most
+LEAST_BATCH = 64  # fewer do not fill the vectors of a batch
+PARTS = 32  # blocks at least, so that workers end together
+MAX_NUMBERS = 20_000_000  # that a block keeps
+LONGEST_NAME = 200  # bytes
+WAYS_FROM = 4096  # runs of which the ways are told
+
+
+def origin() -> dict[str, Any]:
+    """Versions, machine (kind of processor and system, no names) and the time (UTC)."""
+    return {"twolink": __version__, "versions": versions(LIBRARIES), "machine": f"{platform.machine()}, {processor()}",
+            "system": f"{platform.system()} {platform.release()}, Python {platform.python_version()}",
+            "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class SweepPlan:
+    """A sweep: the scene, its runs, and what is kept of them. sizes: of a block along each dimension."""
+
+    scene: Scene
+    design: Design
+    request: Request
+    sizes: tuple[int, ...]
+
+    @functools.cached_property
+    def variables(self) -> list[OutputVariable]:
+        """The variables of the store; `status` is the last."""
+        return variables(self.scene.robot, self.request)
+
+    @functools.cached_property
+    def record(self) -> dict[str, Any]:
+        """A record of all that the results depend on beside the values that vary, as plain data."""
+        request, design = self.request, self.design
+        return {"scene": scene_record(self.scene), "design": design.kind, "vary": sorted(design.values),
+                "seed": design.seed, "duration": request.duration, "accuracy": request.accuracy,
+                "outputs": list(request.outputs), "t_eval": list(request.t_eval), "verify": request.verify}  # fmt: skip
+
+    @functools.cached_property
+    def _scene(self) -> tuple[str, bytes]:
+        content = pickle.dumps(self.scene)
+        return hashlib.sha256(content).hexdigest(), content
+
+    def task(self, block: Block) -> SweepTask:
+        """The runs of a block."""
+        return self.task_of(self.design.in_block(block))
+
+    def task_of(self, values: Columns) -> SweepTask:
+        """Runs with these values (n,) by name."""
+        return SweepTask(*self._scene, self.request, self.design.quantities, values)
+
+    @property
+    def first(self) -> SweepTask:
+        """The first run."""
+        return self.task(tuple(slice(0, 1) for _ in self.design.shape))
+
+    @functools.cached_property
+    def ways(self) -> dict[str, int]:
+        """Counts of the first block's runs by the way they are solved, with its reason."""
+        return _ways(self.scene, self.request, self.design, WAYS_FROM)
+
+
+def make_plan(scene: Scene, design: Design, request: Request, chunk: int | None) -> SweepPlan:
+    """The plan. chunk: the number of runs of a block; by default what keeps workers busy. Raises SceneError."""
+    if "robot" in design.quantities:
+        _check_robots(design, request)
+    for name in design.values:
+        if "/" in name or name.startswith("__") or len(name.encode()) > LONGEST_NAME:  # of a folder
+            raise SceneError("a store cannot have an array of this name", where=f"vary[{name[:80]!r}]", argument="vary",
+                             remedy="rename the joint or link in the URDF")  # fmt: skip
+    if chunk is None:
+        in_batches = all(text.startswith("in batches") for text in _ways(scene, request, design, 1))
+        least, most = (LEAST_BATCH, BATCH) if in_batches else (1, SINGLE)
+        numbers = sum(_size(variable) for variable in variables(scene.robot, request))
+        chunk = max(1, min(most, max(least, -(-design.runs // PARTS)), MAX_NUMBERS // numbers))
+    else:
+        chunk = whole(chunk, "chunk", SceneError, "such as 1000", 1)
+    return SweepPlan(scene, design, request, block_shape(design.shape, chunk))
+
+
+def _check_robots(design: Design, request: Request) -> None:
+    """Require that what varies, and what is kept, is the same for all robots. Raises SceneError."""
+    odd = [name for name, what in design.quantities.items() if what.kind not in OF_VARIANTS]
+    if odd:
+        raise SceneError(f"{odd[0]} belongs to one robot", where="vary['robot']", argument="vary",
+                         remedy="vary the accuracy or effects beside robots")  # fmt: skip
+    kept = {"final", "samples"} & set(request.outputs)
+    if kept:
+        raise SceneError(f"{min(kept)} has another size for each robot", argument="outputs",
+                         remedy='such as ["cost", "energy"]')  # fmt: skip
+
+
+def _size(variable: OutputVariable) -> int:
+    size = 1
+    for n in variable.shape:
+        size *= n
+    return size
+
+
+def _ways(scene: Scene, request: Request, design: Design, runs: int) -> dict[str, int]:
+    first = tuple(slice(0, n) for n in block_shape(design.shape, runs))
+    return ways(scene, request, design.quantities, design.in_block(first))
+
+
+def scene_record(scene: Scene) -> dict[str, Any]:
+    """A scene as plain data: its robot's notes, its state and its effects. Functions are named by their module.
+
+    Raises SceneError for a function that has no name to be found by.
+    """
+    effects = [msgspec.to_builtins(effect, enc_hook=_named) for effect in scene.effects]
+    return {"robot": robot_notes(scene.base), "q": scene.q.tolist(), "v": scene.v.tolist(),
+            "effects": json.loads(json.dumps(effects))}  # fmt: skip
+
+
+def _named(value: Any) -> Any:
+    """NumPy's numbers as Python's, and functions by module and name."""
+    name = getattr(value, "__qualname__", "")
+    if callable(value):
+        if not name or "<" in name:
+            raise SceneError("a function in an effect has no name that workers find it by", argument="scene",
+                             remedy="define it in a module")  # fmt: skip
+        return f"{value.__module__}:{name}"
+    return plain(value)
+
+
+def difference(old: Any, new: Any, path: str = "") -> str:
+    """The first difference of two records, as text; empty where they are equal."""
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        keys = [*old, *(key for key in new if key not in old)]
+        pairs = [(f"{path}.{key}".lstrip("."), old.get(key), new.get(key)) for key in keys]
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        pairs = [(f"{path}[{i}]", a, b) for i, (a, b) in enumerate(zip(old, new, strict=True))]
+    else:
+        return "" if old == new else f"{path} was {_short(old)} and is now {_short(new)}"
+    return next((text for name, a, b in pairs if (text := difference(a, b, name))), "")
+
+
+def _short(value: Any) -> str:
+    return f"{value!r:.80}"
+
+
+def dimension_of(name: str, design: Design) -> tuple[str, ...]:
+    """The dimensions of a quantity's values."""
+    return (name,) if design.kind == "grid" else (RUN,)
