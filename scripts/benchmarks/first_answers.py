@@ -44,8 +44,8 @@ def scene_of(name: str) -> tl.Scene:
     robot = tl.load_robot(name)
     damped = {joint.name: DAMPING for joint in robot.joints if joint.kind != "free-flyer"}
     q, v = robot.random_state(1, seed=0)
-    return tl.Scene(robot, q[0], v[0], effects=[tl.effects.Gravity(), tl.effects.JointDamping(damped)],
-                    duration=DURATION)  # fmt: skip
+    effects = [tl.effects.Gravity(), *([tl.effects.JointDamping(damped)] if damped else [])]
+    return tl.Scene(robot, q[0], v[0], effects=effects, duration=DURATION)
 
 
 def names() -> list[str]:
