@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     from twolink.identification.result import Identification
     from twolink.identification.scene_fit import fit
     from twolink.io.progress import progress_bar
+    from twolink.linting.findings import Findings
+    from twolink.linting.lint import lint
     from twolink.optimization.gradient import Gradient, gradient
     from twolink.optimization.optimize import Optimum, optimize
     from twolink.service.client import connect
@@ -63,6 +65,8 @@ _IMPORTED_WHEN_USED = {
     "identification.result": ("Identification",),
     "identification.scene_fit": ("fit",),
     "io.progress": ("progress_bar",),
+    "linting.findings": ("Findings",),
+    "linting.lint": ("lint",),
     "optimization.gradient": ("Gradient", "gradient"),
     "optimization.optimize": ("Optimum", "optimize"),
     "service.client": ("connect",),
@@ -115,6 +119,7 @@ __all__ = [
     "Equilibria",
     "Event",
     "Explanation",
+    "Findings",
     "Gradient",
     "Identification",
     "Linearization",
@@ -148,6 +153,7 @@ __all__ = [
     "judge",
     "lagrange",
     "linearize",
+    "lint",
     "load_robot",
     "load_scene",
     "loop_forces",

@@ -24,6 +24,7 @@ SHOWN = 3  # pictures of an effect
 ROOMS = {  # the order and the titles of the reference's pages, by the room that a name comes from
     "dynamics": "Robots and queries",
     "robots": "Robots and queries",
+    "linting": "Robots and queries",
     "scenes": "Scenes",
     "effects": "Scenes",
     "simulation": "Simulation",

@@ -13,6 +13,7 @@ from twolink.cli.demo import demo
 from twolink.cli.evidence import hard_cases, paper, throw
 from twolink.cli.exchange import compare, diff, export, judge
 from twolink.cli.fitting import excite, fit, identify, optimize
+from twolink.cli.linting import lint
 from twolink.cli.play import mcp, play, serve, video
 from twolink.cli.robots import check, inspect, query, robots
 from twolink.cli.scenes import accuracy, explain, linearize, methods, new, run, scenes
@@ -27,7 +28,7 @@ app = typer.Typer(
     epilog="ROBOT is a name (see `twolink robots`), or the path of a URDF. SI units and radians throughout. "
     "Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted.",
 )
-_QUESTIONS = demo, robots, inspect, query, check, diff, linearize, identify, excite, fit
+_QUESTIONS = demo, robots, inspect, lint, query, check, diff, linearize, identify, excite, fit
 _EXPERIMENTS = scenes, new, explain, run, accuracy, sweep, optimize, judge, compare, methods, play, video, throw
 _WRITERS = hard_cases, paper, export, serve, mcp
 for _command in (*_QUESTIONS, *_EXPERIMENTS, *_WRITERS):

@@ -1,0 +1,133 @@
+"""lint: every defect of a robot's file at once."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from twolink.errors import RobotError
+from twolink.io.files import write_atomic
+from twolink.linting import bodies, joints
+from twolink.linting.findings import SEVERITIES, Defect, Findings, Fix, defect
+from twolink.linting.mjcf import ranges
+from twolink.linting.reading import Reading, of_error, read
+from twolink.linting.srdf import srdf_defects
+from twolink.robots.catalogue import Source, open_source
+from twolink.robots.load import load_model
+from twolink.robots.model import RobotModel
+from twolink.robots.suspicions import suspicious
+
+CHECKS: tuple[Callable[[Reading], Iterator[Defect]], ...] = (
+    bodies.impossible, bodies.without_inertia, bodies.beside_shapes, bodies.mirrored_bodies, joints.axes, joints.limits,
+    joints.mimics, joints.mirrored_joints, joints.shapes, ranges,
+)  # fmt: skip
+_NOT_OF_THE_FILE = ("no-counterpart", "missing-extra", "too-large", "not-allowed")
+
+
+def lint(
+    robot: str | os.PathLike[str],
+    *,
+    package_dirs: Sequence[str | os.PathLike[str]] = (),
+    xacro_arguments: Mapping[str, object] | None = None,
+    baseline: str | os.PathLike[str] | Findings | None = None,
+) -> Findings:
+    """Find every defect of a robot's file at once.
+
+    Parameters
+    ----------
+    robot : str or path
+        The path of a URDF, xacro, MJCF or SRDF, a name of `tl.robots()`, or text.
+    package_dirs : sequence of paths
+        Roots of package://, as in `load_robot`.
+    xacro_arguments : mapping, optional
+        Of a xacro.
+    baseline : Findings or path, optional
+        Findings that are known, also from a .json file: only new ones are given.
+
+    Returns
+    -------
+    Findings
+        The defects, each with rule, place, value, expectation and likely cause. Where `load_robot` refuses the file,
+        one at least is an error.
+
+    Raises
+    ------
+    RobotError
+        The file cannot be opened.
+    MissingExtraError
+        It is a xacro or an MJCF, and what expands or compiles it is not installed.
+    """
+    source, folders = open_source(robot), [Path(folder) for folder in package_dirs]
+    found = list(_defects(source, folders, dict(xacro_arguments or {}), robot))
+    name = os.path.relpath(source.path) if source.path is not None else source.label
+    name = name if not name.startswith("..") else str(source.path)
+    order = {level: k for k, level in enumerate(SEVERITIES)}
+    named = sorted((replace(one, file=name) for one in dict.fromkeys(found)),
+                   key=lambda one: (one.line, order[one.severity], one.rule))  # fmt: skip
+    result = Findings((name,), tuple(named))
+    return result if baseline is None else result.since(baseline)
+
+
+def _defects(source: Source, folders: list[Path], arguments: Mapping[str, object], robot: Any) -> Iterator[Defect]:
+    if source.path is not None and source.path.suffix == ".srdf":
+        yield from srdf_defects(source)
+        return
+    reading = read(source, folders, arguments)
+    if not isinstance(reading, Reading):
+        yield from reading
+        return
+    own = [*reading.found, *(one for check in CHECKS for one in check(reading)), *_suspicious(reading)]
+    yield from own
+    if not any(one.severity == "error" for one in own):
+        try:
+            load_model(RobotModel, robot, package_dirs=folders, xacro_arguments=arguments,
+                       root=source.entry.usual_root if source.entry else "fixed")  # fmt: skip
+        except RobotError as error:
+            if error.code not in _NOT_OF_THE_FILE:
+                yield of_error(error, "weightless" if error.code == "no-inertia" else "refused")
+
+
+def _suspicious(reading: Reading) -> Iterator[Defect]:
+    """The suspicions of the load report."""
+    if reading.tree is None or reading.model is None:
+        return
+    owners: dict[str, Any] = {joint.name: joint for joint in reading.joints} | dict(reading.links)
+    for one in suspicious(reading.tree, reading.model):
+        for name in one.names:
+            owner = owners[name].element
+            yield defect(one.rule, name, reading.line(owner, name), *_split(one.what))
+
+
+def _split(what: str) -> tuple[str, str]:
+    """A statement as what is said and its cause."""
+    value, *cause = re.split(": |; ", what, maxsplit=1)
+    return value, "".join(cause)
+
+
+def fix(findings_of: Findings) -> tuple[Path, ...]:
+    """Write the corrections that are certain into the files. Returns the files that changed."""
+    changed = []
+    for file in dict.fromkeys(one.file for one in findings_of.defects if one.fix is not None):
+        path = Path(file)
+        text = path.read_text("utf-8")
+        lines = text.splitlines(keepends=True)
+        for one in findings_of.defects:
+            if one.file == file and one.fix is not None and one.line:
+                start = sum(map(len, lines[: one.line - 1]))
+                text = text[:start] + _fixed(text[start:], one.fix)
+                lines = text.splitlines(keepends=True)
+        if text != path.read_text("utf-8"):
+            data = text.encode()
+            write_atomic(path, lambda stream, data=data: stream.write(data))  # type: ignore[misc]
+            changed.append(path)
+    return tuple(changed)
+
+
+def _fixed(text: str, change: Fix) -> str:
+    """The text with the first such attribute corrected."""
+    pattern = rf"({change.key}\s*=\s*)(['\"]){re.escape(change.old)}\2"
+    return re.sub(pattern, lambda found: f"{found[1]}{found[2]}{change.new}{found[2]}", text, count=1)
