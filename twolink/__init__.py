@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from twolink.exchange.model_comparison import ModelComparison, compare_models
     from twolink.exchange.urdf_scene import scene_of
     from twolink.hard.referee import judge
+    from twolink.hard.step_table import StepTable, step_table
     from twolink.hard.verdict import Verdict
     from twolink.identification.fit_result import SceneFit
     from twolink.identification.identify import identify
@@ -58,6 +59,7 @@ _IMPORTED_WHEN_USED = {
     "exchange.export": ("export",),
     "exchange.model_comparison": ("ModelComparison", "compare_models"),
     "hard.referee": ("judge",),
+    "hard.step_table": ("StepTable", "step_table"),
     "hard.verdict": ("Verdict",),
     "exchange.urdf_scene": ("scene_of",),
     "identification.fit_result": ("SceneFit",),
@@ -132,6 +134,7 @@ __all__ = [
     "SceneFit",
     "Sensitivities",
     "Simulation",
+    "StepTable",
     "Study",
     "Trajectory",
     "Verdict",
@@ -168,5 +171,6 @@ __all__ = [
     "sensitivities",
     "simulate",
     "simulate_many",
+    "step_table",
     "sweep",
 ]

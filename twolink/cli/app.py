@@ -11,7 +11,7 @@ from twolink._version import __version__
 from twolink.cli.common import FAILED, INTERRUPTED, MISUSED, Command
 from twolink.cli.demo import demo
 from twolink.cli.evidence import hard_cases, paper, throw
-from twolink.cli.exchange import compare, diff, export, judge
+from twolink.cli.exchange import compare, diff, export, judge, steps
 from twolink.cli.fitting import excite, fit, identify, optimize
 from twolink.cli.linting import lint
 from twolink.cli.play import mcp, play, serve, video
@@ -29,7 +29,7 @@ app = typer.Typer(
     "Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted.",
 )
 _QUESTIONS = demo, robots, inspect, lint, query, check, diff, linearize, identify, excite, fit
-_EXPERIMENTS = scenes, new, explain, run, accuracy, sweep, optimize, judge, compare, methods, play, video, throw
+_EXPERIMENTS = scenes, new, explain, run, accuracy, sweep, optimize, judge, compare, steps, methods, play, video, throw
 _WRITERS = hard_cases, paper, export, serve, mcp
 for _command in (*_QUESTIONS, *_EXPERIMENTS, *_WRITERS):
     app.command(cls=Command)(_command)

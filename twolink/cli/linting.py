@@ -57,5 +57,5 @@ def lint(
     typer.echo(found.formatted(style))
     _, failures = write(out or [], found.save)
     finish(failures, False)
-    if any(found.of(level) for level in SEVERITIES[: SEVERITIES.index(fail_on) + 1]):  # type: ignore[arg-type]
+    if any(found.of(level) for level in SEVERITIES[: SEVERITIES.index(fail_on) + 1]):
         raise typer.Exit(FAILED)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping
+from decimal import Decimal
 
 import numpy as np
 
@@ -39,7 +40,7 @@ def cause_of_impossible(six: Mapping[str, float], mass: float, centre: np.ndarra
         return not is_impossible(changed, mass) and bool(moments[0] > _EVEN * moments[-1])
 
     given = matrix(six)
-    causes = [_few_digits(given), _rows(six), *_orders(six, sound), _about_another_point(given, mass, centre),
+    causes = [_few_digits(six), _rows(six), *_orders(six, sound), _about_another_point(given, mass, centre),
               _negative(six, mass), *_points(six, sound), _signs(six, mass)]  # fmt: skip
     return next(filter(None, causes), "")
 
@@ -63,10 +64,12 @@ def cause_of_size(inertia: np.ndarray, mass: float, centre: np.ndarray, largest:
     return ""
 
 
-def _few_digits(given: np.ndarray) -> str:
-    i1, i2, i3 = np.linalg.eigvalsh(given)
-    rounded = i3 > 0 and i1 > -_FEW_DIGITS * i3 and i3 - i1 - i2 < _FEW_DIGITS * i3
-    return "likely rounding: give more digits" if rounded else ""
+def _few_digits(six: Mapping[str, float]) -> str:
+    """Rounding: half a unit of the last digits, or of the third one, makes up for what is wrong."""
+    i1, i2, i3 = np.linalg.eigvalsh(matrix(six))
+    last = sum(0.5 * 10.0 ** int(Decimal(repr(x)).normalize().as_tuple().exponent) for x in six.values() if x)
+    allowed = max(min(last, 0.1 * i3), _FEW_DIGITS * i3)
+    return "likely rounding: give more digits" if i3 > 0 and max(-i1, i3 - i1 - i2) < allowed else ""
 
 
 def _rows(six: Mapping[str, float]) -> str:
@@ -113,9 +116,8 @@ def _points(six: Mapping[str, float], sound: object) -> Iterator[str]:
 
 
 def _signs(six: Mapping[str, float], mass: float) -> str:
-    for name in ("ixy", "ixz", "iyz"):
-        if not is_impossible(matrix({**six, name: -six[name]}), mass):
-            return f"likely the sign of {name}: CAD programs often give products of inertia with the other sign"
+    if not is_impossible(matrix({**six, "ixy": -six["ixy"]}), mass):  # any of the three has the same moments
+        return "likely the sign of ixy, ixz or iyz: CAD programs often give products of inertia with the other sign"
     return ""
 
 
