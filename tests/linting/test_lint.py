@@ -4,7 +4,10 @@ reported is found in the numbers that they give.
 
 import json
 import math
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -314,6 +317,20 @@ def test_the_command_has_formats_and_exit_codes(tmp_path: Path) -> None:
     mended = call("lint", "--fix", str(files["axis not of length 1"]))
     assert "corrected" in mended.stderr
     assert "axis-not-unit" not in mended.stdout
+
+
+def test_the_action_and_the_hook_run_the_command(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(SEEDED["lost decimal point"][0]())
+    (line,) = re.findall(r"run: (python -m twolink .*)", (TOP / ".github/actions/lint/action.yml").read_text("utf-8"))
+    given = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "PYTHONPATH": str(TOP)}
+    given |= {"FILES": "arm.urdf two_link", "ARGUMENTS": "--fail-on error"}
+    done = subprocess.run(["bash", "-c", line], cwd=tmp_path, env=given, capture_output=True, text=True)
+    assert done.returncode == 1, done.stderr
+    assert "::error file=arm.urdf,line=" in done.stdout
+    hook = (TOP / ".pre-commit-hooks.yaml").read_text("utf-8")
+    assert "entry: twolink lint\n" in hook
+    assert re.search(re.findall(r"files: (.*)", hook)[0], "urdf/arm.urdf")
 
 
 MJCF = """<mujoco><compiler angle="{unit}"/><worldbody><body name="a"><geom size="0.1"/>

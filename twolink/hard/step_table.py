@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,6 +38,8 @@ ACCURACY = 1e-8  # rad or m, of the truth
 FINER = 4  # times smaller than the smallest step: of the peer's own limit
 ROUNDS, SHARE = 3, 0.2  # of timing; of the budget that one setting may take
 SECONDS = 30.0
+Prepare = Callable[[PeerTask, Setting], Callable[[], PeerRun]]
+Array = np.ndarray
 LEVEL = 1e-3  # rad or m, of the text's last line
 
 
@@ -244,46 +246,35 @@ def step_table(
     ours = time.process_time() - begun
     bar = float(np.max(truth.error)) * (ESTIMATED if truth.estimated else 1.0) if truth.error is not None else np.inf
 
-    def apart(times: np.ndarray, q: np.ndarray) -> float:
+    def apart(times: Array, q: Array) -> float:
         known = times <= truth.t[-1] + 1e-9
         at = np.searchsorted(truth.t, times[known] - 1e-9)
         return float(np.abs(task.robot.difference(truth.q[at], q[known])).max())
 
     _measure(module.prepare, trials, seconds, progress)
     soft = tuple(sorted(set(module.SOFTENS | {"contacts", "loops"}) & task.needs))
-    limit = _Limit(module.prepare, min(lengths) / FINER) if soft else None
+    finest = Setting("RK4", "", step=min(lengths) / FINER)
     with refusing(scene, peer):
-        rows = tuple(_row(trial, apart, limit, trial is trials[0]) for trial in trials)
-        softness = apart(task.times, limit.of(task)) if limit else None
+        limits = {each.interval: module.prepare(each, finest)().track.q for each in
+                  {trial.task.interval: trial.task for trial in trials}.values()} if soft else {}  # fmt: skip
+    rows = tuple(_row(trial, apart, limits.get(trial.task.interval), trial is trials[0]) for trial in trials)
+    softness = apart(task.times, limits[task.interval]) if soft else None
     title, version = scene.title or scene.robot.name, getattr(module, "VERSION", "")
     return StepTable(f"{NAMES[peer]} {version}".strip(), title, end, rows, bar, soft, softness, ours)
 
 
+@dataclass
 class _Trial:
     """A setting, its task, and what came of it."""
 
-    def __init__(self, setting: Setting, task: PeerTask) -> None:
-        self.setting, self.task = setting, task
-        self.q: np.ndarray | None = None
-        self.seconds: float | None = None
-        self.message = ""
+    setting: Setting
+    task: PeerTask
+    q: Array | None = None
+    seconds: float = np.inf
+    message: str = ""
 
 
-class _Limit:
-    """The peer's own limit of small steps: RK4 at a step far below those of the table, once for each set of times."""
-
-    def __init__(self, prepare: Callable[[PeerTask, Setting], Callable[[], PeerRun]], step: float) -> None:
-        self.prepare, self.step = prepare, step
-        self.known: dict[float, np.ndarray] = {}
-
-    def of(self, task: PeerTask) -> np.ndarray:
-        """Its configurations at the task's times (n, nq)."""
-        if task.interval not in self.known:
-            self.known[task.interval] = self.prepare(task, Setting("RK4", "", step=self.step))().track.q
-        return self.known[task.interval]
-
-
-def _times(step: float, end: float) -> np.ndarray:
+def _times(step: float, end: float) -> Array:
     """Times of about `INTERVAL` from one another that steps meet."""
     interval = step * max(1, round(INTERVAL / step))
     return interval * np.arange(max(1, int(end / interval * (1 + 1e-9))) + 1)
@@ -305,49 +296,33 @@ def _driven(scene: Scene, path: Path) -> Scene:
     return Scene(scene.base, start[0], start[1], effects, end, scene.title)
 
 
-def _measure(prepare: Callable[[PeerTask, Setting], Callable[[], PeerRun]], trials: Sequence[_Trial], budget: float,
-             progress: Report | None) -> None:  # fmt: skip
-    """Run each setting, and time those that can be afforded in rounds; a setting that fails says why."""
-    last = dict[str, tuple[float, float]]()
-    for done, trial in enumerate(trials):
-        if progress is not None:
-            progress(done, len(trials), f"{trial.setting.method}, {1e3 * trial.setting.step:g} ms")
+def _measure(prepare: Prepare, trials: Sequence[_Trial], budget: float, progress: Report | None) -> None:
+    """Run each setting, in rounds that give the least time; one that fails, or cannot be afforded, says why."""
+    begun, last = time.process_time(), dict[str, float]()  # of each method: seconds times step
+    for count in range(ROUNDS * len(trials)):
+        trial = trials[count % len(trials)]
         method, step = trial.setting.method, trial.setting.step
-        before, cost = last.get(method, (step, 0.0))
-        if cost * before / step > SHARE * budget:
+        if progress is not None:
+            progress(count, ROUNDS * len(trials), f"{method}, {1e3 * step:g} ms")
+        cost = last.get(method, 0.0) / step
+        if trial.q is None and cost > SHARE * budget:
             trial.message = "left out: it would take too long"
+        if trial.message or (trial.q is not None and time.process_time() - begun + cost > budget):
             continue
         try:
             run = prepare(trial.task, trial.setting)
-            begun = time.process_time()
-            q = run().track.q
+            start = time.process_time()
+            trial.q = run().track.q
+            trial.seconds = min(trial.seconds, time.process_time() - start)
+            last[method] = trial.seconds * step
+            trial.message = "" if np.isfinite(trial.q).all() else "not finite"
         except PeerError as error:
             trial.message = str(error)
-            continue
-        trial.seconds = time.process_time() - begun
-        last[method] = step, trial.seconds
-        trial.q = q if np.isfinite(q).all() else None
-        trial.message = "" if trial.q is not None else "not finite"
-    for trial in _rounds(trials, budget):
-        run = prepare(trial.task, trial.setting)
-        begun = time.process_time()
-        run()
-        trial.seconds = min(trial.seconds or np.inf, time.process_time() - begun)
 
 
-def _rounds(trials: Sequence[_Trial], budget: float) -> Iterator[_Trial]:
-    """Further rounds of those that have run, while there is time."""
-    begun = time.process_time()
-    for _ in range(ROUNDS - 1):
-        for trial in trials:
-            if trial.q is not None and time.process_time() - begun + (trial.seconds or 0.0) < budget:
-                yield trial
-
-
-def _row(trial: _Trial, apart: Callable[[np.ndarray, np.ndarray], float], limit: _Limit | None, own: bool) -> StepRow:
+def _row(trial: _Trial, apart: Callable[[Array, Array], float], limit: Array | None, own: bool) -> StepRow:
     setting = trial.setting
-    if trial.q is None:
+    if trial.q is None or trial.message:
         return StepRow(setting.method, setting.step, None, None, None, own, trial.message)
-    solver = None if limit is None else float(
-        np.abs(trial.task.robot.difference(limit.of(trial.task), trial.q)).max())  # fmt: skip
+    solver = None if limit is None else float(np.abs(trial.task.robot.difference(limit, trial.q)).max())
     return StepRow(setting.method, setting.step, apart(trial.task.times, trial.q), solver, trial.seconds, own)

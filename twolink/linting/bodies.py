@@ -22,6 +22,7 @@ _BELOW = 1 / 300  # times the moments of a full box
 _LIGHT, _DENSE = 1.0, 25_000.0  # kg/m^3: less than foam, more than osmium
 _SMALLEST = 1e-3  # m: half the diagonal of shapes that say something about a body
 _APART, _DIFFERENT = 1e-3, 0.05  # of both sides of a mirrored pair: a note, a warning
+_BOTH = ("visual", "collision")
 _TEMPLATE = 0.1  # kg m^2: a power of ten from here on is a template's, with a mass that does not go with it
 _SIDES = (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"), ("l", "r"), ("L", "R"), ("FL", "FR"), ("RL", "RR"),
           ("HL", "HR"), ("LF", "RF"), ("LH", "RH"), ("LR", "RR"), ("fl", "fr"), ("rl", "rr"), ("lf", "rf"),
@@ -80,20 +81,21 @@ def beside_shapes(reading: Reading) -> Iterator[Defect]:
     """Mass, moments and centre of mass that do not fit the shapes of the link."""
     if reading.tree is None:
         return
-    fixed = {name for joint in reading.joints if joint.type == "fixed" for name in (joint.parent, joint.child)}
+    fixed = [(joint.parent, reading.links[joint.child]) for joint in reading.joints if joint.type == "fixed"]
+    lumped = {parent for parent, child in fixed if child.mass == 0 and extent(child.element, reading.folders, _BOTH)}
     for link, part, centre in _bodies(reading):
-        found = extent(link.element, reading.folders, ("visual", "collision"))
+        found = extent(link.element, reading.folders, _BOTH)
         if link.mass <= 0 or found.half_diagonal < _SMALLEST or not found.whole:
             continue
         line = reading.line(part, link.name)
-        solids = [extent(link.element, reading.folders, (tag,)) for tag in ("visual", "collision")]
-        yield from _density(link, max(solids, key=lambda one: one.volume), line, link.name in fixed)
+        solids = [extent(link.element, reading.folders, (tag,)) for tag in _BOTH]
+        yield from _density(link, max(solids, key=lambda one: one.volume), line, link.name in lumped)
         if (beside := found.beside(centre)) > max(found.half_diagonal, 0.02):
             scaled = found.beside(centre / 1000) == 0.0 and np.linalg.norm(centre) > 10 * found.half_diagonal
             yield defect("com-shape", link.name, line,
                          f"a centre of mass ({_listed(centre)}) m, {beside:.3g} m beside the shapes",
                          "likely in millimetres: give m" if scaled else "likely of another frame")  # fmt: skip
-        elif link.name not in fixed:
+        elif link.name not in lumped:
             yield from _moments(link, found, centre, line)
 
 

@@ -13,9 +13,8 @@ from twolink.errors import RobotError
 from twolink.io.files import write_atomic
 from twolink.linting import bodies, joints
 from twolink.linting.findings import SEVERITIES, Defect, Findings, Fix, defect
-from twolink.linting.mjcf import ranges
+from twolink.linting.formats import ranges, srdf_defects
 from twolink.linting.reading import Reading, of_error, read
-from twolink.linting.srdf import srdf_defects
 from twolink.robots.catalogue import Source, open_source
 from twolink.robots.load import load_model
 from twolink.robots.model import RobotModel
@@ -99,32 +98,22 @@ def _suspicious(reading: Reading) -> Iterator[Defect]:
     for one in suspicious(reading.tree, reading.model):
         for name in one.names:
             owner = owners[name].element
-            yield defect(one.rule, name, reading.line(owner, name), *_split(one.what))
-
-
-def _split(what: str) -> tuple[str, str]:
-    """A statement as what is said and its cause."""
-    value, *cause = re.split(": |; ", what, maxsplit=1)
-    return value, "".join(cause)
+            value, *cause = re.split(": |; ", one.what, maxsplit=1)
+            yield defect(one.rule, name, reading.line(owner, name), value, "".join(cause))
 
 
 def fix(findings_of: Findings) -> tuple[Path, ...]:
     """Write the corrections that are certain into the files. Returns the files that changed."""
-    changed = []
-    for file in dict.fromkeys(one.file for one in findings_of.defects if one.fix is not None):
-        path = Path(file)
-        text = path.read_text("utf-8")
-        lines = text.splitlines(keepends=True)
-        for one in findings_of.defects:
-            if one.file == file and one.fix is not None and one.line:
-                start = sum(map(len, lines[: one.line - 1]))
-                text = text[:start] + _fixed(text[start:], one.fix)
-                lines = text.splitlines(keepends=True)
-        if text != path.read_text("utf-8"):
-            data = text.encode()
-            write_atomic(path, lambda stream, data=data: stream.write(data))  # type: ignore[misc]
-            changed.append(path)
-    return tuple(changed)
+    texts: dict[Path, str] = {}
+    for one in findings_of.defects:
+        if one.fix is not None and one.line:
+            lines = texts.setdefault(Path(one.file), Path(one.file).read_text("utf-8")).splitlines(keepends=True)
+            texts[Path(one.file)] = "".join(lines[: one.line - 1]) + _fixed("".join(lines[one.line - 1 :]), one.fix)
+    changed = tuple(path for path, text in texts.items() if text != path.read_text("utf-8"))
+    for path in changed:
+        data = texts[path].encode()
+        write_atomic(path, lambda stream, data=data: stream.write(data))  # type: ignore[misc]
+    return changed
 
 
 def _fixed(text: str, change: Fix) -> str:

@@ -98,7 +98,7 @@ def read(source: Source, folders: list[Path], arguments: Mapping[str, object]) -
     if said.robot.tag != "robot":
         return (defect("xml", "", said.robot.line, f"the top element is <{said.robot.tag}>"),)
     if not said.robot.all("link"):  # a file of macros is none of a robot
-        macros = any(child.tag.startswith("xacro:") for child in raw.children)
+        macros = source.path is not None and source.path.suffix == ".xacro"
         return (defect("tree", "", 0, "it has no link", severity="note" if macros else None),)
     robot, label, wrong = said.robot, source.label, list[Defect]()
     version = {"1.1": (1, 1), "1.2": (1, 2)}.get(robot.attributes.get("version", "1.0"), (1, 0))

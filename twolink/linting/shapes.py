@@ -31,6 +31,9 @@ class Extent:
     volume: float
     whole: bool
 
+    def __bool__(self) -> bool:
+        return bool(len(self.points)) or not self.whole
+
     @property
     def half_diagonal(self) -> float:
         """Half the diagonal of the box around the points, m."""
