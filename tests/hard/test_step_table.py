@@ -86,6 +86,20 @@ def test_torques_of_a_log_act_and_its_first_row_is_the_start(tmp_path: Path) -> 
         tl.step_table(pendulum(), log=log)
 
 
+GIMBAL = """<mujoco><worldbody><body pos="0 0 1" euler="20 0 0"><joint name="x" type="slide" axis="1 0 0"/>
+<joint name="a" axis="0 1 0" pos="0.1 0 0.2" stiffness="1"/><joint name="b" axis="0 0.6 0.8" pos="0 0.1 0"/>
+<geom type="capsule" size="0.05" fromto="0 0 0 0.3 0 -0.2"/>
+<body pos="0.3 0 -0.2"><joint name="c" axis="1 0 0"/><geom type="box" size="0.05 0.1 0.15" pos="0 0.1 0"/></body></body>
+</worldbody></mujoco>"""
+
+
+def test_bodies_with_many_joints_are_those_of_mujoco() -> None:
+    found = tl.step_table(GIMBAL, steps=[0.01, 0.001], methods=["RK4"], duration=1.0)
+    coarse, fine = (next(row for row in found.rows if row.method == "RK4" and row.step == h) for h in (0.01, 0.001))
+    assert fine.error < 1e-7
+    assert np.log10(coarse.error / fine.error) == pytest.approx(4, abs=0.5)
+
+
 STOPPED = """<robot name="slide"><link name="base"/><link name="block"><inertial><mass value="2"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="j" type="prismatic"><parent link="base"/><child link="block"/><axis xyz="1 0 0"/>

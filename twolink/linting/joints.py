@@ -68,8 +68,8 @@ def _rates(joint: UrdfJoint, element: Element, line: int) -> Iterator[Defect]:
         if value == 0:
             yield defect(f"{key}-limit", joint.name, line, f"{key} 0", "likely left out: give the motor's")
         elif most <= value < _NONE and not math.log10(value).is_integer():
-            turns = key == "velocity" and joint.type != "prismatic"
-            cause = f"likely degrees a second: give {math.radians(value):.4g} rad/s" if turns else "check the unit"
+            turns = key == "velocity" and joint.type != "prismatic" and math.radians(value) < most
+            cause = f"likely degrees a second: give {math.radians(value):.4g} rad/s" if turns else "leave out no limit"
             yield defect(f"{key}-limit", joint.name, line, f"{key} {value:g} {words}", cause, severity="note")
 
 

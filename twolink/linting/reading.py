@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import pinocchio as pin
 
 from twolink.errors import RobotError, TwolinkError
-from twolink.linting.findings import Defect, defect
+from twolink.linting.findings import Defect, Severity, defect
 from twolink.robots.catalogue import Source, examples_share
 from twolink.robots.formats import describe
 from twolink.robots.load import build
@@ -95,8 +95,9 @@ def read(source: Source, folders: list[Path], arguments: Mapping[str, object]) -
         said = describe(source, "report", "fixed", arguments, folders)
     except RobotError as error:
         return (of_error(error, "xml" if error.code == "xml" else "refused"),)
-    if said.robot.tag != "robot":
-        return (defect("xml", "", said.robot.line, f"the top element is <{said.robot.tag}>"),)
+    if (tag := said.robot.tag) != "robot":
+        piece: Severity | None = "note" if tag == "mujocoinclude" else None
+        return (defect("xml", "", said.robot.line, f"the top element is <{tag}>", severity=piece),)
     if not said.robot.all("link"):  # a file of macros is none of a robot
         macros = source.path is not None and source.path.suffix == ".xacro"
         return (defect("tree", "", 0, "it has no link", severity="note" if macros else None),)
