@@ -348,6 +348,31 @@ def test_ranges_of_an_mjcf_in_the_other_unit_are_found() -> None:
     assert [(one.name, "degree" in one.cause) for one in wide] == [("j2", True)]
 
 
+def test_all_inertias_of_an_mjcf_are_looked_at_where_mujoco_stops_at_the_first() -> None:
+    body = '<body name="{}"><joint name="j{}"/><inertial pos="0 0 0" mass="2" {}/></body>'
+    wrong = 'fullinertia="0.0154 0.0156 1.3 0.0001 0.0003 0.0002"', 'diaginertia="0.01 0.01 0.03"'
+    text = "\n".join(body.format(k, k, inertia) for k, inertia in enumerate((*wrong, 'diaginertia="0.01 0.01 0.01"')))
+    found = tl.lint(f"<mujoco><worldbody>\n{text}</worldbody></mujoco>")
+    assert [(one.rule, one.line, one.name) for one in found.errors] == [
+        ("refused", 0, ""), ("impossible-inertia", 2, "0"), ("impossible-inertia", 3, "1")]  # fmt: skip
+    assert "izz=" in found.errors[1].cause
+
+
+def test_a_xacro_is_expanded_and_lines_are_found_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf.xacro"
+    head, _, tail = swap('effort="80"', 'effort="${motor}"')().partition('<robot name="arms">')
+    prefixed = tail.replace('"right_lower_joint"', '"${side}_lower_joint"')
+    path.write_text(head + '<robot name="arms" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+                    '<xacro:arg name="motor" default="0"/><xacro:property name="side" value="right"/>'
+                    '<xacro:property name="motor" value="$(arg motor)"/>' + prefixed)  # fmt: skip
+    (one,) = (each for each in tl.lint(path).defects if each.rule == "effort-limit")
+    assert "${side}_lower_joint" in path.read_text().splitlines()[one.line - 1]
+    assert not tl.lint(path, xacro_arguments={"motor": 80}).defects
+    macros = tmp_path / "macros.xacro"
+    macros.write_text('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="a" value="1"/></robot>')
+    assert [(each.rule, each.severity) for each in tl.lint(macros).defects] == [("tree", "note")]
+
+
 def test_an_srdf_is_compared_with_its_urdf(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(SOUND)
     (tmp_path / "arm.srdf").write_text("""<robot name="arms">

@@ -1,4 +1,4 @@
-"""Checks of joints and meshes: axes, limits, damping, mimic joints, scales."""
+"""Checks of joints and meshes: axes, limits, damping, mimic joints, scales, and the unit of angles in an MJCF."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from twolink.linting.bodies import opposite
 from twolink.linting.findings import Defect, Fix, defect
-from twolink.linting.reading import Reading
+from twolink.linting.reading import Reading, parts
 from twolink.linting.shapes import extent, meshes
 from twolink.robots.checks import mimic_fault
 from twolink.robots.meshes import missing_meshes
@@ -20,6 +20,8 @@ _ROUNDING = 1e-6  # of an axis, as in the load report
 _NONE = 1e9  # N m, rad/s: numbers from here on say that there is no limit
 _STRONG, _FAST = 1e5, 90.0  # N m or N; rad/s
 _OUTSIDE = 1e-3  # rad or m
+_TURNS, _NARROW = 4 * math.pi + 0.1, 2 * math.pi + 0.1  # rad; degrees, of all hinges of a model
+_FEW = 3  # hinges
 _LARGE, _TIMES = 10.0, 100.0  # m; times the longest distance of two joints
 
 
@@ -170,3 +172,29 @@ def _is_positive(text: str) -> bool:
         return 0 < float(text) < math.inf
     except ValueError:
         return False
+
+
+def ranges(reading: Reading) -> Iterator[Defect]:
+    """Ranges of hinges in the other unit than <compiler angle> says."""
+    if reading.raw.tag != "mujoco":
+        return
+    compilers = [one.attributes.get("angle", "") for one in reading.raw.all("compiler")]
+    if any(part.tag == "include" for part in parts(reading.raw)) or "" in compilers:
+        return  # what is included may say it
+    radians = "radian" in compilers
+    found = [(part, width) for part in parts(reading.raw) if part.tag == "joint"
+             and part.attributes.get("type", "hinge") == "hinge" and (width := _largest(part)) > 0]  # fmt: skip
+    narrow = not radians and len(found) >= _FEW and max(width for _, width in found) < _NARROW
+    for joint, width in found:
+        if narrow or (radians and width > _TURNS):
+            meant = "radians" if narrow else "degrees"
+            yield defect("range-unit", joint.attributes.get("name", ""), joint.line,
+                         f'range="{joint.attributes["range"]}" in {"radians" if radians else "degrees"}',
+                         f'likely in {meant}: <compiler angle="{meant[:-1]}"/>')  # fmt: skip
+
+
+def _largest(joint: Element) -> float:
+    try:
+        return float(np.abs(np.array(joint.attributes.get("range", "0").split(), dtype=float)).max())
+    except ValueError:
+        return 0.0

@@ -11,18 +11,19 @@ from typing import Any
 
 from twolink.errors import RobotError
 from twolink.io.files import write_atomic
+from twolink.io.text import parse_number, read_bytes
 from twolink.linting import bodies, joints
 from twolink.linting.findings import SEVERITIES, Defect, Findings, Fix, defect
-from twolink.linting.formats import ranges, srdf_defects
 from twolink.linting.reading import Reading, of_error, read
 from twolink.robots.catalogue import Source, open_source
 from twolink.robots.load import load_model
 from twolink.robots.model import RobotModel
 from twolink.robots.suspicions import suspicious
+from twolink.robots.xml import MAX_BYTES, Element, parse_xml
 
 CHECKS: tuple[Callable[[Reading], Iterator[Defect]], ...] = (
     bodies.impossible, bodies.without_inertia, bodies.beside_shapes, bodies.mirrored_bodies, joints.axes, joints.limits,
-    joints.mimics, joints.mirrored_joints, joints.shapes, ranges,
+    joints.mimics, joints.mirrored_joints, joints.shapes, joints.ranges,
 )  # fmt: skip
 _NOT_OF_THE_FILE = ("no-counterpart", "missing-extra", "too-large", "not-allowed")
 
@@ -78,6 +79,8 @@ def _defects(source: Source, folders: list[Path], arguments: Mapping[str, object
     reading = read(source, folders, arguments)
     if not isinstance(reading, Reading):
         yield from reading
+        if b"<mujoco" in source.data and not any(one.rule == "xml" for one in reading):  # MuJoCo says its first defect
+            yield from bodies.written_inertias(parse_xml(source.data, source.label, source.encoding))
         return
     own = [*reading.found, *(one for check in CHECKS for one in check(reading)), *_suspicious(reading)]
     yield from own
@@ -120,3 +123,53 @@ def _fixed(text: str, change: Fix) -> str:
     """The text with the first such attribute corrected."""
     pattern = rf"({change.key}\s*=\s*)(['\"]){re.escape(change.old)}\2"
     return re.sub(pattern, lambda found: f"{found[1]}{found[2]}{change.new}{found[2]}", text, count=1)
+
+
+def srdf_defects(source: Source) -> Iterator[Defect]:
+    """The defects of an SRDF. Names are compared with the URDF of its name, beside it or in ../urdf or ../robots."""
+    try:
+        root = parse_xml(source.data, source.label)
+    except RobotError as error:
+        yield of_error(error, "xml")
+        return
+    known = _names(source)
+    seen: set[frozenset[str]] = set()
+    for element in root.children:
+        pair = [element.attributes.get(key, "") for key in ("link1", "link2")]
+        if element.tag == "disable_collisions":
+            if frozenset(pair) in seen or pair[0] == pair[1]:
+                what = f"the pair {pair[0]!r}, {pair[1]!r} stands twice, or is one link"
+                yield defect("srdf", pair[0], element.line, what, "leave it out")
+            seen.add(frozenset(pair))
+            yield from _unknown(element, "link", pair, known)
+        for part in element.children:
+            if part.tag in ("joint", "link"):
+                yield from _unknown(part, part.tag, [part.attributes.get("name", "")], known)
+            if element.tag == "group_state" and not _are_numbers(part.attributes.get("value", "")):
+                yield defect("srdf", part.attributes.get("name", ""), part.line,
+                             f'value="{part.attributes.get("value", "")}" is no number', "give rad or m")  # fmt: skip
+
+
+def _names(source: Source) -> dict[str, set[str]]:
+    """The names of links and joints of the URDF; none where it is not found."""
+    if source.path is None:
+        return {}
+    folders = (source.path.parent, *(source.path.parent.parent / name for name in ("urdf", "robots")))
+    found = next((file for folder in folders if (file := folder / f"{source.path.stem}.urdf").is_file()), None)
+    if found is None:
+        return {}
+    root = parse_xml(read_bytes(found, RobotError, MAX_BYTES), found.name)
+    return {tag: {each.attributes.get("name", "") for each in root.all(tag)} for tag in ("link", "joint")}
+
+
+def _unknown(element: Element, tag: str, names: list[str], known: dict[str, set[str]]) -> Iterator[Defect]:
+    for name in names:
+        if known and name not in known[tag]:
+            yield defect("srdf", name, element.line, f"the URDF has no {tag} {name!r}", "correct the name")
+
+
+def _are_numbers(text: str) -> bool:
+    try:
+        return bool([parse_number(part) for part in text.split()])
+    except ValueError:
+        return False

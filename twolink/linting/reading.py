@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -59,8 +59,9 @@ class Reading:
         """The line of an element, or where the file first has the name, which macros may make in part."""
         if element is not None and element.line:
             return element.line
-        wanted = {name, name.split("/")[0], name.removesuffix("_joint"), name.removesuffix("_fixed")} - {""}
-        return next((part.line for part in _parts(self.raw) if _is_called(part, wanted)), 0)
+        names = dict.fromkeys((name, name.split("/")[0], name.removesuffix("_joint"), name.removesuffix("_fixed")))
+        found = (part.line for wanted in names if wanted for part in parts(self.raw) if _is_called(part, wanted))
+        return next(found, 0)
 
     @property
     def moving(self) -> tuple[UrdfJoint, ...]:
@@ -68,18 +69,18 @@ class Reading:
         return tuple(joint for joint in self.joints if joint.type != "fixed")
 
 
-def _parts(element: Element) -> Iterator[Element]:
+def parts(element: Element) -> Iterator[Element]:
+    """All elements in an element."""
     for child in element.children:
         yield child
-        yield from _parts(child)
+        yield from parts(child)
 
 
-def _is_called(element: Element, names: Iterable[str]) -> bool:
-    called = element.attributes.get("name", "")
-    if "${" in called and (fixed := re.sub(r"\$\{.*?\}", "", called)):
-        pattern = re.compile(".*".join(map(re.escape, re.split(r"\$\{.*?\}", called)))) if len(fixed) > 2 else None
-        return pattern is not None and any(map(pattern.fullmatch, names))
-    return called in names
+def _is_called(element: Element, name: str) -> bool:
+    """True if an element has the name, or one that a macro can make it of."""
+    written = re.split(r"\$\{.*?\}", element.attributes.get("name", ""))
+    pattern = ".*".join(map(re.escape, written))
+    return re.search("[a-zA-Z0-9]", pattern) is not None and re.fullmatch(pattern, name) is not None
 
 
 def read(source: Source, folders: list[Path], arguments: Mapping[str, object]) -> Reading | tuple[Defect, ...]:
