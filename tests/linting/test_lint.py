@@ -286,12 +286,15 @@ def test_a_baseline_leaves_what_is_new(tmp_path: Path) -> None:
 def test_only_what_is_certain_is_written(tmp_path: Path) -> None:
     path = tmp_path / "arm.urdf"
     text = SEEDED["axis not of length 1"][0]().replace('effort="80"', 'effort="0"')
+    text = text.replace('<axis xyz="0 1 1"/>', '<origin xyz="0 1 1"/> <axis xyz="0 1 1"/>').replace(
+        '<origin xyz="0 0 0.3" rpy="0 0 0"/>\n    <origin', "<origin")  # fmt: skip
     path.write_text(text)
     before = tl.lint(path)
     assert fix(before) == (Path(before.files[0]),)
     changed = [(a, b) for a, b in zip(text.splitlines(), path.read_text().splitlines(), strict=True) if a != b]
-    assert [a.strip() for a, _ in changed] == ['<axis xyz="0 1 1"/>']
-    axis = np.array(re.findall(r'xyz="([^"]*)"', changed[0][1])[0].split(), dtype=float)
+    assert [a.strip() for a, _ in changed] == ['<origin xyz="0 1 1"/> <axis xyz="0 1 1"/>']
+    origin, axis = (np.array(xyz.split(), dtype=float) for xyz in re.findall(r'xyz="([^"]*)"', changed[0][1]))
+    np.testing.assert_array_equal(origin, [0, 1, 1])
     np.testing.assert_allclose(axis, [0, math.sqrt(0.5), math.sqrt(0.5)], atol=1e-11)
     after = tl.lint(path)
     assert [one.rule for one in before.defects if one.rule not in {each.rule for each in after.defects}] == [

@@ -45,6 +45,7 @@ def rules() -> dict[str, Rule]:
 class Fix(NamedTuple):
     """A certain correction: an attribute of the element on the defect's line, as it is and as it should be."""
 
+    tag: str
     key: str
     old: str
     new: str

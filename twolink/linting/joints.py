@@ -33,7 +33,7 @@ def axes(reading: Reading) -> Iterator[Defect]:
         if abs(length - 1) > _ROUNDING and joint.axis is not None:
             axis = " ".join(f"{x / length:.12g}" for x in joint.axis)
             element = raw.get(joint.name)
-            fix = Fix("xyz", element.attributes["xyz"], axis) if element is not None else None
+            fix = Fix("axis", "xyz", element.attributes["xyz"], axis) if element is not None else None
             yield defect("axis-not-unit", joint.name, reading.line(element, joint.name),
                          f"an axis of length {length:.6g}", f'give "{axis}"', fix=fix,
                          severity="note" if abs(length - 1) < UNIT_TOLERANCE else None)  # fmt: skip
@@ -153,7 +153,7 @@ def _missing(reading: Reading) -> Iterator[Defect]:
     for mesh in found:
         if "\\" in (name := mesh.attributes["filename"]):
             yield defect("mesh-missing", "", mesh.line, f"mesh {name!r}", "write / between folders",
-                         fix=Fix("filename", name, name.replace("\\", "/")))  # fmt: skip
+                         fix=Fix("mesh", "filename", name, name.replace("\\", "/")))  # fmt: skip
             missing.discard(name)
     others = [mesh for mesh in found if mesh.attributes.get("filename", "") in missing]
     if others:

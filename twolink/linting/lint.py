@@ -16,6 +16,7 @@ from twolink.linting import bodies, joints
 from twolink.linting.findings import SEVERITIES, Defect, Findings, Fix, defect
 from twolink.linting.reading import Reading, of_error, read
 from twolink.robots.catalogue import Source, open_source
+from twolink.robots.checks import weightless_joints, without_inertia
 from twolink.robots.load import load_model
 from twolink.robots.model import RobotModel
 from twolink.robots.suspicions import suspicious
@@ -86,8 +87,11 @@ def _defects(source: Source, folders: list[Path], arguments: Mapping[str, object
     yield from own
     if not any(one.severity == "error" for one in own):
         try:
-            load_model(RobotModel, robot, package_dirs=folders, xacro_arguments=arguments,
-                       root=source.entry.usual_root if source.entry else "fixed")  # fmt: skip
+            if reading.raw.tag != "mujoco":
+                load_model(RobotModel, robot, package_dirs=folders, xacro_arguments=arguments,
+                           root=source.entry.usual_root if source.entry else "fixed")  # fmt: skip
+            elif names := weightless_joints(reading.model):  # MuJoCo has compiled it, which can take seconds
+                raise without_inertia(reading.tree, reading.model, names)  # type: ignore[arg-type]
         except RobotError as error:
             if error.code not in _NOT_OF_THE_FILE:
                 yield of_error(error, "weightless" if error.code == "no-inertia" else "refused")
@@ -121,7 +125,7 @@ def fix(findings_of: Findings) -> tuple[Path, ...]:
 
 def _fixed(text: str, change: Fix) -> str:
     """The text with the first such attribute corrected."""
-    pattern = rf"({change.key}\s*=\s*)(['\"]){re.escape(change.old)}\2"
+    pattern = rf"(<{change.tag}\b[^<>]*?\s{change.key}\s*=\s*)(['\"]){re.escape(change.old)}\2"
     return re.sub(pattern, lambda found: f"{found[1]}{found[2]}{change.new}{found[2]}", text, count=1)
 
 
