@@ -5,6 +5,7 @@ reported is found in the numbers that they give.
 import json
 import math
 import os
+import random
 import re
 import subprocess
 import sys
@@ -226,6 +227,33 @@ def test_an_error_is_what_loading_refuses() -> None:
     verdicts = {urdf: (refused(urdf), bool(tl.lint(urdf).errors)) for urdf in texts}
     assert {loading for loading, _ in verdicts.values()} == {True, False}
     assert [urdf for urdf, (loading, error) in verdicts.items() if loading != error] == []
+
+
+VALUES = ("", "nan", "inf", "1e9", "-1", "0", "abc", "1 2", "0 0 0", "1e9 0 1", "left_upper", "fixed", "floating")
+
+
+def mutated(rng: random.Random) -> str:
+    """The sound robot with one to three values, names of attributes or elements changed, repeated or left out."""
+    text = SOUND
+    for _ in range(rng.randint(1, 3)):
+        value, element = (
+            rng.choice(list(re.finditer(pattern, text))) for pattern in (r'(\w+)="([^"]*)"', r"<[^<>]*/>")
+        )
+        text = rng.choice([
+            text[: value.start(2)] + rng.choice(VALUES) + text[value.end(2) :],
+            text[: value.start(1)] + rng.choice(["name", "xyz", "foo"]) + text[value.end(1) :],
+            text[: element.start()] + text[element.end() :],
+            text[: element.end()] + element[0] + text[element.end() :],
+        ])  # fmt: skip
+    return text
+
+
+@pytest.mark.some(5)
+@pytest.mark.parametrize("seed", range(30))
+def test_whatever_stands_in_a_file_lint_answers_and_agrees_with_loading(seed: int) -> None:
+    rng = random.Random(seed)
+    for text in [mutated(rng) for _ in range(10)]:
+        assert bool(tl.lint(text).errors) == refused(text), text
 
 
 @pytest.mark.slow

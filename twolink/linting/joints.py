@@ -151,7 +151,7 @@ def _missing(reading: Reading) -> Iterator[Defect]:
     missing = {name for names in missing_meshes(robot, reading.folders).values() for name in names}
     found = [mesh for link in robot.children for mesh in meshes(link) if mesh.attributes.get("filename", "") in missing]
     for mesh in found:
-        if "\\" in (name := mesh.attributes["filename"]):
+        if "\\" in (name := mesh.attributes.get("filename", "")):
             yield defect("mesh-missing", "", mesh.line, f"mesh {name!r}", "write / between folders",
                          fix=Fix("mesh", "filename", name, name.replace("\\", "/")))  # fmt: skip
             missing.discard(name)

@@ -20,6 +20,7 @@ from twolink.robots.tree import Tree, joined_tree
 from twolink.robots.urdf import UrdfJoint, UrdfLink, read_joint, read_link
 from twolink.robots.xml import Element, Foreign, Reader, Vector, foreign_content, parse_xml
 
+_MOST = 1e60  # kg, m, rad, kg m^2: sums of squares of more overflow
 P = TypeVar("P", UrdfLink, UrdfJoint)
 
 
@@ -32,7 +33,11 @@ class CollectingReader(Reader):
     def numbers(self, element: Element, key: str, owner: str, count: int, default: Vector | None = None) -> Vector:
         """As `Reader.numbers`; 1, 0, 0, ... where they are wrong."""
         try:
-            return super().numbers(element, key, owner, count, default)
+            values = super().numbers(element, key, owner, count, default)
+            if element.tag in ("mass", "inertia", "origin") and max(map(abs, values)) > _MOST:
+                what = f'{key}="{element.attributes[key]}" is beyond all measure'
+                raise self.error(element, owner, what, "give SI units")
+            return values
         except RobotError as error:
             self.wrong.append(error)
             element.attributes[key] = " ".join(["1.0", *["0.0"] * (count - 1)])

@@ -16,6 +16,7 @@ from twolink.robots.meshes import MeshFolders
 from twolink.robots.xml import Element
 
 _LARGEST = 2**22  # bytes of a mesh that is read for its size
+_MOST = 1e60  # m: squares of more overflow
 _READ = (".stl", ".obj")  # Collada takes too long
 _CUBE = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 
@@ -75,7 +76,7 @@ def _numbers(element: Element | None, key: str, count: int, default: float = 0.0
         values = np.array((element.attributes[key] if element else "").split(), dtype=float)
     except (KeyError, ValueError):
         values = np.empty(0)
-    return values if len(values) == count and np.isfinite(values).all() else np.full(count, default)
+    return values if len(values) == count and (np.abs(values) < _MOST).all() else np.full(count, default)
 
 
 def _shape(body: Element, folders: MeshFolders) -> tuple[np.ndarray, float] | None:
