@@ -90,7 +90,7 @@ SEEDED: dict[str, tuple[Callable[[], str], str, str]] = {
     "centre of mass in mm": (swap('<origin xyz="0 0 0.15"/>\n      <mass', '<origin xyz="0 0 150"/>\n      <mass'),
                              "com-shape", "millimetres"),
     "one side differs": (swap('<mass value="2"/>', '<mass value="2.6"/>'), "mirrored-pair", ""),
-    "one side's moments lost": (swap('effort="80"', 'effort="8"'), "mirrored-pair", ""),
+    "one side's motor is weaker": (swap('effort="80"', 'effort="8"'), "mirrored-pair", ""),
     "limits in degrees": (swap('lower="-2.5" upper="2.5"', 'lower="-143" upper="143"'), "angle-unit", "degrees"),
     "origin in degrees": (swap('rpy="0 0 0"', 'rpy="0 0 90"'), "angle-unit", "degrees"),
     "origin in mm": (swap('xyz="0 0 0.3"', 'xyz="0 0 300"'), "length-unit", "millimetres"),
