@@ -38,7 +38,10 @@ if TYPE_CHECKING:
     from twolink.parts.identification.identify import identify
     from twolink.parts.identification.result import Identification
     from twolink.parts.identification.scene_fit import fit
+    from twolink.parts.lint.findings import Findings
+    from twolink.parts.lint.lint import lint
     from twolink.parts.referee.referee import judge
+    from twolink.parts.referee.step_table import StepTable, step_table
     from twolink.parts.referee.verdict import Verdict
     from twolink.parts.service.client import connect
     from twolink.parts.sweeps.sweeping import sweep
@@ -55,7 +58,10 @@ _IMPORTED_WHEN_USED = {
     "lagrange.equation_check": ("EquationCheck", "check_equations"),
     "parts.exchange.export": ("export",),
     "parts.exchange.model_comparison": ("ModelComparison", "compare_models"),
+    "parts.lint.findings": ("Findings",),
+    "parts.lint.lint": ("lint",),
     "parts.referee.referee": ("judge",),
+    "parts.referee.step_table": ("StepTable", "step_table"),
     "parts.referee.verdict": ("Verdict",),
     "scenes.urdf_scene": ("scene_of",),
     "parts.identification.fit_result": ("SceneFit",),
@@ -115,6 +121,7 @@ __all__ = [
     "Equilibria",
     "Event",
     "Explanation",
+    "Findings",
     "Gradient",
     "Identification",
     "Linearization",
@@ -127,6 +134,7 @@ __all__ = [
     "SceneFit",
     "Sensitivities",
     "Simulation",
+    "StepTable",
     "Study",
     "Trajectory",
     "Verdict",
@@ -148,6 +156,7 @@ __all__ = [
     "judge",
     "lagrange",
     "linearize",
+    "lint",
     "load_robot",
     "load_scene",
     "loop_forces",
@@ -162,5 +171,6 @@ __all__ = [
     "sensitivities",
     "simulate",
     "simulate_many",
+    "step_table",
     "sweep",
 ]

@@ -24,6 +24,7 @@ SHOWN = 3  # pictures of an effect
 ROOMS = {  # the order and the titles of the reference's pages, by the room that a name comes from
     "dynamics": "Robots and queries",
     "robots": "Robots and queries",
+    "lint": "Robots and queries",
     "scenes": "Scenes",
     "effects": "Scenes",
     "simulation": "Simulation",
@@ -203,7 +204,7 @@ def reference() -> dict[str, str]:
         thing = getattr(tl, name)
         if inspect.ismodule(thing):
             continue
-        room = thing.__module__.split(".")[1]
+        room = thing.__module__.removeprefix("twolink.").removeprefix("parts.").split(".")[0]
         title = ROOMS.get(room, room.capitalize())
         kind = "autoclass" if inspect.isclass(thing) else "autofunction"
         options = ("members", "inherited-members: Struct, object") if kind == "autoclass" else ()

@@ -13,7 +13,7 @@ from twolink.cli.app import app
 
 COMMANDS = ["robots", "inspect", "query", "check", "scenes", "explain", "run", "accuracy", "methods", "paper", "play",
             "hard-cases", "throw", "serve", "identify", "excite", "fit", "new", "optimize", "sweep", "video",
-            "linearize", "demo", "diff", "export", "judge", "compare", "mcp"]  # fmt: skip
+            "linearize", "demo", "lint", "steps", "diff", "export", "judge", "compare", "mcp"]  # fmt: skip
 TEXTS = "\n".join(path.read_text("utf-8") for path in [TOP / "README.md", *(TOP / "docs").rglob("*.md")])
 
 

@@ -271,7 +271,7 @@ def robot_from(
     # load_robot refuses other words
     choices: dict[str, Any] = {"root": root, "unphysical": unphysical, "foreign": foreign, "purpose": purpose,
                                "xacro": xacro}  # fmt: skip
-    choices["xacro_arguments"] = _pairs(xacro_arguments, "xacro_arguments", "NAME=VALUE, such as ur_type=ur5e")
+    choices["xacro_arguments"] = xacro_of(xacro_arguments)
     return load_robot(source, lock=locks, gravity=field, mimic=mimic, package_dirs=package_dirs or [], **choices)
 
 
@@ -303,6 +303,11 @@ def locks_of(lock: Lock) -> dict[str, list[float]]:
         name: parse_numbers("lock", value)
         for name, value in _pairs(lock, "lock", "JOINT=VALUE, such as elbow=0.5").items()
     }
+
+
+def xacro_of(arguments: XacroArguments) -> dict[str, str]:
+    """The arguments of a xacro by name."""
+    return _pairs(arguments, "xacro_arguments", "NAME=VALUE, such as ur_type=ur5e")
 
 
 def _pairs(texts: list[str] | None, option: str, form: str) -> dict[str, str]:

@@ -5,6 +5,7 @@ identification  parameters of a robot from measured motions
 design          equilibria, linearization, regulators, periodic motions, optimization
 sweeps          many runs in a store that survives what stops them
 exchange        robots and scenes in other programs' forms, and models compared
+lint            defects of robot files
 referee         verdicts on the trajectories of other simulators
 gym             environments of Gymnasium
 

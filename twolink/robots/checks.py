@@ -48,13 +48,17 @@ def check_bodies(tree: Tree, model: pin.Model, unphysical: str) -> list[str]:
     A body is a link with all links fixed to it: only their sum enters the equations of motion. Files often give
     sensors and covers impossible inertias; judged alone they would refuse half of the published robots.
     """
-    for joint in range(model.njoints):
-        inertia = model.inertias[joint]
-        if not np.isfinite(inertia.inertia).all():
-            raise RobotError("inertia is not finite: numbers are too large", where=tree.name, remedy="check the units")
-        if unphysical == "refuse" and is_impossible(inertia.inertia, inertia.mass):
-            raise _impossible(_culprit(tree, model, joint))
+    if not all(np.isfinite(inertia.inertia).all() for inertia in model.inertias):
+        raise RobotError("inertia is not finite: numbers are too large", where=tree.name, remedy="check the units")
+    if unphysical == "refuse" and (impossible := impossible_bodies(tree, model)):
+        raise impossible_inertia(impossible[0])
     return [link.name for link in tree.links.values() if is_impossible(link.inertia, link.mass)]
+
+
+def impossible_bodies(tree: Tree, model: pin.Model) -> list[UrdfLink]:
+    """The worst link of each body whose inertia no real body has."""
+    return [_culprit(tree, model, joint) for joint, inertia in enumerate(model.inertias)
+            if is_impossible(inertia.inertia, inertia.mass)]  # fmt: skip
 
 
 def is_impossible(inertia: np.ndarray, mass: float) -> bool:
@@ -62,7 +66,7 @@ def is_impossible(inertia: np.ndarray, mass: float) -> bool:
     return any(_defects(inertia, mass))
 
 
-def _impossible(link: UrdfLink) -> RobotError:
+def impossible_inertia(link: UrdfLink) -> RobotError:
     """The error for the link whose inertia makes a body impossible."""
     moments = ", ".join(f"{m:.6g}" for m in np.linalg.eigvalsh(link.inertia))
     tail = 'correct it, or load it as it is with unphysical="report"'
@@ -201,7 +205,7 @@ def check_mimic(tree: Tree, uncoupled: pin.Model) -> None:
     for joint in tree.moving:
         if joint.mimic is None:
             continue
-        what, remedy = _fault(joint, joint.mimic, joints)
+        what, remedy = mimic_fault(joint, joint.mimic, joints)
         names = list(uncoupled.names)
         if not what and names.index(joint.mimic.joint) > names.index(joint.name):
             what = f"it mimics {joint.mimic.joint!r}, which comes after it in Pinocchio's order"
@@ -210,7 +214,7 @@ def check_mimic(tree: Tree, uncoupled: pin.Model) -> None:
             raise RobotError(what, where=joint.where, remedy=remedy, code="mimic-joints")
 
 
-def _fault(joint: UrdfJoint, mimic: Mimic, joints: Mapping[str, UrdfJoint]) -> tuple[str, str]:
+def mimic_fault(joint: UrdfJoint, mimic: Mimic, joints: Mapping[str, UrdfJoint]) -> tuple[str, str]:
     """Why a joint cannot follow the one it names, and the remedy; two empty texts where it can."""
     target = joints.get(mimic.joint)
     if target is None or target is joint:

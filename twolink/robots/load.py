@@ -94,9 +94,9 @@ def load_model(
     said = describe(urdf, foreign, root, xacro_arguments or {}, packages, trusted=meshes is None, xacro=xacro)
     tree = read_tree(said.robot, urdf.label, foreign, xacro)
     if mimic:
-        check_mimic(tree, _build(tree, urdf.label, root, mimic=False))
+        check_mimic(tree, build(tree, urdf.label, root, mimic=False))
         check_lock(tree, lock or {})
-    full = _small(_build(tree, urdf.label, root, mimic), urdf.label)
+    full = _small(build(tree, urdf.label, root, mimic), urdf.label)
     check_agreement(full, tree, urdf.label, root)
     locked, reference = lock_configuration(full, lock or {})
     model = without_joints(full, locked, reference)
@@ -141,7 +141,7 @@ def _small(model: pin.Model, label: str) -> pin.Model:
     return model
 
 
-def _build(tree: Tree, label: str, root: str, mimic: bool) -> pin.Model:
+def build(tree: Tree, label: str, root: str, mimic: bool) -> pin.Model:
     """Pinocchio's model, built on a thread whose stack holds the deepest tree that `read_tree` accepts."""
     names = {j.name for j in tree.joints}
     for reserved in ("universe", "root_joint") if root == "free" else ("universe",):

@@ -32,11 +32,14 @@ _FOREIGN = {
 
 @dataclass(frozen=True)
 class Finding:
-    """One statement of the report: its kind, what it says, and the links, joints or files it is about."""
+    """One statement of the report: its kind, what it says, the links, joints or files it is about, and the rule of
+    `twolink lint` that says the same.
+    """
 
     kind: Kind
     what: str
     names: tuple[str, ...] = ()
+    rule: str = ""
 
     def __str__(self) -> str:
         if not self.names:

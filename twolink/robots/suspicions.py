@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 import pinocchio as pin
 
-from twolink.robots.load_report import Finding, findings
+from twolink.robots.load_report import Finding
 from twolink.robots.tree import Tree
 from twolink.robots.urdf import UrdfJoint, UrdfLink
 from twolink.robots.xml import Element
@@ -22,18 +22,19 @@ _FAR = 1000.0  # rad: so many mean that there is no limit
 _LENGTH = 100.0  # m
 HEAVY = 20.0  # times the mass of what carries it
 _WIDE = 3.0  # radius of gyration in sizes of the robot
+Suspicion = tuple[str, str, str]  # the rule, the link or joint, the statement
 _SMALL = 0.05  # m: robots whose joints are nearer to each other have no size to compare with
 
 
 def suspicious(tree: Tree, model: pin.Model) -> list[Finding]:
     """The statements of a load report of the kind "suspicious". model: of the whole tree, before joints are locked."""
-    statements: dict[str, list[str]] = {}
-    for name, what in (*_lengths(tree), *_angles(tree), *_limits(tree), *_inertias(tree, model)):
-        statements.setdefault(what, []).append(name)
-    massless = visible_without_mass(tree, model)
-    statements |= {"no mass, though they move, are visible and have no <inertial>: their inertia is missing; give them "
-                   'one, or <mass value="0"/> where that is meant': massless}  # fmt: skip
-    return findings("suspicious", statements)
+    statements: dict[tuple[str, str], list[str]] = {}
+    for rule, name, what in (*_lengths(tree), *_angles(tree), *_limits(tree), *_inertias(tree, model)):
+        statements.setdefault((rule, what), []).append(name)
+    missing = ("no mass, though they move, are visible and have no <inertial>: their inertia is missing; give them "
+               'one, or <mass value="0"/> where that is meant')  # fmt: skip
+    statements[("no-inertial", missing)] = visible_without_mass(tree, model)
+    return [Finding("suspicious", what, tuple(names), rule) for (rule, what), names in statements.items() if names]
 
 
 def visible_without_mass(tree: Tree, model: pin.Model) -> list[str]:
@@ -79,27 +80,29 @@ def _numbers(origin: Element, key: str) -> list[float]:
     return [float(part) for part in origin.attributes.get(key, "0 0 0").split()]
 
 
-def _lengths(tree: Tree) -> Iterator[tuple[str, str]]:
+def _lengths(tree: Tree) -> Iterator[Suspicion]:
     """Lengths in millimetres."""
     for name, origin in _origins(tree):
         length = math.hypot(*_numbers(origin, "xyz"))
         if length > _LENGTH:
-            yield name, f"an <origin> {length:.4g} m away: is it in millimetres? give m, {length / 1000:.4g}"
+            what = f"an <origin> {length:.4g} m away: is it in millimetres? give m, {length / 1000:.4g}"
+            yield "length-unit", name, what
     for joint in tree.moving:
         if joint.type == "prismatic" and _beyond(joint, _LENGTH):
-            yield joint.name, f"limits {_shown(joint.limits)} m: are they in millimetres? give m"
+            yield "length-unit", joint.name, f"limits {_shown(joint.limits)} m: are they in millimetres? give m"
 
 
-def _angles(tree: Tree) -> Iterator[tuple[str, str]]:
+def _angles(tree: Tree) -> Iterator[Suspicion]:
     """Angles of origins in degrees."""
     for name, origin in _origins(tree):
         angles = _numbers(origin, "rpy")
         if max(map(abs, angles)) > 2 * math.pi + _ROUNDED:
             radians = " ".join(f"{math.radians(angle):.6g}" for angle in angles)
-            yield name, f'rpy="{origin.attributes["rpy"]}" rad is more than a turn: is it in degrees? give "{radians}"'
+            what = f'rpy="{origin.attributes["rpy"]}" rad is more than a turn: is it in degrees? give "{radians}"'
+            yield "angle-unit", name, what
 
 
-def _limits(tree: Tree) -> Iterator[tuple[str, str]]:
+def _limits(tree: Tree) -> Iterator[Suspicion]:
     """Limits of angles in degrees."""
     for joint in tree.moving:
         if joint.type == "revolute" and joint.limits is not None and _beyond(joint, _REACH):
@@ -107,7 +110,8 @@ def _limits(tree: Tree) -> Iterator[tuple[str, str]]:
             if max(abs(lower), abs(upper)) < _FAR:
                 what = f"limits {_shown(joint.limits)} rad, {(upper - lower) / (2 * math.pi):.3g} turns: are they in "
                 radians = f'lower="{math.radians(lower):.6g}" upper="{math.radians(upper):.6g}"'
-                yield joint.name, f'{what}degrees? give {radians}, or type="continuous" where it may turn on'
+                what += f'degrees? give {radians}, or type="continuous" where it may turn on'
+                yield "angle-unit", joint.name, what
 
 
 def _beyond(joint: UrdfJoint, reach: float) -> bool:
@@ -121,7 +125,7 @@ def _shown(limits: tuple[float, float] | None) -> str:
     return "({:g}, {:g})".format(*(limits or (0.0, 0.0)))
 
 
-def _inertias(tree: Tree, model: pin.Model) -> Iterator[tuple[str, str]]:
+def _inertias(tree: Tree, model: pin.Model) -> Iterator[Suspicion]:
     """Bodies much heavier than all that carry them, and inertias much wider than the robot."""
     before, reach, size = np.zeros(model.njoints), np.zeros(model.njoints), 0.0
     for j in range(1, model.njoints):
@@ -132,9 +136,10 @@ def _inertias(tree: Tree, model: pin.Model) -> Iterator[tuple[str, str]]:
     for j, links in _bodies(tree, model).items():
         heaviest = max(links, key=lambda link: link.mass)
         if what := too_heavy(model.inertias[j].mass, float(before[j])):
-            yield heaviest.name, what
+            yield "heavy", heaviest.name, what
         for link in links:
             wide = math.sqrt(max(float(np.trace(link.inertia)), 0.0) / (2 * link.mass)) if link.mass > 0 else 0.0
             if size > _SMALL and wide > _WIDE * size:
                 spread = f"an inertia as of {link.mass:g} kg spread over {wide:.3g} m, the joints are within"
-                yield link.name, f"{spread} {size:.3g} m: is it in kg mm^2? give kg m^2 about the centre of mass"
+                what = f"{spread} {size:.3g} m: is it in kg mm^2? give kg m^2 about the centre of mass"
+                yield "inertia-unit", link.name, what

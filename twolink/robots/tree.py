@@ -81,9 +81,15 @@ def read_tree(element: Element, source: str, foreign: str = "refuse", xacro: str
         for role, name in (("parent", joint.parent), ("child", joint.child)):
             if name not in by_name:
                 raise _error(f"{role} link {name!r} does not exist", joint.where, nearest(name, by_name))
-    ordered = _ordered(by_name, joints, source)
-    root = ordered[0].parent if ordered else links[0].name
-    return Tree(element.attributes.get("name", ""), element, by_name, ordered, root, other)
+    return joined_tree(element, by_name, joints, source, other)
+
+
+def joined_tree(element: Element, links: dict[str, UrdfLink], joints: list[UrdfJoint], source: str, other: Foreign,
+                ) -> Tree:  # fmt: skip
+    """The tree that joints make of links. Raises RobotError (code "urdf") where it is none."""
+    ordered = _ordered(links, joints, source)
+    root = ordered[0].parent if ordered else next(iter(links))
+    return Tree(element.attributes.get("name", ""), element, links, ordered, root, other)
 
 
 def _error(what: str, where: str, remedy: str) -> RobotError:

@@ -224,7 +224,8 @@ class Foreign:
 
     elements: by tag. attributes: as "D= in <dynamics>". motion: elements that change the motion in their program, as
     "mu1 in <gazebo>". text: text between elements, as "in <link>". unknown: names of no known program, as
-    "rpy= in <axis>"; they are refused unless `lenient`. xacro: what was left out unexpanded.
+    "rpy= in <axis>"; they are refused unless `lenient`. xacro: what was left out unexpanded. refused: errors, where
+    they are collected and not raised.
     """
 
     lenient: bool = False
@@ -235,10 +236,20 @@ class Foreign:
     text: Counter[str] = field(default_factory=Counter)
     unknown: Counter[str] = field(default_factory=Counter)
     xacro: Counter[str] = field(default_factory=Counter)
+    refused: list[RobotError] | None = None
+
+    def refuse(self, error: RobotError) -> None:
+        """Raise an error, or collect it."""
+        if self.refused is None:
+            raise error
+        self.refused.append(error)
 
 
-def foreign_content(reader: Reader, robot: Element, lenient: bool = False) -> Foreign:
-    """Contents of a <robot> for other programs. lenient: unknown names are counted, not refused.
+def foreign_content(
+    reader: Reader, robot: Element, lenient: bool = False, refused: list[RobotError] | None = None
+) -> Foreign:
+    """Contents of a <robot> for other programs. lenient: unknown names are counted, not refused. refused: a list that
+    takes the errors.
 
     Raises
     ------
@@ -246,7 +257,7 @@ def foreign_content(reader: Reader, robot: Element, lenient: bool = False) -> Fo
         A URDF element has an attribute or a child that is neither URDF's nor a known program's, has a child twice that
         counts once, or has text in place of attributes.
     """
-    found = Foreign(lenient)
+    found = Foreign(lenient, refused=refused)
     _look(reader, robot, "", found)
     return found
 
@@ -269,13 +280,13 @@ def _look(reader: Reader, element: Element, owner: str, found: Foreign) -> None:
     if element.has_text:
         if not element.attributes and not children:
             what = f"<{tag}> has text in place of attributes"
-            raise reader.error(element, owner, what, f"known: {', '.join(entry.attributes)}")
+            found.refuse(reader.error(element, owner, what, f"known: {', '.join(entry.attributes)}"))
         found.text[f"in <{tag}>"] += 1
     seen: set[str] = set()
     for child in element.children:
         if child.tag in children:
             if child.tag in seen and not URDF_ELEMENTS[child.tag].repeatable:
-                raise reader.error(child, owner, f"<{child.tag}> stands twice in <{tag}>", "remove one")
+                found.refuse(reader.error(child, owner, f"<{child.tag}> stands twice in <{tag}>", "remove one"))
             seen.add(child.tag)
             _look(reader, child, owner, found)
         elif child.tag in entry.foreign_children or _is_prefixed(child.tag) or _moves_nothing(reader, child, owner):
@@ -292,7 +303,7 @@ def _unknown(
     shown, name, tag = names
     if not found.lenient:
         remedy = f"{nearest(name.lower(), known)} (Else remove it, give it its program's prefix, or load with "
-        raise reader.error(place, owner, f"{shown} is unknown in <{tag}>", f'{remedy}foreign="report")')
+        found.refuse(reader.error(place, owner, f"{shown} is unknown in <{tag}>", f'{remedy}foreign="report")'))
     found.unknown[f"{shown} in <{tag}>"] += 1
 
 

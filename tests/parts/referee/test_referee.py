@@ -12,6 +12,7 @@ from tests.parts.exchange.simulators import Log, exact, law_of, stepped
 from tests.parts.exchange.urdf_edits import plain_urdf, text
 from twolink.parts.referee.referee import best_run, verdict_of
 from twolink.parts.referee.trajectory_log import TrajectoryLog
+from twolink.robots.catalogue import our_urdfs
 
 fx = tl.effects
 
@@ -242,7 +243,9 @@ def test_a_robot_starts_where_its_log_does(tmp_path: Path) -> None:
     run = tl.simulate(moved, 1.0, accuracy=1e-10)
     later = (run.t[50:], run.q[50:], run.v[50:])
     for log in (run, later):
-        assert tl.judge("two_link", log).right
+        for robot in ("two_link", our_urdfs() / "two_link.urdf"):
+            assert tl.judge(robot, log).right
+            assert tl.judge(robot, log, start="log").right
         assert tl.judge(made, log, start="log").right
         assert tl.judge(made, log, seconds=1.0).answer == "wrong"
     path = run.save(tmp_path / "log.csv")

@@ -6,8 +6,10 @@ elliptic cones, which the manual advises against slip. mj_step with `nstep` adva
 longer.
 """
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import accumulate
 from typing import Any
 
 import mujoco
@@ -39,6 +41,7 @@ STAGES = {"Euler": 1, "implicitfast": 1, "RK4": 4}
 INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast")  # in the order of mjtIntegrator
 KINDS = {"revolute": mujoco.mjtJoint.mjJNT_HINGE, "continuous": mujoco.mjtJoint.mjJNT_HINGE,
          "prismatic": mujoco.mjtJoint.mjJNT_SLIDE}  # fmt: skip
+Chain = list[PeerJoint]
 WARNINGS = tuple(getattr(mujoco.mjtWarning, f"mjWARN_{name}") for name in ("BADQPOS", "BADQVEL", "BADQACC", "INERTIA"))
 
 
@@ -107,9 +110,14 @@ def build(task: PeerTask) -> mujoco.MjModel:
     spec = mujoco.MjSpec()
     spec.compiler.autolimits, spec.compiler.degree = False, False
     spec.option.gravity = task.model.gravity.linear
-    bodies = [spec.worldbody]
-    for joint in task.joints:
-        bodies.append(_add_body(task, bodies[joint.parent], joint))
+    bodies, waiting, carriers = [spec.worldbody], dict[int, Chain](), _carriers(task)
+    for number, joint in enumerate(task.joints, 1):
+        chain = [*waiting.get(joint.parent, []), joint]
+        if number in carriers:  # MuJoCo takes no body without mass: its joint is one more of the body that it carries
+            waiting[number] = chain
+            bodies.append(None)
+        else:
+            bodies.append(_add_body(task, bodies[chain[0].parent], chain))
     for k, (a, point_a, b, point_b) in enumerate(task.loops):
         bodies[a].add_site(name=f"a{k}", pos=point_a)
         bodies[b].add_site(name=f"b{k}", pos=point_b)
@@ -141,26 +149,43 @@ def build(task: PeerTask) -> mujoco.MjModel:
     return model
 
 
-def _add_body(task: PeerTask, parent: Any, joint: PeerJoint) -> Any:
+def _carriers(task: PeerTask) -> set[int]:
+    """The joints whose body has no mass and carries one other, and which nothing else holds on to."""
+    carried = Counter(joint.parent for joint in task.joints if joint.kind != "free")
+    held = {number for a, _, b, _ in task.loops for number in (a, b)}
+    held |= {solid.body for pair in task.contacts for solid in pair[:2]}
+    return {number for number, joint in enumerate(task.joints, 1)
+            if joint.inertia.mass == 0 and joint.kind != "free" and carried[number] == 1} - held  # fmt: skip
+
+
+def _add_body(task: PeerTask, parent: Any, chain: Chain) -> Any:
+    """Add a body with the joints of a chain, the outermost first, whose other bodies have no mass."""
+    joint, places = chain[-1], list(accumulate((one.place for one in chain), pin.SE3.__mul__))
     moments, principal = np.linalg.eigh(joint.inertia.inertia)
     principal[:, 0] *= np.linalg.det(principal)  # a rotation, not a reflection
     body = parent.add_body(
-        name=f"body of {joint.name}", pos=joint.place.translation, quat=_quaternion(joint.place.rotation),
+        name=f"body of {joint.name}", pos=places[-1].translation, quat=_quaternion(places[-1].rotation),
         explicitinertial=True, mass=joint.inertia.mass, ipos=joint.inertia.lever, iquat=_quaternion(principal),
         inertia=np.maximum(moments, SMALLEST_MOMENT),
     )  # fmt: skip
     if joint.kind == "free":
         body.add_freejoint(name=joint.name)
         return body
+    for one, place in zip(chain, places, strict=True):
+        _add_joint(task, body, one, places[-1].actInv(place))
+    return body
+
+
+def _add_joint(task: PeerTask, body: Any, joint: PeerJoint, place: pin.SE3) -> None:
+    """Add a joint of one coordinate, at a place in the body's frame."""
     stiffness, rest = task.springs.get(joint.name, (0.0, 0.0))
     far = 1e10  # of no stop; a stop at one end needs a range
     body.add_joint(  # stiffness and damping are polynomials: the first coefficient is the linear one
-        name=joint.name, type=KINDS[joint.kind], axis=joint.axis, stiffness=[stiffness, 0.0, 0.0], springref=rest,
-        damping=[task.damping.get(joint.name, 0.0), 0.0, 0.0], armature=task.model.armature[joint.v.start],
-        frictionloss=task.friction.get(joint.name, 0.0), limited=joint.name in task.stops,
-        range=np.clip(task.stops.get(joint.name, (0.0, 0.0)), -far, far),
+        name=joint.name, type=KINDS[joint.kind], axis=place.rotation @ joint.axis, pos=place.translation,
+        stiffness=[stiffness, 0.0, 0.0], springref=rest, damping=[task.damping.get(joint.name, 0.0), 0.0, 0.0],
+        armature=task.model.armature[joint.v.start], frictionloss=task.friction.get(joint.name, 0.0),
+        limited=joint.name in task.stops, range=np.clip(task.stops.get(joint.name, (0.0, 0.0)), -far, far),
     )  # fmt: skip
-    return body
 
 
 def _add_geom(spec: Any, body: Any, name: str, solid: PeerSolid) -> None:

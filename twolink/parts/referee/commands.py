@@ -1,4 +1,4 @@
-"""The commands of the referee: judge a log, or another simulator's run."""
+"""The commands of the referee: judge a log, another simulator's run, or its steps."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,6 +8,7 @@ from typer import Argument, Option
 
 from twolink.cli.common import FAILED, Duration, Files, Json, SceneName, deliver, require_writable, scene_from
 from twolink.io.progress import progress_bar
+from twolink.io.text import parse_numbers
 from twolink.scenes.urdf_scene import UrdfScene
 from twolink.show.figure import FORMATS
 from twolink.simulation.recording import SAVED
@@ -86,4 +87,37 @@ def compare(
     deliver(found.to_dict(), found, out, write_one, as_json)
 
 
-COMMANDS = judge, compare
+def steps(
+    model: SceneName,
+    peer: Annotated[str, Option("--with", help="mujoco, where it is installed.")] = "mujoco",
+    log: Annotated[Path | None, Option(metavar="FILE", help="Torques: t, tau.JOINT; and a start, q, v.")] = None,
+    lengths: Annotated[
+        str | None, Option("--steps", help="s, such as 0.005,0.001.", show_default="20 to 0.1 ms")
+    ] = None,
+    duration: Duration = None,
+    ground: Annotated[bool, Option("--ground", help="Of a robot: its links touch each other and the ground.")] = False,
+    seconds: Annotated[float, Option(help="Of computing; what would take long is left out.")] = 30.0,
+    out: Files = None,
+    as_json: Json = False,
+) -> None:
+    """Say which step and integrator of another simulator is enough.
+
+    The truth is our verified run. The options of the model's own MJCF come first. Of soft contacts, stops and friction
+    the difference of the models stands apart from the error of the steps. --out writes a figure (.png .svg .pdf) or the
+    table (.json).
+
+    \b
+    twolink steps arm.xml --log torques.csv --out steps.png
+    """
+    from twolink.parts.referee.step_table import STEPS, step_table
+
+    require_writable(out or [], (".json", *FORMATS))
+    with progress_bar() as report:
+        found = step_table(scene_from(model, ground=ground), peer, duration=duration, log=log, seconds=seconds,
+                           steps=STEPS if lengths is None else parse_numbers("steps", lengths),
+                           progress=report)  # fmt: skip
+    deliver(found.to_dict(), found, out,
+            lambda path: (found.plot if path.suffix in FORMATS else found.save)(path), as_json)  # fmt: skip
+
+
+COMMANDS = judge, compare, steps

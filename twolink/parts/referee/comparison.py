@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
+from types import ModuleType
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -122,24 +125,37 @@ class PeerLog(NamedTuple):
     seconds: float
 
 
+def installed_peer(peer: str) -> ModuleType:
+    """The module of a peer by its name. Raises SceneError, or MissingExtraError where it is not installed."""
+    require_known(peer, NAMES, SceneError, argument="peer")
+    library = {"drake": "pydrake"}.get(peer, peer)
+    if importlib.util.find_spec(library) is None:
+        require_extra(library, _EXTRAS[peer])
+    return peer_module(peer)
+
+
+@contextlib.contextmanager
+def refusing(scene: Scene, peer: str) -> Iterator[None]:
+    """Raise SceneError (code "no-peer") where the peer does not simulate the scene, or fails."""
+    try:
+        yield
+    except (UnsupportedError, PeerError) as error:
+        raise SceneError(f"{NAMES[peer]}: {error}", where=scene.title or scene.robot.name, code="no-peer",
+                         remedy="leave that out, or judge a log that you have made: tl.judge") from None  # fmt: skip
+
+
 def peer_log(scene: Scene, peer: str, times: np.ndarray) -> PeerLog:
     """Let another simulator run a scene at its default setting. times (n,): at equal distances from 0, s.
 
     Raises as `compare`.
     """
-    require_known(peer, NAMES, SceneError, argument="peer")
-    library = {"drake": "pydrake"}.get(peer, peer)
-    if importlib.util.find_spec(library) is None:
-        require_extra(library, _EXTRAS[peer])
-    try:
-        module, task = peer_module(peer), task_of(scene, times)
+    module = installed_peer(peer)
+    with refusing(scene, peer):
+        task = task_of(scene, times)
         setting = next(setting for setting in module.usual_settings(task) if setting.default)
         run = module.prepare(task, setting)
         begun = time.perf_counter()
         track = run().track
-    except (UnsupportedError, PeerError) as error:
-        raise SceneError(f"{NAMES[peer]}: {error}", where=scene.title or scene.robot.name, code="no-peer",
-                         remedy="leave that out, or judge a log that you have made: tl.judge") from None  # fmt: skip
     seconds = time.perf_counter() - begun
     log = Trajectory(scene.robot, track.t, track.q, track.v, None, None, title=scene.title)
     version = getattr(module, "VERSION", "")

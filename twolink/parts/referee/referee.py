@@ -76,7 +76,7 @@ def judge(
     AccuracyError
         The scene cannot be solved.
     """
-    asked, bare = _scene(scene)
+    asked, bare = scene_from(scene)
     start = start or ("log" if bare else "scene")
     require_known(start, ("scene", "log"), SceneError, argument="start")
     log, units = in_si(read_log(trajectory, asked.robot), asked.robot, asked.q)
@@ -102,7 +102,7 @@ def _in_radians(log: TrajectoryLog, run: Trajectory) -> tuple[TrajectoryLog, str
     return log, ""
 
 
-def _scene(given: Scene | Robot | str | os.PathLike[str]) -> tuple[Scene, bool]:
+def scene_from(given: Scene | Robot | str | os.PathLike[str]) -> tuple[Scene, bool]:
     """The scene, and whether a robot was given."""
     if isinstance(given, Scene):
         return given, False
