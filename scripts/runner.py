@@ -117,7 +117,7 @@ def tests_of_a_copy(folder: Path, arguments: Sequence[str]) -> dict[str, Any]:
     shutil.copytree(TOP / "twolink", folder / "twolink", ignore=shutil.ignore_patterns("__pycache__"))
     for other in ("tests", "scripts", "urdf", "docs", "pyproject.toml", "README.md"):
         (folder / other).symlink_to(TOP / other)
-    return {"args": [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *arguments], "cwd": folder,
+    return {"args": [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments], "cwd": folder,
             "env": {**os.environ, "PYTHONPATH": str(folder), "TWOLINK_CACHE": str(folder / "cache")}}  # fmt: skip
 
 

@@ -278,12 +278,11 @@ def test_any_method_of_steps_goes_from_tick_to_tick(method: str) -> None:
     assert run.error.max() < 1e-6
 
 
-@pytest.mark.parts
 @pytest.mark.parametrize(
     "use",
     [
         lambda s: tl.sensitivities(s, wrt=["q"]),
-        tl.linearize,
+        pytest.param(lambda s: tl.linearize(s), marks=pytest.mark.parts),
         lambda s: tl.simulate(s, method="taylor"),
         lambda s: tl.simulate(s, method="scipy-dop853"),
         lambda s: tl.simulate(s, method="taylor", precision="extended"),
