@@ -19,7 +19,7 @@ from twolink.effects.loops import Loop
 from twolink.effects.sensors import Forces
 from twolink.effects.switching import JointLock, Stop, SwitchingEffect
 from twolink.errors import SceneError
-from twolink.integrate.core.motion import Motion, driven
+from twolink.integrate.core.motion import Motion, again, driven
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import make_equations, sampled
 from twolink.integrate.motion.state import Array
@@ -196,6 +196,7 @@ def steps_of(step: float, doubled: int = 0) -> Planned:
     return plan
 
 
+@again
 def solve_stepped(
     stepper: ContactStepper, times: Array, step: float, progress: Progress | None = None, halvings: int = 0
 ) -> SteppedSolution:

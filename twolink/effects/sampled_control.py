@@ -101,15 +101,27 @@ class Controller(Effect, frozen=True):
         "first": u goes on at the rate of the last two.
     limit : mapping of joint to float, "urdf" or None
         Saturation L, -L <= u <= L, N m or N: by joint, the URDF's, or none.
+    traced : bool or "auto"
+        Whether the law becomes a program, which runs for all solutions at once: True insists, False forbids.
+    vectorized : bool
+        The law takes rows: y.q is (n, nq), of n solutions, u (n, m), and of the state what it makes of the first one.
+        The rows must not depend on each other.
 
     Notes
     -----
+    A law is traced where it is a function that is seen to remember nothing but its state, of numbers and arrays, and
+    computes u with operators and functions of NumPy that are known: branches by np.where, np.clip, np.minimum, no `if`
+    on a value, no float(), no writes into arrays. It is called once with arrays that record this. A law that takes
+    rows as well is called once a tick for all. Both are held against calls for each solution, beside the motion, at
+    ticks 1, 2, 4, ... and every 256th, to rounding or to the bit; what differs is called for each from the start.
+    `tl.explain` says which is done, and why.
+
     Before the first u acts, the torque is 0. Inside a drive u is what the drive takes: volts of a motor. Beside stops,
     dry friction and contacts events are located between ticks; stepped contacts have steps that end at ticks. Each of
-    the solutions that make the error bar, three (without events) to seven, has its own controller state and calls
-    `update` at each tick. A tick at which their answers differ by more than continuity explains, as those of a
-    threshold or a quantizer do, is an event "ambiguous-tick" of the run, and the error bar widens from then on. Where
-    the solutions part at an exponential rate, an event "unstable-loop" says from when and how fast.
+    the solutions that make the error bar, three (without events) to seven, has its own controller state. A tick at
+    which their answers differ by more than continuity explains, as those of a threshold or a quantizer do, is an event
+    "ambiguous-tick" of the run, and the error bar widens from then on. Where the solutions part at an exponential
+    rate, an event "unstable-loop" says from when and how fast.
 
     Laws that may remember something elsewhere (closures that change, globals, attributes of classes, random numbers,
     clocks, files) are called again behind the motion: each solution's ticks from the start, and questions beside it
@@ -133,6 +145,8 @@ class Controller(Effect, frozen=True):
     outputs: tuple[str, ...] = ()
     hold: Literal["zero", "first"] = "zero"
     limit: Limits = None
+    traced: bool | Literal["auto"] = "auto"
+    vectorized: bool = False
 
     @property
     def sampled(self) -> Any:

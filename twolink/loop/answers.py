@@ -19,8 +19,11 @@ class Measured(SimpleNamespace):
         return getattr(self, name)
 
 
-def answer(place: int, joints: tuple[str, ...], own: Own, t: float, y: Measured) -> Array:
-    """The torques u (m,) of a controller, by its place; its state becomes the new one. Raises ControllerError."""
+def answer(place: int, joints: tuple[str, ...], own: Own, t: float, y: Measured, rows: int = 0) -> Array:
+    """The torques u (m,) of a controller, by its place; its state becomes the new one. Raises ControllerError.
+
+    rows: of how many solutions it is given, and must give, rows (rows, m); 0: it is given one solution's own.
+    """
     try:
         returned = own.law(t, y, own.state)
     except Exception as error:
@@ -34,12 +37,13 @@ def answer(place: int, joints: tuple[str, ...], own: Own, t: float, y: Measured)
         except (TypeError, ValueError):
             pass
         else:
-            if u.size == count and u.ndim < 2:
+            if u.shape == (rows, count) if rows else u.size == count and u.ndim < 2:
                 own.state = returned[1]
                 return u if u.ndim else u[None]
             what = f"u has the shape {u.shape}"
     what = what or f"update returns {returned!r:.80}"
-    raise failure(place, t, what, remedy=f"return (u, state), u with {count} numbers: {', '.join(joints)}",
+    each = f" in each of {rows} rows" if rows else ""
+    raise failure(place, t, what, remedy=f"return (u, state), u with {count} numbers{each}: {', '.join(joints)}",
                   code="controller-answer")  # fmt: skip
 
 

@@ -49,20 +49,29 @@ _UNKNOWN = open  # stands for a name that is not there: it is not harmless
 
 def is_plain(update: Any, state: Any) -> bool:
     """True if a law is a function that is seen to remember nothing but its state, which is data."""
-    found = _Found()
-    return found.plain(update) and not (found.arrays and found.writes) and _Found().harmless(state)
+    return seen(update, state) is not None
+
+
+def seen(update: Any, state: Any) -> "Found | None":
+    """What a plain law uses; None of another. A class may say of its objects that they are `plain`."""
+    found = Found()
+    if getattr(type(update), "plain", False) is True:
+        return found
+    plain = found.plain(update) and not (found.arrays and found.writes) and Found().harmless(state)
+    return found if plain else None
 
 
 @dataclass
-class _Found:
-    """arrays: whether functions refer to arrays, lists or dicts. writes: whether code may write to any.
+class Found:
+    """Findings. arrays: whether functions refer to arrays, lists or dicts. writes: whether code may write to any.
 
-    inputs: what functions take at most that write to none of them; np.sin(x, a) writes to a.
+    names: that the code has. inputs: what functions take at most that write to none of them; np.sin(x, a) writes to a.
     """
 
     arrays: bool = False
     writes: bool = False
     inputs: int = 2
+    names: set[str] = field(default_factory=set)
     known: set[int] = field(default_factory=set)
 
     def plain(self, one: Any) -> bool:
@@ -84,6 +93,7 @@ class _Found:
         """True if code is plain. cells: what its free variables are; known: its globals."""
         if code.co_flags & _LATER and code.co_name != "<genexpr>":
             return False
+        self.names.update(code.co_names)
         module: Any = None  # on top of the stack
         for one in dis.get_instructions(code):
             name, value = one.opname, one.argval

@@ -18,7 +18,6 @@ from twolink.effects.sampled_control import Controller
 from twolink.errors import ControllerError
 from twolink.loop.answers import Measured, answer, failure
 from twolink.loop.laws import Own, copied_laws, is_function, laws_apart, name_of
-from twolink.loop.plain_functions import is_plain
 from twolink.loop.watched import Watched
 
 Array = np.ndarray[Any, np.dtype[Any]]
@@ -39,7 +38,7 @@ REMEDY = ("return what it keeps as the state, or make the law an object of a cla
 
 
 class Replay:
-    """The ticks so far of laws that may remember something.
+    """The ticks so far of laws that may remember something; none: all are seen to remember nothing.
 
     Parameters
     ----------
@@ -59,9 +58,7 @@ class Replay:
         t: float,
         start: Callable[[int], Given],
     ) -> None:
-        # A law that writes may do so to what another one reads.
-        plain = all(is_plain(one.update, one.state) for one in controllers.values())
-        self._looked: Mapping[int, Controller] = {} if plain else controllers
+        self._looked = controllers
         self._joints = joints
         self._before = laws_apart(self._looked)
         self._start = [(place, t, start(place)) for place in self._looked]
@@ -120,9 +117,11 @@ class Replay:
     def _repeat(self, i: int, laws: dict[int, Own]) -> None:
         """Repeat the ticks of solution i."""
         for place, t, given, u in self._ticks:
-            new = self._asked(place, t, _row(given, i), laws[place])
-            if not _same(new, u[i]):
-                self._refuse(place, t, f"{_text(new)} for {_text(u[i])} when its ticks are repeated from the start")
+            if i and self._looked[place].vectorized:
+                continue
+            new, before = self._asked(place, t, self._part(place, given, i), laws[place]), self._of(place, u, i)
+            if not _same(new, before):
+                self._refuse(place, t, f"{_text(new)} for {_text(before)} when its ticks are repeated from the start")
 
     def _questions(self) -> Iterator[tuple[int, Measured, float]]:
         """The place, what is given and the time of each question beside the motion."""
@@ -131,7 +130,7 @@ class Replay:
             for place, t, given in self._start:
                 off = {name: values[:1] + spread * random.standard_normal(values[:1].shape)
                        for name, values in given.items()}  # fmt: skip
-                yield place, _row(off, 0), t
+                yield place, self._part(place, off, 0), t
 
     def _beside(self, laws: dict[int, Own]) -> list[Array | str]:
         """The answers to them, or that there is none; of copies that were asked no more than a few."""
@@ -159,16 +158,24 @@ class Replay:
             place, t, *_ = self._ticks[k]
             given = next(one[2] for one in self._ticks[-1 - k :] + self._ticks if one[0] == place)
             if place in self._functions:
-                before, now = (self._asked(place, t, _row(given, 0), each[place]) for each in laws)
+                before, now = (self._asked(place, t, self._part(place, given, 0), each[place]) for each in laws)
                 if not _same(before, now):
                     self._refuse(place, t, f"{_text(now)} for {_text(before)} after the motion")
 
     def _asked(self, place: int, t: float, y: Measured, own: Own) -> Array | str:
         """The answer (m,), or why there is none."""
+        rows = len(next(iter(vars(y).values()))) if self._looked[place].vectorized else 0
         try:
-            return answer(place, self._joints[place], own, t, y).copy()  # a law may write to it again
+            return answer(place, self._joints[place], own, t, y, rows).copy()  # a law may write to it again
         except ControllerError as error:
             return error.what
+
+    def _of(self, place: int, values: Array, i: int) -> Array:
+        """Those of solution i; of a law that takes rows, all."""
+        return values if self._looked[place].vectorized else values[i]
+
+    def _part(self, place: int, given: Given, i: int) -> Measured:
+        return Measured(**{name: self._of(place, values, i).copy() for name, values in given.items()})
 
     def _refuse(self, place: int, t: float, how: str) -> None:
         raise self._refusal(place, t, f"gives another answer, {how}: it keeps something beside its state")
@@ -184,10 +191,6 @@ def repeated_once(own: Own, y: Measured) -> tuple[Own, Measured] | None:
         return copy.deepcopy((own, y))
     except Exception:  # of a user's own class any; its ticks are repeated later
         return None
-
-
-def _row(given: Given, i: int) -> Measured:
-    return Measured(**{name: values[i].copy() for name, values in given.items()})
 
 
 def _same(one: Array | str, other: Array | str) -> bool:

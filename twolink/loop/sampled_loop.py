@@ -17,15 +17,16 @@ from twolink.effects.sampled_control import STATE, Controller
 from twolink.effects.sensors import Forces, Seen, Sensor, StateSensor
 from twolink.errors import SceneError
 from twolink.loop.ambiguity import FIRST_STEPPED, Ambiguity
-from twolink.loop.answers import Measured, answer, failure
+from twolink.loop.answers import failure
+from twolink.loop.calls import Asked, DiffersError, asked
 from twolink.loop.clock import ACT, ARRIVE, READ, UPDATE, Clock, Random
-from twolink.loop.laws import Own, own_laws
+from twolink.loop.laws import own_laws
+from twolink.loop.plain_functions import seen
 from twolink.loop.readings import Readings, random_of, reading
-from twolink.loop.replay import REMEDY, Given, Replay, repeated_once
+from twolink.loop.replay import Given, Replay
 
 Array = np.ndarray[Any, np.dtype[Any]]
 FASTEST = 1e6  # rad/s or m/s: no machine moves so fast, and a loop that diverges would be solved in ever smaller steps
-OFTEN = 256  # ticks, of which one is repeated to see whether the answer is the same, as are the 2nd, 4th, 8th
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,7 @@ class Sampling:
 
 @dataclass(eq=False)
 class _Control:
-    """A controller in a run. limits (m, 1). own: of each solution. waiting: answers (m, n) to come, by tick.
+    """A controller in a run. limits (m, 1). law: how it is asked. waiting: answers (m, n) to come, by tick.
 
     states_seen: how many states of effects are behind q and v, if it sees any. log: of a solution alone, the times, the
     answers and what they were to.
@@ -59,8 +60,8 @@ class _Control:
     rows: slice | None
     slopes: slice | None
     since: int
-    own: list[Own]
     states_seen: int
+    law: Asked = field(init=False)
     ambiguity: Ambiguity = field(default_factory=Ambiguity)
     waiting: dict[int, Array] = field(default_factory=dict)
     last: tuple[float, Array] | None = None
@@ -95,9 +96,11 @@ class SampledLoop:
     start : float
         The time of the start, s: ticks before it are left out.
     endless : bool
-        Keep no more of what was read and answered than is to come, and look now and then for laws that remember what
-        is not their solution's own.
+        Call laws for each solution, unless they ask for another way. Keep no more of what was read and answered than is
+        to come, and look now and then for laws that remember what is not their solution's own.
     """
+
+    differs = DiffersError
 
     def __init__(
         self,
@@ -115,17 +118,28 @@ class SampledLoop:
         self._nq, self._nv = sampling.robot.nq, sampling.robot.nv
         self._of_states = {one.label for one in sampling.sensors.values() if isinstance(one, StateSensor)}
         self._clock = Clock({**sampling.controllers, **sampling.sensors}, start)
-        own = [own_laws(sampling.controllers) for _ in range(x.shape[1])]
-        self._controls = {place: self._control(place, one, rows, [laws[place] for laws in own])
-                          for place, one in sampling.controllers.items()}  # fmt: skip
+        self._controls = {place: self._control(place, one, rows) for place, one in sampling.controllers.items()}
         self._sensors: dict[int, _Measuring] = {}
         for place, sensor in sampling.sensors.items():  # before a reading arrives, that of the start without noise
             values = sensor.read(self._seen(start, x))
             self._sensors[place] = _Measuring(sensor, values, random_of(sensor, values.shape[1]))
-        self._replay = Replay(sampling.controllers, {place: one.joints for place, one in self._controls.items()}, start,
-                              lambda place: self._given(self._controls[place], x))  # fmt: skip
+        self._replay = self._asked(sampling.controllers, start, x)
 
-    def _control(self, place: int, one: Controller, rows: Mapping[str, int], own: list[Own]) -> _Control:
+    def _asked(self, controllers: Mapping[int, Controller], start: float, x: Array) -> Replay:
+        """Let laws be asked in the way that fits them, and what looks for their memory."""
+        own = [own_laws(controllers) for _ in range(x.shape[1])]
+        found = {place: seen(one.update, one.state) for place, one in controllers.items()}
+        # A law that writes may do so to what another one reads.
+        plain = all(found.values())
+        alone = plain and not (len(found) > 1 and any(one is not None and one.writes for one in found.values()))
+        for place, one in self._controls.items():
+            look = found[place] if alone else None
+            one.law = asked(place, one.controller, one.joints, [laws[place] for laws in own], look,
+                            self._given(one, x), start, again=not self._endless)  # fmt: skip
+        joints = {place: one.joints for place, one in self._controls.items()}
+        return Replay({} if plain else controllers, joints, start, lambda place: self._given(self._controls[place], x))
+
+    def _control(self, place: int, one: Controller, rows: Mapping[str, int]) -> _Control:
         held, joints = one.held(self._robot, place), one.joints(self._robot)
         values, slopes = (_rows_of([rows[slot.name] for slot in slots.values()])
                           for slots in (held.values, held.slopes))  # fmt: skip
@@ -133,7 +147,7 @@ class SampledLoop:
         limits = one.limits(self._robot)[:, None]
         limited = bool(np.isfinite(limits).any())
         seen = len(self._states) if self._of_states & {*one.inputs} else 0
-        return _Control(place, one, joints, limits, limited, values, slopes, since, own, seen)
+        return _Control(place, one, joints, limits, limited, values, slopes, since, seen)
 
     @property
     def time(self) -> float:
@@ -193,7 +207,7 @@ class SampledLoop:
 
     def saved(self) -> Any:
         """All that it goes on from; what controllers keep, in copies."""
-        controls = [(one.own, one.waiting, one.last, one.ambiguity) for one in self._controls.values()]
+        controls = [(one.law.own, one.waiting, one.last, one.ambiguity) for one in self._controls.values()]
         sensors = [(one.latest, one.waiting) for one in self._sensors.values()]
         return self._clock.saved(), self._replay.saved(), _copied((controls, sensors))
 
@@ -203,7 +217,7 @@ class SampledLoop:
         self._replay.restore(saved[1])
         controls, sensors = _copied(saved[2])
         for control, kept in zip(self._controls.values(), controls, strict=True):
-            control.own, control.waiting, control.last, control.ambiguity = kept
+            control.law.own, control.waiting, control.last, control.ambiguity = kept
         for one, kept in zip(self._sensors.values(), sensors, strict=True):
             one.latest, one.waiting = kept
 
@@ -247,31 +261,12 @@ class SampledLoop:
         return pose
 
     def _update(self, control: _Control, t: float, tick: int, x: Array) -> None:
-        """Call the controller for each solution, and keep the answers until they act."""
-        given, u = self._given(control, x), np.empty((x.shape[1], len(control.joints)))
+        """Ask the controller for each solution, and keep the answers until they act."""
+        given = self._given(control, x)
         noted = self._replay.noted(control.place, given)
-        if control.controller.inputs == STATE:
-            every = [Measured(q=q, v=v) for q, v in zip(given["q"], given["v"], strict=True)]
-        else:
-            every = [Measured(**dict(zip(given, row, strict=True))) for row in zip(*given.values(), strict=True)]
-        repeated = tick % OFTEN == 0 or tick & (tick - 1) == 0
-        again = repeated_once(control.own[0], every[0]) if repeated else None
-        for i, (y, own) in enumerate(zip(every, control.own, strict=True)):
-            u[i] = answer(control.place, control.joints, own, t, y)
+        u = control.law(t, tick, given)
         self._replay.add(control.place, t, noted, u)
-        if again is not None and not np.array_equal(_repeated(control, t, *again), u[0], equal_nan=True):
-            raise failure(control.place, t, "it gives another answer to the same t, y and state", remedy=REMEDY,
-                          code="controller-not-repeatable")  # fmt: skip
-        if not math.isfinite(sum(u.ravel().tolist())):
-            joint = control.joints[int(np.argmin(np.isfinite(u).all(axis=0)))]
-            raise failure(control.place, t, f"the torque of {joint!r} is not finite", code="controller-answer",
-                         remedy="look at what it divides by", joint=joint)  # fmt: skip
-        v = np.abs(x[self._nq : self._nq + self._nv]).max(axis=1)
-        if v.max() > FASTEST:
-            joint = next(one.name for one in self._robot.joints if one.v.start <= int(v.argmax()) < one.v.stop)
-            raise failure(control.place, t, f"the loop is unstable: {joint!r} moves at {v.max():.2g} rad/s or m/s",
-                         remedy="smaller gains of the velocity, a shorter period, or limit= of the torques",
-                         code="unstable-loop", joint=joint)  # fmt: skip
+        self._require_sound(control, t, u, x[self._nq : self._nq + self._nv])
         u = u.T
         seen = x[: self._nq + self._nv + control.states_seen]
         if x.shape[1] > 1:
@@ -281,6 +276,25 @@ class SampledLoop:
         if control.limited:
             u = np.clip(u, -control.limits, control.limits)
         control.waiting[tick] = u
+
+    def _require_sound(self, control: _Control, t: float, u: Array, v: Array) -> None:
+        """Require finite torques (n, m) and speeds (nv, n) that a machine can have. Raises ControllerError."""
+        finite = math.isfinite(sum(u.ravel().tolist()))  # takes a quarter of the time of asking each
+        if finite and np.vdot(v, v) < FASTEST**2:
+            return
+        if control.law.guessed:
+            raise control.law.refused(t, "it has no sound answer")
+        if not finite:
+            joint = control.joints[int(np.argmin(np.isfinite(u).all(axis=0)))]
+            raise failure(control.place, t, f"the torque of {joint!r} is not finite", code="controller-answer",
+                         remedy="look at what it divides by", joint=joint)  # fmt: skip
+        fastest = np.abs(v).max(axis=1)
+        if fastest.max() > FASTEST:
+            joint = next(one.name for one in self._robot.joints if one.v.start <= int(fastest.argmax()) < one.v.stop)
+            what = f"the loop is unstable: {joint!r} moves at {fastest.max():.2g} rad/s or m/s"
+            raise failure(control.place, t, what,
+                         remedy="smaller gains of the velocity, a shorter period, or limit= of the torques",
+                         code="unstable-loop", joint=joint)  # fmt: skip
 
     def _act(self, control: _Control, t: float, u: Array, x: Array) -> None:
         """Write the held numbers."""
@@ -297,11 +311,6 @@ class SampledLoop:
 def _rows_of(numbers: list[int]) -> slice | None:
     """Rows that follow each other."""
     return slice(numbers[0], numbers[-1] + 1) if numbers else None
-
-
-def _repeated(control: _Control, t: float, own: Own, y: Measured) -> Array:
-    """The answer of a copy to a question that was asked before."""
-    return answer(control.place, control.joints, own, t, y)
 
 
 def _copied(kept: Any) -> Any:

@@ -180,7 +180,7 @@ class SmallBatch:
     def __init__(self, program: Program, rows: int, inputs: Sequence[int], outputs: Sequence[int]) -> None:
         self.inputs = [np.empty((rows, size)) for size in inputs]
         self.outputs = [np.empty((rows, size)) for size in outputs]
-        self._registers = _Registers(program, program.widest(rows))
+        self._program, self._registers = program, _Registers(program, program.widest(rows))  # which do not keep it
         self._before = (*self._registers.arguments[:2], self._registers.width, self._registers.handle.value)
         self._after = (len(inputs), _blocks(self.inputs), len(outputs), _blocks(self.outputs))
 

@@ -6,6 +6,7 @@ press (`contact.solver`). `simulate` drives a motion that keeps a track; `Simula
 
 from __future__ import annotations
 
+import functools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -23,6 +24,25 @@ if TYPE_CHECKING:
 SAME_TIME = 1e-12  # relative: what separates two times by less is no time
 LATER = 1.0 + SAME_TIME
 S = TypeVar("S")
+Solve = TypeVar("Solve", bound=Callable[..., Any])
+
+
+class AgainError(Exception):
+    """The reason to solve again: a law answers otherwise in one call for all solutions, and is called for each now."""
+
+
+def again(solve: Solve) -> Solve:
+    """Solve, again where `AgainError` is raised."""
+
+    @functools.wraps(solve)
+    def solved(*given: Any, **options: Any) -> Any:
+        while True:
+            try:
+                return solve(*given, **options)
+            except AgainError:
+                continue
+
+    return solved  # type: ignore[return-value]
 
 
 class Motion(ABC):
@@ -158,6 +178,10 @@ def driven(
         return solutions(loop, True, math.inf)
     except ControllerError as error:
         error.run = solutions(loop, True, float(error.data.get("t", math.inf)))[0]
+        raise
+    except Exception as error:
+        if loop is not None and isinstance(error, loop.differs):
+            raise AgainError from error
         raise
     return solutions(loop, False, math.inf)
 

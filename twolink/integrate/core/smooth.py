@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from twolink.effects.inputs import Slot
 from twolink.integrate.core.columns import Columns
-from twolink.integrate.core.motion import LATER, Motion, driven
+from twolink.integrate.core.motion import LATER, Motion, again, driven
 from twolink.integrate.core.track import Track
 from twolink.integrate.event import events_of
 from twolink.integrate.motion.equations import Equations
@@ -184,6 +184,7 @@ class SmoothMotion(Motion):
         self.columns = self.columns.copied()
 
 
+@again
 def solve_smooth(
     equations: Equations,
     method: Method,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from twolink.effects.sensors import Forces
-from twolink.integrate.core.motion import Motion, driven
+from twolink.integrate.core.motion import Motion, again, driven
 from twolink.integrate.event import Event, events_of
 from twolink.integrate.forces_seen import forces_seen
 from twolink.integrate.hybrid.engine import Engine, SavedEngine
@@ -110,6 +110,7 @@ class LocatedMotion(Motion):
             engine.restore(one)
 
 
+@again
 def solve_located(
     equations: Equations,
     method: Method,

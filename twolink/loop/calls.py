@@ -1,0 +1,263 @@
+"""Calls: how a law is asked at a tick for all solutions.
+
+By its program, where it is traced; by one call with rows, where it takes them; else by a call for each. The first two
+are held against calls for each: beside the motion before the run, and at ticks 1, 2, 4, ... and every 256th.
+"""
+
+import copy
+import itertools
+import warnings
+import weakref
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from twolink.effects.sampled_control import Controller
+from twolink.errors import ControllerError, SceneError
+from twolink.loop.answers import Measured, answer, failure
+from twolink.loop.laws import Own, name_of
+from twolink.loop.plain_functions import Found
+from twolink.loop.replay import REMEDY, repeated_once
+from twolink.loop.tracing import UntracedError, leaves_of, numbers_of, rebuilt, traced, with_numbers
+from twolink.native.library import library
+from twolink.native.machine import SmallBatch
+
+Array = np.ndarray[Any, np.dtype[Any]]
+Given = dict[str, Array]  # what a controller asked for (n, ...) by name
+OFTEN = 256  # ticks, of which one is repeated to see whether the answer is the same, as are the 2nd, 4th, 8th
+QUESTIONS, SPREAD, SEED = 20, (0.0, 3.0, 1.0, 0.3, 0.1), 2  # beside the motion, how far from its start, and their seed
+LATER = 10.0  # s: how much later they are
+ROUNDING = 1e-11  # of the largest numbers so far: what a program may be off
+ALONE = 1e-9  # of the largest torque: what a row may be off that is asked for alone
+MIXING = {
+    "all",
+    "any",
+    "amax",
+    "amin",
+    "argmax",
+    "argmin",
+    "dot",
+    "len",
+    "max",
+    "mean",
+    "median",
+    "min",
+    "norm",
+    "prod",
+    "shape",
+    "size",
+    "sort",
+    "sorted",
+    "std",
+    "sum",
+    "trace",
+    "var",
+}  # names that see rows of other solutions
+_single = weakref.WeakSet[Any]()  # laws that answered otherwise in one call for all solutions
+
+
+class DiffersError(Exception):
+    """The reason to solve again: a law answers otherwise in one call for all solutions than in one for each."""
+
+
+@dataclass(eq=False)
+class Asked:
+    """A law in a run.
+
+    own: the law and the state of each solution; one for all of them where it is traced or takes rows. how: "traced",
+    "in rows" or "for each"; why: the reason. largest: numbers of its program so far.
+    """
+
+    place: int
+    controller: Controller
+    joints: tuple[str, ...]
+    own: list[Own]
+    plain: bool
+    again: bool
+    how: str = "for each"
+    why: str = ""
+    batch: SmallBatch | None = None
+    divides: bool = False
+    largest: Array = field(default_factory=lambda: np.zeros(0))
+
+    def __call__(self, t: float, tick: int, given: Given) -> Array:
+        """The torques (n, m) of n solutions."""
+        often = tick % OFTEN == 0 or tick & (tick - 1) == 0
+        if self.how == "for each":
+            return self._for_each(t, given, often=often)
+        if not often:
+            return self._by_program(t, given) if self.how == "traced" else self._in_rows(t, given)
+        before = Own(self.own[0].law, self.own[0].state) if self.plain else copy.deepcopy(self.own[0])
+        u = self._by_program(t, given) if self.how == "traced" else self._in_rows(t, given)
+        if what := self._differs(t, given, before, u):
+            raise self.refused(t, what)
+        return u
+
+    @property
+    def guessed(self) -> bool:
+        """True if a run in which the way of asking shows to be wrong begins anew, with calls for each solution."""
+        asked_for = self.controller.vectorized or self.controller.traced is True
+        return self.again and not asked_for and self.how != "for each"
+
+    def refused(self, t: float, what: str) -> Exception:
+        """The error of a law that answers otherwise alone, or has no sound answer."""
+        if self.guessed:
+            _single.add(self.controller.update)
+            return DiffersError(what)
+        return failure(self.place, t, what, code="law-differs",
+                       remedy="leave traced and vectorized as they are by default")  # fmt: skip
+
+    def _for_each(self, t: float, given: Given, *, often: bool) -> Array:
+        every = [Measured(**dict(zip(given, row, strict=True))) for row in zip(*given.values(), strict=True)]
+        again = repeated_once(self.own[0], every[0]) if often and not self.plain else None
+        u = np.empty((len(self.own), len(self.joints)))
+        for i, (y, own) in enumerate(zip(every or [Measured()] * len(u), self.own, strict=True)):
+            u[i] = self._alone(own, t, y)
+        if again is not None and not np.array_equal(self._alone(again[0], t, again[1]), u[0], equal_nan=True):
+            raise failure(self.place, t, "it gives another answer to the same t, y and state", remedy=REMEDY,
+                          code="controller-not-repeatable")  # fmt: skip
+        return u
+
+    def _alone(self, own: Own, t: float, y: Measured) -> Array:
+        return answer(self.place, self.joints, own, t, y)
+
+    def _in_rows(self, t: float, given: Given) -> Array:
+        count = len(next(iter(given.values())))
+        return answer(self.place, self.joints, self.own[0], t, Measured(**given), count)
+
+    def _by_program(self, t: float, given: Given) -> Array:
+        batch, own = self.batch, self.own[0]
+        assert batch is not None
+        batch.inputs[0][:] = t
+        for to, values in zip(batch.inputs[1:], (*given.values(), own.state), strict=True):
+            to[:] = values.reshape(to.shape)
+        batch.run(len(own.state))
+        if self.divides and batch.outputs[2].any():
+            raise self.refused(t, "its program divides by 0")
+        own.state = batch.outputs[1].copy()
+        return batch.outputs[0].copy()
+
+    def _differs(self, t: float, given: Given, before: Own, u: Array) -> str:
+        """What is found by asking for solutions alone; "": nothing."""
+        rows = {name: values.copy() for name, values in given.items()}
+        if self.how == "traced":
+            state = with_numbers(self.controller.state, before.state[0])
+            own, own.state = Own(before.law, state), state
+            found = np.append(u[0], self.own[0].state[0])
+            with np.errstate(all="ignore"), warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                return self._off(found, own, t, Measured(**{name: values[0] for name, values in rows.items()}))
+        if self.controller.vectorized:
+            own = Own(before.law, _first(before.state, len(u)))
+            alone = answer(self.place, self.joints, own, t, Measured(**{k: one[:1] for k, one in rows.items()}), 1)
+            return "" if np.abs(alone - u[:1]).max() <= ALONE * np.abs(u).max() else "a row depends on other rows"
+        for i in range(len(u)):
+            y = Measured(**{name: values[i] for name, values in rows.items()})
+            if self._alone(Own(before.law, before.state), t, y).tobytes() != u[i].tobytes():
+                return "rows have other bits than calls for each"
+        return ""
+
+    def _off(self, found: Array, own: Own, t: float, y: Measured) -> str:
+        """What the law's own answer and new state say of those of its program; "": nothing."""
+        try:
+            meant = np.append(self._alone(own, t, y), numbers_of(own.state))
+        except (ControllerError, UntracedError) as error:
+            return f"its program answers where {error}"
+        if meant.shape != found.shape:
+            return "its state changes its form"
+        self.largest = np.fmax(self.largest, np.where(np.isfinite(meant), np.abs(meant), 0.0))
+        fine = (
+            (np.abs(found - meant) <= ROUNDING * self.largest) | (found == meant) | (np.isnan(found) & np.isnan(meant))
+        )
+        return "" if fine.all() else f"its program gives {found[~fine][0]:.9g} for {meant[~fine][0]:.9g}"
+
+
+def asked(
+    place: int, one: Controller, joints: tuple[str, ...], owns: list[Own], found: Found | None, given: Given, t: float,
+    *, again: bool,
+) -> Asked:  # fmt: skip
+    """The way of asking a law. owns: of each solution; found: of a plain law; given: at the start, at a time t [s].
+
+    again: whether a run that finds it wrong can begin anew. Raises SceneError, code "law-not-traced".
+    """
+    law = Asked(place, one, joints, owns, found is not None, again)
+    known = found is not None and one.update not in _single
+    if one.traced is True or (one.traced == "auto" and again and known and not one.vectorized):
+        law.why = _trace(law, found, given, t)
+        if law.how == "traced":
+            return law
+        if one.traced is True:
+            raise SceneError(f"the law {name_of(one.update)} cannot be traced: {law.why}",
+                             where=f"effects[{place}].update", code="law-not-traced",
+                             remedy='functions of NumPy, such as np.where; or traced="auto"')  # fmt: skip
+    elif not known:
+        law.why = "it may remember something beside its state" if found is None else "in one call it answered otherwise"
+    if one.vectorized or (known and again and len(owns) > 1 and _takes_rows(law, found, given, t)):
+        law.how, law.own = "in rows", owns[:1]
+    return law
+
+
+def _trace(law: Asked, found: Found | None, given: Given, t: float) -> str:
+    """Let a law be traced, or say why it is not."""
+    if found is None:
+        return "it may remember something beside its state"
+    if library() is None:
+        return "there is no native library"
+    one, own, count = law.controller, law.own[0], len(law.own)
+    try:
+        made = traced(own.law, {name: values.shape[1:] for name, values in given.items()}, own.state, len(law.joints))
+    except UntracedError as error:
+        return str(error)
+    state = numbers_of(own.state)
+    sizes = [1, *(values[0].size for values in given.values()), len(state)]
+    law.batch = SmallBatch(made.program, count, sizes, [len(law.joints), len(state), 1])
+    law.largest, law.how, what = np.zeros(len(law.joints) + len(state)), "traced", ""
+    for k, (at, y) in enumerate([*_questions(given, t)] * 2):  # first for how large numbers are
+        noise = np.random.default_rng((SEED, k % QUESTIONS)).standard_normal(len(state)) * SPREAD[k % len(SPREAD)]
+        numbers = np.repeat(numbers_of(with_numbers(one.state, state + noise))[None], count, axis=0)
+        law.own, law.divides = [Own(own.law, numbers)], False
+        what = law._differs(at, y, Own(own.law, numbers), law._by_program(at, y))
+        if what and k >= QUESTIONS:
+            law.own, law.how = [Own(own.law, copy.deepcopy(one.state)) for _ in range(count)], "for each"
+            return what
+    law.own, law.divides = [Own(own.law, np.repeat(state[None], count, axis=0))], made.divides
+    return f"{made.operations} operations"
+
+
+def _takes_rows(law: Asked, found: Found | None, given: Given, t: float) -> bool:
+    """True if a plain law that leaves its state alone gives the bits of calls for each for rows."""
+    if found is None or found.names & MIXING:
+        return False
+    law.how, own, state = "in rows", law.own[0], law.own[0].state
+    try:
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            for at, y in _questions(given, t):
+                u = law._in_rows(at, {name: values.copy() for name, values in y.items()})
+                if own.state is not state or law._differs(at, y, Own(own.law, state), u):
+                    break
+            else:
+                return True
+    except ControllerError:
+        pass
+    law.how, own.state = "for each", state
+    return False
+
+
+def _questions(given: Given, t: float) -> Iterator[tuple[float, Given]]:
+    """Times, and what is given to each solution then, beside the motion."""
+    random = np.random.default_rng(SEED)
+    for _, spread in zip(range(QUESTIONS), itertools.cycle(SPREAD), strict=False):
+        yield t + LATER * spread * random.random(), {name: values + spread * random.standard_normal(values.shape)
+                                                     for name, values in given.items()}  # fmt: skip
+
+
+def _first(state: Any, count: int) -> Any:
+    """The rows of the first solution in a state."""
+    try:
+        leaves = leaves_of(state)
+    except UntracedError:
+        return state
+    return rebuilt(state, iter([one[:1] if np.ndim(one) and len(one) == count else one for one in leaves]))
