@@ -11,7 +11,7 @@ from twolink.integrate.core import track
 from twolink.integrate.core.smooth import solve_smooth
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.steps.methods import METHODS
-from twolink.loop import sampled_loop
+from twolink.loop import calls
 
 TIMES = np.linspace(0, 2, 401)
 
@@ -31,14 +31,14 @@ def test_a_tick_that_ctrl_c_ends_is_due_again(monkeypatch: pytest.MonkeyPatch) -
     scene = tl.load_scene("arm-swing")
     scene = scene.with_effects([*scene.effects, control])
     sim, other = tl.Simulation(scene), tl.Simulation(scene)
-    asked = sampled_loop.answer
+    asked = calls.answer
 
     def interrupted(place: int, joints: Any, own: Any, t: float, y: Any) -> Any:
         if t >= 0.3:
             raise KeyboardInterrupt
         return asked(place, joints, own, t, y)
 
-    monkeypatch.setattr(sampled_loop, "answer", interrupted)
+    monkeypatch.setattr(calls, "answer", interrupted)
     with pytest.raises(KeyboardInterrupt):
         sim.step(1.0)
     monkeypatch.undo()

@@ -150,10 +150,14 @@ def test_plain_functions_are_those_that_cannot_remember() -> None:
         CALLS += 1
         return CALLS, state
 
-    for law in (base, lambda t, y, s: (-GAIN @ y.q + math.sin(t), s), lambda t, y, s: base(t, y, s)):
+    for law in (base, lambda t, y, s: (-GAIN @ y.q + math.sin(t), s), lambda t, y, s: base(t, y, s),
+                lambda t, y, s: (np.clip(GAIN @ np.sin(y.q), -1.0, np.where(y.v > t, 1.0, 2.0)), s)):  # fmt: skip
         assert is_plain(law, None)
     for law in (counting, lambda _, __, s: (np.random.default_rng().normal(), s),
                 lambda _, __, s: (np.add(GAIN, 1.0, GAIN), s),
+                lambda _, y, s: (np.clip(y.q, -1.0, 1.0, GAIN), s), lambda _, y, s: (y.q.dot(y.v, GAIN), s),
+                lambda _, y, s: (np.add(*[GAIN, y.q, GAIN]), s), lambda _, __, s: (np.add.at(GAIN, 0, 1.0), s),
+                lambda _, __, s: (GAIN.__setitem__(0, 1.0), s), lambda _, y, s: (np.dot(y.q, y.v, GAIN), s),
                 lambda _, y, s: (np.sin(y.q, GAIN), s), lambda _, y, s: (np.sin(y.q, out=GAIN), s),
                 COPIED["object"](base, latch, False), *(HOLDERS[name](base, latch, False) for name in
                 ("nonlocal", "list", "default", "attribute", "generator", "clock", "random"))):  # fmt: skip

@@ -44,6 +44,18 @@ class Ambiguity:
         if self._count == BLOCK:
             self._look()
 
+    def add_many(self, t: Array, u: Array, x: Array) -> None:
+        """Take the answers u (k, m, n) to the states x (k, size, n) at times (k,)."""
+        while len(t):
+            self.add(t[0], u[0], x[0])  # which may begin a block
+            k, more = self._count, max(0, min(BLOCK - self._count, len(t) - 1)) if self._count else 0
+            self._t[k : k + more], self._u[k : k + more] = t[1 : 1 + more], u[1 : 1 + more]
+            self._x[k : k + more] = x[1 : 1 + more]
+            self._count += more
+            if self._count == BLOCK:
+                self._look()
+            t, u, x = t[1 + more :], u[1 + more :], x[1 + more :]
+
     def ticks(self) -> list[float]:
         """The times of ambiguous ticks so far."""
         return self._looked()._found

@@ -22,7 +22,7 @@ from twolink.loop.plain_functions import Found
 from twolink.loop.replay import REMEDY, repeated_once
 from twolink.loop.tracing import UntracedError, leaves_of, numbers_of, rebuilt, traced, with_numbers
 from twolink.native.library import library
-from twolink.native.machine import SmallBatch
+from twolink.native.machine import Program, SmallBatch
 
 Array = np.ndarray[Any, np.dtype[Any]]
 Given = dict[str, Array]  # what a controller asked for (n, ...) by name
@@ -55,6 +55,7 @@ MIXING = {
     "trace",
     "var",
 }  # names that see rows of other solutions
+MEMORY = "it may remember something beside its state"
 _single = weakref.WeakSet[Any]()  # laws that answered otherwise in one call for all solutions
 
 
@@ -78,22 +79,27 @@ class Asked:
     again: bool
     how: str = "for each"
     why: str = ""
+    program: Program | None = None
     batch: SmallBatch | None = None
     divides: bool = False
     largest: Array = field(default_factory=lambda: np.zeros(0))
 
     def __call__(self, t: float, tick: int, given: Given) -> Array:
         """The torques (n, m) of n solutions."""
-        often = tick % OFTEN == 0 or tick & (tick - 1) == 0
+        often = is_often(tick)
         if self.how == "for each":
             return self._for_each(t, given, often=often)
         if not often:
             return self._by_program(t, given) if self.how == "traced" else self._in_rows(t, given)
         before = Own(self.own[0].law, self.own[0].state) if self.plain else copy.deepcopy(self.own[0])
         u = self._by_program(t, given) if self.how == "traced" else self._in_rows(t, given)
+        self.require(t, given, before, u)
+        return u
+
+    def require(self, t: float, given: Given, before: Own, u: Array) -> None:
+        """Require the answers u, and the state by now, from calls for solutions alone."""
         if what := self._differs(t, given, before, u):
             raise self.refused(t, what)
-        return u
 
     @property
     def guessed(self) -> bool:
@@ -174,6 +180,11 @@ class Asked:
         return "" if fine.all() else f"its program gives {found[~fine][0]:.9g} for {meant[~fine][0]:.9g}"
 
 
+def is_often(tick: int) -> bool:
+    """True if answers are looked at twice at a tick."""
+    return tick % OFTEN == 0 or tick & (tick - 1) == 0
+
+
 def asked(
     place: int, one: Controller, joints: tuple[str, ...], owns: list[Own], found: Found | None, given: Given, t: float,
     *, again: bool,
@@ -193,7 +204,7 @@ def asked(
                              where=f"effects[{place}].update", code="law-not-traced",
                              remedy='functions of NumPy, such as np.where; or traced="auto"')  # fmt: skip
     elif not known:
-        law.why = "it may remember something beside its state" if found is None else "in one call it answered otherwise"
+        law.why = MEMORY if found is None else "in one call for all it answered otherwise"
     if one.vectorized or (known and again and len(owns) > 1 and _takes_rows(law, found, given, t)):
         law.how, law.own = "in rows", owns[:1]
     return law
@@ -202,7 +213,7 @@ def asked(
 def _trace(law: Asked, found: Found | None, given: Given, t: float) -> str:
     """Let a law be traced, or say why it is not."""
     if found is None:
-        return "it may remember something beside its state"
+        return MEMORY
     if library() is None:
         return "there is no native library"
     one, own, count = law.controller, law.own[0], len(law.own)
@@ -212,6 +223,7 @@ def _trace(law: Asked, found: Found | None, given: Given, t: float) -> str:
         return str(error)
     state = numbers_of(own.state)
     sizes = [1, *(values[0].size for values in given.values()), len(state)]
+    law.program = made.program
     law.batch = SmallBatch(made.program, count, sizes, [len(law.joints), len(state), 1])
     law.largest, law.how, what = np.zeros(len(law.joints) + len(state)), "traced", ""
     for k, (at, y) in enumerate([*_questions(given, t)] * 2):  # first for how large numbers are

@@ -84,6 +84,20 @@ class Clock:
         self.time = self._next()
         return actions
 
+    def ahead(self, count: int, until: float) -> Array:
+        """The next instants, up to so many and an end [s], of a clock of one controller without delay or jitter."""
+        now, _, place, _ = self._heap[0]
+        period = self._times[place][0]
+        times = np.array([(now + k * period) / self._common for k in range(count)])
+        return times[times <= until]
+
+    def skip(self, count: int) -> int:
+        """Leave out so many instants of such a clock; the tick of the first."""
+        _, kind, place, tick = self._heap[0]
+        self._heap = [self._at(kind, place, tick + count)]
+        self.time = self._next()
+        return tick
+
     def saved(self) -> tuple[list[tuple[int, int, int, int]], float]:
         """The state of the clock, for `restore`."""
         return self._heap.copy(), self.time

@@ -31,8 +31,17 @@ _NUMPY = _of(
     "array asarray atleast_1d zeros zeros_like ones ones_like full full_like eye identity diag arange linspace dot "
     "vdot inner outer cross einsum tensordot trace sum prod mean max min argmax argmin where clip concatenate stack "
     "vstack hstack column_stack interp round array_equal isclose allclose transpose reshape ravel nan_to_num any all "
-    "float64",
+    "float64 ndarray cumsum diff flip roll repeat tile squeeze expand_dims broadcast_to append copy atleast_2d",
 )
+_INPUTS: dict[Any, int] = {
+    np.clip: 3,
+    np.where: 3,
+    np.interp: 5,
+    np.linspace: 5,
+    np.full: 4,
+    np.roll: 3,
+    np.array: 2,
+}
 _LINALG = _of(np.linalg, "norm solve inv pinv lstsq det cholesky eigvals")
 _MODULES = math, np, np.linalg
 _CONSTANT = type(None), bool, int, float, complex, str, bytes, np.generic, np.ufunc, RobotModel, type(Ellipsis)
@@ -95,9 +104,11 @@ class Found:
             return False
         self.names.update(code.co_names)
         module: Any = None  # on top of the stack
+        straight, stack = _is_straight(code), [_NOTHING] * 2  # what is known of it
         for one in dis.get_instructions(code):
             name, value = one.opname, one.argval
             if name in _PASSED:
+                stack += [_NOTHING] * (name == "PUSH_NULL")
                 continue
             loaded: Any = _NOTHING
             if module is not None:
@@ -108,10 +119,19 @@ class Found:
                 loaded = known.get(value, getattr(builtins, value, _UNKNOWN))
             elif name in ("LOAD_DEREF", "LOAD_CLASSDEREF", "LOAD_CLOSURE") and value in cells:
                 loaded = cells[value]
-            elif name in _STORES or (name in ("STORE_DEREF", "DELETE_DEREF") and value in cells):
+            elif (
+                name in _STORES
+                or str(value).startswith("__")
+                or (name in ("STORE_DEREF", "DELETE_DEREF") and value in cells)
+            ):
                 return False
             self.inputs = min(self.inputs, getattr(loaded, "nin", self.inputs))
-            self.writes |= name.startswith("CALL") and (one.arg or 0) > self.inputs
+            if name.startswith("CALL"):
+                called = stack[-(one.arg or 0) - 2 :][:2] if straight else []
+                called = [x for x in called if not (x is _NOTHING or isinstance(x, types.ModuleType))]
+                most = min(map(_inputs, called), default=self.inputs)
+                self.writes |= name == "CALL_FUNCTION_EX" or (one.arg or 0) > most
+            stack = _pushed(stack, one, loaded)
             self.writes |= _writes(name, value, one.argrepr)
             module = loaded if any(loaded is one for one in _MODULES) else None
             if loaded is not _NOTHING and module is None and not self.harmless(loaded):
@@ -136,6 +156,28 @@ class Found:
         if isinstance(x, types.BuiltinFunctionType) and x.__module__ == "math":
             return True
         return getattr(x, "__hash__", None) is not None and (x in _BUILTINS or x in _NUMPY or x in _LINALG)
+
+
+def _is_straight(code: types.CodeType) -> bool:
+    """True if code has no jumps and exchanges nothing, so that its stack can be followed."""
+    moves = {*dis.hasjrel, *dis.hasjabs, dis.opmap["SWAP"], dis.opmap["COPY"]}
+    return not any(one.opcode in moves for one in dis.get_instructions(code))
+
+
+def _pushed(stack: list[Any], one: dis.Instruction, loaded: Any) -> list[Any]:
+    """What is known of the stack after an instruction: a function and the place beside it hold what was loaded."""
+    # Of 3.11 the arguments of a call go by an instruction before it.
+    more = -(one.arg or 0) - 1 if one.opname == "CALL" else dis.stack_effect(one.opcode, one.arg, jump=False)
+    stack = stack + [_NOTHING] * more if more >= 0 else stack[:more]
+    new = min(len(stack), max(1, more + one.opname.startswith(("LOAD_ATTR", "LOAD_METHOD"))))
+    return [*stack[: len(stack) - new], *[loaded] * new]
+
+
+def _inputs(called: Any) -> int:
+    """How many arguments something takes at most before one that it would write to."""
+    if isinstance(called, types.FunctionType) and not (called.__module__ or "").startswith("numpy"):
+        return 255  # whose own code is looked at
+    return int(getattr(called, "nin", _INPUTS.get(called, 2) if getattr(called, "__hash__", None) else 2))
 
 
 def _writes(name: str, value: Any, text: str) -> bool:

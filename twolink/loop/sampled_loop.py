@@ -5,6 +5,7 @@ Their distance contains what the controllers make of an error.
 """
 
 import copy
+import functools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -18,12 +19,13 @@ from twolink.effects.sensors import Forces, Seen, Sensor, StateSensor
 from twolink.errors import SceneError
 from twolink.loop.ambiguity import FIRST_STEPPED, Ambiguity
 from twolink.loop.answers import failure
-from twolink.loop.calls import Asked, DiffersError, asked
+from twolink.loop.calls import Asked, DiffersError, asked, is_often
 from twolink.loop.clock import ACT, ARRIVE, READ, UPDATE, Clock, Random
-from twolink.loop.laws import own_laws
+from twolink.loop.laws import Own, own_laws
 from twolink.loop.plain_functions import seen
 from twolink.loop.readings import Readings, random_of, reading
 from twolink.loop.replay import Given, Replay
+from twolink.native.ticks import TickedLaw, Ticks
 
 Array = np.ndarray[Any, np.dtype[Any]]
 FASTEST = 1e6  # rad/s or m/s: no machine moves so fast, and a loop that diverges would be solved in ever smaller steps
@@ -201,6 +203,57 @@ class SampledLoop:
         for one in self._sensors.values():
             one.log.clear()
 
+    def notes(self) -> list[str]:
+        """How the laws are asked, and why."""
+        return [f"effects[{place}]: its law is {'' if one.law.how == 'traced' else 'called '}{one.law.how}"
+                f"{one.law.why and f' ({one.law.why})'}" for place, one in self._controls.items()]  # fmt: skip
+
+    @functools.cached_property
+    def ticked(self) -> TickedLaw | None:
+        """The law that many ticks in one call can be of: one that is traced, sees the state, and acts at once."""
+        (control, *others), number = self._controls.values(), self._nq + self._nv
+        one, law = control.controller, control.law
+        late = one.delay or one.jitter or one.hold != "zero"
+        if others or late or self._endless or self._sensors or law.how != "traced" or {*one.inputs} - {*STATE}:
+            return None
+        assert law.program is not None
+        assert control.rows is not None
+        rows = {"q": range(self._nq), "v": range(self._nq, number)}
+        seen = [k for name in one.inputs for k in rows[name]]
+        held = range(control.rows.start, control.rows.stop)
+        return TickedLaw(law.program, seen, held, control.limits, law.own[0].state.shape[1])
+
+    def ahead(self, count: int, until: float) -> Array:
+        """The times of the next ticks of that law, up to so many and an end, s."""
+        return self._clock.ahead(count, until)
+
+    @property
+    def kept(self) -> Array:
+        """The numbers that it keeps (n, k)."""
+        return np.asarray(next(iter(self._controls.values())).law.own[0].state)
+
+    def taken(self, times: Array, ticks: Ticks) -> None:
+        """Take note of ticks that were taken. Raises ControllerError."""
+        control, count = next(iter(self._controls.values())), len(times)
+        law, moving = control.law, self._nq + self._nv
+        u, x = ticks.u[:count], ticks.states[ticks.at[:count], :moving]
+        first = self._clock.skip(count)
+        if ticks.divided_by_zero and law.divides:
+            raise law.refused(float(times[0]), "its program divides by 0")
+        fine = np.isfinite(u).all(axis=(1, 2)) & (np.abs(x[:, self._nq :]).max(axis=(1, 2), initial=0.0) < FASTEST)
+        for k in (k for k in range(count) if is_often(first + k) or not fine[k]):
+            given = {
+                name: (x[k, : self._nq] if name == "q" else x[k, self._nq :]).T for name in control.controller.inputs
+            }
+            law.own[0].state = ticks.z[k + 1].T.copy()
+            law.require(float(times[k]), given, Own(law.own[0].law, ticks.z[k].T), u[k].T)
+            self._require_sound(control, float(times[k]), u[k].T, x[k, self._nq :])
+        law.own[0].state = ticks.z[count].T.copy()
+        if u.shape[2] > 1:
+            control.ambiguity.add_many(times, u, x)
+        else:
+            control.log += zip(times.tolist(), u.copy(), x, strict=True)
+
     def require_repeatable(self) -> None:
         """Require that no law remembers what is not its solution's own. Raises ControllerError."""
         self._replay.require()
@@ -244,10 +297,12 @@ class SampledLoop:
         z = dict(zip(self._states, x[self._nq + self._nv :].copy(), strict=False))
         return Seen(self._robot, q, v, z, lambda: self._look(t, x))
 
+    def _state(self, x: Array) -> Given:
+        return {"q": x[: self._nq].T.copy(), "v": x[self._nq : self._nq + self._nv].T.copy()}
+
     def _given(self, control: _Control, x: Array) -> Given:
         """The inputs that a controller asked for, of each solution (n, ...), as new copies."""
-        nq, names = self._nq, control.controller.inputs
-        state = {"q": x[:nq].T.copy(), "v": x[nq : nq + self._nv].T.copy()}
+        names, state = control.controller.inputs, self._state(x)
         if names == STATE:
             return state
         given = state | {one.sensor.label: one.latest.copy() for one in self._sensors.values()}

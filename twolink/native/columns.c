@@ -15,6 +15,7 @@
 #include "lanes.h"
 #include "evaluate.h"
 #include "steps.h"
+#include "ticks.h"
 #include "lanes_end.h"
 
 #define W 4
@@ -23,6 +24,7 @@
 #include "lanes.h"
 #include "evaluate.h"
 #include "steps.h"
+#include "ticks.h"
 #include "lanes_end.h"
 
 #define W 8
@@ -31,6 +33,7 @@
 #include "lanes.h"
 #include "evaluate.h"
 #include "steps.h"
+#include "ticks.h"
 #include "lanes_end.h"
 
 #define W 16
@@ -39,4 +42,5 @@
 #include "lanes.h"
 #include "evaluate.h"
 #include "steps.h"
+#include "ticks.h"
 #include "lanes_end.h"

@@ -39,6 +39,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "tl_contact_free": (None, [_ADDRESS]),
     "tl_contact_run": (_LONG, [_ADDRESS] * 4),
     "tl_attempts": (_LONG, [_ADDRESS, _INT, _LONG, _LONG, _LONG, _ADDRESS, _ADDRESS]),
+    "tl_ticks": (_LONG, [_ADDRESS, _INT, _LONG, _LONG, _ADDRESS, _ADDRESS, _ADDRESS]),
 }
 log = logging.getLogger("twolink")
 

@@ -8,6 +8,7 @@
 #define TABLE(name, level) {name##_w1##level, 0, name##_w4##level, name##_w8##level, name##_w16##level}
 typedef void (*columns_function)(const tl_program *, double *, int64_t, int, const tl_block *, int, const tl_block *);
 typedef int64_t (*attempts_function)(tl_workspace *, int64_t, int64_t, int64_t, double *, const tl_disturbance *);
+typedef int64_t (*ticks_function)(tl_workspace *, int64_t, int64_t, double *, const tl_disturbance *, tl_traced_law *);
 
 ALL_WIDTHS(base)
 #if defined(X86_LEVELS)
@@ -17,6 +18,7 @@ ALL_WIDTHS(v4)
 static const columns_function COLUMNS[3][TL_WIDTHS] = {TABLE(tl_columns, base), TABLE(tl_columns, v3), TABLE(tl_columns, v4)};
 static const attempts_function ATTEMPTS[3][TL_WIDTHS] = {TABLE(tl_attempts, base), TABLE(tl_attempts, v3),
                                                          TABLE(tl_attempts, v4)};
+static const ticks_function TICKS[3][TL_WIDTHS] = {TABLE(tl_ticks, base), TABLE(tl_ticks, v3), TABLE(tl_ticks, v4)};
 /* 2 with AVX-512 (F, DQ, CD, BW, VL), 1 with AVX2 and FMA, which the system must save too; else 0. */
 static int level_of_processor(void) {
   unsigned a, b, c, d, low, high;
@@ -36,6 +38,7 @@ TL_API int tl_level(void) {
 #else
 static const columns_function COLUMNS[1][TL_WIDTHS] = {TABLE(tl_columns, base)};
 static const attempts_function ATTEMPTS[1][TL_WIDTHS] = {TABLE(tl_attempts, base)};
+static const ticks_function TICKS[1][TL_WIDTHS] = {TABLE(tl_ticks, base)};
 TL_API int tl_level(void) { return 0; }
 #endif
 
@@ -187,13 +190,35 @@ static int is_within(const tl_disturbance *d, const tl_method *m, int64_t column
   return 1;
 }
 
+static int may_begin(const tl_workspace *w, int level, int64_t columns, int64_t count, const double *states,
+                     const tl_disturbance *disturbance) {
+  if (!w || level < 0 || level > tl_level() || columns < 1 || count < 0 || !states) return 0;
+  const int64_t most = TL_MAX_COUNT / (w->method->size + TL_CONTROLS + w->method->parameters);
+  if (columns > most || count > most / columns) return 0;
+  return !disturbance || is_within(disturbance, w->method, columns, states);
+}
+
 /* Attempts of each column of states (count + 1, rows, columns), whose first is given; how many were made, or a code below 0.
 disturbance: arrays by column, or NULL. */
 TL_API int64_t tl_attempts(tl_workspace *w, int level, int64_t columns, int64_t count, int64_t look, double *states,
                            const tl_disturbance *disturbance) {
-  if (!w || level < 0 || level > tl_level() || columns < 1 || count < 0 || look < 1 || !states) return -TL_BAD_ARGUMENT;
-  const int64_t most = TL_MAX_COUNT / (w->method->size + TL_CONTROLS + w->method->parameters);
-  if (columns > most || count > most / columns) return -TL_BAD_ARGUMENT;
-  if (disturbance && !is_within(disturbance, w->method, columns, states)) return -TL_BAD_ARGUMENT;
+  if (!may_begin(w, level, columns, count, states, disturbance) || look < 1) return -TL_BAD_ARGUMENT;
   return ATTEMPTS[level][tl_log2(w->width)](w, columns, count, look, states, disturbance);
+}
+
+/* Ticks of a law with the attempts between them, from states as those of tl_attempts; how many attempts were made. */
+TL_API int64_t tl_ticks(tl_workspace *w, int level, int64_t columns, int64_t count, double *states,
+                        const tl_disturbance *disturbance, tl_traced_law *law) {
+  if (!may_begin(w, level, columns, count, states, disturbance) || !law || !law->program || !law->registers ||
+      !tl_belong(law->registers, law->program, w->width) || law->torques < 0 || law->kept < 0 || law->ticks < 1 ||
+      law->ticks > TL_MAX_COUNT / columns || law->torques > TL_MAX_COUNT || law->kept > TL_MAX_COUNT ||
+      law->program->inputs < 1 + law->kept || law->program->outputs != law->torques + law->kept + 1 || !law->rows ||
+      !law->held || !law->limits || !law->times || !law->u || !law->z || !law->zeros || !law->at)
+    return -TL_BAD_ARGUMENT;
+  for (int64_t i = 0; i < law->program->inputs - 1 - law->kept; i++)
+    if (law->rows[i] < 0 || law->rows[i] >= w->method->size) return -TL_BAD_ARGUMENT;
+  for (int64_t i = 0; i < law->torques; i++)
+    if (law->held[i] < w->method->moving || law->held[i] >= w->method->size) return -TL_BAD_ARGUMENT;
+  law->done = 0;
+  return TICKS[level][tl_log2(w->width)](w, columns, count, states, disturbance, law);
 }

@@ -79,6 +79,19 @@ typedef struct {
   int32_t *pivots;
 } tl_workspace;
 
+/* A traced law that acts at ticks: (t, rows of the state, kept) -> (torques, kept, zeros). times (ticks + 1): of the ticks, and
+the end. held, limits (torques): where they go, and their bounds. Records: u (ticks, torques, columns), before the bounds; z
+(ticks + 1, kept, columns), the first of which is given; at (ticks): the state of each; zeros: divisors that were 0; done. */
+typedef struct {
+  const tl_program *program;
+  double *registers;
+  const int32_t *rows, *held;
+  const double *limits, *times;
+  double *u, *z, *zeros;
+  int64_t *at;
+  int64_t torques, kept, ticks, done;
+} tl_traced_law;
+
 double *tl_registers(const tl_program *program, int width);
 int tl_belong(const double *registers, const tl_program *program, int width);
 void *tl_copied(const void *from, size_t bytes, int *failed);
@@ -95,5 +108,7 @@ TL_API int tl_columns(const tl_program *p, int level, int width, double *registe
   void tl_columns_##S(const tl_program *program, double *registers, int64_t count, int inputs, const tl_block *in,            \
                       int outputs, const tl_block *out);                                                                      \
   int64_t tl_attempts_##S(tl_workspace *work, int64_t columns, int64_t count, int64_t look, double *states,                   \
-                          const tl_disturbance *disturbance);
+                          const tl_disturbance *disturbance);                                                                 \
+  int64_t tl_ticks_##S(tl_workspace *work, int64_t columns, int64_t count, double *states, const tl_disturbance *disturbance, \
+                       tl_traced_law *law);
 #endif

@@ -171,3 +171,10 @@ class Attempts:
         if made < 0:
             require(made, "steps")
         return int(made)
+
+    def with_law(self, law: Any) -> int:
+        """Attempts with the ticks of a law between them; how many were made."""
+        made = library().tl_ticks(*self._fixed, self._most, *self._places, law)
+        if made < 0:
+            require(made, "ticks")
+        return int(made)

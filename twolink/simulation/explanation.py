@@ -190,7 +190,7 @@ def explain(
     return Explanation(
         scene.title or scene.robot.name,
         tuple(_shortened(repr(effect)) for effect in scene.effects),
-        (*_notes(scene, chosen), *_digits(more, accuracy), *_states(equations)),
+        (*_notes(scene, chosen), *_digits(more, accuracy), *_states(equations), *_laws(equations)),
         _formulation(equations),
         equations.moving,
         equations.operations,
@@ -221,6 +221,18 @@ def _states(equations: Equations) -> list[str]:
     return [f"{', '.join(names)} are states of effects beside q and v"] if names else []
 
 
+def _laws(equations: Equations) -> list[str]:
+    """Notes on how the laws of sampled controllers are asked, by all solutions of an error bar."""
+    if equations.sampling is None:
+        return []
+    from twolink.integrate.forces_seen import forces_seen
+    from twolink.loop.sampled_loop import SampledLoop  # which other scenes do not load
+
+    layout, x = equations.layout, np.repeat(equations.start[:, None], 3, axis=1)
+    return SampledLoop(equations.sampling, layout.rows_of_slots(), layout.space.states, x,
+                       lambda t, x: forces_seen(equations, t, x)).notes()  # fmt: skip
+
+
 def _digits(more: tuple[Precision, ...], accuracy: float) -> list[str]:
     """A note on the digits that the accuracy may take."""
     if not more:
@@ -248,7 +260,7 @@ def _of_steps(scene: Scene, chosen: Choice, accuracy: float, length: float) -> E
     return Explanation(
         scene.title or scene.robot.name,
         tuple(_shortened(repr(effect)) for effect in scene.effects),
-        (*_notes(scene, chosen), *stepper.notes()),
+        (*_notes(scene, chosen), *stepper.notes(), *_laws(stepper.equations)),
         "impulses (time stepping: the error is estimated)",
         stepper.equations.moving,
         stepper.equations.operations,

@@ -18,6 +18,7 @@ from twolink.integrate.steps.perturbation import Perturbation, step_disturbances
 from twolink.integrate.steps.step_control import MAX_FACTOR, MIN_SQUARE
 from twolink.integrate.steps.step_map import StepMap
 from twolink.integrate.steps.stepping import BLOCK, advance, start_state
+from twolink.native.ticks import TickedLaw, Ticks
 
 TICKS = 64  # short calls between two looks at whether steps get on
 AT_ONCE = 8  # attempted steps in a short call, at most: a call ends where all have arrived
@@ -85,6 +86,8 @@ class Columns:
         self._steps[0] = self.state
         self.state = self._steps[0]
         self._attempt: Callable[[int, int], int] | None = None
+        self._law: TickedLaw | None = None
+        self._native_ticks: Ticks | None = None
 
     def copied(self) -> Columns:
         """Solutions that go on from here with the same bits, whatever these do."""
@@ -114,7 +117,7 @@ class Columns:
 
     def go_on_by(self, by: StepMap) -> None:
         """Take the next steps by another method, of the same equations."""
-        self.by, self._attempt = by, None
+        self.by, self._attempt, self._law = by, None, None
 
     @property
     def counts(self) -> tuple[int, int]:
@@ -167,10 +170,37 @@ class Columns:
             np.minimum(2.0 * state[step_row], state[rows.longest], out=state[step_row])
         self._ticks += 1
         if self._ticks % TICKS == 0:
-            outcome = outcome_of(self.by, state, self._start, self._limit)
-            self._require_fine(Block(self._every, state[None], state[None, time], outcome))
-        if self._ticks % TICKS == 0 or end >= self._end:
+            self.require_progress()
+        elif end >= self._end:
             self._tell()
+
+    def ticks(self, law: TickedLaw, times: Array, kept: Array) -> tuple[Ticks, int, Block] | None:
+        """Take ticks of a law at times (k,), the last of which ends them, with the steps between, in one call.
+
+        kept (n, k): its numbers. The ticks, how many were taken, and the states on the way, whose arrays are written to
+        afterwards; None where steps are shorter, or not native.
+        """
+        if self._law is not law:
+            self._law, self._native_ticks = law, self.by.ticks(len(self._every), law, self._disturbances)
+        ticks, rows = self._native_ticks, self._rows
+        apart = float(times[1] - times[0])
+        if ticks is None or self.step < (1.0 - SAME_TIME) * apart:
+            return None
+        self._halve(apart, self.step, float(times[-1]))
+        ticks.states[0], ticks.z[0] = self.state, kept.T
+        taken, made = ticks(times)
+        if not taken:
+            return None
+        self.state[:] = ticks.states[made]
+        states = ticks.states[: made + 1]
+        return ticks, taken, Block(self._every, states, states[:, rows.time], self._fine)
+
+    def require_progress(self) -> None:
+        """Require that steps get on, and tell how far they are. Raises AccuracyError."""
+        state, time = self.state, self._rows.time
+        outcome = outcome_of(self.by, state, self._start, self._limit)
+        self._require_fine(Block(self._every, state[None], state[None, time], outcome))
+        self._tell()
 
     def _halve(self, short: float, step: float, end: float) -> None:
         """Let the steps of finer solutions be at most half as long as the run's, also where a stop ends both."""

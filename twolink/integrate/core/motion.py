@@ -104,6 +104,11 @@ class Motion(ABC):
     def hold(self, x: Array) -> None:
         """Let the numbers in states (size, n) hold from now on."""
 
+    def take_ticks(self, loop: SampledLoop, until: float) -> bool:
+        """Take some ticks of a traced law up to a time in one call, where that goes; False: none."""
+        del loop, until
+        return False
+
     @abstractmethod
     def forces(self, t: float, x: Array) -> Forces:
         """The forces at states (size, n) at a time."""
@@ -139,6 +144,8 @@ def drive(motion: Motion, until: float, loop: SampledLoop | None = None) -> None
             motion.advance(min(loop.time, until))
         if motion.over:
             break
+        if motion.take_ticks(loop, until):
+            continue
         states = motion.held()
         loop.tick(states)
         motion.hold(states)

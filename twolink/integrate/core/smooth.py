@@ -20,6 +20,7 @@ from twolink.integrate.steps.outcomes import Block
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
 from twolink.integrate.steps.step_map import StepMap, step_map
 from twolink.integrate.steps.stepping import take_samples
+from twolink.native.ticks import TICKS
 
 if TYPE_CHECKING:
     from twolink.effects.sensors import Forces
@@ -139,12 +140,35 @@ class SmoothMotion(Motion):
             self.columns.advance(t)
             return
         for block in self.columns.blocks(t):
-            if self.track is not None and block.worlds[0] == 0:
-                self.track.add(block.t[1:, 0], block.states[1:, : self._equations.space.size, 0])
-            if looks and self._companions is not None:
-                self._look(self._companions, block)
+            self._pass(block, looks=looks)
         while self._checks[self._looked] <= t:
             self._looked += 1
+
+    def _pass(self, block: Block, *, looks: bool) -> None:
+        """Take note of steps. looks: whether those beside the run are looked at."""
+        if self.track is not None and block.worlds[0] == 0:
+            self.track.add(block.t[1:, 0], block.states[1:, : self._equations.space.size, 0])
+        if looks and self._companions is not None:
+            self._look(self._companions, block)
+
+    def take_ticks(self, loop: SampledLoop, until: float) -> bool:
+        """Take some ticks of a traced law in one call; False where it is not so, or steps are shorter than ticks."""
+        law = loop.ticked
+        if law is None:
+            return False
+        times = loop.ahead(TICKS + 1, min(until, self._breaks[self._passed]))
+        found = self.columns.ticks(law, times, loop.kept) if len(times) > 1 else None
+        if found is None:
+            return False
+        ticks, taken, block = found
+        if self.track is not None:
+            self.track.change(block.states[0, : self._equations.space.size, 0])
+        self._pass(block, looks=self._companions is not None)
+        while self._checks[self._looked] <= block.t[-1].min():
+            self._looked += 1
+        loop.taken(times[:taken], ticks)
+        self.columns.require_progress()
+        return True
 
     def _look(self, companions: Companions, block: Block) -> None:
         """Take the samples of the solutions beside the first, which are numbered behind it."""

@@ -25,6 +25,7 @@ from twolink.integrate.steps.programs import programs_of
 from twolink.integrate.steps.step_control import Control, control_rows
 from twolink.native.library import library
 from twolink.native.stepper import Disturbances, Stepper
+from twolink.native.ticks import TickedLaw, Ticks
 
 SHARES = (0.5, 0.3, 0.7)  # of a step, at which two steps in its place meet
 SPREADS = (1 / 256, 1 / 64, 1 / 16, 1 / 4)  # of a step: distances of the states between which one is interpolated
@@ -67,6 +68,12 @@ class StepMap:
         if self._native is not None:
             return self._native.on(states, disturbances)
         return lambda count, look: self.attempts(states[: count + 1], count, look, disturbances)
+
+    def ticks(self, columns: int, law: TickedLaw, disturbances: Disturbances | None) -> Ticks | None:
+        """The steps of columns with the ticks of a law between them; None where the library does not make them."""
+        if self._native is None or not law.program.fits(self._native.width(columns)):
+            return None
+        return Ticks(self._native, columns, law, disturbances)
 
     def attempts(self, states: Array, count: int, look: int, disturbances: Disturbances | None = None) -> int:
         """Up to `count` attempts of each world of states (count + 1, rows, n), of which the first is given.
