@@ -119,12 +119,12 @@ class Found:
                 loaded = known.get(value, getattr(builtins, value, _UNKNOWN))
             elif name in ("LOAD_DEREF", "LOAD_CLASSDEREF", "LOAD_CLOSURE") and value in cells:
                 loaded = cells[value]
-            elif (
-                name in _STORES
-                or str(value).startswith("__")
-                or (name in ("STORE_DEREF", "DELETE_DEREF") and value in cells)
-            ):
+            elif name in _STORES or (name in ("STORE_DEREF", "DELETE_DEREF") and value in cells):
                 return False
+            elif name in ("LOAD_ATTR", "LOAD_METHOD"):
+                if value.startswith("__"):
+                    return False
+                self.inputs = 1 if value == "dot" else self.inputs  # x.dot(y, a) of arrays writes to a
             self.inputs = min(self.inputs, getattr(loaded, "nin", self.inputs))
             if name.startswith("CALL"):
                 called = stack[-(one.arg or 0) - 2 :][:2] if straight else []
