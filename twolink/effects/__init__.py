@@ -17,8 +17,8 @@ _IMPORTS = re.findall(r"^from (\S+) import (\w+) as", Path(__file__).with_suffix
 _MODULES = {name: module for module, name in _IMPORTS}
 # TYPES: the effects' names by their `type` in scene files. The other names serve effects as arguments or as a base.
 _OTHERS = {"Bezier", "Box", "Capsule", "Controller", "Convex", "Cylinder", "Effect", "FrameReaches", "HeightField",
-           "JointReaches",
-           "Plane", "Polynomial", "Sampled", "Sine", "Sphere", "Winding"}  # fmt: skip
+           "JointReaches", "Observed", "Plane", "Policy", "Polynomial", "Sampled", "Sine", "Sphere",
+           "Winding"}  # fmt: skip
 TYPES = {kebab_case(n): n for n in _MODULES if n not in _OTHERS}
 __all__ = sorted(_MODULES)
 

@@ -41,6 +41,8 @@ from twolink.effects.loops import WeldLoop as WeldLoop
 from twolink.effects.muscles import Muscle as Muscle
 from twolink.effects.plane_contact import CompliantContact as CompliantContact
 from twolink.effects.plane_contact import PlaneContact as PlaneContact
+from twolink.effects.policies import Observed as Observed
+from twolink.effects.policies import Policy as Policy
 from twolink.effects.sampled_control import Controller as Controller
 from twolink.effects.sensors import Encoder as Encoder
 from twolink.effects.sensors import ForceTorque as ForceTorque

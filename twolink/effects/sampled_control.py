@@ -170,6 +170,11 @@ class Controller(Effect, frozen=True):
         check_joints(self.joints(robot), robot, "outputs", dofs=True)
         check_limits(self.limit, self.joints(robot), robot, "limit")
 
+    def on(self, robot: Robot) -> "Controller":
+        """The controller on a robot, whose law may depend on it."""
+        del robot
+        return self
+
     def joints(self, robot: Robot) -> tuple[str, ...]:
         """The driven joints."""
         return tuple(self.outputs) or tuple(single_joints(robot))

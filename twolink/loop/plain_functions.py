@@ -155,7 +155,7 @@ class Found:
             return x in _BUILTINS or x in _NUMPY
         if isinstance(x, types.BuiltinFunctionType) and x.__module__ == "math":
             return True
-        return getattr(x, "__hash__", None) is not None and (x in _BUILTINS or x in _NUMPY or x in _LINALG)
+        return _has_hash(x) and (x in _BUILTINS or x in _NUMPY or x in _LINALG)
 
 
 def _is_straight(code: types.CodeType) -> bool:
@@ -177,7 +177,15 @@ def _inputs(called: Any) -> int:
     """How many arguments something takes at most before one that it would write to."""
     if isinstance(called, types.FunctionType) and not (called.__module__ or "").startswith("numpy"):
         return 255  # whose own code is looked at
-    return int(getattr(called, "nin", _INPUTS.get(called, 2) if getattr(called, "__hash__", None) else 2))
+    return int(getattr(called, "nin", _INPUTS.get(called, 2) if _has_hash(called) else 2))
+
+
+def _has_hash(x: Any) -> bool:
+    try:
+        hash(x)
+    except Exception:  # of a user's own class any
+        return False
+    return True
 
 
 def _writes(name: str, value: Any, text: str) -> bool:

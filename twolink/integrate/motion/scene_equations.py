@@ -75,7 +75,7 @@ def sampled(scene: Scene) -> "tuple[Sampling | None, Sequence[Effect]]":
                 raise SceneError("a controller or sensor inside another effect is not called", where=f"effects[{i}].of",
                                  remedy="make it an effect of the scene; its update may return 0 while it waits",
                                  code="controller-not-followed")  # fmt: skip
-    controllers = {i: effect.sampled for i, effect in enumerate(scene.effects) if effect.sampled is not None}
+    controllers = {i: one.sampled.on(scene.robot) for i, one in enumerate(scene.effects) if one.sampled is not None}
     if not controllers:
         return None, scene.effects
     from twolink.loop.sampled_loop import Sampling  # which other scenes do not load

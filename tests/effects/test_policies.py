@@ -1,0 +1,203 @@
+"""Policies: networks from ONNX files against onnxruntime, and loops with them against the same law in Python."""
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from twolink.errors import SceneError
+from twolink.io import networks
+from twolink.io.networks import read_network
+from twolink.loop.answers import Measured
+
+onnx = pytest.importorskip("onnx")
+fx = tl.effects
+SIZES = 6, 32, 16, 2
+
+
+def written(path: Path, nodes: list[Any], weights: dict[str, Any], ins: dict[str, Any], outs: dict[str, Any]) -> Path:
+    """A file of nodes (kind, inputs, outputs, attributes)."""
+    h, number = onnx.helper, onnx.TensorProto.FLOAT
+    shapes = [[h.make_tensor_value_info(name, number, shape) for name, shape in one.items()] for one in (ins, outs)]
+    made = [h.make_node(kind, a.split(), b.split(), **given) for kind, a, b, given in nodes]
+    arrays = [onnx.numpy_helper.from_array(np.asarray(x, dtype=np.int64 if np.asarray(x).dtype.kind == "i" else
+                                                      np.float32), name) for name, x in weights.items()]  # fmt: skip
+    graph = h.make_graph(made, "policy", *shapes, arrays)
+    onnx.save(h.make_model(graph, opset_imports=[h.make_opsetid("", 17)], ir_version=9), str(path))
+    return path
+
+
+def mlp(path: Path, sizes: tuple[int, ...] = SIZES, kind: str = "Elu", gain: float = 1.0, **given: Any) -> Path:
+    """A multilayer perceptron behind a normalisation, its answers within 2."""
+    rng, size = np.random.default_rng(0), sizes[0]
+    nodes: list[Any] = [("Sub", "obs mean", "o1", {}), ("Div", "o1 std", "o2", {}), ("Clip", "o2 low high", "x0", {})]
+    weights: dict[str, Any] = {
+        "mean": rng.normal(size=size) * 0.1,
+        "std": rng.uniform(1, 2, size),
+        "low": -5.0,
+        "high": 5.0,
+    }
+    for k, (a, b) in enumerate(itertools.pairwise(sizes)):
+        weights |= {f"w{k}": gain * rng.normal(size=(b, a)) / np.sqrt(a), f"b{k}": 0.1 * rng.normal(size=b)}
+        nodes += [("Gemm", f"x{k} w{k} b{k}", f"h{k}", {"transB": 1}), (kind, f"h{k}", f"x{k + 1}", given)]
+    nodes[-1] = ("Tanh", f"h{len(sizes) - 2}", "actions", {})
+    return written(path, nodes, weights, {"obs": [1, size]}, {"actions": [1, sizes[-1]]})
+
+
+def cell(path: Path, kind: str) -> Path:
+    """A recurrent network."""
+    rng, gates, hidden = np.random.default_rng(1), {"LSTM": 4, "GRU": 3}[kind], 8
+    kept = {"h": [1, 1, hidden]} | ({"c": [1, 1, hidden]} if kind == "LSTM" else {})
+    weights = {
+        "w": 0.5 * rng.normal(size=(1, gates * hidden, 6)),
+        "b": rng.normal(size=(1, 2 * gates * hidden)),
+        "r": 0.5 * rng.normal(size=(1, gates * hidden, hidden)),
+        "out": rng.normal(size=(hidden, 2)),
+        "k": [0],
+    }
+    after, options = {f"{k}2": kept[k] for k in kept}, {"linear_before_reset": 1} if kind == "GRU" else {}
+    nodes = [("Unsqueeze", "obs k", "x", {}),
+             (kind, " ".join(["x w r b NONE", *kept]), " ".join(["y", *after]), {"hidden_size": hidden, **options}),
+             ("Squeeze", "h2 k", "last", {}), ("MatMul", "last out", "actions", {})]  # fmt: skip
+    file = written(path, nodes, weights, {"obs": [1, 6], **kept}, {"actions": [1, 2], **after})
+    model = onnx.load(str(file))
+    for node in model.graph.node:
+        node.input[:] = ["" if one == "NONE" else one for one in node.input]
+    onnx.save(model, str(file))
+    return file
+
+
+def test_answers_are_those_of_onnxruntime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("onnxruntime")
+    asked, certify = [], networks._certify
+    monkeypatch.setattr(networks, "_certify", lambda network, path: asked.append(certify(network, path)))
+    kinds = {"Relu": {}, "Elu": {"alpha": 0.7}, "Tanh": {}, "Sigmoid": {}, "LeakyRelu": {"alpha": 0.2}, "Softplus": {},
+             "Selu": {}}  # fmt: skip
+    for kind, given in kinds.items():
+        read_network(mlp(tmp_path / "one.onnx", kind=kind, **given))
+    for kind in ("LSTM", "GRU"):
+        read_network(cell(tmp_path / "one.onnx", kind))
+    assert len(asked) == 9
+    wrong = read_network(mlp(tmp_path / "one.onnx"))
+    wrong.constants["b0"][0] += 0.01
+    with pytest.raises(tl.errors.CertificationError):
+        certify(wrong, tmp_path / "one.onnx")
+
+
+@pytest.mark.parametrize("kind", ["mlp", "LSTM", "GRU"])
+def test_rows_are_answered_as_alone(tmp_path: Path, kind: str) -> None:
+    network = read_network(mlp(tmp_path / "one.onnx") if kind == "mlp" else cell(tmp_path / "one.onnx", kind))
+    x = np.random.default_rng(2).normal(size=(5, 4, 6))
+    together, alone = network.start(4), [network.start(1) for _ in range(4)]
+    for at in x:
+        y, together = network(at, together)
+        for i in range(4):
+            one, alone[i] = network(at[i : i + 1], alone[i])
+            np.testing.assert_allclose(one[0], y[i], rtol=0, atol=1e-14)
+
+
+def arm(policy: Any, **fields: Any) -> tl.Scene:
+    damping = fx.JointDamping({"shoulder": 0.5, "elbow": 0.5})
+    return tl.Scene(
+        tl.load_robot("two_link"), q=[0.3, 0.2], effects=[fx.Gravity(), damping, *policy], duration=1.0, **fields
+    )
+
+
+@pytest.mark.parametrize(
+    "gains", [{}, {"kp": {"shoulder": 40.0, "elbow": 20.0}, "kd": {"shoulder": 4.0, "elbow": 2.0}}]
+)
+@pytest.mark.parametrize("delay", [0.0, 0.007])
+def test_a_policy_is_the_law_that_it_says(tmp_path: Path, gains: Any, delay: float) -> None:
+    file = mlp(tmp_path / "one.onnx", sizes=(8, 32, 2))
+    inputs = (fx.Observed("joint_pos", offset=(0.1, 0.0), scale=2.0, history=2), "last_action",
+              fx.Observed("command", values=(0.3, -0.3)))  # fmt: skip
+    policy = fx.Policy(str(file), 0.02, inputs, scale=(5.0, 2.0), offset=0.1, delay=delay, **gains)
+    network = read_network(file)
+
+    def law(_: float, y: Any, state: Any) -> Any:
+        now = 2.0 * (y.q - [0.1, 0.0])
+        last, before = state if state is not None else (np.zeros(2), now)
+        action = network(np.concatenate([before, now, last, [0.3, -0.3]])[None])[0][0]
+        return 0.1 + np.array([5.0, 2.0]) * action, (action, now)
+
+    def inner(rate: int) -> Any:
+        def sampled(t: float, y: Any, state: Any) -> Any:
+            k, held, own = state
+            if k % (rate // 50) == 0:
+                held, own = law(t, y, own)
+            return held * [40.0, 20.0] - [40.0, 20.0] * y.q - [4.0, 2.0] * y.v, (k + 1, held, own)
+
+        return sampled
+
+    run = tl.simulate(arm([policy]))
+    assert run.error[-1] < 1e-6
+    if not gains:
+        meant = tl.simulate(arm([fx.Controller(law, 0.02, delay=delay)])).q
+        np.testing.assert_allclose(run.q, meant, rtol=0, atol=1e-7)
+    elif not delay:  # the limit of PD control of ever higher rates, to positions of the same network
+        coarse, fine = (tl.simulate(arm([fx.Controller(inner(rate), 1.0 / rate, state=(0, None, None))]),
+                                    verify=False).q for rate in (2000, 4000))  # fmt: skip
+        np.testing.assert_allclose(run.q, 2.0 * fine - coarse, rtol=0, atol=1e-5)
+
+
+def test_a_policy_reads_an_encoder_and_stands_beside_events(tmp_path: Path) -> None:
+    encoder = fx.Encoder(("shoulder", "elbow"), period=0.01, quantum=1e-5)
+    policy = fx.Policy(str(mlp(tmp_path / "one.onnx", (4, 16, 2))), 0.02, ("encoder", "joint_vel"), scale=4.0)
+    stops = fx.JointStops({"shoulder": (-0.4, 0.5)}, restitution=0.3)
+    run = tl.simulate(arm([encoder, policy, stops]))
+    assert {event.kind for event in run.events} & {"impact"}
+    assert np.isfinite(run.error[-1])
+
+
+def test_a_quadruped_walks_on_its_observations(tmp_path: Path) -> None:
+    robot = tl.load_robot("solo12", root="free")
+    file = mlp(tmp_path / "one.onnx", (48, 128, 64, 12), gain=0.5)
+    inputs = (fx.Observed("base_lin_vel", scale=2.0), fx.Observed("base_ang_vel", scale=0.25), "projected_gravity",
+              fx.Observed("command", values=(0.5, 0.0, 0.0)), "joint_pos", fx.Observed("joint_vel", scale=0.05),
+              "last_action")  # fmt: skip
+    joints = tuple(one.name for one in robot.joints[1:])
+    policy = fx.Policy(str(file), 0.02, inputs, joints, scale=0.25, kp=dict.fromkeys(joints, 3.0),
+                       kd=dict.fromkeys(joints, 0.1))  # fmt: skip
+    q = robot.neutral.copy()
+    q[3:7] = np.array([0.1, -0.2, 0.3, 0.9]) / np.linalg.norm([0.1, -0.2, 0.3, 0.9])
+    law, seen, v = policy.sampled.on(robot).update, list[Any](), np.arange(18.0)
+
+    class Seeing:
+        start = law.network.start
+
+        def __call__(self, x: Any, kept: Any) -> Any:
+            seen.append(x)
+            return np.zeros((1, 12)), kept
+
+    law.network = Seeing()
+    law(0.0, Measured(q=q[None], v=v[None]), None)
+    down = robot.frame_pose(q, "base_link")[0].T @ [0.0, 0.0, -1.0]
+    np.testing.assert_allclose(seen[0][0, 6:9], down, atol=1e-15)
+    np.testing.assert_array_equal(seen[0][0, :6], np.concatenate([2.0 * v[:3], 0.25 * v[3:6]]))
+    run = tl.simulate(tl.Scene(robot, q, effects=[fx.Gravity(), policy], duration=0.3))
+    assert run.error[-1] < 1e-6
+
+
+@pytest.mark.parametrize(("fields", "words"), [
+    ({"inputs": ("joint_pos",)}, "6 inputs, here are 2"), ({"outputs": ("elbow",)}, "inputs, here are"),
+    ({"scale": (1.0, 2.0, 3.0)}, "expected 2 numbers, got 3"), ({"kp": {"knee": 1.0}}, "knee"),
+    ({"inputs": ("joint_pos", "joint_vel", "lastaction")}, "lastaction"),
+    ({"inputs": ("joint_pos", "joint_vel", "base_lin_vel")}, "base is fixed"), ({"period": 0.0}, "above 0 s"),
+])  # fmt: skip
+def test_what_does_not_fit_is_refused_by_name(tmp_path: Path, fields: Any, words: str) -> None:
+    given = {"period": 0.02, "inputs": ("joint_pos", "joint_vel", "last_action")} | fields
+    with pytest.raises(SceneError, match=words):
+        arm([fx.Policy(str(mlp(tmp_path / "one.onnx")), **given)])
+
+
+def test_networks_that_are_not_known_are_refused_by_operator(tmp_path: Path) -> None:
+    nodes = [("Hardmax", "obs", "x", {}), ("Celu", "x", "actions", {})]
+    file = written(tmp_path / "one.onnx", nodes, {}, {"obs": [1, 2]}, {"actions": [1, 2]})
+    with pytest.raises(SceneError, match="operations that are not known: Celu, Hardmax"):
+        read_network(file)
+    (tmp_path / "two.onnx").write_bytes(b"no network")
+    with pytest.raises(SceneError, match="there is no network"):
+        read_network(tmp_path / "two.onnx")
