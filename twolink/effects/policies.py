@@ -68,7 +68,7 @@ class PolicyLaw:
         return self
 
     def __call__(self, _: float, y: Any, state: Any) -> Any:
-        """What holds until the next tick (n, m), and (the last action, the histories, what the network keeps)."""
+        """The numbers that hold until the next tick (n, m), and (the last action, the histories, what the network keeps)."""
         n = len(next(iter(vars(y).values())))
         last, histories, kept = state or (np.zeros((n, len(self._joints))), None, self.network.start(n))
         now = [self._part(one, y, last) for one in self.policy.observed]
@@ -190,7 +190,7 @@ class Policy(Effect, frozen=True, dict=True):
                        vectorized=True, policy=self)  # fmt: skip
 
     def held(self, robot: Robot, place: int) -> Effect:
-        """What acts between ticks: held torques, or a PD control to held positions."""
+        """The effect between ticks: held torques, or a PD control to held positions."""
         torques = self.sampled.held(robot, place)
         return HeldPositions(torques.values, self.kp, self.kd, self.limit) if self.kp else torques
 
@@ -224,7 +224,7 @@ class _Asking(Controller, frozen=True):
 
 
 def _size(one: Observed, robot: Robot, count: int, where: str) -> int | None:
-    """How many numbers a part has; None of a sensor. Raises SceneError."""
+    """The number of numbers that a part has; None of a sensor. Raises SceneError."""
     size: int | None = None
     if one.name in OF_JOINTS:
         check_joints(one.joints or single_joints(robot), robot, f"{where}.joints", dofs=True)

@@ -90,9 +90,7 @@ def _by_gates(x: Array, w: Array, r: Array, b: Any, h: Any, c: Any, step: Callab
     return np.stack(out)[:, None], h[None], c[None]
 
 
-def _lstm(
-    x: Array, w: Array, r: Array, b: Any = None, _: Any = None, h: Any = None, c: Any = None
-) -> tuple[Array, ...]:
+def _lstm(x: Array, w: Array, r: Array, b: Any = None, _: Any = None, *kept: Any) -> tuple[Array, ...]:
     def step(from_x: Array, from_h: Array, wb: Array, rb: Array, _: Array, c: Array) -> tuple[Array, Array]:
         i, o, f, new = np.split(from_x + from_h + wb + rb, 4, axis=-1)
         c = _sigmoid(f) * c + _sigmoid(i) * np.tanh(new)
@@ -160,7 +158,7 @@ class Network(NamedTuple):
             np.moveaxis(one, axis, 0) for one, (_, axis) in zip(kept, self.memory, strict=True))  # fmt: skip
 
     def start(self, rows: int) -> tuple[Array, ...]:
-        """What it keeps at the start: zeros, in rows."""
+        """The start of what it keeps: zeros, in rows."""
         return tuple(np.zeros((rows, *shape[:axis], *shape[axis + 1 :])) for shape, axis in self.memory)
 
 
@@ -240,7 +238,7 @@ def _given(node: Any, onnx: Any) -> dict[str, Any]:
 
 
 def _refused(nodes: Sequence[_Node]) -> list[str]:
-    """What attributes ask for that is not known."""
+    """Attributes that ask for what is not known."""
     return sorted({f"{one.kind} with {name}" for one in nodes for name in one.given
                    if name in {**_PLAIN, "activations": 0, "clip": 0, "input_forget": 0}})  # fmt: skip
 

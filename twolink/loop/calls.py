@@ -18,9 +18,10 @@ from twolink.effects.sampled_control import Controller
 from twolink.errors import ControllerError, SceneError
 from twolink.loop.answers import Measured, answer, failure
 from twolink.loop.laws import Own, name_of
-from twolink.loop.plain_functions import Found
+from twolink.loop.plain_functions import Findings
 from twolink.loop.replay import REMEDY, repeated_once
-from twolink.loop.tracing import UntracedError, leaves_of, numbers_of, rebuilt, traced, with_numbers
+from twolink.loop.states import UntracedError, leaves_of, numbers_of, rebuilt, with_numbers
+from twolink.loop.tracing import traced
 from twolink.native.library import library
 from twolink.native.machine import Program, SmallBatch
 
@@ -135,7 +136,8 @@ class Asked:
 
     def _by_program(self, t: float, given: Given) -> Array:
         batch, own = self.batch, self.own[0]
-        assert batch is not None
+        if batch is None:
+            raise UntracedError("there is no program")
         batch.inputs[0][:] = t
         for to, values in zip(batch.inputs[1:], (*given.values(), own.state), strict=True):
             to[:] = values.reshape(to.shape)
@@ -146,7 +148,7 @@ class Asked:
         return batch.outputs[0].copy()
 
     def _differs(self, t: float, given: Given, before: Own, u: Array) -> str:
-        """What is found by asking for solutions alone; "": nothing."""
+        """The difference that is found by asking for solutions alone; "": nothing."""
         rows = {name: values.copy() for name, values in given.items()}
         if self.how == "traced":
             state = with_numbers(self.controller.state, before.state[0])
@@ -166,7 +168,7 @@ class Asked:
         return ""
 
     def _off(self, found: Array, own: Own, t: float, y: Measured) -> str:
-        """What the law's own answer and new state say of those of its program; "": nothing."""
+        """The difference of the law's own answer and new state from those of its program; "": nothing."""
         try:
             meant = np.append(self._alone(own, t, y), numbers_of(own.state))
         except (ControllerError, UntracedError) as error:
@@ -186,8 +188,8 @@ def is_often(tick: int) -> bool:
 
 
 def asked(
-    place: int, one: Controller, joints: tuple[str, ...], owns: list[Own], found: Found | None, given: Given, t: float,
-    *, again: bool,
+    place: int, one: Controller, joints: tuple[str, ...], owns: list[Own], found: Findings | None, given: Given,
+    t: float, *, again: bool,
 ) -> Asked:  # fmt: skip
     """The way of asking a law. owns: of each solution; found: of a plain law; given: at the start, at a time t [s].
 
@@ -210,7 +212,7 @@ def asked(
     return law
 
 
-def _trace(law: Asked, found: Found | None, given: Given, t: float) -> str:
+def _trace(law: Asked, found: Findings | None, given: Given, t: float) -> str:
     """Let a law be traced, or say why it is not."""
     if found is None:
         return MEMORY
@@ -238,7 +240,7 @@ def _trace(law: Asked, found: Found | None, given: Given, t: float) -> str:
     return f"{made.operations} operations"
 
 
-def _takes_rows(law: Asked, found: Found | None, given: Given, t: float) -> bool:
+def _takes_rows(law: Asked, found: Findings | None, given: Given, t: float) -> bool:
     """True if a plain law that leaves its state alone gives the bits of calls for each for rows."""
     if found is None or found.names & MIXING:
         return False

@@ -61,17 +61,17 @@ def is_plain(update: Any, state: Any) -> bool:
     return seen(update, state) is not None
 
 
-def seen(update: Any, state: Any) -> "Found | None":
-    """What a plain law uses; None of another. A class may say of its objects that they are `plain`."""
-    found = Found()
+def seen(update: Any, state: Any) -> "Findings | None":
+    """Findings on a plain law; None of another. A class may say of its objects that they are `plain`."""
+    found = Findings()
     if getattr(type(update), "plain", False) is True:
         return found
-    plain = found.plain(update) and not (found.arrays and found.writes) and Found().harmless(state)
+    plain = found.plain(update) and not (found.arrays and found.writes) and Findings().harmless(state)
     return found if plain else None
 
 
 @dataclass
-class Found:
+class Findings:
     """Findings. arrays: whether functions refer to arrays, lists or dicts. writes: whether code may write to any.
 
     names: that the code has. inputs: what functions take at most that write to none of them; np.sin(x, a) writes to a.
@@ -165,7 +165,7 @@ def _is_straight(code: types.CodeType) -> bool:
 
 
 def _pushed(stack: list[Any], one: dis.Instruction, loaded: Any) -> list[Any]:
-    """What is known of the stack after an instruction: a function and the place beside it hold what was loaded."""
+    """The stack, as far as it is known, after an instruction: a function and the place beside it hold what was loaded."""
     # Of 3.11 the arguments of a call go by an instruction before it.
     more = -(one.arg or 0) - 1 if one.opname == "CALL" else dis.stack_effect(one.opcode, one.arg, jump=False)
     stack = stack + [_NOTHING] * more if more >= 0 else stack[:more]
@@ -174,7 +174,7 @@ def _pushed(stack: list[Any], one: dis.Instruction, loaded: Any) -> list[Any]:
 
 
 def _inputs(called: Any) -> int:
-    """How many arguments something takes at most before one that it would write to."""
+    """The number of arguments before one that something would write to."""
     if isinstance(called, types.FunctionType) and not (called.__module__ or "").startswith("numpy"):
         return 255  # whose own code is looked at
     return int(getattr(called, "nin", _INPUTS.get(called, 2) if _has_hash(called) else 2))

@@ -171,7 +171,7 @@ class Replay:
             return error.what
 
     def _of(self, place: int, values: Array, i: int) -> Array:
-        """Those of solution i; of a law that takes rows, all."""
+        """The values of solution i; of a law that takes rows, all."""
         return values if self._looked[place].vectorized else values[i]
 
     def _part(self, place: int, given: Given, i: int) -> Measured:

@@ -5,8 +5,6 @@ Their distance contains what the controllers make of an error.
 """
 
 import copy
-import functools
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,17 +16,16 @@ from twolink.effects.sampled_control import STATE, Controller
 from twolink.effects.sensors import Forces, Seen, Sensor, StateSensor
 from twolink.errors import SceneError
 from twolink.loop.ambiguity import FIRST_STEPPED, Ambiguity
-from twolink.loop.answers import failure
-from twolink.loop.calls import Asked, DiffersError, asked, is_often
+from twolink.loop.calls import DiffersError, asked
 from twolink.loop.clock import ACT, ARRIVE, READ, UPDATE, Clock, Random
-from twolink.loop.laws import Own, own_laws
+from twolink.loop.controls import HeldControl, control_of
+from twolink.loop.laws import own_laws
+from twolink.loop.many_ticks import ManyTicks, many_ticks
 from twolink.loop.plain_functions import seen
 from twolink.loop.readings import Readings, random_of, reading
 from twolink.loop.replay import Given, Replay
-from twolink.native.ticks import TickedLaw, Ticks
 
 Array = np.ndarray[Any, np.dtype[Any]]
-FASTEST = 1e6  # rad/s or m/s: no machine moves so fast, and a loop that diverges would be solved in ever smaller steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,30 +41,6 @@ class Sampling:
         """Of all of them together."""
         parts: list[Any] = [*self.controllers.values(), *self.sensors.values()]
         return sum(1.0 / float(one.period) for one in parts)
-
-
-@dataclass(eq=False)
-class _Control:
-    """A controller in a run. limits (m, 1). law: how it is asked. waiting: answers (m, n) to come, by tick.
-
-    states_seen: how many states of effects are behind q and v, if it sees any. log: of a solution alone, the times, the
-    answers and what they were to.
-    """
-
-    place: int
-    controller: Controller
-    joints: tuple[str, ...]
-    limits: Array
-    limited: bool
-    rows: slice | None
-    slopes: slice | None
-    since: int
-    states_seen: int
-    law: Asked = field(init=False)
-    ambiguity: Ambiguity = field(default_factory=Ambiguity)
-    waiting: dict[int, Array] = field(default_factory=dict)
-    last: tuple[float, Array] | None = None
-    log: list[tuple[float, Array, Array]] = field(default_factory=list)
 
 
 @dataclass(eq=False)
@@ -116,11 +89,13 @@ class SampledLoop:
         endless: bool = False,
     ) -> None:
         self._endless = endless
+        self.many: ManyTicks | None = None
         self._robot, self._states, self._look = sampling.robot, states, look
         self._nq, self._nv = sampling.robot.nq, sampling.robot.nv
         self._of_states = {one.label for one in sampling.sensors.values() if isinstance(one, StateSensor)}
         self._clock = Clock({**sampling.controllers, **sampling.sensors}, start)
-        self._controls = {place: self._control(place, one, rows) for place, one in sampling.controllers.items()}
+        self._controls = {place: control_of(place, one, sampling.robot, rows) for place, one in
+                          sampling.controllers.items()}  # fmt: skip
         self._sensors: dict[int, _Measuring] = {}
         for place, sensor in sampling.sensors.items():  # before a reading arrives, that of the start without noise
             values = sensor.read(self._seen(start, x))
@@ -139,17 +114,9 @@ class SampledLoop:
             one.law = asked(place, one.controller, one.joints, [laws[place] for laws in own], look,
                             self._given(one, x), start, again=not self._endless)  # fmt: skip
         joints = {place: one.joints for place, one in self._controls.items()}
+        if not (self._endless or self._sensors):
+            self.many = many_ticks([*self._controls.values()], self._clock)
         return Replay({} if plain else controllers, joints, start, lambda place: self._given(self._controls[place], x))
-
-    def _control(self, place: int, one: Controller, rows: Mapping[str, int]) -> _Control:
-        held, joints = one.held(self._robot, place), one.joints(self._robot)
-        values, slopes = (_rows_of([rows[slot.name] for slot in slots.values()])
-                          for slots in (held.values, held.slopes))  # fmt: skip
-        since = -1 if held.since is None else rows[held.since.name]
-        limits = one.limits(self._robot)[:, None]
-        limited = bool(np.isfinite(limits).any())
-        seen = len(self._states) if self._of_states & {*one.inputs} else 0
-        return _Control(place, one, joints, limits, limited, values, slopes, since, seen)
 
     @property
     def time(self) -> float:
@@ -188,7 +155,7 @@ class SampledLoop:
         if kind == UPDATE:
             self._update(self._controls[place], t, tick, x)
         elif kind == ACT:
-            self._act(self._controls[place], t, self._controls[place].waiting[tick], x)
+            self._controls[place].act(t, self._controls[place].waiting[tick], x)
         elif kind == READ:
             one = self._sensors[place]
             one.waiting[tick] = reading(one.sensor, one.random, tick, one.sensor.read(self._seen(t, x)))
@@ -204,55 +171,9 @@ class SampledLoop:
             one.log.clear()
 
     def notes(self) -> list[str]:
-        """How the laws are asked, and why."""
+        """Notes on how the laws are asked, and why."""
         return [f"effects[{place}]: its law is {'' if one.law.how == 'traced' else 'called '}{one.law.how}"
                 f"{one.law.why and f' ({one.law.why})'}" for place, one in self._controls.items()]  # fmt: skip
-
-    @functools.cached_property
-    def ticked(self) -> TickedLaw | None:
-        """The law that many ticks in one call can be of: one that is traced, sees the state, and acts at once."""
-        (control, *others), number = self._controls.values(), self._nq + self._nv
-        one, law = control.controller, control.law
-        late = one.delay or one.jitter or one.hold != "zero"
-        if others or late or self._endless or self._sensors or law.how != "traced" or {*one.inputs} - {*STATE}:
-            return None
-        assert law.program is not None
-        assert control.rows is not None
-        rows = {"q": range(self._nq), "v": range(self._nq, number)}
-        seen = [k for name in one.inputs for k in rows[name]]
-        held = range(control.rows.start, control.rows.stop)
-        return TickedLaw(law.program, seen, held, control.limits, law.own[0].state.shape[1])
-
-    def ahead(self, count: int, until: float) -> Array:
-        """The times of the next ticks of that law, up to so many and an end, s."""
-        return self._clock.ahead(count, until)
-
-    @property
-    def kept(self) -> Array:
-        """The numbers that it keeps (n, k)."""
-        return np.asarray(next(iter(self._controls.values())).law.own[0].state)
-
-    def taken(self, times: Array, ticks: Ticks) -> None:
-        """Take note of ticks that were taken. Raises ControllerError."""
-        control, count = next(iter(self._controls.values())), len(times)
-        law, moving = control.law, self._nq + self._nv
-        u, x = ticks.u[:count], ticks.states[ticks.at[:count], :moving]
-        first = self._clock.skip(count)
-        if ticks.divided_by_zero and law.divides:
-            raise law.refused(float(times[0]), "its program divides by 0")
-        fine = np.isfinite(u).all(axis=(1, 2)) & (np.abs(x[:, self._nq :]).max(axis=(1, 2), initial=0.0) < FASTEST)
-        for k in (k for k in range(count) if is_often(first + k) or not fine[k]):
-            given = {
-                name: (x[k, : self._nq] if name == "q" else x[k, self._nq :]).T for name in control.controller.inputs
-            }
-            law.own[0].state = ticks.z[k + 1].T.copy()
-            law.require(float(times[k]), given, Own(law.own[0].law, ticks.z[k].T), u[k].T)
-            self._require_sound(control, float(times[k]), u[k].T, x[k, self._nq :])
-        law.own[0].state = ticks.z[count].T.copy()
-        if u.shape[2] > 1:
-            control.ambiguity.add_many(times, u, x)
-        else:
-            control.log += zip(times.tolist(), u.copy(), x, strict=True)
 
     def require_repeatable(self) -> None:
         """Require that no law remembers what is not its solution's own. Raises ControllerError."""
@@ -297,12 +218,9 @@ class SampledLoop:
         z = dict(zip(self._states, x[self._nq + self._nv :].copy(), strict=False))
         return Seen(self._robot, q, v, z, lambda: self._look(t, x))
 
-    def _state(self, x: Array) -> Given:
-        return {"q": x[: self._nq].T.copy(), "v": x[self._nq : self._nq + self._nv].T.copy()}
-
-    def _given(self, control: _Control, x: Array) -> Given:
+    def _given(self, control: HeldControl, x: Array) -> Given:
         """The inputs that a controller asked for, of each solution (n, ...), as new copies."""
-        names, state = control.controller.inputs, self._state(x)
+        names, state = control.controller.inputs, control.state(x)
         if names == STATE:
             return state
         given = state | {one.sensor.label: one.latest.copy() for one in self._sensors.values()}
@@ -315,57 +233,19 @@ class SampledLoop:
         pose[:, :3, :3], pose[:, :3, 3], pose[:, 3, 3] = rotation, position, 1.0
         return pose
 
-    def _update(self, control: _Control, t: float, tick: int, x: Array) -> None:
+    def _update(self, control: HeldControl, t: float, tick: int, x: Array) -> None:
         """Ask the controller for each solution, and keep the answers until they act."""
         given = self._given(control, x)
         noted = self._replay.noted(control.place, given)
         u = control.law(t, tick, given)
         self._replay.add(control.place, t, noted, u)
-        self._require_sound(control, t, u, x[self._nq : self._nq + self._nv])
+        moving = self._nq + self._nv
+        control.require_sound(t, u, x[self._nq : moving])
+        control.keep(t, u.T, x[: moving + (len(self._states) if self._of_states & {*control.controller.inputs} else 0)])
         u = u.T
-        seen = x[: self._nq + self._nv + control.states_seen]
-        if x.shape[1] > 1:
-            control.ambiguity.add(t, u, seen)
-        else:
-            control.log.append((t, u, seen.copy()))
         if control.limited:
             u = np.clip(u, -control.limits, control.limits)
         control.waiting[tick] = u
-
-    def _require_sound(self, control: _Control, t: float, u: Array, v: Array) -> None:
-        """Require finite torques (n, m) and speeds (nv, n) that a machine can have. Raises ControllerError."""
-        finite = math.isfinite(sum(u.ravel().tolist()))  # takes a quarter of the time of asking each
-        if finite and np.vdot(v, v) < FASTEST**2:
-            return
-        if control.law.guessed:
-            raise control.law.refused(t, "it has no sound answer")
-        if not finite:
-            joint = control.joints[int(np.argmin(np.isfinite(u).all(axis=0)))]
-            raise failure(control.place, t, f"the torque of {joint!r} is not finite", code="controller-answer",
-                         remedy="look at what it divides by", joint=joint)  # fmt: skip
-        fastest = np.abs(v).max(axis=1)
-        if fastest.max() > FASTEST:
-            joint = next(one.name for one in self._robot.joints if one.v.start <= int(fastest.argmax()) < one.v.stop)
-            what = f"the loop is unstable: {joint!r} moves at {fastest.max():.2g} rad/s or m/s"
-            raise failure(control.place, t, what,
-                         remedy="smaller gains of the velocity, a shorter period, or limit= of the torques",
-                         code="unstable-loop", joint=joint)  # fmt: skip
-
-    def _act(self, control: _Control, t: float, u: Array, x: Array) -> None:
-        """Write the held numbers."""
-        x[control.rows] = u
-        if control.slopes is not None:
-            slope, x[control.since] = np.zeros_like(u), t
-            if control.last is not None:
-                bounds, period = control.limits, float(control.controller.period)
-                slope = (u - control.last[1]) / (t - control.last[0])
-                slope = np.clip(slope, (-bounds - u) / period, (bounds - u) / period)
-            x[control.slopes], control.last = slope, (t, u)
-
-
-def _rows_of(numbers: list[int]) -> slice | None:
-    """Rows that follow each other."""
-    return slice(numbers[0], numbers[-1] + 1) if numbers else None
 
 
 def _copied(kept: Any) -> Any:

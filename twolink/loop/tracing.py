@@ -17,14 +17,11 @@ import numpy as np
 
 from twolink.algorithms.tape import Symbol, Tape, collection_paused
 from twolink.loop.answers import Measured
+from twolink.loop.states import UntracedError, leaves_of, rebuilt
 from twolink.native.machine import Program, assembled
 
 Array = np.ndarray[Any, np.dtype[Any]]
 MOST = 20_000  # operations of a law: what has more takes longer to trace than to call
-
-
-class UntracedError(Exception):
-    """The reason why a law is not traced. No user sees it: it stays Python."""
 
 
 def _smaller(xp: Tape, a: Any, b: Any) -> Any:
@@ -86,12 +83,12 @@ class _Trace:
         self.failed = self.failed or what
         return UntracedError(what)
 
-    def inputs(self, shape: tuple[int, ...]) -> Traced:
-        return Traced(self, self.tape.variables(math.prod(shape)).reshape(shape))
+    def inputs(self, shape: tuple[int, ...]) -> TracedArray:
+        return TracedArray(self, self.tape.variables(math.prod(shape)).reshape(shape))
 
     def entries(self, x: Any) -> Array:
         """Entries of any array-like, symbols and floats, as an array of objects."""
-        if isinstance(x, Traced):
+        if isinstance(x, TracedArray):
             return x.entries
         return np.asarray(_ENTRY(np.asarray(x, dtype=object)), dtype=object)
 
@@ -104,7 +101,7 @@ class _Trace:
         self.divisors.append(b)
         return a / b
 
-    def by_entry(self, what: Any, rule: Callable[..., Any], operands: Any, *, boolean: bool = False) -> Traced:
+    def by_entry(self, what: Any, rule: Callable[..., Any], operands: Any, *, boolean: bool = False) -> TracedArray:
         """An array of what a rule makes of entries."""
 
         def of(*entries: Any) -> Any:
@@ -113,10 +110,10 @@ class _Trace:
             return float(what(*((bool(one) for one in entries) if what in _LOGIC else entries)))
 
         found = np.frompyfunc(of, len(operands), 1)(*map(self.entries, operands))
-        return Traced(self, np.asarray(found, dtype=object), boolean=boolean)
+        return TracedArray(self, np.asarray(found, dtype=object), boolean=boolean)
 
 
-class Traced:
+class TracedArray:
     """An array whose entries are symbols and numbers. boolean: they are 1 or 0, as those of a condition."""
 
     __slots__ = ("boolean", "entries", "trace")
@@ -127,14 +124,14 @@ class Traced:
 
     @property  # type: ignore[misc]
     def __class__(self) -> Any:
-        """What it stands for: `isinstance` answers as for NumPy's arrays."""
+        """The class that it stands for: `isinstance` answers as for NumPy's arrays."""
         return np.ndarray if self.entries.ndim else np.float64
 
     shape = property(lambda self: self.entries.shape)
     ndim = property(lambda self: self.entries.ndim)
     size = property(lambda self: self.entries.size)
     dtype = property(lambda self: np.dtype(bool if self.boolean else float))
-    T = property(lambda self: Traced(self.trace, self.entries.T, boolean=self.boolean))
+    T = property(lambda self: TracedArray(self.trace, self.entries.T, boolean=self.boolean))
 
     def __array_ufunc__(self, what: Any, method: str, *operands: Any, **options: Any) -> Any:
         """The result of a function of NumPy by entry."""
@@ -143,7 +140,7 @@ class Traced:
             raise trace.fail(f"np.{what.__name__} with {', '.join(options) or method}")
         conditions = [_is_condition(one) for one in operands]
         if what is np.matmul:
-            return Traced(trace, np.asarray(np.matmul(*map(trace.entries, operands)), dtype=object))
+            return TracedArray(trace, np.asarray(np.matmul(*map(trace.entries, operands)), dtype=object))
         if what in _LOGIC and all(conditions):
             return trace.by_entry(what, _LOGIC[what], operands, boolean=True)
         if what in _CONDITIONS:
@@ -169,13 +166,13 @@ class Traced:
             return (np.zeros if what is np.zeros_like else np.ones)(self.shape)
         if what not in _SHAPING or "out" in options:
             raise trace.fail(f"np.{getattr(what, '__name__', what)}")
-        return Traced(trace, np.asarray(what(*map(self._bare, given), **options), dtype=object))
+        return TracedArray(trace, np.asarray(what(*map(self._bare, given), **options), dtype=object))
 
     def _bare(self, x: Any) -> Any:
         """Arrays of entries in place of traced ones."""
         if isinstance(x, (list, tuple)):
             return type(x)(map(self._bare, x))
-        return self.trace.entries(x) if type(x) is Traced or type(x) is np.ndarray else x
+        return self.trace.entries(x) if type(x) is TracedArray or type(x) is np.ndarray else x
 
     def _clipped(self, x: Any, low: Any = None, high: Any = None, **options: Any) -> Any:
         low, high = options.pop("a_min", options.pop("min", low)), options.pop("a_max", options.pop("max", high))
@@ -200,12 +197,12 @@ class Traced:
         """A copy, as floats."""
         if np.dtype(kind) != float:
             raise self.trace.fail(f"astype({kind!r})")
-        return Traced(self.trace, self.entries)
+        return TracedArray(self.trace, self.entries)
 
     def __getitem__(self, key: Any) -> Any:
-        if any(isinstance(one, (Traced, list, np.ndarray)) for one in (key if isinstance(key, tuple) else (key,))):
+        if any(isinstance(one, (TracedArray, list, np.ndarray)) for one in (key if isinstance(key, tuple) else (key,))):
             raise self.trace.fail("an index that is an array")
-        return Traced(self.trace, np.asarray(self.entries[key], dtype=object), boolean=self.boolean)
+        return TracedArray(self.trace, np.asarray(self.entries[key], dtype=object), boolean=self.boolean)
 
     def __len__(self) -> int:
         return len(self.entries)
@@ -216,7 +213,7 @@ class Traced:
     def __getattr__(self, name: str) -> Any:
         if name in _METHODS:
             method = getattr(self.entries, name)
-            return lambda *given, **options: Traced(
+            return lambda *given, **options: TracedArray(
                 self.trace, np.asarray(method(*map(self._bare, given), **options), dtype=object))  # fmt: skip
         if name in _BY_NAME:  # which NumPy calls of the entries of arrays of objects
             return functools.partial(_BY_NAME[name], self)
@@ -228,7 +225,7 @@ class Traced:
 
 
 def _fails(what: str) -> Any:
-    def method(self: Traced, *_: Any) -> Any:
+    def method(self: TracedArray, *_: Any) -> Any:
         raise self.trace.fail(what)
 
     return method
@@ -241,31 +238,31 @@ def _operator(what: Any) -> tuple[Any, Any]:
 for _name, _ufunc in {"add": np.add, "sub": np.subtract, "mul": np.multiply, "truediv": np.true_divide, "pow": np.power,
                       "matmul": np.matmul, "and": np.bitwise_and, "or": np.bitwise_or}.items():  # fmt: skip
     for _prefix, _method in zip(("", "r"), _operator(_ufunc), strict=True):
-        setattr(Traced, f"__{_prefix}{_name}__", _method)
-    setattr(Traced, f"__i{_name}__", _fails("a write into an array"))
+        setattr(TracedArray, f"__{_prefix}{_name}__", _method)
+    setattr(TracedArray, f"__i{_name}__", _fails("a write into an array"))
 for _name, _ufunc in {"lt": np.less, "le": np.less_equal, "gt": np.greater, "ge": np.greater_equal, "eq": np.equal,
                       "ne": np.not_equal}.items():  # fmt: skip
-    setattr(Traced, f"__{_name}__", _operator(_ufunc)[0])
+    setattr(TracedArray, f"__{_name}__", _operator(_ufunc)[0])
 for _name, _ufunc in (("neg", np.negative), ("pos", np.positive), ("abs", np.absolute), ("invert", np.invert)):
-    setattr(Traced, f"__{_name}__", functools.partialmethod(lambda self, what: what(self), _ufunc))
-setattr(Traced, "__setitem__", _fails("a write into an array"))  # noqa: B010 beside the others
-setattr(Traced, "__bool__", _fails("a branch on a value"))  # noqa: B010
+    setattr(TracedArray, f"__{_name}__", functools.partialmethod(lambda self, what: what(self), _ufunc))
+setattr(TracedArray, "__setitem__", _fails("a write into an array"))  # noqa: B010 beside the others
+setattr(TracedArray, "__bool__", _fails("a branch on a value"))  # noqa: B010
 for _name in ("float", "int", "index", "complex", "round", "trunc", "floor", "ceil"):
-    setattr(Traced, f"__{_name}__", _fails(f"a conversion of a value ({_name})"))
+    setattr(TracedArray, f"__{_name}__", _fails(f"a conversion of a value ({_name})"))
 for _name in ("mod", "floordiv", "divmod", "rmod", "rfloordiv", "rdivmod", "contains"):
-    setattr(Traced, f"__{_name}__", _fails(f"the operator {_name!r}"))
+    setattr(TracedArray, f"__{_name}__", _fails(f"the operator {_name!r}"))
 
 
 def _entry(x: Any) -> Any:
     """A symbol or a float from what an array of objects has."""
-    return x.entries.item() if type(x) is Traced else x if isinstance(x, Symbol) else float(x)
+    return x.entries.item() if type(x) is TracedArray else x if isinstance(x, Symbol) else float(x)
 
 
 _ENTRY = np.frompyfunc(_entry, 1, 1)
 
 
 def _is_condition(x: Any) -> bool:
-    return x.boolean if type(x) is Traced else np.asarray(x).dtype == bool
+    return x.boolean if type(x) is TracedArray else np.asarray(x).dtype == bool
 
 
 class TracedLaw(NamedTuple):
@@ -277,47 +274,6 @@ class TracedLaw(NamedTuple):
     program: Program
     operations: int
     divides: bool
-
-
-def leaves_of(state: Any) -> list[Any]:
-    """The numbers and arrays of a state, in tuples, lists and dicts. Raises UntracedError for what else it has."""
-    if state is None:
-        return []
-    if isinstance(state, (tuple, list)):
-        return [*itertools.chain(*map(leaves_of, state))]
-    if isinstance(state, dict):
-        return [*itertools.chain(*map(leaves_of, state.values()))]
-    if type(state) in (int, float, np.float64) or type(state) is Traced:
-        return [state]
-    if isinstance(state, np.ndarray) and state.dtype.kind in "fiO":
-        return [state]
-    raise UntracedError(f"a state with a {type(state).__name__}")
-
-
-def rebuilt(state: Any, leaves: Iterator[Any]) -> Any:
-    """A state of the same form with other numbers."""
-    if state is None:
-        return None
-    if isinstance(state, dict):
-        return {name: rebuilt(one, leaves) for name, one in state.items()}
-    if isinstance(state, (tuple, list)):
-        parts = [rebuilt(one, leaves) for one in state]
-        return type(state)(*parts) if hasattr(state, "_fields") else type(state)(parts)
-    return next(leaves)
-
-
-def numbers_of(state: Any) -> Array:
-    """All numbers of a state (k,)."""
-    return np.concatenate([np.zeros(0), *(np.ravel(one).astype(float) for one in leaves_of(state))])
-
-
-def with_numbers(state: Any, numbers: Array) -> Any:
-    """A state of the same form with these numbers (k,)."""
-    found, begin = [], 0
-    for leaf in leaves_of(state):
-        part, begin = numbers[begin : begin + np.size(leaf)], begin + np.size(leaf)
-        found.append(part.reshape(np.shape(leaf)).copy() if isinstance(leaf, np.ndarray) else type(leaf)(part[0]))
-    return rebuilt(state, iter(found))
 
 
 def traced(law: Callable[..., Any], given: Mapping[str, tuple[int, ...]], state: Any, outputs: int) -> TracedLaw:

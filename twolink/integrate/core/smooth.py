@@ -153,11 +153,11 @@ class SmoothMotion(Motion):
 
     def take_ticks(self, loop: SampledLoop, until: float) -> bool:
         """Take some ticks of a traced law in one call; False where it is not so, or steps are shorter than ticks."""
-        law = loop.ticked
-        if law is None:
+        many = loop.many
+        if many is None:
             return False
-        times = loop.ahead(TICKS + 1, min(until, self._breaks[self._passed]))
-        found = self.columns.ticks(law, times, loop.kept) if len(times) > 1 else None
+        times = many.ahead(TICKS + 1, min(until, self._breaks[self._passed]))
+        found = self.columns.ticks(many.law, times, many.kept) if len(times) > 1 else None
         if found is None:
             return False
         ticks, taken, block = found
@@ -166,7 +166,7 @@ class SmoothMotion(Motion):
         self._pass(block, looks=self._companions is not None)
         while self._checks[self._looked] <= block.t[-1].min():
             self._looked += 1
-        loop.taken(times[:taken], ticks)
+        many.taken(times[:taken], ticks)
         self.columns.require_progress()
         return True
 

@@ -1,0 +1,97 @@
+"""Controls: controllers in a run, with the numbers that they write, and what is required of their answers."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from twolink.dynamics import Robot
+from twolink.effects.sampled_control import Controller
+from twolink.loop.ambiguity import Ambiguity
+from twolink.loop.answers import failure
+from twolink.loop.calls import Asked, Given
+
+Array = np.ndarray[Any, np.dtype[Any]]
+FASTEST = 1e6  # rad/s or m/s: no machine moves so fast, and a loop that diverges would be solved in ever smaller steps
+
+
+@dataclass(eq=False)
+class HeldControl:
+    """A controller in a run. limits (m, 1). law: how it is asked. waiting: answers (m, n) to come, by tick.
+
+    rows, slopes, since: of the state, that it writes. log: of a solution alone, the times, the
+    answers and what they were to.
+    """
+
+    place: int
+    controller: Controller
+    robot: Robot
+    joints: tuple[str, ...]
+    limits: Array
+    limited: bool
+    rows: slice | None
+    slopes: slice | None
+    since: int
+    law: Asked = field(init=False)
+    ambiguity: Ambiguity = field(default_factory=Ambiguity)
+    waiting: dict[int, Array] = field(default_factory=dict)
+    last: tuple[float, Array] | None = None
+    log: list[tuple[float, Array, Array]] = field(default_factory=list)
+
+    def state(self, x: Array) -> Given:
+        """Copies of q and v of states x (size, n), in rows."""
+        nq, nv = self.robot.nq, self.robot.nv
+        return {"q": x[:nq].T.copy(), "v": x[nq : nq + nv].T.copy()}
+
+    def keep(self, t: float, u: Array, x: Array) -> None:
+        """Take note of the answers u (m, n) to states x (size, n)."""
+        if x.shape[1] > 1:
+            self.ambiguity.add(t, u, x)
+        else:
+            self.log.append((t, u, x.copy()))
+
+    def require_sound(self, t: float, u: Array, v: Array) -> None:
+        """Require finite torques (n, m) and speeds (nv, n) that a machine can have. Raises ControllerError."""
+        finite = math.isfinite(sum(u.ravel().tolist()))  # takes a quarter of the time of asking each
+        if finite and np.vdot(v, v) < FASTEST**2:
+            return
+        if self.law.guessed:
+            raise self.law.refused(t, "it has no sound answer")
+        if not finite:
+            joint = self.joints[int(np.argmin(np.isfinite(u).all(axis=0)))]
+            raise failure(self.place, t, f"the torque of {joint!r} is not finite", code="controller-answer",
+                         remedy="look at what it divides by", joint=joint)  # fmt: skip
+        fastest = np.abs(v).max(axis=1)
+        if fastest.max() > FASTEST:
+            joint = next(one.name for one in self.robot.joints if one.v.start <= int(fastest.argmax()) < one.v.stop)
+            what = f"the loop is unstable: {joint!r} moves at {fastest.max():.2g} rad/s or m/s"
+            raise failure(self.place, t, what,
+                         remedy="smaller gains of the velocity, a shorter period, or limit= of the torques",
+                         code="unstable-loop", joint=joint)  # fmt: skip
+
+    def act(self, t: float, u: Array, x: Array) -> None:
+        """Write the held numbers."""
+        x[self.rows] = u
+        if self.slopes is not None:
+            slope, x[self.since] = np.zeros_like(u), t
+            if self.last is not None:
+                bounds, period = self.limits, float(self.controller.period)
+                slope = (u - self.last[1]) / (t - self.last[0])
+                slope = np.clip(slope, (-bounds - u) / period, (bounds - u) / period)
+            x[self.slopes], self.last = slope, (t, u)
+
+
+def control_of(place: int, one: Controller, robot: Robot, rows: Mapping[str, int]) -> HeldControl:
+    """The control of a controller, which writes the rows of its held numbers."""
+    held, joints = one.held(robot, place), one.joints(robot)
+    values, slopes = (_rows_of([rows[slot.name] for slot in slots.values()]) for slots in (held.values, held.slopes))
+    since = -1 if held.since is None else rows[held.since.name]
+    limits = one.limits(robot)[:, None]
+    return HeldControl(place, one, robot, joints, limits, bool(np.isfinite(limits).any()), values, slopes, since)
+
+
+def _rows_of(numbers: list[int]) -> slice | None:
+    """Rows that follow each other."""
+    return slice(numbers[0], numbers[-1] + 1) if numbers else None
