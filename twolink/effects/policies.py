@@ -68,7 +68,7 @@ class PolicyLaw:
         return self
 
     def __call__(self, _: float, y: Any, state: Any) -> Any:
-        """The numbers that hold until the next tick (n, m), and (the last action, the histories, what the network keeps)."""
+        """The numbers that hold (n, m), and (the last action, the histories, what the network keeps)."""
         n = len(next(iter(vars(y).values())))
         last, histories, kept = state or (np.zeros((n, len(self._joints))), None, self.network.start(n))
         now = [self._part(one, y, last) for one in self.policy.observed]

@@ -96,7 +96,8 @@ def _lstm(x: Array, w: Array, r: Array, b: Any = None, _: Any = None, *kept: Any
         c = _sigmoid(f) * c + _sigmoid(i) * np.tanh(new)
         return _sigmoid(o) * np.tanh(c), c
 
-    return _by_gates(x, w, r, b, *(kept or (None, None)), step)
+    h, c = kept or (None, None)
+    return _by_gates(x, w, r, b, h, c, step)
 
 
 def _gru(x: Array, w: Array, r: Array, b: Any = None, _: Any = None, h: Any = None, *,

@@ -91,12 +91,16 @@ class Clock:
         times = np.array([(now + k * period) / self._common for k in range(count)])
         return times[times <= until]
 
-    def skip(self, count: int) -> int:
-        """Leave out so many instants of such a clock; the tick of the first."""
+    @property
+    def tick(self) -> int:
+        """The number of the next tick."""
+        return self._heap[0][3]
+
+    def skip(self, count: int) -> None:
+        """Leave out so many instants of such a clock."""
         _, kind, place, tick = self._heap[0]
         self._heap = [self._at(kind, place, tick + count)]
         self.time = self._next()
-        return tick
 
     def saved(self) -> tuple[list[tuple[int, int, int, int]], float]:
         """The state of the clock, for `restore`."""

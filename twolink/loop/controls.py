@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from twolink.dynamics import Robot
-from twolink.effects.sampled_control import Controller
+from twolink.effects.sampled_control import STATE, Controller
 from twolink.loop.ambiguity import Ambiguity
 from twolink.loop.answers import failure
 from twolink.loop.calls import Asked, Given
@@ -44,6 +44,11 @@ class HeldControl:
         """Copies of q and v of states x (size, n), in rows."""
         nq, nv = self.robot.nq, self.robot.nv
         return {"q": x[:nq].T.copy(), "v": x[nq : nq + nv].T.copy()}
+
+    def given(self, x: Array) -> Given:
+        """The inputs of a controller that asks for q and v alone."""
+        state = self.state(x)
+        return state if self.controller.inputs == STATE else {name: state[name] for name in self.controller.inputs}
 
     def keep(self, t: float, u: Array, x: Array) -> None:
         """Take note of the answers u (m, n) to states x (size, n)."""

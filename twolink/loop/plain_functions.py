@@ -165,7 +165,7 @@ def _is_straight(code: types.CodeType) -> bool:
 
 
 def _pushed(stack: list[Any], one: dis.Instruction, loaded: Any) -> list[Any]:
-    """The stack, as far as it is known, after an instruction: a function and the place beside it hold what was loaded."""
+    """The stack, as far as it is known, after an instruction; the place beside a function holds it too."""
     # Of 3.11 the arguments of a call go by an instruction before it.
     more = -(one.arg or 0) - 1 if one.opname == "CALL" else dis.stack_effect(one.opcode, one.arg, jump=False)
     stack = stack + [_NOTHING] * more if more >= 0 else stack[:more]

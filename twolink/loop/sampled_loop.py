@@ -114,9 +114,12 @@ class SampledLoop:
             one.law = asked(place, one.controller, one.joints, [laws[place] for laws in own], look,
                             self._given(one, x), start, again=not self._endless)  # fmt: skip
         joints = {place: one.joints for place, one in self._controls.items()}
+        replay = Replay(
+            {} if plain else controllers, joints, start, lambda place: self._given(self._controls[place], x)
+        )
         if not (self._endless or self._sensors):
-            self.many = many_ticks([*self._controls.values()], self._clock)
-        return Replay({} if plain else controllers, joints, start, lambda place: self._given(self._controls[place], x))
+            self.many = many_ticks([*self._controls.values()], self._clock, replay)
+        return replay
 
     @property
     def time(self) -> float:

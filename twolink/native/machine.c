@@ -209,14 +209,18 @@ TL_API int64_t tl_attempts(tl_workspace *w, int level, int64_t columns, int64_t 
 /* Ticks of a law with the attempts between them, from states as those of tl_attempts; how many attempts were made. */
 TL_API int64_t tl_ticks(tl_workspace *w, int level, int64_t columns, int64_t count, double *states,
                         const tl_disturbance *disturbance, tl_traced_law *law) {
-  if (!may_begin(w, level, columns, count, states, disturbance) || !law || !law->program || !law->registers ||
-      !tl_belong(law->registers, law->program, w->width) || law->torques < 0 || law->kept < 0 || law->ticks < 1 ||
-      law->ticks > TL_MAX_COUNT / columns || law->torques > TL_MAX_COUNT || law->kept > TL_MAX_COUNT ||
-      law->program->inputs < 1 + law->kept || law->program->outputs != law->torques + law->kept + 1 || !law->rows ||
-      !law->held || !law->limits || !law->times || !law->u || !law->z || !law->zeros || !law->at)
+  if (!may_begin(w, level, columns, count, states, disturbance) || !law || law->torques < 0 || law->torques > TL_MAX_COUNT ||
+      law->kept < 0 || law->kept > TL_MAX_COUNT || law->ticks < 1 || law->ticks > TL_MAX_COUNT / columns || !law->held ||
+      !law->limits || !law->times || !law->u || !law->z || !law->zeros || !law->at || !(law->call || law->program))
     return -TL_BAD_ARGUMENT;
-  for (int64_t i = 0; i < law->program->inputs - 1 - law->kept; i++)
-    if (law->rows[i] < 0 || law->rows[i] >= w->method->size) return -TL_BAD_ARGUMENT;
+  if (!law->call) {
+    const tl_program *p = law->program;
+    if (!law->registers || !law->rows || !tl_belong(law->registers, p, w->width) || p->inputs < 1 + law->kept ||
+        p->outputs != law->torques + law->kept + 1)
+      return -TL_BAD_ARGUMENT;
+    for (int64_t i = 0; i < p->inputs - 1 - law->kept; i++)
+      if (law->rows[i] < 0 || law->rows[i] >= w->method->size) return -TL_BAD_ARGUMENT;
+  }
   for (int64_t i = 0; i < law->torques; i++)
     if (law->held[i] < w->method->moving || law->held[i] >= w->method->size) return -TL_BAD_ARGUMENT;
   law->done = 0;

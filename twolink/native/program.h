@@ -79,8 +79,8 @@ typedef struct {
   int32_t *pivots;
 } tl_workspace;
 
-/* A traced law that acts at ticks: (t, rows of the state, kept) -> (torques, kept, zeros). times (ticks + 1): of the ticks, and
-the end. held, limits (torques): where they go, and their bounds. Records: u (ticks, torques, columns), before the bounds; z
+/* A law that acts at ticks: a program (t, rows of the state, kept) -> (torques, kept, zeros), or else a function that writes u
+of a tick from one of the states, and gives 0 if it could. times (ticks + 1): of the ticks, and the end. held, limits (torques): where they go, and their bounds. Records: u (ticks, torques, columns), before the bounds; z
 (ticks + 1, kept, columns), the first of which is given; at (ticks): the state of each; zeros: divisors that were 0; done. */
 typedef struct {
   const tl_program *program;
@@ -90,6 +90,7 @@ typedef struct {
   double *u, *z, *zeros;
   int64_t *at;
   int64_t torques, kept, ticks, done;
+  int (*call)(int64_t tick, int64_t state);
 } tl_traced_law;
 
 double *tl_registers(const tl_program *program, int width);

@@ -1,10 +1,10 @@
-/* Many ticks of a traced law in one call, with the steps between them. Between two ticks it does what
+/* Many ticks of a law in one call, with the steps between them. Between two ticks it does what
 `integrate/core/columns.py` does between two stops, which is the statement in NumPy. */
 
 enum { N(PER_TICK) = 8 }; /* attempts between two ticks, at most: longer ones are left to the caller */
 
-/* The law at a tick: of the states (rows, columns) into the numbers that hold from now on, and into the records. */
-static void N(law)(const tl_traced_law *law, int64_t columns, int64_t tick, double *now) {
+/* The program of a law at a tick: of the states (rows, columns) into the records. */
+static void N(ask_program)(const tl_traced_law *law, int64_t columns, int64_t tick, const double *now) {
   const tl_program *p = law->program;
   const int64_t given = p->inputs - 1 - law->kept;
   double *u = law->u + tick * law->torques * columns, *registers = law->registers;
@@ -20,18 +20,22 @@ static void N(law)(const tl_traced_law *law, int64_t columns, int64_t tick, doub
     N(evaluate)(p, registers);
     for (int64_t i = 0; i < p->outputs; i++) {
       const double *value = registers + (int64_t)p->output_at[i] * W;
-      for (int l = 0; l < width; l++) {
-        const int64_t column = s + l;
-        if (i >= law->torques + law->kept) *law->zeros += value[l];
-        else if (i >= law->torques) after[(i - law->torques) * columns + column] = value[l];
-        else {
-          const double limit = law->limits[i], at_least = value[l] < -limit ? -limit : value[l];
-          u[i * columns + column] = value[l];
-          now[law->held[i] * columns + column] = at_least > limit ? limit : at_least;
-        }
-      }
+      double *to = (i < law->torques ? u + i * columns : after + (i - law->torques) * columns) + s;
+      for (int l = 0; l < width; l++)
+        if (i < law->torques + law->kept) to[l] = value[l];
+        else *law->zeros += value[l];
     }
   }
+}
+
+/* The answers of a tick, within their bounds, into the numbers that hold from now on. */
+static void N(hold)(const tl_traced_law *law, int64_t columns, int64_t tick, double *now) {
+  const double *u = law->u + tick * law->torques * columns;
+  for (int64_t i = 0; i < law->torques; i++)
+    for (int64_t c = 0; c < columns; c++) {
+      const double limit = law->limits[i], value = u[i * columns + c], at_least = value < -limit ? -limit : value;
+      now[law->held[i] * columns + c] = at_least > limit ? limit : at_least;
+    }
 }
 
 /* Ticks from states (count + 1, rows, columns), whose first is that at the first tick; how many attempts were made. Ends
@@ -45,7 +49,9 @@ int64_t N(tl_ticks)(tl_workspace *work, int64_t columns, int64_t count, double *
     double *now = states + made * size, *step = now + (m->size + N(STEP)) * columns, *end = now + (m->size + N(END)) * columns;
     const double apart = law->times[tick + 1] - law->times[tick], first = step[0];
     if (count - made < N(PER_TICK) || !(first >= (1.0 - 1e-12) * apart)) break;
-    N(law)(law, columns, tick, now);
+    if (!law->call) N(ask_program)(law, columns, tick, now);
+    else if (law->call(tick, made)) break;
+    N(hold)(law, columns, tick, now);
     law->at[tick] = made;
     law->done = tick + 1;
     for (int64_t c = 0; c < columns; c++) end[c] = law->times[tick + 1];

@@ -189,7 +189,7 @@ class Columns:
         self._halve(apart, self.step, float(times[-1]))
         ticks.states[0], ticks.z[0] = self.state, kept.T
         taken, made = ticks(times)
-        if not taken:
+        if not taken and ticks.error is None:
             return None
         self.state[:] = ticks.states[made]
         states = ticks.states[: made + 1]

@@ -167,6 +167,8 @@ class SmoothMotion(Motion):
         while self._checks[self._looked] <= block.t[-1].min():
             self._looked += 1
         many.taken(times[:taken], ticks)
+        if ticks.error is not None:
+            raise ticks.error
         self.columns.require_progress()
         return True
 

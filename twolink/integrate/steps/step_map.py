@@ -71,7 +71,7 @@ class StepMap:
 
     def ticks(self, columns: int, law: TickedLaw, disturbances: Disturbances | None) -> Ticks | None:
         """The steps of columns with the ticks of a law between them; None where the library does not make them."""
-        if self._native is None or not law.program.fits(self._native.width(columns)):
+        if self._native is None or not (law.program is None or law.program.fits(self._native.width(columns))):
             return None
         return Ticks(self._native, columns, law, disturbances)
 
