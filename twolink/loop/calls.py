@@ -149,36 +149,41 @@ class Asked:
 
     def _differs(self, t: float, given: Given, before: Own, u: Array) -> str:
         """The difference that is found by asking for solutions alone; "": nothing."""
-        rows = {name: values.copy() for name, values in given.items()}
         if self.how == "traced":
-            state = with_numbers(self.controller.state, before.state[0])
-            own, own.state = Own(before.law, state), state
-            found = np.append(u[0], self.own[0].state[0])
-            with np.errstate(all="ignore"), warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                return self._off(found, own, t, Measured(**{name: values[0] for name, values in rows.items()}))
+            meant = self._meant(t, given, before)
+            return self._off(np.append(u[0], self.own[0].state[0]), meant)
+        rows = {name: values.copy() for name, values in given.items()}
         if self.controller.vectorized:
             own = Own(before.law, _first(before.state, len(u)))
             alone = answer(self.place, self.joints, own, t, Measured(**{k: one[:1] for k, one in rows.items()}), 1)
-            return "" if np.abs(alone - u[:1]).max() <= ALONE * np.abs(u).max() else "a row depends on other rows"
+            return "a row depends on other rows" if np.abs(alone - u[:1]).max() > ALONE * np.abs(u).max() else ""
         for i in range(len(u)):
             y = Measured(**{name: values[i] for name, values in rows.items()})
             if self._alone(Own(before.law, before.state), t, y).tobytes() != u[i].tobytes():
                 return "rows have other bits than calls for each"
         return ""
 
-    def _off(self, found: Array, own: Own, t: float, y: Measured) -> str:
-        """The difference of the law's own answer and new state from those of its program; "": nothing."""
+    def _meant(self, t: float, given: Given, before: Own) -> Array | str:
+        """The law's own torques and new numbers (m + k,) for the first solution, or why there are none."""
+        state = with_numbers(self.controller.state, before.state[0])
+        own, y = Own(before.law, state), Measured(**{name: values[0].copy() for name, values in given.items()})
         try:
-            meant = np.append(self._alone(own, t, y), numbers_of(own.state))
+            with np.errstate(all="ignore"), warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                meant = np.append(self._alone(own, t, y), numbers_of(own.state))
         except (ControllerError, UntracedError) as error:
             return f"its program answers where {error}"
-        if meant.shape != found.shape:
+        if meant.shape != self.largest.shape:
             return "its state changes its form"
         self.largest = np.fmax(self.largest, np.where(np.isfinite(meant), np.abs(meant), 0.0))
-        fine = (
-            (np.abs(found - meant) <= ROUNDING * self.largest) | (found == meant) | (np.isnan(found) & np.isnan(meant))
-        )
+        return meant
+
+    def _off(self, found: Array, meant: Array | str) -> str:
+        """The difference of a program's numbers from the law's own; "": nothing."""
+        if isinstance(meant, str):
+            return meant
+        near = np.abs(found - meant) <= ROUNDING * self.largest
+        fine = near | (found == meant) | (np.isnan(found) & np.isnan(meant))
         return "" if fine.all() else f"its program gives {found[~fine][0]:.9g} for {meant[~fine][0]:.9g}"
 
 
@@ -212,9 +217,9 @@ def asked(
     return law
 
 
-def _trace(law: Asked, found: Findings | None, given: Given, t: float) -> str:
+def _trace(law: Asked, seen: Findings | None, given: Given, t: float) -> str:
     """Let a law be traced, or say why it is not."""
-    if found is None:
+    if seen is None:
         return MEMORY
     if library() is None:
         return "there is no native library"
@@ -227,13 +232,16 @@ def _trace(law: Asked, found: Findings | None, given: Given, t: float) -> str:
     sizes = [1, *(values[0].size for values in given.values()), len(state)]
     law.program = made.program
     law.batch = SmallBatch(made.program, count, sizes, [len(law.joints), len(state), 1])
-    law.largest, law.how, what = np.zeros(len(law.joints) + len(state)), "traced", ""
-    for k, (at, y) in enumerate([*_questions(given, t)] * 2):  # first for how large numbers are
-        noise = np.random.default_rng((SEED, k % QUESTIONS)).standard_normal(len(state)) * SPREAD[k % len(SPREAD)]
+    law.largest, law.how, pairs = np.zeros(len(law.joints) + len(state)), "traced", []
+    random = np.random.default_rng(SEED)
+    for k, (at, y) in enumerate(_questions(given, t)):
+        noise = random.standard_normal(len(state)) * SPREAD[k % len(SPREAD)]
         numbers = np.repeat(numbers_of(with_numbers(one.state, state + noise))[None], count, axis=0)
         law.own, law.divides = [Own(own.law, numbers)], False
-        what = law._differs(at, y, Own(own.law, numbers), law._by_program(at, y))
-        if what and k >= QUESTIONS:
+        u = law._by_program(at, y)
+        pairs.append((np.append(u[0], law.own[0].state[0]), law._meant(at, y, Own(own.law, numbers))))
+    for found, meant in pairs:  # now that it is known how large numbers are
+        if what := law._off(found, meant):
             law.own, law.how = [Own(own.law, copy.deepcopy(one.state)) for _ in range(count)], "for each"
             return what
     law.own, law.divides = [Own(own.law, np.repeat(state[None], count, axis=0))], made.divides
