@@ -82,7 +82,17 @@ def mixing(_: float, y: Any, state: Any) -> Any:
 def test_rows_are_found_out_or_asked_for() -> None:
     run = tl.simulate(arm(mixing))
     assert "in rows" in how(arm(mixing))
-    np.testing.assert_array_equal(run.q, tl.simulate(arm(lambda t, y, s: mixing(t, y, s), traced=False)).q)
+    np.testing.assert_array_equal(run.q, tl.simulate(arm(lambda t, y, s: mixing(t, y, s)[: 2 * bool(len(y.q))])).q)
+
+    def integral(_: float, y: Any, state: Any) -> Any:
+        total, count = state
+        total = total + 0.01 * np.round(0.3 - y.q, 4)
+        return 30.0 * (0.3 - y.q) + 20.0 * total - 8.0 * y.v, (total, count + 1)
+
+    rows, each = (arm(law, state=(np.zeros(2), 0)) for law in (integral, lambda t, y, s: integral(t, y, s)[: len(y.q)]))
+    assert "in rows" in how(rows)
+    np.testing.assert_array_equal(tl.simulate(rows).q, tl.simulate(each).q)
+    assert "for each" in how(arm(integral, state=(0.0, 0)))  # whose number becomes an array
     insisted = arm(lambda _, y, s: (-5.0 * y.q[:, ::-1], s), vectorized=True)
     alone = arm(lambda _, y, s: (-5.0 * y.q[::-1], s), traced=False)
     np.testing.assert_array_equal(tl.simulate(insisted).q, tl.simulate(alone).q)

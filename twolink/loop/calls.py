@@ -20,7 +20,7 @@ from twolink.loop.answers import Measured, answer, failure
 from twolink.loop.laws import Own, name_of
 from twolink.loop.plain_functions import Findings
 from twolink.loop.replay import REMEDY, repeated_once
-from twolink.loop.states import UntracedError, leaves_of, numbers_of, rebuilt, with_numbers
+from twolink.loop.states import UntracedError, leaves_of, numbers_of, rebuilt, row_of, stacked, with_numbers
 from twolink.loop.tracing import traced
 from twolink.native.library import library
 from twolink.native.machine import Program, SmallBatch
@@ -157,10 +157,16 @@ class Asked:
             own = Own(before.law, _first(before.state, len(u)))
             alone = answer(self.place, self.joints, own, t, Measured(**{k: one[:1] for k, one in rows.items()}), 1)
             return "a row depends on other rows" if np.abs(alone - u[:1]).max() > ALONE * np.abs(u).max() else ""
-        for i in range(len(u)):
-            y = Measured(**{name: values[i] for name, values in rows.items()})
-            if self._alone(Own(before.law, before.state), t, y).tobytes() != u[i].tobytes():
-                return "rows have other bits than calls for each"
+        try:
+            for i in range(len(u)):
+                own = Own(before.law, row_of(before.state, i, self.controller.state))
+                alone = self._alone(own, t, Measured(**{name: values[i] for name, values in rows.items()}))
+                after = row_of(self.own[0].state, i, self.controller.state)
+                states = numbers_of(own.state), numbers_of(after)
+                if alone.tobytes() != u[i].tobytes() or states[0].tobytes() != states[1].tobytes():
+                    return "rows have other bits than calls for each"
+        except (ControllerError, UntracedError, ValueError, TypeError, IndexError) as error:
+            return f"calls for each differ: {error}"
         return ""
 
     def _meant(self, t: float, given: Given, before: Own) -> Array | str:
@@ -212,8 +218,10 @@ def asked(
                              remedy='functions of NumPy, such as np.where; or traced="auto"')  # fmt: skip
     elif not known:
         law.why = MEMORY if found is None else "in one call for all it answered otherwise"
-    if one.vectorized or (known and again and len(owns) > 1 and _takes_rows(law, found, given, t)):
+    if one.vectorized:
         law.how, law.own = "in rows", owns[:1]
+    elif known and again and len(owns) > 1:
+        _let_take_rows(law, found, given, t)
     return law
 
 
@@ -248,24 +256,29 @@ def _trace(law: Asked, seen: Findings | None, given: Given, t: float) -> str:
     return f"{made.operations} operations"
 
 
-def _takes_rows(law: Asked, found: Findings | None, given: Given, t: float) -> bool:
-    """True if a plain law that leaves its state alone gives the bits of calls for each for rows."""
+def _let_take_rows(law: Asked, found: Findings | None, given: Given, t: float) -> None:
+    """Let a plain law take rows if it gives the bits of calls for each; its state has rows then."""
     if found is None or found.names & MIXING:
-        return False
-    law.how, own, state = "in rows", law.own[0], law.own[0].state
+        return
+    start, own, count = law.controller.state, law.own, len(law.own)
     try:
+        state, law.how = stacked(start, count), "in rows"
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            for at, y in _questions(given, t):
+            for k, (at, y) in enumerate(_questions(given, t)):
+                random = np.random.default_rng((SEED, k))
+                before = rebuilt(state, iter([x + SPREAD[k % len(SPREAD)] * random.standard_normal(x.shape)
+                                              if x.dtype.kind == "f" else x for x in leaves_of(state)]))  # fmt: skip
+                law.own = [Own(own[0].law, before)]
                 u = law._in_rows(at, {name: values.copy() for name, values in y.items()})
-                if own.state is not state or law._differs(at, y, Own(own.law, state), u):
+                if law._differs(at, y, Own(own[0].law, before), u):
                     break
             else:
-                return True
-    except ControllerError:
+                law.own = [Own(own[0].law, state)]
+                return
+    except (ControllerError, UntracedError):
         pass
-    law.how, own.state = "for each", state
-    return False
+    law.how, law.own = "for each", own
 
 
 def _questions(given: Given, t: float) -> Iterator[tuple[float, Given]]:

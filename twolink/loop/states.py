@@ -52,3 +52,15 @@ def with_numbers(state: Any, numbers: Array) -> Any:
         part, begin = numbers[begin : begin + np.size(leaf)], begin + np.size(leaf)
         found.append(part.reshape(np.shape(leaf)).copy() if isinstance(leaf, np.ndarray) else type(leaf)(part[0]))
     return rebuilt(state, iter(found))
+
+
+def stacked(state: Any, count: int) -> Any:
+    """A state of the same form, whose arrays have so many rows of it, and whose numbers are columns of them."""
+    leaves = (np.asarray(one) if isinstance(one, np.ndarray) else np.array([one]) for one in leaves_of(state))
+    return rebuilt(state, (np.repeat(one[None], count, axis=0) for one in leaves))
+
+
+def row_of(state: Any, i: int, like: Any) -> Any:
+    """The state of one solution, of the form of `like`, from rows."""
+    pairs = zip(leaves_of(state), leaves_of(like), strict=True)
+    return rebuilt(like, (x[i].copy() if isinstance(one, np.ndarray) else type(one)(x[i, 0]) for x, one in pairs))
