@@ -13,13 +13,15 @@ from typing import Any
 import numpy as np
 
 from tests.native.tapes import random_tape
+from twolink.algorithms.tape import Tape
 from twolink.native.library import library
-from twolink.native.machine import WIDTHS, assembled
+from twolink.native.machine import WIDTHS, Program, assembled
 
 WHOLE = (0, 1, -1, 2, 5, 16, 17, 255, 65_535, 65_536, 2**31 - 1, -(2**31))
 LONG = (*WHOLE, 2**32, 2**40, 2**62, 2**63 - 1, -(2**63))
 NUMBERS = (0.0, -0.0, 1.0, -1.0, np.nan, np.inf, -np.inf, 1e308, -1e308, 5e-324, 1e17)
 REFUSED = range(1, 5)  # the codes
+COUNTING = "tl_attempts", "tl_ticks"  # what was made
 
 
 class Fuzzer:
@@ -51,8 +53,8 @@ class Fuzzer:
 
     def note(self, entry: str, code: int) -> None:
         """Count an outcome, which is a code of the table or what an entry gives."""
-        assert code == 0 or abs(code) in REFUSED or entry == "tl_attempts", (entry, code)
-        self.seen[f"{entry} {'fine' if (code >= 0 and entry == 'tl_attempts') or code == 0 else 'refused'}"] += 1
+        assert code == 0 or abs(code) in REFUSED or entry in COUNTING, (entry, code)
+        self.seen[f"{entry} {'fine' if (code >= 0 and entry in COUNTING) or code == 0 else 'refused'}"] += 1
 
     def programs(self) -> None:
         """Codes of random numbers, and lengths that are too small, below 0 or too large to be."""
@@ -156,7 +158,36 @@ class Fuzzer:
         if self.random.random() < 0.5:
             values = self.wrong(values, wholes, (0, 5))
         self.note("tl_attempts", int(self.c.tl_attempts(*values)))
+        self.ticks(work, width, columns, states, size)
         self.c.tl_workspace_free(work)
+
+    def ticks(self, work: Any, width: int, columns: int, states: np.ndarray, size: int) -> None:
+        """Laws whose rows, numbers and records are not there, and ticks at times of every kind."""
+        from twolink.native.ticks import _Call, _Law  # its structure
+
+        count, kept, places = 3, int(self.random.integers(0, 3)), np.repeat(states[:1], 21, axis=0)
+        tape = Tape()
+        x = tape.variables(3 + kept)
+        one = Program(assembled(tape, x, [*(x[0] * x[-1] for _ in range(kept)), 0.0]))
+        registers = self.c.tl_registers_new(one.require_handle().value, width)
+        rows = self.random.choice([0, size - 1], size=2).astype(np.int32)
+        times = np.sort(self.random.uniform(0.0, 0.1, count + 1))
+        if self.random.random() < 0.3:
+            rows[0] = self.random.choice([size, -1, 2**31 - 1])
+            times = self.random.choice(NUMBERS, count + 1)
+        places[0, size + 1] = 1.0  # long steps
+        records = [rows, rows, np.ones(1), times, np.empty((count, 0, columns)), np.zeros((count + 1, kept, columns)),
+                   np.zeros(1), np.empty(count, dtype=np.int64)]  # fmt: skip
+        handle = one.require_handle().value
+        fields = [handle, registers, *(a.ctypes.data for a in records), 0, kept, count, 0]
+        wholes = {10: (-1, 2, 2**62), 11: (-1, kept + 1, 2**62), 12: (0, -1, -(2**63), 2**63 - 1)}
+        if self.random.random() < 0.5:
+            fields = self.wrong(fields, wholes, tuple(range(10)))
+        law = ctypes.addressof(kept_law := _Law(*fields, _Call()))
+        values = work, 0, columns, len(places) - 1, places.ctypes.data, None, law
+        self.note("tl_ticks", int(self.c.tl_ticks(*values)))
+        assert 0 <= kept_law.done <= max(0, fields[12]) or not self.seen["tl_ticks fine"]
+        self.c.tl_registers_free(registers)
 
     def nothing(self) -> None:
         """Null where an object is expected, and widths and programs that do not belong together."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-CALLS = {"fuzzing": ("tl_attempts", "tl_columns", "tl_method_new", "tl_program_new"),
+CALLS = {"fuzzing": ("tl_attempts", "tl_columns", "tl_method_new", "tl_program_new", "tl_ticks"),
          "fuzzing_contacts": ("tl_contact_new", "tl_contact_run")}  # fmt: skip
 
 
