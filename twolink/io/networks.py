@@ -4,7 +4,6 @@ A file is a list of operations on named arrays. Rows are independent inputs: one
 means float32, whose answers are steps of 1e-7; in double the same network is smooth, which an error bar calls for.
 """
 
-import functools
 import importlib.util
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -17,8 +16,6 @@ from twolink.io.files import may_be_read
 
 Array = np.ndarray[Any, np.dtype[Any]]
 AGREEMENT, QUESTIONS, SEED = 1e-4, 64, 0  # relative, of float32, with onnxruntime; random inputs, and their seed
-
-_WHOLE, _BOOLEAN = range(2, 8), 9  # of ONNX's numbers of types
 
 
 class _Node(NamedTuple):
@@ -41,14 +38,6 @@ def _gemm(a: Array, b: Array, c: Any = 0.0, **given: Any) -> Array:
     return np.asarray(given.get("alpha", 1.0) * (left @ right) + given.get("beta", 1.0) * c)
 
 
-def _reduced(by: Callable[..., Array]) -> Callable[..., Array]:
-    def reduced(x: Array, axes: Any = None, *, keepdims: int = 1, **given: Any) -> Array:
-        axes = given.get("axes", axes)
-        return by(x, axis=None if axes is None else tuple(np.ravel(axes).astype(int)), keepdims=bool(keepdims))
-
-    return reduced
-
-
 def _reshaped(x: Array, shape: Array, *, allowzero: int = 0) -> Array:
     wanted = [x.shape[i] if n == 0 and not allowzero else int(n) for i, n in enumerate(shape)]
     if wanted and wanted[0] == 1 and len(x) > 1:  # a file of one row, asked for many
@@ -56,26 +45,11 @@ def _reshaped(x: Array, shape: Array, *, allowzero: int = 0) -> Array:
     return x.reshape(wanted)
 
 
-def _cast(x: Array, to: int) -> Array:
-    return x.astype(np.int64) if to in _WHOLE else x.astype(bool) if to == _BOOLEAN else x.astype(float)
-
-
 def _sliced(x: Array, starts: Array, ends: Array, axes: Any = None, steps: Any = None) -> Array:
     for k, axis in enumerate(range(len(starts)) if axes is None else np.ravel(axes)):
         chosen = slice(int(starts[k]), int(ends[k]), None if steps is None else int(steps[k]))
         x = x[(slice(None),) * (int(axis) % x.ndim) + (chosen,)]
     return x
-
-
-def _norm(x: Array, scale: Array, bias: Any = 0.0, *, axis: int = -1, epsilon: float = 1e-5) -> Array:
-    axes = tuple(range(axis % x.ndim, x.ndim))
-    off = x - x.mean(axes, keepdims=True)
-    return np.asarray(off / np.sqrt((off * off).mean(axes, keepdims=True) + epsilon) * scale + bias)
-
-
-def _softmax(x: Array, *, axis: int = -1) -> Array:
-    e = np.exp(x - x.max(axis, keepdims=True))
-    return np.asarray(e / e.sum(axis, keepdims=True))
 
 
 def _by_gates(x: Array, w: Array, r: Array, b: Any, h: Any, c: Any, step: Callable[..., Any]) -> tuple[Array, ...]:
@@ -113,24 +87,20 @@ def _gru(x: Array, w: Array, r: Array, b: Any = None, _: Any = None, h: Any = No
 
 _OPERATIONS: dict[str, Callable[..., Any]] = {
     "Gemm": _gemm, "MatMul": np.matmul, "Add": np.add, "Sub": np.subtract, "Mul": np.multiply, "Div": np.divide,
-    "Relu": lambda x: np.maximum(x, 0.0), "Elu": _elu, "Tanh": np.tanh, "Sigmoid": _sigmoid, "Neg": np.negative,
+    "Relu": lambda x: np.maximum(x, 0.0), "Elu": _elu, "Tanh": np.tanh, "Sigmoid": _sigmoid,
     "LeakyRelu": lambda x, alpha=0.01: np.where(x > 0.0, x, alpha * x), "Softplus": lambda x: np.logaddexp(x, 0.0),
     "Selu": lambda x, alpha=1.6732632423543772, gamma=1.0507009873554805: gamma * _elu(x, alpha),
-    "Exp": np.exp, "Sqrt": np.sqrt, "Pow": np.power, "Abs": np.abs, "Sin": np.sin, "Cos": np.cos,
-    "Reciprocal": np.reciprocal, "Identity": lambda x: x, "Cast": _cast,
-    "Clip": lambda x, low=None, high=None, min=None, max=None: np.clip(
+    "Identity": lambda x: x, "Clip": lambda x, low=None, high=None, min=None, max=None: np.clip(
         x, min if low is None else low, max if high is None else high),
-    "Min": lambda *x: functools.reduce(np.minimum, x), "Max": lambda *x: functools.reduce(np.maximum, x),
     "Concat": lambda *x, axis: np.concatenate(x, axis), "Constant": lambda **given: next(iter(given.values())),
     "Flatten": lambda x, axis=1: x.reshape(int(np.prod(x.shape[:axis])), -1), "Reshape": _reshaped, "Slice": _sliced,
     "Gather": lambda x, k, axis=0: np.take(x, k.astype(int), axis), "Transpose": lambda x, perm=None: x.transpose(perm),
     "Squeeze": lambda x, k=None, axes=None: x.squeeze(tuple(np.ravel(axes if k is None else k).astype(int))),
     "Unsqueeze": lambda x, k=None, axes=None: np.expand_dims(x, tuple(np.ravel(axes if k is None else k).astype(int))),
-    "ReduceMean": _reduced(np.mean), "ReduceSum": _reduced(np.sum), "LayerNormalization": _norm, "Softmax": _softmax,
     "LSTM": _lstm, "GRU": _gru,
 }  # fmt: skip
 # Attributes with these values change nothing; others would, and are refused.
-_PLAIN = {"direction": "forward", "layout": 0, "noop_with_empty_axes": 0, "stash_type": 1, "select_last_index": 0}
+_PLAIN = {"direction": "forward", "layout": 0}
 
 
 class Network(NamedTuple):

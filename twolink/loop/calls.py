@@ -18,7 +18,7 @@ from twolink.effects.sampled_control import Controller
 from twolink.errors import ControllerError, SceneError
 from twolink.loop.answers import Measured, answer, failure
 from twolink.loop.laws import Own, name_of
-from twolink.loop.plain_functions import Findings
+from twolink.loop.plain_functions import LawCode
 from twolink.loop.replay import REMEDY, repeated_once
 from twolink.loop.states import UntracedError, leaves_of, numbers_of, rebuilt, row_of, stacked, with_numbers
 from twolink.loop.tracing import traced
@@ -199,7 +199,7 @@ def is_often(tick: int) -> bool:
 
 
 def asked(
-    place: int, one: Controller, joints: tuple[str, ...], owns: list[Own], found: Findings | None, given: Given,
+    place: int, one: Controller, joints: tuple[str, ...], owns: list[Own], found: LawCode | None, given: Given,
     t: float, *, again: bool,
 ) -> Asked:  # fmt: skip
     """The way of asking a law. owns: of each solution; found: of a plain law; given: at the start, at a time t [s].
@@ -225,7 +225,7 @@ def asked(
     return law
 
 
-def _trace(law: Asked, seen: Findings | None, given: Given, t: float) -> str:
+def _trace(law: Asked, seen: LawCode | None, given: Given, t: float) -> str:
     """Let a law be traced, or say why it is not."""
     if seen is None:
         return MEMORY
@@ -256,7 +256,7 @@ def _trace(law: Asked, seen: Findings | None, given: Given, t: float) -> str:
     return f"{made.operations} operations"
 
 
-def _let_take_rows(law: Asked, found: Findings | None, given: Given, t: float) -> None:
+def _let_take_rows(law: Asked, found: LawCode | None, given: Given, t: float) -> None:
     """Let a plain law take rows if it gives the bits of calls for each; its state has rows then."""
     if found is None or found.names & MIXING:
         return

@@ -61,20 +61,20 @@ def is_plain(update: Any, state: Any) -> bool:
     return seen(update, state) is not None
 
 
-def seen(update: Any, state: Any) -> "Findings | None":
-    """Findings on a plain law; None of another. A class may say of its objects that they are `plain`."""
-    found = Findings()
+def seen(update: Any, state: Any) -> "LawCode | None":
+    """The code of a plain law; None of another. A class may say of its objects that they are `plain`."""
+    found = LawCode()
     if getattr(type(update), "plain", False) is True:
         return found
-    plain = found.plain(update) and not (found.arrays and found.writes) and Findings().harmless(state)
+    plain = found.plain(update) and not (found.arrays and found.writes) and LawCode().harmless(state)
     return found if plain else None
 
 
 @dataclass
-class Findings:
-    """Findings. arrays: whether functions refer to arrays, lists or dicts. writes: whether code may write to any.
+class LawCode:
+    """The code of a law. arrays: whether functions refer to arrays, lists or dicts.
 
-    names: that the code has. inputs: what functions take at most that write to none of them; np.sin(x, a) writes to a.
+    writes: whether code may write to any. names: that the code has. inputs: what functions take at most that write to none of them; np.sin(x, a) writes to a.
     """
 
     arrays: bool = False
