@@ -32,30 +32,9 @@ QUESTIONS, SPREAD, SEED = 20, (0.0, 3.0, 1.0, 0.3, 0.1), 2  # beside the motion,
 LATER = 10.0  # s: how much later they are
 ROUNDING = 1e-11  # of the largest numbers so far: what a program may be off
 ALONE = 1e-9  # of the largest torque: what a row may be off that is asked for alone
-MIXING = {
-    "all",
-    "any",
-    "amax",
-    "amin",
-    "argmax",
-    "argmin",
-    "dot",
-    "len",
-    "max",
-    "mean",
-    "median",
-    "min",
-    "norm",
-    "prod",
-    "shape",
-    "size",
-    "sort",
-    "sorted",
-    "std",
-    "sum",
-    "trace",
-    "var",
-}  # names that see rows of other solutions
+# What may see rows of other solutions, also where no answer shows it, beside NumPy's functions that are not by entry.
+MIXING = {"@", "[]", "T", "flatten", "item", "len", "linalg", "sorted", "tolist"}
+BY_ENTRY = {"array", "asarray", "clip", "float64", "interp", "nan_to_num", "ones_like", "round", "where", "zeros_like"}
 MEMORY = "it may remember something beside its state"
 _single = weakref.WeakSet[Any]()  # laws that answered otherwise in one call for all solutions
 
@@ -258,7 +237,7 @@ def _trace(law: Asked, seen: LawCode | None, given: Given, t: float) -> str:
 
 def _let_take_rows(law: Asked, found: LawCode | None, given: Given, t: float) -> None:
     """Let a plain law take rows if it gives the bits of calls for each; its state has rows then."""
-    if found is None or found.names & MIXING:
+    if found is None or not _is_by_entry(found.names):
         return
     start, own, count = law.controller.state, law.own, len(law.own)
     try:
@@ -279,6 +258,12 @@ def _let_take_rows(law: Asked, found: LawCode | None, given: Given, t: float) ->
     except (ControllerError, UntracedError):
         pass
     law.how, law.own = "for each", own
+
+
+def _is_by_entry(names: set[str]) -> bool:
+    """True if what code names computes entry by entry."""
+    functions = {name: getattr(np, name) for name in names - BY_ENTRY if callable(getattr(np, name, None))}
+    return not names & MIXING and all(isinstance(one, np.ufunc) for one in functions.values())
 
 
 def _questions(given: Given, t: float) -> Iterator[tuple[float, Given]]:

@@ -72,9 +72,11 @@ def seen(update: Any, state: Any) -> "LawCode | None":
 
 @dataclass
 class LawCode:
-    """The code of a law. arrays: whether functions refer to arrays, lists or dicts.
+    """The code of a law.
 
-    writes: whether code may write to any. names: that the code has. inputs: what functions take at most that write to none of them; np.sin(x, a) writes to a.
+    arrays: whether functions refer to arrays, lists or dicts. writes: whether code may write to any. names: that the
+    code has, and its operators. inputs: what functions take at most that write to none of them; np.sin(x, a) writes to
+    a.
     """
 
     arrays: bool = False
@@ -126,6 +128,8 @@ class LawCode:
                     return False
                 self.inputs = 1 if value == "dot" else self.inputs  # x.dot(y, a) of arrays writes to a
             self.inputs = min(self.inputs, getattr(loaded, "nin", self.inputs))
+            if name.startswith("BINARY"):
+                self.names.add(one.argrepr or "[]")
             if name.startswith("CALL"):
                 called = stack[-(one.arg or 0) - 2 :][:2] if straight else []
                 called = [x for x in called if not (x is _NOTHING or isinstance(x, types.ModuleType))]
