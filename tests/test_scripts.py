@@ -69,6 +69,12 @@ def test_tables_are_printed_and_saved(
 
 
 def test_the_hooks_before_a_commit_are_the_checks_of_the_test_script() -> None:
-    hooks = re.findall(r"entry: (.*)}", (TOP / ".pre-commit-config.yaml").read_text("utf-8"))
+    config = (TOP / ".pre-commit-config.yaml").read_text("utf-8")
+    (version,) = re.findall(
+        r"ruff-pre-commit\n    rev: v(\S+)\n    hooks: \[{id: ruff-check}, {id: ruff-format}\]", config
+    )
+    assert f"ruff=={version}\n" in (TOP / "scripts/constraints.txt").read_text("utf-8")
+    hooks = re.findall(r"entry: (.*)}", config)
     checks = re.findall(r"^\.venv/bin/(?!python)\S.*?(?= >| \|\||$)", (TOP / "scripts/test").read_text("utf-8"), re.M)
-    assert hooks == checks
+    assert hooks == [check for check in checks if "ruff" not in check]
+    assert len(checks) == len(hooks) + 2
