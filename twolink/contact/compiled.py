@@ -1,4 +1,4 @@
-"""Scenes whose steps the native library takes, and these as arrays for it (`native/contact_scene.c`).
+"""Scenes whose steps the native library takes, and these as arrays for it (`native/contact/scene.c`).
 
 It takes those of robots of all joints but mimic ones, without loops, with stops and dry friction of joints. It finds
 the points of shapes on planes, of shapes that touch at one point that has a formula, and of boxes and meshes with few

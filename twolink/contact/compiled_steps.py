@@ -76,7 +76,7 @@ class CompiledSteps(Sequence[Step]):
         record.complementarity = max(record.complementarity, complementarity)
 
     def _read(self, at: int) -> Step:
-        """The step whose words begin at a place: `tell` of native/contact_run.c."""
+        """The step whose words begin at a place: `tell` of native/contact/run.c."""
         read = _Reader(self._told.words, at)
         _, touches, solver, softened, _, known, count, of_joints = read.wholes(HEAD).tolist()
         h, overlap, feasibility, complementarity, residual, at_end, unfollowed = read.numbers(NUMBERS).tolist()

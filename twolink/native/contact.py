@@ -14,7 +14,7 @@ Array = np.ndarray[Any, np.dtype[Any]]
 
 
 class Parts(NamedTuple):
-    """A scene as arrays, in the order of `tl_contact_new` of native/contact_scene.c: sizes (13,), whole, numbers.
+    """A scene as arrays, in the order of `tl_contact_new` of native/contact/scene.c: sizes (13,), whole, numbers.
 
     program: of (t, q, v, numbers) for tau - h; None for bodies on which gravity alone acts.
     """
@@ -85,7 +85,7 @@ class Told(NamedTuple):
 
 
 class _FoundPoints(ctypes.Structure):
-    """tl_found of native/contact.h."""
+    """tl_found of native/contact/scene.h."""
 
     _fields_ = (("count", ctypes.c_int64), *((name, ctypes.c_void_p) for name in Found._fields),
                 ("overlap", ctypes.c_double))  # fmt: skip
@@ -97,7 +97,7 @@ _KINDS = (np.int64, np.int32, np.int32, np.int32, float, float, float)
 
 
 class _Plan(ctypes.Structure):
-    """tl_plan of native/contact_run.c."""
+    """tl_plan of native/contact/run.c."""
 
     _fields_ = (*((name, ctypes.c_void_p) for name in ("t", "h", "piece", "sampled", "numbers")),
                 ("count", ctypes.c_int64), ("pieces", ctypes.c_int64), ("find", _FINDER),
@@ -105,14 +105,14 @@ class _Plan(ctypes.Structure):
 
 
 class _Start(ctypes.Structure):
-    """tl_start of native/contact_run.c."""
+    """tl_start of native/contact/run.c."""
 
     _fields_ = (*((name, ctypes.c_void_p) for name in ("q", "v", "forces", "change", "keys", "stuck", "still")),
                 ("count", ctypes.c_int64), ("overlap", ctypes.c_double), ("unfollowed", ctypes.c_double))  # fmt: skip
 
 
 class _Told(ctypes.Structure):
-    """tl_told of native/contact_run.c."""
+    """tl_told of native/contact/run.c."""
 
     _fields_ = (("words", ctypes.c_void_p), ("blow_words", ctypes.c_void_p),
                 *((name, ctypes.c_int64) for name in ("word_count", "blow_count", "rests")),

@@ -45,7 +45,7 @@ log = logging.getLogger("twolink")
 
 def sources() -> list[Path]:
     """The files of C that the library is built from."""
-    return sorted(file for file in FOLDER.iterdir() if file.suffix in (".c", ".h"))
+    return sorted(FOLDER.rglob("*.[ch]"), key=Path.as_posix)
 
 
 def digest() -> str:

@@ -1,7 +1,8 @@
-/* The laws of the points of a step and what obeys them: see contact/step_law.py. */
-#ifndef TWOLINK_CONTACT_LAW_H
-#define TWOLINK_CONTACT_LAW_H
-#include "contact_solver.h"
+/* Steps: one, and one that may be taken as halves (contact/stepping.py), the laws of their points and what obeys them
+(contact/step_law.py). */
+#ifndef TWOLINK_CONTACT_STEP_H
+#define TWOLINK_CONTACT_STEP_H
+#include "solver.h"
 
 enum { TL_HALVE = -1 }; /* in place of a code: the laws are not reached in a step of this length */
 
@@ -35,4 +36,19 @@ int tl_solve_law(tl_scene *s, tl_law *law, const double *free, tl_solution *out)
 int tl_without_gain(tl_scene *s, tl_law *law, const double *free, tl_solution *out);
 int tl_unfollowed(tl_scene *s, const tl_law *law, const tl_solution *found, double *out);
 int tl_correction(tl_scene *s, const tl_law *law, const double *off, const uint8_t *lasts, double *push);
+
+/* A step to take, from (q, v) and a memory on, with numbers that hold. */
+typedef struct {
+  double t, h;
+  const double *q, *v, *numbers;
+  const tl_memory *memory;
+} tl_task;
+
+double tl_reach(double h, double fastest);
+int tl_end_of_step(tl_scene *s, const tl_task *task, tl_law *law, const double *free, const double *middle, tl_ended *out);
+int tl_new_memory(tl_scene *s, int count, tl_memory *out);
+void tl_pass_change(const tl_scene *s, const tl_memory *memory, const double *mean, int smooth, tl_memory *out);
+int tl_step(tl_scene *s, const tl_task *task, tl_ended *out);
+int tl_advance(tl_scene *s, const tl_task *task, int depth, tl_ended *out);
+int tl_is_finite(const double *x, int n);
 #endif

@@ -1,8 +1,8 @@
 /* Many steps in one call, and what is told of those at whose end a sample is, of the last, and of impacts.
 
 What is told is a row of words of 8 bytes each, numbers or whole ones, see native/contact.py. */
-#include "contact_step.h"
-#include "contact_vectors.h"
+#include "step.h"
+#include "vectors.h"
 
 #include <stdlib.h>
 

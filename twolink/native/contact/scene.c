@@ -1,6 +1,6 @@
 /* Making scenes: every index is checked once here, so that steps need no checks. */
-#include "contact.h"
-#include "contact_vectors.h"
+#include "scene.h"
+#include "vectors.h"
 
 #include <stdlib.h>
 

@@ -2,8 +2,8 @@
 
 With M = L^T D L and Y = L^-T J^T, which has the rows of J's degrees of freedom and no more, a block of G is Y_i^T D^-1 Y_j over
 the degrees of freedom that both points have. */
-#include "contact_solver.h"
-#include "contact_vectors.h"
+#include "solver.h"
+#include "vectors.h"
 
 void *tl_take(tl_arena *arena, size_t count, size_t bytes) {
   const size_t most = SIZE_MAX / 4, size = bytes && count > most / bytes ? most : (count * bytes + 15) & ~(size_t)15;
@@ -154,4 +154,23 @@ int tl_envelope_of(tl_scene *s, const tl_row *const *rows, int n, tl_envelope *o
       tl_set_block(tl_block_at(out, out->lower, i, j), tl_row_length(out, i), block);
     }
   return TL_FINE;
+}
+
+/* Which code for the envelope of a matrix runs on which level of a processor, see machine.c. */
+TL_DECLARE_ENVELOPE(base)
+#if defined(X86_LEVELS)
+TL_DECLARE_ENVELOPE(v3)
+TL_DECLARE_ENVELOPE(v4)
+#define CALL(name, level, ...) \
+  (level == 2 ? name##_v4(__VA_ARGS__) : level == 1 ? name##_v3(__VA_ARGS__) : name##_base(__VA_ARGS__))
+#else
+#define CALL(name, level, ...) ((void)level, name##_base(__VA_ARGS__))
+#endif
+
+int tl_factor_envelope(int level, const tl_envelope *a) { return CALL(tl_factor_envelope, level, a); }
+
+void tl_solve_envelope(int level, const tl_envelope *a, double *x) { CALL(tl_solve_envelope, level, a, x); }
+
+void tl_envelope_times(int level, const tl_envelope *g, const double *p, double *out) {
+  CALL(tl_envelope_times, level, g, p, out);
 }

@@ -2,8 +2,8 @@
 and source: contact/positions.py.
 
 Rows that are not sought or do not press have the equation nu = 0, so that a point always has a block of three. */
-#include "contact_law.h"
-#include "contact_vectors.h"
+#include "step.h"
+#include "vectors.h"
 
 #define SOFT 1e-6 /* of G at a contact: slip yields to overlap where not both can be removed */
 enum { SETS = 40 };

@@ -1,7 +1,7 @@
 /* The contact problem of a step: rows of points, blocks of G, and impulses. See contact/impulses.py. */
 #ifndef TWOLINK_CONTACT_SOLVER_H
 #define TWOLINK_CONTACT_SOLVER_H
-#include "contact.h"
+#include "scene.h"
 
 /* A matrix of blocks (3 x 3) in an envelope: of row i the blocks first[i] to i as three rows of numbers, which begin at[i] blocks
 from the start. The upper triangle is the transpose, or of the same shape, by columns, in a second array. */

@@ -1,7 +1,7 @@
 /* The laws of the points of a step: what touches, when in the step it meets, and by how much it bounces. Statement and sources:
 contact/step_law.py, whose names the fields have. */
-#include "contact_law.h"
-#include "contact_vectors.h"
+#include "step.h"
+#include "vectors.h"
 
 /* Memory for the laws of n points. */
 static int take(tl_scene *s, tl_law *law, int n) {

@@ -1,7 +1,7 @@
 /* One step in time of bodies that touch, or two halves where its laws are not reached. The statement, with its formulas and
 sources, is contact/stepping.py. */
-#include "contact_step.h"
-#include "contact_vectors.h"
+#include "step.h"
+#include "vectors.h"
 
 #include <stdlib.h>
 

@@ -4,7 +4,7 @@ The law is stated by contact/stepping.py, contact/step_law.py, contact/impulses.
 fields have. Vectors have 3 numbers, matrices are by rows. Body 0 is the ground. */
 #ifndef TWOLINK_CONTACT_H
 #define TWOLINK_CONTACT_H
-#include "program.h"
+#include "../program.h"
 
 #define TL_CLOSED 1e-10   /* m: what counts as no gap */
 #define TL_TOUCHING 1e-6  /* m: points of two bodies that are so near move as one */
@@ -92,7 +92,7 @@ typedef struct {
 /* Finds points with gaps below the reach, or the overlap, at poses of all bodies: rotations and origins. 0 if it does. */
 typedef int (*tl_finder)(double reach, int wants_overlap, const double *turned, const double *origin, tl_found *out);
 
-/* The rows of a point: J (3 x count) over degrees of freedom that fall, and L^-T J^T, see contact_rows.c. */
+/* The rows of a point: J (3 x count) over degrees of freedom that fall, and L^-T J^T, see rows.c. */
 typedef struct {
   int count;
   int32_t *dof;

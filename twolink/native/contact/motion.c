@@ -1,6 +1,6 @@
 /* Motion without contacts: the acceleration of a scene's bodies, and configurations that move. */
-#include "contact.h"
-#include "contact_vectors.h"
+#include "scene.h"
+#include "vectors.h"
 
 #define SMALL 1e-7 /* rad^2: the square of half a turn whose sine is x - x^3 / 6 */
 

@@ -1,7 +1,7 @@
 /* The end of a step with contacts: where the impulses lead, what they leave to the next step, and what is told of them. The
 statement is `ContactStepper._with_contacts`. */
-#include "contact_step.h"
-#include "contact_vectors.h"
+#include "step.h"
+#include "vectors.h"
 
 #include <stdlib.h>
 

@@ -3,8 +3,8 @@
 Velocities w are as in contact/bodies.py: linear ones of free and planar joints along the axes of the joint's fixed frame. A
 degree of freedom d of a body moves it by `along` l_d at its origin p and turns it about `about` a_d, both along the world's
 axes. All vectors of a body are about its own origin, so that no digits are lost far from the world's. */
-#include "contact.h"
-#include "contact_vectors.h"
+#include "scene.h"
+#include "vectors.h"
 
 /* The rotation of a unit quaternion x, y, z, w. */
 static void of_quaternion(const double *q, double *r) {
