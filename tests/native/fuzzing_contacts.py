@@ -16,6 +16,7 @@ import twolink as tl
 from tests.native.fuzzing import LONG, NUMBERS, WHOLE
 from twolink.contact.compiled import parts_of
 from twolink.contact.solver import stepper_of
+from twolink.contact.steps import Memory
 from twolink.native.contact import Parts, _Plan, _Start, _Told
 from twolink.native.library import OUTCOMES, library
 
@@ -95,22 +96,21 @@ class Fuzzer:
             if random.random() < 0.3 and array.size:
                 array.flat[random.integers(array.size)] = random.choice([*NUMBERS, 1e5])
         piece, told = random.integers(0, 2, count), random.integers(0, 2, count).astype(np.uint8)
-        keys = np.sort(random.choice([*LONG[:8], 2**32, 3 * 2**32, 2**33 + 1], size=known, replace=False)).astype(
-            np.int64
-        )
-        forces, marks = random.normal(size=(known, 3)), random.integers(0, 2, (2, known)).astype(np.uint8)
+        keys = np.sort(random.choice([*LONG[:8], 2**32, 3 * 2**32, 2**33 + 1], size=known, replace=False))
+        forces, marks = random.normal(size=(known, 3)), random.integers(0, 2, (2, known))
         if random.random() < 0.2:
             piece[random.integers(count)] = random.choice(LONG)
             keys = keys[::-1].copy()
-        arrays = [t, h, piece, told, numbers, q, v, forces, change, keys, marks[0], marks[1]]
+        memory = Memory(keys, forces, marks[0], marks[1], change, *random.choice(NUMBERS, size=2)).told()
+        arrays = [t, h, piece, told, numbers, q, v, memory]
         places = [array.ctypes.data for array in arrays]
         if random.random() < 0.1:
             places[int(random.integers(len(places)))] = None
-        counts = [count, 2, known]
+        counts = [count, 2, memory.size]
         if random.random() < 0.1:
             counts[int(random.integers(3))] = int(random.choice([-1, 0, -(2**63), 2**62]))
         plan, out = _Plan(*places[:5], *counts[:2], misses=int(random.integers(2))), _Told()
-        start = _Start(*places[5:], counts[2], float(random.choice(NUMBERS)), float(random.choice(NUMBERS)))
+        start = _Start(*places[5:], counts[2])
         pointers = [scene, *map(ctypes.addressof, (plan, start, out))]
         if random.random() < 0.05:
             pointers[int(random.integers(4))] = None

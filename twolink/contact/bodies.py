@@ -170,7 +170,7 @@ def loads_of(equations: Equations, t: float, q: Array, v: Array, numbers: Array)
 def _forces_program(bodies: Multibody) -> Program:
     """The program of (t, x) for tau - h, compared with NumPy and Pinocchio at the start."""
     equations = bodies.equations
-    mech, space = mechanism(equations.robot.model), equations.space
+    space = equations.space
 
     def compare(program: Program) -> None:
         x = equations.start
@@ -178,6 +178,7 @@ def _forces_program(bodies: Multibody) -> Program:
         require_agreement("forces", program(np.concatenate([[0.0], x])), bodies.by_pinocchio(0.0, q, v, numbers))
 
     def forces() -> Assembled:
+        mech = mechanism(equations.robot.model)
         return trace(lambda z, xp: unbalanced_forces(equations, mech, z[0], z[1:], xp), 1 + space.size)
 
     return program_named(equations.key("unbalanced"), forces, compare)

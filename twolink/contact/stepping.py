@@ -25,6 +25,7 @@ A step whose impulses do not obey the laws is taken as two halves, and refused w
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -74,9 +75,18 @@ class ContactStepper:
         self.detector = Detector(equations.robot, [pair for pair, _ in pairs])
         self.joints = JointPoints(stops, locks, len(self.detector.names))
         self.laws = self.joints.laws(self.detector, [effect for _, effect in pairs])
-        self.bodies, self.loops = bodies_of(equations) if loops is None else Multibody(equations), loops
+        self.loops, self.record = loops, Record()
+        self.bodies = self._own_bodies()
         self.native = None if loops is not None else compiled(self.bodies, self.detector, self.joints, self.laws)
-        self.record = Record()
+
+    def _own_bodies(self) -> Multibody:
+        return bodies_of(self.equations) if self.loops is None else Multibody(self.equations)
+
+    def another(self) -> ContactStepper:
+        """A stepper of the same scene, for another motion and thread."""
+        other = copy.copy(self)
+        other.bodies, other.record = self._own_bodies(), Record()
+        return other
 
     def start(self, t: float, q: Array, v: Array, numbers: Array) -> Memory:
         """The memory at the start of a run: what touches and does not slip sticks."""
