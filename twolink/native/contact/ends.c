@@ -64,13 +64,13 @@ static int positions(ending *e) {
   const double half = 0.5 * law->h;
   shift(e, e->move);
   for (int d = 0; d < e->s->nv; d++) e->move[d] += half * e->found.ends[d];
+  tl_speeds(e->s, law->points, law->rows, law->n, e->found.ends, e->u);
+  tl_speeds(e->s, law->points, law->rows, law->n, e->move, law->moves);
   for (int k = 0; k < law->n; k++) {
-    double *u = e->u + 3 * k, *off = e->off + 3 * k, moves[3];
+    double *u = e->u + 3 * k, *off = e->off + 3 * k;
     uint8_t *lasts = e->lasts + 3 * k;
-    tl_row_times(law->rows + k, e->found.ends, u);
-    tl_row_times(law->rows + k, e->move, moves);
     for (int m = 0; m < 2; m++) off[m] = half * (law->before[3 * k + m] + u[m]);
-    off[2] = law->points[k].gap + moves[2];
+    off[2] = law->points[k].gap + law->moves[3 * k + 2];
     lasts[0] = lasts[1] = 0;
     lasts[2] = presses(e, k) && law->known[k] && law->rests[k];
     if (!lasts[2] || !law->stuck[k] || law->of_joints[k]) continue;

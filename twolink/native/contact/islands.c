@@ -135,7 +135,7 @@ static int problem_of(tl_scene *s, const tl_law *law, const int32_t *active, int
   out->mu = tl_take(&s->work, (size_t)n, sizeof(double));
   if (!rows || !out->b || !out->mu) return TL_NO_MEMORY;
   for (int i = 0; i < n; i++) {
-    const int k = active[i], code = tl_need_inward(s, law->rows + k);
+    const int k = active[i], code = tl_need_row(s, law->points + k, law->rows + k);
     if (code) return code;
     rows[i] = law->rows + k;
     tl_copy3(law->after + 3 * k, out->b + 3 * i);
@@ -216,7 +216,7 @@ int tl_solve_law(tl_scene *s, tl_law *law, const double *free, tl_solution *out)
     if (code) return code;
     for (int i = 0; i < count; i++) tl_copy3(out->p + 3 * i, law->guess + 3 * out->active[i]);
     velocities_after(s, law, free, out);
-    if (!tl_missed(law, out)) return TL_FINE;
+    if (!tl_missed(s, law, out)) return TL_FINE;
   }
   return TL_HALVE;
 }

@@ -28,7 +28,7 @@ static int new_rows(tl_scene *s, const tl_law *law, const double *off, const uin
   out->off = x, out->size = x + count, out->regular = x + 2 * count, out->nu = x + 3 * count, out->u = x + 4 * count;
   out->sought = marks, out->equal = marks + count, out->pressing = marks + 2 * count;
   for (int i = 0; i < out->n; i++) {
-    const int k = out->order[i].point, code = tl_need_inward(s, law->rows + k);
+    const int k = out->order[i].point, code = tl_need_row(s, law->points + k, law->rows + k);
     if (code) return code;
     rows[i] = law->rows + k;
     for (int m = 0; m < 3; m++) {
@@ -168,12 +168,10 @@ int tl_correction(tl_scene *s, const tl_law *law, const double *off, const uint8
       const int code = push_of(s, law, off, sought, equal, push);
       if (code == TL_HALVE) break;
       if (code) return code;
-      for (int k = 0; k < law->n; k++) {
-        double u[3];
-        if (!law->rests[k] || sought[3 * k + 2]) continue;
-        tl_row_times(law->rows + k, push, u);
-        if (off[3 * k + 2] + u[2] < -TL_CLOSED) sought[3 * k + 2] = 1, missed = 1;
-      }
+      tl_speeds(s, law->points, law->rows, law->n, push, law->moves);
+      for (int k = 0; k < law->n; k++)
+        if (law->rests[k] && !sought[3 * k + 2] && off[3 * k + 2] + law->moves[3 * k + 2] < -TL_CLOSED)
+          sought[3 * k + 2] = 1, missed = 1;
       if (!missed) return TL_FINE;
     }
     memset(equal, 0, count);

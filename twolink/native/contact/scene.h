@@ -92,7 +92,7 @@ typedef struct {
 /* Finds points with gaps below the reach, or the overlap, at poses of all bodies: rotations and origins. 0 if it does. */
 typedef int (*tl_finder)(double reach, int wants_overlap, const double *turned, const double *origin, tl_found *out);
 
-/* The rows of a point: J (3 x count) over degrees of freedom that fall, and L^-T J^T, see rows.c. */
+/* The rows of a point: its axes; J (3 x count) over degrees of freedom that fall, and Y, see rows.c, where they are needed. */
 typedef struct {
   int count;
   int32_t *dof;
@@ -166,6 +166,7 @@ typedef struct {
 void *tl_take(tl_arena *arena, size_t count, size_t bytes);
 
 void tl_place(tl_scene *s, const double *q);
+void tl_velocities(tl_scene *s, const double *w);
 double tl_fastest(tl_scene *s, const double *w);
 void tl_minus_bias(tl_scene *s, const double *w, double *out);
 void tl_factor(tl_scene *s, double h);

@@ -25,10 +25,10 @@ typedef struct {
 } tl_answer;
 
 void tl_axes_of(const double *normal, double *axes);
-int tl_rows(tl_scene *s, const tl_point *point, tl_row *row);
+void tl_speeds(tl_scene *s, const tl_point *points, const tl_row *rows, int n, const double *w, double *out);
 void tl_row_times(const tl_row *row, const double *w, double *out);
 void tl_add_row(const tl_row *row, const double *values, const double *p, double *out);
-int tl_need_inward(tl_scene *s, tl_row *row);
+int tl_need_row(tl_scene *s, const tl_point *point, tl_row *row);
 void tl_coupling(const tl_scene *s, const tl_row *a, const tl_row *b, double *out);
 int tl_envelope_of(tl_scene *s, const tl_row *const *rows, int n, tl_envelope *out);
 

@@ -60,8 +60,8 @@ static int with_contacts(tl_scene *s, const tl_task *task, const double *middle,
   tl_law law;
   if (!rows || !a) return TL_NO_MEMORY;
   for (int k = 0; k < s->count; k++) {
-    const int code = tl_rows(s, s->points + k, rows + k);
-    if (code) return code;
+    rows[k].y = NULL;
+    tl_axes_of(s->points[k].normal, rows[k].axes);
   }
   int code = tl_new_law(s, task->h, task->v, free, rows, task->memory, &law);
   if (!code) code = tl_end_of_step(s, task, &law, free, middle, out);

@@ -6,13 +6,13 @@
 
 enum { TL_HALVE = -1 }; /* in place of a code: the laws are not reached in a step of this length */
 
-/* Points (n) of a step of length h. before, after, guess, lasting, sums: (n, 3). */
+/* Points (n) of a step of length h. before, after, guess, lasting, sums: (n, 3); moves: of a last motion. */
 typedef struct {
   int n;
   double h, share;
   const tl_point *points;
   tl_row *rows;
-  double *before, *after, *guess, *lasting, *sums, *rebound, *open, *late, *heights, *given, *mu, *slower, *ends;
+  double *before, *after, *guess, *lasting, *sums, *moves, *rebound, *open, *late, *heights, *given, *mu, *slower, *ends;
   uint8_t *known, *stuck, *hits, *bounces, *rests, *of_joints, *active, *taken;
 } tl_law;
 
@@ -31,7 +31,7 @@ typedef struct {
 
 int tl_in_order(tl_scene *s, const tl_law *law, const uint8_t *marked, tl_place_of **order, int *size);
 int tl_new_law(tl_scene *s, double h, const double *v, const double *free, tl_row *rows, const tl_memory *memory, tl_law *law);
-int tl_missed(tl_law *law, const tl_solution *found);
+int tl_missed(tl_scene *s, tl_law *law, const tl_solution *found);
 int tl_solve_law(tl_scene *s, tl_law *law, const double *free, tl_solution *out);
 int tl_without_gain(tl_scene *s, tl_law *law, const double *free, tl_solution *out);
 int tl_unfollowed(tl_scene *s, const tl_law *law, const tl_solution *found, double *out);
