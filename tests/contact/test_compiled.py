@@ -41,12 +41,9 @@ SHAPES: dict[str, tuple[AnyShape, ...]] = {
 def pairs_of_steps(scene: tl.Scene, h: float, count: int) -> Iterator[tuple[Step, Step]]:
     """A step by NumPy and the same one by the library, one after the other from NumPy's ends."""
     stepper = stepper_of(scene)
-    equations, nq = stepper.equations, scene.robot.nq
     assert stepper.native is not None
-    plan = plan_steps(equations, np.array([0.0, count * h]), h, 0)
-    q = np.array(equations.start[:nq])
-    v = stepper.bodies.to_local_velocity(q, np.array(equations.start[nq : equations.moving]), -1)
-    memory = stepper.start(0.0, q, v, plan.numbers[0])
+    plan = plan_steps(stepper.equations, np.array([0.0, count * h]), h, 0)
+    q, v, memory = stepper.begin
     for k, (t, length) in enumerate(zip(plan.t.tolist(), plan.h.tolist(), strict=True)):
         one = stepper.advance(t, length, q, v, plan.numbers[plan.piece[k]], memory)
         found = take_steps(stepper.native, stepper.bodies, plan, range(k, k + 1), q, v, memory)

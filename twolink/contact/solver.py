@@ -65,7 +65,7 @@ def _stepper_of(scene: Scene) -> ContactStepper:
                          code="not-stepped")  # fmt: skip
     loops = None if with_loops.constraints is None else LoopRows(with_loops, with_loops.constraints)
     stepper = ContactStepper(equations, effects, stops, locks, loops)
-    overlap, pair = stepper.overlap(equations.start[: equations.space.nq])
+    overlap, pair = stepper.overlap_at_begin
     if overlap > OVERLAP:
         raise SceneError(f"{pair} overlap by {overlap:.3g} m at the start", where="q", code="overlap",
                          remedy="start with bodies apart, and joints within their stops")  # fmt: skip
@@ -110,13 +110,10 @@ class SteppedMotion(Motion):
         progress: Progress | None = None,
     ) -> None:
         self._stepper, self._t, self._plans, self._track, self._progress = stepper, t, plans, track, progress
-        stepper.record, equations, nq = Record(), stepper.equations, stepper.equations.space.nq
-        numbers = equations.layout.numbers_at(t)
+        stepper.record, numbers = Record(), stepper.equations.layout.numbers_at(t)
         self._numbers = np.repeat(numbers[:, None], len(plans), axis=1)
         self._x: Array | None = None
-        q, v = np.array(equations.start[:nq]), np.array(equations.start[nq : equations.moving])
-        w = stepper.bodies.to_local_velocity(q, v, -1)
-        self.states = [SteppedState(q, w, stepper.start(t, q, w, numbers))] * len(plans)
+        self.states = [SteppedState(*stepper.begin)] * len(plans)
 
     @property
     def equations(self) -> Equations:
