@@ -174,6 +174,30 @@ def test_steps_of_every_kind_of_joint_are_those_of_the_law(name: str) -> None:
         require_same_steps(on_plane(name, seed), 0.002, 60)
 
 
+def in_loop(name: str, seed: int) -> tl.Scene:
+    """A robot as `on_plane`, whose last link is pinned to the world."""
+    scene, random = on_plane(name, seed), np.random.default_rng(seed)
+    link, point = scene.robot.frame_names[-1], random.uniform(-0.05, 0.05, 3)
+    pin = E.PointLoop(link, point_a=tuple(point.tolist()), point_b=tuple(_centre(scene.robot, scene.q, link, point)))
+    return tl.Scene(scene.robot, scene.q, scene.v, [*scene.effects, pin])
+
+
+@pytest.mark.parametrize("name", ["chain", "planar", "kinova", "panda", "anymal"])
+def test_steps_of_robots_with_loops_are_those_of_the_law(name: str) -> None:
+    for seed in range(2):
+        require_same_steps(in_loop(name, seed), 0.002, 60)
+
+
+def test_bodies_in_one_loop_are_one_island() -> None:
+    """Two balls on a plane, each with a link of a chain that a pin closes between them."""
+    robot = free_bodies("a", "b")
+    q = np.array([0.0, 0, 0.1, 0, 0, 0, 1, 0.3, 0, 0.1, 0, 0, 0, 1])
+    pin = E.PointLoop("a", "b", point_a=(0.15, 0.0, 0.05), point_b=(-0.15, 0.0, 0.05))
+    contact = E.Contact(("ground",), 0.4, restitution=0.2, shapes={name: (E.Sphere(0.1),) for name in "ab"})
+    v = np.array([0.3, 0.2, -0.5, 0, 0, 0, 0.3, 0.2, -0.5, 0, 0, 0])
+    require_same_steps(tl.Scene(robot, q, v, [E.Gravity(), contact, pin]), 0.004, 120)
+
+
 @pytest.mark.parametrize(
     "name", ["box-stack", "grasp", "can-on-table", "arm-pushes-box", "quadruped-stands", "dominoes"]
 )

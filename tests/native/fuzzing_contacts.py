@@ -43,7 +43,7 @@ def scenes() -> list[Parts]:
     made = [tl.Scene(robot, stacked, effects=[E.Gravity(), boxes]), tl.Scene(robot, apart, effects=[rounds]),
             tl.Scene(arm, effects=on_arm)]  # fmt: skip
     steppers = [stepper_of(scene) for scene in made]
-    return [parts_of(one.bodies, one.detector, one.joints, one.laws) for one in steppers]
+    return [parts_of(one.bodies, one.detector, one.joints, one.laws, one.loops) for one in steppers]
 
 
 class Fuzzer:
@@ -65,7 +65,7 @@ class Fuzzer:
         parts, random = self.scenes[int(self.random.integers(len(self.scenes)))], self.random
         sizes, whole = np.array(parts.sizes, dtype=np.int32), np.array(parts.whole, dtype=np.int32)
         numbers, lengths = np.array(parts.numbers, dtype=float), [len(parts.whole), len(parts.numbers)]
-        program = None if parts.program is None else parts.program.require_handle().value
+        programs = [None if one is None else one.require_handle().value for one in (parts.program, parts.loops)]
         kind = random.integers(6)
         if kind == 0:
             sizes[random.integers(len(sizes))] = random.choice(WHOLE)
@@ -77,9 +77,9 @@ class Fuzzer:
                 numbers[at] = random.choice(NUMBERS)
         elif kind == 4:  # a length above the true one tells the library to read what is not there
             lengths[random.integers(2)] = int(random.choice([-1, 0, 1, 5, -(2**63)]))
-        values = [sizes.ctypes.data, lengths[0], whole.ctypes.data, lengths[1], numbers.ctypes.data, program, 0]
+        values = [sizes.ctypes.data, lengths[0], whole.ctypes.data, lengths[1], numbers.ctypes.data, *programs, 0]
         if random.random() < 0.1:
-            values[int(random.choice([0, 2, 4, 5]))] = None
+            values[int(random.choice([0, 2, 4, 5, 6]))] = None
         made = ctypes.c_void_p()
         self.note("tl_contact_new", code := self.c.tl_contact_new(*values, ctypes.byref(made)))
         if code == 0:

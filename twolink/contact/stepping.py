@@ -78,7 +78,7 @@ class ContactStepper:
         self.laws = self.joints.laws(self.detector, [effect for _, effect in pairs])
         self.loops, self.record = loops, Record()
         self.bodies = self._own_bodies()
-        self.native = None if loops is not None else compiled(self.bodies, self.detector, self.joints, self.laws)
+        self.native = compiled(self.bodies, self.detector, self.joints, self.laws, loops)
 
     def _own_bodies(self) -> Multibody:
         return bodies_of(self.equations) if self.loops is None else Multibody(self.equations)

@@ -13,15 +13,17 @@ Array = np.ndarray[Any, np.dtype[Any]]
 
 
 class Parts(NamedTuple):
-    """A scene as arrays, in the order of `tl_contact_new` of native/contact/scene.c: sizes (13,), whole, numbers.
+    """A scene as arrays, in the order of `tl_contact_new` of native/contact/scene.c: sizes (14,), whole, numbers.
 
-    program: of (t, q, v, numbers) for tau - h; None for bodies on which gravity alone acts.
+    program: of (t, q, v, numbers) for tau - h; None for bodies on which gravity alone acts. loops: of q for their gaps
+    and rows; None without.
     """
 
     sizes: Sequence[int]
     whole: Array
     numbers: Array
     program: Program | None
+    loops: Program | None
 
 
 class Steps(NamedTuple):
@@ -138,12 +140,12 @@ class _Instance:
     """A scene that one thread at a time uses. points: those found last, which the library reads."""
 
     def __init__(self, parts: Parts, finder: Finder | None) -> None:
-        self._program, made = parts.program, ctypes.c_void_p()
+        self._programs, made = (parts.program, parts.loops), ctypes.c_void_p()
         sizes = np.array(parts.sizes, dtype=np.int32)
         whole, numbers = (np.ascontiguousarray(parts.whole, dtype=np.int32), _numbers(parts.numbers))
-        program = None if self._program is None else self._program.require_handle().value
+        programs = [None if one is None else one.require_handle().value for one in self._programs]
         code = library().tl_contact_new(address(sizes), len(whole), address(whole), len(numbers), address(numbers),
-                                        program, level(), ctypes.byref(made))  # fmt: skip
+                                        *programs, level(), ctypes.byref(made))  # fmt: skip
         require(code, "a scene with contacts")
         self._handle = Handle(made.value, library().tl_contact_free)
         self._bodies, self._finder = int(sizes[0]), finder

@@ -47,7 +47,7 @@ static void shift(ending *e, double *out) {
     const double share[3] = {law->late[k] * p[0], law->late[k] * p[1], law->late[k] * p[2]};
     tl_add_row(law->rows + k, law->rows[k].y, share, out);
   }
-  tl_outward(e->s, out);
+  tl_free_outward(e->s, out);
   for (int k = 0; k < law->n; k++) {
     if (!presses(e, k) || !law->known[k]) continue;
     tl_row_times(law->rows + k, out, u);
@@ -63,7 +63,7 @@ static int positions(ending *e) {
   const tl_law *law = e->law;
   const double half = 0.5 * law->h;
   shift(e, e->move);
-  for (int d = 0; d < e->s->nv; d++) e->move[d] += half * e->found.ends[d];
+  for (int d = 0; d < e->s->nv; d++) e->move[d] += half * e->found.ends[d] + e->s->loop_closing[d];
   tl_speeds(e->s, law->points, law->rows, law->n, e->found.ends, e->u);
   tl_speeds(e->s, law->points, law->rows, law->n, e->move, law->moves);
   for (int k = 0; k < law->n; k++) {

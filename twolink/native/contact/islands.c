@@ -164,7 +164,7 @@ static void velocities_after(tl_scene *s, const tl_law *law, const double *free,
     const tl_row *row = law->rows + found->active[i];
     tl_add_row(row, row->y, found->p + 3 * i, found->ends);
   }
-  tl_outward(s, found->ends);
+  tl_free_outward(s, found->ends);
   for (int d = 0; d < s->nv; d++) found->ends[d] += free[d];
 }
 

@@ -137,7 +137,7 @@ static int push_of(tl_scene *s, const tl_law *law, const double *off, const uint
     const tl_row *row = law->rows + order[i].point;
     tl_add_row(row, row->y, r.nu + 3 * i, push);
   }
-  tl_outward(s, push);
+  tl_free_outward(s, push);
   return TL_FINE;
 }
 

@@ -1,6 +1,6 @@
 /* Rows of points, J with U = J w, and blocks of G = J M^-1 J^T.
 
-With M = L^T D L and Y = L^-T J^T, which has the rows of J's degrees of freedom and no more, a block of G is Y_i^T D^-1 Y_j over
+Without loops, with M = L^T D L and Y = L^-T J^T, which has the rows of J's degrees of freedom and no more, a block of G is Y_i^T D^-1 Y_j over
 the degrees of freedom that both points have. */
 #include "solver.h"
 #include "vectors.h"
@@ -137,7 +137,7 @@ int tl_need_row(tl_scene *s, const tl_point *point, tl_row *row) {
     }
   }
   row->y = y;
-  return TL_FINE;
+  return tl_loop_parts(s, row);
 }
 
 /* A block of G. */
@@ -152,21 +152,23 @@ void tl_coupling(const tl_scene *s, const tl_row *a, const tl_row *b, double *ou
     }
     i += d >= e, k += e >= d;
   }
+  for (int i = 0; a->in_loops && b->in_loops && i < s->loop_rank; i++)
+    for (int r = 0; r < 3; r++) tl_add_scaled(-a->in_loops[3 * i + r], b->in_loops + 3 * i, out + 3 * r);
 }
 
 /* G of rows with Y, of which each is coupled with those before it down to the first that has one of its degrees of freedom. */
 int tl_envelope_of(tl_scene *s, const tl_row *const *rows, int n, tl_envelope *out) {
-  int32_t *lowest = tl_take(&s->work, (size_t)s->nv, sizeof(int32_t));
+  int32_t *lowest = tl_take(&s->work, (size_t)s->nv + 1, sizeof(int32_t)); /* the last is of loops */
   out->n = n, out->upper = NULL;
   out->first = tl_take(&s->work, (size_t)n, sizeof(int32_t));
   out->at = tl_take(&s->work, (size_t)n + 1, sizeof(size_t));
   if (!lowest || !out->first || !out->at) return TL_NO_MEMORY;
-  for (int d = 0; d < s->nv; d++) lowest[d] = n;
+  for (int d = 0; d <= s->nv; d++) lowest[d] = n;
   out->at[0] = 0;
   for (int i = 0; i < n; i++) {
     int first = i;
-    for (int k = 0; k < rows[i]->count; k++) {
-      int32_t *low = lowest + rows[i]->dof[k];
+    for (int k = 0; k < rows[i]->count + (rows[i]->in_loops != NULL); k++) {
+      int32_t *low = lowest + (k < rows[i]->count ? rows[i]->dof[k] : s->nv);
       if (*low > i) *low = i;
       if (*low < first) first = *low;
     }

@@ -113,7 +113,7 @@ static int tell(tl_scene *s, const tl_ended *end, int64_t number, int sampled) {
   const tl_memory *m = &end->memory;
   tl_arena *to = &s->words;
   if (sampled) tl_place(s, end->q);
-  double overlap = sampled ? tl_overlap(s, end->q) : NAN;
+  double overlap = sampled ? tl_larger(tl_overlap(s, end->q), tl_loop_gap(s, end->q)) : NAN;
   if (s->buried || s->short_of_memory) overlap = NAN;
   const int64_t head[7] = {number, end->touches, end->solver, end->softened, m->count, end->count, end->joints != NULL};
   const double numbers[5] = {end->h, overlap, end->feasibility, end->complementarity, end->residual};
