@@ -202,7 +202,6 @@ def cross(a: Array, b: Array) -> Array:
 
 
 MANY = 20  # free bodies from which sparse matrices pay
-TRACED = 200  # of them, whose effects are traced for the native library
 
 
 class FreeBodies(Multibody):
@@ -219,8 +218,7 @@ class FreeBodies(Multibody):
         self.inertias = np.array([model.inertias[j].matrix() for j in bodies])
         self.inverses = np.linalg.inv(self.inertias)
         self.places_now = Places(np.eye(3)[None], np.zeros((1, 3)))
-        traced = equations.effects and len(self.v) <= TRACED
-        self.program = _forces_program(self) if traced else None
+        self.program = _forces_program(self) if equations.effects else None
 
     def to_local_velocity(self, q: Array, w: Array, sign: int = 1) -> Array:
         """v of w; w of v with the sign -1."""
