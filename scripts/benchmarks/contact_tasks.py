@@ -46,11 +46,11 @@ def upright_box() -> Task:
     return boxes(np.array([[0.1, 0.1, 0.3]]), np.array([[0, 0, 0.15, 0, 0, 0, 1.0]]), 0.2, v=v), 1.0
 
 
-def stack() -> Task:
-    """Ten boxes on each other."""
-    heights = 0.05 + 0.1 * np.arange(10)[:, None]
-    places = np.concatenate([np.zeros((10, 2)), heights, np.tile([0, 0, 0, 1.0], (10, 1))], axis=1)
-    return boxes(np.full((10, 3), 0.1), places, 0.5), 1.0
+def stack(count: int = 10) -> Task:
+    """Boxes on each other."""
+    heights = 0.05 + 0.1 * np.arange(count)[:, None]
+    places = np.concatenate([np.zeros((count, 2)), heights, np.tile([0, 0, 0, 1.0], (count, 1))], axis=1)
+    return boxes(np.full((count, 3), 0.1), places, 0.5), 1.0
 
 
 def pile() -> Task:
@@ -70,15 +70,14 @@ def dominoes() -> Task:
     return boxes(np.tile([0.02, 0.06, 0.12], (10, 1)), places, 0.4, v=v), 1.0
 
 
-def spheres() -> Task:
-    """50 spheres fall into a box."""
-    random, r, names = np.random.default_rng(1), 0.05, [f"s{k}" for k in range(50)]
+def spheres(count: int = 50, side: int = 4) -> Task:
+    """Spheres fall into a box, in layers of so many in a row."""
+    random, r, names = np.random.default_rng(1), 0.05, [f"s{k}" for k in range(count)]
     robot = free_robot(*((name, 0.5, (0.4 * 0.5 * r * r,) * 3) for name in names))
-    side = 4
     wide = 0.5 * 2.4 * r * side
-    places = np.array([(i, j, k) for k in range(4) for j in range(side) for i in range(side)][:50], float)
-    places = places * 2.4 * r + [r * 1.2 - wide, r * 1.2 - wide, 3 * r] + random.uniform(-0.1 * r, 0.1 * r, (50, 3))
-    q = np.concatenate([places, np.tile([0, 0, 0, 1.0], (50, 1))], axis=1).ravel()
+    places = np.array([(k % side, k // side % side, k // side**2) for k in range(count)], float)
+    places = places * 2.4 * r + [r * 1.2 - wide, r * 1.2 - wide, 3 * r] + random.uniform(-0.1 * r, 0.1 * r, (count, 3))
+    q = np.concatenate([places, np.tile([0, 0, 0, 1.0], (count, 1))], axis=1).ravel()
     walls = [E.Plane(n, -wide) for n in ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0))]
     pairs = ("self", "ground", *((name, wall) for name in names for wall in walls))
     shapes: dict[str, tuple[AnyShape, ...]] = {name: (E.Sphere(r),) for name in names}
@@ -99,6 +98,8 @@ def quadruped() -> Task:
 
 TASKS: dict[str, Callable[[], Task]] = {
     one.__name__: one for one in (upright_box, stack, pile, dominoes, spheres, quadruped)}  # fmt: skip
+TASKS |= {"stack-20": functools.partial(stack, 20), "spheres-200": functools.partial(spheres, 200, 6),
+          "spheres-500": functools.partial(spheres, 500, 8)}  # fmt: skip
 BUNDLED = ("arm-pushes-box", "bouncing-ball", "bowl", "can-on-table", "grasp", "newtons-cradle", "quadruped-stands",
            "quadruped-trots", "rattleback", "sphere-pile", "spinning-coin", "tippe-top")  # fmt: skip
 STEP, EXACT, DEFAULT = 5e-3, 5e-4, 2e-3  # s: of the run, of the truth, MuJoCo's

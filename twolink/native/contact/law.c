@@ -90,8 +90,10 @@ static void meet(const tl_scene *s, tl_law *law, int k, int still) {
   law->mu[k] = law->stuck[k] ? s->fixed[pair] : law->slower[k];
 }
 
-/* The laws of the scene's points in a step that begins with v and would end with `free` without impulses. */
-int tl_new_law(tl_scene *s, double h, const double *v, const double *free, tl_row *rows, const tl_memory *memory, tl_law *law) {
+/* The laws of the scene's points in a step that begins with v and would end with `free` without impulses. guess: impulses to
+begin with, NULL: those of the last step. */
+int tl_new_law(tl_scene *s, double h, const double *v, const double *free, tl_row *rows, const tl_memory *memory,
+               const double *guess, tl_law *law) {
   const int code = take(s, law, s->count);
   if (code) return code;
   law->h = h, law->share = 1.0, law->points = s->points, law->rows = rows;
@@ -104,6 +106,7 @@ int tl_new_law(tl_scene *s, double h, const double *v, const double *free, tl_ro
     law->known[k] = 1, law->stuck[k] = memory->stuck[place], still[k] = memory->still[place];
     for (int i = 0; i < 3; i++) law->guess[3 * k + i] = law->lasting[3 * k + i] = h * memory->forces[3 * place + i];
   }
+  if (guess) memcpy(law->guess, guess, 3 * (size_t)law->n * sizeof(double));
   for (int first = 0, end; first < law->n; first = end) {
     int count = 0;
     end = end_of_pair(law, first);

@@ -63,7 +63,7 @@ static int with_contacts(tl_scene *s, const tl_task *task, const double *middle,
     rows[k].y = NULL;
     tl_axes_of(s->points[k].normal, rows[k].axes);
   }
-  int code = tl_new_law(s, task->h, task->v, free, rows, task->memory, &law);
+  int code = tl_new_law(s, task->h, task->v, free, rows, task->memory, NULL, &law);
   if (!code) code = tl_end_of_step(s, task, &law, free, middle, out);
   if (code || !out->blows) return code;
   for (size_t d = 0; d < nv; d++) a[d] = (free[d] - task->v[d]) / task->h;
@@ -73,7 +73,7 @@ static int with_contacts(tl_scene *s, const tl_task *task, const double *middle,
   if (!tl_is_finite(free, s->nv)) return TL_NOT_FINITE;
   tl_keep_loops(s, free);
   tl_ended again;
-  code = tl_new_law(s, task->h, task->v, free, rows, task->memory, &law);
+  code = tl_new_law(s, task->h, task->v, free, rows, task->memory, law.guess, &law);
   if (!code) code = tl_end_of_step(s, task, &law, free, middle, &again);
   if (!code) *out = again;
   return code == TL_HALVE ? TL_FINE : code;
