@@ -6,7 +6,7 @@ are as exact as the run of 5 ms. Errors are of q at 20 samples a second, against
 whose motion depends on roundings, they say little. ms are of the processor, ratios to MuJoCo's default.
 
 Bundled scenes are taken as they are; where their contacts are located by default, the run with an accuracy of 1e-8 is
-what errors are against, and the second line is the second run.
+what errors are against, and a line has the second run.
 
     python -m scripts.benchmarks.contact_tasks [upright_box stack pile dominoes spheres quadruped newtons-cradle ...]
 """
@@ -174,12 +174,16 @@ def compare(name: str, table: Table) -> None:
         return off
 
     line("simulate(scene)", first, answer.q, f"{answer.bound}, error <= {answer.error[-1]:.1e}; {answer.cost.why}")
-    again = located if is_located else stepped(STEP)
-    if not is_located:
-        again()
-    taken, run = once(again, time.process_time)
-    second = "second run" if is_located else f"stepped, {1e3 * STEP:g} ms"
-    least = line(second, taken, run.q, str(run.contact_record or ""))
+    least = np.inf
+    if is_located:
+        taken, run = once(located, time.process_time)
+        least = line("second run", taken, run.q)
+    try:
+        stepped(STEP)()
+        taken, run = once(stepped(STEP), time.process_time)
+        least = min(least, line(f"stepped, {1e3 * STEP:g} ms", taken, run.q, str(run.contact_record)))
+    except tl.errors.SceneError as error:
+        print(f"{name}: {error}")
     if usual is None:
         return
     off, step = line(f"MuJoCo, {1e3 * DEFAULT:g} ms", default, usual), DEFAULT

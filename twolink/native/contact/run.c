@@ -108,7 +108,7 @@ static int remembered(tl_scene *s, const tl_start *start, tl_memory *out) {
   return TL_FINE;
 }
 
-/* Tell of the end of the step `number`; of its overlap where a sample is there. */
+/* Tell of the end of the step `number`; of its overlap where samples will ask for it. */
 static int tell(tl_scene *s, const tl_ended *end, int64_t number, int sampled) {
   const tl_memory *m = &end->memory;
   tl_arena *to = &s->words;
@@ -209,7 +209,7 @@ TL_API int64_t tl_contact_run(tl_scene *s, const tl_plan *plan, const tl_start *
     task.q = last.q, task.v = last.v, task.memory = &last.memory;
     taken++;
   }
-  if (taken && !is_told && tell(s, &last, taken - 1, 0)) return -TL_NO_MEMORY;
+  if (taken && !is_told && tell(s, &last, taken - 1, rests != 0)) return -TL_NO_MEMORY;
   *told = (tl_told){s->words.memory, s->blow_words.memory, (int64_t)(s->words.used / sizeof(double)),
                     (int64_t)(s->blow_words.used / sizeof(double)), rests, s->record};
   return taken;
