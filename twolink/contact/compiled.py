@@ -45,9 +45,9 @@ def compiled(
 
 def parts_of(bodies: Multibody, detector: Detector, joints: JointPoints, laws: Laws, loops: LoopRows | None) -> Parts:
     """The scene as arrays."""
-    sizes, *arrays = _Scene(bodies, detector, joints, laws).arrays()
+    sizes, whole, numbers = _Scene(bodies, detector, joints, laws).arrays()
     rows, program = (0, None) if loops is None else (len(loops.constraints.kept), loops.function)
-    return Parts([*sizes, rows], *arrays, bodies.program, program)
+    return Parts([*sizes, rows], whole, numbers, bodies.program, program)
 
 
 def is_covered(bodies: Multibody, loops: LoopRows | None) -> bool:

@@ -127,11 +127,12 @@ class ContactScene:
         sizes = (count, count, count, count, m * len(steps.numbers), nq, nv, memory.size)
         if any(x.size != n or x.dtype != kind for x, n, kind in zip(arrays, sizes, _ARGUMENTS, strict=True)):
             raise ValueError(f"steps of {[(x.shape, x.dtype) for x in arrays]}")
-        arrays = tuple(x if x.flags.c_contiguous else np.ascontiguousarray(x) for x in arrays)
-        at, one = [x.ctypes.data for x in arrays], self._pool.take()
+        packed = [x if x.flags.c_contiguous else np.ascontiguousarray(x) for x in arrays]
+        at, one = [x.ctypes.data for x in packed], self._pool.take()
         try:
             plan = _Plan(*at[:5], count, len(steps.numbers), one.find, self._misses)
-            return one.run(plan, _Start(*at[5:], memory.size))
+            told: Told = one.run(plan, _Start(*at[5:], memory.size))
+            return told
         finally:
             self._pool.give(one)
 
