@@ -1,4 +1,4 @@
-"""Builds the native library (twolink/native/*.c) by zig's C compiler, a build requirement: users need no compiler.
+"""Builds the native library (twolink/native/**/*.c) by zig's C compiler, a build requirement: users need no compiler.
 
 TWOLINK_TARGET is zig's name of another platform, such as aarch64-macos.11.0: a wheel for it is built. With
 TWOLINK_NO_NATIVE=1 a wheel has no library, and NumPy computes.
@@ -20,8 +20,7 @@ except ImportError:  # the studies use `build` without hatchling
     BuildHookInterface = object
 
 NATIVE = Path(__file__).parent / "twolink" / "native"
-LEVELLED = ("columns", "taylor", "contact_envelope")  # compiled for each level of a processor
-CONTACT = sorted({file.stem for file in NATIVE.glob("contact_*.c")} - set(LEVELLED))
+LEVELLED = ("columns", "taylor", "contact/envelope")  # compiled for each level of a processor
 FLAGS = [
     "-std=gnu99",
     "-O3",
@@ -79,27 +78,32 @@ def build(target: str, path: Path) -> None:
     if x86:
         levels |= {"v3": "-mcpu=x86_64_v3", "v4": "-mcpu=x86_64_v4"}
     with tempfile.TemporaryDirectory() as folder:
-        jobs = [(f"{name}-{level}", f"{name}.c", [f"-DLEVEL={level}", option]) for level, option in levels.items()
-                for name in LEVELLED]  # fmt: skip
+        jobs = [(f"{folder}/{Path(name).name}-{level}.o", NATIVE / f"{name}.c", [f"-DLEVEL={level}", option])
+                for level, option in levels.items() for name in LEVELLED]  # fmt: skip
         own = [f"-DSOURCES={digest()}", cpu, *(["-DX86_LEVELS"] if x86 else [])]
-        jobs += [(name, f"{name}.c", own) for name in ("machine", "program", "recurrences", "taylor_face", *CONTACT)]
+        levelled = [NATIVE / f"{name}.c" for name in LEVELLED]
+        jobs += [(f"{folder}/{source.stem}.o", source, own) for source in sources("c") if source not in levelled]
         environment = {"ZIG_GLOBAL_CACHE_DIR": folder, "ZIG_LOCAL_CACHE_DIR": folder, **os.environ}
-        running = [subprocess.Popen([*zig, *FLAGS, *options, "-c", str(NATIVE / source), "-o", f"{folder}/{name}.o"],
-                                    env=environment)
-                   for name, source, options in jobs]  # fmt: skip
-        for (name, *_), process in zip(jobs, running, strict=True):
+        running = [subprocess.Popen([*zig, *FLAGS, *options, "-c", str(source), "-o", made], env=environment)
+                   for made, source, options in jobs]  # fmt: skip
+        for (_, source, _), process in zip(jobs, running, strict=True):
             if process.wait():
-                raise RuntimeError(f"zig cc failed to compile {name} for {target}")
-        objects = [f"{folder}/{name}.o" for name, *_ in jobs]
+                raise RuntimeError(f"zig cc failed to compile {source} for {target}")
+        objects = [made for made, *_ in jobs]
         libm = [] if "windows" in target else ["-lm"]
         linked = path.with_name(f".{path.name}.{os.getpid()}")
         subprocess.run([*zig, "-shared", "-s", *objects, *libm, "-o", str(linked)], check=True, env=environment)
         linked.replace(path)  # a process that has loaded the old one keeps it
 
 
+def sources(kinds: str = "ch") -> list[Path]:
+    """The files of C, by their names and those of their folders."""
+    return sorted(NATIVE.rglob(f"*.[{kinds}]"), key=Path.as_posix)
+
+
 def digest() -> str:
     """The digest of the sources, as `twolink.native.library` computes it."""
     content = hashlib.sha256()
-    for file in sorted(f for f in NATIVE.iterdir() if f.suffix in (".c", ".h")):
+    for file in sources():
         content.update(file.name.encode() + b"\0" + file.read_bytes().replace(b"\r\n", b"\n"))
     return content.hexdigest()[:16]

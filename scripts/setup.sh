@@ -18,7 +18,7 @@ if [ -z "$python" ]; then
 fi
 
 # A stamp says what the environment was made from and where: a change of either makes it again.
-wanted="$(pwd) $(cat pyproject.toml scripts/constraints.txt hatch_build.py twolink/native/*.[ch] | cksum)"
+wanted="$(pwd) $(cat pyproject.toml scripts/constraints.txt hatch_build.py twolink/native/*.[ch] twolink/native/*/*.[ch] | cksum)"
 stamp=".venv/stamp-$extras"
 if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
   echo "setting up .venv (a minute or two) ..."

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import twolink as tl
-from hatch_build import FLAGS, NATIVE, digest
+from hatch_build import FLAGS, digest, sources
 from scripts.runner import Table, options
 from twolink.algorithms.functions import function
 from twolink.dynamics import kernels
@@ -30,10 +30,9 @@ QUERIES = ("forward_dynamics", "forward_dynamics_derivatives", "energy")
 
 def build(path: Path) -> None:
     """The driver with the library's sources, for arm64."""
-    sources = sorted(map(str, NATIVE.glob("*.c")))
     driver = str(Path(__file__).with_name("arm.c"))
     subprocess.run([sys.executable, "-m", "ziglang", "cc", "-target", TARGET, "-mcpu=generic", "-static", *FLAGS,
-                    "-DLEVEL=base", f"-DSOURCES={digest()}", driver, *sources, "-lm", "-o", str(path)],
+                    "-DLEVEL=base", f"-DSOURCES={digest()}", driver, *map(str, sources("c")), "-lm", "-o", str(path)],
                    check=True)  # fmt: skip
 
 

@@ -13,7 +13,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from hatch_build import FLAGS, NATIVE, digest
+from hatch_build import FLAGS, digest, sources
 from scripts.runner import options
 
 TESTS = ("tests/native", "tests/integrate", "tests/dynamics", "tests/simulation")
@@ -23,9 +23,9 @@ CHECKS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=undefined", "-O
 def build(compiler: str, path: Path) -> None:
     """Build the library with sanitizers."""
     defined = ["-DLEVEL=base", f"-DSOURCES={digest()}"]
-    sources = sorted(map(str, NATIVE.glob("*.c")))
     own = [flag for flag in FLAGS if flag not in ("-O3", "-g0", "-ffp-contract=on")]
-    subprocess.run([compiler, *own, *CHECKS, *defined, "-shared", *sources, "-lm", "-o", str(path)], check=True)
+    command = [compiler, *own, *CHECKS, *defined, "-shared", *map(str, sources("c")), "-lm", "-o", str(path)]
+    subprocess.run(command, check=True)
 
 
 def main() -> int:

@@ -16,6 +16,7 @@ import twolink as tl
 from tests.native.fuzzing import LONG, NUMBERS, WHOLE
 from twolink.contact.compiled import parts_of
 from twolink.contact.solver import stepper_of
+from twolink.contact.steps import Memory
 from twolink.native.contact import Parts, _Plan, _Start, _Told
 from twolink.native.library import OUTCOMES, library
 
@@ -42,7 +43,7 @@ def scenes() -> list[Parts]:
     made = [tl.Scene(robot, stacked, effects=[E.Gravity(), boxes]), tl.Scene(robot, apart, effects=[rounds]),
             tl.Scene(arm, effects=on_arm)]  # fmt: skip
     steppers = [stepper_of(scene) for scene in made]
-    return [parts_of(one.bodies, one.detector, one.joints, one.laws) for one in steppers]
+    return [parts_of(one.bodies, one.detector, one.joints, one.laws, one.loops) for one in steppers]
 
 
 class Fuzzer:
@@ -64,7 +65,7 @@ class Fuzzer:
         parts, random = self.scenes[int(self.random.integers(len(self.scenes)))], self.random
         sizes, whole = np.array(parts.sizes, dtype=np.int32), np.array(parts.whole, dtype=np.int32)
         numbers, lengths = np.array(parts.numbers, dtype=float), [len(parts.whole), len(parts.numbers)]
-        program = None if parts.program is None else parts.program.require_handle().value
+        programs = [None if one is None else one.require_handle().value for one in (parts.program, parts.loops)]
         kind = random.integers(6)
         if kind == 0:
             sizes[random.integers(len(sizes))] = random.choice(WHOLE)
@@ -76,9 +77,9 @@ class Fuzzer:
                 numbers[at] = random.choice(NUMBERS)
         elif kind == 4:  # a length above the true one tells the library to read what is not there
             lengths[random.integers(2)] = int(random.choice([-1, 0, 1, 5, -(2**63)]))
-        values = [sizes.ctypes.data, lengths[0], whole.ctypes.data, lengths[1], numbers.ctypes.data, program, 0]
+        values = [sizes.ctypes.data, lengths[0], whole.ctypes.data, lengths[1], numbers.ctypes.data, *programs, 0]
         if random.random() < 0.1:
-            values[int(random.choice([0, 2, 4, 5]))] = None
+            values[int(random.choice([0, 2, 4, 5, 6]))] = None
         made = ctypes.c_void_p()
         self.note("tl_contact_new", code := self.c.tl_contact_new(*values, ctypes.byref(made)))
         if code == 0:
@@ -95,22 +96,21 @@ class Fuzzer:
             if random.random() < 0.3 and array.size:
                 array.flat[random.integers(array.size)] = random.choice([*NUMBERS, 1e5])
         piece, told = random.integers(0, 2, count), random.integers(0, 2, count).astype(np.uint8)
-        keys = np.sort(random.choice([*LONG[:8], 2**32, 3 * 2**32, 2**33 + 1], size=known, replace=False)).astype(
-            np.int64
-        )
-        forces, marks = random.normal(size=(known, 3)), random.integers(0, 2, (2, known)).astype(np.uint8)
+        keys = np.sort(random.choice([*LONG[:8], 2**32, 3 * 2**32, 2**33 + 1], size=known, replace=False))
+        forces, marks = random.normal(size=(known, 3)), random.integers(0, 2, (2, known))
         if random.random() < 0.2:
             piece[random.integers(count)] = random.choice(LONG)
             keys = keys[::-1].copy()
-        arrays = [t, h, piece, told, numbers, q, v, forces, change, keys, marks[0], marks[1]]
+        memory = Memory(keys, forces, marks[0], marks[1], change, *random.choice(NUMBERS, size=2)).told()
+        arrays = [t, h, piece, told, numbers, q, v, memory]
         places = [array.ctypes.data for array in arrays]
         if random.random() < 0.1:
             places[int(random.integers(len(places)))] = None
-        counts = [count, 2, known]
+        counts = [count, 2, memory.size]
         if random.random() < 0.1:
             counts[int(random.integers(3))] = int(random.choice([-1, 0, -(2**63), 2**62]))
         plan, out = _Plan(*places[:5], *counts[:2], misses=int(random.integers(2))), _Told()
-        start = _Start(*places[5:], counts[2], float(random.choice(NUMBERS)), float(random.choice(NUMBERS)))
+        start = _Start(*places[5:], counts[2])
         pointers = [scene, *map(ctypes.addressof, (plan, start, out))]
         if random.random() < 0.05:
             pointers[int(random.integers(4))] = None

@@ -170,7 +170,7 @@ def loads_of(equations: Equations, t: float, q: Array, v: Array, numbers: Array)
 def _forces_program(bodies: Multibody) -> Program:
     """The program of (t, x) for tau - h, compared with NumPy and Pinocchio at the start."""
     equations = bodies.equations
-    mech, space = mechanism(equations.robot.model), equations.space
+    space = equations.space
 
     def compare(program: Program) -> None:
         x = equations.start
@@ -178,6 +178,7 @@ def _forces_program(bodies: Multibody) -> Program:
         require_agreement("forces", program(np.concatenate([[0.0], x])), bodies.by_pinocchio(0.0, q, v, numbers))
 
     def forces() -> Assembled:
+        mech = mechanism(equations.robot.model)
         return trace(lambda z, xp: unbalanced_forces(equations, mech, z[0], z[1:], xp), 1 + space.size)
 
     return program_named(equations.key("unbalanced"), forces, compare)
@@ -201,7 +202,6 @@ def cross(a: Array, b: Array) -> Array:
 
 
 MANY = 20  # free bodies from which sparse matrices pay
-TRACED = 200  # of them, whose effects are traced for the native library
 
 
 class FreeBodies(Multibody):
@@ -218,8 +218,7 @@ class FreeBodies(Multibody):
         self.inertias = np.array([model.inertias[j].matrix() for j in bodies])
         self.inverses = np.linalg.inv(self.inertias)
         self.places_now = Places(np.eye(3)[None], np.zeros((1, 3)))
-        traced = equations.effects and len(self.v) <= TRACED
-        self.program = _forces_program(self) if traced else None
+        self.program = _forces_program(self) if equations.effects else None
 
     def to_local_velocity(self, q: Array, w: Array, sign: int = 1) -> Array:
         """v of w; w of v with the sign -1."""

@@ -1,6 +1,6 @@
-"""Scenes whose steps the native library takes, and these as arrays for it (`native/contact_scene.c`).
+"""Scenes whose steps the native library takes, and these as arrays for it (`native/contact/scene.c`).
 
-It takes those of robots of all joints but mimic ones, without loops, with stops and dry friction of joints. It finds
+It takes those of all joints, with stops, dry friction and loops. It finds
 the points of shapes on planes, of shapes that touch at one point that has a formula, and of boxes and meshes with few
 edges; those of others it asks the detector for. NumPy (`stepping`), whose law this is, takes all other scenes, single
 steps that the library does not find, and all steps where there is no library.
@@ -16,8 +16,7 @@ import pinocchio as pin
 
 from twolink.algorithms.joint_models import read_joint
 from twolink.contact.bodies import Multibody
-from twolink.contact.joints import JointPoints, Laws
-from twolink.errors import QueryError
+from twolink.contact.joints import JointPoints, Laws, LoopRows
 from twolink.geometry.detection import ByFormula, Detector, Hulls
 from twolink.geometry.gaps import BoxGap, CylinderGap, RimGap, RoundGap
 from twolink.geometry.hulls import FEW, Hull
@@ -33,30 +32,29 @@ GROUPS = (OnPlanes, RimsOnPlanes, ByFormula)
 ENDLESS = 1e300  # m: the thickness of what has none
 
 
-def compiled(bodies: Multibody, detector: Detector, joints: JointPoints, laws: Laws) -> ContactScene | None:
+def compiled(
+    bodies: Multibody, detector: Detector, joints: JointPoints, laws: Laws, loops: LoopRows | None
+) -> ContactScene | None:
     """The scene in the native library; None where NumPy takes its steps."""
-    if not is_covered(bodies):
+    if library() is None or not is_covered(bodies, loops):
         return None
     others = [group for group in detector.groups if not is_found_natively(group)]
     finder = OtherPoints(detector.links, others) if others else None
-    return ContactScene(parts_of(bodies, detector, joints, laws), finder, misses=not detector.sees_all)
+    return ContactScene(parts_of(bodies, detector, joints, laws, loops), finder, misses=not detector.sees_all)
 
 
-def parts_of(bodies: Multibody, detector: Detector, joints: JointPoints, laws: Laws) -> Parts:
+def parts_of(bodies: Multibody, detector: Detector, joints: JointPoints, laws: Laws, loops: LoopRows | None) -> Parts:
     """The scene as arrays."""
-    return Parts(*_Scene(bodies, detector, joints, laws).arrays(), bodies.program)
+    sizes, whole, numbers = _Scene(bodies, detector, joints, laws).arrays()
+    rows, program = (0, None) if loops is None else (len(loops.constraints.kept), loops.function)
+    return Parts([*sizes, rows], whole, numbers, bodies.program, program)
 
 
-def is_covered(bodies: Multibody) -> bool:
-    """True if the native library takes the steps of a scene without loops."""
-    if library() is None:
-        return False
-    if bodies.equations.effects and (bodies.program is None or not runs_alone(bodies.program)):
-        return False
-    try:
-        return not any(read_joint(bodies.model, i).mimic for i in range(1, bodies.model.njoints))
-    except QueryError:  # a joint that formulas do not know
-        return False
+def is_covered(bodies: Multibody, loops: LoopRows | None) -> bool:
+    """True if the native library takes the steps of a scene: those of effects that it has as programs."""
+    programs = [bodies.program] if bodies.equations.effects else []
+    programs += [] if loops is None else [loops.function]
+    return all(one is not None and runs_alone(one) for one in programs)
 
 
 def is_found_natively(group: Group) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, overload
 
 import numpy as np
@@ -13,11 +12,11 @@ from twolink.contact.impulses import Impulses
 from twolink.contact.rest import resting
 from twolink.contact.steps import Blow, Memory, Record, Step, StepPlan
 from twolink.integrate.motion.state import Array
-from twolink.native.contact import ContactScene, Start, Steps, Told
+from twolink.native.contact import ContactScene, Steps, Told
 
 AT_ONCE = 128  # steps a call, so that a run can be interrupted and tells how far it is
 SOLVERS = ("newton", "proximal")
-HEAD, NUMBERS = 8, 7  # words of a step before its arrays: whole numbers, and numbers
+HEAD, NUMBERS, KEPT = 7, 5, 3  # words of a step before its arrays: whole numbers, numbers, and those of its memory
 
 
 def take_steps(
@@ -27,9 +26,8 @@ def take_steps(
     some = slice(steps.start, min(steps.stop, steps.start + AT_ONCE))
     told = plan.sampled[some].copy()
     told[:1] |= some.start == 0  # at the first sample stands what the first step is
-    start = Start(q, v, memory.keys, memory.forces, memory.stuck, memory.still, memory.change, memory.overlap,
-                  memory.unfollowed)  # fmt: skip
-    found = scene.run(Steps(plan.t[some], plan.h[some], plan.piece[some], told, plan.numbers), start)
+    words = memory.told() if memory.words is None else memory.words
+    found = scene.run(Steps(plan.t[some], plan.h[some], plan.piece[some], told, plan.numbers), q, v, words)
     return CompiledSteps(found, bodies, plan, some.start) if found.taken else None
 
 
@@ -46,7 +44,7 @@ class CompiledSteps(Sequence[Step]):
         while at < len(wholes):
             number, *_, known, count, of_joints = wholes[at : at + HEAD].tolist()
             self._at[number] = at
-            at += HEAD + NUMBERS + model.nq + (4 + of_joints) * model.nv + 6 * known + 10 * count
+            at += HEAD + NUMBERS + KEPT + model.nq + (4 + of_joints) * model.nv + 6 * known + 10 * count
 
     def __len__(self) -> int:
         return self._told.taken
@@ -57,10 +55,9 @@ class CompiledSteps(Sequence[Step]):
     def __getitem__(self, j: slice) -> Sequence[Step]: ...
     def __getitem__(self, j: Any) -> Any:
         """The step j."""
-        step = self._read(self._at[j])
+        step = self._read(self._at[j], self._blows() if j == len(self) - 1 else ())
         if j < len(self) - 1:
             return step
-        step = replace(step, blows=self._blows())
         return resting(self._bodies, self._plan, self._first + j, step) if self._told.rests else step
 
     def count_in(self, record: Record) -> None:
@@ -75,22 +72,21 @@ class CompiledSteps(Sequence[Step]):
         record.feasibility = max(record.feasibility, feasibility)
         record.complementarity = max(record.complementarity, complementarity)
 
-    def _read(self, at: int) -> Step:
-        """The step whose words begin at a place: `tell` of native/contact_run.c."""
+    def _read(self, at: int, blows: tuple[Blow, ...]) -> Step:
+        """The step whose words begin at a place: `tell` of native/contact/run.c."""
         read = _Reader(self._told.words, at)
-        _, touches, solver, softened, _, known, count, of_joints = read.wholes(HEAD).tolist()
-        h, overlap, feasibility, complementarity, residual, at_end, unfollowed = read.numbers(NUMBERS).tolist()
+        _, touches, solver, softened, known, count, of_joints = read.wholes(HEAD).tolist()
+        h, overlap, feasibility, complementarity, residual = read.numbers(NUMBERS).tolist()
         nq, nv = self._bodies.model.nq, self._bodies.model.nv
-        q, v, mean, change = (read.numbers(size) for size in (nq, nv, nv, 2 * nv))
-        memory = Memory(read.wholes(known), read.numbers(3 * known).reshape(-1, 3), read.wholes(known) > 0,
-                        read.wholes(known) > 0, change.reshape(2, nv), at_end, unfollowed)  # fmt: skip
+        q, v, mean = read.numbers(nq), read.numbers(nv), read.numbers(nv)
+        memory = read.memory(known, nv)
         keys = read.wholes(count)
         place, on_first, slips = (read.numbers(3 * count).reshape(-1, 3) for _ in range(3))
         joints = read.numbers(nv) if of_joints else None
         none = np.empty((0, 3))
         impulses = Impulses(none, none, feasibility, complementarity, residual, SOLVERS[solver]) if touches else None
         deepest = None if np.isnan(overlap) else overlap
-        return Step(h, q, v, mean, memory, keys, place, on_first, impulses, deepest, joints, slips,
+        return Step(h, q, v, mean, memory, keys, place, on_first, impulses, deepest, joints, slips, blows,
                     softened=bool(softened))  # fmt: skip
 
     def _blows(self) -> tuple[Blow, ...]:
@@ -118,3 +114,12 @@ class _Reader:
         """The next whole numbers."""
         self.at += count
         return self._wholes[self.at - count : self.at]
+
+    def memory(self, count: int, nv: int) -> Memory:
+        """The next words as a memory of so many contacts."""
+        begin = self.at
+        _, overlap, unfollowed = self.numbers(KEPT).tolist()
+        change, keys, forces = self.numbers(2 * nv).reshape(2, nv), self.wholes(count), self.numbers(3 * count)
+        stuck, still = self.wholes(count) > 0, self.wholes(count) > 0
+        words = self._words[begin : self.at]
+        return Memory(keys, forces.reshape(-1, 3), stuck, still, change, overlap, unfollowed, words=words)

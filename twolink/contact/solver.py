@@ -28,11 +28,17 @@ from twolink.loop.clock import SAME_TIME
 from twolink.scenes import Scene
 
 OVERLAP = 1e-9  # m, at the start
-_smooth: weakref.WeakKeyDictionary[Scene, tuple[Equations, Equations]] = weakref.WeakKeyDictionary()
+_steppers: weakref.WeakKeyDictionary[Scene, ContactStepper] = weakref.WeakKeyDictionary()
 
 
 def stepper_of(scene: Scene) -> ContactStepper:
-    """The stepper of a scene. Raises SceneError for what cannot be stepped."""
+    """A stepper of a scene, for one motion. Raises SceneError for what cannot be stepped."""
+    if scene not in _steppers:  # its parts are kept as long as the scene is
+        _steppers[scene] = _stepper_of(scene)
+    return _steppers[scene].another()
+
+
+def _stepper_of(scene: Scene) -> ContactStepper:
     effects = [effect for effect in scene.effects if isinstance(effect, Contact)]
     if any(effect.impacts == "reflections" for effect in effects):
         raise SceneError('Contact with impacts="reflections" is not stepped: expected "newton", one impulse a step',
@@ -46,23 +52,20 @@ def stepper_of(scene: Scene) -> ContactStepper:
         raise SceneError("effects that switch, other than joint stops and dry friction, cannot be stepped",
                          argument="contact", remedy='contact="located", or leave them out',
                          code="not-stepped")  # fmt: skip
-    if scene not in _smooth:  # the same scene has the same equations, which are kept as long as it is
-        sampling, every = sampled(scene)
-        smooth = [(place, effect) for place, effect in enumerate(every)
-                  if not isinstance(effect, SwitchingEffect)]  # fmt: skip
-        looped = replace(make_equations(scene.robot, scene.q, scene.v, smooth), sampling=sampling)
+    sampling, every = sampled(scene)
+    smooth = [(place, effect) for place, effect in enumerate(every) if not isinstance(effect, SwitchingEffect)]
+    with_loops = equations = replace(make_equations(scene.robot, scene.q, scene.v, smooth), sampling=sampling)
+    if with_loops.constraints is not None:
         free = [(place, effect) for place, effect in smooth if not isinstance(effect, Loop)]
-        q, v = looped.space.rows(looped.start)
-        _smooth[scene] = looped, looped if looped.constraints is None else replace(
-            make_equations(scene.robot, q, v, free), sampling=sampling)  # fmt: skip
-    with_loops, equations = _smooth[scene]
+        start = with_loops.space.rows(with_loops.start)
+        equations = replace(make_equations(scene.robot, *start, free), sampling=sampling)
     if equations.space.states:
         raise SceneError(f"effects with states of their own, such as {equations.space.states[0]!r}, cannot be stepped",
                          argument="contact", remedy='contact="located", or leave them out',
                          code="not-stepped")  # fmt: skip
     loops = None if with_loops.constraints is None else LoopRows(with_loops, with_loops.constraints)
     stepper = ContactStepper(equations, effects, stops, locks, loops)
-    overlap, pair = stepper.overlap(equations.start[: equations.space.nq])
+    overlap, pair = stepper.overlap_at_begin
     if overlap > OVERLAP:
         raise SceneError(f"{pair} overlap by {overlap:.3g} m at the start", where="q", code="overlap",
                          remedy="start with bodies apart, and joints within their stops")  # fmt: skip
@@ -107,12 +110,10 @@ class SteppedMotion(Motion):
         progress: Progress | None = None,
     ) -> None:
         self._stepper, self._t, self._plans, self._track, self._progress = stepper, t, plans, track, progress
-        stepper.record, equations, nq = Record(), stepper.equations, stepper.equations.space.nq
-        numbers = equations.layout.numbers_at(t)
+        stepper.record, numbers = Record(), stepper.equations.layout.numbers_at(t)
         self._numbers = np.repeat(numbers[:, None], len(plans), axis=1)
-        q, v = np.array(equations.start[:nq]), np.array(equations.start[nq : equations.moving])
-        w = stepper.bodies.to_local_velocity(q, v, -1)
-        self.states = [SteppedState(q, w, stepper.start(t, q, w, numbers))] * len(plans)
+        self._x: Array | None = None
+        self.states = [SteppedState(*stepper.begin)] * len(plans)
 
     @property
     def equations(self) -> Equations:
@@ -127,8 +128,10 @@ class SteppedMotion(Motion):
     @property
     def x(self) -> Array:
         """The states."""
-        local = self._stepper.bodies.to_local_velocity
-        return np.stack([np.concatenate([q, local(q, w)]) for q, w, _ in self.states], axis=1)
+        if self._x is None:
+            local = self._stepper.bodies.to_local_velocity
+            self._x = np.stack([np.concatenate([q, local(q, w)]) for q, w, _ in self.states], axis=1)
+        return self._x
 
     @property
     def steps(self) -> int:
@@ -144,7 +147,7 @@ class SteppedMotion(Motion):
     def advance(self, t: float) -> None:
         """Go to a time, s."""
         ends = [self._solved(k, t) for k in range(len(self.states))]
-        self.states, self._t = ends, t
+        self.states, self._t, self._x = ends, t, None
 
     def _solved(self, number: int, end: float) -> SteppedState:
         plan, first = self._plans[number](self._t, end, self._numbers[:, number])
@@ -180,7 +183,7 @@ class SteppedMotion(Motion):
 
     def restore(self, saved: tuple[float, Array, list[SteppedState]]) -> None:
         """Go on from there."""
-        self._t, self._numbers, self.states = saved
+        (self._t, self._numbers, self.states), self._x = saved, None
 
 
 def steps_of(step: float, doubled: int = 0) -> Planned:

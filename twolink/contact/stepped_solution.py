@@ -132,13 +132,12 @@ class SteppedTrack:
 
     def __init__(self, stepper: ContactStepper, plan: StepPlan, times: Array) -> None:
         self._stepper, self._plan, self._times, equations = stepper, plan, times, stepper.equations
-        nq = equations.space.nq
-        q, v = np.array(equations.start[:nq]), np.array(equations.start[nq : equations.moving])
+        q, v = equations.space.rows(equations.start)
         none = np.zeros_like(v)
         self._states = [(q, v, none, none, plan.numbers[0], 0.0)]
         self._pressing: list[Pressing] = [{}]
         self._impulses: list[Impulse] = []
-        self._overlap = stepper.overlap(q)[0]
+        self._overlap = stepper.overlap_at_begin[0]
 
     def add(self, first: int, steps: Sequence[Step]) -> None:
         """Add steps, the first of which has a number in the plan."""

@@ -25,6 +25,8 @@ A step whose impulses do not obey the laws is taken as two halves, and refused w
 
 from __future__ import annotations
 
+import copy
+import functools
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -74,20 +76,38 @@ class ContactStepper:
         self.detector = Detector(equations.robot, [pair for pair, _ in pairs])
         self.joints = JointPoints(stops, locks, len(self.detector.names))
         self.laws = self.joints.laws(self.detector, [effect for _, effect in pairs])
-        self.bodies, self.loops = bodies_of(equations) if loops is None else Multibody(equations), loops
-        self.native = None if loops is not None else compiled(self.bodies, self.detector, self.joints, self.laws)
-        self.record = Record()
+        self.loops, self.record = loops, Record()
+        self.bodies = self._own_bodies()
+        self.native = compiled(self.bodies, self.detector, self.joints, self.laws, loops)
 
-    def start(self, t: float, q: Array, v: Array, numbers: Array) -> Memory:
-        """The memory at the start of a run: what touches and does not slip sticks."""
-        points = self._points(self.bodies.places(q, self.bodies.to_local_velocity(q, v))[0], CLOSED, q)
+    def _own_bodies(self) -> Multibody:
+        return bodies_of(self.equations) if self.loops is None else Multibody(self.equations)
+
+    def another(self) -> ContactStepper:
+        """A stepper of the same scene, for another motion and thread."""
+        other = copy.copy(self)
+        other.bodies, other.record = self._own_bodies(), Record()
+        return other
+
+    @functools.cached_property
+    def begin(self) -> tuple[Array, Array, Memory]:
+        """q, w and the memory at the start of a run: what touches and does not slip sticks."""
+        q, local = self.equations.space.rows(self.equations.start)
+        v = self.bodies.to_local_velocity(q, local, -1)
+        points = self._points(self.bodies.places(q, local)[0], CLOSED, q)
         if not len(points.gap):
-            return Memory.empty(np.zeros((2, len(v))))
-        self.bodies.free_acceleration(t, q, v, numbers)  # of which the Jacobian takes the configuration
+            return q, v, Memory.empty(np.zeros((2, len(v))))
+        # The Jacobian takes the configuration of this.
+        self.bodies.free_acceleration(0.0, q, v, self.equations.layout.numbers_at(0.0))
         speeds = (self._rows(points, axes_of(points.normal)) @ v).reshape(-1, 3)
         keys = np.sort(points.key[(points.gap < CLOSED) & (np.abs(speeds).max(axis=1) < STILL)])
         every = np.ones(len(keys), bool)
-        return Memory(keys, np.zeros((len(keys), 3)), every, every, np.zeros((2, len(v))))
+        return q, v, Memory(keys, np.zeros((len(keys), 3)), every, every, np.zeros((2, len(v))))
+
+    @functools.cached_property
+    def overlap_at_begin(self) -> tuple[float, str]:
+        """`overlap` at the start of a run."""
+        return self.overlap(self.begin[0])
 
     def overlap(self, q: Array) -> tuple[float, str]:
         """The largest overlap of bodies, m, or of joints with their stops, rad or m, and the pair; or gap of a loop."""

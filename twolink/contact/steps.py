@@ -84,6 +84,8 @@ class Memory:
         By how much bounces that were too low for the steps would have moved a joint so far at most, rad or m.
     rest : AtRest, optional
         Where the bodies are at rest.
+    words : ndarray, optional
+        All but the rest as the native library has told of it (`ContactScene.run`).
     """
 
     keys: Array
@@ -94,12 +96,20 @@ class Memory:
     overlap: float = 0.0
     unfollowed: float = 0.0
     rest: AtRest | None = None
+    words: Array | None = None
 
     def changes(self, mean: Array, *, smooth: bool = True) -> Array:
         """The changes w' of the last two steps for the next one; 0 where the step was not smooth."""
         if not smooth:
             return np.zeros_like(self.change)
         return np.array([mean, self.change[0] if self.change[0].any() else mean])
+
+    def told(self) -> Array:
+        """The words for the native library."""
+        wholes = [np.asarray(x, dtype=np.int64) for x in ([len(self.keys)], self.keys, self.stuck, self.still)]
+        count, keys, *marks = (x.view(float) for x in wholes)
+        numbers = [self.overlap, self.unfollowed], self.change.ravel()
+        return np.concatenate([count, *numbers, keys, self.forces.ravel(), *marks])
 
     @staticmethod
     def empty(change: Array, unfollowed: float = 0.0) -> Memory:

@@ -1,28 +1,29 @@
 """Contact steps in the native library: many steps of a scene in one call."""
 
 import ctypes
-import threading
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
-from twolink.native.library import Handle, address, level, library, require
+from twolink.native.library import Handle, Pool, address, level, library, require
 from twolink.native.machine import ALONE, Program
 
 Array = np.ndarray[Any, np.dtype[Any]]
 
 
 class Parts(NamedTuple):
-    """A scene as arrays, in the order of `tl_contact_new` of native/contact_scene.c: sizes (13,), whole, numbers.
+    """A scene as arrays, in the order of `tl_contact_new` of native/contact/scene.c: sizes (14,), whole, numbers.
 
-    program: of (t, q, v, numbers) for tau - h; None for bodies on which gravity alone acts.
+    program: of (t, q, v, numbers) for tau - h; None for bodies on which gravity alone acts. loops: of q for their gaps
+    and rows; None without.
     """
 
     sizes: Sequence[int]
     whole: Array
     numbers: Array
     program: Program | None
+    loops: Program | None
 
 
 class Steps(NamedTuple):
@@ -33,20 +34,6 @@ class Steps(NamedTuple):
     piece: Array
     told: Array
     numbers: Array
-
-
-class Start(NamedTuple):
-    """The begin of steps: q, v, and the memory. keys (k,) rise; forces (k, 3); stuck, still (k,); change (2, nv)."""
-
-    q: Array
-    v: Array
-    keys: Array
-    forces: Array
-    stuck: Array
-    still: Array
-    change: Array
-    overlap: float
-    unfollowed: float
 
 
 class Found(NamedTuple):
@@ -85,7 +72,7 @@ class Told(NamedTuple):
 
 
 class _FoundPoints(ctypes.Structure):
-    """tl_found of native/contact.h."""
+    """tl_found of native/contact/scene.h."""
 
     _fields_ = (("count", ctypes.c_int64), *((name, ctypes.c_void_p) for name in Found._fields),
                 ("overlap", ctypes.c_double))  # fmt: skip
@@ -93,11 +80,12 @@ class _FoundPoints(ctypes.Structure):
 
 _FINDER = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p,
                            ctypes.POINTER(_FoundPoints))  # fmt: skip
+_ARGUMENTS = tuple(map(np.dtype, (float, float, np.int64, bool, float, float, float, float)))
 _KINDS = (np.int64, np.int32, np.int32, np.int32, float, float, float)
 
 
 class _Plan(ctypes.Structure):
-    """tl_plan of native/contact_run.c."""
+    """tl_plan of native/contact/run.c."""
 
     _fields_ = (*((name, ctypes.c_void_p) for name in ("t", "h", "piece", "sampled", "numbers")),
                 ("count", ctypes.c_int64), ("pieces", ctypes.c_int64), ("find", _FINDER),
@@ -105,14 +93,13 @@ class _Plan(ctypes.Structure):
 
 
 class _Start(ctypes.Structure):
-    """tl_start of native/contact_run.c."""
+    """tl_start of native/contact/run.c."""
 
-    _fields_ = (*((name, ctypes.c_void_p) for name in ("q", "v", "forces", "change", "keys", "stuck", "still")),
-                ("count", ctypes.c_int64), ("overlap", ctypes.c_double), ("unfollowed", ctypes.c_double))  # fmt: skip
+    _fields_ = (*((name, ctypes.c_void_p) for name in ("q", "v", "memory")), ("words", ctypes.c_int64))
 
 
 class _Told(ctypes.Structure):
-    """tl_told of native/contact_run.c."""
+    """tl_told of native/contact/run.c."""
 
     _fields_ = (("words", ctypes.c_void_p), ("blow_words", ctypes.c_void_p),
                 *((name, ctypes.c_int64) for name in ("word_count", "blow_count", "rests")),
@@ -120,22 +107,51 @@ class _Told(ctypes.Structure):
 
 
 class ContactScene:
-    """A scene in the native library. Threads use it one after the other. misses: whether what touches
-    within a step may be no point before."""
+    """A scene in the native library, of which each thread that takes steps has one. misses: whether what touches within
+    a step may be no point before."""
 
     def __init__(self, parts: Parts, finder: Finder | None = None, *, misses: bool = False) -> None:
-        self._program, made = parts.program, ctypes.c_void_p()
+        self._parts, self._finder, self._misses = parts, finder, misses
+        self._sizes = tuple(int(size) for size in parts.sizes[1:4])
+        self._pool = Pool(lambda: _Instance(parts, finder))
+        self._pool.give(self._pool.take())  # what the library refuses is refused now
+
+    def run(self, steps: Steps, q: Array, v: Array, memory: Array) -> Told:
+        """Take steps up to their end, to bodies at rest, or to one that is not found.
+
+        memory: its words as they are told: the number k of contacts as a whole number, the overlap, m, `unfollowed`,
+        change (2, nv), keys (k,) as whole numbers that rise, forces (k, 3), and stuck, still (k,) as whole numbers.
+        """
+        (nq, nv, m), count = self._sizes, len(steps.t)
+        arrays = (steps.t, steps.h, steps.piece, steps.told, steps.numbers, q, v, memory)
+        sizes = (count, count, count, count, m * len(steps.numbers), nq, nv, memory.size)
+        if any(x.size != n or x.dtype != kind for x, n, kind in zip(arrays, sizes, _ARGUMENTS, strict=True)):
+            raise ValueError(f"steps of {[(x.shape, x.dtype) for x in arrays]}")
+        packed = [x if x.flags.c_contiguous else np.ascontiguousarray(x) for x in arrays]
+        at, one = [x.ctypes.data for x in packed], self._pool.take()
+        try:
+            plan = _Plan(*at[:5], count, len(steps.numbers), one.find, self._misses)
+            told: Told = one.run(plan, _Start(*at[5:], memory.size))
+            return told
+        finally:
+            self._pool.give(one)
+
+
+class _Instance:
+    """A scene that one thread at a time uses. points: those found last, which the library reads."""
+
+    def __init__(self, parts: Parts, finder: Finder | None) -> None:
+        self._programs, made = (parts.program, parts.loops), ctypes.c_void_p()
         sizes = np.array(parts.sizes, dtype=np.int32)
         whole, numbers = (np.ascontiguousarray(parts.whole, dtype=np.int32), _numbers(parts.numbers))
-        program = None if self._program is None else self._program.require_handle().value
+        programs = [None if one is None else one.require_handle().value for one in self._programs]
         code = library().tl_contact_new(address(sizes), len(whole), address(whole), len(numbers), address(numbers),
-                                        program, level(), ctypes.byref(made))  # fmt: skip
+                                        *programs, level(), ctypes.byref(made))  # fmt: skip
         require(code, "a scene with contacts")
         self._handle = Handle(made.value, library().tl_contact_free)
-        self._bodies, *self._sizes = (int(size) for size in sizes[:4])
-        self._lock, self._finder, self._misses = threading.Lock(), finder, misses
-        self._find = _FINDER() if finder is None else _FINDER(self._found)
-        self._points: list[Array] = []  # which the library reads
+        self._bodies, self._finder = int(sizes[0]), finder
+        self.find = _FINDER() if finder is None else _FINDER(self._found)
+        self._points: list[Array] = []
         self._failed: BaseException | None = None
 
     def _found(self, reach: float, wants_overlap: int, turned: int, origin: int, out: Any) -> int:
@@ -156,32 +172,15 @@ class ContactScene:
             return 1
         return 0
 
-    def run(self, steps: Steps, start: Start) -> Told:
-        """Take steps up to their end, to bodies at rest, or to one that is not found."""
-        nq, nv, m = self._sizes
-        t, h, numbers, q, v, forces, change = (
-            _numbers(x) for x in (steps.t, steps.h, steps.numbers, start.q, start.v, start.forces, start.change)
-        )
-        piece, keys = (np.ascontiguousarray(x, dtype=np.int64) for x in (steps.piece, start.keys))
-        told, stuck, still = (np.ascontiguousarray(x, dtype=np.uint8) for x in (steps.told, start.stuck, start.still))
-        count, known = len(t), len(keys)
-        shapes = [(h, count), (piece, count), (told, count), (q, nq), (v, nv), (change, 2 * nv), (forces, 3 * known),
-                  (stuck, known), (still, known), (numbers, m * len(numbers))]  # fmt: skip
-        if any(array.size != size for array, size in shapes):
-            raise ValueError(f"steps of {[array.shape for array, _ in shapes]}")
-        plan = _Plan(*map(address, (t, h, piece, told, numbers)), count, len(numbers), self._find, self._misses)
-        begin = _Start(
-            *map(address, (q, v, forces, change, keys, stuck, still)), known, start.overlap, start.unfollowed
-        )
-        out = _Told()
-        with self._lock:
-            self._failed = None
-            taken = library().tl_contact_run(self._handle.value, *map(ctypes.byref, (plan, begin, out)))
-            if self._failed is not None:
-                raise self._failed
-            if taken < 0:
-                require(taken, "steps with contacts")
-            words, blows = _copied(out.words, out.word_count), _copied(out.blow_words, out.blow_count)
+    def run(self, plan: _Plan, begin: _Start) -> Told:
+        """Take steps. Raises what the finder raises."""
+        out, self._failed = _Told(), None
+        taken = library().tl_contact_run(self._handle.value, *map(ctypes.byref, (plan, begin, out)))
+        if self._failed is not None:
+            raise self._failed
+        if taken < 0:
+            require(taken, "steps with contacts")
+        words, blows = _copied(out.words, out.word_count), _copied(out.blow_words, out.blow_count)
         return Told(int(taken), words, blows, bool(out.rests), tuple(out.record))
 
 

@@ -1,22 +1,22 @@
 /* The laws of the points of a step: what touches, when in the step it meets, and by how much it bounces. Statement and sources:
 contact/step_law.py, whose names the fields have. */
-#include "contact_law.h"
-#include "contact_vectors.h"
+#include "step.h"
+#include "vectors.h"
 
 /* Memory for the laws of n points. */
 static int take(tl_scene *s, tl_law *law, int n) {
-  double **const vectors[5] = {&law->before, &law->after, &law->guess, &law->lasting, &law->sums};
+  double **const vectors[6] = {&law->before, &law->after, &law->guess, &law->lasting, &law->sums, &law->moves};
   double **const numbers[8] = {&law->rebound, &law->open, &law->late, &law->heights,
                                &law->given, &law->mu, &law->slower, &law->ends};
   uint8_t **const marks[8] = {&law->known, &law->stuck, &law->hits, &law->bounces,
                               &law->rests, &law->of_joints, &law->active, &law->taken};
   const size_t count = (size_t)n;
-  double *x = tl_take(&s->work, 23 * count, sizeof(double));
+  double *x = tl_take(&s->work, 26 * count, sizeof(double));
   uint8_t *mark = tl_take(&s->work, 8 * count, 1);
   if (!x || !mark) return TL_NO_MEMORY;
-  memset(x, 0, 23 * count * sizeof(double));
+  memset(x, 0, 26 * count * sizeof(double));
   memset(mark, 0, 8 * count);
-  for (int k = 0; k < 5; k++, x += 3 * count) *vectors[k] = x;
+  for (int k = 0; k < 6; k++, x += 3 * count) *vectors[k] = x;
   for (int k = 0; k < 8; k++, x += count) *numbers[k] = x;
   for (int k = 0; k < 8; k++, mark += count) *marks[k] = mark;
   law->n = n;
@@ -90,20 +90,23 @@ static void meet(const tl_scene *s, tl_law *law, int k, int still) {
   law->mu[k] = law->stuck[k] ? s->fixed[pair] : law->slower[k];
 }
 
-/* The laws of the scene's points in a step that begins with v and would end with `free` without impulses. */
-int tl_new_law(tl_scene *s, double h, const double *v, const double *free, tl_row *rows, const tl_memory *memory, tl_law *law) {
+/* The laws of the scene's points in a step that begins with v and would end with `free` without impulses. guess: impulses to
+begin with, NULL: those of the last step. */
+int tl_new_law(tl_scene *s, double h, const double *v, const double *free, tl_row *rows, const tl_memory *memory,
+               const double *guess, tl_law *law) {
   const int code = take(s, law, s->count);
   if (code) return code;
   law->h = h, law->share = 1.0, law->points = s->points, law->rows = rows;
   uint8_t *still = law->taken; /* until it is needed */
+  tl_speeds(s, law->points, rows, law->n, v, law->before);
+  tl_speeds(s, law->points, rows, law->n, free, law->after);
   for (int k = 0; k < law->n; k++) {
-    tl_row_times(rows + k, v, law->before + 3 * k);
-    tl_row_times(rows + k, free, law->after + 3 * k);
     const int place = place_of(memory, law->points[k].key);
     if (place < 0) continue;
     law->known[k] = 1, law->stuck[k] = memory->stuck[place], still[k] = memory->still[place];
     for (int i = 0; i < 3; i++) law->guess[3 * k + i] = law->lasting[3 * k + i] = h * memory->forces[3 * place + i];
   }
+  if (guess) memcpy(law->guess, guess, 3 * (size_t)law->n * sizeof(double));
   for (int first = 0, end; first < law->n; first = end) {
     int count = 0;
     end = end_of_pair(law, first);
@@ -123,7 +126,7 @@ int tl_new_law(tl_scene *s, double h, const double *v, const double *free, tl_ro
 }
 
 /* Let points that end too low without an impulse be active too, and points that slip have less friction; how many there were. */
-int tl_missed(tl_law *law, const tl_solution *found) {
+int tl_missed(tl_scene *s, tl_law *law, const tl_solution *found) {
   int changed = 0;
   for (int i = 0; i < found->count; i++) {
     const int k = found->active[i];
@@ -131,11 +134,8 @@ int tl_missed(tl_law *law, const tl_solution *found) {
     if (!(law->mu[k] > law->slower[k] && sqrt(u[0] * u[0] + u[1] * u[1]) > TL_STILL)) continue;
     law->mu[k] = law->slower[k], changed++;
   }
-  for (int k = 0; k < law->n; k++) {
-    double u[3];
-    tl_row_times(law->rows + k, found->ends, u);
-    law->ends[k] = law->points[k].gap + 0.5 * law->h * u[2];
-  }
+  tl_speeds(s, law->points, law->rows, law->n, found->ends, law->moves);
+  for (int k = 0; k < law->n; k++) law->ends[k] = law->points[k].gap + 0.5 * law->h * law->moves[3 * k + 2];
   return changed + activate_lowest(law, -TL_CLOSED, 1);
 }
 
@@ -150,7 +150,7 @@ int tl_unfollowed(tl_scene *s, const tl_law *law, const tl_solution *found, doub
     if (!(law->heights[k] > 0.0 && found->p[3 * i + 2] > 0.0)) continue;
     memset(x, 0, (size_t)s->nv * sizeof(double));
     tl_add_row(law->rows + k, law->rows[k].y, NORMAL, x);
-    tl_outward(s, x);
+    tl_free_outward(s, x);
     tl_row_times(law->rows + k, x, u);
     for (int d = 0; d < s->nv; d++) most = tl_larger(most, fabs(x[d]));
     *out = tl_larger(*out, most * law->heights[k] / u[2]);

@@ -5,8 +5,8 @@
 All that arises lies within the envelope. Rows of L and columns of U are kept as rows of numbers, so that all sums are over
 neighbours. Source: George, Liu: Computer Solution of Large Sparse Positive Definite Systems, 1981, chapter 4. Compiled once for
 each level of a processor: -DLEVEL=base, v3 or v4. */
-#include "contact_solver.h"
-#include "contact_vectors.h"
+#include "solver.h"
+#include "vectors.h"
 
 #pragma STDC FP_CONTRACT ON
 

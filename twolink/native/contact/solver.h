@@ -1,7 +1,7 @@
 /* The contact problem of a step: rows of points, blocks of G, and impulses. See contact/impulses.py. */
 #ifndef TWOLINK_CONTACT_SOLVER_H
 #define TWOLINK_CONTACT_SOLVER_H
-#include "contact.h"
+#include "scene.h"
 
 /* A matrix of blocks (3 x 3) in an envelope: of row i the blocks first[i] to i as three rows of numbers, which begin at[i] blocks
 from the start. The upper triangle is the transpose, or of the same shape, by columns, in a second array. */
@@ -25,10 +25,10 @@ typedef struct {
 } tl_answer;
 
 void tl_axes_of(const double *normal, double *axes);
-int tl_rows(tl_scene *s, const tl_point *point, tl_row *row);
+void tl_speeds(tl_scene *s, const tl_point *points, const tl_row *rows, int n, const double *w, double *out);
 void tl_row_times(const tl_row *row, const double *w, double *out);
 void tl_add_row(const tl_row *row, const double *values, const double *p, double *out);
-int tl_need_inward(tl_scene *s, tl_row *row);
+int tl_need_row(tl_scene *s, const tl_point *point, tl_row *row);
 void tl_coupling(const tl_scene *s, const tl_row *a, const tl_row *b, double *out);
 int tl_envelope_of(tl_scene *s, const tl_row *const *rows, int n, tl_envelope *out);
 

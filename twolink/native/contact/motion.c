@@ -1,6 +1,6 @@
 /* Motion without contacts: the acceleration of a scene's bodies, and configurations that move. */
-#include "contact.h"
-#include "contact_vectors.h"
+#include "scene.h"
+#include "vectors.h"
 
 #define SMALL 1e-7 /* rad^2: the square of half a turn whose sine is x - x^3 / 6 */
 
@@ -22,7 +22,7 @@ static void to_local_velocity(const tl_scene *s, const double *w, double *v) {
 }
 
 /* Forces that belong to v as forces that belong to w. */
-static void to_fixed_axes(const tl_scene *s, double *forces) {
+void tl_to_fixed_axes(const tl_scene *s, double *forces) {
   for (int b = 1; b < s->bodies; b++) {
     const tl_body *body = s->body + b;
     const int size = moving_axes(body);
@@ -69,7 +69,7 @@ void tl_free_acceleration(tl_scene *s, double t, const double *q, const double *
   else tl_minus_bias(s, w, out);
   if (h > 0.0)
     for (int k = 0; k < s->nv; k++) out[k] += s->viscosity[k] * ahead[k];
-  if (s->program) to_fixed_axes(s, out);
+  if (s->program) tl_to_fixed_axes(s, out);
   tl_inward(s, out);
   tl_outward(s, out);
   if (s->program) add_turning(s, w, out);

@@ -1,6 +1,7 @@
-/* Points at which bodies touch or are about to: of balls and rims over planes, and of joints. See geometry/detection.py. */
-#include "contact.h"
-#include "contact_vectors.h"
+/* Points at which bodies touch or are about to: of balls and rims over planes, of
+joints, and of shapes that have no formula here, whose points the caller finds. See geometry/detection.py. */
+#include "scene.h"
+#include "vectors.h"
 
 #include <stdlib.h>
 
@@ -80,6 +81,44 @@ static void rims(tl_scene *s, double reach) {
         if (gap < reach) add_on_plane(s, rim->pair, 4 * rim->feature + way, rim->body, gap, rim->normal, x);
       }
   }
+}
+
+/* Whether points that the caller finds are of the scene. */
+static int is_sound(const tl_scene *s, const tl_found *found) {
+  if (found->count < 0 || found->count > (1 << 24)) return 0;
+  if (found->count && !(found->keys && found->pair && found->first && found->second && found->gap && found->normal &&
+                        found->position))
+    return 0;
+  for (int64_t k = 0; k < found->count; k++)
+    if (found->pair[k] < 0 || found->pair[k] >= s->pairs || found->first[k] < 0 || found->first[k] >= s->bodies ||
+        found->second[k] < 0 || found->second[k] >= s->bodies)
+      return 0;
+  return 1;
+}
+
+/* The points with gaps below the reach, those of a pair one after the other. Where the caller fails, the scene knows. */
+void tl_detect_others(tl_scene *s, double reach) {
+  tl_found found = {0};
+  if (!s->find) return;
+  if (s->find(reach, 0, s->turned, s->origin, &found) || !is_sound(s, &found)) {
+    s->buried = 1;
+    return;
+  }
+  for (int64_t k = 0; k < found.count; k++) {
+    tl_point point = {.key = found.keys[k], .pair = found.pair[k], .first = found.first[k], .second = found.second[k],
+                      .dof = -1, .gap = found.gap[k]};
+    tl_copy3(found.normal + 3 * k, point.normal);
+    tl_copy3(found.position + 3 * k, point.position);
+    tl_add_point(s, &point);
+  }
+}
+
+/* The largest overlap that the caller finds, m. */
+double tl_overlap_of_others(tl_scene *s) {
+  tl_found found = {0};
+  if (!s->find) return 0.0;
+  if (s->find(0.0, 1, s->turned, s->origin, &found)) s->buried = 1;
+  return found.overlap;
 }
 
 /* The points of bodies with gaps below the reach. */

@@ -1,8 +1,8 @@
 /* Many steps in one call, and what is told of those at whose end a sample is, of the last, and of impacts.
 
 What is told is a row of words of 8 bytes each, numbers or whole ones, see native/contact.py. */
-#include "contact_step.h"
-#include "contact_vectors.h"
+#include "step.h"
+#include "vectors.h"
 
 #include <stdlib.h>
 
@@ -20,13 +20,10 @@ typedef struct {
   int64_t misses;
 } tl_plan;
 
-/* Where a run begins: the state, and its memory, whose keys rise. */
+/* Where a run begins: the state, and the words of its memory as they are told. */
 typedef struct {
-  const double *q, *v, *forces, *change;
-  const int64_t *keys;
-  const uint8_t *stuck, *still;
-  int64_t count;
-  double overlap, unfollowed;
+  const double *q, *v, *memory;
+  int64_t words;
 } tl_start;
 
 /* What a run gives: words of steps that are told of, and of impacts; the record; whether bodies rest at the end. */
@@ -78,27 +75,54 @@ static int tell_marks(tl_arena *words, const uint8_t *x, int count) {
   return code;
 }
 
-/* Tell of the end of the step `number`. */
-static int tell(tl_scene *s, const tl_ended *end, int64_t number) {
-  const tl_memory *m = &end->memory;
-  tl_arena *to = &s->words;
-  tl_place(s, end->q);
-  double overlap = tl_overlap(s, end->q);
-  if (s->buried || s->short_of_memory) overlap = NAN;
-  const int64_t head[8] = {number, end->touches, end->solver, end->softened, end->rests, m->count, end->count,
-                           end->joints != NULL};
-  const double numbers[7] = {end->h, overlap, end->feasibility, end->complementarity, end->residual, m->overlap,
-                             m->unfollowed};
-  int code = tell_wholes(to, head, 8);
-  if (!code) code = tell_numbers(to, numbers, 7);
-  if (!code) code = tell_numbers(to, end->q, s->nq);
-  if (!code) code = tell_numbers(to, end->v, s->nv);
-  if (!code) code = tell_numbers(to, end->mean, s->nv);
+/* Tell of a memory: what `remembered` reads. */
+static int tell_memory(const tl_scene *s, tl_arena *to, const tl_memory *m) {
+  const int64_t count = m->count;
+  const double numbers[2] = {m->overlap, m->unfollowed};
+  int code = tell_wholes(to, &count, 1);
+  if (!code) code = tell_numbers(to, numbers, 2);
   if (!code) code = tell_numbers(to, m->change, 2 * s->nv);
   if (!code) code = tell_wholes(to, m->keys, m->count);
   if (!code) code = tell_numbers(to, m->forces, 3 * m->count);
   if (!code) code = tell_marks(to, m->stuck, m->count);
-  if (!code) code = tell_marks(to, m->still, m->count);
+  return code ? code : tell_marks(to, m->still, m->count);
+}
+
+/* The memory that was told, in the words of the caller; its marks are in the arena of ends that is not used next. */
+static int remembered(tl_scene *s, const tl_start *start, tl_memory *out) {
+  const int64_t *whole = (const int64_t *)start->memory, own = 3 + 2 * (int64_t)s->nv;
+  if (start->words < own || whole[0] < 0 || whole[0] > (1 << 24) || start->words != own + 6 * whole[0]) return TL_BAD_ARGUMENT;
+  const int count = (int)whole[0];
+  const double *number = start->memory + own;
+  *out = (tl_memory){count, (int64_t *)(whole + own), (double *)(number + count), (double *)(start->memory + 3),
+                     start->memory[1], start->memory[2], NULL, NULL};
+  for (int k = 1; k < count; k++)
+    if (out->keys[k] <= out->keys[k - 1]) return TL_BAD_ARGUMENT;
+  tl_arena *to = s->ends + 1;
+  to->used = 0;
+  uint8_t *marks = tl_take(to, 2 * (size_t)count, 1);
+  if (!marks && !grow(to, 0)) marks = tl_take(to, 2 * (size_t)count, 1);
+  if (!marks) return TL_NO_MEMORY;
+  for (int k = 0; k < 2 * count; k++) marks[k] = whole[own + 4 * count + k] != 0;
+  out->stuck = marks, out->still = marks + count;
+  return TL_FINE;
+}
+
+/* Tell of the end of the step `number`; of its overlap where samples will ask for it. */
+static int tell(tl_scene *s, const tl_ended *end, int64_t number, int sampled) {
+  const tl_memory *m = &end->memory;
+  tl_arena *to = &s->words;
+  if (sampled) tl_place(s, end->q);
+  double overlap = sampled ? tl_larger(tl_overlap(s, end->q), tl_loop_gap(s, end->q)) : NAN;
+  if (s->buried || s->short_of_memory) overlap = NAN;
+  const int64_t head[7] = {number, end->touches, end->solver, end->softened, m->count, end->count, end->joints != NULL};
+  const double numbers[5] = {end->h, overlap, end->feasibility, end->complementarity, end->residual};
+  int code = tell_wholes(to, head, 7);
+  if (!code) code = tell_numbers(to, numbers, 5);
+  if (!code) code = tell_numbers(to, end->q, s->nq);
+  if (!code) code = tell_numbers(to, end->v, s->nv);
+  if (!code) code = tell_numbers(to, end->mean, s->nv);
+  if (!code) code = tell_memory(s, to, m);
   if (!code) code = tell_wholes(to, end->keys, end->count);
   if (!code) code = tell_numbers(to, end->places, 3 * end->count);
   if (!code) code = tell_numbers(to, end->on_first, 3 * end->count);
@@ -153,14 +177,10 @@ static int comes_to_rest(const tl_scene *s, const tl_task *task, tl_ended *out) 
 
 static int is_sound(const tl_scene *s, const tl_plan *plan, const tl_start *start) {
   if (!plan->t || !plan->h || !plan->piece || !plan->sampled || plan->count < 0 || plan->count > TL_MAX_COUNT ||
-      (s->numbers && !plan->numbers) || plan->pieces < 1 || !start->q || !start->v || !start->change || start->count < 0 ||
-      start->count > (1 << 24))
+      (s->numbers && !plan->numbers) || plan->pieces < 1 || !start->q || !start->v || !start->memory)
     return 0;
-  if (start->count && !(start->forces && start->keys && start->stuck && start->still)) return 0;
   for (int64_t k = 0; k < plan->count; k++)
     if (plan->piece[k] < 0 || plan->piece[k] >= plan->pieces) return 0;
-  for (int64_t k = 1; k < start->count; k++)
-    if (start->keys[k] <= start->keys[k - 1]) return 0;
   return 1;
 }
 
@@ -168,8 +188,9 @@ static int is_sound(const tl_scene *s, const tl_plan *plan, const tl_start *star
 What is told stays until the next run. One thread at a time may call it. */
 TL_API int64_t tl_contact_run(tl_scene *s, const tl_plan *plan, const tl_start *start, tl_told *told) {
   if (!s || !plan || !start || !told || !is_sound(s, plan, start)) return -TL_BAD_ARGUMENT;
-  tl_memory memory = {(int)start->count, (int64_t *)start->keys, (double *)start->forces, (double *)start->change,
-                      start->overlap, start->unfollowed, (uint8_t *)start->stuck, (uint8_t *)start->still};
+  tl_memory memory;
+  const int code = remembered(s, start, &memory);
+  if (code) return -code;
   tl_task task = {.q = start->q, .v = start->v, .memory = &memory};
   tl_ended end, last;
   int64_t taken = 0, rests = 0, is_told = 0;
@@ -182,14 +203,13 @@ TL_API int64_t tl_contact_run(tl_scene *s, const tl_plan *plan, const tl_start *
     s->ended = s->ends + taken % 2;
     if (!(task.h > 0.0) || step_whole(s, &task, &end)) break;
     rests = comes_to_rest(s, &task, &end);
-    end.rests = (int)rests;
     is_told = plan->sampled[taken];
-    if ((is_told && tell(s, &end, taken)) || tell_blows(s, &end, task.t - plan->t[0])) return -TL_NO_MEMORY;
+    if ((is_told && tell(s, &end, taken, 1)) || tell_blows(s, &end, task.t - plan->t[0])) return -TL_NO_MEMORY;
     last = end;
     task.q = last.q, task.v = last.v, task.memory = &last.memory;
     taken++;
   }
-  if (taken && !is_told && tell(s, &last, taken - 1)) return -TL_NO_MEMORY;
+  if (taken && !is_told && tell(s, &last, taken - 1, rests != 0)) return -TL_NO_MEMORY;
   *told = (tl_told){s->words.memory, s->blow_words.memory, (int64_t)(s->words.used / sizeof(double)),
                     (int64_t)(s->blow_words.used / sizeof(double)), rests, s->record};
   return taken;

@@ -1,7 +1,7 @@
 /* The impulses of a contact problem: the zeros of F(P) = P - proj(P - U / g) by Newton's method with a proximal term, and by
 proximal points where it goes in circles. Statement, laws and sources: contact/impulses.py. */
-#include "contact_solver.h"
-#include "contact_vectors.h"
+#include "solver.h"
+#include "vectors.h"
 
 #define DAMPING 0.3   /* e, relative to the share of the velocities by which the laws are missed, and the largest */
 #define NEARER 0.3    /* what a proximal point may miss, relative to the last one; and by how much e falls */

@@ -1,7 +1,7 @@
 /* One step in time of bodies that touch, or two halves where its laws are not reached. The statement, with its formulas and
 sources, is contact/stepping.py. */
-#include "contact_step.h"
-#include "contact_vectors.h"
+#include "step.h"
+#include "vectors.h"
 
 #include <stdlib.h>
 
@@ -29,7 +29,7 @@ static int untouched(tl_scene *s, const tl_task *task, const double *middle, con
   const int code = tl_new_memory(s, 0, &out->memory);
   if (code || !move || !out->q || !out->v || !out->mean) return TL_NO_MEMORY;
   memcpy(out->v, free, nv * sizeof(double));
-  for (size_t d = 0; d < nv; d++) move[d] = 0.5 * task->h * free[d], out->mean[d] = (free[d] - task->v[d]) / task->h;
+  for (size_t d = 0; d < nv; d++) move[d] = 0.5 * task->h * free[d] + s->loop_closing[d], out->mean[d] = (free[d] - task->v[d]) / task->h;
   tl_moved(s, middle, move, out->q);
   tl_pass_change(s, task->memory, out->mean, task->memory->count == 0, &out->memory);
   out->memory.unfollowed = task->memory->unfollowed;
@@ -60,10 +60,10 @@ static int with_contacts(tl_scene *s, const tl_task *task, const double *middle,
   tl_law law;
   if (!rows || !a) return TL_NO_MEMORY;
   for (int k = 0; k < s->count; k++) {
-    const int code = tl_rows(s, s->points + k, rows + k);
-    if (code) return code;
+    rows[k].y = NULL;
+    tl_axes_of(s->points[k].normal, rows[k].axes);
   }
-  int code = tl_new_law(s, task->h, task->v, free, rows, task->memory, &law);
+  int code = tl_new_law(s, task->h, task->v, free, rows, task->memory, NULL, &law);
   if (!code) code = tl_end_of_step(s, task, &law, free, middle, out);
   if (code || !out->blows) return code;
   for (size_t d = 0; d < nv; d++) a[d] = (free[d] - task->v[d]) / task->h;
@@ -71,8 +71,9 @@ static int with_contacts(tl_scene *s, const tl_task *task, const double *middle,
   if (code) return code;
   for (size_t d = 0; d < nv; d++) free[d] = task->v[d] + task->h * a[nv + d];
   if (!tl_is_finite(free, s->nv)) return TL_NOT_FINITE;
+  tl_keep_loops(s, free);
   tl_ended again;
-  code = tl_new_law(s, task->h, task->v, free, rows, task->memory, &law);
+  code = tl_new_law(s, task->h, task->v, free, rows, task->memory, law.guess, &law);
   if (!code) code = tl_end_of_step(s, task, &law, free, middle, &again);
   if (!code) *out = again;
   return code == TL_HALVE ? TL_FINE : code;
@@ -92,12 +93,15 @@ int tl_step(tl_scene *s, const tl_task *task, tl_ended *out) {
     ahead[d] = task->v[d] + change[d];
   }
   tl_moved(s, task->q, half, middle);
+  tl_loops_begin(s, task->q, task->v);
   tl_place(s, middle);
   const double reach = tl_reach(h, tl_fastest(s, task->v));
   tl_factor(s, h);
   tl_free_acceleration(s, task->t + 0.5 * h, middle, ahead, h, change, task->numbers, free);
   for (size_t d = 0; d < nv; d++) free[d] = task->v[d] + h * free[d];
   if (!tl_is_finite(free, s->nv)) return TL_NOT_FINITE;
+  tl_loops_at(s, middle, task->v);
+  tl_keep_loops(s, free);
   tl_detect(s, reach);
   tl_joint_gaps(s, middle);
   if (s->short_of_memory || s->buried) return TL_NO_STEP;

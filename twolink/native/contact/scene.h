@@ -4,7 +4,7 @@ The law is stated by contact/stepping.py, contact/step_law.py, contact/impulses.
 fields have. Vectors have 3 numbers, matrices are by rows. Body 0 is the ground. */
 #ifndef TWOLINK_CONTACT_H
 #define TWOLINK_CONTACT_H
-#include "program.h"
+#include "../program.h"
 
 #define TL_CLOSED 1e-10   /* m: what counts as no gap */
 #define TL_TOUCHING 1e-6  /* m: points of two bodies that are so near move as one */
@@ -92,11 +92,11 @@ typedef struct {
 /* Finds points with gaps below the reach, or the overlap, at poses of all bodies: rotations and origins. 0 if it does. */
 typedef int (*tl_finder)(double reach, int wants_overlap, const double *turned, const double *origin, tl_found *out);
 
-/* The rows of a point: J (3 x count) over degrees of freedom that fall, and L^-T J^T, see contact_rows.c. */
+/* The rows of a point: its axes; J (3 x count) over degrees of freedom that fall, and Y, see rows.c, where they are needed. */
 typedef struct {
   int count;
   int32_t *dof;
-  double *j, *y, axes[9];
+  double *j, *y, *in_loops, axes[9];
 } tl_row;
 
 /* See contact/steps.py. */
@@ -134,7 +134,7 @@ enum tl_solver { TL_NEWTON, TL_PROXIMAL };
 /* A scene: its parts, which stay, and what its steps work with. buried: there are points that are not found. misses: whether what
 touches within a step may be no point before. */
 typedef struct {
-  int bodies, nq, nv, numbers, pairs, balls, on_planes, rims, rounds, hulls, solids, hull_pairs, joint_points, level, damped;
+  int bodies, nq, nv, numbers, pairs, balls, on_planes, rims, rounds, hulls, solids, hull_pairs, joint_points, loops, level;
   double gravity[3];
   tl_body *body;
   int32_t *dof_parent, *dof_body, *dof_depth, *feature;
@@ -148,8 +148,13 @@ typedef struct {
   tl_hull_pair *hull_pair;
   tl_joint_point *joint_point;
   double *friction, *fixed, *restitution, *threshold, *thickness, *pressing;
-  const tl_program *program;
-  double *registers, *input, *forces;
+  const tl_program *program, *loop_program;
+  double *registers, *loop_registers, *input;
+  /* rows of loops (loops, nv) with their gaps before them; what they ask for, see loops.c */
+  double *loop_gaps, *loop_rows, *loop_open, *loop_wanted, *loop_missed, *loop_parts, *loop_basis, *loop_factor, *loop_change,
+      *loop_closing;
+  int32_t *loop_order;
+  int loop_rank;
   /* at the configuration of the last tl_place: poses, axes of degrees of freedom, velocities, factors of the mass matrix */
   double *turned, *origin, *along, *about, *linear, *angular, *acceleration, *turning, *force, *moment, *composite, *factor,
       *inverse;
@@ -166,6 +171,7 @@ typedef struct {
 void *tl_take(tl_arena *arena, size_t count, size_t bytes);
 
 void tl_place(tl_scene *s, const double *q);
+void tl_velocities(tl_scene *s, const double *w);
 double tl_fastest(tl_scene *s, const double *w);
 void tl_minus_bias(tl_scene *s, const double *w, double *out);
 void tl_factor(tl_scene *s, double h);
@@ -174,7 +180,15 @@ void tl_free_acceleration(tl_scene *s, double t, const double *q, const double *
 void tl_moved(const tl_scene *s, const double *q, const double *change, double *out);
 void tl_inward(const tl_scene *s, double *x);
 void tl_outward(const tl_scene *s, double *x);
+void tl_to_fixed_axes(const tl_scene *s, double *forces);
 void tl_turning_forces(const tl_scene *s, const double *w, const double *forces, double *out);
+
+double tl_loop_gap(tl_scene *s, const double *q);
+void tl_loops_begin(tl_scene *s, const double *q, const double *w);
+void tl_loops_at(tl_scene *s, const double *middle, const double *w);
+void tl_keep_loops(tl_scene *s, double *free);
+void tl_free_outward(tl_scene *s, double *x);
+int tl_loop_parts(tl_scene *s, tl_row *row);
 
 void tl_add_point(tl_scene *s, const tl_point *point);
 void tl_detect(tl_scene *s, double reach);

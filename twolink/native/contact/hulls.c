@@ -1,7 +1,7 @@
 /* Convex hulls of boxes and meshes against each other: how far they are apart, and where they touch. The formulas and their
 sources are those of geometry/hulls.py, and so are the names of points, as numbers. */
-#include "contact.h"
-#include "contact_vectors.h"
+#include "scene.h"
+#include "vectors.h"
 
 #include <stdlib.h>
 

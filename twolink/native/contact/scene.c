@@ -1,10 +1,10 @@
 /* Making scenes: every index is checked once here, so that steps need no checks. */
-#include "contact.h"
-#include "contact_vectors.h"
+#include "scene.h"
+#include "vectors.h"
 
 #include <stdlib.h>
 
-enum { SIZES = 13, MOST = 10000000, SMALL = 1 << 16, LARGE = 1 << 24 };
+enum { SIZES = 14, MOST = 10000000, SMALL = 1 << 16, LARGE = 1 << 24 };
 
 /* The arrays that a scene is made of, read from front to back. failed: more was asked for than there is. */
 typedef struct {
@@ -219,7 +219,25 @@ TL_API void tl_contact_free(tl_scene *s) {
   for (int k = 0; k < 5; k++) free(arenas[k]->memory);
   free(s->points);
   tl_free_aligned(s->registers);
+  tl_free_aligned(s->loop_registers);
   free(s);
+}
+
+/* What loops work with. Which bodies they connect is not known: all are in one tree. */
+static void own_loops(tl_scene *s, reader *r) {
+  const size_t m = (size_t)s->loops, nv = (size_t)s->nv;
+  s->loop_closing = own(s, r, nv, sizeof(double));
+  if (!m) return;
+  double **const numbers[4] = {&s->loop_open, &s->loop_wanted, &s->loop_missed, &s->loop_parts};
+  for (int k = 0; k < 4; k++) *numbers[k] = own(s, r, m, sizeof(double));
+  s->loop_gaps = own(s, r, m + m * nv, sizeof(double));
+  s->loop_basis = own(s, r, m * nv, sizeof(double));
+  s->loop_factor = own(s, r, m * m, sizeof(double));
+  s->loop_change = own(s, r, nv, sizeof(double));
+  s->loop_order = own(s, r, m, sizeof(int32_t));
+  if (!r->failed && !(s->loop_registers = tl_registers(s->loop_program, 1))) r->failed = 2;
+  if (!r->failed) s->loop_rows = s->loop_gaps + m;
+  for (int b = 1; b < s->bodies; b++) s->body[b].tree = 1;
 }
 
 /* Memory for the parts whose numbers the sizes say. */
@@ -245,10 +263,10 @@ static void own_parts(tl_scene *s, reader *r) {
 }
 
 /* A scene from whole numbers and numbers in the order of this file. sizes: bodies with the ground, nq, nv, numbers, pairs,
-balls, planes with bodies over them, rims, rounds, hulls, solids, pairs of hulls, points of joints. program: of (t, q, v, numbers)
-for tau - h, or NULL; it must outlive the scene. Returns a code; the scene is written to `made`. */
+balls, planes with bodies over them, rims, rounds, hulls, solids, pairs of hulls, points of joints, rows of loops. program: of (t, q, v,
+numbers) for tau - h, or NULL; loops: of q for gaps and rows of loops, or NULL. They must outlive the scene. Returns a code; the scene is written to `made`. */
 TL_API int tl_contact_new(const int32_t *sizes, int64_t wholes, const int32_t *whole, int64_t numbers, const double *number,
-                          const tl_program *program, int level, tl_scene **made) {
+                          const tl_program *program, const tl_program *loops, int level, tl_scene **made) {
   if (!made) return TL_BAD_ARGUMENT;
   *made = NULL;
   if (!sizes || wholes < 0 || numbers < 0 || (wholes && !whole) || (numbers && !number) || level < 0 || level > tl_level())
@@ -258,14 +276,18 @@ TL_API int tl_contact_new(const int32_t *sizes, int64_t wholes, const int32_t *w
   tl_scene *s = calloc(1, sizeof *s);
   if (!s) return TL_NO_MEMORY;
   int *const own_sizes[SIZES] = {&s->bodies, &s->nq, &s->nv, &s->numbers, &s->pairs, &s->balls, &s->on_planes, &s->rims,
-                              &s->rounds, &s->hulls, &s->solids, &s->hull_pairs, &s->joint_points};
+                              &s->rounds, &s->hulls, &s->solids, &s->hull_pairs, &s->joint_points,
+                              &s->loops};
   for (int k = 0; k < SIZES; k++) *own_sizes[k] = sizes[k];
   reader r = {whole, number, wholes, numbers, s->bodies < 1};
-  s->program = program, s->level = level, s->ended = s->ends;
+  s->program = program, s->loop_program = loops, s->level = level, s->ended = s->ends;
   if (program && (program->inputs != 1 + s->nq + s->nv + s->numbers || program->outputs != s->nv)) r.failed = 1;
+  if (!loops != !s->loops || s->loops > s->nv) r.failed = 1;
+  if (loops && (loops->inputs != s->nq || loops->outputs != s->loops * (1 + s->nv))) r.failed = 1;
   if (!r.failed) own_parts(s, &r);
   if (!r.failed) read_bodies(s, &r);
   if (!r.failed) own_places(s, &r);
+  if (!r.failed) own_loops(s, &r);
   s->armature = own_numbers(s, &r, s->nv);
   s->viscosity = own_numbers(s, &r, s->nv);
   if (!r.failed) read_planes(s, &r);

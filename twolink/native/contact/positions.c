@@ -2,8 +2,8 @@
 and source: contact/positions.py.
 
 Rows that are not sought or do not press have the equation nu = 0, so that a point always has a block of three. */
-#include "contact_law.h"
-#include "contact_vectors.h"
+#include "step.h"
+#include "vectors.h"
 
 #define SOFT 1e-6 /* of G at a contact: slip yields to overlap where not both can be removed */
 enum { SETS = 40 };
@@ -28,7 +28,7 @@ static int new_rows(tl_scene *s, const tl_law *law, const double *off, const uin
   out->off = x, out->size = x + count, out->regular = x + 2 * count, out->nu = x + 3 * count, out->u = x + 4 * count;
   out->sought = marks, out->equal = marks + count, out->pressing = marks + 2 * count;
   for (int i = 0; i < out->n; i++) {
-    const int k = out->order[i].point, code = tl_need_inward(s, law->rows + k);
+    const int k = out->order[i].point, code = tl_need_row(s, law->points + k, law->rows + k);
     if (code) return code;
     rows[i] = law->rows + k;
     for (int m = 0; m < 3; m++) {
@@ -137,7 +137,7 @@ static int push_of(tl_scene *s, const tl_law *law, const double *off, const uint
     const tl_row *row = law->rows + order[i].point;
     tl_add_row(row, row->y, r.nu + 3 * i, push);
   }
-  tl_outward(s, push);
+  tl_free_outward(s, push);
   return TL_FINE;
 }
 
@@ -168,12 +168,10 @@ int tl_correction(tl_scene *s, const tl_law *law, const double *off, const uint8
       const int code = push_of(s, law, off, sought, equal, push);
       if (code == TL_HALVE) break;
       if (code) return code;
-      for (int k = 0; k < law->n; k++) {
-        double u[3];
-        if (!law->rests[k] || sought[3 * k + 2]) continue;
-        tl_row_times(law->rows + k, push, u);
-        if (off[3 * k + 2] + u[2] < -TL_CLOSED) sought[3 * k + 2] = 1, missed = 1;
-      }
+      tl_speeds(s, law->points, law->rows, law->n, push, law->moves);
+      for (int k = 0; k < law->n; k++)
+        if (law->rests[k] && !sought[3 * k + 2] && off[3 * k + 2] + law->moves[3 * k + 2] < -TL_CLOSED)
+          sought[3 * k + 2] = 1, missed = 1;
       if (!missed) return TL_FINE;
     }
     memset(equal, 0, count);

@@ -1,7 +1,7 @@
 /* The end of a step with contacts: where the impulses lead, what they leave to the next step, and what is told of them. The
 statement is `ContactStepper._with_contacts`. */
-#include "contact_step.h"
-#include "contact_vectors.h"
+#include "step.h"
+#include "vectors.h"
 
 #include <stdlib.h>
 
@@ -47,7 +47,7 @@ static void shift(ending *e, double *out) {
     const double share[3] = {law->late[k] * p[0], law->late[k] * p[1], law->late[k] * p[2]};
     tl_add_row(law->rows + k, law->rows[k].y, share, out);
   }
-  tl_outward(e->s, out);
+  tl_free_outward(e->s, out);
   for (int k = 0; k < law->n; k++) {
     if (!presses(e, k) || !law->known[k]) continue;
     tl_row_times(law->rows + k, out, u);
@@ -63,14 +63,14 @@ static int positions(ending *e) {
   const tl_law *law = e->law;
   const double half = 0.5 * law->h;
   shift(e, e->move);
-  for (int d = 0; d < e->s->nv; d++) e->move[d] += half * e->found.ends[d];
+  for (int d = 0; d < e->s->nv; d++) e->move[d] += half * e->found.ends[d] + e->s->loop_closing[d];
+  tl_speeds(e->s, law->points, law->rows, law->n, e->found.ends, e->u);
+  tl_speeds(e->s, law->points, law->rows, law->n, e->move, law->moves);
   for (int k = 0; k < law->n; k++) {
-    double *u = e->u + 3 * k, *off = e->off + 3 * k, moves[3];
+    double *u = e->u + 3 * k, *off = e->off + 3 * k;
     uint8_t *lasts = e->lasts + 3 * k;
-    tl_row_times(law->rows + k, e->found.ends, u);
-    tl_row_times(law->rows + k, e->move, moves);
     for (int m = 0; m < 2; m++) off[m] = half * (law->before[3 * k + m] + u[m]);
-    off[2] = law->points[k].gap + moves[2];
+    off[2] = law->points[k].gap + law->moves[3 * k + 2];
     lasts[0] = lasts[1] = 0;
     lasts[2] = presses(e, k) && law->known[k] && law->rests[k];
     if (!lasts[2] || !law->stuck[k] || law->of_joints[k]) continue;

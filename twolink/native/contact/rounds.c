@@ -1,7 +1,7 @@
 /* Points of balls, capsules, boxes and cylinders that touch with one point: RoundGap, BoxGap and CylinderGap of
 geometry/gaps.py. Source: Ericson, Real-Time Collision Detection, 2005, chapter 5. */
-#include "contact.h"
-#include "contact_vectors.h"
+#include "scene.h"
+#include "vectors.h"
 
 #define BURIED 1e-9   /* m: cores that are nearer have no normal */
 #define PARALLEL 1e-9 /* the square of the sine between two segments below which they count as parallel */

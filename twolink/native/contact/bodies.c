@@ -3,8 +3,8 @@
 Velocities w are as in contact/bodies.py: linear ones of free and planar joints along the axes of the joint's fixed frame. A
 degree of freedom d of a body moves it by `along` l_d at its origin p and turns it about `about` a_d, both along the world's
 axes. All vectors of a body are about its own origin, so that no digits are lost far from the world's. */
-#include "contact.h"
-#include "contact_vectors.h"
+#include "scene.h"
+#include "vectors.h"
 
 /* The rotation of a unit quaternion x, y, z, w. */
 static void of_quaternion(const double *q, double *r) {
@@ -85,7 +85,7 @@ static void own_velocity(const tl_scene *s, int b, const double *w, double *line
 }
 
 /* Velocities of all bodies. */
-static void velocities(tl_scene *s, const double *w) {
+void tl_velocities(tl_scene *s, const double *w) {
   for (int b = 1; b < s->bodies; b++) {
     const int up = s->body[b].parent;
     double *linear = s->linear + 3 * b, *angular = s->angular + 3 * b, arm[3];
@@ -99,7 +99,7 @@ static void velocities(tl_scene *s, const double *w) {
 /* The largest speed of a point of a shape, m/s: what the reach of a step is made of. */
 double tl_fastest(tl_scene *s, const double *w) {
   double most = 0.0;
-  velocities(s, w);
+  tl_velocities(s, w);
   for (int b = 1; b < s->bodies; b++)
     most = tl_larger(most, tl_length(s->linear + 3 * b) + tl_length(s->angular + 3 * b) * s->body[b].extent);
   return most;
@@ -128,7 +128,7 @@ static void needed(tl_scene *s, int b) {
 
 /* -h (nv) along w: gravity and what velocities ask for (Newton and Euler's recursion: Featherstone 2008, section 5.3). */
 void tl_minus_bias(tl_scene *s, const double *w, double *out) {
-  velocities(s, w);
+  tl_velocities(s, w);
   for (int i = 0; i < 3; i++) s->acceleration[i] = -s->gravity[i];
   for (int b = 1; b < s->bodies; b++) {
     const int up = s->body[b].parent;

@@ -1,9 +1,9 @@
 /* Rows of points, J with U = J w, and blocks of G = J M^-1 J^T.
 
-With M = L^T D L and Y = L^-T J^T, which has the rows of J's degrees of freedom and no more, a block of G is Y_i^T D^-1 Y_j over
+Without loops, with M = L^T D L and Y = L^-T J^T, which has the rows of J's degrees of freedom and no more, a block of G is Y_i^T D^-1 Y_j over
 the degrees of freedom that both points have. */
-#include "contact_solver.h"
-#include "contact_vectors.h"
+#include "solver.h"
+#include "vectors.h"
 
 void *tl_take(tl_arena *arena, size_t count, size_t bytes) {
   const size_t most = SIZE_MAX / 4, size = bytes && count > most / bytes ? most : (count * bytes + 15) & ~(size_t)15;
@@ -38,6 +38,37 @@ static void add_velocity(const tl_scene *s, int d, const double *x, double sign,
   for (int i = 0; i < 3; i++) out[i] += sign * (s->along[3 * d + i] + v[i]);
 }
 
+static int is_stop(const tl_scene *s, const tl_point *point) { return s->joint_point[point->pair - s->pairs].is_stop; }
+
+/* Where the bodies of a point are at it: they move there as one, or each with its nearest point, see `Points.ends`. */
+static void ends_of(const tl_point *point, double end[2][3]) {
+  const double half = fabs(point->gap) < TL_TOUCHING ? 0.0 : 0.5 * point->gap;
+  for (int i = 0; i < 3; i++)
+    end[0][i] = point->position[i] + half * point->normal[i], end[1][i] = point->position[i] - half * point->normal[i];
+}
+
+/* U = J w (n, 3) of points with axes, from the velocities of their bodies. */
+void tl_speeds(tl_scene *s, const tl_point *points, const tl_row *rows, int n, const double *w, double *out) {
+  tl_velocities(s, w);
+  for (int k = 0; k < n; k++, out += 3) {
+    const tl_point *point = points + k;
+    double end[2][3], arm[3], v[3];
+    if (point->dof >= 0) {
+      memset(out, 0, 3 * sizeof(double));
+      out[is_stop(s, point) ? 2 : 0] = point->sign * w[point->dof];
+      continue;
+    }
+    ends_of(point, end);
+    const int a = 3 * point->first, b = 3 * point->second;
+    tl_minus(s->linear + a, s->linear + b, v);
+    tl_minus(end[0], s->origin + a, arm);
+    tl_add_cross(s->angular + a, arm, v);
+    tl_minus(s->origin + b, end[1], arm);
+    tl_add_cross(s->angular + b, arm, v);
+    tl_times(rows[k].axes, v, out);
+  }
+}
+
 /* J of a joint's point, with the degrees of freedom that the joint hangs on, which Y has. */
 static int rows_of_joint(tl_scene *s, const tl_point *point, tl_row *row) {
   const int count = row->count = s->dof_depth[point->dof] + 1;
@@ -46,22 +77,17 @@ static int rows_of_joint(tl_scene *s, const tl_point *point, tl_row *row) {
   if (!row->dof || !row->j) return TL_NO_MEMORY;
   memset(row->j, 0, 3 * (size_t)count * sizeof(double));
   for (int k = 0, d = point->dof; k < count; k++, d = s->dof_parent[d]) row->dof[k] = d;
-  const int is_stop = s->joint_point[point->pair - s->pairs].is_stop;
-  row->j[is_stop ? 2 : 0] = point->sign;
+  row->j[is_stop(s, point) ? 2 : 0] = point->sign;
   return TL_FINE;
 }
 
-/* J of a point. Bodies move there as one, or each with its nearest point, see `Points.ends`. */
-int tl_rows(tl_scene *s, const tl_point *point, tl_row *row) {
-  row->y = NULL;
-  tl_axes_of(point->normal, row->axes);
+/* J of a point. */
+static int rows_of(tl_scene *s, const tl_point *point, tl_row *row) {
   if (point->dof >= 0) return rows_of_joint(s, point, row);
-  const double half = fabs(point->gap) < TL_TOUCHING ? 0.0 : 0.5 * point->gap;
   const int last[2] = {last_of(s, point->first), last_of(s, point->second)};
   const int most = (last[0] < 0 ? 0 : s->dof_depth[last[0]] + 1) + (last[1] < 0 ? 0 : s->dof_depth[last[1]] + 1);
   double end[2][3];
-  for (int i = 0; i < 3; i++)
-    end[0][i] = point->position[i] + half * point->normal[i], end[1][i] = point->position[i] - half * point->normal[i];
+  ends_of(point, end);
   row->dof = tl_take(&s->work, (size_t)most, sizeof(int32_t));
   row->j = tl_take(&s->work, 3 * (size_t)most, sizeof(double));
   if (!row->dof || !row->j) return TL_NO_MEMORY;
@@ -93,9 +119,11 @@ void tl_add_row(const tl_row *row, const double *values, const double *p, double
   for (int k = 0; k < row->count; k++) out[row->dof[k]] += tl_dot(values + 3 * k, p);
 }
 
-/* Y = L^-T J^T, if it is not there. */
-int tl_need_inward(tl_scene *s, tl_row *row) {
+/* J and Y = L^-T J^T of a point, if they are not there. */
+int tl_need_row(tl_scene *s, const tl_point *point, tl_row *row) {
   if (row->y) return TL_FINE;
+  const int code = rows_of(s, point, row);
+  if (code) return code;
   double *y = tl_take(&s->work, 3 * (size_t)row->count, sizeof(double));
   if (!y) return TL_NO_MEMORY;
   if (row->count) memcpy(y, row->j, (size_t)row->count * 3 * sizeof(double));
@@ -109,7 +137,7 @@ int tl_need_inward(tl_scene *s, tl_row *row) {
     }
   }
   row->y = y;
-  return TL_FINE;
+  return tl_loop_parts(s, row);
 }
 
 /* A block of G. */
@@ -124,21 +152,23 @@ void tl_coupling(const tl_scene *s, const tl_row *a, const tl_row *b, double *ou
     }
     i += d >= e, k += e >= d;
   }
+  for (int i = 0; a->in_loops && b->in_loops && i < s->loop_rank; i++)
+    for (int r = 0; r < 3; r++) tl_add_scaled(-a->in_loops[3 * i + r], b->in_loops + 3 * i, out + 3 * r);
 }
 
 /* G of rows with Y, of which each is coupled with those before it down to the first that has one of its degrees of freedom. */
 int tl_envelope_of(tl_scene *s, const tl_row *const *rows, int n, tl_envelope *out) {
-  int32_t *lowest = tl_take(&s->work, (size_t)s->nv, sizeof(int32_t));
+  int32_t *lowest = tl_take(&s->work, (size_t)s->nv + 1, sizeof(int32_t)); /* the last is of loops */
   out->n = n, out->upper = NULL;
   out->first = tl_take(&s->work, (size_t)n, sizeof(int32_t));
   out->at = tl_take(&s->work, (size_t)n + 1, sizeof(size_t));
   if (!lowest || !out->first || !out->at) return TL_NO_MEMORY;
-  for (int d = 0; d < s->nv; d++) lowest[d] = n;
+  for (int d = 0; d <= s->nv; d++) lowest[d] = n;
   out->at[0] = 0;
   for (int i = 0; i < n; i++) {
     int first = i;
-    for (int k = 0; k < rows[i]->count; k++) {
-      int32_t *low = lowest + rows[i]->dof[k];
+    for (int k = 0; k < rows[i]->count + (rows[i]->in_loops != NULL); k++) {
+      int32_t *low = lowest + (k < rows[i]->count ? rows[i]->dof[k] : s->nv);
       if (*low > i) *low = i;
       if (*low < first) first = *low;
     }
@@ -154,4 +184,23 @@ int tl_envelope_of(tl_scene *s, const tl_row *const *rows, int n, tl_envelope *o
       tl_set_block(tl_block_at(out, out->lower, i, j), tl_row_length(out, i), block);
     }
   return TL_FINE;
+}
+
+/* Which code for the envelope of a matrix runs on which level of a processor, see machine.c. */
+TL_DECLARE_ENVELOPE(base)
+#if defined(X86_LEVELS)
+TL_DECLARE_ENVELOPE(v3)
+TL_DECLARE_ENVELOPE(v4)
+#define CALL(name, level, ...) \
+  (level == 2 ? name##_v4(__VA_ARGS__) : level == 1 ? name##_v3(__VA_ARGS__) : name##_base(__VA_ARGS__))
+#else
+#define CALL(name, level, ...) ((void)level, name##_base(__VA_ARGS__))
+#endif
+
+int tl_factor_envelope(int level, const tl_envelope *a) { return CALL(tl_factor_envelope, level, a); }
+
+void tl_solve_envelope(int level, const tl_envelope *a, double *x) { CALL(tl_solve_envelope, level, a, x); }
+
+void tl_envelope_times(int level, const tl_envelope *g, const double *p, double *out) {
+  CALL(tl_envelope_times, level, g, p, out);
 }
