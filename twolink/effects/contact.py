@@ -52,7 +52,7 @@ class Touching(Loop, frozen=True):
 
     def rows(self, motion: KinematicState) -> list[Scalar]:
         """The gap, of what touches."""
-        return [self.gap.nearest(motion).gap]
+        return [motion.once(self.gap.nearest).gap]
 
     def velocity_rows(self, motion: KinematicState) -> list[Scalar]:
         """c along the tangents."""
@@ -72,13 +72,13 @@ class Touching(Loop, frozen=True):
         if not self.rolling:
             directions = self.sliding(motion) if self.friction else (0.0, 0.0)
             across = [times(-self.friction, times(normal, d)) for d in directions]
-        near = self.gap.nearest(motion)
+        near = motion.once(self.gap.nearest)
         force = add(*(scale(size, axis) for size, axis in zip((normal, *across), near.axes, strict=True)))
         return self.pair, near.first.position(motion), force
 
     def contact_slip(self, motion: KinematicState) -> Vec:
         """c along the world's axes."""
-        slip, axes = self.gap.velocity(motion)[1:], self.gap.nearest(motion).axes[1:]
+        slip, axes = self.gap.velocity(motion)[1:], motion.once(self.gap.nearest).axes[1:]
         return add(*(scale(speed, axis) for speed, axis in zip(slip, axes, strict=True)))
 
     def sliding(self, motion: KinematicState) -> list[Scalar]:
