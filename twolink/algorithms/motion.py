@@ -73,7 +73,7 @@ class KinematicState:
         return value
 
     def with_velocity(self, v: Scalars) -> KinematicState:
-        """The same places with another velocity."""
+        """A motion at the same places with another velocity."""
         self.own()
         other = copy.copy(self)
         other.v, other.links, other._velocity = v, other, {0: STILL}

@@ -44,8 +44,9 @@ class Constraints:
 
     counts: how many rows each loop has. kept: the rows that are not redundant. scales: a factor for each kept row that
     makes the diagonal of A about 1 away from singular positions. supports: of each row, redundant ones too, the degrees
-    of freedom that it or its force depends on. shares: the part of each kept multiplier that each row takes, redundant ones too,
-    where it is the same everywhere: the smallest multipliers with the same effect. None: the kept rows take all.
+    of freedom that it or its force depends on. shares: the part of each kept multiplier that each row takes,
+    redundant ones too, where it is the same everywhere: the smallest multipliers with the same effect. None: the kept
+    rows take all.
     """
 
     space: StateSpace
