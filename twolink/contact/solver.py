@@ -31,8 +31,20 @@ OVERLAP = 1e-9  # m, at the start
 _smooth: weakref.WeakKeyDictionary[Scene, tuple[Equations, Equations]] = weakref.WeakKeyDictionary()
 
 
-def stepper_of(scene: Scene) -> ContactStepper:
-    """The stepper of a scene. Raises SceneError for what cannot be stepped."""
+def stepper_of(scene: Scene, like: ContactStepper | None = None) -> ContactStepper:
+    """The stepper of a scene. like: that of the same scene with another start, whose parts it takes.
+
+    Raises SceneError for what cannot be stepped.
+    """
+    stepper = _made(scene) if like is None or like.loops is not None else like.starting_at(scene.q, scene.v)
+    overlap, pair = stepper.overlap(stepper.equations.start[: scene.robot.nq])
+    if overlap > OVERLAP:
+        raise SceneError(f"{pair} overlap by {overlap:.3g} m at the start", where="q", code="overlap",
+                         remedy="start with bodies apart, and joints within their stops")  # fmt: skip
+    return stepper
+
+
+def _made(scene: Scene) -> ContactStepper:
     effects = [effect for effect in scene.effects if isinstance(effect, Contact)]
     if any(effect.impacts == "reflections" for effect in effects):
         raise SceneError('Contact with impacts="reflections" is not stepped: expected "newton", one impulse a step',
@@ -61,12 +73,7 @@ def stepper_of(scene: Scene) -> ContactStepper:
                          argument="contact", remedy='contact="located", or leave them out',
                          code="not-stepped")  # fmt: skip
     loops = None if with_loops.constraints is None else LoopRows(with_loops, with_loops.constraints)
-    stepper = ContactStepper(equations, effects, stops, locks, loops)
-    overlap, pair = stepper.overlap(equations.start[: equations.space.nq])
-    if overlap > OVERLAP:
-        raise SceneError(f"{pair} overlap by {overlap:.3g} m at the start", where="q", code="overlap",
-                         remedy="start with bodies apart, and joints within their stops")  # fmt: skip
-    return stepper
+    return ContactStepper(equations, effects, stops, locks, loops)
 
 
 REPORT = 50  # steps

@@ -25,6 +25,7 @@ A step whose impulses do not obey the laws is taken as two halves, and refused w
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -77,6 +78,12 @@ class ContactStepper:
         self.bodies, self.loops = bodies_of(equations) if loops is None else Multibody(equations), loops
         self.native = None if loops is not None else compiled(self.bodies, self.detector, self.joints, self.laws)
         self.record = Record()
+
+    def starting_at(self, q: Array, v: Array) -> ContactStepper:
+        """The stepper from another state on, of a scene without loops: they would have to be closed there."""
+        other = copy.copy(self)
+        other.equations, other.record = self.equations.starting_at(np.concatenate([q, v]), 0.0), Record()
+        return other
 
     def start(self, t: float, q: Array, v: Array, numbers: Array) -> Memory:
         """The memory at the start of a run: what touches and does not slip sticks."""
