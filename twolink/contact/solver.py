@@ -37,7 +37,7 @@ def stepper_of(scene: Scene, like: ContactStepper | None = None) -> ContactStepp
     Raises SceneError for what cannot be stepped.
     """
     stepper = _made(scene) if like is None or like.loops is not None else like.starting_at(scene.q, scene.v)
-    overlap, pair = stepper.overlap(stepper.equations.start[: scene.robot.nq])
+    stepper.begin = overlap, pair = stepper.overlap(stepper.equations.start[: scene.robot.nq])
     if overlap > OVERLAP:
         raise SceneError(f"{pair} overlap by {overlap:.3g} m at the start", where="q", code="overlap",
                          remedy="start with bodies apart, and joints within their stops")  # fmt: skip

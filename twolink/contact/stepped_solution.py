@@ -138,7 +138,7 @@ class SteppedTrack:
         self._states = [(q, v, none, none, plan.numbers[0], 0.0)]
         self._pressing: list[Pressing] = [{}]
         self._impulses: list[Impulse] = []
-        self._overlap = stepper.overlap(q)[0]
+        self._overlap = stepper.begin[0]
 
     def add(self, first: int, steps: Sequence[Step]) -> None:
         """Add steps, the first of which has a number in the plan."""

@@ -77,7 +77,7 @@ class ContactStepper:
         self.laws = self.joints.laws(self.detector, [effect for _, effect in pairs])
         self.bodies, self.loops = bodies_of(equations) if loops is None else Multibody(equations), loops
         self.native = None if loops is not None else compiled(self.bodies, self.detector, self.joints, self.laws)
-        self.record = Record()
+        self.record, self.begin = Record(), (0.0, "")  # the overlap at the start, and the pair
 
     def starting_at(self, q: Array, v: Array) -> ContactStepper:
         """The stepper from another state on, of a scene without loops: they would have to be closed there."""
