@@ -98,7 +98,7 @@ def test_each_box_of_a_stack_carries_those_above() -> None:
 
 @pytest.mark.slow
 def test_the_gripper_lifts_the_box_without_slip() -> None:
-    run = run_of("grasp", step=0.004)
+    run = run_of("grasp")
     joints = {joint.name: joint for joint in run.robot.joints}
     hand, box = run.q[:, joints["lift"].q.start], run.q[:, joints["box"].q][:, 2]
     held = run.t > 0.4
