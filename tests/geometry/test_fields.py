@@ -11,7 +11,8 @@ from scipy.optimize import brentq
 import twolink as tl
 from tests.effects.bodies import free_bodies
 from twolink.geometry.distance import distance
-from twolink.geometry.fields import FieldBody, surface_of
+from twolink.geometry.fields import surface_of
+from twolink.geometry.on_fields import FieldBody
 
 E = tl.effects
 FLAT = E.HeightField(np.full((6, 6), 0.2), (0.1, 0.15), (-0.25, -0.4, 0.0))
@@ -29,8 +30,16 @@ def run_of(
 
 CUBE = tuple((x, y, z) for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1))
 SHAPES = {"sphere": E.Sphere(0.1), "capsule": E.Capsule(0.1, 0.3, rpy=(math.pi / 2, 0.0, 0.0)),
-          "box": E.Box((0.3, 0.2, 0.2)), "hull": E.Convex(CUBE)}  # fmt: skip
-MOVED = ("box", "capsule", "sphere", "hull")  # of the quick ones, one has corners, the other touches at two points
+          "box": E.Box((0.3, 0.2, 0.2)), "hull": E.Convex(CUBE),
+          "lying": E.Cylinder(0.1, 0.3, rpy=(math.pi / 2, 0.0, 0.0)), "cylinder": E.Cylinder(0.12, 0.2)}  # fmt: skip
+MOVED = (
+    "box",
+    "lying",
+    "capsule",
+    "sphere",
+    "hull",
+    "cylinder",
+)  # of the quick ones, one has corners, the other touches at two points
 
 
 @pytest.mark.some(2)
@@ -139,9 +148,35 @@ def test_fields_that_are_refused(field: object, where: str, part: str) -> None:
     assert caught.value.where == f"effects[0].pairs[0][1].{where}"
 
 
-def test_cylinders_and_located_contacts_on_fields_are_refused_by_name() -> None:
-    with pytest.raises(tl.errors.SceneError, match="cylinder of 'a_0' touches no height field"):
-        tl.Scene(free_bodies("a"), effects=[E.Contact((("a", FLAT),), shapes={"a": (E.Cylinder(0.1, 0.1),)})])
+def test_a_cylinder_stands_on_peaks_and_ridges_and_lies_in_a_valley() -> None:
+    bumps = np.zeros((7, 7))
+    bumps[2:5:2, 2:5:2] = 0.1
+    run = run_of(E.Cylinder(0.2, 0.1), E.HeightField(bumps, (0.1, 0.1), (-0.3, -0.3, 0.0)), [0.01, 0.0, 0.16], 0.3)
+    assert run.q[-1] == pytest.approx([0.01, 0.0, 0.15, 0.0, 0.0, 0.0, 1.0], abs=1e-6)
+    ridges = E.HeightField(np.array([[0.0, 0.1, 0.0, 0.1, 0.0]] * 3).T, (0.1, 0.4), (-0.2, -0.4, 0.0))
+    run = run_of(E.Cylinder(0.15, 0.1), ridges, [0.0, 0.0, 0.16], 0.3)
+    assert run.q[-1] == pytest.approx([0.0, 0.0, 0.15, 0.0, 0.0, 0.0, 1.0], abs=1e-6)
+    valley = E.HeightField(((0.5, 0.5), (0.0, 0.0), (0.5, 0.5)), (0.5, 1.0), (-0.5, -0.5, 0.0))
+    run = run_of(E.Cylinder(0.1, 0.3, rpy=(math.pi / 2, 0, 0)), valley, [0.0, 0.07, 0.1 * math.sqrt(2.0) + 0.01], 0.3)
+    assert run.q[-1, :3] == pytest.approx([0.0, 0.07, 0.1 * math.sqrt(2.0)], abs=1e-6)
+
+
+def test_a_cylinder_rolls_down_a_slope_by_two_thirds_of_g_sin_a() -> None:
+    slope, r = 0.2, 0.1
+    field = E.HeightField(np.outer(-slope * 0.1 * np.arange(30), np.ones(6)), (0.1, 0.1), (0.0, -0.25, 0.0))
+    robot = tl.load_robot(
+        '<robot name="r"><link name="a"><inertial><mass value="1"/><inertia ixx="0.0075" ixy="0" ixz="0" iyy="0.005" '
+        'iyz="0" izz="0.0075"/></inertial></link></robot>', root="free")  # fmt: skip
+    angle = math.atan(slope)
+    place = np.array([0.33, 0.01, -slope * 0.33]) + r * np.array([math.sin(angle), 0.0, math.cos(angle)])
+    contact = E.Contact((("a", field),), 0.9, shapes={"a": (E.Cylinder(r, 0.2, rpy=(math.pi / 2, 0.0, 0.0)),)})
+    run = tl.simulate(tl.Scene(robot, [*place, 0, 0, 0, 1], effects=[E.Gravity(), contact]), 1.0, step=2e-3,
+                      samples_per_second=20.0, verify=False, contact="stepped")  # fmt: skip
+    way = np.linalg.norm(run.q[:, :3] - place, axis=1)
+    assert way == pytest.approx(0.5 * 2.0 / 3.0 * 9.81 * math.sin(angle) * run.t**2, abs=1e-3)
+
+
+def test_located_contacts_on_fields_are_refused_by_name() -> None:
     scene = tl.Scene(free_bodies("a"), [0, 0, 1, 0, 0, 0, 1],
                      effects=[E.Contact((("a", FLAT),), shapes={"a": (E.Sphere(0.1),)})])  # fmt: skip
     with pytest.raises(tl.errors.SceneError, match="none for height fields"):

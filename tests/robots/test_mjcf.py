@@ -232,3 +232,28 @@ def test_bodies_whose_contact_the_file_excludes_do_not_touch() -> None:
         robot = tl.load_robot(f"<mujoco><worldbody>{bodies}</worldbody>{text}</mujoco>")
         assert {pair.name for pair in fx.Contact("self").selected(robot).chosen} == expected
         assert ("do not touch" in str(robot.report)) == bool(text)
+
+
+def test_a_height_field_is_the_ground_of_a_scene_and_has_mujocos_heights(tmp_path: Path) -> None:
+    """MuJoCo's rays from above say the heights at the corners, whose rows lie along y."""
+    data = " ".join(map(str, [0, 0.2, 0.1, 0.7, 1, 0.3]))
+    path = tmp_path / "field.xml"
+    asset = f'<hfield name="h" nrow="2" ncol="3" size="1 0.5 0.4 0.1" elevation="{data}"/>'
+    path.write_text(f"""<mujoco><asset>{asset}</asset>
+        <worldbody><geom type="hfield" hfield="h" pos="0.3 0.2 0.1"/>
+        <body name="ball" pos="0.3 0.2 1"><freejoint/><geom size=".1"/></body></worldbody></mujoco>""")
+    scene = tl.scene_of(tl.load_robot(path), 0.05, contact=True)
+    (contact,) = (effect for effect in scene.effects if isinstance(effect, fx.Contact))
+    name, field = contact.pairs[1]  # type: ignore[str-unpack]
+    assert name == "ball"
+    assert field.cell == (1.0, 1.0)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    state = mujoco.MjData(model)
+    mujoco.mj_forward(model, state)
+    for i, k in np.ndindex(3, 2):
+        x, y = field.point[0] + 0.999 * i + 5e-4, field.point[1] + 0.999 * k + 5e-4
+        ray = mujoco.mj_ray(
+            model, state, np.array([x, y, 3.0]), np.array([0, 0, -1.0]), None, 1, 1, np.zeros(1, np.int32)
+        )
+        assert field.point[2] + field.heights[i][k] == pytest.approx(3.0 - ray, abs=2e-3)
+    assert tl.simulate(scene, contact="stepped", step=5e-3, verify=False).q[-1, 2] > 0.0

@@ -98,7 +98,7 @@ def test_each_box_of_a_stack_carries_those_above() -> None:
 
 @pytest.mark.slow
 def test_the_gripper_lifts_the_box_without_slip() -> None:
-    run = run_of("grasp", step=0.004)
+    run = run_of("grasp")
     joints = {joint.name: joint for joint in run.robot.joints}
     hand, box = run.q[:, joints["lift"].q.start], run.q[:, joints["box"].q][:, 2]
     held = run.t > 0.4
@@ -167,3 +167,11 @@ def test_a_quadruped_trots_on_its_diagonals() -> None:
         assert share == pytest.approx(0.5, abs=0.05)
     both = [(feet[one][late] > 0) | (feet[other][late] > 0) for one, other in (("FL", "HR"), ("FR", "HL"))]
     assert np.mean(both[0] & both[1]) < 0.25
+
+
+def test_the_marble_runs_down_its_channel_and_gains_no_energy() -> None:
+    run = run_of("marble-run", step=1e-3, verify=False, samples_per_second=20.0)
+    assert np.diff(run.energy).max() < 1e-6
+    assert (np.diff(run.q[:, 0]) > 0.0).all()
+    assert np.abs(run.q[:, 1]).max() < 0.2
+    assert [piece.name for piece in run.scene.visual_model().geometryObjects][-1] == "field"

@@ -28,14 +28,15 @@ class Jet:
     def __init__(self, coefficients: Sequence[Scalar]) -> None:
         self.c: tuple[Scalar, ...] = tuple(coefficients)
 
-    def _other(self, x: Any) -> tuple[Scalar, ...]:
-        return x.c if isinstance(x, Jet) else (x, *(0.0 for _ in self.c[1:]))
-
     def __add__(self, x: Any) -> Jet:
-        return Jet([plus(a, b) for a, b in zip(self.c, self._other(x), strict=True)])
+        if not isinstance(x, Jet):
+            return Jet([plus(self.c[0], x), *self.c[1:]])
+        return Jet([plus(a, b) for a, b in zip(self.c, x.c, strict=True)])
 
     def __sub__(self, x: Any) -> Jet:
-        return Jet([minus(a, b) for a, b in zip(self.c, self._other(x), strict=True)])
+        if not isinstance(x, Jet):
+            return Jet([minus(self.c[0], x), *self.c[1:]])
+        return Jet([minus(a, b) for a, b in zip(self.c, x.c, strict=True)])
 
     def __rsub__(self, x: Any) -> Jet:
         return (-self).__add__(x)
@@ -44,9 +45,10 @@ class Jet:
         return Jet([negative(a) for a in self.c])
 
     def __mul__(self, x: Any) -> Jet:
-        other = self._other(x)
+        if not isinstance(x, Jet):
+            return Jet([times(a, x) for a in self.c])
         return Jet([
-            plus(*(times(self.c[i], other[k - i]) for i in range(k + 1)))
+            plus(*(times(self.c[i], x.c[k - i]) for i in range(k + 1)))
             for k in range(len(self.c))
         ])  # fmt: skip
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
 
 import pinocchio as pin
 
@@ -28,6 +28,7 @@ from twolink.algorithms.spatial import (
     spatial_add,
 )
 
+T = TypeVar("T")
 GROUND = "universe"  # the world, whose points are given in its coordinates; Pinocchio's name for it
 
 
@@ -54,11 +55,29 @@ class KinematicState:
         self._own: list[Pose] | None = None
         self._world: dict[int, Pose] = {0: AT_PARENT}
         self._velocity: dict[int, Spatial] = {0: STILL}
+        self._known: dict[Any, Any] = {}  # of places alone
 
     def frame(self, frame: str) -> tuple[int, Pose]:
         """The body that carries a frame, and where it sits there; the ground is body 0."""
-        ground = frame == GROUND and not self.model.existBodyName(GROUND)
-        return (0, AT_PARENT) if ground else frame_pose(self.model, frame)
+        if frame not in self._known:
+            ground = frame == GROUND and not self.model.existBodyName(GROUND)
+            self._known[frame] = (0, AT_PARENT) if ground else frame_pose(self.model, frame)
+        found: tuple[int, Pose] = self._known[frame]
+        return found
+
+    def once(self, formula: Callable[[Any], T]) -> T:
+        """A method of some object that takes a motion and depends on places alone, evaluated when it is first met."""
+        if formula not in self._known:
+            self._known[formula] = formula(self)
+        value: T = self._known[formula]
+        return value
+
+    def with_velocity(self, v: Scalars) -> KinematicState:
+        """A motion at the same places with another velocity."""
+        self.own()
+        other = copy.copy(self)
+        other.v, other.links, other._velocity = v, other, {0: STILL}
+        return other
 
     def carrier(self, *frames: str) -> int:
         """The nearest body that carries all of these frames; 0 is the ground."""
@@ -76,9 +95,8 @@ class KinematicState:
     def driven_by(self, motors: Mapping[str, tuple[Scalar, Scalar]]) -> KinematicState:
         """The motion of motors in the place of joints of one coordinate: by joint the motor's angle and its speed."""
         seen = copy.copy(self)
-        seen.q, seen.v, seen._own, seen._world, seen._velocity = (
-            list(self.q), list(self.v), None, {0: AT_PARENT}, {0: STILL}
-        )  # fmt: skip
+        seen.q, seen.v, seen._own, seen._world = list(self.q), list(self.v), None, {0: AT_PARENT}
+        seen._velocity, seen._known = {0: STILL}, {}
         for joint, (angle, speed) in motors.items():
             entry, dof = self.coordinate(joint)
             seen.q[entry], seen.v[dof] = angle, speed

@@ -142,7 +142,8 @@ def _led(problem: ContactProblem, p: Array) -> Impulses:
     """The impulses by other methods, where Newton's goes in circles from a guess."""
     best = problem.answer(proximal(problem, accelerated(problem, p, LEADING)), "proximal")
     if not best.solved:
-        best = problem.answer(newton(problem, accelerated(problem, p, LED)), "newton")
+        other = problem.answer(newton(problem, accelerated(problem, p, LED)), "newton")
+        best = min(best, other, key=lambda one: one.residual)
     return best
 
 

@@ -31,11 +31,25 @@ OVERLAP = 1e-9  # m, at the start
 _steppers: weakref.WeakKeyDictionary[Scene, ContactStepper] = weakref.WeakKeyDictionary()
 
 
-def stepper_of(scene: Scene) -> ContactStepper:
-    """A stepper of a scene, for one motion. Raises SceneError for what cannot be stepped."""
+def stepper_of(scene: Scene, like: ContactStepper | None = None) -> ContactStepper:
+    """A stepper of a scene, for one motion. like: that of the same scene with another start, whose parts it takes.
+
+    Raises SceneError for what cannot be stepped.
+    """
+    if like is not None and like.loops is None:
+        return _apart(like.starting_at(scene.q, scene.v))
     if scene not in _steppers:  # its parts are kept as long as the scene is
-        _steppers[scene] = _stepper_of(scene)
+        _steppers[scene] = _apart(_stepper_of(scene))
     return _steppers[scene].another()
+
+
+def _apart(stepper: ContactStepper) -> ContactStepper:
+    """The stepper, whose bodies are apart at the start."""
+    overlap, pair = stepper.overlap_at_begin
+    if overlap > OVERLAP:
+        raise SceneError(f"{pair} overlap by {overlap:.3g} m at the start", where="q", code="overlap",
+                         remedy="start with bodies apart, and joints within their stops")  # fmt: skip
+    return stepper
 
 
 def _stepper_of(scene: Scene) -> ContactStepper:
@@ -64,12 +78,7 @@ def _stepper_of(scene: Scene) -> ContactStepper:
                          argument="contact", remedy='contact="located", or leave them out',
                          code="not-stepped")  # fmt: skip
     loops = None if with_loops.constraints is None else LoopRows(with_loops, with_loops.constraints)
-    stepper = ContactStepper(equations, effects, stops, locks, loops)
-    overlap, pair = stepper.overlap_at_begin
-    if overlap > OVERLAP:
-        raise SceneError(f"{pair} overlap by {overlap:.3g} m at the start", where="q", code="overlap",
-                         remedy="start with bodies apart, and joints within their stops")  # fmt: skip
-    return stepper
+    return ContactStepper(equations, effects, stops, locks, loops)
 
 
 REPORT = 50  # steps

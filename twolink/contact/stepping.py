@@ -89,6 +89,14 @@ class ContactStepper:
         other.bodies, other.record = self._own_bodies(), Record()
         return other
 
+    def starting_at(self, q: Array, v: Array) -> ContactStepper:
+        """A stepper from another state on, of a scene without loops: they would have to be closed there."""
+        other = self.another()
+        other.equations = self.equations.starting_at(np.concatenate([q, v]), 0.0)
+        for at_begin in ("begin", "overlap_at_begin"):
+            vars(other).pop(at_begin, None)
+        return other
+
     @functools.cached_property
     def begin(self) -> tuple[Array, Array, Memory]:
         """q, w and the memory at the start of a run: what touches and does not slip sticks."""

@@ -6,6 +6,8 @@ import functools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import ClassVar, Literal
 
+import pinocchio as pin
+
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import Scalar, Vec, add, minus, plus, scale, times
 from twolink.dynamics import Robot
@@ -16,6 +18,7 @@ from twolink.effects.joint_switches import check_restitution
 from twolink.effects.loops import Loop
 from twolink.effects.switching import ContactPair, ContactPoint, SwitchingEffect
 from twolink.errors import SceneError
+from twolink.geometry.fields import HeightField
 from twolink.geometry.gaps import Gap
 from twolink.geometry.pairs import Pair, are_hulls, features_of, gaps_of
 from twolink.robots.collisions import AnyShape
@@ -52,7 +55,7 @@ class Touching(Loop, frozen=True):
 
     def rows(self, motion: KinematicState) -> list[Scalar]:
         """The gap, of what touches."""
-        return [self.gap.nearest(motion).gap]
+        return [motion.once(self.gap.nearest).gap]
 
     def velocity_rows(self, motion: KinematicState) -> list[Scalar]:
         """c along the tangents."""
@@ -72,13 +75,13 @@ class Touching(Loop, frozen=True):
         if not self.rolling:
             directions = self.sliding(motion) if self.friction else (0.0, 0.0)
             across = [times(-self.friction, times(normal, d)) for d in directions]
-        near = self.gap.nearest(motion)
+        near = motion.once(self.gap.nearest)
         force = add(*(scale(size, axis) for size, axis in zip((normal, *across), near.axes, strict=True)))
         return self.pair, near.first.position(motion), force
 
     def contact_slip(self, motion: KinematicState) -> Vec:
         """c along the world's axes."""
-        slip, axes = self.gap.velocity(motion)[1:], self.gap.nearest(motion).axes[1:]
+        slip, axes = self.gap.velocity(motion)[1:], motion.once(self.gap.nearest).axes[1:]
         return add(*(scale(speed, axis) for speed, axis in zip(slip, axes, strict=True)))
 
     def sliding(self, motion: KinematicState) -> list[Scalar]:
@@ -183,6 +186,11 @@ class Contact(SwitchingEffect, frozen=True):
             raise SceneError(f"it is {self.concavity:g} m", where="concavity",
                              remedy="give a length above 0, or leave it out for the hulls")  # fmt: skip
         self.selected(robot)
+
+    def pieces(self) -> list[pin.GeometryObject]:
+        """The height fields that bodies may touch."""
+        every = (body for pair in self.pairs for body in (() if isinstance(pair, str) else pair))
+        return [field.piece() for field in dict.fromkeys(body for body in every if isinstance(body, HeightField))]
 
     def selected(self, robot: Robot) -> Pairs:
         """The pairs that may touch, and those of "self" that may not."""

@@ -16,7 +16,7 @@ from twolink.errors import SceneError
 from twolink.geometry.fields import HeightField
 from twolink.geometry.pairs import Pair, Plane
 from twolink.io.fingerprints import joint_poses
-from twolink.robots.collisions import AnyShape, Capsule, Convex, Cylinder, Solid, Sphere, collision_model
+from twolink.robots.collisions import AnyShape, Capsule, Convex, Solid, Sphere, collision_model
 from twolink.robots.convex_parts import convex_parts
 
 if TYPE_CHECKING:
@@ -176,10 +176,6 @@ def _named_pairs(robot: Robot, solids: Sequence[Solid], item: object, where: str
              if _body(robot, a) != (0 if isinstance(b, World) else _body(robot, b))]  # fmt: skip
     if not pairs:
         raise SceneError("the two bodies do not move against each other", where=where, remedy="name links that do")
-    cylinder = next((a for a, b in pairs if isinstance(b, HeightField) and isinstance(a.shape, Cylinder)), None)
-    if cylinder is not None:
-        raise SceneError(f"the cylinder of {cylinder.name!r} touches no height field", where=where,
-                         remedy="give it a capsule or a hull of points by shapes=")  # fmt: skip
     alone = _counts(solids)
     return [_pair(alone, a, b) for a, b in pairs]
 

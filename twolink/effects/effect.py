@@ -144,6 +144,10 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
         del robot
         return ()
 
+    def pieces(self) -> Sequence[Any]:
+        """Pieces (pin.GeometryObject) that are fixed to the world, to draw beside the robot."""
+        return ()
+
     def breaks(self, duration: float) -> Sequence[float]:
         """The times [s] below the duration at which what it does is not smooth."""
         del duration

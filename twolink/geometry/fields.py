@@ -1,24 +1,25 @@
 """Height fields: ground of triangles over a grid, and the points at which bodies touch it.
 
 Each cell has two triangles, on either side of the diagonal from its lowest x and y. Corners and balls of a body touch
-triangles, its edges touch ridges, and peaks touch its faces; only the cells below a body are looked at. A point p with
-the normal n counts where the surface lies below the plane across n there, n . (w - p) <= 0 of the corners w of all
-triangles at p. So inner edges of what is flat or hollow do not stop what slides or rolls over them.
+triangles, its edges touch ridges, and peaks touch its faces; of a cylinder, which has none of these, the rims, the side
+and the ends do. Only the cells below a body are looked at. A point p with the normal n counts where the surface lies
+below the plane across n there, n . (w - p) <= 0 of the corners w of all triangles at p. So inner edges of what is flat
+or hollow do not stop what slides or rolls over them.
 Source: Ericson, Real-Time Collision Detection, 2005, section 5.1.5.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
 
 import msgspec
 import numpy as np
+import pinocchio as pin
 
 from twolink.algorithms.namespaces import Array
 from twolink.errors import SceneError
-from twolink.geometry.hulls import Hull, TouchPoint, hull_of
-from twolink.robots.collisions import AnyShape, Box, Capsule, Convex, Length, Sphere, Vector
+from twolink.robots.collisions import Length, Vector
+from twolink.robots.meshes import triangle_mesh
 
 SAME = 1e-9  # m: points that are one, and heights of what lies on the surface
 LEVEL = 1e-6  # rad: what counts as flat
@@ -28,8 +29,7 @@ FARTHER = 4.0  # times as deep as the surface below a corner: what is deeper lie
 class HeightField(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="height-field"):
     """Ground of given heights over a grid, fixed to the world: z = heights[i][k] at x = i dx, y = k dy from `point`.
 
-    Between them lie triangles; beyond the grid there is nothing. Spheres, capsules, boxes and convex meshes touch it,
-    stepped.
+    Between them lie triangles; beyond the grid there is nothing. Bodies touch it in steps.
 
     Parameters
     ----------
@@ -64,6 +64,13 @@ class HeightField(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_f
             if values.shape != (size,) or not np.isfinite(values).all() or (name == "cell" and values.min() <= 0.0):
                 what = f"expected {size} finite numbers{' above 0' * (name == 'cell')}, got {values.tolist()}"
                 raise SceneError(what, where=f"{where}.{name}", remedy="give them in m")
+
+    def piece(self) -> pin.GeometryObject:
+        """A piece to draw, fixed to the world."""
+        corners = surface_of(self).triangles.reshape(-1, 3)
+        shape = triangle_mesh(corners, np.arange(len(corners)).reshape(-1, 3))
+        colour = np.array([0.62, 0.66, 0.58, 1.0])
+        return pin.GeometryObject("field", 0, 0, pin.SE3.Identity(), shape, "", np.ones(3), True, colour)
 
 
 class FieldSurface:
@@ -144,116 +151,3 @@ def nearest_of_triangles(x: Array, triangles: Array) -> Array:
     inside = (np.einsum("nij,nij->ni", np.cross(across[:, None], along), foot[:, None] - a) >= 0.0).all(axis=1)
     best = np.linalg.norm(on_edges - x, axis=2).argmin(axis=1)
     return np.asarray(np.where(inside[:, None], foot, on_edges[np.arange(len(a)), best]))
-
-
-class FieldBody:
-    """A shape as corners (n, 3) with a radius; a capsule has a line between two, and a hull edges and faces."""
-
-    def __init__(self, shape: AnyShape) -> None:
-        self.hull: Hull | None = None
-        self.radius, self.line, self.corners = 0.0, isinstance(shape, Capsule), np.zeros((1, 3))
-        if isinstance(shape, (Box, Convex)):
-            self.hull = hull_of(shape)
-            self.corners = self.hull.vertices[np.unique(self.hull.edges)]
-        elif isinstance(shape, (Sphere, Capsule)):
-            self.radius, half = float(shape.radius), 0.5 * float(getattr(shape, "length", 0.0))
-            self.corners = np.array([[0.0, 0.0, -half], [0.0, 0.0, half]]) if self.line else self.corners
-
-    def touches(self, surface: FieldSurface, rotation: Array, origin: Array, reach: float) -> list[TouchPoint]:
-        """The points at which the placed body touches a surface, with gaps below the reach."""
-        corners, near = self.corners @ rotation.T + origin, self.radius + reach
-        low, high = corners.min(axis=0) - near, corners.max(axis=0) + near
-        if low[2] > surface.top:
-            return []
-        found = [touch for k, x in enumerate(corners) for touch in self._of_corner(surface, k, x, reach)]
-        ridges = surface.ridges_in(low, high) if self.line or self.hull else surface.ridges[:0]
-        peaks = np.unique(ridges.reshape(-1, 3), axis=0)
-        if self.line and len(ridges):
-            found += _of_line(surface, corners, self.radius, ridges, peaks)
-        if self.hull is not None and len(ridges):
-            hull = self.hull.placed(rotation, origin)
-            found += [*_of_edges(surface, hull, ridges, reach), *_of_faces(surface, hull, peaks, reach)]
-        return [touch for touch in found if touch.gap < reach]
-
-    def _of_corner(self, surface: FieldSurface, number: int, x: Array, reach: float) -> Iterator[TouchPoint]:
-        """The triangles that a corner or ball touches, each plane once."""
-        below, deep = surface.below(x), surface.height(x)
-        cells, seen = surface.cells(x - self.radius - reach, x + self.radius + reach), list[Array]()
-        triangles, normals = surface.triangles[cells].reshape(-1, 3, 3), surface.normals[cells].reshape(-1, 3)
-        if deep - self.radius > reach and not len(triangles):
-            return
-        on, heights = nearest_of_triangles(x, triangles), np.einsum("ni,ni->n", normals, x - triangles[:, 0])
-        if self.radius > 0.0 and deep > 0.0:
-            far = np.linalg.norm(x - on, axis=1)
-            rows = np.flatnonzero(far - self.radius < reach)
-            ways = (x - on) / far[:, None]
-            hits = [(float(far[k]), ways[k]) for k in rows if surface.supports(on[k], ways[k])]
-        else:
-            over = np.linalg.norm(x - heights[:, None] * normals - on, axis=1) <= SAME
-            over &= (heights - self.radius < reach) & (heights >= FARTHER * min(deep, 0.0) - SAME)
-            hits = [(float(heights[k]), normals[k]) for k in np.flatnonzero(over)]
-            if below is not None and not hits:
-                hits = [(deep, below[1])]
-        for far_off, n in sorted(hits, key=lambda hit: tuple(np.round(hit[1], 6))):
-            if not any(np.abs(n - other).max() < LEVEL for other in seen):
-                seen.append(n)
-                gap = far_off - self.radius
-                yield TouchPoint(("corner", number, len(seen)), gap, n, x - (self.radius + 0.5 * gap) * n)
-
-
-def _lines(starts: Array, ways: Array, others: Array, other_ways: Array) -> tuple[Array, Array, Array]:
-    """s and t (n, m) of the points start + s way of lines that are nearest to each other; and where they cross."""
-    apart = starts[:, None] - others
-    a, c = (np.einsum("ni,ni->n", way, way) for way in (ways, other_ways))
-    b, d, e = ways @ other_ways.T, np.einsum("ni,nmi->nm", ways, apart), np.einsum("mi,nmi->nm", other_ways, apart)
-    size = a[:, None] * c - b * b
-    crosses = size > LEVEL**2 * a[:, None] * c
-    size = np.where(crosses, size, 1.0)
-    return (b * e - c * d) / size, (a[:, None] * e - b * d) / size, crosses
-
-
-def _of_line(surface: FieldSurface, ends: Array, radius: float, ridges: Array, peaks: Array) -> Iterator[TouchPoint]:
-    """The ridges and their ends at which the side of a capsule touches."""
-    start, way, edge = ends[0], ends[1] - ends[0], ridges[:, 1] - ridges[:, 0]
-    _, t, crosses = (found[0] for found in _lines(start[None], way[None], ridges[:, 0], edge))
-    spots = np.concatenate([(ridges[:, 0] + t[:, None] * edge)[crosses & (t > 0.0) & (t < 1.0)], peaks])
-    share = (spots - start) @ way / (way @ way)
-    for number in np.flatnonzero((share > 0.0) & (share < 1.0)).tolist():
-        p = spots[number]
-        line = start + share[number] * way - p
-        far = float(np.linalg.norm(line))
-        if far > SAME and surface.supports(p, line / far):
-            yield TouchPoint(("side", *np.round(p, 6)), far - radius, line / far, p + 0.5 * (far - radius) * line / far)
-
-
-def _of_edges(surface: FieldSurface, hull: Hull, ridges: Array, reach: float) -> Iterator[TouchPoint]:
-    """The edges of a hull that cross ridges."""
-    ends = hull.vertices[hull.edges]
-    ways, edge = ends[:, 1] - ends[:, 0], ridges[:, 1] - ridges[:, 0]
-    s, t, crosses = _lines(ends[:, 0], ways, ridges[:, 0], edge)
-    within = crosses & (s >= 0.0) & (s <= 1.0) & (t >= 0.0) & (t <= 1.0)
-    on_left, on_right = hull.normals[hull.sides[:, 0]], hull.normals[hull.sides[:, 1]]
-    for i, k in np.argwhere(within).tolist():
-        n = np.cross(ways[i], edge[k])
-        n /= np.copysign(np.linalg.norm(n), n[2])
-        x, p = ends[i, 0] + s[i, k] * ways[i], ridges[k, 0] + t[i, k] * edge[k]
-        down = (np.cross(on_left[i], -n) @ hull.ways[i], np.cross(-n, on_right[i]) @ hull.ways[i])
-        gap = float(n @ (x - p))
-        if (
-            gap < reach
-            and n[2] > LEVEL
-            and min(down) >= -LEVEL
-            and surface.supports(p, n)
-            and (gap > -SAME or gap >= FARTHER * surface.height(x) - SAME)
-        ):
-            yield TouchPoint(("edge", i, *np.round(ridges[k].mean(axis=0), 6)), gap, n, 0.5 * (x + p))
-
-
-def _of_faces(surface: FieldSurface, hull: Hull, peaks: Array, reach: float) -> Iterator[TouchPoint]:
-    """The faces of a hull that peaks touch."""
-    over, within = hull.over_faces(peaks), hull.within_sides(peaks)
-    nearest = over >= over.max(axis=1, keepdims=True) - SAME  # not those on the far side of the hull
-    for i, face in np.argwhere(nearest & (over < reach) & (within >= 0.0) & (hull.normals[:, 2] < -LEVEL)).tolist():
-        n, gap = -hull.normals[face], float(over[i, face])
-        if surface.supports(peaks[i], n):
-            yield TouchPoint(("face", face, *np.round(peaks[i], 6)), gap, n, peaks[i] + 0.5 * gap * n)

@@ -87,11 +87,11 @@ class Gap(msgspec.Struct, frozen=True, tag_field="kind", tag=kebab_case):
 
     def value(self, motion: KinematicState) -> Scalar:
         """g, m."""
-        return self.nearest(motion).gap
+        return motion.once(self.nearest).gap
 
     def velocity(self, motion: KinematicState) -> Vec:
         """g' and the slip of a on b along the two tangents, m/s."""
-        near = self.nearest(motion)
+        near = motion.once(self.nearest)
         slip = sub(near.first.velocity(motion), near.second.velocity(motion))
         x, y, z = (dot(axis, slip) for axis in near.axes)
         return x, y, z
@@ -335,7 +335,7 @@ class RimGap(Gap, frozen=True):
     def value(self, motion: KinematicState) -> Scalar:
         """g, or AWAY of a disc that lies flat."""
         flat = motion.xp.less(self._tilt(motion), FLAT)
-        return motion.xp.where(flat, AWAY, self.nearest(motion).gap)
+        return motion.xp.where(flat, AWAY, motion.once(self.nearest).gap)
 
     def single(self, motion: KinematicState) -> Scalar:
         """The square of the sine of its tilt."""
@@ -356,7 +356,7 @@ class StandGap(PlaneGap, frozen=True):
 
     def value(self, motion: KinematicState) -> Scalar:
         """g, or AWAY of a disc that is tilted."""
-        return motion.xp.where(motion.xp.less(self._tilt(motion), FLAT), self.nearest(motion).gap, AWAY)
+        return motion.xp.where(motion.xp.less(self._tilt(motion), FLAT), motion.once(self.nearest).gap, AWAY)
 
     def single(self, motion: KinematicState) -> Scalar:
         """1 less the square of the sine of its tilt over that up to which it lies flat."""

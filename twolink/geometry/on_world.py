@@ -10,9 +10,10 @@ import numpy as np
 from twolink.algorithms.motion import GROUND
 from twolink.algorithms.namespaces import Array
 from twolink.algorithms.spatial import unit
-from twolink.geometry.fields import FieldBody, HeightField, surface_of
+from twolink.geometry.fields import HeightField, surface_of
 from twolink.geometry.gaps import Ball, PlaneGap, RimGap, down_rim
 from twolink.geometry.hulls import Name, TouchPoint
+from twolink.geometry.on_fields import FieldBody
 from twolink.geometry.pairs import Pair, Plane, balls_of, gaps_of
 from twolink.geometry.points import Links, Points, joined, key_of, stacked
 from twolink.robots.collisions import AnyShape, Box, Convex, Cylinder

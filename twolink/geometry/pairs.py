@@ -96,6 +96,17 @@ def features_of(pair: Pair) -> HullFeatures:
     return features
 
 
+def points_of(pair: Pair) -> int:
+    """The number of points at which a pair may touch. Raises SceneError where it cannot be located.
+
+    Two hulls touch at features that change; they count as the corners of the one that has more.
+    """
+    if not are_hulls(pair):
+        return len(gaps_of(pair))
+    features_of(pair)
+    return max(len(balls_of(solid)[0]) for solid in (pair.first, cast(Solid, pair.second)))
+
+
 def _capsule_on_hull(capsule: Solid, solid: Solid) -> list[Gap]:
     """Both ends against the box or mesh, and the segment between them against its edges."""
     ball, half = _middle(capsule), _half(capsule)

@@ -184,9 +184,14 @@ def set_mesh(item: Any, mesh: MeshFile) -> None:
 
 def _shape(raw: bytes, suffix: str, scale: tuple[float, ...]) -> coal.CollisionGeometry:
     vertices, faces = read_triangles(raw, suffix)
+    return triangle_mesh(vertices * scale, faces)
+
+
+def triangle_mesh(vertices: Any, faces: Any) -> coal.BVHModelOBBRSS:
+    """Triangles (m, 3) of corners (n, 3) for Coal."""
     shape = coal.BVHModelOBBRSS()
     shape.beginModel(len(faces), len(vertices))
-    shape.addVertices(vertices * scale)
+    shape.addVertices(vertices)
     shape.addTriangles(faces)
     shape.endModel()
     return shape

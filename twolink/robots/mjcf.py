@@ -16,7 +16,7 @@ from twolink.errors import RobotError
 from twolink.robots.catalogue import Source
 from twolink.robots.joint_layout import NO_LIMIT
 from twolink.robots.load_report import Finding
-from twolink.robots.mjcf_laws import effects_of, excluded, left_out, options_of, without_counterpart
+from twolink.robots.mjcf_laws import effects_of, excluded, height_fields, left_out, options_of, without_counterpart
 from twolink.robots.mjcf_model import SHAPES, Mjcf, pose
 from twolink.robots.model import FileLaws
 from twolink.robots.srdf import Srdf
@@ -64,7 +64,10 @@ def read_mjcf(model: Any, source: Source, foreign: str) -> Description:
     gravity = tuple(0.0 if mjcf.is_off("GRAVITY") else float(g) for g in model.opt.gravity)
     changed = {f"{what} (changes the motion in MuJoCo)": names for what, names in missing.items()}
     findings = [Finding("ignored", what, tuple(names)) for what, names in (changed | left_out(mjcf)).items()]
-    laws, apart = FileLaws(tuple(effects_of(mjcf)), start, options_of(mjcf)), excluded(mjcf)
+    laws, apart = (
+        FileLaws(tuple(effects_of(mjcf)), start, options_of(mjcf), tuple(height_fields(mjcf).values())),
+        excluded(mjcf),
+    )
     return Description(robot, gravity, laws, tuple(findings), Srdf(apart, file=source.label if apart else ""))
 
 

@@ -14,6 +14,7 @@ _FREE, _BALL = 0, 1  # mjtJoint
 _CONNECT, _WELD, _JOINT = 0, 1, 2  # mjtEq
 _EQUALITIES = ("connect", "weld", "joint", "tendon", "flex", "flexvert", "flexstrain", "distance")
 _SITE = 6  # mjtObj
+_FIELD = 1  # mjtGeom
 _OPTIONS = ("timestep", "integrator", "cone", "solver", "impratio", "iterations", "ls_iterations", "tolerance",
             "ls_tolerance", "noslip_iterations", "noslip_tolerance", "disableflags", "enableflags")  # fmt: skip
 
@@ -65,7 +66,7 @@ def without_counterpart(mjcf: Mjcf) -> dict[str, list[str]]:
 def left_out(mjcf: Mjcf) -> dict[str, list[str]]:
     """Parts without effect on the answers: names of elements by what they are."""
     m = mjcf.model
-    unknown = {k for k in range(m.ngeom) if int(m.geom_type[k]) not in SHAPES}
+    unknown = {k for k in range(m.ngeom) if int(m.geom_type[k]) not in SHAPES} - set(height_fields(mjcf))
     off = [name for name, flag in (("springs", "SPRING"), ("damping", "DAMPER"), ("joint friction", "FRICTIONLOSS"),
            ("limits", "LIMIT"), ("equality constraints", "EQUALITY"), ("gravity", "GRAVITY"),
            ("constraints", "CONSTRAINT")) if mjcf.is_off(flag)]  # fmt: skip
@@ -97,6 +98,21 @@ def left_out(mjcf: Mjcf) -> dict[str, list[str]]:
 def options_of(mjcf: Mjcf) -> dict[str, float]:
     """The options by which MuJoCo would step the file, by their names in its mjOption."""
     return {name: float(getattr(mjcf.model.opt, name)) for name in _OPTIONS}
+
+
+def height_fields(mjcf: Mjcf) -> dict[int, Mapping[str, Any]]:
+    """The height fields that lie level in the world, by their geoms, as in scene files."""
+    m, found = mjcf.model, dict[int, Mapping[str, Any]]()
+    for k in map(int, np.flatnonzero((m.geom_type == _FIELD) & (m.body_weldid[m.geom_bodyid] == 0))):
+        place, one = mjcf.placed(k), int(m.geom_dataid[k])
+        if not np.allclose(place.rotation, np.eye(3), atol=1e-9) or not (m.geom_contype[k] or m.geom_conaffinity[k]):
+            continue
+        rows, columns, (x, y, high, _) = int(m.hfield_nrow[one]), int(m.hfield_ncol[one]), m.hfield_size[one].tolist()
+        first = int(m.hfield_adr[one])
+        heights = high * m.hfield_data[first : first + rows * columns].astype(float).reshape(rows, columns).T
+        found[k] = {"heights": heights.tolist(), "cell": (2 * x / (columns - 1), 2 * y / (rows - 1)),
+                    "point": _three(place.translation - [x, y, 0.0])}  # fmt: skip
+    return found
 
 
 def excluded(mjcf: Mjcf) -> frozenset[frozenset[str]]:

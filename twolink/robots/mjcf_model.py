@@ -57,6 +57,17 @@ class Mjcf:
         first = int(self.model.body_jntadr[body])
         return range(first, first + int(self.model.body_jntnum[body]))
 
+    def placed(self, geom: int) -> pin.SE3:
+        """The pose of a geom whose body is fixed to the world."""
+        m, place, body = (
+            self.model,
+            pose(self.model.geom_pos[geom], self.model.geom_quat[geom]),
+            int(self.model.geom_bodyid[geom]),
+        )
+        while body:
+            place, body = pose(m.body_pos[body], m.body_quat[body]) * place, int(m.body_parentid[body])
+        return place
+
     def is_off(self, *flags: str) -> bool:
         """True if a flag such as "SPRING" disables a part of the model."""
         bits = import_extra("mujoco", "mjcf").mjtDisableBit

@@ -75,11 +75,13 @@ copyreg.pickle(pin.Model, reduce_model)
 @dataclass(frozen=True)
 class FileLaws:
     """Parts of a scene in a robot's file that a URDF cannot hold: effects, by type and arguments as in scene files, and
-    the configuration at the start, by joint. options: by which MuJoCo would step it, as its mjOption has them."""
+    the configuration at the start, by joint. options: by which MuJoCo would step it, as its mjOption has them. fields:
+    height fields that are fixed to the world, as in scene files."""
 
     effects: tuple[tuple[str, Mapping[str, Any]], ...] = ()
     start: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     options: Mapping[str, float] = field(default_factory=dict)
+    fields: tuple[Mapping[str, Any], ...] = ()
 
 
 @dataclass(frozen=True)

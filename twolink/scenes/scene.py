@@ -288,6 +288,13 @@ class Scene:
         """
         return save_scene(Path(path), self.base, self.q, self.v, self.effects, self.duration, self.title)
 
+    def visual_model(self) -> pin.GeometryModel:
+        """The robot's shapes to draw, and what effects have fixed to the world. Raises ShowError, as the robot's."""
+        visuals = self.robot.visual_model()
+        for piece in (piece for effect in self.effects for piece in effect.pieces()):
+            visuals.addGeometryObject(piece)
+        return visuals
+
     def with_start(self, q: ArrayLike, v: ArrayLike) -> Scene:
         """A copy of the scene with another start q (nq,), v (nv,)."""
         return Scene(self.base, q, v, self.effects, self.duration, self.title)

@@ -12,6 +12,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from twolink.algorithms.functions import frame_pose
 from twolink.dynamics import Robot, load_robot
 from twolink.effects import Effect, effect_class
 from twolink.effects.constants import Gravity
@@ -20,6 +21,7 @@ from twolink.effects.forces import FrameWrench, JointDamping, JointSpring
 from twolink.effects.joint_switches import DryFriction, JointStops
 from twolink.effects.loops import Coupling, Loop, PointLoop, WeldLoop
 from twolink.errors import SceneError
+from twolink.geometry.fields import HeightField
 from twolink.robots.catalogue import catalogue_entry, catalogue_names
 from twolink.robots.collisions import collision_model
 from twolink.robots.joint_layout import NO_LIMIT, JointLayout, turns, urdf_limits
@@ -112,7 +114,8 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 2.0, *, co
     duration : float
         Time to simulate, s.
     contact : bool
-        Its links touch each other and the ground, with their own collision shapes and a friction of 0.8. A robot of the
+        Its links touch each other and the ground, or the height fields of an MJCF, with their own collision shapes and
+        a friction of 0.8. A robot of the
         catalogue that is meant to move about has a free base then, and starts just above the ground; one with an SRDF
         in its state "standing", else in the first.
 
@@ -144,8 +147,11 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 2.0, *, co
              if joint.name not in followers and np.isfinite(ends).any()}  # fmt: skip
     if stops:
         effects.append(JointStops(stops if followers else "urdf"))
+    fields = [HeightField(**one) for one in loaded.visuals.laws.fields]
     if contact:
-        effects.append(Contact(friction=FRICTION))
+        moved = dict.fromkeys(solid.link for solid in loaded.solids if frame_pose(model, solid.link)[0])
+        ground = tuple((link, field) for link in moved for field in fields)
+        effects.append(Contact(("self", *(ground or ("ground",))), FRICTION))
     laws, q, starts = loaded.visuals.laws, loaded.neutral, {**loaded.visuals.laws.start, **loaded.visuals.placed}
     others = [effect for kind, given in laws.effects if (effect := _effect(loaded, kind, given))]
     states = loaded.visuals.srdf.states if contact else {}
@@ -161,7 +167,7 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 2.0, *, co
         q[entries[coupling.joint].q] = coupling.ratio * q[entries[coupling.other].q] + coupling.offset
     effects += [*couplings, *others]
     if contact and loaded.root == "free":
-        q[2] += ABOVE - _lowest(loaded, q)
+        q[2] += ABOVE - _lowest(loaded, q) + max((np.max(one.heights) + one.point[2] for one in fields), default=0.0)
     weight = np.concatenate([pin.computeGeneralizedGravity(tree.model, data, q[tree.q])
                              for tree, data in zip(loaded.trees, loaded.tree_data, strict=True)])  # fmt: skip
     still = np.all(np.abs(weight) <= np.maximum(model.friction, AT_REST))

@@ -1,9 +1,9 @@
 """Worlds one after the other, as `simulate` solves them: with events or controllers, and those whose loops differ."""
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from twolink.scenes.parameters import scene_with
 from twolink.simulation.cost import Cost
 from twolink.simulation.scene_run import ACCURACY, run_of
 from twolink.simulation.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from twolink.contact.stepping import ContactStepper
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +64,13 @@ def solve_one_by_one(
     q, v = np.full((len(times), count, nq), np.nan), np.full((len(times), count, nv), np.nan)
     error, steps, ends = np.full(count, np.nan), np.zeros(count, dtype=int), np.full(count, np.nan)
     costs, events, estimated = list[Cost](), list[tuple[Event, ...]](), False
+    start = runs_of(scene, times, accuracy, verify=verify, contact=contact)
     for i in range(count):
-        own = scene_with(scene, {name: float(value[i]) for name, value in values.items()}) if values else scene
+        if values:
+            own = scene_with(scene, {name: float(value[i]) for name, value in values.items()})
+            start = runs_of(own, times, accuracy, verify=verify, contact=contact)
         try:
-            run = _run(own, states[:, i], times, accuracy, verify, contact)
+            run = _run(start, states[:, i])
         except ControllerError as failed:
             raise ControllerError(failed.what, where=f"world {i}, {failed.where}", remedy=failed.remedy,
                                   code=failed.code, run=failed.run, **failed.data) from failed  # fmt: skip
@@ -85,44 +91,51 @@ def solve_one_by_one(
     return SingleWorlds(q, v, error if verify else None, steps, _sum(costs), tuple(events), ends, estimated)
 
 
-def run_from(
-    scene: Scene, x: Array, times: Array, accuracy: float | None, *, verify: bool = True, contact: str | None = None
-) -> Trajectory:
-    """The run of a scene from another state x (nq + nv,), located or stepped as `simulate` chooses.
+def runs_of(
+    scene: Scene, times: Array, accuracy: float | None, *, verify: bool = True, contact: str | None = None
+) -> Callable[[Array], Trajectory]:
+    """The run of a scene as a function of its start x (nq + nv,), located or stepped as `simulate` chooses.
 
-    accuracy: None as in `simulate`. Runs of one scene share its equations, and so their programs. Raises what
+    accuracy: None as in `simulate`. Runs of one scene share its equations, and so their programs. They raise what
     `simulate` raises.
     """
-    chosen, nq = choose_contact_method(scene, contact).method, scene.robot.nq
+    nq, chosen = scene.robot.nq, choose_contact_method(scene, contact).method
     if chosen is not None:
-        from twolink.simulation.spliced_run import beyond_located  # which scenes without contacts do not load
+        from twolink.contact.solver import stepper_of  # which scenes without contacts do not load
+        from twolink.simulation.spliced_run import beyond_located
         from twolink.simulation.stepped_run import simulate_stepped
-    if chosen == "stepped":
-        return simulate_stepped(scene.with_start(x[:nq], x[nq:]), times, accuracy, None, None, verify=verify)
-    equations, bound = equations_of(scene, ticks=True), ACCURACY if accuracy is None else accuracy
-    start = x if equations.constraints is None else assembled(equations.constraints, x)
-    equations = replace(equations.starting_at(with_starting_states(equations, start), 0.0), assembled=(0.0, 0.0))
-    choice = choose(equations, bound, float(times[-1]), "auto")
-    try:
-        return run_of(scene, equations, choice, times, bound, verify=verify)
-    except AccuracyError as error:
-        if chosen is None:
-            raise
-        located = functools.partial(run_of, scene, equations, choice, accuracy=bound, verify=verify)
-        stepped = functools.partial(simulate_stepped, accuracy=None, step=None, progress=None, verify=verify)
-        effort = contact is None and accuracy is None
-        return beyond_located(scene.with_start(x[:nq], x[nq:]), times, error, located, stepped, best_effort=effort)
+    steppers: list[ContactStepper] = []  # the last one
+
+    def stepped(x: Array) -> Trajectory:
+        own = scene.with_start(x[:nq], x[nq:])
+        steppers[:] = [stepper_of(own, *steppers)]
+        return simulate_stepped(own, times, accuracy, None, None, verify=verify, stepper=steppers[0])
+
+    def located(x: Array) -> Trajectory:
+        equations, bound = equations_of(scene, ticks=True), ACCURACY if accuracy is None else accuracy
+        start = x if equations.constraints is None else assembled(equations.constraints, x)
+        equations = replace(equations.starting_at(with_starting_states(equations, start), 0.0), assembled=(0.0, 0.0))
+        choice = choose(equations, bound, float(times[-1]), "auto")
+        try:
+            return run_of(scene, equations, choice, times, bound, verify=verify)
+        except AccuracyError as error:
+            if chosen is None:
+                raise
+            first = functools.partial(run_of, scene, equations, choice, accuracy=bound, verify=verify)
+            beyond = functools.partial(simulate_stepped, accuracy=None, step=None, progress=None, verify=verify)
+            effort = contact is None and accuracy is None
+            return beyond_located(scene.with_start(x[:nq], x[nq:]), times, error, first, beyond, best_effort=effort)
+
+    return stepped if chosen == "stepped" else located
 
 
-def _run(
-    scene: Scene, x: Array, times: Array, accuracy: float | None, verify: bool, contact: str | None
-) -> Trajectory | None:
+def _run(run: Callable[[Array], Trajectory], x: Array) -> Trajectory | None:
     """A world's run, or the best one where the accuracy cannot be kept; None for a lost world."""
     try:
-        return run_from(scene, x, times, accuracy, verify=verify, contact=contact)
+        return run(x)
     except AccuracyError as error:
-        run: Any = error.run
-        return run if isinstance(run, Trajectory) else None
+        best: Any = error.run
+        return best if isinstance(best, Trajectory) else None
 
 
 def _sum(costs: list[Cost]) -> Cost:

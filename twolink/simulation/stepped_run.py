@@ -45,15 +45,16 @@ def simulate_stepped(
     *,
     verify: bool,
     patience: float | None = None,
+    stepper: ContactStepper | None = None,
 ) -> Trajectory:
     """The run of a scene whose contacts are stepped, with samples at the times (n,).
 
     step: the caller's own [s], whose error is estimated and reported; None: smaller ones until the estimate is below
     the accuracy. Without an accuracy steps become smaller while that helps, for up to a patience [s of wall clock, by
     default 20], and the best run is returned. Raises AccuracyError, with the best run, where an accuracy takes too many
-    steps, or more time than a patience that is given.
+    steps, or more time than a patience that is given. stepper: of the scene, where there is one.
     """
-    solve = functools.partial(_solved, scene, stepper_of(scene), times, progress)
+    solve = functools.partial(_solved, scene, stepper or stepper_of(scene), times, progress)
     if step is None:
         limit = patience or (PATIENCE if accuracy is None else math.inf)
         return _StepRefinement(scene, solve, float(times[-1] - times[0]), accuracy, limit).run(verify=verify)

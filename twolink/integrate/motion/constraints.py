@@ -12,6 +12,7 @@ stages falls there (test case: IFToMM benchmark A02). Projection: Eich 1993, SIA
 """
 
 import functools
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -27,6 +28,7 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.recursions import composite_bodies, newton_euler, poses
 from twolink.algorithms.spatial import Matrix, Scalar, minus, negative, plus, times
 from twolink.algorithms.tape import Tape
+from twolink.effects.inputs import with_pieces
 from twolink.effects.loops import Loop
 from twolink.integrate.motion.row_solver import RowSolver
 from twolink.integrate.motion.state import Array, StateSpace
@@ -42,8 +44,9 @@ class Constraints:
 
     counts: how many rows each loop has. kept: the rows that are not redundant. scales: a factor for each kept row that
     makes the diagonal of A about 1 away from singular positions. supports: of each row, redundant ones too, the degrees
-    of freedom that it depends on. shares: the part of each kept multiplier that each row takes, redundant ones too,
-    where it is the same everywhere: the smallest multipliers with the same effect. None: the kept rows take all.
+    of freedom that it or its force depends on. shares: the part of each kept multiplier that each row takes,
+    redundant ones too, where it is the same everywhere: the smallest multipliers with the same effect. None: the kept
+    rows take all.
     """
 
     space: StateSpace
@@ -120,13 +123,14 @@ class Constraints:
         numbers: Sequence[int] = self.kept
         if self.shares is not None:
             numbers, jacobian = self.all_rows, self.jacobian(mech, q, xp, self.all_rows)
-        columns: list[list[Scalar | None]] = []
-        for unit in self._units(q):
-            along = KinematicState(self.model, mech, list(q), list(unit), 0.0, xp)
-            columns.append([power for loop, count in zip(loops, self.counts, strict=True)
-                            for power in loop.forces(motion, along) or [None] * count])  # fmt: skip
-        every = [[own if column[i] is None else column[i] for own, column in zip(row, columns, strict=True)]
-                 for i, row in zip(numbers, jacobian, strict=True)]  # fmt: skip
+        units, every = self._units(q), [list(row) for row in jacobian]
+        for group in self._column_groups:
+            along = motion.with_velocity(list(np.sum([units[k] for k in group], axis=0)))
+            powers = [power for loop, count in zip(loops, self.counts, strict=True)
+                      for power in loop.forces(motion, along) or [None] * count]  # fmt: skip
+            for row, i in zip(every, numbers, strict=True):
+                for k in self.supports[i].intersection(group) if powers[i] is not None else ():
+                    row[k] = powers[i]
         if self.shares is None:
             return every
         return [[plus(*(times(share[k], row[dof]) for share, row in zip(self.shares, every, strict=True)))
@@ -232,7 +236,10 @@ def all_constraints(space: StateSpace, loops: Sequence[Loop], mech: Mechanism) -
     rows = [[*loop.rows(motion), *loop.velocity_rows(motion)] for loop in loops]
     owners = [range(j.v.start, j.v.stop) for j in space.robot.joints for _ in range(j.q.start, j.q.stop)]
     dofs = dict(enumerate([*owners, *([k] for k in range(space.nv))]))  # of each entry of (q, v)
-    supports = tuple(frozenset(k for i in tape.inputs(row) for k in dofs.get(i, ())) for own in rows for row in own)
+    forces = [with_pieces(loop, lambda _: 0.0).forces(motion, motion) or [0.0] * len(own)
+              for loop, own in zip(loops, rows, strict=True)]  # fmt: skip
+    each = zip(itertools.chain(*rows), itertools.chain(*forces), strict=True)
+    supports = tuple(frozenset(k for x in pair for i in tape.inputs(x) for k in dofs.get(i, ())) for pair in each)
     return Constraints(space, mech, tuple(loops), tuple(map(len, rows)), tuple(range(len(supports))),
                        (1.0,) * len(supports), supports)  # fmt: skip
 

@@ -1,7 +1,5 @@
 """The certificate of programs of equations of motion: they agree with Pinocchio and NumPy."""
 
-import itertools
-import math
 from typing import Any
 
 import numpy as np
@@ -72,33 +70,33 @@ def _states(equations: Equations) -> Array:
     """
     x = np.repeat(equations.start[:, None], STATES, axis=1)
     shift = np.random.default_rng(1).uniform(-BESIDE, BESIDE, (equations.space.size, STATES))
-    least = LEAST * _smallest_pivot(equations, equations.start)
-    for column, nearer in itertools.product(range(1, STATES), NEARER):
-        if nearer == NEARER[0] or not _smallest_pivot(equations, x[:, column]) >= least:
-            x[:, column] = equations.space.normalized(equations.start + nearer * shift[:, column], Numbers)
+    least, moved = LEAST * _smallest_pivots(equations, x[:, :1]), np.arange(1, STATES)
+    for nearer in NEARER:
+        x[:, moved] = equations.space.normalized(equations.start[:, None] + nearer * shift[:, moved], Numbers)
+        moved = moved[~(_smallest_pivots(equations, x[:, moved]) >= least)]
     _lock_some(equations, x)
     return x
 
 
 @np.errstate(all="ignore")
-def _smallest_pivot(equations: Equations, x: Array) -> float:
-    """The smallest pivot of the constraints' A = J M^-1 B of one state, scaled; NaN where it is not finite.
+def _smallest_pivots(equations: Equations, x: Array) -> Array:
+    """The smallest pivots (n,) of the constraints' A = J M^-1 B of states, scaled; NaN where they are not finite.
 
     Infinite without rows: what a stop holds already leaves those of a contact none.
     """
     constraints, space = equations.constraints, equations.space
-    if constraints is None or not len(constraints.kept):
-        return math.inf
+    if constraints is None or not (constraints.kept and x.size):
+        return np.full(x.shape[1], np.inf)
     q, v = x[: space.nq], x[space.v_rows]
-    jacobian = constraints.jacobian_at(q, constraints.kept)
+    rows = constraints.jacobian(constraints.mech, q, Numbers)
     loops = equations.layout.with_numbers(constraints.loops, list(x[space.moving :]))
-    forces = np.array(constraints.force_rows(constraints.mech, q, v, Numbers, jacobian.tolist(), loops), dtype=float)
-    matrix = jacobian @ np.linalg.solve(equations.robot.mass_matrix(q), forces.T)
-    if not np.isfinite(matrix).all():
-        return math.nan
-    matrix *= np.outer(constraints.scales, constraints.scales)
-    minors = np.array([np.linalg.det(matrix[:k, :k]) for k in range(len(matrix) + 1)])
-    return float((minors[1:] / minors[:-1]).min())
+    forces = constraints.force_rows(constraints.mech, q, v, Numbers, rows, loops)
+    jacobian, pushed = (np.array([[np.broadcast_to(entry, x.shape[1:]) for entry in row] for row in matrix], float)
+                        for matrix in (rows, forces))  # fmt: skip
+    moved = np.linalg.solve(equations.robot.mass_matrix(space.rows(x)[0]), pushed.transpose(2, 1, 0))
+    matrix = jacobian.transpose(2, 0, 1) @ moved * np.outer(constraints.scales, constraints.scales)
+    minors = np.array([np.linalg.det(matrix[:, :k, :k]) for k in range(len(rows) + 1)])
+    return np.asarray((minors[1:] / minors[:-1]).min(axis=0))
 
 
 def _parameters(equations: Equations) -> Array:

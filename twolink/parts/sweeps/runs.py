@@ -30,7 +30,7 @@ from twolink.parts.sweeps.outputs import (
 )
 from twolink.scenes import Scene
 from twolink.scenes.parameters import Parameter, scene_with
-from twolink.simulation.event_worlds import run_from
+from twolink.simulation.event_worlds import runs_of
 from twolink.simulation.sampling import sample_times
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.world_solving import can_be_finer
@@ -229,7 +229,7 @@ def _one(group: _VariantRuns, i: int, times: np.ndarray) -> None:
     start = np.concatenate([own.q[i], own.v[i]])
     status, reason = DONE, ""
     try:
-        run = run_from(scene, start, times, own.accuracy, verify=asked.verify)
+        run = runs_of(scene, times, own.accuracy, verify=asked.verify)(start)
     except AccuracyError as error:
         if not isinstance(error.run, Trajectory) or error.run.error is None:
             raise
