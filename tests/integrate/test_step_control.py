@@ -47,6 +47,14 @@ def test_the_step_size_after_an_accepted_step_is_the_pi_controllers() -> None:
     assert once[ROWS.previous] == pytest.approx(4 * twice[ROWS.previous], rel=1e-3)
 
 
+@pytest.mark.parametrize("portable", [True, False])
+def test_a_step_that_its_end_cuts_does_not_make_the_next_ones_shorter(portable: bool) -> None:
+    """The first is a 50th of what was planned: the controller alone would make the next one 6 times as long at most."""
+    assert attempt(0.05, 0.001, 1e-6, portable=portable)[ROWS.step] >= 0.05
+    uncut = attempt(0.001, 1.0, 1e-6, portable=portable)[ROWS.step]
+    assert 0.001 < uncut <= 0.006
+
+
 def test_the_step_size_after_a_rejected_step_has_no_memory() -> None:
     out = attempt(0.5, 10.0, 1e-7)
     assert out[ROWS.rejected] == 1

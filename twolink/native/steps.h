@@ -287,7 +287,9 @@ static void N(attempt)(tl_workspace *work) {
     if (bounded < 1e-8) bounded = 1e-8;
     const double hl = LANE(h, l), good = admitted ? hl : LANE(control[N(GOOD)], l) * (finite ? 1.0 : 0.9);
     const double factor = N(factor_of_step)(m, bounded, LANE(control[N(PREVIOUS)], l), admitted);
-    const double proposed = finite ? hl * factor : good, longest = LANE(control[N(LONGEST)], l);
+    const double planned = LANE(size, l), longest = LANE(control[N(LONGEST)], l);
+    double proposed = finite ? hl * factor : good;
+    if (admitted && hl < planned * (1.0 - 1e-6) && proposed < planned) proposed = planned; /* a stop has cut the step */
     LANE(control[N(STEP)], l) = longest < proposed ? longest : proposed;
     LANE(control[N(GOOD)], l) = good;
     if (admitted) {

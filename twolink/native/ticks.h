@@ -58,13 +58,10 @@ int64_t N(tl_ticks)(tl_workspace *work, int64_t columns, int64_t count, double *
     const int64_t tried = N(tl_attempts)(work, columns, N(PER_TICK), N(PER_TICK), now, disturbance);
     made += tried;
     const double *time = states + made * size + (m->size + N(TIME)) * columns;
-    double *planned = states + made * size + (m->size + N(STEP)) * columns;
     int arrived = 1;
     for (int64_t c = 0; c < columns; c++) arrived &= time[c] >= law->times[tick + 1];
     if (!arrived) break;
-    if ((first > 6.0 * apart || !m->adaptive) && (tried <= 2 || !m->adaptive))
-      for (int64_t c = 0; c < columns; c++)
-        if (step[c] > planned[c]) planned[c] = step[c];
+    if (!m->adaptive) memcpy(states + made * size + (m->size + N(STEP)) * columns, step, (size_t)columns * sizeof(double));
   }
   return made;
 }

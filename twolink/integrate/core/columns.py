@@ -15,7 +15,7 @@ from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress
 from twolink.integrate.steps.outcomes import FINE, Block, failure_of, outcome_of
 from twolink.integrate.steps.perturbation import Perturbation, step_disturbances
-from twolink.integrate.steps.step_control import MAX_FACTOR, MIN_SQUARE
+from twolink.integrate.steps.step_control import MIN_SQUARE
 from twolink.integrate.steps.step_map import StepMap
 from twolink.integrate.steps.stepping import BLOCK, advance, start_state
 from twolink.native.ticks import TickedLaw, Ticks
@@ -148,8 +148,8 @@ class Columns:
         rows, state = self._rows, self.state
         time, step_row, start, step = rows.time, rows.step, state.item(rows.time, 0), state.item(rows.step, 0)
         adaptive = self.by.method.adaptive
-        short = end - start  # the stop ends a step before its time, and would make the next ones shorter
-        planned = state[step_row].copy() if step > MAX_FACTOR * short or not adaptive else None
+        short = end - start
+        planned = None if adaptive else state[step_row].copy()
         self._halve(short, step, end)
         state[rows.end] = end
         first = (1 if short <= AT_ONCE * step else BLOCK) if first is None else first
@@ -163,8 +163,8 @@ class Columns:
         if going:
             tried += 1
             yield from self._long(max(first, tried))
-        if planned is not None and (tried <= 2 or not adaptive):
-            np.maximum(state[step_row], planned, out=state[step_row])
+        if planned is not None:
+            state[step_row] = planned
         elif step < short and state.item(rows.previous, 0) <= MIN_SQUARE:
             # Two steps to a stop are as short as their end makes them, not as their error.
             np.minimum(2.0 * state[step_row], state[rows.longest], out=state[step_row])

@@ -6,6 +6,8 @@ over what is admitted, and p the order that e has in h, the controller is the PI
     h_new = h * SAFETY * e^(-0.7 / p) * e_previous^(0.4 / p)        after an accepted step
     h_new = h * SAFETY * e^(-1 / p)                                  after a rejected one
 
+A step that a stop has cut does not make the next one shorter than was planned before it.
+
 A step must also resolve the motion: of each joint its error is at most `resolution` times what the step changes. Else
 a deviation below the tolerance, such as that of a pendulum that begins to topple, would grow as no tolerance tells.
 
@@ -29,6 +31,7 @@ SAFETY = 0.9
 MIN_FACTOR, MAX_FACTOR = 0.2, 6.0  # of the step size, from one step to the next
 NO_NUMBER_FACTOR = 0.9  # of the last good step size, after a step that gave no finite number
 LARGEST_NUMBER = 1e300  # squares above it count as not finite
+CUT = 1.0 - 1e-6  # of its planned size, which rounding leaves: a shorter step has been cut
 LAST_STEP = 1.0 + 1e-6  # a step that ends this near to the end goes to the end: rounding must not leave a tiny one
 ROUNDING = 16 * 2.3e-16  # relative: no estimate resolves less of a state
 MIN_SQUARE, MAX_SQUARE = 1e-8, 1e30  # limits of e^2 in the controller, whose powers must stay finite
@@ -110,6 +113,9 @@ def adaptive_advance(problem: StepProblem, state: Array, xp: Any) -> Array:
     factor = _factor(bounded, control.previous, admitted, problem.order, xp)
     good = xp.where(admitted, h, xp.where(finite, control.good, control.good * NO_NUMBER_FACTOR))
     proposed = xp.where(finite, h * factor, good)
+    # A step that its end has cut says nothing against the size that was planned.
+    kept = xp.both(admitted, xp.less(h, control.step * CUT))
+    proposed = xp.where(xp.both(kept, xp.less(proposed, control.step)), control.step, proposed)
     proposed = xp.where(xp.less(control.longest, proposed), control.longest, proposed)
     advancing = xp.both(going, admitted)
     control = control._replace(
