@@ -101,6 +101,16 @@ def seconds_of(
     return [pick(times) for times in taken]
 
 
+def many(call: Callable[[], object], times: int) -> Callable[[], None]:
+    """Calls in a row as one, where a single one is as short as looking at the clock."""
+
+    def calls() -> None:
+        for _ in range(times):
+            call()
+
+    return calls
+
+
 def new_process(code: str, *arguments: str, cache: str | None = None, **more: Any) -> subprocess.CompletedProcess[str]:
     """Python code in a process of its own, with the kernels of the folder `cache`; None: with an empty cache.
 

@@ -17,25 +17,21 @@ import numpy as np
 
 import twolink as tl
 from scripts.runner import Table, once, options, print_bars, seconds_of
+from scripts.tasks import falling, loaded
 from twolink.errors import TwolinkError
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.steps.programs import programs_of
 from twolink.robots.catalogue import catalogue_entry
 
-LIMIT, EVALUATION, RUN = 0.3, 2.5, 6.0
-DURATION, DAMPING, BATCH = 2.0, 0.1, 8192
+LIMIT, FACTORS, BATCH = 0.3, {"batch": 2.5, "alone": 2.5, "run": 6.0}, 8192
 
 
 def scene_of(name: str) -> tl.Scene:
-    """The robot from a random start."""
-    robot, fx = tl.load_robot(name, root=catalogue_entry(name).usual_root), tl.effects
-    damped = {joint.name: DAMPING for joint in robot.joints if joint.kind != "free-flyer"}
-    q, v = robot.random_state(1, seed=0)
-    effects = [fx.Gravity(), *([fx.JointDamping(damped)] if damped else [])]
-    return tl.Scene(robot, q[0], v[0], effects=effects, duration=DURATION)
+    """The robot from a random start, as the catalogue has its root."""
+    return falling(name, root=catalogue_entry(name).usual_root)
 
 
-def measured(scene: tl.Scene, found: Any, rounds: int) -> tuple[float, float, float]:
+def measured(scene: tl.Scene, found: Any, rounds: int) -> list[float]:
     """The explanation's figures over measured ones: in a batch, alone, and of the run."""
     equations = equations_of(scene, ticks=True)
     rate = programs_of(equations).rate
@@ -44,18 +40,17 @@ def measured(scene: tl.Scene, found: Any, rounds: int) -> tuple[float, float, fl
     run = partial(tl.simulate, scene, method=found.method, tolerance=found.setting, verify=False)
     taken = seconds_of(lambda: rate.run([x], [out]), lambda: rate.run([x], [out], 1), run,
                        rounds=rounds, clock=time.process_time, pick=min)  # fmt: skip
-    batch, alone = (1e9 * seconds / BATCH for seconds in taken[:2])
-    return found.nanoseconds[0] / batch, found.nanoseconds[1] / alone, found.expected_seconds / taken[2]
+    said = (*(1e-9 * BATCH * ns for ns in found.nanoseconds), found.expected_seconds)
+    return [ours / true for ours, true in zip(said, taken, strict=True)]
 
 
 def main() -> int:
     given = options(__doc__, rest=(), rounds=3, measured=12)
-    names = given.rest or [one["name"] for one in tl.robots().to_records() if not one["refused"]]
+    names, left = given.rest or loaded(tl.robots), given.measured
     tl.explain(scene_of("arm"))  # imports, and the speed of this processor
     table = Table("robot <26 | nv >4 | operations >10 | s >6.2f | method <9 | batch >6.2f | alone >6.2f | run >6.2f")
-    left = given.measured
     for name in names:
-        scene, ratios = scene_of(name), (None, None, None)
+        scene, ratios = scene_of(name), [None] * len(FACTORS)
         seconds, found = once(partial(tl.explain, scene), time.process_time)
         if left and found.nanoseconds is not None:
             try:
@@ -66,12 +61,10 @@ def main() -> int:
     table.save("explaining")
     late = [f"{row[0]} {row[3]:.2f}" for row in table.rows if row[3] > LIMIT]
     bars = [(not late, f"{len(names) - len(late)} of {len(names)} answers within {LIMIT} s; later: {', '.join(late)}")]
-    for at, factor, what in ((5, EVALUATION, "batch"), (6, EVALUATION, "alone"), (7, RUN, "run")):
-        off = [max(row[at], 1 / row[at]) for row in table.rows if row[at] is not None]
-        bars.append(
-            (max(off, default=1.0) <= factor, f"{what}: true within {max(off, default=1.0):.1f} (bar: {factor})")
-        )
-    return 0 if print_bars(bars) else 1
+    for at, (what, factor) in enumerate(FACTORS.items(), 5):
+        off = max((max(row[at], 1 / row[at]) for row in table.rows if row[at] is not None), default=1.0)
+        bars.append((off <= factor, f"{what}: true within {off:.1f} (bar: {factor})"))
+    return not print_bars(bars)
 
 
 if __name__ == "__main__":

@@ -18,35 +18,29 @@ from typing import Any
 import numpy as np
 
 import twolink as tl
-from scripts.benchmarks.machine import scene_of
 from scripts.heyoka_peer import integrator, parts_of, states_at
 from scripts.runner import Table, once, options, print_bars, seconds_of
+from scripts.tasks import scene_of
 from twolink.integrate.digits import difference
-from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solvers import taylor
 from twolink.integrate.steps.perturbation import MIN_STEPS
 from twolink.native import programs
 
 DURATION, SAMPLES = 1.0, 60
-SETTINGS: dict[Any, tuple[float, float]] = {
-    "double": (1e-15, 1e-12),
-    "extended": (1e-19, 1e-25),
-    "quad": (1e-33, 1e-40),
-}
+TIMES = np.linspace(0.0, DURATION, SAMPLES + 1)
+SETTINGS: dict[Any, tuple[float, float]] = {"double": (1e-15, 1e-12), "extended": (1e-19, 1e-25),
+                                            "quad": (1e-33, 1e-40)}  # fmt: skip
 BAR = 3.0  # of heyoka's time
 clock = functools.partial(once, clock=time.process_time)
 
 
-def row_of(name: str, precision: Any, truth: np.ndarray, times: np.ndarray, rounds: int) -> tuple[Any, ...]:
+def row_of(name: str, precision: Any, truth: np.ndarray, rounds: int) -> tuple[Any, ...]:
     """A robot in a precision."""
-    scene, (tolerance, accuracy) = scene_of(name), SETTINGS[precision]
-    equations, longest, nq = equations_of(scene), DURATION / MIN_STEPS, scene.robot.nq
+    scene, (tolerance, accuracy) = scene_of(f"bent {name}"), SETTINGS[precision]
+    equations, nq = equations_of(scene), scene.robot.nq
     code = {"compact_mode": name != "arm" or precision != "double", "opt_level": 3 if precision == "double" else 0}
-
-    def ours() -> Any:
-        return taylor.solve(equations, times, tolerance, precision=precision)
-
+    ours = functools.partial(taylor.solve, equations, TIMES, tolerance, precision=precision)
     programs._kept.clear()
     first, found = clock(ours)
     built, made = clock(lambda: integrator(equations, tolerance, precision, **code))
@@ -54,39 +48,29 @@ def row_of(name: str, precision: Any, truth: np.ndarray, times: np.ndarray, roun
 
     def theirs() -> np.ndarray:
         made.time, made.state[:] = kind(0), start
-        return states_at(made, times, longest)
+        return states_at(made, TIMES, DURATION / MIN_STEPS)
 
     alone, states = clock(theirs)
     warm, peer = seconds_of(ours, theirs, rounds=rounds, warm_up=0, clock=time.process_time, pick=min)
     numbers = found.x.T[..., None] if found.precise is None else found.precise
-    errors = [float(np.abs(difference(x[:, :nq], truth[:, :nq])).max()) for x in (numbers, parts_of(states))]
+    errors = [float(np.abs(difference(x[:, :nq], truth[:, :nq])).max()) for x in (parts_of(states), numbers)]
     programs._kept.clear()
     verified, _ = clock(lambda: tl.simulate(scene, DURATION, accuracy=accuracy, samples_per_second=SAMPLES))
-    prices = (1e3 * s for s in (built + alone, peer, first, warm))
-    return name, precision, *prices, warm / peer, errors[1], errors[0], verified
-
-
-def truth_of(equations: Equations, times: np.ndarray) -> np.ndarray:
-    """The states (n, size, 3) to more digits than what is compared."""
-    return np.asarray(taylor.solve(equations, times, 1e-42, precision="quad").precise)
+    return name, precision, *(1e3 * s for s in (built + alone, peer, first, warm)), warm / peer, *errors, verified
 
 
 def main() -> int:
     given = options(__doc__, rounds=5, quick=False)
     os.environ["TWOLINK_CACHE"] = "off"
-    times = np.linspace(0.0, DURATION, SAMPLES + 1)
     table = Table("robot <6 | numbers <9 | heyoka first ms >8.0f | later ms >8.1f | ours first ms >8.0f | "
                   "ours later ms >8.1f | ratio >6.2f | its error >9.1e | our error >9.1e | bar s >6.2f")  # fmt: skip
     for name in ["arm"] if given.quick else ["arm", "ur5", "panda"]:
-        truth = truth_of(equations_of(scene_of(name)), times)
+        truth = np.asarray(taylor.solve(equations_of(scene_of(f"bent {name}")), TIMES, 1e-42, precision="quad").precise)
         for precision in SETTINGS:
-            table.add(*row_of(name, precision, truth, times, given.rounds))
+            table.add(*row_of(name, precision, truth, given.rounds))
     table.save("taylor")
-    bars = [
-        (row[6] <= BAR, f"{row[0]}, {row[1]}: {row[6]:.2f} times heyoka's later runs (bar: {BAR:g})")
-        for row in table.rows
-    ]
-    return 0 if print_bars(bars) else 1
+    return not print_bars([(row[6] <= BAR, f"{row[0]}, {row[1]}: {row[6]:.2f} times heyoka's later runs (bar: {BAR:g})")
+                           for row in table.rows])  # fmt: skip
 
 
 if __name__ == "__main__":

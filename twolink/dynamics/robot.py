@@ -146,7 +146,7 @@ class Robot(RobotModel):
             if shown and engine in _BY_PINOCCHIO and self._is_state(q, v, tau):
                 a: Array = pin.aba(self.model, self.data, q, v, tau)
                 if isfinite(sum(a.tolist())):
-                    return a  # as `_answer`, a tenth faster (scripts/benchmarks/overhead.py)
+                    return a  # as `_answer`, a tenth faster (scripts.benchmarks.kernels --single)
             return self._answer("forward_dynamics", engine, q, v, tau)
         if method == "aba" and self._is_compiled("forward_dynamics", engine, q, v, tau):
             return self.compiled().forward_dynamics(q, v, tau, f_ext)

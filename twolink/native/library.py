@@ -61,7 +61,7 @@ def digest() -> str:
 def library() -> Any:
     """The library, or None where there is none or TWOLINK_NATIVE is 0: NumPy then runs all programs, slower.
 
-    TWOLINK_NATIVE may also be the path of a library built in another way, as by `scripts.studies.sanitizers`.
+    TWOLINK_NATIVE may also be the path of a library built in another way, as by `scripts.studies.suite`.
     Raises TwolinkError, code "native-library", for one that was built from other sources.
     """
     setting = os.environ.get("TWOLINK_NATIVE", "")
