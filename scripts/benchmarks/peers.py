@@ -12,25 +12,25 @@ Seconds: the solving call alone, after models are built and code is compiled; me
 contestants take turns.
 A method's settings end after the first that takes more than the budget. Needs: pip install twolink[peers].
 --quick: every other setting, a budget of 0.3 s instead of 1 s, one round instead of 3.
-Writes out/peers.csv and out/peers.svg.
+Writes out/peers.csv.
 """
 
-import argparse
 import os
 import platform
 import statistics
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import astuple, dataclass, field, fields, replace
+from dataclasses import astuple, dataclass, replace
 from functools import partial
 from itertools import groupby
-from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
 import twolink as tl
-from scripts.runner import FINGERS, OUT, Some, Table, once, options
+from scripts.runner import Some, Table, once, options
+from scripts.tasks import robot_of
 from twolink.errors import TwolinkError
 from twolink.hard.case import StateHistory
 from twolink.hard.peers import NAMES, peer_module
@@ -40,8 +40,6 @@ from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.step_map import step_map
 from twolink.io.fingerprints import versions
-from twolink.io.tables import write_table
-from twolink.show.figure import COLOURS, new_figure, save_figure
 
 PLAIN, VERIFIED, SAMPLED = "twolink", "twolink, verified", "twolink, 200 samples/s"
 LEVELS = (1e-3, 1e-6, 1e-9, 1e-12)  # rad
@@ -54,7 +52,6 @@ BARS = {
 """How many times faster than the cheapest peer twolink is to be, unverified."""
 VERIFY_BAR = 3.0  # times the seconds, with the error bar
 HEADS = "scene <10 | contestant <24 | setting <18 | error_rad >10.1e | seconds >10.6f | evaluations >12 | calls >6"
-MARKERS = "os^Dxv"
 
 
 @dataclass(frozen=True)
@@ -69,21 +66,16 @@ class Entry:
     evaluations: int | None
     calls: int
 
-    @property
-    def ours(self) -> bool:
-        """Whether this is twolink."""
-        return self.contestant in (PLAIN, VERIFIED, SAMPLED)
 
-
-def print_scene(entries: list[Entry], doubt: float) -> None:
-    """All entries of one scene, then who is cheapest for each error, and the cost of verifying."""
-    table = Table(HEADS)
+def print_scene(entries: list[Entry], doubt: float) -> Table:
+    """All entries of one scene, then who is cheapest for each error, and the cost of verifying. Returns the first."""
+    every = Table(HEADS)
     for e in entries:
-        table.add(*astuple(e))
+        every.add(*astuple(e))
     print()
     table = Table("error <7.0e | cheapest peer <38 | ms >9.3f | twolink <15 | ours, ms >9.3f | ratio >6.1f | bar <4")
     for level in LEVELS:
-        peer = _cheapest((e for e in entries if not e.ours), level)
+        peer = _cheapest((e for e in entries if not e.contestant.startswith(PLAIN)), level)
         ours = _cheapest((e for e in entries if e.contestant == PLAIN), level)
         bar = _verdict(peer, ours, BARS.get(entries[0].scene, {}).get(level))
         table.add(level, f"{peer.contestant}, {peer.setting}" if peer else "none gets there",
@@ -91,6 +83,7 @@ def print_scene(entries: list[Entry], doubt: float) -> None:
                   peer.seconds / ours.seconds if peer and ours else None,
                   bar if doubt <= level / 10 else "the reference is too coarse")  # fmt: skip
     _print_verifying(entries)
+    return every
 
 
 def _cheapest(entries: Iterable[Entry], level: float) -> Entry | None:
@@ -111,46 +104,9 @@ def _print_verifying(entries: list[Entry]) -> None:
     plain = {e.setting: e.seconds for e in entries if e.contestant == PLAIN}
     ratios = {e.setting: e.seconds / plain[e.setting] for e in entries
               if e.contestant == VERIFIED and e.setting in plain}  # fmt: skip
-    if not ratios:
-        print("  verified, times the seconds: nothing to compare")
-        return
-    shown = ", ".join(f"{setting.split()[-1]} {r:.2f}" for setting, r in ratios.items())
-    met = "met" if max(ratios.values()) <= VERIFY_BAR else "missed"
+    shown = ", ".join(f"{setting.split()[-1]} {r:.2f}" for setting, r in ratios.items()) or "nothing to compare"
+    met = "met" if max(ratios.values(), default=0.0) <= VERIFY_BAR else "missed"
     print(f"  verified, times the seconds: {shown}; bar {VERIFY_BAR:g}x {met}")
-
-
-def _unbeaten(entries: Iterable[Entry]) -> list[Entry]:
-    """The entries to which no cheaper one has a smaller error, cheap ones first."""
-    kept: list[Entry] = []
-    for entry in sorted(entries, key=lambda e: e.seconds):
-        if not kept or entry.error_rad < kept[-1].error_rad:
-            kept.append(entry)
-    return kept
-
-
-def picture(entries: list[Entry], path: Path) -> None:
-    """Seconds against error, one panel a scene, a line a contestant, without settings that its others beat.
-
-    A colour for each package, a marker for each of its methods, and thick lines for twolink.
-    """
-    scenes, names = (list(dict.fromkeys(x)) for x in ([e.scene for e in entries], [e.contestant for e in entries]))
-    figure, axes = new_figure(1, len(scenes), size=(4.6 * len(scenes) + 1.8, 5.2), sharey=True)
-    packages = groupby(names, key=lambda name: name.replace(",", " ").split()[0])
-    styles = {name: (colour, marker) for colour, (_, methods) in zip(COLOURS, packages, strict=False)
-              for marker, name in zip(MARKERS, methods, strict=False)}  # fmt: skip
-    for axis, scene in zip(axes[0], scenes, strict=True):
-        for name, (colour, marker) in styles.items():
-            best = _unbeaten(e for e in entries if e.scene == scene and e.contestant == name)
-            axis.plot([e.error_rad for e in best], [e.seconds for e in best], label=name, color=colour, marker=marker,
-                      linewidth=2.4 if name in (PLAIN, VERIFIED, SAMPLED) else 0.9, markersize=4)  # fmt: skip
-        for level in LEVELS:
-            axis.axvline(level, color="0.6", linewidth=0.8, linestyle=":", zorder=1)
-        axis.set(xscale="log", yscale="log", xlim=(0.3, 1e-14), xlabel="error: max |q - reference| (rad)")
-        axis.set_title(scene, fontsize=10)
-    axes[0, 0].set_ylabel("seconds")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right upper", fontsize=8, frameon=False)
-    figure.suptitle("The same motion, one thread: below is faster, to the right is more accurate", fontsize=11)
-    save_figure(figure, path)
 
 
 INTERVALS, SAMPLES = 20, 200.0  # between the common times; a second, twolink's default
@@ -160,28 +116,24 @@ PERTURBATION = 1e-9  # rad, rad/s: of the initial state, to see how much it grow
 Acceleration = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
-@dataclass
 class Timing:
     """One setting of a contestant, with the seconds of its first call, and the seconds of its timed calls."""
 
-    entry: Entry
-    run: Callable[[], PeerRun]
-    seconds: list[float] = field(default_factory=list)
+    def __init__(self, entry: Entry, run: Callable[[], PeerRun]) -> None:
+        self.entry, self.run, self.seconds = entry, run, list[float]()
 
     def turn(self) -> None:
         """A few calls in a row; a short one is called once more before."""
-        calls = max(1, min(10, int(TURN / self.entry.seconds)))
-        if self.entry.seconds < 4 * TURN:
-            self.run()
-        self.seconds += [once(self.run)[0] for _ in range(calls)]
+        calls, short = max(1, min(10, int(TURN / self.entry.seconds))), self.entry.seconds < 4 * TURN
+        self.seconds += [once(self.run)[0] for _ in range(calls + short)][short:]
 
 
 def compared_scenes() -> dict[str, tuple[tl.Scene, float]]:
     """Scenes under gravity, with their durations [s]."""
     gravity = [tl.effects.Gravity()]
-    ur5 = tl.Scene(tl.load_robot("ur5"), (0.3, -0.8, 1.2, -0.7, 0.5, 0.2), effects=gravity)
-    panda = tl.Scene(tl.load_robot("panda", lock=FINGERS), (-0.7, 1.4, -0.4, -0.2, -0.8, 1.1, -0.7), effects=gravity)
-    talos = tl.load_robot("talos", root="free")
+    ur5 = tl.Scene(robot_of("ur5"), (0.3, -0.8, 1.2, -0.7, 0.5, 0.2), effects=gravity)
+    panda = tl.Scene(robot_of("panda"), (-0.7, 1.4, -0.4, -0.2, -0.8, 1.1, -0.7), effects=gravity)
+    talos = robot_of("talos")
     spread = np.cos(np.arange(talos.nv))  # rad, and rad/s or m/s: no two joints alike
     turning = tl.Scene(talos, talos.integrate(talos.neutral, 0.5 * spread), spread, effects=gravity)
     return {"arm-swing": (tl.load_scene("arm-swing"), 10.0), "ur5": (ur5, 2.0), "panda": (panda, 2.0),
@@ -198,10 +150,8 @@ def installed_peers() -> dict[str, ModuleType]:
     return modules
 
 
-def measure(
-    name: str, scene: tl.Scene, duration: float, modules: dict[str, ModuleType], given: argparse.Namespace
-) -> list[Entry]:
-    """Print the tables of one scene. Returns all contestants' entries."""
+def measure(name: str, scene: tl.Scene, duration: float, modules: dict[str, ModuleType], given: Any) -> Table:
+    """Print the tables of one scene. Returns that of all contestants' entries."""
     task = task_of(scene, np.linspace(0.0, duration, INTERVALS + 1))
     reference, doubt = extended_reference(scene, task.times)
     growth = largest_growth(scene, task.times, reference)
@@ -218,8 +168,7 @@ def measure(
         for timing in timings:
             timing.turn()
     entries = [replace(t.entry, seconds=statistics.median(t.seconds), calls=len(t.seconds)) for t in timings]
-    print_scene(entries, doubt[-1])
-    return entries
+    return print_scene(entries, doubt[-1])
 
 
 def largest_growth(scene: tl.Scene, times: np.ndarray, reference: np.ndarray) -> float:
@@ -268,9 +217,7 @@ def largest_difference(task: PeerTask, other: Acceleration, aba: Acceleration, s
     return worst
 
 
-def own_timings(
-    name: str, scene: tl.Scene, times: np.ndarray, reference: np.ndarray, given: argparse.Namespace
-) -> Iterator[Timing]:
+def own_timings(name: str, scene: tl.Scene, times: np.ndarray, reference: np.ndarray, given: Any) -> Iterator[Timing]:
     """twolink by its public call alone, without and with the second solution behind the error bar."""
 
     def solve(accuracy: float, verify: bool, samples: float) -> PeerRun:
@@ -320,13 +267,11 @@ def main() -> None:
     given.rounds = given.rounds or (1 if given.quick else 3)
     os.environ["TWOLINK_THREADS"] = "1"
     modules = installed_peers()
-    packages = versions(("numpy", "pin"))
-    packages |= {name: module.VERSION for name, module in modules.items()}
+    packages = versions(("numpy", "pin")) | {name: module.VERSION for name, module in modules.items()}
     print(f"Python {platform.python_version()}, " + ", ".join(f"{name} {v}" for name, v in packages.items()))
-    entries = [entry for name in given.scene for entry in measure(name, *scenes[name], modules, given)]
-    picture(entries, OUT / "peers.svg")
-    columns = {f.name: np.array([getattr(entry, f.name) for entry in entries], object) for f in fields(Entry)}
-    print(f"\nwrote {write_table(OUT / 'peers.csv', columns, {})} and {OUT / 'peers.svg'}")
+    table, *others = [measure(name, *scenes[name], modules, given) for name in given.scene]
+    table.rows += [row for other in others for row in other.rows]
+    table.save("peers")
 
 
 if __name__ == "__main__":
