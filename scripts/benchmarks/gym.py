@@ -129,7 +129,7 @@ def overhead(rounds: int) -> float:
     sim, tau = tl.Simulation(tl.load_scene("arm-swing")), np.array([0.1, 0.2])
     sim.step(1e-3, tau)
     by = step_map(sim._motion.equations, METHODS["dop853"])
-    state = initial_state(sim._motion.x[:, :1], 0.0, 1e-3, 1.0, 1e-9)
+    state = initial_state(by.equations.start[:, None], 0.0, 1e-3, 1.0, 1e-9)
     calls = partial(sim.step, 1e-3, tau), partial(by, state, np.empty_like(state))
     taken = seconds_of(*(many(call, 200) for call in calls), rounds=9 * rounds, clock=time.process_time, pick=min)
     whole, bare = (5e3 * one for one in taken)
