@@ -9,6 +9,7 @@ From the top of the checkout; with --help for the options. What they write is in
 import argparse
 import contextlib
 import csv
+import functools
 import io
 import os
 import re
@@ -20,7 +21,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import astuple, fields
+from dataclasses import astuple, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -195,10 +196,11 @@ def failing(rows: Iterable[R]) -> list[R]:
     return [row for row in rows if getattr(row, "fails", False)]
 
 
-def collect(path: Path, kind: type[R], keys: Sequence[Any], check: Callable[[Any], Iterable[R]]) -> list[R]:
+def collect(path: Path, kind: type[R], keys: Sequence[Any], check: Callable[[Any], Any]) -> list[R]:
     """The rows of the keys. Those that the file does not have are made by `check`, and appended to it as they come.
 
-    The first column of a row is its key. Rows with a true `fails` are printed.
+    The first column of a row is its key. `check` returns rows, or one row without the seconds that it took. Rows with a
+    true `fails` are printed.
     """
     kept = read_rows(path, kind)
     rows, done, start = [row for row in kept if astuple(row)[0] in keys], {astuple(row)[0] for row in kept}, time.time()  # type: ignore[call-overload]
@@ -209,7 +211,8 @@ def collect(path: Path, kind: type[R], keys: Sequence[Any], check: Callable[[Any
         for i, key in enumerate(keys):
             if key in done:
                 continue
-            new = [*check(key)]
+            taken, made = once(functools.partial(check, key), time.process_time)
+            new = [replace(made, seconds=round(taken, 1))] if isinstance(made, kind) else [*made]
             rows += new
             writer.writerows(map(astuple, new))
             file.flush()
@@ -224,7 +227,7 @@ def study(
     doc: str | None,
     name: str,
     kind: type[R],
-    check: Callable[[Any, argparse.Namespace], Iterable[R]],
+    check: Callable[[Any, argparse.Namespace], Any],
     show: Callable[[list[R], argparse.Namespace], Bars],
     keys: Callable[[argparse.Namespace], Sequence[Any]] = lambda given: range(given.first, given.first + given.scenes),
     scenes: int = 100,

@@ -17,7 +17,6 @@ to out/referee-SEED.csv. Ends 0 if no verdict and no cause is wrong, and nothing
 
 import argparse
 import collections
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -37,6 +36,7 @@ from twolink.hard.peers.task import Setting, task_of
 TOLERANCE, LEAST = 1e-6, 1e-4  # rad or m: of the judge, and the least distance that a fault makes
 TIGHT = {"scipy": Setting("DOP853", "", 1e-12), "mujoco": Setting("RK4", "", step=1e-4)}
 END, GAP = 1.0, 0.01  # s
+MAKERS = ["scipy", "mujoco", "twolink"]
 Log = tuple[np.ndarray, np.ndarray, np.ndarray]
 Made = tuple[tl.Scene, Any, str]
 """The scene that is judged, the log, and who made it."""
@@ -50,10 +50,10 @@ class Row:
     kind: str
     maker: str
     fault: bool
-    answer: str
-    cause: str
-    words: str
-    seconds: float
+    answer: str = ""
+    cause: str = ""
+    words: str = ""
+    seconds: float = 0.0
 
     @property
     def fails(self) -> bool:
@@ -82,44 +82,22 @@ def log_by(maker: str, scene: tl.Scene, gap: float = GAP) -> Log:
     return times, track.q, track.v
 
 
-def changed(scene: tl.Scene, change: Callable[[pin.Model], None]) -> tl.Scene:
+def other_body(random: np.random.Generator, scene: tl.Scene, draw: Callable[..., Any],
+               made: Callable[..., Any]) -> tl.Scene:  # fmt: skip
+    """One body has the inertia (mass, centre, moments) that is made of its own and of a number drawn at random."""
+    body, value = int(random.integers(1, scene.base.model.njoints)), draw(random)
+
+    def change(model: pin.Model) -> None:
+        model.inertias[body] = pin.Inertia(*made(model.inertias[body], value))
+
     return tl.Scene(scene.base.changed(change), scene.q, scene.v, scene.effects, scene.duration)
-
-
-def body_of(random: np.random.Generator, scene: tl.Scene) -> int:
-    return int(random.integers(1, scene.base.model.njoints))
-
-
-def other_mass(random: np.random.Generator, scene: tl.Scene) -> tl.Scene:
-    body, factor = body_of(random, scene), float(random.uniform(1.05, 1.5))
-
-    def change(model: pin.Model) -> None:
-        one = model.inertias[body]
-        model.inertias[body] = pin.Inertia(factor * one.mass, one.lever, factor * one.inertia)
-
-    return changed(scene, change)
-
-
-def turned_inertia(random: np.random.Generator, scene: tl.Scene) -> tl.Scene:
-    body, turn = body_of(random, scene), pin.rpy.rpyToMatrix(*random.uniform(0.3, 1.5, 3))
-
-    def change(model: pin.Model) -> None:
-        one = model.inertias[body]
-        model.inertias[body] = pin.Inertia(one.mass, one.lever, turn @ one.inertia @ turn.T)
-
-    return changed(scene, change)
 
 
 def more_armature(random: np.random.Generator, scene: tl.Scene) -> tl.Scene:
     def change(model: pin.Model) -> None:
         model.armature[int(random.integers(model.nv))] = random.uniform(0.02, 0.3)
 
-    return changed(scene, change)
-
-
-def other_gravity(random: np.random.Generator, scene: tl.Scene) -> tl.Scene:
-    field = (0.0, 0.0, float(random.choice([-1.62, -9.78, -10.0, -3.7])))
-    return scene.with_effects([fx.Gravity(field), *scene.effects[1:]])
+    return tl.Scene(scene.base.changed(change), scene.q, scene.v, scene.effects, scene.duration)
 
 
 def other_damping(random: np.random.Generator, scene: tl.Scene) -> tl.Scene:
@@ -128,69 +106,69 @@ def other_damping(random: np.random.Generator, scene: tl.Scene) -> tl.Scene:
     return scene.with_effects([scene.effects[0], fx.JointDamping(damping)])
 
 
-def no_damping(_random: np.random.Generator, scene: tl.Scene) -> tl.Scene:
-    return scene.with_effects(scene.effects[:1])
-
-
 def rubbing(random: np.random.Generator, scene: tl.Scene) -> tl.Scene:
     friction = {name: float(random.uniform(0.05, 0.5)) for name in scene.base.joint_names}
     return scene.with_effects([*scene.effects, fx.DryFriction(friction)])
 
 
-def elsewhere(random: np.random.Generator, scene: tl.Scene) -> tl.Scene:
-    return tl.Scene(scene.base, scene.q + random.uniform(0.01, 0.2, scene.base.nq), scene.v, scene.effects, END)
-
-
-Change = Callable[[np.random.Generator, tl.Scene], tl.Scene]
-LAWS: dict[str, tuple[Change, tuple[str, ...]]] = {
-    "mass": (other_mass, ("mass or inertia",)),
-    "inertia turned": (turned_inertia, ("mass or inertia",)),
-    "armature": (more_armature, ("armature differs", "mass or inertia")),
-    "gravity": (other_gravity, ("gravity differs",)),
-    "damping": (other_damping, ("damping differs",)),
-    "damping left out": (no_damping, ("damping is left out",)),
-    "friction": (rubbing, ("friction",)),
-    "start": (elsewhere, ("starts elsewhere",)),
-}
-"""Faults that are another scene, and words of their cause. On a joint's own body armature is an inertia."""
+LAWS: dict[str, Callable[[np.random.Generator, tl.Scene], tl.Scene]] = {
+    "mass": lambda random, scene: other_body(random, scene, lambda r: float(r.uniform(1.05, 1.5)), lambda one, factor: (
+        factor * one.mass, one.lever, factor * one.inertia)),
+    "inertia turned": lambda random, scene: other_body(
+        random, scene, lambda r: pin.rpy.rpyToMatrix(*r.uniform(0.3, 1.5, 3)), lambda one, turn: (
+            one.mass, one.lever, turn @ one.inertia @ turn.T)),
+    "armature": more_armature,
+    "gravity": lambda random, scene: scene.with_effects([
+        fx.Gravity((0.0, 0.0, float(random.choice([-1.62, -9.78, -10.0, -3.7])))), *scene.effects[1:]]),
+    "damping": other_damping,
+    "damping left out": lambda _, scene: scene.with_effects(scene.effects[:1]),
+    "friction": rubbing,
+    "start": lambda random, scene: tl.Scene(scene.base, scene.q + random.uniform(0.01, 0.2, scene.base.nq), scene.v,
+                                            scene.effects, END),
+}  # fmt: skip
+"""Faults that are another scene. On a joint's own body armature is an inertia."""
 
 
 def law_fault(kind: str, random: np.random.Generator, scene: tl.Scene) -> Made:
-    maker = "twolink" if kind == "friction" else str(random.choice(["scipy", "mujoco", "twolink"]))
-    other = LAWS[kind][0](random, scene)
+    maker = "twolink" if kind == "friction" else str(random.choice(MAKERS))
+    other = LAWS[kind](random, scene)
     links = [name for body, name in enumerate(body_names(scene.base.model))
              if not scene.base.model.inertias[body].isApprox(other.base.model.inertias[body])]  # fmt: skip
     return scene, log_by(maker, other), ", ".join([maker, *links])
+
+
+def by_mujoco(scene: tl.Scene, times: np.ndarray, method: str, step: float) -> tuple[Log, str]:
+    track = peer_module("mujoco").prepare(task_of(scene, times), Setting(method, "", step=step))().track
+    return (times, track.q, track.v), "mujoco"
 
 
 def stepped(method: str, random: np.random.Generator, scene: tl.Scene) -> Made:
     """Long steps: of MuJoCo, or written down here."""
     gap = float(random.choice([0.002, 0.004, 0.01]))
     times = gap * np.arange(round(END / gap) + 1)
-    if method != "explicit":
-        step = gap / int(random.choice([1, 2, 5])) if method != "RK4" else 0.05
-        times = times if method != "RK4" else 0.05 * np.arange(21)
-        track = peer_module("mujoco").prepare(task_of(scene, times), Setting(method, "", step=step))().track
-        return scene, (times, track.q, track.v), "mujoco"
-    rows, damping = [(scene.q, scene.v)], np.array(list(scene.effects[1].damping.values()))  # type: ignore[attr-defined]
+    if method == "RK4":
+        return scene, *by_mujoco(scene, 0.05 * np.arange(21), method, 0.05)
+    if method != "explicit Euler":
+        return scene, *by_mujoco(scene, times, method, gap / int(random.choice([1, 2, 5])))
+    rows, damping = [(scene.q, scene.v)], damping_of(scene)
     for _ in times[1:]:
         q, v = rows[-1]
-        a = scene.robot.forward_dynamics(q, v, -damping * v)
-        rows.append((q + gap * v, v + gap * a))
-    return scene, (times, np.array([q for q, _ in rows]), np.array([v for _, v in rows])), "written down"
+        rows.append((q + gap * v, v + gap * scene.robot.forward_dynamics(q, v, -damping * v)))
+    return scene, (times, *map(np.array, zip(*rows, strict=True))), "written down"
 
 
-def soft_friction(random: np.random.Generator, scene: tl.Scene) -> Made:
+def damping_of(scene: tl.Scene) -> np.ndarray:
+    return np.array(list(scene.effects[1].damping.values()))  # type: ignore[attr-defined]
+
+
+def soft_friction(_: str, random: np.random.Generator, scene: tl.Scene) -> Made:
     rubbed = rubbing(random, scene)
-    times = 0.002 * np.arange(501)
-    track = peer_module("mujoco").prepare(task_of(rubbed, times), Setting("Euler", "", step=0.002))().track
-    return rubbed, (times, track.q, track.v), "mujoco"
+    return rubbed, *by_mujoco(rubbed, 0.002 * np.arange(501), "Euler", 0.002)
 
 
-def wrong_sign(random: np.random.Generator, scene: tl.Scene) -> Made:
+def wrong_sign(_: str, random: np.random.Generator, scene: tl.Scene) -> Made:
     """The Coriolis torque of one joint has the other sign."""
-    robot, k = scene.robot, int(random.integers(scene.robot.nv))
-    damping = np.array(list(scene.effects[1].damping.values()))  # type: ignore[attr-defined]
+    robot, k, damping = scene.robot, int(random.integers(scene.robot.nv)), damping_of(scene)
 
     def rate(_t: float, x: np.ndarray) -> np.ndarray:
         q, v = x[: robot.nq], x[robot.nq :]
@@ -205,7 +183,7 @@ def wrong_sign(random: np.random.Generator, scene: tl.Scene) -> Made:
 
 def spoilt(kind: str, random: np.random.Generator, scene: tl.Scene) -> Made:
     """A right log whose numbers were written down wrongly."""
-    maker = str(random.choice(["scipy", "mujoco", "twolink"]))
+    maker = str(random.choice(MAKERS))
     t, q, v = log_by(maker, scene)
     late = float(random.uniform(0.002, 0.05))
     log = {"degrees": (t, np.rad2deg(q), np.rad2deg(v)), "q in degrees": (t, np.rad2deg(q), v),
@@ -213,28 +191,24 @@ def spoilt(kind: str, random: np.random.Generator, scene: tl.Scene) -> Made:
     return scene, log[kind], maker
 
 
-FAULTS: dict[str, tuple[Callable[[np.random.Generator, tl.Scene], Made], tuple[str, ...]]] = {
-    **{kind: (lambda random, scene, kind=kind: law_fault(kind, random, scene), words)
-       for kind, (_, words) in LAWS.items()},
-    "Euler": (lambda random, scene: stepped("Euler", random, scene), ("implicit damping with steps",)),
-    "implicitfast": (lambda random, scene: stepped("implicitfast", random, scene), ("implicit damping with steps",)),
-    "implicit": (lambda random, scene: stepped("implicit", random, scene), ("implicit in the velocity",)),
-    "RK4": (lambda random, scene: stepped("RK4", random, scene), ("Runge-Kutta",)),
-    "explicit Euler": (lambda random, scene: stepped("explicit", random, scene), ("explicit Euler",)),
-    "soft friction": (soft_friction, ("MuJoCo's soft friction", "MuJoCo's Euler")),
-    "wrong sign": (wrong_sign, ()),
-    "degrees": (lambda random, scene: spoilt("degrees", random, scene), ("degrees",)),
-    "q in degrees": (lambda random, scene: spoilt("q in degrees", random, scene), ("q is in degrees",)),
-    "late": (lambda random, scene: spoilt("late", random, scene), ("late by",)),
-    "v late": (lambda random, scene: spoilt("v late", random, scene), ("sample before",)),
-    "milliseconds": (lambda random, scene: spoilt("milliseconds", random, scene), ("milliseconds",)),
+FAULTS: dict[str, tuple[Callable[[str, np.random.Generator, tl.Scene], Made], tuple[str, ...]]] = {
+    "mass": (law_fault, ("mass or inertia",)), "inertia turned": (law_fault, ("mass or inertia",)),
+    "armature": (law_fault, ("armature differs", "mass or inertia")), "gravity": (law_fault, ("gravity differs",)),
+    "damping": (law_fault, ("damping differs",)), "damping left out": (law_fault, ("damping is left out",)),
+    "friction": (law_fault, ("friction",)), "start": (law_fault, ("starts elsewhere",)),
+    "Euler": (stepped, ("implicit damping with steps",)), "implicitfast": (stepped, ("implicit damping with steps",)),
+    "implicit": (stepped, ("implicit in the velocity",)), "RK4": (stepped, ("Runge-Kutta",)),
+    "explicit Euler": (stepped, ("explicit Euler",)), "soft friction": (soft_friction, ("MuJoCo's soft friction",
+    "MuJoCo's Euler")), "wrong sign": (wrong_sign, ()), "degrees": (spoilt, ("degrees",)),
+    "q in degrees": (spoilt, ("q is in degrees",)), "late": (spoilt, ("late by",)), "v late": (spoilt, (
+    "sample before",)), "milliseconds": (spoilt, ("milliseconds",)),
 }  # fmt: skip
-"""By kind: the scene and its log, and words of the cause; none where no cause is to be named."""
+"""By kind: what makes the scene and its log, and words of the cause; none where no cause is to be named."""
 
 
 def clean(kind: str, random: np.random.Generator, scene: tl.Scene) -> Made:
     """A log without a fault."""
-    maker = str(random.choice(["scipy", "mujoco", "twolink"]))
+    maker = str(random.choice(MAKERS))
     if kind in ("impacts", "sticking", "boxes", "controller"):
         maker, scene = "twolink", _with_events(kind, random, scene)
     if kind == "chaotic":
@@ -247,24 +221,18 @@ def clean(kind: str, random: np.random.Generator, scene: tl.Scene) -> Made:
         t, q, v = (np.array([float(f"{x:.{digits}g}") for x in y.flat]).reshape(y.shape) for y in (t, q, v))
     elif kind == "single precision":
         q, v = q.astype(np.float32).astype(float), v.astype(np.float32).astype(float)
-    elif kind == "without velocities":
-        return scene, {"t": t, "q": q}, maker
-    elif kind == "from a late start":
-        t, q, v = t[20:], q[20:], v[20:]
-    return scene, (t, q, v), maker
+    first = 20 * (kind == "from a late start")
+    return scene, {"t": t, "q": q} if kind == "without velocities" else (t[first:], q[first:], v[first:]), maker
 
 
 def _with_events(kind: str, random: np.random.Generator, scene: tl.Scene) -> tl.Scene:
     if kind == "sticking":
         return rubbing(random, scene)
-    if kind == "boxes":
-        made = tl.load_scene("box-stack")
-        return tl.Scene(made.base, made.q, made.v, made.effects, 0.2)
-    if kind == "controller":
-        made = tl.load_scene("panda-hold")
-        return tl.Scene(made.base, made.q, made.v, made.effects, 0.3)
-    stops = {joint.name: (float(scene.q[joint.q.start]) - 0.3, float(scene.q[joint.q.start]) + 0.2)
-             for joint in scene.base.joints}  # fmt: skip
+    if kind != "impacts":
+        made = tl.load_scene("box-stack" if kind == "boxes" else "panda-hold")
+        return tl.Scene(made.base, made.q, made.v, made.effects, 0.2 if kind == "boxes" else 0.3)
+    at = {joint.name: float(scene.q[joint.q.start]) for joint in scene.base.joints}
+    stops = {name: (q - 0.3, q + 0.2) for name, q in at.items()}
     return scene.with_effects([*scene.effects, fx.JointStops(stops, float(random.choice([0.0, 0.5])))])
 
 
@@ -290,7 +258,7 @@ def made_of(number: int, seed: int) -> tuple[str, bool, Made, tuple[str, ...]]:
     kind = list(FAULTS)[place % len(FAULTS)]
     make, words = FAULTS[kind]
     for _ in range(20):
-        scene, log, maker = make(random, arm(random))
+        scene, log, maker = make(kind, random, arm(random))
         t, q, _ = log
         if kind in ("soft friction", "degrees", "milliseconds", "v late"):
             return kind, True, (scene, log, maker), words
@@ -300,37 +268,38 @@ def made_of(number: int, seed: int) -> tuple[str, bool, Made, tuple[str, ...]]:
     return kind, True, (scene, log, maker), words
 
 
-def check(number: int, given: argparse.Namespace) -> list[Row]:
-    start = time.perf_counter()
+def check(number: int, given: argparse.Namespace) -> Row:
     kind, fault, (scene, log, maker), words = made_of(number, given.seed)
+    row = Row(number, kind, maker, fault)
+    begin = "log" if kind.startswith("from a") else "scene"
     try:
-        begin = "log" if kind.startswith("from a") else "scene"
         verdict = tl.judge(scene, log, start=begin, tolerance=TOLERANCE, seconds=given.seconds)
     except Exception as error:  # a study counts what should not be
-        return [Row(number, kind, maker, fault, "CRASH", "", repr(error), round(time.perf_counter() - start, 1))]
+        return replace(row, answer="CRASH", words=repr(error))
     causes = [cause.what for cause in verdict.causes]
     if kind in ("mass", "inertia turned"):
         words = (f"link {maker.rpartition(', ')[2]} differs",)
     named = any(word in cause for word in words for cause in causes)
     cause = "" if verdict.answer != "wrong" else "none" if not causes else "right" if named else "other"
-    text = "; ".join(causes) or (str(verdict.nearest) if verdict.nearest else "")
-    return [Row(number, kind, maker, fault, verdict.answer, cause, text, round(time.perf_counter() - start, 1))]
+    said = "; ".join(causes) or (str(verdict.nearest) if verdict.nearest else "")
+    return replace(row, answer=verdict.answer, cause=cause, words=said)
 
 
 def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
     """The answers by kind, and how often the right cause is named."""
     for fault in (True, False):
         table = Table("kind <22 | logs >4 | right >5 | wrong >5 | not known >9 | cause right >11 | other >5 | none >4")
-        some = [row for row in rows if row.fault == fault]
-        for kind in dict.fromkeys(row.kind for row in some):
-            own = [row for row in some if row.kind == kind]
+        for kind in dict.fromkeys(row.kind for row in rows if row.fault == fault):
+            own = [row for row in rows if row.fault == fault and row.kind == kind]
             answers, causes = (collections.Counter(getattr(row, name) for row in own) for name in ("answer", "cause"))
-            table.add(kind, len(own), answers["right"], answers["wrong"], answers["not known"], causes["right"],
-                      causes["other"], causes["none"])  # fmt: skip
+            counts = (
+                *(answers[x] for x in ("right", "wrong", "not known")),
+                *(causes[x] for x in ("right", "other", "none")),
+            )
+            table.add(kind, len(own), *counts)
         print()
-    faults = [row for row in rows if row.fault]
-    named = sum(row.cause == "right" for row in faults)
-    print(f"the right cause is named for {named} of {len(faults)} faults; longest {max(r.seconds for r in rows):g} s")
+    named, faults = sum(row.cause == "right" for row in rows if row.fault), sum(row.fault for row in rows)
+    print(f"the right cause is named for {named} of {faults} faults; longest {max(r.seconds for r in rows):g} s")
     bad = sum(row.fails and row.cause != "other" for row in rows)
     other = sum(row.cause == "other" for row in rows)
     return [(not bad, f"wrong verdicts, crashes: {bad} of {len(rows)} (bar: none)"),
