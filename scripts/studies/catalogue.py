@@ -18,11 +18,11 @@ import json
 import subprocess
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, astuple, dataclass, replace
 
 from scripts.runner import Bars, Table, new_process, study
 
-ACCURACY, DAMPING = 1e-6, 0.1
+ACCURACY = 1e-6
 PATIENCE = 4  # limits that an answer may take before the process of its robot is ended
 
 
@@ -31,7 +31,7 @@ class Row:
     """A start of a robot and what came of it; the seconds of the import are those of the first start."""
 
     robot: str
-    start: int
+    start: int = 0
     nv: int = 0
     import_seconds: float = 0.0
     scene_seconds: float = 0.0
@@ -54,55 +54,44 @@ class Row:
 
 def print_answers(name: str, starts: int, duration: float, *, stops: bool) -> None:
     """Print the rows of a robot, computed in this process, as JSON."""
-    for row in answers(name, starts, duration, stops=stops):
-        print(json.dumps(asdict(row)), flush=True)
-
-
-def answers(name: str, starts: int, duration: float, *, stops: bool) -> Iterator[Row]:
-    """The rows of a robot, computed in this process."""
     begin = time.perf_counter()
     import twolink as tl  # here, since its seconds count
+    from scripts.tasks import falling
     from twolink.robots.catalogue import catalogue_entry
 
-    row = Row(name, 0, import_seconds=time.perf_counter() - begin)
-    root = catalogue_entry(name).usual_root
+    row = Row(name, import_seconds=time.perf_counter() - begin)
     for start in range(starts):
         row, begin = replace(row, start=start), time.perf_counter()
         try:
-            robot = tl.load_robot(name, root=root)
-            effects = [tl.effects.Gravity()]
-            damped = {joint.name: DAMPING for joint in robot.joints if joint.kind != "free-flyer"}
-            if damped:
-                effects.append(tl.effects.JointDamping(damped))
-            if stops and tl.effects.JointStops().modes(robot):
-                effects.append(tl.effects.JointStops())
-            q, v = robot.random_state(1, seed=start)
-            scene = tl.Scene(robot, q[0], v[0], effects=effects)
-            row = replace(row, nv=robot.nv, scene_seconds=time.perf_counter() - begin)
+            scene = falling(name, start, catalogue_entry(name).usual_root, stops=stops)
+            row = replace(row, nv=scene.robot.nv, scene_seconds=time.perf_counter() - begin)
             begin = time.perf_counter()
             run = tl.simulate(scene, duration, accuracy=ACCURACY)
+            said: dict[str, object] = {
+                "method": run.cost.method,
+                "steps": run.cost.steps,
+                "compiled": run.cost.compiled,
+            }
+            said |= {"outcome": "unverified"} if run.error is None else {"outcome": "verified", "bar": run.error[-1]}
         except Exception as error:  # one that is not ours is a finding of its own
-            outcome = getattr(error, "code", "") or type(error).__name__
-            yield replace(row, seconds=time.perf_counter() - begin, outcome=outcome, why=" ".join(str(error).split()))
-        else:
-            verified = run.error is not None
-            yield replace(row, seconds=time.perf_counter() - begin, bar=float(run.error[-1]) if verified else row.bar,
-                          method=run.cost.method, steps=run.cost.steps, compiled=run.cost.compiled,
-                          outcome="verified" if verified else "unverified")  # fmt: skip
+            said = {"outcome": getattr(error, "code", "") or type(error).__name__, "why": " ".join(str(error).split())}
+        print(json.dumps(asdict(replace(row, seconds=time.perf_counter() - begin, **said))), flush=True)
         row = replace(row, import_seconds=0.0)
 
 
-def rows_of(name: str, given: argparse.Namespace) -> list[Row]:
+def rows_of(name: str, given: argparse.Namespace) -> Iterator[Row]:
     """The rows of a robot, from a process of its own with an empty kernel cache; one that is slow ends them."""
     code = (f"from scripts.studies.catalogue import print_answers\n"
             f"print_answers({name!r}, {given.starts}, {given.duration}, stops={given.stops})")  # fmt: skip
     try:
         done = new_process(code, timeout=PATIENCE * given.limit * given.starts)
-        text, late = done.stdout, Row(name, 0, outcome="crashed", why=" ".join(done.stderr.split()[-12:]))
+        text, late = done.stdout, Row(name, outcome="crashed", why=" ".join(done.stderr.split()[-12:]))
     except subprocess.TimeoutExpired as error:
-        text, late = (error.stdout or b"").decode(), Row(name, 0)
-    rows = [Row(**json.loads(line)) for line in text.splitlines() if line.startswith("{")]
-    return rows if len(rows) == given.starts else [*rows, replace(late, start=len(rows))]
+        text, late = (error.stdout or b"").decode(), Row(name)
+    lines = [line for line in text.splitlines() if line.startswith("{")]
+    yield from (Row(**json.loads(line)) for line in lines)
+    if len(lines) < given.starts:
+        yield replace(late, start=len(lines))
 
 
 def names(given: argparse.Namespace) -> list[str]:
@@ -121,13 +110,12 @@ def show(rows: list[Row], given: argparse.Namespace) -> Bars:
     table = Table("robot <26 | start >4 | nv >4 | import >7.2f | scene >7.2f | answer >7.2f | bar >9.1e | method <13 | "
                   "steps >6 | code <6 | outcome <20")  # fmt: skip
     for row in rows:
-        table.add(row.robot, row.start, row.nv, row.import_seconds, row.scene_seconds, row.seconds, row.bar, row.method,
-                  row.steps, row.compiled, f"{row.outcome} {row.why[:100]}")  # fmt: skip
-    good, robots = sum(row.answers(given.limit) for row in rows), {row.robot for row in rows}
-    whole = len(robots - {row.robot for row in rows if not row.answers(given.limit)})
-    said = (f"{good} of {len(rows)} starts and {whole} of {len(robots)} robots have a verified answer within "
-            f"{given.limit:g} s; the slowest took {max(row.seconds for row in rows):.1f} s")  # fmt: skip
-    return [(good == len(rows), said)]
+        table.add(*astuple(row)[:-2], f"{row.outcome} {row.why[:100]}")
+    late, robots = [row for row in rows if not row.answers(given.limit)], {row.robot for row in rows}
+    said = (f"{len(rows) - len(late)} of {len(rows)} starts and {len(robots - {row.robot for row in late})} of "
+            f"{len(robots)} robots have a verified answer within {given.limit:g} s; the slowest took "
+            f"{max(row.seconds for row in rows):.1f} s")  # fmt: skip
+    return [(not late, said)]
 
 
 if __name__ == "__main__":

@@ -20,23 +20,9 @@ import numpy as np
 import pinocchio as pin
 
 import twolink as tl
+from scripts.studies.scenes import robots as made
 from scripts.studies.scenes.motions import billiard, incline, spin
-from scripts.studies.scenes.robots import (
-    Case,
-    Moments,
-    Truth,
-    accuracy_of,
-    body,
-    direction,
-    free_robot,
-    gravity,
-    law,
-    reach,
-    robot_of,
-    times,
-    turn,
-    uniform,
-)
+from scripts.studies.scenes.robots import Case, Moments, Truth, direction, law, reach, turn, uniform
 from twolink import effects as fx
 from twolink.robots.collisions import AnyShape
 
@@ -65,7 +51,7 @@ def a_shape(random: np.random.Generator, kinds: tuple[str, ...]) -> tuple[AnySha
 def tumble(random: np.random.Generator) -> Case:
     shape, moments = a_shape(random, ("box", "capsule", "cylinder", "convex", "sphere off centre"))
     mass, numbers = uniform(random, 0.3, 3.0), law(random)
-    robot = free_robot(("body", mass, times(mass, moments)))
+    robot = made.free_robot(("body", mass, made.times(mass, moments)))
     flat, low = False, reach(shape)
     if isinstance(shape, fx.Box) and random.random() < 0.25:
         flat, low = True, float(shape.size[2]) / 2
@@ -73,22 +59,22 @@ def tumble(random: np.random.Generator) -> Case:
     v = random.uniform(-1, 1, 6) * (1, 1, 1, 6, 6, 6) * (0 if flat and random.random() < 0.5 else 1)
     contact = fx.Contact(("ground",), **numbers, shapes={"body": (shape,)})
     q = [0, 0, high, *((0, 0, 0, 1) if flat else turn(random))]
-    scene = tl.Scene(robot, q, v, [gravity(9.75), contact])
+    scene = tl.Scene(robot, q, v, [made.gravity(9.75), contact])
     what = f"{type(shape).__name__.lower()}{' flat' if flat else ''}, {numbers}"
-    return Case(what, scene, uniform(random, 0.3, 1.0), accuracy_of(random, -8))
+    return Case(what, scene, uniform(random, 0.3, 1.0), made.accuracy_of(random, -8))
 
 
 def edges(random: np.random.Generator) -> Case:
     shape, _ = a_shape(random, ("box", "capsule", "cylinder", "sphere"))
     radius, mass, numbers = uniform(random, 0.01, 0.2), uniform(random, 0.3, 3.0), law(random)
-    robot = free_robot(("ball", mass, (0.4 * mass * radius**2,) * 3), base=True)
+    robot = made.free_robot(("ball", mass, (0.4 * mass * radius**2,) * 3), base=True)
     contact = fx.Contact((("ball", "base"),), **numbers, shapes={"base": (shape,), "ball": (fx.Sphere(radius),)})
     side = random.uniform(-1, 1, 2) * (reach(shape) * 0.4)
     high = reach(shape) + radius + uniform(random, 0.0, 0.4)
     v = [*random.uniform(-0.3, 0.3, 2), random.uniform(-3, 0), *random.uniform(-9, 9, 3)]
-    scene = tl.Scene(robot, [*side, high, *turn(random)], v, [gravity(9.75), contact])
+    scene = tl.Scene(robot, [*side, high, *turn(random)], v, [made.gravity(9.75), contact])
     return Case(f"ball on {type(shape).__name__.lower()}, {numbers}", scene, uniform(random, 0.3, 1.0),
-                accuracy_of(random, -8))  # fmt: skip
+                made.accuracy_of(random, -8))  # fmt: skip
 
 
 def arm(random: np.random.Generator) -> Case:
@@ -99,7 +85,7 @@ def arm(random: np.random.Generator) -> Case:
         length, radius = uniform(random, 0.25, 0.5), uniform(random, 0.03, 0.06)
         mass = uniform(random, 0.3, 3.0)
         axis = "0 1 0" if planar else " ".join(map(repr, map(float, direction(random))))
-        text += body(f"l{k}", mass, (mass * length**2 / 9, mass * length**2 / 9, mass * radius**2), "revolute", f"j{k}",
+        text += made.body(f"l{k}", mass, (mass * length**2 / 9, mass * length**2 / 9, mass * radius**2), "revolute", f"j{k}",
                      parent=f"l{k - 1}" if k else "world", com=f"0 0 {-length / 2}", at=f"0 0 {-before}",
                      axis=axis)  # fmt: skip
         kind = str(random.choice(["sphere", "capsule", "box"]))
@@ -107,7 +93,7 @@ def arm(random: np.random.Generator) -> Case:
         shapes[f"l{k}"] = ({"sphere": fx.Sphere(radius, end), "capsule": fx.Capsule(radius, length, middle),
                             "box": fx.Box((radius, 2 * radius, 2 * radius), end)}[kind],)  # fmt: skip
         before = length + 0.02
-    robot = robot_of(text)
+    robot = made.robot_of(text)
     q, v = random.uniform(0.5, 1.6, count) * random.choice([-1, 1]), random.uniform(-3, 3, count)
     high = min(-uniform(random, 0.1, 0.7), lowest(robot, q, shapes) - 0.02)
     table = fx.Plane(height=high)
@@ -116,9 +102,9 @@ def arm(random: np.random.Generator) -> Case:
         pairs.append(("l0", "l2"))
     numbers = law(random)
     damping = [fx.JointDamping({"j0": uniform(random, 0.0, 1.0)})] if random.random() < 0.5 else []
-    effects = [gravity(9.75), *damping, fx.Contact(tuple(pairs), **numbers, shapes=shapes)]
+    effects = [made.gravity(9.75), *damping, fx.Contact(tuple(pairs), **numbers, shapes=shapes)]
     what = f"{count} joints{', planar' if planar else ''}, {numbers}"
-    return Case(what, tl.Scene(robot, q, v, effects), uniform(random, 0.3, 1.2), accuracy_of(random, -8))
+    return Case(what, tl.Scene(robot, q, v, effects), uniform(random, 0.3, 1.2), made.accuracy_of(random, -8))
 
 
 def lowest(robot: tl.Robot, q: np.ndarray, shapes: dict) -> float:
@@ -135,8 +121,8 @@ def bodies(random: np.random.Generator, kinds: tuple[str, ...] = ("sphere", "cap
         shape, moments = a_shape(random, kinds)
         mass = uniform(random, 0.3, 3.0)
         shapes[name] = (shape,)
-        parts.append((name, mass, times(mass, moments)))
-    robot = free_robot(*parts)
+        parts.append((name, mass, made.times(mass, moments)))
+    robot = made.free_robot(*parts)
     apart = reach(shapes["a"][0]) + reach(shapes["b"][0]) + uniform(random, 0.01, 0.5)
     line = direction(random) * apart
     high = 1.5 * apart
@@ -146,8 +132,8 @@ def bodies(random: np.random.Generator, kinds: tuple[str, ...] = ("sphere", "cap
     v[6:9] = pin.Quaternion(np.array(q[10:14])).matrix().T @ speed
     contact = fx.Contact(("self", "ground"), **numbers, shapes=shapes)
     kinds = " and ".join(type(shape[0]).__name__.lower() for shape in shapes.values())
-    scene = tl.Scene(robot, q, v, [gravity(9.75), contact] if random.random() < 0.7 else [contact])
-    return Case(f"{kinds}, {numbers}", scene, uniform(random, 0.3, 1.0), accuracy_of(random, -8))
+    scene = tl.Scene(robot, q, v, [made.gravity(9.75), contact] if random.random() < 0.7 else [contact])
+    return Case(f"{kinds}, {numbers}", scene, uniform(random, 0.3, 1.0), made.accuracy_of(random, -8))
 
 
 def mixed(random: np.random.Generator) -> Case:
@@ -199,14 +185,14 @@ def slab(random: np.random.Generator) -> Case:
     half, rpy = (9.0, 9.0, 1.0), (0.0, 0.0, uniform(random, 0.0, 3.0))
     mesh = random.random() < 0.5
     floor = meshed(half, (0.0, 0.0, -1.0), rpy) if mesh else fx.Box((18.0, 18.0, 2.0), (0.0, 0.0, -1.0), rpy)
-    robot = free_robot(("body", mass, times(mass, moments)), base=True)
+    robot = made.free_robot(("body", mass, made.times(mass, moments)), base=True)
     flat = isinstance(shape, fx.Box) and random.random() < 0.3
     low = shape.size[2] / 2 if flat else reach(shape)
     q = [0, 0, low + uniform(random, 0.0, 0.3), *((0, 0, 0, 1) if flat else turn(random))]
     v = random.uniform(-1, 1, 6) * (1, 1, 1, 6, 6, 6) * (0 if flat and random.random() < 0.5 else 1)
-    duration, accuracy = uniform(random, 0.2, 0.5), accuracy_of(random, -8)
+    duration, accuracy = uniform(random, 0.2, 0.5), made.accuracy_of(random, -8)
     pair = ("body", "base") if random.random() < 0.5 else ("base", "body")
-    scenes = [tl.Scene(robot, q, v, [gravity(9.75), fx.Contact((pair,), **numbers, shapes=shapes)])
+    scenes = [tl.Scene(robot, q, v, [made.gravity(9.75), fx.Contact((pair,), **numbers, shapes=shapes)])
               for pair, shapes in ((pair, {"body": (shape,), "base": (floor,)}),
                                    (("body", fx.Plane()), {"body": (shape,)}))]  # fmt: skip
     what = f"{_kind(shape)}{' flat' if flat else ''} on a {'mesh' if mesh else 'box'}, {numbers}"
@@ -221,15 +207,15 @@ def ledge(random: np.random.Generator) -> Case:
     rpy = {"upright": (0.0, 0.0, 0.0), "on edge": (math.pi / 4, 0.0, 0.0)}.get(
         way, tuple(map(float, random.uniform(-2, 2, 3))))  # fmt: skip
     fixed = type(fixed)(fixed.size if isinstance(fixed, fx.Box) else fixed.vertices, (0.0, 0.0, 0.0), rpy)  # type: ignore
-    robot = free_robot(("body", mass, times(mass, moments)), base=True)
+    robot = made.free_robot(("body", mass, made.times(mass, moments)), base=True)
     side = random.uniform(-1, 1, 2) * 0.6 * reach(fixed)
     high = reach(fixed) + reach(shape) + uniform(random, 0.0, 0.2)
     own = [(0, 0, 0, 1), (0, math.sin(math.pi / 8), 0, math.cos(math.pi / 8)), turn(random)][random.integers(3)]
     v = random.uniform(-1, 1, 6) * (0.5, 0.5, 1, 5, 5, 5) * (0 if random.random() < 0.3 else 1)
     contact = fx.Contact((("body", "base"),), **numbers, shapes={"body": (shape,), "base": (fixed,)})
-    scene = tl.Scene(robot, [*side, high, *own], v, [gravity(9.75), contact])
+    scene = tl.Scene(robot, [*side, high, *own], v, [made.gravity(9.75), contact])
     what = f"{_kind(shape)} on {_kind(fixed)} {way}, {numbers}"
-    return Case(what, scene, uniform(random, 0.3, 0.7), accuracy_of(random, -8), way="located")
+    return Case(what, scene, uniform(random, 0.3, 0.7), made.accuracy_of(random, -8), way="located")
 
 
 def hulls(random: np.random.Generator) -> Case:
@@ -238,8 +224,8 @@ def hulls(random: np.random.Generator) -> Case:
         shape, moments = a_hull(random)
         mass = uniform(random, 0.3, 3.0)
         shapes[name] = (shape,)
-        parts.append((name, mass, times(mass, moments)))
-    robot = free_robot(*parts)
+        parts.append((name, mass, made.times(mass, moments)))
+    robot = made.free_robot(*parts)
     apart = sum(reach(shape) for (shape,) in shapes.values()) + uniform(random, 0.01, 0.3)
     line = direction(random) * apart
     own = [list(turn(random)) if random.random() < 0.7 else [0, 0, 0, 1] for _ in "ab"]
@@ -248,16 +234,16 @@ def hulls(random: np.random.Generator) -> Case:
     speed = -line / apart * uniform(random, 0.5, 8.0)
     v = np.concatenate([np.zeros(3), spin[0], pin.Quaternion(np.array(own[1], float)).matrix().T @ speed, spin[1]])
     contact = fx.Contact(("self",), **numbers, shapes=shapes)
-    scene = tl.Scene(robot, q, v, [gravity(9.75), contact] if random.random() < 0.3 else [contact])
+    scene = tl.Scene(robot, q, v, [made.gravity(9.75), contact] if random.random() < 0.3 else [contact])
     what = f"{' and '.join(_kind(shape) for (shape,) in shapes.values())}, {numbers}"
-    return Case(what, scene, uniform(random, 0.3, 0.7), accuracy_of(random, -8), way="located")
+    return Case(what, scene, uniform(random, 0.3, 0.7), made.accuracy_of(random, -8), way="located")
 
 
 def plate(random: np.random.Generator) -> Case:
     a, b, c = (uniform(random, low, high) for low, high in ((0.1, 0.25), (0.05, 0.2), (0.01, 0.08)))
     mass, numbers = uniform(random, 0.3, 3.0), law(random)
     slant = float(random.choice([0.0, uniform(random, -1.5, 1.5)]))
-    robot = free_robot(("body", mass, times(mass, ((b * b + c * c) / 3, (a * a + c * c) / 3, (a * a + b * b) / 3))),
+    robot = made.free_robot(("body", mass, made.times(mass, ((b * b + c * c) / 3, (a * a + c * c) / 3, (a * a + b * b) / 3))),
                        base=True)  # fmt: skip
     shape = meshed((a, b, c)) if random.random() < 0.3 else fx.Box((2 * a, 2 * b, 2 * c))
     table = fx.Box((1.0, 1.0, 0.4), (-0.5, 0.0, -0.2))
@@ -268,9 +254,9 @@ def plate(random: np.random.Generator) -> Case:
     v = [*(pin.Quaternion(np.array(own)).matrix().T @ world), 0, 0, 0]
     contact = fx.Contact((("body", "base"),), **numbers, shapes={"body": (shape,), "base": (table,)})
     q = [-uniform(random, 0.02, 0.3), uniform(random, -0.4, 0.4), c, *own]
-    scene = tl.Scene(robot, q, v, [gravity(9.75), contact])
+    scene = tl.Scene(robot, q, v, [made.gravity(9.75), contact])
     return Case(f"{_kind(shape)} slant {slant:.2f}, {numbers}", scene, uniform(random, 0.3, 0.6),
-                accuracy_of(random, -8), way="located")  # fmt: skip
+                made.accuracy_of(random, -8), way="located")  # fmt: skip
 
 
 def _kind(shape: AnyShape) -> str:

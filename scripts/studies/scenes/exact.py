@@ -24,20 +24,8 @@ import mpmath as mp
 import numpy as np
 
 import twolink as tl
+from scripts.studies.scenes import robots as made
 from scripts.studies.scenes.motions import Motion, between_stops, bouncing_ball, elastic_ball, stick_slip
-from scripts.studies.scenes.robots import (
-    body,
-    constants,
-    double_pendulum,
-    frequency,
-    gravity,
-    pendulum,
-    random_scene,
-    robot_of,
-    rods_text,
-    slider,
-    uniform,
-)
 from twolink import effects as fx
 from twolink.hard import truths
 from twolink.hard.truths import extended_reference
@@ -85,10 +73,12 @@ class Worlds:
 
 
 def smooth(shared: np.random.Generator, random: np.random.Generator) -> Case:
-    tree, name = random_scene(shared, {2: 0.6, 3: 0.4}, floating=0.1)
+    tree, name = made.random_scene(shared, {2: 0.6, 3: 0.4}, floating=0.1)
     scene = _elsewhere(tree, random)
     method = "auto" if random.random() < AUTO else str(random.choice(list(FINEST)))
-    return Case(name, scene, uniform(random, 1, 8), _series(scene), _accuracy(random, FINEST.get(method, -11)), method)
+    return Case(
+        name, scene, made.uniform(random, 1, 8), _series(scene), _accuracy(random, FINEST.get(method, -11)), method
+    )
 
 
 def joints(shared: np.random.Generator, random: np.random.Generator) -> Case:
@@ -98,31 +88,31 @@ def joints(shared: np.random.Generator, random: np.random.Generator) -> Case:
     elif kind == 1:
         one = whirling(random)
     elif kind == 2:
-        one = swinging(random, "continuous", uniform(random, 5, 60))
+        one = swinging(random, "continuous", made.uniform(random, 5, 60))
     else:
-        tree, name = random_scene(shared, {2: 1.0}, floating=0.0, kinds={"continuous": 0.8, "prismatic": 0.2})
+        tree, name = made.random_scene(shared, {2: 1.0}, floating=0.0, kinds={"continuous": 0.8, "prismatic": 0.2})
         scene = _elsewhere(tree, random)
-        one = Case(name, scene, uniform(random, 2, 20), _series(scene))
+        one = Case(name, scene, made.uniform(random, 2, 20), _series(scene))
     return _asked(one, random, -11)
 
 
 def unstable(shared: np.random.Generator, random: np.random.Generator) -> Case:
     if random.random() < 0.5:
-        g, mass, com, inertia = constants(random)
-        w0 = frequency(g, mass, com, inertia)
+        g, mass, com, inertia = made.constants(random)
+        w0 = made.frequency(g, mass, com, inertia)
         start = float(10 ** random.uniform(-12, -2))
         duration = min(20.0, float((math.log(1 / start) + random.uniform(-1, 4)) / w0))
-        robot = pendulum("revolute", mass, com, inertia)  # com is above the joint
-        one = Case("toppling", tl.Scene(robot, [start], effects=[gravity(g)]), duration,
+        robot = made.pendulum("revolute", mass, com, inertia)  # com is above the joint
+        one = Case("toppling", tl.Scene(robot, [start], effects=[made.gravity(g)]), duration,
                    _closed(truths.toppling(start, w0)))  # fmt: skip
     else:
-        g, *rods = (constants(shared) for _ in range(3))
-        robot = double_pendulum([rod[1:] for rod in rods])
+        g, *rods = (made.constants(shared) for _ in range(3))
+        robot = made.double_pendulum([rod[1:] for rod in rods])
         q = [math.pi, 0.0] + 10 ** random.uniform(-9, -2) * random.uniform(-1, 1, 2)
-        scene = tl.Scene(robot, q, effects=[gravity(g[0])])
+        scene = tl.Scene(robot, q, effects=[made.gravity(g[0])])
         # Beside an equilibrium two solutions of 19 digits may round alike, and agree though both are wrong.
         truth = functools.partial(extended_reference, scene, quad=True)
-        one = Case("inverted double", scene, uniform(random, 2, 8), truth)
+        one = Case("inverted double", scene, made.uniform(random, 2, 8), truth)
     return _asked(one, random, -11)
 
 
@@ -137,10 +127,10 @@ def toppling(shared: np.random.Generator, random: np.random.Generator) -> Case:
 
 def long(shared: np.random.Generator, random: np.random.Generator) -> Case:
     del shared
-    duration = uniform(random, 500, 4000)
+    duration = made.uniform(random, 500, 4000)
     if random.random() < 0.25:
         mass, stiffness, start = (float(random.integers(8, 32)) / 16 for _ in range(3))
-        robot = slider(mass)
+        robot = made.slider(mass)
         scene = tl.Scene(robot, [start], effects=[fx.JointSpring({"joint": stiffness})])
         one = Case("oscillator", scene, duration, _closed(truths.oscillation(start, mp.sqrt(mp.mpf(stiffness) / mass))))
     else:
@@ -149,7 +139,7 @@ def long(shared: np.random.Generator, random: np.random.Generator) -> Case:
 
 
 def loops(shared: np.random.Generator, random: np.random.Generator) -> Case:
-    duration = uniform(random, 1, 10)
+    duration = made.uniform(random, 1, 10)
     return _asked(gantry(shared, random, 1 + int(random.integers(2)), duration), random, -10)
 
 
@@ -163,20 +153,22 @@ def events(shared: np.random.Generator, random: np.random.Generator) -> Case:
 def limit(shared: np.random.Generator, random: np.random.Generator) -> Case:
     kind = int(random.integers(5))
     if kind == 0:
-        rods = [constants(shared)[1:] for _ in range(2)]
-        scene = tl.Scene(double_pendulum(rods), random.uniform(-3, 3, 2), random.uniform(-3, 3, 2), [gravity(9.75)])
-        one = Case("double pendulum", scene, uniform(random, 5, 30), _series(scene))
+        rods = [made.constants(shared)[1:] for _ in range(2)]
+        scene = tl.Scene(
+            made.double_pendulum(rods), random.uniform(-3, 3, 2), random.uniform(-3, 3, 2), [made.gravity(9.75)]
+        )
+        one = Case("double pendulum", scene, made.uniform(random, 5, 30), _series(scene))
     elif kind == 1:
-        one = swinging(random, str(random.choice(["revolute", "continuous"])), uniform(random, 100, 2000))
+        one = swinging(random, str(random.choice(["revolute", "continuous"])), made.uniform(random, 100, 2000))
     elif kind == 2:
         one = _of(elastic_ball(random))
     elif kind == 3:
-        one = gantry(shared, random, 1, uniform(random, 1, 10))
+        one = gantry(shared, random, 1, made.uniform(random, 1, 10))
     else:
-        scene = _elsewhere(random_scene(shared, {2: 1.0}, floating=0.0)[0], random)
-        one = Case("tree", scene, uniform(random, 2, 10), _series(scene))
+        scene = _elsewhere(made.random_scene(shared, {2: 1.0}, floating=0.0)[0], random)
+        one = Case("tree", scene, made.uniform(random, 2, 10), _series(scene))
     method = str(random.choice(["auto", "dop853"]))
-    return _changed(one, method=method, limit=uniform(random, 1.02, 3.0))
+    return _changed(one, method=method, limit=made.uniform(random, 1.02, 3.0))
 
 
 def between(shared: np.random.Generator, random: np.random.Generator) -> Case:
@@ -188,21 +180,21 @@ def between(shared: np.random.Generator, random: np.random.Generator) -> Case:
 def worlds(shared: np.random.Generator, random: np.random.Generator) -> Worlds:
     kind = int(shared.integers(4))
     if kind == 3:
-        g, mass, com, inertia = constants(shared)
-        scene = tl.Scene(pendulum("revolute", mass, com, inertia), effects=[gravity(g)])
+        g, mass, com, inertia = made.constants(shared)
+        scene = tl.Scene(made.pendulum("revolute", mass, com, inertia), effects=[made.gravity(g)])
         starts = 10 ** random.uniform(-10, -3, (WORLDS, 1))
-        return Worlds("beside upright", scene, starts, np.zeros((WORLDS, 1)), uniform(random, 2, 8),
+        return Worlds("beside upright", scene, starts, np.zeros((WORLDS, 1)), made.uniform(random, 2, 8),
                       _accuracy(random, -9))  # fmt: skip
     if kind == 0:
-        g, *rod = constants(shared)
-        scene = tl.Scene(pendulum(str(shared.choice(["revolute", "continuous"])), *rod), effects=[gravity(g)])
+        g, *rod = made.constants(shared)
+        scene = tl.Scene(made.pendulum(str(shared.choice(["revolute", "continuous"])), *rod), effects=[made.gravity(g)])
     elif kind == 1:
         scene = tl.load_scene("arm-swing")
     else:
-        scene = random_scene(shared, {2: 1.0}, floating=0.0)[0]
+        scene = made.random_scene(shared, {2: 1.0}, floating=0.0)[0]
     starts = [_elsewhere(scene, random) for _ in range(WORLDS)]
     q, v = (np.array([getattr(start, name) for start in starts]) for name in "qv")
-    return Worlds(scene.robot.name, scene, q, v, uniform(random, 1, 20), _accuracy(random, -12))
+    return Worlds(scene.robot.name, scene, q, v, made.uniform(random, 1, 20), _accuracy(random, -12))
 
 
 def series(scene: tl.Scene, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -212,31 +204,31 @@ def series(scene: tl.Scene, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def swinging(random: np.random.Generator, kind: str, duration: float) -> Case:
     """A pendulum released at rest: Jacobi's elliptic functions."""
-    g, mass, com, inertia = constants(random)
-    start = uniform(random, 0.1, 3.0)
-    robot = pendulum(kind, mass, -com, inertia)
-    exact = truths.swing(start, frequency(g, mass, com, inertia))
+    g, mass, com, inertia = made.constants(random)
+    start = made.uniform(random, 0.1, 3.0)
+    robot = made.pendulum(kind, mass, -com, inertia)
+    exact = truths.swing(start, made.frequency(g, mass, com, inertia))
     if kind == "continuous":
-        scene = tl.Scene(robot, [math.cos(start), math.sin(start)], effects=[gravity(g)])
+        scene = tl.Scene(robot, [math.cos(start), math.sin(start)], effects=[made.gravity(g)])
         return Case("pendulum, continuous", scene, duration, _closed(exact, turns=True))
-    return Case("pendulum", tl.Scene(robot, [start], effects=[gravity(g)]), duration, _closed(exact))
+    return Case("pendulum", tl.Scene(robot, [start], effects=[made.gravity(g)]), duration, _closed(exact))
 
 
 def whirling(random: np.random.Generator) -> Case:
     """A pendulum that starts upright and keeps turning."""
-    g, mass, com, inertia = constants(random)
-    rate = uniform(random, 1, 6)
-    robot = pendulum("continuous", mass, com, inertia)
-    exact = truths.whirl(rate, frequency(g, mass, com, inertia), (1.0,))
-    scene = tl.Scene(robot, [1.0, 0.0], [rate], effects=[gravity(g)])
+    g, mass, com, inertia = made.constants(random)
+    rate = made.uniform(random, 1, 6)
+    robot = made.pendulum("continuous", mass, com, inertia)
+    exact = truths.whirl(rate, made.frequency(g, mass, com, inertia), (1.0,))
+    scene = tl.Scene(robot, [1.0, 0.0], [rate], effects=[made.gravity(g)])
     # `whirl` counts pi / 2 minus the angle from upright.
-    return Case("whirling", scene, uniform(random, 5, 60), _closed(lambda t: math.pi / 2 - exact(t), turns=True))
+    return Case("whirling", scene, made.uniform(random, 5, 60), _closed(lambda t: math.pi / 2 - exact(t), turns=True))
 
 
 def free_body(random: np.random.Generator) -> Case:
     """A body on a planar joint that turns evenly, while its centre of mass moves on a parabola."""
     x, y = (float(k) / 16 for k in random.integers(-8, 9, 2))
-    robot = robot_of(body("body", 1.0, 0.25, "planar", com=f"{x} {y} 0"))
+    robot = made.robot_of(made.body("body", 1.0, 0.25, "planar", com=f"{x} {y} 0"))
     vx, vy, rate = (float(k) / 16 for k in random.integers(-32, 33, 3))
     g = float(random.integers(0, 3)) * 2.5
 
@@ -247,21 +239,21 @@ def free_body(random: np.random.Generator) -> Case:
         return np.stack([centre_x - (c * x - s * y), centre_y - (s * x + c * y), c, s], axis=1)
 
     scene = tl.Scene(robot, v=[vx, vy, rate], effects=[fx.Gravity((0.0, -g, 0.0))] if g else [])
-    return Case("free plate", scene, uniform(random, 1, 30), _closed(exact))
+    return Case("free plate", scene, made.uniform(random, 1, 30), _closed(exact))
 
 
 def gantry(shared: np.random.Generator, random: np.random.Generator, rods: int, duration: float) -> Case:
     """Rods that hang from each other; at each one's end a loop holds a weight that slides along x and z."""
     g = float(shared.integers(150, 165)) / 16
-    chain = [constants(shared)[1:] for _ in range(rods)]
+    chain = [made.constants(shared)[1:] for _ in range(rods)]
     weights = [float(k) / 16 for k in shared.integers(4, 32, rods)]
     q0 = random.uniform(-1.2, 1.2, rods)
-    tree = double_pendulum(chain, weights)
-    plain = tl.Scene(tree, q0, effects=[gravity(g)])
-    text, closing = rods_text(chain), []
+    tree = made.double_pendulum(chain, weights)
+    plain = tl.Scene(tree, q0, effects=[made.gravity(g)])
+    text, closing = made.rods_text(chain), []
     for k, weight in enumerate(weights, 1):
-        text += body(f"rail{k}", 0.0, 0.0, "prismatic", f"x{k}", axis="1 0 0")
-        text += body(f"weight{k}", weight, 0.0625, "prismatic", f"z{k}", parent=f"rail{k}")
+        text += made.body(f"rail{k}", 0.0, 0.0, "prismatic", f"x{k}", axis="1 0 0")
+        text += made.body(f"weight{k}", weight, 0.0625, "prismatic", f"z{k}", parent=f"rail{k}")
         closing.append(fx.PointLoop(f"rod{k}", f"weight{k}", point_a=(0.0, 0.0, -1.0)))
 
     def everything(angles: np.ndarray) -> np.ndarray:
@@ -269,11 +261,11 @@ def gantry(shared: np.random.Generator, random: np.random.Generator, rods: int, 
         x, z = -np.cumsum(np.sin(absolute), axis=1), -np.cumsum(np.cos(absolute), axis=1)
         return np.concatenate([angles, np.stack([x, z], axis=2).reshape(len(angles), -1)], axis=1)
 
-    robot = robot_of(text)
+    robot = made.robot_of(text)
     places = [joint.q.start for name in _names(rods) for joint in robot.joints if joint.name == name]
     q = np.empty(robot.nq)
     q[places] = everything(q0[None])[0]
-    scene = tl.Scene(robot, q, effects=[gravity(g), *closing])
+    scene = tl.Scene(robot, q, effects=[made.gravity(g), *closing])
     if rods == 1:
         mass, com, inertia = chain[0]
         square = mp.mpf(g) * (mass * com + weights[0]) / (inertia + mp.mpf(mass) * com**2 + weights[0])
