@@ -14,7 +14,6 @@ out/stops-SEED.csv. Ends 0 if no answer is wrong and nothing crashes.
 
 import argparse
 import collections
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,9 +40,9 @@ class Row:
 
     scene: int
     outcome: str
-    why: str
-    away: float
-    seconds: float
+    why: str = ""
+    away: float = 0.0
+    seconds: float = 0.0
 
     @property
     def fails(self) -> bool:
@@ -64,17 +63,16 @@ class Arm:
     effort: float
 
     def scene(self, q: np.ndarray, v: np.ndarray, duration: float) -> tl.Scene:
-        names = [joint.name for joint in self.robot.joints]
-        limits = {name: (float(a), float(b)) for name, a, b in zip(names, self.lower, self.upper, strict=True)}
-        effects = [fx.Gravity(), fx.JointStops(limits, restitution=self.restitution)]
-        if self.damping.any():
-            effects.append(fx.JointDamping(dict(zip(names, self.damping.tolist(), strict=True))))
-        if self.friction.any():
-            effects.append(fx.DryFriction(dict(zip(names, self.friction.tolist(), strict=True))))
+        def by_joint(values: np.ndarray) -> dict[str, float]:
+            return dict(zip(self.robot.joint_names, values.tolist(), strict=True))
+
+        limits = by_joint(np.stack([self.lower, self.upper], axis=1))
+        effects = [fx.Gravity(), fx.JointStops({name: tuple(x) for name, x in limits.items()}, self.restitution)]
+        effects += [kind(by_joint(numbers)) for kind, numbers in
+                    ((fx.JointDamping, self.damping), (fx.DryFriction, self.friction)) if numbers.any()]  # fmt: skip
         if self.drive.any():
-            gains = dict(zip(names, self.drive.tolist(), strict=True))
-            effects.append(fx.JointPD(dict.fromkeys(names, 0.0), gains, {name: 0.05 * k for name, k in gains.items()},
-                                      effort=dict.fromkeys(names, self.effort)))  # fmt: skip
+            effects.append(fx.JointPD(by_joint(0.0 * q), by_joint(self.drive), by_joint(0.05 * self.drive),
+                                      effort=by_joint(self.effort + 0.0 * q)))  # fmt: skip
         return tl.Scene(self.robot, q, v, effects=effects, duration=duration)
 
 
@@ -132,37 +130,27 @@ def _with_impulses(free: np.ndarray, inverse: np.ndarray, wanted: np.ndarray, lo
     return v
 
 
-def judged(number: int, seed: int) -> tuple[str, str, float]:
+def check(number: int, given: argparse.Namespace) -> Row:
     """The outcome of a scene, why, and how far the answer is from the finer steps."""
-    one = arm(np.random.default_rng([seed, number // BLOCK]))
-    random = np.random.default_rng([seed, 1_000_000 + number])
+    one = arm(np.random.default_rng([given.seed, number // BLOCK]))
+    random = np.random.default_rng([given.seed, 1_000_000 + number])
     share = random.uniform(0.0, 1.0, one.robot.nq)
     share[random.random(one.robot.nq) < 0.2] = 0.0  # some begin at a stop
     q = one.lower + share * (one.upper - one.lower)
     v, duration = np.where(share > 0, random.normal(size=one.robot.nv), 0.0), float(random.integers(2, 11)) / 10
-    scene = one.scene(q, v, duration)
     try:
-        run = tl.simulate(scene, samples_per_second=50)
+        run = tl.simulate(one.scene(q, v, duration), samples_per_second=50)
     except tl.errors.TwolinkError as error:
-        return "refused", error.code, 0.0
-    apart = away = np.inf
+        return Row(number, "refused", error.code)
+    except Exception as error:  # a study counts what should not be
+        return Row(number, "CRASH", repr(error))
     for step in (STEP, STEP / FINER):
         every = [stepped(one, q, v, duration, h, run.t) for h in (step, step / 2)]
         apart, away = (float(np.abs(a - b).max()) for a, b in ((every[0], every[1]), (run.q, every[1])))
-        if apart <= APART and away <= WITHIN * apart + LEAST:
-            return "agrees", f"{len(run.events)} events, steps of {step:g} s {apart:.1e}", away
-        if apart > APART:
-            break
-    return "apart" if apart > APART else "WRONG", f"{len(run.events)} events, steps {apart:.1e}", away
-
-
-def check(number: int, given: argparse.Namespace) -> list[Row]:
-    start = time.process_time()
-    try:
-        outcome, why, away = judged(number, given.seed)
-    except Exception as error:  # a study counts what should not be
-        outcome, why, away = "CRASH", repr(error), 0.0
-    return [Row(number, outcome, why, away, round(time.process_time() - start, 1))]
+        why = f"{len(run.events)} events, steps of {step:g} s {apart:.1e}"
+        if apart > APART or away <= WITHIN * apart + LEAST:
+            return Row(number, "apart" if apart > APART else "agrees", why, away)
+    return Row(number, "WRONG", why, away)
 
 
 def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
