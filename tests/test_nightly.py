@@ -22,7 +22,6 @@ STEPS = [
     "price",
     "mutations",
     "attacks",
-    "api",
     "core",
     "coverage",
     "sanitizers",

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 import twolink as tl
-from scripts.runner import Table, once, options, print_bars
+from scripts.runner import Table, options, print_bars, seconds_of
 from twolink.algorithms.functions import function
 
 BOUND, FASTEST = 1e-12, 1000.0  # relative; ns of the Panda
@@ -31,10 +31,11 @@ void all_{name}(long n, {taken}, double *out) {{
   for (long i = 0; i < n; i++) arm_{name}({passed}, out + i * {size});
 }}
 """
+COLUMNS = "robot <14 | nv >3 | M >8.1e | h >8.1e | tau >8.1e | a >8.1e | solved >8.1e | residual >8.1e | ns >6.0f"
 
 
-def compiled(robot: tl.Robot, folder: str) -> tuple[ctypes.CDLL, float]:
-    """The exported functions as a library, which runs each over many states; seconds of cc."""
+def compiled(robot: tl.Robot, folder: str) -> ctypes.CDLL:
+    """The exported functions as a library, which runs each over many states."""
     source, _ = robot.export_c(Path(folder) / "arm.c", QUERIES)
     loops = ['#include "arm.h"']
     for name in QUERIES:
@@ -45,9 +46,8 @@ def compiled(robot: tl.Robot, folder: str) -> tuple[ctypes.CDLL, float]:
     main, library = Path(folder) / "loops.c", Path(folder) / "arm.so"
     main.write_text("".join(loops))
     flags = ["-O2", "-march=native", "-ffp-contract=off", "-fPIC", "-shared"]
-    command = ["cc", *flags, source, main, "-o", library, "-lm"]
-    seconds, _ = once(lambda: subprocess.run(command, check=True))
-    return ctypes.CDLL(str(library)), seconds
+    subprocess.run(["cc", *flags, source, main, "-o", library, "-lm"], check=True)
+    return ctypes.CDLL(str(library))
 
 
 def answers(library: ctypes.CDLL, robot: tl.Robot, name: str, given: dict[str, np.ndarray]) -> tuple[float, np.ndarray]:
@@ -55,59 +55,49 @@ def answers(library: ctypes.CDLL, robot: tl.Robot, name: str, given: dict[str, n
     of, n = function(robot.model, name), len(given["q"])
     out = np.empty((n, *of.shape))
     arrays = [np.ascontiguousarray(x) for x in (*(given[k] for k, _ in of.arguments), out)]
-    pointers = [x.ctypes.data_as(ctypes.c_void_p) for x in arrays]
-    loop, taken = getattr(library, f"all_{name}"), []
-    for _ in range(7):
-        taken.append(once(lambda: loop(ctypes.c_long(n), *pointers), time.process_time)[0])
-    return 1e9 * min(taken) / n, arrays[-1]
+    pointers, loop = [x.ctypes.data_as(ctypes.c_void_p) for x in arrays], getattr(library, f"all_{name}")
+    (taken,) = seconds_of(lambda: loop(ctypes.c_long(n), *pointers), rounds=7, clock=time.process_time, pick=min)
+    return 1e9 * taken / n, out
 
 
-def measure(name: str, states: int, table: Table) -> tuple[float, ...]:
-    """Add a row. Returns the worst of M, h and tau, of a, and of its residual; ns of a forward dynamics."""
-    robot = tl.load_robot(name)
-    with tempfile.TemporaryDirectory() as folder:
-        library, compiling = compiled(robot, folder)
-        worst, best = np.zeros(6), np.inf
-        for part in range(0, states, 10_000):  # memory
-            errors, ns = _errors(library, robot, min(10_000, states - part), seed=part)
-            worst, best = np.maximum(worst, errors), min(best, ns)
-    table.add(name, robot.nv, *worst, best, compiling)
-    return float(worst[:3].max()), float(worst[3]), float(worst[5]), best
-
-
-def _errors(library: ctypes.CDLL, robot: tl.Robot, n: int, seed: int) -> tuple[np.ndarray, float]:
-    """The errors of a table's row over n states, and ns of a forward dynamics."""
-    rng = np.random.default_rng(seed)
+def figures(library: ctypes.CDLL, robot: tl.Robot, n: int, seed: int) -> np.ndarray:
+    """The errors of a row of the table over n states, and ns of a forward dynamics."""
     q, v = robot.random_state(n, seed=seed)
-    tau, chosen = rng.uniform(-20, 20, (2, n, robot.nv))
-    given = {"q": q, "v": v, "tau": tau, "a": chosen}
-    ns, a = answers(library, robot, "forward_dynamics", given)
-    found = [answers(library, robot, query, given)[1] for query in QUERIES[1:]]
+    tau, chosen = np.random.default_rng(seed).uniform(-20, 20, (2, n, robot.nv))
+    (ns, a), *found = (answers(library, robot, one, {"q": q, "v": v, "tau": tau, "a": chosen}) for one in QUERIES)
     mass, bias = robot.mass_matrix(q, engine="pinocchio"), robot.bias(q, v, engine="pinocchio")
     torque = robot.inverse_dynamics(q, v, chosen, engine="pinocchio")
     true = robot.forward_dynamics(q, v, tau, engine="pinocchio")
     solved = np.linalg.solve(mass, (tau - bias)[..., None])[..., 0]
     terms = np.abs(np.einsum("nij,nj->ni", mass, a)) + np.abs(bias) + np.abs(tau)
-    left = np.abs(robot.inverse_dynamics(q, v, a, engine="pinocchio") - tau)
-    pairs = zip([*found, a, solved], [mass, bias, torque, true, true], strict=True)
-    sizes = [(np.abs(x - y).reshape(n, -1).max(1), np.abs(y).reshape(n, -1).max(1)) for x, y in pairs]
-    sizes.append((left.max(1), terms.max(1)))
-    return np.array([float((error / np.where(size, size, 1.0)).max()) for error, size in sizes]), ns
+    pairs = zip([*(x for _, x in found), a, solved], [mass, bias, torque, true, true], strict=True)
+    sizes = [*((x - y, y) for x, y in pairs), (robot.inverse_dynamics(q, v, a, engine="pinocchio") - tau, terms)]
+    errors, sizes = (np.array([np.abs(x).reshape(n, -1).max(1) for x in part]) for part in zip(*sizes, strict=True))
+    return np.append((errors / np.where(sizes, sizes, 1.0)).max(axis=1), ns)
+
+
+def measure(name: str, states: int, table: Table) -> np.ndarray:
+    """Add a row, and return its figures."""
+    robot = tl.load_robot(name)
+    with tempfile.TemporaryDirectory() as folder:
+        library = compiled(robot, folder)
+        parts = range(0, states, 10_000)  # memory
+        every = np.array([figures(library, robot, min(10_000, states - part), seed=part) for part in parts])
+    row = np.append(every[:, :-1].max(axis=0), every[:, -1].min())
+    table.add(name, robot.nv, *row.tolist())
+    return row
 
 
 def main() -> bool:
     """Print the table and the bars."""
-    given = options(__doc__, states=100_000, rest=ROBOTS)
-    table = Table("robot <14 | nv >3 | M >8.1e | h >8.1e | tau >8.1e | a >8.1e | solved >8.1e | residual >8.1e"
-                  " | ns >6.0f | cc, s >5.1f")  # fmt: skip
+    given, table = options(__doc__, states=100_000, rest=ROBOTS), Table(COLUMNS)
     rows = {name: measure(name, given.states, table) for name in given.rest}
-    near = [name for name, row in rows.items() if row[1] <= BOUND]
-    bars = [(all(row[0] <= BOUND for row in rows.values()), f"M, h and tau equal to Pinocchio's to {BOUND:g}"),
-            (all(row[2] <= BOUND for row in rows.values()), f"M a + h = tau by Pinocchio to {BOUND:g} of the terms"),
-            (len(near) == len(rows), f"a equal to Pinocchio's to {BOUND:g} of the largest: {len(near)} of {len(rows)}"
-                                     f" robots")]  # fmt: skip
+    near = sum(row[3] <= BOUND for row in rows.values())
+    bars = [(all(max(row[:3]) <= BOUND for row in rows.values()), f"M, h and tau equal to Pinocchio's to {BOUND:g}"),
+            (all(row[5] <= BOUND for row in rows.values()), f"M a + h = tau by Pinocchio to {BOUND:g} of the terms"),
+            (near == len(rows), f"a equal to Pinocchio's to {BOUND:g} of the largest: {near} of {len(rows)} robots")]  # fmt: skip
     if "panda" in rows:
-        bars.append((rows["panda"][3] <= FASTEST, f"forward dynamics of the Panda in {rows['panda'][3]:.0f} ns"))
+        bars.append((rows["panda"][-1] <= FASTEST, f"forward dynamics of the Panda in {rows['panda'][-1]:.0f} ns"))
     return print_bars(bars)
 
 

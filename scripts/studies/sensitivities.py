@@ -16,7 +16,7 @@ out/sensitivities-SEED.csv. Ends 0 if no bar fails.
 import argparse
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -203,33 +203,29 @@ def number_of(scene: tl.Scene, name: str) -> float:
     return own[name] if name in own else nominal(scene.robot.model, name)
 
 
-def check(number: int, seed: int) -> Row:
+def check(number: int, given: argparse.Namespace) -> Row:
     """Differentiate one scene, and compare."""
     kind = list(KINDS)[number % len(KINDS)]
-    random = np.random.default_rng([seed, number])
-    one = KINDS[kind](np.random.default_rng([seed, number // 48, 7]), random)
+    random = np.random.default_rng([given.seed, number])
+    one = KINDS[kind](np.random.default_rng([given.seed, number // 48, 7]), random)
     scene, duration = one.scene, min(one.duration, LONGEST)
     row = Row(number, kind.strip(), one.what)
     names = named(scene, random)
     accuracy = float(10 ** random.uniform(-7, -3))
     while True:
         try:
-            s = tl.sensitivities(
-                scene, wrt=names, duration=duration, accuracy=accuracy, samples_per_second=SAMPLES / duration
-            )
+            s = tl.sensitivities(scene, wrt=names, duration=duration, accuracy=accuracy,
+                                 samples_per_second=SAMPLES / duration)  # fmt: skip
             break
         except (AccuracyError, SceneError) as error:
-            refused = error.code or "refused"
+            t = float(getattr(error, "t", 0.0)) if isinstance(error, AccuracyError) else 0.0
             if "held there" in error.what and len(names) > 1:
                 names = names[2:] if names[0] == "q" else names[1:]
-                continue
-            if refused == "sensitivity-undefined" and isinstance(error, AccuracyError):
-                t = float(getattr(error, "t", 0.0))
-                if t > 0.2 * duration:
-                    duration = 0.95 * t
-                    continue
-            row.outcome = refused
-            return row
+            elif error.code == "sensitivity-undefined" and t > 0.2 * duration:
+                duration = 0.95 * t
+            else:
+                row.outcome = error.code or "refused"
+                return row
     columns = [(name, k) for name in names for k in range(s.q[name].shape[2])]
     chosen = [columns[i] for i in random.permutation(len(columns))[:COLUMNS]]
     runs = Beside(scene, [name for name, _ in chosen], s.run.t)
@@ -256,27 +252,20 @@ def compare(row: Row, runs: Beside, s: tl.Sensitivities, name: str, column: int)
         row.tightness += f" {bar[-1] / errors[sure].max():.4g}"
 
 
-def checked(number: int, given: argparse.Namespace) -> list[Row]:
-    start = time.perf_counter()
-    row = check(number, given.seed)
-    row.seconds = round(time.perf_counter() - start, 1)
-    return [row]
-
-
 def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
     """The scenes, and what they say together."""
     table = Table("scene >5 | kind <9 | what <28 | outcome <24 | columns >7 | samples >7 | beyond >6 | worst >8.2g | "
-                  "s >6.1f")  # fmt: skip
+                  "tightness <20 | s >6.1f")  # fmt: skip
     for row in rows:
-        table.add(row.scene, row.kind, row.what[:28], row.outcome, row.columns, row.samples, row.failed, row.worst,
-                  row.seconds)  # fmt: skip
+        table.add(*astuple(replace(row, what=row.what[:28])))
     failing, tight = sum(row.fails for row in rows), [float(x) for row in rows for x in row.tightness.split()]
-    counts = [(row.samples > 0, row.columns, row.samples) for row in rows]
-    compared, columns, samples = map(sum, zip(*counts, strict=True))
+    compared, columns, samples = (
+        sum(x) for x in zip(*((r.samples > 0, r.columns, r.samples) for r in rows), strict=True)
+    )
     print(f"\n{len(rows)} scenes, {compared} compared in {columns} columns and {samples} samples; "
           f"median bar over error {np.median(tight or [np.nan]):.1f}")  # fmt: skip
     return [(not failing, f"scenes with an error beyond its bar: {failing} (bar: none)")]
 
 
 if __name__ == "__main__":
-    raise SystemExit(study(__doc__, "sensitivities", Row, checked, show))
+    raise SystemExit(study(__doc__, "sensitivities", Row, check, show))

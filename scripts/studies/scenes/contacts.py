@@ -15,6 +15,8 @@ plate     a plate that slides over the edge of a table, straight or at a slant
 
 import itertools
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -29,10 +31,15 @@ from twolink.robots.collisions import AnyShape
 FINER = 1e-3  # of the accuracy: that of a truth which is a run
 
 
+def of_box(a: float, b: float, c: float) -> Moments:
+    """The moments of inertia per kg of a box of half the edges a, b and c."""
+    return (b * b + c * c) / 3, (a * a + c * c) / 3, (a * a + b * b) / 3
+
+
 def a_shape(random: np.random.Generator, kinds: tuple[str, ...]) -> tuple[AnyShape, Moments]:
     """A shape, and the moments of inertia per kg of a body that it bounds."""
     a, b, c = (uniform(random, 0.05, 0.25) for _ in range(3))
-    box = (b * b + c * c) / 3, (a * a + c * c) / 3, (a * a + b * b) / 3
+    box = of_box(a, b, c)
     match str(random.choice(kinds)):
         case "sphere":
             return fx.Sphere(a), (0.4 * a * a,) * 3
@@ -85,7 +92,8 @@ def arm(random: np.random.Generator) -> Case:
         length, radius = uniform(random, 0.25, 0.5), uniform(random, 0.03, 0.06)
         mass = uniform(random, 0.3, 3.0)
         axis = "0 1 0" if planar else " ".join(map(repr, map(float, direction(random))))
-        text += made.body(f"l{k}", mass, (mass * length**2 / 9, mass * length**2 / 9, mass * radius**2), "revolute", f"j{k}",
+        moments = mass * length**2 / 9, mass * length**2 / 9, mass * radius**2
+        text += made.body(f"l{k}", mass, moments, "revolute", f"j{k}",
                      parent=f"l{k - 1}" if k else "world", com=f"0 0 {-length / 2}", at=f"0 0 {-before}",
                      axis=axis)  # fmt: skip
         kind = str(random.choice(["sphere", "capsule", "box"]))
@@ -114,15 +122,20 @@ def lowest(robot: tl.Robot, q: np.ndarray, shapes: dict) -> float:
                for (r, p), (shape,) in zip(places, shapes.values(), strict=True))  # fmt: skip
 
 
-def bodies(random: np.random.Generator, kinds: tuple[str, ...] = ("sphere", "capsule", "sphere off centre")) -> Case:
+def two_bodies(random: np.random.Generator, draw: Callable[[], tuple[AnyShape, Moments]]) -> tuple[tl.Robot, Any]:
+    """Two free bodies, and their shapes."""
     parts: list[tuple[str, float, Moments]] = []
-    shapes, numbers = dict[str, tuple[AnyShape, ...]](), law(random)
+    shapes = dict[str, tuple[AnyShape, ...]]()
     for name in "ab":
-        shape, moments = a_shape(random, kinds)
-        mass = uniform(random, 0.3, 3.0)
-        shapes[name] = (shape,)
+        shape, moments = draw()
+        mass, shapes[name] = uniform(random, 0.3, 3.0), (shape,)
         parts.append((name, mass, made.times(mass, moments)))
-    robot = made.free_robot(*parts)
+    return made.free_robot(*parts), shapes
+
+
+def bodies(random: np.random.Generator, kinds: tuple[str, ...] = ("sphere", "capsule", "sphere off centre")) -> Case:
+    numbers = law(random)
+    robot, shapes = two_bodies(random, lambda: a_shape(random, kinds))
     apart = reach(shapes["a"][0]) + reach(shapes["b"][0]) + uniform(random, 0.01, 0.5)
     line = direction(random) * apart
     high = 1.5 * apart
@@ -161,7 +174,7 @@ def a_hull(random: np.random.Generator, most: float = 0.25) -> tuple[AnyShape, M
         case _:
             cloud = np.round(random.uniform(-1, 1, (7, 3)) * (a, b, c), 4)
             shape = fx.Convex(tuple(map(tuple, (cloud - cloud.mean(axis=0)).tolist())))
-    return shape, ((b * b + c * c) / 3, (a * a + c * c) / 3, (a * a + b * b) / 3)
+    return shape, of_box(a, b, c)
 
 
 def meshed(half: Moments, point: Moments = (0.0, 0.0, 0.0), rpy: Moments = (0.0, 0.0, 0.0)) -> fx.Convex:
@@ -219,13 +232,8 @@ def ledge(random: np.random.Generator) -> Case:
 
 
 def hulls(random: np.random.Generator) -> Case:
-    shapes, parts, numbers = dict[str, tuple[AnyShape, ...]](), [], law(random)
-    for name in "ab":
-        shape, moments = a_hull(random)
-        mass = uniform(random, 0.3, 3.0)
-        shapes[name] = (shape,)
-        parts.append((name, mass, made.times(mass, moments)))
-    robot = made.free_robot(*parts)
+    numbers = law(random)
+    robot, shapes = two_bodies(random, lambda: a_hull(random))
     apart = sum(reach(shape) for (shape,) in shapes.values()) + uniform(random, 0.01, 0.3)
     line = direction(random) * apart
     own = [list(turn(random)) if random.random() < 0.7 else [0, 0, 0, 1] for _ in "ab"]
@@ -243,8 +251,7 @@ def plate(random: np.random.Generator) -> Case:
     a, b, c = (uniform(random, low, high) for low, high in ((0.1, 0.25), (0.05, 0.2), (0.01, 0.08)))
     mass, numbers = uniform(random, 0.3, 3.0), law(random)
     slant = float(random.choice([0.0, uniform(random, -1.5, 1.5)]))
-    robot = made.free_robot(("body", mass, made.times(mass, ((b * b + c * c) / 3, (a * a + c * c) / 3, (a * a + b * b) / 3))),
-                       base=True)  # fmt: skip
+    robot = made.free_robot(("body", mass, made.times(mass, of_box(a, b, c))), base=True)
     shape = meshed((a, b, c)) if random.random() < 0.3 else fx.Box((2 * a, 2 * b, 2 * c))
     table = fx.Box((1.0, 1.0, 0.4), (-0.5, 0.0, -0.2))
     way = uniform(random, -0.4, 0.4)

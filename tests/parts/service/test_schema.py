@@ -13,13 +13,55 @@ from typing import Any
 
 import httpx
 import pytest
+import schemathesis
+from hypothesis import HealthCheck, Phase, given, settings
+from schemathesis.checks import content_type_conformance, response_schema_conformance, status_code_conformance
 
-from scripts.studies.api import explore
 from tests.parts.service.serving import TOP, Served
+from twolink.parts.service.work.requests import JOB_KINDS
 
 RUNS = pytest.mark.parametrize("count", [3, pytest.param(60, marks=pytest.mark.slow)])
 GENERATOR = Path(sys.prefix, "generator", "bin", "openapi-python-client")  # made by scripts/test
 CONFIG = TOP / "docs/operating/openapi-python-client.yaml"
+JOBS = tuple(f"/v1/{kind.path}" for kind in JOB_KINDS.values())
+LONGEST = 60.0  # s: a request
+
+
+def _is_no_fault(_: Any, answer: Any, __: Any) -> None:
+    if answer.status_code == 500:
+        raise AssertionError("the service has failed: 500")
+
+
+CHECKS = [_is_no_fault, status_code_conformance, content_type_conformance, response_schema_conformance]
+
+
+def explore(served: Served, cases: int, failures: Counter[str]) -> int:
+    """Ask so many times for each operation, and count what is wrong by operation. Returns the number of requests."""
+    schema = schemathesis.openapi.from_url(f"{served.url}/openapi.json")
+    operations = (each.ok() for each in schema.get_all_operations())
+    asked = [one for one in operations if not one.path.endswith("/events")]  # streams, read elsewhere
+    return sum(_ask(one, cases, failures) for one in asked)
+
+
+def _ask(operation: Any, cases: int, failures: Counter[str]) -> int:
+    asked = 0
+
+    @settings(max_examples=cases, deadline=None, database=None, derandomize=True, phases=[Phase.generate],
+              suppress_health_check=list(HealthCheck))  # fmt: skip
+    @given(case=operation.as_strategy())
+    def ask(case: Any) -> None:
+        nonlocal asked
+        asked += 1
+        if operation.path in JOBS and isinstance(case.body, dict):
+            case.body["wait"] = 0
+        try:
+            case.call_and_validate(checks=CHECKS, timeout=LONGEST)
+        except (Exception, BaseExceptionGroup) as error:  # what the checks have found, and timeouts
+            said = (" ".join(str(one).split())[:300] for one in getattr(error, "exceptions", (error,)))
+            failures[f"{operation.label}: {'; '.join(said)}"] += 1
+
+    ask()
+    return asked
 
 
 @pytest.mark.slow
