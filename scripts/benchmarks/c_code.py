@@ -95,7 +95,8 @@ def main() -> bool:
     near = sum(row[3] <= BOUND for row in rows.values())
     bars = [(all(max(row[:3]) <= BOUND for row in rows.values()), f"M, h and tau equal to Pinocchio's to {BOUND:g}"),
             (all(row[5] <= BOUND for row in rows.values()), f"M a + h = tau by Pinocchio to {BOUND:g} of the terms"),
-            (near == len(rows), f"a equal to Pinocchio's to {BOUND:g} of the largest: {near} of {len(rows)} robots")]  # fmt: skip
+            (near == len(rows), f"a equal to Pinocchio's to {BOUND:g} of the largest: {near} of {len(rows)} robots"),
+            ]  # fmt: skip
     if "panda" in rows:
         bars.append((rows["panda"][-1] <= FASTEST, f"forward dynamics of the Panda in {rows['panda'][-1]:.0f} ns"))
     return print_bars(bars)

@@ -40,7 +40,7 @@ _fork = multiprocessing.get_context("fork")
 class Figures:
     """health, bare: seconds of each answer, of a bare server. failures: answers of /health other than 200.
 
-    service, workers: the most memory [MB].
+    memory: the most, of the service and its workers [MB].
 
     outcomes: of the rounds, by attack. healthy: whether the service works afterwards.
     """
@@ -48,8 +48,6 @@ class Figures:
     health: list[float] = field(default_factory=list)
     bare: list[float] = field(default_factory=list)
     failures: int = 0
-    service: float = 0.0
-    workers: float = 0.0
     memory: float = 0.0
     outcomes: dict[str, Counter[str]] = field(default_factory=dict)
     healthy: bool = False
@@ -57,12 +55,9 @@ class Figures:
     def summary(self) -> str:
         """Latency and memory in a few lines."""
         p50, p99, most = (1e3 * float(np.quantile(self.health, share)) for share in (0.5, 0.99, 1.0))
-        return (
-            f"/health: {len(self.health)} answers, p50 {p50:.1f} ms, p99 {p99:.1f} ms, max {most:.1f} ms, "
-            f"{self.failures} failed\n"
-            f"a bare server beside it: p99 {1e3 * _p99(self.bare):.1f} ms\n"
-            f"memory: at most {self.memory:.0f} MB; the service {self.service:.0f}, its workers {self.workers:.0f}"
-        )
+        return (f"/health: {len(self.health)} answers, p50 {p50:.1f} ms, p99 {p99:.1f} ms, max {most:.1f} ms, "
+                f"{self.failures} failed\na bare server beside it: p99 {1e3 * _p99(self.bare):.1f} ms\n"
+                f"memory: at most {self.memory:.0f} MB")  # fmt: skip
 
     def bars(self, *, busy: bool = False) -> Bars:
         """Each bar and whether it is met. busy: other programs use the machine; then a stall counts, not a delay."""
@@ -86,14 +81,10 @@ def attack(seconds: float, names: Iterable[str] = ATTACKS) -> Figures:
         _ask(port, "/v1/robots/two_link/bias", b'{"q": [0,0]}')
         queue = _fork.SimpleQueue()
         end = time.monotonic() + seconds
-        attackers = [
-            _fork.Process(target=_attacker, args=(name, Target(port, f"127.0.1.{i}", end), queue), daemon=True)
-            for i, name in enumerate(names, start=1)
-        ]
-        watches = [
-            threading.Thread(target=_watch_memory, args=(figures, served, end)),
-            threading.Thread(target=_watch_latency, args=(figures, (port, bare), end)),
-        ]
+        attackers = [_fork.Process(target=_attacker, args=(name, Target(port, f"127.0.1.{i}", end), queue), daemon=True)
+                     for i, name in enumerate(names, start=1)]  # fmt: skip
+        watches = [threading.Thread(target=_watch_memory, args=(figures, served, end)),
+                   threading.Thread(target=_watch_latency, args=(figures, (port, bare), end))]  # fmt: skip
         for one in [*attackers, *watches]:
             one.start()  # type: ignore[attr-defined]
         for _ in attackers:
@@ -111,9 +102,8 @@ def _attacker(name: str, target: Target, queue: "multiprocessing.SimpleQueue[tup
     with contextlib.suppress(OSError):
         Path("/proc/self/autogroup").write_text(str(_NICE))
     counts: dict[str, int] = {}
-    clients = [
-        threading.Thread(target=rounds, args=(name, target, k, counts), daemon=True) for k in range(ATTACKS[name][1])
-    ]
+    clients = [threading.Thread(target=rounds, args=(name, target, k, counts), daemon=True)
+               for k in range(ATTACKS[name][1])]  # fmt: skip
     for client in clients:
         client.start()
     for client in clients:
@@ -165,9 +155,7 @@ def _p99(seconds: list[float]) -> float:
 def _watch_memory(figures: Figures, served: Served, end: float) -> None:
     """Measure the memory again and again until the end."""
     while time.monotonic() < end:
-        service, workers = _pss(served.process.pid), sum(_pss(pid) for pid in served.workers())
-        figures.service, figures.workers = max(figures.service, service), max(figures.workers, workers)
-        figures.memory = max(figures.memory, service + workers)
+        figures.memory = max(figures.memory, sum(map(_pss, (served.process.pid, *served.workers()))))
         time.sleep(_MEMORY_EVERY)
 
 

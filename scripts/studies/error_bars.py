@@ -107,15 +107,8 @@ def _run(one: Case, accuracy: float) -> tuple[tl.Trajectory | None, bool]:
     """The run, or the best one of a refusal; and whether it was refused. Near the limit of doubles, in doubles."""
     samples, precision = (one.samples or SAMPLES) / one.duration, "double" if one.limit else "auto"
     try:
-        return tl.simulate(
-            one.scene,
-            one.duration,
-            accuracy=accuracy,
-            method=one.method,
-            samples_per_second=samples,
-            precision=precision,
-            progress=TimeLimit(PATIENCE, time.process_time),
-        ), False
+        return tl.simulate(one.scene, one.duration, accuracy=accuracy, method=one.method, samples_per_second=samples,
+                           precision=precision, progress=TimeLimit(PATIENCE, time.process_time)), False  # fmt: skip
     except OutOfTime:
         raise
     except AccuracyError as error:
@@ -130,7 +123,6 @@ def _checked_worlds(row: Row, one: Worlds) -> Row:
         raise
     except AccuracyError:
         return row
-    assert worlds.error is not None
     ends = np.array([0.0, one.duration])
     truths = [series(tl.Scene(one.scene.robot, q, v, effects=one.scene.effects), ends)
               for q, v in zip(one.q, one.v, strict=True)]  # fmt: skip
@@ -158,14 +150,10 @@ def median(values: Sequence[float]) -> float:
     return statistics.median(values) if values else float("nan")
 
 
-def ratios(rows: Sequence[Row]) -> list[float]:
-    """Error bar at the end over the largest true error of the runs that ended, where there is an error."""
-    return [row.bar / row.true for row in rows if row.outcome in ("kept", "broken") and row.true > 0]
-
-
-def costs(rows: Sequence[Row]) -> list[float]:
-    """Seconds of verification over those of solving."""
-    return [row.verify_seconds / row.seconds for row in rows if row.seconds > 0]
+def medians(rows: Sequence[Row]) -> tuple[float, float]:
+    """Error bar at the end over the largest true error, where a run ended; seconds of verification over solving."""
+    ratios = [row.bar / row.true for row in rows if row.outcome in ("kept", "broken") and row.true > 0]
+    return median(ratios), median([row.verify_seconds / row.seconds for row in rows if row.seconds > 0])
 
 
 def show(rows: Sequence[Row], _given: object = None) -> Bars:
@@ -177,11 +165,11 @@ def show(rows: Sequence[Row], _given: object = None) -> Bars:
         some = [row for row in rows if kind in (row.kind, "all")]
         table.add(kind, len(some), *(sum(row.outcome == name for row in some) for name in OUTCOMES),
                   sum(row.samples for row in some), sum(row.fails for row in some),
-                  max((row.worst for row in some), default=0.0), median(ratios(some)), median(costs(some)),
+                  max((row.worst for row in some), default=0.0), *medians(some),
                   median([row.total_seconds for row in some]))  # fmt: skip
     print("\nfails: runs whose bar fails; worst: largest true error over its bar; bar/true: error bar at the end over "
           "the\nlargest true error, median; cost: seconds of verification over those of solving, median\n")  # fmt: skip
-    fails, ratio, cost = sum(row.fails for row in rows), median(ratios(rows)), median(costs(rows))
+    fails, (ratio, cost) = sum(row.fails for row in rows), medians(rows)
     return [
         (fails == 0, f"runs whose bar fails: {fails} of {len(rows)} (bar: none)"),
         (ratio <= MAX_RATIO, f"median of error bar / true error: {ratio:.2f} (bar: at most {MAX_RATIO:g})"),

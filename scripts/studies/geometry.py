@@ -21,7 +21,6 @@ out/geometry-SEED.csv.
 
 import argparse
 import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -86,17 +85,9 @@ class Body(NamedTuple):
 def shape_of(kind: str, random: np.random.Generator) -> AnyShape | fx.Plane:
     """A random shape of a kind."""
     a, b, c = random.uniform(0.03, 0.3, 3).tolist()
-    match kind:
-        case "sphere":
-            return fx.Sphere(a)
-        case "capsule":
-            return fx.Capsule(a, b)
-        case "cylinder":
-            return fx.Cylinder(a, b)
-        case "box":
-            return fx.Box((a, b, c))
-        case "plane":
-            return PLANE
+    if not kind.startswith("hull"):
+        return {"sphere": fx.Sphere(a), "capsule": fx.Capsule(a, b), "cylinder": fx.Cylinder(a, b),
+                "box": fx.Box((a, b, c)), "plane": PLANE}[kind]  # fmt: skip
     cloud = random.normal(size=(int(kind.split()[-1]), 3))
     cloud *= np.array([a, b, c]) / np.linalg.norm(cloud, axis=1)[:, None]
     return fx.Convex(tuple(map(tuple, (cloud - cloud.mean(axis=0)).tolist())))
@@ -110,10 +101,8 @@ def _support(shape: AnyShape | fx.Plane, n: np.ndarray) -> Any:
         return (n @ np.array(shape.vertices).T).max(axis=-1)
     if isinstance(shape, fx.Box):
         return 0.5 * np.abs(n) @ shape.size
-    if isinstance(shape, fx.Sphere):
-        return shape.radius * np.linalg.norm(n, axis=-1)
     across = np.linalg.norm(n[..., :2] if isinstance(shape, fx.Cylinder) else n, axis=-1)
-    return shape.radius * across + 0.5 * shape.length * np.abs(n[..., 2])
+    return shape.radius * across + 0.5 * getattr(shape, "length", 0.0) * np.abs(n[..., 2])
 
 
 def body_of(kind: str, random: np.random.Generator) -> Body:
@@ -216,10 +205,8 @@ def features_off(a: Body, b: Body, random: np.random.Generator) -> float:
 def corners_of(body: Body) -> np.ndarray:
     """The corners (n, 3) of a placed hull."""
     shape = body.shape
-    if isinstance(shape, fx.Box):
-        cloud = np.array(list(itertools.product((-0.5, 0.5), repeat=3))) * shape.size
-    else:
-        cloud = np.array(shape.vertices)
+    box = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+    cloud = box * shape.size if isinstance(shape, fx.Box) else np.array(shape.vertices)
     return np.asarray(cloud @ body.place.rotation.T + body.place.translation)
 
 
@@ -229,10 +216,10 @@ def face_of(corners: np.ndarray, n: np.ndarray) -> np.ndarray:
     return corners[heights > heights.max() - 1e-9]
 
 
-def rows_of(number: int, given: argparse.Namespace) -> Iterator[Row]:
+def rows_of(number: int, given: argparse.Namespace) -> list[Row]:
     """One placement of a pair of shapes."""
     pair = PAIRS[number % len(PAIRS)]
-    yield Row(number, " - ".join(pair), *placed(pair, np.random.default_rng([given.seed, number])))
+    return [Row(number, " - ".join(pair), *placed(pair, np.random.default_rng([given.seed, number])))]
 
 
 def show(rows: list[Row], _given: argparse.Namespace) -> Bars:

@@ -23,7 +23,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 import twolink as tl
-from scripts.runner import FINGERS, Bars, Some, Table, study
+from scripts.runner import Bars, Some, Table, study
+from scripts.tasks import robot_of
 from twolink.scenes.parameters import scene_with
 
 LATE, COUNT = 0.008, 2 * np.pi / 2**16  # s, rad
@@ -44,11 +45,6 @@ class Row:
 
 
 @functools.cache
-def robot_of(name: str) -> tl.Robot:
-    return tl.load_robot(name, lock=FINGERS if name == "panda" else None)
-
-
-@functools.cache
 def motion(robot: tl.Robot, n: int = 400, duration: float = 10.0, seed: int = 0) -> tuple[np.ndarray, ...]:
     """t, q, v, a of a Fourier series of five harmonics, and the torques."""
     rng = np.random.default_rng(seed)
@@ -65,10 +61,8 @@ def identified(name: str, shake: float, method: str, random: np.random.Generator
     robot = robot_of(name)
     t, q, v, a, tau = motion(robot)
     noisy = tau + NOISE[name] * random.standard_normal(tau.shape)
-    if shake:
-        found = tl.identify(robot, t, q + shake * random.standard_normal(q.shape), None, noisy, method=method)
-    else:
-        found = tl.identify(robot, t, q, v, noisy, a=a, method=method)
+    seen, given = (q + shake * random.standard_normal(q.shape), {}) if shake else (q, {"a": a})
+    found = tl.identify(robot, t, seen, None if shake else v, noisy, method=method, **given)
     return np.abs(found.estimate - found.matrix @ found.selection.nominal) <= found.half_width
 
 

@@ -29,8 +29,9 @@ import numpy as np
 
 import twolink as tl
 import twolink.effects as fx
-from scripts.runner import FINGERS, TOP, Bars, Table, study
-from scripts.studies.intervals import DRIVES, recorded, robot_of
+from scripts.runner import TOP, Bars, Table, once, study
+from scripts.studies.intervals import DRIVES, recorded
+from scripts.tasks import robot_of
 from twolink.parts.identification.base_parameters import base_parameters, select
 from twolink.parts.identification.filtering import Recording, States, half_window_of, states
 
@@ -81,7 +82,7 @@ def panda(folder: Path) -> Logs:
     new = np.append(True, np.diff(t) > 0)
     t, q, tau = t[new], read["positions"][new], read["torques"][new]
     fitted, held = (Recording(t[rows], q[rows], None, None, tau[rows]) for rows in (t < 14.0, t >= 14.0))
-    robot = tl.load_robot("panda", lock=FINGERS)
+    robot = robot_of("panda")
     return Logs(robot, [fitted], held, robot.parameter_values, "offset")
 
 
@@ -92,6 +93,10 @@ def twin() -> Logs:
     known = zip(robot.parameter_names, robot.parameter_values, strict=True)
     truth = np.array([DRIVES.get(name.rpartition(".")[2], value) for name, value in known])
     return Logs(robot, [fitted], held, truth, "offset")
+
+
+def table_of(run: Recording) -> dict[str, np.ndarray]:
+    return {"t": run.t, "q": run.q, "tau": run.tau}
 
 
 def filtered(robot: tl.Robot, run: Recording, cutoff: float) -> tuple[States, np.ndarray]:
@@ -134,10 +139,6 @@ def figaroh(logs: Logs) -> Predict:
     return lambda q, v, a: (builder.build_basic_regressor(q, v, a, drives)[:, base] @ found).reshape(n, -1).T
 
 
-def tables(runs: list[Recording]) -> list[dict[str, np.ndarray]]:
-    return [{"t": run.t, "q": run.q, "tau": run.tau} for run in runs]
-
-
 def ways(given: argparse.Namespace) -> list[str]:
     sets = ["pendulum", *(["panda"] if given.panda else []), *(["twin"] if given.twin else [])]
     if given.fit:
@@ -164,7 +165,7 @@ def rows_of(key: str, given: argparse.Namespace) -> Iterator[Row]:
         predict = lambda q, v, a: logs.robot.regressor(q, v, a) @ logs.published  # noqa: E731
     else:
         half = None if way == "default" else int(way.split()[1])
-        predict = tl.identify(logs.robot, tables(logs.runs), parameters=["*"], half_window=half,
+        predict = tl.identify(logs.robot, [*map(table_of, logs.runs)], parameters=["*"], half_window=half,
                               joint_model=logs.joint_model).predict  # fmt: skip
     now, tau = filtered(logs.robot, logs.held, 6.0)
     left = np.sqrt(np.mean((tau - predict(now.q, now.v, now.a)) ** 2, axis=0))
@@ -176,7 +177,7 @@ def parts(logs: Logs) -> tuple[str, str, float]:
     """How many values of two halves differ by more than their intervals, and of how many."""
     every = [*logs.runs, logs.held]
     cuts = [len(run.t) // 2 for run in every]
-    halves = [[{name: x[rows] for name, x in table.items()} for table, rows in zip(tables(every), some, strict=True)]
+    halves = [[{name: x[rows] for name, x in table.items()} for table, rows in zip(map(table_of, every), some, strict=True)]
               for some in zip(*((slice(0, cut), slice(cut, None)) for cut in cuts), strict=True)]  # fmt: skip
     one, other = (tl.identify(logs.robot, half, parameters=["*"], joint_model=logs.joint_model) for half in halves)
     same = [name for name in one.combinations if name in other.combinations]
@@ -193,19 +194,17 @@ def simulated() -> tuple[str, str, float]:
     now, tau = filtered(logs.robot, run, 8.0)
     half = (len(run.t) - len(tau)) // 2
     at = run.t[half : len(run.t) - half] - begin
-    torques = {
-        name: fx.Sampled(tuple(knots), tuple(np.interp(knots, at, x))) for name, x in zip(names, tau.T, strict=True)
-    }
+    torques = {name: fx.Sampled(tuple(knots), tuple(np.interp(knots, at, x)))
+               for name, x in zip(names, tau.T, strict=True)}  # fmt: skip
     effects = [fx.Gravity(), fx.Torque(torques), fx.JointDamping(dict.fromkeys(names, 0.01)),
                fx.SmoothFriction(dict.fromkeys(names, 0.05), scale=0.1)]  # fmt: skip
     q, v = ([np.interp(0.0, at, x) for x in columns.T] for columns in (now.q, now.v))
     seen = (run.t >= begin) & (run.t <= begin + 1.0)
     unknown = [f"{link}.{part}" for link in ("Link1", "Link2") for part in ("first_moment.z", "origin_inertia.xx")]
-    start, wall = time.process_time(), time.perf_counter()
-    found = tl.fit(tl.Scene(logs.robot, q, v, effects), {"t": run.t[seen] - begin, "q": run.q[seen]},
-                   [*unknown, "effects.2.damping.*", "effects.3.friction.*", "q", "v"])  # fmt: skip
-    seconds, wall = time.process_time() - start, time.perf_counter() - wall
-    text = f"{len(found.estimate)} found, {found.simulations} simulations, {seconds:.1f} s (wall clock {wall:.1f} s)"
+    seconds, found = once(lambda: tl.fit(
+        tl.Scene(logs.robot, q, v, effects), {"t": run.t[seen] - begin, "q": run.q[seen]},
+        [*unknown, "effects.2.damping.*", "effects.3.friction.*", "q", "v"]), time.process_time)  # fmt: skip
+    text = f"{len(found.estimate)} found, {found.simulations} simulations, {seconds:.1f} s"
     return " ".join(f"{x:.4f}" for x in np.sqrt(np.mean(found.residuals**2, axis=0))), text, seconds
 
 
