@@ -15,7 +15,8 @@ import numpy as np
 
 import twolink as tl
 from scripts.heyoka_peer import heyoka, system_of
-from scripts.runner import FINGERS, once, options, seconds_of
+from scripts.runner import once, options, seconds_of
+from scripts.tasks import robot_of
 from twolink.integrate.motion.scene_equations import equations_of
 
 SAMPLES = 200  # a second
@@ -27,8 +28,9 @@ def scene_of(name: str) -> tl.Scene:
     """A bundled scene; "panda": the arm alone, falling from a bent posture, which all peers can simulate."""
     if name != "panda":
         return tl.load_scene(name)
-    robot = tl.load_robot("panda", lock=FINGERS)
-    return tl.Scene(robot, [0.1, -0.6, 0.2, -2.0, 0.1, 1.5, 0.4], effects=[tl.effects.Gravity()], duration=1.0)
+    return tl.Scene(
+        robot_of("panda"), [0.1, -0.6, 0.2, -2.0, 0.1, 1.5, 0.4], effects=[tl.effects.Gravity()], duration=1.0
+    )
 
 
 def matrix(s: tl.Sensitivities) -> np.ndarray:
@@ -60,30 +62,20 @@ def by_heyoka(scene: tl.Scene, times: np.ndarray, tolerance: float) -> Callable[
 
 def by_mujoco(scene: tl.Scene, times: np.ndarray, step: float) -> Callable[[], np.ndarray]:
     """Central differences of MuJoCo's runs with RK4."""
-    import mujoco
-
     from twolink.hard.peers import mujoco_peer
-    from twolink.hard.peers.task import task_of
+    from twolink.hard.peers.task import PeerRun, Setting, task_of
 
-    model = mujoco_peer.build(task_of(scene, times))
-    model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, step
-    data, nv, each = mujoco.MjData(model), scene.robot.nv, round((times[1] - times[0]) / step)
-    start = np.concatenate([scene.q, scene.v])
+    def moved(change: np.ndarray) -> Callable[[], PeerRun]:
+        dq, dv = np.split(change, 2)
+        other = tl.Scene(scene.base, scene.q + dq, scene.v + dv, scene.effects, scene.duration)
+        return mujoco_peer.prepare(task_of(other, times), Setting("RK4", "", step=step))
 
-    def run(change: np.ndarray) -> np.ndarray:
-        mujoco.mj_resetData(model, data)
-        data.qpos[:], data.qvel[:] = np.split(start + change, 2)
-        out = [start + change]
-        for _ in times[1:]:
-            mujoco.mj_step(model, data, each)
-            out.append(np.concatenate([data.qpos, data.qvel]))
-        return np.array(out)
+    def states(run: Callable[[], PeerRun]) -> np.ndarray:
+        track = run().track
+        return np.concatenate([track.q, track.v], axis=1) / (2 * DIFFERENCE)
 
-    def solve() -> np.ndarray:
-        columns = [(run(d) - run(-d)) / (2 * DIFFERENCE) for d in DIFFERENCE * np.eye(2 * nv)]
-        return np.stack(columns, axis=2)
-
-    return solve
+    pairs = [(moved(d), moved(-d)) for d in DIFFERENCE * np.eye(2 * scene.robot.nv)]
+    return lambda: np.stack([states(more) - states(less) for more, less in pairs], axis=2)
 
 
 def compare(name: str, accuracy: float, runs: int, *, peers: bool) -> None:

@@ -1,16 +1,20 @@
 """Every MJCF below some folders: accelerations equal to MuJoCo's, or a refusal that names the part. No third outcome.
 
-    python -m scripts.studies.mjcf FOLDER... [--states 100] [--tolerance 1e-10]
+    python -m scripts.studies.mjcf FOLDER... [--states 100] [--tolerance 1e-10] [--arguments NAME=VALUE,...]
 
 MuJoCo's accelerations are those of `mj_forward` with random joint torques, without contacts, limits, loops and joint
 friction, and without commands. Ours are those of the scene that `tl.scene_of` makes, without what is left out there.
 They are equal where no entry differs by more than the tolerance, relative to the largest one and to 1. Files that are
 no models, which others include, are named. One line a file; ends 0 if there is no third outcome.
+
+Every xacro of a URDF below them loads, without ROS, or is refused by name: packages are looked for in the folders, the
+arguments are its own. Files that define macros alone have no links, and are refused so.
 """
 
 import sys
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -94,28 +98,32 @@ def accelerations(
     return a
 
 
-def outcome(path: Path, states: int, tolerance: float) -> tuple[str, str]:
+def outcome(path: Path, given: Any) -> tuple[str, str]:
     """What came of a file, and the words for it."""
     try:
+        if path.name.endswith(".urdf.xacro"):
+            arguments = dict(pair.split("=", 1) for pair in given.arguments.split(",") if pair)
+            robot = tl.load_robot(path, package_dirs=given.rest, xacro_arguments=arguments)
+            return "loaded", f"nv = {robot.nv}, {robot.mass:.6g} kg"
         robot = tl.load_robot(path, unphysical="report")
         if robot.nv == 0:
             return "equal", "nothing moves"
-        worst = difference(robot, smooth_mujoco(path), states)
-        return "equal" if worst <= tolerance else "different", f"nv = {robot.nv}, worst {worst:.1e}"
+        worst = difference(robot, smooth_mujoco(path), given.states)
+        return "equal" if worst <= given.tolerance else "different", f"nv = {robot.nv}, worst {worst:.1e}"
     except TwolinkError as error:
         return ("no model" if error.code == "mjcf" else "refused"), str(error)
 
 
 def main() -> bool:
     """Print a line a file."""
-    given = options(__doc__, states=100, tolerance=1e-10, rest=(".",))
-    counts: Counter[str] = Counter()
-    for path in sorted(p for folder in given.rest for p in Path(folder).rglob("*.xml")):
-        if "<mujoco" not in path.read_text("utf-8", "replace"):
-            continue
-        kind, words = outcome(path, given.states, given.tolerance)
-        counts[kind] += 1
-        print(f"{kind:<10}{path}: {words}", flush=True)
+    given, counts = options(__doc__, states=100, tolerance=1e-10, arguments="", rest=(".",)), Counter[str]()
+    files = [path for folder in given.rest for path in Path(folder).rglob("*.x*")]
+    for path in sorted(files):
+        if path.name.endswith(".urdf.xacro") or (
+                path.suffix == ".xml" and "<mujoco" in path.read_text("utf-8", "replace")):  # fmt: skip
+            kind, words = outcome(path, given)
+            counts[kind] += 1
+            print(f"{kind:<10}{path}: {words}", flush=True)
     print(", ".join(f"{count} {kind}" for kind, count in counts.items()))
     return not counts["different"]
 

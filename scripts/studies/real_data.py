@@ -177,7 +177,7 @@ def parts(logs: Logs) -> tuple[str, str, float]:
     """How many values of two halves differ by more than their intervals, and of how many."""
     every = [*logs.runs, logs.held]
     cuts = [len(run.t) // 2 for run in every]
-    halves = [[{name: x[rows] for name, x in table.items()} for table, rows in zip(map(table_of, every), some, strict=True)]
+    halves = [[{name: x[rows] for name, x in table_of(run).items()} for run, rows in zip(every, some, strict=True)]
               for some in zip(*((slice(0, cut), slice(cut, None)) for cut in cuts), strict=True)]  # fmt: skip
     one, other = (tl.identify(logs.robot, half, parameters=["*"], joint_model=logs.joint_model) for half in halves)
     same = [name for name in one.combinations if name in other.combinations]
