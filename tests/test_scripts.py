@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from scripts import runner
-from scripts.studies.mutations import MUTATIONS
 
 TOP = Path(__file__).parents[1]
 MODULES = sorted(".".join(path.relative_to(TOP).with_suffix("").parts) for path in (TOP / "scripts").glob("*/*.py"))
@@ -27,11 +26,6 @@ def test_modules_can_be_imported_and_say_how_they_are_called(name: str) -> None:
     text = (TOP / f"{name.replace('.', '/')}.py").read_text("utf-8")
     if 'if __name__ == "__main__":' in text:
         assert f"python -m {name}" in (module.__doc__ or "") or "scripts/bench " in (module.__doc__ or "")
-
-
-def test_the_rules_that_are_broken_stand_in_the_product() -> None:
-    for name, one in MUTATIONS.items():
-        assert (TOP / "twolink" / one.file).read_text("utf-8").count(one.text) == 1, name
 
 
 def test_options_come_from_their_defaults(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -28,8 +28,8 @@ import numpy as np
 from hatch_build import FLAGS, digest, sources
 from scripts.runner import OUT, TOP, options, tests_of_a_copy
 
-WHOLE = ("tests/parts", "tests/docs", "tests/test_architecture.py", "tests/test_face.py", "tests/test_nightly.py",
-         "tests/test_public.py", "tests/test_readme.py", "tests/test_scripts.py")  # fmt: skip
+WHOLE = ("tests/parts", "tests/docs", "tests/test_architecture.py", "tests/test_broken_rules.py", "tests/test_face.py",
+         "tests/test_nightly.py", "tests/test_public.py", "tests/test_readme.py", "tests/test_scripts.py")  # fmt: skip
 OF_NATIVE = ("tests/native", "tests/integrate", "tests/dynamics", "tests/simulation")
 CHECKS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=undefined", "-O1", "-g", "-Wno-unknown-pragmas"]
 OLDEST, NEWEST = 11, 20

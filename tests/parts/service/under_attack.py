@@ -1,12 +1,10 @@
 """Attacks on a service with default quotas, all at once, while its /health is asked and its memory measured.
 
-    python -m scripts.studies.attacks [--quick] [--seconds 60] [--only NAME,NAME]
-
-The attacks are those of tests/parts/service/attacks.py, the hostile corpus among them. Each comes from an address of
-its own and from processes of lower priority, because those who attack bring their own processors. /health is asked
-every 20 ms on one connection, and so is a bare server in a process of its own, which says what the machine itself
-delays. Memory is the proportional share (PSS) of the service and its worker processes. Exit code 1 when a bar is
-missed: /health p99 under 100 ms and always answered, memory under 2 GB, no answer 500, and all well afterwards.
+The attacks are those of `attacks`, the hostile corpus among them. Each comes from an address of its own and from
+processes of lower priority, because those who attack bring their own processors. /health is asked every 20 ms on one
+connection, and so is a bare server in a process of its own, which says what the machine itself delays. Memory is the
+proportional share (PSS) of the service and its worker processes. Bars: /health p99 under 100 ms and always answered,
+memory under 2 GB, no answer 500, and all well afterwards.
 """
 
 import contextlib
@@ -17,20 +15,18 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from scripts.benchmarks.service import BARE, server
-from scripts.runner import Bars, Some, options, print_bars
+from scripts.runner import Bars
 from tests.parts.service.attacks import ATTACKS, Target, prepare, rounds
 from tests.parts.service.serving import Served, serving
 
 MAX_P99, MAX_MEMORY = 0.1, 2000.0  # s, MB
 STALL = 1.0  # s: the attacks stalled an unprotected service for 5 to 80 s
-QUICK = 6.0  # seconds
 _HEALTH_EVERY, _MEMORY_EVERY = 0.02, 0.5  # seconds
 _NICE = 19
 _fork = multiprocessing.get_context("fork")
@@ -71,7 +67,7 @@ class Figures:
         ]
 
 
-def attack(seconds: float, names: Iterable[str] = ATTACKS) -> Figures:
+def attack(seconds: float) -> Figures:
     """Start a service, attack it, and measure."""
     figures = Figures()
     prepare()
@@ -82,7 +78,7 @@ def attack(seconds: float, names: Iterable[str] = ATTACKS) -> Figures:
         queue = _fork.SimpleQueue()
         end = time.monotonic() + seconds
         attackers = [_fork.Process(target=_attacker, args=(name, Target(port, f"127.0.1.{i}", end), queue), daemon=True)
-                     for i, name in enumerate(names, start=1)]  # fmt: skip
+                     for i, name in enumerate(ATTACKS, start=1)]  # fmt: skip
         watches = [threading.Thread(target=_watch_memory, args=(figures, served, end)),
                    threading.Thread(target=_watch_latency, args=(figures, (port, bare), end))]  # fmt: skip
         for one in [*attackers, *watches]:
@@ -166,16 +162,3 @@ def _pss(pid: int) -> float:
             if line.startswith("Pss:"):
                 return int(line.split()[1]) / 1024
     return 0.0
-
-
-def main() -> int:
-    given = options(__doc__, quick=False, seconds=60.0, only=Some(ATTACKS))
-    figures = attack(QUICK if given.quick else given.seconds, given.only)
-    for name, outcomes in figures.outcomes.items():
-        print(f"{name:<22}{'  '.join(f'{outcome}: {count}' for outcome, count in sorted(outcomes.items()))}")
-    print(figures.summary())
-    return 0 if print_bars(figures.bars()) else 1
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

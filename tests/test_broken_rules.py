@@ -1,17 +1,13 @@
-"""Do the tests find a rule that was broken? Ten rules of the product are changed, one at a time, in a copy of it.
-
-    python -m scripts.studies.mutations [NAME ...]
-
-Runs the tests that should find each change, and prints which one found it first. A change that no test finds is a gap.
-"""
+"""The tests find a rule that is broken: ten rules of the product are changed, one at a time, in a copy of it."""
 
 import re
 import subprocess
-import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-from scripts.runner import Table, options, print_bars, tests_of_a_copy
+import pytest
+
+from scripts import runner
 
 
 class Mutation(NamedTuple):
@@ -53,33 +49,17 @@ MUTATIONS = {
 }  # fmt: skip
 
 
-def found_by(one: Mutation, folder: Path) -> str:
-    """The test that fails first with the change; "" if none does."""
-    tests = tests_of_a_copy(folder, ["-x", *one.tests.split()])
-    path = folder / "twolink" / one.file
-    text = path.read_text("utf-8")
-    if text.count(one.text) != 1:
-        raise SystemExit(f"{one.file} states {one.text!r} {text.count(one.text)} times, expected once")
-    path.write_text(text.replace(one.text, one.instead), "utf-8")
-    done = subprocess.run(**tests, text=True, capture_output=True)
-    if done.returncode == 0:
-        return ""
-    failed = re.search(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE)
-    if failed is None:
-        raise SystemExit(done.stdout[-2000:] + done.stderr[-2000:])
-    return failed.group(1)
+@pytest.mark.parametrize("name", MUTATIONS)
+def test_a_rule_stands_in_the_product(name: str) -> None:
+    one = MUTATIONS[name]
+    assert (runner.TOP / "twolink" / one.file).read_text("utf-8").count(one.text) == 1
 
 
-def main() -> int:
-    given = options(__doc__, rest=MUTATIONS)
-    table = Table("rule <12 | what it says <52 | found by <60")
-    for name in given.rest:
-        with tempfile.TemporaryDirectory() as folder:
-            table.add(name, MUTATIONS[name].rule, found_by(MUTATIONS[name], Path(folder)) or "NO TEST")
-    table.save("mutations")
-    found = sum(row[2] != "NO TEST" for row in table.rows)
-    return 0 if print_bars([(found == len(table.rows), f"{found} of {len(table.rows)} broken rules are found")]) else 1
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MUTATIONS)
+def test_a_broken_rule_is_found(name: str, tmp_path: Path) -> None:
+    one = MUTATIONS[name]
+    run, path = runner.tests_of_a_copy(tmp_path, ["-x", *one.tests.split()]), tmp_path / "twolink" / one.file
+    path.write_text(path.read_text("utf-8").replace(one.text, one.instead), "utf-8")
+    done = subprocess.run(**run, text=True, capture_output=True)
+    assert re.search(r"^(?:FAILED|ERROR) \S+", done.stdout, re.MULTILINE), f"{one.rule}: {done.stdout[-2000:]}"
