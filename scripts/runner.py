@@ -212,7 +212,7 @@ def collect(path: Path, kind: type[R], keys: Sequence[Any], check: Callable[[Any
             if key in done:
                 continue
             taken, made = once(functools.partial(check, key), time.process_time)
-            new = [replace(made, seconds=round(taken, 1))] if isinstance(made, kind) else [*made]
+            new = [replace(made, seconds=round(taken, 1))] if isinstance(made, kind) else [*made]  # type: ignore[type-var]
             rows += new
             writer.writerows(map(astuple, new))
             file.flush()

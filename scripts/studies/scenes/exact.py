@@ -15,10 +15,10 @@ Truths: closed forms (elliptic functions in 60 digits, parabolas, half cosines) 
 of 19 digits, of a tree without loops. Scenes of the same block share their robots, so that there is less to compile.
 """
 
-import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import mpmath as mp
 import numpy as np
@@ -76,9 +76,8 @@ def smooth(shared: np.random.Generator, random: np.random.Generator) -> Case:
     tree, name = made.random_scene(shared, {2: 0.6, 3: 0.4}, floating=0.1)
     scene = _elsewhere(tree, random)
     method = "auto" if random.random() < AUTO else str(random.choice(list(FINEST)))
-    return Case(
-        name, scene, made.uniform(random, 1, 8), _series(scene), _accuracy(random, FINEST.get(method, -11)), method
-    )
+    one = Case(name, scene, made.uniform(random, 1, 8), partial(extended_reference, scene), method=method)
+    return replace(one, accuracy=_accuracy(random, FINEST.get(method, -11)))
 
 
 def joints(shared: np.random.Generator, random: np.random.Generator) -> Case:
@@ -92,7 +91,7 @@ def joints(shared: np.random.Generator, random: np.random.Generator) -> Case:
     else:
         tree, name = made.random_scene(shared, {2: 1.0}, floating=0.0, kinds={"continuous": 0.8, "prismatic": 0.2})
         scene = _elsewhere(tree, random)
-        one = Case(name, scene, made.uniform(random, 2, 20), _series(scene))
+        one = Case(name, scene, made.uniform(random, 2, 20), partial(extended_reference, scene))
     return _asked(one, random, -11)
 
 
@@ -111,7 +110,7 @@ def unstable(shared: np.random.Generator, random: np.random.Generator) -> Case:
         q = [math.pi, 0.0] + 10 ** random.uniform(-9, -2) * random.uniform(-1, 1, 2)
         scene = tl.Scene(robot, q, effects=[made.gravity(g[0])])
         # Beside an equilibrium two solutions of 19 digits may round alike, and agree though both are wrong.
-        truth = functools.partial(extended_reference, scene, quad=True)
+        truth = partial(extended_reference, scene, quad=True)
         one = Case("inverted double", scene, made.uniform(random, 2, 8), truth)
     return _asked(one, random, -11)
 
@@ -122,7 +121,7 @@ def toppling(shared: np.random.Generator, random: np.random.Generator) -> Case:
     method = str(random.choice([*FINEST, "auto"]))
     if "pendulum" not in one.what and one.what != "toppling" and FINEST.get(method, -11) > -6:
         method = "rk45"  # a double pendulum would take fixed steps for minutes
-    return _changed(one, method=method, accuracy=_accuracy(random, max(FINEST.get(method, -11), -9)))
+    return replace(one, method=method, accuracy=_accuracy(random, max(FINEST.get(method, -11), -9)))
 
 
 def long(shared: np.random.Generator, random: np.random.Generator) -> Case:
@@ -157,7 +156,7 @@ def limit(shared: np.random.Generator, random: np.random.Generator) -> Case:
         scene = tl.Scene(
             made.double_pendulum(rods), random.uniform(-3, 3, 2), random.uniform(-3, 3, 2), [made.gravity(9.75)]
         )
-        one = Case("double pendulum", scene, made.uniform(random, 5, 30), _series(scene))
+        one = Case("double pendulum", scene, made.uniform(random, 5, 30), partial(extended_reference, scene))
     elif kind == 1:
         one = swinging(random, str(random.choice(["revolute", "continuous"])), made.uniform(random, 100, 2000))
     elif kind == 2:
@@ -166,15 +165,15 @@ def limit(shared: np.random.Generator, random: np.random.Generator) -> Case:
         one = gantry(shared, random, 1, made.uniform(random, 1, 10))
     else:
         scene = _elsewhere(made.random_scene(shared, {2: 1.0}, floating=0.0)[0], random)
-        one = Case("tree", scene, made.uniform(random, 2, 10), _series(scene))
+        one = Case("tree", scene, made.uniform(random, 2, 10), partial(extended_reference, scene))
     method = str(random.choice(["auto", "dop853"]))
-    return _changed(one, method=method, limit=made.uniform(random, 1.02, 3.0))
+    return replace(one, method=method, limit=made.uniform(random, 1.02, 3.0))
 
 
 def between(shared: np.random.Generator, random: np.random.Generator) -> Case:
     """A few samples: the states between them are asked for."""
     one = (smooth, joints, events)[int(random.integers(3))](shared, random)
-    return _changed(one, samples=int(random.integers(1, 20)), accuracy=max(one.accuracy, 1e-10))
+    return replace(one, samples=int(random.integers(1, 20)), accuracy=max(one.accuracy, 1e-10))
 
 
 def worlds(shared: np.random.Generator, random: np.random.Generator) -> Worlds:
@@ -195,11 +194,6 @@ def worlds(shared: np.random.Generator, random: np.random.Generator) -> Worlds:
     starts = [_elsewhere(scene, random) for _ in range(WORLDS)]
     q, v = (np.array([getattr(start, name) for start in starts]) for name in "qv")
     return Worlds(scene.robot.name, scene, q, v, made.uniform(random, 1, 20), _accuracy(random, -12))
-
-
-def series(scene: tl.Scene, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The truth of a smooth scene from Taylor series."""
-    return extended_reference(scene, times)
 
 
 def swinging(random: np.random.Generator, kind: str, duration: float) -> Case:
@@ -262,7 +256,8 @@ def gantry(shared: np.random.Generator, random: np.random.Generator, rods: int, 
         return np.concatenate([angles, np.stack([x, z], axis=2).reshape(len(angles), -1)], axis=1)
 
     robot = made.robot_of(text)
-    places = [joint.q.start for name in _names(rods) for joint in robot.joints if joint.name == name]
+    start, count = {joint.name: joint.q.start for joint in robot.joints}, range(1, rods + 1)
+    places = [start[f"{kind}{k}"] for kinds in (["joint"], "xz") for k in count for kind in kinds]
     q = np.empty(robot.nq)
     q[places] = everything(q0[None])[0]
     scene = tl.Scene(robot, q, effects=[made.gravity(g), *closing])
@@ -271,7 +266,7 @@ def gantry(shared: np.random.Generator, random: np.random.Generator, rods: int, 
         square = mp.mpf(g) * (mass * com + weights[0]) / (inertia + mp.mpf(mass) * com**2 + weights[0])
         angle = _closed(truths.swing(float(q0[0]), mp.sqrt(square)))
     else:
-        angle = _series(plain)
+        angle = partial(extended_reference, plain)
 
     def truth(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         angles, doubt = angle(t)
@@ -280,10 +275,6 @@ def gantry(shared: np.random.Generator, random: np.random.Generator, rods: int, 
         return out, 2 * rods * doubt + 4e-16
 
     return Case(f"gantry, {rods} rods", scene, duration, truth)
-
-
-def _names(rods: int) -> list[str]:
-    return [f"joint{k + 1}" for k in range(rods)] + [f"{axis}{k + 1}" for k in range(rods) for axis in "xz"]
 
 
 def _closed(exact: Callable[[np.ndarray], np.ndarray], *, turns: bool = False) -> Truth:
@@ -301,10 +292,6 @@ def _of(motion: Motion) -> Case:
     return Case(motion.what, motion.scene, motion.duration, _closed(motion.exact))
 
 
-def _series(scene: tl.Scene) -> Truth:
-    return functools.partial(series, scene)
-
-
 def _elsewhere(scene: tl.Scene, random: np.random.Generator) -> tl.Scene:
     """The scene from another random state."""
     robot, lively = scene.robot, random.uniform(0.0, 3.0)
@@ -316,12 +303,8 @@ def _accuracy(random: np.random.Generator, finest: float) -> float:
     return float(10 ** random.uniform(finest, -3))
 
 
-def _changed(one: Case, **changes: object) -> Case:
-    return Case(**{**vars(one), **changes})
-
-
 def _asked(one: Case, random: np.random.Generator, finest: float, methods: tuple[str, ...] = ("auto",)) -> Case:
-    return _changed(one, accuracy=_accuracy(random, finest), method=str(random.choice(methods)))
+    return replace(one, accuracy=_accuracy(random, finest), method=str(random.choice(methods)))
 
 
 MAKERS = (smooth, joints, unstable, toppling, long, loops, events, limit, worlds, between)
