@@ -14,6 +14,7 @@ first block is written.
 """
 
 import argparse
+import itertools
 import logging
 import multiprocessing
 import resource
@@ -28,7 +29,7 @@ import numpy as np
 
 import twolink as tl
 from scripts.benchmarks.worlds import ACCURACY, FEW, beside_mujoco
-from scripts.runner import Some, once, options
+from scripts.runner import Some, once, options, seconds_of
 from twolink.dynamics.threads import thread_count
 
 DURATION = 10.0
@@ -80,17 +81,15 @@ def engines(folder: Path, given: argparse.Namespace) -> None:
     """The time by Dask over that by local processes, in turn, on workers that have begun."""
     from distributed import Client, LocalCluster
 
-    vary = releases(given.runs, 0.3)
+    vary, numbers = releases(given.runs, 0.3), itertools.count()
     with (
         LocalCluster(n_workers=thread_count(), threads_per_worker=1, dashboard_address=None) as cluster,
         Client(cluster) as client,
         ProcessPoolExecutor(thread_count(), multiprocessing.get_context("spawn")) as pool,
     ):
-        seconds: dict[str, list[float]] = {"local": [], "Dask": []}
-        for i in range(given.rounds + 1):
-            for (name, taken), executor in zip(seconds.items(), (pool, client), strict=True):
-                taken.append(swept(folder / f"{name}{i}.zarr", vary, design="list", executor=executor)[0])
-    local, dask = (statistics.median(taken[1:]) for taken in seconds.values())
+        calls = [lambda by=by: swept(folder / f"{next(numbers)}.zarr", vary, design="list", executor=by)
+                 for by in (pool, client)]  # fmt: skip
+        local, dask = seconds_of(*calls, rounds=given.rounds)
     print(f"{given.runs:,} runs: local {local:.2f} s, Dask {dask:.2f} s; ratio {dask / local:.3f}", flush=True)
 
 

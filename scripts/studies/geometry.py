@@ -86,8 +86,9 @@ def shape_of(kind: str, random: np.random.Generator) -> AnyShape | fx.Plane:
     """A random shape of a kind."""
     a, b, c = random.uniform(0.03, 0.3, 3).tolist()
     if not kind.startswith("hull"):
-        return {"sphere": fx.Sphere(a), "capsule": fx.Capsule(a, b), "cylinder": fx.Cylinder(a, b),
-                "box": fx.Box((a, b, c)), "plane": PLANE}[kind]  # fmt: skip
+        shapes: dict[str, AnyShape | fx.Plane] = {"sphere": fx.Sphere(a), "capsule": fx.Capsule(a, b), "plane": PLANE,
+                                                  "cylinder": fx.Cylinder(a, b), "box": fx.Box((a, b, c))}  # fmt: skip
+        return shapes[kind]
     cloud = random.normal(size=(int(kind.split()[-1]), 3))
     cloud *= np.array([a, b, c]) / np.linalg.norm(cloud, axis=1)[:, None]
     return fx.Convex(tuple(map(tuple, (cloud - cloud.mean(axis=0)).tolist())))

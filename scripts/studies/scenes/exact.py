@@ -25,7 +25,7 @@ import numpy as np
 
 import twolink as tl
 from scripts.studies.scenes import robots as made
-from scripts.studies.scenes.motions import Motion, between_stops, bouncing_ball, elastic_ball, stick_slip
+from scripts.studies.scenes.motions import between_stops, bouncing_ball, elastic_ball, stick_slip
 from twolink import effects as fx
 from twolink.hard import truths
 from twolink.hard.truths import extended_reference
@@ -288,8 +288,8 @@ def _closed(exact: Callable[[np.ndarray], np.ndarray], *, turns: bool = False) -
     return truth
 
 
-def _of(motion: Motion) -> Case:
-    return Case(motion.what, motion.scene, motion.duration, _closed(motion.exact))
+def _of(motion: made.Case) -> Case:
+    return Case(motion.what, motion.scene, motion.duration, _closed(motion.truth))
 
 
 def _elsewhere(scene: tl.Scene, random: np.random.Generator) -> tl.Scene:

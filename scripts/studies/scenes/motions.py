@@ -7,8 +7,7 @@ incline   a ball or a block that slides along a plane until it rolls, rests, or 
 
 import functools
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import mpmath as mp
 import numpy as np
@@ -18,16 +17,7 @@ from scripts.studies.scenes.robots import Case, accuracy_of, free_robot, gravity
 from twolink import effects as fx
 
 
-class Motion(NamedTuple):
-    """A scene, its duration [s], and its configurations (n, nq) at times (n,)."""
-
-    what: str
-    scene: tl.Scene
-    duration: float
-    exact: Callable[[np.ndarray], np.ndarray]
-
-
-def elastic_ball(random: np.random.Generator) -> Motion:
+def elastic_ball(random: np.random.Generator) -> Case:
     """A ball that bounces without loss: parabolas."""
     height, g = uniform(random, 0.3, 2.0), float(random.integers(100, 165)) / 16
 
@@ -37,10 +27,10 @@ def elastic_ball(random: np.random.Generator) -> Motion:
         return (height - g * s * s / 2)[:, None]
 
     scene = tl.Scene(slider(1.0), [height], effects=[gravity(g), fx.PlaneContact("body", restitution=1.0)])
-    return Motion("elastic ball", scene, uniform(random, 10, 200), exact)
+    return Case("elastic ball", scene, uniform(random, 10, 200), 1e-6, exact)
 
 
-def bouncing_ball(random: np.random.Generator) -> Motion:
+def bouncing_ball(random: np.random.Generator) -> Case:
     """A ball that loses speed at each bounce, until shortly before it rests."""
     height, g, e = uniform(random, 0.3, 2.0), float(random.integers(100, 165)) / 16, uniform(random, 0.5, 0.95)
     fall = math.sqrt(2 * height / g)
@@ -56,10 +46,10 @@ def bouncing_ball(random: np.random.Generator) -> Motion:
 
     rest = fall * (1 + e) / (1 - e)
     scene = tl.Scene(slider(1.0), [height], effects=[gravity(g), fx.PlaneContact("body", restitution=e)])
-    return Motion("bouncing ball", scene, min(30.0, rest * uniform(random, 0.3, 0.95)), exact)
+    return Case("bouncing ball", scene, min(30.0, rest * uniform(random, 0.3, 0.95)), 1e-6, exact)
 
 
-def between_stops(random: np.random.Generator) -> Motion:
+def between_stops(random: np.random.Generator) -> Case:
     """A mass on a spring that a stop reflects: a cosine without the part below the stop."""
     mass, stiffness = (float(random.integers(8, 32)) / 16 for _ in range(2))
     start, stop = uniform(random, 0.5, 1.5), -uniform(random, 0.05, 0.45)
@@ -72,10 +62,10 @@ def between_stops(random: np.random.Generator) -> Motion:
 
     stops = fx.JointStops({"joint": (stop, math.inf)}, restitution=1.0)
     scene = tl.Scene(slider(mass), [start], effects=[fx.JointSpring({"joint": stiffness}), stops])
-    return Motion("spring and stop", scene, uniform(random, 5, 100), exact)
+    return Case("spring and stop", scene, uniform(random, 5, 100), 1e-6, exact)
 
 
-def stick_slip(random: np.random.Generator) -> Motion:
+def stick_slip(random: np.random.Generator) -> Case:
     """A mass on a spring with dry friction: half cosines about F / k on either side, until the spring is weaker."""
     w, reach = float(random.integers(4, 40)) / 4, uniform(random, 0.01, 0.2)
     half = np.longdouble(math.pi) / w + np.longdouble(1.2246467991473532e-16) / w
@@ -89,7 +79,7 @@ def stick_slip(random: np.random.Generator) -> Motion:
 
     friction = fx.DryFriction({"joint": reach * w * w})
     scene = tl.Scene(slider(1.0), [1.0], effects=[fx.JointSpring({"joint": w * w}), friction])
-    return Motion("stick and slip", scene, uniform(random, 2, 8 * float(half)), exact)
+    return Case("stick and slip", scene, uniform(random, 2, 8 * float(half)), 1e-6, exact)
 
 
 DIGITS = 40

@@ -82,12 +82,12 @@ def attack(seconds: float) -> Figures:
         watches = [threading.Thread(target=_watch_memory, args=(figures, served, end)),
                    threading.Thread(target=_watch_latency, args=(figures, (port, bare), end))]  # fmt: skip
         for one in [*attackers, *watches]:
-            one.start()  # type: ignore[attr-defined]
+            one.start()
         for _ in attackers:
             name, counts = queue.get()
             figures.outcomes[name] = Counter(counts)
         for one in [*attackers, *watches]:
-            one.join()  # type: ignore[attr-defined]
+            one.join()
         figures.healthy = _works(served, port)
     return figures
 
