@@ -17,7 +17,7 @@ class Argument(msgspec.Struct):
     """An option of a query: what it is, and what can be chosen."""
 
     about: str
-    choices: list[str]
+    choices: list[str | bool]
 
 
 class Result(msgspec.Struct):
