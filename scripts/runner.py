@@ -21,7 +21,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import astuple, fields, replace
+from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -184,6 +184,24 @@ def processor_time(seconds: float) -> Iterator[None]:
         yield
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
+
+
+@dataclass
+class Judged:
+    """A row of a study: a scene and what came of it. worst: the largest error, over its bar where it has one."""
+
+    scene: int
+    kind: str = ""
+    what: str = ""
+    outcome: str = ""
+    why: str = ""
+    worst: float = 0.0
+    seconds: float = 0.0
+
+    @property
+    def fails(self) -> bool:
+        """Whether the answer is wrong in silence, or there is none."""
+        return self.outcome in ("WRONG", "CRASH")
 
 
 def read_rows(path: Path, kind: type[R]) -> list[R]:

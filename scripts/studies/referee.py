@@ -26,7 +26,7 @@ import pinocchio as pin
 from scipy.integrate import solve_ivp
 
 import twolink as tl
-from scripts.runner import Bars, Table, study
+from scripts.runner import Bars, Judged, Table, study
 from scripts.studies.scenes.robots import random_urdf
 from twolink import effects as fx
 from twolink.algorithms.mechanism import body_names
@@ -42,22 +42,16 @@ Made = tuple[tl.Scene, Any, str]
 """The scene that is judged, the log, and who made it."""
 
 
-@dataclass(frozen=True)
-class Row:
-    """A log and its verdict. cause: "right", "other", "none", or "" of a log that is not called wrong."""
+@dataclass
+class Row(Judged):
+    """A log, what made it, and the verdict. cause: "right", "other", "none", or "" of one that is not called wrong."""
 
-    scene: int
-    kind: str
-    maker: str
-    fault: bool
-    answer: str = ""
+    fault: bool = False
     cause: str = ""
-    words: str = ""
-    seconds: float = 0.0
 
     @property
     def fails(self) -> bool:
-        return self.answer == ("right" if self.fault else "wrong") or self.answer == "CRASH" or self.cause == "other"
+        return self.outcome in ("CRASH", "right" if self.fault else "wrong") or self.cause == "other"
 
 
 def arm(random: np.random.Generator) -> tl.Scene:
@@ -270,19 +264,19 @@ def made_of(number: int, seed: int) -> tuple[str, bool, Made, tuple[str, ...]]:
 
 def check(number: int, given: argparse.Namespace) -> Row:
     kind, fault, (scene, log, maker), words = made_of(number, given.seed)
-    row = Row(number, kind, maker, fault)
+    row = Row(number, kind, maker, fault=fault)
     begin = "log" if kind.startswith("from a") else "scene"
     try:
         verdict = tl.judge(scene, log, start=begin, tolerance=TOLERANCE, seconds=given.seconds)
     except Exception as error:  # a study counts what should not be
-        return replace(row, answer="CRASH", words=repr(error))
+        return replace(row, outcome="CRASH", why=repr(error))
     causes = [cause.what for cause in verdict.causes]
     if kind in ("mass", "inertia turned"):
         words = (f"link {maker.rpartition(', ')[2]} differs",)
     named = any(word in cause for word in words for cause in causes)
     cause = "" if verdict.answer != "wrong" else "none" if not causes else "right" if named else "other"
     said = "; ".join(causes) or (str(verdict.nearest) if verdict.nearest else "")
-    return replace(row, answer=verdict.answer, cause=cause, words=said)
+    return replace(row, outcome=verdict.answer, cause=cause, why=said)
 
 
 def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
@@ -291,7 +285,7 @@ def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
         table = Table("kind <22 | logs >4 | right >5 | wrong >5 | not known >9 | cause right >11 | other >5 | none >4")
         for kind in dict.fromkeys(row.kind for row in rows if row.fault == fault):
             own = [row for row in rows if row.fault == fault and row.kind == kind]
-            answers, causes = (collections.Counter(getattr(row, name) for row in own) for name in ("answer", "cause"))
+            answers, causes = (collections.Counter(getattr(row, name) for row in own) for name in ("outcome", "cause"))
             counts = (
                 *(answers[x] for x in ("right", "wrong", "not known")),
                 *(causes[x] for x in ("right", "other", "none")),

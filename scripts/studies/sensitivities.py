@@ -16,14 +16,14 @@ out/sensitivities-SEED.csv. Ends 0 if no bar fails.
 import argparse
 import time
 from collections.abc import Callable
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 import twolink as tl
 from scripts.heyoka_peer import heyoka, system_of
-from scripts.runner import Bars, Table, study
+from scripts.runner import Bars, Judged, Table, study
 from scripts.studies.scenes.exact import Case, events, joints, loops, smooth, unstable
 from twolink import effects as fx
 from twolink.algorithms.mechanism import nominal, parameter_names
@@ -51,19 +51,14 @@ LOAD = fx.Payload("forearm", 1.0, (0.0, 0.0, 0.3))
 
 
 @dataclass
-class Row:
+class Row(Judged):
     """A scene and what came of it. worst: the largest error over its bar. tightness: bars over errors at the end."""
 
-    scene: int
-    kind: str
-    what: str
     outcome: str = "compared"
     columns: int = 0
     samples: int = 0
     failed: int = 0
-    worst: float = 0.0
     tightness: str = ""
-    seconds: float = 0.0
 
     @property
     def fails(self) -> bool:
@@ -255,9 +250,10 @@ def compare(row: Row, runs: Beside, s: tl.Sensitivities, name: str, column: int)
 def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
     """The scenes, and what they say together."""
     table = Table("scene >5 | kind <9 | what <28 | outcome <24 | columns >7 | samples >7 | beyond >6 | worst >8.2g | "
-                  "tightness <20 | s >6.1f")  # fmt: skip
+                  "s >6.1f")  # fmt: skip
     for row in rows:
-        table.add(*astuple(replace(row, what=row.what[:28])))
+        table.add(row.scene, row.kind, row.what[:28], row.outcome, row.columns, row.samples, row.failed, row.worst,
+                  row.seconds)  # fmt: skip
     failing, tight = sum(row.fails for row in rows), [float(x) for row in rows for x in row.tightness.split()]
     compared, columns, samples = (
         sum(x) for x in zip(*((r.samples > 0, r.columns, r.samples) for r in rows), strict=True)

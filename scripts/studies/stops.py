@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 import twolink as tl
-from scripts.runner import Bars, study
+from scripts.runner import Bars, Judged, study
 from scripts.studies.scenes.robots import random_urdf
 from twolink import effects as fx
 
@@ -32,21 +32,6 @@ FINER = 25  # smaller steps, where the answer is elsewhere: two impacts within o
 APART = 0.02  # rad or m: two steps that differ by more say nothing
 WITHIN, LEAST = 6.0, 1e-4  # an answer may differ from the finer steps by so many times what these differ, and so much
 SWEEPS = 60
-
-
-@dataclass(frozen=True)
-class Row:
-    """A scene and what came of it. away: how far the answer is from the finer steps, rad or m."""
-
-    scene: int
-    outcome: str
-    why: str = ""
-    away: float = 0.0
-    seconds: float = 0.0
-
-    @property
-    def fails(self) -> bool:
-        return self.outcome in ("WRONG", "CRASH")
 
 
 @dataclass(frozen=True)
@@ -130,8 +115,8 @@ def _with_impulses(free: np.ndarray, inverse: np.ndarray, wanted: np.ndarray, lo
     return v
 
 
-def check(number: int, given: argparse.Namespace) -> Row:
-    """The outcome of a scene, why, and how far the answer is from the finer steps."""
+def check(number: int, given: argparse.Namespace) -> Judged:
+    """The outcome of a scene, why, and how far the answer is from the finer steps, rad or m."""
     one = arm(np.random.default_rng([given.seed, number // BLOCK]))
     random = np.random.default_rng([given.seed, 1_000_000 + number])
     share = random.uniform(0.0, 1.0, one.robot.nq)
@@ -141,19 +126,19 @@ def check(number: int, given: argparse.Namespace) -> Row:
     try:
         run = tl.simulate(one.scene(q, v, duration), samples_per_second=50)
     except tl.errors.TwolinkError as error:
-        return Row(number, "refused", error.code)
+        return Judged(number, outcome="refused", why=error.code)
     except Exception as error:  # a study counts what should not be
-        return Row(number, "CRASH", repr(error))
+        return Judged(number, outcome="CRASH", why=repr(error))
     for step in (STEP, STEP / FINER):
         every = [stepped(one, q, v, duration, h, run.t) for h in (step, step / 2)]
         apart, away = (float(np.abs(a - b).max()) for a, b in ((every[0], every[1]), (run.q, every[1])))
         why = f"{len(run.events)} events, steps of {step:g} s {apart:.1e}"
         if apart > APART or away <= WITHIN * apart + LEAST:
-            return Row(number, "apart" if apart > APART else "agrees", why, away)
-    return Row(number, "WRONG", why, away)
+            return Judged(number, outcome="apart" if apart > APART else "agrees", why=why, worst=away)
+    return Judged(number, outcome="WRONG", why=why, worst=away)
 
 
-def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
+def show(rows: list[Judged], _given: argparse.Namespace) -> Bars:
     """How often each outcome came."""
     print(dict(collections.Counter(row.outcome for row in rows)))
     bad = sum(row.fails for row in rows)
@@ -161,4 +146,4 @@ def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
 
 
 if __name__ == "__main__":
-    raise SystemExit(study(__doc__, "stops", Row, check, show, scenes=120))
+    raise SystemExit(study(__doc__, "stops", Judged, check, show, scenes=120))
