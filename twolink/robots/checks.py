@@ -153,7 +153,7 @@ def _relative_pivots(matrix: np.ndarray) -> np.ndarray:
             continue
         pivots[i] = work[i, i] / diagonal[i]
         row = work[i, :i].copy()
-        work[:i, :i] -= np.outer(row, row) / work[i, i]
+        work[:i, :i] -= np.outer(row, row / work[i, i])  # in this order large numbers do not overflow
     return pivots
 
 
