@@ -184,7 +184,7 @@ def test_ctrl_c_keeps_the_best_so_far(monkeypatch: pytest.MonkeyPatch, capsys: p
         if done == 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("twolink.cli.evidence.progress_bar", lambda: contextlib.nullcontext(press))
+    monkeypatch.setattr("twolink.parts.design.commands.progress_bar", lambda: contextlib.nullcontext(press))
     assert command(monkeypatch, "pitch") == 130
     out, err = capsys.readouterr()
     assert "after 2 throws" in out

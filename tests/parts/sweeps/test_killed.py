@@ -25,7 +25,7 @@ ELBOWS = [float(i) for i in range(8)]
 FUNCTIONS = "tests.parts.sweeps.run_functions"
 CLIENT = """
 import sys, twolink as tl
-tl.sweep(tl.load_scene("arm-swing"), {{"q.elbow": {elbows}}}, {out!r}, duration=0.01, chunk=1, workers=2,
+tl.sweep(tl.load_scene("arm-swing"), 0.01, vary={{"q.elbow": {elbows}}}, out={out!r}, chunk=1, workers=2,
          outputs=["final", "{functions}:slow_start"], executor={executor!r})
 """
 
