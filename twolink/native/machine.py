@@ -183,10 +183,11 @@ class SmallBatch:
         self._program, self._registers = program, _Registers(program, program.widest(rows))  # which do not keep it
         self._before = (*self._registers.arguments[:2], self._registers.width, self._registers.handle.value)
         self._after = (len(inputs), _blocks(self.inputs), len(outputs), _blocks(self.outputs))
+        self._call = library().tl_columns
 
     def run(self, count: int) -> None:
         """Compute the first `count` rows."""
-        require(library().tl_columns(*self._before, count, *self._after), "a program")
+        require(self._call(*self._before, count, *self._after), "a program")
 
 
 class _Registers:
