@@ -53,6 +53,7 @@ def _apart(stepper: ContactStepper) -> ContactStepper:
 
 
 def _stepper_of(scene: Scene) -> ContactStepper:
+    """The stepper of a scene, made anew. Raises SceneError for what cannot be stepped."""
     effects = [effect for effect in scene.effects if isinstance(effect, Contact)]
     if any(effect.impacts == "reflections" for effect in effects):
         raise SceneError('Contact with impacts="reflections" is not stepped: expected "newton", one impulse a step',
