@@ -124,7 +124,7 @@ def main() -> None:
     names, states = (*MODELS[:3], "chain30") if given.quick else (*MODELS, *CHAINS), given.states
     queries: tuple[str, ...] = ("forward_dynamics", "inverse_dynamics")
     if given.derivatives:
-        names, queries, states = [name for name in names if robot_of(name).nv < 20], (DERIVATIVES,), states // 10
+        names, queries, states = [name for name in names if robot_of(name).nv < 31], (DERIVATIVES,), states // 10
     print(f"{states} states, {thread_count()} threads, medians of {given.rounds} rounds")
     table = Table("robot <8 | query <28 | nv >3 | operations >10 | who <31 | ns >10.1f | times >8.2f | error >7.0e")
     for name in names:

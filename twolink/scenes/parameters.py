@@ -70,7 +70,10 @@ def named_parameters(scene: Scene, names: Iterable[str], argument: str, others: 
 
     Raises SceneError, code "unknown-parameter", with the nearest right name, of parameters or of `others`.
     """
-    known, found = parameters_of(scene), []
+    names, found = list(names), list[Parameter]()
+    if not names:
+        return found
+    known = parameters_of(scene)
     known |= {one.name: one for one in _constants(moments(scene.robot.model), acts=False)}
     for name in names:
         parameter = known.get(name) or _value_of_table(scene, str(name))

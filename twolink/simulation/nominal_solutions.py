@@ -19,8 +19,10 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import effect_loads, motion_of
 from twolink.integrate.motion.scene_equations import with_parameters
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solver import solve
+from twolink.integrate.solution import Solution
+from twolink.integrate.solver import has_columns, solve
 from twolink.integrate.solvers.method_choice import MethodChoice
+from twolink.integrate.steps.companions import Companions
 from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation, disturbed_solutions, finer_solution
 from twolink.simulation.error_bar import DISTURBED, SAFETY
@@ -69,6 +71,7 @@ class NominalSolutions:
         dense = cast("DenseOutput", run.solution)
         self._choice = MethodChoice(METHODS[dense.method], dense.setting, "", dense.precision)
         plain = Second(self._choice, NO_PERTURBATION)
+        self._columns: tuple[Solution, Companions] | None = None
         self.first = _nominal_of(dense, float(run.t[-1]), plain)
         if equations.has_events:
             self.first = self._solved(plain, dense.t)
@@ -144,7 +147,25 @@ class NominalSolutions:
         """A second solution, at the times of the legs, between them, and at other ones (n,)."""
         times = np.unique(np.concatenate([leg.t for leg in legs]))
         every = np.union1d(times, 0.5 * (times[:-1] + times[1:]))
-        return self._solved(second, every if others is None else np.union1d(every, others))
+        every = every if others is None else np.union1d(every, others)
+        return self._column(second, every) or self._solved(second, every)
+
+    def _column(self, second: Second, times: Array) -> NominalSolution | None:
+        """A second solution as a column of one batch with all others; None where it is solved by itself."""
+        equations, choice, own = self.equations, self._choice, second.perturbation
+        method, setting, precision = choice.method, choice.setting, choice.precision
+        if equations.has_events or equations.sampling is not None or not has_columns(equations, method, precision):
+            return None
+        if self._columns is None:
+            start = equations.start[: equations.moving]
+            beside = Companions.of(tuple(one.perturbation for one in self.second_ones()), times, start, stride=1)
+            self._columns = solve(equations, method, times, setting, None, precision, companions=beside), beside
+        solution, beside = self._columns
+        x = beside.x[:, beside.perturbations.index(own)].T
+        if not (np.isfinite(x).all() and np.array_equal(beside.t, times)):
+            return None  # alone it says why it cannot be solved
+        dense = DenseOutput(solution.segments, times, x, method.name, setting, precision)
+        return _nominal_of(dense, float(times[-1]), second)
 
     def _solved(self, second: Second, times: Array) -> NominalSolution:
         """A solution, with its jumps."""
@@ -196,8 +217,8 @@ def bound(distances: Sequence[Array], share: float = 1.0) -> Array:
 
     share: of the distance to the finer solution, where the result is nearer to the truth than the run is.
     """
-    rounding = np.max(distances[1:], axis=0) if len(distances) > 1 else 0.0
-    return np.asarray(SAFETY * share * distances[0] + DISTURBED[len(OTHERS)] * rounding)
+    finer, *disturbed = distances
+    return np.asarray(SAFETY * share * finer + DISTURBED[len(disturbed)] * np.max(disturbed, axis=0))
 
 
 def _alike(ours: Sequence[tuple[object, float]], theirs: Sequence[tuple[object, float]]) -> int:

@@ -199,7 +199,7 @@ def sensitivities_at(
     wanted, equations = wanted_of(scene, wrt), equations_of(scene)
 
     def attempt(own: Equations, run: Trajectory, tolerance: float) -> tuple[Sensitivities, float]:
-        return _with_bars(SensitivityRun(run, own, wanted, tolerance), accuracy)
+        return _with_bars(SensitivityRun(run, own, wanted, tolerance, accuracy), accuracy)
 
     return refined(scene, equations, times, accuracy, attempt, progress, numbers_as_inputs=numbers_as_inputs)
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from twolink.integrate.derivatives.variational_legs import Leg
 from twolink.integrate.motion.equations import Equations
+from twolink.simulation.error_bar import DISTURBED, ENOUGH
 from twolink.simulation.nominal_solutions import NominalSolution, NominalSolutions, Second, bound
 from twolink.simulation.sensitivity_names import Wanted
 from twolink.simulation.trajectory import Trajectory
@@ -25,8 +26,11 @@ class SensitivityRun:
     safety; s (n, 2 nv, k), at the samples of the run.
     """
 
-    def __init__(self, run: Trajectory, equations: Equations, wanted: Wanted, tolerance: float) -> None:
+    def __init__(
+        self, run: Trajectory, equations: Equations, wanted: Wanted, tolerance: float, accuracy: float
+    ) -> None:
         self.run, self.wanted, self.tolerance, self._rows = run, wanted, tolerance, equations.space.tangent
+        self._little = ENOUGH * accuracy  # rounding for which one disturbed solution tells enough
         self._compared = 2 * equations.space.nv  # rows of q and v, not those of states of effects
         self._nominals = NominalSolutions(run, equations, wanted)
         self._nominal = nominal = self._nominals.first
@@ -57,7 +61,13 @@ class SensitivityRun:
 
     def _distance(self, legs: Sequence[Leg], states: Sequence[np.ndarray]) -> np.ndarray:
         """The largest distance to second solutions of each column at the times of all legs, (m, k), times a factor."""
-        distances = [self._distance_to(legs, states, one) for one in self._nominals.second_ones()]
+        distances = list[np.ndarray]()
+        for one in self._nominals.second_ones():
+            distances.append(self._distance_to(legs, states, one))
+            if len(distances) == 2 and not self._nominal.jumps:
+                finer, disturbed = (one.max(axis=0) for one in distances)
+                if (DISTURBED[1] * disturbed <= np.maximum(self._little, OF_FINER * finer)).all():
+                    break
         return bound(distances, 1.0 if self._nominal.jumps else OF_FINER)
 
     def _distance_to(self, legs: Sequence[Leg], states: Sequence[np.ndarray], second: Second) -> np.ndarray:

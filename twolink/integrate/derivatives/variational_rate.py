@@ -2,8 +2,8 @@
 
     x' = f(t, x, p),   S' = (df/dx) S + (df/dp) dp
 
-The traced rate is run on dual numbers: no matrix df/dx is formed. One evaluation serves several directions, which share
-the value.
+The traced rate is run on dual numbers, along the entries of x and p: their zeros fold away. One evaluation serves
+several directions, which share the value and the matrices.
 """
 
 import time
@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twolink.algorithms.dual_numbers import Dual, DualNamespace, derivative
+from twolink.algorithms.spatial import plus, times
 from twolink.errors import CertificationError, SceneError
 from twolink.integrate.motion.effect_numbers import nominal_vector, physical
 from twolink.integrate.motion.equations import Equations
@@ -103,11 +104,12 @@ def traced_variation(equations: Equations, width: int, driven: int, rows: Array,
         rows, np.cumsum(row_sizes(equations, width, driven))[:-1]
     )
     equations = replace(equations, sides=tuple(sides))
-    by_value, by_entry = directions.reshape(width, driven + count).T, tangents.reshape(width, moving).T
-    state = [Dual(a, list(d)) for a, d in zip(x, by_entry, strict=True)]
-    state += [Dual(a, [0.0] * width) for a in numbers[:constant]]
-    state += [Dual(a, list(d)) for a, d in zip(numbers[constant:], by_value[:driven], strict=True)]
-    constants = {n: Dual(a, list(d)) for n, a, d in zip(equations.parameters, values, by_value[driven:], strict=True)}
+    changes = np.concatenate([tangents.reshape(width, moving), directions.reshape(width, driven + count)], axis=1)
+    units = iter(np.eye(changes.shape[1]).tolist())  # of df/dx and df/dp, which serve all directions
+    state = [Dual(a, next(units)) for a in x]
+    state += [Dual(a, [0.0] * changes.shape[1]) for a in numbers[:constant]]
+    state += [Dual(a, next(units)) for a in numbers[constant:]]
+    constants = {name: Dual(a, next(units)) for name, a in zip(equations.parameters, values, strict=True)}
     whole = np.empty(len(state), dtype=object)
     whole[:] = state
     try:
@@ -115,8 +117,8 @@ def traced_variation(equations: Equations, width: int, driven: int, rows: Array,
     except TypeError as error:  # a number that is used as a constant
         raise SceneError(f"one of {', '.join(equations.parameters)} is used as a constant", argument="wrt",
                          remedy="leave it out", code="sensitivities-constant") from error  # fmt: skip
-    tangent_rows = [[entry.tangents[i] if entry.tangents else 0.0 for entry in out] for i in range(width)]
-    return [*(entry.value for entry in out), *(e for row in tangent_rows for e in row)]
+    along = [plus(*map(times, entry.tangents, change)) for change in changes for entry in out]
+    return [*(entry.value for entry in out), *along]
 
 
 def certify_variation(equations: Equations, code: Any, width: int, driven: int) -> None:
