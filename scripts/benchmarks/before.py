@@ -32,7 +32,7 @@ CALLS = {
     "sensitivities of arm-swing": "scene = tl.load_scene('arm-swing')\n"
     "call = lambda: tl.sensitivities(scene, wrt=['q', 'v'], accuracy=1e-9)",
     "100 worlds of arm-swing": "scene = tl.load_scene('arm-swing')\n"
-    "q = np.asarray(scene.q) + 1e-3 * np.arange(100)[:, None]\ncall = lambda: tl.simulate_many(scene, q)",
+    "q = np.asarray(scene.q) + 1e-3 * np.arange(100)[:, None]\ncall = lambda: tl.simulate_many(scene, q=q)",
     "linearize arm-swing": "scene = tl.load_scene('arm-swing')\ncall = lambda: tl.linearize(scene)",
     "load_robot of ur5": "call = lambda: tl.load_robot('ur5')",
 }  # fmt: skip
