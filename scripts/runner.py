@@ -119,8 +119,8 @@ def new_process(code: str, *arguments: str, cache: str | None = None, **more: An
     """
     with contextlib.nullcontext(cache) if cache else tempfile.TemporaryDirectory() as folder:
         environment = {"OPENBLAS_NUM_THREADS": "1", **os.environ, "TWOLINK_CACHE": folder}
-        return subprocess.run([sys.executable, "-c", code, *arguments], env=environment, cwd=TOP, text=True,
-                              **({"capture_output": True} | more))  # fmt: skip
+        return subprocess.run([sys.executable, "-c", code, *arguments], env=environment, text=True,
+                              **({"capture_output": True, "cwd": TOP} | more))  # fmt: skip
 
 
 def tests_of_a_copy(folder: Path, arguments: Sequence[str]) -> dict[str, Any]:

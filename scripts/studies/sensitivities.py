@@ -9,8 +9,8 @@ from those of the robot and of the effects.
 Truth: differences of order 8 and 6 of tight runs beside the scene, in quad precision where the scene is smooth, by
 code that takes the scene's constants as inputs and so is compiled once for all of them.
 Their distance is the truth's own doubt; samples where it is above a tenth of the bar do not count, such as those beside
-an event. A bar fails where one entry of a sample is farther from the truth than it says. Rows go to
-out/sensitivities-SEED.csv. Ends 0 if no bar fails.
+an event, and those where an unstable motion has carried the runs beside it far away. A bar fails where one entry of a
+sample is farther from the truth than it says. Rows go to out/sensitivities-SEED.csv. Ends 0 if no bar fails.
 """
 
 import argparse
@@ -46,6 +46,7 @@ STEP, SMOOTH_STEP = 1e-3, 2e-3  # of differences through events, and without any
 TIGHT, QUAD = 1e-13, 1e-22  # accuracy of runs in double precision, tolerance of those in quadruple precision
 ROUNDING = 1e-12  # relative: of differences in the tangent space
 NEARER = 0.01  # of the step, where what is moved so far cannot exist
+FARTHEST = 1.0  # rad or m, between the outermost runs: beyond it differences of all orders agree on what is wrong
 FEWEST = 50  # steps in quadruple precision, where the size of a step may be misjudged at symmetric rest
 LOAD = fx.Payload("forearm", 1.0, (0.0, 0.0, 0.3))
 
@@ -172,6 +173,7 @@ class Beside:
         rounding = 1e-16 * value if self.precise else TIGHT * (1.0 + np.abs(own).max(axis=1))  # of what is moved
         doubt = np.abs(best - differences(SIXTH)).max(axis=1)
         doubt += (rounding / h + ROUNDING) * (1.0 + np.abs(best).max(axis=1))
+        doubt[np.abs(8 * h * best).max(axis=1) > FARTHEST] = np.inf
         return best, np.nan_to_num(doubt, nan=np.inf)
 
 

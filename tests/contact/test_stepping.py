@@ -187,6 +187,17 @@ def test_without_an_accuracy_the_best_effort_is_returned_with_its_estimate() -> 
     assert run.error[-1] < 0.2 * quick.error[-1]
 
 
+def test_how_small_steps_become_is_no_matter_of_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The steps of a run without an accuracy are as many on every machine that is not slow beyond patience."""
+    monkeypatch.setattr(stepped_run, "WORK", 1e5)
+    scene = tl.load_scene("dominoes")
+    one, other = (tl.simulate(scene, 0.1, patience=patience) for patience in (10.0, 1000.0))
+    assert one.cost is not None
+    assert other.cost is not None
+    assert one.cost.why == other.cost.why
+    np.testing.assert_array_equal(one.q, other.q)
+
+
 def test_finer_runs_that_are_elsewhere_refute_an_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two runs of long steps agree by chance; every one of shorter steps ends elsewhere, as where motion is chaotic."""
     solve, ends = stepped_run.solve_stepped, itertools.count(1)

@@ -79,6 +79,15 @@ def test_bars_of_pendulums_hold_over_an_hour(method: str, start: float, duration
     assert (error <= run.error[some]).all()
 
 
+def test_the_bar_of_a_swing_whose_samples_are_in_step_with_it() -> None:
+    """Every sixth sample is where it is fast and its error large; each second look at rounding missed these by 3.6."""
+    (scene, w0), duration = upright(2.854, mass=0.75, length=0.625, inertia=0.1875, g=9.9375), 321.861
+    run = best(scene, duration, 1.0753e-9, "dop853", 60 / duration)
+    error = truths.configuration_error(truths.swing(2.854, w0))(scene.robot, StateHistory(run.t, run.q, run.v))
+    assert run.error is not None
+    assert (error <= run.error).all()
+
+
 @pytest.mark.parametrize("many", [False, True])
 def test_the_bar_of_a_pendulum_that_turns_freely(many: bool) -> None:
     """At its end the angle from the second solution is a few 1e-9, for which pin.difference returns 0."""

@@ -90,6 +90,9 @@ class FieldSurface:
         across = np.cross(self.triangles[..., 1, :] - self.triangles[..., 0, :],
                           self.triangles[..., 2, :] - self.triangles[..., 0, :])  # fmt: skip
         n = self.normals = across / np.linalg.norm(across, axis=-1)[..., None]
+        self._along = np.roll(self.triangles, -1, axis=-2) - self.triangles
+        self._per_along = self._along / np.square(self._along).sum(axis=-1, keepdims=True)
+        self._inward = np.cross(n[..., None, :], self._along)
         kinds = ((low, far, n[:, :, 1], n[:, :, 0]), (x[:-1, 1:-1], x[1:, 1:-1], n[:, 1:, 0], n[:, :-1, 1]),
                  (x[1:-1, :-1], x[1:-1, 1:], n[:-1, :, 0], n[1:, :, 1]))  # fmt: skip
         start, end, on_left, on_right = (np.concatenate([kind[part].reshape(-1, 3) for kind in kinds])
@@ -125,29 +128,29 @@ class FieldSurface:
         below = self.below(x)
         return np.inf if below is None else float(below[1] @ (x - below[0]))
 
+    def nearest(self, x: Array, cells: tuple[slice, slice]) -> Array:
+        """The points (n, 3) of the triangles of cells that are nearest to a point."""
+        a, along = self.triangles[cells].reshape(-1, 3, 3), self._along[cells].reshape(-1, 3, 3)
+        away, inward = x - a, self._inward[cells].reshape(-1, 3, 3)
+        share = np.einsum("nij,nij->ni", away, self._per_along[cells].reshape(-1, 3, 3))
+        on_edges = a + np.minimum(np.maximum(share, 0.0), 1.0)[..., None] * along
+        far = on_edges - x
+        best = on_edges[np.arange(len(a)), np.einsum("nij,nij->ni", far, far).argmin(axis=1)]
+        inside = (np.einsum("nij,nij->ni", inward, away) >= 0.0).all(axis=1)
+        n = self.normals[cells].reshape(-1, 3)
+        foot = x - np.einsum("ni,ni->n", n, away[:, 0])[:, None] * n
+        return np.asarray(np.where(inside[:, None], foot, best))
+
     def supports(self, p: Array, n: Array) -> bool:
         """True if the triangles at a point of the surface lie below the plane across n."""
-        triangles = self.triangles[self.cells(p - SAME, p + SAME)].reshape(-1, 3, 3)
-        beside = np.linalg.norm(nearest_of_triangles(p, triangles) - p, axis=1) <= SAME
-        way = triangles[beside].reshape(-1, 3) - p
-        return bool((way @ n <= LEVEL * np.linalg.norm(way, axis=1) + SAME**2).all())
+        cells = self.cells(p - SAME, p + SAME)
+        off = self.nearest(p, cells) - p
+        beside = np.einsum("ni,ni->n", off, off) <= SAME**2
+        way = self.triangles[cells].reshape(-1, 3, 3)[beside].reshape(-1, 3) - p
+        return bool((way @ n <= LEVEL * np.sqrt(np.einsum("ni,ni->n", way, way)) + SAME**2).all())
 
 
 @functools.lru_cache(maxsize=16)
 def surface_of(field: HeightField) -> FieldSurface:
     """The surface of a field."""
     return FieldSurface(field)
-
-
-def nearest_of_triangles(x: Array, triangles: Array) -> Array:
-    """The points (n, 3) of triangles (n, 3, 3) that are nearest to a point."""
-    a, ends = triangles, np.roll(triangles, -1, axis=1)
-    along = ends - a
-    share = np.einsum("nij,nij->ni", x - a, along) / np.einsum("nij,nij->ni", along, along)
-    on_edges = a + np.clip(share, 0.0, 1.0)[..., None] * along
-    across = np.cross(along[:, 0], along[:, 1])
-    across /= np.linalg.norm(across, axis=1)[:, None]
-    foot = x - np.einsum("ni,ni->n", across, x - a[:, 0])[:, None] * across
-    inside = (np.einsum("nij,nij->ni", np.cross(across[:, None], along), foot[:, None] - a) >= 0.0).all(axis=1)
-    best = np.linalg.norm(on_edges - x, axis=2).argmin(axis=1)
-    return np.asarray(np.where(inside[:, None], foot, on_edges[np.arange(len(a)), best]))

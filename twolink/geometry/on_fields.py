@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from twolink.algorithms.namespaces import Array
-from twolink.geometry.fields import FARTHER, LEVEL, SAME, FieldSurface, nearest_of_triangles
+from twolink.geometry.fields import FARTHER, LEVEL, SAME, FieldSurface
 from twolink.geometry.hulls import Hull, TouchPoint, hull_of
 from twolink.robots.collisions import AnyShape, Box, Capsule, Convex, Cylinder, Sphere
 
@@ -36,7 +36,7 @@ class FieldBody:
         balls = corners[: 0 if self.rims else len(corners)]
         found = [touch for k, x in enumerate(balls) for touch in self._of_corner(surface, k, x, reach)]
         ridges = surface.ridges_in(low, high) if self.line or self.hull else surface.ridges[:0]
-        peaks = np.unique(ridges.reshape(-1, 3), axis=0)
+        peaks = np.unique(ridges.reshape(-1, 3), axis=0) if len(ridges) else np.empty((0, 3))
         if self.line and len(ridges):
             found += _of_line(surface, corners, self.radius, ridges, peaks, rims=self.rims)
         if self.rims:
@@ -53,7 +53,7 @@ class FieldBody:
         triangles, normals = surface.triangles[cells].reshape(-1, 3, 3), surface.normals[cells].reshape(-1, 3)
         if deep - self.radius > reach and not len(triangles):
             return
-        on, heights = nearest_of_triangles(x, triangles), np.einsum("ni,ni->n", normals, x - triangles[:, 0])
+        on, heights = surface.nearest(x, cells), np.einsum("ni,ni->n", normals, x - triangles[:, 0])
         if self.radius > 0.0 and deep > 0.0:
             far = np.linalg.norm(x - on, axis=1)
             rows = np.flatnonzero(far - self.radius < reach)

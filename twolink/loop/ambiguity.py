@@ -1,17 +1,17 @@
 """Ambiguous ticks: answers of a controller that differ between solutions by more than continuity explains.
 
-And loops whose solutions part as those of an unstable one do.
+And growth: solutions of an unstable loop part by e^(rate t) until they are as far apart as the motion is large. A
+stable loop forgets the rounding of every step, and what no feedback holds grows as a power of time, no faster than t^3.
 
 Where |du| is the distance of the answers and |dx| that of the states so far, |du| / |dx| of a continuous controller is
 about its gain. At a threshold or the edge of a quantizer it is larger by orders: |dx| is rounding, |du| is not.
 """
 
 import copy
+import math
 from typing import Any
 
 import numpy as np
-
-from twolink.loop.growth import growth
 
 Array = np.ndarray[Any, np.dtype[Any]]
 BLOCK = 512  # ticks that are looked at together
@@ -20,6 +20,11 @@ MANY = 8  # ticks that have a median
 FIRST, FIRST_STEPPED = 1e6, 1e2  # of solutions that differ by rounding, and of those of other steps
 ANSWERED = 0.9  # of the ticks: a controller that answers equally to states that differ leaves them alone
 SMALL = 1e-12  # relative: a smaller |du| is rounding
+POWER = 3.0  # of the time, at most, where nothing is unstable
+LEAST = 100.0  # times that power: growth that tells
+PARTS = 60  # of the time that are looked at
+JUMPS = 2  # between two times, which may be an impact or a threshold: they do not count
+FORGOTTEN = 0.01  # of the largest distance: smaller ones in the last quarter have been brought together again
 
 
 class Ambiguity:
@@ -97,3 +102,20 @@ class Ambiguity:
             else:
                 self._ratio = max(self._ratio, ratio)
         self._apart, self._sizes = dx[-1], np.array([size_u[-1], size_x[-1]])
+
+
+def growth(t: Array, apart: Array) -> tuple[float, float] | None:
+    """From when distances (n,) at times (n,) grow as those of an unstable loop, s, and their rate, 1/s; or None."""
+    known = (apart > 0.0) & np.isfinite(apart) & (t > t[0])
+    t, apart = t[known], apart[known]
+    if len(t) < JUMPS + 3 or apart[t >= 0.75 * t[-1]].max() < FORGOTTEN * apart.max():
+        return None
+    every = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], PARTS)))
+    t, size = t[every], np.log(np.maximum.accumulate(apart))[every]
+    beyond = size - POWER * np.log(t)
+    end = int(np.argmax(beyond - np.minimum.accumulate(beyond)))
+    begin = int(np.argmin(beyond[: end + 1]))
+    rises = np.sort(np.diff(beyond[begin : end + 1]))
+    if len(rises) <= JUMPS or rises[:-JUMPS].sum() < math.log(LEAST):
+        return None
+    return float(t[begin]), float(np.polyfit(t[begin : end + 1], size[begin : end + 1], 1)[0])

@@ -22,12 +22,13 @@ from twolink.simulation.trajectory import Trajectory
 
 METHOD = "stepped"
 FIRST = 1e-2  # s: the first step
-STEPS = 200_000  # of a run that an accuracy may call for
+STEPS = 200_000  # of a run
+WORK = 3_000_000  # steps times degrees of freedom of a run, where no accuracy is asked for: as many on every machine
 PARTING = 2.0  # of the distance to a run of much smaller steps: STEPPED covers it where errors follow the step
 STRIDE = 32.0  # by which the step is made smaller at most before the error is looked at again
 SMALLER = 4.0  # by which it is where a run has failed
 ENOUGH = 1e-6  # rad, m: an estimate that is good enough where no accuracy is asked for
-PATIENCE = 20.0  # s of wall clock for a smaller one
+PATIENCE = 20.0  # s of wall clock for a smaller one, which steps in Python alone may take
 HELPS = 0.9  # of the last estimate: smaller steps help below it
 TRIES = 2  # of smaller steps that do not help: chaotic motions have no smaller estimates
 BLOWN_UP = 1e3  # rad, m: distances above tell of steps that are too long for stiff forces
@@ -138,7 +139,7 @@ class _StepRefinement:
                 continue
             if self.last <= (self.accuracy or ENOUGH):
                 return run
-            wanted = self._wanted(now / 2, fine[1])
+            wanted = self._wanted(fine[0].step, fine[1])
             if wanted is None:
                 return self._ended(now / 2)
             coarse, halvings = fine, halvings + 1
@@ -170,7 +171,10 @@ class _StepRefinement:
     def _smallest(self, now: float, seconds: float) -> float:
         """The smallest step that there are steps and time for. seconds: of a run with steps now."""
         left = self.patience - (time.perf_counter() - self.began)
-        return max(self.span / STEPS, seconds * now / left) if left > 0.0 else math.inf
+        if left <= 0.0:
+            return math.inf
+        most = STEPS if self.accuracy is not None else min(STEPS, WORK / max(1, self.scene.robot.nv))
+        return max(self.span / most, seconds * now / left)
 
     def _wanted(self, now: float, seconds: float) -> float | None:
         """The step that the accuracy calls for; None where it is too small, or smaller ones do not help."""

@@ -16,7 +16,7 @@ from twolink.integrate.motion.state import Array, StateSpace
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.solver import goes_side_by_side, has_columns, solve, solve_with_companions
 from twolink.integrate.solvers.method_choice import MethodChoice
-from twolink.integrate.steps.companions import SELDOM, Companions
+from twolink.integrate.steps.companions import OFTEN, SELDOM, Companions
 from twolink.integrate.steps.perturbation import (
     NO_PERTURBATION,
     RESTARTED,
@@ -143,7 +143,8 @@ class Verification:
             each = np.concatenate([distances(space, own, x[:, :, :1]), distances(space, undisturbed, x[:, :, 1:])],
                                   axis=1)  # fmt: skip
             if not taylor:  # between two checks, what the later one shows
-                each[1:, 1:] = each[companions.seldom, 1:].repeat(SELDOM, axis=0)[-len(each) + 1 :]
+                seen = each[companions.seldom, OFTEN:].repeat(companions.stride, axis=0)
+                each[1:, OFTEN:] = seen[-len(each) + 1 :]
             run = replace(run, verify_seconds=run.verify_seconds + spent)
             if self._is_enough(count, each):
                 break
@@ -152,8 +153,8 @@ class Verification:
 
     def _is_enough(self, count: int, each: Array) -> bool:
         """True if so many disturbed solutions suffice: more of them could not lessen the bar by much, or not enough."""
-        far, most = float(each[-1, 1:].max()), max(IN_COLUMNS)
-        return bool(DISTURBED[count] * far <= max(ENOUGH * self._accuracy, each[-1, 0])
+        far, most = float(each[:, 1:].max()), max(IN_COLUMNS)
+        return bool(DISTURBED[count] * far <= max(ENOUGH * self._accuracy, each[:, 0].max())
                     or DISTURBED[most] * far > self._accuracy > 0.0)  # fmt: skip
 
     def _in_loop(self, choice: MethodChoice, finer: Perturbation) -> Verified:
@@ -195,7 +196,7 @@ class Verification:
     ) -> tuple[Verified, Array, Array, Companions]:
         """The run with others as columns: its states (k, nq + nv, 1), and theirs (k, nq + nv, n) there."""
         equations = self._equations
-        stride = 1 if equations.sampling is not None else SELDOM
+        stride = SELDOM if equations.sampling is None and len(others) <= 1 + IN_COLUMNS[0] else 1
         companions = Companions.of(others, self._times[self._checks], equations.start[: equations.moving], stride)
         solution, seconds = self._solved(choice, self._times, companions=companions)
         tried = solution.steps + solution.rejected

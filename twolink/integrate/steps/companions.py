@@ -8,7 +8,8 @@ import numpy as np
 from twolink.integrate.motion.state import Array
 from twolink.integrate.steps.perturbation import Perturbation
 
-SELDOM = 2  # of the times: at which solutions that differ by rounding are looked at
+SELDOM = 4  # of the times: at which all but one of few solutions that differ by rounding are looked at
+OFTEN = 2  # solutions beside the run that are looked at at all times: the finer one, and one that differs by rounding
 
 
 @dataclass(eq=False)
@@ -17,7 +18,8 @@ class Companions:
 
     perturbations: how each of the n differs from the run, the first by being finer, the others by rounding. t (m,): the
     times at which they are looked at. x (m, n, nq + nv): their states there, NaN where one did not get there, or was
-    not looked at. stride: of the times at which those behind the first are looked at.
+    not looked at. stride: of the times at which those behind the first OFTEN are looked at: errors of a swing are large
+    where it is fast, which looks in step with it may miss.
     """
 
     perturbations: tuple[Perturbation, ...]
@@ -36,7 +38,7 @@ class Companions:
         few: of the times are of interest, so that one look at all costs less than two.
         """
         every = ((worlds > 0, slice(None)),) if few or self.stride == 1 else (
-            (worlds == 1, slice(None)), (worlds > 1, self.seldom))  # fmt: skip
+            ((worlds > 0) & (worlds <= OFTEN), slice(None)), (worlds > OFTEN, self.seldom))  # fmt: skip
         return ((others, often) for others, often in every if others.any())
 
     @classmethod
