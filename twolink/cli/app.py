@@ -30,7 +30,7 @@ def commands_of_parts() -> Iterator[Any]:
 app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "auto_envvar_prefix": "TWOLINK"},
     help="Rigid-body dynamics from a URDF: queries, experiments and playback.",
     epilog="ROBOT is a name (see `twolink robots`), or the path of a URDF. SI units and radians throughout. "
     "Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted.",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 import socket
 from pathlib import Path
 
@@ -10,7 +12,9 @@ import pytest
 
 from tests.parts.service.serving import Served, serving
 from twolink.errors import TwolinkError
-from twolink.parts.service.settings import Quotas, is_loopback, read_quotas
+from twolink.parts.service.http import tokens
+from twolink.parts.service.problems import Refusal
+from twolink.parts.service.settings import Quotas, Settings, is_loopback, read_quotas
 
 BODY = {"q": [0, 0]}
 PATH = "/v1/robots/two_link/bias"
@@ -26,7 +30,7 @@ def test_only_known_hosts(http: httpx.Client, host: str, status: int) -> None:
 
 
 def test_pages_of_other_sites_may_not_call(served: Served, http: httpx.Client) -> None:
-    for origin in ("https://evil.example", "null", "http://localhost:1"):
+    for origin in ("https://evil.example", "null", "http://localhost:1", "http://["):
         assert http.post(PATH, json=BODY, headers={"Origin": origin}).status_code == 403
         answer = http.options(PATH, headers={"Origin": origin, "Access-Control-Request-Method": "POST"})
         assert answer.status_code == 403
@@ -62,6 +66,45 @@ def test_tokens_allowed_hosts_and_origins(tmp_path: Path) -> None:
         answer = http.post(PATH, json=BODY, headers=headers)
         assert answer.headers["access-control-allow-origin"] == "https://lab.example"
         assert http.options(PATH, headers={"Origin": "https://lab.example"}).status_code == 204
+
+
+def test_tokens_of_a_file_are_read_again_and_expire(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tokens, "_LOOK", -1.0)
+    file = tmp_path / "tokens"
+    file.write_text("ann:one 2999-01-31\n\nbob:two 2020-01-31  # has left\nthree\n")
+    who = tokens.Tokens(Settings(data="x", tokens=("cid:four",), token_file=str(file)))
+    assert [who.owner(f"Bearer {text}".encode()) for text in ("one", "three", "four")] == ["ann", "", "cid"]
+    with pytest.raises(Refusal, match="expired"):
+        who.owner(b"Bearer two")
+    file.write_text("dan:five")
+    os.utime(file, (1e9, 1e9))
+    assert who.owner(b"Bearer five") == "dan"
+    with pytest.raises(Refusal, match="not one of"):
+        who.owner(b"Bearer one")
+    for text in ("a b", "ann:six tomorrow", "ann:six 2999-01-31 more"):
+        file.write_text(text)
+        with pytest.raises(TwolinkError, match="tokens cannot be used: line 1"):
+            tokens.Tokens(Settings(data="x", token_file=str(file)))
+    who.owner(b"Bearer five")  # while the file cannot be read, the tokens stay
+
+
+@pytest.mark.slow
+def test_a_file_of_settings_a_proxy_and_owners_in_the_log(tmp_path: Path) -> None:
+    settings = tmp_path / "settings.toml"
+    (tmp_path / "tokens").write_text("ann:one")
+    settings.write_text(f'log = "json"\ntrust-proxy = ["127.0.0.1"]\ntoken-file = "{tmp_path}/tokens"\n')
+    by_file = {"TWOLINK_SERVE_SETTINGS": str(settings)}
+    with (
+        serving(tmp_path / "data", environment=by_file) as served,
+        served.client(headers={"Authorization": "Bearer one"}) as http,
+    ):
+        http.post(PATH, json=BODY, headers={"X-Forwarded-For": "203.0.113.9, 127.0.0.1"})
+        http.post(PATH, json=BODY)
+        http.get("/v1/robots", headers={"X-Forwarded-For": "203.0.113.9, 198.51.100.7"})
+    lines = [json.loads(line) for line in served.log.splitlines() if '"owner"' in line]
+    assert [(line["client"], line["owner"]) for line in lines] == [
+        ("203.0.113.9", "ann"), ("127.0.0.1", "ann"), ("198.51.100.7", "ann"),
+    ]  # fmt: skip
 
 
 @pytest.mark.slow

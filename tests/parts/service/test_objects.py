@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import errno
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,8 +12,10 @@ import pytest
 
 from tests.parts.service.fake_s3 import FakeS3, fake_s3
 from twolink.errors import TwolinkError
+from twolink.parts.service.problems import Refusal, problem_of
 from twolink.parts.service.store.data_folder import PARTS
 from twolink.parts.service.store.objects import Copies, Objects
+from twolink.parts.service.store.store import NAMED_ROBOTS, Store
 
 pytest.importorskip("obstore")
 JOB, ROBOT = "sweep-00000000000000000001", "u-0123456789abcdef0123"
@@ -74,7 +78,9 @@ def test_a_robot_goes_from_where_it_is_staged(tmp_path: Path, url: str) -> None:
     staged.mkdir()
     (staged / "robot.urdf").write_text("<robot/>")
     a.keep(ROBOT)
-    b.bring_robots(b'{"scene": {"robot": "%s"}, "other": "u-99999999999999999999"}' % ROBOT.encode())
+    named = b.named_robots(b'{"scene": {"robot": "%s"}, "other": "u-99999999999999999999"}' % ROBOT.encode())
+    assert named == {ROBOT, "u-99999999999999999999"}
+    b.bring_robots(named)
     assert files(tmp_path / "b" / "robots") == {f"{ROBOT}/robot.urdf": b"<robot/>"}
 
 
@@ -88,6 +94,26 @@ def test_a_store_that_fails_is_the_failure_of_storage(tmp_path: Path, s3: type[F
         store.keep(JOB)
     assert failed.value.errno is not None
     assert "\n" not in str(failed.value)
+
+
+def test_robots_that_nobody_uploaded_are_not_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = Store(tmp_path / "data", objects=f"file://{tmp_path}/objects")
+    asked: list[str] = []
+    monkeypatch.setattr(store.copies, "bring_robots", asked.extend)
+    store._execute("INSERT INTO robots (id, created, used, bytes, description, owner) VALUES (?, 0, 0, 0, '{}', '')",
+                   (ROBOT,))  # fmt: skip
+    ids = [ROBOT, *(f"u-{k:020x}" for k in range(NAMED_ROBOTS))]
+    asyncio.run(store.bring_robots(" ".join(ids[:-1]).encode()))
+    assert asked == [ROBOT]
+    with pytest.raises(Refusal, match=f"names {NAMED_ROBOTS + 1} uploaded robots"):
+        asyncio.run(store.bring_robots(" ".join(ids).encode()))
+    store.close()
+
+
+def test_clients_do_not_see_where_the_store_is() -> None:
+    problem = problem_of(OSError(errno.EIO, "the object store: s3://secret-bucket does not answer"))
+    assert problem.status == 503
+    assert "secret" not in problem.detail
 
 
 @pytest.mark.parametrize("url", ["nonsense", "ftp://host/folder", "http://[", "file://relative"])

@@ -51,6 +51,17 @@ REFUSED = {
 }
 
 
+def test_settings_that_are_none_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(uvicorn.Server, "run", lambda *_, **__: pytest.fail("it started"))
+    file = tmp_path / "settings.toml"
+    cases = ("hots = 1", "'hots' is unknown"), ("host =", "settings.toml"), ('host = "a b"', "--host: 'a b'")
+    for text, part in cases:
+        file.write_text(text)
+        one_line(call("serve", "--data", str(tmp_path / "data"), "--settings", str(file)), 1, part)
+    monkeypatch.setenv("TWOLINK_SERVE_QUOTA", "jobs=-1")
+    one_line(call("serve", "--data", str(tmp_path / "data")), 1, "quota: jobs: Expected")
+
+
 @pytest.mark.parametrize("case", REFUSED)
 def test_start_options_that_make_no_sense_are_refused(
     case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -118,7 +129,7 @@ def written(form: Any, path: bytes, count: int = 1, most: int = 10) -> str:
 
 
 def test_a_log_that_nobody_reads_loses_lines_and_says_so(caplog: pytest.LogCaptureFixture) -> None:
-    line = "1970-01-01T00:00:00.000Z 127.0.0.1 GET /health 200 10 bytes 1.0 ms id"
+    line = "1970-01-01T00:00:00.000Z 127.0.0.1 - GET /health 200 10 bytes 1.0 ms id"
     assert written("text", b"/health", 3).splitlines() == [line] * 3
     assert written("off", b"/health", 3) == ""
     assert written("json", b"/health", 20).count("\n") == 10

@@ -32,6 +32,22 @@ def test_the_catalogue_is_listed_and_inspected(http: httpx.Client) -> None:
     assert about["report"] == robot.report.to_dict()
 
 
+@pytest.mark.slow
+def test_uploaded_robots_are_listed_in_pages(tmp_path: Path) -> None:
+    with serving(tmp_path / "data") as served, served.client() as http:
+        ids = [http.post("/v1/robots", content=pendulum(name=f"r{k}"), headers=XML).json()["id"] for k in range(3)]
+
+        def listed(query: str) -> list[dict[str, object]]:
+            return [robot for robot in http.get(f"/v1/robots?{query}").json() if robot["origin"] == "uploaded"]
+
+        first = listed("limit=2")
+        assert [robot["id"] for robot in first] == ids[:0:-1]
+        assert "report" not in first[0]
+        assert [robot["id"] for robot in listed(f"limit=2&before={first[-1]['created']!r}")] == ids[:1]
+        assert http.get("/v1/robots?limit=201").status_code == 400
+        assert {robot["id"] for robot in tl.connect(served.url).robots()} > set(ids)
+
+
 def test_an_upload_answers_like_the_robot_it_is(http: httpx.Client) -> None:
     text = (URDFS / "arm.urdf").read_text()
     about = http.post("/v1/robots", content=text, headers=XML)

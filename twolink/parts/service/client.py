@@ -69,7 +69,15 @@ class Client:
         list of dict
             id, name and origin of each; nq, nv, mass [kg] and root of those uploaded.
         """
-        return self._json("GET", "/v1/robots", None, list[dict[str, Any]])
+        found: list[dict[str, Any]] = []
+        path = "/v1/robots"
+        while True:
+            page = self._json("GET", path, None, list[dict[str, Any]])
+            uploaded = [one for one in page if one.get("origin") == "uploaded"]
+            found += uploaded if found else page
+            if not uploaded:
+                return found
+            path = f"/v1/robots?before={uploaded[-1]['created']!r}"
 
     def robot(self, name: str) -> RemoteRobot:
         """A robot of the service.

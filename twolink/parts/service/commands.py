@@ -1,17 +1,44 @@
 """The commands of the service: over HTTP, and of tools for agents."""
 
 import os
+import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 from typer import Option
 
-from twolink.errors import import_extra, require_extra
+from twolink.errors import TwolinkError, import_extra, require_extra, require_known
+from twolink.io.text import read_text
 
+
+def _with_file(context: typer.Context, path: Path | None) -> Path | None:
+    """Let options that are not given be those of a file."""
+    if path is None:
+        return None
+    known = {name for param in context.command.params if (name := param.name) not in (None, "settings", "help")}
+    try:
+        text = read_text(path, TwolinkError, 2**16, "give a smaller file")
+        values = {name.replace("-", "_"): value for name, value in tomllib.loads(text).items()}
+    except tomllib.TOMLDecodeError as error:
+        raise TwolinkError(str(error), where=path.name, remedy='lines such as host = "0.0.0.0"') from None
+    for name in values:
+        require_known(name, known, TwolinkError, where=path.name)
+    context.default_map = values
+    return path
+
+
+SettingsFile = Annotated[
+    Path | None,
+    Option(metavar="PATH", is_eager=True, callback=_with_file, show_default=False, help="TOML file of these options."),
+]
 Token = Annotated[
     list[str] | None, Option(metavar="TEXT", help="Ask for this bearer token, NAME:TOKEN of an owner; repeatable.")
 ]
+TokenFile = Annotated[
+    str, Option(metavar="PATH", help="Tokens, one a line, with the day at which each ends.", show_default=False)
+]
+Proxy = Annotated[list[str] | None, Option(metavar="ADDRESS", help="Its X-Forwarded-For is believed; repeatable.")]
 Admin = Annotated[list[str] | None, Option(metavar="NAME", help="Owner who manages what all have; repeatable.")]
 Database = Annotated[
     str, Option(metavar="URL", help="PostgreSQL that several services share; needs --store.", show_default=False)
@@ -28,10 +55,12 @@ def serve(
         str | None, Option(metavar="PATH", help="Folder of the results.", show_default="your user data folder")
     ] = None,
     token: Token = None,
+    token_file: TokenFile = "",
     admin: Admin = None,
     quota: Annotated[list[str] | None, Option(metavar="NAME=NUMBER", help="A limit; --quota help lists them.")] = None,
     allow_host: Annotated[list[str] | None, Option(metavar="NAME", help="Another name of it; repeatable.")] = None,
     allow_origin: Annotated[list[str] | None, Option(metavar="URL", help="Site that may call it; repeatable.")] = None,
+    trust_proxy: Proxy = None,
     log: Annotated[
         Literal["text", "json", "off"], Option(help="Form of the log; off: without a line a request.")
     ] = "text",
@@ -42,13 +71,15 @@ def serve(
     database: Database = "",
     store: ObjectStore = "",
     root_path: Annotated[str, Option(metavar="PATH", help="The path below which it is.", show_default=False)] = "",
+    settings: SettingsFile = None,  # noqa: ARG001  it has been read already
 ) -> None:
     """Serve queries, simulations and the page over HTTP.
 
     Without --host only this machine reaches it. Addresses always name it; --allow-host adds names. --allow-origin is a
     site whose pages may call it, such as https://lab.example. TWOLINK_TOKEN holds tokens too, with commas between;
-    other users of this machine cannot read it. TWOLINK_DATABASE and TWOLINK_STORE stand for --database and --store.
-    --data is the folder of uploads, jobs and results.
+    other users of this machine cannot read it. --token-file is read again when it changes. TWOLINK_DATABASE and
+    TWOLINK_STORE stand for --database and --store, and TWOLINK_SERVE_NAME for --name of each option. --data is the
+    folder of uploads, jobs and results.
 
     \b
     twolink serve                                       then open http://127.0.0.1:8000/
@@ -68,14 +99,16 @@ def serve(
             typer.echo(f"{name}={value}")
         return
     of_environment = os.environ["TWOLINK_TOKEN"].split(",") if "TWOLINK_TOKEN" in os.environ else ()
-    settings = Settings(
+    given = Settings(
         data=str(default_folder()) if data is None else data,
         host=host,
         port=port,
         tokens=tuple(text.strip() for text in (*(token or ()), *of_environment)),
+        token_file=token_file,
         admins=tuple(admin or []),
         hosts=tuple(allow_host or []),
         origins=tuple(allow_origin or []),
+        proxies=tuple(trust_proxy or []),
         quotas=read_quotas(quota or []),
         log=log,
         delete_results=delete_results,
@@ -84,11 +117,11 @@ def serve(
         store=store or os.environ.get("TWOLINK_STORE", ""),
         root_path=root_path,
     )
-    if not is_loopback(host) and not settings.tokens:
+    if not is_loopback(host) and not (given.tokens or token_file):
         typer.echo(f"twolink: anybody who reaches {host} may use it; --token asks for one", err=True)
     server = import_extra("twolink.parts.service.http.server", "service")
-    data_note = f"(data in {settings.data}; Ctrl-C ends it)"
-    server.run(settings, on_start=lambda url: typer.echo(f"twolink serves {url}  {data_note}"))
+    data_note = f"(data in {given.data}; Ctrl-C ends it)"
+    server.run(given, on_start=lambda url: typer.echo(f"twolink serves {url}  {data_note}"))
 
 
 def mcp(

@@ -31,7 +31,10 @@ def request_id(sent: bytes) -> str:
 
 
 class Answered(msgspec.Struct):
-    """A request that was answered. time: seconds since 1970 at its begin. bytes: of the answer's body."""
+    """A request that was answered. time: seconds since 1970 at its begin. bytes: of the answer's body.
+
+    owner: of its token, "" where it has no name.
+    """
 
     time: float
     request_id: str
@@ -41,6 +44,7 @@ class Answered(msgspec.Struct):
     status: int = 0
     bytes: int = 0
     seconds: float = 0.0
+    owner: str = ""
 
 
 def _stamp(seconds: float) -> str:
@@ -136,7 +140,7 @@ def _json_line(entry: Answered) -> str:
 
 def _text_line(entry: Answered) -> str:
     return (
-        f"{_stamp(entry.time)} {entry.client} {entry.method} {_path(entry.path)} {entry.status} "
+        f"{_stamp(entry.time)} {entry.client} {entry.owner or '-'} {entry.method} {_path(entry.path)} {entry.status} "
         f"{entry.bytes} bytes {entry.seconds * 1e3:.1f} ms {entry.request_id}\n"
     )
 

@@ -101,6 +101,8 @@ def _refusal_of(error: BaseException) -> Refusal:
         return Refusal(400, "the body is not UTF-8 text", where="body", remedy="send JSON in UTF-8")
     if isinstance(error, RecursionError):
         return Refusal(400, "the body is nested too deep", where="body", remedy="send plain lists and objects")
+    if isinstance(error, OSError) and error.errno == errno.EIO:  # its text has addresses, which are the operator's
+        return _storage_failure(str(error), "what keeps its data does not answer")
     if isinstance(error, sqlite3.Error) or (isinstance(error, OSError) and error.errno in _STORAGE_ERRORS):
         return _storage_failure(getattr(error, "strerror", "") or str(error))
     status = getattr(error, "status_code", 500)
@@ -111,10 +113,10 @@ def _refusal_of(error: BaseException) -> Refusal:
     return Refusal(500, what, code="internal-error", remedy="report it, with the request that caused it")
 
 
-def _storage_failure(reason: str) -> Refusal:
-    """The refusal when the data folder cannot be read or written."""
-    _log.error("the data folder cannot be used: %s", reason)
-    what, remedy = f"the service's storage has failed: {reason}", "try again when its operator has made room"
+def _storage_failure(reason: str, shown: str = "") -> Refusal:
+    """The refusal when what is kept cannot be read or written. shown: to clients, in place of the reason."""
+    _log.error("what is kept cannot be read or written: %s", reason)
+    what, remedy = f"the service's storage has failed: {shown or reason}", "try again when its operator has made room"
     return Refusal(503, what, code="storage-failed", remedy=remedy, retry_after=30)
 
 

@@ -105,6 +105,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     tokens: bearer tokens, any of which opens the API; none: no token is asked for. NAME:TOKEN has an owner: who brings
     it lists, cancels and deletes that owner's robots and jobs only; a token without a name has an owner without one.
+    token_file: of further ones (`http.tokens`), which is read again when it changes. proxies: addresses whose
+    X-Forwarded-For is believed.
     admins: names of owners who may do so with those of all. hosts: names the service may be called by, besides
     localhost and plain addresses. origins: of pages that may call it from browsers, besides its own.
     log: the form of its log. delete_results: whether it may start with more results than its quota allows. dask: the
@@ -117,9 +119,11 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     host: str = "127.0.0.1"
     port: int = 8000
     tokens: tuple[str, ...] = ()
+    token_file: str = ""
     admins: tuple[str, ...] = ()
     hosts: tuple[str, ...] = ()
     origins: tuple[str, ...] = ()
+    proxies: tuple[str, ...] = ()
     quotas: Quotas = Quotas()
     log: LogForm = "text"
     delete_results: bool = False
@@ -154,14 +158,23 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             if not _TOKEN.fullmatch(token):  # the message does not show it
                 what = "a token is empty, or has spaces, commas, colons or letters beyond ASCII"
                 raise TwolinkError(what, argument="token", remedy="take plain letters and digits: TOKEN or NAME:TOKEN")
-        for name in self.admins:
+        for proxy in self.proxies:
+            if ip_address(proxy) is None:
+                raise TwolinkError(f"{proxy!r} is not an address", argument="trust_proxy", remedy="such as 10.0.0.1")
+        for name in self.admins if not self.token_file else ():
             require_known(name, {owner for owner, _ in self.owners if owner}, TwolinkError, argument="admin")
 
     @property
     def owners(self) -> list[tuple[str, str]]:
         """The owner and the text of each token."""
-        matches = filter(None, map(_TOKEN.fullmatch, self.tokens))
-        return [(match[1] or "", match[2]) for match in matches]
+        found = map(owner_of, self.tokens)
+        return [(owner, text.decode()) for owner, text in filter(None, found)]
+
+
+def owner_of(text: str) -> tuple[str, bytes] | None:
+    """The owner and the token of NAME:TOKEN or TOKEN; None: it is neither."""
+    match = _TOKEN.fullmatch(text)
+    return None if match is None else (match[1] or "", match[2].encode())
 
 
 def default_folder() -> Path:

@@ -47,6 +47,7 @@ class ListedRobot(msgspec.Struct):
     source_package: str = msgspec.field(name="from", default="")
     usual_root: Literal["fixed", "free"] = "fixed"
     owner: str = ""
+    created: float = 0.0
     nq: int = 0
     nv: int = 0
     mass: float = 0.0

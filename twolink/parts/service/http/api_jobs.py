@@ -18,8 +18,8 @@ from litestar.response import File, Stream
 
 from twolink.errors import TwolinkError
 from twolink.io.tables import read_table
-from twolink.parts.service.http.components import Service, Shared
-from twolink.parts.service.store.store import ACTIVE, LISTED_JOBS
+from twolink.parts.service.http.components import Limit, Service, Shared
+from twolink.parts.service.store.store import ACTIVE, LISTED
 from twolink.parts.service.work.requests import JOB_KINDS
 from twolink.parts.service.work.scene_tasks import SAMPLES, thinned
 
@@ -35,7 +35,6 @@ MEDIA = {
 }
 MAX_POINTS = 20_000
 Points = Annotated[int, QueryParameter(ge=2, le=MAX_POINTS)]
-Limit = Annotated[int, QueryParameter(ge=1, le=LISTED_JOBS)]
 Frames = Annotated[int, QueryParameter(ge=2, le=3600)]
 PLAYBACK_POLICY = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; "
@@ -119,7 +118,7 @@ def _shared(path: str, kind: str) -> list[Any]:
 
     @get(f"/v1/{path}", tags=tags, summary=f"List {path}")
     async def list_jobs(
-        service: Shared, limit: Limit = LISTED_JOBS, before: FromQuery[float] = math.inf
+        service: Shared, limit: Limit = LISTED, before: FromQuery[float] = math.inf
     ) -> list[dict[str, Any]]:
         """The newest jobs without their results, and without requests of more than 16 kB.
 

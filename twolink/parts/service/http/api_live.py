@@ -118,7 +118,7 @@ async def _run(socket: WebSocket[Any, Any, Any], service: Shared, client: str) -
                 body = (await socket.receive_text()).encode()
         except TimeoutError:
             raise Refusal(408, "no request has come", where="message", remedy="send a scene") from None
-        await asyncio.to_thread(service.store.copies.bring_robots, body)
+        await service.store.bring_robots(body)
         session = Session(socket, decode_unique(body, LiveRequest).frames_per_second)
         reading = asyncio.create_task(session.read())
         try:

@@ -4,17 +4,18 @@ import asyncio
 import functools
 import gzip
 import hashlib
-from typing import Any
+import math
+from typing import Any, TypedDict
 
 import msgspec
 from litestar import MediaType, Request, Response, delete, get, post
 from litestar.datastructures import MultiDict
-from litestar.params import FromPath
+from litestar.params import FromPath, FromQuery
 
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import TwolinkError, require_known
 from twolink.integrate.steps.methods import methods
-from twolink.parts.service.http.components import Service, Shared, catalogue
+from twolink.parts.service.http.components import Limit, Service, Shared, catalogue
 from twolink.parts.service.http.messages import (
     OCTETS,
     UNSPECIFIED,
@@ -27,6 +28,7 @@ from twolink.parts.service.http.messages import (
 )
 from twolink.parts.service.problems import JSON, Refusal, decode_unique, problem_of
 from twolink.parts.service.settings import Quotas
+from twolink.parts.service.store.store import LISTED
 from twolink.parts.service.work.requests import QUERIES, version_key
 from twolink.parts.service.work.robot_tasks import ReceivedRobot, RobotOptions
 from twolink.parts.service.work.sharing import require_owner, this_request
@@ -34,6 +36,21 @@ from twolink.robots.catalogue import catalogue_entry
 from twolink.scenes import bundled_scenes, scenes
 from twolink.scenes.file import bundled_content
 from twolink.scenes.file_format import scene_schema
+
+
+class _Shown(TypedDict, total=False):
+    """The part of a robot's description that a list shows."""
+
+    id: Any
+    name: Any
+    origin: Any
+    nq: Any
+    nv: Any
+    mass: Any
+    root: Any
+    source: Any
+    lock: Any
+
 
 OPTIONS_BYTES = 2**16  # of a body in JSON, without the text of a robot
 _Undecoded = msgspec.defstruct(
@@ -45,11 +62,22 @@ _PARAMETERS = ("root", "mimic", "unphysical", "foreign", "urdf", "gravity", "loc
 
 
 @get("/v1/robots", tags=["robots"], summary="List robots")
-async def list_robots(service: Shared) -> list[dict[str, Any]]:
-    """The robots of the catalogue, whose names are their ids, and those that the token's owner has uploaded."""
-    shown = ("id", "name", "origin", "nq", "nv", "mass", "root", "source", "lock")
-    uploaded = await service.store.run(service.store.robots, shown, this_request().sees)
+async def list_robots(
+    service: Shared, limit: Limit = LISTED, before: FromQuery[float] = math.inf
+) -> list[dict[str, Any]]:
+    """The robots of the catalogue, whose names are their ids, and the newest that the token's owner has uploaded.
+
+    At most `limit` of these, `created` before the time `before`: the last one's `created` asks for the next page.
+    """
+    rows = await service.store.run(service.store.robots, before, limit, this_request().sees)
+    uploaded = await asyncio.to_thread(_listed, rows)
     return [*({"name": name, **_about(name)} for name in catalogue()), *uploaded]
+
+
+def _listed(rows: list[tuple[str, float, str]]) -> list[dict[str, Any]]:
+    """Views of uploaded robots in a list. The rest of a description, which may have megabytes, is not decoded."""
+    return [{"owner": owner, "created": created, **msgspec.json.decode(text, type=_Shown)}
+            for owner, created, text in rows]  # fmt: skip
 
 
 @functools.cache

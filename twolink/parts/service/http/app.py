@@ -32,7 +32,7 @@ from twolink.parts.service.http.messages import (
 from twolink.parts.service.http.outgoing import Outgoing
 from twolink.parts.service.logs import REQUEST_ID, AccessLog, Answered, request_id
 from twolink.parts.service.problems import JSON, Refusal, answer_of
-from twolink.parts.service.settings import Settings
+from twolink.parts.service.settings import Settings, ip_address
 from twolink.parts.service.work.requests import QUERIES
 from twolink.parts.service.work.sharing import OWNER, REQUEST, RequestMemory, Shares, client_of_scope, this_request
 
@@ -86,6 +86,7 @@ class Shell:
         elif root and not own:
             await send_answer(send, 308, [(b"location", f"{root}/".encode())], b"")  # links of the page are relative
             return
+        self._see_client(scope)
         if scope["type"] == "websocket":
             await self._socket(scope, receive, send)
             return
@@ -125,8 +126,19 @@ class Shell:
         finally:
             mine.keep(0)
             self._under_way -= 1
-            entry.seconds = time.perf_counter() - start
+            entry.seconds, entry.owner = time.perf_counter() - start, mine.owner
             self._log.note(entry)
+
+    def _see_client(self, scope: Any) -> None:
+        """Let a request that comes through a trusted proxy have the client that this names last."""
+        proxies = self.service.settings.proxies
+        if not (proxies and scope.get("client") and scope["client"][0] in proxies):
+            return
+        named = [text.strip() for text in header(scope, b"x-forwarded-for").decode("latin-1").split(",")]
+        while named and named[-1] in proxies:
+            named.pop()
+        if named and ip_address(named[-1]) is not None:
+            scope["client"] = (named[-1], 0)
 
     async def _socket(self, scope: Any, receive: Any, send: Any) -> None:
         """Hand a WebSocket on, or refuse it with the answer that a request would have."""
@@ -148,7 +160,7 @@ class Shell:
             await self._inner(scope, receive, send)
         client, seconds = scope["client"], time.perf_counter() - start
         self._log.note(Answered(time.time() - seconds, sent_id, client[0] if client else "", "GET",
-                                scope["path"].encode(), status, len(body), seconds))  # fmt: skip
+                                scope["path"].encode(), status, len(body), seconds, scope.get(OWNER, "")))  # fmt: skip
 
     def answer_now(self, scope: Any, body: bytes) -> tuple[bytes, bytes] | None:
         """Headers and body of the answer to a query of a few states, in half of the time that a task takes.
@@ -158,6 +170,7 @@ class Shell:
         query, start = _query_of(scope), time.perf_counter()
         if query is None:
             return None
+        self._see_client(scope)
         try:
             answer = None if self._access.check(scope) else self._queries.answer_now(scope, body, *query)
         except Exception:
@@ -167,10 +180,9 @@ class Shell:
         sent_id, seconds = request_id(header(scope, b"x-request-id")), time.perf_counter() - start
         self._metrics.answered(query[1].name, 200, seconds)
         self._log.note(
-            Answered(
-                time.time() - seconds, sent_id, scope["client"][0], "POST", scope["raw_path"], 200, len(answer), seconds
-            )
-        )
+            Answered(time.time() - seconds, sent_id, scope["client"][0], "POST", scope["raw_path"], 200, len(answer),
+                     seconds, scope.get(OWNER, ""))
+        )  # fmt: skip
         return b"%sx-request-id: %s\r\n" % (_QUERY_HEADERS, sent_id.encode()), answer
 
     def refuse(self, refusal: Refusal, client: tuple[str, int] | None) -> tuple[int, list[Header], bytes]:

@@ -14,12 +14,12 @@ import math
 import time
 from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
 from litestar.di import NamedDependency
-from litestar.params import SkipValidation
+from litestar.params import QueryParameter, SkipValidation
 
 from twolink.dynamics import Robot
 from twolink.dynamics.queries import Query
@@ -30,7 +30,7 @@ from twolink.parts.service.problems import JSON, Refusal
 from twolink.parts.service.settings import Settings
 from twolink.parts.service.store.archives import NPZ, RobotCache, read_robot
 from twolink.parts.service.store.data_folder import PARTS
-from twolink.parts.service.store.store import Store
+from twolink.parts.service.store.store import LISTED, Store
 from twolink.parts.service.work.budget import Budget
 from twolink.parts.service.work.cluster import Member
 from twolink.parts.service.work.jobs import Jobs
@@ -91,8 +91,7 @@ class RobotPool:
         if key not in catalogue() and not await self._store.run(self._store.has_robot, key):
             remedy = f"{nearest(key[:80], catalogue())} (GET /v1/robots lists them and the uploaded ones)"
             raise Refusal(404, f"there is no robot {key[:80]!r}", where="path: robot", remedy=remedy)
-        if self._store.shared:
-            await asyncio.to_thread(self._store.copies.bring_robots, key.encode())
+        await self._store.bring_robots(key.encode())
 
     def put(self, key: str, pickled: bytes) -> Robot:
         """Keep a robot that a worker has loaded."""
@@ -227,12 +226,13 @@ class Service:
         async with self.locks("ready"):
             if time.monotonic() - self._checked > _CHECK_EACH:
                 await self.store.run(self.store.check, self.settings.quotas.result_mb * 2**20)
+                await asyncio.to_thread(self.store.copies.check)
                 self._checked = time.monotonic()
 
     async def read(self, task: str, **arguments: Any) -> Any:
         """Run a short task in a worker process."""
         seconds, robots = self.settings.quotas.load_seconds, str(self.store.folder / "robots")
-        await asyncio.to_thread(self.store.copies.bring_robots, arguments.get("body", b""))
+        await self.store.bring_robots(arguments.get("body", b""))
         return await self._readers.run(task, seconds, robots=robots, **arguments)
 
     async def prepare(self, kind: str, body: bytes) -> JobRequest:
@@ -307,4 +307,5 @@ async def _measure_lag(metrics: Metrics) -> None:
         metrics.loop_lag.observe(max(0.0, time.perf_counter() - planned))
 
 
+Limit = Annotated[int, QueryParameter(ge=1, le=LISTED)]  # of what a list shows
 Shared = NamedDependency[SkipValidation[Service]]  # what handlers ask for as `service`

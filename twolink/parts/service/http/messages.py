@@ -4,13 +4,13 @@ import asyncio
 import base64
 import contextlib
 import gzip
-import hmac
 import re
 import time
 from collections.abc import Coroutine, Sequence
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
+from twolink.parts.service.http.tokens import Tokens
 from twolink.parts.service.problems import Refusal
 from twolink.parts.service.settings import Quotas, Settings, ip_address
 from twolink.parts.service.store.archives import GZIP_LEVEL, NPZ
@@ -181,7 +181,7 @@ class AccessControl:
     """Checks each request before anything else looks at it."""
 
     def __init__(self, settings: Settings) -> None:
-        self._owners = [(owner, token.encode()) for owner, token in settings.owners]
+        self._tokens = Tokens(settings)
         self._rates = Rates(settings.quotas.owner_rate)
         self._hosts = {"localhost", settings.host.lower(), *(host.lower() for host in settings.hosts)}
         self._origins = {origin.encode() for origin in settings.origins}
@@ -204,9 +204,9 @@ class AccessControl:
             raise Refusal(403, "pages of other sites may not call it", where="header: Origin", remedy=remedy)
         path: str = scope["path"]
         is_open = scope["method"] == "OPTIONS" or path in _OPEN_PATHS or path.startswith(_OPEN_PREFIX)
-        if self._owners and not is_open and OWNER not in scope:
+        if self._tokens.asked and not is_open and OWNER not in scope:
             sent = headers.get(b"authorization") or _offered_token(scope.get("subprotocols", ()))
-            scope[OWNER] = self._owner(sent)
+            scope[OWNER] = self._tokens.owner(sent)
             self._rates.take(scope[OWNER])
         return foreign
 
@@ -219,16 +219,6 @@ class AccessControl:
             raise Refusal(421, f"the service has no name {name!r:.80}", where="header: Host", remedy=remedy)
         if len(self._checked_hosts) < _MAX_HOSTS:
             self._checked_hosts.add(host)
-
-    def _owner(self, authorization: bytes) -> str:
-        """The owner of the token. Raises Refusal (401)."""
-        kind, _, sent = authorization.partition(b" ")
-        compared = [(hmac.compare_digest(sent.strip(), token), owner) for owner, token in self._owners]  # constant time
-        owners = [owner for is_same, owner in compared if is_same]
-        if kind.lower() != b"bearer" or not owners:
-            what = "the token is not one of the service's" if authorization else "a token is required"
-            raise Refusal(401, what, where="header: Authorization", remedy="send Authorization: Bearer TOKEN")
-        return owners[0]
 
 
 class Rates:
@@ -262,7 +252,10 @@ def _offered_token(subprotocols: Sequence[str]) -> bytes:
 
 def _is_own(origin: bytes, host: bytes) -> bool:
     """True if the request comes from a page of this service: browsers send its origin."""
-    return urlsplit(origin.decode("latin-1")).netloc.encode("latin-1") == host != b""
+    try:
+        return urlsplit(origin.decode("latin-1")).netloc.encode("latin-1") == host != b""
+    except ValueError:  # such as http://[
+        return False
 
 
 def cors_headers(origin: bytes) -> list[Header]:

@@ -10,6 +10,8 @@ import time
 from pathlib import Path
 from typing import Any, Protocol, cast
 
+import msgspec
+
 from twolink.errors import TwolinkError, import_extra
 
 EXTRA = "cluster"
@@ -101,3 +103,14 @@ class PostgreSQL:
         """As of `Database`."""
         if self._connection is not None:
             self._connection.close()
+
+
+def length(column: str) -> str:
+    """SQL: the bytes of a text."""
+    return f"octet_length(coalesce({column}, ''))"
+
+
+def plain(values: dict[str, Any]) -> dict[str, Any]:
+    """Values for the database: what is not a number, a text or None as JSON."""
+    simple = int, float, str, type(None)
+    return {name: v if isinstance(v, simple) else msgspec.json.encode(v).decode() for name, v in values.items()}

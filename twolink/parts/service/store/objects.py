@@ -5,7 +5,7 @@ import errno
 import re
 import shutil
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from twolink.parts.service.store.data_folder import RESULTS, ROBOTS, STAGING
 from twolink.parts.service.store.database import EXTRA
 
 _CHUNK = 2**20
-_ROBOT = re.compile(r"u-[0-9a-f]{20}")
+_ROBOT, _ROBOTS = re.compile(r"u-[0-9a-f]{20}"), re.compile(rb"u-[0-9a-f]{20}")
 
 
 class Objects:
@@ -73,6 +73,11 @@ class Objects:
             if names := self._names(name):
                 self._obstore.delete(self._store, names)
 
+    def check(self) -> None:
+        """Raise OSError unless it answers."""
+        with self._failing():
+            next(iter(self._obstore.list(self._store, ROBOTS, chunk_size=1)), None)
+
     @contextlib.contextmanager
     def _failing(self) -> Iterator[None]:
         try:
@@ -89,6 +94,11 @@ class Copies:
         self._known: dict[str, dict[str, Any]] = {}  # files that the store has, by folder
         self._bringing = threading.Lock()
         self._states: dict[str, Any] = {}  # of results that are here, by job
+
+    def check(self) -> None:
+        """Raise OSError unless the object store answers."""
+        if self._objects is not None:
+            self._objects.check()
 
     def keep(self, key: str) -> None:
         """Have the object store have the files of a job's result; or of a robot that is staged."""
@@ -113,9 +123,13 @@ class Copies:
                 self.note(key, state)
         return True
 
-    def bring_robots(self, content: bytes) -> None:
-        """Have the files of all robots here whose ids are in some content."""
-        for key in set(_ROBOT.findall(content.decode(errors="replace"))) if self._objects is not None else ():
+    def named_robots(self, content: bytes) -> set[str]:
+        """The ids of uploaded robots in some content; none where all files are here."""
+        return {key.decode() for key in _ROBOTS.findall(content)} if self._objects is not None else set()
+
+    def bring_robots(self, keys: Iterable[str]) -> None:
+        """Have the files of robots here."""
+        for key in keys:
             folder = self._folder / ROBOTS / key
             with self._bringing:
                 if self._objects is not None and not folder.exists():

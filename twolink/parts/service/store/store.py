@@ -24,14 +24,15 @@ from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store import data_folder
 from twolink.parts.service.store.accounts import Accounts
 from twolink.parts.service.store.data_folder import RESULTS, ROBOTS, STAGING, VISUALS, size_of, to_remove
-from twolink.parts.service.store.database import Database, PostgreSQL, SQLite
+from twolink.parts.service.store.database import Database, PostgreSQL, SQLite, length, plain
 from twolink.parts.service.store.leases import Leases
 from twolink.parts.service.store.objects import Copies
 
 P = ParamSpec("P")
 T = TypeVar("T")
 ENDED_JOBS = 5000  # that are remembered
-LISTED_JOBS = 200
+LISTED = 200  # jobs or robots in an answer
+NAMED_ROBOTS = 100  # uploaded ones in a request
 ACTIVE = ("queued", "running")
 RESUMED = ("sweep",)  # kinds of jobs that go on from their files when they are run again
 _log = logging.getLogger("twolink.service")
@@ -171,16 +172,32 @@ class Store:
         rows = self._execute("SELECT description, owner FROM robots WHERE id = ?", (key,))
         return {**msgspec.json.decode(rows[0][0]), "owner": rows[0][1]} if rows else None
 
+    async def bring_robots(self, content: bytes) -> None:
+        """Have the files here of the uploaded robots whose ids are in some content. Raises Refusal (413)."""
+        if named := await asyncio.to_thread(self.copies.named_robots, content):
+            if len(named) > NAMED_ROBOTS:
+                what = f"it names {len(named)} uploaded robots, the limit is {NAMED_ROBOTS}"
+                raise Refusal(413, what, where="body", remedy="ask for them one after the other")
+            await asyncio.to_thread(self.copies.bring_robots, await self.run(self._known_robots, sorted(named)))
+
+    def _known_robots(self, keys: list[str]) -> list[str]:
+        marks = ", ".join("?" * len(keys))
+        return [row[0] for row in self._execute(f"SELECT id FROM robots WHERE id IN ({marks})", tuple(keys))]
+
     def has_robot(self, key: str) -> bool:
         """True if a robot of this id was uploaded."""
         return bool(self._execute("SELECT 1 FROM robots WHERE id = ?", (key,)))
 
-    def robots(self, fields: tuple[str, ...], owner: str | None) -> list[dict[str, Any]]:
-        """These fields of the descriptions of an owner's uploaded robots, of all for None, the newest first."""
-        condition = "WHERE ? IS NULL OR owner = ? ORDER BY created DESC"
-        rows = self._execute(f"SELECT owner, description FROM robots {condition}", (owner, owner))
-        shown = [(whose, msgspec.json.decode(text)) for whose, text in rows]
-        return [{"owner": whose, **{name: about.get(name) for name in fields}} for whose, about in shown]
+    def robots(self, before: float, limit: int, owner: str | None) -> list[tuple[str, float, str]]:
+        """Owner, time and description, as JSON, of the newest robots uploaded before that time, the newest first.
+
+        owner: whose; None: of all.
+        """
+        condition = "WHERE created < ? AND (? IS NULL OR owner = ?) ORDER BY created DESC LIMIT ?"
+        values = before, owner, owner, min(limit, LISTED)
+        return [
+            tuple(row) for row in self._execute(f"SELECT owner, created, description FROM robots {condition}", values)
+        ]
 
     def robot_use(self) -> tuple[int, int]:
         """The number of uploaded robots, and their bytes."""
@@ -212,7 +229,7 @@ class Store:
         """
         condition = "WHERE kind = ? AND created < ? AND (? IS NULL OR owner = ?) ORDER BY created DESC LIMIT ?"
         short = f"CASE WHEN length(request) <= {_LISTED_REQUEST} THEN request END AS request"
-        values = kind, before, owner, owner, min(limit, LISTED_JOBS)
+        values = kind, before, owner, owner, min(limit, LISTED)
         return self._jobs(condition, *values, texts=(short, "progress", "problem"))
 
     def _jobs(self, condition: str, *values: Any, texts: tuple[str, ...] = _JOB_TEXTS) -> list[JobRow]:
@@ -256,7 +273,7 @@ class Store:
         """
         if values["state"] != "done":
             self._drop_unfinished(key)
-        if is_ours := self.leases.end(key, _plain(values)):
+        if is_ours := self.leases.end(key, plain(values)):
             self.copies.note(key, values.get("ended"))
             self.measure(key, limit, own)
         return is_ours
@@ -264,7 +281,7 @@ class Store:
     def update_job(self, key: str, **values: Any) -> None:
         """Set columns of a job; what is not a number, a text or None is stored as JSON."""
         columns = ", ".join(f"{name} = ?" for name in values)
-        self._execute(f"UPDATE jobs SET {columns} WHERE id = ?", (*_plain(values).values(), key))
+        self._execute(f"UPDATE jobs SET {columns} WHERE id = ?", (*plain(values).values(), key))
 
     def use(self, key: str) -> None:
         """Note that a job's result is used."""
@@ -304,7 +321,7 @@ class Store:
         self.shrink(limit, own, keep=key)
 
     def _note_size(self, key: str) -> None:
-        texts, size = " + ".join(map(_length, _JOB_TEXTS)), size_of(self.result_folder(key))
+        texts, size = " + ".join(map(length, _JOB_TEXTS)), size_of(self.result_folder(key))
         self._execute(f"UPDATE jobs SET bytes = ? + {texts}, used = ? WHERE id = ?", (size, time.time(), key))
 
     def used_bytes(self) -> int:
@@ -354,14 +371,3 @@ class Store:
                 self.remove_robot(key)
                 excess, removed = excess - size, removed + 1
         return removed
-
-
-def _length(column: str) -> str:
-    """SQL: the bytes of a text."""
-    return f"octet_length(coalesce({column}, ''))"
-
-
-def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Values for the database: what is not a number, a text or None as JSON."""
-    simple = int, float, str, type(None)
-    return {name: v if isinstance(v, simple) else msgspec.json.encode(v).decode() for name, v in values.items()}

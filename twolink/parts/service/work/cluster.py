@@ -44,7 +44,7 @@ class Member:
         gone = set(asked) - await store.run(leases.waiting, asked)
         for key, running in list(self._jobs.running.items()):
             is_to_end: bool | None = False
-            if running.claimed and not running.ending:
+            if running.claimed:  # also while its result is stored, which may take long
                 is_to_end = await store.run(leases.beat, key, running.progress)
             elif key in gone:
                 is_to_end = None
