@@ -160,8 +160,8 @@ def test_gymnasiums_wrappers_of_vectors_work() -> None:
     assert infos[-1]["episode"]["l"].tolist() == [4, 4]
 
 
-def test_a_start_that_comes_again_has_the_same_motion() -> None:
-    """It is restored, and not prepared again, unless a controller may remember what no save has."""
+def test_a_start_that_comes_again_has_the_same_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is restored, and not prepared again."""
     env, actions = Environment(SWING, reward, limit=2.0), np.random.default_rng(0).uniform(-2, 2, (20, 2))
 
     def episode(**given: object) -> list[np.ndarray]:
@@ -172,6 +172,20 @@ def test_a_start_that_comes_again_has_the_same_motion() -> None:
     np.testing.assert_array_equal(again, fresh)
     assert np.abs(other[0] - fresh[0]).max() > 0.05
     np.testing.assert_array_equal(episode(), fresh)
+    monkeypatch.setattr(env.simulation, "set_state", lambda *_, **__: pytest.fail("it was prepared again"))
+    np.testing.assert_array_equal(episode(), fresh)
+
+
+def test_a_controller_begins_anew_with_each_episode(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may remember what no save has: a start is always prepared again."""
+    law = tl.effects.Controller(lambda t, y, _: (-y.v, None), 0.05)
+    env = Environment(tl.Scene(SWING.base, SWING.q, SWING.v, [*SWING.effects, law], SWING.duration), reward, limit=2.0)
+    prepared: list[float] = []
+    again = env.simulation.set_state
+    monkeypatch.setattr(env.simulation, "set_state", lambda *a, t: (prepared.append(t), again(*a, t=t)))
+    for _ in range(3):
+        env.reset(seed=0)
+    assert prepared == [0.0] * 3
 
 
 def test_a_quadruped_stands_in_stepped_contact() -> None:
