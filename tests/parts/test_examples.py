@@ -1,12 +1,14 @@
 """The controllers of docs/examples, by what their theory says."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import twolink as tl
-from docs.examples import delayed_pendulum, mpc, panda_cascade, pid_arm, state_machine
+from docs.examples import delayed_pendulum, mpc, panda_cascade, pid_arm, policy_arm, policy_go1, state_machine
+from twolink.io.networks import read_network
 
 
 def bias(scene: tl.Scene, q: np.ndarray) -> np.ndarray:
@@ -93,3 +95,40 @@ def test_the_cascade_holds_the_elbow_by_the_current_that_its_weight_needs() -> N
     assert run.states[joint][late].mean() == pytest.approx(needed, abs=1e-3)
     assert np.abs(run.states[joint]).max() < 1.1 * panda_cascade.AMPERES
     assert np.abs(run.v).max() == pytest.approx(1.0, rel=0.1)  # the cascade's limit of the speed
+
+
+def test_a_cloned_policy_is_trusted_as_long_as_another_method_says(tmp_path: Path) -> None:
+    """Its loop is unstable between two steps of the encoder: the bar grows, and holds."""
+    pytest.importorskip("onnx")
+    assert policy_arm.missed(policy_arm.train()) < 1e-4
+    scene = policy_arm.scene(policy_arm.write_network(tmp_path / "policy.onnx"), delay=0.06, bits=14)
+    with pytest.raises(tl.errors.AccuracyError) as limit:
+        tl.simulate(scene, 20.0)
+    run = limit.value.run
+    other = tl.simulate(scene, 20.0, method="dop853", tolerance=1e-13, t_eval=run.t, verify=False)
+    off = np.abs(other.q - run.q).max(axis=1)
+    assert (off <= run.error).all()
+    assert off[-1] > 1e3 * off[run.t < 5.0].max()  # errors do grow
+    assert 5.0 < policy_arm.trusted(run, 1e-6) < policy_arm.trusted(run, 1e-2) < 20.0
+
+
+def test_a_network_of_the_public_policys_operations_drives_go1(tmp_path: Path) -> None:
+    """One that ends in a Split, as the public file does; onnxruntime answers for the file as it was."""
+    onnx, runtime = pytest.importorskip("onnx"), pytest.importorskip("onnxruntime")
+    random, h, joints = np.random.default_rng(0), onnx.helper, policy_go1.JOINTS
+    w = onnx.numpy_helper.from_array(random.normal(0, 0.05, (48, 24)).astype(np.float32), "w")
+    shapes = [h.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [1, n]) for name, n in (("obs", 48), ("a", 12))]
+    nodes = [h.make_node("MatMul", ["obs", "w"], ["x"]), h.make_node("Split", ["x"], ["mean", "rest"], axis=-1),
+             h.make_node("Tanh", ["mean"], ["a"])]  # fmt: skip
+    graph, given = h.make_graph(nodes, "policy", shapes[:1], shapes[1:], [w]), tmp_path / "given.onnx"
+    onnx.save(h.make_model(graph, opset_imports=[h.make_opsetid("", 11)], ir_version=7), str(given))
+    path = policy_go1.without_split(given, tmp_path / "go1.onnx")
+    session, network = runtime.InferenceSession(str(given)), read_network(path)
+    for x in random.normal(size=(20, 1, 48)):
+        np.testing.assert_allclose(network(x)[0], session.run(None, {"obs": x.astype(np.float32)})[0], atol=1e-5)
+    scene = policy_go1.scene(path)
+    run = tl.simulate(scene, 0.2, contact="stepped")
+    places = [next(one.q.start for one in scene.robot.joints if one.name == joint) for joint in joints]
+    assert run.q[0, places] == pytest.approx(policy_go1.HOME)
+    assert min(scene.robot.frame_pose(run.q[-1], foot)[1][2] for foot in policy_go1.FEET) > policy_go1.RADIUS - 1e-3
+    assert np.isfinite(run.error[-1])

@@ -2,14 +2,23 @@
 
 import warnings
 
+import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from gymnasium.wrappers.vector import RecordEpisodeStatistics
+from gymnasium.wrappers import (
+    ClipAction,
+    FlattenObservation,
+    NormalizeObservation,
+    RecordEpisodeStatistics,
+    RescaleAction,
+)
+from gymnasium.wrappers import vector as of_vectors
 
 import twolink as tl
 from docs.examples import learn_swing_up
+from scripts.benchmarks.contact import FEET, on_feet
 from twolink.gym import Environment, VectorEnvironment
 from twolink.simulation.stepwise import State
 
@@ -144,11 +153,79 @@ def test_worlds_are_those_of_gymnasiums_own_vector_environment() -> None:
 
 def test_gymnasiums_wrappers_of_vectors_work() -> None:
     short = tl.Scene(SWING.base, SWING.q, SWING.v, SWING.effects, duration=0.2)
-    worlds = RecordEpisodeStatistics(VectorEnvironment(short, lambda *_: 1.0, 2, period=0.05))
+    worlds = of_vectors.RecordEpisodeStatistics(VectorEnvironment(short, lambda *_: 1.0, 2, period=0.05))
     worlds.reset(seed=0)
     infos = [worlds.step(worlds.action_space.sample())[4] for _ in range(4)]
     assert infos[-1]["episode"]["r"] == pytest.approx([4.0, 4.0])
     assert infos[-1]["episode"]["l"].tolist() == [4, 4]
+
+
+def test_a_start_that_comes_again_has_the_same_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is restored, and not prepared again."""
+    env, actions = Environment(SWING, reward, limit=2.0), np.random.default_rng(0).uniform(-2, 2, (20, 2))
+
+    def episode(**given: object) -> list[np.ndarray]:
+        first, _ = env.reset(seed=0, options=given)
+        return [first, *(env.step(action)[0] for action in actions)]
+
+    fresh, again, other = episode(), episode(), episode(q=[0.1, 0.2])
+    np.testing.assert_array_equal(again, fresh)
+    assert np.abs(other[0] - fresh[0]).max() > 0.05
+    np.testing.assert_array_equal(episode(), fresh)
+    monkeypatch.setattr(env.simulation, "set_state", lambda *_, **__: pytest.fail("it was prepared again"))
+    np.testing.assert_array_equal(episode(), fresh)
+
+
+def test_a_controller_begins_anew_with_each_episode(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may remember what no save has: a start is always prepared again."""
+    law = tl.effects.Controller(lambda t, y, _: (-y.v, None), 0.05)
+    env = Environment(tl.Scene(SWING.base, SWING.q, SWING.v, [*SWING.effects, law], SWING.duration), reward, limit=2.0)
+    prepared: list[float] = []
+    again = env.simulation.set_state
+    monkeypatch.setattr(env.simulation, "set_state", lambda *a, t: (prepared.append(t), again(*a, t=t)))
+    for _ in range(3):
+        env.reset(seed=0)
+    assert prepared == [0.0] * 3
+
+
+def test_a_quadruped_stands_in_stepped_contact() -> None:
+    robot, q, _, contact = on_feet("solo12")
+    scene = tl.Scene(robot, q, effects=[tl.effects.Gravity(), contact], duration=0.2)
+    env = Environment(scene, lambda state, _: float(state.q[2]), contact="stepped", limit=1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of spaces without bounds
+        check_env(env, skip_render_check=True)
+    env.reset(seed=0)
+    ends = [env.step(np.zeros(robot.nv)) for _ in range(10)]
+    assert [end[3] for end in ends] == [False] * 9 + [True]
+    feet = [name for name in robot.frame_names if name.endswith("FOOT")]
+    lowest = min(robot.frame_pose(env.simulation.state.q, foot)[1][2] for foot in feet)
+    assert lowest == pytest.approx(FEET["solo12"], abs=1e-3)  # the ground holds them, 1 cm below where they began
+
+
+def test_the_wrappers_of_cleanrl_see_episodes_end_and_begin_in_one_step() -> None:
+    short = tl.Scene(SWING.base, SWING.q, SWING.v, SWING.effects, duration=0.2)
+
+    def make() -> gymnasium.Env:
+        env = RecordEpisodeStatistics(FlattenObservation(Environment(short, lambda *_: 1.0, period=0.05)))
+        return NormalizeObservation(ClipAction(env))
+
+    envs = SyncVectorEnv([make] * 2, autoreset_mode=AutoresetMode.SAME_STEP)
+    envs.reset(seed=0)
+    for _ in range(2):
+        steps = [envs.step(envs.action_space.sample()) for _ in range(4)]
+        assert [step[3].all() for step in steps] == [False, False, False, True]
+        assert steps[-1][4]["final_info"]["episode"]["r"] == pytest.approx([4.0, 4.0])
+
+
+def test_stable_baselines_learns_in_an_environment() -> None:
+    baselines = pytest.importorskip("stable_baselines3", reason="Stable-Baselines3 is no extra of twolink")
+    short = tl.Scene(SWING.base, SWING.q, SWING.v, SWING.effects, duration=0.2)
+    env = RescaleAction(Environment(short, reward, period=0.05, start=around, limit=2.0), -1.0, 1.0)
+    model = baselines.PPO("MlpPolicy", env, n_steps=64, batch_size=64, device="cpu", seed=0).learn(128)
+    action, _ = model.predict(env.reset(seed=0)[0])
+    assert model.num_timesteps == 128
+    assert np.abs(action).max() <= 1.0
 
 
 @pytest.mark.slow

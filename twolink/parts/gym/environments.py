@@ -17,6 +17,7 @@ from twolink.scenes import Scene
 from twolink.simulation.motion_error import METHOD
 from twolink.simulation.sampling import duration_for
 from twolink.simulation.stepwise import (
+    Saved,
     Simulation,
     State,
     equations_held,
@@ -113,6 +114,13 @@ class Task:
 class Environment(gymnasium.Env[Array, Array]):
     """A scene as an environment of Gymnasium. Takes what `Task` takes.
 
+    Parameters
+    ----------
+    contact : {"located", "stepped"}, optional
+        How contacts are computed, as of `tl.Simulation`; of a quadruped they are stepped.
+    step : float
+        The longest step of stepped contacts, s.
+
     Examples
     --------
     >>> import twolink as tl
@@ -122,15 +130,24 @@ class Environment(gymnasium.Env[Array, Array]):
     >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
     """
 
-    def __init__(self, scene: Scene, reward: Reward, **task: Any) -> None:
+    def __init__(
+        self, scene: Scene, reward: Reward, *, contact: str | None = None, step: float = 1e-3, **task: Any
+    ) -> None:
         self.task = Task(scene, reward, **task)
-        self.simulation = Simulation(scene, accuracy=self.task.accuracy)
+        self.simulation = Simulation(scene, accuracy=self.task.accuracy, contact=contact, step=step)
+        self._repeats = all(one.sampled is None for one in scene.effects)  # laws may remember what no save has
+        self._begun: tuple[Array, Array, Saved] | None = None  # the last start
         self.action_space, self.observation_space = self.task.actions, self.task.observations(self.simulation.state)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Begin an episode. options: q and v of its start."""
         super().reset(seed=seed)
-        self.simulation.set_state(*self.task.begin(self.np_random, options), t=0.0)
+        q, v = (np.array(one, dtype=float) for one in self.task.begin(self.np_random, options))
+        if self._begun and np.array_equal(self._begun[0], q) and np.array_equal(self._begun[1], v):
+            self.simulation.restore(self._begun[2])  # contacts and events are not prepared again
+        else:
+            self.simulation.set_state(q, v, t=0.0)
+            self._begun = (q, v, self.simulation.save()) if self._repeats else None
         return np.asarray(self.task.observe(self.simulation.state), dtype=float), {}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
