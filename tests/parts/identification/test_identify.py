@@ -139,7 +139,8 @@ def test_intervals_hold_where_an_offset_of_the_torques_walks_at_random(seeds: in
     tau, held = robot.inverse_dynamics(q, v, a), []
     for seed in range(seeds):
         steps = 0.02 * np.random.default_rng(seed).standard_normal((2, *tau.shape))
-        found = identify(robot, t, q, v, tau + steps[0] + np.cumsum(steps[1], axis=0) / np.sqrt(len(t)), a=a)
+        found = identify(robot, t, q, v, tau + steps[0] + np.cumsum(steps[1], axis=0) / np.sqrt(len(t)), a=a,
+                         joint_model="none")  # fmt: skip
         held.append(np.abs(found.estimate - found.matrix @ found.selection.nominal) <= found.half_width)
     assert 0.92 <= np.mean(held) <= 0.99
 
@@ -147,7 +148,7 @@ def test_intervals_hold_where_an_offset_of_the_torques_walks_at_random(seeds: in
 def test_bodies_that_are_found_can_exist() -> None:
     """With so much noise the estimate alone is impossible: the nearest possible bodies are within its errors."""
     tau = ARM.inverse_dynamics(Q, V, A)
-    found = identify(ARM, T, Q, V, noisy(tau, 8.0, 2), a=A)
+    found = identify(ARM, T, Q, V, noisy(tau, 8.0, 2), a=A, joint_model="none")
     assert found.estimate[2] < 0
     assert found.consistency.consistent
     assert found.consistency.distance > 0.3

@@ -15,10 +15,10 @@ from twolink.parts.identification.base_parameters import select
 from twolink.parts.identification.filtering import (
     SMALLEST,
     Filter,
+    Folds,
     Recording,
     States,
     half_window_of,
-    left_out,
     require_samples,
     states,
 )
@@ -27,7 +27,15 @@ from twolink.parts.identification.measurements import filtered, recordings, wide
 from twolink.parts.identification.regression import METHODS
 from twolink.parts.identification.result import Identification
 from twolink.parts.identification.setup import setup_of
-from twolink.parts.identification.solving import IdentificationPlan, examined, linear_system, plan_of, solve, validation
+from twolink.parts.identification.solving import (
+    IdentificationPlan,
+    examined,
+    explaining,
+    linear_system,
+    plan_of,
+    solve,
+    validation,
+)
 from twolink.parts.identification.units import DEGREE, beyond_reach, in_degrees, range_of, wide_joint
 
 _SURE = 0.5  # of the logarithm of the mean square: degrees must explain the torques so much better than radians
@@ -119,7 +127,9 @@ def identify(
     confidence = positive(confidence, "confidence", QueryError, "such as 0.95", expected="a probability")
     if confidence >= 1.0:
         raise QueryError(f"expected a probability, got {confidence!r}", argument="confidence", remedy="such as 0.95")
-    of_joints, terms = ([], ()) if joint_model is None else joint_terms(robot, joint_model, coupling)
+    if joint_model is None:
+        joint_model = "auto" if parameters is None else "none"
+    of_joints, terms = joint_terms(robot, joint_model, coupling)
     chosen, setup = select(robot, parameters, of_joints, terms), setup_of(robot, find or ())
     runs = recordings(robot, t, q, v, tau, a)
     held_out = () if validate is None else recordings(robot, validate, None, None, None)
@@ -130,9 +140,11 @@ def identify(
     for run in runs:
         _require_radians(robot, run)
     by, table = plan.filter_of(runs, setup), None
+    data = filtered(robot, runs, by)
+    chosen = replace(chosen, width=data.width)
     if joint_model == "auto":
-        chosen, table = best_terms(robot, chosen, *linear_system(robot, chosen, filtered(robot, runs, by)))
-        plan = plan_of(setup, chosen, method, confidence, plan.half_window)
+        chosen, table = best_terms(robot, chosen, data, *linear_system(robot, chosen, data))
+    plan = plan_of(setup, chosen, method, confidence, plan.half_window)
     result = examined(plan, solve(plan, setup, runs, by))
     if find is None:
         result = _without_delay(plan, runs, by, result)
@@ -196,5 +208,6 @@ def _unexplained(robot: Robot, run: Recording, scale: float, half: int) -> float
     else:
         at, v = np.arange(half, len(run.t) - half, step), None if run.v is None else scale * run.v
         now = states(robot, replace(run, q=scale * run.q, v=v), half, "q" if v is None else "v", at)
-    system = plan_of(setup_of(robot, ()), select(robot, ["*"], [], ()), "weighted", 0.95, None).system(robot)
-    return float(np.mean(np.log(left_out(*system(now, run.tau[at])))))
+    system = explaining(robot, [run])
+    columns, y = system(now, run.tau[at])
+    return float(np.mean(np.log(Folds(columns, y, [len(at)]).left_out())))

@@ -22,8 +22,9 @@ from twolink.dynamics.arguments import array
 from twolink.dynamics.regressors import JOINT_PARAMETERS
 from twolink.errors import QueryError, require_known
 from twolink.io.text import Table
-from twolink.parts.identification.base_parameters import Selection, Term
-from twolink.parts.identification.filtering import left_out
+from twolink.parts.identification.base_parameters import Selection, Term, direction
+from twolink.parts.identification.filtering import Folds
+from twolink.parts.identification.measurements import Measurements
 
 WORDS = {"viscous": "damping", "coulomb": "friction", "rotor": "armature", "offset": "offset",
          "asymmetric": "asymmetry", "stribeck": "stribeck"}  # fmt: skip
@@ -75,7 +76,8 @@ def single_joints(robot: Robot) -> dict[str, int]:
 def _words(given: Any) -> list[Any]:
     """The words and functions of a joint model."""
     if isinstance(given, str):
-        return [word.strip() for word in (CANDIDATES[-1] if given == "auto" else given).split("+") if word.strip()]
+        given = {"auto": CANDIDATES[-1], "none": ""}.get(given, given)
+        return [word.strip() for word in given.split("+") if word.strip()]
     if callable(given):
         return [given]
     if isinstance(given, list | tuple):
@@ -99,9 +101,9 @@ def _kind_of(word: str) -> tuple[str, float]:
 
 
 def _law(kind: str, speed: float, inverse: np.ndarray, dof: int) -> Callable[..., np.ndarray]:
-    def torque(_q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        v, a = v @ inverse[dof], a @ inverse[dof]
-        sign = np.sign(v)
+    def torque(_q: np.ndarray, v: np.ndarray, a: np.ndarray, width: np.ndarray) -> np.ndarray:
+        v, a, noise = v @ inverse[dof], a @ inverse[dof], np.linalg.norm(width * inverse[dof])
+        sign = direction(v, noise)
         laws = {"damping": v, "friction": sign, "armature": a, "offset": np.ones_like(v), "asymmetry": np.abs(sign),
                 "stribeck": sign * np.exp(-((v / speed) ** 2))}  # fmt: skip
         return np.asarray(laws[kind][..., None] * inverse[dof])
@@ -123,25 +125,29 @@ def _inverse(robot: Robot, coupling: ArrayLike | None) -> np.ndarray:
 def _checked(robot: Robot, column: Callable[..., Any]) -> Callable[..., np.ndarray]:
     """The function, whose torques have the right shape and are finite. Raises QueryError."""
 
-    def torque(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    def torque(q: np.ndarray, v: np.ndarray, a: np.ndarray, _width: np.ndarray) -> np.ndarray:
         values = np.asarray(column(q, v, a), dtype=float)
         if values.shape != v.shape or not np.all(np.isfinite(values)):
             what = f"{column.__name__} gave torques of shape {values.shape}, expected finite ones of shape {v.shape}"
             raise QueryError(what, argument="joint_model", remedy="give a function of arrays (n, nq), (n, nv), (n, nv)")
         return values
 
-    torque(*robot.random_state(3), np.zeros((3, robot.nv)))
+    torque(*robot.random_state(3), np.zeros((3, robot.nv)), np.zeros(1))
     return torque
 
 
-def best_terms(robot: Robot, chosen: Selection, columns: np.ndarray, y: np.ndarray) -> tuple[Selection, Table]:
+def best_terms(
+    robot: Robot, chosen: Selection, data: Measurements, columns: np.ndarray, y: np.ndarray
+) -> tuple[Selection, Table]:
     """The joint models by cross-validation, and what each candidate leaves of the torques of left-out parts.
 
-    columns (n, nv, k), y (n, nv): of a selection with all terms. Each joint takes the candidate with fewest
-    coefficients among those that leave it as little as the best.
+    columns (n, nv, k), y (n, nv): of a selection with all terms, of averaged data. Each joint takes the candidate with
+    fewest coefficients among those that leave it as little as the best, where it moves.
     """
     joints = single_joints(robot)
     every = {WORDS[word] for word in CANDIDATES[-1].split("+")}
+    moving = data.averaged(np.where(data.v == 0.0, 1e-3, direction(data.v, chosen.width) ** 2))
+    folds = Folds(columns, y, [end // data.block for end in data.ends], moving)
 
     def unused(words: Mapping[str, str]) -> set[str]:
         split = [(name, *name.rpartition(".")[::2]) for name in chosen.names]
@@ -151,7 +157,7 @@ def best_terms(robot: Robot, chosen: Selection, columns: np.ndarray, y: np.ndarr
 
     def score(words: Mapping[str, str]) -> np.ndarray:
         drop = unused(words)
-        return left_out(columns[..., [k for k, name in enumerate(chosen.names) if name not in drop]], y)
+        return folds.left_out([k for k, name in enumerate(chosen.names) if name not in drop])
 
     scores = {words: np.log(score(dict.fromkeys(joints, words))) for words in CANDIDATES}
     best: dict[str, str] = {}

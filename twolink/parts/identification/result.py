@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
 from twolink.io.text import Table
-from twolink.parts.identification.base_parameters import Selection
+from twolink.parts.identification.base_parameters import Selection, regressor
 from twolink.parts.identification.consistency import Consistency, consistent
 from twolink.parts.identification.filtering import Filter
 from twolink.parts.identification.model_errors import HARM, ModelError
@@ -230,10 +230,11 @@ class Identification(Estimate):
 
     def model_torques(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, of: Consistency | None = None) -> np.ndarray:
         """Torques (..., nv), N m or N, at the true positions. of: other parameters than the consistent ones."""
-        of = of or self.consistency
-        tau = self.setup.true_robot.regressor(q, v, a) @ of.vector
-        terms = (of.parameters[term.name] * term.torque(q, v, a) for term in self.selection.terms)
-        return np.asarray(sum(terms, tau))
+        of, width, shape = of or self.consistency, self.selection.width, np.shape(v)
+        q, v, a = (x.reshape(-1, x.shape[-1]) for x in (q, v, a))
+        tau = regressor(self.setup.true_robot, q, v, a, width) @ of.vector
+        terms = (of.parameters[term.name] * term.torque(q, v, a, width) for term in self.selection.terms)
+        return np.asarray(sum(terms, tau)).reshape(shape)
 
     def report(self, path: str | Path, notes: Sequence[str] = ()) -> Path:
         """Write one .html file with its figures: data, choices, residuals, parameters, model errors, validation.

@@ -8,9 +8,16 @@ from scipy.special import stdtrit
 
 from twolink.dynamics import Robot
 from twolink.errors import QueryError
-from twolink.parts.identification.base_parameters import BaseParameters, Selection, base_parameters, independent, select
+from twolink.parts.identification.base_parameters import (
+    BaseParameters,
+    Selection,
+    base_parameters,
+    direction,
+    independent,
+    select,
+)
 from twolink.parts.identification.filtering import Filter, Recording, States, System, choose, require_samples
-from twolink.parts.identification.joint_models import joint_terms
+from twolink.parts.identification.joint_models import joint_terms, single_joints
 from twolink.parts.identification.measurements import Measurements, filtered, wider
 from twolink.parts.identification.model_errors import model_errors
 from twolink.parts.identification.regression import Fit, fit
@@ -20,7 +27,9 @@ from twolink.parts.identification.setup import Setup, derivatives, names_of
 _SHORTEST = 0.1  # m: of the links of a robot whose joints are at one place
 _LARGEST = 1e100  # of torques and of the regressor: squares and their ratios stay within the range of doubles
 _STILL = 2.0  # times its filter's error: a joint's q, v or a below it does not move
-_ROUNDS, _STEPS, _CLOSE = 2, 15, 0.02  # of the filter and of the setup; standard errors of a step that ends the search
+_RESTS = 0.5  # of a block's samples: it belongs to a rest
+_SLOW = 0.02  # of a joint's usual speed: without a filter no sign of less is known
+_ROUNDS, _STEPS, _CLOSE = 2, 15, 0.1  # of the filter and of the setup; standard errors of a step that ends the search
 _ANY_TILT = 0.1  # rad: gravity that is not known to be along an axis shows more parameters
 _LARGEST_STEP = 1.0  # of the logarithm of a motor constant
 _FEWEST = 3  # degrees of freedom of a covariance
@@ -43,17 +52,26 @@ class IdentificationPlan:
         if runs[0].a is not None:
             return None
         corrected = [setup.corrected(run) for run in runs]
-        return choose(self.robot, corrected, self.system(setup.true_robot), self.half_window)
+        return choose(self.robot, corrected, explaining(setup.true_robot, corrected, self.chosen), self.half_window)
 
-    def system(self, robot: Robot) -> System:
-        """The equations y = G theta of what can be told, from states and torques."""
-        members = list(self.possible.members)
 
-        def system(now: States, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            columns, known = self.chosen.system(robot, now.q, now.v, now.a)
-            return columns[..., members], tau - known
+def explaining(robot: Robot, runs: Sequence[Recording], chosen: Selection | None = None) -> System:
+    """The equations y = G theta of all bodies and drives, and of what is looked for, from states and torques.
 
-        return system
+    What is not looked for may be in the torques too: a filter by these alone would follow it.
+    """
+    drives = joint_terms(robot, "auto")
+    terms = {term.name: term for term in (*drives[1], *(chosen.terms if chosen else ()))}
+    rates = [robot.difference(run.q[:-1], run.q[1:]) / np.diff(run.t)[:, None] for run in runs]
+    width = _SLOW * np.sqrt(np.mean(np.concatenate(rates) ** 2, axis=0))
+    every = replace(select(robot, ["*"], drives[0], tuple(terms.values())), width=width)
+    members = list(base_parameters(robot, every).members)
+
+    def system(now: States, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        columns, known = every.system(robot, now.q, now.v, now.a)
+        return columns[..., members], tau - known
+
+    return system
 
 
 def plan_of(setup: Setup, chosen: Selection, method: str, confidence: float, half: int | None) -> IdentificationPlan:
@@ -106,7 +124,8 @@ def solve(plan: IdentificationPlan, setup: Setup, runs: Sequence[Recording], by:
 def _with_constants(setup: Setup, first: SolvedIdentification) -> Setup:
     """The setup with motor constants that take what was measured to the torques of the robot as it was given."""
     data = first.data
-    nominal = np.concatenate([setup.robot.regressor(*state) @ setup.robot.parameter_values for state in data.states()])
+    robot, whole = setup.robot, select(setup.robot, ["*"])
+    nominal = np.concatenate([whole.system(robot, *state)[0] @ robot.parameter_values for state in data.states()])
     ratio = np.sum(nominal * data.tau, axis=0) / np.maximum(np.sum(data.tau**2, axis=0), 1e-300)
     starts = [ratio[setup.dof(name)] if name.endswith(".motor_constant") else 0.0 for name in setup.names]
     return setup.at(np.where(np.array(starts) > 0, starts, setup.values))
@@ -136,15 +155,16 @@ def _solved(
     starts = (0, *data.ends[:-1])
     ends = np.cumsum([(end - start) // data.block for start, end in zip(starts, data.ends, strict=True)]).tolist()
     blocks = ends if len(ends) >= _RUNS else None
+    rest = _rest(robot, chosen, base, data)
     if data.coarse is None:
-        found = fit(columns, y, plan.method, prior=prior, blocks=blocks, runs=ends)
+        found = fit(columns, y, plan.method, prior=prior, blocks=blocks, runs=ends, rest=rest)
         wide, numerical = None, found.rounding
     else:
         other, torques = linear_system(robot, plan.chosen, data.coarse)
         other, torques = np.concatenate([other, slopes], axis=-1)[..., members], torques + known
         errors = np.concatenate([other - columns, (torques - y)[..., None]], axis=-1)
-        found = fit(columns, y, plan.method, errors, prior=prior, blocks=blocks, runs=ends)
-        second = fit(other, torques, plan.method, errors, prior=prior)
+        found = fit(columns, y, plan.method, errors, prior=prior, blocks=blocks, runs=ends, rest=rest)
+        second = fit(other, torques, plan.method, errors, prior=prior, rest=rest)
         wide, numerical = second.residuals, found.rounding + np.abs(second.x - found.x)
     result = Identification(
         robot=plan.robot, selection=chosen, combinations=base.combinations, matrix=base.matrix, estimate=found.x,
@@ -158,6 +178,29 @@ def _solved(
         block_covariance=found.by_blocks, joint_models=None,
     )  # fmt: skip
     return SolvedIdentification(result, data, columns, found, wide, prior[1])
+
+
+def _rest(
+    robot: Robot, chosen: Selection, base: BaseParameters, data: Measurements
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Samples (blocks, nv) at rest in a row, and what of the parameters adds up to the friction there (nv, r).
+
+    Where a joint rests, its friction is anything within its size: a bound, once for as long as it lasts.
+    """
+    sizes = np.zeros((robot.nv, len(base.members)))
+    joints = single_joints(robot)
+    for k, member in enumerate(base.members):
+        if chosen.names[member] in chosen.rubbing:
+            sizes[joints[chosen.rubbing[chosen.names[member]]], k] = 1.0
+    if not chosen.width.any() or not sizes.any():
+        return None
+    still = data.averaged(1 - direction(data.v, chosen.width) ** 2)
+    long = np.empty_like(still)
+    for column, out in zip(still.T, long.T, strict=True):
+        cuts = np.flatnonzero(np.diff(column > _RESTS)) + 1
+        for rows in np.split(np.arange(len(column)), cuts):
+            out[rows] = column[rows] * max(column[rows].sum(), 1.0) if column[rows[0]] > _RESTS else column[rows] ** 2
+    return long, sizes
 
 
 def _half_width(plan: IdentificationPlan, y: np.ndarray, found: Fit, of_runs: bool) -> np.ndarray:
