@@ -32,7 +32,7 @@ _FOLDS, _LOOKED_AT, _CANDIDATES = 5, 800, 20
 FEWEST_RUNS = 3  # that are left out one by one
 FASTEST = 100.0  # Hz: rigid bodies that drives move have little above it, their noise has
 _WORSE = 1.0  # in the logarithm of the mean square: windows twice that much above the best end the search
-_ALIKE = 0.02  # of windows that do as well as the best within this, the narrowest keeps most of the motion
+ALIKE = 0.02  # of windows that do as well as the best within this, the narrowest keeps most of the motion
 _PART = 2_000  # samples whose windows are in memory at once
 Source = Literal["q", "v"]
 System = Callable[["States", np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -135,7 +135,7 @@ def choose(robot: Robot, runs: Sequence[Recording], system: System, half: int | 
             if beyond == 2:
                 break
     least = min(one[0] for one in tried)
-    _, source, chosen, _ = min((one for one in tried if one[0] <= least + _ALIKE), key=lambda one: one[2])
+    _, source, chosen, _ = min((one for one in tried if one[0] <= least + ALIKE), key=lambda one: one[2])
     table = tuple((by, size, tuple(root.tolist())) for _, by, size, root in tried)
     return Filter(chosen, source, cutoff(chosen, rate), table)
 

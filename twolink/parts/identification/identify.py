@@ -22,7 +22,7 @@ from twolink.parts.identification.filtering import (
     require_samples,
     states,
 )
-from twolink.parts.identification.joint_models import best_terms, joint_terms
+from twolink.parts.identification.joint_models import best_terms, joint_terms, with_width
 from twolink.parts.identification.measurements import filtered, recordings, wider
 from twolink.parts.identification.regression import METHODS
 from twolink.parts.identification.result import Identification
@@ -31,7 +31,6 @@ from twolink.parts.identification.solving import (
     IdentificationPlan,
     examined,
     explaining,
-    linear_system,
     plan_of,
     solve,
     validation,
@@ -141,9 +140,9 @@ def identify(
         _require_radians(robot, run)
     by, table = plan.filter_of(runs, setup), None
     data = filtered(robot, runs, by)
-    chosen = replace(chosen, width=data.width)
+    chosen = with_width(robot, chosen, data)
     if joint_model == "auto":
-        chosen, table = best_terms(robot, chosen, data, *linear_system(robot, chosen, data))
+        chosen, table = best_terms(robot, chosen, data)
     plan = plan_of(setup, chosen, method, confidence, plan.half_window)
     result = examined(plan, solve(plan, setup, runs, by))
     if find is None:

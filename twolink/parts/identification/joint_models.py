@@ -11,6 +11,7 @@ European Journal of Control 4.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -23,12 +24,13 @@ from twolink.dynamics.regressors import JOINT_PARAMETERS
 from twolink.errors import QueryError, require_known
 from twolink.io.text import Table
 from twolink.parts.identification.base_parameters import Selection, Term, direction
-from twolink.parts.identification.filtering import Folds
-from twolink.parts.identification.measurements import Measurements
+from twolink.parts.identification.filtering import ALIKE, Folds
+from twolink.parts.identification.measurements import Measurements, linear_system
 
 WORDS = {"viscous": "damping", "coulomb": "friction", "rotor": "armature", "offset": "offset",
          "asymmetric": "asymmetry", "stribeck": "stribeck"}  # fmt: skip
 STRIBECK = 0.1  # rad/s or m/s, of Stribeck's friction where none is stated
+_WIDER = (1.0, 3.0, 10.0, 30.0, 100.0)  # times the speeds that cannot be told from rest
 _PAYS = 0.05  # of the mean square: a joint model that leaves that much less is worth its coefficients
 _FRICTION = ("", "viscous", "coulomb", "viscous+coulomb", "viscous+coulomb+offset", "viscous+coulomb+stribeck",
              "viscous+coulomb+offset+stribeck")  # fmt: skip
@@ -136,18 +138,35 @@ def _checked(robot: Robot, column: Callable[..., Any]) -> Callable[..., np.ndarr
     return torque
 
 
-def best_terms(
-    robot: Robot, chosen: Selection, data: Measurements, columns: np.ndarray, y: np.ndarray
-) -> tuple[Selection, Table]:
+def with_width(robot: Robot, chosen: Selection, data: Measurements) -> Selection:
+    """The selection whose friction turns over the width by which each joint's torques are predicted best.
+
+    That is what cannot be told from rest, or more: elastic teeth and grease creep before they slide.
+    """
+    tried = []
+    for factor in _WIDER if data.width.any() and chosen.rubbing else (1.0,):
+        now = replace(chosen, width=factor * data.width)
+        tried.append((folds_of(data, *linear_system(robot, now, data)).left_out(), now.width))
+    scores, widths = (np.log(np.stack(x)) if k == 0 else np.stack(x) for k, x in enumerate(zip(*tried, strict=True)))
+    first = np.argmax(scores <= scores.min(axis=0) + ALIKE, axis=0)
+    return replace(chosen, width=np.take_along_axis(widths, first[None], axis=0)[0])
+
+
+def folds_of(data: Measurements, columns: np.ndarray, y: np.ndarray) -> Folds:
+    """The parts of averaged data, in which only torques of joints that move count."""
+    moving = data.averaged(np.where(data.v == 0.0, 1e-3, direction(data.v, data.width) ** 2))
+    return Folds(columns, y, [end // data.block for end in data.ends], moving)
+
+
+def best_terms(robot: Robot, chosen: Selection, data: Measurements) -> tuple[Selection, Table]:
     """The joint models by cross-validation, and what each candidate leaves of the torques of left-out parts.
 
-    columns (n, nv, k), y (n, nv): of a selection with all terms, of averaged data. Each joint takes the candidate with
-    fewest coefficients among those that leave it as little as the best, where it moves.
+    chosen: a selection with all terms. Each joint takes the candidate with fewest coefficients among those that leave
+    it as little as the best, where it moves.
     """
     joints = single_joints(robot)
     every = {WORDS[word] for word in CANDIDATES[-1].split("+")}
-    moving = data.averaged(np.where(data.v == 0.0, 1e-3, direction(data.v, chosen.width) ** 2))
-    folds = Folds(columns, y, [end // data.block for end in data.ends], moving)
+    folds = folds_of(data, *linear_system(robot, chosen, data))
 
     def unused(words: Mapping[str, str]) -> set[str]:
         split = [(name, *name.rpartition(".")[::2]) for name in chosen.names]

@@ -15,10 +15,12 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
 from twolink.errors import QueryError
 from twolink.io.tables import read_table
+from twolink.parts.identification.base_parameters import Selection
 from twolink.parts.identification.filtering import Filter, Recording, states
 from twolink.parts.identification.units import check_units
 from twolink.robots.joint_layout import read_columns
 
+_LARGEST = 1e100  # of torques and of the regressor: squares and their ratios stay within the range of doubles
 _NARROWER = 0.7  # a window is compared with one wider by 1 / 0.7: errors of a grow with its fourth power
 _STATES = 4  # of a block of samples
 _SLOW, _HIDDEN = 10, 3.0  # of so many samples the slowest; speeds within so many deviations have no sign
@@ -157,6 +159,17 @@ def filtered(robot: Robot, runs: Sequence[Recording], by: Filter | None) -> Meas
         parts = [(run.t[rows], s.q, s.v, s.a, y) for run, rows, s, y in zip(runs, at, moved, tau, strict=True)]
         two.append(_joined(parts, block // step))
     return replace(two[0], coarse=two[1])
+
+
+def linear_system(robot: Robot, chosen: Selection, data: Measurements) -> tuple[np.ndarray, np.ndarray]:
+    """G (n, nv, k) and y (n, nv) of y = G theta: y is without the torques of what is not looked for."""
+    columns, known = zip(*(chosen.system(robot, *state) for state in data.states()), strict=True)
+    both = data.averaged(np.concatenate(columns)), data.averaged(data.tau - np.concatenate(known))
+    largest = max(float(np.abs(x).max(initial=0.0)) for x in both)
+    if not largest <= _LARGEST:
+        what = f"numbers of the size {largest:.3g} cannot be used"
+        raise QueryError(what, where="identify", remedy="give SI units and radians", code="units")
+    return both
 
 
 def _joined(parts: Sequence[tuple[Any, ...]], block: int) -> Measurements:

@@ -18,14 +18,13 @@ from twolink.parts.identification.base_parameters import (
 )
 from twolink.parts.identification.filtering import Filter, Recording, States, System, choose, require_samples
 from twolink.parts.identification.joint_models import joint_terms, single_joints
-from twolink.parts.identification.measurements import Measurements, filtered, wider
+from twolink.parts.identification.measurements import Measurements, filtered, linear_system, wider
 from twolink.parts.identification.model_errors import model_errors
 from twolink.parts.identification.regression import Fit, fit
 from twolink.parts.identification.result import Identification, Validation
 from twolink.parts.identification.setup import Setup, derivatives, names_of
 
 _SHORTEST = 0.1  # m: of the links of a robot whose joints are at one place
-_LARGEST = 1e100  # of torques and of the regressor: squares and their ratios stay within the range of doubles
 _STILL = 2.0  # times its filter's error: a joint's q, v or a below it does not move
 _RESTS = 0.5  # of a block's samples: it belongs to a rest
 _SLOW = 0.02  # of a joint's usual speed: without a filter no sign of less is known
@@ -192,9 +191,9 @@ def _rest(
     for k, member in enumerate(base.members):
         if chosen.names[member] in chosen.rubbing:
             sizes[joints[chosen.rubbing[chosen.names[member]]], k] = 1.0
-    if not chosen.width.any() or not sizes.any():
+    if not data.width.any() or not sizes.any():
         return None
-    still = data.averaged(1 - direction(data.v, chosen.width) ** 2)
+    still = data.averaged(1 - direction(data.v, data.width) ** 2)
     long = np.empty_like(still)
     for column, out in zip(still.T, long.T, strict=True):
         cuts = np.flatnonzero(np.diff(column > _RESTS)) + 1
@@ -296,17 +295,6 @@ def validation(found: Identification, held_out: Sequence[Recording]) -> Validati
     predicted = np.concatenate([found.model_torques(*state) for state in data.states()])
     tau, predicted = data.averaged(data.tau), data.averaged(predicted)
     return Validation(data.averaged(data.t), tau, tau - predicted)
-
-
-def linear_system(robot: Robot, chosen: Selection, data: Measurements) -> tuple[np.ndarray, np.ndarray]:
-    """G (n, nv, k) and y (n, nv) of y = G theta: y is without the torques of what is not looked for."""
-    columns, known = zip(*(chosen.system(robot, *state) for state in data.states()), strict=True)
-    both = data.averaged(np.concatenate(columns)), data.averaged(data.tau - np.concatenate(known))
-    largest = max(float(np.abs(x).max(initial=0.0)) for x in both)
-    if largest > _LARGEST:
-        what = f"numbers of the size {largest:.3g} cannot be used"
-        raise QueryError(what, where="identify", remedy="give SI units and radians", code="units")
-    return both
 
 
 def _excited(
