@@ -28,7 +28,7 @@ from twolink.errors import QueryError
 DEGREE = 4
 SMALLEST = 3  # half a window: 7 samples for the 5 coefficients of the polynomial
 _EXCESS = 1.1  # residuals of a window that is not too wide exceed those of the narrowest by less, and by chance
-_FOLDS, _LOOKED_AT, _CANDIDATES = 5, 800, 20
+_FOLDS, _PIECES, _LOOKED_AT, _CANDIDATES = 5, 6, 800, 20
 FEWEST_RUNS = 3  # that are left out one by one
 FASTEST = 100.0  # Hz: rigid bodies that drives move have little above it, their noise has
 _WORSE = 1.0  # in the logarithm of the mean square: windows twice that much above the best end the search
@@ -150,7 +150,11 @@ class Folds:
         share = np.ones(y.shape) if share is None else share
         lengths = np.maximum(np.linalg.norm(columns, axis=(0, 1)), 1e-300)
         both = np.concatenate([columns / lengths, y[..., None]], axis=2) * np.sqrt(share)[..., None]
-        parts = np.split(both, ends[:-1]) if len(ends) >= FEWEST_RUNS else np.array_split(both, _FOLDS)
+        if len(ends) >= FEWEST_RUNS:
+            parts = np.split(both, ends[:-1])
+        else:  # each of pieces from all over the motion
+            pieces = np.array_split(both, _FOLDS * _PIECES)
+            parts = [np.concatenate(pieces[k::_FOLDS]) for k in range(_FOLDS)]
         parts = [part for part in parts if len(part)]
         least = max(max(map(len, parts)), both.shape[2])
         filled = np.stack([np.pad(part, ((0, least - len(part)), (0, 0), (0, 0))) for part in parts])

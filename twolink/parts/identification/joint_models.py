@@ -31,7 +31,8 @@ WORDS = {"viscous": "damping", "coulomb": "friction", "rotor": "armature", "offs
          "asymmetric": "asymmetry", "stribeck": "stribeck"}  # fmt: skip
 STRIBECK = 0.1  # rad/s or m/s, of Stribeck's friction where none is stated
 _WIDER = (1.0, 3.0, 10.0, 30.0, 100.0)  # times the speeds that cannot be told from rest
-_PAYS = 0.05  # of the mean square: a joint model that leaves that much less is worth its coefficients
+_TURNS = 0.05  # of a joint's usual speed: friction that turns over more is viscous
+_PAYS = 0.01  # of the mean square: a joint model that leaves that much less is worth its coefficients
 _FRICTION = ("", "viscous", "coulomb", "viscous+coulomb", "viscous+coulomb+offset", "viscous+coulomb+stribeck",
              "viscous+coulomb+offset+stribeck")  # fmt: skip
 CANDIDATES = tuple("+".join(filter(None, (words, rotor))) for rotor in ("", "rotor") for words in _FRICTION)
@@ -145,7 +146,8 @@ def with_width(robot: Robot, chosen: Selection, data: Measurements) -> Selection
     """
     tried = []
     for factor in _WIDER if data.width.any() and chosen.rubbing else (1.0,):
-        now = replace(chosen, width=factor * data.width)
+        widest = np.maximum(_TURNS * np.sqrt(np.mean(data.v**2, axis=0)), data.width)
+        now = replace(chosen, width=np.minimum(factor * data.width, widest))
         tried.append((folds_of(data, *linear_system(robot, now, data)).left_out(), now.width))
     scores, widths = (np.log(np.stack(x)) if k == 0 else np.stack(x) for k, x in enumerate(zip(*tried, strict=True)))
     first = np.argmax(scores <= scores.min(axis=0) + ALIKE, axis=0)

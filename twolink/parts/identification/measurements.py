@@ -51,12 +51,13 @@ class Measurements:
 
     @property
     def width(self) -> np.ndarray:
-        """The speeds (nv,) that cannot be told from rest: those of the filter's error where joints are slowest."""
+        """The speeds (nv,) that cannot be told from rest: those of the filter's error, usual or where joints are slow."""
         if self.coarse is None:
             return np.zeros(self.v.shape[1])
         slow = np.argsort(np.abs(self.coarse.v), axis=0)[: -(-len(self.v) // _SLOW)]
-        off = np.take_along_axis(self.v - self.coarse.v, slow, axis=0)
-        return np.asarray(_HIDDEN * np.sqrt(np.mean(off**2, axis=0)))
+        off = np.abs(self.v - self.coarse.v)
+        of_slow = np.sqrt(np.mean(np.take_along_axis(off, slow, axis=0) ** 2, axis=0))
+        return np.asarray(_HIDDEN * np.maximum(of_slow, np.median(off, axis=0)))  # encoders at rest have no noise
 
     def averaged(self, x: np.ndarray) -> np.ndarray:
         """Means of x (n, ...) over blocks of samples, within each run."""

@@ -191,15 +191,13 @@ def _rest(
     for k, member in enumerate(base.members):
         if chosen.names[member] in chosen.rubbing:
             sizes[joints[chosen.rubbing[chosen.names[member]]], k] = 1.0
-    if not data.width.any() or not sizes.any():
-        return None
     still = data.averaged(1 - direction(data.v, data.width) ** 2)
     long = np.empty_like(still)
     for column, out in zip(still.T, long.T, strict=True):
         cuts = np.flatnonzero(np.diff(column > _RESTS)) + 1
         for rows in np.split(np.arange(len(column)), cuts):
             out[rows] = column[rows] * max(column[rows].sum(), 1.0) if column[rows[0]] > _RESTS else column[rows] ** 2
-    return long, sizes
+    return (long, sizes) if sizes.any() and long.any() else None
 
 
 def _half_width(plan: IdentificationPlan, y: np.ndarray, found: Fit, of_runs: bool) -> np.ndarray:
