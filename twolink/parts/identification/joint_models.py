@@ -23,7 +23,7 @@ from twolink.dynamics.arguments import array
 from twolink.dynamics.regressors import JOINT_PARAMETERS
 from twolink.errors import QueryError, require_known
 from twolink.io.text import Table
-from twolink.parts.identification.base_parameters import Selection, Term, direction
+from twolink.parts.identification.base_parameters import Selection, Term, base_parameters, direction
 from twolink.parts.identification.filtering import ALIKE, Folds
 from twolink.parts.identification.measurements import Measurements, linear_system
 
@@ -188,6 +188,13 @@ def best_terms(robot: Robot, chosen: Selection, data: Measurements) -> tuple[Sel
             least = min(values[dof] for values in here.values())
             good = [words for words, values in here.items() if values[dof] <= least + _PAYS]
             best[name] = min(good, key=lambda words: (len(words.split("+")) if words else 0, here[words][dof]))
+    geared = any("rotor" in words for words in best.values())
+    for name in joints:  # drives are alike: an inertia that may as well be a rotor's is then no body's alone
+        if geared and "rotor" not in best[name]:
+            words = "+".join(filter(None, (best[name], "rotor")))
+            ranks = [len(base_parameters(robot, chosen.without(unused(of))).members)
+                     for of in (best, {**best, name: words})]  # fmt: skip
+            best[name] = words if ranks[0] == ranks[1] else best[name]
     rows = [(words or "none", *np.exp(values / 2).tolist()) for words, values in scores.items()]
     rows.append(
         (", ".join(f"{name}: {words or 'none'}" for name, words in best.items()), *np.sqrt(score(best)).tolist())
