@@ -8,9 +8,9 @@ noise of 1e-5 rad (an encoder of 19 bits). fit: `tl.fit` of an arm that falls wi
 with a noise of 2e-3 rad. twin: the arm as a log has it: encoders of 16 bits alone, torques late by 8 ms, quantised,
 with noise of 50 ms of memory and a steady drift; delay and offsets are looked for, the filter chosen. walk: the same
 with an offset that walks at random, which the model does not have. panda-twin: a Panda's log like that, with friction
-and steady drift; viscous and Coulomb friction, offsets and the delay are looked for. panda-rest: its motion stops for a
-quarter of the time, friction then holds it with any torque within its size; all by default. A repetition asks which true
-values are inside their 95 % intervals. Rows go to out/intervals-SEED.csv. Ends 0 if the share of each case is above
+and steady drift; viscous and Coulomb friction, offsets and the delay are looked for. panda-rest: its motion stops three
+times, where friction holds it with any torque within its size; all by default. A repetition asks which true values are
+inside their 95 % intervals. Rows go to out/intervals-SEED.csv. Ends 0 if the share of each case is above
 95 % less three standard deviations, as of repetitions whose intervals hold or fail together.
 """
 

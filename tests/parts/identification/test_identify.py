@@ -124,7 +124,7 @@ def test_forces_that_the_model_lacks_are_seen_in_the_residuals_and_widen_the_int
     lacking = identify(ARM, T, Q, V, tau, WANTED[:2], a=A)
     assert not whole.correlated
     assert lacking.correlated
-    assert "forces may be missing" in str(lacking)
+    assert "missing forces" in str(lacking)
     assert lacking.half_width[0] > 3 * whole.half_width[0]
 
 
@@ -163,7 +163,8 @@ def test_data_that_no_body_explains_are_told() -> None:
     tau = -ARM.inverse_dynamics(Q, V, A)
     found = identify(ARM, T, Q, V, noisy(tau, 0.05), a=A)
     assert not found.consistency.consistent
-    assert "check units, signs" in found.consistency.verdict
+    assert "opposite sign" in found.consistency.verdict
+    assert str(found).startswith("shoulder: its torques have the opposite sign")
     assert min(np.linalg.eigvalsh(pseudo).min() for pseudo in pseudo_inertias(found.found)) > 0
 
 

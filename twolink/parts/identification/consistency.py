@@ -147,8 +147,7 @@ class Consistency:
             return f"not consistent, the model lacks something: {self.model_errors[0]}"
         if self.distance < 0.1:
             return "physically consistent"
-        text = f"the nearest bodies that can exist are {self.distance:.2g} standard errors away ({self.moved})"
-        return text if self.consistent else f"{text}: check units, signs, and forces that the model lacks"
+        return f"the nearest bodies that can exist are {self.distance:.2g} standard errors away ({self.moved})"
 
     def __str__(self) -> str:
         return f"consistency: {self.verdict}"
@@ -240,9 +239,9 @@ def _domains(robot: Robot, chosen: Selection, sizes: np.ndarray) -> list[_Domain
             found.append(_Domain(start, slopes, np.linalg.inv(near), change))
     for k, column in enumerate(chosen.columns.T):
         if column[bodies:].any():
-            least = max(chosen.nominal[k], 1e-3 * sizes[k], 1e-12)
-            near, unit = max(chosen.nominal[k], sizes[k], 1e-12), np.eye(len(chosen.names))[k]
-            found.append(_Domain(np.array([[least]]), unit[:, None, None], np.array([[1 / near]]), (near - least) * unit))
+            low, high = (max(float(chosen.nominal[k]), share * float(sizes[k]), 1e-12) for share in (1e-3, 1.0))
+            unit, inverse = np.eye(len(chosen.names))[k], np.array([[1 / high]])
+            found.append(_Domain(np.array([[low]]), unit[:, None, None], inverse, (high - low) * unit))
     return found
 
 

@@ -128,7 +128,7 @@ def choose(robot: Robot, runs: Sequence[Recording], system: System, half: int | 
             pairs = [system(states(robot, run, size, source, at), run.tau[at])
                      for run, at in zip(runs, places, strict=True)]  # fmt: skip
             columns, y = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
-            left = Folds(columns, y, np.cumsum([len(at) for at in places])).left_out()
+            left = Folds(columns, y, np.cumsum([len(at) for at in places]).tolist()).left_out()
             score = float(np.mean(np.log(left)))
             tried.append((score, source, size, np.sqrt(left)))
             best, beyond = min(best, score), beyond + 1 if score > best + _WORSE else 0
@@ -146,7 +146,9 @@ class Folds:
     columns (n, nv, k), y (n, nv). ends: of the runs; three and more are the parts. share (n, nv): what a torque counts.
     """
 
-    def __init__(self, columns: np.ndarray, y: np.ndarray, ends: Sequence[int], share: np.ndarray | None = None) -> None:
+    def __init__(
+        self, columns: np.ndarray, y: np.ndarray, ends: Sequence[int], share: np.ndarray | None = None
+    ) -> None:
         share = np.ones(y.shape) if share is None else share
         lengths = np.maximum(np.linalg.norm(columns, axis=(0, 1)), 1e-300)
         both = np.concatenate([columns / lengths, y[..., None]], axis=2) * np.sqrt(share)[..., None]
@@ -158,7 +160,7 @@ class Folds:
         parts = [part for part in parts if len(part)]
         least = max(max(map(len, parts)), both.shape[2])
         filled = np.stack([np.pad(part, ((0, least - len(part)), (0, 0), (0, 0))) for part in parts])
-        self.triangles = np.linalg.qr(filled.swapaxes(1, 2), mode="r")
+        self.triangles = np.asarray(np.linalg.qr(filled.swapaxes(1, 2), mode="r"))
         grams = self.triangles[..., :-1].swapaxes(-1, -2) @ self.triangles
         self.grams = grams.sum(axis=0) - grams  # of the other parts
         self.count = np.maximum(share.sum(axis=0), 1e-300)

@@ -105,7 +105,7 @@ def _kind_of(word: str) -> tuple[str, float]:
 
 def _law(kind: str, speed: float, inverse: np.ndarray, dof: int) -> Callable[..., np.ndarray]:
     def torque(_q: np.ndarray, v: np.ndarray, a: np.ndarray, width: np.ndarray) -> np.ndarray:
-        v, a, noise = v @ inverse[dof], a @ inverse[dof], np.linalg.norm(width * inverse[dof])
+        v, a, noise = v @ inverse[dof], a @ inverse[dof], np.asarray(np.linalg.norm(width * inverse[dof]))
         sign = direction(v, noise)
         laws = {"damping": v, "friction": sign, "armature": a, "offset": np.ones_like(v), "asymmetry": np.abs(sign),
                 "stribeck": sign * np.exp(-((v / speed) ** 2))}  # fmt: skip

@@ -51,7 +51,7 @@ class Measurements:
 
     @property
     def width(self) -> np.ndarray:
-        """The speeds (nv,) that cannot be told from rest: those of the filter's error, usual or where joints are slow."""
+        """The speeds (nv,) that cannot be told from rest: the filter's error, usual or where joints are slow."""
         if self.coarse is None:
             return np.zeros(self.v.shape[1])
         slow = np.argsort(np.abs(self.coarse.v), axis=0)[: -(-len(self.v) // _SLOW)]

@@ -136,9 +136,7 @@ def _triangle(columns: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.qr(columns.reshape(-1, columns.shape[-1]), mode="r"))
 
 
-def _noise(
-    residuals: np.ndarray, leverage: np.ndarray, y: np.ndarray, robust: bool, share: np.ndarray
-) -> np.ndarray:
+def _noise(residuals: np.ndarray, leverage: np.ndarray, y: np.ndarray, robust: bool, share: np.ndarray) -> np.ndarray:
     """The standard deviation (nv,) of each joint's torques; not below their rounding."""
     count = share.sum(axis=0)
     free = np.maximum(count - leverage.sum(axis=0), 1.0)

@@ -26,6 +26,7 @@ from twolink.parts.identification.setup import Setup, derivatives, names_of
 
 _SHORTEST = 0.1  # m: of the links of a robot whose joints are at one place
 _STILL = 2.0  # times its filter's error: a joint's q, v or a below it does not move
+_OPPOSITE = -0.8  # correlation with the torques of the robot as it was given
 _RESTS = 0.5  # of a block's samples: it belongs to a rest
 _SLOW = 0.02  # of a joint's usual speed: without a filter no sign of less is known
 _ROUNDS, _STEPS, _CLOSE = 2, 15, 0.1  # of the filter and of the setup; standard errors of a step that ends the search
@@ -122,12 +123,16 @@ def solve(plan: IdentificationPlan, setup: Setup, runs: Sequence[Recording], by:
 
 def _with_constants(setup: Setup, first: SolvedIdentification) -> Setup:
     """The setup with motor constants that take what was measured to the torques of the robot as it was given."""
-    data = first.data
-    robot, whole = setup.robot, select(setup.robot, ["*"])
-    nominal = np.concatenate([whole.system(robot, *state)[0] @ robot.parameter_values for state in data.states()])
+    data, nominal = first.data, _nominal(setup.robot, first.data)
     ratio = np.sum(nominal * data.tau, axis=0) / np.maximum(np.sum(data.tau**2, axis=0), 1e-300)
     starts = [ratio[setup.dof(name)] if name.endswith(".motor_constant") else 0.0 for name in setup.names]
     return setup.at(np.where(np.array(starts) > 0, starts, setup.values))
+
+
+def _nominal(robot: Robot, data: Measurements) -> np.ndarray:
+    """The torques (n, nv) of the robot as it was given."""
+    whole = select(robot, ["*"])
+    return np.concatenate([whole.system(robot, *state)[0] @ robot.parameter_values for state in data.states()])
 
 
 def _errors_of(result: Identification) -> np.ndarray:
@@ -174,7 +179,7 @@ def _solved(
         residuals=found.residuals, condition=found.condition, correlated=found.correlated, method=plan.method,
         filter=by, metric=found.metric, torques=data.averaged(data.tau), validation=None, model_errors=(),
         setup=setup.at(_values(chosen, base, found.x, len(names))) if names else setup,
-        block_covariance=found.by_blocks, joint_models=None,
+        block_covariance=found.by_blocks, joint_models=None, mirrored=np.zeros(robot.nv, dtype=bool),
     )  # fmt: skip
     return SolvedIdentification(result, data, columns, found, wide, prior[1])
 
@@ -258,7 +263,10 @@ def examined(plan: IdentificationPlan, found: SolvedIdentification) -> Identific
     tried = np.concatenate([linear_system(result.setup.true_robot, left, data)[0], of_setup], axis=-1)
     errors = model_errors((*left.names, *setup), tried, found.columns, result.combinations, found.fit, found.wide,
                           found.sure, result.torques)  # fmt: skip
-    return replace(result, model_errors=errors)
+    nominal = _nominal(plan.robot, data)
+    alike = np.sum(nominal * data.tau, axis=0)
+    alike = alike / np.maximum(np.linalg.norm(nominal, axis=0) * np.linalg.norm(data.tau, axis=0), 1e-300)
+    return replace(result, model_errors=errors, mirrored=alike < _OPPOSITE)
 
 
 def _prior(robot: Robot, chosen: Selection, base: BaseParameters) -> tuple[np.ndarray, np.ndarray]:
