@@ -22,7 +22,7 @@ from twolink.parts.identification.filtering import (
     require_samples,
     states,
 )
-from twolink.parts.identification.joint_models import best_terms, joint_terms, with_width
+from twolink.parts.identification.joint_models import best_terms, explaining, joint_terms, with_width
 from twolink.parts.identification.measurements import filtered, recordings, wider
 from twolink.parts.identification.regression import METHODS
 from twolink.parts.identification.result import Identification
@@ -30,7 +30,6 @@ from twolink.parts.identification.setup import setup_of
 from twolink.parts.identification.solving import (
     IdentificationPlan,
     examined,
-    explaining,
     plan_of,
     solve,
     validation,

@@ -10,7 +10,7 @@ Source: Olsson, Astrom, Canudas de Wit, Gafvert and Lischinsky 1998, "Friction m
 European Journal of Control 4.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Any
@@ -23,14 +23,15 @@ from twolink.dynamics.arguments import array
 from twolink.dynamics.regressors import JOINT_PARAMETERS
 from twolink.errors import QueryError, require_known
 from twolink.io.text import Table
-from twolink.parts.identification.base_parameters import Selection, Term, base_parameters, direction
-from twolink.parts.identification.filtering import ALIKE, Folds
+from twolink.parts.identification.base_parameters import Selection, Term, base_parameters, direction, select
+from twolink.parts.identification.filtering import ALIKE, Folds, Recording, States, System
 from twolink.parts.identification.measurements import Measurements, linear_system
 
 WORDS = {"viscous": "damping", "coulomb": "friction", "rotor": "armature", "offset": "offset",
          "asymmetric": "asymmetry", "stribeck": "stribeck"}  # fmt: skip
 STRIBECK = 0.1  # rad/s or m/s, of Stribeck's friction where none is stated
 _WIDER = (1.0, 3.0, 10.0, 30.0, 100.0)  # times the speeds that cannot be told from rest
+_SLOW = 0.02  # of a joint's usual speed: without a filter no sign of less is known
 _TURNS = 0.05  # of a joint's usual speed: friction that turns over more is viscous
 _PAYS = 0.01  # of the mean square: a joint model that leaves that much less is worth its coefficients
 _FRICTION = ("", "viscous", "coulomb", "viscous+coulomb", "viscous+coulomb+offset", "viscous+coulomb+stribeck",
@@ -137,6 +138,25 @@ def _checked(robot: Robot, column: Callable[..., Any]) -> Callable[..., np.ndarr
 
     torque(*robot.random_state(3), np.zeros((3, robot.nv)), np.zeros(1))
     return torque
+
+
+def explaining(robot: Robot, runs: Sequence[Recording], chosen: Selection | None = None) -> System:
+    """The equations y = G theta of all bodies and drives, and of what is looked for, from states and torques.
+
+    What is not looked for may be in the torques too: a filter by these alone would follow it.
+    """
+    drives = joint_terms(robot, "auto")
+    terms = {term.name: term for term in (*drives[1], *(chosen.terms if chosen else ()))}
+    rates = [robot.difference(run.q[:-1], run.q[1:]) / np.diff(run.t)[:, None] for run in runs]
+    width = _SLOW * np.sqrt(np.mean(np.concatenate(rates) ** 2, axis=0))
+    every = replace(select(robot, ["*"], drives[0], tuple(terms.values())), width=width)
+    members = list(base_parameters(robot, every).members)
+
+    def system(now: States, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        columns, known = every.system(robot, now.q, now.v, now.a)
+        return columns[..., members], tau - known
+
+    return system
 
 
 def with_width(robot: Robot, chosen: Selection, data: Measurements) -> Selection:

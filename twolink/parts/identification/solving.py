@@ -16,8 +16,8 @@ from twolink.parts.identification.base_parameters import (
     independent,
     select,
 )
-from twolink.parts.identification.filtering import Filter, Recording, States, System, choose, require_samples
-from twolink.parts.identification.joint_models import joint_terms, single_joints
+from twolink.parts.identification.filtering import Filter, Recording, choose, require_samples
+from twolink.parts.identification.joint_models import explaining, joint_terms, single_joints
 from twolink.parts.identification.measurements import Measurements, filtered, linear_system, wider
 from twolink.parts.identification.model_errors import model_errors
 from twolink.parts.identification.regression import Fit, fit
@@ -28,7 +28,6 @@ _SHORTEST = 0.1  # m: of the links of a robot whose joints are at one place
 _STILL = 2.0  # times its filter's error: a joint's q, v or a below it does not move
 _OPPOSITE = -0.8  # correlation with the torques of the robot as it was given
 _RESTS = 0.5  # of a block's samples: it belongs to a rest
-_SLOW = 0.02  # of a joint's usual speed: without a filter no sign of less is known
 _ROUNDS, _STEPS, _CLOSE = 2, 15, 0.1  # of the filter and of the setup; standard errors of a step that ends the search
 _ANY_TILT = 0.1  # rad: gravity that is not known to be along an axis shows more parameters
 _LARGEST_STEP = 1.0  # of the logarithm of a motor constant
@@ -53,25 +52,6 @@ class IdentificationPlan:
             return None
         corrected = [setup.corrected(run) for run in runs]
         return choose(self.robot, corrected, explaining(setup.true_robot, corrected, self.chosen), self.half_window)
-
-
-def explaining(robot: Robot, runs: Sequence[Recording], chosen: Selection | None = None) -> System:
-    """The equations y = G theta of all bodies and drives, and of what is looked for, from states and torques.
-
-    What is not looked for may be in the torques too: a filter by these alone would follow it.
-    """
-    drives = joint_terms(robot, "auto")
-    terms = {term.name: term for term in (*drives[1], *(chosen.terms if chosen else ()))}
-    rates = [robot.difference(run.q[:-1], run.q[1:]) / np.diff(run.t)[:, None] for run in runs]
-    width = _SLOW * np.sqrt(np.mean(np.concatenate(rates) ** 2, axis=0))
-    every = replace(select(robot, ["*"], drives[0], tuple(terms.values())), width=width)
-    members = list(base_parameters(robot, every).members)
-
-    def system(now: States, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        columns, known = every.system(robot, now.q, now.v, now.a)
-        return columns[..., members], tau - known
-
-    return system
 
 
 def plan_of(setup: Setup, chosen: Selection, method: str, confidence: float, half: int | None) -> IdentificationPlan:
