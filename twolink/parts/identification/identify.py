@@ -71,7 +71,8 @@ def identify(
         Torques of the drives, found beside the parameters: words such as "viscous+coulomb+offset" of `viscous`,
         `coulomb`, `rotor`, `offset`, `asymmetric` and `stribeck:0.1` (with its velocity, rad/s or m/s); functions
         f(q, v, a) -> (n, nv), a column each; a list of these, or a mapping of joints to them. "auto": each joint's
-        words by cross-validation; `result.joint_models` has the table.
+        words by cross-validation; `result.joint_models` has the table. "none": no drives. By default auto, but none
+        where parameters are given. While a joint moves, an asymmetry acts as an offset: auto takes the offset.
     coupling : array_like, (nv, nv), optional
         C of v_joint = C v_motor, for joints that several motors move: the laws then hold at the motors.
     find : sequence of str, optional
@@ -110,6 +111,10 @@ def identify(
     residuals' spectrum (`identification.drift`); with 8 runs and more, their differences count too. The numerical error
     is added: a bound on rounding, and where positions are filtered the change of the result under a window that is
     wider by 1 / 0.7.
+
+    Where a speed cannot be told from rest, by the filter's error, the direction of friction is not known: it counts as
+    tanh(v / width), with the width by cross-validation, and a rest as one sample that tells friction within its size.
+    The filter and the joint models are chosen by left-out pieces of the motion, or runs where there are three.
 
     A parameter counts as not excited where the motion, with rest in the place of what its own filter errors explain,
     cannot show it at all. `model_errors` are tests of the residuals by what the model lacks.

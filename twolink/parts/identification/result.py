@@ -335,8 +335,8 @@ class Identification(Estimate):
         lines = [*self.warnings, head]
         lines += ["", self.short_table(), "", f"low, high: {percent} intervals; condition {self.condition:.3g}"]
         names, explained = coordinate_names(self.robot, "v"), (100 * self.explained).tolist()
-        shares = zip(names, self.noise.tolist(), explained, strict=True)
-        lines.append("noise of tau: " + ", ".join(f"{name} {x:.3g} ({of:.0f} % explained)" for name, x, of in shares))
+        rows = tuple(zip(names, self.noise.tolist(), explained, strict=True))
+        lines += [str(Table(("joint", "noise of tau", "explained, %"), rows)), ""]
         if self.correlated:
             lines.append("residuals are correlated in time, by missing forces or filters; the intervals allow for it")
         lines += [] if self.filter is None else [str(self.filter)]
