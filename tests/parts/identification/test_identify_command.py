@@ -106,7 +106,7 @@ def test_from_the_logs_of_a_robot_to_a_report(tmp_path: Path) -> None:
     text = page.read_text()
     for head in ("Data", "Choices", "Residuals", "Parameters", "Model errors", "What cannot be known", "Validation"):
         assert f"<h2>{head}</h2>" in text
-    assert text.count("data:image/png;base64,") == 3
+    assert text.count("data:image/png;base64,") == 4
     assert not re.search(r'(src|href)="(?!data:)', text)
 
 

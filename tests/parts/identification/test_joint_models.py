@@ -137,7 +137,7 @@ ERRORS = {
 
 @pytest.mark.parametrize("name", ERRORS)
 def test_what_the_model_lacks_is_said_and_never_called_consistent(name: str) -> None:
-    found = identify(ARM, T, Q, V, noisy(ERRORS[name], 0.02), a=A, find=())
+    found = identify(ARM, T, Q, V, noisy(ERRORS[name], 0.02), a=A, find=(), joint_model="none")
     assert name in [error.name for error in found.model_errors[:2]]
     assert found.consistency.consistent == all(error.moved < 3 for error in found.model_errors)
     truth = found.matrix @ [

@@ -46,8 +46,9 @@ def raw_residual(found: Identification, *, projected: bool) -> np.ndarray:
 def test_the_default_explains_a_held_out_run(found: Identification) -> None:
     """The limits are somewhat above what it left when this was written; the study compares it with other fits."""
     assert found.validation is not None
-    assert np.all(found.validation.rms < [0.12, 0.07])
-    assert np.all(raw_residual(found, projected=True) < [0.17, 0.10])
+    raw = raw_residual(found, projected=True)  # of single samples: means leave the less, the wider the filter is
+    assert np.all(found.validation.rms < raw)
+    assert np.all(raw < [0.14, 0.10])
     assert found.not_excited == ()
     assert found.filter is not None
     assert 3 < found.filter.cutoff < 12

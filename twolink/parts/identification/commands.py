@@ -31,7 +31,12 @@ Names = Annotated[
            show_default="all of the links"),
 ]  # fmt: skip
 JointModel = Annotated[
-    str | None, Option(metavar="WORDS", help="Of drives: viscous+coulomb+rotor+offset+stribeck:0.1, or auto.")
+    str | None,
+    Option(
+        metavar="WORDS",
+        help="Of drives: viscous+coulomb+rotor+offset+stribeck:0.1, auto or none.",
+        show_default="auto; none with --parameters",
+    ),
 ]
 Window = Annotated[
     int | None, Option(min=3, metavar="COUNT", help="Samples on each side of the filter.", show_default="by the data")
@@ -75,7 +80,8 @@ def identify(
     """Find masses, inertias and friction in measured motions.
 
     Joint torques are linear in the parameters: tau = Y(q, v, a) pi. Each value comes with an interval; what the
-    motion cannot show is named, not fitted; the bodies found can exist.
+    motion cannot show is named, not fitted; the bodies found can exist. Friction, rotors and offsets, the filter and a
+    delay are chosen by what predicts left-out torques best.
 
     \b
     twolink identify arm log.csv --parameters "forearm.*,*.damping,*.friction" --out found.urdf

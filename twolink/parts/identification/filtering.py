@@ -28,9 +28,11 @@ from twolink.errors import QueryError
 DEGREE = 4
 SMALLEST = 3  # half a window: 7 samples for the 5 coefficients of the polynomial
 _EXCESS = 1.1  # residuals of a window that is not too wide exceed those of the narrowest by less, and by chance
-_FOLDS, _LOOKED_AT, _CANDIDATES = 5, 800, 20
+_FOLDS, _PIECES, _LOOKED_AT, _CANDIDATES = 5, 6, 800, 20
+FEWEST_RUNS = 3  # that are left out one by one
+FASTEST = 100.0  # Hz: rigid bodies that drives move have little above it, their noise has
 _WORSE = 1.0  # in the logarithm of the mean square: windows twice that much above the best end the search
-_ALIKE = 0.02  # of windows that do as well as the best within this, the narrowest keeps most of the motion
+ALIKE = 0.02  # of windows that do as well as the best within this, the narrowest keeps most of the motion
 _PART = 2_000  # samples whose windows are in memory at once
 Source = Literal["q", "v"]
 System = Callable[["States", np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -116,44 +118,66 @@ def choose(robot: Robot, runs: Sequence[Recording], system: System, half: int | 
     if half is not None:
         return Filter(half, measured, cutoff(half, rate))
     widest = max(SMALLEST, min(len(run.t) for run in runs) // 8)
+    narrow = min(half_window_of(FASTEST, rate), widest)
     stride = max(1, sum(len(run.t) - 2 * widest for run in runs) // _LOOKED_AT)
     places = [np.arange(widest, len(run.t) - widest, stride) for run in runs]
     tried: list[tuple[float, Source, int, np.ndarray]] = []
     for source in dict.fromkeys((measured, "q")):
         best, beyond = np.inf, 0
-        for size in np.unique(np.geomspace(SMALLEST, widest, _CANDIDATES).round().astype(int)).tolist():
+        for size in np.unique(np.geomspace(narrow, widest, _CANDIDATES).round().astype(int)).tolist():
             pairs = [system(states(robot, run, size, source, at), run.tau[at])
                      for run, at in zip(runs, places, strict=True)]  # fmt: skip
             columns, y = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
-            left = left_out(columns, y)
+            left = Folds(columns, y, np.cumsum([len(at) for at in places]).tolist()).left_out()
             score = float(np.mean(np.log(left)))
             tried.append((score, source, size, np.sqrt(left)))
             best, beyond = min(best, score), beyond + 1 if score > best + _WORSE else 0
             if beyond == 2:
                 break
     least = min(one[0] for one in tried)
-    _, source, chosen, _ = min((one for one in tried if one[0] <= least + _ALIKE), key=lambda one: one[2])
+    _, source, chosen, _ = min((one for one in tried if one[0] <= least + ALIKE), key=lambda one: one[2])
     table = tuple((by, size, tuple(root.tolist())) for _, by, size, root in tried)
     return Filter(chosen, source, cutoff(chosen, rate), table)
 
 
-def left_out(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """The mean square (nv,) of y of each part of the data less its prediction from the other parts."""
-    lengths = np.maximum(np.linalg.norm(columns, axis=(0, 1)), 1e-300)
-    k, floor = len(lengths), (1e-13 * np.abs(y).max(initial=1e-100)) ** 2
-    scaled, weights = columns / lengths, np.ones(y.shape[1])
-    for _ in range(2):
-        left = np.zeros(y.shape[1])
-        parts = np.array_split(np.arange(len(y)), _FOLDS)
-        rows = [((scaled[part] * weights[:, None]).reshape(-1, k), (y[part] * weights).ravel()) for part in parts]
-        grams = [(g.T @ g, g.T @ x) for g, x in rows]
-        for number, part in enumerate(parts):
-            gram, right = (sum(pair[i] for j, pair in enumerate(grams) if j != number) for i in range(2))
-            theta = np.linalg.lstsq(np.asarray(gram) + 1e-12 * np.eye(k), np.asarray(right), rcond=None)[0]
-            left += np.sum((y[part] - scaled[part] @ theta) ** 2, axis=0)
-        left = np.maximum(left / len(y), floor)
-        weights = 1 / np.sqrt(left)
-    return left
+class Folds:
+    """Parts of the data, each left out in turn: triangles (folds, nv, ., k + 1) of its (G y), by joint.
+
+    columns (n, nv, k), y (n, nv). ends: of the runs; three and more are the parts. share (n, nv): what a torque counts.
+    """
+
+    def __init__(
+        self, columns: np.ndarray, y: np.ndarray, ends: Sequence[int], share: np.ndarray | None = None
+    ) -> None:
+        share = np.ones(y.shape) if share is None else share
+        lengths = np.maximum(np.linalg.norm(columns, axis=(0, 1)), 1e-300)
+        both = np.concatenate([columns / lengths, y[..., None]], axis=2) * np.sqrt(share)[..., None]
+        if len(ends) >= FEWEST_RUNS:
+            parts = np.split(both, ends[:-1])
+        else:  # each of pieces from all over the motion
+            pieces = np.array_split(both, _FOLDS * _PIECES)
+            parts = [np.concatenate(pieces[k::_FOLDS]) for k in range(_FOLDS)]
+        parts = [part for part in parts if len(part)]
+        least = max(max(map(len, parts)), both.shape[2])
+        filled = np.stack([np.pad(part, ((0, least - len(part)), (0, 0), (0, 0))) for part in parts])
+        self.triangles = np.asarray(np.linalg.qr(filled.swapaxes(1, 2), mode="r"))
+        grams = self.triangles[..., :-1].swapaxes(-1, -2) @ self.triangles
+        self.grams = grams.sum(axis=0) - grams  # of the other parts
+        self.count = np.maximum(share.sum(axis=0), 1e-300)
+        self.floor = (1e-13 * np.abs(y).max(initial=1e-100)) ** 2
+
+    def left_out(self, keep: Sequence[int] | None = None) -> np.ndarray:
+        """The mean square (nv,) of y of each part less its prediction, by the columns `keep`, from the other parts."""
+        used = np.arange(self.grams.shape[2]) if keep is None else np.asarray(keep, dtype=int)
+        weights, here = np.ones(self.grams.shape[1]), np.append(used, self.grams.shape[2])
+        for _ in range(2):
+            both = np.tensordot(weights, self.grams[:, :, used][..., here], axes=(0, 1))
+            gram = both[..., :-1] + 1e-12 * np.eye(len(used))
+            theta = np.linalg.solve(gram, both[..., -1:]) if len(used) else np.zeros((len(both), 0, 1))
+            off = self.triangles[..., -1] - (self.triangles[..., used] @ theta[:, None])[..., 0]
+            left = np.maximum(np.sum(off**2, axis=(0, 2)) / self.count, self.floor)
+            weights = left.min() / left
+        return np.asarray(left)
 
 
 def smooth(robot: Robot, t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:

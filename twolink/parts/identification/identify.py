@@ -15,19 +15,25 @@ from twolink.parts.identification.base_parameters import select
 from twolink.parts.identification.filtering import (
     SMALLEST,
     Filter,
+    Folds,
     Recording,
     States,
     half_window_of,
-    left_out,
     require_samples,
     states,
 )
-from twolink.parts.identification.joint_models import best_terms, joint_terms
+from twolink.parts.identification.joint_models import best_terms, explaining, joint_terms, with_width
 from twolink.parts.identification.measurements import filtered, recordings, wider
 from twolink.parts.identification.regression import METHODS
 from twolink.parts.identification.result import Identification
 from twolink.parts.identification.setup import setup_of
-from twolink.parts.identification.solving import IdentificationPlan, examined, linear_system, plan_of, solve, validation
+from twolink.parts.identification.solving import (
+    IdentificationPlan,
+    examined,
+    plan_of,
+    solve,
+    validation,
+)
 from twolink.parts.identification.units import DEGREE, beyond_reach, in_degrees, range_of, wide_joint
 
 _SURE = 0.5  # of the logarithm of the mean square: degrees must explain the torques so much better than radians
@@ -65,7 +71,8 @@ def identify(
         Torques of the drives, found beside the parameters: words such as "viscous+coulomb+offset" of `viscous`,
         `coulomb`, `rotor`, `offset`, `asymmetric` and `stribeck:0.1` (with its velocity, rad/s or m/s); functions
         f(q, v, a) -> (n, nv), a column each; a list of these, or a mapping of joints to them. "auto": each joint's
-        words by cross-validation; `result.joint_models` has the table.
+        words by cross-validation; `result.joint_models` has the table. "none": no drives. By default auto, but none
+        where parameters are given. While a joint moves, an asymmetry acts as an offset: auto takes the offset.
     coupling : array_like, (nv, nv), optional
         C of v_joint = C v_motor, for joints that several motors move: the laws then hold at the motors.
     find : sequence of str, optional
@@ -105,6 +112,10 @@ def identify(
     is added: a bound on rounding, and where positions are filtered the change of the result under a window that is
     wider by 1 / 0.7.
 
+    Where a speed cannot be told from rest, by the filter's error, the direction of friction is not known: it counts as
+    tanh(v / width), with the width by cross-validation, and a rest as one sample that tells friction within its size.
+    The filter and the joint models are chosen by left-out pieces of the motion, or runs where there are three.
+
     A parameter counts as not excited where the motion, with rest in the place of what its own filter errors explain,
     cannot show it at all. `model_errors` are tests of the residuals by what the model lacks.
 
@@ -119,7 +130,9 @@ def identify(
     confidence = positive(confidence, "confidence", QueryError, "such as 0.95", expected="a probability")
     if confidence >= 1.0:
         raise QueryError(f"expected a probability, got {confidence!r}", argument="confidence", remedy="such as 0.95")
-    of_joints, terms = ([], ()) if joint_model is None else joint_terms(robot, joint_model, coupling)
+    if joint_model is None:
+        joint_model = "auto" if parameters is None else "none"
+    of_joints, terms = joint_terms(robot, joint_model, coupling)
     chosen, setup = select(robot, parameters, of_joints, terms), setup_of(robot, find or ())
     runs = recordings(robot, t, q, v, tau, a)
     held_out = () if validate is None else recordings(robot, validate, None, None, None)
@@ -130,9 +143,11 @@ def identify(
     for run in runs:
         _require_radians(robot, run)
     by, table = plan.filter_of(runs, setup), None
+    data = filtered(robot, runs, by)
+    chosen = with_width(robot, chosen, data)
     if joint_model == "auto":
-        chosen, table = best_terms(robot, chosen, *linear_system(robot, chosen, filtered(robot, runs, by)))
-        plan = plan_of(setup, chosen, method, confidence, plan.half_window)
+        chosen, table = best_terms(robot, chosen, data)
+    plan = plan_of(setup, chosen, method, confidence, plan.half_window)
     result = examined(plan, solve(plan, setup, runs, by))
     if find is None:
         result = _without_delay(plan, runs, by, result)
@@ -196,5 +211,6 @@ def _unexplained(robot: Robot, run: Recording, scale: float, half: int) -> float
     else:
         at, v = np.arange(half, len(run.t) - half, step), None if run.v is None else scale * run.v
         now = states(robot, replace(run, q=scale * run.q, v=v), half, "q" if v is None else "v", at)
-    system = plan_of(setup_of(robot, ()), select(robot, ["*"], [], ()), "weighted", 0.95, None).system(robot)
-    return float(np.mean(np.log(left_out(*system(now, run.tau[at])))))
+    system = explaining(robot, [run])
+    columns, y = system(now, run.tau[at])
+    return float(np.mean(np.log(Folds(columns, y, [len(at)]).left_out())))

@@ -15,11 +15,15 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
 from twolink.errors import QueryError
 from twolink.io.tables import read_table
+from twolink.parts.identification.base_parameters import Selection
 from twolink.parts.identification.filtering import Filter, Recording, states
 from twolink.parts.identification.units import check_units
 from twolink.robots.joint_layout import read_columns
 
+_LARGEST = 1e100  # of torques and of the regressor: squares and their ratios stay within the range of doubles
 _NARROWER = 0.7  # a window is compared with one wider by 1 / 0.7: errors of a grow with its fourth power
+_STATES = 4  # of a block of samples
+_SLOW, _HIDDEN = 10, 3.0  # of so many samples the slowest; speeds within so many deviations have no sign
 GAP = 20.0  # times the usual step of time, from which it is a jump
 
 
@@ -44,6 +48,16 @@ class Measurements:
         """(q, v, a) in parts of at most `size` samples."""
         for i in range(0, len(self.t), size):
             yield self.q[i : i + size], self.v[i : i + size], self.a[i : i + size]
+
+    @property
+    def width(self) -> np.ndarray:
+        """The speeds (nv,) that cannot be told from rest: the filter's error, usual or where joints are slow."""
+        if self.coarse is None:
+            return np.zeros(self.v.shape[1])
+        slow = np.argsort(np.abs(self.coarse.v), axis=0)[: -(-len(self.v) // _SLOW)]
+        off = np.abs(self.v - self.coarse.v)
+        of_slow = np.sqrt(np.mean(np.take_along_axis(off, slow, axis=0) ** 2, axis=0))
+        return np.asarray(_HIDDEN * np.maximum(of_slow, np.median(off, axis=0)))  # encoders at rest have no noise
 
     def averaged(self, x: np.ndarray) -> np.ndarray:
         """Means of x (n, ...) over blocks of samples, within each run."""
@@ -130,19 +144,33 @@ def _require_no_gap(t: np.ndarray) -> None:
 def filtered(robot: Robot, runs: Sequence[Recording], by: Filter | None) -> Measurements:
     """The runs' samples; without measured accelerations filtered by a window, and by a wider one.
 
-    Blocks of a quarter of the window are averaged, which its cut-off allows.
+    Blocks of a quarter of the window are averaged, which its cut-off allows: the torques of all samples, the states at
+    a few of each block.
     """
     if by is None:
         return _joined([(run.t, run.q, run.v, run.a, run.tau) for run in runs], 1)
-    block = max(1, by.half_window // 2)
-    wide = wider(by.half_window)
-    at = [np.arange(wide, len(run.t) - wide) for run in runs]
+    wide, block = wider(by.half_window), max(1, by.half_window // 2)
+    step = max(1, (block // _STATES - 1) // 2 * 2 + 1)  # an odd number of samples, whose middle has the state
+    at = [np.arange(wide + step // 2, len(run.t) - wide - step // 2, step) for run in runs]
+    tau = [np.lib.stride_tricks.sliding_window_view(run.tau, step, axis=0)[rows - step // 2].mean(axis=-1)
+           for run, rows in zip(runs, at, strict=True)]  # fmt: skip
     two = []
     for half in (by.half_window, wide):
         moved = [states(robot, run, half, by.source, rows) for run, rows in zip(runs, at, strict=True)]
-        parts = [(run.t[rows], s.q, s.v, s.a, run.tau[rows]) for run, rows, s in zip(runs, at, moved, strict=True)]
-        two.append(_joined(parts, block))
+        parts = [(run.t[rows], s.q, s.v, s.a, y) for run, rows, s, y in zip(runs, at, moved, tau, strict=True)]
+        two.append(_joined(parts, block // step))
     return replace(two[0], coarse=two[1])
+
+
+def linear_system(robot: Robot, chosen: Selection, data: Measurements) -> tuple[np.ndarray, np.ndarray]:
+    """G (n, nv, k) and y (n, nv) of y = G theta: y is without the torques of what is not looked for."""
+    columns, known = zip(*(chosen.system(robot, *state) for state in data.states()), strict=True)
+    both = data.averaged(np.concatenate(columns)), data.averaged(data.tau - np.concatenate(known))
+    largest = max(float(np.abs(x).max(initial=0.0)) for x in both)
+    if not largest <= _LARGEST:
+        what = f"numbers of the size {largest:.3g} cannot be used"
+        raise QueryError(what, where="identify", remedy="give SI units and radians", code="units")
+    return both
 
 
 def _joined(parts: Sequence[tuple[Any, ...]], block: int) -> Measurements:

@@ -61,8 +61,8 @@ def model_errors(
 
     columns (n, nv, r): of the model. fit: by them. wide: residuals (n, nv) by a wider window. sure: of the prior.
     """
-    n = len(columns)
-    weighted, z = ((x / fit.noise[:, None]).reshape(-1, x.shape[-1]) for x in (columns, tried))
+    n, counts = len(columns), np.sqrt(fit.share) / fit.noise
+    weighted, z = ((x * counts[..., None]).reshape(-1, x.shape[-1]) for x in (columns, tried))
     lengths = np.linalg.norm(weighted, axis=0)
     q, triangle = scipy.linalg.qr(np.vstack([weighted / lengths, np.diag(sure / lengths)]), mode="economic")
     q = q[: len(weighted)]
@@ -72,8 +72,8 @@ def model_errors(
     new = squares > _OWN * np.maximum(np.sum(z**2, axis=0), 1e-300)
     moves = scipy.linalg.solve_triangular(triangle, along) / lengths[:, None]
     errors = np.sqrt(np.diag(fit.covariance))
-    residual = (fit.residuals / fit.noise).ravel()
-    coarse = residual if wide is None else (wide / fit.noise).ravel()
+    residual = (fit.residuals * counts).ravel()
+    coarse = residual if wide is None else (wide * counts).ravel()
     least = _SMALL * np.linalg.norm(torques / fit.noise)
     found = []
     for k in np.flatnonzero(new).tolist():

@@ -18,6 +18,7 @@ METHODS = ("ordinary", "weighted", "robust", "total")
 CLEARLY = 4.0  # standard errors of an estimated noise, from which it counts more than a stated one
 BLOCKS, FEWEST = 10, 4
 _SLOWEST = 0.97  # correlation of neighbouring scores that is taken away first
+_REST = 1e3  # of the square of the noise: the bound on torques at rest at first
 HUBER = 1.345  # 95 % of the efficiency of least squares for normal errors
 _EPSILON = float(np.finfo(float).eps)
 
@@ -35,6 +36,7 @@ class Fit:
     degrees of freedom: it assumes nothing of the correlation within them (Bell and McCaffrey 2002).
     length: samples over which residuals follow each other.
     slow: variances (r,) that take in what drifts, with their degrees of freedom; None where residuals are white.
+    share (n, nv): what the torques count, 1 but for those at rest.
     """
 
     x: np.ndarray
@@ -49,39 +51,47 @@ class Fit:
     blocks: int
     length: int
     slow: tuple[np.ndarray, np.ndarray] | None
+    share: np.ndarray
 
 
 def fit(
     columns: np.ndarray, y: np.ndarray, method: str, error: np.ndarray | None = None, *,
     least: float = 0.0, sigma: np.ndarray | None = None, blocks: Sequence[int] | None = None,
     prior: tuple[np.ndarray, np.ndarray] | None = None, runs: Sequence[int] | None = None,
+    rest: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Fit:  # fmt: skip
     """Fit y (n, nv) by columns (n, nv, r) of full rank; error (n, nv, r + 1): of columns and y, for "total".
 
     least: what the noise is at least. sigma (nv,): the noise, where it is known; residuals that are clearly larger
     count instead. blocks: where each ends; by default as long as residuals follow each other. prior: x (r,) as it is
     expected, and the reciprocals of the standard deviations of that; "ordinary" and "total" have none. runs: where each
-    ends.
+    ends. rest: samples (n, nv) for which a joint's friction is unknown within its size, and what is added up to that
+    (nv, r): they count as the bound s^2 / (s^2 + samples size^2 / 3) of a torque with noise s.
     """
     r = columns.shape[-1]
     expected, sure = prior if prior is not None and method != "ordinary" else (np.zeros(r), np.zeros(r))
     noise, full = np.ones(y.shape[1]), np.ones(y.shape, dtype=bool)
-    weights = np.ones(y.shape)
+    weights, given, share = np.ones(y.shape), (columns, y), np.ones(y.shape)
+    if rest is not None:
+        share = 1 / (1 + _REST * rest[0])
     for _ in range(40):
+        columns, y = given[0] * np.sqrt(share)[..., None], given[1] * np.sqrt(share)
         x, leverage = _solve(columns, y, weights, expected, sure)
         residuals = y - columns @ x
-        before, noise = noise, np.maximum(_noise(residuals, leverage, y, method == "robust"), least)
+        before, noise = noise, np.maximum(_noise(residuals, leverage, y, method == "robust", share), least)
         if sigma is not None:
             noise = np.where(noise > sigma * (1 + CLEARLY / np.sqrt(2 * len(y))), noise, sigma)
         if method == "ordinary" or np.allclose(before, noise, rtol=1e-6, atol=0):
             break
+        if rest is not None:
+            share = 1 / (1 + rest[0] * (rest[1] @ np.abs(x) / noise) ** 2 / 3)
         weights = np.broadcast_to(1 / noise, y.shape)
         if method == "robust":
-            share = HUBER / np.maximum(np.abs(residuals / noise), 1e-300)
-            full = share >= 1
-            weights = weights * np.sqrt(np.minimum(1.0, share))
+            beyond = HUBER / np.maximum(np.abs(residuals / noise), 1e-300)
+            full = beyond >= 1
+            weights = weights * np.sqrt(np.minimum(1.0, beyond))
     if method == "total" and error is not None:
-        x = _total(columns / noise[:, None], y / noise, error / noise[:, None], x)
+        x = _total(columns / noise[:, None], y / noise, error * (np.sqrt(share) / noise)[..., None], x)
         residuals = y - columns @ x
     lengths = np.linalg.norm(columns * weights[..., None], axis=(0, 1))
     scaled = columns / lengths
@@ -99,8 +109,9 @@ def fit(
     left, size = np.linalg.norm(residuals * weights), np.linalg.norm(x * lengths)
     rounding = 4 * _EPSILON * (condition * size + condition**2 * left) / lengths
     sizes = np.outer(lengths, lengths)
-    return Fit(x, covariance / sizes, residuals, noise, correlated, condition, rounding, root @ root.T / sizes,
-               by_blocks / sizes, len(ends), length, slow and (slow[0] / lengths**2, slow[1]))  # fmt: skip
+    return Fit(x, covariance / sizes, given[1] - given[0] @ x, noise, correlated, condition, rounding,
+               root @ root.T / sizes, by_blocks / sizes, len(ends), length,
+               slow and (slow[0] / lengths**2, slow[1]), share)  # fmt: skip
 
 
 def _solve(
@@ -125,11 +136,13 @@ def _triangle(columns: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.qr(columns.reshape(-1, columns.shape[-1]), mode="r"))
 
 
-def _noise(residuals: np.ndarray, leverage: np.ndarray, y: np.ndarray, robust: bool) -> np.ndarray:
+def _noise(residuals: np.ndarray, leverage: np.ndarray, y: np.ndarray, robust: bool, share: np.ndarray) -> np.ndarray:
     """The standard deviation (nv,) of each joint's torques; not below their rounding."""
-    free = np.maximum(len(residuals) - leverage.sum(axis=0), 1.0)
+    count = share.sum(axis=0)
+    free = np.maximum(count - leverage.sum(axis=0), 1.0)
     if robust:
-        spread = np.median(np.abs(residuals), axis=0) / 0.6745 * np.sqrt(len(residuals) / free)
+        moving = np.where(share > 0.5, np.abs(residuals), np.nan)
+        spread = np.nan_to_num(np.nanmedian(moving, axis=0)) / 0.6745 * np.sqrt(count / free)
     else:
         spread = np.sqrt(np.sum(residuals**2, axis=0) / free)
     return np.asarray(np.maximum(spread, 16 * _EPSILON * max(np.abs(y).max(), 1e-100)))

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 _STYLE = ("body{font:15px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem}"
           "table{border-collapse:collapse;font-size:13px}td,th{padding:.15rem .6rem;border-bottom:1px solid #ddd;"
           "text-align:left}.bad{color:#a00}")  # fmt: skip
+_LONGEST = 60  # letters of a sum of parameters; JSON has it whole
 _CLEAN = "The residuals show nothing that the model lacks."
 
 
@@ -43,7 +44,8 @@ def _sections(found: Any, notes: Sequence[str]) -> list[tuple[str, str]]:
     rows = tuple(zip(joints, size.tolist(), residual.tolist(), shares, strict=True))
     torques = Table(("joint", "torque rms", "residual rms", "%"), rows)
     blocks = np.sqrt(np.diag(found.block_covariance)).tolist()
-    values = tuple((*row.values(), error) for row, error in zip(found.table(), blocks, strict=True))
+    names = [text if len(text) < _LONGEST else f"{text[:_LONGEST]}..." for text in found.combinations]
+    values = tuple((name, *row[1:], error) for name, row, error in zip(names, found.table().rows, blocks, strict=True))
     parameters = Table((*found.table().columns, "standard error by blocks"), values)
     white = "follow each other in time" if found.correlated else "are white"
     said = [str(error) for error in found.model_errors]
@@ -53,15 +55,26 @@ def _sections(found: Any, notes: Sequence[str]) -> list[tuple[str, str]]:
     drawn = found.filter is not None and bool(found.filter.tried)
     models = "" if found.joint_models is None else found.joint_models._repr_html_()
     return [
+        ("What is wrong", _lines(found.warnings, bad=True)),
         ("Data", _lines([*notes, f"t from {found.t[0]:.6g} to {found.t[-1]:.6g} s"])),
         ("Choices", _lines(choices) + (_criterion(found.filter, joints) if drawn else "")),
         ("Joint models", models),
         ("Residuals", _lines([f"they {white}"]) + torques._repr_html_() + figure_html(found.plot())),
-        ("Parameters", parameters._repr_html_() + _lines([str(found.consistency)])),
+        ("Parameters", parameters._repr_html_() + figure_html(_correlation(found)) + _lines([str(found.consistency)])),
         ("Model errors", _lines(said or [_CLEAN], bad=bool(said))),
         ("What cannot be known", _lines(found.not_told("torque", "not excited by these data"))),
         ("Validation", "" if found.validation is None else _validation(found.validation, joints)),
     ]  # fmt: skip
+
+
+def _correlation(found: Any) -> "Figure":
+    """The correlation of all that was found, in the order of the table."""
+    size = np.sqrt(np.diag(found.covariance))
+    figure, axes = new_figure(1, size=(6, 5))
+    image = axes[0, 0].imshow(found.covariance / np.outer(size, size), vmin=-1, vmax=1, cmap="RdBu")
+    axes[0, 0].set(xlabel="row of the table", ylabel="row of the table", title="correlation")
+    figure.colorbar(image)
+    return figure
 
 
 def _lines(texts: Iterable[str], *, bad: bool = False) -> str:

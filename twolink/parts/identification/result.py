@@ -3,6 +3,8 @@
 `Estimate` is what it shares with a fit by simulation.
 """
 
+import re
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
 from twolink.io.text import Table
-from twolink.parts.identification.base_parameters import Selection
+from twolink.parts.identification.base_parameters import Selection, regressor
 from twolink.parts.identification.consistency import Consistency, consistent
 from twolink.parts.identification.filtering import Filter
 from twolink.parts.identification.model_errors import HARM, ModelError
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MAX_LINES, MAX_SPANS, MOST_SAID = 6, 20, 3
+LONGEST, ROW = 60, 240  # letters of a name and of a row
+_HARDLY = 0.5  # of a joint's torques: less is the first that is said
 MEASURED: dict[str, Any] = {"linestyle": "", "marker": ".", "markersize": 2.5, "alpha": 0.5}
 
 
@@ -115,6 +119,12 @@ class Estimate(BaseResult, Plotted):
         columns = ("parameter", "value", "standard error", "numerical error", "low", "high")
         return Table(columns, tuple((name, x, s, e, *span) for name, x, s, e, span in rows))
 
+    def short_table(self) -> str:
+        """The table for people: long sums by what leads them, without the errors that make the interval."""
+        columns = ("parameter", "value", "low", "high")
+        rows = zip(self.combinations, self.estimate.tolist(), self.intervals.values(), strict=True)
+        return str(Table(columns, tuple((_short(name), x, *span) for name, x, span in rows)))
+
     def _record(self, noise_of: Iterable[str]) -> dict[str, Any]:
         """The entries that `to_dict` has of both kinds. noise_of: the names of the noise."""
         return {
@@ -134,9 +144,13 @@ class Estimate(BaseResult, Plotted):
     def not_told(self, nothing: str, weak: str) -> list[str]:
         """Lines on what cannot be told. nothing: what does not depend on it; weak: what is said of what is too weak."""
         alone = [text.partition(":")[0] for text in self.not_identifiable if ":" in text]
+        if len(alone) > MAX_LINES:
+            owners = Counter(name.rpartition(".")[0] for name in alone)
+            alone = [f"{count} of {owner}" for owner, count in owners.items()]
         lines = [f"no {nothing} depends on: {', '.join(alone)}"] if alone else []
-        lines += [f"cannot be identified: {text}" for text in self.not_identifiable if ":" not in text]
-        return lines + [f"{weak}: {text}" for text in self.not_excited]
+        sums = [f"cannot be identified: {_short(text)}" for text in self.not_identifiable if ":" not in text]
+        lines += [*sums[:MOST_SAID], *([f"and {len(sums) - MOST_SAID} sums more"] if len(sums) > MOST_SAID else [])]
+        return lines + [f"{weak}: {_short(text)}" for text in self.not_excited]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -194,6 +208,8 @@ class Identification(Estimate):
         What the residuals show that the model lacks, the clearest first.
     joint_models : Table or None
         With `joint_model="auto"`: the candidates, and what they left of left-out torques.
+    mirrored : ndarray of bool, (nv,)
+        Whether a joint's torques follow the negative of what the robot as it was given needs.
     """
 
     selection: Selection
@@ -205,6 +221,7 @@ class Identification(Estimate):
     block_covariance: np.ndarray
     model_errors: tuple[ModelError, ...]
     joint_models: Table | None
+    mirrored: np.ndarray
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -217,12 +234,34 @@ class Identification(Estimate):
         names, matrix = self.combinations, self.matrix
         nearest = consistent(self.robot, self.selection, names, matrix, self.estimate, self.covariance, self.metric)
         harmful = tuple(str(error) for error in self.model_errors if error.moved > HARM)
-        return replace(nearest, model_errors=harmful)
+        return replace(nearest, model_errors=(*self.opposite, *harmful))
 
     @cached_property
     def found(self) -> Robot:
         """The robot with what was found: the consistent parameters nearest to its own that fit the estimate."""
         return self.consistency.robot_of(self.setup.true_robot)
+
+    @property
+    def explained(self) -> np.ndarray:
+        """The share (nv,) of each joint's mean square torque that the estimate explains, 0 to 1."""
+        left, size = (np.mean(x**2, axis=0) for x in (self.residuals, self.torques))
+        return np.asarray(np.clip(1 - left / np.maximum(size, 1e-300), 0.0, 1.0))
+
+    @property
+    def warnings(self) -> list[str]:
+        """The joints whose torques are turned round or hardly explained, and why where a test says so."""
+        names, lines = coordinate_names(self.robot, "v"), []
+        for k in np.flatnonzero(self.explained < _HARDLY).tolist():
+            why = [str(error) for error in self.model_errors if error.name.startswith(f"{names[k]}.")][:1]
+            lines.append(f"{names[k]}: {100 * self.explained[k]:.0f} % of its torques are explained"
+                         + f"; {why[0] if why else 'no test says why'}")  # fmt: skip
+        return [*self.opposite, *lines]
+
+    @property
+    def opposite(self) -> list[str]:
+        """The joints whose torques are `mirrored`, in words."""
+        names = np.array(coordinate_names(self.robot, "v"))[self.mirrored].tolist()
+        return [f"{name}: its torques have the opposite sign of what the robot as it was given needs" for name in names]
 
     def predict(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> np.ndarray:
         """Torques (..., nv) of the consistent parameters and the joint model, N m or N, at positions as measured."""
@@ -230,10 +269,11 @@ class Identification(Estimate):
 
     def model_torques(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, of: Consistency | None = None) -> np.ndarray:
         """Torques (..., nv), N m or N, at the true positions. of: other parameters than the consistent ones."""
-        of = of or self.consistency
-        tau = self.setup.true_robot.regressor(q, v, a) @ of.vector
-        terms = (of.parameters[term.name] * term.torque(q, v, a) for term in self.selection.terms)
-        return np.asarray(sum(terms, tau))
+        of, width, shape = of or self.consistency, self.selection.width, np.shape(v)
+        q, v, a = (x.reshape(-1, x.shape[-1]) for x in (q, v, a))
+        tau = regressor(self.setup.true_robot, q, v, a, width) @ of.vector
+        terms = (of.parameters[term.name] * term.torque(q, v, a, width) for term in self.selection.terms)
+        return np.asarray(sum(terms, tau)).reshape(shape)
 
     def report(self, path: str | Path, notes: Sequence[str] = ()) -> Path:
         """Write one .html file with its figures: data, choices, residuals, parameters, model errors, validation.
@@ -262,7 +302,8 @@ class Identification(Estimate):
         by = self.filter
         window = {} if by is None else {"filter": {"half_window": by.half_window, "velocities": by.source,
                                                    "cutoff": by.cutoff}}  # fmt: skip
-        more = {"model_errors": [error.to_dict() for error in self.model_errors]}
+        more: dict[str, Any] = {"explained": dict(zip(names, self.explained.tolist(), strict=True))}
+        more |= {"model_errors": [error.to_dict() for error in self.model_errors]}
         if self.joint_models is not None:
             more["joint_models"] = self.joint_models.to_records()
         return self._record(names) | {"consistency": self.consistency.to_dict()} | more | window | kept
@@ -290,25 +331,26 @@ class Identification(Estimate):
 
     def __str__(self) -> str:
         percent = f"{100 * self.confidence:g} %"
-        lines = [
-            f"{self.robot.name}: {len(self.estimate)} found from {len(self.t)} samples, {self.method} least squares"
-        ]
-        lines += ["", str(self.table()), "", f"low, high: {percent} intervals; condition {self.condition:.3g}"]
-        noises = zip(coordinate_names(self.robot, "v"), self.noise.tolist(), strict=True)
-        lines.append("noise of tau: " + ", ".join(f"{name} {value:.3g}" for name, value in noises))
+        head = f"{self.robot.name}: {len(self.estimate)} found from {len(self.t)} samples, {self.method} least squares"
+        lines = [*self.warnings, head]
+        lines += ["", self.short_table(), "", f"low, high: {percent} intervals; condition {self.condition:.3g}"]
+        names, explained = coordinate_names(self.robot, "v"), (100 * self.explained).tolist()
+        rows = tuple(zip(names, self.noise.tolist(), explained, strict=True))
+        lines += [str(Table(("joint", "noise of tau", "explained, %"), rows)), ""]
         if self.correlated:
-            lines.append(
-                "residuals are correlated in time: forces may be missing (friction?); the intervals allow for it"
-            )
+            lines.append("residuals are correlated in time, by missing forces or filters; the intervals allow for it")
         lines += [] if self.filter is None else [str(self.filter)]
         if "delay" in self.setup.names:
             lines.append(
                 f"the torques of the log are {1e3 * self.setup.delay:.3g} ms late; find=() takes them as they are"
             )
         if self.validation is not None:
-            lines.append(self.validation.in_words(coordinate_names(self.robot, "v")))
+            lines.append(self.validation.in_words(names))
         lines += self.not_told("torque", "not excited by these data")
-        lines += [] if self.joint_models is None else ["joint models:", str(self.joint_models)]
+        if self.joint_models is not None:
+            (_, *without), *_, (chosen, *left) = self.joint_models.rows
+            each = zip(chosen.split(", "), left, without, strict=True)
+            lines += [f"joint model of {name}, leaves {x:.3g} of left-out torques, none {y:.3g}" for name, x, y in each]
         lines += [f"model error: {error}" for error in self.model_errors[:MOST_SAID]]
         return "\n".join([*lines, str(self.consistency)])
 
@@ -316,7 +358,9 @@ class Identification(Estimate):
 
 
 def _short(name: str) -> str:
-    return name if len(name) < 40 else f"{name[:37]}..."
+    """A name, or a sum by its leading parameter and how many more there are."""
+    first, *others = re.split(r" [+-] ", name)
+    return name if len(name) < LONGEST else f"{first} and {len(others)} more"
 
 
 def draw_ellipse(axis: Any, fit: Estimate) -> None:

@@ -18,6 +18,7 @@ import pinocchio as pin
 
 from twolink.dynamics import Robot
 from twolink.errors import QueryError, require_known
+from twolink.parts.identification.base_parameters import regressor
 from twolink.parts.identification.filtering import Recording
 from twolink.parts.identification.joint_models import single_joints
 from twolink.parts.identification.measurements import Measurements
@@ -118,7 +119,7 @@ def derivatives(
         elif name.startswith("gravity."):
             size, _, across = _gravity(robot)
             tilted = robot.with_gravity(size * across[int(name.endswith("y"))])
-            out[..., k] = tilted.regressor(data.q, rest, rest) @ parameters
+            out[..., k] = regressor(tilted, data.q, rest, rest, np.zeros(1)) @ parameters
         elif name.endswith(".zero"):
             by_q = _by_position(robot, parameters, data) if by_q is None else by_q
             out[..., k] = by_q[..., setup.dof(name)]

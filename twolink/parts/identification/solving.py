@@ -8,19 +8,27 @@ from scipy.special import stdtrit
 
 from twolink.dynamics import Robot
 from twolink.errors import QueryError
-from twolink.parts.identification.base_parameters import BaseParameters, Selection, base_parameters, independent, select
-from twolink.parts.identification.filtering import Filter, Recording, States, System, choose, require_samples
-from twolink.parts.identification.joint_models import joint_terms
-from twolink.parts.identification.measurements import Measurements, filtered, wider
+from twolink.parts.identification.base_parameters import (
+    BaseParameters,
+    Selection,
+    base_parameters,
+    direction,
+    independent,
+    select,
+)
+from twolink.parts.identification.filtering import Filter, Recording, choose, require_samples
+from twolink.parts.identification.joint_models import explaining, joint_terms, single_joints
+from twolink.parts.identification.measurements import Measurements, filtered, linear_system, wider
 from twolink.parts.identification.model_errors import model_errors
 from twolink.parts.identification.regression import Fit, fit
 from twolink.parts.identification.result import Identification, Validation
 from twolink.parts.identification.setup import Setup, derivatives, names_of
 
 _SHORTEST = 0.1  # m: of the links of a robot whose joints are at one place
-_LARGEST = 1e100  # of torques and of the regressor: squares and their ratios stay within the range of doubles
 _STILL = 2.0  # times its filter's error: a joint's q, v or a below it does not move
-_ROUNDS, _STEPS, _CLOSE = 2, 15, 0.02  # of the filter and of the setup; standard errors of a step that ends the search
+_OPPOSITE = -0.8  # correlation with the torques of the robot as it was given
+_RESTS = 0.5  # of a block's samples: it belongs to a rest
+_ROUNDS, _STEPS, _CLOSE = 2, 15, 0.1  # of the filter and of the setup; standard errors of a step that ends the search
 _ANY_TILT = 0.1  # rad: gravity that is not known to be along an axis shows more parameters
 _LARGEST_STEP = 1.0  # of the logarithm of a motor constant
 _FEWEST = 3  # degrees of freedom of a covariance
@@ -43,17 +51,7 @@ class IdentificationPlan:
         if runs[0].a is not None:
             return None
         corrected = [setup.corrected(run) for run in runs]
-        return choose(self.robot, corrected, self.system(setup.true_robot), self.half_window)
-
-    def system(self, robot: Robot) -> System:
-        """The equations y = G theta of what can be told, from states and torques."""
-        members = list(self.possible.members)
-
-        def system(now: States, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            columns, known = self.chosen.system(robot, now.q, now.v, now.a)
-            return columns[..., members], tau - known
-
-        return system
+        return choose(self.robot, corrected, explaining(setup.true_robot, corrected, self.chosen), self.half_window)
 
 
 def plan_of(setup: Setup, chosen: Selection, method: str, confidence: float, half: int | None) -> IdentificationPlan:
@@ -105,11 +103,16 @@ def solve(plan: IdentificationPlan, setup: Setup, runs: Sequence[Recording], by:
 
 def _with_constants(setup: Setup, first: SolvedIdentification) -> Setup:
     """The setup with motor constants that take what was measured to the torques of the robot as it was given."""
-    data = first.data
-    nominal = np.concatenate([setup.robot.regressor(*state) @ setup.robot.parameter_values for state in data.states()])
+    data, nominal = first.data, _nominal(setup.robot, first.data)
     ratio = np.sum(nominal * data.tau, axis=0) / np.maximum(np.sum(data.tau**2, axis=0), 1e-300)
     starts = [ratio[setup.dof(name)] if name.endswith(".motor_constant") else 0.0 for name in setup.names]
     return setup.at(np.where(np.array(starts) > 0, starts, setup.values))
+
+
+def _nominal(robot: Robot, data: Measurements) -> np.ndarray:
+    """The torques (n, nv) of the robot as it was given."""
+    whole = select(robot, ["*"])
+    return np.concatenate([whole.system(robot, *state)[0] @ robot.parameter_values for state in data.states()])
 
 
 def _errors_of(result: Identification) -> np.ndarray:
@@ -136,15 +139,16 @@ def _solved(
     starts = (0, *data.ends[:-1])
     ends = np.cumsum([(end - start) // data.block for start, end in zip(starts, data.ends, strict=True)]).tolist()
     blocks = ends if len(ends) >= _RUNS else None
+    rest = _rest(robot, chosen, base, data)
     if data.coarse is None:
-        found = fit(columns, y, plan.method, prior=prior, blocks=blocks, runs=ends)
+        found = fit(columns, y, plan.method, prior=prior, blocks=blocks, runs=ends, rest=rest)
         wide, numerical = None, found.rounding
     else:
         other, torques = linear_system(robot, plan.chosen, data.coarse)
         other, torques = np.concatenate([other, slopes], axis=-1)[..., members], torques + known
         errors = np.concatenate([other - columns, (torques - y)[..., None]], axis=-1)
-        found = fit(columns, y, plan.method, errors, prior=prior, blocks=blocks, runs=ends)
-        second = fit(other, torques, plan.method, errors, prior=prior)
+        found = fit(columns, y, plan.method, errors, prior=prior, blocks=blocks, runs=ends, rest=rest)
+        second = fit(other, torques, plan.method, errors, prior=prior, rest=rest)
         wide, numerical = second.residuals, found.rounding + np.abs(second.x - found.x)
     result = Identification(
         robot=plan.robot, selection=chosen, combinations=base.combinations, matrix=base.matrix, estimate=found.x,
@@ -155,9 +159,30 @@ def _solved(
         residuals=found.residuals, condition=found.condition, correlated=found.correlated, method=plan.method,
         filter=by, metric=found.metric, torques=data.averaged(data.tau), validation=None, model_errors=(),
         setup=setup.at(_values(chosen, base, found.x, len(names))) if names else setup,
-        block_covariance=found.by_blocks, joint_models=None,
+        block_covariance=found.by_blocks, joint_models=None, mirrored=np.zeros(robot.nv, dtype=bool),
     )  # fmt: skip
     return SolvedIdentification(result, data, columns, found, wide, prior[1])
+
+
+def _rest(
+    robot: Robot, chosen: Selection, base: BaseParameters, data: Measurements
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Samples (blocks, nv) at rest in a row, and what of the parameters adds up to the friction there (nv, r).
+
+    Where a joint rests, its friction is anything within its size: a bound, once for as long as it lasts.
+    """
+    sizes = np.zeros((robot.nv, len(base.members)))
+    joints = single_joints(robot)
+    for k, member in enumerate(base.members):
+        if chosen.names[member] in chosen.rubbing:
+            sizes[joints[chosen.rubbing[chosen.names[member]]], k] = 1.0
+    still = data.averaged(1 - direction(data.v, data.width) ** 2)
+    long = np.empty_like(still)
+    for column, out in zip(still.T, long.T, strict=True):
+        cuts = np.flatnonzero(np.diff(column > _RESTS)) + 1
+        for rows in np.split(np.arange(len(column)), cuts):
+            out[rows] = column[rows] * max(column[rows].sum(), 1.0) if column[rows[0]] > _RESTS else column[rows] ** 2
+    return (long, sizes) if sizes.any() and long.any() else None
 
 
 def _half_width(plan: IdentificationPlan, y: np.ndarray, found: Fit, of_runs: bool) -> np.ndarray:
@@ -218,7 +243,10 @@ def examined(plan: IdentificationPlan, found: SolvedIdentification) -> Identific
     tried = np.concatenate([linear_system(result.setup.true_robot, left, data)[0], of_setup], axis=-1)
     errors = model_errors((*left.names, *setup), tried, found.columns, result.combinations, found.fit, found.wide,
                           found.sure, result.torques)  # fmt: skip
-    return replace(result, model_errors=errors)
+    nominal = _nominal(plan.robot, data)
+    alike = np.sum(nominal * data.tau, axis=0)
+    alike = alike / np.maximum(np.linalg.norm(nominal, axis=0) * np.linalg.norm(data.tau, axis=0), 1e-300)
+    return replace(result, model_errors=errors, mirrored=alike < _OPPOSITE)
 
 
 def _prior(robot: Robot, chosen: Selection, base: BaseParameters) -> tuple[np.ndarray, np.ndarray]:
@@ -253,17 +281,6 @@ def validation(found: Identification, held_out: Sequence[Recording]) -> Validati
     predicted = np.concatenate([found.model_torques(*state) for state in data.states()])
     tau, predicted = data.averaged(data.tau), data.averaged(predicted)
     return Validation(data.averaged(data.t), tau, tau - predicted)
-
-
-def linear_system(robot: Robot, chosen: Selection, data: Measurements) -> tuple[np.ndarray, np.ndarray]:
-    """G (n, nv, k) and y (n, nv) of y = G theta: y is without the torques of what is not looked for."""
-    columns, known = zip(*(chosen.system(robot, *state) for state in data.states()), strict=True)
-    both = data.averaged(np.concatenate(columns)), data.averaged(data.tau - np.concatenate(known))
-    largest = max(float(np.abs(x).max(initial=0.0)) for x in both)
-    if largest > _LARGEST:
-        what = f"numbers of the size {largest:.3g} cannot be used"
-        raise QueryError(what, where="identify", remedy="give SI units and radians", code="units")
-    return both
 
 
 def _excited(

@@ -1,0 +1,109 @@
+"""The defaults of identify: friction at rest, filters, masses that no motion shows, and what is said first."""
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.parts.identification.motions import motion, noisy
+from twolink.identification import Identification, identify
+from twolink.parts.identification.base_parameters import direction, regressor
+from twolink.parts.identification.filtering import Folds
+
+ARM = tl.load_robot("arm")
+COULOMB, VISCOUS = np.array([0.5, 0.3]), np.array([0.2, 0.1])
+
+
+def resting(seed: int) -> tuple[np.ndarray, ...]:
+    """A log t, q, v, tau with encoders' noise whose first part is at rest, held there by friction of any size."""
+    rng = np.random.default_rng(seed)
+    t, q, v, a = motion(ARM, 900, seed=2, duration=9.0)
+    ramp = np.clip((t - 3.0) / 2.0, 0.0, 1.0)
+    rate = ramp**2 * (3 - 2 * ramp)
+    change = 3.0 * ramp * (1 - ramp)
+    s = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(t))])
+    q, v, a = (np.stack([np.interp(s, t, x) for x in y.T], axis=1) for y in (q, v, a))
+    v, a = v * rate[:, None], a * rate[:, None] ** 2 + v * change[:, None]
+    held = np.where(t[:, None] < 3.0, rng.uniform(-1, 1, 2), np.sign(v))
+    tau = ARM.inverse_dynamics(q, v, a) + VISCOUS * v + COULOMB * held
+    return t, noisy(q, 1e-5, seed), noisy(v, 1e-4, seed + 1), noisy(tau, 0.02, seed + 2)
+
+
+def test_friction_is_right_where_a_third_of_the_samples_is_at_rest() -> None:
+    inside = []
+    for seed in range(6):
+        found = identify(ARM, *resting(10 * seed))
+        for joint, truth in zip(ARM.joint_names, COULOMB, strict=True):
+            low, high = found.intervals[f"{joint}.friction"]
+            assert high - low < 0.4 * truth
+            inside.append(low <= truth <= high)
+    assert np.mean(inside) > 0.8
+    assert not any("stribeck" in error.name for error in found.model_errors)
+
+
+def test_a_rest_counts_as_one_sample_however_long_it_is() -> None:
+    given = {"joint_model": "viscous+coulomb", "half_window": 15}
+    long, short = (identify(ARM, *(x[first:] for x in resting(0)), **given) for first in (0, 200))
+    assert np.all(np.abs(long.estimate - short.estimate) < np.maximum(long.half_width, short.half_width))
+
+
+def test_the_direction_of_friction_is_the_sign_beyond_its_width() -> None:
+    v = np.array([-1.0, -0.01, 0.0, 0.01, 1.0])
+    assert np.array_equal(direction(v, np.zeros(1)), np.sign(v))
+    np.testing.assert_allclose(direction(v, np.full(1, 0.01)), np.tanh(v / 0.01))
+
+
+@pytest.mark.parametrize("name", ["arm", "panda", "kinova", "gripper"])
+def test_the_regressor_is_the_robots_own(name: str) -> None:
+    robot = tl.load_robot(name)
+    q, v = robot.random_state(5)
+    a = np.cos(v)
+    np.testing.assert_allclose(regressor(robot, q, v, a, np.zeros(1)), robot.regressor(q, v, a), rtol=0, atol=1e-10)
+
+
+def test_parts_that_are_left_out_are_predicted_as_by_least_squares() -> None:
+    rng = np.random.default_rng(0)
+    columns, y = rng.standard_normal((90, 1, 4)), rng.standard_normal((90, 1))
+    left = 0.0
+    for rows in np.split(np.arange(90), [30, 60]):
+        rest = np.delete(np.arange(90), rows)
+        theta = np.linalg.lstsq(columns[rest, 0][:, [0, 2]], y[rest, 0], rcond=None)[0]
+        left += np.sum((y[rows, 0] - columns[rows, 0][:, [0, 2]] @ theta) ** 2)
+    np.testing.assert_allclose(Folds(columns, y, [30, 60, 90]).left_out([0, 2]), left / 90, rtol=1e-9)
+
+
+def fast_log() -> Identification:
+    """An arm with friction and a ripple of 300 Hz in its torques, at 2 kHz, of which friction is not looked for."""
+    t, q, v, a = motion(ARM, 8000, duration=4.0)
+    tau = ARM.inverse_dynamics(q, v, a) + np.sign(v) + 0.1 * np.sin(600 * np.pi * t)[:, None]
+    return identify(ARM, t, noisy(q, 1e-5), None, noisy(tau, 0.05), joint_model="none")
+
+
+def test_a_filter_passes_what_bodies_do_also_where_friction_is_not_looked_for() -> None:
+    found = fast_log()
+    assert found.filter is not None
+    assert 2.0 < found.filter.cutoff < 105.0
+
+
+def test_bodies_are_the_urdfs_where_the_motion_shows_nothing() -> None:
+    """Torques of a Panda with drives: masses within a factor of the truth, though most of them no motion shows."""
+    robot = tl.load_robot("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
+    t, q, v, a = motion(robot, 600, duration=10.0)
+    tau = robot.inverse_dynamics(q, v, a) + 0.3 * v + 0.4 * np.sign(v)
+    found = identify(robot, t, q, v, noisy(tau, 0.3), a=a)
+    for before, after in zip(list(robot.model.inertias)[1:], list(found.found.model.inertias)[1:], strict=True):
+        assert 0.3 * before.mass < after.mass < 3 * before.mass
+    assert found.consistency.consistent
+    text = str(found)
+    assert max(map(len, text.splitlines())) < 250
+    assert "panda_link1.origin_inertia.zz and " in text
+
+
+def test_a_joint_that_nothing_explains_is_the_first_line() -> None:
+    t, q, v, a = motion(ARM)
+    tau = ARM.inverse_dynamics(q, v, a)
+    tau[:, 1] = np.random.default_rng(0).standard_normal(len(t))
+    found = identify(ARM, t, q, v, tau, a=a)
+    assert str(found).splitlines()[0].startswith("elbow: ")
+    assert found.explained[1] < 0.2
+    assert found.explained[0] > 0.8
+    assert found.to_dict()["explained"]["elbow"] == pytest.approx(found.explained[1])
