@@ -178,7 +178,7 @@ def test_a_start_that_comes_again_has_the_same_motion(monkeypatch: pytest.Monkey
 
 def test_a_controller_begins_anew_with_each_episode(monkeypatch: pytest.MonkeyPatch) -> None:
     """It may remember what no save has: a start is always prepared again."""
-    law = tl.effects.Controller(lambda t, y, _: (-y.v, None), 0.05)
+    law = tl.effects.Controller(lambda _, y, state: (-y.v, state), 0.05)
     env = Environment(tl.Scene(SWING.base, SWING.q, SWING.v, [*SWING.effects, law], SWING.duration), reward, limit=2.0)
     prepared: list[float] = []
     again = env.simulation.set_state

@@ -14,8 +14,8 @@ from tests.parts.service.fake_s3 import FakeS3, fake_s3
 from twolink.errors import TwolinkError
 from twolink.parts.service.problems import Refusal, problem_of
 from twolink.parts.service.store.data_folder import PARTS
-from twolink.parts.service.store.objects import Copies, Objects
-from twolink.parts.service.store.store import NAMED_ROBOTS, Store
+from twolink.parts.service.store.objects import NAMED_ROBOTS, Copies, Objects
+from twolink.parts.service.store.store import Store
 
 pytest.importorskip("obstore")
 JOB, ROBOT = "sweep-00000000000000000001", "u-0123456789abcdef0123"

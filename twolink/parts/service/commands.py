@@ -32,6 +32,11 @@ SettingsFile = Annotated[
     Path | None,
     Option(metavar="PATH", is_eager=True, callback=_with_file, show_default=False, help="TOML file of these options."),
 ]
+Data = Annotated[
+    str | None, Option(metavar="PATH", help="Folder of the results.", show_default="your user data folder")
+]
+Log = Annotated[Literal["text", "json", "off"], Option(help="Form of the log; off: without a line a request.")]
+DeleteResults = Annotated[bool, Option("--delete-results", help="Delete results that are beyond the quota.")]
 Token = Annotated[
     list[str] | None, Option(metavar="TEXT", help="Ask for this bearer token, NAME:TOKEN of an owner; repeatable.")
 ]
@@ -51,9 +56,7 @@ ObjectStore = Annotated[
 def serve(
     host: Annotated[str, Option(help="Address to listen on; 0.0.0.0 is all of this machine's.")] = "127.0.0.1",
     port: Annotated[int, Option(min=0, max=65535, metavar="PORT", help="0 takes a free one.")] = 8000,
-    data: Annotated[
-        str | None, Option(metavar="PATH", help="Folder of the results.", show_default="your user data folder")
-    ] = None,
+    data: Data = None,
     token: Token = None,
     token_file: TokenFile = "",
     admin: Admin = None,
@@ -61,12 +64,8 @@ def serve(
     allow_host: Annotated[list[str] | None, Option(metavar="NAME", help="Another name of it; repeatable.")] = None,
     allow_origin: Annotated[list[str] | None, Option(metavar="URL", help="Site that may call it; repeatable.")] = None,
     trust_proxy: Proxy = None,
-    log: Annotated[
-        Literal["text", "json", "off"], Option(help="Form of the log; off: without a line a request.")
-    ] = "text",
-    delete_results: Annotated[
-        bool, Option("--delete-results", help="Delete results that are beyond the quota.")
-    ] = False,
+    log: Log = "text",
+    delete_results: DeleteResults = False,
     dask: Annotated[str, Option(metavar="ADDRESS", help="Dask scheduler for sweeps.", show_default=False)] = "",
     database: Database = "",
     store: ObjectStore = "",

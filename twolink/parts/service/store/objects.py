@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from twolink.errors import TwolinkError, import_extra
+from twolink.parts.service.problems import Refusal
 from twolink.parts.service.store.data_folder import RESULTS, ROBOTS, STAGING
 from twolink.parts.service.store.database import EXTRA
 
+NAMED_ROBOTS = 100  # uploaded ones in a request
 _CHUNK = 2**20
 _ROBOT, _ROBOTS = re.compile(r"u-[0-9a-f]{20}"), re.compile(rb"u-[0-9a-f]{20}")
 
@@ -124,8 +126,12 @@ class Copies:
         return True
 
     def named_robots(self, content: bytes) -> set[str]:
-        """The ids of uploaded robots in some content; none where all files are here."""
-        return {key.decode() for key in _ROBOTS.findall(content)} if self._objects is not None else set()
+        """The ids of uploaded robots in some content; none where all files are here. Raises Refusal (413)."""
+        named = {key.decode() for key in _ROBOTS.findall(content)} if self._objects is not None else set[str]()
+        if len(named) > NAMED_ROBOTS:
+            what = f"it names {len(named)} uploaded robots, the limit is {NAMED_ROBOTS}"
+            raise Refusal(413, what, where="body", remedy="ask for them one after the other")
+        return named
 
     def bring_robots(self, keys: Iterable[str]) -> None:
         """Have the files of robots here."""

@@ -32,7 +32,6 @@ P = ParamSpec("P")
 T = TypeVar("T")
 ENDED_JOBS = 5000  # that are remembered
 LISTED = 200  # jobs or robots in an answer
-NAMED_ROBOTS = 100  # uploaded ones in a request
 ACTIVE = ("queued", "running")
 RESUMED = ("sweep",)  # kinds of jobs that go on from their files when they are run again
 _log = logging.getLogger("twolink.service")
@@ -175,9 +174,6 @@ class Store:
     async def bring_robots(self, content: bytes) -> None:
         """Have the files here of the uploaded robots whose ids are in some content. Raises Refusal (413)."""
         if named := await asyncio.to_thread(self.copies.named_robots, content):
-            if len(named) > NAMED_ROBOTS:
-                what = f"it names {len(named)} uploaded robots, the limit is {NAMED_ROBOTS}"
-                raise Refusal(413, what, where="body", remedy="ask for them one after the other")
             await asyncio.to_thread(self.copies.bring_robots, await self.run(self._known_robots, sorted(named)))
 
     def _known_robots(self, keys: list[str]) -> list[str]:
@@ -193,11 +189,9 @@ class Store:
 
         owner: whose; None: of all.
         """
-        condition = "WHERE created < ? AND (? IS NULL OR owner = ?) ORDER BY created DESC LIMIT ?"
+        which = "WHERE created < ? AND (? IS NULL OR owner = ?) ORDER BY created DESC LIMIT ?"
         values = before, owner, owner, min(limit, LISTED)
-        return [
-            tuple(row) for row in self._execute(f"SELECT owner, created, description FROM robots {condition}", values)
-        ]
+        return [*map(tuple, self._execute(f"SELECT owner, created, description FROM robots {which}", values))]
 
     def robot_use(self) -> tuple[int, int]:
         """The number of uploaded robots, and their bytes."""
