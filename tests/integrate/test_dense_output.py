@@ -97,7 +97,7 @@ def test_torques_and_accelerations_are_those_of_inverse_dynamics() -> None:
 def test_a_loaded_trajectory_has_no_equations(tmp_path) -> None:
     run = tl.simulate(tl.load_scene("arm-swing"), 0.1)
     loaded = tl.Trajectory.load(run.save(tmp_path / "run.npz"))
-    for ask in (lambda: loaded.at(0.05), lambda: loaded.tau, lambda: loaded.acceleration):
+    for ask in (lambda: loaded.at(0.05), lambda: loaded.acceleration):
         with pytest.raises(SceneError, match="simulate it again with its scene") as caught:
             ask()
         assert caught.value.code == "no-equations"

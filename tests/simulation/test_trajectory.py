@@ -67,10 +67,19 @@ def test_contacts_and_events_that_do_not_fit(
 
 def test_columns_are_named_by_joint() -> None:
     assert list(tl.simulate(tl.load_scene("arm-swing"), 0.01).columns()) == [
-        "t", "q.shoulder", "q.elbow", "v.shoulder", "v.elbow", "energy", "error"
+        "t", "q.shoulder", "q.elbow", "v.shoulder", "v.elbow", "tau.shoulder", "tau.elbow", "energy", "error"
     ]  # fmt: skip
     scene = tl.Scene(tl.load_robot("kinova"))
     assert "q.j2s6s200_joint_1.1" in tl.simulate(scene, 0.01, verify=False).columns()
+
+
+@pytest.mark.parametrize("ending", [".csv", ".npz", ".mat"])
+def test_saved_torques_are_those_that_rnea_wants(tmp_path: Path, ending: str) -> None:
+    run = tl.simulate(tl.load_scene("pendulum-friction"), 0.5, verify=False)
+    loaded = tl.Trajectory.load(run.save(tmp_path / f"x{ending}"), run.robot)
+    wanted = run.robot.inverse_dynamics(run.q, run.v, run.acceleration)
+    assert np.abs(wanted).max() > 1e-3
+    np.testing.assert_allclose(loaded.tau, wanted, rtol=0, atol=1e-9)
 
 
 def test_not_verified_has_no_error_column(tmp_path: Path) -> None:

@@ -134,6 +134,8 @@ def query(
     if given["f_ext"] is not None:
         options["f_ext"] = parse_json(given["f_ext"], "f_ext", 'such as {"tip": [0, 0, -1, 0, 0, 0]}')
     arguments = read_states(loaded, {name: text for name, text in given.items() if name in ARGUMENTS}, states)
+    if given["tau"] is None and what in QUERIES and "tau" not in QUERIES[what].signature.parameters:
+        arguments.pop("tau", None)  # a saved run has them for all queries
     result = answer_query(loaded, what, arguments, **options)
     with np.printoptions(precision=17, threshold=1_000_000, linewidth=120):
         show(result, "\n".join(f"{name} =\n{np.asarray(value)}" for name, value in result.items()), as_json)

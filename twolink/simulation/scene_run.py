@@ -19,6 +19,7 @@ from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.solvers.method_choice import MethodChoice
 from twolink.integrate.solvers.taylor_code import Precision
+from twolink.integrate.steps.methods import known_as
 from twolink.io.progress import Report, in_time
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
@@ -238,7 +239,7 @@ def _with_setting(
         kind = "chooses its steps by a tolerance" if choice.method.adaptive else "takes steps of one size"
         remedy = "give tolerance=" if choice.method.adaptive else "give step="
         raise SceneError(f"{choice.method.name} {kind}", argument="method", remedy=remedy)
-    return replace(choice, setting=setting, why=choice.why if name == "auto" else "asked for"), True
+    return replace(choice, setting=setting, why=choice.why if name == "auto" else f"asked for{known_as(name)}"), True
 
 
 def _lawful(run: Trajectory, equations: Equations, solution: Solution) -> Trajectory:

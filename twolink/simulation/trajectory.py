@@ -82,6 +82,8 @@ class Trajectory(BaseResult, Plotted):
         What was simulated; None for a loaded trajectory.
     states : mapping of str to ndarray (n,)
         The states of effects at the samples, by name, such as "elbow.current"; in the units that the effects say.
+    recorded_tau : ndarray (n, nv) or None
+        The torques as they were saved, N m or N; None: they are computed.
     """
 
     robot: Robot
@@ -104,6 +106,7 @@ class Trajectory(BaseResult, Plotted):
     certificate: Certificate | None = None
     scene: Scene | None = None
     states: Mapping[str, np.ndarray] = field(default_factory=dict)
+    recorded_tau: np.ndarray | None = None
 
     @functools.cached_property
     def sensors(self) -> dict[str, Any]:
@@ -193,9 +196,9 @@ class Trajectory(BaseResult, Plotted):
         """Joint torques and forces that effects apply, at the samples (n, nv), N m or N; at an event those after it.
 
         Controllers, friction, springs and stops count. Without external wrenches and loops tau = RNEA(q, v, a).
-        Raises SceneError (code "no-equations") for a loaded trajectory.
+        Raises SceneError (code "no-equations") for a trajectory that was loaded from a file without torques.
         """
-        return self._accelerations_and_torques[1]
+        return self._accelerations_and_torques[1] if self.recorded_tau is None else self.recorded_tau
 
     @functools.cached_property
     def contact_forces(self) -> ContactForces:
@@ -242,10 +245,14 @@ class Trajectory(BaseResult, Plotted):
 
     @property
     def _samples(self) -> tables.TrajectorySamples:
-        return tables.TrajectorySamples(self.robot, self.t, self.q, self.v, self.energy, self.error, states=self.states)
+        return tables.TrajectorySamples(self.robot, self.t, self.q, self.v, self.energy, self.error, states=self.states,
+                                       tau=self.recorded_tau if self.solution is None else self.tau)  # fmt: skip
 
     def columns(self) -> dict[str, np.ndarray]:
-        """The samples by name: t, q.JOINT, v.JOINT (numbered where a joint has several), z.STATE, energy, error."""
+        """The samples by name: t, q.JOINT, v.JOINT, tau.JOINT (numbered for joints of several), z.STATE, energy, error.
+
+        Torques are not among those of a trajectory that was loaded from a file without them.
+        """
         return tables.columns(self._samples)
 
     def to_xarray(self) -> Any:
@@ -353,7 +360,7 @@ class Trajectory(BaseResult, Plotted):
         return cls(samples.robot, samples.t, samples.q, samples.v, samples.error, None, samples.events,
                    recorded_energy=samples.energy, title=samples.title, estimated=samples.estimated,
                    recorded_contacts=samples.contacts, recorded_forces=samples.forces,
-                   states=samples.states)  # fmt: skip
+                   states=samples.states, recorded_tau=samples.tau)  # fmt: skip
 
     @overload
     def plot(self, *, joints: str | Sequence[str] = ...) -> Figure: ...

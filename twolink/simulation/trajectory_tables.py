@@ -22,7 +22,15 @@ Contacts = Mapping[str, tuple[np.ndarray, np.ndarray]]  # of pairs, see Trajecto
 SMOOTH = 400  # times that make a smooth curve
 Curves = tuple[np.ndarray, np.ndarray, np.ndarray]
 At = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-UNITS = {"t": "s", "q": "rad or m", "v": "rad/s or m/s", "z": "SI units", "energy": "J", "error": "rad or m"}
+UNITS = {
+    "t": "s",
+    "q": "rad or m",
+    "v": "rad/s or m/s",
+    "tau": "N m or N",
+    "z": "SI units",
+    "energy": "J",
+    "error": "rad or m",
+}
 
 
 class TrajectorySamples(NamedTuple):
@@ -42,6 +50,7 @@ class TrajectorySamples(NamedTuple):
     contacts: Contacts | None = None
     forces: Contacts | None = None
     states: Mapping[str, np.ndarray] = {}
+    tau: np.ndarray | None = None  # (n, nv)
 
 
 def coordinate_names(robot: Robot, letter: str) -> list[str]:
@@ -50,7 +59,7 @@ def coordinate_names(robot: Robot, letter: str) -> list[str]:
 
 
 def columns(samples: TrajectorySamples) -> dict[str, np.ndarray]:
-    """The samples by name: t, q.JOINT, v.JOINT, z.STATE, energy, error.
+    """The samples by name: t, q.JOINT, v.JOINT, tau.JOINT, z.STATE, energy, error.
 
     Raises
     ------
@@ -58,7 +67,8 @@ def columns(samples: TrajectorySamples) -> dict[str, np.ndarray]:
         Two columns have the same name; code "column-twice".
     """
     table = {"t": samples.t}
-    for letter, values in (("q", samples.q), ("v", samples.v)):
+    torques = () if samples.tau is None else (("tau", samples.tau),)
+    for letter, values in (("q", samples.q), ("v", samples.v), *torques):
         for (column, joint), numbers in zip(joint_columns(samples.robot.joints, letter), values.T, strict=True):
             if column in table:
                 raise SceneError(f"two columns are named {column!r}", where=f"joint {joint!r}",
@@ -100,10 +110,12 @@ def read_samples(path: Path, robot: Robot | None) -> TrajectorySamples:
     n = len(table["t"]) if "t" in table else 0
     error = np.empty(n) if "error" in table else None
     states = {name.removeprefix("z."): np.empty(n) for name in table if name.startswith("z.")}
+    has_tau = not is_bag(path) and any(name.startswith("tau.") for name in table)
     contacts, forces = (_forces(marks, kind, n, label) if EVENTS in notes else None for kind in (CONTACT, FORCE))
     samples = TrajectorySamples(robot, np.empty(n), np.empty((n, robot.nq)), np.empty((n, robot.nv)), np.empty(n),
                                 error, notes.get("title", ""), notes.get("bound") == "estimated",
-                                _events(notes, label), contacts, forces, states)  # fmt: skip
+                                _events(notes, label), contacts, forces, states,
+                                np.empty((n, robot.nv)) if has_tau else None)  # fmt: skip
     wanted = columns(samples)
     if is_bag(path):
         known = wanted if "robot" in notes else {name: place for name, place in wanted.items() if name != "energy"}

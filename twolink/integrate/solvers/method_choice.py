@@ -17,7 +17,7 @@ from twolink.integrate.motion.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.solvers import taylor_code
 from twolink.integrate.solvers.taylor import ROUNDING_UNIT
-from twolink.integrate.steps.methods import METHODS, Method, method_named
+from twolink.integrate.steps.methods import METHODS, Method, known_as, method_named
 from twolink.integrate.steps.stiffness import fastest_decay
 from twolink.native.library import library
 
@@ -85,7 +85,7 @@ def choose(
         return MethodChoice(METHODS["taylor"], accuracy / MARGINS["taylor"], f"{precision} precision", precision)
     if name != "auto":
         method = method_named(name)
-        return MethodChoice(method, first_setting(equations, method, accuracy), "asked for")
+        return MethodChoice(method, first_setting(equations, method, accuracy), f"asked for{known_as(name)}")
     return _cheapest(equations, accuracy, duration)
 
 

@@ -73,14 +73,24 @@ def _load() -> dict[str, Method]:
 
 
 METHODS = _load()
+ELSEWHERE = {"ode45": "rk45", "ode23": "rk23", "ode15s": "esdirk43", "ode113": "dop853", "RK4": "rk4",
+             "RK45": "rk45", "RK23": "rk23", "DOP853": "dop853", "Euler": "semi-implicit-euler"}  # fmt: skip
+"""Names in MATLAB, SciPy and MuJoCo: the same formula here, or of ode15s and ode113 the method for the same purpose."""
 
 
 def method_named(name: str, argument: str = "method") -> Method:
-    """The method of this name. Raises SceneError with the nearest name for an unknown one."""
-    if str(name) not in METHODS:
+    """The method of this name, or of one of `ELSEWHERE`. Raises SceneError with the nearest for an unknown one."""
+    ours = ELSEWHERE.get(str(name), str(name))
+    if ours not in METHODS:
         raise SceneError(f"{name!r} is unknown", where="method", argument=argument,
-                         remedy=nearest(str(name), ("auto", *METHODS)))  # fmt: skip
-    return METHODS[str(name)]
+                         remedy=nearest(ours, ("auto", *METHODS)))  # fmt: skip
+    return METHODS[ours]
+
+
+def known_as(name: str) -> str:
+    """Of a name from elsewhere, for the note of a run: how it is meant here; "" for ours."""
+    other = ", which is not here: this has the same purpose" if name in ("ode15s", "ode113") else ""
+    return f" as {name}{other}" if name in ELSEWHERE else ""
 
 
 def methods() -> Table:
