@@ -245,8 +245,9 @@ class Trajectory(BaseResult, Plotted):
 
     @property
     def _samples(self) -> tables.TrajectorySamples:
-        return tables.TrajectorySamples(self.robot, self.t, self.q, self.v, self.energy, self.error, states=self.states,
-                                       tau=self.recorded_tau if self.solution is None else self.tau)  # fmt: skip
+        is_solved = self.solution is not None and bool(np.isin(self.t, self.solution.t).all())  # t may be replaced
+        parts, tau = (self.t, self.q, self.v, self.energy), self.tau if is_solved else self.recorded_tau
+        return tables.TrajectorySamples(self.robot, *parts, self.error, states=self.states, tau=tau)
 
     def columns(self) -> dict[str, np.ndarray]:
         """The samples by name: t, q.JOINT, v.JOINT, tau.JOINT (numbered for joints of several), z.STATE, energy, error.
@@ -269,9 +270,8 @@ class Trajectory(BaseResult, Plotted):
         MissingExtraError
             xarray is not installed.
         """
-        attributes: dict[str, Any] = {"robot": self.robot.name}
-        if self.accuracy is not None:
-            attributes["accuracy"] = self.accuracy
+        known = {} if self.accuracy is None else {"accuracy": self.accuracy}
+        attributes: dict[str, Any] = {"robot": self.robot.name, **known}
         if self.cost is not None:
             attributes |= {"method": self.cost.method, "setting": self.cost.setting}
         return tables.as_dataset(self._samples, attributes)
@@ -356,11 +356,10 @@ class Trajectory(BaseResult, Plotted):
         SceneError
             The robot is another one, or the file is not a trajectory.
         """
-        samples = tables.read_samples(Path(path), robot)
-        return cls(samples.robot, samples.t, samples.q, samples.v, samples.error, None, samples.events,
-                   recorded_energy=samples.energy, title=samples.title, estimated=samples.estimated,
-                   recorded_contacts=samples.contacts, recorded_forces=samples.forces,
-                   states=samples.states, recorded_tau=samples.tau)  # fmt: skip
+        read = tables.read_samples(Path(path), robot)
+        return cls(read.robot, read.t, read.q, read.v, read.error, None, read.events, title=read.title,
+                   estimated=read.estimated, recorded_energy=read.energy, recorded_contacts=read.contacts,
+                   recorded_forces=read.forces, states=read.states, recorded_tau=read.tau)  # fmt: skip
 
     @overload
     def plot(self, *, joints: str | Sequence[str] = ...) -> Figure: ...

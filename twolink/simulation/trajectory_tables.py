@@ -22,15 +22,8 @@ Contacts = Mapping[str, tuple[np.ndarray, np.ndarray]]  # of pairs, see Trajecto
 SMOOTH = 400  # times that make a smooth curve
 Curves = tuple[np.ndarray, np.ndarray, np.ndarray]
 At = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-UNITS = {
-    "t": "s",
-    "q": "rad or m",
-    "v": "rad/s or m/s",
-    "tau": "N m or N",
-    "z": "SI units",
-    "energy": "J",
-    "error": "rad or m",
-}
+UNITS = {"t": "s", "q": "rad or m", "v": "rad/s or m/s", "tau": "N m or N", "z": "SI units", "energy": "J",
+         "error": "rad or m"}  # fmt: skip
 
 
 class TrajectorySamples(NamedTuple):
