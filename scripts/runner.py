@@ -117,10 +117,11 @@ def new_process(code: str, *arguments: str, cache: str | None = None, **more: An
 
     Linear algebra has one thread: on shared cores its threads wait for each other, 50 ms for an inverse of 0.2 ms.
     """
+    given: dict[str, Any] = {"capture_output": True, "cwd": TOP, **more}
     with contextlib.nullcontext(cache) if cache else tempfile.TemporaryDirectory() as folder:
         environment = {"OPENBLAS_NUM_THREADS": "1", **os.environ, "TWOLINK_CACHE": folder}
         return subprocess.run([sys.executable, "-c", code, *arguments], env=environment, text=True,
-                              **({"capture_output": True, "cwd": TOP} | more))  # fmt: skip
+                              **given)  # fmt: skip
 
 
 def tests_of_a_copy(folder: Path, arguments: Sequence[str]) -> dict[str, Any]:

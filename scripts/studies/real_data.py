@@ -202,7 +202,7 @@ def rows_of(key: str, given: argparse.Namespace) -> Iterator[Row]:
     if way in ("by hand", "figaroh"):
         predict = (figaroh if way == "figaroh" else by_hand)(logs)
     elif way == "published":
-        predict = lambda q, v, a: logs.robot.regressor(q, v, a) @ logs.published  # noqa: E731
+        predict = lambda q, v, a: logs.robot.regressor(q, v, a) @ np.asarray(logs.published)  # noqa: E731
     else:
         predict = tl.identify(logs.robot, [*map(table_of, logs.runs)], **OPTIONS.get(way, {})).predict
     now, tau = filtered(logs.robot, logs.held, logs.judged)
