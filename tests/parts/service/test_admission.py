@@ -196,7 +196,7 @@ def test_headers_have_a_limit(small: Served, request_: bytes, status: int, where
         connection.sendall(request_)
         got, problem = answer(connection)
     assert (got, problem["status"], problem["where"]) == (status, status, where)
-    line = f" 127.0.0.1 - - {status} "  # in the access log, though there is no request
+    line = f" 127.0.0.1 - - - {status} "  # in the access log, though there is no request
     wait_until(lambda: any(line in text and problem["request_id"] in text for text in small.log.splitlines()))
 
 
