@@ -57,6 +57,23 @@ def test_static_friction_of_a_contact_holds_from_the_start(steep: float) -> None
     assert np.abs(run.q[:, 0] - a * run.t**2 / 2).max() < 1e-10
 
 
+def test_stops_and_friction_alone_are_stepped_as_they_are_located() -> None:
+    """An arm that falls on its stops without anything to touch: the estimate covers the distance to the located run."""
+    arm = tl.load_robot("two_link")
+    stops = E.JointStops({"shoulder": (-1.0, 1.0), "elbow": (-0.5, 0.7)}, restitution=0.3)
+    scene = tl.Scene(arm, [0.5, 0.3], effects=[E.Gravity(), stops, E.DryFriction({"shoulder": 0.4, "elbow": 0.4})])
+    exact = tl.simulate(scene, 2.0, samples_per_second=20)
+    assert {event.kind for event in exact.events} >= {"impact", "rest"}
+    for step in (5e-3, 5e-4):
+        run = stepped(scene, 2.0, step, verify=True)
+        off = np.abs(run.q - exact.q).max(axis=1)
+        assert (off <= run.error + exact.error).all()
+        assert 1e-3 * step < off.max() < 2.0 * step
+    simulation = tl.Simulation(scene, contact="stepped", step=5e-4)
+    simulation.step(2.0)
+    assert simulation.state.q == pytest.approx(run.q[-1], abs=1e-12)
+
+
 def test_stops_with_restitution_send_a_block_back_and_forth() -> None:
     """Between -0.3 and 0.5 m with e = 0.5: 2 m/s, then 1, then 0.5."""
     run = stepped(on_ground(2.0, E.JointStops({"x": (-0.3, 0.5)}, 0.5)), 2.0, 0.01)

@@ -346,7 +346,7 @@ def test_what_does_not_fit_is_refused(change: dict[str, object], words: str) -> 
 
 def test_what_cannot_be_stepped_is_refused() -> None:
     robot = planar()
-    with pytest.raises(tl.errors.SceneError, match="no Contact effect"):
+    with pytest.raises(tl.errors.SceneError, match="no contact, stops or dry friction"):
         tl.simulate(tl.Scene(robot, effects=[E.Gravity()]), 0.1, contact="stepped")
     contact = E.Contact(("ground",), restitution=1.0, impacts="reflections", shapes=BLOCK)
     with pytest.raises(tl.errors.SceneError, match=r'"reflections" is not stepped.*contact="located"'):

@@ -7,6 +7,7 @@ goes through any number of contacts; its error can only be estimated.
 
 from typing import Literal, NamedTuple
 
+from twolink.effects.switching import SwitchingEffect
 from twolink.errors import SceneError, require_known
 from twolink.scenes import Scene
 
@@ -16,7 +17,7 @@ POINTS = 24  # at which bodies may touch: beyond, a located run is prepared for 
 
 
 class Choice(NamedTuple):
-    """The method, and the reason; the method is None for a scene without contacts."""
+    """The method, and the reason; the method is None for a scene of which nothing is stepped or touches."""
 
     method: ContactMethod | None
     why: str = ""
@@ -24,14 +25,16 @@ class Choice(NamedTuple):
 
 def choose_contact_method(scene: Scene, asked: str | None = None) -> Choice:
     """The choice of a scene's contact method. asked: "located" or "stepped" forces it. Raises SceneError."""
-    effects = [effect for effect in scene.effects if effect.touches]
-    if asked is not None:
-        require_known(asked, METHODS, SceneError, argument="contact")
-        if asked == "stepped" and not effects:
-            raise SceneError("the scene has no Contact effect", argument="contact",
-                             remedy="add tl.effects.Contact(...)")  # fmt: skip
-        return Choice("stepped" if asked == "stepped" else "located", "asked for") if effects else Choice(None)
-    return _by_shapes(scene) if effects else Choice(None)
+    touching = any(effect.touches for effect in scene.effects)
+    if asked is None:
+        return _by_shapes(scene) if touching else Choice(None)
+    require_known(asked, METHODS, SceneError, argument="contact")
+    if asked == "located":
+        return Choice("located", "asked for") if touching else Choice(None)
+    if not any(isinstance(effect, SwitchingEffect) for effect in scene.effects):
+        raise SceneError("the scene has no contact, stops or dry friction to step through", argument="contact",
+                         remedy="leave it out, or add tl.effects.Contact(...)")  # fmt: skip
+    return Choice("stepped", "asked for")
 
 
 def _by_shapes(scene: Scene) -> Choice:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import weakref
 from collections.abc import Callable, Sequence
@@ -153,7 +154,6 @@ class SteppedMotion(Motion):
         """The most that bounces too low for the steps would have moved a joint, rad or m."""
         return max(state.memory.unfollowed for state in self.states)
 
-    @np.errstate(over="ignore", invalid="ignore")  # what steps that are too long give is refused ("step-too-large")
     def advance(self, t: float) -> None:
         """Go to a time, s."""
         ends = [self._solved(k, t) for k in range(len(self.states))]
@@ -196,6 +196,12 @@ class SteppedMotion(Motion):
         (self._t, self._numbers, self.states), self._x = saved, None
 
 
+@functools.lru_cache(8)
+def equal_steps(count: int) -> tuple[Array, Array, Array]:
+    """The numbers of so many steps of one piece, their pieces, and that none is at a sample."""
+    return np.arange(count), np.zeros(count, dtype=int), np.zeros(count, dtype=bool)
+
+
 def steps_of(step: float, doubled: int = 0) -> Planned:
     """Equal steps of at most a length [s] to each end; their number is doubled so often (`twice_as_many`)."""
 
@@ -203,8 +209,9 @@ def steps_of(step: float, doubled: int = 0) -> Planned:
         count = max(1, math.ceil((end - t) / step - 1e-9))
         for _ in range(doubled):
             count = twice_as_many(count)
-        h, every = (end - t) / count, np.arange(count)
-        return StepPlan(t + h * every, np.full(count, h), 0 * every, every < 0, numbers[None]), 0
+        every, piece, sampled = equal_steps(count)
+        h = (end - t) / count
+        return StepPlan(t + h * every, np.full(count, h), piece, sampled, numbers[None]), 0
 
     return plan
 

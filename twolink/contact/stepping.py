@@ -167,6 +167,7 @@ class ContactStepper:
         step = self.advance(float(plan.t[first]), float(plan.h[first]), q, v, numbers, memory)
         return [at_rest(self.bodies, plan, first, q, v, step, memory)]
 
+    @np.errstate(over="ignore", invalid="ignore")  # what steps that are too long give is refused ("step-too-large")
     def advance(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory, depth: int = 0) -> Step:
         """One step, or where its laws are not reached two halves. Raises AccuracyError where these are too small.
 

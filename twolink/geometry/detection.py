@@ -192,8 +192,8 @@ class Detector:
         number = {link: k for k, link in enumerate(dict.fromkeys(solid.link for solid in solids.values()))}
         frames = [robot.model.frames[robot.model.getFrameId(link, pin.FrameType.BODY)] for link in number]
         self.links = Links(np.array([frame.parentJoint for frame in frames], dtype=int),
-                           np.array([frame.placement.rotation for frame in frames]),
-                           np.array([frame.placement.translation for frame in frames]))  # fmt: skip
+                           np.array([frame.placement.rotation for frame in frames]).reshape(-1, 3, 3),
+                           np.array([frame.placement.translation for frame in frames]).reshape(-1, 3))  # fmt: skip
         kinds: dict[tuple[type[Group], str], list[tuple[int, Pair]]] = {}
         for k, pair in enumerate(pairs):
             kinds.setdefault(_kind(pair), []).append((k, pair))

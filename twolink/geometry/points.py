@@ -89,9 +89,13 @@ class Points:
         return Points(*(getattr(self, name)[numbers] for name in self.__dataclass_fields__))
 
 
+_NO_NUMBERS, _NO_VECTORS = np.zeros(0, dtype=int), np.zeros((0, 3))
+NONE = Points(_NO_NUMBERS, _NO_NUMBERS, _NO_NUMBERS, _NO_NUMBERS, np.zeros(0), _NO_VECTORS, _NO_VECTORS)
+
+
 def joined(found: Iterable[Points]) -> Points:
     """Points of several groups as one."""
-    parts = list(found)
+    parts = list(found) or [NONE]
     if len(parts) == 1:
         return parts[0]
     return Points(*(np.concatenate([getattr(one, name) for one in parts]) for name in Points.__dataclass_fields__))

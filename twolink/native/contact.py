@@ -128,7 +128,7 @@ class ContactScene:
         if any(x.size != n or x.dtype != kind for x, n, kind in zip(arrays, sizes, _ARGUMENTS, strict=True)):
             raise ValueError(f"steps of {[(x.shape, x.dtype) for x in arrays]}")
         packed = [x if x.flags.c_contiguous else np.ascontiguousarray(x) for x in arrays]
-        at, one = [x.ctypes.data for x in packed], self._pool.take()
+        at, one = [address(x) for x in packed], self._pool.take()
         try:
             plan = _Plan(*at[:5], count, len(steps.numbers), one.find, self._misses)
             told: Told = one.run(plan, _Start(*at[5:], memory.size))
@@ -190,10 +190,7 @@ def _numbers(x: Array) -> Array:
 
 def _copied(place: int, count: int) -> Array:
     """Words of the library (n,), as numbers."""
-    out = np.empty(count)
-    if count:
-        ctypes.memmove(out.ctypes.data, place, 8 * count)
-    return out
+    return np.frombuffer(ctypes.string_at(place, 8 * count)) if count else np.empty(0)
 
 
 def runs_alone(program: Program) -> bool:

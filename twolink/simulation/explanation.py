@@ -163,7 +163,7 @@ def explain(
     method : str
         "auto" or the name of a method.
     contact : {"located", "stepped"}, optional
-        How contacts are computed, in place of what the scene calls for.
+        How contacts, stops and dry friction are computed, in place of what the scene calls for.
 
     Returns
     -------

@@ -90,9 +90,10 @@ def simulate(
     progress : callable, optional
         Called now and then with what is done, the total and a label; here simulated seconds.
     contact : {"located", "stepped"}, optional
-        How contacts are computed: each one located, with an error bar; or stepped through, with an error that is
-        estimated (run.bound). By default as `explain` says; where contacts cannot be located any further and no
-        accuracy is asked for, they are stepped from there (event "stepped").
+        How contacts, stops and dry friction are computed: each event located, with an error bar; or stepped through,
+        with an error that is estimated (run.bound). By default as `explain` says: only contacts are stepped unasked;
+        where they cannot be located any further and no accuracy is asked for, they are stepped from there (event
+        "stepped").
     patience : float, optional
         Wall clock that solving may take, s; by default 600, and 20 for smaller steps of contacts where no accuracy is
         asked for.

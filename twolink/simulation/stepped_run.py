@@ -223,7 +223,7 @@ def _trajectory(
     """The trajectory of a stepped solution. distance: to its neighbour at each sample (n,), rad or m."""
     record = solution.record
     cost = Cost(METHOD, None, record.steps, record.steps, seconds, verifying, rejected=record.halved,
-                compiled=solution.compiled, why="many contacts", step=solution.step)  # fmt: skip
+                compiled=solution.compiled, why="stepped through", step=solution.step)  # fmt: skip
     error = None if distance is None else error_bar(distance, np.zeros_like(distance), STEPPED)
     return Trajectory(scene.robot, solution.t, solution.q, solution.v, error, cost, events, solution.interrupted,
                       accuracy=accuracy, solution=solution, title=scene.title, estimated=True, scene=scene)  # fmt: skip

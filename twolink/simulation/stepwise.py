@@ -119,7 +119,7 @@ class Simulation:
         Solve beside the motion a finer solution, and two that are disturbed by rounding: `error`. All have the torques
         that are given; how they would differ, were they computed from the others' states, is not in it.
     contact : {"located", "stepped"}, optional
-        How contacts are computed, as of `simulate`.
+        How contacts, stops and dry friction are computed, as of `simulate`.
     step : float
         The longest step of stepped contacts, s; their error is estimated.
 

@@ -68,7 +68,7 @@ def simulate_many(
     progress : callable, optional
         Called now and then with what is done, the total and a label; here simulated seconds, the mean of all.
     contact : {"located", "stepped"}, optional
-        How contacts are computed, as of `simulate`, which chooses by default.
+        How contacts, stops and dry friction are computed, as of `simulate`, which chooses by default.
 
     Returns
     -------

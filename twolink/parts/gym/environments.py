@@ -117,7 +117,7 @@ class Environment(gymnasium.Env[Array, Array]):
     Parameters
     ----------
     contact : {"located", "stepped"}, optional
-        How contacts are computed, as of `tl.Simulation`; of a quadruped they are stepped.
+        How contacts, stops and dry friction are computed, as of `tl.Simulation`; contacts of a quadruped are stepped.
     step : float
         The longest step of stepped contacts, s.
 
