@@ -152,9 +152,9 @@ def environments() -> dict[str, tuple[tl.Scene, float, dict[str, Any], dict[str,
     return {
         "arm": (tl.Scene(arm, effects=[E.Gravity()], duration=1e6), 1.0, {}, exact),
         "ur5, stops": (tl.Scene(ur5, effects=[E.Gravity(), *stops], duration=1e6), 20.0,
-                       {"contact": "stepped", "step": 2e-3}, exact),
+                       {"contact": "stepped", "step": 2.5e-3}, exact),
         "solo12, feet": (tl.Scene(solo, feet, effects=[E.Gravity(), contact], duration=1e6), 0.2,
-                         {"contact": "stepped"}, {"accuracy": 1e-6}),
+                         {"contact": "stepped", "step": 2e-3}, {"accuracy": 1e-6}),
     }  # fmt: skip
 
 

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -51,7 +50,7 @@ def pairs_of_steps(scene: tl.Scene, h: float, count: int) -> Iterator[tuple[Step
         other = found[0]
         if other.memory.rest is None:
             yield one, other
-        q, v, memory = one.q, one.v, replace(one.memory, rest=None)
+        q, v, memory = one.q, one.v, one.memory._replace(rest=None)
 
 
 def differ(one: Step, other: Step) -> bool:

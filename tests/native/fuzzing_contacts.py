@@ -95,13 +95,13 @@ class Fuzzer:
         for array in (q, v, change, t, h, numbers):
             if random.random() < 0.3 and array.size:
                 array.flat[random.integers(array.size)] = random.choice([*NUMBERS, 1e5])
-        piece, told = random.integers(0, 2, count), random.integers(0, 2, count).astype(np.uint8)
+        piece, told = random.integers(0, 2, (2, count))
         keys = np.sort(random.choice([*LONG[:8], 2**32, 3 * 2**32, 2**33 + 1], size=known, replace=False))
         forces, marks = random.normal(size=(known, 3)), random.integers(0, 2, (2, known))
         if random.random() < 0.2:
             piece[random.integers(count)] = random.choice(LONG)
             keys = keys[::-1].copy()
-        memory = Memory(keys, forces, marks[0], marks[1], change, *random.choice(NUMBERS, size=2)).told()
+        memory = Memory.of(keys, forces, marks[0], marks[1], change, *random.choice(NUMBERS, size=2)).words
         arrays = [t, h, piece, told, numbers, q, v, memory]
         places = [array.ctypes.data for array in arrays]
         if random.random() < 0.1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any, overload
 
@@ -10,13 +11,13 @@ import numpy as np
 from twolink.contact.bodies import Multibody
 from twolink.contact.impulses import Impulses
 from twolink.contact.rest import resting
-from twolink.contact.steps import Blow, Memory, Record, Step, StepPlan
+from twolink.contact.steps import EACH, HEAD, Blow, Memory, Record, Step, StepEnd, StepPlan, TakenSteps
 from twolink.integrate.motion.state import Array
 from twolink.native.contact import ContactScene, Steps, Told
 
 AT_ONCE = 128  # steps a call, so that a run can be interrupted and tells how far it is
 SOLVERS = ("newton", "proximal")
-HEAD, NUMBERS, KEPT = 7, 5, 3  # words of a step before its arrays: whole numbers, numbers, and those of its memory
+WHOLES, NUMBERS = 7, 5  # words of a step before its arrays: whole numbers, and numbers
 
 
 def take_steps(
@@ -24,14 +25,14 @@ def take_steps(
 ) -> CompiledSteps | None:
     """Steps of a plan from a state on, up to the first that the library does not find; None for none."""
     some = slice(steps.start, min(steps.stop, steps.start + AT_ONCE))
-    told = plan.sampled[some].copy()
+    told, piece = plan.sampled[some].astype(np.int64), plan.piece[some]
     told[:1] |= some.start == 0  # at the first sample stands what the first step is
-    words = memory.told() if memory.words is None else memory.words
-    found = scene.run(Steps(plan.t[some], plan.h[some], plan.piece[some], told, plan.numbers), q, v, words)
+    numbers = plan.numbers[piece[0] : piece[-1] + 1]
+    found = scene.run(Steps(plan.t[some], plan.h[some], piece - piece[0], told, numbers), q, v, memory.words)
     return CompiledSteps(found, bodies, plan, some.start) if found.taken else None
 
 
-class CompiledSteps(Sequence[Step]):
+class CompiledSteps(TakenSteps):
     """Steps one after the other, of which those at samples and the last are known, the first of a run too.
 
     The last has the impacts of all, at times from the begin of the first on.
@@ -39,15 +40,30 @@ class CompiledSteps(Sequence[Step]):
 
     def __init__(self, told: Told, bodies: Multibody, plan: StepPlan, first: int) -> None:
         self._told, self._bodies, self._plan, self._first = told, bodies, plan, first
-        wholes, at, model = told.words.view(np.int64), 0, bodies.model
-        self._at: dict[int, int] = {}  # where the words of a step begin
+
+    @functools.cached_property
+    def _at(self) -> dict[int, int]:
+        """Places where the words of a step begin."""
+        found, wholes, at, model = dict[int, int](), self._told.words.view(np.int64), 0, self._bodies.model
         while at < len(wholes):
-            number, *_, known, count, of_joints = wholes[at : at + HEAD].tolist()
-            self._at[number] = at
-            at += HEAD + NUMBERS + KEPT + model.nq + (4 + of_joints) * model.nv + 6 * known + 10 * count
+            number, *_, known, count, of_joints = wholes[at : at + WHOLES].tolist()
+            found[number] = at
+            at += WHOLES + NUMBERS + HEAD + model.nq + (4 + of_joints) * model.nv + EACH * known + 10 * count
+        return found
 
     def __len__(self) -> int:
         return self._told.taken
+
+    @property
+    def end(self) -> StepEnd:
+        """The end of the last."""
+        if self._told.rests:
+            return super().end
+        model, read = self._bodies.model, _Reader(self._told.words, self._at[len(self) - 1])
+        known = int(read.wholes(WHOLES)[4])
+        read.at += NUMBERS
+        q, v, _ = read.numbers(model.nq), read.numbers(model.nv), read.numbers(model.nv)
+        return StepEnd(q, v, read.memory(known, model.nv))
 
     @overload
     def __getitem__(self, j: int) -> Step: ...
@@ -75,7 +91,7 @@ class CompiledSteps(Sequence[Step]):
     def _read(self, at: int, blows: tuple[Blow, ...]) -> Step:
         """The step whose words begin at a place: `tell` of native/contact/run.c."""
         read = _Reader(self._told.words, at)
-        _, touches, solver, softened, known, count, of_joints = read.wholes(HEAD).tolist()
+        _, touches, solver, softened, known, count, of_joints = read.wholes(WHOLES).tolist()
         h, overlap, feasibility, complementarity, residual = read.numbers(NUMBERS).tolist()
         nq, nv = self._bodies.model.nq, self._bodies.model.nv
         q, v, mean = read.numbers(nq), read.numbers(nv), read.numbers(nv)
@@ -117,9 +133,4 @@ class _Reader:
 
     def memory(self, count: int, nv: int) -> Memory:
         """The next words as a memory of so many contacts."""
-        begin = self.at
-        _, overlap, unfollowed = self.numbers(KEPT).tolist()
-        change, keys, forces = self.numbers(2 * nv).reshape(2, nv), self.wholes(count), self.numbers(3 * count)
-        stuck, still = self.wholes(count) > 0, self.wholes(count) > 0
-        words = self._words[begin : self.at]
-        return Memory(keys, forces.reshape(-1, 3), stuck, still, change, overlap, unfollowed, words=words)
+        return Memory(self.numbers(HEAD + 2 * nv + EACH * count))

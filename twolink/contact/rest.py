@@ -19,14 +19,14 @@ import scipy.sparse as sparse
 
 from twolink.contact.bodies import Multibody
 from twolink.contact.impulses import EXACT, factors
-from twolink.contact.steps import AtRest, Memory, Step, StepPlan
+from twolink.contact.steps import AtRest, Memory, Step, StepPlan, TakenSteps
 from twolink.integrate.motion.state import Array
 
 DETERMINED = 1e-9  # of the largest: smaller pivots of J^T J are those of motions that the rows leave free
 
 
 @dataclass(frozen=True)
-class RestingSteps(Sequence[Step]):
+class RestingSteps(TakenSteps):
     """Steps of lengths h (n,), each as one that began and ended at rest."""
 
     rest: AtRest
@@ -45,7 +45,7 @@ class RestingSteps(Sequence[Step]):
         share = float(self.h[j]) / one.h
         return replace(one, h=float(self.h[j]), on_first=share * one.on_first,
                        joints=None if one.joints is None else share * one.joints,
-                       memory=replace(one.memory, rest=self.rest))  # fmt: skip
+                       memory=one.memory._replace(rest=self.rest))  # fmt: skip
 
 
 def steps_at_rest(bodies: Multibody, plan: StepPlan, steps: range, memory: Memory) -> RestingSteps | None:
@@ -71,14 +71,15 @@ def at_rest(bodies: Multibody, plan: StepPlan, number: int, q: Array, v: Array, 
     if not stays or speed > EXACT or not _determined(step.rows):
         return step
     zero = np.zeros_like(v)
-    passed = replace(step.memory, change=np.zeros_like(memory.change))
+    m = step.memory
+    passed = Memory.of(m.keys, m.forces, m.stuck, m.still, np.zeros_like(m.change), m.overlap, m.unfollowed)
     return resting(bodies, plan, number, replace(step, q=q, v=zero, mean=zero, memory=passed, rows=None))
 
 
 def resting(bodies: Multibody, plan: StepPlan, number: int, step: Step) -> Step:
     """A step at rest that remembers so, and the forces that act then. number: of the step in the plan."""
     rest = AtRest(step, _forces(bodies, plan, number, step.q))
-    return replace(step, memory=replace(step.memory, rest=rest))
+    return replace(step, memory=step.memory._replace(rest=rest))
 
 
 def _forces(bodies: Multibody, plan: StepPlan, number: int, q: Array) -> Array:

@@ -7,14 +7,13 @@ import math
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from twolink.contact.joints import LoopRows
 from twolink.contact.stepped_solution import SteppedSolution, SteppedTrack
 from twolink.contact.stepping import ContactStepper
-from twolink.contact.steps import Memory, Record, StepPlan, plan_steps, twice_as_many
+from twolink.contact.steps import Record, StepEnd, StepPlan, plan_steps, twice_as_many
 from twolink.effects.contact import Contact
 from twolink.effects.loops import Loop
 from twolink.effects.sensors import Forces
@@ -87,14 +86,6 @@ REPORT = 50  # steps
 Planned = Callable[[float, float, Array], tuple[StepPlan, int]]
 
 
-class SteppedState(NamedTuple):
-    """One solution with stepped contacts: q, w (see `Multibody`), and what its last step passed on."""
-
-    q: Array
-    w: Array
-    memory: Memory
-
-
 class SteppedMotion(Motion):
     """Solutions with stepped contacts, each by steps of its own.
 
@@ -124,7 +115,7 @@ class SteppedMotion(Motion):
         stepper.record, numbers = Record(), stepper.equations.layout.numbers_at(t)
         self._numbers = np.repeat(numbers[:, None], len(plans), axis=1)
         self._x: Array | None = None
-        self.states = [SteppedState(*stepper.begin)] * len(plans)
+        self.states = [StepEnd(*stepper.begin)] * len(plans)
 
     @property
     def equations(self) -> Equations:
@@ -141,7 +132,7 @@ class SteppedMotion(Motion):
         """The states."""
         if self._x is None:
             local = self._stepper.bodies.to_local_velocity
-            self._x = np.stack([np.concatenate([q, local(q, w)]) for q, w, _ in self.states], axis=1)
+            self._x = np.array([np.concatenate([q, local(q, w)]) for q, w, _ in self.states]).T
         return self._x
 
     @property
@@ -159,7 +150,7 @@ class SteppedMotion(Motion):
         ends = [self._solved(k, t) for k in range(len(self.states))]
         self.states, self._t, self._x = ends, t, None
 
-    def _solved(self, number: int, end: float) -> SteppedState:
+    def _solved(self, number: int, end: float) -> StepEnd:
         plan, first = self._plans[number](self._t, end, self._numbers[:, number])
         until = int(np.searchsorted(plan.t, end * (1.0 - SAME_TIME)))
         q, w, memory = self.states[number]
@@ -167,11 +158,10 @@ class SteppedMotion(Motion):
             steps = self._stepper.run(plan, first, until, q, w, memory)
             if self._track is not None:
                 self._track.add(first, steps)
-            last, before, first = steps[len(steps) - 1], first, first + len(steps)
-            q, w, memory = last.q, last.v, last.memory
+            (q, w, memory), before, first = steps.end, first, first + len(steps)
             if self._progress is not None and first // REPORT > before // REPORT:
                 self._progress(float(plan.t[first - 1]))
-        return SteppedState(q, w, memory)
+        return StepEnd(q, w, memory)
 
     def held(self) -> Array:
         """The states with the numbers."""
@@ -187,11 +177,11 @@ class SteppedMotion(Motion):
                          remedy='contact="located", or sensors of positions and velocities; afterwards run.tau and '
                                 "run.contact_forces", code="sensor-of-forces")  # fmt: skip
 
-    def save(self) -> tuple[float, Array, list[SteppedState]]:
+    def save(self) -> tuple[float, Array, list[StepEnd]]:
         """The time, the held numbers, and the solutions, none of which is written to."""
         return self._t, self._numbers, self.states
 
-    def restore(self, saved: tuple[float, Array, list[SteppedState]]) -> None:
+    def restore(self, saved: tuple[float, Array, list[StepEnd]]) -> None:
         """Go on from there."""
         (self._t, self._numbers, self.states), self._x = saved, None
 

@@ -40,7 +40,7 @@ from twolink.contact.joints import JointPoints, Kept, LoopRows
 from twolink.contact.positions import correction
 from twolink.contact.rest import at_rest, steps_at_rest
 from twolink.contact.step_law import StepLaw, rows_of
-from twolink.contact.steps import STILL, Blow, Memory, Record, Step, StepPlan, along
+from twolink.contact.steps import STILL, Blow, Memory, OneStep, Record, Step, StepPlan, TakenSteps, along
 from twolink.effects.contact import Contact
 from twolink.effects.switching import JointLock, Stop
 from twolink.errors import AccuracyError
@@ -110,7 +110,7 @@ class ContactStepper:
         speeds = (self._rows(points, axes_of(points.normal)) @ v).reshape(-1, 3)
         keys = np.sort(points.key[(points.gap < CLOSED) & (np.abs(speeds).max(axis=1) < STILL)])
         every = np.ones(len(keys), bool)
-        return q, v, Memory(keys, np.zeros((len(keys), 3)), every, every, np.zeros((2, len(v))))
+        return q, v, Memory.of(keys, np.zeros((len(keys), 3)), every, every, np.zeros((2, len(v))))
 
     @functools.cached_property
     def overlap_at_begin(self) -> tuple[float, str]:
@@ -149,7 +149,7 @@ class ContactStepper:
         rows = self.bodies.jacobian(points, axes)
         return self.joints.with_rows(rows, points) if self.joints else rows
 
-    def run(self, plan: StepPlan, first: int, until: int, q: Array, v: Array, memory: Memory) -> Sequence[Step]:
+    def run(self, plan: StepPlan, first: int, until: int, q: Array, v: Array, memory: Memory) -> TakenSteps:
         """One or more steps of a plan, up to the one of a number: at rest, by the native library, or one.
 
         Raises as `advance`.
@@ -165,7 +165,7 @@ class ContactStepper:
                 return found
         numbers = plan.numbers[plan.piece[first]]
         step = self.advance(float(plan.t[first]), float(plan.h[first]), q, v, numbers, memory)
-        return [at_rest(self.bodies, plan, first, q, v, step, memory)]
+        return OneStep(at_rest(self.bodies, plan, first, q, v, step, memory))
 
     @np.errstate(over="ignore", invalid="ignore")  # what steps that are too long give is refused ("step-too-large")
     def advance(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory, depth: int = 0) -> Step:
@@ -201,7 +201,7 @@ class ContactStepper:
         overlap = self.detector.overlap(places)[0]
         if halve and overlap - memory.overlap > UNSEEN * self._reach(step.h, speeds):
             return None
-        return replace(step, memory=replace(step.memory, overlap=overlap))
+        return replace(step, memory=step.memory.with_overlap(overlap))
 
     def _reach(self, h: float, speeds: Array) -> float:
         """The gap below which points count in a step, m: more than bodies move. speeds: of the joints (joints, 2)."""
@@ -285,8 +285,8 @@ class ContactStepper:
         unfollowed = max(memory.unfollowed, law.unfollowed(rows, response, active, impulses.p))
         keys = points.key[chosen][order]
         smooth = np.array_equal(keys, memory.keys) and not law.hits[chosen].any()
-        passed = Memory(keys, own[order] / h, stuck[closed][order], still[closed][order],
-                        memory.changes(mean, smooth=smooth), unfollowed=unfollowed)  # fmt: skip
+        passed = Memory.of(keys, own[order] / h, stuck[closed][order], still[closed][order],
+                           memory.changes(mean, smooth=smooth), unfollowed=unfollowed)  # fmt: skip
         pressed, blow = rows[rows_of(active[pressing])], law.blow(active[pressing], impulses.p[pressing])
         joints, chosen, p = self._of_joints(rows, law, active[pressing], impulses.p[pressing])
         blows = () if blow is None else (Blow(blow[0], points.key[blow[1]], along(blow[2], axes[blow[1]]),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 
@@ -62,60 +63,91 @@ def along(parts: Array, axes: Array) -> Array:
 
 
 STILL = 1e-9  # m/s: a slip that counts as none
+HEAD, EACH = 3, 6  # words of a memory before the change, and of each contact
 
 
-@dataclass(frozen=True)
-class Memory:
+class Memory(NamedTuple):
     """The memory that a step passes on to the next one of its solution, all of it: steppers remember nothing.
 
-    Attributes
-    ----------
-    keys : ndarray (n,)
-        Of the contacts that pressed or stayed closed.
-    forces : ndarray (n, 3)
-        Theirs, N.
-    stuck, still : ndarray (n,)
-        Those that had no slip at the end, and no velocity along the normal.
-    change : ndarray (2, nv)
-        w' of the last two steps, 0 where it was not smooth.
-    overlap : float
-        Of hulls at the end, m.
-    unfollowed : float
-        By how much bounces that were too low for the steps would have moved a joint so far at most, rad or m.
-    rest : AtRest, optional
-        Where the bodies are at rest.
-    words : ndarray, optional
-        All but the rest as the native library has told of it (`ContactScene.run`).
+    words: as the native library has them: the number n of contacts as a whole number, the overlap, `unfollowed`, change
+    (2, nv), keys (n,) as whole numbers that rise, forces (n, 3), and stuck, still (n,) as whole numbers. rest: where
+    the bodies are at rest.
     """
 
-    keys: Array
-    forces: Array
-    stuck: Array
-    still: Array
-    change: Array
-    overlap: float = 0.0
-    unfollowed: float = 0.0
+    words: Array
     rest: AtRest | None = None
-    words: Array | None = None
+
+    @staticmethod
+    def of(
+        keys: Array, forces: Array, stuck: Array, still: Array, change: Array, overlap: float = 0.0,
+        unfollowed: float = 0.0,
+    ) -> Memory:  # fmt: skip
+        """A memory of bodies that move, from what it says."""
+        wholes = [np.asarray(x, dtype=np.int64) for x in ([len(keys)], keys, stuck, still)]
+        count, first, *marks = (x.view(float) for x in wholes)
+        return Memory(np.concatenate([count, [overlap, unfollowed], change.ravel(), first, forces.ravel(), *marks]))
+
+    @staticmethod
+    def empty(change: Array, unfollowed: float = 0.0) -> Memory:
+        """Of a step without contacts."""
+        none = np.empty(0, int)
+        return Memory.of(none, np.empty((0, 3)), none, none, change, unfollowed=unfollowed)
+
+    @property
+    def _count(self) -> int:
+        """The number n of contacts that pressed or stayed closed."""
+        return int(self.words[:1].view(np.int64)[0])
+
+    @property
+    def overlap(self) -> float:
+        """Of hulls at the end, m."""
+        return float(self.words[1])
+
+    @property
+    def unfollowed(self) -> float:
+        """By how much bounces that were too low for the steps would have moved a joint so far at most, rad or m."""
+        return float(self.words[2])
+
+    @property
+    def change(self) -> Array:
+        """w' of the last two steps (2, nv), 0 where it was not smooth."""
+        return self.words[HEAD : len(self.words) - EACH * self._count].reshape(2, -1)
+
+    @property
+    def keys(self) -> Array:
+        """Keys of the contacts (n,)."""
+        return self._of_contacts(0, 1).view(np.int64)
+
+    @property
+    def forces(self) -> Array:
+        """Their forces (n, 3), N."""
+        return self._of_contacts(1, 4).reshape(-1, 3)
+
+    @property
+    def stuck(self) -> Array:
+        """Mask of those that had no slip at the end (n,)."""
+        return self._of_contacts(4, 5).view(np.int64) > 0
+
+    @property
+    def still(self) -> Array:
+        """Mask of those that had no velocity along the normal (n,)."""
+        return self._of_contacts(5, EACH).view(np.int64) > 0
+
+    def _of_contacts(self, first: int, end: int) -> Array:
+        begin, n = len(self.words) - EACH * self._count, self._count
+        return self.words[begin + first * n : begin + end * n]
+
+    def with_overlap(self, overlap: float) -> Memory:
+        """This memory with another overlap, m."""
+        words = self.words.copy()
+        words[1] = overlap
+        return Memory(words, self.rest)
 
     def changes(self, mean: Array, *, smooth: bool = True) -> Array:
         """The changes w' of the last two steps for the next one; 0 where the step was not smooth."""
         if not smooth:
             return np.zeros_like(self.change)
         return np.array([mean, self.change[0] if self.change[0].any() else mean])
-
-    def told(self) -> Array:
-        """The words for the native library."""
-        wholes = [np.asarray(x, dtype=np.int64) for x in ([len(self.keys)], self.keys, self.stuck, self.still)]
-        count, keys, *marks = (x.view(float) for x in wholes)
-        numbers = [self.overlap, self.unfollowed], self.change.ravel()
-        return np.concatenate([count, *numbers, keys, self.forces.ravel(), *marks])
-
-    @staticmethod
-    def empty(change: Array, unfollowed: float = 0.0) -> Memory:
-        """Of a step without contacts."""
-        none = np.empty(0, bool)
-        return Memory(np.empty(0, int), np.empty((0, 3)), none, none, change, unfollowed=unfollowed)
 
 
 class Blow(NamedTuple):
@@ -169,6 +201,42 @@ class Step:
         return replace(after, h=h, mean=(self.h * self.mean + after.h * after.mean) / h, keys=keys, place=place,
                        on_first=on_first, joints=np.sum(joints, axis=0) if joints else None, slips=slips,
                        blows=(*self.blows, *(one._replace(late=self.h + one.late) for one in after.blows)))  # fmt: skip
+
+
+class StepEnd(NamedTuple):
+    """A state that a solution goes on from: q, w (see `Multibody`), and the memory."""
+
+    q: Array
+    w: Array
+    memory: Memory
+
+
+class TakenSteps(Sequence[Step]):
+    """Steps that follow each other."""
+
+    @property
+    def end(self) -> StepEnd:
+        """The end of the last."""
+        last = self[len(self) - 1]
+        return StepEnd(last.q, last.v, last.memory)
+
+
+class OneStep(TakenSteps):
+    """A single step."""
+
+    def __init__(self, step: Step) -> None:
+        self._step = (step,)
+
+    def __len__(self) -> int:
+        return 1
+
+    @overload
+    def __getitem__(self, j: int) -> Step: ...
+    @overload
+    def __getitem__(self, j: slice) -> Sequence[Step]: ...
+    def __getitem__(self, j: Any) -> Any:
+        """The step."""
+        return self._step[j]
 
 
 @dataclass(frozen=True)

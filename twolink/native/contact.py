@@ -1,6 +1,7 @@
 """Contact steps in the native library: many steps of a scene in one call."""
 
 import ctypes
+import itertools
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol, cast
 
@@ -27,7 +28,8 @@ class Parts(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """Steps to take: begins and lengths, s, pieces, and whether they are told of (n,); numbers (pieces, m)."""
+    """Steps to take: begins and lengths, s, pieces, and whether they are told of (n,), as whole numbers of 8 bytes;
+    numbers (pieces, m)."""
 
     t: Array
     h: Array
@@ -80,7 +82,6 @@ class _FoundPoints(ctypes.Structure):
 
 _FINDER = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p,
                            ctypes.POINTER(_FoundPoints))  # fmt: skip
-_ARGUMENTS = tuple(map(np.dtype, (float, float, np.int64, bool, float, float, float, float)))
 _KINDS = (np.int64, np.int32, np.int32, np.int32, float, float, float)
 
 
@@ -117,18 +118,16 @@ class ContactScene:
         self._pool.give(self._pool.take())  # what the library refuses is refused now
 
     def run(self, steps: Steps, q: Array, v: Array, memory: Array) -> Told:
-        """Take steps up to their end, to bodies at rest, or to one that is not found.
-
-        memory: its words as they are told: the number k of contacts as a whole number, the overlap, m, `unfollowed`,
-        change (2, nv), keys (k,) as whole numbers that rise, forces (k, 3), and stuck, still (k,) as whole numbers.
-        """
+        """Take steps up to their end, to bodies at rest, or to one that is not found. memory: words, see `Memory`."""
         (nq, nv, m), count = self._sizes, len(steps.t)
-        arrays = (steps.t, steps.h, steps.piece, steps.told, steps.numbers, q, v, memory)
+        wholes = [x.view(float) for x in (steps.piece, steps.told)]
+        arrays = (steps.t, steps.h, *wholes, steps.numbers.ravel(), q, v, memory)
         sizes = (count, count, count, count, m * len(steps.numbers), nq, nv, memory.size)
-        if any(x.size != n or x.dtype != kind for x, n, kind in zip(arrays, sizes, _ARGUMENTS, strict=True)):
-            raise ValueError(f"steps of {[(x.shape, x.dtype) for x in arrays]}")
-        packed = [x if x.flags.c_contiguous else np.ascontiguousarray(x) for x in arrays]
-        at, one = [address(x) for x in packed], self._pool.take()
+        if tuple([x.size for x in arrays]) != sizes:
+            raise ValueError(f"steps of {[x.shape for x in arrays]}")
+        packed = np.concatenate(arrays)  # whose address is one, for to ask for it takes longer than to copy some words
+        begin, one = packed.ctypes.data, self._pool.take()
+        at = [begin + 8 * before for before in itertools.accumulate(sizes[:-1], initial=0)]
         try:
             plan = _Plan(*at[:5], count, len(steps.numbers), one.find, self._misses)
             told: Told = one.run(plan, _Start(*at[5:], memory.size))

@@ -93,7 +93,7 @@ def level() -> int:
 
 def address(array: "np.ndarray[Any, Any] | None") -> int | None:
     """The address of an array's numbers."""
-    return None if array is None else array.__array_interface__["data"][0]  # a third of the time of array.ctypes
+    return None if array is None else array.ctypes.data
 
 
 def require(code: int, what: str) -> None:

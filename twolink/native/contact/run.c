@@ -12,8 +12,7 @@ What is told is a row of words of 8 bytes each, numbers or whole ones, see nativ
 other points, or NULL. misses: as of the scene. */
 typedef struct {
   const double *t, *h;
-  const int64_t *piece;
-  const uint8_t *sampled;
+  const int64_t *piece, *sampled;
   const double *numbers;
   int64_t count, pieces;
   tl_finder find;
@@ -203,7 +202,7 @@ TL_API int64_t tl_contact_run(tl_scene *s, const tl_plan *plan, const tl_start *
     s->ended = s->ends + taken % 2;
     if (!(task.h > 0.0) || step_whole(s, &task, &end)) break;
     rests = comes_to_rest(s, &task, &end);
-    is_told = plan->sampled[taken];
+    is_told = plan->sampled[taken] != 0;
     if ((is_told && tell(s, &end, taken, 1)) || tell_blows(s, &end, task.t - plan->t[0])) return -TL_NO_MEMORY;
     last = end;
     task.q = last.q, task.v = last.v, task.memory = &last.memory;

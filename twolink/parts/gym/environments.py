@@ -102,7 +102,8 @@ class Task:
 
     def torques(self, action: Any) -> Array:
         """The torques of actions, within their limits."""
-        return np.asarray(np.clip(np.asarray(action, dtype=float), -self.limit, self.limit))
+        tau: Array = np.minimum(np.maximum(np.asarray(action, dtype=float), -self.limit), self.limit)
+        return tau
 
     def outcome(self, state: State, action: Array) -> tuple[Array, float, bool, bool]:
         """The observation of a state, the reward, whether it is terminal, and whether the time is up."""
