@@ -94,9 +94,9 @@ def integrator(equations: Equations, tolerance: float, precision: str, **options
     x, rate = (np.array(part, dtype=object) for part in zip(*system, strict=True))
     companion = (x * rate).sum() / (COMPANION + (x * x).sum())
     for joint in equations.space.curved:
-        if joint.unit is not None:
-            part = x[joint.unit]
-            rate[joint.unit] = rate[joint.unit] + part * ((1.0 - (part * part).sum()) * RESTORING)
+        if joint.normalized is not None:
+            part = x[joint.normalized]
+            rate[joint.normalized] = rate[joint.normalized] + part * ((1.0 - (part * part).sum()) * RESTORING)
     start = np.append(equations.start[: len(x)], 0.5 * np.log(COMPANION + np.square(equations.start[: len(x)]).sum()))
     made = module.taylor_adaptive([*zip(x, rate, strict=True), (module.expression("u"), companion)], start.astype(kind),
                                   fp_type=kind, tol=kind(tolerance), **options)  # fmt: skip

@@ -22,7 +22,7 @@ FACE = {
          "effects", "energy_book", "equilibria", "errors", "explain", "export", "fit", "gradient", "identify", "judge",
          "lagrange", "linearize", "lint", "load_robot", "load_scene", "loop_forces", "lqr", "methods", "optimize",
          "periodic_motion", "progress_bar", "robots", "scene_of", "scenes", "sensitivities", "simulate",
-         "simulate_many", "step_table", "sweep"],
+         "simulate_many", "step_table", "sweep", "trapezoidal_motion"],
     tl.Robot: ["nq", "nv", "joint_names", "neutral", "report", "model", "forward_dynamics", "inverse_dynamics",
                "mass_matrix", "bias", "coriolis", "gravity_torque", "energy", "frame_names", "frame_pose",
                "frame_velocity", "frame_jacobian", "inverse_kinematics", "forward_dynamics_derivatives",

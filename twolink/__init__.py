@@ -24,6 +24,7 @@ from twolink.simulation import (
 )
 
 if TYPE_CHECKING:
+    from twolink.dynamics.trapezoid import trapezoidal_motion
     from twolink.io.progress import progress_bar
     from twolink.lagrange.equation_check import EquationCheck, check_equations
     from twolink.parts.design.equilibria import Equilibria, equilibria
@@ -75,6 +76,7 @@ _IMPORTED_WHEN_USED = {
     "simulation.energy_balance": ("EnergyBalance", "energy_book", "loop_forces"),
     "simulation.sensitivities": ("Sensitivities", "sensitivities"),
     "simulation.stepwise": ("Simulation",),
+    "dynamics.trapezoid": ("trapezoidal_motion",),
     "parts.sweeps.sweeping": ("sweep",),
 }
 
@@ -173,4 +175,5 @@ __all__ = [
     "simulate_many",
     "step_table",
     "sweep",
+    "trapezoidal_motion",
 ]

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from twolink.cli.robots import read_states
+from tests.command import call
+from twolink.cli.queries import read_states
 from twolink.dynamics.queries import answer_query
 from twolink.errors import QueryError
 from twolink.io.text import parse_numbers
@@ -22,7 +23,7 @@ def robot() -> tl.Robot:
 
 def ask(robot: tl.Robot, content: bytes, folder: Path) -> dict[str, np.ndarray]:
     (folder / "states").write_bytes(content)
-    return answer_query(robot, "bias", read_states(robot, {}, folder / "states"))
+    return answer_query(robot, "bias", read_states(robot, {}, folder / "states")[0])
 
 
 REFUSED = {
@@ -40,7 +41,10 @@ REFUSED = {
     "repeated key": (b'{"q": [0, 0], "q": [1, 1]}', "'q' is there twice"),
     "missing column": (b"q0,v0,v1\n1,2,3", "column 'q1' is missing"),
     "missing first column": (b"q1\n1", "column 'q0' is missing"),
-    "unknown column": (b"q0,q1,z\n1,2,3", "column 'z' is unknown"),
+    "unknown joint": (b"q0,q1,v.elbo\n1,2,3", "column 'v.elbo' is unknown"),
+    "unknown entry": (b"q0,q1,q2\n1,2,3", "column 'q2' is unknown"),
+    "no state": (b"x,y\n1,2", "no column is of a state: x, y"),
+    "semicolons": (b"q0;q1\n0,1;0,2", "separated by ';'"),
     "repeated column": (b"q0,q1,q1\n1,2,3", "column 'q1' is there twice"),
     "words in a cell": (b"q0,q1\n1,two", "line 2: not a row of numbers"),
     "underscore": (b"q0,q1\n1_0,2", "line 2: not a row of numbers"),
@@ -85,3 +89,45 @@ def test_stdin_that_is_not_text_is_refused(robot: tl.Robot, monkeypatch: pytest.
 def test_malformed_numbers_are_refused(text: str) -> None:
     with pytest.raises(QueryError, match="is not a list of numbers"):
         parse_numbers("q", text)
+
+
+def test_a_table_keeps_what_was_not_read_and_says_what_is_beyond_a_limit(tmp_path: Path) -> None:
+    out = tmp_path / "torques.csv"
+    done = call("query", "ur5", "inverse-dynamics", "--q", "0 -1 1 0 0 0", "--to", "1 -1 9 0 0 0", "--speed", "30",
+                "--acceleration", "400", "--out", str(out))  # fmt: skip
+    assert done.returncode == 0
+    first = "note: joint 'elbow_joint' is beyond its limits of -3.14159 to 3.14159 rad"
+    assert first in done.stderr
+    assert "note: joint 'shoulder_pan_joint' needs " in done.stderr
+    assert "beyond its limit of 150" in done.stderr
+    header, *rows = out.read_text().splitlines()
+    assert header.startswith("t,q.shoulder_pan_joint,")
+    assert header.endswith(",tau.wrist_3_joint")
+    again = call("query", "ur5", "inverse-dynamics", "--states", str(out), "--out", str(out))
+    assert again.returncode == 0
+    table = np.genfromtxt(out, delimiter=",", names=True, deletechars="")
+    assert len(table) == len(rows)
+    assert np.array_equal(table["given.tau.elbow_joint"], table["tau.elbow_joint"])
+
+
+def test_columns_that_are_not_read_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "states.csv"
+    path.write_text("time,q0,q1,load\n0,0.1,0.2,5\n1,0.2,0.3,6\n")
+    done = call("query", "two_link", "mass-matrix", "--states", str(path))
+    assert "note: not read: time, load" in done.stderr
+    out = tmp_path / "m.csv"
+    assert call("query", "two_link", "mass-matrix", "--states", str(path), "--out", str(out)).stderr == ""
+    assert out.read_text().splitlines()[0] == "time,load,q.shoulder,q.elbow,M.0.0,M.0.1,M.1.0,M.1.1"
+
+
+@pytest.mark.parametrize(("options", "words"), [
+    (("--speed", "1"), "speed: it is of a motion"),
+    (("--to", "1 1"), "acceleration: it is not given"),
+    (("--to", "0 0", "--acceleration", "1"), "--to: it is where the motion begins"),
+    (("--to", "1 1", "--v", "0 0", "--acceleration", "1"), "to: states are given already"),
+    (("--out", "x.txt"), "'.txt' is not a format we know"),
+])  # fmt: skip
+def test_what_describes_no_motion_is_misuse(options: tuple[str, ...], words: str) -> None:
+    done = call("query", "two_link", "energy", "--q", "0 0", *options)
+    assert done.returncode in (1, 2)
+    assert words in done.stderr

@@ -26,7 +26,7 @@ def exit_code(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     [
         (["robots"], "twolink.cli.robots.robot_table"),
         (["inspect", "arm"], "twolink.cli.common.robot_from"),
-        (["query", "arm", "bias", "--q", "0 0"], "twolink.cli.robots.answer_query"),
+        (["query", "arm", "bias", "--q", "0 0"], "twolink.cli.queries.answer_query"),
         (["check"], "twolink.lagrange.check.check"),
         (["scenes"], "twolink.cli.scenes.scene_table"),
         (["explain", "arm-swing"], "twolink.simulation.explanation.explain"),

@@ -15,7 +15,8 @@ from twolink.cli.common import FAILED, INTERRUPTED, MISUSED, Command
 from twolink.cli.demo import demo
 from twolink.cli.evidence import hard_cases, paper
 from twolink.cli.play import play, video
-from twolink.cli.robots import check, inspect, query, robots
+from twolink.cli.queries import query
+from twolink.cli.robots import check, inspect, robots
 from twolink.cli.scenes import accuracy, explain, methods, new, run, scenes
 from twolink.errors import TwolinkError
 

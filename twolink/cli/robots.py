@@ -1,18 +1,13 @@
-"""The commands about robots: list and inspect them, answer dynamics questions, and check the equations behind the
-answers.
-"""
+"""The commands about robots: list and inspect them, and check the equations behind the answers to queries."""
 
 import contextlib
 import sys
-from collections.abc import Iterator, Mapping
-from inspect import Parameter, Signature, signature
 from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
-from typer import Argument, Option
+from typer import Option
 
 from twolink.cli.common import (
     FAILED,
@@ -27,13 +22,10 @@ from twolink.cli.common import (
     with_robot_options,
 )
 from twolink.dynamics import Robot
-from twolink.dynamics.queries import ARGUMENTS, OPTIONS, QUERIES, answer_query
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import QueryError, RobotError, TwolinkError
-from twolink.io.tables import parse_csv
-from twolink.io.text import Table, decode, parse_json, parse_numbers, read_bytes
+from twolink.io.text import Table, decode, parse_json, read_bytes
 from twolink.robots import robots as robot_table
-from twolink.robots.joint_layout import columns_to_read, read_columns
 
 if TYPE_CHECKING:
     from twolink.lagrange.equation_check import EquationCheck
@@ -105,110 +97,6 @@ def _engines(robot: Robot) -> str:
     if robot.has_mimic:
         return "by Pinocchio alone; there are no programs for mimic joints"
     return "by programs of the native library where that is faster, certified against Pinocchio"
-
-
-@with_robot_options
-def query(
-    robot: RobotName,
-    what: Annotated[str, Argument(metavar="QUERY", help=", ".join(QUERIES))],
-    *,
-    states: Annotated[Path | None, Option(help="Many states: a .json or .csv file, or - for stdin.")] = None,
-    load: RobotLoader,
-    as_json: Json = False,
-    **given: Any,
-) -> None:
-    """Ask a dynamics question about one state or many.
-
-    \b
-    twolink query two_link forward-dynamics --q "0 0" --v "0 0" --tau "1 0"
-    twolink query two_link energy --states states.csv --json
-
-    \b
-    JSON: {"q": [[...], ...], "v": [[...], ...], "tau": ...}, or a list of such objects.
-    CSV:  a header with columns q0, q1, ..., v0, ..., tau0, ... or q.JOINT, v.JOINT, ...; one state a row.
-    """
-    if given["q"] is None and states is None and what in QUERIES:
-        raise Misuse("it is not given", where="q", remedy="give --q with a configuration, or --states with many")
-    loaded = load(robot)
-    options: dict[str, Any] = {name: text or None for name, text in given.items() if name in OPTIONS}
-    if given["f_ext"] is not None:
-        options["f_ext"] = parse_json(given["f_ext"], "f_ext", 'such as {"tip": [0, 0, -1, 0, 0, 0]}')
-    arguments = read_states(loaded, {name: text for name, text in given.items() if name in ARGUMENTS}, states)
-    if given["tau"] is None and what in QUERIES and "tau" not in QUERIES[what].signature.parameters:
-        arguments.pop("tau", None)  # a saved run has them for all queries
-    result = answer_query(loaded, what, arguments, **options)
-    with np.printoptions(precision=17, threshold=1_000_000, linewidth=120):
-        show(result, "\n".join(f"{name} =\n{np.asarray(value)}" for name, value in result.items()), as_json)
-
-
-def _declared() -> Iterator[Parameter]:
-    """The options of `query` for what the declared queries take."""
-    for name in (*ARGUMENTS, *OPTIONS):
-        takers = [each for each in QUERIES.values() if name in each.signature.parameters]
-        if takers:
-            taken = takers[0].signature.parameters[name]
-            text = ARGUMENTS[name] if name in ARGUMENTS else OPTIONS[name][1]
-            is_flag = OPTIONS.get(name, (str,))[0] is bool
-            choices = () if is_flag else takers[0].options.get(name, ())
-            text += f": {' or '.join(choices)}" if choices else ""
-            text += f" ({', '.join(each.name for each in takers)})" if len(takers) < 5 else ""
-            default = "0" if name in ARGUMENTS and name != "q" else taken.default
-            shown, spelt = default if isinstance(default, str) else False, [f"--{name}"] if is_flag else []
-            option = Option(*spelt, help=f"{text}.", show_default=shown)
-            kind, left_out = (bool, False) if is_flag else (str | None, None)
-            yield Parameter(name, Parameter.KEYWORD_ONLY, default=left_out, annotation=Annotated[kind, option])
-
-
-_robot, _what, *_others = signature(query).parameters.values()
-query.__signature__ = Signature([_robot, _what, *_declared(), *_others[:-1]])  # type: ignore[attr-defined]  # for Typer
-
-
-def read_states(robot: Robot, texts: Mapping[str, str | None], path: Path | None) -> dict[str, Any]:
-    """The arguments of a query: those that come as text, and those from a JSON or CSV file ("-": stdin)."""
-    arguments = {name: parse_numbers(name, text) for name, text in texts.items() if text is not None}
-    if path is None:
-        return arguments
-    data = sys.stdin.buffer.read() if str(path) == "-" else read_bytes(path, QueryError)
-    text = decode(data, path, QueryError)
-    from_file = _from_json(text) if text.lstrip().startswith(("{", "[")) else _from_csv(robot, text)
-    twice = [name for name in from_file if name in arguments]
-    if twice:
-        raise QueryError("it is given twice, in the file and as an option", argument=twice[0], remedy="keep one")
-    return arguments | from_file
-
-
-def _from_json(text: str) -> dict[str, Any]:
-    content = parse_json(text, "states")
-    if isinstance(content, list) and content and all(isinstance(c, dict) for c in content):
-        names = list(content[0])
-        odd = next((i for i, c in enumerate(content) if set(c) != set(names)), None)
-        if odd is not None:
-            what = f"state {odd} has {list(content[odd])}, the first has {names}"
-            raise QueryError(what, where="states", remedy="give every state the same entries")
-        return {name: [c[name] for c in content] for name in names}
-    if isinstance(content, dict):
-        return content
-    remedy = 'such as {"q": [[0, 0]], "v": [[0, 0]]}'
-    raise QueryError("expected an object, or a list of objects", where="states", remedy=remedy)
-
-
-def _from_csv(robot: Robot, text: str) -> dict[str, Any]:
-    """Columns q0, q1, ..., v0, ... by number, or q.JOINT, v.JOINT by name as `run.save` writes them."""
-    table = parse_csv(text, "states", QueryError, rows=1)
-    out: dict[str, Any] = {}
-    known = {"t", "energy", "error"}
-    for name in ("q", "v", "tau", "a"):
-        wanted = columns_to_read(table, robot.joints, name)
-        if table.keys() & set(wanted):
-            out[name], lacking = read_columns(table, robot.joints, name)
-            if lacking:
-                raise QueryError(f"column {lacking[0]!r} is missing", where="states", remedy="give all, or none")
-            known.update(wanted)
-    unknown = [column for column in table if column not in known]
-    if unknown:
-        remedy = "columns are q0, q1, ... or q.JOINT, and so on for v, tau, a"
-        raise QueryError(f"column {unknown[0]!r} is unknown", where="states", remedy=remedy)
-    return out
 
 
 @with_robot_options

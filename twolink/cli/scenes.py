@@ -47,7 +47,6 @@ from twolink.io.files import write_atomic
 from twolink.io.progress import progress_bar
 from twolink.io.text import parse_numbers
 from twolink.robots.catalogue import catalogue_names
-from twolink.robots.joint_layout import turns
 from twolink.scenes import bundled_scenes
 from twolink.scenes import scenes as scene_table
 from twolink.scenes.file import bundled_text
@@ -267,13 +266,13 @@ def limit_notes(run: Trajectory) -> list[str]:
     """Notes on a run beyond the URDF's limits of velocity or position, one line a joint."""
     robot, notes = run.robot, []
     for joint, (lower, upper) in limited_joints(robot):
-        q, unit = run.q[:, joint.q.start], "rad" if turns(robot.model, joint) else "m"
+        q, unit = run.q[:, joint.q.start], joint.unit
         for value, beyond in ((lower, q < lower - 1e-6), (upper, q > upper + 1e-6)):
             notes += _note(run, joint.name, q, beyond, f"{value:.4g} {unit}")
     limits = limits_by_joint(robot, robot.model.velocityLimit)
     for joint in robot.joints:
         if joint.name in limits:
-            speed, unit = np.abs(run.v[:, joint.v]).max(axis=1), "rad/s" if turns(robot.model, joint) else "m/s"
+            speed, unit = np.abs(run.v[:, joint.v]).max(axis=1), f"{joint.unit}/s"
             notes += _note(run, joint.name, speed, speed > limits[joint.name], f"{limits[joint.name]:.4g} {unit}")
     return notes
 

@@ -83,14 +83,14 @@ def configuration(name: str, value: ArrayLike, nq: int, joints: Sequence[JointLa
     """A configuration (..., nq) whose quaternions and (cos, sin) pairs have length 1."""
     q = array(name, value, nq)
     for joint in joints:
-        if joint.unit is None:
+        if joint.normalized is None:
             continue
-        length = np.linalg.norm(q[..., joint.unit], axis=-1)
+        length = np.linalg.norm(q[..., joint.normalized], axis=-1)
         wrong = np.abs(length - 1) > UNIT_TOLERANCE
         if wrong.any():
             index = [int(i) for i in np.argwhere(wrong)[0]]
             part = "(cos, sin)" if joint.kind in ("cos-sin", "planar") else "quaternion (x, y, z, w)"
-            entries, at = f"{joint.unit.start}:{joint.unit.stop}", f" at {index}" if index else ""
+            entries, at = f"{joint.normalized.start}:{joint.normalized.stop}", f" at {index}" if index else ""
             what = f"{part} of joint {joint.name!r}, entries {entries}, expected length 1, got "
             what += f"{float(length[tuple(index)]):.12g}{at}"
             raise QueryError(what, argument=name, remedy=f"{name} = robot.normalize({name})")

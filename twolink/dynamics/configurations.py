@@ -103,8 +103,9 @@ def random_state(robot: RobotModel, n: int, seed: int = 0) -> tuple[Array, Array
     low = np.where(upper - lower > 2 * np.pi, np.clip(-np.pi, lower, upper - 2 * np.pi), lower)
     q = rng.uniform(low, np.minimum(upper, low + 2 * np.pi), (n, robot.nq))
     for joint in robot.joints:
-        if joint.unit is not None:  # a normal distribution in all directions, scaled to length 1, is uniform on them
-            q[:, joint.unit] = rng.normal(size=(n, joint.unit.stop - joint.unit.start))
+        part = joint.normalized
+        if part is not None:  # a normal distribution in all directions, scaled to length 1, is uniform on them
+            q[:, part] = rng.normal(size=(n, part.stop - part.start))
     return robot.normalize(q), rng.uniform(-1, 1, (n, robot.nv))
 
 

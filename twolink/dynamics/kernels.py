@@ -149,7 +149,7 @@ def _guard(tape: Tape, model: pin.Model, inputs: Sequence[Any], outputs: Sequenc
     """The guard: the sum of all inputs and outputs, or NaN where a condition fails."""
     total = sum(inputs[1:], inputs[0]) + sum(outputs)
     for joint in joint_layouts(model):
-        if joint.unit is not None:
-            defect = sum(x * x for x in q[joint.unit]) - 1.0
+        if joint.normalized is not None:
+            defect = sum(x * x for x in q[joint.normalized]) - 1.0
             total = tape.where(tape.less((2 * UNIT_TOLERANCE) ** 2, defect * defect), math.nan, total)
     return total

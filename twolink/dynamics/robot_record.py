@@ -18,7 +18,6 @@ from twolink.dynamics.robot import Robot
 from twolink.errors import RobotError, SceneError
 from twolink.io.fingerprints import model_digest
 from twolink.robots.catalogue import FILES, catalogue_entry
-from twolink.robots.joint_layout import urdf_kind
 
 PASS_IT = "pass the robot: robot=..."
 
@@ -54,24 +53,18 @@ def robot_record(robot: Robot) -> dict[str, Any]:
 
 
 def _joint(robot: Robot, i: int) -> dict[str, Any]:
-    joint, model = robot.joints[i], robot.model
+    joint = robot.joints[i]
+    limits = {name: [x if math.isfinite(x) else None for x in getattr(joint, name)]
+              for name in ("lower", "upper", "velocity_limit", "effort_limit")}  # fmt: skip
     return {
         "name": joint.name,
-        "kind": urdf_kind(model, joint.index),
+        "kind": joint.type,
         "layout": joint.kind,
         "q": [joint.q.start, joint.q.stop],
         "v": [joint.v.start, joint.v.stop],
-        "lower": _limits(model.lowerPositionLimit[joint.q]),
-        "upper": _limits(model.upperPositionLimit[joint.q]),
-        "velocity_limit": _limits(model.velocityLimit[joint.v]),
-        "effort_limit": _limits(model.upperEffortLimit[joint.v]),
-        "mass": model.inertias[joint.index].mass,
+        **limits,
+        "mass": robot.model.inertias[joint.index].mass,
     }
-
-
-def _limits(values: np.ndarray) -> list[float | None]:
-    """Limits as numbers. Pinocchio writes a missing limit as infinity or as the largest double."""
-    return [float(x) if math.isfinite(x) and abs(x) < 1e300 else None for x in values]
 
 
 def link_frames(robot: Robot) -> list[int]:

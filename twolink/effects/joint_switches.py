@@ -10,7 +10,7 @@ from twolink.effects.conditions import JointReaches
 from twolink.effects.effect import JointName, NotNegative, check_name
 from twolink.effects.switching import Catch, JointLock, Stop, SwitchingEffect, Trigger
 from twolink.errors import SceneError
-from twolink.robots.joint_layout import turns, urdf_limits
+from twolink.robots.joint_layout import urdf_limits
 
 
 class JointStops(SwitchingEffect, frozen=True):
@@ -50,7 +50,7 @@ class JointStops(SwitchingEffect, frozen=True):
         for joint in robot.joints:
             if joint.kind != "vector" or joint.v.stop - joint.v.start != 1:
                 continue
-            unit = "rad/s" if turns(robot.model, joint) else "m/s"
+            unit = f"{joint.unit}/s"
             for position, side in zip(self._limits_of(joint.name, joint.q.start, robot), (1.0, -1.0), strict=True):
                 if math.isfinite(position):
                     stops.append(Stop(joint.name, joint.v.start, joint.q.start, position, side, self.restitution, unit))
@@ -157,7 +157,7 @@ class Detent(SwitchingEffect, frozen=True):
         """The ball in each notch, and the ball that falls into it."""
         joint = next(j for j in robot.joints if j.name == self.joint)
         entry, dof, torque, speed = joint.q.start, joint.v.start, float(self.torque), float(self.speed)
-        unit = "rad/s" if turns(robot.model, joint) else "m/s"
+        unit = f"{joint.unit}/s"
         modes: list[JointLock | Trigger] = []
         for p in map(float, self.positions):
             modes.append(JointLock(dof, -torque, torque, 0.0, entry, p, ("catch", "breakaway")))

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -47,6 +48,9 @@ def parse_csv(text: str, where: str, error: type[TwolinkError] = TwolinkError, r
         what = f"{'it is empty' if not lines else 'there are too few rows'}, expected {expected}"
         raise error(what, where=where, remedy="such as q0,q1,v0,v1 in the first line", code="csv")
     header = [name.strip() for name in lines[0][1]]
+    if len(header) == 1 and (other := re.search("[;\t]", header[0])):
+        raise error(f"the cells of the header are separated by {other[0]!r}", where=where,
+                    remedy="save it with commas between cells, and points in numbers", code="csv")  # fmt: skip
     repeated = first_repeated(header)
     if repeated is not None:
         raise error(f"column {repeated!r} is there twice", where=where, remedy="keep one", code="csv")

@@ -24,10 +24,12 @@ _LINK = "link\0"  # no name in XML holds a NUL
 
 @dataclass(frozen=True)
 class JointLayout:
-    """Joint number `index` of the model: entries q[q] and v[v], and the entries `unit` of q that have length 1.
+    """Joint number `index` of the model: entries q[q] and v[v], and entries q[normalized] of length 1.
 
     kind: vector (an angle or a length), cos-sin (continuous), planar (x, y, cos, sin), quaternion (x y z w),
-    free-flyer (position, quaternion), mimic (no entries of its own).
+    free-flyer (position, quaternion), mimic (no entries of its own). type: in a URDF, such as "revolute". unit: of the
+    coordinate, "rad" or "m"; "" where there are several. lower, upper: limits of the entries of q; velocity_limit,
+    effort_limit: of those of v; infinite where there are none.
     """
 
     name: str
@@ -35,7 +37,13 @@ class JointLayout:
     kind: JointKind
     q: slice
     v: slice
-    unit: slice | None
+    normalized: slice | None
+    type: str
+    unit: str
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    velocity_limit: tuple[float, ...]
+    effort_limit: tuple[float, ...]
 
     def configuration(self, values: ArrayLike) -> np.ndarray:
         """Values as the entries of q, where one value of a continuous joint is its angle [rad]."""
@@ -152,15 +160,10 @@ def urdf_kind(model: pin.Model, joint: int) -> str:
     return "floating" if name == "FreeFlyer" else name.lower()
 
 
-def turns(model: pin.Model, joint: JointLayout) -> bool:
-    """True if the coordinate of a joint with one coordinate is an angle [rad], not a length [m]."""
-    return str(model.joints[joint.index].shortname()).startswith("JointModelR")
-
-
-def angular_dofs(model: pin.Model, joint: JointLayout) -> range:
+def angular_dofs(joint: JointLayout) -> range:
     """The degrees of freedom of a joint, from its first on, whose velocities are angular [rad/s]."""
     if joint.kind == "vector":
-        return range(int(turns(model, joint)))
+        return range(int(joint.unit == "rad"))
     return {"cos-sin": range(1), "planar": range(2, 3), "quaternion": range(3), "free-flyer": range(3, 6)}.get(
         joint.kind, range(0)
     )
@@ -179,11 +182,22 @@ def joint_layouts(model: pin.Model) -> tuple[JointLayout, ...]:
     for index in range(1, model.njoints):
         kind = _kind(model.joints[index])
         start, part = model.idx_qs[index], _UNIT_PART.get(kind)
-        unit = None if part is None else slice(start + part.start, start + part.stop)
-        velocity = slice(model.idx_vs[index], model.idx_vs[index] + model.nvs[index])
-        configuration = slice(start, start + model.nqs[index])
-        layouts.append(JointLayout(model.names[index], index, kind, configuration, velocity, unit))
+        normalized = None if part is None else slice(start + part.start, start + part.stop)
+        q = slice(start, start + model.nqs[index])
+        v = slice(model.idx_vs[index], model.idx_vs[index] + model.nvs[index])
+        turns = str(model.joints[index].shortname()).startswith("JointModelR")
+        unit = "" if model.nvs[index] != 1 else "rad" if turns else "m"
+        limits = [_limits(all_of[part]) for all_of, part in (
+            (model.lowerPositionLimit, q), (model.upperPositionLimit, q), (model.velocityLimit, v),
+            (model.upperEffortLimit, v))]  # fmt: skip
+        layouts.append(JointLayout(model.names[index], index, kind, q, v, normalized, urdf_kind(model, index), unit,
+                                   *limits))  # fmt: skip
     return tuple(layouts)
+
+
+def _limits(values: np.ndarray) -> tuple[float, ...]:
+    """Limits, infinite where there is none, which Pinocchio also writes as the largest double."""
+    return tuple(float(x) if abs(x) < NO_LIMIT else math.copysign(math.inf, x) for x in values)
 
 
 def _numbers(value: Any) -> np.ndarray:
@@ -233,7 +247,7 @@ def lock_configuration(model: pin.Model, lock: Lock) -> tuple[tuple[int, ...], n
             what = f"expected {size} finite number{'s' if size > 1 else ''}, got {value!r}"
             raise RobotError(what, where=f"lock[{name!r}]", argument="lock", remedy="give its configuration")
         reference[joint.q] = values
-        length = 1.0 if joint.unit is None else float(np.linalg.norm(reference[joint.unit]))
+        length = 1.0 if joint.normalized is None else float(np.linalg.norm(reference[joint.normalized]))
         if not abs(length - 1) <= UNIT_TOLERANCE:
             what = f"quaternion or (cos, sin), expected length 1, got {length:.12g}"
             raise RobotError(what, where=f"lock[{name!r}]", argument="lock", remedy="divide it by its length")

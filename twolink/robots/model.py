@@ -140,7 +140,7 @@ class RobotModel:
         # For single queries, where one attribute more costs a twentieth of Pinocchio's own time.
         self._v_shape = (self.nv,)
         self._q_shape = (self.nq,) if self.is_whole else None
-        units = [j.unit for j in self.joints if j.unit is not None]
+        units = [j.normalized for j in self.joints if j.normalized is not None]
         self._unit_entries = tuple((u.start, u.start + 1, u.stop - 2, u.stop - 1) for u in units)
         self._local = threading.local()
 
@@ -225,12 +225,13 @@ class RobotModel:
         if out.ndim == 0 or out.shape[-1] != self.nq:
             raise QueryError(f"expected shape (..., {self.nq})", argument="q", remedy="give configurations")
         for joint in self.joints:
-            if joint.unit is not None:
-                length = np.linalg.norm(out[..., joint.unit], axis=-1, keepdims=True)
+            if joint.normalized is not None:
+                length = np.linalg.norm(out[..., joint.normalized], axis=-1, keepdims=True)
                 if not np.all(length > 0):
-                    what = f"entries {joint.unit.start}:{joint.unit.stop} of joint {joint.name!r} have no direction"
+                    entries = f"{joint.normalized.start}:{joint.normalized.stop}"
+                    what = f"entries {entries} of joint {joint.name!r} have no direction"
                     raise QueryError(what, argument="q", remedy="give a quaternion or a (cos, sin) pair")
-                out[..., joint.unit] /= length
+                out[..., joint.normalized] /= length
         return out
 
     def with_gravity(self, gravity: np.ndarray) -> Self:

@@ -22,7 +22,7 @@ from twolink.effects.inputs import Sampled
 from twolink.effects.switching import SwitchingEffect
 from twolink.errors import SceneError, nearest
 from twolink.io.text import kebab_case
-from twolink.robots.joint_layout import joint_columns, turns
+from twolink.robots.joint_layout import joint_columns
 from twolink.scenes.scene import Scene
 
 PREFIX = "effects."
@@ -114,7 +114,7 @@ def scene_with(scene: Scene, values: Mapping[str, float]) -> Scene:
 def coordinates_of(scene: Scene) -> Iterator[Parameter]:
     """The coordinates of the initial state that are free: of an angle or a length, or one of several of a joint."""
     for joint in scene.robot.joints:
-        angle = turns(scene.robot.model, joint)
+        angle = joint.unit == "rad"
         unit = ("rad" if angle else "m") if joint.v.stop - joint.v.start == 1 else "rad or m"
         about = f"of joint {joint.name} at the start"
         if joint.kind == "cos-sin":
@@ -122,7 +122,7 @@ def coordinates_of(scene: Scene) -> Iterator[Parameter]:
             entries = joint.q.start, joint.q.start + 1
             yield Parameter(f"q.{joint.name}", "q", math.atan2(y, x), "rad", f"configuration {about}", entries=entries)
         else:
-            fixed = joint.unit or slice(0, 0)  # entries of length 1 are not free
+            fixed = joint.normalized or slice(0, 0)  # entries of length 1 are not free
             for i, (name, _) in enumerate(joint_columns([joint], "q"), joint.q.start):
                 if not fixed.start <= i < fixed.stop:
                     yield Parameter(name, "q", float(scene.q[i]), unit, f"configuration {about}", entries=(i,))

@@ -24,7 +24,7 @@ from twolink.errors import SceneError
 from twolink.geometry.fields import HeightField
 from twolink.robots.catalogue import catalogue_entry, catalogue_names
 from twolink.robots.collisions import collision_model
-from twolink.robots.joint_layout import NO_LIMIT, JointLayout, turns, urdf_limits
+from twolink.robots.joint_layout import NO_LIMIT, JointLayout, urdf_limits
 from twolink.robots.load_report import Finding, LoadReport, findings
 from twolink.robots.tree import Tree, read_tree
 from twolink.robots.xml import parse_xml
@@ -225,7 +225,7 @@ def _start(robot: Robot, joint: JointLayout, home: np.ndarray) -> np.ndarray:
         return home
     lower, upper = urdf_limits(robot.model, joint.q.start)
     if not np.isfinite([lower, upper]).all():
-        away = OFFSET if turns(robot.model, joint) else 0.0
+        away = OFFSET if joint.unit == "rad" else 0.0
         return np.clip(home + away, lower, upper)
     zero = min(max(float(home[0]), lower), upper)
     aim = lower + SHARE * (upper - lower)

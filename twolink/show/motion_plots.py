@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from twolink.errors import ShowError, nearest
-from twolink.robots.joint_layout import JointLayout, turns
+from twolink.robots.joint_layout import JointLayout
 from twolink.robots.model import RobotModel
 from twolink.show.figure import COLOURS, label_right, new_figure, plain
 from twolink.show.figure import WIDTH as LETTER
@@ -155,27 +155,27 @@ def curves_of(robot: RobotModel, q: np.ndarray, v: np.ndarray) -> Iterator[Joint
     """Every joint's coordinates and velocities; the angle, counted on, where q has its cosine and sine."""
     for joint in robot.joints:
         for panel, entry, values in (
-            *_positions(robot, joint, q[:, joint.q]),
-            *_velocities(robot, joint, v[:, joint.v]),
+            *_positions(joint, q[:, joint.q]),
+            *_velocities(joint, v[:, joint.v]),
         ):
             yield JointCurve(panel, joint.name, entry, values)
 
 
-def _positions(robot: RobotModel, joint: JointLayout, q: np.ndarray) -> list[tuple[str, str, np.ndarray]]:
+def _positions(joint: JointLayout, q: np.ndarray) -> list[tuple[str, str, np.ndarray]]:
     if joint.kind == "cos-sin":
         return [("angle", "", np.unwrap(np.arctan2(q[:, 1], q[:, 0])))]
     if joint.kind == "planar":
         place = [("position", name, q[:, i]) for i, name in enumerate("xy")]
         return [*place, ("angle", "", np.unwrap(np.arctan2(q[:, 3], q[:, 2])))]
     if joint.kind == "vector":
-        return [("angle" if turns(robot.model, joint) else "position", "", q[:, 0])]
+        return [("angle" if joint.unit == "rad" else "position", "", q[:, 0])]
     place = [("position", name, q[:, i]) for i, name in enumerate("xyz")] if joint.kind == "free-flyer" else []
     return [*place, *(("orientation", name, q[:, i - 4]) for i, name in enumerate("xyzw"))] if q.shape[1] else []
 
 
-def _velocities(robot: RobotModel, joint: JointLayout, v: np.ndarray) -> list[tuple[str, str, np.ndarray]]:
+def _velocities(joint: JointLayout, v: np.ndarray) -> list[tuple[str, str, np.ndarray]]:
     if v.shape[1] == 1:
-        slides = joint.kind == "vector" and not turns(robot.model, joint)
+        slides = joint.kind == "vector" and joint.unit != "rad"
         return [("slide" if slides else "turn", "", v[:, 0])]
     turning = {"planar": ["z"], "quaternion": list("xyz"), "free-flyer": list("xyz")}.get(joint.kind, [])
     first = v.shape[1] - len(turning)

@@ -18,7 +18,6 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.dynamics.configurations import difference_rows
-from twolink.robots.joint_layout import turns
 
 Array = np.ndarray[Any, np.dtype[Any]]
 
@@ -42,7 +41,7 @@ class StateSpace:
         # Of each joint, its rows of q and of v.
         self.joint_rows = tuple((j.q, slice(j.v.start + self.nq, j.v.stop + self.nq))
                                 for j in robot.joints if j.kind != "mimic")  # fmt: skip
-        turning = [j for j in flat if turns(robot.model, j)]
+        turning = [j for j in flat if j.unit == "rad"]
         self.angles = np.array([j.q.start for j in turning], dtype=int)
 
     def rows(self, x: Array) -> tuple[Array, Array]:
@@ -62,7 +61,7 @@ class StateSpace:
 
     def normalized(self, x: Array, xp: Any) -> Array:
         """x with its quaternions and (cos, sin) pairs scaled to length 1."""
-        units = [joint.unit for joint in self.curved if joint.unit is not None]
+        units = [joint.normalized for joint in self.curved if joint.normalized is not None]
         if units:
             x = x.copy()
         for unit in units:

@@ -72,7 +72,7 @@ def _traced(equations: Equations, names: list[str]) -> Assembled:
     rate, x = traced_rate(equations, z[0], x, tape, constants)[:moving], x[:moving]
     companion = (x * rate).sum() / (COMPANION + (x * x).sum())
     for joint in equations.space.curved:
-        if joint.unit is not None:
-            part = x[joint.unit]
-            rate[joint.unit] = rate[joint.unit] + part * ((1.0 - (part * part).sum()) * RESTORING)
+        if joint.normalized is not None:
+            part = x[joint.normalized]
+            rate[joint.normalized] = rate[joint.normalized] + part * ((1.0 - (part * part).sum()) * RESTORING)
     return assembled(tape, z, [*rate, companion])

@@ -29,7 +29,7 @@ from twolink.integrate.motion.scene_equations import equations_of, structure_of,
 from twolink.integrate.motion.state import Array
 from twolink.integrate.steps.step_certificate import AGREEMENT, STATES, certify_projection, certify_rate
 from twolink.parts.exchange.traced_functions import Traced
-from twolink.robots.joint_layout import JointLayout, joint_columns, turns
+from twolink.robots.joint_layout import JointLayout, joint_columns
 from twolink.scenes import Scene
 from twolink.scenes.parameters import named_parameters, parameters_of
 
@@ -251,7 +251,7 @@ def _units(scene: Scene, joint: JointLayout, letter: str) -> list[str]:
     size, lengths = joint.v.stop - joint.v.start, {"free-flyer": 3, "planar": 2}.get(joint.kind, 0)
     if joint.kind == "vector":
         shape = scene.robot.model.joints[joint.index].shortname()
-        lengths = 0 if turns(scene.robot.model, joint) or "Spherical" in shape else size
-    turning = "1" if letter == "q" and joint.unit is not None else "rad"
+        lengths = 0 if joint.unit == "rad" or "Spherical" in shape else size
+    turning = "1" if letter == "q" and joint.normalized is not None else "rad"
     total = size if letter == "v" else joint.q.stop - joint.q.start
     return ["m"] * lengths + [turning] * (total - lengths)

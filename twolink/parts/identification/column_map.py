@@ -113,17 +113,17 @@ def convert(robot: Robot, found: dict[str, np.ndarray], unit: str) -> None:
             for joint in robot.joints:
                 if letter != "q" or joint.kind == "vector":  # other coordinates are no angles: cos, sin, quaternions
                     start = joint.q.start if letter == "q" else joint.v.start
-                    scale[[start + k for k in angular_dofs(robot.model, joint)]] = factor
+                    scale[[start + k for k in angular_dofs(joint)]] = factor
             found[letter] = np.asarray(found[letter]) * scale
             continue
         else:
-            names = [name for joint in robot.joints for name in _angles(robot, joint, letter)]
+            names = [name for joint in robot.joints for name in _angles(joint, letter)]
         found |= {name: np.asarray(found[name]) * factor for name in names if name in found}
 
 
-def _angles(robot: Robot, joint: JointLayout, letter: str) -> list[str]:
+def _angles(joint: JointLayout, letter: str) -> list[str]:
     """The names of a joint's columns that are angles, or their rates."""
-    forms, dofs = column_forms(joint, letter), angular_dofs(robot.model, joint)
+    forms, dofs = column_forms(joint, letter), angular_dofs(joint)
     if letter == "q" and joint.kind != "vector":
         return forms[2] if joint.kind == "cos-sin" else []
     return [form[k] for form in forms for k in dofs]

@@ -12,7 +12,7 @@ from twolink.dynamics.arguments import array, configuration
 from twolink.errors import QueryError, require_known
 from twolink.parts.identification.measurements import checked_times, table_columns
 from twolink.parts.identification.units import DEGREE, check_units, in_degrees, require_reach, wrong_units
-from twolink.robots.joint_layout import joint_columns, read_columns, turns
+from twolink.robots.joint_layout import joint_columns, read_columns
 from twolink.simulation.trajectory_tables import coordinate_names
 
 # By the ratio of what was measured to the scene's: the question, and the factor that would mend it.
@@ -83,7 +83,7 @@ class MeasuredMotion:
         """Refuse angles whose first are the scene's q (nq,) in degrees. Raises QueryError (code "units")."""
         for joint in self.robot.joints:
             given, ours = float(self.q[0, joint.q.start]), float(q[joint.q.start])
-            if joint.kind == "vector" and turns(self.robot.model, joint) and joint.v.start in self.of_q:
+            if joint.kind == "vector" and joint.unit == "rad" and joint.v.start in self.of_q:
                 apart = abs(given - ours)
                 if apart > 0.1 and abs(given * DEGREE - ours) < 1e-2 * apart:
                     why = f"from {given:.4g} on, and the scene's from {ours:.4g} rad on"

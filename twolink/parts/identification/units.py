@@ -6,7 +6,7 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.errors import QueryError
-from twolink.robots.joint_layout import JointLayout, turns, urdf_limits
+from twolink.robots.joint_layout import JointLayout, urdf_limits
 
 DEGREE = float(np.pi / 180)
 # By the ratio of v to the rate of q: the question, and the quantity and the factor that would mend it.
@@ -61,7 +61,7 @@ def wrong_units(what: str, argument: str, ratio: float, joint: str, guesses: Gue
 
 def wide_joint(robot: Robot, q: np.ndarray) -> JointLayout | None:
     """The joint that turns farthest, where it does more than a turn or leaves limits that hold it as degrees."""
-    turning = [joint for joint in robot.joints if joint.kind == "vector" and turns(robot.model, joint)]
+    turning = [joint for joint in robot.joints if joint.kind == "vector" and joint.unit == "rad"]
     far = [float(np.abs(q[:, joint.q.start]).max(initial=0.0)) for joint in turning]
     wide = [(angle, k) for k, (joint, angle) in enumerate(zip(turning, far, strict=True))
             if angle > 2 * np.pi or angle * DEGREE < _reach(robot, joint) < angle / 1.5]  # fmt: skip
@@ -89,7 +89,7 @@ def beyond_reach(robot: Robot, t: np.ndarray, q: np.ndarray) -> tuple[JointLayou
     """A joint whose angle and speed are beyond its limits and within them as degrees, and that in words."""
     speed = np.abs(robot.difference(q[:-1], q[1:]) / np.diff(t)[:, None]).max(axis=0, initial=0.0)
     for joint in robot.joints:
-        if joint.kind != "vector" or not turns(robot.model, joint):
+        if joint.kind != "vector" or joint.unit != "rad":
             continue
         fastest, limit = float(speed[joint.v.start]), float(robot.model.velocityLimit[joint.v.start])
         reach, far = _reach(robot, joint), float(np.abs(q[:, joint.q.start]).max())

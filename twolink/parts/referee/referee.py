@@ -94,7 +94,7 @@ def judge(
 def _in_radians(log: TrajectoryLog, run: Trajectory) -> tuple[TrajectoryLog, str]:
     """The trajectory in radians, where it follows the solution in degrees from a start that is 0 in both."""
     degrees, count = math.pi / 180, len(run.t)
-    if any(joint.unit is not None for joint in run.robot.joints):
+    if any(joint.normalized is not None for joint in run.robot.joints):
         return log, ""
     apart, converted = (np.linalg.norm(scale * log.q[:count] - run.q) for scale in (1.0, degrees))
     if converted < 1e-2 * apart and apart > 1e-3 * math.sqrt(count):

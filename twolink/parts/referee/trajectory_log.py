@@ -134,7 +134,7 @@ def _no_trajectory(what: str, label: str) -> SceneError:
 def in_si(log: TrajectoryLog, robot: Robot, start: Array) -> tuple[TrajectoryLog, str]:
     """The trajectory in seconds and radians, and which units it had, "" for those. start (nq,): of the scene."""
     degrees = math.pi / 180
-    unit_free = all(joint.unit is None for joint in robot.joints)
+    unit_free = all(joint.normalized is None for joint in robot.joints)
     if log.has_velocities:
         rates, means = robot.difference(log.q[:-1], log.q[1:]) / np.diff(log.t)[:, None], 0.5 * (log.v[1:] + log.v[:-1])
         moving = float(np.vdot(means, means))

@@ -1,0 +1,56 @@
+"""Motions from rest to rest: their limits, their ends, and the work that their torques do."""
+
+import numpy as np
+import pytest
+
+import twolink as tl
+
+END = [1.0, -0.5]
+
+
+@pytest.mark.parametrize("speed", [0.3, 50.0], ids=["trapezoid", "triangle"])
+def test_a_joint_is_at_its_limit_and_none_beyond(speed: float) -> None:
+    robot = tl.load_robot("two_link")
+    motion = tl.trapezoidal_motion(robot, [0.0, 0.0], END, speed=speed, acceleration=[2.0, 0.5],
+                                   samples_per_second=1e3)  # fmt: skip
+    assert np.abs(motion.a).max(axis=0) == pytest.approx([1.0, 0.5])  # the elbow, on half the way, is at its own
+    assert motion.q[-1] == pytest.approx(END, abs=1e-12)
+    assert motion.v[[0, -1]] == pytest.approx(np.zeros((2, 2)), abs=1e-12)
+    if speed < 1.0:
+        assert np.abs(motion.v).max() == pytest.approx(speed)
+        assert motion.t[-1] == pytest.approx(1.0 / speed + speed / 1.0)
+    else:
+        assert motion.t[-1] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(("name", "root"), [("two_link", "fixed"), ("solo12", "free")])
+def test_the_work_of_the_torques_is_the_energy_gained(name: str, root: str) -> None:
+    """Also of a floating base that turns: tau v integrates to the energy at every sample of the constant speed."""
+    robot = tl.load_robot(name, root=root)
+    start, end = robot.random_state(2, seed=5)[0]
+    motion = tl.trapezoidal_motion(robot, start, end, speed=1.0, acceleration=3.0, samples_per_second=4000)
+    power = np.sum(robot.inverse_dynamics(motion.q, motion.v, motion.a) * motion.v, axis=1)
+    done = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(motion.t))])
+    energy = np.sum(robot.energy(motion.q, motion.v), axis=0)
+    assert done == pytest.approx(energy - energy[0], abs=1e-2 * np.ptp(energy))
+    assert done[-1] == pytest.approx(energy[-1] - energy[0], abs=2e-4 * np.ptp(energy))
+
+
+@pytest.mark.parametrize(("given", "words"), [
+    ({"to": [0.0, 0.0]}, "where the motion begins"),
+    ({"acceleration": 0.0}, "acceleration.*positive"),
+    ({"speed": [1.0, 2.0, 3.0]}, "or 2"),
+    ({"speed": 1e-9}, "more than 1e.07 samples"),
+])  # fmt: skip
+def test_what_is_no_motion_is_refused(given: dict[str, object], words: str) -> None:
+    robot = tl.load_robot("two_link")
+    whole = {"to": np.ones(robot.nq), "speed": 1.0, "acceleration": 1.0} | given
+    with pytest.raises(tl.errors.QueryError, match=words):
+        tl.trapezoidal_motion(robot, np.zeros(robot.nq), **whole)
+
+
+def test_a_speed_that_no_one_gives_is_refused() -> None:
+    robot = tl.load_robot("tippe_top", root="free")
+    q, to = robot.random_state(2)[0]
+    with pytest.raises(tl.errors.QueryError, match=r"speed.*robot's file has none"):
+        tl.trapezoidal_motion(robot, q, to, acceleration=1.0)

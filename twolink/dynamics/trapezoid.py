@@ -1,0 +1,100 @@
+"""Motions from rest to rest along a line of configurations, whose speed is a trapezoid in time.
+
+    q(t) = q_0 + s(t) d,   d = q_1 - q_0,   |s''| = A or 0,   0 <= s' <= V
+
+A = min_i a_i / |d_i|, V = min_i v_i / |d_i|: every joint keeps its limits, and one of them is at its own. Where V is
+not reached the trapezoid is a triangle. Source: Siciliano et al.: Robotics, 2009, section 4.2.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twolink.dynamics.arguments import configuration, positive
+from twolink.dynamics.robot import Robot
+from twolink.errors import QueryError
+
+MOST = 10_000_000  # samples
+
+
+class PlannedMotion(NamedTuple):
+    """A motion in samples: t (n,), s; q (n, nq), v, a (n, nv), in rad, m and s."""
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+
+
+def trapezoidal_motion(
+    robot: Robot,
+    q: ArrayLike,
+    to: ArrayLike,
+    *,
+    acceleration: ArrayLike,
+    speed: ArrayLike | None = None,
+    samples_per_second: float = 100.0,
+) -> PlannedMotion:
+    """A motion from rest to rest, as quick as its limits allow.
+
+    Parameters
+    ----------
+    robot : Robot
+    q, to : array_like (nq,)
+        The configurations at its begin and its end, rad or m.
+    acceleration, speed : float or array_like (nv,)
+        Limits of each joint, rad/s^2 or m/s^2, rad/s or m/s. Without a speed, those of the robot's file.
+    samples_per_second : float
+        The last sample is at the end.
+
+    Returns
+    -------
+    PlannedMotion
+        For `robot.inverse_dynamics(motion.q, motion.v, motion.a)`: a table of torques.
+
+    Raises
+    ------
+    QueryError
+        The ends are one configuration, or a limit is not positive or not there.
+
+    Examples
+    --------
+    >>> import twolink as tl
+    >>> robot = tl.load_robot("two_link")
+    >>> motion = tl.trapezoidal_motion(robot, [0, 0], [1, 0.5], speed=1.0, acceleration=4.0)
+    >>> tau = robot.inverse_dynamics(motion.q, motion.v, motion.a)
+    """
+    ends = [configuration(name, np.ravel(x), robot.nq, robot.joints) for name, x in (("q", q), ("to", to))]
+    rate = positive(samples_per_second, "samples_per_second", QueryError, "such as 100")
+    way = robot.difference(*ends)
+    moved = np.abs(way) > 0.0
+    if not moved.any():
+        raise QueryError("it is where the motion begins", argument="to", remedy="give another configuration")
+    limits = np.concatenate([joint.velocity_limit for joint in robot.joints]) if speed is None else speed
+    most_v = float((_limits(robot, "speed", limits)[moved] / np.abs(way[moved])).min())
+    most_a = float((_limits(robot, "acceleration", acceleration)[moved] / np.abs(way[moved])).min())
+    if not np.isfinite(most_v * most_a):
+        raise QueryError("the robot's file has none for the joints that move", argument="speed",
+                         remedy="give a speed, rad/s or m/s")  # fmt: skip
+    rise = min(most_v / most_a, most_a**-0.5)
+    peak, whole = most_a * rise, rise + 1.0 / (most_a * rise)
+    if whole * rate > MOST:
+        raise QueryError(f"{whole:.3g} s have more than {MOST:.0e} samples", argument="samples_per_second",
+                         remedy="give fewer, or a larger speed and acceleration")  # fmt: skip
+    t = np.append(np.arange(0.0, whole * (1.0 - 1e-12), 1.0 / rate), whole)
+    left = whole - t
+    s = np.where(t < rise, 0.5 * most_a * t**2, np.where(left < rise, 1.0 - 0.5 * most_a * left**2,
+                                                         peak * (t - 0.5 * rise)))  # fmt: skip
+    rates = most_a * np.minimum(np.minimum(t, left), rise)
+    second = most_a * ((t < rise).astype(float) - (left < rise))
+    along = robot.integrate(np.broadcast_to(ends[0], (len(t), robot.nq)), s[:, None] * way)
+    return PlannedMotion(t, along, rates[:, None] * way, second[:, None] * way)
+
+
+def _limits(robot: Robot, name: str, given: ArrayLike) -> np.ndarray:
+    values = np.atleast_1d(np.asarray(given, dtype=float))
+    if values.size not in (1, robot.nv) or not (values > 0.0).all():
+        raise QueryError(f"expected a positive number, or {robot.nv}, got {given!r}", argument=name,
+                         remedy="give rad and m a second")  # fmt: skip
+    return np.broadcast_to(values.ravel(), robot.nv)
