@@ -48,7 +48,7 @@ def test_shapes_follow_the_times_and_samples_come_back_exactly() -> None:
     assert q.shape == (2, 2, run.robot.nq)
     np.testing.assert_array_equal(run.at(run.t)[0], run.q)
     np.testing.assert_array_equal(run.at(run.t)[1], run.v)
-    np.testing.assert_allclose(np.linalg.norm(q[..., run.robot.joints[0].unit], axis=-1), 1, atol=1e-14)
+    np.testing.assert_allclose(np.linalg.norm(q[..., run.robot.joints[0].normalized], axis=-1), 1, atol=1e-14)
 
 
 @pytest.mark.parametrize("method", ["dop853", "rk4", "esdirk43", "taylor", "scipy-rk45"])

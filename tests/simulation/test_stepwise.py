@@ -88,7 +88,7 @@ def test_states_of_effects_and_free_bodies() -> None:
     ("make", "part"),
     [
         (lambda: tl.Simulation("arm-swing"), "expected a Scene"),
-        (lambda: tl.Simulation(SWING, contact="stepped"), "no Contact"),
+        (lambda: tl.Simulation(SWING, contact="stepped"), "no contact, stops"),
         (lambda: tl.Simulation(SWING, step=0.0), "step"),
         (lambda: tl.Simulation(SWING).step(0.0), "above 0"),
         (lambda: tl.Simulation(SWING).step(math.nan), "above 0"),
