@@ -35,7 +35,7 @@ def query(
     as_json: Json = False,
     **given: Any,
 ) -> None:
-    """Ask a dynamics question about one state, many, or a motion from rest to rest.
+    """Ask a dynamics question about states or a motion.
 
     \b
     twolink query two_link forward-dynamics --q "0 0" --v "0 0" --tau "1 0"

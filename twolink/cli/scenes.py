@@ -50,7 +50,8 @@ from twolink.robots.catalogue import catalogue_names
 from twolink.scenes import bundled_scenes
 from twolink.scenes import scenes as scene_table
 from twolink.scenes.file import bundled_text
-from twolink.scenes.file_format import RobotEntry, scene_template
+from twolink.scenes.file_format import RobotEntry
+from twolink.scenes.template import scene_template
 from twolink.scenes.urdf_scene import UrdfScene, limited_joints, limits_by_joint, scene_of
 from twolink.simulation.trajectory import Trajectory
 
@@ -93,10 +94,12 @@ def new(
 ) -> None:
     """Begin a scene file for a robot.
 
-    It has the robot's joints, off equilibrium and within their limits, gravity, and comments on what else there may be.
+    It has the robot's joints, off equilibrium and within their limits, gravity, what the robot's file says (damping,
+    friction, stops, loops; the ground under a free base), and comments on what else there may be.
 
     \b
     twolink new my_robot.urdf mine.toml
+    twolink new anymal mine.toml --root free
     twolink run mine.toml --out mine.html
     """
     require_writable([file], (".toml",))
@@ -104,8 +107,8 @@ def new(
         raise Misuse("it exists already", where=str(file), remedy="give another name, or delete it")
     loaded = robot_from(robot, root, lock)
     named = robot if robot in catalogue_names() else os.path.relpath(robot, file.parent)
-    entry = RobotEntry(named, cast(Any, root), {**locks_of(lock)})
-    text = scene_template(loaded, entry, scene_of(loaded).q if loaded.nv else loaded.neutral)
+    text = scene_template(RobotEntry(named, cast(Any, root), {**locks_of(lock)}),
+                          scene_of(loaded, contact=root == "free"))  # fmt: skip
     write_atomic(file, lambda out: out.write(text.encode()))
     typer.echo(f"wrote {file}; `twolink run {file} --out motion.html` simulates it")
 

@@ -1,10 +1,9 @@
-"""The format of scene files: its schema, saved scenes that `load_scene` reads again, and a commented template."""
+"""The format of scene files: its schema, and saved scenes that `load_scene` reads again."""
 
 import functools
 import inspect
 import json
 import operator
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,7 +12,7 @@ import msgspec
 import numpy as np
 
 from twolink.dynamics import Robot
-from twolink.dynamics.robot_record import robot_notes, robot_record
+from twolink.dynamics.robot_record import robot_notes
 from twolink.effects import TYPES, Effect, effect_class
 from twolink.effects.effect import plain
 from twolink.errors import SceneError
@@ -22,50 +21,6 @@ from twolink.io.text import kebab_case
 from twolink.robots.collisions import AnyShape
 
 JointValues = dict[str, float | list[float]]
-_HEAD = """\
-# A scene: a robot, where it starts, and what acts on it. SI units, radians.
-# Nothing acts that is not in this file. `twolink scenes NAME` prints a bundled scene as an example;
-# `twolink scenes --schema` lists every effect with its fields.
-"""
-_STATE = """
-# Where it starts, by joint. A joint that is left out is at its neutral position, and at rest.
-[q]
-{q}
-[v]
-{v}
-[[effects]]
-type = "gravity"
-field = [0.0, 0.0, -9.81]  # m/s^2
-
-# What else may act: take the "# " away from what the scene calls for.
-"""
-_DAMPING = """
-[[effects]]
-type = "joint-damping"  # torque = -damping v
-damping = {values}  # N m s/rad or N s/m{source}
-"""
-_FRICTION = """
-[[effects]]
-type = "dry-friction"  # torque = -kinetic sign(v); static = {{ ... }} is what a joint at rest can take, if it is more
-kinetic = {values}  # N m or N{source}
-"""
-_TORQUE = """
-[[effects]]
-type = "torque"
-inputs = {{ {joint} = {{ kind = "sine", amplitude = 1.0, frequency = 3.0 }} }}  # N m or N; rad/s, not Hz
-"""
-_OF_POSITION = """
-[[effects]]
-type = "joint-pd"  # torque = kp (target - q) - kd v
-target = {{ {joint} = {start} }}  # rad or m
-kp = {{ {joint} = 100.0 }}  # N m/rad or N/m
-kd = {{ {joint} = 10.0 }}  # N m s/rad or N s/m
-
-[[effects]]
-type = "joint-stops"
-limits = {{ {joint} = [{lower}, {upper}] }}  # rad or m
-restitution = 0.5
-"""
 
 
 class RobotEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -168,7 +123,7 @@ def scene_content(
         q=_by_joint(robot, q, np.full(robot.nq, np.nan) if objects else robot.neutral, "q"),
         v=_by_joint(robot, v, np.zeros(robot.nv), "v"),
         objects=list(objects),
-        effects=[_without_none(_table(effect)) for effect in effects],
+        effects=[effect_table(effect) for effect in effects],
     )
 
 
@@ -199,16 +154,17 @@ def _by_joint(robot: Robot, values: np.ndarray, neutral: np.ndarray, name: str) 
     return table
 
 
-def _table(effect: Effect) -> Any:
+def effect_table(effect: Effect) -> Any:
+    """An effect as a table of a scene file. Raises SceneError for one that a file cannot hold."""
     if isinstance(getattr(effect, "of", None), Effect):
-        _table(effect.of)  # type: ignore[attr-defined]
+        effect_table(effect.of)  # type: ignore[attr-defined]
     name = type(effect).__name__
     kind = kebab_case(name)
     if kind not in TYPES or effect_class(kind) is not type(effect):
         raise SceneError(f"{name} is no effect of twolink: load_scene could not read it", where=name,
                          remedy="make the scene in Python, or leave the effect out", code="own-effect")  # fmt: skip
     try:
-        return msgspec.to_builtins(effect, enc_hook=plain)
+        return _without_none(msgspec.to_builtins(effect, enc_hook=plain))
     except TypeError:
         remedy = "give a condition, or leave the effect out"
         raise SceneError("functions cannot be written to a file", where=type(effect).__name__, remedy=remedy) from None
@@ -219,84 +175,3 @@ def _without_none(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _without_none(item) for key, item in value.items() if item is not None}
     return [_without_none(item) for item in value] if isinstance(value, (list, tuple)) else value
-
-
-def scene_template(robot: Robot, entry: RobotEntry, start: np.ndarray) -> str:
-    """The text of a scene file: the robot under gravity, and comments on what else a scene may have.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    entry : RobotEntry
-        How the file names it.
-    start : (nq,) array
-        Where it starts.
-
-    Returns
-    -------
-    str
-        TOML that `load_scene` reads.
-    """
-    joints = robot_record(robot)["joints"]
-    starts = {joint["name"]: _start(start, joint) for joint in joints if joint["layout"] != "mimic"}
-    named: Any = entry if entry.root != "fixed" or entry.lock else entry.source
-    scalars = {"title": f"{robot.name} under gravity", "duration": 10.0}
-    head = msgspec.toml.encode({**scalars, "robot": named}).decode()
-    q = "".join(_line(joint, starts[joint["name"]], _limits_of(joint)) for joint in joints if joint["name"] in starts)
-    v = "".join(f"# {_line(joint, [0.0] * (joint['v'][1] - joint['v'][0]))}" for joint in joints)
-    return _HEAD + head + _STATE.format(q=q, v=v) + _commented(_effects(robot, joints, starts))
-
-
-def _effects(robot: Robot, joints: list[dict[str, Any]], starts: dict[str, Any]) -> str:
-    """Effects that fit the robot: damping and friction of the URDF, and what drives or stops its first joint."""
-    text = ""
-    if single := [joint for joint in joints if joint["v"][1] - joint["v"][0] == 1 and joint["name"] in starts]:
-        for effect, urdf in ((_DAMPING, robot.model.damping), (_FRICTION, robot.model.friction)):
-            found = {joint["name"]: float(urdf[joint["v"][0]]) for joint in single if urdf[joint["v"][0]]}
-            source = ", by the URDF" if found else ": the URDF gives none"
-            values = ", ".join(f"{_key(name)} = {x}" for name, x in (found or {single[0]["name"]: 0.0}).items())
-            text += effect.format(values=f"{{ {values} }}", source=source)
-        text += _TORQUE.format(joint=_key(single[0]["name"]))
-    if turning := [joint for joint in joints if joint["layout"] == "vector"]:
-        lower, upper = _limits(turning[0]) or (-1.5, 1.5)
-        start = starts[turning[0]["name"]][0]
-        text += _OF_POSITION.format(joint=_key(turning[0]["name"]), start=start, lower=lower, upper=upper)
-    return text
-
-
-def _start(q: np.ndarray, joint: dict[str, Any]) -> list[float]:
-    """The start of a joint, to the last digit only where fewer would not do; a continuous joint's angle."""
-    values = q[slice(*joint["q"])]
-    if joint["layout"] == "cos-sin":
-        return [round(float(np.arctan2(values[1], values[0])), 3)]
-    numbers: list[float] = (values.round(3) if joint["layout"] == "vector" else values).tolist()
-    return numbers
-
-
-def _limits(joint: dict[str, Any]) -> tuple[float, float] | None:
-    lower, upper = joint["lower"][0], joint["upper"][0]
-    return None if lower is None or upper is None else (lower, upper)
-
-
-def _limits_of(joint: dict[str, Any]) -> str:
-    """The unit of a joint with one coordinate and its limits, as a comment."""
-    if joint["layout"] not in ("vector", "cos-sin"):
-        return ""
-    limits = _limits(joint) if joint["layout"] == "vector" else None
-    between = f", between {limits[0]:.4g} and {limits[1]:.4g}" if limits else ""
-    return f"  # {'m' if joint['kind'] == 'prismatic' else 'rad'}{between}"
-
-
-def _line(joint: dict[str, Any], values: list[float], note: str = "") -> str:
-    """A joint's numbers as a line of TOML."""
-    return f"{_key(joint['name'])} = {values[0] if len(values) == 1 else values}{note}\n"
-
-
-def _key(name: str) -> str:
-    """A name as a key of TOML."""
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else msgspec.json.encode(name).decode()
-
-
-def _commented(text: str) -> str:
-    return "".join(f"# {line}" if line.strip() else line for line in text.splitlines(keepends=True))

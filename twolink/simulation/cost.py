@@ -55,7 +55,8 @@ class Cost(BaseResult):
     def __repr__(self) -> str:
         setting = f"step {self.step:.3g} s" if self.tolerance is None else f"tolerance {self.tolerance:.2g}"
         kind = KINDS[self.compiled]
-        seconds = f"{self.seconds:.3g} s, error bar {self.verify_seconds:.3g} s, preparing {self.compile_seconds:.3g} s"
+        others = (("error bar", self.verify_seconds), ("preparing", self.compile_seconds))
+        seconds = ", ".join([f"{self.seconds:.3g} s", *(f"{what} {taken:.3g} s" for what, taken in others if taken)])
         digits = "" if self.precision == "double" else f", {self.precision} precision"
         return (
             f"{self.method}, {setting}{digits} ({self.why or 'as asked'})\n"
