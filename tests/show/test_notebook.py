@@ -44,7 +44,7 @@ def test_robots_and_scenes_are_tables(shown: dict[str, dict[str, Any]]) -> None:
 def test_a_run_is_a_table_with_its_curves(shown: dict[str, dict[str, Any]]) -> None:
     html = shown["run"]["text/html"]
     assert "<caption>The arm swings, and its elbow is damped</caption>" in html
-    assert float(re.search(r"at most (\S+) rad or m", html).group(1)) <= 1e-9
+    assert float(re.search(r"at most (\S+) rad", html).group(1)) <= 1e-9
     picture = re.search(r'src="data:image/png;base64,([^"]+)"', html)
     assert picture is not None
     assert base64.b64decode(picture.group(1)).startswith(b"\x89PNG")

@@ -18,13 +18,13 @@ from typer.core import TyperCommand
 
 from twolink.accuracy import Study
 from twolink.dynamics import Robot, load_robot
-from twolink.errors import SceneError, TwolinkError, require_extra, require_known
+from twolink.errors import TwolinkError, require_extra
 from twolink.integrate.steps.methods import METHODS
 from twolink.io.tables import SUFFIXES, require_format
 from twolink.io.text import parse_numbers
-from twolink.robots.catalogue import FILES, catalogue_entry, catalogue_names
-from twolink.scenes import Scene, bundled_scenes, load_scene
-from twolink.scenes.urdf_scene import scene_of
+from twolink.robots.catalogue import catalogue_entry, catalogue_names
+from twolink.scenes import Scene, bundled_scenes
+from twolink.scenes.urdf_scene import is_robot, named_scene, scene_of
 from twolink.show.figure import FORMATS
 from twolink.simulation.recording import SAVED
 from twolink.simulation.trajectory import Trajectory
@@ -329,22 +329,18 @@ def scene_from(source: str, load: RobotLoader | None = None, *, ground: bool = F
 
     ground: the robot's links touch each other and the ground.
     """
-    scenes, robots = bundled_scenes(), catalogue_names()
-    if not Path(source).suffix and os.sep not in source:
-        require_known(source, (*scenes, *robots), SceneError, "there is no bundled scene or robot {!r}",
-                      code="unknown-scene")  # fmt: skip
-    of_robot = source.endswith(FILES) or (source in robots and source not in scenes)
-    if of_robot:
-        if load and ground and source in robots and load.keywords["root"] == "fixed":
+    if is_robot(source):
+        if load and ground and source in catalogue_names() and load.keywords["root"] == "fixed":
             load = functools.partial(load, root=catalogue_entry(source).usual_root)
         return scene_of(load(source) if load else source, contact=ground)
+    scene = named_scene(source)
     if ground:
         raise Misuse("it is for robots, and this is a scene, which has its own contacts", where="ground",
                      remedy="leave it out")  # fmt: skip
     for name in chosen_of(load) if load else ():
         raise Misuse("it is for robots, and this is a scene, which has its own", where=name,
                      remedy=f"change the scene: twolink scenes {source} prints a bundled one")  # fmt: skip
-    return load_scene(source)
+    return scene
 
 
 def bounds_of(text: str, where: str = "wrt") -> tuple[str, tuple[float, float]]:

@@ -51,6 +51,12 @@ class JointLayout:
         return np.append(np.cos(entries), np.sin(entries)) if self.kind == "cos-sin" and entries.size == 1 else entries
 
 
+def unit_of(joints: Iterable[JointLayout]) -> str:
+    """The unit of the coordinates of joints, "rad" or "m", or "rad or m"."""
+    units = {joint.unit for joint in joints if joint.kind != "mimic"}
+    return units.pop() if len(units) == 1 and "" not in units else "rad or m"
+
+
 def joint_columns(joints: Iterable[JointLayout], letter: str) -> list[tuple[str, str]]:
     """The columns of "q", "v", "tau" or "a" in their order, each with its joint: q.JOINT, q.JOINT.0, q.JOINT.1, ..."""
     columns = []

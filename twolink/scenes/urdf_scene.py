@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import coal
@@ -20,14 +21,15 @@ from twolink.effects.contact import Contact
 from twolink.effects.forces import FrameWrench, JointDamping, JointSpring
 from twolink.effects.joint_switches import DryFriction, JointStops
 from twolink.effects.loops import Coupling, Loop, PointLoop, WeldLoop
-from twolink.errors import SceneError
+from twolink.errors import SceneError, require_known
 from twolink.geometry.fields import HeightField
-from twolink.robots.catalogue import catalogue_entry, catalogue_names
+from twolink.robots.catalogue import FILES, catalogue_entry, catalogue_names
 from twolink.robots.collisions import collision_model
 from twolink.robots.joint_layout import NO_LIMIT, JointLayout, urdf_limits
 from twolink.robots.load_report import Finding, LoadReport, findings
 from twolink.robots.tree import Tree, read_tree
 from twolink.robots.xml import parse_xml
+from twolink.scenes.file import bundled_scenes, load_scene
 from twolink.scenes.scene import Scene
 
 OFFSET = 0.5  # rad or m, from 0 at most: how far a joint is moved at the start
@@ -175,6 +177,23 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 2.0, *, co
     for coupling in couplings:
         v[entries[coupling.joint].v] = coupling.ratio * v[entries[coupling.other].v]
     return UrdfScene(loaded, q, v, effects, duration, f"{loaded.name} under gravity, with all that its file says")
+
+
+def named_scene(source: str) -> Scene:
+    """A bundled scene or that of a file; of a robot, by its name or file, one with all that its file says.
+
+    Raises SceneError, code "unknown-scene".
+    """
+    known, robots = bundled_scenes(), catalogue_names()
+    if not Path(source).suffix and os.sep not in source:
+        require_known(source, (*known, *robots), SceneError, "there is no bundled scene or robot {!r}",
+                      code="unknown-scene")  # fmt: skip
+    return scene_of(source) if is_robot(source) else load_scene(source)
+
+
+def is_robot(source: str) -> bool:
+    """True if a name or file is of a robot, not of a scene."""
+    return source.endswith(FILES) or (source in catalogue_names() and source not in bundled_scenes())
 
 
 def _lowest(robot: Robot, q: np.ndarray) -> float:

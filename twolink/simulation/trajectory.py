@@ -543,10 +543,7 @@ class Trajectory(BaseResult, Plotted):
     @property
     def error_text(self) -> str:
         """The largest error in words."""
-        if self.error is None:
-            return "not verified"
-        largest = f"{self.error.max():.1e} rad or m"
-        return f"{largest}, estimated{estimated_since(self.events)}" if self.estimated else f"at most {largest}"
+        return tables.largest_error(self.error, self.robot, estimated_since(self.events) if self.estimated else None)
 
     def __repr__(self) -> str:
         sign = "estimated at" if self.estimated else "<="

@@ -13,7 +13,7 @@ from twolink.errors import AccuracyError, SceneError, import_extra, require_know
 from twolink.integrate.event import Event
 from twolink.io.bags import is_bag
 from twolink.io.tables import read_table
-from twolink.robots.joint_layout import joint_columns, without_angles
+from twolink.robots.joint_layout import joint_columns, unit_of, without_angles
 
 EXTRA = "sweeps"  # of twolink, which installs xarray and pandas
 # Before the names of contacts and of forces on links, for columns (n, 6 k); the name of a note.
@@ -49,6 +49,14 @@ class TrajectorySamples(NamedTuple):
 def coordinate_names(robot: Robot, letter: str) -> list[str]:
     """The joint names of the coordinates "q" or "v", numbered where a joint has several."""
     return [column.removeprefix(f"{letter}.") for column, _ in joint_columns(robot.joints, letter)]
+
+
+def largest_error(error: np.ndarray | None, robot: Robot, since: str | None) -> str:
+    """The largest of the errors of q (n,), in words. since: from when on they are estimates; None for bounds."""
+    if error is None:
+        return "not verified"
+    words = f"{error.max():.1e} {unit_of(robot.joints)}" if error.any() else "none seen"
+    return f"{words}, estimated{since}" if since is not None else f"at most {words}" if error.any() else words
 
 
 def columns(samples: TrajectorySamples) -> dict[str, np.ndarray]:

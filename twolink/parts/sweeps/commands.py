@@ -142,6 +142,9 @@ def _varied(text: str) -> tuple[str, Any]:
     if law:
         return name, {law[1]: parse_numbers("vary", law[2])}
     if ":" in values:
+        if values.count(":") != 2:
+            raise Misuse(f"expected FIRST:LAST:COUNT, got {values!r}", where=f"--vary {name}",
+                         remedy=f'such as --vary "{name}={values}:100"')  # fmt: skip
         return name, {"range": parse_numbers("vary", values.replace(":", " "))}
     switches = [SWITCH.get(part.strip()) for part in values.split(",")]
     return name, switches if None not in switches else parse_numbers("vary", values)

@@ -23,8 +23,9 @@ from twolink.parts.sweeps.plan import SweepPlan, make_plan
 from twolink.parts.sweeps.runs import compute
 from twolink.parts.sweeps.store import EXTRA, locked, open_store, read_record
 from twolink.parts.sweeps.working import engine_of, work
-from twolink.scenes import Scene, load_scene
+from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
+from twolink.scenes.urdf_scene import named_scene
 from twolink.simulation.sampling import duration_for, sample_times
 from twolink.simulation.trajectory import Trajectory
 
@@ -253,4 +254,4 @@ def run_study(study: SweepStudy, out: str | os.PathLike[str], **options: Any) ->
     given = msgspec.structs.asdict(study)
     for name in ("scene", "title", "figure"):
         del given[name]
-    return sweep(load_scene(study.scene), out=out, **given, **options)
+    return sweep(named_scene(study.scene), out=out, **given, **options)
