@@ -1,6 +1,7 @@
 """Robots as C and as URDF: compiled and run, loaded again and compared."""
 
 import ctypes
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.command import TOP
 
 ROBOTS = ("two_link", "panda", "ur5", "kinova", "z1", "double_pendulum_continuous", "solo12", "go1", "anymal", "bowler")
 SIMILAR = ("ur5", "z1", "go1", "solo12", "bowler")  # to others of these
@@ -71,6 +73,23 @@ def test_the_self_test_passes_and_finds_a_changed_number(name: str, flags: list[
     place = text.index("out[0] = ", text.index("my_arm_inverse_dynamics")) + len("out[0] = ")
     source.write_text(f"{text[:place]}K(1e6) + {text[place:]}")
     assert run().returncode == 1
+
+
+@pytest.mark.parametrize("by", ["c++", "cmake"])
+def test_a_program_in_cpp_calls_it(by: str, tmp_path: Path) -> None:
+    """The example of the documentation, whose linker knows the names of C by the header alone."""
+    if shutil.which(by) is None or shutil.which("c++") is None:
+        pytest.skip(f"needs {by}")
+    robot = tl.load_robot("two_link")
+    source, _ = robot.export_c(tmp_path / "arm.c", ["inverse_dynamics"])
+    for file in (TOP / "docs/examples/cpp").iterdir():
+        shutil.copy(file, tmp_path)
+    commands = {"c++": [["cc", "-c", str(source), "-o", "arm.o"], ["c++", "torque.cpp", "arm.o", "-o", "torque"]],
+                "cmake": [["cmake", "."], ["cmake", "--build", "."]]}  # fmt: skip
+    for command in commands[by]:
+        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    told = subprocess.run([str(tmp_path / "torque")], capture_output=True, text=True, check=True).stdout.split()
+    assert [float(x) for x in told[:2]] == pytest.approx(robot.gravity_torque([0.3, 0.5]), abs=1e-11)
 
 
 def test_the_step_is_the_method_of_its_order(tmp_path: Path) -> None:

@@ -161,7 +161,15 @@ typedef float {prefix}_real;
 typedef double {prefix}_real;
 #endif
 
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
 {declared}
+
+#ifdef __cplusplus
+}}
+#endif
 
 #endif
 """
