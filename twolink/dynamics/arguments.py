@@ -41,8 +41,11 @@ def whole(value: Any, name: str, error: type[TwolinkError], remedy: str = "such 
     return int(value)
 
 
-def array(name: str, value: ArrayLike, size: int | None) -> np.ndarray:
-    """`value` as finite float64 of shape (..., size), or (...) for None. Raises QueryError that names the argument."""
+def array(name: str, value: ArrayLike, size: int | None, joints: Sequence[JointLayout] = ()) -> np.ndarray:
+    """`value` as finite float64 of shape (..., size), or (...) for None. Raises QueryError that names the argument.
+
+    joints: of a configuration, for the error to name those that have several entries.
+    """
     if value is None:
         raise QueryError("expected numbers, got None", argument=name, remedy="give the array")
     if isinstance(value, np.ma.MaskedArray):
@@ -59,7 +62,7 @@ def array(name: str, value: ArrayLike, size: int | None) -> np.ndarray:
         out = out.astype(np.float64)
     if size is not None and (out.ndim == 0 or out.shape[-1] != size):
         what = f"expected shape (..., {size}), got {out.shape}"
-        raise QueryError(what, argument=name, remedy=_shape_remedy(out, size))
+        raise QueryError(what, argument=name, remedy=_shape_remedy(out, size, joints))
     if not np.isfinite(out).all():
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(out))[0])
         what = f"expected finite numbers, got {out[index]} at {list(index)}"
@@ -73,15 +76,21 @@ def one_of(choices: Sequence[str], value: str, name: str) -> str:
     return value
 
 
-def _shape_remedy(out: np.ndarray, size: int) -> str:
+ENTRIES = {"cos-sin": "(cos, sin)", "planar": "(x, y, cos, sin)", "quaternion": "(x, y, z, w)",
+           "free-flyer": "(position, quaternion x y z w)"}  # fmt: skip
+
+
+def _shape_remedy(out: np.ndarray, size: int, joints: Sequence[JointLayout]) -> str:
     if out.ndim > 1 and size in out.shape:
         return "batches are on leading axes: transpose it"
-    return f"the last axis holds the robot's {size} values"
+    several = [f"{ENTRIES[joint.kind]} of {joint.name!r}" for joint in joints if joint.kind in ENTRIES]
+    of_them = f", with {', '.join(several[:3])}{', ...' * (len(several) > 3)}" if several else ""
+    return f"the last axis holds the robot's {size} values{of_them}"
 
 
 def configuration(name: str, value: ArrayLike, nq: int, joints: Sequence[JointLayout]) -> np.ndarray:
     """A configuration (..., nq) whose quaternions and (cos, sin) pairs have length 1."""
-    q = array(name, value, nq)
+    q = array(name, value, nq, joints)
     for joint in joints:
         if joint.normalized is None:
             continue
