@@ -1,4 +1,4 @@
-"""Others' tests of contact: SimBenchmark's scenes of closed form, and problems of ContactBench.
+"""Others' tests: published numbers and exact solutions (`published`), SimBenchmark's scenes, ContactBench's problems.
 
 SimBenchmark (Kang, Hwangbo 2018, github.com/leggedrobotics/SimBenchmark, benchmark/*.hpp) plots an error against the
 seconds of a run, both for each length of step. Its errors are means over a run of squares:
@@ -12,7 +12,8 @@ engine's error and seconds on its authors' machine. Seconds are of the processor
 ContactBench (Le Lidec et al. 2023, github.com/Simple-Robotics/ContactBench) has problems as files of G, g and mus
 (tests/python/data/*.npz there): --problems names a folder with them. Lines say what the laws are missed by.
 
-    python -m scripts.benchmarks.outsiders [rolling bouncing balls elastic] [--steps 0.01,0.001] [--problems FOLDER]
+    python -m scripts.benchmarks.outsiders [published rolling bouncing balls elastic] [--steps 0.01,0.001]
+        [--problems FOLDER]
 """
 
 import time
@@ -24,6 +25,7 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 import twolink as tl
+from scripts.benchmarks.published import compare
 from scripts.runner import Some, Table, once, options
 from scripts.studies.scenes.robots import free_robot
 from twolink.contact.impulses import ContactProblem, solve_impulses
@@ -109,7 +111,11 @@ TESTS = {one.__name__: one for one in (rolling, bouncing, balls, elastic)}
 
 
 def main() -> None:
-    given = options(__doc__, rest=Some(tuple(TESTS)), steps=(1e-2, 1e-3), problems=Path)
+    given = options(__doc__, rest=Some(("published", *TESTS)), steps=(1e-2, 1e-3), problems=Path)
+    if "published" in given.rest:
+        given.rest.remove("published")
+        compare()
+        print()
     table = Table("test <12 | step s >8.0e | error >9.1e | s >8.3f | steps/s >9.0f | theirs <1")
     for name in given.rest:
         scene, duration, error = TESTS[name]()

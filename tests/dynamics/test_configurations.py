@@ -103,8 +103,11 @@ def test_wrong_arguments_are_refused() -> None:
 
 
 def test_the_error_of_a_length_names_the_joints_with_several_entries() -> None:
-    for name, root, words in (("kinova", "fixed", r"the robot's 9 values, with \(cos, sin\) of 'j2s6s200_joint_1', "),
-                              ("solo12", "free", r"with \(position, quaternion x y z w\) of 'root_joint'$")):  # fmt: skip
+    of_base = r"with \(position, quaternion x y z w\) of 'root_joint'$"
+    for name, root, words in (
+        ("kinova", "fixed", r"with \(cos, sin\) of 'j2s6s200_joint_1'"),
+        ("solo12", "free", of_base),
+    ):
         robot = tl.load_robot(name, root=root)
         with pytest.raises(tl.errors.QueryError, match=words):
             robot.mass_matrix(np.zeros(robot.nv))
