@@ -117,6 +117,36 @@ def test_long_jobs_share_time_and_a_short_one_does_not_wait(monkeypatch: pytest.
     asyncio.run(work())
 
 
+def test_a_clients_next_job_waits_for_those_that_have_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else all that greedy clients have sent would begin, each with a process and its memory."""
+
+    async def work() -> None:
+        clock = Clock(TimeShares(2), monkeypatch)
+        begun = set[asyncio.Task[None] | None]()
+        go_on = clock.shares.go_on
+
+        async def counted(turn: time_shares.Turn) -> None:
+            begun.add(asyncio.current_task())
+            await go_on(turn)
+
+        monkeypatch.setattr(clock.shares, "go_on", counted)
+        jobs = [asyncio.create_task(clock.job(client, 200)) for client in "abc" for _ in range(10)]
+        await clock.pass_(60)
+        assert len(begun) <= 4 * 3  # those that ran at first, and one beside of each client
+        first = set(begun)
+        await clock.pass_(120)
+        assert begun == first
+        assert 2 * 180 <= len(clock.seen) <= 2.2 * 180  # two at a time
+        asked = clock.now
+        await clock.pass_(until=asyncio.create_task(clock.job("d", 1)))
+        assert clock.now - asked <= 3
+        for job in jobs:
+            job.cancel()
+        await asyncio.gather(*jobs, return_exceptions=True)
+
+    asyncio.run(work())
+
+
 def test_jobs_that_never_report_do_not_hold_up_short_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     async def work() -> None:
         clock = Clock(TimeShares(2), monkeypatch)

@@ -2,7 +2,8 @@
 
 The client whose jobs have run for least time comes first, as in start-time fair queueing (Goyal, Vin, Cheng, IEEE/ACM
 Transactions on Networking 5 (1997) 690). A job that has run for its slice yields where another client waits: its
-process keeps its place and waits. Nobody is interrupted between two reports of progress.
+process keeps its place and waits, and goes on before its client's next job begins: the processes that live, and their
+memory, follow the clients and not their jobs. Nobody is interrupted between two reports of progress.
 """
 
 import asyncio
@@ -34,7 +35,8 @@ class Turn:
 class TimeShares:
     """At most `slots` jobs run at once, and a short one beside them where all of them are long.
 
-    One that becomes long there yields at its next report; until then another short one may run beside it.
+    One that becomes long there yields at its next report, and none of its client's runs beside others until it has gone
+    on; until then a short one of another client may run beside it.
 
     may_pause: whether there is memory for one more job that has begun and waits.
     """
@@ -109,10 +111,10 @@ class TimeShares:
             self._used.clear()
 
     def _next(self) -> None:
-        """Let all run that may, the client with the least time first."""
+        """Let all run that may, the client with the least time first, and of its jobs those that have begun."""
         self._charge()
         while fitting := [turn for turn in self._waiting if self._fits(turn)]:
-            turn = min(fitting, key=lambda each: self._used[each.client])
+            turn = min(fitting, key=lambda each: (self._used[each.client], not each.ran))
             self._waiting.remove(turn)
             self._running.append(turn)
             turn.since, turn.slice = time.monotonic(), 0.0
@@ -122,6 +124,8 @@ class TimeShares:
         self._timer = asyncio.get_running_loop().call_later(_LOOK, self._next) if self._waiting else None
 
     def _fits(self, turn: Turn) -> bool:
+        """True if a job that waits, and has not been cancelled just now, may run."""
         count = len(self._running)
         beside = count < self._slots + BESIDE and turn.ran <= SHORT and all(each.ran > SHORT for each in self._running)
-        return count < self._slots or beside
+        own = any(each.ran > SHORT and each.client == turn.client for each in self._waiting)  # what it sent beside
+        return not turn.ready.done() and (count < self._slots or (beside and not own))
