@@ -75,6 +75,16 @@ def test_methods_of_a_path(http: httpx.Client) -> None:
     assert [http.request(method, "/v1/nowhere").status_code for method in ("GET", "OPTIONS", "PUT")] == [404] * 3
 
 
+def test_a_misspelt_parameter_is_refused_by_its_name(http: httpx.Client) -> None:
+    meant = "did you mean 'limit'?"
+    for path, remedy in (("/v1/robots", meant), ("/v1/simulations", meant), ("/v1/queries", "leave it out")):
+        answer = http.get(path, params={"lmit": 1})
+        problem = answer.json()
+        assert (answer.status_code, problem["code"], problem["remedy"]) == (400, "unknown-parameter", remedy)
+    assert http.get("/v1/robots?limit=1").status_code == 200
+    assert http.get("/?robot=panda").status_code == 200
+
+
 @pytest.mark.parametrize("host", ["evil@localhost", "localhost:80:80", "localhost:", "local host", "[::1", "[::1]x"])
 def test_a_host_is_a_name_and_a_port(http: httpx.Client, host: str) -> None:
     assert http.get("/health", headers={"Host": host}).status_code == 421

@@ -54,6 +54,28 @@ def kill_workers(served: Served) -> None:
         os.kill(process, signal.SIGKILL)
 
 
+def test_jobs_that_an_earlier_version_has_queued_are_run_or_say_what_they_lack(tmp_path: Path) -> None:
+    """Requests without a format have `samples` where this version has `samples_per_second`."""
+    folder, ids = tmp_path / "data", []
+    with serving(folder, "--quota", "jobs=1") as first, first.client() as http:
+        path = http.post("/v1/simulations", json=SLOW).headers["location"]
+        started(http, path)
+        for seconds in (1.5, 1.25):
+            ids.append(http.post("/v1/simulations", json={**SWING, "duration": seconds, "wait": 0}).json()["id"])
+        first.kill()
+    old = {"scene": "arm-swing", "duration": 1.5, "samples": 50.0}, {"scene": "arm-swing", "colour": "red"}
+    with contextlib.closing(sqlite3.connect(folder / "twolink.sqlite")) as database, database:
+        for key, request in zip(ids, old, strict=True):
+            changed = database.execute("UPDATE jobs SET request = ? WHERE id = ?", (json.dumps(request), key))
+            assert changed.rowcount == 1
+    with serving(folder) as second, second.client() as http:
+        done, failed = (ended(http, f"/v1/simulations/{key}") for key in ids)
+        assert done["state"] == "done"
+        assert len(http.get(f"/v1/simulations/{ids[0]}/result").json()["columns"]["t"]) == 76
+        assert (failed["state"], failed["problem"]["code"]) == ("failed", "other-version")
+        assert "colour" in failed["problem"]["detail"]
+
+
 def test_a_killed_service_loses_nothing_that_was_done(tmp_path: Path) -> None:
     folder = tmp_path / "data"
     with serving(folder, "--quota", "jobs=1") as first, first.client() as http:

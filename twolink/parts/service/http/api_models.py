@@ -15,7 +15,7 @@ from litestar.params import FromPath, FromQuery
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import TwolinkError, require_known
 from twolink.integrate.steps.methods import methods
-from twolink.parts.service.http.components import Limit, Service, Shared, catalogue
+from twolink.parts.service.http.components import OWN_QUERY, Limit, Service, Shared, catalogue
 from twolink.parts.service.http.messages import (
     OCTETS,
     UNSPECIFIED,
@@ -103,7 +103,7 @@ async def inspect_robot(service: Shared, robot: FromPath[str]) -> dict[str, Any]
     return {**_about(robot), "root": "fixed", **robot_record(loaded)}
 
 
-@post("/v1/robots", tags=["robots"], summary="Upload a robot", status_code=201)
+@post("/v1/robots", tags=["robots"], summary="Upload a robot", status_code=201, opt={OWN_QUERY: True})
 async def upload_robot(request: Request[Any, Any, Any], service: Shared) -> Response[dict[str, Any]]:
     """Load a URDF (application/xml), a zip of one with its meshes (application/zip), or JSON that says either.
 

@@ -10,6 +10,7 @@ import msgspec
 
 from twolink.parts.service.problems import Refusal
 from twolink.parts.service.store.store import ACTIVE, JobRow, Store
+from twolink.parts.service.work.requests import upgraded
 from twolink.parts.service.work.sharing import require_owner, this_request
 
 View = dict[str, Any]
@@ -91,7 +92,7 @@ class JobViews:
 
     async def request(self, kind: str, key: str) -> bytes:
         """The request of a job, as JSON. Raises Refusal (404) when there is no such job."""
-        return bytes((await self.job(kind, key)).request)
+        return upgraded(kind, bytes((await self.job(kind, key)).request))
 
     async def view(self, kind: str, key: str) -> View:
         """A job as clients see it. Raises Refusal (404) when there is none."""

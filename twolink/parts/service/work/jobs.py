@@ -23,7 +23,7 @@ from twolink.parts.service.store.store import RESUMED, Store
 from twolink.parts.service.work.budget import Budget
 from twolink.parts.service.work.job_views import LOOK, JobViews, Running, View
 from twolink.parts.service.work.metrics import Metrics
-from twolink.parts.service.work.requests import JOB_KINDS, JobRequest
+from twolink.parts.service.work.requests import JOB_KINDS, JobRequest, upgraded
 from twolink.parts.service.work.sharing import (
     NO_TASK,
     REQUEST,
@@ -157,6 +157,7 @@ class Jobs:
     async def _compute(self, key: str, running: Running, turn: Turn, folder: Path, body: bytes) -> Any:
         if running.kind in RESUMED:
             await asyncio.to_thread(self._store.copies.bring, key, time.time())
+        body = upgraded(running.kind, body)
         await self._store.bring_robots(body)
 
         async def note(progress: Any) -> View:

@@ -328,3 +328,27 @@ def prepare(*, kind: str, body: bytes, ids: str = "") -> JobRequest:
     content = msgspec.json.encode(fields, order="sorted")
     digest = hashlib.sha256((version_key() + ids).encode() + content).hexdigest()
     return JobRequest(f"{kind}-{digest[:20]}", request.wait, content)
+
+
+RENAMED = {
+    "samples": "samples_per_second"
+}  # of what earlier versions keep; a field that means something else gets another name
+
+
+def upgraded(kind: str, content: bytes) -> bytes:
+    """A kept request as this version takes it, which may be of an earlier one.
+
+    Raises
+    ------
+    Refusal
+        422, code "other-version": it has what this version does not take.
+    """
+    fields, refused = msgspec.json.decode(content), ""
+    for one in (fields, {RENAMED.get(name, name): value for name, value in fields.items()}):
+        try:
+            msgspec.convert(one, JOB_KINDS[kind].request)
+            return msgspec.json.encode(one)
+        except msgspec.ValidationError as error:
+            refused = refused or str(error)
+    raise Refusal(422, f"it was sent to another version of twolink: {refused}", code="other-version", where="request",
+                  remedy="send it again, with the fields of this version")  # fmt: skip
