@@ -15,7 +15,7 @@ from litestar.params import FromPath, FromQuery
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import TwolinkError, require_known
 from twolink.integrate.steps.methods import methods
-from twolink.parts.service.http.components import OWN_QUERY, Limit, Service, Shared, catalogue
+from twolink.parts.service.http.components import Limit, Service, Shared, catalogue
 from twolink.parts.service.http.messages import (
     OCTETS,
     UNSPECIFIED,
@@ -26,6 +26,7 @@ from twolink.parts.service.http.messages import (
     media_type,
     too_large,
 )
+from twolink.parts.service.http.parameters import OWN_QUERY
 from twolink.parts.service.problems import JSON, Refusal, decode_unique, problem_of
 from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store.store import LISTED

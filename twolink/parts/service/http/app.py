@@ -10,13 +10,11 @@ from typing import Any
 from litestar import Litestar, Request, Response
 from litestar.di import Provide
 from litestar.openapi import OpenAPIConfig
-from litestar.params import QueryParameter
 
 from twolink._version import __version__
 from twolink.dynamics.queries import Query
-from twolink.errors import nearest
 from twolink.parts.service.http import api_jobs, api_live, api_models, api_site
-from twolink.parts.service.http.components import OWN_QUERY, PREFIX, Service
+from twolink.parts.service.http.components import PREFIX, Service
 from twolink.parts.service.http.messages import (
     DENY_ALL,
     LIVE,
@@ -32,6 +30,7 @@ from twolink.parts.service.http.messages import (
     while_connected,
 )
 from twolink.parts.service.http.outgoing import Outgoing
+from twolink.parts.service.http.parameters import require_taken
 from twolink.parts.service.logs import REQUEST_ID, AccessLog, Answered, request_id
 from twolink.parts.service.problems import JSON, Refusal, answer_of
 from twolink.parts.service.settings import Settings, ip_address
@@ -51,7 +50,7 @@ def build(settings: Settings) -> Shell:
         _HANDLERS,
         dependencies={"service": Provide(lambda: service, sync_to_thread=False)},
         lifespan=[service.running],
-        before_request=_check_query,
+        before_request=require_taken,
         exception_handlers={Exception: _refuse},
         openapi_config=OpenAPIConfig(
             "twolink", __version__, description=_ABOUT, use_handler_docstrings=True, path="/none", render_plugins=[]
@@ -60,19 +59,6 @@ def build(settings: Settings) -> Shell:
         logging_config=None,
     )
     return Shell(service, inner)
-
-
-def _check_query(request: Request[Any, Any, Any]) -> None:
-    """Refuse parameters that an operation does not take: a misspelt one would be left out without a word."""
-    handler = request.route_handler
-    if not request.query_params or not request.url.path.startswith("/v1/") or handler.opt.get(OWN_QUERY):
-        return
-    given = ((name, field.kwarg_definition) for name, field in handler.parsed_fn_signature.parameters.items())
-    taken = [kind.name or name for name, kind in given if isinstance(kind, QueryParameter)]
-    for name in request.query_params:
-        if name not in taken:
-            raise Refusal(400, f"{name[:80]!r} is no parameter here", where="query", code="unknown-parameter",
-                          remedy=nearest(name, taken) if taken else "leave it out")  # fmt: skip
 
 
 def _refuse(_: Request[Any, Any, Any], error: Exception) -> Response[bytes]:

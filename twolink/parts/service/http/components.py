@@ -307,6 +307,5 @@ async def _measure_lag(metrics: Metrics) -> None:
         metrics.loop_lag.observe(max(0.0, time.perf_counter() - planned))
 
 
-OWN_QUERY = "own_query"  # of handlers that check the query string themselves
 Limit = Annotated[int, QueryParameter(ge=1, le=LISTED)]  # of what a list shows
 Shared = NamedDependency[SkipValidation[Service]]  # what handlers ask for as `service`
