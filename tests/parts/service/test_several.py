@@ -79,6 +79,29 @@ def services(folder: Path, shared: tuple[str, str], names: str, *options: str) -
         yield [stack.enter_context(serving(folder / name, *urls, *options)) for name in names]
 
 
+def test_without_its_object_store_a_service_is_not_ready(tmp_path: Path, shared: tuple[str, str]) -> None:
+    """It says so, without saying where the store is, and works on what needs none."""
+    objects, away = tmp_path / "objects", tmp_path / "away"
+    with services(tmp_path, shared, "a") as (served,), served.client() as http:
+        assert http.get("/ready").status_code == 200
+        objects.rename(away)
+        objects.write_text("no folder")
+        wait_until(lambda: http.get("/ready").status_code == 503)
+        answer = http.get("/ready")
+        assert answer.json()["code"] == "storage-failed"
+        assert str(tmp_path) not in answer.text
+        assert http.get("/health").status_code == 200
+        objects.unlink()
+        away.rename(objects)
+        wait_until(lambda: http.get("/ready").status_code == 200)
+
+
+def test_a_nul_in_a_path_names_nothing(tmp_path: Path, shared: tuple[str, str]) -> None:
+    with services(tmp_path, shared, "a") as (served,), served.client() as http:
+        for path in ("/v1/simulations/a%00b", "/v1/robots/a%00b", "/v1/scenes/a%00b", "/v1/sweeps/a%00b/result"):
+            assert http.get(path).status_code == 404
+
+
 # Leases
 
 
