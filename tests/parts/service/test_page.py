@@ -163,6 +163,18 @@ def test_a_zip_with_its_urdf(page: Page, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.browser
+def test_a_link_written_by_hand_names_the_robot(page: Page) -> None:
+    page.open("?robot=ur5")
+    assert "6 joints" in page.text("#robot-facts")
+    page.wait_for("location.hash.startsWith('#robot=ur5')")
+    page.choose("#robot-select", "two_link")
+    page.wait_for("location.hash.startsWith('#robot=two_link')")
+    page.open(page.evaluate("location.search + location.hash"))  # what was chosen since counts
+    assert "2 joints" in page.text("#robot-facts")
+
+
+@pytest.mark.slow
+@pytest.mark.browser
 def test_sliders_move_the_robot(page: Page) -> None:
     page.open("#robot=two_link")
     before = page.robot()

@@ -1,9 +1,9 @@
 // The page's address after "#": the robot or scene, what was changed of it, and the runs shown. Who has the address has
-// the page: it can be sent, reloaded and gone back from.
+// the page: it can be sent, reloaded and gone back from. Without "#" it is ?robot=NAME or ?scene=NAME, for links by hand.
 
 /** {robot, scene, changes, run, compared}. changes: see SceneEditor; null where they cannot be read. */
 export function readAddress() {
-  const parts = new URLSearchParams(location.hash.slice(1));
+  const parts = new URLSearchParams(location.hash.slice(1) || location.search);
   let changes = {};
   try {
     changes = JSON.parse(parts.get("changes") ?? "{}");
