@@ -80,7 +80,7 @@ def test_a_misspelt_parameter_is_refused_by_its_name(http: httpx.Client) -> None
     for path, remedy in (("/v1/robots", meant), ("/v1/simulations", meant), ("/v1/queries", "leave it out")):
         answer = http.get(path, params={"lmit": 1})
         problem = answer.json()
-        assert (answer.status_code, problem["code"], problem["remedy"]) == (400, "unknown-parameter", remedy)
+        assert (answer.status_code, problem["code"], problem["remedy"]) == (400, "unknown-query-parameter", remedy)
     assert http.get("/v1/robots?limit=1").status_code == 200
     assert http.get("/?robot=panda").status_code == 200
 

@@ -18,6 +18,7 @@ import pytest
 from tests.parts.service.serving import TOP, Served, serving, wait_until
 from tests.parts.service.test_jobs import SLOW, SWING, ended, started
 from tests.parts.service.urdfs import INERTIAL, pendulum
+from twolink.parts.service.store.store import Store
 
 
 def large_robot(count: int, name: str) -> str:
@@ -56,18 +57,12 @@ def kill_workers(served: Served) -> None:
 
 def test_jobs_that_an_earlier_version_has_queued_are_run_or_say_what_they_lack(tmp_path: Path) -> None:
     """Requests without a format have `samples` where this version has `samples_per_second`."""
-    folder, ids = tmp_path / "data", []
-    with serving(folder, "--quota", "jobs=1") as first, first.client() as http:
-        path = http.post("/v1/simulations", json=SLOW).headers["location"]
-        started(http, path)
-        for seconds in (1.5, 1.25):
-            ids.append(http.post("/v1/simulations", json={**SWING, "duration": seconds, "wait": 0}).json()["id"])
-        first.kill()
+    folder, ids = tmp_path / "data", [f"simulation-{k:020x}" for k in range(2)]
     old = {"scene": "arm-swing", "duration": 1.5, "samples": 50.0}, {"scene": "arm-swing", "colour": "red"}
-    with contextlib.closing(sqlite3.connect(folder / "twolink.sqlite")) as database, database:
-        for key, request in zip(ids, old, strict=True):
-            changed = database.execute("UPDATE jobs SET request = ? WHERE id = ?", (json.dumps(request), key))
-            assert changed.rowcount == 1
+    store = Store(folder)
+    for key, request in zip(ids, old, strict=True):
+        store.new_job(key, "simulation", json.dumps(request).encode())
+    store.close()
     with serving(folder) as second, second.client() as http:
         done, failed = (ended(http, f"/v1/simulations/{key}") for key in ids)
         assert done["state"] == "done"

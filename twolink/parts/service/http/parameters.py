@@ -25,5 +25,5 @@ def require_taken(request: Request[Any, Any, Any]) -> None:
     taken = [kind.name or name for name, kind in given if isinstance(kind, QueryParameter)]
     for name in request.query_params:
         if name not in taken:
-            raise Refusal(400, f"{name[:80]!r} is no parameter here", where="query", code="unknown-parameter",
+            raise Refusal(400, f"{name[:80]!r} is no parameter here", where="query", code="unknown-query-parameter",
                           remedy=nearest(name, taken) if taken else "leave it out")  # fmt: skip
