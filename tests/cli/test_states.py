@@ -110,6 +110,14 @@ def test_a_table_keeps_what_was_not_read_and_says_what_is_beyond_a_limit(tmp_pat
     assert np.array_equal(table["given.tau.elbow_joint"], table["tau.elbow_joint"])
 
 
+def test_limits_of_0_are_none() -> None:
+    """Of URDFs that give <limit lower="0" upper="0" effort="0" velocity="0"/>."""
+    done = call("query", "double_pendulum", "inverse-dynamics", "--q", "1 1", "--a", "3 3")
+    assert (done.returncode, done.stderr) == (0, "")
+    done = call("query", "double_pendulum", "inverse-dynamics", "--q", "0 0", "--to", "1 1", "--acceleration", "1")
+    assert "--speed: the robot's file has none" in done.stderr
+
+
 def test_columns_that_are_not_read_are_named(tmp_path: Path) -> None:
     path = tmp_path / "states.csv"
     path.write_text("time,q0,q1,load\n0,0.1,0.2,5\n1,0.2,0.3,6\n")

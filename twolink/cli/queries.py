@@ -19,6 +19,8 @@ from twolink.errors import QueryError
 from twolink.io.tables import SUFFIXES, Columns, parse_csv, require_format, write_table
 from twolink.io.text import decode, parse_json, parse_numbers, read_bytes
 
+WRITTEN = ("t", "energy", "error")  # by `run.save`, beside the states
+
 
 @with_robot_options
 def query(
@@ -117,7 +119,6 @@ def _declared() -> Iterator[Parameter]:
 
 _robot, _what, *_others = signature(query).parameters.values()
 query.__signature__ = Signature([_robot, _what, *_declared(), *_others[:-1]])  # type: ignore[attr-defined]  # for Typer
-WRITTEN = ("t", "energy", "error")  # by `run.save`, beside the states
 
 
 def read_states(robot: Robot, texts: Mapping[str, str | None], path: Path | None) -> tuple[dict[str, Any], Columns]:

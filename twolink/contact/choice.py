@@ -17,7 +17,7 @@ POINTS = 24  # at which bodies may touch: beyond, a located run is prepared for 
 
 
 class Choice(NamedTuple):
-    """The method, and the reason; the method is None for a scene of which nothing is stepped or touches."""
+    """The method, and the reason. The method is None where no body touches and stepping is not asked for."""
 
     method: ContactMethod | None
     why: str = ""

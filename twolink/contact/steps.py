@@ -134,7 +134,8 @@ class Memory(NamedTuple):
         return self._of_contacts(5, EACH).view(np.int64) > 0
 
     def _of_contacts(self, first: int, end: int) -> Array:
-        begin, n = len(self.words) - EACH * self._count, self._count
+        n = self._count
+        begin = len(self.words) - EACH * n
         return self.words[begin + first * n : begin + end * n]
 
     def with_overlap(self, overlap: float) -> Memory:

@@ -9,7 +9,7 @@ from twolink.dynamics.queries import ARGUMENTS, Query
 from twolink.dynamics.robot import Robot
 from twolink.errors import QueryError
 from twolink.io.tables import Columns
-from twolink.robots.joint_layout import columns_to_read, joint_columns, read_columns
+from twolink.robots.joint_layout import columns_to_read, joint_columns, read_columns, urdf_limits
 
 
 def states_of(robot: Robot, table: Columns) -> tuple[dict[str, Any], Columns]:
@@ -73,22 +73,22 @@ def _columns(robot: Robot, arrays: Mapping[str, Any], axes: Mapping[str, int]) -
 def beyond_range(robot: Robot, q: Any) -> Iterator[str]:
     """Of each joint whose coordinate is beyond its limits: in how many states."""
     states = np.atleast_2d(np.asarray(q, dtype=float))
-    for joint in (joint for joint in robot.joints if joint.kind == "vector" and len(joint.lower) == 1):
-        (low,), (high,), values = joint.lower, joint.upper, states[:, joint.q.start]
+    for joint in (joint for joint in robot.joints if joint.kind == "vector" and joint.unit):
+        (low, high), values = urdf_limits(robot.model, joint.q.start), states[:, joint.q.start]
         if count := int(((values < low) | (values > high)).sum()):
             yield (f"joint {joint.name!r} is beyond its limits of {low:.6g} to {high:.6g} {joint.unit} in {count} of "
                    f"{len(states)} states")  # fmt: skip
 
 
 def beyond_effort(robot: Robot, result: Mapping[str, Any], t: np.ndarray | None) -> Iterator[str]:
-    """Of each joint whose torque is beyond its limit of effort: by how much, and when."""
+    """Of each joint whose torque is beyond its limit of effort: by how much, and when. A limit of 0 is none."""
     if "tau" not in result:
         return
     tau = np.abs(np.atleast_2d(np.asarray(result["tau"], dtype=float)))
     for joint in robot.joints:
         for k, limit in zip(range(joint.v.start, joint.v.stop), joint.effort_limit, strict=True):
             most = int(tau[:, k].argmax())
-            if tau[most, k] > limit:
+            if tau[most, k] > limit > 0.0:
                 when = f" at t = {t[most]:.6g} s" if t is not None else f" in state {most}" if len(tau) > 1 else ""
                 unit = "N m" if joint.unit == "rad" else "N"
                 yield (f"joint {joint.name!r} needs {tau[most, k]:.6g} {unit}{when}, beyond its limit of {limit:.6g}; "

@@ -44,7 +44,8 @@ def trapezoidal_motion(
     q, to : array_like (nq,)
         The configurations at its begin and its end, rad or m.
     acceleration, speed : float or array_like (nv,)
-        Limits of each joint, rad/s^2 or m/s^2, rad/s or m/s. Without a speed, those of the robot's file.
+        Limits of each joint, rad/s^2 or m/s^2, rad/s or m/s. Without a speed, those of the robot's file, of which 0 is
+        none.
     samples_per_second : float
         The last sample is at the end.
 
@@ -71,7 +72,8 @@ def trapezoidal_motion(
     moved = np.abs(way) > 0.0
     if not moved.any():
         raise QueryError("it is where the motion begins", argument="to", remedy="give another configuration")
-    limits = np.concatenate([joint.velocity_limit for joint in robot.joints]) if speed is None else speed
+    own = np.concatenate([joint.velocity_limit for joint in robot.joints])
+    limits = np.where(own > 0.0, own, np.inf) if speed is None else speed
     most_v = float((_limits(robot, "speed", limits)[moved] / np.abs(way[moved])).min())
     most_a = float((_limits(robot, "acceleration", acceleration)[moved] / np.abs(way[moved])).min())
     if not np.isfinite(most_v * most_a):

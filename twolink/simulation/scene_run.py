@@ -239,7 +239,7 @@ def _with_setting(
     if choice.method.adaptive != (step is None):
         kind = "chooses its steps by a tolerance" if choice.method.adaptive else "takes steps of one size"
         remedy = "give tolerance=" if choice.method.adaptive else "give step="
-        if name == "auto":  # the step was given, and no method to take it
+        if name == "auto" and step is not None:  # and no method to take it
             remedy = 'give method="rk4" with step=, or accuracy= for its own steps'
         raise SceneError(f"{choice.method.name} {kind}", argument="method", remedy=remedy)
     return replace(choice, setting=setting, why=choice.why if name == "auto" else f"asked for{known_as(name)}"), True

@@ -98,6 +98,18 @@ class Clock:
             self.tick.set()
             self.tick = asyncio.Event()
 
+    async def wait_of(self, client: str) -> float:
+        """Seconds until a job of one second is done."""
+        begun = self.now
+        await self.pass_(until=asyncio.create_task(self.job(client, 1)))
+        return self.now - begun
+
+
+async def cancelled(*jobs: asyncio.Task[None]) -> None:
+    for job in jobs:
+        job.cancel()
+    await asyncio.gather(*jobs, return_exceptions=True)
+
 
 def test_long_jobs_share_time_and_a_short_one_does_not_wait(monkeypatch: pytest.MonkeyPatch) -> None:
     async def work() -> None:
@@ -107,9 +119,7 @@ def test_long_jobs_share_time_and_a_short_one_does_not_wait(monkeypatch: pytest.
         counts = [clock.seen.count(client) for client in "abc"]
         assert max(counts) - min(counts) <= time_shares.SLICE + 2 * time_shares.SHORT
         assert 120 <= sum(counts) <= 130  # two at a time, and for moments three
-        begun = clock.now
-        await clock.pass_(until=asyncio.create_task(clock.job("d", 1)))
-        assert clock.now - begun <= 2
+        assert await clock.wait_of("d") <= 2
         await clock.pass_(until=asyncio.gather(*long))
         assert [clock.seen.count(client) for client in "abcd"] == [120, 60, 60, 1]
         assert not any((clock.shares._running, clock.shares._waiting, clock.shares._used))
@@ -137,12 +147,8 @@ def test_a_clients_next_job_waits_for_those_that_have_begun(monkeypatch: pytest.
         await clock.pass_(120)
         assert begun == first
         assert 2 * 180 <= len(clock.seen) <= 2.2 * 180  # two at a time
-        asked = clock.now
-        await clock.pass_(until=asyncio.create_task(clock.job("d", 1)))
-        assert clock.now - asked <= 3
-        for job in jobs:
-            job.cancel()
-        await asyncio.gather(*jobs, return_exceptions=True)
+        assert await clock.wait_of("d") <= 3
+        await cancelled(*jobs)
 
     asyncio.run(work())
 
@@ -158,12 +164,8 @@ def test_jobs_that_never_report_do_not_hold_up_short_ones(monkeypatch: pytest.Mo
 
         hogs = [asyncio.create_task(silent(client)) for client in "abc"]
         await clock.pass_(10)
-        begun = clock.now
-        await clock.pass_(until=asyncio.create_task(clock.job("d", 1)))
-        assert clock.now - begun <= 2
-        for hog in hogs:
-            hog.cancel()
-        await asyncio.gather(*hogs, return_exceptions=True)
+        assert await clock.wait_of("d") <= 2
+        await cancelled(*hogs)
 
     asyncio.run(work())
 
@@ -173,9 +175,7 @@ def test_jobs_that_are_cancelled_give_their_turns_back(monkeypatch: pytest.Monke
         clock = Clock(TimeShares(1), monkeypatch)
         jobs = [asyncio.create_task(clock.job(client, 30)) for client in "abc"]
         await clock.pass_(12)
-        for job in jobs:
-            job.cancel()
-        await asyncio.gather(*jobs, return_exceptions=True)
+        await cancelled(*jobs)
         assert not any((clock.shares._running, clock.shares._waiting, clock.shares._used))
         await clock.pass_(until=asyncio.create_task(clock.job("d", 1)))
         assert clock.seen[-1] == "d"

@@ -56,14 +56,14 @@ def kill_workers(served: Served) -> None:
 
 
 def test_jobs_that_an_earlier_version_has_queued_are_run_or_say_what_they_lack(tmp_path: Path) -> None:
-    """Requests without a format have `samples` where this version has `samples_per_second`."""
+    """Theirs have `samples` where this version has `samples_per_second`."""
     folder, ids = tmp_path / "data", [f"simulation-{k:020x}" for k in range(2)]
     old = {"scene": "arm-swing", "duration": 1.5, "samples": 50.0}, {"scene": "arm-swing", "colour": "red"}
     store = Store(folder)
     for key, request in zip(ids, old, strict=True):
         store.new_job(key, "simulation", json.dumps(request).encode())
     store.close()
-    with serving(folder) as second, second.client() as http:
+    with serving(folder) as served, served.client() as http:
         done, failed = (ended(http, f"/v1/simulations/{key}") for key in ids)
         assert done["state"] == "done"
         assert len(http.get(f"/v1/simulations/{ids[0]}/result").json()["columns"]["t"]) == 76

@@ -144,7 +144,7 @@ def _varied(text: str) -> tuple[str, Any]:
     if ":" in values:
         if values.count(":") != 2:
             raise Misuse(f"expected FIRST:LAST:COUNT, got {values!r}", where=f"--vary {name}",
-                         remedy=f'such as --vary "{name}={values}:100"')  # fmt: skip
+                         remedy=f'such as --vary "{name}=-1:1:100"')  # fmt: skip
         return name, {"range": parse_numbers("vary", values.replace(":", " "))}
     switches = [SWITCH.get(part.strip()) for part in values.split(",")]
     return name, switches if None not in switches else parse_numbers("vary", values)

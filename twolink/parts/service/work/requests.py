@@ -330,9 +330,8 @@ def prepare(*, kind: str, body: bytes, ids: str = "") -> JobRequest:
     return JobRequest(f"{kind}-{digest[:20]}", request.wait, content)
 
 
-RENAMED = {
-    "samples": "samples_per_second"
-}  # of what earlier versions keep; a field that means something else gets another name
+# Of what earlier versions keep. A field that comes to mean something else gets another name.
+RENAMED = {"samples": "samples_per_second"}
 
 
 def upgraded(kind: str, content: bytes) -> bytes:
