@@ -17,7 +17,7 @@ from tests.native.fuzzing import LONG, NUMBERS, WHOLE
 from twolink.contact.compiled import parts_of
 from twolink.contact.solver import stepper_of
 from twolink.contact.steps import Memory
-from twolink.native.contact import Parts, _Plan, _Start, _Told
+from twolink.native.contact import Parts, StepPlan, _Told
 from twolink.native.library import OUTCOMES, library
 
 E = tl.effects
@@ -77,7 +77,8 @@ class Fuzzer:
                 numbers[at] = random.choice(NUMBERS)
         elif kind == 4:  # a length above the true one tells the library to read what is not there
             lengths[random.integers(2)] = int(random.choice([-1, 0, 1, 5, -(2**63)]))
-        values = [sizes.ctypes.data, lengths[0], whole.ctypes.data, lengths[1], numbers.ctypes.data, *programs, 0]
+        values = [sizes.ctypes.data, lengths[0], whole.ctypes.data, lengths[1], numbers.ctypes.data, *programs, 0,
+                  None, int(random.integers(2))]  # fmt: skip
         if random.random() < 0.1:
             values[int(random.choice([0, 2, 4, 5, 6]))] = None
         made = ctypes.c_void_p()
@@ -91,30 +92,31 @@ class Fuzzer:
         """States, memories, lengths and pieces of every kind."""
         random, count, known = self.random, int(self.random.integers(1, 6)), int(self.random.integers(0, 5))
         q, v, change = random.normal(size=nq), random.normal(size=nv), random.normal(size=2 * nv)
-        t, h, numbers = np.arange(count) * 0.01, np.full(count, 0.01), random.normal(size=(2, max(m, 1)))
-        for array in (q, v, change, t, h, numbers):
+        plan = StepPlan(count, random.normal(size=(2, m)))
+        plan.t[:], plan.h[:], plan.piece[:], plan.mark[:] = (
+            np.arange(count) * 0.01,
+            0.01,
+            *random.integers(0, 2, (2, count)),
+        )
+        for array in (q, v, change, plan.t, plan.h, plan.numbers):
             if random.random() < 0.3 and array.size:
                 array.flat[random.integers(array.size)] = random.choice([*NUMBERS, 1e5])
-        piece, told = random.integers(0, 2, (2, count))
         keys = np.sort(random.choice([*LONG[:8], 2**32, 3 * 2**32, 2**33 + 1], size=known, replace=False))
         forces, marks = random.normal(size=(known, 3)), random.integers(0, 2, (2, known))
         if random.random() < 0.2:
-            piece[random.integers(count)] = random.choice(LONG)
+            plan.piece[random.integers(count)] = random.choice(LONG)
             keys = keys[::-1].copy()
         memory = Memory.of(keys, forces, marks[0], marks[1], change, *random.choice(NUMBERS, size=2)).words
-        arrays = [t, h, piece, told, numbers, q, v, memory]
-        places = [array.ctypes.data for array in arrays]
-        if random.random() < 0.1:
-            places[int(random.integers(len(places)))] = None
-        counts = [count, 2, memory.size]
+        start, out = np.concatenate([q, v, memory]), _Told()
+        # A plan of more steps or pieces than it has tells the library to read what is not there.
+        counts = [int(random.integers(-1, 2)), count, start.size]
         if random.random() < 0.1:
             counts[int(random.integers(3))] = int(random.choice([-1, 0, -(2**63), 2**62]))
-        plan, out = _Plan(*places[:5], *counts[:2], misses=int(random.integers(2))), _Told()
-        start = _Start(*places[5:], counts[2])
-        pointers = [scene, *map(ctypes.addressof, (plan, start, out))]
-        if random.random() < 0.05:
+        pointers = [scene, plan.sizes[0], start.ctypes.data, ctypes.addressof(out)]
+        if random.random() < 0.1:
             pointers[int(random.integers(4))] = None
-        self.note("tl_contact_run", int(self.c.tl_contact_run(*pointers)))
+        self.note("tl_contact_run", int(self.c.tl_contact_run(*pointers[:2], *plan.sizes[1:], *counts[:2], pointers[2],
+                                                              counts[2], pointers[3])))  # fmt: skip
 
 
 def main(seed: int, count: int) -> None:

@@ -11,9 +11,9 @@ import numpy as np
 from twolink.contact.bodies import Multibody
 from twolink.contact.impulses import Impulses
 from twolink.contact.rest import resting
-from twolink.contact.steps import EACH, HEAD, Blow, Memory, Record, Step, StepEnd, StepPlan, TakenSteps
+from twolink.contact.steps import EACH, HEAD, Blow, Memory, Record, Step, StepEnd, TakenSteps
 from twolink.integrate.motion.state import Array
-from twolink.native.contact import ContactScene, Steps, Told
+from twolink.native.contact import ContactScene, StepPlan, Told
 
 AT_ONCE = 128  # steps a call, so that a run can be interrupted and tells how far it is
 SOLVERS = ("newton", "proximal")
@@ -24,12 +24,8 @@ def take_steps(
     scene: ContactScene, bodies: Multibody, plan: StepPlan, steps: range, q: Array, v: Array, memory: Memory
 ) -> CompiledSteps | None:
     """Steps of a plan from a state on, up to the first that the library does not find; None for none."""
-    some = slice(steps.start, min(steps.stop, steps.start + AT_ONCE))
-    told, piece = plan.sampled[some].astype(np.int64), plan.piece[some]
-    told[:1] |= some.start == 0  # at the first sample stands what the first step is
-    numbers = plan.numbers[piece[0] : piece[-1] + 1]
-    found = scene.run(Steps(plan.t[some], plan.h[some], piece - piece[0], told, numbers), q, v, memory.words)
-    return CompiledSteps(found, bodies, plan, some.start) if found.taken else None
+    found = scene.run(plan, steps.start, min(len(steps), AT_ONCE), q, v, memory.words)
+    return CompiledSteps(found, bodies, plan, steps.start) if found.taken else None
 
 
 class CompiledSteps(TakenSteps):
@@ -59,11 +55,11 @@ class CompiledSteps(TakenSteps):
         """The end of the last."""
         if self._told.rests:
             return super().end
-        model, read = self._bodies.model, _Reader(self._told.words, self._at[len(self) - 1])
-        known = int(read.wholes(WHOLES)[4])
-        read.at += NUMBERS
-        q, v, _ = read.numbers(model.nq), read.numbers(model.nv), read.numbers(model.nv)
-        return StepEnd(q, v, read.memory(known, model.nv))
+        told, nq, nv = self._told, self._bodies.model.nq, self._bodies.model.nv
+        words, at = told.words, told.last + WHOLES + NUMBERS
+        remembered = at + nq + 2 * nv
+        memory = Memory(words[remembered : remembered + HEAD + 2 * nv + EACH * told.known])
+        return StepEnd(words[at : at + nq], words[at + nq : at + nq + nv], memory)
 
     @overload
     def __getitem__(self, j: int) -> Step: ...
@@ -78,11 +74,11 @@ class CompiledSteps(TakenSteps):
 
     def count_in(self, record: Record) -> None:
         """Count the steps."""
-        steps, halved, softened, newton, proximal, feasibility, complementarity = self._told.record
+        steps, halved, softened, *solved, feasibility, complementarity = self._told.record
         record.steps += int(steps)
         record.halved += int(halved)
         record.softened += int(softened)
-        for solver, count in zip(SOLVERS, (newton, proximal), strict=True):
+        for solver, count in zip(SOLVERS, solved, strict=True):
             if count:
                 record.solvers[solver] = record.solvers.get(solver, 0) + int(count)
         record.feasibility = max(record.feasibility, feasibility)
@@ -95,7 +91,7 @@ class CompiledSteps(TakenSteps):
         h, overlap, feasibility, complementarity, residual = read.numbers(NUMBERS).tolist()
         nq, nv = self._bodies.model.nq, self._bodies.model.nv
         q, v, mean = read.numbers(nq), read.numbers(nv), read.numbers(nv)
-        memory = read.memory(known, nv)
+        memory = Memory(read.numbers(HEAD + 2 * nv + EACH * known))
         keys = read.wholes(count)
         place, on_first, slips = (read.numbers(3 * count).reshape(-1, 3) for _ in range(3))
         joints = read.numbers(nv) if of_joints else None
@@ -130,7 +126,3 @@ class _Reader:
         """The next whole numbers."""
         self.at += count
         return self._wholes[self.at - count : self.at]
-
-    def memory(self, count: int, nv: int) -> Memory:
-        """The next words as a memory of so many contacts."""
-        return Memory(self.numbers(HEAD + 2 * nv + EACH * count))

@@ -19,8 +19,9 @@ import scipy.sparse as sparse
 
 from twolink.contact.bodies import Multibody
 from twolink.contact.impulses import EXACT, factors
-from twolink.contact.steps import AtRest, Memory, Step, StepPlan, TakenSteps
+from twolink.contact.steps import AtRest, Memory, Step, TakenSteps
 from twolink.integrate.motion.state import Array
+from twolink.native.contact import StepPlan
 
 DETERMINED = 1e-9  # of the largest: smaller pivots of J^T J are those of motions that the rows leave free
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 import weakref
 from collections.abc import Callable, Sequence
@@ -13,7 +12,7 @@ import numpy as np
 from twolink.contact.joints import LoopRows
 from twolink.contact.stepped_solution import SteppedSolution, SteppedTrack
 from twolink.contact.stepping import ContactStepper
-from twolink.contact.steps import Record, StepEnd, StepPlan, plan_steps, twice_as_many
+from twolink.contact.steps import Record, StepEnd, plan_steps, twice_as_many
 from twolink.effects.contact import Contact
 from twolink.effects.loops import Loop
 from twolink.effects.sensors import Forces
@@ -25,6 +24,7 @@ from twolink.integrate.motion.scene_equations import make_equations, sampled
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress
 from twolink.loop.clock import SAME_TIME
+from twolink.native.contact import StepPlan
 from twolink.scenes import Scene
 
 OVERLAP = 1e-9  # m, at the start
@@ -83,7 +83,7 @@ def _stepper_of(scene: Scene) -> ContactStepper:
 
 
 REPORT = 50  # steps
-Planned = Callable[[float, float, Array], tuple[StepPlan, int]]
+Planned = Callable[[float, float, Array], tuple[StepPlan, range]]
 
 
 class SteppedMotion(Motion):
@@ -95,7 +95,7 @@ class SteppedMotion(Motion):
     t : float
         The time of the start, s.
     plans : sequence of callable
-        Of each solution: (t, end, numbers (m,)) -> its steps up to an end, and the number of the first of them.
+        Of each solution: (t, end, numbers (m,)) -> a plan, and the numbers of its steps up to an end.
     track : SteppedTrack, optional
         Of what the first solution passes.
     progress : callable, optional
@@ -151,16 +151,15 @@ class SteppedMotion(Motion):
         self.states, self._t, self._x = ends, t, None
 
     def _solved(self, number: int, end: float) -> StepEnd:
-        plan, first = self._plans[number](self._t, end, self._numbers[:, number])
-        until = int(np.searchsorted(plan.t, end * (1.0 - SAME_TIME)))
+        plan, left = self._plans[number](self._t, end, self._numbers[:, number])
         q, w, memory = self.states[number]
-        while first < until:
-            steps = self._stepper.run(plan, first, until, q, w, memory)
+        while left:
+            steps = self._stepper.run(plan, left, q, w, memory)
             if self._track is not None:
-                self._track.add(first, steps)
-            (q, w, memory), before, first = steps.end, first, first + len(steps)
-            if self._progress is not None and first // REPORT > before // REPORT:
-                self._progress(float(plan.t[first - 1]))
+                self._track.add(left.start, steps)
+            (q, w, memory), before, left = steps.end, left.start, left[len(steps) :]
+            if self._progress is not None and left.start // REPORT > before // REPORT:
+                self._progress(float(plan.t[left.start - 1]))
         return StepEnd(q, w, memory)
 
     def held(self) -> Array:
@@ -186,24 +185,24 @@ class SteppedMotion(Motion):
         (self._t, self._numbers, self.states), self._x = saved, None
 
 
-@functools.lru_cache(8)
-def equal_steps(count: int) -> tuple[Array, Array, Array]:
-    """The numbers of so many steps of one piece, their pieces, and that none is at a sample."""
-    return np.arange(count), np.zeros(count, dtype=int), np.zeros(count, dtype=bool)
-
-
 def steps_of(step: float, doubled: int = 0) -> Planned:
     """Equal steps of at most a length [s] to each end; their number is doubled so often (`twice_as_many`)."""
+    plan = StepPlan(0, np.empty((1, 0)))  # of the last, for the next of as many steps
 
-    def plan(t: float, end: float, numbers: Array) -> tuple[StepPlan, int]:
+    def planned(t: float, end: float, numbers: Array) -> tuple[StepPlan, range]:
+        nonlocal plan
         count = max(1, math.ceil((end - t) / step - 1e-9))
         for _ in range(doubled):
             count = twice_as_many(count)
-        every, piece, sampled = equal_steps(count)
+        if plan.t.size != count:
+            plan = StepPlan(count, numbers[None])
         h = (end - t) / count
-        return StepPlan(t + h * every, np.full(count, h), piece, sampled, numbers[None]), 0
+        plan.h.fill(h)
+        plan.t[:] = t + h * np.arange(count)
+        plan.numbers[:] = numbers
+        return plan, range(count)
 
-    return plan
+    return planned
 
 
 @again
@@ -218,10 +217,10 @@ def solve_stepped(
     plan, moving = plan_steps(equations, times, step, halvings), equations.moving
     slots = np.array(list(equations.layout.rows_of_slots().values()), dtype=int) - moving
 
-    def planned(t: float, _: float, numbers: Array) -> tuple[StepPlan, int]:
-        first = int(np.searchsorted(plan.t, t * (1.0 - SAME_TIME)))
+    def planned(t: float, end: float, numbers: Array) -> tuple[StepPlan, range]:
+        first, until = np.searchsorted(plan.t, np.array([t, end]) * (1.0 - SAME_TIME)).tolist()
         plan.numbers[plan.piece[first] :, slots] = numbers[slots]  # the others are those of tables
-        return plan, first
+        return plan, range(first, until)
 
     track = SteppedTrack(stepper, plan, times)
     motion = SteppedMotion(stepper, float(times[0]), [planned], track=track, progress=progress)

@@ -10,12 +10,13 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.contact.stepping import ContactStepper
-from twolink.contact.steps import Record, Step, StepPlan
+from twolink.contact.steps import SAMPLED, Record, Step
 from twolink.geometry.points import pair_of
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Code, Impulse, Segment
 from twolink.loop.sampled_loop import SampledLoop
+from twolink.native.contact import StepPlan
 
 Pressing = dict[str, list[tuple[Array, Array, Array]]]  # by pair points, m, forces, N, and slips, m/s
 
@@ -146,7 +147,7 @@ class SteppedTrack:
             one = steps[0]
             self._states[0] = (*self._states[0][:2], *_means(stepper, one), plan.numbers[0].copy(), 0.0)
             self._pressing[0] = _pressing(stepper, one)
-        for j in np.flatnonzero(plan.sampled[first : first + len(steps)]).tolist():
+        for j in np.flatnonzero(plan.mark[first : first + len(steps)] & SAMPLED).tolist():
             one = steps[j]
             self._pressing.append(_pressing(stepper, one))
             now = plan.numbers[plan.piece[first + j]].copy()

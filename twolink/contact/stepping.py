@@ -40,7 +40,7 @@ from twolink.contact.joints import JointPoints, Kept, LoopRows
 from twolink.contact.positions import correction
 from twolink.contact.rest import at_rest, steps_at_rest
 from twolink.contact.step_law import StepLaw, rows_of
-from twolink.contact.steps import STILL, Blow, Memory, OneStep, Record, Step, StepPlan, TakenSteps, along
+from twolink.contact.steps import STILL, Blow, Memory, OneStep, Record, Step, TakenSteps, along
 from twolink.effects.contact import Contact
 from twolink.effects.switching import JointLock, Stop
 from twolink.errors import AccuracyError
@@ -50,6 +50,7 @@ from twolink.geometry.points import CLOSED, Places, Points, joined
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.steps.failures import failure
+from twolink.native.contact import StepPlan
 
 DEEPEST = 0.25  # of half the bodies' thickness: a step that brings bodies deeper into each other is taken as two
 FARTHEST = 0.5  # of it: so is one half of which they move farther against each other, for they could pass through
@@ -149,20 +150,21 @@ class ContactStepper:
         rows = self.bodies.jacobian(points, axes)
         return self.joints.with_rows(rows, points) if self.joints else rows
 
-    def run(self, plan: StepPlan, first: int, until: int, q: Array, v: Array, memory: Memory) -> TakenSteps:
-        """One or more steps of a plan, up to the one of a number: at rest, by the native library, or one.
+    def run(self, plan: StepPlan, steps: range, q: Array, v: Array, memory: Memory) -> TakenSteps:
+        """One or more of the steps of a plan with these numbers: at rest, by the native library, or one.
 
         Raises as `advance`.
         """
-        resting = steps_at_rest(self.bodies, plan, range(first, until), memory)
+        resting = steps_at_rest(self.bodies, plan, steps, memory)
         if resting is not None and resting.rest.step.impulses is not None:
             self.record.add(replace(resting.rest.step.impulses, solver="rest"), len(resting))
             return resting
         if self.native is not None:
-            found = take_steps(self.native, self.bodies, plan, range(first, until), q, v, memory)
+            found = take_steps(self.native, self.bodies, plan, steps, q, v, memory)
             if found is not None:
                 found.count_in(self.record)
                 return found
+        first = steps.start
         numbers = plan.numbers[plan.piece[first]]
         step = self.advance(float(plan.t[first]), float(plan.h[first]), q, v, numbers, memory)
         return OneStep(at_rest(self.bodies, plan, first, q, v, step, memory))

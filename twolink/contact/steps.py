@@ -12,19 +12,9 @@ from twolink.contact.impulses import Impulses
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.loop.clock import SAME_TIME, Clock
+from twolink.native.contact import StepPlan
 
-
-class StepPlan(NamedTuple):
-    """Of each step its begin and its length (n,), s, its smooth piece (n,), and whether a sample is at its end (n,).
-
-    numbers (pieces, m): of each piece.
-    """
-
-    t: Array
-    h: Array
-    piece: Array
-    sampled: Array
-    numbers: Array
+SAMPLED, FIRST = 1, 2  # marks of steps: a sample is at the end; the first, whose means stand at the first sample
 
 
 def plan_steps(equations: Equations, times: Array, step: float, halvings: int) -> StepPlan:
@@ -42,10 +32,13 @@ def plan_steps(equations: Equations, times: Array, step: float, halvings: int) -
     for _ in range(halvings):
         count = twice_as_many(count)
     after, piece = np.cumsum(count), np.repeat(np.arange(len(count)), count)
-    h, sampled = (np.diff(grid) / count)[piece], np.zeros(len(piece), dtype=bool)
-    sampled[after - 1] = np.isin(grid[1:], times)
     numbers = np.array([equations.layout.numbers_at(t) for t in (0.5 * (grid[:-1] + grid[1:])).tolist()])
-    return StepPlan(grid[piece] + (np.arange(len(piece)) - (after - count)[piece]) * h, h, piece, sampled, numbers)
+    plan = StepPlan(len(piece), numbers)
+    plan.h[:], plan.piece[:] = (np.diff(grid) / count)[piece], piece
+    plan.t[:] = grid[piece] + (np.arange(len(piece)) - (after - count)[piece]) * plan.h
+    plan.mark[after - 1] = np.where(np.isin(grid[1:], times), SAMPLED, 0)
+    plan.mark[:1] |= FIRST
+    return plan
 
 
 def twice_as_many(count: Any) -> Any:

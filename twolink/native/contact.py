@@ -1,7 +1,6 @@
 """Contact steps in the native library: many steps of a scene in one call."""
 
 import ctypes
-import itertools
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol, cast
 
@@ -25,17 +24,6 @@ class Parts(NamedTuple):
     numbers: Array
     program: Program | None
     loops: Program | None
-
-
-class Steps(NamedTuple):
-    """Steps to take: begins and lengths, s, pieces, and whether they are told of (n,), as whole numbers of 8 bytes;
-    numbers (pieces, m)."""
-
-    t: Array
-    h: Array
-    piece: Array
-    told: Array
-    numbers: Array
 
 
 class Found(NamedTuple):
@@ -63,12 +51,15 @@ class Finder(Protocol):
 class Told(NamedTuple):
     """The outcome of steps: their number, words of those that are told of and of impacts, and whether bodies rest.
 
-    record: counts of steps, halved ones, softened ones, by Newton, by proximal points, then the largest misses.
+    last, known: where the words of the last step begin, and the number of contacts in its memory. record: counts of
+    steps, halved ones, softened ones, by Newton, by proximal points, then the largest misses.
     """
 
     taken: int
     words: Array
     blow_words: Array
+    last: int
+    known: int
     rests: bool
     record: tuple[float, ...]
 
@@ -85,26 +76,28 @@ _FINDER = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_int, ctypes.c
 _KINDS = (np.int64, np.int32, np.int32, np.int32, float, float, float)
 
 
-class _Plan(ctypes.Structure):
-    """tl_plan of native/contact/run.c."""
-
-    _fields_ = (*((name, ctypes.c_void_p) for name in ("t", "h", "piece", "sampled", "numbers")),
-                ("count", ctypes.c_int64), ("pieces", ctypes.c_int64), ("find", _FINDER),
-                ("misses", ctypes.c_int64))  # fmt: skip
-
-
-class _Start(ctypes.Structure):
-    """tl_start of native/contact/run.c."""
-
-    _fields_ = (*((name, ctypes.c_void_p) for name in ("q", "v", "memory")), ("words", ctypes.c_int64))
-
-
 class _Told(ctypes.Structure):
     """tl_told of native/contact/run.c."""
 
     _fields_ = (("words", ctypes.c_void_p), ("blow_words", ctypes.c_void_p),
-                *((name, ctypes.c_int64) for name in ("word_count", "blow_count", "rests")),
+                *((name, ctypes.c_int64) for name in ("word_count", "blow_count", "last", "known", "rests")),
                 ("record", ctypes.c_double * 7))  # fmt: skip
+
+
+class StepPlan:
+    """Steps to take: begins and lengths t, h (n,), s, pieces and marks (n,), and of each piece the numbers (pieces, m).
+
+    The library reads them as one memory, and tells of the steps whose mark is not 0, of odd ones the overlap too.
+    """
+
+    def __init__(self, steps: int, numbers: Array) -> None:
+        words = np.zeros(4 * steps + numbers.size)
+        self.t, self.h, piece, mark = words[: 4 * steps].reshape(4, steps)
+        self.piece, self.mark = piece.view(np.int64), mark.view(np.int64)
+        self.numbers = words[4 * steps :].reshape(numbers.shape)
+        self.numbers[:] = numbers
+        self.sizes = address(words), steps, len(numbers)
+        self._words = words
 
 
 class ContactScene:
@@ -112,25 +105,17 @@ class ContactScene:
     a step may be no point before."""
 
     def __init__(self, parts: Parts, finder: Finder | None = None, *, misses: bool = False) -> None:
-        self._parts, self._finder, self._misses = parts, finder, misses
         self._sizes = tuple(int(size) for size in parts.sizes[1:4])
-        self._pool = Pool(lambda: _Instance(parts, finder))
+        self._pool = Pool(lambda: _Instance(parts, finder, misses=misses))
         self._pool.give(self._pool.take())  # what the library refuses is refused now
 
-    def run(self, steps: Steps, q: Array, v: Array, memory: Array) -> Told:
-        """Take steps up to their end, to bodies at rest, or to one that is not found. memory: words, see `Memory`."""
-        (nq, nv, m), count = self._sizes, len(steps.t)
-        wholes = [x.view(float) for x in (steps.piece, steps.told)]
-        arrays = (steps.t, steps.h, *wholes, steps.numbers.ravel(), q, v, memory)
-        sizes = (count, count, count, count, m * len(steps.numbers), nq, nv, memory.size)
-        if tuple([x.size for x in arrays]) != sizes:
-            raise ValueError(f"steps of {[x.shape for x in arrays]}")
-        packed = np.concatenate(arrays)  # whose address is one, for to ask for it takes longer than to copy some words
-        begin, one = packed.ctypes.data, self._pool.take()
-        at = [begin + 8 * before for before in itertools.accumulate(sizes[:-1], initial=0)]
+    def run(self, plan: StepPlan, first: int, count: int, q: Array, v: Array, memory: Array) -> Told:
+        """Take steps up to their count, to bodies at rest, or to one that is not found. memory: words, see `Memory`."""
+        if (q.size, v.size, plan.numbers.shape[1]) != self._sizes:
+            raise ValueError(f"q {q.shape}, v {v.shape}, numbers {plan.numbers.shape} for {self._sizes}")
+        one = self._pool.take()
         try:
-            plan = _Plan(*at[:5], count, len(steps.numbers), one.find, self._misses)
-            told: Told = one.run(plan, _Start(*at[5:], memory.size))
+            told: Told = one.run(plan, first, count, np.concatenate([q, v, memory]))
             return told
         finally:
             self._pool.give(one)
@@ -139,17 +124,18 @@ class ContactScene:
 class _Instance:
     """A scene that one thread at a time uses. points: those found last, which the library reads."""
 
-    def __init__(self, parts: Parts, finder: Finder | None) -> None:
+    def __init__(self, parts: Parts, finder: Finder | None, *, misses: bool) -> None:
         self._programs, made = (parts.program, parts.loops), ctypes.c_void_p()
         sizes = np.array(parts.sizes, dtype=np.int32)
         whole, numbers = (np.ascontiguousarray(parts.whole, dtype=np.int32), _numbers(parts.numbers))
         programs = [None if one is None else one.require_handle().value for one in self._programs]
+        self._find = _FINDER() if finder is None else _FINDER(self._found)
         code = library().tl_contact_new(address(sizes), len(whole), address(whole), len(numbers), address(numbers),
-                                        *programs, level(), ctypes.byref(made))  # fmt: skip
+                                        *programs, level(), self._find, misses, ctypes.byref(made))  # fmt: skip
         require(code, "a scene with contacts")
         self._handle = Handle(made.value, library().tl_contact_free)
         self._bodies, self._finder = int(sizes[0]), finder
-        self.find = _FINDER() if finder is None else _FINDER(self._found)
+        self._start, self._out = np.empty(0), _Told()
         self._points: list[Array] = []
         self._failed: BaseException | None = None
 
@@ -171,16 +157,21 @@ class _Instance:
             return 1
         return 0
 
-    def run(self, plan: _Plan, begin: _Start) -> Told:
+    def run(self, plan: StepPlan, first: int, count: int, start: Array) -> Told:
         """Take steps. Raises what the finder raises."""
-        out, self._failed = _Told(), None
-        taken = library().tl_contact_run(self._handle.value, *map(ctypes.byref, (plan, begin, out)))
+        out, size, self._failed = self._out, len(start), None
+        if size > len(self._start):  # to ask for an address takes longer than to copy some words
+            self._start = np.empty(2 * size)
+            self._begin = address(self._start)
+        self._start[:size] = start
+        taken = library().tl_contact_run(self._handle.value, *plan.sizes, first, count, self._begin, size,
+                                         ctypes.byref(out))  # fmt: skip
         if self._failed is not None:
             raise self._failed
         if taken < 0:
             require(taken, "steps with contacts")
         words, blows = _copied(out.words, out.word_count), _copied(out.blow_words, out.blow_count)
-        return Told(int(taken), words, blows, bool(out.rests), tuple(out.record))
+        return Told(taken, words, blows, out.last, out.known, bool(out.rests), tuple(out.record))
 
 
 def _numbers(x: Array) -> Array:

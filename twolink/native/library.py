@@ -35,9 +35,9 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "tl_taylor_new": (_INT, [_ADDRESS, *[_INT] * 4, ctypes.c_double, _ADDRESS, _ADDRESS, ctypes.c_double, _ADDRESS]),
     "tl_taylor_free": (None, [_ADDRESS]),
     "tl_taylor_advance": (_LONG, [_ADDRESS, _INT, _LONG, _ADDRESS, _ADDRESS, _ADDRESS, _LONG, _ADDRESS]),
-    "tl_contact_new": (_INT, [_ADDRESS, _LONG, _ADDRESS, _LONG, *[_ADDRESS] * 3, _INT, _ADDRESS]),
+    "tl_contact_new": (_INT, [_ADDRESS, _LONG, _ADDRESS, _LONG, *[_ADDRESS] * 3, _INT, _ADDRESS, _INT, _ADDRESS]),
     "tl_contact_free": (None, [_ADDRESS]),
-    "tl_contact_run": (_LONG, [_ADDRESS] * 4),
+    "tl_contact_run": (_LONG, [_ADDRESS, _ADDRESS, *[_LONG] * 4, _ADDRESS, _LONG, _ADDRESS]),
     "tl_attempts": (_LONG, [_ADDRESS, _INT, _LONG, _LONG, _LONG, _ADDRESS, _ADDRESS]),
     "tl_ticks": (_LONG, [_ADDRESS, _INT, _LONG, _LONG, _ADDRESS, _ADDRESS, _ADDRESS]),
 }

@@ -8,27 +8,18 @@ What is told is a row of words of 8 bytes each, numbers or whole ones, see nativ
 
 #define MOST_MEMORY ((size_t)1 << 33) /* bytes of an arena */
 
-/* The steps to take: begins, lengths, pieces and whether samples are at the ends (count). numbers (pieces, numbers). find: finds
-other points, or NULL. misses: as of the scene. */
+/* The steps of a plan as words: of each its begin, its length, its piece and its mark, `total` words each, then numbers
+(pieces, numbers). Steps whose mark is not 0 are told of, of odd ones the overlap too. */
 typedef struct {
-  const double *t, *h;
-  const int64_t *piece, *sampled;
-  const double *numbers;
-  int64_t count, pieces;
-  tl_finder find;
-  int64_t misses;
+  const double *t, *h, *numbers;
+  const int64_t *piece, *mark;
 } tl_plan;
 
-/* Where a run begins: the state, and the words of its memory as they are told. */
-typedef struct {
-  const double *q, *v, *memory;
-  int64_t words;
-} tl_start;
-
-/* What a run gives: words of steps that are told of, and of impacts; the record; whether bodies rest at the end. */
+/* What a run gives: words of steps that are told of, and of impacts; where those of the last step begin, and the size of
+its memory; whether bodies rest at the end; the record. */
 typedef struct {
   const void *words, *blow_words;
-  int64_t word_count, blow_count, rests;
+  int64_t word_count, blow_count, last, known, rests;
   tl_record record;
 } tl_told;
 
@@ -88,13 +79,13 @@ static int tell_memory(const tl_scene *s, tl_arena *to, const tl_memory *m) {
 }
 
 /* The memory that was told, in the words of the caller; its marks are in the arena of ends that is not used next. */
-static int remembered(tl_scene *s, const tl_start *start, tl_memory *out) {
-  const int64_t *whole = (const int64_t *)start->memory, own = 3 + 2 * (int64_t)s->nv;
-  if (start->words < own || whole[0] < 0 || whole[0] > (1 << 24) || start->words != own + 6 * whole[0]) return TL_BAD_ARGUMENT;
+static int remembered(tl_scene *s, const double *words, int64_t size, tl_memory *out) {
+  const int64_t *whole = (const int64_t *)words, own = 3 + 2 * (int64_t)s->nv;
+  if (size < own || whole[0] < 0 || whole[0] > (1 << 24) || size != own + 6 * whole[0]) return TL_BAD_ARGUMENT;
   const int count = (int)whole[0];
-  const double *number = start->memory + own;
-  *out = (tl_memory){count, (int64_t *)(whole + own), (double *)(number + count), (double *)(start->memory + 3),
-                     start->memory[1], start->memory[2], NULL, NULL};
+  const double *number = words + own;
+  *out = (tl_memory){count, (int64_t *)(whole + own), (double *)(number + count), (double *)(words + 3), words[1], words[2],
+                     NULL, NULL};
   for (int k = 1; k < count; k++)
     if (out->keys[k] <= out->keys[k - 1]) return TL_BAD_ARGUMENT;
   tl_arena *to = s->ends + 1;
@@ -174,42 +165,54 @@ static int comes_to_rest(const tl_scene *s, const tl_task *task, tl_ended *out) 
   return 1;
 }
 
-static int is_sound(const tl_scene *s, const tl_plan *plan, const tl_start *start) {
-  if (!plan->t || !plan->h || !plan->piece || !plan->sampled || plan->count < 0 || plan->count > TL_MAX_COUNT ||
-      (s->numbers && !plan->numbers) || plan->pieces < 1 || !start->q || !start->v || !start->memory)
-    return 0;
-  for (int64_t k = 0; k < plan->count; k++)
-    if (plan->piece[k] < 0 || plan->piece[k] >= plan->pieces) return 0;
+/* The arrays of a plan; 0 where its steps from the first on are not sound. */
+static int read_plan(const tl_scene *s, const double *words, int64_t total, int64_t pieces, int64_t first, int64_t count,
+                     tl_plan *plan) {
+  if (!words || total < 0 || total > TL_MAX_COUNT || pieces < 1 || first < 0 || count < 0 || count > total - first) return 0;
+  const int64_t *wholes = (const int64_t *)words;
+  *plan = (tl_plan){words + first, words + total + first, s->numbers ? words + 4 * total : NULL, wholes + 2 * total + first,
+                    wholes + 3 * total + first};
+  for (int64_t k = 0; k < count; k++)
+    if (plan->piece[k] < 0 || plan->piece[k] >= pieces) return 0;
   return 1;
 }
 
-/* Steps of a plan, up to its end, to bodies at rest, or to a step that is not found: how many were taken, or a code below 0.
-What is told stays until the next run. One thread at a time may call it. */
-TL_API int64_t tl_contact_run(tl_scene *s, const tl_plan *plan, const tl_start *start, tl_told *told) {
-  if (!s || !plan || !start || !told || !is_sound(s, plan, start)) return -TL_BAD_ARGUMENT;
+/* Steps of a plan from the first on, up to their count, to bodies at rest, or to a step that is not found: how many were taken,
+or a code below 0. start (size): q, v, and the words of a memory as they are told. What is told stays until the next run. One
+thread at a time may call it. */
+TL_API int64_t tl_contact_run(tl_scene *s, const double *words, int64_t total, int64_t pieces, int64_t first, int64_t count,
+                              const double *start, int64_t size, tl_told *told) {
+  tl_plan plan;
   tl_memory memory;
-  const int code = remembered(s, start, &memory);
+  if (!s || !start || !told || !read_plan(s, words, total, pieces, first, count, &plan)) return -TL_BAD_ARGUMENT;
+  const int64_t own = (int64_t)s->nq + s->nv;
+  if (size < own) return -TL_BAD_ARGUMENT;
+  const int code = remembered(s, start + own, size - own, &memory);
   if (code) return -code;
-  tl_task task = {.q = start->q, .v = start->v, .memory = &memory};
+  tl_task task = {.q = start, .v = start + s->nq, .memory = &memory};
   tl_ended end, last;
-  int64_t taken = 0, rests = 0, is_told = 0;
+  int64_t taken = 0, rests = 0, is_told = 0, at = 0;
   memset(&s->record, 0, sizeof s->record);
   s->words.used = s->blow_words.used = 0, s->short_of_memory = 0;
-  s->find = plan->find, s->misses = plan->misses != 0;
-  while (taken < plan->count && !rests) {
-    task.t = plan->t[taken], task.h = plan->h[taken];
-    task.numbers = s->numbers ? plan->numbers + plan->piece[taken] * s->numbers : NULL;
+  while (taken < count && !rests) {
+    task.t = plan.t[taken], task.h = plan.h[taken];
+    task.numbers = s->numbers ? plan.numbers + plan.piece[taken] * s->numbers : NULL;
     s->ended = s->ends + taken % 2;
     if (!(task.h > 0.0) || step_whole(s, &task, &end)) break;
     rests = comes_to_rest(s, &task, &end);
-    is_told = plan->sampled[taken] != 0;
-    if ((is_told && tell(s, &end, taken, 1)) || tell_blows(s, &end, task.t - plan->t[0])) return -TL_NO_MEMORY;
+    is_told = plan.mark[taken] != 0;
+    if (is_told) at = (int64_t)(s->words.used / sizeof(double));
+    if ((is_told && tell(s, &end, taken, plan.mark[taken] & 1)) || tell_blows(s, &end, task.t - plan.t[0]))
+      return -TL_NO_MEMORY;
     last = end;
     task.q = last.q, task.v = last.v, task.memory = &last.memory;
     taken++;
   }
-  if (taken && !is_told && tell(s, &last, taken - 1, rests != 0)) return -TL_NO_MEMORY;
+  if (taken && !is_told) {
+    at = (int64_t)(s->words.used / sizeof(double));
+    if (tell(s, &last, taken - 1, rests != 0)) return -TL_NO_MEMORY;
+  }
   *told = (tl_told){s->words.memory, s->blow_words.memory, (int64_t)(s->words.used / sizeof(double)),
-                    (int64_t)(s->blow_words.used / sizeof(double)), rests, s->record};
+                    (int64_t)(s->blow_words.used / sizeof(double)), at, taken ? last.memory.count : 0, rests, s->record};
   return taken;
 }

@@ -266,7 +266,8 @@ static void own_parts(tl_scene *s, reader *r) {
 balls, planes with bodies over them, rims, rounds, hulls, solids, pairs of hulls, points of joints, rows of loops. program: of (t, q, v,
 numbers) for tau - h, or NULL; loops: of q for gaps and rows of loops, or NULL. They must outlive the scene. Returns a code; the scene is written to `made`. */
 TL_API int tl_contact_new(const int32_t *sizes, int64_t wholes, const int32_t *whole, int64_t numbers, const double *number,
-                          const tl_program *program, const tl_program *loops, int level, tl_scene **made) {
+                          const tl_program *program, const tl_program *loops, int level, tl_finder find, int misses,
+                          tl_scene **made) {
   if (!made) return TL_BAD_ARGUMENT;
   *made = NULL;
   if (!sizes || wholes < 0 || numbers < 0 || (wholes && !whole) || (numbers && !number) || level < 0 || level > tl_level())
@@ -281,6 +282,7 @@ TL_API int tl_contact_new(const int32_t *sizes, int64_t wholes, const int32_t *w
   for (int k = 0; k < SIZES; k++) *own_sizes[k] = sizes[k];
   reader r = {whole, number, wholes, numbers, s->bodies < 1};
   s->program = program, s->loop_program = loops, s->level = level, s->ended = s->ends;
+  s->find = find, s->misses = misses != 0;
   if (program && (program->inputs != 1 + s->nq + s->nv + s->numbers || program->outputs != s->nv)) r.failed = 1;
   if (!loops != !s->loops || s->loops > s->nv) r.failed = 1;
   if (loops && (loops->inputs != s->nq || loops->outputs != s->loops * (1 + s->nv))) r.failed = 1;
