@@ -187,19 +187,20 @@ class SteppedMotion(Motion):
 
 def steps_of(step: float, doubled: int = 0) -> Planned:
     """Equal steps of at most a length [s] to each end; their number is doubled so often (`twice_as_many`)."""
-    plan = StepPlan(0, np.empty((1, 0)))  # of the last, for the next of as many steps
+    plan, every = StepPlan(0, np.empty((1, 0))), np.empty(0)  # of the last, for the next of as many steps
 
     def planned(t: float, end: float, numbers: Array) -> tuple[StepPlan, range]:
-        nonlocal plan
+        nonlocal plan, every
         count = max(1, math.ceil((end - t) / step - 1e-9))
         for _ in range(doubled):
             count = twice_as_many(count)
         if plan.t.size != count:
-            plan = StepPlan(count, numbers[None])
+            plan, every = StepPlan(count, numbers[None]), np.arange(count, dtype=float)
         h = (end - t) / count
         plan.h.fill(h)
-        plan.t[:] = t + h * np.arange(count)
-        plan.numbers[:] = numbers
+        np.multiply(every, h, out=plan.t)
+        plan.t += t
+        plan.numbers[0] = numbers
         return plan, range(count)
 
     return planned

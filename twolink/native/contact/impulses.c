@@ -39,6 +39,18 @@ static int new_workspace(tl_scene *s, const tl_problem *problem, workspace *w) {
   return TL_FINE;
 }
 
+/* F of three rows of joints: impulses less those within their bounds. */
+static void miss_of_joints(const double *bounds, const double *p, const double *z, double *f) {
+  for (int k = 0; k < 3; k++) f[k] = p[k] - tl_limited(z[k], bounds[2 * k], bounds[2 * k + 1]);
+}
+
+/* F of a contact. */
+static void miss_of_contact(double mu, const double *p, const double *z, double *f) {
+  const double normal = z[2] > 0.0 ? z[2] : 0.0, limit = mu * normal, length = sqrt(z[0] * z[0] + z[1] * z[1]);
+  const double share = length > limit ? limit / length : 1.0;
+  f[0] = p[0] - share * z[0], f[1] = p[1] - share * z[1], f[2] = p[2] - normal;
+}
+
 /* F, z = P - U / g and U + c; the residual |g F| relative to velocities that matter. damping, anchor: e and P_k of a proximal
 point, or 0 and NULL. */
 static double miss(workspace *w, const double *p, double damping, const double *anchor) {
@@ -53,9 +65,8 @@ static double miss(workspace *w, const double *p, double damping, const double *
       if (anchor) u[k] += damping * size * (own[k] - anchor[3 * i + k]);
       z[k] = own[k] - u[k] / size;
     }
-    const double normal = z[2] > 0.0 ? z[2] : 0.0, limit = q->mu[i] * normal, length = sqrt(z[0] * z[0] + z[1] * z[1]);
-    const double share = length > limit ? limit / length : 1.0;
-    f[0] = own[0] - share * z[0], f[1] = own[1] - share * z[1], f[2] = own[2] - normal;
+    if (q->mu[i] < 0.0) miss_of_joints(q->bounds + 6 * i, own, z, f);
+    else miss_of_contact(q->mu[i], own, z, f);
     for (int k = 0; k < 3; k++) {
       const double one = fabs(f[k]) * size;
       if (!(one <= worst)) worst = one; /* so that NaN stays */
@@ -64,12 +75,24 @@ static double miss(workspace *w, const double *p, double damping, const double *
   return worst / q->scale;
 }
 
+/* How far the impulse p of a joint misses its law: a stop, or dry friction up to a limit. */
+static void add_joint(const double *bounds, double size, double p, double u, tl_answer *out) {
+  const int stops = isinf(bounds[1]);
+  const double over = tl_larger(bounds[0] - p, p - bounds[1]) * size;
+  out->feasibility = tl_larger(out->feasibility, stops ? tl_larger(-u, over) : over);
+  out->complementarity = tl_larger(out->complementarity, fabs(stops ? p * u : bounds[1] * fabs(u) + p * u));
+}
+
 /* How far impulses miss the laws. */
 static tl_answer answer(workspace *w, const double *p, int solver) {
   const tl_problem *q = w->problem;
   tl_answer out = {miss(w, p, 0.0, NULL), 0.0, 0.0, solver};
   for (int i = 0; i < q->g.n; i++) {
     const double *own = p + 3 * i, *u = w->u + 3 * i, limit = q->mu[i] * own[2];
+    if (q->mu[i] < 0.0) {
+      for (int k = 0; k < 3; k++) add_joint(q->bounds + 6 * i + 2 * k, q->size[i], own[k], u[k], &out);
+      continue;
+    }
     const double over = (sqrt(own[0] * own[0] + own[1] * own[1]) - limit) * q->size[i];
     const double slip = limit * sqrt(u[0] * u[0] + u[1] * u[1]) + own[0] * u[0] + own[1] * u[1];
     out.feasibility = tl_larger(tl_larger(-u[2], over), out.feasibility);
@@ -78,10 +101,24 @@ static tl_answer answer(workspace *w, const double *p, int solver) {
   return out;
 }
 
+/* Whether an impulse is within its bounds, and changes with the velocities. */
+static int is_inside(const double *bounds, double z) { return z > bounds[0] && z < bounds[1]; }
+
+/* Whether a block presses: its derivative is not 0. */
+static int presses(const tl_problem *q, int i, const double *z) {
+  const double *bounds = q->bounds + 6 * i;
+  if (!(q->mu[i] < 0.0)) return z[2] > 0.0;
+  return is_inside(bounds, z[0]) || is_inside(bounds + 2, z[1]) || is_inside(bounds + 4, z[2]);
+}
+
 /* dproj / dz of what presses. */
-static void derivative(double mu, const double *z, double *c) {
-  const double length = sqrt(z[0] * z[0] + z[1] * z[1]), limit = mu * z[2];
+static void derivative(const tl_problem *q, int i, const double *z, double *c) {
+  const double mu = q->mu[i], length = sqrt(z[0] * z[0] + z[1] * z[1]), limit = mu * z[2];
   memset(c, 0, 9 * sizeof(double));
+  if (mu < 0.0) {
+    for (int k = 0; k < 3; k++) c[4 * k] = is_inside(q->bounds + 6 * i + 2 * k, z[k]);
+    return;
+  }
   c[0] = c[4] = c[8] = 1.0;
   if (!(length > limit)) return;
   const double x = z[0] / length, y = z[1] / length, share = limit / length;
@@ -115,7 +152,7 @@ static void assemble(workspace *w, double damping) {
     const int i = w->chosen[a];
     const size_t from = tl_row_length(&q->g, i), to = tl_row_length(m, a);
     double c[9], block[9], product[9], *scaled = w->scaled + 9 * a, *x = w->right + 3 * a, y[3];
-    derivative(q->mu[i], w->z + 3 * i, c);
+    derivative(q, i, w->z + 3 * i, c);
     for (int k = 0; k < 9; k++) scaled[k] = c[k] / q->size[i];
     tl_times(scaled, w->u + 3 * i, y); /* u: G d */
     tl_minus(w->f + 3 * i, y, x);
@@ -133,16 +170,16 @@ static void assemble(workspace *w, double damping) {
   }
 }
 
-/* P less (I - C + C (G / g + e))^-1 F; where nothing presses, z_n <= 0, less F. 0 where the matrix is singular. */
+/* P less (I - C + C (G / g + e))^-1 F; where nothing presses less F. 0 where the matrix is singular. */
 static int newton_step(workspace *w, double *p, double damping) {
   const tl_problem *q = w->problem;
   const int n = q->g.n;
   int count = 0;
   for (int i = 0; i < n; i++) {
-    const int presses = w->z[3 * i + 2] > 0.0;
+    const int is_chosen = presses(q, i, w->z + 3 * i);
     w->number[i] = count;
-    if (presses) w->chosen[count++] = i;
-    for (int k = 0; k < 3; k++) w->step[3 * i + k] = presses ? 0.0 : w->f[3 * i + k];
+    if (is_chosen) w->chosen[count++] = i;
+    for (int k = 0; k < 3; k++) w->step[3 * i + k] = is_chosen ? 0.0 : w->f[3 * i + k];
   }
   w->matrix.n = count;
   tl_envelope_times(w->level, &q->g, w->step, w->u);

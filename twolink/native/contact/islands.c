@@ -111,16 +111,56 @@ int tl_in_order(tl_scene *s, const tl_law *law, const uint8_t *marked, tl_place_
   return TL_FINE;
 }
 
-/* The rows of a joint's point that are 0 get the size of the one that is not, so that their impulses are 0; b gets the normal
-impulse that is given. See `complete` of contact/joints.py. */
-static void complete(tl_problem *problem, int i, double given) {
-  double *at = tl_block_at(&problem->g, problem->g.lower, i, i), own[9];
-  const size_t apart = tl_row_length(&problem->g, i);
-  tl_get_block(at, apart, own);
-  const double size = tl_larger(own[0], tl_larger(own[4], own[8]));
-  own[0] = own[4] = own[8] = size;
-  tl_set_block(at, apart, own);
-  problem->b[3 * i + 2] -= size * given;
+/* Where a point stands in a problem: its block, and of a joint's point the row in it, and which of the point's own it is. */
+typedef struct {
+  int32_t block, row, own;
+} place_in;
+
+/* The blocks of points: of each contact its own, of up to three joints' points that follow each other one. */
+static int place_in_blocks(const tl_law *law, const int32_t *active, int n, place_in *places) {
+  int count = 0, row = 3;
+  for (int i = 0; i < n; i++) {
+    const int k = active[i], of_joint = law->of_joints[k];
+    if (!of_joint || row == 3) count++, row = 0;
+    places[i] = (place_in){count - 1, of_joint ? row++ : 0, of_joint && law->given[k] > 0.0 ? 0 : 2};
+    if (!of_joint) row = 3;
+  }
+  return count;
+}
+
+/* Y of up to three joints' points as one row: their degrees of freedom fall. */
+static int joined_row(tl_scene *s, const tl_law *law, const int32_t *active, const place_in *places, int n, tl_row *out) {
+  const tl_row *rows[3];
+  int most = 0, at[3] = {0, 0, 0};
+  for (int r = 0; r < n; r++) rows[r] = law->rows + active[r], most += rows[r]->count;
+  out->dof = tl_take(&s->work, (size_t)most, sizeof(int32_t));
+  out->y = tl_take(&s->work, 3 * (size_t)most, sizeof(double));
+  out->in_loops = s->loop_rank ? tl_take(&s->work, 3 * (size_t)s->loop_rank, sizeof(double)) : NULL;
+  if (!out->dof || !out->y || (s->loop_rank && !out->in_loops)) return TL_NO_MEMORY;
+  for (out->count = 0;; out->count++) {
+    int32_t d = -1;
+    double *y = out->y + 3 * out->count;
+    for (int r = 0; r < n; r++)
+      if (at[r] < rows[r]->count && rows[r]->dof[at[r]] > d) d = rows[r]->dof[at[r]];
+    if (d < 0) break;
+    out->dof[out->count] = d, y[0] = y[1] = y[2] = 0.0;
+    for (int r = 0; r < n; r++)
+      if (at[r] < rows[r]->count && rows[r]->dof[at[r]] == d) y[r] = rows[r]->y[3 * at[r]++ + places[r].own];
+  }
+  for (int i = 0; out->in_loops && i < 3 * s->loop_rank; i++) {
+    const int r = i % 3;
+    out->in_loops[i] = r < n && rows[r]->in_loops ? rows[r]->in_loops[i - r + places[r].own] : 0.0;
+  }
+  return TL_FINE;
+}
+
+/* Rows of joints that are none get a size, so that their impulses are 0. */
+static void complete(tl_problem *problem, int i) {
+  double *at = tl_block_at(&problem->g, problem->g.lower, i, i), size = 0.0;
+  const size_t next = tl_row_length(&problem->g, i) + 1;
+  for (size_t k = 0; k < 3; k++) size = tl_larger(size, at[k * next]);
+  for (size_t k = 0; k < 3; k++)
+    if (problem->bounds[6 * (size_t)i + 2 * k + 1] == 0.0) at[k * next] = size;
 }
 
 /* What the velocity along the normal is to exceed, against its sign: what a gap leaves open, or bounces give. */
@@ -128,25 +168,92 @@ static double limit_of(const tl_law *law, int k) {
   return law->bounces[k] ? -law->share * law->rebound[k] : law->open[k];
 }
 
-/* The problem of points active[begin..end): G, b and friction. */
-static int problem_of(tl_scene *s, const tl_law *law, const int32_t *active, int n, tl_problem *out) {
-  const tl_row **rows = tl_take(&s->work, (size_t)n, sizeof *rows);
-  out->b = tl_take(&s->work, 3 * (size_t)n, sizeof(double));
-  out->mu = tl_take(&s->work, (size_t)n, sizeof(double));
-  if (!rows || !out->b || !out->mu) return TL_NO_MEMORY;
-  for (int i = 0; i < n; i++) {
-    const int k = active[i], code = tl_need_row(s, law->points + k, law->rows + k);
-    if (code) return code;
-    rows[i] = law->rows + k;
-    tl_copy3(law->after + 3 * k, out->b + 3 * i);
-    out->b[3 * i + 2] += limit_of(law, k);
-    out->mu[i] = law->mu[k];
+/* b, friction and bounds of a point. */
+static void law_of(const tl_law *law, int k, const place_in *place, tl_problem *out) {
+  double *b = out->b + 3 * place->block, *bounds = out->bounds + 6 * place->block + 2 * place->row;
+  const double *after = law->after + 3 * k;
+  if (!law->of_joints[k]) {
+    tl_copy3(after, b);
+    b[2] += limit_of(law, k);
+    out->mu[place->block] = law->mu[k];
+    return;
   }
-  const int code = tl_envelope_of(s, rows, n, &out->g);
+  const double most = law->mu[k] * law->given[k];
+  b[place->row] = after[place->own] + (place->own == 2 ? limit_of(law, k) : 0.0);
+  out->mu[place->block] = -1.0;
+  bounds[0] = place->own == 2 ? 0.0 : -most, bounds[1] = place->own == 2 ? INFINITY : most;
+}
+
+/* The problem of points (n) in so many blocks: G, b and the laws. */
+static int problem_of(tl_scene *s, const tl_law *law, const int32_t *active, int n, const place_in *places, int blocks,
+                      tl_problem *out) {
+  const tl_row **rows = tl_take(&s->work, (size_t)blocks, sizeof *rows);
+  tl_row *joined = tl_take(&s->work, (size_t)blocks, sizeof *joined);
+  out->b = tl_take(&s->work, 10 * (size_t)blocks, sizeof(double));
+  if (!rows || !joined || !out->b) return TL_NO_MEMORY;
+  memset(out->b, 0, 10 * (size_t)blocks * sizeof(double));
+  out->bounds = out->b + 3 * blocks, out->mu = out->b + 9 * blocks;
+  for (int i = 0, end; i < n; i = end) {
+    const int block = places[i].block;
+    for (end = i; end < n && places[end].block == block; end++) {
+      const int k = active[end], code = tl_need_row(s, law->points + k, law->rows + k);
+      if (code) return code;
+      law_of(law, k, places + end, out);
+    }
+    rows[block] = law->rows + active[i];
+    if (!law->of_joints[active[i]]) continue;
+    const int code = joined_row(s, law, active + i, places + i, end - i, joined + block);
+    if (code) return code;
+    rows[block] = joined + block;
+  }
+  const int code = tl_envelope_of(s, rows, blocks, &out->g);
   if (code) return code;
-  for (int i = 0; i < n; i++)
-    if (law->of_joints[active[i]]) complete(out, i, law->given[active[i]]);
+  for (int i = 0; i < blocks; i++)
+    if (out->mu[i] < 0.0) complete(out, i);
   return tl_problem_sizes(s, out);
+}
+
+/* The impulses of the points (n) of an island, or their velocities, in its blocks; and back, those of other rows 0. */
+static void to_blocks(const tl_law *law, const int32_t *active, int n, const place_in *places, const double *x, double *out) {
+  for (int i = 0; i < n; i++) {
+    double *to = out + 3 * places[i].block;
+    if (law->of_joints[active[i]]) to[places[i].row] = x[3 * active[i] + places[i].own];
+    else tl_copy3(x + 3 * active[i], to);
+  }
+}
+
+static void from_blocks(const tl_law *law, const int32_t *active, int n, const place_in *places, const double *x, double *out) {
+  memset(out, 0, 3 * (size_t)n * sizeof(double));
+  for (int i = 0; i < n; i++) {
+    const double *from = x + 3 * places[i].block;
+    if (law->of_joints[active[i]]) out[3 * i + places[i].own] = from[places[i].row];
+    else tl_copy3(from, out + 3 * i);
+  }
+}
+
+/* The impulses of the points of an island, and what they leave, U + c. */
+static int solve_island(tl_scene *s, const tl_law *law, const int32_t *active, int n, double scale, double *p, double *u,
+                        tl_answer *answer) {
+  tl_problem problem;
+  place_in *places = tl_take(&s->work, (size_t)n, sizeof *places);
+  if (!places) return TL_NO_MEMORY;
+  const int blocks = place_in_blocks(law, active, n, places), size = 3 * blocks;
+  double *x = tl_take(&s->work, 2 * (size_t)size, sizeof(double)), *left = x + size;
+  if (!x) return TL_NO_MEMORY;
+  int code = problem_of(s, law, active, n, places, blocks, &problem);
+  if (code) return code;
+  problem.scale = tl_larger(problem.scale, scale);
+  memset(x, 0, (size_t)size * sizeof(double));
+  to_blocks(law, active, n, places, law->guess, x);
+  code = tl_solve_impulses(s, &problem, x, answer);
+  if (code) return code;
+  tl_envelope_times(s->level, &problem.g, x, left);
+  for (int i = 0; i < size; i++) left[i] += problem.b[i];
+  from_blocks(law, active, n, places, x, p);
+  from_blocks(law, active, n, places, left, u);
+  for (int i = 0; i < n; i++)
+    if (law->given[active[i]] > 0.0) p[3 * i + 2] = law->given[active[i]];
+  return TL_FINE;
 }
 
 /* The worse of two answers. */
@@ -178,20 +285,13 @@ static int solve_islands(tl_scene *s, tl_law *law, const tl_place_of *order, tl_
     scale = tl_larger(scale, fabs(law->after[3 * k + 2] + limit_of(law, k)));
   }
   for (int first = 0, end; first < found->count; first = end) {
-    tl_problem problem;
     tl_answer answer;
     for (end = first + 1; end < found->count && order[end].island == order[first].island;) end++;
-    int code = problem_of(s, law, found->active + first, end - first, &problem);
-    if (code) return code;
-    problem.scale = tl_larger(problem.scale, scale);
-    double *p = found->p + 3 * first, *u = found->u + 3 * first;
-    for (int i = first; i < end; i++) tl_copy3(law->guess + 3 * found->active[i], found->p + 3 * i);
-    code = tl_solve_impulses(s, &problem, p, &answer);
+    const int code = solve_island(s, law, found->active + first, end - first, scale, found->p + 3 * first,
+                                  found->u + 3 * first, &answer);
     if (code) return code;
     add_answer(&found->answer, &answer);
     if (!(answer.residual <= TL_EXACT)) return TL_HALVE;
-    tl_envelope_times(s->level, &problem.g, p, u);
-    for (int i = 0; i < 3 * (end - first); i++) u[i] += problem.b[i];
   }
   return TL_FINE;
 }

@@ -49,7 +49,7 @@ static void ends_of(const tl_point *point, double end[2][3]) {
 
 /* U = J w (n, 3) of points with axes, from the velocities of their bodies. */
 void tl_speeds(tl_scene *s, const tl_point *points, const tl_row *rows, int n, const double *w, double *out) {
-  tl_velocities(s, w);
+  if (n && points->dof < 0) tl_velocities(s, w); /* points of bodies come first */
   for (int k = 0; k < n; k++, out += 3) {
     const tl_point *point = points + k;
     double end[2][3], arm[3], v[3];

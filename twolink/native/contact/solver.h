@@ -12,10 +12,11 @@ typedef struct {
   double *lower, *upper;
 } tl_envelope;
 
-/* U = G p + b. mu, size (n): friction, and the largest entry of G on the diagonal. fastest, scale: velocities. */
+/* U = G p + b, of blocks of three rows: a contact, with its friction mu (n), or, where mu is negative, stops and dry friction of up
+to three joints, whose impulses have bounds (n, 3, 2). size (n): the largest entry of G on the diagonal. fastest, scale: velocities. */
 typedef struct {
   tl_envelope g;
-  double *b, *mu, *size, fastest, scale;
+  double *b, *mu, *bounds, *size, fastest, scale;
 } tl_problem;
 
 /* What impulses miss: the residual, the feasibility and the complementarity, and what found them. */
