@@ -157,8 +157,8 @@ def on_plane(name: str, seed: int) -> tl.Scene:
         effects += [E.JointStops(stops), E.JointDamping({joint.name: 0.3 for joint in single}),
                     E.JointSpring({joint.name: 5.0 for joint in single})]  # fmt: skip
     if single[1:]:
-        last = single[-1].name
-        effects.append(E.DryFriction({last: 0.5}, {last: 0.7}))
+        rubs = [joint.name for joint in (single[-1:] if seed else single)]
+        effects.append(E.DryFriction(dict.fromkeys(rubs, 0.5), dict.fromkeys(rubs, 0.7)))
     return tl.Scene(robot, q, 0.3 * v, effects)
 
 

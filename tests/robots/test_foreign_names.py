@@ -91,6 +91,10 @@ FOREIGN = {
         ["contact coefficients", "inertia_scaling in <contact>"]),
     "SDF's gravity": ("<inertial><o", "<gravity>0</gravity><inertial><o", ["1 x <gravity>"]),
     "another program's spring": ('damping="0.1"', 'damping="0.1" K="7000"', ["programs: 1 x K= in <dynamics>"]),
+    "gains and elasticity of controllers": (
+        "<dynamics", '<controller_gains Kp="2" Kd="1"/><traits spring_k="2.5"/><dynamics',
+        ["1 x <controller_gains>", "traits in <joint>"]),
+    "Drake's frames": ("</robot>", '<frame name="f" link="a"/></robot>', ["1 x <frame>"]),
     "a prefix": ('<mass value="2"/>', '<mass value="2" drake:x="1"/>', ["1 x drake:x= in <mass>"]),
     "an element with a prefix": ("</robot>", "<drake:frame/></robot>", ["1 x <drake:frame>"]),
     "origin that moves nothing": ("<inertial><o", '<origin xyz="0 0 0" rpy="0 -0 0"/><inertial><o', ["1 x <origin>"]),

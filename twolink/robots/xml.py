@@ -32,7 +32,7 @@ _CHANGES_MOTION = {
     "damping", "dampingFactor", "friction", "implicitSpringDamper", "springStiffness", "springReference", "stopKp",
     "stopKd", "mu", "mu1", "mu2", "kp", "kd", "turnGravityOff", "gravity", "kinematic", "static", "mechanicalReduction",
     "mechanical_reduction", "rotor_inertia", "gear_ratio", "inertia_scaling", "lateral_friction", "rolling_friction",
-    "spinning_friction", "stiffness", "restitution",
+    "spinning_friction", "stiffness", "restitution", "traits",
 }  # fmt: skip
 
 
@@ -291,7 +291,7 @@ def _look(reader: Reader, element: Element, owner: str, found: Foreign) -> None:
             _look(reader, child, owner, found)
         elif child.tag in entry.foreign_children or _is_prefixed(child.tag) or _moves_nothing(reader, child, owner):
             found.elements[child.tag] += 1
-            _count_motion(child, child.tag, found)
+            _count_motion([child], tag, found)
         else:
             _unknown(reader, child, owner, (f"<{child.tag}>", child.tag, tag), children, found)
 
@@ -321,11 +321,14 @@ def _moves_nothing(reader: Reader, element: Element, owner: str) -> bool:
     return all(reader.numbers(element, key, owner, 3, zeros) == zeros for key in keys)
 
 
-def _count_motion(element: Element, block: str, found: Foreign) -> None:
-    """Count the elements of another program's block that change the motion there; plugins are programs of their own."""
-    for child in element.children:
-        name = child.tag.rpartition(":")[2]
+def _count_motion(elements: list[Element], block: str, found: Foreign) -> None:
+    """Count the elements of another program that change the motion there; plugins are programs of their own.
+
+    block: the one that they stand in.
+    """
+    for element in elements:
+        name = element.tag.rpartition(":")[2]
         if name in _CHANGES_MOTION:
             found.motion[f"{name} in <{block}>"] += 1
         if name != "plugin":
-            _count_motion(child, block, found)
+            _count_motion(element.children, block if block not in URDF_ELEMENTS else element.tag, found)

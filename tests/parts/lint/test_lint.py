@@ -142,6 +142,13 @@ def test_all_defects_are_found_at_once() -> None:
         "number": 1, "effort-limit": 3, "format": 1, "unknown-name": 2}  # fmt: skip
 
 
+def test_a_robot_to_look_at_has_one_warning_of_its_masses() -> None:
+    text = re.sub(r"(?s)<inertial>.*?</inertial>", "", SOUND)
+    (one,) = tl.lint(text).defects
+    assert (one.rule, one.severity) == ("weightless", "warning")
+    assert tl.load_robot(text, purpose="kinematics").nv == 4
+
+
 def test_a_circle_of_mimic_joints_is_an_error() -> None:
     head, joint, tail = SOUND.partition('<joint name="left_lower_joint"')
     one = head.replace(MIMIC, MIMIC + '<mimic joint="left_lower_joint"/>', 1)
@@ -377,6 +384,15 @@ def test_ranges_of_an_mjcf_in_the_other_unit_are_found() -> None:
     assert all('angle="radian"' in one.cause for one in narrow)
     wide = [one for one in tl.lint(MJCF.format(unit="radian", range=90)).defects if one.rule == "range-unit"]
     assert [(one.name, "degree" in one.cause) for one in wide] == [("j2", True)]
+
+
+def test_a_file_that_an_mjcf_lacks_is_named_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.xml"
+    path.write_text('<mujoco>\n<asset>\n<mesh name="m" file="parts/m.obj"/></asset><worldbody><body><freejoint/>'
+                    '<geom type="mesh" mesh="m"/></body></worldbody></mujoco>')  # fmt: skip
+    (one,) = tl.lint(path).defects
+    assert (one.rule, one.severity, one.line) == ("mesh-missing", "error", 3)
+    assert "m.obj" in one.value
 
 
 def test_all_inertias_of_an_mjcf_are_looked_at_where_mujoco_stops_at_the_first() -> None:

@@ -53,7 +53,7 @@ def lint(
     -------
     Findings
         The defects, each with rule, place, value, expectation and likely cause. Where `load_robot` refuses the file,
-        one at least is an error.
+        one at least is an error, but for a robot without any mass, which is one to look at.
 
     Raises
     ------
@@ -84,7 +84,8 @@ def _defects(source: Source, folders: list[Path], arguments: Mapping[str, object
             yield from bodies.written_inertias(parse_xml(source.data, source.label, source.encoding))
         return
     own = [*reading.found, *(one for check in CHECKS for one in check(reading)), *_suspicious(reading)]
-    yield from own
+    is_to_look_at = not any(link.mass for link in reading.links.values())
+    yield from (one for one in own if one.rule != "no-inertial" or not is_to_look_at)
     if not any(one.severity == "error" for one in own):
         try:
             if reading.raw.tag != "mujoco":
@@ -93,7 +94,11 @@ def _defects(source: Source, folders: list[Path], arguments: Mapping[str, object
             elif names := weightless_joints(reading.model):  # MuJoCo has compiled it, which can take seconds
                 raise without_inertia(reading.tree, reading.model, names)  # type: ignore[arg-type]
         except RobotError as error:
-            if error.code not in _NOT_OF_THE_FILE:
+            if error.code == "no-inertia" and is_to_look_at:
+                yield defect("weightless", "", 0, "no link has a mass: joints have no acceleration",
+                             'give the links masses and inertias; a robot to look at loads with purpose="kinematics"',
+                             severity="warning")  # fmt: skip
+            elif error.code not in _NOT_OF_THE_FILE:
                 yield of_error(error, "weightless" if error.code == "no-inertia" else "refused")
 
 

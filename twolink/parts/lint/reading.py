@@ -20,6 +20,7 @@ from twolink.robots.tree import Tree, joined_tree
 from twolink.robots.urdf import UrdfJoint, UrdfLink, read_joint, read_link
 from twolink.robots.xml import Element, Foreign, Reader, Vector, foreign_content, parse_xml
 
+_LOST = re.compile(r"Error opening file '(?:[^']*[\\/])?([^']*\.(?:obj|stl|msh|png))'", re.IGNORECASE)  # MuJoCo's words
 _MOST = 1e60  # kg, m, rad, kg m^2: sums of squares of more overflow
 P = TypeVar("P", UrdfLink, UrdfJoint)
 
@@ -84,6 +85,8 @@ def parts(element: Element) -> Iterator[Element]:
 def _is_called(element: Element, name: str) -> bool:
     """True if an element has the name, or one that a macro can make it of."""
     written = re.split(r"\$\{.*?\}", element.attributes.get("name", ""))
+    if len(written) == 1:
+        return written[0] == name
     pattern = ".*".join(map(re.escape, written))
     return re.search("[a-zA-Z0-9]", pattern) is not None and re.fullmatch(pattern, name) is not None
 
@@ -100,6 +103,10 @@ def read(source: Source, folders: list[Path], arguments: Mapping[str, object]) -
         raw = parse_xml(source.data, source.label, source.encoding)
         said = describe(source, "report", "fixed", arguments, folders)
     except RobotError as error:
+        if error.code == "mjcf" and (lost := _LOST.search(error.what)):
+            line = next((part.line for part in parts(raw) if part.attributes.get("file", "").endswith(lost[1])), 0)
+            what = f"{lost[1]} is not there, and MuJoCo loads nothing without it"
+            return (defect("mesh-missing", "", line, what, "add the file", severity="error"),)
         return (of_error(error, "xml" if error.code == "xml" else "refused"),)
     if (tag := said.robot.tag) != "robot":
         piece: Severity | None = "note" if tag == "mujocoinclude" else None
