@@ -66,6 +66,12 @@ def _two_stops(t: np.ndarray) -> np.ndarray:
     return np.repeat(np.cos(2 * np.minimum(s, 2 * math.pi / 3 - s))[:, None], 2, axis=1)
 
 
+def _to_and_fro(t: np.ndarray) -> np.ndarray:
+    """1.7 m/s between -1 and 1 m, from 0 on: a triangle of 4 m."""
+    way = np.mod(1.7 * t + 1.0, 4.0)
+    return (np.minimum(way, 4.0 - way) - 1.0)[:, None]
+
+
 def _slide(t: np.ndarray) -> np.ndarray:
     """3 m/s, decelerated by mu g = 3.924 m/s^2 until it rests."""
     s = np.minimum(t, 3.0 / 3.924)
@@ -204,6 +210,7 @@ def _centroid(polygon: np.ndarray) -> np.ndarray:
 
 
 EXACT = {
+    "elastic-stops": _to_and_fro,
     "stiction-reversals": _stiction,
     "grazing-hit": _grazing(hit=True),
     "grazing-miss": _grazing(hit=False),

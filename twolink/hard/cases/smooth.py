@@ -19,6 +19,7 @@ from twolink.scenes import Scene
 G = 9.81
 W0 = math.sqrt(G)
 RIGID_W0 = math.sqrt(0.75 * G)  # two rods as one: m g c / I = 6 g / 8
+FIXED_W0 = math.sqrt((2.0 * 0.5 + 1.0 * 1.0) * G / (0.3 + 2.0 * 0.5**2 + 0.1 + 1.0))  # fixed-child.urdf
 WHEEL_RATE = 2 * math.pi * 1000.0
 CREEP_D, CREEP_K = 1e8, 1e8
 SLIDER_K, SLIDER_M, SLIDER_X = 1e-3, 1e-12, 1e-6
@@ -110,6 +111,7 @@ EXACT = {
     "fast-spin": truths.symmetric_top(1.0, 2.0, 1.0, 1e4),
     "tumbling-3h": truths.symmetric_top(1.0, 2.0, 3.0, 4.0),
     "million-turns": truths.in_digits(_wheel),
+    "fixed-child": truths.swing(2.0, FIXED_W0),
     "stiff-spring": truths.oscillation(1.0, 1e5),
     "stiff-elbow": truths.swing(1.0, RIGID_W0, factors=(1.0, 0.0)),
     "stiff-damper": truths.in_digits(_creep),
@@ -124,6 +126,7 @@ EXACT = {
 ERRORS = {
     "million-steps": truths.energy_error(G),
     "quaternion-stays-unit": _quaternion_length,
+    "tumbling-energy": truths.energy_error(20.5),  # (1 3^2 + 2 4^2) / 2
     "governor": _spin_change,
     **{name: truths.stored(reference) for name, reference in STORED.items()},
     **{name: truths.stored(name) for name in CHAIN_SCENES},
