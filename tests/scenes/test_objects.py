@@ -215,3 +215,11 @@ def test_a_hull_of_points_lies_on_the_ground_as_the_box_that_it_is() -> None:
         scene = scene.with_effects([*scene.effects, fx.Contact(("ground",), friction=0.5)])
         ends.append(tl.simulate(scene, 0.3, contact="stepped", step=2e-3, verify=False).q[-1])
     np.testing.assert_allclose(*ends, atol=1e-9)
+
+
+def test_a_robot_without_shapes_touches_nothing() -> None:
+    ball = '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    urdf = f'<robot name="b"><link name="a"><inertial>{ball}</inertial></link></robot>'
+    scene = tl.scene_of(tl.load_robot(urdf, root="free"), contact=True)
+    assert scene.effects == (fx.Gravity(),)
+    assert "no shapes collide" in str(scene.report)

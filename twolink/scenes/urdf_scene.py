@@ -86,7 +86,7 @@ class UrdfScene(Scene):
                 name for name, moving in zip(robot.joint_names, [bool(self.v[j.v].any()) for j in robot.joints],
                                              strict=True) if moving]}),
             Finding("assumed", f"friction {FRICTION:g} of bodies that touch, no motor acts" if self._touches
-                    else "no body touches another, no motor acts"),
+                    else f"no body touches another{'' if robot.solids else ' (no shapes collide)'}, no motor acts"),
         ]  # fmt: skip
         taken = (*findings("read", names), *findings("ignored", ignored), *assumed)
         return LoadReport(robot.report.source, (*robot.report.suspicious, *taken))
@@ -117,9 +117,8 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 2.0, *, co
         Time to simulate, s.
     contact : bool
         Its links touch each other and the ground, or the height fields of an MJCF, with their own collision shapes and
-        a friction of 0.8. A robot of the
-        catalogue that is meant to move about has a free base then, and starts just above the ground; one with an SRDF
-        in its state "standing", else in the first.
+        a friction of 0.8; not where no link has such a shape. A robot of the catalogue that is meant to move about has
+        a free base then, and starts just above the ground; one with an SRDF in its state "standing", else in the first.
 
     Returns
     -------
@@ -150,6 +149,7 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 2.0, *, co
     if stops:
         effects.append(JointStops(stops if followers else "urdf"))
     fields = [HeightField(**one) for one in loaded.visuals.laws.fields]
+    contact = contact and bool(loaded.solids)
     if contact:
         moved = dict.fromkeys(solid.link for solid in loaded.solids if frame_pose(model, solid.link)[0])
         ground = tuple((link, field) for link in moved for field in fields)
