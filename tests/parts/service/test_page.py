@@ -184,7 +184,7 @@ def test_sliders_move_the_robot(page: Page) -> None:
     assert page.moves(before)
     moved = page.robot()
     page.click("#start-reset")
-    page.wait_for("document.querySelector('#sliders input[type=number]').value === '0'")
+    page.wait_for("document.querySelector('#sliders input[type=number]').value === '0.5'")
     assert page.moves(moved)
 
 

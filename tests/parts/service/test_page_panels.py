@@ -43,6 +43,7 @@ def test_a_tube_shows_what_one_per_cent_of_a_mass_does(page: Page) -> None:
 def test_eigenvalues_tell_the_raised_arm_from_the_hanging_one(page: Page) -> None:
     page.open("#robot=two_link")
     page.click("#tab-linear")
+    page.choose("#sliders .slider:nth-child(2) input[type=number]", "0")
     verdicts = []
     for angle in ("1.5707963267948966", "-1.5707963267948966"):
         page.choose("#sliders input[type=number]", angle)
@@ -99,6 +100,7 @@ def test_a_sweep_fills_its_map_marks_what_failed_and_a_cell_is_seen_to_move(page
     page.evaluate("document.querySelector('#sweep-result .heatmap').focus()")
     page.press("ArrowRight", 39)
     page.press("Enter", 13, "\r")
+    page.wait_for("JSON.parse(document.getElementById('scene-json').value).q.elbow === -0.5")
     page.wait_for("!document.getElementById('result').hidden && !document.getElementById('playback').hidden")
     start = page.evaluate("JSON.parse(document.getElementById('scene-json').value).q")
     assert start == {"shoulder": pytest.approx(-0.5 + 1 / 35), "elbow": -0.5}

@@ -96,7 +96,7 @@ def test_masses_and_start_velocities_are_edited_and_decide_the_run(page: Page) -
     page.choose(f"[aria-label='{name}']", "3.5")
     scene = page.evaluate(SCENE)
     assert scene["v"] == {"shoulder": 2}
-    assert 3.5 in scene["effects"][1]["values"].values()
+    assert 3.5 in scene["effects"][-1]["values"].values()
     page.run()
     page.choose("#scrub", "0")
     assert float(page.evaluate("document.querySelectorAll('#plots .legend .value')[2].innerText")) == pytest.approx(2)

@@ -32,6 +32,16 @@ def test_the_catalogue_is_listed_and_inspected(http: httpx.Client) -> None:
     assert about["report"] == robot.report.to_dict()
 
 
+def test_a_robot_has_the_scene_that_its_file_says(http: httpx.Client) -> None:
+    panda, scene = http.get("/v1/robots/panda/scene").json(), tl.scene_of("panda")
+    read = http.post("/v1/scenes/validate", json={"scene": panda}).json()
+    assert (read["q"], read["v"], panda["duration"]) == (scene.q.tolist(), scene.v.tolist(), scene.duration)
+    assert [one["type"] for one in panda["effects"]] == ["gravity", "joint-damping", "joint-stops", "coupling"]
+    free = http.post("/v1/robots", json={"source": "solo12", "root": "free"}).json()
+    assert "contact" in [one["type"] for one in http.get(f"/v1/robots/{free['id']}/scene").json()["effects"]]
+    assert http.get("/v1/robots/nobody/scene").status_code == 404
+
+
 @pytest.mark.slow
 def test_uploaded_robots_are_listed_in_pages(tmp_path: Path) -> None:
     with serving(tmp_path / "data") as served, served.client() as http:

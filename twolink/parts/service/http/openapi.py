@@ -35,6 +35,7 @@ _ANSWERS: dict[str, Any] = {  # in JSON, by method and path
     "post /v1/robots": answers.RobotAbout,
     "get /v1/robots/{robot}": answers.RobotAbout,
     "get /v1/robots/{robot}/visuals": answers.Object,
+    "get /v1/robots/{robot}/scene": answers.Object,
     "get /v1/scenes": list[answers.ListedScene],
     "get /v1/scenes/{scene}": answers.Object,
     "get /v1/scene-schema": answers.Object,

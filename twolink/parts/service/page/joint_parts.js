@@ -1,4 +1,4 @@
-// What the numbers of a joint's q and v are, in order, by the joint's layout; joints of one number are not listed.
+// What the numbers of a joint's q, v and tau are, in order, by the joint's layout; joints of one number are not listed.
 
 const ANGULAR = ["ωx", "ωy", "ωz"];
 const ROTATION = ["qx", "qy", "qz", "qw"];
@@ -13,4 +13,9 @@ export const V_PARTS = {
   "free-flyer": ["vx", "vy", "vz", ...ANGULAR],
   quaternion: ANGULAR,
   planar: ["vx", "vy", "ω"],
+};
+export const TAU_PARTS = {
+  "free-flyer": ["Fx", "Fy", "Fz", "Mx", "My", "Mz"],
+  quaternion: ["Mx", "My", "Mz"],
+  planar: ["Fx", "Fy", "M"],
 };

@@ -142,14 +142,18 @@ async function useScene(id, written = null, changes = {}) {
   }
 }
 
+/** Put away what is shown, and show a scene, which may be on its way. */
 async function arrange(content, robot, id, changes = {}) {
+  const thisTurn = turn;
   running = fitted = null;
   preview.drop();
   live.stop();
   viewer.stop();
   results.clear();
   comparison.clear();
-  editor.set(content, robot, id, changes);
+  const scene = await content;
+  if (thisTurn !== turn) return;
+  editor.set(scene, robot, id, changes);
   sliders.set(robot, robot.neutral);
   query.set(robot);
   robots.look(robot.id).catch(() => {}); // asked for while the start is found; draw says what is wrong with it
@@ -434,9 +438,9 @@ async function showGhost() {
 byId("stale-back").addEventListener("click", () => openPast(results.job));
 
 /** Set the controls to a request for a run. */
-async function useRequest({ scene, accuracy = 1e-6, method = "auto", precision = "auto" }) {
-  const exponent = Math.round(-Math.log10(accuracy));
-  await useScene(null, scene, { accuracy: String(exponent), method, precision });
+async function useRequest({ scene, accuracy, method, precision }) {
+  const exponent = Math.round(-Math.log10(accuracy ?? 1e-6)); // the service says null of what was not given
+  await useScene(null, scene, { accuracy: String(exponent), method: method ?? "auto", precision: precision ?? "auto" });
 }
 
 /** Show one run of a sweep. */
@@ -503,4 +507,5 @@ const listed = lists(); // while the viewer's script is loaded
 await loadMeshcat();
 viewer.start();
 await begin(listed);
+byId("loading").remove();
 document.documentElement.dataset.ready = "yes";

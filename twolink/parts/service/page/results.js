@@ -121,6 +121,7 @@ export class Results {
       { key: "q", title: "q", unit: unitOf(this.joints) },
       { key: "turn", title: "Orientation", unit: "cos, sin, quaternion" },
       { key: "v", title: "v", unit: unitOf(this.joints, "/s") },
+      { key: "tau", title: "Torque", unit: unitOf(this.joints, "", ["N m", "N"]) },
       { key: "energy", title: "Energy", unit: "J" },
       { key: "distance", title: "Distance of q", unit: `to the other run, ${unitOf(this.joints).replace(", ", " or ")}`, log: true },
       { key: "error", title: "Error bar", unit: `of q, ${unitOf(this.joints).replace(", ", " or ")}`, log: true },

@@ -2,10 +2,11 @@
 
 import { get } from "./api.js";
 import { range } from "./axes.js";
-import { Q_PARTS, V_PARTS } from "./joint_parts.js";
+import { Q_PARTS, TAU_PARTS, V_PARTS } from "./joint_parts.js";
 
 const POINTS = 2000;
-const PARTS = { q: Q_PARTS, v: V_PARTS };
+const NO_TORQUE = 1e-9; // N m or N: less is rounding
+const PARTS = { q: Q_PARTS, v: V_PARTS, tau: TAU_PARTS };
 const TURN = /^(q[xyzw]|cos|sin)$/; // parts of an orientation, which have no unit
 
 /** The samples of a job that is done, as columns. */
@@ -13,15 +14,16 @@ export async function columnsOf(job) {
   return (await get(`/v1/simulations/${job.id}/result?format=json&points=${POINTS}`)).columns;
 }
 
-/** {t, q, turn, v, energy, error}: lists of {name, joint, colour, values}. turn: parts of orientations. */
+/** {t, q, turn, v, tau, energy, error}: lists of {name, joint, colour, values}. turn: parts of orientations. tau: of what
+ * acts at the joints, nothing where that is 0. */
 export function samplesOf(columns, joints) {
-  const out = { t: columns.t, q: [], turn: [], v: [], energy: [], error: [] };
+  const out = { t: columns.t, q: [], turn: [], v: [], tau: [], energy: [], error: [] };
   const layouts = new Map(joints.map(joint => [joint.name, joint.layout]));
   const places = new Map(joints.map(joint => [joint.name, joint.v[0]]));
   for (const [column, values] of Object.entries(columns)) {
     if (column in out && column !== "t") out[column].push({ name: column, joint: null, colour: 0, values });
-    const [letter, name] = [column.slice(0, 1), column.slice(2)];
-    if (!/^[qv]\./.test(column)) continue;
+    const [, letter, name] = /^(q|v|tau)\.(.*)$/.exec(column) ?? [];
+    if (!letter) continue;
     const numbered = /^(.*)\.(\d+)$/.exec(name);
     const part = numbered && PARTS[letter][layouts.get(numbered[1])]?.[Number(numbered[2])];
     const joint = part ? numbered[1] : layouts.has(name) ? name : (numbered?.[1] ?? name);
@@ -29,6 +31,7 @@ export function samplesOf(columns, joints) {
     const kind = part && TURN.test(part) ? "turn" : letter;
     out[kind].push({ name: part ? `${joint} ${part}` : name, joint, colour, values });
   }
+  if (out.tau.every(line => line.values.every(value => !(Math.abs(value) > NO_TORQUE)))) out.tau = [];
   return out;
 }
 
@@ -42,10 +45,10 @@ export function byMotion(samples) {
   return [...moved.keys()].sort((a, b) => moved.get(b) - moved.get(a));
 }
 
-/** The unit of q: rad, m, or both. v's: the same with "/s". */
-export function unitOf(joints, suffix = "") {
+/** The unit of q: rad, m, or both. v's: the same with "/s". turning, sliding: the units of other values. */
+export function unitOf(joints, suffix = "", [turning, sliding] = ["rad", "m"]) {
   const both = joints.some(joint => ["free-flyer", "planar"].includes(joint.layout));
   const slides = joints.map(joint => joint.kind === "prismatic");
-  if (both || (slides.includes(true) && slides.includes(false))) return `rad${suffix}, m${suffix}`;
-  return slides.includes(true) ? `m${suffix}` : `rad${suffix}`;
+  if (both || (slides.includes(true) && slides.includes(false))) return `${turning}${suffix}, ${sliding}${suffix}`;
+  return (slides.includes(true) ? sliding : turning) + suffix;
 }

@@ -7,8 +7,7 @@ import { searchable } from "./search.js";
 import { canonical } from "./settings.js";
 import { templates } from "./templates.js";
 
-export const OWN = "own"; // id of the scene that is in no file: the robot released at rest
-const G = -9.81;
+export const OWN = "own"; // id of the scene that is in no file: the robot with all that its own says
 const CONTROLS = { accuracy: "6", method: "auto", precision: "auto" }; // with what they show at first
 
 export class SceneEditor {
@@ -53,7 +52,7 @@ export class SceneEditor {
       el(
         "optgroup",
         { label: "With this robot" },
-        el("option", { value: OWN }, "Let it go, as the sliders stand"),
+        el("option", { value: OWN }, "Let go, with all that its file says"),
         ...fit.map(option),
       ),
       el("optgroup", { label: "With a robot of their own" }, ...rest.map(option)),
@@ -82,16 +81,10 @@ export class SceneEditor {
     this.#learnConstants(robot);
   }
 
-  /** A scene for any robot: it is released at rest, under gravity. */
-  own(robot) {
-    const gravity = robot.gravity ?? [0, 0, G];
-    return {
-      robot: robot.id,
-      title: `${robot.name}, let go`,
-      duration: 3,
-      q: {},
-      effects: [{ type: "gravity", field: gravity }],
-    };
+  /** The scene of any robot: with all that its file says. A robot without joints has none; `explain` says so. */
+  async own(robot) {
+    const none = { robot: robot.id, title: robot.name, duration: 2, q: {}, effects: [] };
+    return get(`/v1/robots/${encodeURIComponent(robot.id)}/scene`).catch(() => none);
   }
 
   /** The scene as the service takes it, always with its content. */

@@ -35,6 +35,8 @@ from twolink.parts.service.work.requests import (
 from twolink.parts.service.work.worker import Ask
 from twolink.robots import load_model
 from twolink.robots.catalogue import catalogue_names
+from twolink.scenes.file_format import RobotEntry, scene_content
+from twolink.scenes.urdf_scene import scene_of
 from twolink.show.meshcat_scene import scene_nodes
 from twolink.show.viewer_data import place_on_link, robot_data
 
@@ -152,6 +154,14 @@ def load(*, key: str, robots: str) -> bytes:
 def draw(*, key: str, robots: str, path: str) -> None:
     """Write what a robot looks like into a file, as JSON by gzip."""
     Path(path).write_bytes(gzip.compress(visuals_of(robot_by_id(key, robots)), GZIP_LEVEL))
+
+
+def whole_scene(*, key: str, robots: str) -> bytes:
+    """A scene with all that a robot's file says, as JSON that simulations take; with the ground under a free base."""
+    robot = robot_by_id(key, robots)
+    scene = scene_of(robot, contact=robot.root == "free")
+    content = scene_content(RobotEntry(key), robot, scene.q, scene.v, scene.effects, scene.duration, scene.title)
+    return msgspec.json.encode(content)
 
 
 def query(*, key: str, what: str, sent: str, reply: str, robots: str, quotas: Quotas, exchange: BinaryIO) -> int:
