@@ -132,7 +132,8 @@ class SteppedMotion(Motion):
         """The states."""
         if self._x is None:
             local = self._stepper.bodies.to_local_velocity
-            self._x = np.array([np.concatenate([q, local(q, w)]) for q, w, _ in self.states]).T
+            rows = [part for q, w, _ in self.states for part in (q, local(q, w))]
+            self._x = np.concatenate(rows).reshape(len(self.states), -1).T
         return self._x
 
     @property

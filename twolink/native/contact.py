@@ -115,7 +115,7 @@ class ContactScene:
             raise ValueError(f"q {q.shape}, v {v.shape}, numbers {plan.numbers.shape} for {self._sizes}")
         one = self._pool.take()
         try:
-            told: Told = one.run(plan, first, count, np.concatenate([q, v, memory]))
+            told: Told = one.run(plan, first, count, (q, v, memory))
             return told
         finally:
             self._pool.give(one)
@@ -136,6 +136,7 @@ class _Instance:
         self._handle = Handle(made.value, library().tl_contact_free)
         self._bodies, self._finder = int(sizes[0]), finder
         self._start, self._out = np.empty(0), _Told()
+        self._reference = ctypes.byref(self._out)
         self._points: list[Array] = []
         self._failed: BaseException | None = None
 
@@ -157,15 +158,15 @@ class _Instance:
             return 1
         return 0
 
-    def run(self, plan: StepPlan, first: int, count: int, start: Array) -> Told:
+    def run(self, plan: StepPlan, first: int, count: int, start: tuple[Array, Array, Array]) -> Told:
         """Take steps. Raises what the finder raises."""
-        out, size, self._failed = self._out, len(start), None
+        out, size, self._failed = self._out, sum(map(len, start)), None
         if size > len(self._start):  # to ask for an address takes longer than to copy some words
             self._start = np.empty(2 * size)
             self._begin = address(self._start)
-        self._start[:size] = start
+        np.concatenate(start, out=self._start[:size])
         taken = library().tl_contact_run(self._handle.value, *plan.sizes, first, count, self._begin, size,
-                                         ctypes.byref(out))  # fmt: skip
+                                         self._reference)  # fmt: skip
         if self._failed is not None:
             raise self._failed
         if taken < 0:
