@@ -147,6 +147,7 @@ def test_results_of_other_settings_say_so(page: Page) -> None:
     page.open("#scene=arm-human")
     page.choose("#duration", "1")
     page.run()
+    assert "Torque N m" in page.text("#plots")  # of its damping
     assert page.evaluate("document.getElementById('stale').hidden")
     page.choose("#duration", "2")
     assert "other duration" in page.text("#stale")
