@@ -107,16 +107,17 @@ class Fuzzer:
             plan.piece[random.integers(count)] = random.choice(LONG)
             keys = keys[::-1].copy()
         memory = Memory.of(keys, forces, marks[0], marks[1], change, *random.choice(NUMBERS, size=2)).words
-        start, out = np.concatenate([q, v, memory]), _Told()
+        start, told = np.concatenate([q, v, memory]), _Told()
         # A plan of more steps or pieces than it has tells the library to read what is not there.
         counts = [int(random.integers(-1, 2)), count, start.size]
         if random.random() < 0.1:
             counts[int(random.integers(3))] = int(random.choice([-1, 0, -(2**63), 2**62]))
-        pointers = [scene, plan.sizes[0], start.ctypes.data, ctypes.addressof(out)]
+        pointers = [scene, plan.arguments[0], start.ctypes.data, ctypes.addressof(told)]
         if random.random() < 0.1:
             pointers[int(random.integers(4))] = None
-        self.note("tl_contact_run", int(self.c.tl_contact_run(*pointers[:2], *plan.sizes[1:], *counts[:2], pointers[2],
-                                                              counts[2], pointers[3])))  # fmt: skip
+        scene, at, begin, out = pointers
+        sizes = (*plan.arguments[1:], *counts[:2])
+        self.note("tl_contact_run", int(self.c.tl_contact_run(scene, at, *sizes, begin, counts[2], out)))
 
 
 def main(seed: int, count: int) -> None:

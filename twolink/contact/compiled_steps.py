@@ -55,11 +55,9 @@ class CompiledSteps(TakenSteps):
         """The end of the last."""
         if self._told.rests:
             return super().end
-        told, nq, nv = self._told, self._bodies.model.nq, self._bodies.model.nv
-        words, at = told.words, told.last + WHOLES + NUMBERS
-        remembered = at + nq + 2 * nv
-        memory = Memory(words[remembered : remembered + HEAD + 2 * nv + EACH * told.known])
-        return StepEnd(words[at : at + nq], words[at + nq : at + nq + nv], memory)
+        model, read = self._bodies.model, _Reader(self._told.words, self._told.last + WHOLES + NUMBERS)
+        q, v, _ = read.numbers(model.nq), read.numbers(model.nv), read.numbers(model.nv)
+        return StepEnd(q, v, read.memory(self._told.known, model.nv))
 
     @overload
     def __getitem__(self, j: int) -> Step: ...
@@ -91,7 +89,7 @@ class CompiledSteps(TakenSteps):
         h, overlap, feasibility, complementarity, residual = read.numbers(NUMBERS).tolist()
         nq, nv = self._bodies.model.nq, self._bodies.model.nv
         q, v, mean = read.numbers(nq), read.numbers(nv), read.numbers(nv)
-        memory = Memory(read.numbers(HEAD + 2 * nv + EACH * known))
+        memory = read.memory(known, nv)
         keys = read.wholes(count)
         place, on_first, slips = (read.numbers(3 * count).reshape(-1, 3) for _ in range(3))
         joints = read.numbers(nv) if of_joints else None
@@ -126,3 +124,7 @@ class _Reader:
         """The next whole numbers."""
         self.at += count
         return self._wholes[self.at - count : self.at]
+
+    def memory(self, count: int, nv: int) -> Memory:
+        """The next words as a memory of so many contacts."""
+        return Memory(self.numbers(HEAD + 2 * nv + EACH * count))

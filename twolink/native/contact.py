@@ -96,7 +96,7 @@ class StepPlan:
         self.piece, self.mark = piece.view(np.int64), mark.view(np.int64)
         self.numbers = words[4 * steps :].reshape(numbers.shape)
         self.numbers[:] = numbers
-        self.sizes = address(words), steps, len(numbers)
+        self.arguments = address(words), steps, len(numbers)  # of tl_contact_run
         self._words = words
 
 
@@ -165,7 +165,7 @@ class _Instance:
             self._start = np.empty(2 * size)
             self._begin = address(self._start)
         np.concatenate(start, out=self._start[:size])
-        taken = library().tl_contact_run(self._handle.value, *plan.sizes, first, count, self._begin, size,
+        taken = library().tl_contact_run(self._handle.value, *plan.arguments, first, count, self._begin, size,
                                          self._reference)  # fmt: skip
         if self._failed is not None:
             raise self._failed

@@ -106,8 +106,8 @@ static int is_inside(const double *bounds, double z) { return z > bounds[0] && z
 
 /* Whether a block presses: its derivative is not 0. */
 static int presses(const tl_problem *q, int i, const double *z) {
-  const double *bounds = q->bounds + 6 * i;
   if (!(q->mu[i] < 0.0)) return z[2] > 0.0;
+  const double *bounds = q->bounds + 6 * i;
   return is_inside(bounds, z[0]) || is_inside(bounds + 2, z[1]) || is_inside(bounds + 4, z[2]);
 }
 

@@ -238,8 +238,9 @@ static int solve_island(tl_scene *s, const tl_law *law, const int32_t *active, i
   place_in *places = tl_take(&s->work, (size_t)n, sizeof *places);
   if (!places) return TL_NO_MEMORY;
   const int blocks = place_in_blocks(law, active, n, places), size = 3 * blocks;
-  double *x = tl_take(&s->work, 2 * (size_t)size, sizeof(double)), *left = x + size;
+  double *x = tl_take(&s->work, 2 * (size_t)size, sizeof(double));
   if (!x) return TL_NO_MEMORY;
+  double *left = x + size;
   int code = problem_of(s, law, active, n, places, blocks, &problem);
   if (code) return code;
   problem.scale = tl_larger(problem.scale, scale);
