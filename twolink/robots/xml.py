@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
@@ -291,7 +292,7 @@ def _look(reader: Reader, element: Element, owner: str, found: Foreign) -> None:
             _look(reader, child, owner, found)
         elif child.tag in entry.foreign_children or _is_prefixed(child.tag) or _moves_nothing(reader, child, owner):
             found.elements[child.tag] += 1
-            _count_motion([child], tag, found)
+            _count_motion(child, tag, found)
         else:
             _unknown(reader, child, owner, (f"<{child.tag}>", child.tag, tag), children, found)
 
@@ -321,14 +322,17 @@ def _moves_nothing(reader: Reader, element: Element, owner: str) -> bool:
     return all(reader.numbers(element, key, owner, 3, zeros) == zeros for key in keys)
 
 
-def _count_motion(elements: list[Element], block: str, found: Foreign) -> None:
-    """Count the elements of another program that change the motion there; plugins are programs of their own.
-
-    block: the one that they stand in.
-    """
-    for element in elements:
-        name = element.tag.rpartition(":")[2]
+def _count_motion(element: Element, holder: str, found: Foreign) -> None:
+    """Count an element of another program, which stands in `holder`, and those in it, where they change the motion."""
+    for part in _parts(element):
+        name = part.tag.rpartition(":")[2]
         if name in _CHANGES_MOTION:
-            found.motion[f"{name} in <{block}>"] += 1
-        if name != "plugin":
-            _count_motion(element.children, block if block not in URDF_ELEMENTS else element.tag, found)
+            found.motion[f"{name} in <{holder if part is element else element.tag}>"] += 1
+
+
+def _parts(element: Element) -> Iterator[Element]:
+    """An element and all in it but what stands in plugins, which are programs of their own."""
+    yield element
+    if element.tag.rpartition(":")[2] != "plugin":
+        for child in element.children:
+            yield from _parts(child)

@@ -142,11 +142,13 @@ def test_all_defects_are_found_at_once() -> None:
         "number": 1, "effort-limit": 3, "format": 1, "unknown-name": 2}  # fmt: skip
 
 
-def test_a_robot_to_look_at_has_one_warning_of_its_masses() -> None:
+def test_a_robot_without_inertials_has_one_warning_of_its_masses() -> None:
     text = re.sub(r"(?s)<inertial>.*?</inertial>", "", SOUND)
     (one,) = tl.lint(text).defects
     assert (one.rule, one.severity) == ("weightless", "warning")
     assert tl.load_robot(text, purpose="kinematics").nv == 4
+    beside = tl.lint(text.replace("<dynamics", "<dynamiks", 1)).defects
+    assert {(each.rule, each.severity) for each in beside} == {("weightless", "warning"), ("unknown-name", "error")}
 
 
 def test_a_circle_of_mimic_joints_is_an_error() -> None:

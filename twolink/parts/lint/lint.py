@@ -53,7 +53,7 @@ def lint(
     -------
     Findings
         The defects, each with rule, place, value, expectation and likely cause. Where `load_robot` refuses the file,
-        one at least is an error, but for a robot without any mass, which is one to look at.
+        one at least is an error, but for a robot without any <inertial>: it is for kinematics.
 
     Raises
     ------
@@ -84,8 +84,13 @@ def _defects(source: Source, folders: list[Path], arguments: Mapping[str, object
             yield from bodies.written_inertias(parse_xml(source.data, source.label, source.encoding))
         return
     own = [*reading.found, *(one for check in CHECKS for one in check(reading)), *_suspicious(reading)]
-    is_to_look_at = not any(link.mass for link in reading.links.values())
-    yield from (one for one in own if one.rule != "no-inertial" or not is_to_look_at)
+    is_massless = bool(reading.moving) and not any(link.has_inertial for link in reading.links.values())
+    if is_massless:  # said once, not of each link
+        own = [one for one in own if one.rule != "no-inertial"]
+        own.append(defect("weightless", "", 0, "no link has an <inertial>: joints have no acceleration",
+                          'give the links masses and inertias; for kinematics, purpose="kinematics" loads it',
+                          severity="warning"))  # fmt: skip
+    yield from own
     if not any(one.severity == "error" for one in own):
         try:
             if reading.raw.tag != "mujoco":
@@ -94,12 +99,9 @@ def _defects(source: Source, folders: list[Path], arguments: Mapping[str, object
             elif names := weightless_joints(reading.model):  # MuJoCo has compiled it, which can take seconds
                 raise without_inertia(reading.tree, reading.model, names)  # type: ignore[arg-type]
         except RobotError as error:
-            if error.code == "no-inertia" and is_to_look_at:
-                yield defect("weightless", "", 0, "no link has a mass: joints have no acceleration",
-                             'give the links masses and inertias; a robot to look at loads with purpose="kinematics"',
-                             severity="warning")  # fmt: skip
-            elif error.code not in _NOT_OF_THE_FILE:
-                yield of_error(error, "weightless" if error.code == "no-inertia" else "refused")
+            rule = "weightless" if error.code == "no-inertia" else "refused"
+            if error.code not in _NOT_OF_THE_FILE and not (is_massless and rule == "weightless"):
+                yield of_error(error, rule)
 
 
 def _suspicious(reading: Reading) -> Iterator[Defect]:

@@ -104,9 +104,11 @@ def read(source: Source, folders: list[Path], arguments: Mapping[str, object]) -
         said = describe(source, "report", "fixed", arguments, folders)
     except RobotError as error:
         if error.code == "mjcf" and (lost := _LOST.search(error.what)):
-            line = next((part.line for part in parts(raw) if part.attributes.get("file", "").endswith(lost[1])), 0)
+            named = (
+                part.line for part in parts(raw) if re.split(r"[\\/]", part.attributes.get("file", ""))[-1] == lost[1]
+            )
             what = f"{lost[1]} is not there, and MuJoCo loads nothing without it"
-            return (defect("mesh-missing", "", line, what, "add the file", severity="error"),)
+            return (defect("mesh-missing", "", next(named, 0), what, "add the file", severity="error"),)
         return (of_error(error, "xml" if error.code == "xml" else "refused"),)
     if (tag := said.robot.tag) != "robot":
         piece: Severity | None = "note" if tag == "mujocoinclude" else None

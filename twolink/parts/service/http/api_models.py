@@ -232,13 +232,13 @@ async def visuals(request: Request[Any, Any, Any], service: Shared, robot: FromP
 
 
 @get("/v1/robots/{robot:str}/scene", tags=["robots"], summary="A scene with all that the robot's file says")
-async def scene_of_robot(service: Shared, robot: FromPath[str]) -> Response[bytes]:
+async def robot_scene(service: Shared, robot: FromPath[str]) -> Response[bytes]:
     """A scene's content, which simulations take: gravity, damping, friction and stops as the file gives them.
 
     It starts off equilibrium, at rest, and has the ground under a free base; as `tl.scene_of`.
     """
     await service.robots.require(robot)
-    return Response(await service.read("whole_scene", key=robot), media_type=MediaType.JSON)
+    return Response(await service.read("robot_scene", key=robot), media_type=MediaType.JSON)
 
 
 @delete("/v1/robots/{robot:str}", tags=["robots"], summary="Delete an uploaded robot", status_code=204)
@@ -323,7 +323,7 @@ HANDLERS = [
     inspect_robot,
     upload_robot,
     visuals,
-    scene_of_robot,
+    robot_scene,
     delete_robot,
     list_scenes,
     show_scene,

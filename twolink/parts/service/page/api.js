@@ -87,6 +87,17 @@ export async function get(path, options) {
   return (await request(path, options)).json();
 }
 
+const kept = new Map();
+
+/** What is the same whenever it is asked for: asked for once. */
+export function getOnce(path) {
+  if (!kept.has(path)) {
+    kept.set(path, get(path));
+    kept.get(path).catch(() => kept.delete(path)); // the next one may ask again
+  }
+  return kept.get(path);
+}
+
 export async function post(path, content, options = {}) {
   const headers = { "Content-Type": "application/json" };
   return (await request(path, { ...options, method: "POST", body: JSON.stringify(content), headers })).json();

@@ -1,6 +1,6 @@
 // The choice of the robot: the list, uploads with their options, and the load report.
 
-import { get, post, request } from "./api.js";
+import { get, getOnce, post, request } from "./api.js";
 import { announce, byId, clearProblem, count, el, short, showProblem } from "./dom.js";
 import { searchable } from "./search.js";
 
@@ -16,7 +16,6 @@ export class Robots {
   /** onRobot(robot, changes) is called when another was picked or uploaded; changes: those given to `pick`. */
   constructor(onRobot) {
     this.onRobot = onRobot;
-    this.visuals = new Map();
     this.file = null; // what was uploaded last, to load it again with other options
     this.turn = 0;
     this.select = byId("robot-select");
@@ -179,14 +178,8 @@ export class Robots {
   }
 
   /** What a robot looks like. */
-  async look(id) {
-    if (!this.visuals.has(id)) this.visuals.set(id, get(`/v1/robots/${encodeURIComponent(id)}/visuals`));
-    try {
-      return await this.visuals.get(id);
-    } catch (failure) {
-      this.visuals.delete(id); // the next one may ask again
-      throw failure;
-    }
+  look(id) {
+    return getOnce(`/v1/robots/${encodeURIComponent(id)}/visuals`);
   }
 
   #drops() {

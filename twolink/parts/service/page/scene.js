@@ -1,6 +1,6 @@
 // The scene: its choice, its effects, its start, and the estimated cost of a run.
 
-import { get, post } from "./api.js";
+import { get, getOnce, post } from "./api.js";
 import { byId, clearProblem, debounce, el, seconds, sentence, showProblem } from "./dom.js";
 import { listEffects } from "./effects.js";
 import { searchable } from "./search.js";
@@ -81,10 +81,14 @@ export class SceneEditor {
     this.#learnConstants(robot);
   }
 
-  /** The scene of any robot: with all that its file says. A robot without joints has none; `explain` says so. */
+  /** The scene of a robot with all that its file says; of one without joints an empty one. */
   async own(robot) {
-    const none = { robot: robot.id, title: robot.name, duration: 2, q: {}, effects: [] };
-    return get(`/v1/robots/${encodeURIComponent(robot.id)}/scene`).catch(() => none);
+    try {
+      return await getOnce(`/v1/robots/${encodeURIComponent(robot.id)}/scene`);
+    } catch (failure) {
+      if (failure.code !== "nothing-moves") throw failure;
+      return { robot: robot.id, title: robot.name, duration: 2, q: {}, effects: [] };
+    }
   }
 
   /** The scene as the service takes it, always with its content. */

@@ -156,7 +156,7 @@ def draw(*, key: str, robots: str, path: str) -> None:
     Path(path).write_bytes(gzip.compress(visuals_of(robot_by_id(key, robots)), GZIP_LEVEL))
 
 
-def whole_scene(*, key: str, robots: str) -> bytes:
+def robot_scene(*, key: str, robots: str) -> bytes:
     """A scene with all that a robot's file says, as JSON that simulations take; with the ground under a free base."""
     robot = robot_by_id(key, robots)
     scene = scene_of(robot, contact=robot.root == "free")

@@ -18,7 +18,7 @@ from twolink.parts.service.work.requests import (
     SensitivityRequest,
     prepare,
 )
-from twolink.parts.service.work.robot_tasks import draw, load, receive, robot_by_id, whole_scene
+from twolink.parts.service.work.robot_tasks import draw, load, receive, robot_by_id, robot_scene
 from twolink.parts.service.work.scene_tasks import (
     ProgressOf,
     allowed_scene,
@@ -93,7 +93,7 @@ def identify(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
     return {"title": f"{robot.name}: identification", **found.to_dict(), "curves": curves}
 
 
-_ABOUT_ROBOTS = (receive, load, draw, whole_scene)
+_ABOUT_ROBOTS = (receive, load, draw, robot_scene)
 _ABOUT_SCENES = (validate, explain, preview, quantities, linearize, live)
 _JOBS = (prepare, pack_robot, simulate, study, sense, identify, sweep)
 _RESULTS = (export, motion, export_sweep, sweep_columns, sweep_run)
