@@ -140,6 +140,11 @@ def test_300_random_sequences_are_their_histories_from_fresh(seed: int) -> None:
     same_as_its_history(*kinds[seed % len(kinds)], seed, 12)
 
 
+def test_short_steps_go_on_the_same_behind_another_start() -> None:
+    for seed in (73, 91, 109):
+        same_as_its_history(KINDS["smooth"], True, seed, 12)
+
+
 def test_a_ball_that_rolls_goes_on_the_same() -> None:
     for seed in range(3):
         same_as_its_history(simulations(free_body(E.Sphere(0.1), 0.1), **STEPPED), True, seed, 8)

@@ -127,7 +127,7 @@ class SmoothMotion(Motion):
     def _choose_method(self, nearer: StepMap, ahead: float) -> None:
         """Take the method of lower order for times that are so near that it gets there by a step."""
         columns = self.columns
-        if columns.by is not nearer:
+        if columns.by.method is not nearer.method:  # columns of another motion have maps of their own
             if columns.too_exact and ahead < min(columns.step, NEAR * self._too_far):
                 columns.go_on_by(nearer)
         elif ahead > FAR * columns.step:
