@@ -32,6 +32,27 @@ def test_ascii_stl_and_any_end_of_line() -> None:
             assert enclosed(vertices, faces) == pytest.approx(6.0)
 
 
+def test_an_obj_of_polygons_counted_from_either_end() -> None:
+    pyramid = """# of a square and four sides, v x y z with a weight, texture and normals
+v 0 0 0 1.0
+v 2 0 0
+v 2 2 \\
+0
+v 0 2 0
+v 1 1 3
+vn 0 0 1
+vt 0 0
+f 4/1/1 3/1/1 2//1 1
+f -5 -4 -1
+ f 2 3 5
+f 3 4 5
+f 4 1 5
+"""
+    vertices, faces = read_triangles(pyramid.encode(), ".obj")
+    assert (len(vertices), len(faces)) == (5, 6)
+    assert enclosed(vertices, faces) == pytest.approx(4.0)
+
+
 def test_collada_comes_in_metres() -> None:
     vertices, _ = read_triangles(DAE.encode(), ".dae")
     np.testing.assert_allclose(np.ptp(vertices, axis=0), [0.5, 0.5, 0.0], atol=1e-12)

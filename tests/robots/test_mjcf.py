@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 
 import twolink as tl
 from scripts.studies.mjcf import accelerations, difference, smooth_mujoco
@@ -19,8 +20,12 @@ from twolink.errors import MissingExtraError, RobotError
 from twolink.integrate.motion.formulas import motion_of
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.robots import load_model
+from twolink.robots.catalogue import open_source
 from twolink.robots.checks import compare
 from twolink.robots.meshes import MeshFolders
+from twolink.robots.mjcf import read_mjcf
+from twolink.robots.mjcf_model import compiled_mjcf
+from twolink.robots.xml import Element
 
 # All kinds of joints; anchors off the body's origin, references, several joints of a body, turned inertias, motors.
 EVERYTHING = """<mujoco model="everything"><option gravity="1 2 -9"/><worldbody><body name="a" pos="0 0 1">
@@ -257,3 +262,41 @@ def test_a_height_field_is_the_ground_of_a_scene_and_has_mujocos_heights(tmp_pat
         )
         assert field.point[2] + field.heights[i][k] == pytest.approx(3.0 - ray, abs=2e-3)
     assert tl.simulate(scene, contact="stepped", step=5e-3, verify=False).q[-1, 2] > 0.0
+
+
+# A mesh of a body whose mass is given; one of a body without; one that gives a box its size.
+MESHED = """<mujoco><compiler meshdir="parts"/><asset><mesh file="given.stl" refpos=".1 0 0" scale="2 1 1"/>
+<mesh name="massive" file="b.obj"/><mesh name="sized" file="c.obj"/></asset><worldbody><body name="a"><freejoint/>
+<inertial mass="2" pos="0 0 .1" diaginertia=".1 .1 .1"/>{given}<body name="b"><joint/>{massive}</body>
+<body name="c"><joint/><inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/>{sized}</body></body></worldbody></mujoco>"""
+GEOMS = {"given": '<geom type="mesh" mesh="given" pos=".3 0 0" euler="10 20 30"/>',
+         "massive": '<geom type="mesh" mesh="massive"/>', "sized": '<geom type="box" mesh="sized"/>'}  # fmt: skip
+
+
+def numbers(element: Element) -> list[float]:
+    """All numbers of an element and of those in it, in their order."""
+    own = [float(x) for text in element.attributes.values() for x in text.split() if x[0] in "-0123456789"]
+    return own + [x for child in element.children for x in numbers(child)]
+
+
+def test_meshes_that_give_no_mass_and_no_size_are_not_read(tmp_path: Path) -> None:
+    box, path = trimesh.creation.box((0.2, 0.4, 0.6)), tmp_path / "robot.xml"
+    box.apply_translation([0.5, 0.1, 0.2])
+    (tmp_path / "parts").mkdir()
+    for name in ("b.obj", "c.obj", "given.stl"):
+        box.export(tmp_path / "parts" / name)
+    path.write_text(MESHED.format(**GEOMS))
+    source = open_source(path)
+    by_mujoco = read_mjcf(mujoco.MjModel.from_xml_path(str(path)), source, "refuse").robot
+    (tmp_path / "parts" / "given.stl").unlink()
+    np.testing.assert_allclose(numbers(read_mjcf(compiled_mjcf(source), source, "refuse").robot), numbers(by_mujoco),
+                               atol=1e-14)  # fmt: skip
+    assert "given.stl" in str(tl.load_robot(path).report)
+    for name, file in (("massive", "b.obj"), ("sized", "c.obj")):
+        (tmp_path / "parts" / file).rename(tmp_path / file)
+        with pytest.raises(RobotError, match=file):
+            tl.load_robot(path)
+        path.write_text(MESHED.format(**{**GEOMS, name: '<geom size=".1"/>'}))
+        tl.load_robot(path)
+        path.write_text(MESHED.format(**GEOMS))
+        (tmp_path / file).rename(tmp_path / "parts" / file)

@@ -123,6 +123,8 @@ def read_triangles(raw: bytes, suffix: str) -> tuple[Floats, Faces]:
     elif suffix == ".stl" and len(raw) == 84 + 50 * (count := int.from_bytes(raw[80:84], "little")):  # binary
         rows = np.frombuffer(raw, np.dtype([("normal", "<f4", 3), ("corners", "<f4", 9), ("more", "<u2")]), offset=84)
         vertices, faces = rows["corners"].astype(float).reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)
+    elif suffix == ".obj":
+        vertices, faces = _read_obj(raw)
     elif suffix in SUFFIXES:
         vertices, faces = _by_trimesh(raw, suffix)
     else:
@@ -136,11 +138,26 @@ def read_triangles(raw: bytes, suffix: str) -> tuple[Floats, Faces]:
     return vertices, faces
 
 
+def _read_obj(raw: bytes) -> tuple[Floats, Faces]:
+    """The vertices of a Wavefront OBJ, and its polygons as fans of triangles.
+
+    Not by trimesh, which takes ten times as long for large ones and ends no line at a carriage return.
+    """
+    text = b"\n" + raw.replace(b"\\\r\n", b"").replace(b"\\\n", b"").replace(b"\r", b"\n")  # a line goes on after \
+    vertices = np.array([place.split(None, 3)[:3] for place in re.findall(rb"\n[ \t]*v[ \t]([^\n]*)", text)], float)
+    corners = b"\n".join(re.findall(rb"\n[ \t]*f[ \t]([^\n]*)", text))  # each vertex/texture/normal
+    polygons = [polygon.split() for polygon in re.sub(rb"/\S*", b"", corners).splitlines()]
+    fans = [np.empty((0, 3), np.int64)]
+    for size in sorted({len(polygon) for polygon in polygons}):
+        alike = np.array([polygon for polygon in polygons if len(polygon) == size], np.int64)
+        fans += [alike[:, [0, k, k + 1]] for k in range(1, size - 1)]
+    faces = np.concatenate(fans)  # from 1 on, or back from the last vertex
+    return vertices.reshape(-1, 3), np.where(faces > 0, faces - 1, faces + len(vertices))
+
+
 def _by_trimesh(raw: bytes, suffix: str) -> tuple[Floats, Faces]:
     import trimesh
 
-    if suffix == ".obj":
-        raw = raw.replace(b"\r\n", b"\n").replace(b"\r", b"\n")  # trimesh does not end lines at \r
     try:
         scene = trimesh.load_scene(io.BytesIO(raw), file_type=suffix[1:], process=False, skip_materials=True)
         mesh = scene.to_mesh()

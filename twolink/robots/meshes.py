@@ -84,7 +84,7 @@ def missing_meshes(robot: Element, folders: MeshFolders) -> dict[str, tuple[str,
     for kind, what in _MISSING.items():
         shapes = (body.first("geometry") for link in robot.all("link") for body in link.all(kind))
         names = (mesh.attributes.get("filename", "") for shape in shapes if shape for mesh in shape.all("mesh"))
-        missing[what] = tuple(dict.fromkeys(name for name in names if folders.find(name) is None))
+        missing[what] = tuple(name for name in dict.fromkeys(names) if folders.find(name) is None)
     return missing
 
 

@@ -1,7 +1,9 @@
 """A compiled MJCF: names, flags and arrays of mujoco.MjModel."""
 
+import os
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -13,16 +15,52 @@ from twolink.robots.catalogue import Source
 SHAPES = {2: "sphere", 3: "capsule", 5: "cylinder", 6: "box", 7: "mesh"}  # of mjtGeom
 
 
+_CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+_FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+
+
 def compiled_mjcf(source: Source) -> Any:
-    """The mujoco.MjModel of an MJCF. Raises RobotError (code "mjcf") in MuJoCo's words."""
-    mujoco = import_extra("mujoco", "mjcf")
+    """The mujoco.MjModel of an MJCF. Raises RobotError (code "mjcf") in MuJoCo's words.
+
+    Reading the meshes of a robot takes MuJoCo seconds. It reads a tetrahedron in place of those that give no body its
+    mass and no shape its size, so that they may also be missing, as those of a URDF.
+    """
+    specs = import_extra("mujoco", "mjcf").MjSpec
     try:
-        if source.path is not None:
-            return mujoco.MjModel.from_xml_path(str(source.path))
-        return mujoco.MjModel.from_xml_string(source.data.decode())
+        spec = specs.from_string(source.data.decode()) if source.path is None else specs.from_file(str(source.path))
+        spec.assets = {**spec.assets, **_stand_ins(spec)}
+        return spec.compile()
     except ValueError as error:
         raise RobotError(f"MuJoCo refuses it: {' '.join(str(error).split())}", where=source.label, code="mjcf",
                          remedy="correct what it names; what others include is not a model") from None  # fmt: skip
+
+
+def _stand_ins(spec: Any) -> dict[str, bytes]:
+    """A tetrahedron by the names of the files of meshes that nothing is computed from."""
+    mujoco = import_extra("mujoco", "mjcf")
+    always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    needed = {
+        geom.meshname
+        for geom in spec.geoms
+        if geom.type != mujoco.mjtGeom.mjGEOM_MESH
+        or (geom.parent.id and (not geom.parent.explicitinertial or spec.compiler.inertiafromgeom == always))
+    }
+    found = {}
+    for mesh in spec.meshes:
+        content = _tetrahedra().get(PurePath(mesh.file).suffix.lower())
+        if content is not None and not needed & {mesh.name, PurePath(mesh.file).stem}:
+            found[PurePath(mesh.file).name if spec.strippath else os.path.join(spec.meshdir, mesh.file)] = content
+    return found
+
+
+@cache
+def _tetrahedra() -> dict[str, bytes]:
+    """A tetrahedron as the content of mesh files, by their endings."""
+    triangles = np.zeros(len(_FACES), np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")]))
+    triangles["corners"] = _CORNERS[_FACES]
+    lines = [*(f"v {x} {y} {z}" for x, y, z in _CORNERS), *(f"f {i} {j} {k}" for i, j, k in _FACES + 1)]
+    stl = bytes(80) + len(_FACES).to_bytes(4, "little") + triangles.tobytes()
+    return {".stl": stl, ".obj": "\n".join(lines).encode()}
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from twolink.parts.lint.findings import Defect, Severity, defect
 from twolink.parts.lint.reading import Reading, parts
-from twolink.parts.lint.shapes import Extent, extent
+from twolink.parts.lint.shapes import Extent
 from twolink.robots.checks import impossible_bodies, impossible_inertia, is_impossible
 from twolink.robots.urdf import UrdfLink
 from twolink.robots.xml import Element
@@ -110,13 +110,13 @@ def beside_shapes(reading: Reading) -> Iterator[Defect]:
     if reading.tree is None:
         return
     fixed = [(joint.parent, reading.links[joint.child]) for joint in reading.joints if joint.type == "fixed"]
-    lumped = {parent for parent, child in fixed if child.mass == 0 and extent(child.element, reading.folders, _BOTH)}
+    lumped = {parent for parent, child in fixed if child.mass == 0 and reading.shapes.extent(child.element, _BOTH)}
     for link, part, centre in _bodies(reading):
-        found = extent(link.element, reading.folders, _BOTH)
+        found = reading.shapes.extent(link.element, _BOTH)
         if link.mass <= 0 or found.half_diagonal < _SMALLEST or not found.whole:
             continue
         line = reading.line(part, link.name)
-        solids = [extent(link.element, reading.folders, (tag,)) for tag in _BOTH]
+        solids = [reading.shapes.extent(link.element, (tag,)) for tag in _BOTH]
         yield from _density(link, max(solids, key=lambda one: one.volume), line, link.name in lumped)
         if (beside := found.beside(centre)) > max(found.half_diagonal, 0.02):
             scaled = found.beside(centre / 1000) == 0.0 and np.linalg.norm(centre) > 10 * found.half_diagonal

@@ -9,8 +9,8 @@ import numpy as np
 
 from twolink.parts.lint.bodies import opposite
 from twolink.parts.lint.findings import Defect, Fix, defect
-from twolink.parts.lint.reading import Reading, parts
-from twolink.parts.lint.shapes import extent, meshes
+from twolink.parts.lint.reading import Reading, lost_mesh, parts
+from twolink.parts.lint.shapes import meshes
 from twolink.robots.checks import mimic_fault
 from twolink.robots.meshes import missing_meshes
 from twolink.robots.urdf import UNIT_TOLERANCE, UrdfJoint
@@ -134,7 +134,7 @@ def shapes(reading: Reading) -> Iterator[Defect]:
                              "a mirrored mesh, whose sides some programs turn inside out" if mirrored else
                              "give three positive numbers", severity="note" if mirrored else None)  # fmt: skip
                 break
-        sizes = [extent(link.element, reading.folders, (tag,)).half_diagonal for tag in ("visual", "collision")]
+        sizes = [reading.shapes.extent(link.element, (tag,)).half_diagonal for tag in ("visual", "collision")]
         line = reading.line(link.element, link.name)
         meshed = next(meshes(link.element), None) is not None
         if meshed and max(sizes) > _LARGE and max(sizes) > _TIMES * reach > 0:
@@ -148,7 +148,10 @@ def shapes(reading: Reading) -> Iterator[Defect]:
 def _missing(reading: Reading) -> Iterator[Defect]:
     """Meshes without a file: those whose name has backslashes, which can be mended, and the others together."""
     robot = Element("robot", {}, 0, [link.element for link in reading.links.values()])
-    missing = {name for names in missing_meshes(robot, reading.folders).values() for name in names}
+    missing = {name for names in missing_meshes(robot, reading.shapes.folders).values() for name in names}
+    if reading.raw.tag == "mujoco":
+        yield from (lost_mesh(reading.raw, name, "warning") for name in sorted(missing))
+        return
     found = [mesh for link in robot.children for mesh in meshes(link) if mesh.attributes.get("filename", "") in missing]
     for mesh in found:
         if "\\" in (name := mesh.attributes.get("filename", "")):
@@ -158,7 +161,8 @@ def _missing(reading: Reading) -> Iterator[Defect]:
     others = [mesh for mesh in found if mesh.attributes.get("filename", "") in missing]
     if others:
         first = others[0].attributes.get("filename", "")
-        yield defect("mesh-missing", "", others[0].line, f"{len(missing)} meshes are not found, the first is {first!r}",
+        what = f"{len(missing)} meshes are not found, the first is" if len(missing) > 1 else "there is no mesh"
+        yield defect("mesh-missing", "", others[0].line, f"{what} {first!r}",
                      "give --package-dir, or correct the names")  # fmt: skip
 
 

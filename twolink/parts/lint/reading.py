@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -12,16 +13,20 @@ import pinocchio as pin
 
 from twolink.errors import RobotError, TwolinkError
 from twolink.parts.lint.findings import Defect, Severity, defect
+from twolink.parts.lint.shapes import Shapes
 from twolink.robots.catalogue import Source, examples_share
 from twolink.robots.formats import describe
 from twolink.robots.load import build
-from twolink.robots.meshes import MeshFolders, mesh_folders
+from twolink.robots.meshes import mesh_folders
 from twolink.robots.tree import Tree, joined_tree
 from twolink.robots.urdf import UrdfJoint, UrdfLink, read_joint, read_link
 from twolink.robots.xml import Element, Foreign, Reader, Vector, foreign_content, parse_xml
 
 _LOST = re.compile(r"Error opening file '(?:[^']*[\\/])?([^']*\.(?:obj|stl|msh|png))'", re.IGNORECASE)  # MuJoCo's words
 _MOST = 1e60  # kg, m, rad, kg m^2: sums of squares of more overflow
+Place = tuple[int, int]
+"""The order of an element in its file, and its line."""
+_NOWHERE: Place = (2**62, 0)
 P = TypeVar("P", UrdfLink, UrdfJoint)
 
 
@@ -50,7 +55,7 @@ class Reading:
     """A robot's file as far as it can be read.
 
     raw: its elements as they stand in it. links, joints: those that can be read. tree, model: None where they make no
-    tree. folders: of meshes.
+    tree.
     """
 
     raw: Element
@@ -58,7 +63,7 @@ class Reading:
     joints: tuple[UrdfJoint, ...]
     tree: Tree | None
     model: pin.Model | None
-    folders: MeshFolders
+    shapes: Shapes
     found: tuple[Defect, ...]
 
     def line(self, element: Element | None, name: str) -> int:
@@ -66,8 +71,26 @@ class Reading:
         if element is not None and element.line:
             return element.line
         names = dict.fromkeys((name, name.split("/")[0], name.removesuffix("_joint"), name.removesuffix("_fixed")))
-        found = (part.line for wanted in names if wanted for part in parts(self.raw) if _is_called(part, wanted))
-        return next(found, 0)
+        plain, macros = self._places
+        found = (
+            min([plain.get(wanted, _NOWHERE), *(place for pattern, place in macros if pattern.fullmatch(wanted))])
+            for wanted in names
+            if wanted
+        )
+        return next((place[1] for place in found if place is not _NOWHERE), 0)
+
+    @cached_property
+    def _places(self) -> tuple[dict[str, Place], list[tuple[re.Pattern[str], Place]]]:
+        """Where each name first stands: by the name, and by patterns of those that macros make in part."""
+        plain: dict[str, Place] = {}
+        macros: list[tuple[re.Pattern[str], Place]] = []
+        for order, part in enumerate(parts(self.raw)):
+            written = re.split(r"\$\{.*?\}", part.attributes.get("name", ""))
+            if len(written) == 1:
+                plain.setdefault(written[0], (order, part.line))
+            elif re.search("[a-zA-Z0-9]", "".join(written)):
+                macros.append((re.compile(".*".join(map(re.escape, written))), (order, part.line)))
+        return plain, macros
 
     @property
     def moving(self) -> tuple[UrdfJoint, ...]:
@@ -80,15 +103,6 @@ def parts(element: Element) -> Iterator[Element]:
     for child in element.children:
         yield child
         yield from parts(child)
-
-
-def _is_called(element: Element, name: str) -> bool:
-    """True if an element has the name, or one that a macro can make it of."""
-    written = re.split(r"\$\{.*?\}", element.attributes.get("name", ""))
-    if len(written) == 1:
-        return written[0] == name
-    pattern = ".*".join(map(re.escape, written))
-    return re.search("[a-zA-Z0-9]", pattern) is not None and re.fullmatch(pattern, name) is not None
 
 
 def read(source: Source, folders: list[Path], arguments: Mapping[str, object]) -> Reading | tuple[Defect, ...]:
@@ -104,11 +118,7 @@ def read(source: Source, folders: list[Path], arguments: Mapping[str, object]) -
         said = describe(source, "report", "fixed", arguments, folders)
     except RobotError as error:
         if error.code == "mjcf" and (lost := _LOST.search(error.what)):
-            named = (
-                part.line for part in parts(raw) if re.split(r"[\\/]", part.attributes.get("file", ""))[-1] == lost[1]
-            )
-            what = f"{lost[1]} is not there, and MuJoCo loads nothing without it"
-            return (defect("mesh-missing", "", next(named, 0), what, "add the file", severity="error"),)
+            return (lost_mesh(raw, lost[1], "error"),)
         return (of_error(error, "xml" if error.code == "xml" else "refused"),)
     if (tag := said.robot.tag) != "robot":
         piece: Severity | None = "note" if tag == "mujocoinclude" else None
@@ -127,8 +137,16 @@ def read(source: Source, folders: list[Path], arguments: Mapping[str, object]) -
     kept = [joint for joint in joints.values() if _is_joined(joint, links, wrong)]
     robot.children = [*(link.element for link in links.values()), *(joint.element for joint in kept)]
     tree, model = _joined(robot, links, kept, source, foreign, wrong, len(joints) > len(kept))
-    places = mesh_folders(folders, source.path, examples_share())
-    return Reading(raw, links, tree.joints if tree else tuple(kept), tree, model, places, tuple(wrong))
+    shapes = Shapes(mesh_folders(folders, source.path, examples_share()))
+    return Reading(raw, links, tree.joints if tree else tuple(kept), tree, model, shapes, tuple(wrong))
+
+
+def lost_mesh(mujoco: Element, path: str, severity: Severity) -> Defect:
+    """The defect that a mesh of an MJCF, or a picture, is not there."""
+    name = re.split(r"[\\/]", path)[-1]
+    lines = (part.line for part in parts(mujoco) if re.split(r"[\\/]", part.attributes.get("file", ""))[-1] == name)
+    what = f"{name} is not there, and MuJoCo loads nothing without it"
+    return defect("mesh-missing", "", next(lines, 0), what, "add the file", severity=severity)
 
 
 def of_error(error: TwolinkError, rule: str) -> Defect:

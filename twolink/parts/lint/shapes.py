@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
-from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import lru_cache
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,10 @@ _LARGEST = 2**22  # bytes of a mesh that is read for its size
 _MOST = 1e60  # m: squares of more overflow
 _READ = (".stl", ".obj")  # Collada takes too long
 _CUBE = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+
+
+Size = tuple[np.ndarray, float]
+"""The corners (8, 3) of the box around a shape, m, and its volume, m^3."""
 
 
 @dataclass(frozen=True)
@@ -51,19 +55,62 @@ class Extent:
         return np.asarray(far.sum() - far)
 
 
-def extent(link: Element, folders: MeshFolders, tags: tuple[str, ...]) -> Extent:
-    """The shapes of a link's collisions or visuals."""
-    points, volume, whole = [np.empty((0, 3))], 0.0, True
-    for tag in tags:
-        for body in link.all(tag):
-            found = _shape(body, folders)
-            if found is None:
-                whole = False
-                continue
-            corners, own = found
-            volume += own
-            points.append(corners @ _turn(body).T + _numbers(body.first("origin"), "xyz", 3))
-    return Extent(np.concatenate(points), volume if whole else 0.0, whole)
+@dataclass(frozen=True)
+class Shapes:
+    """The shapes of the links of a file, each measured once. folders: of its meshes."""
+
+    folders: MeshFolders
+    _extents: dict[tuple[int, tuple[str, ...]], Extent] = field(default_factory=dict)
+    _meshes: dict[str, Size | None] = field(default_factory=dict)
+    _by_content: dict[bytes, Size | None] = field(default_factory=dict)  # legs have copies of one file
+
+    def extent(self, link: Element, tags: tuple[str, ...]) -> Extent:
+        """The shapes of a link's collisions or visuals. The link is one that lives as long as this."""
+        key = (id(link), tags)
+        if key not in self._extents:
+            one, *more = tags
+            each = [self.extent(link, (tag,)) for tag in tags] if more else [self._of(body) for body in link.all(one)]
+            self._extents[key] = _together(each)
+        return self._extents[key]
+
+    def _of(self, body: Element) -> Extent:
+        """The shape of a visual or collision."""
+        shape = next((part for geometry in body.all("geometry") for part in geometry.children), None)
+        found = None if shape is None else self._mesh(shape) if shape.tag == "mesh" else _plain(shape)
+        if found is None:
+            return Extent(np.empty((0, 3)), 0.0, False)
+        return Extent(found[0] @ _turn(body).T + _numbers(body.first("origin"), "xyz", 3), found[1], True)
+
+    def _mesh(self, mesh: Element) -> Size | None:
+        """The corners around a mesh, and its volume; None where it is not read."""
+        name = mesh.attributes.get("filename", "")
+        if name not in self._meshes:
+            found = self.folders.find(name)
+            self._meshes[name] = None if found is None else self._measured(found[0])
+        sized, scale = self._meshes[name], _numbers(mesh, "scale", 3, 1.0)
+        return None if sized is None else (sized[0] * scale, abs(float(np.prod(scale))) * sized[1])
+
+    def _measured(self, path: Path) -> Size | None:
+        """The size of a mesh file; None for what is not read."""
+        try:
+            if path.suffix.lower() not in _READ or path.stat().st_size > _LARGEST:
+                return None
+            raw = path.read_bytes()
+        except OSError:
+            return None
+        key = hashlib.blake2b(raw, person=path.suffix.lower().encode()).digest()
+        if key not in self._by_content:
+            self._by_content[key] = _size_of(raw, path.suffix.lower())
+        return self._by_content[key]
+
+
+def _together(shapes: Iterable[Extent]) -> Extent:
+    """The extent of several shapes; the volume is that of all, or not known."""
+    each = [Extent(np.empty((0, 3)), 0.0, True), *shapes]
+    whole = all(one.whole for one in each)
+    return Extent(
+        np.concatenate([one.points for one in each]), sum(one.volume for one in each) if whole else 0.0, whole
+    )
 
 
 def _turn(body: Element) -> np.ndarray:
@@ -79,11 +126,8 @@ def _numbers(element: Element | None, key: str, count: int, default: float = 0.0
     return values if len(values) == count and (np.abs(values) < _MOST).all() else np.full(count, default)
 
 
-def _shape(body: Element, folders: MeshFolders) -> tuple[np.ndarray, float] | None:
-    """The corners around a shape, and its volume; None for what is not read."""
-    shape = next((part for geometry in body.all("geometry") for part in geometry.children), None)
-    if shape is None:
-        return None
+def _plain(shape: Element) -> Size | None:
+    """The corners around a shape that is no mesh, and its volume; None for what is not known."""
     radius, length = (float(_numbers(shape, key, 1)[0]) for key in ("radius", "length"))
     match shape.tag:
         case "box":
@@ -94,22 +138,14 @@ def _shape(body: Element, folders: MeshFolders) -> tuple[np.ndarray, float] | No
         case "cylinder" | "capsule":
             ends = 2 * radius * (shape.tag == "capsule")
             return _CUBE * [2 * radius, 2 * radius, length + ends], np.pi * radius**2 * (length + 2 / 3 * ends)
-        case "mesh":
-            found = folders.find(shape.attributes.get("filename", ""))
-            sized = None if found is None else _mesh(found[0])
-            scale = _numbers(shape, "scale", 3, 1.0)
-            return None if sized is None else (sized[0] * scale, abs(float(np.prod(scale))) * sized[1])
     return None
 
 
-@lru_cache(maxsize=256)
-def _mesh(path: Path) -> tuple[np.ndarray, float] | None:
-    """The corners of the box around a mesh, and its volume, 0 where it is open; None for what is not read."""
-    if path.suffix.lower() not in _READ or path.stat().st_size > _LARGEST:
-        return None
+def _size_of(raw: bytes, suffix: str) -> Size | None:
+    """The size of a mesh, its volume 0 where it is open; None where it is none."""
     try:
-        vertices, faces = read_triangles(path.read_bytes(), path.suffix.lower())
-    except (OSError, ValueError):
+        vertices, faces = read_triangles(raw, suffix)
+    except ValueError:
         return None
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     corners = vertices[faces]
