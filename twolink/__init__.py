@@ -41,9 +41,9 @@ if TYPE_CHECKING:
     from twolink.parts.identification.scene_fit import fit
     from twolink.parts.lint.findings import Findings
     from twolink.parts.lint.lint import lint
-    from twolink.parts.referee.referee import judge
+    from twolink.parts.referee.referee import judge, judge_many
     from twolink.parts.referee.step_table import StepTable, step_table
-    from twolink.parts.referee.verdict import Verdict
+    from twolink.parts.referee.verdict import Verdict, Verdicts
     from twolink.parts.service.client import connect
     from twolink.parts.sweeps.sweeping import sweep
     from twolink.scenes.urdf_scene import scene_of
@@ -61,9 +61,9 @@ _IMPORTED_WHEN_USED = {
     "parts.exchange.model_comparison": ("ModelComparison", "compare_models"),
     "parts.lint.findings": ("Findings",),
     "parts.lint.lint": ("lint",),
-    "parts.referee.referee": ("judge",),
+    "parts.referee.referee": ("judge", "judge_many"),
     "parts.referee.step_table": ("StepTable", "step_table"),
-    "parts.referee.verdict": ("Verdict",),
+    "parts.referee.verdict": ("Verdict", "Verdicts"),
     "scenes.urdf_scene": ("scene_of",),
     "parts.identification.fit_result": ("SceneFit",),
     "parts.identification.identify": ("identify",),
@@ -140,6 +140,7 @@ __all__ = [
     "Study",
     "Trajectory",
     "Verdict",
+    "Verdicts",
     "Worlds",
     "Wrench",
     "accuracy_study",
@@ -156,6 +157,7 @@ __all__ = [
     "gradient",
     "identify",
     "judge",
+    "judge_many",
     "lagrange",
     "linearize",
     "lint",

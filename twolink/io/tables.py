@@ -1,6 +1,7 @@
-"""Tables of named columns: .csv, .parquet, .npz, .mat, bags of ROS 2, and CSV text whose errors name the line."""
+"""Tables of named columns: .csv (.gz), .parquet, .npz, .mat, bags of ROS 2; and CSV text whose errors name the line."""
 
 import csv
+import gzip
 import io
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -111,7 +112,7 @@ def read_table(path: Path) -> tuple[Columns, dict[str, str]]:
     TwolinkError
         The format is unknown, or the file cannot be read (code "not-readable", of CSV "csv").
     """
-    readers = {".csv": _read_csv, ".parquet": _read_parquet, ".npz": _read_npz, ".mat": _read_mat}
+    readers = {".csv": _read_csv, ".csv.gz": _read_csv, ".parquet": _read_parquet, ".npz": _read_npz, ".mat": _read_mat}
     reader = read_bag if is_bag(path) else readers[require_format(path, (*readers, *BAGS))]
     try:
         path.stat()  # pyarrow's own error for a missing file says less
@@ -126,7 +127,7 @@ def read_table(path: Path) -> tuple[Columns, dict[str, str]]:
 
 def require_format(path: Path, suffixes: Iterable[str] = SUFFIXES, error: type[TwolinkError] = TwolinkError) -> str:
     """The ending of a path in lower case. Raises `error` (code "unknown-format") when it is none of `suffixes`."""
-    suffix, endings = path.suffix.lower(), tuple(suffixes)
+    suffix, endings = "".join(path.suffixes[-2 if path.suffix.lower() == ".gz" else -1 :]).lower(), tuple(suffixes)
     if suffix not in endings:
         what = f"{path.suffix or 'no ending'!r} is not a format we know"
         raise error(what, where=str(path), remedy=f"known: {', '.join(endings)}", code="unknown-format")
@@ -142,7 +143,9 @@ def _write_csv(file: BinaryIO, columns: Columns, _notes: Mapping[str, str]) -> N
 
 
 def _read_csv(path: Path) -> tuple[Columns, dict[str, str]]:
-    return parse_csv(decode(path.read_bytes(), path, TwolinkError), str(path)), {}
+    raw = path.read_bytes()
+    text = decode(gzip.decompress(raw) if path.suffix.lower() == ".gz" else raw, path, TwolinkError)
+    return parse_csv(text, str(path)), {}
 
 
 def _write_parquet(file: BinaryIO, columns: Columns, notes: Mapping[str, str]) -> None:
@@ -157,7 +160,7 @@ def _read_parquet(path: Path) -> tuple[Columns, dict[str, str]]:
     pyarrow, parquet = import_extra("pyarrow", "sweeps"), import_extra("pyarrow.parquet", "sweeps")
 
     def numbers(column: Any) -> np.ndarray:
-        lists = pyarrow.types.is_fixed_size_list(column.type)
+        lists = pyarrow.types.is_fixed_size_list(column.type) or pyarrow.types.is_list(column.type)
         return np.asarray(column.combine_chunks().flatten().to_numpy().reshape(len(column), -1) if lists
                           else column.to_numpy())  # fmt: skip
 

@@ -16,6 +16,8 @@ from twolink.io.files import write_atomic
 from twolink.io.tables import require_format
 from twolink.scenes import Scene
 
+SAVED = (".json", ".html")
+
 
 class BaseResult:
     """A result: a full text, one line of it, the text in notebooks, plain data for JSON, a file."""
@@ -35,9 +37,17 @@ class BaseResult:
         return {field.name: as_data(getattr(self, field.name)) for field in dataclasses.fields(fields)}
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write `to_dict()` to a .json file. Returns the path."""
+        """Write `to_dict()` to a .json file, or the text and its figure, if it has one, to an .html page.
+
+        Returns the path.
+        """
         target = Path(path)
-        require_format(target, (".json",))
+        if require_format(target, SAVED) == ".html":
+            from twolink.show.figure import figure_html
+            from twolink.show.html_page import write_page
+
+            drawn = figure_html(self.plot()) if hasattr(self, "plot") else ""
+            return write_page(target, self.summary, [("", BaseResult._repr_html_(self) + drawn)])
         text = json.dumps(self.to_dict(), indent=1, allow_nan=False, default=as_data)
         return write_atomic(target, lambda file: file.write(text.encode()))
 

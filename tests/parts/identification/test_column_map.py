@@ -40,20 +40,13 @@ def test_a_map_wins_over_columns_that_are_numbered(tmp_path: Path, first: int) -
     assert not read.notes
 
 
-def test_numbers_from_one_without_a_map_are_refused_with_the_map_to_paste(tmp_path: Path) -> None:
-    log = written(tmp_path, q1=Q[:, 0], q2=Q[:, 1], tau1=TAU[:, 0], tau2=TAU[:, 1])
-    with pytest.raises(QueryError) as caught:
-        read_log(ARM, log)
-    lines = []
-    while len(lines) < 2:  # each refusal gives a line of the map
-        lines.append(caught.value.remedy.partition("with the line ")[2])
-        (tmp_path / "map.toml").write_text("\n".join(lines))
-        if len(lines) < 2:
-            with pytest.raises(QueryError) as caught:
-                read_log(ARM, log, tmp_path / "map.toml")
-    read = read_log(ARM, log, tmp_path / "map.toml").table
-    np.testing.assert_array_equal(read["q"], Q)
-    np.testing.assert_array_equal(read["tau"], TAU)
+def test_numbers_from_one_and_names_of_other_programs_are_read_and_said(tmp_path: Path) -> None:
+    for names in (("q1", "q2", "tau1", "tau2"), ("shoulder_pos", "elbow_pos", "effort[0]", "effort[1]")):
+        read = read_log(ARM, written(tmp_path, **dict(zip(names, [*Q.T, *TAU.T], strict=True))))
+        np.testing.assert_array_equal(np.column_stack([read.table["q"]]), Q)
+        np.testing.assert_array_equal(read.table["tau"], TAU)
+        assert "read: " in read.notes[0]
+        assert "not read" not in "".join(read.notes)
 
 
 def test_columns_that_change_places_are_read_from_the_log_itself(tmp_path: Path) -> None:

@@ -1,9 +1,11 @@
 """The referee: right trajectories are right, wrong ones are explained."""
 
+import gzip
 import json
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet
 import pytest
 
 import twolink as tl
@@ -318,3 +320,51 @@ def test_causes_take_no_more_time_than_they_are_given() -> None:
     assert any("local defects" in one for one in verdict.not_looked_at)
     assert "not looked at, for lack of time" in str(verdict)
     assert "WRONG" in labels[0]
+
+
+@pytest.mark.slow
+def test_joints_in_the_order_of_another_program_are_named() -> None:
+    t, q, v = RIGHT
+    assert blamed((t, q[:, ::-1], v[:, ::-1])) == "its joints are in another order: by the alphabet"
+    verdict = tl.judge(ARM, {"t": t, "joint_pos": q[:, ::-1], "joint_vel": v[:, ::-1],
+                             "joint_names": ["elbow", "shoulder"]})  # fmt: skip
+    assert verdict.right, str(verdict)
+    assert "joint_pos as q, by the names of its columns" in str(verdict)
+
+
+def test_of_two_logs_the_nearer_one_and_what_both_miss(tmp_path: Path) -> None:
+    fine, coarse = (stepped(ARM, LAW, 1.0, 0.01, h) for h in (0.001, 0.01))
+    found = tl.judge_many(ARM, {"coarse": coarse, "fine": fine})
+    assert found.nearest == ("fine", "coarse")
+    assert [verdict.answer for verdict in found.verdicts.values()] == ["wrong", "wrong"]
+    assert "nearest to the solution: fine, at most" in str(found)
+    assert found.plot(tmp_path / "both.png").stat().st_size > 1000
+    page = found.save(tmp_path / "both.html").read_text()
+    assert "WRONG" in page
+    assert "data:image/png" in page
+    alike = tl.judge_many(ARM, {"a": coarse, "b": (coarse[0][:60], coarse[1][:60], coarse[2][:60])})
+    assert alike.common_causes == ("semi-implicit Euler with steps of 10 ms",)
+    assert "what all miss: semi-implicit Euler" in str(alike)
+    with pytest.raises(tl.errors.SceneError, match="no trajectory"):
+        tl.judge_many(ARM, {})
+
+
+def test_a_data_set_of_lerobot_is_read_by_the_names_beside_it(tmp_path: Path) -> None:
+    run = tl.simulate(ARM, 1.0, accuracy=1e-9, samples_per_second=30)
+    table = pyarrow.table({"timestamp": run.t.astype(np.float32), "episode_index": np.zeros(len(run.t), int),
+                           "observation.state": [row.tolist() for row in run.q[:, ::-1]],
+                           "observation.velocity": [row.tolist() for row in run.v[:, ::-1]]})  # fmt: skip
+    (tmp_path / "data").mkdir()
+    (tmp_path / "meta").mkdir()
+    pyarrow.parquet.write_table(table, tmp_path / "data" / "episode_000000.parquet")
+    names = {"observation.state": {"names": {"motors": ["elbow.pos", "shoulder.pos"]}}}
+    (tmp_path / "meta" / "info.json").write_text(json.dumps({"features": names}))
+    verdict = tl.judge(ARM, tmp_path / "data" / "episode_000000.parquet", tolerance=1e-5)
+    assert verdict.right, str(verdict)
+
+
+def test_compressed_csv_is_read(tmp_path: Path) -> None:
+    t, q, v = RIGHT
+    text = "\n".join(["t,q0,q1,v0,v1", *(",".join(map(repr, row)) for row in np.column_stack([t, q, v]).tolist())])
+    (tmp_path / "log.csv.gz").write_bytes(gzip.compress(text.encode()))
+    assert tl.judge(ARM, tmp_path / "log.csv.gz").right

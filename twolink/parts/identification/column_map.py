@@ -20,6 +20,7 @@ from twolink.dynamics import Robot
 from twolink.errors import QueryError, require_known
 from twolink.io.text import read_text
 from twolink.robots.joint_layout import JointLayout, angular_dofs, column_forms, columns_to_read
+from twolink.robots.log_columns import in_our_names
 
 LETTERS = ("q", "v", "a", "tau")
 _TURN = 2 * np.pi
@@ -62,11 +63,11 @@ def _flat(mapped: Mapping[str, Any], before: str = "") -> Iterable[tuple[str, di
 
 def mapped_columns(
     robot: Robot, log: Mapping[str, np.ndarray], entries: Iterable[tuple[str, Mapping[str, Any]]], where: str
-) -> tuple[dict[str, np.ndarray], list[str]]:
-    """The columns by our names, and the names of the log's columns that are not read.
+) -> tuple[dict[str, np.ndarray], tuple[str, ...], list[str]]:
+    """The columns by our names, what was guessed of others, and the names of the log's columns that are not read.
 
     What the map names wins over the log's own columns of the same joint and quantity. A column that the map reads is
-    not read under its own name too.
+    not read under its own name too. Columns with names of other programs are taken where none has ours.
 
     Raises
     ------
@@ -93,9 +94,10 @@ def mapped_columns(
         for names in joints:
             if letter in given or not given.keys().isdisjoint(names):
                 replaced |= {letter, *names}
-    found = {name: x for name, x in log.items() if name not in replaced} | given
+    found, guessed = in_our_names({name: x for name, x in log.items() if name not in replaced} | given, robot)
     read = {"t", "run", *chain(*(columns_to_read(found, robot.joints, letter) for letter in LETTERS))}
-    return found, [name for name in log if name not in taken and (name in replaced or name not in read)]
+    left = [name for name in log if name not in taken and (name in replaced or name in found.keys() - read)]
+    return found, guessed, left
 
 
 def convert(robot: Robot, found: dict[str, np.ndarray], unit: str) -> None:

@@ -57,7 +57,7 @@ def read_log(
     """
     where = Path(path)
     entries, coupling = map_of(columns)
-    found, unread = mapped_columns(robot, read_table(where)[0], entries, str(where))
+    found, guessed, unread = mapped_columns(robot, read_table(where)[0], entries, str(where))
     for unit in units:
         convert(robot, found, unit)
     read = measurements_of(robot, found, str(where))
@@ -68,7 +68,8 @@ def read_log(
         table["tau"] = table["tau"] @ np.linalg.inv(matrix)
     if "run" in found:
         table["run"] = np.asarray(found["run"], dtype=float)
-    notes = [f"columns that are not read: {', '.join(unread)}"] if unread else []
+    notes = [f"read: {'; '.join(guessed)}"] if guessed else []
+    notes += [f"columns that are not read: {', '.join(unread)}"] if unread else []
     notes += [*_clock(table["t"]), *_spikes(robot, table)]
     if decimate > 1:
         count = len(table["t"]) // decimate

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -226,24 +225,13 @@ def measurements_of(robot: Robot, content: Mapping[str, np.ndarray], where: str)
     for name in ("q", "v", "a", "tau"):
         out[name], lacking = read_columns(content, robot.joints, name)
         if lacking and (name in ("q", "tau") or len(lacking) < robot.nv):
-            raise _missing(where, lacking[0], list(content), _from_one(content, robot, name))
+            raise _missing(where, lacking[0], list(content))
     if out["t"] is None:
         raise _missing(where, "t", list(content))
     return out
 
 
-def _from_one(content: Mapping[str, np.ndarray], robot: Robot, letter: str) -> str:
-    """The map of columns that are numbered from 1, one line of TOML for all; "" where they are not."""
-    columns = [f"{letter}{k + 1}" for k in range(len(robot.joints))]
-    if f"{letter}0" in content or not content.keys() >= set(columns):
-        return ""
-    pairs = zip(robot.joint_names, columns, strict=True)
-    return f"{letter} = {{{', '.join(f'{json.dumps(name)} = {json.dumps(column)}' for name, column in pairs)}}}"
-
-
-def _missing(where: str, column: str, there: list[str], mapped: str = "") -> QueryError:
+def _missing(where: str, column: str, there: list[str]) -> QueryError:
     what = f"column {column!r} is missing; there are {', '.join(there[:12])}"
     remedy = "name the columns t, q0, q1, ... or q.JOINT, and so on for tau, v and a"
-    if mapped:
-        remedy = f"they are numbered from 1: give a map of columns with the line {mapped}"
     return QueryError(what, where=where, remedy=remedy, code="column-missing")

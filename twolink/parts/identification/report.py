@@ -7,33 +7,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twolink.errors import ShowError
-from twolink.io.files import write_atomic
-from twolink.io.tables import require_format
 from twolink.io.text import Table
 from twolink.parts.identification.filtering import Filter, cutoff
 from twolink.show.figure import COLOURS, figure_html, new_figure, plain
+from twolink.show.html_page import write_page
 from twolink.simulation.trajectory_tables import coordinate_names
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_STYLE = ("body{font:15px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem}"
-          "table{border-collapse:collapse;font-size:13px}td,th{padding:.15rem .6rem;border-bottom:1px solid #ddd;"
-          "text-align:left}.bad{color:#a00}")  # fmt: skip
 _LONGEST = 60  # letters of a sum of parameters; JSON has it whole
 _CLEAN = "The residuals show nothing that the model lacks."
 
 
 def write_report(found: Any, path: str | Path, notes: Sequence[str] = ()) -> Path:
     """Write the report of an `Identification`; see its `report`."""
-    target = Path(path)
-    require_format(target, (".html",), ShowError)
     title = f"{found.robot.name}: {len(found.estimate)} parameters from {len(found.t)} samples"
-    body = "".join(f"<h2>{html.escape(head)}</h2>{part}" for head, part in _sections(found, notes) if part)
-    page = (f'<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>'
-            f"<style>{_STYLE}</style><h1>{html.escape(title)}</h1>{body}</html>\n")  # fmt: skip
-    return write_atomic(target, lambda file: file.write(page.encode()), error=ShowError)
+    return write_page(Path(path), title, _sections(found, notes))
 
 
 def _sections(found: Any, notes: Sequence[str]) -> list[tuple[str, str]]:

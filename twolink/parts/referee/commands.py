@@ -12,6 +12,7 @@ from twolink.io.text import parse_numbers
 from twolink.scenes.urdf_scene import UrdfScene
 from twolink.show.figure import FORMATS
 from twolink.simulation.recording import SAVED
+from twolink.simulation.text import SAVED as PAGES
 
 NOT_KNOWN = 3  # the exit code of a log that is neither right nor wrong
 CauseSeconds = Annotated[float, Option(help="For how long causes are looked for, s of computing.")]
@@ -19,8 +20,9 @@ CauseSeconds = Annotated[float, Option(help="For how long causes are looked for,
 
 def judge(
     scene: SceneName,
-    log: Annotated[
-        Path, Argument(metavar="LOG", help="A .csv, .npz or .parquet (t, q.JOINT, v.JOINT), or a bag (.mcap, .db3).")
+    logs: Annotated[
+        list[Path],
+        Argument(metavar="LOG...", help="A .csv, .csv.gz, .npz or .parquet, or a bag (.mcap, .db3), of any simulator."),
     ],
     start: Annotated[
         str | None,
@@ -34,27 +36,32 @@ def judge(
     out: Files = None,
     as_json: Json = False,
 ) -> None:
-    """Judge a trajectory of any simulator against the solution.
+    """Judge trajectories of any simulator against the solution.
 
-    It says how far the log is from the solution, since when, how large its local errors are, and what explains them.
-    --out writes a figure (.png .svg .pdf) or the verdict (.json). The exit code is 0 when the log is right, 1 when it
-    is wrong, and 3 when that is not known: the solution is not known well enough.
+    It says how far a log is from the solution, since when, how large its local errors are, and what explains them; of
+    several logs, which one is nearer. --out writes a figure (.png .svg .pdf), a page (.html) or the verdict (.json).
+    The exit code is 0 when all logs are right, 1 when one is wrong, and 3 when that is not known: the solution is not
+    known well enough.
 
     \b
-    twolink judge scene.toml log.csv --out verdict.png
-    twolink judge arm.xml log.csv                      from the first sample of the log, with all that the file says
+    twolink judge scene.toml log.csv --out verdict.html
+    twolink judge arm.xml mujoco.npz isaac.csv         from the first sample of each, with all that the file says
     """
-    from twolink.parts.referee.referee import judge as judge_log
+    from twolink.parts.referee.referee import judge_many
 
-    require_writable(out or [], (".json", *FORMATS))
+    require_writable(out or [], (*PAGES, *FORMATS))
     asked = scene_from(scene)
     begin: Any = start or ("log" if isinstance(asked, UrdfScene) else "scene")
     with progress_bar() as report:
-        verdict = judge_log(asked, log, start=begin, tolerance=tolerance, seconds=seconds, progress=report)
-    deliver(verdict.to_dict(), verdict, out,
-            lambda path: (verdict.plot if path.suffix in FORMATS else verdict.save)(path), as_json)  # fmt: skip
-    if not verdict.right:
-        raise typer.Exit(FAILED if verdict.answer == "wrong" else NOT_KNOWN)
+        many = judge_many(asked, {str(log): log for log in logs}, start=begin, tolerance=tolerance, seconds=seconds,
+                          progress=report)  # fmt: skip
+    first, *more = many.verdicts.values()
+    found = many if more else first
+    deliver(found.to_dict(), found, out,
+            lambda path: (found.plot if path.suffix in FORMATS else found.save)(path), as_json)  # fmt: skip
+    answers = {verdict.answer for verdict in many.verdicts.values()}
+    if answers != {"right"}:
+        raise typer.Exit(FAILED if "wrong" in answers else NOT_KNOWN)
 
 
 def compare(
@@ -69,14 +76,14 @@ def compare(
 
     MuJoCo runs it at its default setting, or that of the robot's own MJCF; or Drake or SciPy. What the other one does
     not simulate is refused by name. It prints until when the log is right, what is wrong with it, and both costs.
-    --out writes a figure (.png .svg .pdf), the verdict (.json), or the log (.csv .mcap ...).
+    --out writes a figure (.png .svg .pdf), a page (.html), the verdict (.json), or the log (.csv .mcap ...).
 
     \b
     twolink compare my.urdf --with mujoco --out compare.png
     """
     from twolink.parts.referee.comparison import compare as compare_with
 
-    require_writable(out or [], (".json", *FORMATS, *SAVED))
+    require_writable(out or [], (*PAGES, *FORMATS, *SAVED))
     with progress_bar() as report:
         found = compare_with(scene_from(scene), peer, duration, seconds=seconds, progress=report)
 
@@ -103,15 +110,15 @@ def steps(
     """Say which step and integrator of another simulator is enough.
 
     The truth is our verified run. The options of the model's own MJCF come first. Of soft contacts, stops and friction
-    the difference of the models stands apart from the error of the steps. --out writes a figure (.png .svg .pdf) or the
-    table (.json).
+    the difference of the models stands apart from the error of the steps. --out writes a figure (.png .svg .pdf),
+    a page (.html) or the table (.json).
 
     \b
     twolink steps arm.xml --log torques.csv --out steps.png
     """
     from twolink.parts.referee.step_table import STEPS, step_table
 
-    require_writable(out or [], (".json", *FORMATS))
+    require_writable(out or [], (*PAGES, *FORMATS))
     with progress_bar() as report:
         found = step_table(scene_from(model, ground=ground), peer, duration=duration, log=log, seconds=seconds,
                            steps=STEPS if lengths is None else parse_numbers("steps", lengths),

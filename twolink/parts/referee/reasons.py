@@ -21,6 +21,7 @@ from twolink.parts.referee.local_errors import intervals_of
 from twolink.parts.referee.peer_replay import replays
 from twolink.parts.referee.trajectory_log import Array, TrajectoryLog
 from twolink.parts.referee.verdict import Verdict
+from twolink.robots.log_columns import joint_order
 from twolink.scenes import Scene
 from twolink.simulation.scene_run import simulate
 from twolink.simulation.time_limit import OutOfTime, TimeLimit
@@ -41,7 +42,9 @@ def explained(verdict: Verdict, scene: Scene, log: TrajectoryLog, run: Trajector
     if wrong and not units:
         looks: list[Look] = [("a shift in time", lambda: _shifted(log, run, offset))]
         if verdict.beyond:  # not only its velocities are wrong
-            looks += [("another start", lambda: _started(scene, log, offset, limit)), *replays(scene, log, run)]
+            looks += [("another start", lambda: _started(scene, log, offset, limit)),
+                      ("the order of its joints", lambda: _reordered(scene, log, offset, limit)),
+                      *replays(scene, log, run)]  # fmt: skip
         found, missed = look_for(looks, progress)
     try:
         intervals = intervals_of(scene, log, limit)
@@ -71,6 +74,33 @@ def _started(scene: Scene, log: TrajectoryLog, offset: Array, limit: TimeLimit) 
     apart = f"q by {np.abs(offset[0]).max():.3g}, v by {np.abs(v - scene.v).max():.3g}"
     left = np.linalg.norm(scene.robot.difference(run.q, log.q)) / np.linalg.norm(offset)
     yield Cause(f"it starts elsewhere, {apart}", float(left), 1)
+
+
+def _reordered(scene: Scene, log: TrajectoryLog, offset: Array, limit: TimeLimit) -> Iterator[Cause]:
+    """The joints of the log in an order of other programs: the solution from its start, in that order."""
+    robot = scene.robot
+    ours = list(robot.joint_names)
+    if not robot.nq == robot.nv == len(ours):
+        return
+    orders = {"depth first in its file, as MuJoCo has them": joint_order(robot),
+              "breadth first in its file, as PhysX has them": joint_order(robot, breadth=True),
+              "by the alphabet": sorted(ours), "the other way round": ours[::-1]}  # fmt: skip
+    tried = [ours]
+    for words, order in orders.items():
+        places = [order.index(name) for name in ours]
+        q, v = log.q[:, places], log.v[:, places] if log.has_velocities else scene.v[None]
+        if order in tried or log.t[0] != 0:
+            continue
+        tried.append(order)
+        try:
+            run = simulate(Scene(scene.base, q[0], v[0], scene.effects), float(log.t[-1]), t_eval=log.t,
+                           patience=limit.seconds)  # fmt: skip
+        except OutOfTime:
+            raise
+        except TwolinkError:  # that start does not fit the scene
+            continue
+        left = np.linalg.norm(robot.difference(run.q, q)) / np.linalg.norm(offset)
+        yield Cause(f"its joints are in another order: {words}", float(left))
 
 
 def _shifted(log: TrajectoryLog, run: Trajectory, offset: Array) -> Iterator[Cause]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
-from typing import Literal
+from collections.abc import Mapping
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,7 +16,7 @@ from twolink.errors import AccuracyError, SceneError, TwolinkError, require_know
 from twolink.io.progress import Report
 from twolink.parts.referee.reasons import explained, violations
 from twolink.parts.referee.trajectory_log import Array, Given, TrajectoryLog, in_si, read_log
-from twolink.parts.referee.verdict import Answer, Verdict
+from twolink.parts.referee.verdict import Answer, Verdict, Verdicts
 from twolink.scenes import Scene, bundled_scenes, load_scene
 from twolink.scenes.urdf_scene import scene_of
 from twolink.simulation.scene_run import simulate
@@ -79,7 +81,8 @@ def judge(
     asked, bare = scene_from(scene)
     start = start or ("log" if bare else "scene")
     require_known(start, ("scene", "log"), SceneError, argument="start")
-    log, units = in_si(read_log(trajectory, asked.robot), asked.robot, asked.q)
+    given = read_log(trajectory, asked.robot)
+    log, units = in_si(given, asked.robot, asked.q)
     spread: Pair = (np.zeros(len(log.t)), np.zeros(len(log.t)))
     if start == "log":
         asked, log = _from_log(asked, log)
@@ -87,8 +90,37 @@ def judge(
     run = best_run(asked, log.t, accuracy)
     if not units:
         log, units = _in_radians(log, run)
-    return verdict_of(asked, log, run, tolerance, units=units, spread=spread, accuracy=accuracy,
-                      seconds=positive(seconds, "seconds", SceneError, "such as 10"), progress=progress)  # fmt: skip
+    verdict = verdict_of(asked, log, run, tolerance, units=units, spread=spread, accuracy=accuracy,
+                         seconds=positive(seconds, "seconds", SceneError, "such as 10"), progress=progress)  # fmt: skip
+    return dataclasses.replace(verdict, guessed=given.guessed)
+
+
+def judge_many(
+    scene: Scene | Robot | str | os.PathLike[str], trajectories: Mapping[str, Given], **options: Any
+) -> Verdicts:
+    """Hold trajectories of several simulators against the solution of one scene: which one is nearer, what all miss.
+
+    Parameters
+    ----------
+    scene : Scene, Robot, str or path
+        As of `judge`.
+    trajectories : mapping of str to trajectory
+        Each as of `judge`, by a name.
+    **options
+        As of `judge`.
+
+    Returns
+    -------
+    Verdicts
+
+    Raises
+    ------
+    SceneError, QueryError, AccuracyError
+        As of `judge`.
+    """
+    if not trajectories:
+        raise SceneError("there is no trajectory", argument="trajectories", remedy="give one or more by their names")
+    return Verdicts({name: judge(scene, given, **options) for name, given in trajectories.items()})
 
 
 def _in_radians(log: TrajectoryLog, run: Trajectory) -> tuple[TrajectoryLog, str]:

@@ -24,6 +24,7 @@ from twolink.io.text import Table
 from twolink.parts.referee.comparison import installed_peer, refusing
 from twolink.parts.referee.referee import ESTIMATED, best_run, scene_from
 from twolink.robots.joint_layout import read_columns
+from twolink.robots.log_columns import in_our_names
 from twolink.scenes import Scene
 from twolink.show.figure import COLOURS, Plotted, new_figure, plain
 from twolink.simulation.text import BaseResult
@@ -282,8 +283,9 @@ def _times(step: float, end: float) -> Array:
 
 def _driven(scene: Scene, path: Path) -> Scene:
     """The scene with the torques of a log, from its first state if it has one."""
-    table = {name: np.asarray(values, dtype=float) for name, values in read_table(path)[0].items()}
-    times = table.get("t", np.empty(0))
+    table = in_our_names(read_table(path)[0], scene.robot)[0]
+    times = np.asarray(table.get("t", ()), dtype=float)
+    table |= {f"tau{k}": column for k, column in enumerate(np.transpose(table.get("tau", ())))}
     names = {joint.name: (f"tau.{joint.name}", f"tau{joint.v.start}") for joint in scene.robot.joints}
     inputs: Any = {joint: Sampled(tuple(times - times[0]), tuple(table[column]), interpolation="hold")
                    for joint, columns in names.items() for column in columns if column in table}  # fmt: skip

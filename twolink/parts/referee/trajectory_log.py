@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -16,21 +17,27 @@ from twolink.dynamics import Robot
 from twolink.errors import SceneError
 from twolink.io.tables import read_table
 from twolink.robots.joint_layout import read_columns
+from twolink.robots.log_columns import in_our_names
 from twolink.simulation.trajectory import Trajectory
 
 Array = np.ndarray
 Given = Trajectory | Mapping[str, ArrayLike] | Sequence[ArrayLike] | str | os.PathLike[str]
+_STATE = "observation.state"  # of LeRobot
 FULL = 15  # significant digits, from which on a number is as exact as a double
 ENOUGH = 10  # different numbers, which show to how many digits a log was written
 
 
 @dataclass(frozen=True, eq=False)
 class TrajectoryLog:
-    """A trajectory: t (n,), q (n, nq), v (n, nv), NaN where the log has no velocities."""
+    """A trajectory: t (n,), q (n, nq), v (n, nv), NaN where the log has no velocities.
+
+    guessed: which columns were taken for t, q and v, where they have other names.
+    """
 
     t: Array
     q: Array
     v: Array
+    guessed: tuple[str, ...] = ()
 
     def part(self, rows: Array) -> TrajectoryLog:
         """Some of its samples."""
@@ -92,10 +99,13 @@ def read_log(given: Given, robot: Robot) -> TrajectoryLog:
     if isinstance(given, str | os.PathLike):
         label = os.fspath(given)
         table: Mapping[str, Any] = read_table(Path(given))[0]
+        if _STATE in table:
+            table = {**table, "joint_names": _of_lerobot(Path(given))}
     elif isinstance(given, Mapping):
         table = given
     else:
         table = dict(zip(("t", "q", "v"), given, strict=False))
+    table, guessed = in_our_names(table, robot)
     t = np.asarray(table.get("t", table.get("time", [])), dtype=float)
     arrays = {}
     for name, size in (("q", robot.nq), ("v", robot.nv)):
@@ -117,7 +127,17 @@ def read_log(given: Given, robot: Robot) -> TrajectoryLog:
         raise _no_trajectory("expected three increasing times or more, from 0 on", label)
     if len(arrays["v"]) != len(t):
         raise _no_trajectory("q and v are not equally long", label)
-    return TrajectoryLog(t, robot.normalize(arrays["q"]), arrays["v"])
+    return TrajectoryLog(t, robot.normalize(arrays["q"]), arrays["v"], guessed)
+
+
+def _of_lerobot(path: Path) -> Array:
+    """The names of the columns of observation.state, by the description of a data set of LeRobot; none without it."""
+    try:
+        folder = next(folder for folder in path.resolve().parents[:4] if (folder / "meta" / "info.json").is_file())
+        names = json.loads((folder / "meta" / "info.json").read_bytes())["features"][_STATE]["names"]
+        return np.array(next(iter(names.values())) if isinstance(names, dict) else names, dtype=str)
+    except (StopIteration, OSError, ValueError, LookupError, TypeError):
+        return np.array([])
 
 
 def _numbered(table: Mapping[str, Any], name: str, size: int) -> Array | None:

@@ -60,6 +60,8 @@ class Verdict(Plotted, BaseResult):
         What was not looked at for lack of time.
     scene : str
         The scene's title.
+    guessed : tuple of str
+        Which columns of the log were taken for t, q and v, where they have other names.
     """
 
     answer: Answer
@@ -78,6 +80,7 @@ class Verdict(Plotted, BaseResult):
     nearest: Cause | None
     not_looked_at: tuple[str, ...]
     scene: str
+    guessed: tuple[str, ...] = ()
 
     @property
     def right(self) -> bool:
@@ -107,6 +110,7 @@ class Verdict(Plotted, BaseResult):
 
     def __str__(self) -> str:
         lines = [f"{self.scene}: {self._first_line()}"]
+        lines += [f"  read: {'; '.join(self.guessed)}"] if self.guessed else []
         lines += [f"  within {name} until {since:.4g} s" for name, since in self.beyond.items() if since is not None]
         if self.defect is not None:
             step = float(np.median(np.diff(self.t)))
@@ -123,5 +127,48 @@ class Verdict(Plotted, BaseResult):
         if self.not_looked_at:
             lines.append(f"  not looked at, for lack of time: {'; '.join(self.not_looked_at)}")
         return "\n".join(lines)
+
+    __repr__ = __str__
+
+
+@dataclass(frozen=True, repr=False)
+class Verdicts(Plotted, BaseResult):
+    """Verdicts on several trajectories of one scene.
+
+    Attributes
+    ----------
+    verdicts : mapping of str to Verdict
+        By the name of the log.
+    """
+
+    verdicts: Mapping[str, Verdict]
+
+    @property
+    def nearest(self) -> tuple[str, ...]:
+        """The names of the logs, the one nearest to the solution first."""
+        return tuple(sorted(self.verdicts, key=lambda name: float(self.verdicts[name].distance.max())))
+
+    @property
+    def common_causes(self) -> tuple[str, ...]:
+        """The causes that are named of every log."""
+        named = [[cause.what for cause in verdict.causes] for verdict in self.verdicts.values()]
+        return tuple(what for what in named[0] if all(what in each for each in named))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The verdicts as plain data, and what they have in common."""
+        return {**super().to_dict(), "nearest": list(self.nearest), "common_causes": list(self.common_causes)}
+
+    def _figure(self) -> Figure:
+        farthest = max(self.verdicts.values(), key=lambda verdict: verdict.t[-1])
+        curves = {name: np.interp(farthest.t, one.t, one.distance) for name, one in self.verdicts.items()}
+        curves["error bar of the solution"] = farthest.bar
+        return plot_lines(self.summary, ("t (s)", "rad or m from the solution"), farthest.t, curves, log=True)
+
+    def __str__(self) -> str:
+        first, *rest = self.nearest
+        lines = [f"nearest to the solution: {first}, at most {self.verdicts[first].distance.max():.2g} rad or m; "
+                 + "; ".join(f"{name} {self.verdicts[name].distance.max():.2g}" for name in rest)]  # fmt: skip
+        lines += [f"what all miss: {'; '.join(self.common_causes)}"] if self.common_causes else []
+        return "\n".join([*lines, *(f"{name}\n  {verdict}" for name, verdict in self.verdicts.items())])
 
     __repr__ = __str__
