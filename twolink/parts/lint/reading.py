@@ -81,7 +81,7 @@ class Reading:
 
     @cached_property
     def _places(self) -> tuple[dict[str, Place], list[tuple[re.Pattern[str], Place]]]:
-        """Where each name first stands: by the name, and by patterns of those that macros make in part."""
+        """Places where each name first stands: by the name, and by patterns of those that macros make in part."""
         plain: dict[str, Place] = {}
         macros: list[tuple[re.Pattern[str], Place]] = []
         for order, part in enumerate(parts(self.raw)):
