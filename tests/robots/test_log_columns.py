@@ -94,3 +94,9 @@ def test_our_own_names_stay_and_others_are_left_alone() -> None:
 def test_several_episodes_are_refused() -> None:
     with pytest.raises(QueryError, match="2 episodes"):
         in_our_names({"timestamp": np.arange(N), "episode_index": np.arange(N) > 2}, tl.load_robot("two_link"))
+
+
+def test_two_columns_of_one_name_are_none() -> None:
+    robot = tl.load_robot("two_link")
+    table = {"t": np.arange(N), "elbow_pos": Q[:, 1], "elbow.pos": Q[:, 0], "shoulder_pos": Q[:, 0]}
+    assert in_our_names(table, robot) == (table, ())

@@ -5,6 +5,7 @@ its origin is along the axes of the world (its documentation, "Floating objects"
 """
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -130,6 +131,11 @@ def _by_joint(names: Sequence[str], columns: Any, joints: Sequence[JointLayout],
     """
     values = columns.T if isinstance(columns, np.ndarray) else columns
     there = {_plain(name): x for name, x in zip(names, values, strict=True) if np.ndim(x) == 1}
+    for name, count in Counter(map(_plain, names)).items():
+        if count > 1:  # which one it is, nobody knows
+            there.pop(name, None)
+    if len({_plain(joint.name) for joint in joints}) < len(joints):
+        return {}
     for forms in spellings:
         wanted = [[form.format(_plain(joint.name), k) for form in forms] for k, joint in enumerate(joints)]
         found = [[there[name] for name in of_joint if name in there] for of_joint in wanted]

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twolink.effects.contact import SLOW
+from twolink.effects.switching import SLOW
 from twolink.errors import AccuracyError
 from twolink.integrate.core.columns import Columns
 from twolink.integrate.hybrid.locating import Guard, GuardWatcher, Hit

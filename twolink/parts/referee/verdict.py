@@ -160,7 +160,7 @@ class Verdicts(Plotted, BaseResult):
 
     def _figure(self) -> Figure:
         farthest = max(self.verdicts.values(), key=lambda verdict: verdict.t[-1])
-        curves = {name: np.interp(farthest.t, one.t, one.distance) for name, one in self.verdicts.items()}
+        curves = {name: np.interp(farthest.t, one.t, one.distance, right=np.nan) for name, one in self.verdicts.items()}
         curves["error bar of the solution"] = farthest.bar
         return plot_lines(self.summary, ("t (s)", "rad or m from the solution"), farthest.t, curves, log=True)
 
