@@ -16,13 +16,14 @@ from twolink.effects.effect import NotNegative
 from twolink.effects.inputs import Slot
 from twolink.effects.joint_switches import check_restitution
 from twolink.effects.loops import Loop
-from twolink.effects.switching import SLOW, ContactPair, ContactPoint, SwitchingEffect
+from twolink.effects.switching import ContactPair, ContactPoint, SwitchingEffect
 from twolink.errors import SceneError
 from twolink.geometry.fields import HeightField
 from twolink.geometry.gaps import Gap
 from twolink.geometry.pairs import Pair, are_hulls, features_of, gaps_of
 from twolink.robots.collisions import AnyShape
 
+SLOW = 1e-9  # m/s: a slip whose direction is not followed
 STILL = 1e-11  # m/s: one whose direction is rounding
 
 

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from twolink.effects.conditions import Condition
 
 State = tuple[np.ndarray, np.ndarray]  # (q, v)
-SLOW = 1e-9  # m/s: a slip of a contact whose direction is not followed
 
 
 @dataclass(frozen=True)

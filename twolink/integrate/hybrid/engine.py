@@ -15,13 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twolink.effects.switching import SLOW
 from twolink.errors import AccuracyError
 from twolink.integrate.core.columns import Columns
 from twolink.integrate.hybrid.locating import Guard, GuardWatcher, Hit
-from twolink.integrate.hybrid.modes import Mode
 from twolink.integrate.hybrid.segment import OpenSegment
-from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.hybrid.transitions import fire_timed, guards_of, same_time
 from twolink.integrate.motion.equations import Equations
@@ -171,8 +168,6 @@ class Engine:
         x = snapshot.x
         rate = np.concatenate([space.rate(x[: space.nq], x[space.v_rows]), snapshot.a, snapshot.rates])
         columns = Columns(steps, run.t, self.end, setting, (self.perturbation,), self.progress, rate=rate)
-        if self.method.adaptive:
-            columns.shorten(_turning_time(run.mode, snapshot))
         first = np.searchsorted(self.times, run.t, side="right" if self._parts else "left")
         return OpenSegment(columns, watcher, self.times[first:])
 
@@ -229,16 +224,6 @@ class Engine:
             raise AccuracyError("events follow each other without end", where=f"t = {run.t:.9g} s",
                                 remedy="more restitution, smooth friction, or a shorter duration",
                                 code="events-without-end", t=run.t)  # fmt: skip
-
-
-def _turning_time(mode: Mode, snapshot: Snapshot) -> float:
-    """The time in which a slip that begins may take another direction, s: that in which it grows to its own size.
-
-    Its friction turns as fast. A first step over that tells nothing of its error, at any tolerance.
-    """
-    slides = [k for k, kind in enumerate(mode.contacts) if kind == "sliding"]
-    speeds = np.linalg.norm(snapshot.contacts[slides, 2:4, 0], axis=1)
-    return float((speeds.min(initial=math.inf) + SLOW) / max(1e-300, np.abs(snapshot.a).max()))
 
 
 def _with_sample(part: Solution, t: float, x: Array) -> Solution:
