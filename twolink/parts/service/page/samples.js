@@ -14,8 +14,8 @@ export async function columnsOf(job) {
   return (await get(`/v1/simulations/${job.id}/result?format=json&points=${POINTS}`)).columns;
 }
 
-/** {t, q, turn, v, tau, energy, error}: lists of {name, joint, colour, values}. turn: parts of orientations. tau: of
- * joints at which something acts. */
+/** {t, q, turn, v, tau, energy, error}: lists of {name, joint, colour, values}. turn: parts of orientations. tau: of what
+ * acts at the joints, nothing where that is 0. */
 export function samplesOf(columns, joints) {
   const out = { t: columns.t, q: [], turn: [], v: [], tau: [], energy: [], error: [] };
   const layouts = new Map(joints.map(joint => [joint.name, joint.layout]));
@@ -31,7 +31,7 @@ export function samplesOf(columns, joints) {
     const kind = part && TURN.test(part) ? "turn" : letter;
     out[kind].push({ name: part ? `${joint} ${part}` : name, joint, colour, values });
   }
-  out.tau = out.tau.filter(line => line.values.some(value => Math.abs(value) > NO_TORQUE));
+  if (out.tau.every(line => line.values.every(value => !(Math.abs(value) > NO_TORQUE)))) out.tau = [];
   return out;
 }
 
