@@ -300,3 +300,19 @@ def test_meshes_that_give_no_mass_and_no_size_are_not_read(tmp_path: Path) -> No
         tl.load_robot(path)
         path.write_text(MESHED.format(**GEOMS))
         (tmp_path / file).rename(tmp_path / "parts" / file)
+
+
+@pytest.mark.parametrize("name", ['name="m"', ""])
+def test_the_mass_of_an_attached_model_is_that_of_its_own_compiler(name: str, tmp_path: Path) -> None:
+    trimesh.creation.box((0.2, 0.4, 0.6)).export(tmp_path / "m.obj")
+    (tmp_path / "part.xml").write_text(
+        f'<mujoco model="part"><compiler inertiafromgeom="true"/><asset><mesh {name} file="m.obj"/></asset><worldbody>'
+        '<body name="b"><joint/><inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/><geom type="mesh" mesh="m"/></body>'
+        "</worldbody></mujoco>")  # fmt: skip
+    path = tmp_path / "whole.xml"
+    path.write_text('<mujoco><asset><model name="part" file="part.xml"/></asset><worldbody><body><freejoint/>'
+                    '<geom size=".1"/><attach model="part" body="b" prefix="its-"/></body></worldbody>'
+                    "</mujoco>")  # fmt: skip
+    model = mujoco.MjModel.from_xml_path(str(path))
+    assert model.body_mass[2] == pytest.approx(48.0)
+    assert compiled_mjcf(open_source(path)).body_mass == pytest.approx(model.body_mass)

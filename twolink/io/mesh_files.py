@@ -143,16 +143,22 @@ def _read_obj(raw: bytes) -> tuple[Floats, Faces]:
 
     Not by trimesh, which takes ten times as long for large ones and ends no line at a carriage return.
     """
-    text = b"\n" + raw.replace(b"\\\r\n", b"").replace(b"\\\n", b"").replace(b"\r", b"\n")  # a line goes on after \
-    vertices = np.array([place.split(None, 3)[:3] for place in re.findall(rb"\n[ \t]*v[ \t]([^\n]*)", text)], float)
-    corners = b"\n".join(re.findall(rb"\n[ \t]*f[ \t]([^\n]*)", text))  # each vertex/texture/normal
+    # A line that ends in \ goes on; of vertex/texture/normal the first counts, from 1 on, or back from the last vertex.
+    text = b"\n" + raw.replace(b"\\\r\n", b"").replace(b"\\\n", b"").replace(b"\r", b"\n")
+    places = [place.split(None, 3)[:3] for place in re.findall(rb"\n[ \t]*v[ \t]([^\n]*)", text)]
+    if any(len(place) < 3 for place in places):
+        raise ValueError("a vertex has fewer than 3 coordinates")
+    corners = b"\n".join(re.findall(rb"\n[ \t]*f[ \t]([^\n]*)", text))
     polygons = [polygon.split() for polygon in re.sub(rb"/\S*", b"", corners).splitlines()]
     fans = [np.empty((0, 3), np.int64)]
     for size in sorted({len(polygon) for polygon in polygons}):
-        alike = np.array([polygon for polygon in polygons if len(polygon) == size], np.int64)
+        try:
+            alike = np.array([polygon for polygon in polygons if len(polygon) == size], np.int64)
+        except OverflowError:
+            raise ValueError("a face names a vertex that is not there") from None
         fans += [alike[:, [0, k, k + 1]] for k in range(1, size - 1)]
-    faces = np.concatenate(fans)  # from 1 on, or back from the last vertex
-    return vertices.reshape(-1, 3), np.where(faces > 0, faces - 1, faces + len(vertices))
+    faces = np.concatenate(fans)
+    return np.array(places, float).reshape(-1, 3), np.where(faces > 0, faces - 1, faces + len(places))
 
 
 def _by_trimesh(raw: bytes, suffix: str) -> tuple[Floats, Faces]:

@@ -127,7 +127,9 @@ def read_table(path: Path) -> tuple[Columns, dict[str, str]]:
 
 def require_format(path: Path, suffixes: Iterable[str] = SUFFIXES, error: type[TwolinkError] = TwolinkError) -> str:
     """The ending of a path in lower case. Raises `error` (code "unknown-format") when it is none of `suffixes`."""
-    suffix, endings = "".join(path.suffixes[-2 if path.suffix.lower() == ".gz" else -1 :]).lower(), tuple(suffixes)
+    suffix, endings = path.suffix.lower(), tuple(suffixes)
+    if suffix == ".gz":
+        suffix = path.with_suffix("").suffix.lower() + suffix
     if suffix not in endings:
         what = f"{path.suffix or 'no ending'!r} is not a format we know"
         raise error(what, where=str(path), remedy=f"known: {', '.join(endings)}", code="unknown-format")

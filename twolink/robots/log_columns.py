@@ -4,15 +4,18 @@ MuJoCo orders joints depth first, as its file does; a free body's quaternion is 
 its origin is along the axes of the world (its documentation, "Floating objects").
 """
 
+import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from twolink.errors import QueryError
+from twolink.io.tables import read_table
 from twolink.robots.joint_layout import JointLayout, column_forms
 from twolink.robots.model import RobotModel
 from twolink.robots.xml import parse_xml
@@ -27,9 +30,29 @@ _NAMES = {
     "tau": ("joint_torque", "joint_torques", "joint_effort", "joint_efforts", "dof_torque", "torque", "torques",
             "effort", "efforts", "observation.effort"),
 }  # fmt: skip
+_STATE = "observation.state"  # of LeRobot
 _OF_COLUMNS = ("joint_names", "dof_names", "names")
 _OF_MUJOCO = ("qpos", "qvel")
 _WIDTHS = {"free-flyer": (7, 6), "quaternion": (4, 3), "vector": (1, 1), "cos-sin": (1, 1)}  # of q and v in MuJoCo
+
+
+def read_log_table(path: Path) -> dict[str, Any]:
+    """The columns of a file (see `io.tables.read_table`), with `joint_names` of a data set of LeRobot.
+
+    These stand in its meta/info.json, as names of the columns of observation.state.
+    """
+    table: dict[str, Any] = dict(read_table(path)[0])
+    folders = path.resolve().parents[:4] if _STATE in table else ()
+    about = next((file for folder in folders if (file := folder / "meta" / "info.json").is_file()), None)
+    if about is None:
+        return table
+    try:
+        names = json.loads(about.read_bytes())["features"][_STATE]["names"]
+        table["joint_names"] = next(iter(names.values())) if isinstance(names, dict) else list(names)
+    except (OSError, ValueError, LookupError, TypeError, StopIteration) as error:
+        raise QueryError(f"it names no columns of {_STATE}: {error}", where=str(about), code="column-missing",
+                         remedy="repair it, or move the log out of the data set") from None  # fmt: skip
+    return table
 
 
 def in_our_names(table: Table, robot: RobotModel) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -41,14 +64,14 @@ def in_our_names(table: Table, robot: RobotModel) -> tuple[dict[str, Any], tuple
     Raises
     ------
     QueryError
-        Code "column-missing": a matrix of another program does not fit the robot.
+        Code "column-missing": a matrix of another program does not fit the robot, or there are several episodes.
     """
     found, notes = dict(table), []
     episodes = np.unique(np.asarray(found.get("episode_index", 0)))
     if len(episodes) > 1:
         raise QueryError(f"the log has {len(episodes)} episodes", argument="episode_index", code="column-missing",
                          remedy="give a log of one episode")  # fmt: skip
-    if not {"t", "time"} & set(found) and (name := next((x for x in _NAMES["t"] if x in found), "")):
+    if "t" not in found and (name := next((x for x in _NAMES["t"] if x in found), "")):
         found["t"] = found.pop(name)
         notes.append(f"{name} as t")
     for letter in ("q", "v", "tau"):
@@ -92,11 +115,12 @@ def _matrix(found: dict[str, Any], robot: RobotModel, letter: str) -> str:
                 return f"{name} as {letter}, in MuJoCo's order and conventions"
             if listed is not None:
                 names = list(map(str, listed))
-                columns = _by_joint(names, values, robot.joints, letter, [["{0}"], *map(_joined, _NAMES)])
+                columns = _of_joints(names, robot.joints, [["{0}"], *map(_joined, _NAMES)])
                 if not columns:
                     raise QueryError(f"its columns are {', '.join(names[:9])}", argument=name, code="column-missing",
                                      remedy=f"name the joints: {', '.join(robot.joint_names)}")  # fmt: skip
-                found |= columns
+                places = zip(robot.joint_names, map(names.index, columns), strict=True)
+                found |= {f"{letter}.{joint}": values[:, place] for joint, place in places}
                 return f"{name} as {letter}, by the names of its columns"
             if not _is_single(robot.joints):
                 raise QueryError(f"conventions of free bodies and ball joints in {name!r} are not known", argument=name,
@@ -113,35 +137,29 @@ def _columns(found: dict[str, Any], joints: Sequence[JointLayout], letter: str) 
     words = [_plain(word) for word in (letter, *_NAMES[letter])]
     spellings = [_joined(letter), *([f"{word}{between}{{1}}"] for word in words for between in ("_", "")),
                  *([["{0}"]] if letter == "q" else [])]  # fmt: skip
-    by_joint = _by_joint(list(found), [*found.values()], joints, letter, spellings)
-    if not by_joint:
+    taken = _of_joints([name for name, values in found.items() if np.ndim(values) == 1], joints, spellings)
+    if not taken:
         return ""
-    taken = [name for name, values in found.items() if any(values is one for one in by_joint.values())]
-    for name in taken:
-        del found[name]
-    found |= by_joint
+    found |= {f"{letter}.{joint.name}": found.pop(name) for joint, name in zip(joints, taken, strict=True)}
     return f"{taken[0]}{' ...' if len(taken) > 1 else ''} as {letter}"
 
 
-def _by_joint(names: Sequence[str], columns: Any, joints: Sequence[JointLayout], letter: str,
-              spellings: Iterable[list[str]]) -> dict[str, Any]:  # fmt: skip
-    """Columns by joint, by the first spelling in which each joint has one; or {}.
+def _of_joints(names: Sequence[str], joints: Sequence[JointLayout], spellings: Iterable[list[str]]) -> list[str]:
+    """The names of the joints' columns, by the first spelling in which each joint has one; or [].
 
-    A spelling is a list of forms, {0} in them the joint's name, {1} its number from 0 on.
+    A spelling is a list of forms, {0} in them the joint's name, {1} its number from 0 on. Names that differ in
+    capitals and punctuation alone are ambiguous.
     """
-    values = columns.T if isinstance(columns, np.ndarray) else columns
-    there = {_plain(name): x for name, x in zip(names, values, strict=True) if np.ndim(x) == 1}
-    for name, count in Counter(map(_plain, names)).items():
-        if count > 1:  # which one it is, nobody knows
-            there.pop(name, None)
+    counts = Counter(map(_plain, names))
+    there = {_plain(name): name for name in names if counts[_plain(name)] == 1}
     if len({_plain(joint.name) for joint in joints}) < len(joints):
-        return {}
+        return []
     for forms in spellings:
         wanted = [[form.format(_plain(joint.name), k) for form in forms] for k, joint in enumerate(joints)]
         found = [[there[name] for name in of_joint if name in there] for of_joint in wanted]
         if all(len(one) == 1 for one in found):
-            return {f"{letter}.{joint.name}": one for joint, (one,) in zip(joints, found, strict=True)}
-    return {}
+            return [name for (name,) in found]
+    return []
 
 
 def _joined(letter: str) -> list[str]:
@@ -176,23 +194,26 @@ def _of_mujoco(values: np.ndarray, robot: RobotModel, letter: str, name: str, fo
     """qpos or qvel as our q or v, of the same samples."""
     by_name = {joint.name: joint for joint in robot.joints}
     joints = [by_name[each] for each in joint_order(robot)]
+    other = next((joint for joint in joints if joint.kind not in _WIDTHS), None)
     widths = [_WIDTHS.get(joint.kind, (0, 0))[letter == "v"] for joint in joints]
-    if not all(widths) or values.shape[1] != sum(widths):
+    if other is not None or values.shape[1] != sum(widths):
         what = f"{name} has {values.shape[1]} columns, this robot {sum(widths)} in MuJoCo"
-        raise QueryError(what, argument=name, remedy="give q and v as twolink has them", code="column-missing")
+        raise QueryError(f"{name} has no place for the {other.kind} joint {other.name!r}" if other else what,
+                         argument=name, remedy="give q and v as twolink has them", code="column-missing")  # fmt: skip
     ours = np.empty((len(values), robot.nq if letter == "q" else robot.nv))
     for joint, end, width in zip(joints, np.cumsum(widths), widths, strict=True):
         own = values[:, end - width : end]
-        if letter == "q":
-            own = np.stack([joint.configuration(row) for row in own]) if joint.kind == "cos-sin" else own
-            ours[:, joint.q] = own if width == 1 else own[:, [*range(width - 4), *range(width - 3, width), width - 4]]
+        if letter == "q" and joint.kind == "cos-sin":
+            ours[:, joint.q] = np.column_stack([np.cos(own), np.sin(own)])
+        elif letter == "q":  # the quaternion, if there is one, ends with w
+            ours[:, joint.q] = own if width == 1 else np.column_stack([own[:, :-4], own[:, -3:], own[:, -4]])
         elif joint.kind == "free-flyer":
             q = np.asarray(found.get("q"), dtype=float)
             if q.shape != (len(values), robot.nq):
                 raise QueryError("qvel of a free body needs its qpos", argument=name, code="column-missing",
                                  remedy="give qpos, or v as twolink has it")  # fmt: skip
-            turns = [pin.Quaternion(*np.roll(row, 1)).normalized().matrix() for row in q[:, joint.q][:, 3:]]
-            ours[:, joint.v] = np.concatenate([np.einsum("nji,nj->ni", turns, own[:, :3]), own[:, 3:]], axis=1)
+            turns = [pin.Quaternion(row).normalized().matrix() for row in q[:, joint.q][:, 3:]]
+            ours[:, joint.v] = np.column_stack([np.einsum("nji,nj->ni", turns, own[:, :3]), own[:, 3:]])
         else:
             ours[:, joint.v] = own
     return ours

@@ -15,10 +15,6 @@ from twolink.robots.catalogue import Source
 SHAPES = {2: "sphere", 3: "capsule", 5: "cylinder", 6: "box", 7: "mesh"}  # of mjtGeom
 
 
-_CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-_FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-
-
 def compiled_mjcf(source: Source) -> Any:
     """The mujoco.MjModel of an MJCF. Raises RobotError (code "mjcf") in MuJoCo's words.
 
@@ -37,29 +33,35 @@ def compiled_mjcf(source: Source) -> Any:
 
 def _stand_ins(spec: Any) -> dict[str, bytes]:
     """A tetrahedron by the names of the files of meshes that nothing is computed from."""
-    mujoco = import_extra("mujoco", "mjcf")
-    always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-    needed = {
-        geom.meshname
-        for geom in spec.geoms
-        if geom.type != mujoco.mjtGeom.mjGEOM_MESH
-        or (geom.parent.id and (not geom.parent.explicitinertial or spec.compiler.inertiafromgeom == always))
-    }
+    needed = {geom.meshname for geom in spec.geoms if geom.meshname and _computes(geom)}
     found = {}
     for mesh in spec.meshes:
-        content = _tetrahedra().get(PurePath(mesh.file).suffix.lower())
-        if content is not None and not needed & {mesh.name, PurePath(mesh.file).stem}:
-            found[PurePath(mesh.file).name if spec.strippath else os.path.join(spec.meshdir, mesh.file)] = content
+        file = PurePath(mesh.file)
+        content = _tetrahedra().get(file.suffix.lower())
+        # A mesh without a name has that of its file, behind the prefix of a model that is attached.
+        if content is not None and mesh.name not in needed and not any(name.endswith(file.stem) for name in needed):
+            found[file.name if spec.strippath else os.path.join(spec.meshdir, mesh.file)] = content
     return found
+
+
+def _computes(geom: Any) -> bool:
+    """True if MuJoCo computes a size, or the mass of a body, from the mesh of a geom. World's bodies have no mass."""
+    mujoco, body = import_extra("mujoco", "mjcf"), geom.parent
+    always = geom.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE  # of its own file
+    return geom.type != mujoco.mjtGeom.mjGEOM_MESH or bool(body.id and (always or not body.explicitinertial))
 
 
 @cache
 def _tetrahedra() -> dict[str, bytes]:
     """A tetrahedron as the content of mesh files, by their endings."""
-    triangles = np.zeros(len(_FACES), np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")]))
-    triangles["corners"] = _CORNERS[_FACES]
-    lines = [*(f"v {x} {y} {z}" for x, y, z in _CORNERS), *(f"f {i} {j} {k}" for i, j, k in _FACES + 1)]
-    stl = bytes(80) + len(_FACES).to_bytes(4, "little") + triangles.tobytes()
+    corners, faces = (
+        np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
+        np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
+    )
+    triangles = np.zeros(len(faces), np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")]))
+    triangles["corners"] = corners[faces]
+    lines = [*(f"v {x} {y} {z}" for x, y, z in corners), *(f"f {i} {j} {k}" for i, j, k in faces + 1)]
+    stl = bytes(80) + len(faces).to_bytes(4, "little") + triangles.tobytes()
     return {".stl": stl, ".obj": "\n".join(lines).encode()}
 
 

@@ -16,7 +16,7 @@ from twolink.io.files import write_atomic
 from twolink.io.tables import require_format
 from twolink.scenes import Scene
 
-SAVED = (".json", ".html")
+RESULT_FILES = (".json", ".html")
 
 
 class BaseResult:
@@ -42,7 +42,7 @@ class BaseResult:
         Returns the path.
         """
         target = Path(path)
-        if require_format(target, SAVED) == ".html":
+        if require_format(target, RESULT_FILES) == ".html":
             from twolink.show.figure import figure_html
             from twolink.show.html_page import write_page
 

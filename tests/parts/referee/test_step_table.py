@@ -81,6 +81,12 @@ def test_torques_of_a_log_act_and_its_first_row_is_the_start(tmp_path: Path) -> 
     found = tl.step_table(pendulum(), log=log, steps=[0.01], methods=["Euler"])
     assert found.duration == pytest.approx(0.6)
     assert all(row.error < 1e-10 for row in found.rows)
+    assert found.guessed == ()
+    np.savez(tmp_path / "u.npz", time=[5.0, 5.3, 5.6], joint_torque=np.full((3, 1), held), qpos=np.full((3, 1), q0),
+             qvel=np.zeros((3, 1), int))  # fmt: skip
+    other = tl.step_table(pendulum(), log=tmp_path / "u.npz", steps=[0.01], methods=["Euler"])
+    assert [row.error for row in other.rows] == [row.error for row in found.rows]
+    assert "read: time as t; qpos as q, in MuJoCo's order and conventions; qvel as v" in str(other)
     log.write_text("t,q.hinge\n0,0\n1,0\n")
     with pytest.raises(SceneError, match=r"u\.csv: it has no times or no torques"):
         tl.step_table(pendulum(), log=log)

@@ -8,9 +8,9 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array
-from twolink.io.tables import read_table
 from twolink.parts.identification.column_map import convert, map_of, mapped_columns
 from twolink.parts.identification.measurements import GAP, measurements_of
+from twolink.robots.log_columns import read_log_table
 
 _JITTER = 0.02  # of the usual step, from which it is named
 _SPIKE, _BEYOND, _COUNTS = 10.0, 3.0, 4.0  # times usual deviations, the range of the neighbours, the finest step
@@ -57,7 +57,7 @@ def read_log(
     """
     where = Path(path)
     entries, coupling = map_of(columns)
-    found, guessed, unread = mapped_columns(robot, read_table(where)[0], entries, str(where))
+    found, guessed, unread = mapped_columns(robot, read_log_table(where), entries, str(where))
     for unit in units:
         convert(robot, found, unit)
     read = measurements_of(robot, found, str(where))

@@ -26,7 +26,6 @@ _LOST = re.compile(r"Error opening file '(?:[^']*[\\/])?([^']*\.(?:obj|stl|msh|p
 _MOST = 1e60  # kg, m, rad, kg m^2: sums of squares of more overflow
 Place = tuple[int, int]
 """The order of an element in its file, and its line."""
-_NOWHERE: Place = (2**62, 0)
 P = TypeVar("P", UrdfLink, UrdfJoint)
 
 
@@ -72,12 +71,13 @@ class Reading:
             return element.line
         names = dict.fromkeys((name, name.split("/")[0], name.removesuffix("_joint"), name.removesuffix("_fixed")))
         plain, macros = self._places
-        found = (
-            min([plain.get(wanted, _NOWHERE), *(place for pattern, place in macros if pattern.fullmatch(wanted))])
-            for wanted in names
-            if wanted
-        )
-        return next((place[1] for place in found if place is not _NOWHERE), 0)
+        for wanted in filter(None, names):
+            places = [place for pattern, place in macros if pattern.fullmatch(wanted)]
+            if wanted in plain:
+                places.append(plain[wanted])
+            if places:
+                return min(places)[1]
+        return 0
 
     @cached_property
     def _places(self) -> tuple[dict[str, Place], list[tuple[re.Pattern[str], Place]]]:

@@ -12,7 +12,7 @@ from twolink.io.text import parse_numbers
 from twolink.scenes.urdf_scene import UrdfScene
 from twolink.show.figure import FORMATS
 from twolink.simulation.recording import SAVED
-from twolink.simulation.text import SAVED as PAGES
+from twolink.simulation.text import RESULT_FILES
 
 NOT_KNOWN = 3  # the exit code of a log that is neither right nor wrong
 CauseSeconds = Annotated[float, Option(help="For how long causes are looked for, s of computing.")]
@@ -49,7 +49,7 @@ def judge(
     """
     from twolink.parts.referee.referee import judge_many
 
-    require_writable(out or [], (*PAGES, *FORMATS))
+    require_writable(out or [], (*RESULT_FILES, *FORMATS))
     asked = scene_from(scene)
     begin: Any = start or ("log" if isinstance(asked, UrdfScene) else "scene")
     with progress_bar() as report:
@@ -83,7 +83,7 @@ def compare(
     """
     from twolink.parts.referee.comparison import compare as compare_with
 
-    require_writable(out or [], (*PAGES, *FORMATS, *SAVED))
+    require_writable(out or [], (*RESULT_FILES, *FORMATS, *SAVED))
     with progress_bar() as report:
         found = compare_with(scene_from(scene), peer, duration, seconds=seconds, progress=report)
 
@@ -118,7 +118,7 @@ def steps(
     """
     from twolink.parts.referee.step_table import STEPS, step_table
 
-    require_writable(out or [], (*PAGES, *FORMATS))
+    require_writable(out or [], (*RESULT_FILES, *FORMATS))
     with progress_bar() as report:
         found = step_table(scene_from(model, ground=ground), peer, duration=duration, log=log, seconds=seconds,
                            steps=STEPS if lengths is None else parse_numbers("steps", lengths),

@@ -64,43 +64,45 @@ def _started(scene: Scene, log: TrajectoryLog, offset: Array, limit: TimeLimit) 
     v = log.v[0] if log.has_velocities else scene.v
     if log.t[0] != 0 or np.abs([*offset[0], *(v - scene.v)]).max() <= 1e-9:
         return
-    try:
-        other = Scene(scene.base, log.q[0], v, scene.effects)
-        run = simulate(other, float(log.t[-1]), t_eval=log.t, patience=limit.seconds)
-    except OutOfTime:
-        raise
-    except TwolinkError:  # that start does not fit the scene
-        return
+    left = _left_from(scene, log.q, v, log.t, offset, limit)
     apart = f"q by {np.abs(offset[0]).max():.3g}, v by {np.abs(v - scene.v).max():.3g}"
-    left = np.linalg.norm(scene.robot.difference(run.q, log.q)) / np.linalg.norm(offset)
-    yield Cause(f"it starts elsewhere, {apart}", float(left), 1)
+    yield Cause(f"it starts elsewhere, {apart}", left, 1)
 
 
 def _reordered(scene: Scene, log: TrajectoryLog, offset: Array, limit: TimeLimit) -> Iterator[Cause]:
     """The joints of the log in an order of other programs: the solution from its start, in that order."""
     robot = scene.robot
     ours = list(robot.joint_names)
-    if not robot.nq == robot.nv == len(ours):
+    if not robot.nq == robot.nv == len(ours) or log.t[0] != 0:
         return
     orders = {"depth first in its file, as MuJoCo has them": joint_order(robot),
               "breadth first in its file, as PhysX has them": joint_order(robot, breadth=True),
               "by the alphabet": sorted(ours), "the other way round": ours[::-1]}  # fmt: skip
     tried = [ours]
     for words, order in orders.items():
-        places = [order.index(name) for name in ours]
-        q, v = log.q[:, places], log.v[:, places] if log.has_velocities else scene.v[None]
-        if order in tried or log.t[0] != 0:
+        if order in tried:
             continue
         tried.append(order)
-        try:
-            run = simulate(Scene(scene.base, q[0], v[0], scene.effects), float(log.t[-1]), t_eval=log.t,
-                           patience=limit.seconds)  # fmt: skip
-        except OutOfTime:
-            raise
-        except TwolinkError:  # that start does not fit the scene
-            continue
-        left = np.linalg.norm(robot.difference(run.q, q)) / np.linalg.norm(offset)
-        yield Cause(f"its joints are in another order: {words}", float(left))
+        places = [order.index(name) for name in ours]
+        v = log.v[0, places] if log.has_velocities else scene.v
+        left = _left_from(scene, log.q[:, places], v, log.t, offset, limit)
+        yield Cause(f"its joints are in another order: {words}", left)
+
+
+def _left_from(scene: Scene, q: Array, v: Array, t: Array, offset: Array, limit: TimeLimit) -> float:
+    """The share of the offset that the solution from q[0] and v leaves of q (n, nq) at times t (n,).
+
+    Infinite where there is no solution from there.
+    """
+    try:
+        run = simulate(Scene(scene.base, q[0], v, scene.effects), float(t[-1]), t_eval=t, patience=limit.seconds)
+    except OutOfTime:
+        raise
+    except TwolinkError:  # that start does not fit the scene
+        return np.inf
+    if len(run.t) < len(t):  # an event ends it
+        return np.inf
+    return float(np.linalg.norm(scene.robot.difference(run.q, q)) / np.linalg.norm(offset))
 
 
 def _shifted(log: TrajectoryLog, run: Trajectory, offset: Array) -> Iterator[Cause]:

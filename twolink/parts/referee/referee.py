@@ -49,9 +49,10 @@ def judge(
         What was to be simulated: a scene, also by its name or .toml file; or a robot, its name or file: with all that
         the file says, as `scene_of` makes it.
     trajectory : Trajectory, mapping, sequence, str or path
-        t (n,), q (n, nq), v (n, nv), by name or in this order; or a .csv, .npz or .parquet file with columns t, and
-        q.JOINT and v.JOINT or q0, q1, ..., v0, ...; or a bag of ROS 2 (.mcap, .db3 or a folder) with joint states. A
-        continuous joint may have its angle in place of (cos, sin). Without v, only q is judged.
+        t (n,), q (n, nq), v (n, nv), by name or in this order; or a .csv, .csv.gz, .npz or .parquet file with columns
+        t, and q.JOINT and v.JOINT or q0, q1, ..., v0, ...; or a bag of ROS 2 (.mcap, .db3 or a folder) with joint
+        states. A continuous joint may have its angle in place of (cos, sin). Names of other programs, such as MuJoCo's
+        qpos and qvel, are taken for these; the verdict has what was guessed. Without v, only q is judged.
     start : {"scene", "log"}, optional
         Whether the solution starts from the scene's state, or from the log's first sample; by default that of a scene,
         and of a robot the log's. Times count from there then.
@@ -120,7 +121,9 @@ def judge_many(
     """
     if not trajectories:
         raise SceneError("there is no trajectory", argument="trajectories", remedy="give one or more by their names")
-    return Verdicts({name: judge(scene, given, **options) for name, given in trajectories.items()})
+    asked, bare = scene_from(scene)
+    options["start"] = options.get("start") or ("log" if bare else "scene")
+    return Verdicts({name: judge(asked, given, **options) for name, given in trajectories.items()})
 
 
 def _in_radians(log: TrajectoryLog, run: Trajectory) -> tuple[TrajectoryLog, str]:

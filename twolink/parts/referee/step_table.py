@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,12 +19,11 @@ from twolink.errors import SceneError, require_known
 from twolink.hard.peers import NAMES
 from twolink.hard.peers.task import PeerError, PeerRun, PeerTask, Setting, task_of
 from twolink.io.progress import Report
-from twolink.io.tables import read_table
 from twolink.io.text import Table
 from twolink.parts.referee.comparison import installed_peer, refusing
 from twolink.parts.referee.referee import ESTIMATED, best_run, scene_from
 from twolink.robots.joint_layout import read_columns
-from twolink.robots.log_columns import in_our_names
+from twolink.robots.log_columns import in_our_names, read_log_table
 from twolink.scenes import Scene
 from twolink.show.figure import COLOURS, Plotted, new_figure, plain
 from twolink.simulation.text import BaseResult
@@ -97,6 +96,8 @@ class StepTable(Plotted, BaseResult):
         None: the models are one.
     ours : float
         Seconds that the truth took, with its error bar.
+    guessed : tuple of str
+        Which columns of the log were taken for t, q, v and tau, where they have other names.
     """
 
     peer: str
@@ -107,6 +108,7 @@ class StepTable(Plotted, BaseResult):
     soft: tuple[str, ...]
     softness: float | None
     ours: float
+    guessed: tuple[str, ...] = ()
 
     def largest_step(self, error: float, method: str | None = None) -> float | None:
         """The largest step with which an integrator keeps within an error.
@@ -138,6 +140,7 @@ class StepTable(Plotted, BaseResult):
         heads = ("method", "step_ms", "error", *(["solver"] if self.softness is not None else []), "ms", "")
         lines = [f"{self.peer} on {self.scene}, {self.duration:g} s: errors in rad or m, the truth is known to "
                  f"{self.bar:.1e}, in {self.ours:.2g} s"]  # fmt: skip
+        lines += [f"  read: {'; '.join(self.guessed)}"] if self.guessed else []
         if self.softness is not None:
             soft = f"  soft {', '.join(self.soft)}: its limit of small steps is {self.softness:.2g} rad or m off, "
             lines.append(soft + "whatever the step; solver: the distance from that limit")
@@ -200,7 +203,7 @@ def step_table(
         s; the scene's own by default, or the log's.
     log : path, optional
         A table with t and tau.JOINT: torques, held until the next time. With q.JOINT and v.JOINT, the run starts from
-        their first row.
+        their first row. Names of other programs are taken as `judge` does.
     steps : sequence of float
         s.
     methods : sequence of str, optional
@@ -227,7 +230,7 @@ def step_table(
     """
     require_known(peer, STEPPED, SceneError, argument="peer")
     module, scene = installed_peer(peer), scene_from(model)[0]
-    scene = scene if log is None else _driven(scene, Path(log))
+    scene, guessed = (scene, ()) if log is None else _driven(scene, Path(log))
     end = positive(scene.duration if duration is None else duration, "duration", SceneError, "such as 2")
     lengths = sorted({float(step) for step in steps if positive(step, "steps", SceneError, "such as 0.001") <= end},
                      reverse=True)  # fmt: skip
@@ -261,7 +264,8 @@ def step_table(
     rows = tuple(_row(trial, apart, limits.get(trial.task.interval), trial is trials[0]) for trial in trials)
     softness = apart(task.times, limits[task.interval]) if soft else None
     title, version = scene.title or scene.robot.name, getattr(module, "VERSION", "")
-    return StepTable(f"{NAMES[peer]} {version}".strip(), title, end, rows, bar, soft, softness, ours)
+    return StepTable(f"{NAMES[peer]} {version}".strip(), title, end, rows, bar, soft, softness, ours,
+                     guessed)  # fmt: skip
 
 
 @dataclass
@@ -281,21 +285,23 @@ def _times(step: float, end: float) -> Array:
     return interval * np.arange(max(1, int(end / interval * (1 + 1e-9))) + 1)
 
 
-def _driven(scene: Scene, path: Path) -> Scene:
-    """The scene with the torques of a log, from its first state if it has one."""
-    table = in_our_names(read_table(path)[0], scene.robot)[0]
+def _driven(scene: Scene, path: Path) -> tuple[Scene, tuple[str, ...]]:
+    """The scene with the torques of a log, from its first state if it has one; and what was guessed of its columns."""
+    table, guessed = in_our_names(read_log_table(path), scene.robot)
     times = np.asarray(table.get("t", ()), dtype=float)
     table |= {f"tau{k}": column for k, column in enumerate(np.transpose(table.get("tau", ())))}
     names = {joint.name: (f"tau.{joint.name}", f"tau{joint.v.start}") for joint in scene.robot.joints}
-    inputs: Any = {joint: Sampled(tuple(times - times[0]), tuple(table[column]), interpolation="hold")
-                   for joint, columns in names.items() for column in columns if column in table}  # fmt: skip
-    if len(times) < 2 or not inputs:
+    torques = {joint: np.asarray(table[column], dtype=float)
+               for joint, columns in names.items() for column in columns if column in table}  # fmt: skip
+    if len(times) < 2 or not torques:
         raise SceneError("it has no times or no torques", where=str(path), argument="log",
                          remedy="give columns t and tau.JOINT")  # fmt: skip
+    held = {joint: Sampled(tuple(times - times[0]), tuple(tau), interpolation="hold") for joint, tau in torques.items()}
     q, v = (read_columns(table, scene.robot.joints, name)[0] for name in ("q", "v"))
-    start = (scene.q, scene.v) if q is None or v is None else (scene.robot.normalize(q)[0], v[0])
-    effects, end = [*scene.effects, Torque(inputs)], float(times[-1] - times[0])
-    return Scene(scene.base, start[0], start[1], effects, end, scene.title)
+    q, v = (scene.q, scene.v) if q is None or v is None else (
+        scene.robot.normalize(np.asarray(q, dtype=float))[0], np.asarray(v, dtype=float)[0])  # fmt: skip
+    effects, end = [*scene.effects, Torque(held)], float(times[-1] - times[0])
+    return Scene(scene.base, q, v, effects, end, scene.title), guessed
 
 
 def _measure(prepare: Prepare, trials: Sequence[_Trial], budget: float, progress: Report | None) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -15,14 +14,12 @@ from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
 from twolink.errors import SceneError
-from twolink.io.tables import read_table
 from twolink.robots.joint_layout import read_columns
-from twolink.robots.log_columns import in_our_names
+from twolink.robots.log_columns import in_our_names, read_log_table
 from twolink.simulation.trajectory import Trajectory
 
 Array = np.ndarray
 Given = Trajectory | Mapping[str, ArrayLike] | Sequence[ArrayLike] | str | os.PathLike[str]
-_STATE = "observation.state"  # of LeRobot
 FULL = 15  # significant digits, from which on a number is as exact as a double
 ENOUGH = 10  # different numbers, which show to how many digits a log was written
 
@@ -98,15 +95,13 @@ def read_log(given: Given, robot: Robot) -> TrajectoryLog:
         return TrajectoryLog(given.t, given.q, given.v)
     if isinstance(given, str | os.PathLike):
         label = os.fspath(given)
-        table: Mapping[str, Any] = read_table(Path(given))[0]
-        if _STATE in table:
-            table = {**table, "joint_names": _of_lerobot(Path(given))}
+        table: Mapping[str, Any] = read_log_table(Path(given))
     elif isinstance(given, Mapping):
         table = given
     else:
         table = dict(zip(("t", "q", "v"), given, strict=False))
     table, guessed = in_our_names(table, robot)
-    t = np.asarray(table.get("t", table.get("time", [])), dtype=float)
+    t = np.asarray(table.get("t", []), dtype=float)
     arrays = {}
     for name, size in (("q", robot.nq), ("v", robot.nv)):
         values, lacking = read_columns({k: np.asarray(x) for k, x in table.items()}, robot.joints, name)
@@ -128,16 +123,6 @@ def read_log(given: Given, robot: Robot) -> TrajectoryLog:
     if len(arrays["v"]) != len(t):
         raise _no_trajectory("q and v are not equally long", label)
     return TrajectoryLog(t, robot.normalize(arrays["q"]), arrays["v"], guessed)
-
-
-def _of_lerobot(path: Path) -> Array:
-    """The names of the columns of observation.state, by the description of a data set of LeRobot; none without it."""
-    try:
-        folder = next(folder for folder in path.resolve().parents[:4] if (folder / "meta" / "info.json").is_file())
-        names = json.loads((folder / "meta" / "info.json").read_bytes())["features"][_STATE]["names"]
-        return np.array(next(iter(names.values())) if isinstance(names, dict) else names, dtype=str)
-    except (StopIteration, OSError, ValueError, LookupError, TypeError):
-        return np.array([])
 
 
 def _numbered(table: Mapping[str, Any], name: str, size: int) -> Array | None:

@@ -166,8 +166,9 @@ class Verdicts(Plotted, BaseResult):
 
     def __str__(self) -> str:
         first, *rest = self.nearest
-        lines = [f"nearest to the solution: {first}, at most {self.verdicts[first].distance.max():.2g} rad or m; "
-                 + "; ".join(f"{name} {self.verdicts[name].distance.max():.2g}" for name in rest)]  # fmt: skip
+        apart = {name: f"{self.verdicts[name].distance.max():.2g}" for name in self.nearest}
+        lines = ["; ".join([f"nearest to the solution: {first}, at most {apart[first]} rad or m",
+                            *(f"{name} {apart[name]}" for name in rest)])]  # fmt: skip
         lines += [f"what all miss: {'; '.join(self.common_causes)}"] if self.common_causes else []
         return "\n".join([*lines, *(f"{name}\n  {verdict}" for name, verdict in self.verdicts.items())])
 
