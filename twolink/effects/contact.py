@@ -23,8 +23,7 @@ from twolink.geometry.gaps import Gap
 from twolink.geometry.pairs import Pair, are_hulls, features_of, gaps_of
 from twolink.robots.collisions import AnyShape
 
-SLOW = 1e-9  # m/s: a slip whose direction is not followed
-STILL = 1e-11  # m/s: one whose direction is rounding
+STILL = 1e-11  # m/s: a slip whose direction is rounding
 
 
 def contact_point(
@@ -40,8 +39,9 @@ def contact_point(
 class Touching(Loop, frozen=True):
     """g = 0, and while it rolls or sticks c = 0 along both tangents; while it slides, with friction.
 
-    pair: the name of the two bodies. friction: mu. rolling: whether it rolls or sticks. before: the direction of
-    sliding when that began, along the two tangents: c does not change to the other side of it before an event.
+    pair: the name of the two bodies. friction: mu. rolling: whether it rolls or sticks. before: along the direction of
+    sliding when that began, the speed of a slip whose direction is not followed, along the two tangents, m/s: c does
+    not change to the other side of it before an event.
     """
 
     pair: str
@@ -85,21 +85,23 @@ class Touching(Loop, frozen=True):
         return add(*(scale(speed, axis) for speed, axis in zip(slip, axes, strict=True)))
 
     def sliding(self, motion: KinematicState) -> list[Scalar]:
-        """The direction of sliding along the two tangents: of c + s b, with the direction b of `before` and s = SLOW.
+        """The direction of sliding along the two tangents: of c + b s / sqrt(s^2 + |c|^2), with b = `before`, s = |b|.
 
         That of c alone is singular at c = 0, and need not be b there: steps would be ever smaller. This one is singular
-        past the plane c . b = 0, which ends the mode.
+        past the plane c . b = 0, which ends the mode. What it adds to c vanishes as c grows.
         """
         xp = motion.xp
         _, x, y = self.gap.velocity(motion)
-        still = xp.less(plus(times(x, x), times(y, y)), STILL * STILL)
         a, b = self.before
-        x, y = plus(x, times(SLOW, a)), plus(y, times(SLOW, b))
+        slip, slow = plus(times(x, x), times(y, y)), plus(times(a, a), times(b, b))
+        moves = xp.where(xp.less(slip, STILL * STILL), 0.0, 1.0)
+        weight = xp.sqrt(slow / plus(slow, slip))
+        x, y = plus(times(moves, x), times(weight, a)), plus(times(moves, y), times(weight, b))
         speed = xp.sqrt(plus(times(x, x), times(y, y)))
         speed = xp.where(xp.less(speed, STILL), STILL, speed)
         # Beyond, where steps look too, the direction stays, so that it has no corner.
         sign = xp.where(xp.less(plus(times(x, a), times(y, b)), 0.0), -1.0, 1.0)
-        return [xp.where(still, was, times(sign, now / speed)) for was, now in ((a, x), (b, y))]
+        return [times(sign, now / speed) for now in (x, y)]
 
 
 SHOWN = 8  # names of pairs in a line

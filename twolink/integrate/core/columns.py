@@ -105,6 +105,11 @@ class Columns:
         """The time that the solutions have reached, s."""
         return float(self.state.item(self._rows.time, 0))
 
+    def shorten(self, step: float) -> None:
+        """Let the next step of each solution be so long at most, s."""
+        for row in (self._rows.step, self._rows.good):
+            self.state[row] = np.minimum(self.state[row], step)
+
     @property
     def step(self) -> float:
         """The planned length of the first solution's next step, s."""

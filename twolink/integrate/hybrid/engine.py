@@ -18,7 +18,9 @@ import numpy as np
 from twolink.errors import AccuracyError
 from twolink.integrate.core.columns import Columns
 from twolink.integrate.hybrid.locating import Guard, GuardWatcher, Hit
+from twolink.integrate.hybrid.modes import SLOW_SLIP
 from twolink.integrate.hybrid.segment import OpenSegment
+from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.hybrid.transitions import fire_timed, guards_of, same_time
 from twolink.integrate.motion.equations import Equations
@@ -34,6 +36,7 @@ MAX_EVENTS = 100_000
 FIRST_BLOCK = 8  # steps between two looks for events, before a segment has shown how many it takes
 SMALL_BOUNCE = 1e-2  # of the tolerance: lower bounces are not followed
 SMALLEST_BOUNCE = 1e-13  # m or rad: what numbers resolve
+SMALLEST_RATE = 1e-300  # so that a division has a result
 
 
 class SavedEngine(NamedTuple):
@@ -57,8 +60,11 @@ class Engine:
     perturbation: Perturbation
 
     def __post_init__(self) -> None:
-        small = SMALL_BOUNCE * self.setting / self.perturbation.finer if self.method.adaptive else 0.0
-        self.run = RunState(self.whole, float(self.times[0]), max(small, SMALLEST_BOUNCE))
+        tolerance = self.setting / self.perturbation.finer if self.method.adaptive else 0.0
+        small = max(SMALL_BOUNCE * tolerance, SMALLEST_BOUNCE)
+        # A slip grows by t at least, often by t^2, and its direction turns by t: what `slow` changes is slow^1.5.
+        slow = max(tolerance ** (2 / 3), SLOW_SLIP)
+        self.run = RunState(self.whole, float(self.times[0]), small, slow)
         self.end, self.at_once = float(self.times[-1]), 0
         self._span, self._block = self.end - self.run.t, FIRST_BLOCK
         self._stops = self._begin()
@@ -168,6 +174,8 @@ class Engine:
         x = snapshot.x
         rate = np.concatenate([space.rate(x[: space.nq], x[space.v_rows]), snapshot.a, snapshot.rates])
         columns = Columns(steps, run.t, self.end, setting, (self.perturbation,), self.progress, rate=rate)
+        if self.method.adaptive:
+            columns.shorten(_turning_time(run, snapshot))
         first = np.searchsorted(self.times, run.t, side="right" if self._parts else "left")
         return OpenSegment(columns, watcher, self.times[first:])
 
@@ -224,6 +232,16 @@ class Engine:
             raise AccuracyError("events follow each other without end", where=f"t = {run.t:.9g} s",
                                 remedy="more restitution, smooth friction, or a shorter duration",
                                 code="events-without-end", t=run.t)  # fmt: skip
+
+
+def _turning_time(run: RunState, snapshot: Snapshot) -> float:
+    """The time in which the slowest slip may take another direction, s: that in which it grows by its own size.
+
+    Its friction turns as fast. A first step over that tells nothing of its error, at any tolerance.
+    """
+    slides = [k for k, kind in enumerate(run.mode.contacts) if kind == "sliding"]
+    slowest = np.linalg.norm(snapshot.contacts[slides, 2:4, 0], axis=1).min(initial=math.inf)
+    return float((slowest + run.system.slow) / max(SMALLEST_RATE, np.abs(snapshot.a).max()))
 
 
 def _with_sample(part: Solution, t: float, x: Array) -> Solution:

@@ -21,6 +21,7 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import make_equations, with_rows
 from twolink.integrate.motion.state import Array
 
+SLOW_SLIP = 1e-9  # m/s: the slowest slip whose direction is followed, at least
 ContactMode = Literal["free", "sliding", "rolling"]
 
 
@@ -110,10 +111,13 @@ _kept: weakref.WeakKeyDictionary[Switching, dict[object, ModeEquations]] = weakr
 
 
 class System:
-    """Declarations of a scene for its modes, and the equations of each mode, made when it is met."""
+    """Declarations of a scene for its modes, and the equations of each mode, made when it is met.
 
-    def __init__(self, equations: Equations, *, traced: bool = True) -> None:
-        self.whole, self.traced = equations, traced
+    slow: the direction of slower slips is not followed, m/s.
+    """
+
+    def __init__(self, equations: Equations, slow: float = SLOW_SLIP, *, traced: bool = True) -> None:
+        self.whole, self.slow, self.traced = equations, slow, traced
         self.switching = equations.switching or Switching(equations.robot, equations.robot)
         self.nq = equations.space.nq
         self.robot = self.switching.robot
@@ -254,7 +258,7 @@ class ModeState(NamedTuple):
         system, mode, layout = self.system, self.mode, self.own.equations.layout
         locks = [1.0 if k in mode.locked else 0.0 for k in system.lockable]
         friction = [0.0 if k in mode.locked else -mode.slip.get(k, 0.0) * system.kinetic[k] for k in system.lockable]
-        closed = {slot.name: value for i, kind in enumerate(mode.contacts) if kind != "free"
+        closed = {slot.name: system.slow * value for i, kind in enumerate(mode.contacts) if kind != "free"
                   for slot, value in zip(contact_slots(i), mode.directions[i], strict=True)}  # fmt: skip
         slots, rest = {**system.held, **closed}, np.array(locks + friction)
         numbers = layout.numbers_at(self.t if t is None else t, slots, rest)

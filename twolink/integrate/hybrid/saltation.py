@@ -78,7 +78,7 @@ class Saltation:
 
     def __init__(self, variation: ParameterVariation) -> None:
         self.equations, self.variation = variation.equations, variation
-        self._systems: dict[tuple[int, float], System] = {}
+        self._systems: dict[tuple[int, float, float], System] = {}
 
     def __call__(self, jump: Jump, s: Array, share: float = 1.0) -> Array:
         """S after a jump (tangent + p, k) from that before it. Raises AccuracyError, code "sensitivity-undefined".
@@ -131,7 +131,7 @@ class Saltation:
 
     def _places(self, run: RunState, k: int, parameter: int | None = None) -> list[float]:
         """Positions at which degree of freedom k is locked, with a parameter moved."""
-        every = (run.system if parameter is None else self._system(parameter, 1)).every_lock(k)
+        every = (run.system if parameter is None else self._system(run, parameter, 1)).every_lock(k)
         return [lock.position for lock, own in zip(every, run.system.every_lock(k), strict=True)
                 if own.entry is not None and own.acts(run.x)]  # fmt: skip
 
@@ -216,7 +216,7 @@ class Saltation:
         def at(k: float) -> Array:
             other = _copy(run)
             if i is not None:
-                other.system = self._system(i, k * step / self.variation.step(i)).having(run.system.features)
+                other.system = self._system(run, i, k * step / self.variation.step(i)).having(run.system.features)
             nq, nv = run.system.nq, self.equations.space.nv
             q = self.equations.robot.integrate(run.x[:nq], k * step * direction[:nv])
             other.x = np.concatenate([q, run.x[nq:] + k * step * direction[nv:states]])
@@ -235,11 +235,12 @@ class Saltation:
             step /= 4.0  # not any size, so that systems are met again
         return i, step
 
-    def _system(self, i: int, k: float) -> System:
-        """The system with parameter i moved by k steps."""
-        if (i, k) not in self._systems:
-            self._systems[i, k] = System(self.variation.equations_beside(i, k), traced=False)
-        return self._systems[i, k]
+    def _system(self, run: RunState, i: int, k: float) -> System:
+        """The system of a run with parameter i moved by k steps."""
+        key = i, k, run.system.slow
+        if key not in self._systems:
+            self._systems[key] = System(self.variation.equations_beside(i, k), run.system.slow, traced=False)
+        return self._systems[key]
 
 
 def _beside(other: RunState, run: RunState, *, bound: bool) -> RunState:

@@ -15,7 +15,7 @@ from twolink.integrate.event import Event
 from twolink.integrate.hybrid.consistency import NEAR, SLOW, consistent, still_speed
 from twolink.integrate.hybrid.impacts import Impact, Touch, brought_to_rest, collide, onto_contact, whole
 from twolink.integrate.hybrid.locating import Key
-from twolink.integrate.hybrid.modes import ContactMode, Mode, ModeState, System
+from twolink.integrate.hybrid.modes import SLOW_SLIP, ContactMode, Mode, ModeState, System
 from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.motion.effect_numbers import contact_slots
 from twolink.integrate.motion.equations import Equations
@@ -37,8 +37,8 @@ class RunState:
     followed any more.
     """
 
-    def __init__(self, equations: Equations, t: float, small: float) -> None:
-        self.system = System(equations)
+    def __init__(self, equations: Equations, t: float, small: float, slow: float = SLOW_SLIP) -> None:
+        self.system = System(equations, slow)
         self.x = np.array(equations.start[: equations.moving])
         self.t = t
         free: tuple[ContactMode, ...] = tuple("free" for _ in self.system.contacts)
