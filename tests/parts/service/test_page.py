@@ -175,6 +175,20 @@ def test_a_link_written_by_hand_names_the_robot(page: Page) -> None:
 
 @pytest.mark.slow
 @pytest.mark.browser
+def test_a_quadruped_begins_on_the_ground_and_hangs_when_told_to(page: Page) -> None:
+    page.open("?robot=solo12")
+    assert page.text("#robot-facts").endswith("free base")
+    page.wait_for("document.getElementById('effects').innerText.includes('Contact')")
+    free = page.evaluate("location.hash")
+    page.choose("#root", "fixed")
+    page.wait_for("!document.getElementById('robot-facts').innerText.endsWith('free base')")
+    page.wait_for(f"location.hash.startsWith('#robot=u-') && !{free!r}.startsWith(location.hash.split('&')[0])")
+    page.open(page.evaluate("location.search + location.hash"))
+    assert not page.text("#robot-facts").endswith("free base")
+
+
+@pytest.mark.slow
+@pytest.mark.browser
 def test_sliders_move_the_robot(page: Page) -> None:
     page.open("#robot=two_link")
     before = page.robot()

@@ -38,7 +38,9 @@ def test_a_robot_has_the_scene_that_its_file_says(http: httpx.Client) -> None:
     assert (read["q"], read["v"], panda["duration"]) == (scene.q.tolist(), scene.v.tolist(), scene.duration)
     assert [one["type"] for one in panda["effects"]] == ["gravity", "joint-damping", "joint-stops", "coupling"]
     free = http.post("/v1/robots", json={"source": "solo12", "root": "free"}).json()
-    assert "contact" in [one["type"] for one in http.get(f"/v1/robots/{free['id']}/scene").json()["effects"]]
+    own, usual = (http.get(f"/v1/robots/{id_}/scene").json() for id_ in (free["id"], "solo12"))
+    assert "contact" in [one["type"] for one in own["effects"]]
+    assert usual == own | {"robot": {"source": "solo12", "root": "free"}}
     assert http.get("/v1/robots/nobody/scene").status_code == 404
 
 

@@ -18,6 +18,7 @@ export class Robots {
     this.onRobot = onRobot;
     this.file = null; // what was uploaded last, to load it again with other options
     this.turn = 0;
+    this.usual = new Map(); // the root with which each robot of the catalogue is meant to be used
     this.select = byId("robot-select");
     this.select.addEventListener("change", () => this.pick(this.select.value));
     this.searched = searchable(this.select, byId("robot-search"));
@@ -46,6 +47,7 @@ export class Robots {
         { label },
         ...members.map(robot => el("option", { value: robot.id }, titleOf(robot, members))),
       );
+    this.usual = new Map(robots.map(robot => [robot.id, robot.usual_root]));
     const uploaded = robots.filter(robot => robot.origin === "uploaded");
     const shipped = robots.filter(robot => robot.from === "twolink");
     const others = robots.filter(robot => robot.origin === "catalogue" && robot.from !== "twolink");
@@ -62,12 +64,15 @@ export class Robots {
     if (this.robot) this.select.value = this.robot.id;
   }
 
-  /** A robot of the list, with the options that are set. */
+  /** A robot of the list, with the options that are set; another one than before begins with its usual root. */
   async pick(id, changes = {}) {
+    if (!this.usual.size) await this.list();
+    const usual = this.usual.get(id);
+    if (id !== this.source && usual) byId("root").value = usual;
     const options = id.startsWith("u-") ? {} : this.#options();
     this.file = null;
     await this.#take(
-      Object.keys(options).length
+      Object.keys(options).length || usual === "free" // the name alone, in an address, is the robot with its usual root
         ? () => post("/v1/robots", { source: id, ...options })
         : () => get(`/v1/robots/${encodeURIComponent(id)}`),
       { picked: id, changes },

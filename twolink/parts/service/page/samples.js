@@ -31,7 +31,7 @@ export function samplesOf(columns, joints) {
     const kind = part && TURN.test(part) ? "turn" : letter;
     out[kind].push({ name: part ? `${joint} ${part}` : name, joint, colour, values });
   }
-  if (out.tau.every(line => line.values.every(value => !(Math.abs(value) > NO_TORQUE)))) out.tau = [];
+  out.tau = out.tau.filter(line => line.values.some(value => Math.abs(value) > NO_TORQUE));
   return out;
 }
 

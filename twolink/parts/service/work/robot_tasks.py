@@ -34,7 +34,7 @@ from twolink.parts.service.work.requests import (
 )
 from twolink.parts.service.work.worker import Ask
 from twolink.robots import load_model
-from twolink.robots.catalogue import catalogue_names
+from twolink.robots.catalogue import catalogue_entry, catalogue_names
 from twolink.scenes.file_format import RobotEntry, scene_content
 from twolink.scenes.urdf_scene import scene_of
 from twolink.show.meshcat_scene import scene_nodes
@@ -157,10 +157,15 @@ def draw(*, key: str, robots: str, path: str) -> None:
 
 
 def robot_scene(*, key: str, robots: str) -> bytes:
-    """A scene with all that a robot's file says, as JSON that simulations take; with the ground under a free base."""
-    robot = robot_by_id(key, robots)
+    """A scene with all that a robot's file says, as JSON that simulations take; with the ground under a free base.
+
+    A robot of the catalogue that is meant to move about has a free base.
+    """
+    root = catalogue_entry(key).usual_root if key in catalogue_names() else "fixed"
+    robot = load_robot(key, root=root) if root == "free" else robot_by_id(key, robots)
     scene = scene_of(robot, contact=robot.root == "free")
-    content = scene_content(RobotEntry(key), robot, scene.q, scene.v, scene.effects, scene.duration, scene.title)
+    entry = RobotEntry(key, root)
+    content = scene_content(entry, robot, scene.q, scene.v, scene.effects, scene.duration, scene.title)
     return msgspec.json.encode(content)
 
 
