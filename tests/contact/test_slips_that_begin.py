@@ -23,3 +23,12 @@ def test_the_first_steps_of_a_slip_are_as_exact_as_the_tolerance_says() -> None:
         assert (error[1:] <= run.error[1:] + fine.error[1:]).all()
     assert errors[0].max() > 5 * errors[-1].max()
     assert np.max(errors[0]) < 1e-6
+
+
+@pytest.mark.slow
+def test_a_slip_that_stops_does_not_turn_about_rest_without_end() -> None:
+    """A tumbling hull that comes to rest on a corner: friction that lags behind the slip would turn it for ever."""
+    one = case(423, 0)
+    run = tl.simulate(one.scene, one.duration, accuracy=one.accuracy, samples_per_second=75)
+    assert run.error.max() <= one.accuracy
+    assert len(run.events) < 100

@@ -24,7 +24,6 @@ from twolink.integrate.motion.state import Array
 
 AT_ZERO = 1e-13  # relative to the state: a guard that is so near to 0 at the start begins there
 FORCE_AT_ZERO = 2 * ALLOWED  # relative to the loads
-MISSED = 1e3  # of the bounces that are not followed: 10 times the tolerance, by which slips that stop miss 0
 Value = Callable[[Snapshot], Any]
 
 
@@ -223,9 +222,10 @@ def _hit_contact(i: int, run: RunState) -> None:
 def _turn(run: RunState) -> None:
     """A contact whose slip has turned by 90 degrees: it stops, or slides on in another direction.
 
-    A slip that stops comes to 0 but for the error of steps. Past that friction would turn it about 0 without end.
+    A slip that stops comes to 0 but for the error of steps, and for the speed below which friction does not follow its
+    direction. Past that friction would turn it about 0 without end.
     """
-    run.resolve_mode(slow=max(SLOW, MISSED * run.small))
+    run.resolve_mode(slow=max(SLOW, run.system.slow))
 
 
 def _open(i: int, run: RunState) -> None:
