@@ -30,12 +30,15 @@ CYLINDER = E.Cylinder(0.15, 0.5, **TURNED)
 PAIRS = [(SPHERE, E.Sphere(0.2)), (SPHERE, CAPSULE), (CAPSULE, E.Capsule(0.2, 0.3)), (SPHERE, BOX), (SPHERE, CYLINDER)]
 
 
-def found(robot: tl.Robot, detector: Detector, q: np.ndarray) -> Points:
-    """All points at a state."""
+def places_at(robot: tl.Robot, q: np.ndarray) -> Places:
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
-    places = Places(np.array([x.rotation for x in data.oMi]), np.array([x.translation for x in data.oMi]))
-    return detector.points(places, 10.0)
+    return Places(np.array([x.rotation for x in data.oMi]), np.array([x.translation for x in data.oMi]))
+
+
+def found(robot: tl.Robot, detector: Detector, q: np.ndarray) -> Points:
+    """All points at a state."""
+    return detector.points(places_at(robot, q), 10.0)
 
 
 def pairs_of(robot: tl.Robot, shapes: dict[str, tuple[AnyShape, ...]]) -> tuple[Pair, ...]:
@@ -102,3 +105,23 @@ def test_cylinders_that_overlap_by_little_have_the_normal_that_separates_them(nu
     true, *off = placed(("cylinder", "cylinder"), random)
     assert -1e-4 < true < 0.0
     assert max(off) < ACCURACY
+
+
+def test_boxes_whose_faces_all_but_touch_overlap_by_what_their_corners_say() -> None:
+    """Turned about the vertical by 1e-7 to 1e-3 rad, they are apart for Coal where they overlap by up to 5e-6 m."""
+    robot, random, sides = free_bodies("a", "b"), np.random.default_rng(4), 0.071
+    shapes = {name: (E.Box((sides, sides, sides)),) for name in "ab"}
+    (pair,) = select_pairs(robot, solids_of(robot, shapes), [("a", "b")]).chosen
+    detector, corners, count = Detector(robot, [pair]), 0.5 * sides * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]]), 0
+    for _ in range(200):
+        turns, apart = 10.0 ** random.uniform(-7, -3, 2) * random.choice([-1.0, 1.0], 2), 10.0 ** random.uniform(-9, -6)
+        centres = np.array([[0.0, 0.0], [sides + apart, random.uniform(-0.01, 0.01)]])
+        q = np.concatenate([[*at, 0.0, 0.0, 0.0, np.sin(turn / 2), np.cos(turn / 2)]
+                            for at, turn in zip(centres, turns, strict=True)])  # fmt: skip
+        turned = [np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) for turn in turns]
+        first, second = (at + corners @ rows for at, rows in zip(centres, turned, strict=True))
+        gap = max((second @ across).min() - (first @ across).max() for across, _ in turned)
+        depth, _ = detector.overlap(places_at(robot, q))
+        assert depth == pytest.approx(max(0.0, -gap), abs=1e-13)
+        count += gap < 0.0
+    assert count > 50

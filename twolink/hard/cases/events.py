@@ -209,6 +209,26 @@ def _centroid(polygon: np.ndarray) -> np.ndarray:
     return np.asarray(((polygon + np.roll(polygon, -1, axis=0)) * cross[:, None]).sum(axis=0) / (3 * cross.sum()))
 
 
+SIDE, WALL, TURNED = 0.071, 3, 1e-7  # of the packed boxes: their side, m, how many are side by side, and by what, rad
+
+
+def packed() -> Scene:
+    """A wall of equal boxes whose faces all but touch, each turned about the vertical by less than can be seen."""
+    turns = TURNED * np.random.default_rng(5).uniform(-1.0, 1.0, (WALL, WALL))
+    places = list(itertools.product(range(WALL), range(WALL)))
+    names = {place: "p{}{}".format(*place) for place in places}
+    bodies = "".join(_BODY.format(name=name, mass=0.3, i=(2.5e-4,) * 3, joint="floating") for name in names.values())
+    q = [x for i, k in places
+         for x in (i * SIDE * (1.0 + TURNED), 0.0, (k + 0.5) * SIDE,
+                   0.0, 0.0, math.sin(turns[i, k] / 2), math.cos(turns[i, k] / 2))]  # fmt: skip
+    pairs = [(names[i, k], names[i + di, k + dk]) for i, k in places for di, dk in ((1, 0), (0, 1))
+             if (i + di, k + dk) in names]  # fmt: skip
+    shapes = dict.fromkeys(names.values(), (fx.Box((SIDE, SIDE, SIDE)),))
+    contact = fx.Contact((*pairs, *((names[i, 0], "ground") for i in range(WALL))), 0.5, shapes=shapes)
+    robot = load_robot(_ROBOT.format(name="packed", bodies=bodies))
+    return Scene(robot, q, effects=[fx.Gravity(), contact], duration=1.0)
+
+
 EXACT = {
     "elastic-stops": _to_and_fro,
     "stiction-reversals": _stiction,
@@ -221,8 +241,9 @@ EXACT = {
     "bullet": _bullet,
     "coin": _coin,
     "arch": lambda t: np.tile(arch().q, (len(t), 1)),
+    "packed-boxes": lambda t: np.tile(packed().q, (len(t), 1)),
 }
-SCENES = {"bullet": bullet, "coin": coin, "arch": arch}
+SCENES = {"bullet": bullet, "coin": coin, "arch": arch, "packed-boxes": packed}
 ERRORS = {name: truths.configuration_error(exact) for name, exact in EXACT.items()}
 CHECKS = {
     "painleve": {
