@@ -13,7 +13,9 @@ ContactBench (Le Lidec et al. 2023, github.com/Simple-Robotics/ContactBench) has
 (tests/python/data/*.npz there): --problems names a folder with them. Lines say what the laws are missed by.
 
     python -m scripts.benchmarks.outsiders [published rolling bouncing balls elastic] [--steps 0.01,0.001]
-        [--problems FOLDER]
+        [--problems FOLDER] [--results FOLDER]
+
+--results writes the motions of IFToMM's problems as its library takes them.
 """
 
 import time
@@ -25,7 +27,7 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 import twolink as tl
-from scripts.benchmarks.published import compare
+from scripts.benchmarks.published import compare, write_results
 from scripts.runner import Some, Table, once, options
 from scripts.studies.scenes.robots import free_robot
 from twolink.contact.impulses import ContactProblem, solve_impulses
@@ -111,7 +113,9 @@ TESTS = {one.__name__: one for one in (rolling, bouncing, balls, elastic)}
 
 
 def main() -> None:
-    given = options(__doc__, rest=Some(("published", *TESTS)), steps=(1e-2, 1e-3), problems=Path)
+    given = options(__doc__, rest=Some(("published", *TESTS)), steps=(1e-2, 1e-3), problems=Path, results=Path)
+    if given.results:
+        write_results(given.results)
     if "published" in given.rest:
         given.rest.remove("published")
         compare()

@@ -9,6 +9,7 @@ newton/tests/test_physics_verification.py at 41a5392c1): their bounds are what i
 import time
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -19,8 +20,9 @@ from scripts.runner import Table, once
 from scripts.studies.scenes.robots import free_robot, robot_of
 
 E = tl.effects
-Run = Callable[[], tl.Trajectory]
+Run = Callable[..., tl.Trajectory]
 DEGREE = np.pi / 180.0
+ROWS = 2001  # of a result
 # Body rates about x, y, z after 30 s, deg/s, by five tools of check case 2 (its files sim_01, 02, 04, 05, 06).
 NESC = ((12.61839077566776, -17.3974747618308, 31.11958888682995),
         (12.619216961385067, -17.396709626714614, 31.119942061280724),
@@ -30,13 +32,17 @@ NESC = ((12.61839077566776, -17.3974747618308, 31.11958888682995),
 
 
 class Case(NamedTuple):
-    """A case: where it is from, and what is compared; a run, its error, and what was published, in words."""
+    """A case: where it is from, and what is compared; a run, its error, and what was published, in words.
+
+    result: what its source asks for at each sample, by its names.
+    """
 
     name: str
     what: str
     run: Run
     error: Callable[[tl.Trajectory], float]
     published: str
+    result: Callable[[tl.Trajectory], dict[str, np.ndarray]] | None = None
 
 
 def point_pendulum(angle: float, g: float, length: float = 1.0) -> tl.Scene:
@@ -52,6 +58,39 @@ def off_the_ellipse(run: tl.Trajectory, angle: float, w0: float) -> float:
     k = np.sin(0.5 * angle)
     exact = 2.0 * np.arcsin(k * ellipj(ellipk(k * k) - w0 * run.t, k * k)[0])
     return float(np.abs(np.arctan2(run.q[:, 1], run.q[:, 0]) - exact).max())
+
+
+def end_of_pendulum(run: tl.Trajectory) -> dict[str, np.ndarray]:
+    """The place of P1, m; y is upward."""
+    return {"x": run.q[:, 1], "y": -run.q[:, 0]}
+
+
+def top_of_four_bar(run: tl.Trajectory) -> dict[str, np.ndarray]:
+    """The place of B0, m."""
+    left = run.columns()["q.left"]
+    return {"x": np.cos(left), "y": np.sin(left)}
+
+
+def squeezer_angles(run: tl.Trajectory) -> dict[str, np.ndarray]:
+    """The angles of Andrews' squeezer, rad."""
+    return {name.removeprefix("q."): run.columns()[name] for name in ANDREWS}
+
+
+def corner_of_bricard(run: tl.Trajectory) -> dict[str, np.ndarray]:
+    """The place of P3, m."""
+    return dict(zip("xyz", np.array([run.robot.frame_pose(q, "rod4")[1] for q in run.q]).T, strict=True))
+
+
+def write_results(folder: Path) -> None:
+    """Write what IFToMM's library asks for as text files: a row a sample, of the time and the result."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for case in cases():
+        if case.result is not None:
+            run = case.run(t_eval=np.linspace(0.0, case.run().t[-1], ROWS))
+            columns = {"t": run.t, **case.result(run)}
+            place = folder / f"{case.name.split(',')[0].replace(' ', '_')}.txt"
+            np.savetxt(place, np.column_stack(list(columns.values())), "%.12e", header=" ".join(columns))
+            print(place)
 
 
 def at_end(expected: dict[str, float], run: tl.Trajectory) -> float:
@@ -125,13 +164,13 @@ def cases() -> list[Case]:
     return [
         Case("IFToMM A01", "pendulum from the level, 10 s: angle",
              partial(tl.simulate, point_pendulum(level, 9.81), 10.0, accuracy=1e-9),
-             partial(off_the_ellipse, angle=level, w0=np.sqrt(9.81)), "exact, by elliptic functions"),
+             partial(off_the_ellipse, angle=level, w0=np.sqrt(9.81)), "exact, by elliptic functions", end_of_pendulum),
         Case("IFToMM A02", "two four-bars through singular positions, 10 s: place of B0",
-             bundled("four-bar", 1e-6), four_bar, "4.7e-5 with 1 ms, 7.3e-7 with 0.125 ms"),
+             bundled("four-bar", 1e-6), four_bar, "4.7e-5 with 1 ms, 7.3e-7 with 0.125 ms", top_of_four_bar),
         Case("IFToMM A03, IVP test set", "Andrews' squeezer, 30 ms: angles", bundled("squeezer", 1e-10),
-             partial(at_end, ANDREWS), "reference good to 7e-11"),
+             partial(at_end, ANDREWS), "reference good to 7e-11", squeezer_angles),
         Case("IFToMM A04", "Bricard's mechanism, 10 s: energy, J", bundled("bricard", 1e-9), energy_drift,
-             "0, for nothing dissipates"),
+             "0, for nothing dissipates", corner_of_bricard),
         Case("SUNDIALS", "slider-crank of idaSlCrank_dns, 10 s: q and its rate", bundled("crank-spring", 1e-9),
              partial(at_end, SLIDER_CRANK), "3 digits"),
         Case("NASA NESC 2", "tumbling brick, 30 s: body rates, deg/s, to the nearest tool",
