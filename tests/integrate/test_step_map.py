@@ -2,16 +2,21 @@
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import twolink as tl
+from tests.effects.bodies import free_bodies
 from tests.integrate.problems import BOX, GRAVITY, arm, box, one_joint, random_states, rods
 from twolink.errors import CertificationError
+from twolink.integrate.hybrid.modes import Mode, ModeState, System
 from twolink.integrate.motion.formulas import traced_rate
+from twolink.integrate.motion.pinocchio_rate import rate
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.steps.methods import METHODS, Method
+from twolink.integrate.steps.step_certificate import certify_rate
 from twolink.integrate.steps.step_control import control_rows, initial_state
 from twolink.integrate.steps.step_map import StepMap, step_map
 from twolink.lagrange.check import arm_urdf
@@ -108,6 +113,34 @@ def test_a_rate_that_is_wrong_is_refused(monkeypatch: pytest.MonkeyPatch) -> Non
     robot = tl.load_robot(arm_urdf(1, 1, 1, 1.2345))
     with pytest.raises(CertificationError, match="the rate differs from Pinocchio's"):
         step_map(equations_of(Scene(robot, effects=GRAVITY)), METHODS["rk4"])
+
+
+def test_at_an_edge_the_rate_of_either_side_is_right() -> None:
+    """A ball rolls over a box's edge, beyond which it turns about it. Where it begins, rounding chooses the side."""
+    e = tl.effects
+    shapes = {"ball": (e.Sphere(0.1),), "box": (e.Box((1.0, 1.0, 1.0)),)}
+    contact = e.Contact((("ball", "box"),), shapes=shapes)
+    q, v = [0.5, 0.0, 0.6, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1], [0.3, *[0.0] * 11]
+    whole = equations_of(Scene(free_bodies("ball", "box"), q, v, [e.Gravity(), contact]))
+    touching = ModeState(System(whole), Mode(("sliding",), ((0.0, 0.0),)), whole.start[: whole.moving], 0.0)
+    equations = replace(touching.own.equations, start=touching.full_state())
+    beyond = np.zeros((equations.space.size, 1))
+    beyond[0] = 1e-11
+
+    def by_pinocchio(on_the_other_side: float, factor: float = 1.0) -> Callable[[np.ndarray], np.ndarray]:
+        def compiled(rows: np.ndarray) -> np.ndarray:
+            x = rows[1 : 1 + equations.space.size].copy()
+            x[:, :1] += on_the_other_side * beyond
+            return factor * rate(equations, 0.0, x)
+
+        return compiled
+
+    before, after = (by_pinocchio(side)(np.vstack([[0.0], equations.start[:, None]])) for side in (-1.0, 1.0))
+    assert np.abs(after - before).max() > 0.1
+    certify_rate(equations, by_pinocchio(-1.0))
+    certify_rate(equations, by_pinocchio(1.0))
+    with pytest.raises(CertificationError, match="the rate differs from Pinocchio's"):
+        certify_rate(equations, by_pinocchio(-1.0, 1.001))
 
 
 def test_a_parameter_of_a_world_is_a_robot_built_with_it() -> None:
