@@ -86,6 +86,12 @@ class Page:
             for (const kind of ['dragenter', 'dragover', 'drop'])
               window.dispatchEvent(new DragEvent(kind, {{dataTransfer: data, cancelable: true}})); }})()""")
 
+    def drop_path(self, path: Path) -> None:
+        """Drop a file or a folder of the disk on the window, as a file manager does."""
+        data = {"items": [], "files": [str(path)], "dragOperationsMask": 1}
+        for kind in ("dragEnter", "dragOver", "drop"):
+            self.browser.call("Input.dispatchDragEvent", type=kind, x=300, y=300, data=data)
+
     def run(self) -> None:
         """Press Run and wait for the curves with their error bar."""
         self.click("#run-button")

@@ -163,6 +163,32 @@ def test_a_zip_with_its_urdf(page: Page, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.browser
+def test_a_folder_with_meshes_is_dropped(page: Page, tmp_path: Path) -> None:
+    """As vendors give them: a URDF in a folder, which finds its mesh in another one; what else is there stays there."""
+    mesh = '<visual><geometry><mesh filename="package://mine_description/meshes/part ü.obj"/></geometry></visual>'
+    folder = tmp_path / "mine_description"
+    for name in ("urdf", "meshes", "empty"):
+        (folder / name).mkdir(parents=True)
+    (folder / "urdf" / "mine.urdf").write_text(pendulum(mesh, name="in_a_folder"), "utf-8")
+    (folder / "meshes" / "part ü.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n", "utf-8"
+    )
+    for number in range(150):  # a browser reads a hundred entries at a time
+        (folder / "meshes" / f"more{number}.stl").write_bytes(b"solid s\nendsolid s\n")
+    (folder / "README.md").write_text("not sent", "utf-8")
+    page.open()
+    page.drop_path(folder)
+    page.wait_for("document.getElementById('robot-facts').innerText.startsWith('in_a_folder')")
+    assert "part ü.obj" not in page.text("#report-body")  # it would name a mesh that is missing
+    robot = page.evaluate(
+        "fetch('/v1/robots').then(answer => answer.json()).then(all => all.find(one => one.name === 'in_a_folder').id)"
+    )
+    visuals = page.evaluate(f"fetch('/v1/robots/{robot}/visuals').then(answer => answer.json())")
+    assert (len(visuals["pieces"]), visuals["skipped"]) == (1, [])
+
+
+@pytest.mark.slow
+@pytest.mark.browser
 def test_a_link_written_by_hand_names_the_robot(page: Page) -> None:
     page.open("?robot=ur5")
     assert "6 joints" in page.text("#robot-facts")

@@ -2,6 +2,7 @@
 
 import { get, getOnce, post, request } from "./api.js";
 import { announce, byId, clearProblem, count, el, short, showProblem } from "./dom.js";
+import { filesIn, zipOf } from "./folder.js";
 import { searchable } from "./search.js";
 
 const TITLES = {
@@ -112,6 +113,16 @@ export class Robots {
     );
   }
 
+  /** What a robot is made of in a folder that was dropped. */
+  async #uploadFolder(entry) {
+    byId("robot-facts").textContent = `Reading the folder ${entry.name}…`;
+    try {
+      await this.upload(await zipOf(await filesIn(entry), entry.name));
+    } catch (failure) {
+      showProblem(byId("robot-problem"), failure); // a file in it cannot be read
+    }
+  }
+
   /** Offer the robots of a zip. */
   #chooseUrdf(problem, urdfs) {
     const buttons = urdfs.map(name => el("button", { type: "button", onclick: () => this.upload(this.file, name) }, name));
@@ -211,7 +222,9 @@ export class Robots {
       over(false);
       if (!files(event)) return;
       event.preventDefault();
-      if (event.dataTransfer.files.length) this.upload(event.dataTransfer.files[0]);
+      const entry = event.dataTransfer.items[0]?.webkitGetAsEntry?.();
+      if (entry?.isDirectory) this.#uploadFolder(entry);
+      else if (event.dataTransfer.files.length) this.upload(event.dataTransfer.files[0]);
     });
   }
 }
