@@ -33,6 +33,7 @@ extensions = [
     "method_pictures",
     "mathml",
     "shell_cells",
+    "llms",
 ]
 exclude_patterns = ["extensions", "operating"]
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence", "attrs_inline"]

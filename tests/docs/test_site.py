@@ -133,6 +133,16 @@ def test_the_catalogues_are_complete(site: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_list_for_programs_has_every_page(site: Path) -> None:
+    lines = (site / "llms.txt").read_text("utf-8").splitlines()
+    assert lines[0] == "# twolink"
+    listed = re.findall(r"^- \[(.+?)\]\((.+?)\)", "\n".join(lines), re.MULTILINE)
+    pages = {str(page.relative_to(site)) for page in site.rglob("*.html")} - {"genindex.html", "search.html"}
+    assert {target for _, target in listed} >= {page for page in pages if "/" not in page or page.startswith("how/")}
+    assert all((site / target).exists() for _, target in listed)
+
+
+@pytest.mark.slow
 def test_the_reference_says_what_docstrings_say(site: Path) -> None:
     """A property's first line is no type before a colon, and parameters that share a text have it once."""
     pages = (page.read_text("utf-8") for page in (site / "generated").glob("api_*.html"))
