@@ -62,7 +62,7 @@ class Engine:
     def __post_init__(self) -> None:
         tolerance = self.setting / self.perturbation.finer if self.method.adaptive else 0.0
         small = max(SMALL_BOUNCE * tolerance, SMALLEST_BOUNCE)
-        # A slip grows by t at least, often by t^2, and its direction turns by t: what `slow` changes is slow^1.5.
+        # A slip begins like t or t^2 and turns like t: what `slow` changes in it is of the order slow^1.5.
         slow = max(tolerance ** (2 / 3), SLOW_SLIP)
         self.run = RunState(self.whole, float(self.times[0]), small, slow)
         self.end, self.at_once = float(self.times[-1]), 0
@@ -239,7 +239,8 @@ def _turning_time(run: RunState, snapshot: Snapshot) -> float:
 
     Its friction turns as fast. A first step over that tells nothing of its error, at any tolerance.
     """
-    slides = [k for k, kind in enumerate(run.mode.contacts) if kind == "sliding"]
+    both = zip(run.mode.contacts, run.system.contacts, strict=True)
+    slides = [k for k, (kind, contact) in enumerate(both) if kind == "sliding" and contact.friction]
     slowest = np.linalg.norm(snapshot.contacts[slides, 2:4, 0], axis=1).min(initial=math.inf)
     return float((slowest + run.system.slow) / max(SMALLEST_RATE, np.abs(snapshot.a).max()))
 

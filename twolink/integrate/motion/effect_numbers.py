@@ -72,7 +72,7 @@ def _found(equations: Equations, name: str) -> tuple[int, tuple[str, ...]] | Non
 
 
 def contact_slots(i: int) -> tuple[Slot, Slot]:
-    """The slots of the direction in which contact i began to slide."""
+    """The slots of `before` of contact i, which is sliding."""
     return Slot(f"contact {i}.0"), Slot(f"contact {i}.1")
 
 
