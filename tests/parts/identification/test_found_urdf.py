@@ -16,7 +16,7 @@ def test_it_loads_as_the_robot_that_was_found_and_says_what_was(tmp_path: Path) 
     t, q, v, a = motion(robot, 200)
     tau = noisy(robot.inverse_dynamics(q, v, a) + 0.3 * v + 0.1 * a, 0.05)
     found = identify(robot, t, q, v, tau, ["forearm.*", "*.damping", "*.armature"], a=a)
-    path = write_urdf(found, "arm", tmp_path / "found.urdf")
+    path = write_urdf(found, "arm", str(tmp_path / "found.urdf"))
     again = tl.load_robot(path)
     bodies = slice(0, 20)
     np.testing.assert_allclose(again.parameter_values[bodies], found.found.parameter_values[bodies], rtol=0, atol=1e-12)
@@ -42,6 +42,21 @@ def test_links_that_are_fixed_to_a_link_keep_their_own_values(tmp_path: Path) ->
     wanted = found.found.parameter_values
     assert wanted[60] - robot.parameter_values[60] == pytest.approx(0.1, abs=1e-4)
     np.testing.assert_allclose(again.parameter_values, wanted, rtol=0, atol=1e-12)
+
+
+def test_a_link_for_which_no_body_is_left_takes_the_mass_of_links_that_are_fixed_to_it(tmp_path: Path) -> None:
+    """The flange and the hand together are lighter than the hand of the file: other programs would refuse the rest."""
+    robot = tl.load_robot("panda", lock=FINGERS)
+    t, q, v, a = motion(robot, 60)
+    lighter = robot.parameter_values.copy()
+    lighter[60:70] *= 0.5
+    names = [f"panda_link7.{kind}" for kind in ("mass", "first_moment.*", "origin_inertia.*")]
+    found = identify(robot, t, q, v, robot.regressor(q, v, a) @ lighter, names, a=a)
+    path = write_urdf(found, "panda", tmp_path / "found.urdf")
+    again = tl.load_robot(path, lock=FINGERS)
+    np.testing.assert_allclose(again.parameter_values, found.found.parameter_values, rtol=0, atol=1e-12)
+    assert "its mass is in panda_link7, to which it is fixed" in path.read_text("utf-8")
+    assert {one.rule for one in tl.lint(path).defects} & {"impossible-inertia", "zero-mass"} == set()
 
 
 def test_another_robots_source_is_refused() -> None:

@@ -15,6 +15,7 @@ from twolink.io.files import write_atomic
 from twolink.parts.identification.fit_result import SceneFit
 from twolink.parts.identification.result import Identification
 from twolink.robots.catalogue import open_source
+from twolink.robots.checks import is_impossible
 from twolink.robots.tree import Tree, read_tree
 from twolink.robots.xml import parse_xml
 
@@ -22,7 +23,7 @@ Found = Identification | SceneFit
 _HEAD = re.compile(r"(?:\s|<\?.*?\?>|<!--.*?-->)*", re.DOTALL)  # what comes before <robot>
 
 
-def write_urdf(found: Found, source: str | os.PathLike[str], path: Path) -> Path:
+def write_urdf(found: Found, source: str | os.PathLike[str], path: str | os.PathLike[str]) -> Path:
     """Write the URDF of `source` with what was found.
 
     Parameters
@@ -32,7 +33,7 @@ def write_urdf(found: Found, source: str | os.PathLike[str], path: Path) -> Path
         URDF: `SceneFit.scene.save` keeps them.
     source : str or path
         The name, path or URDF text that the robot was loaded from.
-    path : Path
+    path : str or path
         The file to write.
 
     Returns
@@ -48,7 +49,7 @@ def write_urdf(found: Found, source: str | os.PathLike[str], path: Path) -> Path
         The file cannot be written.
     """
     text = found_urdf(found, source)
-    return write_atomic(path, lambda file: file.write(text.encode()), error=RobotError)
+    return write_atomic(Path(path), lambda file: file.write(text.encode()), error=RobotError)
 
 
 def found_urdf(found: Found, source: str | os.PathLike[str]) -> str:
@@ -62,8 +63,11 @@ def found_urdf(found: Found, source: str | os.PathLike[str]) -> str:
         change = changed[10 * j : 10 * j + 10]
         if any(name.startswith(f"{link}.") for name in found.parameters):
             element = _named(root, "link", link, urdf.label)
-            _set_inertial(element, _own_parameters(tree, link) + change)
+            own, absorbed = _body_of(tree, model, link, change)
+            _set_inertial(element, own)
             _comment(element, _remarks(found, link))
+            for other in absorbed:
+                _move_inertial(_named(root, "link", other, urdf.label), link)
     for joint in model.names[1:]:
         kinds = [kind for kind in JOINT_PARAMETERS if f"{joint}.{kind}" in found.parameters]
         if kinds:
@@ -93,6 +97,40 @@ def _own_parameters(tree: Tree, name: str) -> np.ndarray:
     origin = None if inertial is None else inertial.first("origin")
     lever = [float(x) for x in (origin.attributes.get("xyz", "0 0 0") if origin else "0 0 0").split()]
     return np.asarray(pin.Inertia(link.mass, np.array(lever), link.inertia).toDynamicParameters())
+
+
+def _body_of(tree: Tree, model: pin.Model, link: str, change: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """The ten parameters of a link alone after a change, and links whose own are in them.
+
+    Links that are fixed to it keep theirs, unless no body has what that leaves to the link.
+    """
+    own, fixed = _own_parameters(tree, link) + change, [link]
+    for joint in tree.joints:  # parents come before their children
+        if joint.type == "fixed" and joint.parent in fixed:
+            fixed.append(joint.child)
+    whole = own.copy()
+    for name in fixed[1:]:
+        place = model.frames[model.getFrameId(name, pin.FrameType.BODY)].placement
+        part = pin.Inertia.FromDynamicParameters(_own_parameters(tree, name))
+        whole += place.act(part).toDynamicParameters() if part.mass > 0.0 else 0.0
+    if _exists(own) or not _exists(whole):
+        return own, []
+    return whole, [name for name in fixed[1:] if tree.links[name].mass > 0.0]
+
+
+def _exists(parameters: np.ndarray) -> bool:
+    """True if a body has these ten parameters."""
+    if not parameters[0] > 0.0:
+        return False
+    return not is_impossible(pin.Inertia.FromDynamicParameters(parameters).inertia, float(parameters[0]))
+
+
+def _move_inertial(link: ET.Element, to: str) -> None:
+    """Remove the inertia of a link that is in that of another one, and say so."""
+    inertial = link.find("inertial")
+    if inertial is not None:
+        link.remove(inertial)
+    _comment(link, [f"its mass is in {to}, to which it is fixed: no body has what was found without it"])
 
 
 def _set_inertial(link: ET.Element, parameters: np.ndarray) -> None:
