@@ -111,3 +111,16 @@ def test_the_error_of_a_length_names_the_joints_with_several_entries() -> None:
         robot = tl.load_robot(name, root=root)
         with pytest.raises(tl.errors.QueryError, match=words):
             robot.mass_matrix(np.zeros(robot.nv))
+
+
+def test_limits_of_0_to_0_are_none() -> None:
+    """As files have that must have limits: random states and inverse kinematics took such joints as locked."""
+    robot = tl.load_robot("double_pendulum")
+    assert [(joint.lower, joint.upper) for joint in robot.joints] == [((-np.inf,), (np.inf,))] * 2
+    q, _ = robot.random_state(50)
+    assert np.ptp(q, axis=0).min() > np.pi
+    for one in q[:5]:
+        position = robot.frame_pose(one, "link2")[1]
+        again = robot.inverse_kinematics("link2", position)
+        np.testing.assert_allclose(robot.frame_pose(again, "link2")[1], position, rtol=0, atol=1e-9)
+    assert tl.load_robot("double_pendulum", lock={"joint2": 0.3}).report.suspicious == ()

@@ -13,6 +13,7 @@ References
 Sugihara 2011, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method", IEEE Trans. Robotics 27.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from twolink.dynamics.arguments import array, batch_shape, configuration, rows, 
 from twolink.dynamics.pinocchio_queries import query_of
 from twolink.dynamics.queries import Array
 from twolink.errors import QueryError
+from twolink.robots.joint_layout import JointLayout
 from twolink.robots.model import RobotModel
 
 NEAR = 1e-10  # m and rad: how near a solution is
@@ -98,8 +100,7 @@ def integrate(robot: RobotModel, q: ArrayLike, dv: ArrayLike) -> Array:
 def random_state(robot: RobotModel, n: int, seed: int = 0) -> tuple[Array, Array]:
     """n random states; see `Robot.random_state`."""
     n, rng = whole(n, "n", QueryError, "such as 10"), np.random.default_rng(whole(seed, "seed", QueryError))
-    limits = robot.model.lowerPositionLimit, robot.model.upperPositionLimit
-    lower, upper = np.clip(limits, -1e100, 1e100)  # a range that is not limited overflows
+    lower, upper = np.clip(_limits(robot.joints), -1e100, 1e100)  # a range that is not limited overflows
     low = np.where(upper - lower > 2 * np.pi, np.clip(-np.pi, lower, upper - 2 * np.pi), lower)
     q = rng.uniform(low, np.minimum(upper, low + 2 * np.pi), (n, robot.nq))
     for joint in robot.joints:
@@ -107,6 +108,12 @@ def random_state(robot: RobotModel, n: int, seed: int = 0) -> tuple[Array, Array
         if part is not None:  # a normal distribution in all directions, scaled to length 1, is uniform on them
             q[:, part] = rng.normal(size=(n, part.stop - part.start))
     return robot.normalize(q), rng.uniform(-1, 1, (n, robot.nv))
+
+
+def _limits(joints: Sequence[JointLayout]) -> Array:
+    """The lower and the upper limits of the entries of q of joints (2, n), infinite where there is none."""
+    ends = [(joint.lower, joint.upper) for joint in joints]
+    return np.array([[end for both in ends for end in both[k]] for k in (0, 1)])
 
 
 class Targets(NamedTuple):
@@ -161,8 +168,7 @@ class _Solver:
         single = [joint for joint in robot.joints if joint.kind == "vector"]
         self.q_entries = np.array([k for joint in single for k in range(joint.q.start, joint.q.stop)], dtype=int)
         self.v_entries = np.array([k for joint in single for k in range(joint.v.start, joint.v.stop)], dtype=int)
-        self.lower, self.upper = (limit[self.q_entries] for limit in
-                                  (robot.model.lowerPositionLimit, robot.model.upperPositionLimit))  # fmt: skip
+        self.lower, self.upper = _limits(single)
 
     def solve(self, i: int, start: Array) -> Array:
         """A configuration for target i: near the start where one is found from there. Raises QueryError."""

@@ -9,7 +9,7 @@ from twolink.dynamics.queries import ARGUMENTS, Query
 from twolink.dynamics.robot import Robot
 from twolink.errors import QueryError
 from twolink.io.tables import Columns
-from twolink.robots.joint_layout import columns_to_read, joint_columns, read_columns, urdf_limits
+from twolink.robots.joint_layout import columns_to_read, joint_columns, read_columns
 
 
 def states_of(robot: Robot, table: Columns) -> tuple[dict[str, Any], Columns]:
@@ -74,7 +74,7 @@ def beyond_range(robot: Robot, q: Any) -> Iterator[str]:
     """Of each joint whose coordinate is beyond its limits: in how many states."""
     states = np.atleast_2d(np.asarray(q, dtype=float))
     for joint in (joint for joint in robot.joints if joint.kind == "vector" and joint.unit):
-        (low, high), values = urdf_limits(robot.model, joint.q.start), states[:, joint.q.start]
+        low, high, values = joint.lower[0], joint.upper[0], states[:, joint.q.start]
         if count := int(((values < low) | (values > high)).sum()):
             yield (f"joint {joint.name!r} is beyond its limits of {low:.6g} to {high:.6g} {joint.unit} in {count} of "
                    f"{len(states)} states")  # fmt: skip

@@ -28,8 +28,9 @@ class JointLayout:
 
     kind: vector (an angle or a length), cos-sin (continuous), planar (x, y, cos, sin), quaternion (x y z w),
     free-flyer (position, quaternion), mimic (no entries of its own). type: in a URDF, such as "revolute". unit: of the
-    coordinate, "rad" or "m"; "" where there are several. lower, upper: limits of the entries of q; velocity_limit,
-    effort_limit: of those of v; infinite where there are none.
+    coordinate, "rad" or "m"; "" where there are several. lower, upper: limits of the entries of q, none where the lower
+    one is not below the upper one, as where a file has 0 for both; velocity_limit, effort_limit: of those of v;
+    infinite where there are none.
     """
 
     name: str
@@ -193,11 +194,11 @@ def joint_layouts(model: pin.Model) -> tuple[JointLayout, ...]:
         v = slice(model.idx_vs[index], model.idx_vs[index] + model.nvs[index])
         turns = str(model.joints[index].shortname()).startswith("JointModelR")
         unit = "" if model.nvs[index] != 1 else "rad" if turns else "m"
-        limits = [_limits(all_of[part]) for all_of, part in (
-            (model.lowerPositionLimit, q), (model.upperPositionLimit, q), (model.velocityLimit, v),
-            (model.upperEffortLimit, v))]  # fmt: skip
+        ends = [urdf_limits(model, entry) for entry in range(q.start, q.stop)]
+        lower, upper = tuple(low for low, _ in ends), tuple(high for _, high in ends)
+        limits = [_limits(all_of[v]) for all_of in (model.velocityLimit, model.upperEffortLimit)]
         layouts.append(JointLayout(model.names[index], index, kind, q, v, normalized, urdf_kind(model, index), unit,
-                                   *limits))  # fmt: skip
+                                   lower, upper, *limits))  # fmt: skip
     return tuple(layouts)
 
 
@@ -263,8 +264,8 @@ def lock_configuration(model: pin.Model, lock: Lock) -> tuple[tuple[int, ...], n
 def beyond_limits(model: pin.Model, locked: Sequence[int], reference: np.ndarray) -> list[str]:
     """The names of the locked joints whose configuration is not within their limits."""
     starts = {index: model.idx_qs[index] for index in locked if model.nqs[index] == 1}
-    lower, upper = model.lowerPositionLimit, model.upperPositionLimit
-    return [model.names[index] for index, k in starts.items() if not lower[k] <= reference[k] <= upper[k]]
+    limits = {index: urdf_limits(model, k) for index, k in starts.items()}
+    return [model.names[index] for index, (low, high) in limits.items() if not low <= reference[starts[index]] <= high]
 
 
 def without_joints(model: pin.Model, locked: Sequence[int], reference: np.ndarray) -> pin.Model:

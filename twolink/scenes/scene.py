@@ -20,7 +20,6 @@ from twolink.errors import AccuracyError, SceneError, TwolinkError, nearest
 from twolink.io.text import facts_html
 from twolink.robots.collisions import Shape
 from twolink.robots.joining import pose_of
-from twolink.robots.joint_layout import urdf_limits
 from twolink.scenes.file_format import ObjectEntry, save_scene
 from twolink.scenes.objects import with_objects
 
@@ -81,7 +80,7 @@ def start_notes(robot: Robot, q: np.ndarray) -> list[str]:
         if joint.kind != "vector" or joint.v.stop - joint.v.start != 1:
             continue
         value, angle = float(q[joint.q.start]), joint.unit == "rad"
-        lower, upper = urdf_limits(robot.model, joint.q.start)
+        lower, upper = joint.lower[0], joint.upper[0]
         unit = "rad" if angle else "m"
         note = ""
         if not lower <= value <= upper:

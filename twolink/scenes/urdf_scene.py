@@ -25,7 +25,7 @@ from twolink.errors import SceneError, require_known
 from twolink.geometry.fields import HeightField
 from twolink.robots.catalogue import FILES, catalogue_entry, catalogue_names
 from twolink.robots.collisions import collision_model
-from twolink.robots.joint_layout import NO_LIMIT, JointLayout, urdf_limits
+from twolink.robots.joint_layout import NO_LIMIT, JointLayout
 from twolink.robots.load_report import Finding, LoadReport, findings
 from twolink.robots.tree import Tree, read_tree
 from twolink.robots.xml import parse_xml
@@ -161,7 +161,7 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 2.0, *, co
     looped = any(isinstance(effect, Loop) for effect in others)
     for joint in loaded.joints:
         home = np.array(starts.get(joint.name, q[joint.q]))
-        q[joint.q] = home if looped else _start(loaded, joint, home)
+        q[joint.q] = home if looped else _start(joint, home)
         if len(state := named.get(joint.name, ())) in (1, joint.q.stop - joint.q.start):
             q[joint.q] = joint.configuration(state)
     entries = {joint.name: joint for joint in loaded.joints}
@@ -236,13 +236,13 @@ def _effect(robot: Robot, kind: str, given: Mapping[str, Any]) -> Effect | None:
     return made
 
 
-def _start(robot: Robot, joint: JointLayout, home: np.ndarray) -> np.ndarray:
+def _start(joint: JointLayout, home: np.ndarray) -> np.ndarray:
     """The configuration of a joint at the start, near the one that its file gives, or zero."""
     if joint.kind == "cos-sin":
         return joint.configuration(OFFSET)
     if joint.kind != "vector":
         return home
-    lower, upper = urdf_limits(robot.model, joint.q.start)
+    lower, upper = joint.lower[0], joint.upper[0]
     if not np.isfinite([lower, upper]).all():
         away = OFFSET if joint.unit == "rad" else 0.0
         return np.clip(home + away, lower, upper)
@@ -254,7 +254,7 @@ def _start(robot: Robot, joint: JointLayout, home: np.ndarray) -> np.ndarray:
 def limited_joints(robot: Robot) -> list[tuple[JointLayout, tuple[float, float]]]:
     """The joints with one coordinate, and their limits."""
     ones = [joint for joint in robot.joints if joint.kind == "vector" and joint.v.stop - joint.v.start == 1]
-    return [(joint, urdf_limits(robot.model, joint.q.start)) for joint in ones]
+    return [(joint, (joint.lower[0], joint.upper[0])) for joint in ones]
 
 
 def limits_by_joint(robot: Robot, values: np.ndarray) -> dict[str, float]:

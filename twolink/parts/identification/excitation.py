@@ -220,7 +220,7 @@ def _limits(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     middle, reach = np.zeros(robot.nv), np.full(robot.nv, _USUAL[0])
     for joint in robot.joints:
         if joint.kind == "vector":
-            low, high = model.lowerPositionLimit[joint.q.start], model.upperPositionLimit[joint.q.start]
+            low, high = joint.lower[0], joint.upper[0]
             if high - low < 2 * _USUAL[0]:
                 middle[joint.v.start], reach[joint.v.start] = (low + high) / 2, (high - low) / 2
     speed = np.array(model.velocityLimit)

@@ -6,7 +6,7 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.errors import QueryError
-from twolink.robots.joint_layout import JointLayout, urdf_limits
+from twolink.robots.joint_layout import JointLayout
 
 DEGREE = float(np.pi / 180)
 # By the ratio of v to the rate of q: the question, and the quantity and the factor that would mend it.
@@ -64,13 +64,13 @@ def wide_joint(robot: Robot, q: np.ndarray) -> JointLayout | None:
     turning = [joint for joint in robot.joints if joint.kind == "vector" and joint.unit == "rad"]
     far = [float(np.abs(q[:, joint.q.start]).max(initial=0.0)) for joint in turning]
     wide = [(angle, k) for k, (joint, angle) in enumerate(zip(turning, far, strict=True))
-            if angle > 2 * np.pi or angle * DEGREE < _reach(robot, joint) < angle / 1.5]  # fmt: skip
+            if angle > 2 * np.pi or angle * DEGREE < _reach(joint) < angle / 1.5]  # fmt: skip
     return turning[max(wide)[1]] if wide else None
 
 
-def _reach(robot: Robot, joint: JointLayout) -> float:
+def _reach(joint: JointLayout) -> float:
     """The limit of a joint's |q|, rad; infinite where there is none."""
-    return max(map(abs, urdf_limits(robot.model, joint.q.start)))
+    return max(map(abs, (*joint.lower, *joint.upper)))
 
 
 def require_reach(robot: Robot, t: np.ndarray, q: np.ndarray) -> None:
@@ -92,7 +92,7 @@ def beyond_reach(robot: Robot, t: np.ndarray, q: np.ndarray) -> tuple[JointLayou
         if joint.kind != "vector" or joint.unit != "rad":
             continue
         fastest, limit = float(speed[joint.v.start]), float(robot.model.velocityLimit[joint.v.start])
-        reach, far = _reach(robot, joint), float(np.abs(q[:, joint.q.start]).max())
+        reach, far = _reach(joint), float(np.abs(q[:, joint.q.start]).max())
         if far * DEGREE < reach < far / 1.5 and fastest * DEGREE < limit < fastest:
             return joint, f"at up to {fastest:.4g} rad/s; its limits are {reach:.4g} rad and {limit:.4g} rad/s"
     return None
