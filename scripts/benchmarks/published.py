@@ -3,7 +3,7 @@
 IFToMM library of computational benchmark problems (Gonzalez et al. 2006): A01 to A04. Test Set for IVP Solvers (Mazzia,
 Magherini 2008), problem andrews. SUNDIALS 7, idaSlCrank_dns. NASA NESC check case 2 (NASA/TM-2015-218675; time
 histories in github.com/nasa/simupy-flight, NESC_data). Newton's verification scenes (newton-physics/newton,
-newton/tests/test_physics_verification.py at 41a5392c1): their bounds are what its solvers must keep.
+newton/tests/test_physics_verification.py at 00b6b3d62): their bounds are what its solvers must keep.
 """
 
 import time
@@ -17,7 +17,7 @@ from scipy.special import ellipj, ellipk
 
 import twolink as tl
 from scripts.runner import Table, once
-from scripts.studies.scenes.robots import free_robot, robot_of
+from scripts.studies.scenes.robots import body, free_robot, robot_of
 
 E = tl.effects
 Run = Callable[..., tl.Trajectory]
@@ -134,6 +134,68 @@ def momentum_drift(run: tl.Trajectory) -> float:
     return float(np.abs(found - found[0]).max() / np.linalg.norm(found[0]))
 
 
+def thrown(height: float, velocity: tuple[float, float, float]) -> tl.Scene:
+    """A body let go or thrown at a height, m; velocity: m/s, z upward."""
+    robot = free_robot(("ball", 1.0, (1e-3,) * 3))
+    return tl.Scene(robot, [0, 0, height, 0, 0, 0, 1], [*velocity, 0, 0, 0], [E.Gravity((0.0, 0.0, -10.0))])
+
+
+def off_the_parabola(run: tl.Trajectory) -> float:
+    """Of the place at all samples, m."""
+    start, speed = run.q[0, :3], run.v[0, :3]
+    exact = start + np.outer(run.t, speed) + np.outer(0.5 * run.t**2, [0.0, 0.0, -10.0])
+    return float(np.abs(run.q[:, :3] - exact).max())
+
+
+BLOCK, BALL = 64.0 * (0.4**2 + 0.4**2) / 12.0, 1000.0 * 4.0 / 3.0 * np.pi * 0.1**3  # kg m^2 and kg, of 1,000 kg/m^3
+
+
+def driven() -> tl.Scene:
+    """A box on a hinge and a ball on a slide, driven by 5 N m and 5 N."""
+    parts = (body("box", 64.0, BLOCK, "revolute", "hinge") +
+             body("ball", BALL, 1e-3, "prismatic", "slide", axis="1 0 0", at="0 5 0"))  # fmt: skip
+    return tl.Scene(robot_of(parts), effects=[E.Torque({"hinge": 5.0, "slide": 5.0})])
+
+
+def off_the_speeds(run: tl.Trajectory) -> float:
+    """Of both speeds at the end, relative."""
+    speeds = {"v.hinge": 5.0 * run.t[-1] / BLOCK, "v.slide": 5.0 * run.t[-1] / BALL}
+    return max(abs(run.columns()[name][-1] / speed - 1.0) for name, speed in speeds.items())
+
+
+CRANK, COUPLER, ROCKER, GROUND = 0.2, 0.5, 0.4, 0.5  # m, of Newton's four-bar
+
+
+def rocker_angle(crank: np.ndarray) -> np.ndarray:
+    """The angle of the rocker from that of the crank: K1 cos r - K2 cos c + K3 = cos(c - r) (Freudenstein)."""
+    a = GROUND / CRANK - np.cos(crank)
+    b = -np.sin(crank)
+    rest = (CRANK**2 - COUPLER**2 + ROCKER**2 + GROUND**2) / (2.0 * CRANK * ROCKER)
+    return np.asarray(np.arctan2(b, a) + np.arccos((GROUND / ROCKER * np.cos(crank) - rest) / np.hypot(a, b)))
+
+
+def crank_rocker() -> tl.Scene:
+    """Four bars of 1,000 kg/m^3, 4 cm by 4 cm, whose crank is driven to a turn a second by 100 N m s/rad."""
+    parts, parent, at = "", "world", 0.0
+    for name, length in (("crank", CRANK), ("coupler", COUPLER), ("rocker", ROCKER)):
+        mass = 1.6 * length
+        parts += body(name, mass, mass * (length**2 + 0.04**2) / 12.0, "revolute", f"{name}_joint", parent=parent,
+                      com=f"{length / 2} 0 0", at=f"{at} 0 0")  # fmt: skip
+        parent, at = name, length
+    end = GROUND + ROCKER * np.exp(1j * rocker_angle(np.zeros(1))[0])
+    coupler, rocker = np.angle(end - CRANK), np.angle(GROUND - end)
+    effects = [E.Torque({"crank_joint": 100.0 * 2.0 * np.pi}), E.JointDamping({"crank_joint": 100.0}),
+               E.PointLoop("rocker", point_a=(ROCKER, 0.0, 0.0), point_b=(GROUND, 0.0, 0.0))]  # fmt: skip
+    return tl.Scene(robot_of(parts), [0.0, coupler, rocker - coupler], effects=effects)
+
+
+def off_freudenstein(run: tl.Trajectory) -> float:
+    """Of the rocker's angle, rad."""
+    ends = np.array([run.robot.frame_pose(q, "rocker")[1] for q in run.q])
+    off = np.arctan2(ends[:, 1], ends[:, 0] - GROUND) - rocker_angle(run.q[:, 0])
+    return float(np.abs((off + np.pi) % (2.0 * np.pi) - np.pi).max())
+
+
 def ball(restitution: float) -> tl.Scene:
     robot = free_robot(("ball", 1.0, (1e-3,) * 3))
     contact = E.Contact(("ground",), 0.0, restitution=restitution, shapes={"ball": (E.Sphere(0.05),)})
@@ -181,6 +243,17 @@ def cases() -> list[Case]:
              partial(off_the_ellipse, angle=small, w0=np.sqrt(10.0)), "5e-4 (bound of the test, 1 %)"),
         Case("Newton, free body", "precession, 10 s: angular momentum, relative",
              partial(tl.simulate, spinning, 10.0, accuracy=1e-9), momentum_drift, "5e-3 (bound of the test)"),
+        Case("Newton, free fall", "5 m, 0.5 s: place, m", partial(tl.simulate, thrown(5.0, (0, 0, 0)), 0.5),
+             off_the_parabola, "5e-3 (bound of the test)"),
+        Case("Newton, projectile", "5 and 10 m/s, 0.1 s: place, m", partial(tl.simulate, thrown(10.0, (5, 0, 10)), 0.1),
+             off_the_parabola, "1e-3 (bound of the test)"),
+        Case("Newton, energy", "pendulum from 1 rad, 2 s: energy, J",
+             partial(tl.simulate, point_pendulum(1.0, 10.0), 2.0, accuracy=1e-9), energy_drift,
+             "0.5 % (bound of the test)"),
+        Case("Newton, driven joints", "5 N m and 5 N, 0.3 s: speeds, relative", partial(tl.simulate, driven(), 0.3),
+             off_the_speeds, "one step of 1 ms (bound of the test)"),
+        Case("Newton, four-bar", "two turns of the crank: the rocker's angle by Freudenstein's equation",
+             partial(tl.simulate, crank_rocker(), 2.0, accuracy=1e-9), off_freudenstein, "1.7e-3 (bound of the test)"),
         *(Case(f"Newton, restitution {e:g}", "height of the rebound, relative",
                partial(tl.simulate, ball(e), 1.0, accuracy=1e-9), partial(off_the_rebound, e), bounces)
           for e in (0.5, 0.8)),
