@@ -3,7 +3,8 @@
 IFToMM library of computational benchmark problems (Gonzalez et al. 2006): A01 to A04. Test Set for IVP Solvers (Mazzia,
 Magherini 2008), problem andrews. SUNDIALS 7, idaSlCrank_dns. NASA NESC check case 2 (NASA/TM-2015-218675; time
 histories in github.com/nasa/simupy-flight, NESC_data). Newton's verification scenes (newton-physics/newton,
-newton/tests/test_physics_verification.py at 00b6b3d62): their bounds are what its solvers must keep.
+newton/tests/test_physics_verification.py at 41a5392c1, and from its free fall to its four-bar at 00b6b3d62): their
+bounds are what its solvers must keep.
 """
 
 import time
