@@ -12,17 +12,14 @@ def write(app: Any, failure: Exception | None) -> None:
     """Write the list beside the built pages."""
     if failure is not None or app.builder.format != "html":
         return
-    env, lines = (
-        app.env,
-        [f"# {app.config.project}", "", f"> {app.config.myst_html_meta['description lang=en']}", "", "## Pages", ""],
-    )
+    env, summary = app.env, app.config.myst_html_meta["description lang=en"]
+    lines = [f"# {app.config.project}", "", f"> {summary}", "", "## Pages", ""]
     for name in sorted(env.found_docs):
         first = next((one.astext() for one in env.get_doctree(name).findall(nodes.paragraph)), "")
         about = " ".join(first.split())
         about = about if len(about) <= LONGEST else about[:LONGEST].rsplit(" ", 1)[0] + " ..."
-        lines.append(
-            f"- [{env.titles[name].astext()}]({app.builder.get_target_uri(name)})" + (f": {about}" if about else "")
-        )
+        link = f"- [{env.titles[name].astext()}]({app.builder.get_target_uri(name)})"
+        lines.append(f"{link}: {about}" if about else link)
     (Path(app.outdir) / "llms.txt").write_text("\n".join(lines) + "\n", "utf-8")
 
 

@@ -178,8 +178,7 @@ def angular_dofs(joint: JointLayout) -> range:
 
 def urdf_limits(model: pin.Model, entry: int) -> tuple[float, float]:
     """The limits (lower, upper) of q[entry] in the URDF; infinite where there is none."""
-    ends = (float(limits[entry]) for limits in (model.lowerPositionLimit, model.upperPositionLimit))
-    lower, upper = (end if abs(end) < NO_LIMIT else math.copysign(math.inf, end) for end in ends)
+    lower, upper = _limits(np.array([model.lowerPositionLimit[entry], model.upperPositionLimit[entry]]))
     return (lower, upper) if lower < upper else (-math.inf, math.inf)
 
 

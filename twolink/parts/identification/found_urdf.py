@@ -105,17 +105,16 @@ def _body_of(tree: Tree, model: pin.Model, link: str, change: np.ndarray) -> tup
     Links that are fixed to it keep theirs, unless no body has what that leaves to the link.
     """
     own, fixed = _own_parameters(tree, link) + change, [link]
+    if _exists(own):
+        return own, []
     for joint in tree.joints:  # parents come before their children
         if joint.type == "fixed" and joint.parent in fixed:
             fixed.append(joint.child)
-    whole = own.copy()
-    for name in fixed[1:]:
+    heavy, whole = [name for name in fixed[1:] if tree.links[name].mass > 0.0], own.copy()
+    for name in heavy:
         place = model.frames[model.getFrameId(name, pin.FrameType.BODY)].placement
-        part = pin.Inertia.FromDynamicParameters(_own_parameters(tree, name))
-        whole += place.act(part).toDynamicParameters() if part.mass > 0.0 else 0.0
-    if _exists(own) or not _exists(whole):
-        return own, []
-    return whole, [name for name in fixed[1:] if tree.links[name].mass > 0.0]
+        whole += place.act(pin.Inertia.FromDynamicParameters(_own_parameters(tree, name))).toDynamicParameters()
+    return (whole, heavy) if _exists(whole) else (own, [])
 
 
 def _exists(parameters: np.ndarray) -> bool:

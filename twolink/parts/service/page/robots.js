@@ -73,7 +73,7 @@ export class Robots {
     const options = id.startsWith("u-") ? {} : this.#options();
     this.file = null;
     await this.#take(
-      Object.keys(options).length || usual === "free" // the name alone, in an address, is the robot with its usual root
+      Object.keys(options).length || usual === "free" // in an address a name means the usual root
         ? () => post("/v1/robots", { source: id, ...options })
         : () => get(`/v1/robots/${encodeURIComponent(id)}`),
       { picked: id, changes },
