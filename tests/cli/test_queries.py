@@ -41,6 +41,24 @@ def test_query_of_one_state(form: str) -> None:
     assert np.array_equal(record["a"], robot.forward_dynamics([0.3, -0.7], [1, 2], [3, 4]))
 
 
+def test_states_by_joint_with_units() -> None:
+    """As vectors, in every option; a motion begins and ends with what is not named where it is."""
+    by_joint = ("--q", "elbow=-90deg, shoulder = 0.5", "--v", "elbow=180 deg/s")
+    vectors = ("--q", f"0.5 {-np.pi / 2!r}", "--v", f"0 {np.pi!r}")
+    assert answer("query", "two_link", "bias", *by_joint) == answer("query", "two_link", "bias", *vectors)
+    motion = ("query", "two_link", "inverse-dynamics", "--acceleration", "4", "--speed", "1")
+    named = answer(*motion, "--q", "elbow=0.25", "--to", "shoulder=90deg")
+    assert named == answer(*motion, "--q", "0 0.25", "--to", f"{np.pi / 2!r} 0.25")
+    assert answer("query", "two_link", "energy", "--q", "0", "--lock", "elbow=-90deg")["potential"] == -4.905
+    for wrong, part in (("elbow=9mm", "in rad, or as \"30 deg\""), ("elbw=1", "did you mean 'elbow'"),
+                        ("elbow=1 elbow=2", "given twice"), ("elbow=", "expected 1 number, got 0")):  # fmt: skip
+        done = call("query", "two_link", "energy", "--q", wrong)
+        assert done.returncode == 2
+        assert part in done.stderr
+    assert answer("query", "two_link", "forward-dynamics", "--q", "0 0", "--tau", "elbow=1") == answer(
+        "query", "two_link", "forward-dynamics", "--q", "0 0", "--tau", "0 1")  # fmt: skip
+
+
 def test_every_query_answers() -> None:
     robot = tl.load_robot("arm")
     q, v = [0.1, 0.2], [0.3, 0.4]

@@ -48,7 +48,7 @@ def test_coupled_joints_move_as_the_free_robot_along_the_coupling(case: str) -> 
 
     def configuration(robot: tl.Robot, values: np.ndarray) -> np.ndarray:
         joints = [j for j in robot.joints if j.q.stop > j.q.start]
-        return np.concatenate([j.configuration(value) for j, value in zip(joints, values, strict=True)])
+        return np.concatenate([j.entries("q", value) for j, value in zip(joints, values, strict=True)])
 
     q, q_free = configuration(coupled, y), configuration(free, full)
     exact = {"rtol": 0, "atol": 1e-12}

@@ -2,6 +2,7 @@
 
 import pickle
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -55,11 +56,35 @@ def test_a_continuous_joint_starts_at_an_angle() -> None:
     np.testing.assert_allclose(scene.q, [np.cos(0.4), np.sin(0.4)])
 
 
+def test_a_start_may_have_units(tmp_path: Path) -> None:
+    """Of the joint's coordinate: degrees of angles, millimetres of ways; also in files, and of locked joints."""
+    arm = tl.Scene(tl.load_robot("two_link"), {"shoulder": "90 deg", "elbow": "-1.5rad"}, {"elbow": "180 deg/s"})
+    assert arm.q.tolist() == [np.pi / 2, -1.5]
+    assert arm.v.tolist() == [0.0, np.pi]
+    assert tl.Scene(tl.load_robot("panda"), {"panda_finger_joint1": "20 mm"}).q[7] == 0.02
+    np.testing.assert_allclose(tl.Scene(tl.load_robot(CONTINUOUS), {"turn": "60deg"}).q, [0.5, np.sqrt(0.75)])
+    file = tmp_path / "scene.toml"
+    file.write_text('robot = {source = "panda", lock = {panda_joint4 = "-90 deg"}}\nq = {panda_joint2 = "45 deg"}\n')
+    scene = tl.load_scene(file)
+    assert scene.q[1] == np.pi / 4
+    tip, _ = scene.robot.frame_pose(scene.q, "panda_link7")
+    panda = tl.load_robot("panda")
+    bent = panda.by_joint("q", {"panda_joint2": np.pi / 4, "panda_joint4": -np.pi / 2})
+    np.testing.assert_allclose(tip, panda.frame_pose(bent, "panda_link7")[0], atol=1e-15)
+
+
 REFUSED = {
     "name": ({"elbw": 0.1}, "q: robot 'two_link' has no joint 'elbw'; did you mean 'elbow'"),
-    "size": ({"elbow": [0.1, 0.2]}, "q.elbow: expected 1 numbers, got 2"),
+    "size": ({"elbow": [0.1, 0.2]}, "q.elbow: expected 1 number, got 2"),
     "text": ({"elbow": "far"}, "q.elbow: expected numbers, got 'far'"),
+    "unit of a length": (
+        {"elbow": "9 mm"},
+        """q.elbow: expected numbers, got '9 mm'; give the joint's configuration in rad""",
+    ),
+    "unit of a rate": ({"elbow": "9 deg/s"}, "q.elbow: expected numbers, got '9 deg/s'"),
+    "unit alone": ({"elbow": "deg"}, "q.elbow: expected numbers, got 'deg'"),
     "nan": ({"elbow": np.nan}, "expected finite numbers"),
+    "nan deg": ({"elbow": "nan deg"}, "expected finite numbers"),
 }
 
 

@@ -90,9 +90,9 @@ BAD = {
     "joint": (GOOD.replace("shoulder", "sholder"), ["my.toml: q", "'sholder'", "did you mean 'shoulder'"]),
     "joint's size": (
         GOOD.replace("shoulder = 0.1", "shoulder = [0.1, 0.2]"),
-        ["q.shoulder", "expected 1 numbers, got 2"],
+        ["q.shoulder", "expected 1 number, got 2"],
     ),
-    "value": (GOOD.replace("0.1", '"much"'), ["my.toml: q", "float", "str"]),
+    "value": (GOOD.replace("0.1", '"much"'), ["my.toml: q.shoulder", "expected numbers, got 'much'", "in rad"]),
     "duration": (GOOD.replace("2.0", "-2.0"), ["my.toml: duration", "> 0"]),
     "effect": (GOOD.replace('"gravity"', '"gravty"'), ["effects[0]", "gravty"]),
     "effect without type": (GOOD.replace('type = "gravity"', ""), ["effects[0]", "it has no type"]),

@@ -18,6 +18,7 @@ from typer.core import TyperCommand
 
 from twolink.accuracy import Study
 from twolink.dynamics import Robot, load_robot
+from twolink.dynamics.arguments import by_joint
 from twolink.errors import TwolinkError, require_extra
 from twolink.integrate.steps.methods import METHODS
 from twolink.io.tables import SUFFIXES, require_format
@@ -228,7 +229,7 @@ Method = Annotated[
 ROBOT_HELP = "A name (see `twolink robots`), or the path of a URDF, xacro or MJCF."
 RobotName = Annotated[str, Argument(metavar="ROBOT", help=ROBOT_HELP, autocompletion=completion(catalogue_names))]
 Root = Annotated[str, Option(help="Root: fixed to the world, or free (a floating base).")]
-Lock = Annotated[list[str] | None, Option(metavar="JOINT=VALUE", help="Lock a joint, rad or m; repeatable.")]
+Lock = Annotated[list[str] | None, Option(metavar="JOINT=VALUE", help="Lock a joint, rad, m, or as 30deg; repeatable.")]
 Gravity = Annotated[
     str | None, Option(help="Gravity along the world's axes, m/s^2.", show_default="0 0 -9.81, or the MJCF's")
 ]
@@ -251,6 +252,21 @@ REPORTED = {"root": "--root", "mimic": "--mimic", "package_dirs": "--package-dir
 def sample_times_of(text: SampleTimes) -> list[float] | None:
     """The times that the option names."""
     return None if text is None else parse_numbers("t_eval", text)
+
+
+def vector_of(robot: Robot, name: str, text: str, letter: str = "", others: Any = None) -> Any:
+    """The vector of an option: numbers, or JOINT=VALUE for some joints, as `by_joint` takes them."""
+    if "=" not in text:
+        return parse_numbers(name, text)
+    parts = re.split(r"[\s,;]+(?=[^\s,;=]+\s*=)", text.strip())
+    pairs = _pairs(parts, name, 'JOINT=VALUE, such as "elbow=30 deg"')
+    values = {joint: _entries(name, value) for joint, value in pairs.items()}
+    return by_joint(robot, letter or name, values, argument=name, others=others)
+
+
+def _entries(name: str, text: str) -> Any:
+    """Numbers of a joint, or the text if it has a unit."""
+    return text if re.search(r"[a-zA-Z]$", text.rstrip()) else parse_numbers(name, text)
 
 
 def robot_from(
@@ -297,12 +313,10 @@ def chosen_of(load: RobotLoader) -> list[str]:
     return [name for name, value in load.keywords.items() if value != usual[name].default]
 
 
-def locks_of(lock: Lock) -> dict[str, list[float]]:
+def locks_of(lock: Lock) -> dict[str, Any]:
     """The locked joints' configurations."""
-    return {
-        name: parse_numbers("lock", value)
-        for name, value in _pairs(lock, "lock", "JOINT=VALUE, such as elbow=0.5").items()
-    }
+    pairs = _pairs(lock, "lock", "JOINT=VALUE, such as elbow=0.5")
+    return {name: _entries("lock", value) for name, value in pairs.items()}
 
 
 def xacro_of(arguments: XacroArguments) -> dict[str, str]:

@@ -10,7 +10,7 @@ import numpy as np
 import typer
 from typer import Argument, Option
 
-from twolink.cli.common import Json, Misuse, RobotLoader, RobotName, show, with_robot_options
+from twolink.cli.common import Json, Misuse, RobotLoader, RobotName, show, vector_of, with_robot_options
 from twolink.dynamics import Robot
 from twolink.dynamics.queries import ARGUMENTS, OPTIONS, QUERIES, answer_query
 from twolink.dynamics.query_tables import beyond_effort, beyond_range, states_of, table_of
@@ -42,6 +42,7 @@ def query(
     \b
     twolink query two_link forward-dynamics --q "0 0" --v "0 0" --tau "1 0"
     twolink query two_link energy --states states.csv --json
+    twolink query panda gravity-torque --q "panda_joint4=-90deg panda_joint6=1.5"
     twolink query ur5 inverse-dynamics --q "0 -1 1 0 0 0" --to "1 -1 0 0 0 0" --acceleration 4 --out torques.csv
 
     \b
@@ -86,17 +87,19 @@ def _motion(
     robot: Robot, arguments: dict[str, Any], texts: Mapping[str, str | None], rate: float
 ) -> PlannedMotion | None:
     """The motion that options describe, from the configuration of the arguments, which it takes; None for none."""
-    given = {name: parse_numbers(name, text) for name, text in texts.items() if text is not None}
-    if "to" not in given:
-        if given:
-            raise Misuse("it is of a motion", where=next(iter(given)), remedy="give --to with its end")
+    asked = {name: text for name, text in texts.items() if text is not None}
+    if "to" not in asked:
+        if asked:
+            raise Misuse("it is of a motion", where=next(iter(asked)), remedy="give --to with its end")
         return None
     if arguments.keys() != {"q"}:
         raise Misuse("states are given already", where="to", remedy="give --q, and no other states")
-    if "acceleration" not in given:
+    if "acceleration" not in asked:
         raise Misuse("it is not given", where="acceleration", remedy="give --acceleration, such as 4")
-    start, end = arguments.pop("q"), given.pop("to")
-    return trapezoidal_motion(robot, start, end, samples_per_second=rate, **given)
+    start = arguments.pop("q")
+    end = vector_of(robot, "to", asked.pop("to"), "q", start)
+    limits = {name: parse_numbers(name, text) for name, text in asked.items()}
+    return trapezoidal_motion(robot, start, end, samples_per_second=rate, **limits)
 
 
 def _declared() -> Iterator[Parameter]:
@@ -126,7 +129,7 @@ def read_states(robot: Robot, texts: Mapping[str, str | None], path: Path | None
 
     Those that come as text, and those from a JSON or CSV file ("-": stdin).
     """
-    arguments = {name: parse_numbers(name, text) for name, text in texts.items() if text is not None}
+    arguments = {name: vector_of(robot, name, text) for name, text in texts.items() if text is not None}
     if path is None:
         return arguments, {}
     data = sys.stdin.buffer.read() if str(path) == "-" else read_bytes(path, QueryError)

@@ -1,7 +1,8 @@
-"""Arguments: shapes, finiteness, unit quaternions and (cos, sin) pairs; broadcasting of batches; numbers above 0; and
-external wrenches on named frames.
+"""Arguments: vectors by joint name, shapes, finiteness, unit quaternions and (cos, sin) pairs; broadcasting of batches;
+numbers above 0; and external wrenches on named frames.
 """
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,8 +13,9 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from twolink.algorithms.functions import frame_index
-from twolink.errors import QueryError, TwolinkError, require_known
+from twolink.errors import QueryError, TwolinkError, nearest, require_known
 from twolink.robots.joint_layout import JointLayout
+from twolink.robots.model import RobotModel
 
 # Single precision carries 6e-8: such states are asked to be normalised rather than used with that error.
 UNIT_TOLERANCE = 1e-8
@@ -68,6 +70,46 @@ def array(name: str, value: ArrayLike, size: int | None, joints: Sequence[JointL
         what = f"expected finite numbers, got {out[index]} at {list(index)}"
         raise QueryError(what, argument=name, remedy="check where it comes from")
     return out
+
+
+def by_joint(
+    robot: RobotModel, letter: str, values: Mapping[str, ArrayLike], error: type[TwolinkError] = QueryError, *,
+    argument: str = "", others: ArrayLike | None = None,
+) -> np.ndarray:  # fmt: skip
+    """A configuration (nq,) "q", or another vector (nv,), from values by joint name.
+
+    A joint's values are those that `JointLayout.entries` takes. Joints that are not named have their entries of
+    `others`; without that they are neutral, objects at their poses, and 0.
+
+    Raises
+    ------
+    error
+        There is no such joint (code "unknown-joint"), or the values are not the joint's.
+    """
+    argument = argument or letter
+    if others is None:
+        state = np.array(robot.neutral if letter == "q" else np.zeros(robot.nv))
+        values = dict(robot.visuals.placed if letter == "q" else {}) | dict(values)
+    else:
+        state = np.array(others, dtype=float)
+    joints = {joint.name: joint for joint in robot.joints}
+    for name, value in values.items():
+        if name not in joints:
+            what, remedy = f"robot {robot.name!r} has no joint {name!r}", nearest(name, joints)
+            raise error(what, where=argument, remedy=remedy, code="unknown-joint", argument=argument)
+        joint = joints[name]
+        part = joint.q if letter == "q" else joint.v
+        wrong = functools.partial(error, where=f"{argument}.{name}", remedy=joint.expected(letter), code="schema",
+                                  argument=argument)  # fmt: skip
+        try:
+            numbers = joint.entries(letter, value)
+        except (TypeError, ValueError):
+            raise wrong(f"expected numbers, got {value!r}") from None
+        size = part.stop - part.start
+        if numbers.shape != (size,):
+            raise wrong(f"expected {size} number{'s' * (size != 1)}, got {numbers.size}")
+        state[part] = numbers
+    return state
 
 
 def one_of(choices: Sequence[str], value: str, name: str) -> str:

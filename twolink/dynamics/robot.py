@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 from twolink.algorithms.functions import Shape, frame_names
 from twolink.algorithms.recursions import Axes
 from twolink.dynamics import configurations, pinocchio_queries
-from twolink.dynamics.arguments import UNIT_TOLERANCE, FExt, one_of, states_of
+from twolink.dynamics.arguments import UNIT_TOLERANCE, FExt, by_joint, one_of, states_of
 from twolink.dynamics.compiled import AXES, Compiled
 from twolink.dynamics.engine import ENGINES, compiled_from
 from twolink.dynamics.pinocchio_queries import by_axes, shows_all
-from twolink.dynamics.queries import Algorithm, Array, query
+from twolink.dynamics.queries import ARGUMENTS, Algorithm, Array, query
 from twolink.dynamics.regressors import regressor_names, regressor_query, regressor_values
 from twolink.errors import CertificationError
 from twolink.io.text import facts_html
@@ -476,6 +476,19 @@ class Robot(RobotModel):
         """
         return configurations.integrate(self, q, dv)
 
+    def by_joint(self, letter: str, values: Mapping[str, ArrayLike]) -> Array:
+        """A configuration (nq,) "q", or another vector (nv,) "v", "a" or "tau", from values by joint name.
+
+        A joint's value is a number, its entries, or a text with a unit, such as "90 deg" or "30 deg/s"; one value of a
+        continuous joint is its angle. Joints that are not named are neutral, or 0.
+
+        Raises
+        ------
+        QueryError
+            There is no such joint, or the value is not the joint's.
+        """
+        return by_joint(self, one_of(tuple(ARGUMENTS), letter, "letter"), values)
+
     def random_state(self, n: int, seed: int = 0) -> tuple[Array, Array]:
         """Random states (q (n, nq), v (n, nv)), the same for the same seed.
 
@@ -511,7 +524,8 @@ class Robot(RobotModel):
         quick = (self._shown.get(name) or shows_all(self, self._shown, name)) and self._is_state(*arguments)
         if engine in _BY_PINOCCHIO and isfinite(total := 0.0 if quick else self._sum_of_state(*arguments)):
             result = query.one(self.model, self.data, *arguments)
-            if isfinite(total + (_square(result) if result.ndim > 1 else sum(result.tolist()))):
+            # "K" is the order of the memory, which needs no copy
+            if isfinite(total + ((x := result.ravel("K")).dot(x) if result.ndim > 1 else sum(result.tolist()))):
                 return result
         q, made = arguments[0], self._compiled.get(())
         if engine == "auto" and made is not None and type(q) is np.ndarray and q.ndim == 2:
@@ -569,12 +583,6 @@ class Robot(RobotModel):
                 return nan
             total += sum(y.tolist())
         return total
-
-
-def _square(matrix: Array) -> float:
-    """The sum of the squared entries, in the order of the memory."""
-    flat = matrix.ravel("K")
-    return float(flat.dot(flat))
 
 
 def load_robot(

@@ -292,7 +292,7 @@ def compare(robot: RobotModel, configurations: int = 5) -> dict[str, Any]:
         coupled = {j.name: j.mimic for j in second.robot.joints if j.mimic is not None and j.name in layouts}
         values = {name: m.multiplier * angles.get(m.joint, 0.0) + m.offset for name, m in coupled.items()}
         for name, angle in (angles | values).items():
-            q[layouts[name].q] = layouts[name].configuration(angle)
+            q[layouts[name].q] = layouts[name].entries("q", angle)
         second.update_cfg(angles)
         pin.framesForwardKinematics(model, data, q)
         for frame, placement in zip(model.frames, data.oMf, strict=True):

@@ -3,6 +3,7 @@ limits; options of loading a robot: its gravity field, and joints that are locke
 """
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -12,14 +13,17 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from twolink.errors import QueryError, RobotError, TwolinkError, require_known
+from twolink.io.text import parse_number
 
 JointKind = Literal["vector", "cos-sin", "planar", "quaternion", "free-flyer", "mimic"]
 
 NO_LIMIT = 1e30  # Pinocchio writes no limit as a number beyond this
 _UNIT_PART = {"cos-sin": slice(0, 2), "planar": slice(2, 4), "quaternion": slice(0, 4), "free-flyer": slice(3, 7)}
-Lock = Mapping[str, float | Sequence[float]]
+Lock = Mapping[str, float | str | Sequence[float]]
 UNIT_TOLERANCE = 1e-8
 _LINK = "link\0"  # no name in XML holds a NUL
+_UNITS = {"rad": {"rad": 1.0, "deg": math.radians(1.0)}, "m": {"m": 1.0, "mm": 1e-3}}
+_RATES = {"q": "", "v": "/s", "a": "/s^2"}
 
 
 @dataclass(frozen=True)
@@ -46,10 +50,35 @@ class JointLayout:
     velocity_limit: tuple[float, ...]
     effort_limit: tuple[float, ...]
 
-    def configuration(self, values: ArrayLike) -> np.ndarray:
-        """Values as the entries of q, where one value of a continuous joint is its angle [rad]."""
-        entries = np.atleast_1d(np.asarray(values, dtype=float))
-        return np.append(np.cos(entries), np.sin(entries)) if self.kind == "cos-sin" and entries.size == 1 else entries
+    def entries(self, letter: str, values: ArrayLike) -> np.ndarray:
+        """Values as the joint's entries of "q", "v", "a" or "tau"; one value of a continuous joint's q is its angle.
+
+        One value may be a text with a unit of the coordinate: "90 deg", "30 deg/s", "5 mm". Raises ValueError for what
+        is no numbers, or has another unit.
+        """
+        given = self._in_si(letter, values) if isinstance(values, str) else values
+        numbers = np.atleast_1d(np.asarray(given, dtype=float))
+        is_angle = letter == "q" and self.kind == "cos-sin" and numbers.size == 1
+        return np.append(np.cos(numbers), np.sin(numbers)) if is_angle else numbers
+
+    def expected(self, letter: str) -> str:
+        """The remedy for values that `entries` does not take."""
+        units = self._units(letter)
+        numbers = {"q": "the joint's configuration"}.get(letter, "a number for each degree of freedom")
+        return f"give {numbers}{' in ' + units[0] if units else ''}" + (f', or as "30 {units[1]}"' if units else "")
+
+    def _units(self, letter: str) -> list[str]:
+        """The units of a text with the joint's coordinate, its speed or acceleration; the first is of SI."""
+        rate = _RATES.get(letter)
+        return [] if rate is None else [unit + rate for unit in _UNITS.get(self.unit, ())]
+
+    def _in_si(self, letter: str, text: str) -> float:
+        """The number of a text, in SI units."""
+        parts = re.fullmatch(r"\s*(.*?)\s*([a-zA-Z]*(?:/s(?:\^2)?)?)\s*", text, re.DOTALL)
+        number, unit = parts.groups() if parts else (text, "")
+        if unit and unit not in self._units(letter):
+            raise ValueError(f"{unit} is no unit of {self.name}")
+        return parse_number(number) * (_UNITS[self.unit][unit.partition("/")[0]] if unit else 1.0)
 
 
 def unit_of(joints: Iterable[JointLayout]) -> str:
@@ -248,10 +277,13 @@ def lock_configuration(model: pin.Model, lock: Lock) -> tuple[tuple[int, ...], n
         require_known(name, layouts, RobotError, what, argument="lock", code="unknown-joint")
         joint = layouts[name]
         size = joint.q.stop - joint.q.start
-        values = joint.configuration(_numbers(value))
+        try:
+            values = joint.entries("q", value)
+        except (TypeError, ValueError, OverflowError):
+            values = np.empty(0)
         if values.shape != (size,) or not np.isfinite(values).all():
             what = f"expected {size} finite number{'s' if size > 1 else ''}, got {value!r}"
-            raise RobotError(what, where=f"lock[{name!r}]", argument="lock", remedy="give its configuration")
+            raise RobotError(what, where=f"lock[{name!r}]", argument="lock", remedy=joint.expected("q"))
         reference[joint.q] = values
         length = 1.0 if joint.normalized is None else float(np.linalg.norm(reference[joint.normalized]))
         if not abs(length - 1) <= UNIT_TOLERANCE:

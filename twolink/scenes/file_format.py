@@ -20,7 +20,7 @@ from twolink.io.files import write_atomic
 from twolink.io.text import kebab_case
 from twolink.robots.collisions import AnyShape
 
-JointValues = dict[str, float | list[float]]
+JointValues = dict[str, float | str | list[float]]
 
 
 class RobotEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -143,9 +143,9 @@ def _robot_entry(robot: Robot, path: Path) -> tuple[RobotEntry, Path | None]:
     return RobotEntry(source, "free" if notes["root"] == "free" else "fixed", json.loads(notes["lock"])), beside
 
 
-def _by_joint(robot: Robot, values: np.ndarray, neutral: np.ndarray, name: str) -> dict[str, float | list[float]]:
+def _by_joint(robot: Robot, values: np.ndarray, neutral: np.ndarray, name: str) -> JointValues:
     """The entries that differ from the neutral ones, by joint."""
-    table: dict[str, float | list[float]] = {}
+    table: JointValues = {}
     for joint in robot.joints:
         part = joint.q if name == "q" else joint.v
         numbers = values[part].tolist()

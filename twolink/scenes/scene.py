@@ -13,10 +13,10 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot, load_robot
-from twolink.dynamics.arguments import array, configuration, positive
+from twolink.dynamics.arguments import array, by_joint, configuration, positive
 from twolink.effects import Effect
 from twolink.effects.checks import check_effect
-from twolink.errors import AccuracyError, SceneError, TwolinkError, nearest
+from twolink.errors import AccuracyError, SceneError, TwolinkError
 from twolink.io.text import facts_html
 from twolink.robots.collisions import Shape
 from twolink.robots.joining import pose_of
@@ -29,48 +29,6 @@ if TYPE_CHECKING:
 MANY_TURNS = 2 * math.pi  # rad, from which on an angle may have been meant in degrees
 _REMEDY = "such as [tl.effects.Gravity()]"
 _OWN = "one of your own is a class that derives from tl.effects.Effect"
-
-
-def state_by_joint(robot: Robot, values: Mapping[str, ArrayLike], name: str) -> np.ndarray:
-    """A configuration (nq,) or velocity (nv,) from values by joint name; others are neutral, objects at their poses,
-    and at rest.
-
-    Parameters
-    ----------
-    robot : Robot
-    values : mapping of joint to array_like
-        A joint's entries; a continuous joint's q may be its angle [rad].
-    name : {"q", "v"}
-        Which of the two.
-
-    Returns
-    -------
-    ndarray
-
-    Raises
-    ------
-    SceneError
-        There is no such joint (code "unknown-joint"), or the joint has another number of entries.
-    """
-    state = np.array(robot.neutral if name == "q" else np.zeros(robot.nv))
-    joints = {joint.name: joint for joint in robot.joints}
-    for joint_name, value in (dict(robot.visuals.placed if name == "q" else {}) | dict(values)).items():
-        if joint_name not in joints:
-            what, remedy = f"robot {robot.name!r} has no joint {joint_name!r}", nearest(joint_name, joints)
-            raise SceneError(what, where=name, remedy=remedy, code="unknown-joint", argument=name)
-        joint, where = joints[joint_name], f"{name}.{joint_name}"
-        part = joint.q if name == "q" else joint.v
-        try:
-            numbers = joint.configuration(value) if name == "q" else np.atleast_1d(np.asarray(value, dtype=float))
-        except (TypeError, ValueError):
-            raise SceneError(f"expected numbers, got {value!r}", where=where, remedy="give SI units",
-                             code="schema", argument=name) from None  # fmt: skip
-        if numbers.shape != (part.stop - part.start,):
-            what = f"expected {part.stop - part.start} numbers, got {numbers.size}"
-            remedy = "give the joint's configuration or velocity"
-            raise SceneError(what, where=where, remedy=remedy, code="schema", argument=name)
-        state[part] = numbers
-    return state
 
 
 def start_notes(robot: Robot, q: np.ndarray) -> list[str]:
@@ -168,7 +126,7 @@ class Scene:
             for effect in checked:
                 effect.change(model)
 
-        q, v = (state_by_joint(robot, {} if x is None else x, name) if x is None or isinstance(x, Mapping) else x
+        q, v = (by_joint(robot, name, x or {}, SceneError) if x is None or isinstance(x, Mapping) else x
                 for name, x in (("q", q), ("v", v)))  # fmt: skip
         start = configuration("q", q, robot.nq, robot.joints)
         velocity = array("v", v, robot.nv)

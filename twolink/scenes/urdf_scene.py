@@ -163,7 +163,7 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 2.0, *, co
         home = np.array(starts.get(joint.name, q[joint.q]))
         q[joint.q] = home if looped else _start(joint, home)
         if len(state := named.get(joint.name, ())) in (1, joint.q.stop - joint.q.start):
-            q[joint.q] = joint.configuration(state)
+            q[joint.q] = joint.entries("q", state)
     entries = {joint.name: joint for joint in loaded.joints}
     for coupling in couplings:
         q[entries[coupling.joint].q] = coupling.ratio * q[entries[coupling.other].q] + coupling.offset
@@ -239,7 +239,7 @@ def _effect(robot: Robot, kind: str, given: Mapping[str, Any]) -> Effect | None:
 def _start(joint: JointLayout, home: np.ndarray) -> np.ndarray:
     """The configuration of a joint at the start, near the one that its file gives, or zero."""
     if joint.kind == "cos-sin":
-        return joint.configuration(OFFSET)
+        return joint.entries("q", OFFSET)
     if joint.kind != "vector":
         return home
     lower, upper = joint.lower[0], joint.upper[0]

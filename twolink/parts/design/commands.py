@@ -23,11 +23,11 @@ from twolink.cli.common import (
     require_writable,
     scene_from,
     show,
+    vector_of,
     write,
     write_by_ending,
 )
 from twolink.io.progress import progress_bar
-from twolink.io.text import parse_numbers
 from twolink.show.figure import FORMATS
 
 if TYPE_CHECKING:
@@ -53,14 +53,15 @@ def linearize(
     equilibrium it is, and whether the inputs can control it.
 
     \b
-    twolink linearize arm-swing --q "1.5707963267948966 0" --input elbow
+    twolink linearize arm-swing --q "shoulder=90deg" --input elbow
     twolink linearize panda-hold --out eigenvalues.png --json
     """
     from twolink.parts.design.linearization import linearize as linearize_scene
 
     require_writable(out or [], FORMATS)
-    states = (None if text is None else parse_numbers(name, text) for name, text in (("q", q), ("v", v)))
-    found = linearize_scene(scene_from(scene), *states, t=t, inputs=inputs)
+    made = scene_from(scene)
+    states = (None if text is None else vector_of(made.robot, name, text) for name, text in (("q", q), ("v", v)))
+    found = linearize_scene(made, *states, t=t, inputs=inputs)
     text = f"{found}\nA =\n{found.A}\nB =\n{found.B}"
     deliver({"scene": scene, **found.to_dict()}, text, out, found.plot, as_json, listed="files")
 

@@ -245,7 +245,7 @@ class StateDistance:
         robot, end = run.robot, run.q[-1].copy()
         joints = {joint.name: joint for joint in robot.joints}
         for name, value in self.q:
-            end[joints[name].q] = joints[name].configuration(value)
+            end[joints[name].q] = joints[name].entries("q", value)
         off, chosen = robot.difference(robot.normalize(end), run.q[-1]), [joints[name].v for name, _ in self.q]
         return float(sum((off[part] ** 2).sum() + self.time**2 * (run.v[-1, part] ** 2).sum() for part in chosen))
 

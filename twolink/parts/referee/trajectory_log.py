@@ -113,7 +113,7 @@ def read_log(given: Given, robot: Robot) -> TrajectoryLog:
         values = np.atleast_2d(np.asarray(np.nan if values is None else values, dtype=float))
         if name == "q" and values.shape[1] == robot.nv < robot.nq:
             values = np.concatenate(
-                [np.stack([j.configuration(x) for x in values[:, j.v]]) for j in robot.joints], axis=1
+                [np.stack([j.entries("q", x) for x in values[:, j.v]]) for j in robot.joints], axis=1
             )
         arrays[name] = values
         if values.shape[1:] != (size,) or not np.isfinite(values).all():

@@ -70,7 +70,7 @@ class RobotOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
     text: str = ""
     urdf: str = ""
     root: Literal["fixed", "free"] = "fixed"
-    lock: dict[str, float | Annotated[list[float], msgspec.Meta(max_length=7)]] = {}
+    lock: dict[str, float | str | Annotated[list[float], msgspec.Meta(max_length=7)]] = {}
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     mimic: bool = False
     unphysical: Literal["refuse", "report"] = "refuse"
