@@ -1,8 +1,11 @@
 """Robots as C and as URDF: compiled and run, loaded again and compared."""
 
 import ctypes
+import os
+import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -161,6 +164,25 @@ def test_a_run_for_matlab_is_read_again(tmp_path: Path) -> None:
         np.testing.assert_array_equal(again.q, run.q)
         np.testing.assert_array_equal(again.error, run.error)
         assert tl.judge(scene, path).right
+
+
+@pytest.mark.slow
+def test_the_example_in_matlab_runs_in_octave(tmp_path: Path) -> None:
+    """Its equations are the arm's: ode45 at 1e-10 is right, at MATLAB's defaults it is not."""
+    if shutil.which("octave") is None:
+        pytest.skip("needs octave")
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    done = subprocess.run(["octave", "--no-gui", "--quiet", str(TOP / "docs/examples/matlab/swing.m")], cwd=tmp_path,
+                          env=os.environ | {"PATH": path}, capture_output=True, text=True, check=True)  # fmt: skip
+    numbers = re.search(r"off by (\S+) rad, at 1e-10 by (\S+); twolink by at most (\S+)", done.stdout)
+    assert numbers, done.stdout
+    loose, tight, bar = map(float, numbers.groups())
+    assert loose > 1e-3
+    assert tight < 1e-9
+    assert bar < 1e-9
+    assert "released from horizontal rest: right" in done.stdout
+    told = [float(x) for x in done.stdout.partition("gravity =")[2].split()]
+    assert told == pytest.approx(tl.load_robot("two_link").gravity_torque([np.pi / 6, 0.0]), abs=1e-3)
 
 
 def test_one_function_writes_every_format(tmp_path: Path) -> None:
