@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 
 from tests.parts.service.page_driver import Page
+from tests.parts.service.serving import Served
+from tests.show.browser import Browser
 
 pytestmark = pytest.mark.browser
 WIDTHS = ((390, 844), (768, 1024), (1400, 900), (1920, 1080))
@@ -125,3 +127,17 @@ def test_the_keyboard_reaches_every_control(full: Page) -> None:
     missed = sorted(set(map(str, range(count))) - reached, key=int)
     shown = "document.querySelector('[data-number=\"%s\"]')?.outerHTML.slice(0, 90) ?? ''"  # or drawn anew meanwhile
     assert [html for i in missed if (html := full.evaluate(shown % i))] == []
+
+
+def test_a_browser_without_3d_says_so_and_does_all_else(served: Served, browser: Browser) -> None:
+    """The robot's "Drawing..." stayed for ever."""
+    refuse = """const get = HTMLCanvasElement.prototype.getContext;
+        HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+          return kind.includes('webgl') ? null : get.call(this, kind, ...more); };"""
+    browser.call("Page.addScriptToEvaluateOnNewDocument", source=refuse)
+    page = Page(browser, served.url)
+    page.open()
+    page.run()
+    assert "cannot be drawn in this browser" in page.text("#view-note")
+    assert "≤" in page.text("#summary .good")
+    assert all("Error creating WebGL context" in fault for fault in page.faults())

@@ -142,7 +142,7 @@ export class Job {
   /** What a job is doing, in words. */
   #doing({ state, progress }) {
     if (state === "queued") return "waiting for its turn";
-    if (progress?.t === undefined) return progress?.label ?? "compiling and starting";
+    if (progress?.t === undefined) return progress?.label ?? "preparing and starting";
     const whole = this.duration ? ` of ${short(this.duration)}` : "";
     const again = { 1: "", 2: ", solved again for the error bar" }[progress.solution] ?? ", solved more accurately";
     return `t = ${progress.t.toFixed(2)}${whole} s${again}`;

@@ -178,7 +178,7 @@ async function showStart() {
 
 async function draw(robot) {
   try {
-    if (drawn !== robot.id) {
+    if (drawn !== robot.id && viewer.stage) {
       viewer.note.textContent = "Drawing…";
       const visuals = await robots.look(robot.id);
       if (robots.robot.id !== robot.id) return;

@@ -97,7 +97,7 @@ export class Results {
         "Computing",
         seconds(cost.seconds) +
           (error === null ? "" : ` + ${seconds(cost.verify_seconds)} for the error bar`) +
-          (cost.compile_seconds > 0.001 ? `, compiled in ${seconds(cost.compile_seconds)}` : ""),
+          (cost.compile_seconds > 0.001 ? `, prepared in ${seconds(cost.compile_seconds)}` : ""),
       ],
       ["Energy changes by", `${short(result.energy_drift, 2)} J`],
     ];

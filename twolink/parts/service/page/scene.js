@@ -256,9 +256,10 @@ export class SceneEditor {
     }
     byId("operations").textContent =
       `${explanation.operations.toLocaleString("en")} operations an evaluation, robot included. ${sentence(explanation.formulation)}`;
+    const later = explanation.formulation.startsWith("events") ? " and later events" : "";
     byId("price").replaceChildren(
       el("b", { id: "expected" }, `≈ ${seconds(explanation.expected_seconds)}`),
-      ` by ${explanation.method}, plus error bar and compiling`,
+      ` by ${explanation.method}, plus error bar${later}`,
     );
     byId("price").title = explanation.why;
   }
