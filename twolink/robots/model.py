@@ -260,8 +260,11 @@ class RobotModel:
                 remedy="identify it first (`tl.identify(...).found`), or give the links a mass and an inertia",
             )  # fmt: skip
 
-    def visual_model(self) -> pin.GeometryModel:
-        """The shapes to draw, without meshes that have no file. Raises ShowError for a mesh that cannot be read."""
+    def visual_model(self, *, tree: bool = True) -> pin.GeometryModel:
+        """The shapes to draw, without meshes that have no file. Raises ShowError for a mesh that cannot be read.
+
+        tree: meshes have what collisions need. False is faster, and for drawing only.
+        """
         visuals = self.visuals
         geometry = pin.GeometryModel()
         try:
@@ -272,7 +275,7 @@ class RobotModel:
             raise ShowError(what, where=f"robot {self.name!r}", remedy=remedy, code="visuals-not-readable") from None
         for item in geometry.geometryObjects:
             if item.name in visuals.meshes:
-                set_mesh(item, visuals.meshes[item.name])
+                set_mesh(item, visuals.meshes[item.name], tree)
         return shapes_without_joints(visuals.model, geometry, visuals.locked, visuals.reference)
 
     @functools.cached_property

@@ -245,9 +245,9 @@ class Scene:
         """
         return save_scene(Path(path), self.base, self.q, self.v, self.effects, self.duration, self.title)
 
-    def visual_model(self) -> pin.GeometryModel:
-        """The robot's shapes to draw, and what effects have fixed to the world. Raises ShowError, as the robot's."""
-        visuals = self.robot.visual_model()
+    def visual_model(self, *, tree: bool = True) -> pin.GeometryModel:
+        """The robot's shapes to draw, as `Robot.visual_model` has them, and what effects have fixed to the world."""
+        visuals = self.robot.visual_model(tree=tree)
         for piece in (piece for effect in self.effects for piece in effect.pieces()):
             visuals.addGeometryObject(piece)
         return visuals

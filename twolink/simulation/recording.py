@@ -47,7 +47,7 @@ def _save_rrd(run: Any, path: Path) -> Path:
 
     robot, links = run.robot, {i: run.robot.model.frames[i].name for i in link_frames(run.robot)}
     curves = {tuple(name.split(".", 1)): values for name, values in run.columns().items() if name != "t"}
-    visible = robot.model, robot.visual_model()
+    visible = robot.model, robot.visual_model(tree=False)
     skipped = write_rrd(path, run.title or robot.name, visible, links, run.t, link_poses(robot, run.q), curves)
     if skipped:
         log_skipped(skipped)

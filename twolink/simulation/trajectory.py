@@ -450,7 +450,7 @@ class Trajectory(BaseResult, Plotted):
 
     @property
     def _motion(self) -> tuple[Any, Any, np.ndarray, np.ndarray]:
-        return self.robot.model, (self.scene or self.robot).visual_model(), self.t, self.q
+        return self.robot.model, (self.scene or self.robot).visual_model(tree=False), self.t, self.q
 
     @property
     def _told(self) -> dict[str, Any]:

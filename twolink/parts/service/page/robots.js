@@ -75,7 +75,7 @@ export class Robots {
     await this.#take(
       Object.keys(options).length || usual === "free" // in an address a name means the usual root
         ? () => post("/v1/robots", { source: id, ...options })
-        : () => get(`/v1/robots/${encodeURIComponent(id)}`),
+        : () => this.#named(id),
       { picked: id, changes },
     );
   }
@@ -83,14 +83,11 @@ export class Robots {
   /** The robot that a scene names. Throws Problem. */
   async ofScene(entry) {
     const turn = ++this.turn;
-    const robot =
-      typeof entry === "string"
-        ? await get(`/v1/robots/${encodeURIComponent(entry)}`)
-        : entry.root === "free" || Object.keys(entry.lock ?? {}).length
-          ? await post("/v1/robots", entry)
-          : await get(`/v1/robots/${encodeURIComponent(entry.source)}`);
+    const { source, root, lock } = typeof entry === "string" ? { source: entry } : entry;
+    const isOther = root === "free" || Object.keys(lock ?? {}).length;
+    const robot = await (isOther ? post("/v1/robots", entry) : this.#named(source));
     if (turn !== this.turn) return null;
-    this.source = typeof entry === "string" ? entry : entry.source;
+    this.source = source;
     await this.show(robot);
     return robot;
   }
@@ -191,6 +188,12 @@ export class Robots {
         ),
     );
     if (open && (report.suspicious?.length || report.repaired.length || report.ignored.length)) byId("report").open = true;
+  }
+
+  /** A robot as the service has it; what it looks like takes longest, and is asked for at once. */
+  #named(id) {
+    this.look(id).catch(() => {});
+    return get(`/v1/robots/${encodeURIComponent(id)}`);
   }
 
   /** What a robot looks like. */

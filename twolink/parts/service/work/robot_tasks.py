@@ -53,7 +53,7 @@ def visuals_of(robot: Robot) -> bytes:
     link's frame, "box": two corners of it there, m, "object": its number}. tips: links without a child. direction: from
     a robot that moves in a plane to the camera, else null. skipped: pieces that cannot be drawn.
     """
-    geometry = robot.visual_model()
+    geometry = robot.visual_model(tree=False)
     nodes, skipped = scene_nodes(geometry)
     links = set(link_frames(robot))
     drawn = robot_data(robot.model, geometry, nodes, lambda item: place_on_link(robot.model, links, item))
