@@ -87,6 +87,11 @@ def unit_of(joints: Iterable[JointLayout]) -> str:
     return units.pop() if len(units) == 1 and "" not in units else "rad or m"
 
 
+def rate_of(unit: str) -> str:
+    """A unit a second, "rad/s" or "m/s", of one that `unit_of` gives."""
+    return " or ".join(f"{each}/s" for each in unit.split(" or "))
+
+
 def joint_columns(joints: Iterable[JointLayout], letter: str) -> list[tuple[str, str]]:
     """The columns of "q", "v", "tau" or "a" in their order, each with its joint: q.JOINT, q.JOINT.0, q.JOINT.1, ..."""
     columns = []

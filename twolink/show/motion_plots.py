@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from twolink.errors import ShowError, nearest
-from twolink.robots.joint_layout import JointLayout
+from twolink.robots.joint_layout import JointLayout, unit_of
 from twolink.robots.model import RobotModel
 from twolink.show.figure import COLOURS, label_right, new_figure, plain
 from twolink.show.figure import WIDTH as LETTER
@@ -114,9 +114,8 @@ def plot_trajectory(
         axis.set_ylabel(PANELS[name])
         draw(axis, t, [c for c in drawn if c.panel == name and c.joint in colours], colours)
     _draw_energy(axes[-2, 0], *energy)
-    _draw_error(axes[-1, 0], *error)
-    if estimated:
-        axes[-1, 0].set_ylabel("estimated error\n(rad, m)")
+    what = "estimated error" if estimated else "error bar"
+    _draw_error(axes[-1, 0], *error, f"{what}\n({unit_of(robot.joints)})")
     figure.align_ylabels(axes[:, 0])
     axes[-1, 0].set_xlim(t[0], t[-1] if t[-1] > t[0] else None)
     moving = len({c.joint for c in drawn})
@@ -247,8 +246,8 @@ def _mark_events(axes: Sequence[Any], events: Sequence[tuple[float, str]]) -> No
                              fontsize=NAME_SIZE, textcoords="offset points")  # fmt: skip
 
 
-def _draw_error(error_axis: Any, t: np.ndarray, error: np.ndarray | None) -> None:
-    error_axis.set(xlabel="time t (s)", ylabel="error bar\n(rad, m)")
+def _draw_error(error_axis: Any, t: np.ndarray, error: np.ndarray | None, label: str) -> None:
+    error_axis.set(xlabel="time t (s)", ylabel=label)
     if error is None or not error.any():
         place = {"transform": error_axis.transAxes, "ha": "center", "va": "center"}
         error_axis.text(0.5, 0.5, "not verified" if error is None else "0 throughout", color="0.4", **place)
@@ -299,7 +298,7 @@ def plot_sensitivities(
         for curve, width in shown:
             axis.fill_between(t, curve.values - width, curve.values + width, color=colours[curve.joint], alpha=0.25,
                               linewidth=0)  # fmt: skip
-    _draw_moves(axes[-1, 0], t, moves)
+    _draw_moves(axes[-1, 0], t, moves, unit_of(robot.joints))
     figure.align_ylabels(axes[:, 0])
     axes[-1, 0].set_xlim(t[0], t[-1] if t[-1] > t[0] else None)
     figure.suptitle(plain(title))
@@ -322,7 +321,7 @@ def tube(robot: Robot, q: np.ndarray, v: np.ndarray, dq: np.ndarray, dv: np.ndar
     return widths
 
 
-def _draw_moves(axis: Any, t: np.ndarray, moves: Mapping[str, np.ndarray]) -> None:
+def _draw_moves(axis: Any, t: np.ndarray, moves: Mapping[str, np.ndarray], unit: str) -> None:
     """Draw the distance by which each parameter moves the motion, for those that move it the most."""
     largest = {name: float(move.max(initial=0.0)) for name, move in moves.items()}
     names = sorted(moves, key=lambda name: -largest[name])[:MAX_NAMES]
@@ -330,4 +329,4 @@ def _draw_moves(axis: Any, t: np.ndarray, moves: Mapping[str, np.ndarray]) -> No
         positive = moves[name] > SMALLEST * max(largest.values())
         if positive.any():
             axis.semilogy(t[positive], moves[name][positive], color=colour, label=plain(name))
-    axis.set(xlabel="time t (s)", ylabel="motion moved by\n(rad, m)")
+    axis.set(xlabel="time t (s)", ylabel=f"motion moved by\n({unit})")

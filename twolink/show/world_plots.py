@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from twolink.robots.joint_layout import unit_of
 from twolink.robots.model import RobotModel
 from twolink.show.figure import COLOURS, new_figure, plain
 from twolink.show.motion_plots import curves_of, those_that_move_most
@@ -67,7 +68,7 @@ def plot_worlds(
     if error is not None:
         bars = np.where(error > 0, error, np.nan)
         axes[-1, 0].semilogy(values, bars, ".", color=COLOURS[5], markersize=3)
-        axes[-1, 0].set_ylabel("error bar\n(rad, m)")
+        axes[-1, 0].set_ylabel(f"error bar\n({unit_of(robot.joints)})")
     if error is not None or len(q) == 1:
         axes[-1, 0].set_xlabel(plain(name))
     few = f", {len(some)} of them drawn" if len(some) < count else ""

@@ -65,10 +65,10 @@ class Comparison(Plotted, BaseResult):
 
     def __str__(self) -> str:
         since, cost = self.verdict.beyond.get(f"{LIMIT:g}"), self.ours.cost
-        whole = f"{self.peer} ({self.setting}) is within {LIMIT:g} rad or m "
+        whole = f"{self.peer} ({self.setting}) is within {LIMIT:g} {self.verdict.unit} "
         lines = [whole + ("throughout" if since is None else f"until {since:.4g} s"), str(self.verdict)]
         lines.append(f"  cost: {self.peer.partition(' ')[0]} {self.seconds:.3g} s, off by at most "
-                     f"{self.verdict.distance.max():.2g} rad or m")  # fmt: skip
+                     f"{self.verdict.distance.max():.2g} {self.verdict.unit}")  # fmt: skip
         if cost is not None:
             lines.append(f"  cost: twolink {cost.seconds + cost.verify_seconds:.3g} s, {self.ours.error_text}, and "
                          f"{cost.compile_seconds:.3g} s of preparing")  # fmt: skip

@@ -17,6 +17,7 @@ from twolink.io.progress import Report
 from twolink.parts.referee.reasons import explained, violations
 from twolink.parts.referee.trajectory_log import Array, Given, TrajectoryLog, in_si, read_log
 from twolink.parts.referee.verdict import Answer, Verdict, Verdicts
+from twolink.robots.joint_layout import unit_of
 from twolink.scenes import Scene, bundled_scenes, load_scene
 from twolink.scenes.urdf_scene import scene_of
 from twolink.simulation.scene_run import simulate
@@ -214,7 +215,8 @@ def verdict_of(scene: Scene, log: TrajectoryLog, run: Trajectory, tolerance: flo
     since = float(run.t[-1] if fine.all() else run.t[np.argmin(fine)]) if unknown else None
     answer: Answer = "wrong" if wrong else "not known" if unknown else "right"
     verdict = Verdict(answer, since, most, run.t, distance, bar, float(digits[0].max()), beyond, velocity, None, energy,
-                      violations(scene, log), (), None, (), scene.title or scene.robot.name)  # fmt: skip
+                      violations(scene, log), (), None, (), scene.title or scene.robot.name,
+                      unit=unit_of(scene.robot.joints))  # fmt: skip
     return explained(verdict, scene, log, run, offset, units, seconds, progress)
 
 

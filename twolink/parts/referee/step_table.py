@@ -22,7 +22,7 @@ from twolink.io.progress import Report
 from twolink.io.text import Table
 from twolink.parts.referee.comparison import installed_peer, refusing
 from twolink.parts.referee.referee import ESTIMATED, best_run, scene_from
-from twolink.robots.joint_layout import read_columns
+from twolink.robots.joint_layout import read_columns, unit_of
 from twolink.robots.log_columns import in_our_names, read_log_table
 from twolink.scenes import Scene
 from twolink.show.figure import COLOURS, Plotted, new_figure, plain
@@ -98,6 +98,8 @@ class StepTable(Plotted, BaseResult):
         Seconds that the truth took, with its error bar.
     guessed : tuple of str
         Which columns of the log were taken for t, q, v and tau, where they have other names.
+    unit : str
+        Of errors: "rad", "m", or "rad or m".
     """
 
     peer: str
@@ -109,6 +111,7 @@ class StepTable(Plotted, BaseResult):
     softness: float | None
     ours: float
     guessed: tuple[str, ...] = ()
+    unit: str = "rad or m"
 
     def largest_step(self, error: float, method: str | None = None) -> float | None:
         """The largest step with which an integrator keeps within an error.
@@ -138,11 +141,11 @@ class StepTable(Plotted, BaseResult):
 
     def __str__(self) -> str:
         heads = ("method", "step_ms", "error", *(["solver"] if self.softness is not None else []), "ms", "")
-        lines = [f"{self.peer} on {self.scene}, {self.duration:g} s: errors in rad or m, the truth is known to "
+        lines = [f"{self.peer} on {self.scene}, {self.duration:g} s: errors in {self.unit}, the truth is known to "
                  f"{self.bar:.1e}, in {self.ours:.2g} s"]  # fmt: skip
         lines += [f"  read: {'; '.join(self.guessed)}"] if self.guessed else []
         if self.softness is not None:
-            soft = f"  soft {', '.join(self.soft)}: its limit of small steps is {self.softness:.2g} rad or m off, "
+            soft = f"  soft {', '.join(self.soft)}: its limit of small steps is {self.softness:.2g} {self.unit} off, "
             lines.append(soft + "whatever the step; solver: the distance from that limit")
         rows = [(row.method, 1e3 * row.step, row.error, *([row.solver] if self.softness is not None else []),
                  None if row.seconds is None else 1e3 * row.seconds, row.message or ("own" if row.own else ""))
@@ -150,7 +153,7 @@ class StepTable(Plotted, BaseResult):
         lines += [f"  {line}" for line in str(Table(heads, tuple(rows))).splitlines()]
         found = {name: self.largest_step(LEVEL, name) for name in dict.fromkeys(row.method for row in self.rows)}
         shown = ", ".join(f"{name} {'none' if step is None else f'{1e3 * step:g} ms'}" for name, step in found.items())
-        lines.append(f"  largest steps within {LEVEL:g} rad or m: {shown}")
+        lines.append(f"  largest steps within {LEVEL:g} {self.unit}: {shown}")
         return "\n".join(lines)
 
     __repr__ = __str__
@@ -167,7 +170,7 @@ class StepTable(Plotted, BaseResult):
         if self.softness is not None:
             axis.axhline(self.softness, color="0.3", linestyle="--", label=f"soft {', '.join(self.soft)}")
         axis.set_xlabel("step (ms)")
-        axis.set_ylabel("largest error (rad or m)")
+        axis.set_ylabel(f"largest error ({self.unit})")
         axis.set_title(plain(f"{self.peer}: {self.scene}"))
         axis.legend()
         return figure
@@ -265,7 +268,7 @@ def step_table(
     softness = apart(task.times, limits[task.interval]) if soft else None
     title, version = scene.title or scene.robot.name, getattr(module, "VERSION", "")
     return StepTable(f"{NAMES[peer]} {version}".strip(), title, end, rows, bar, soft, softness, ours,
-                     guessed)  # fmt: skip
+                     guessed, unit_of(scene.robot.joints))  # fmt: skip
 
 
 @dataclass

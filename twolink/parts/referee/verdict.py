@@ -10,6 +10,7 @@ import numpy as np
 
 from twolink.parts.referee.causes import Cause
 from twolink.parts.referee.trajectory_log import Array
+from twolink.robots.joint_layout import rate_of
 from twolink.show.figure import Plotted, plot_lines
 from twolink.simulation.text import BaseResult
 
@@ -62,6 +63,8 @@ class Verdict(Plotted, BaseResult):
         The scene's title.
     guessed : tuple of str
         Which columns of the log were taken for t, q and v, where they have other names.
+    unit : str
+        Of distances: "rad", "m", or "rad or m".
     """
 
     answer: Answer
@@ -81,6 +84,7 @@ class Verdict(Plotted, BaseResult):
     not_looked_at: tuple[str, ...]
     scene: str
     guessed: tuple[str, ...] = ()
+    unit: str = "rad or m"
 
     @property
     def right(self) -> bool:
@@ -93,19 +97,21 @@ class Verdict(Plotted, BaseResult):
 
     def _figure(self) -> Figure:
         curves = {"distance from the solution": self.distance, "error bar of the solution": self.bar}
-        return plot_lines(self.summary, ("t (s)", "rad or m"), self.t, curves, log=True)
+        return plot_lines(self.summary, ("t (s)", self.unit), self.t, curves, log=True)
 
     def _first_line(self) -> str:
-        known = f"the solution is known to {self.bar.max():.1e}" + (
-            f", the log to {self.digits:.1e}" if self.digits else "")  # fmt: skip
+        known = (
+            f"the solution is known to {self.bar.max():.1e}" if self.bar.any() else "no error of the solution is seen"
+        )
+        known += f", the log is known to {self.digits:.1e}" if self.digits else ""
         worst = int(np.argmax(self.distance))
-        apart = f"at most {self.distance[worst]:.2g} rad or m from the solution, at {self.t[worst]:.4g} s"
+        apart = f"at most {self.distance[worst]:.2g} {self.unit} from the solution, at {self.t[worst]:.4g} s"
         if self.answer == "not known":
             return f"not known from {self.unknown_from:.4g} s on, right until then; {apart} ({known})"
         if self.answer == "right":
             return f"right, {apart} ({known})"
-        by = f", by at least {self.excess:.2g} rad or m" if self.beyond else (
-            f", its velocities by at least {self.excess:.2g} rad/s or m/s" if self.excess else "")  # fmt: skip
+        by = f", by at least {self.excess:.2g} {self.unit}" if self.beyond else (
+            f", its velocities by at least {self.excess:.2g} {rate_of(self.unit)}" if self.excess else "")  # fmt: skip
         return f"WRONG{by}; {apart} ({known})"
 
     def __str__(self) -> str:
@@ -114,7 +120,9 @@ class Verdict(Plotted, BaseResult):
         lines += [f"  within {name} until {since:.4g} s" for name, since in self.beyond.items() if since is not None]
         if self.defect is not None:
             step = float(np.median(np.diff(self.t)))
-            lines.append(f"  local defect at most {self.defect:.2g} rad/s or m/s in a sample of {1e3 * step:.4g} ms")
+            lines.append(
+                f"  local defect at most {self.defect:.2g} {rate_of(self.unit)} in a sample of {1e3 * step:.4g} ms"
+            )
         if self.energy is not None:
             lines.append(f"  energy off by at most {self.energy:.2g} J")
         lines += [f"  {name} violated by {value:.2g}" for name, value in self.constraints.items()]
@@ -162,12 +170,12 @@ class Verdicts(Plotted, BaseResult):
         farthest = max(self.verdicts.values(), key=lambda verdict: verdict.t[-1])
         curves = {name: np.interp(farthest.t, one.t, one.distance, right=np.nan) for name, one in self.verdicts.items()}
         curves["error bar of the solution"] = farthest.bar
-        return plot_lines(self.summary, ("t (s)", "rad or m from the solution"), farthest.t, curves, log=True)
+        return plot_lines(self.summary, ("t (s)", f"{farthest.unit} from the solution"), farthest.t, curves, log=True)
 
     def __str__(self) -> str:
         first, *rest = self.nearest
         apart = {name: f"{self.verdicts[name].distance.max():.2g}" for name in self.nearest}
-        lines = ["; ".join([f"nearest to the solution: {first}, at most {apart[first]} rad or m",
+        lines = ["; ".join([f"nearest to the solution: {first}, at most {apart[first]} {self.verdicts[first].unit}",
                             *(f"{name} {apart[name]}" for name in rest)])]  # fmt: skip
         lines += [f"what all miss: {'; '.join(self.common_causes)}"] if self.common_causes else []
         return "\n".join([*lines, *(f"{name}\n  {verdict}" for name, verdict in self.verdicts.items())])
