@@ -36,8 +36,8 @@ PUBLISHED = {"Link1.first_moment.z": -0.5594 * 0.3, "Link1.origin_inertia.xx": 0
              "Joint1.friction": 0.093, "Joint2.friction": 0.078}  # fmt: skip
 GAINS = np.array([14.87, 13.26, 11.13, 10.62, 11.03, 11.47])  # N m/A, of the drives of a UR10e
 RATIOS = np.diag([32.0, 32.0, 45.0, -48.0, 45.0, 32.0]) + 32.0 * np.eye(6)[5][:, None] * np.eye(6)[4]  # of a TX40
-TIAGO = {"torso_lift_joint": 1.0, "arm_1_joint": 13.6, "arm_2_joint": 13.6, "arm_3_joint": -8.7, "arm_4_joint": -8.7,
-         **dict.fromkeys(("arm_5_joint", "arm_6_joint", "arm_7_joint"), -0.0613 * 336)}  # fmt: skip
+TIAGO = {"arm_1_joint": 13.6, "arm_2_joint": 13.6, "arm_3_joint": -8.7, "arm_4_joint": -8.7,
+         **dict.fromkeys(("arm_5_joint", "arm_6_joint", "arm_7_joint"), -0.0613 * 336)}  # N m/A
 
 
 @dataclass(frozen=True)
@@ -92,16 +92,17 @@ def pendulum_c(folder: Path) -> Logs:
 
 
 def simple(folder: Path) -> Logs:
-    """One joint. What is published: system_identification.txt beside the runs, without its offset."""
+    """One joint. What its authors published, J = 0.063 kg m^2, is of other runs: these show 0.2.
+
+    Not of its runs: gravity_compensation, where a hand moves it, and those whose torque no pendulum explains.
+    """
 
     def run(name: str) -> Recording:
         log = rows_of(folder / f"{name}.csv")
         return Recording(log[:, 0], log[:, 1:2], None, None, log[:, 3:4])
 
     robot = tl.load_robot(folder / "dfki_simple_pendulum.urdf")
-    published = {"Link_1.first_moment.y": 0.1022, "Link_1.origin_inertia.xx": 0.06259, "Joint_1.damping": 0.04707,
-                 "Joint_1.friction": 0.1839 * np.pi / 2}  # fmt: skip
-    return Logs(robot, [run("system_identification"), run("ddp")], run("energy_shaping"), named(robot, published))
+    return Logs(robot, [run("direct_collocation"), run("ilqr")], run("ddp"), None)
 
 
 def panda(folder: Path) -> Logs:
@@ -116,9 +117,10 @@ def panda(folder: Path) -> Logs:
 
 
 def lbr_med(folder: Path) -> Logs:
+    """Its torques have the opposite sign of the URDF's: `tl.identify` says so of joint A2."""
     log = rows_of(folder / "measurements.csv")
     robot = tl.load_robot(folder / "med7dock.urdf", purpose="identification")
-    return divided(robot, 0.01 * np.arange(len(log)), log[:, :7], log[:, 7:14])
+    return divided(robot, 0.01 * np.arange(len(log)), log[:, :7], -log[:, 7:14])
 
 
 def ur10e(folder: Path) -> Logs:
@@ -138,13 +140,13 @@ def tx40(folder: Path) -> Logs:
 
 
 def tiago(folder: Path) -> Logs:
-    """Lift and arm, while the other joints stand still; currents times gear and motor constant."""
+    """The arm: currents times gear and motor constant. Its lift, whose effort is no force, moves slowly."""
     read = {name: rows_of(folder / f"tiago_{name}.csv")[921:6791] for name in ("position", "effort")}
     options = {"purpose": "identification", "unphysical": "report"}
     whole = tl.load_robot(folder / "tiago_no_hand.urdf", **options)
     still = {j.name: [1.0, 0.0] if j.kind == "cos-sin" else 0.0 for j in whole.joints if j.name not in TIAGO}
     robot = tl.load_robot(folder / "tiago_no_hand.urdf", lock=still, **options)
-    return divided(robot, read["position"][:, 0], read["position"][:, 1:], read["effort"][:, 1:] * [*TIAGO.values()])
+    return divided(robot, read["position"][:, 0], read["position"][:, 2:], read["effort"][:, 2:] * [*TIAGO.values()])
 
 
 def twin(_: Path) -> Logs:

@@ -111,8 +111,10 @@ def plot_trajectory(
     heights = [2.2 if len(colours) > 3 else 1.6] * len(panels) + [1.4, 1.4]
     figure, axes = new_figure(len(heights), size=(9, 0.9 + sum(heights)), sharex=True, height_ratios=heights)
     for axis, name in zip(axes[:, 0], panels, strict=False):
-        axis.set_ylabel(PANELS[name])
-        draw(axis, t, [c for c in drawn if c.panel == name and c.joint in colours], colours)
+        here = [c for c in drawn if c.panel == name and c.joint in colours]
+        own = ", own axes)" if name in ("turn", "slide") and any(c.entry for c in here) else ")"  # of a free body
+        axis.set_ylabel(PANELS[name].removesuffix(")") + own)
+        draw(axis, t, here, colours)
     _draw_energy(axes[-2, 0], *energy)
     what = "estimated error" if estimated else "error bar"
     _draw_error(axes[-1, 0], *error, f"{what}\n({unit_of(robot.joints)})")
@@ -250,7 +252,7 @@ def _draw_error(error_axis: Any, t: np.ndarray, error: np.ndarray | None, label:
     error_axis.set(xlabel="time t (s)", ylabel=label)
     if error is None or not error.any():
         place = {"transform": error_axis.transAxes, "ha": "center", "va": "center"}
-        error_axis.text(0.5, 0.5, "not verified" if error is None else "0 throughout", color="0.4", **place)
+        error_axis.text(0.5, 0.5, "not verified" if error is None else "none seen", color="0.4", **place)
         error_axis.set_yticks([])
     else:
         positive = error > 0
