@@ -116,7 +116,7 @@ def _of_a_point(lever: np.ndarray) -> np.ndarray:
 
 WEIGHT = 0.1  # of the divergence: it moves what the data show by this times standard error / value, in standard errors
 _EXACT = 1e-7  # estimates count as no more exact than this times their size: keeps Newton's equations solvable
-_RADIUS = 0.1  # m, of gyration of a link without inertia, before it is identified
+_RADIUS = 0.1  # m, of gyration of a link without inertia or extent, before it is identified
 _STEPS = 60  # for each weight; data that no body explains may need more, and their distance is then an upper bound
 
 
@@ -229,13 +229,17 @@ def _domains(robot: Robot, chosen: Selection, sizes: np.ndarray) -> list[_Domain
     for first in range(0, bodies, 10):
         slopes = np.stack([pseudo_inertia(column[first : first + 10]) for column in chosen.columns.T])
         if slopes.any():
-            start = thickened(pseudo_inertia(pi[first : first + 10]), robot.mass or 1.0)
-            near, change = start, np.zeros(len(chosen.names))
-            part = chosen.columns[first : first + 10]
-            if pi[first] == 0 and np.linalg.matrix_rank(part) == len(part):
-                mass = (robot.mass or robot.nv) / robot.nv
-                body = mass * np.array([1.0, 0, 0, 0, *(_RADIUS**2 * np.array([1, 0, 1, 0, 0, 1]))])
-                near, change = start + pseudo_inertia(body), np.linalg.pinv(part) @ body
+            own, part = pi[first : first + 10], chosen.columns[first : first + 10]
+            given = pseudo_inertia(own)
+            start = near = thickened(given, robot.mass or 1.0)
+            change = np.zeros(len(chosen.names))
+            is_whole = np.linalg.matrix_rank(part) == len(part)
+            if is_whole and (own[0] == 0 or not central(own)[4:].any()):  # nothing, or a point
+                mass = own[0] or (robot.mass or robot.nv) / robot.nv
+                lacking = np.array([mass - own[0], 0, 0, 0, *(mass * _RADIUS**2 * np.array([1, 0, 1, 0, 0, 1]))])
+                near, change = start + pseudo_inertia(lacking), np.linalg.pinv(part) @ lacking
+            elif is_whole and np.abs(near - given).max() > 2 * _THIN * np.abs(given).max():  # no body has it
+                start, change = given, np.linalg.pinv(part) @ (body_of(near) - own)
             found.append(_Domain(start, slopes, np.linalg.inv(near), change))
     for k, column in enumerate(chosen.columns.T):
         if column[bodies:].any():
