@@ -321,3 +321,17 @@ def test_where_several_take_the_memory_one_is_to_ask_again() -> None:
         assert sum(isinstance(end, int) for end in ends) == 3 - len(refused)
 
     run(work, count=3, megabytes=400)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc tells what the system still keeps")
+def test_an_idle_worker_that_is_ended_for_its_memory_leaves_nothing() -> None:
+    """It stayed a zombie until the next task that looked at it."""
+
+    async def work(workers: Workers) -> None:
+        large = await workers.run("grow", 60, megabytes=150)
+        async with asyncio.timeout(20):
+            while Path(f"/proc/{large}").exists():
+                await asyncio.sleep(0.05)
+        assert await workers.run("grow", 60, megabytes=0) != large
+
+    run(work, megabytes=200)

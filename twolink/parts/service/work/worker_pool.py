@@ -181,6 +181,9 @@ class Workers:
 
         Where there is always a spare, what others have loaded and compiled is left to them.
         """
+        for each in [each for each in self._idle if each.ended_at]:
+            self._idle.remove(each)
+            await self._kill(each)
         while idle := [
             each
             for each in reversed(self._idle)

@@ -235,8 +235,12 @@ class WorkerMemory:
     def look(self) -> None:
         """End idle workers while all have more than half of the limit, busy ones while all have more than the limit.
 
-        The largest goes first. Half is left for what the next tasks take.
+        The largest goes first. Half is left for what the next tasks take. The system forgets those that were ended
+        before once their exit code is read.
         """
+        for worker in self.workers:
+            if worker.ended_at:
+                worker.process.returncode  # noqa: B018  # it asks the system
         sizes = {worker: worker.memory() for worker in self.workers if not worker.ended_at}
         total = sum(sizes.values())
         for worker in sorted(sizes, key=lambda worker: (worker.is_busy, -sizes[worker])):
