@@ -5,10 +5,13 @@ from __future__ import annotations
 import base64
 import contextlib
 import json
+import socket
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import httpx
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -163,6 +166,30 @@ def begun(served: Served) -> Iterator[ClientConnection]:
 
 
 @pytest.mark.slow
+def test_who_finds_no_place_and_says_nothing_is_gone_in_seconds(served: Served) -> None:
+    """They stayed for 12 s, uncounted: a client need not answer the close of a WebSocket."""
+    place = httpx.URL(served.url)
+    hello = (
+        f"GET {PATH} HTTP/1.1\r\nHost: {place.host}:{place.port}\r\nOrigin: {served.url}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Key: dHdvbGluay10d29saW5rIQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+    )
+
+    def silent() -> tuple[float, bytes]:
+        with socket.create_connection((place.host, place.port), timeout=30) as connection:
+            connection.sendall(hello.encode())
+            began, told = time.monotonic(), b""
+            while more := connection.recv(4096):
+                told += more
+            return time.monotonic() - began, told
+
+    with ThreadPoolExecutor(40) as threads:
+        ends = list(threads.map(lambda _: silent(), range(40)))
+    refused = [seconds for seconds, told in ends if b"live already" in told]
+    assert len(refused) >= 38
+    assert max(refused) < 6.0
+    assert min(refused) < 3.5  # of those for whom there is no place to wait
+
+
 def test_other_sites_other_paths_and_strangers_are_refused(tmp_path: Path) -> None:
     with serving(tmp_path, "--token", "se/cret=") as served:
         token = base64.urlsafe_b64encode(b"se/cret=").decode().rstrip("=")

@@ -101,12 +101,17 @@ async def live(socket: WebSocket[Any, Any, Any], service: Shared) -> None:
 
 async def _take_place(service: Shared, client: str) -> None:
     """Take a place, of those that a page that is loaded again, say, is about to leave. Raises busy."""
+    full = busy(f"{service.lives.taken} simulations are live already", "connection")
+    if not service.newcomers.take(client):
+        raise full
     try:
         async with asyncio.timeout(LEAVES):
             while not service.lives.take(client):
                 await asyncio.sleep(0.05)
     except TimeoutError:
-        raise busy(f"{service.lives.taken} simulations are live already", "connection") from None
+        raise full from None
+    finally:
+        service.newcomers.give(client)
 
 
 async def _run(socket: WebSocket[Any, Any, Any], service: Shared, client: str) -> None:

@@ -54,6 +54,7 @@ catalogue = functools.cache(catalogue_names)  # the names of the catalogue, whic
 PREFIX = "/v1/robots/"
 _BODY_IN_LOOP = 4000  # bytes of a body that is read in the event loop
 _NUMBERS_IN_LOOP = 4096  # of an answer that is computed there, in less than 3 ms
+_NEWCOMERS = 20  # who wait for a live simulation to end
 _HEADERS = {media: [(b"content-type", media.encode())] for media in (JSON, NPZ)}
 _log = logging.getLogger("twolink.service")
 _READERS, _COMPUTERS = 2, 2  # processes: for uploads, scenes and files; and for batches of states
@@ -192,7 +193,7 @@ class Service:
             else None
         )  # the cluster computes while they wait
         self.live = pool(quotas.live, niceness=0, idle=1.0)
-        self.lives = Shares(quotas.live)
+        self.lives, self.newcomers = Shares(quotas.live), Shares(_NEWCOMERS)
         self._pools = [self._readers, self._computers, self._job_workers, *([senders] if senders else [])]
         may_pause = self._worker_memory.has_room
         self.jobs = Jobs(settings, self.store, self._job_workers, self.metrics, self.budget, senders, may_pause)

@@ -19,6 +19,7 @@ from typing import Any
 import httptools
 import uvicorn
 from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from twolink.errors import TwolinkError
 from twolink.parts.service.http.components import Service
@@ -331,11 +332,19 @@ def _listening(settings: Settings) -> socket.socket:
         raise TwolinkError(what, where="serve", code="address-in-use", remedy="give another --port or --host") from None
 
 
+class LiveProtocol(WebSocketsSansIOProtocol):
+    """A WebSocket as uvicorn has it, which waits 10 s for the answer to a close that a client may never give."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.close_timeout = _LINGER
+
+
 def uvicorn_options(settings: Settings) -> dict[str, Any]:
     """The options of uvicorn.Config."""
     return {
         "http": functools.partial(Protocol, ConnectionLimits.of(settings.quotas, open_files())),
-        "ws": "websockets-sansio",
+        "ws": LiveProtocol,
         "ws_max_size": WS_BYTES,
         "ws_per_message_deflate": False,
         "log_level": "error",  # a warning for each malformed request would fill the log
