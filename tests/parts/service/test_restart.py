@@ -116,6 +116,32 @@ def test_a_service_that_ends_leaves_its_job_to_the_next_and_no_process(tmp_path:
 
 
 @pytest.mark.slow
+@pytest.mark.slow
+def test_what_is_damaged_on_the_disk_is_no_fault_of_the_request(tmp_path: Path) -> None:
+    """It was called the client's: "the body is not JSON". Deleted and sent again, it is whole."""
+    folder = tmp_path / "data"
+    with serving(folder) as served, served.client() as http:
+        robot = http.post("/v1/robots", content=pendulum()).json()["id"]
+        request = {"scene": {"robot": robot, "effects": [{"type": "gravity"}]}, "duration": 0.5, "wait": 30}
+        job = http.post("/v1/simulations", json=request).json()["id"]
+    for path, content in (("robots/*/robot.urdf", b"<robot"), ("results/*/result.npz", b"\0"),
+                          ("robots/*/options.json", b"{")):  # fmt: skip
+        (damaged,) = folder.glob(path)
+        damaged.write_bytes(content)
+        with serving(folder) as served, served.client() as http:
+            asked = {"robots": ("POST", f"/v1/robots/{robot}/mass-matrix", {"q": [0.0]}),
+                     "results": ("GET", f"/v1/simulations/{job}/motion", None)}  # fmt: skip
+            method, url, body = asked[path.partition("/")[0]]
+            answer = http.request(method, url, json=body)
+            assert (answer.status_code, answer.json()["code"]) == (500, "damaged")
+            assert str(tmp_path) not in answer.text
+            assert "Traceback" in served.log
+            http.delete(f"/v1/robots/{robot}" if method == "POST" else f"/v1/simulations/{job}").raise_for_status()
+            assert http.post("/v1/robots", content=pendulum()).json()["id"] == robot
+            job = http.post("/v1/simulations", json=request).json()["id"]
+            assert http.request(method, url, json=body).status_code == 200
+
+
 def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:
     """Two services on one folder would each take the other's jobs for interrupted."""
     with serving(tmp_path / "data") as served, served.client() as http:

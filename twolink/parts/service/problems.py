@@ -3,11 +3,12 @@
 JSON objects that name a key twice are refused: of two values, decoders take the last one without a word.
 """
 
+import contextlib
 import errno
 import json
 import logging
 import sqlite3
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from http import HTTPStatus
 from typing import Any, TypeVar
 
@@ -65,6 +66,20 @@ class Refusal(TwolinkError):
     ) -> None:
         super().__init__(what, code=code or HTTPStatus(status).phrase.lower().replace(" ", "-"), **parts)
         self.status, self.retry_after = status, retry_after
+
+
+@contextlib.contextmanager
+def kept(what: str, remedy: str) -> Iterator[None]:
+    """A part that reads what the service has written: that it cannot is the service's fault, not the request's.
+
+    Raises Refusal (500, code "damaged"), whose reason is for the log. What the system does not give is passed on.
+    """
+    try:
+        yield
+    except (MemoryError, OSError):
+        raise
+    except Exception as error:
+        raise Refusal(500, f"{what} is damaged on the service's disk", code="damaged", remedy=remedy) from error
 
 
 def problem_of(error: BaseException) -> Problem:

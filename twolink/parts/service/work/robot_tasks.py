@@ -12,7 +12,7 @@ from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.robot_record import link_frames, robot_record
 from twolink.errors import RobotError
 from twolink.io.text import decode
-from twolink.parts.service.problems import JSON, Problem, error_from
+from twolink.parts.service.problems import JSON, Problem, error_from, kept
 from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store.archives import (
     GZIP_LEVEL,
@@ -143,7 +143,8 @@ def robot_by_id(key: str, robots: str) -> Robot:
 def _uploaded(key: str, robots: str) -> Robot:
     if not _UPLOADED.fullmatch(key) or not (Path(robots) / key).is_dir():
         raise RobotError(f"there is no robot {key[:80]!r}", argument="robot", remedy="GET /v1/robots lists them")
-    return _load(str(Path(robots) / key))
+    with kept(f"robot {key!r}", "delete it, and upload it again"):
+        return _load(str(Path(robots) / key))
 
 
 def load(*, key: str, robots: str) -> bytes:

@@ -16,7 +16,7 @@ from twolink.accuracy import Study, accuracy_study
 from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.robot_record import link_poses, robot_record
 from twolink.errors import RobotError, SceneError, TwolinkError
-from twolink.parts.service.problems import Refusal, decode_unique
+from twolink.parts.service.problems import Refusal, decode_unique, kept
 from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store.archives import read_robot, write_robot
 from twolink.parts.service.work.requests import (
@@ -269,4 +269,5 @@ def _motion(run: Trajectory, frames: int, quotas: Quotas) -> dict[str, Any]:
 
 def _run_in(folder: Path) -> Trajectory:
     """The run that `simulate` has written into a folder."""
-    return Trajectory.load(folder / SAMPLES, read_robot((folder / ROBOT).read_bytes()))
+    with kept("the run", "delete it, and ask for it again"):
+        return Trajectory.load(folder / SAMPLES, read_robot((folder / ROBOT).read_bytes()))

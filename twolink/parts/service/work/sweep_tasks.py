@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from twolink.errors import SceneError, TwolinkError
-from twolink.parts.service.problems import Refusal
+from twolink.parts.service.problems import Refusal, kept
 from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store.data_folder import size_of
 from twolink.parts.service.work.requests import SweepRequest
@@ -171,7 +171,8 @@ def _opened(folder: str) -> Any:
     path = Path(folder) / STORE
     if not path.exists():
         raise Refusal(409, "no run is done yet", where="path: id", remedy="ask again in some seconds")
-    return open_sweep(path)
+    with kept("the sweep", "delete it, and ask for it again"):
+        return open_sweep(path)
 
 
 def sweep_run(*, body: bytes, robots: str, number: int, quotas: Quotas) -> bytes:

@@ -135,7 +135,7 @@ def _answer(function: Callable[..., Any], arguments: dict[str, Any], tools: dict
         return _TOO_LARGE
     except Exception as error:
         problem = problem_of(error)
-        expected = problem.status < 500 or isinstance(error, Refusal)
+        expected = problem.status < 500 or (isinstance(error, Refusal) and error.__cause__ is None)
         return Failed(problem, "" if expected else traceback.format_exc())
 
 
