@@ -133,7 +133,7 @@ def test_what_is_damaged_on_the_disk_is_no_fault_of_the_request(tmp_path: Path) 
                      "results": ("GET", f"/v1/simulations/{job}/motion", None)}  # fmt: skip
             method, url, body = asked[path.partition("/")[0]]
             answer = http.request(method, url, json=body)
-            assert (answer.status_code, answer.json()["code"]) == (500, "damaged")
+            assert (answer.status_code, answer.json()["code"]) == (500, "damaged-storage")
             assert str(tmp_path) not in answer.text
             assert "Traceback" in served.log
             http.delete(f"/v1/robots/{robot}" if method == "POST" else f"/v1/simulations/{job}").raise_for_status()

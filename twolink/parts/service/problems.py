@@ -72,14 +72,14 @@ class Refusal(TwolinkError):
 def kept(what: str, remedy: str) -> Iterator[None]:
     """A part that reads what the service has written: that it cannot is the service's fault, not the request's.
 
-    Raises Refusal (500, code "damaged"), whose reason is for the log. What the system does not give is passed on.
+    Raises Refusal (500, code "damaged-storage"), whose reason is for the log. What the system does not give is passed on.
     """
     try:
         yield
     except (MemoryError, OSError):
         raise
     except Exception as error:
-        raise Refusal(500, f"{what} is damaged on the service's disk", code="damaged", remedy=remedy) from error
+        raise Refusal(500, f"{what} is damaged on the service's disk", code="damaged-storage", remedy=remedy) from error
 
 
 def problem_of(error: BaseException) -> Problem:
