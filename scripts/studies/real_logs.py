@@ -36,8 +36,9 @@ PUBLISHED = {"Link1.first_moment.z": -0.5594 * 0.3, "Link1.origin_inertia.xx": 0
              "Joint1.friction": 0.093, "Joint2.friction": 0.078}  # fmt: skip
 GAINS = np.array([14.87, 13.26, 11.13, 10.62, 11.03, 11.47])  # N m/A, of the drives of a UR10e
 RATIOS = np.diag([32.0, 32.0, 45.0, -48.0, 45.0, 32.0]) + 32.0 * np.eye(6)[5][:, None] * np.eye(6)[4]  # of a TX40
+# Currents by torques of a TIAGo's arm, N m/A: gear and motor constant.
 TIAGO = {"arm_1_joint": 13.6, "arm_2_joint": 13.6, "arm_3_joint": -8.7, "arm_4_joint": -8.7,
-         **dict.fromkeys(("arm_5_joint", "arm_6_joint", "arm_7_joint"), -0.0613 * 336)}  # N m/A
+         **dict.fromkeys(("arm_5_joint", "arm_6_joint", "arm_7_joint"), -20.6)}  # fmt: skip
 
 
 @dataclass(frozen=True)

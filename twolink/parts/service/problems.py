@@ -72,7 +72,7 @@ class Refusal(TwolinkError):
 def kept(what: str, remedy: str) -> Iterator[None]:
     """A part that reads what the service has written: that it cannot is the service's fault, not the request's.
 
-    Raises Refusal (500, code "damaged-storage"), whose reason is for the log. What the system does not give is passed on.
+    Raises Refusal (500, code "damaged-storage"), whose reason is for the log. What the system refuses is passed on.
     """
     try:
         yield
