@@ -13,7 +13,7 @@ FAILED = {
     "states file": (["query", "arm", "bias", "--states", "none.csv"], "No such file"),
     "scene": (["run", "arm-swng"], "did you mean 'arm-swing'"),
     "play": (["play", "none.npz"], "No such file"),
-    "no joint": (["run", "hector"], "free its base: --root free"),
+    "no joint": (["run", "hector", "--no-ground"], "free its base: --root free"),
 }
 BIAS = ["query", "arm", "bias", "--q", "0 0"]
 MISUSED = {

@@ -89,11 +89,18 @@ def test_a_urdf_runs_with_all_that_it_says(twolink: Twolink) -> None:
     np.testing.assert_allclose(json.loads(out)["q"], tl.simulate(scene, 0.5).q[-1], atol=2e-6)
 
 
-def test_a_robot_stands_on_the_ground_where_it_is_asked_to(twolink: Twolink) -> None:
-    options = ("--duration", "0.02", "--step", "0.002", "--no-verify")
-    code, out, _ = twolink("run", "solo12", "--ground", *options, "--json")
-    assert code == 0
-    assert len(json.loads(out)["q"]) == 19
+def test_a_robot_that_moves_about_stands_on_the_ground_unless_it_is_asked_not_to(twolink: Twolink) -> None:
+    options = ("--duration", "0.02", "--step", "0.002", "--no-verify", "--json")
+    for ground in ([], ["--ground"]):
+        code, out, _ = twolink("run", "solo12", *ground, *options)
+        assert code == 0
+        assert len(json.loads(out)["q"]) == 19
+        assert json.loads(out)["cost"]["method"] == "stepped"
+    for other, size in ((["--no-ground"], 12), (["--root", "free"], 19)):
+        code, out, _ = twolink("run", "solo12", *other, "--duration", "0.02", "--json")
+        assert code == 0
+        assert len(json.loads(out)["q"]) == size
+        assert json.loads(out)["cost"]["method"] != "stepped"
     code, _, problem = twolink("run", "arm-swing", "--ground")
     assert (code, problem[:19]) == (2, "twolink: --ground: ")
 

@@ -338,15 +338,17 @@ def _pairs(texts: list[str] | None, option: str, form: str) -> dict[str, str]:
     return pairs
 
 
-def scene_from(source: str, load: RobotLoader | None = None, *, ground: bool = False) -> Scene:
+def scene_from(source: str, load: RobotLoader | None = None, *, ground: bool | None = False) -> Scene:
     """A bundled scene, or that of a file; of a robot, which `load` loads, one with all that its file says.
 
-    ground: the robot's links touch each other and the ground.
+    ground: the robot's links touch each other and the ground; None: those of a robot that is meant to move about.
     """
     if is_robot(source):
-        if load and ground and source in catalogue_names() and load.keywords["root"] == "fixed":
-            load = functools.partial(load, root=catalogue_entry(source).usual_root)
-        return scene_of(load(source) if load else source, contact=ground)
+        usual = catalogue_entry(source).usual_root if source in catalogue_names() else ""
+        if load and load.keywords["root"] == "fixed":
+            ground = usual == "free" if ground is None else ground
+            load = functools.partial(load, root=usual or "fixed") if ground else load
+        return scene_of(load(source) if load else source, contact=bool(ground))
     scene = named_scene(source)
     if ground:
         raise Misuse("it is for robots, and this is a scene, which has its own contacts", where="ground",

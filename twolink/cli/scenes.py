@@ -142,7 +142,14 @@ def run(
     precision: Annotated[str, Option(help="double (16 digits), extended (31) or quad (47); auto: as needed.")] = "auto",
     patience: Annotated[float | None, Option(help="Seconds that solving may take, 600 unless given.")] = None,
     contact: ContactWay = None,
-    ground: Annotated[bool, Option("--ground", help="Of a robot: its links touch each other and the ground.")] = False,
+    ground: Annotated[
+        bool | None,
+        Option(
+            "--ground/--no-ground",
+            help="Of a robot: its links touch each other and the ground.",
+            show_default="of robots that are meant to move about",
+        ),
+    ] = None,
     t_eval: SampleTimes = None,
     samples_per_second: Annotated[float, Option(help="Samples a second, without --t-eval.")] = 200.0,
     no_verify: Annotated[bool, Option("--no-verify", help="Skip the solutions behind the error bar.")] = False,
@@ -159,7 +166,7 @@ def run(
 
     \b
     twolink run panda                                    with the damping, friction and stops of its URDF
-    twolink run anymal --ground                          on its feet, or not: --root free leaves the ground out
+    twolink run anymal                                   on its feet; --root free leaves the ground out
     twolink run arm-swing --accuracy 1e-9
     twolink run arm-swing --method rk4 --step 0.01      the error bar says how wrong that is
     twolink run arm-swing --accuracy 1e-25               31 digits, as 16 do not reach it
