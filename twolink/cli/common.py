@@ -260,8 +260,8 @@ def vector_of(robot: Robot, name: str, text: str, letter: str = "", others: Any 
         return parse_numbers(name, text)
     parts = re.split(r"[\s,;]+(?=[^\s,;=]+\s*=)", text.strip())
     pairs = _pairs(parts, name, 'JOINT=VALUE, such as "elbow=30 deg"')
-    values = {joint: _entries(name, value) for joint, value in pairs.items()}
-    return by_joint(robot, letter or name, values, argument=name, others=others)
+    return by_joint(robot, letter or name, {joint: _entries(name, value) for joint, value in pairs.items()},
+                    argument=name, others=others)  # fmt: skip
 
 
 def _entries(name: str, text: str) -> Any:
@@ -315,8 +315,7 @@ def chosen_of(load: RobotLoader) -> list[str]:
 
 def locks_of(lock: Lock) -> dict[str, Any]:
     """The locked joints' configurations."""
-    pairs = _pairs(lock, "lock", "JOINT=VALUE, such as elbow=0.5")
-    return {name: _entries("lock", value) for name, value in pairs.items()}
+    return {name: _entries("lock", x) for name, x in _pairs(lock, "lock", "JOINT=VALUE, such as elbow=0.5").items()}
 
 
 def xacro_of(arguments: XacroArguments) -> dict[str, str]:

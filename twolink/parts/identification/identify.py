@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from threadpoolctl import threadpool_limits
 
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import one_of, positive
@@ -142,15 +143,16 @@ def identify(
     plan = plan_of(setup, chosen, method, confidence, _half_window(runs, half_window, cutoff))
     for run in runs:
         _require_radians(robot, run)
-    by, table = plan.filter_of(runs, setup), None
-    data = filtered(robot, runs, by)
-    chosen = with_width(robot, chosen, data)
-    if joint_model == "auto":
-        chosen, table = best_terms(robot, chosen, data)
-    plan = plan_of(setup, chosen, method, confidence, plan.half_window)
-    result = examined(plan, solve(plan, setup, runs, by))
-    if find is None:
-        result = _without_delay(plan, runs, by, result)
+    with threadpool_limits(1, "blas"):  # the matrices are small: more threads spin while they wait for each other
+        by, table = plan.filter_of(runs, setup), None
+        data = filtered(robot, runs, by)
+        chosen = with_width(robot, chosen, data)
+        if joint_model == "auto":
+            chosen, table = best_terms(robot, chosen, data)
+        plan = plan_of(setup, chosen, method, confidence, plan.half_window)
+        result = examined(plan, solve(plan, setup, runs, by))
+        if find is None:
+            result = _without_delay(plan, runs, by, result)
     result = replace(result, joint_models=table)
     return replace(result, validation=validation(result, held_out)) if held_out else result
 

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 from litestar import WebSocket, websocket
 from litestar.exceptions import WebSocketDisconnect
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from twolink.parts.service.http.components import Shared
 from twolink.parts.service.http.messages import BEARER, LIVE
@@ -20,11 +21,19 @@ from twolink.parts.service.work.requests import LiveRequest, LiveWords
 from twolink.parts.service.work.sharing import busy, client_of_scope
 
 FIRST = 10.0  # seconds for the request
-LEAVES = 2.0  # s: how long a newcomer waits for a place
+LEAVES = 2.0  # s: how long a newcomer waits for a place, and who is told goodbye may stay
 MESSAGES = 500  # of a client in a second, on the mean
-WORDS_BYTES = 16_384
+WORDS_BYTES, MESSAGE_BYTES = 16_384, 2**20  # of words, and of the request before them
 READ = 10.0  # seconds in which a client must take a frame
 _END = {"end": True}
+
+
+class LiveProtocol(WebSocketsSansIOProtocol):
+    """A WebSocket as uvicorn has it, which waits 10 s for the answer to a close that a client may never give."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.close_timeout = LEAVES
 
 
 class Session:

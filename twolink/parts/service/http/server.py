@@ -19,9 +19,9 @@ from typing import Any
 import httptools
 import uvicorn
 from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
-from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from twolink.errors import TwolinkError
+from twolink.parts.service.http.api_live import MESSAGE_BYTES, LiveProtocol
 from twolink.parts.service.http.components import Service
 from twolink.parts.service.http.messages import SLICE, header
 from twolink.parts.service.logs import configure
@@ -270,7 +270,6 @@ class Protocol(HttpToolsProtocol):
 
 
 _BACKLOG = 2048
-WS_BYTES = 2**20  # of a message of a WebSocket
 _GRACE = 2  # seconds for answers under way when it ends
 
 
@@ -292,8 +291,8 @@ def run(settings: Settings, on_start: Callable[[str], None]) -> None:
 
     configure(settings.log)
     with contextlib.suppress(KeyboardInterrupt), _listening(settings) as listening:
-        host, port = settings.host, listening.getsockname()[1]
-        url = f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
+        host = f"[{settings.host}]" if ":" in settings.host else settings.host
+        url = f"http://{host}:{listening.getsockname()[1]}/"
         app = build(settings)
         server = _Server(uvicorn.Config(app, **uvicorn_options(settings)), app.service, lambda: on_start(url))
         server.run(sockets=[listening])
@@ -332,20 +331,12 @@ def _listening(settings: Settings) -> socket.socket:
         raise TwolinkError(what, where="serve", code="address-in-use", remedy="give another --port or --host") from None
 
 
-class LiveProtocol(WebSocketsSansIOProtocol):
-    """A WebSocket as uvicorn has it, which waits 10 s for the answer to a close that a client may never give."""
-
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        self.close_timeout = _LINGER
-
-
 def uvicorn_options(settings: Settings) -> dict[str, Any]:
     """The options of uvicorn.Config."""
     return {
         "http": functools.partial(Protocol, ConnectionLimits.of(settings.quotas, open_files())),
         "ws": LiveProtocol,
-        "ws_max_size": WS_BYTES,
+        "ws_max_size": MESSAGE_BYTES,
         "ws_per_message_deflate": False,
         "log_level": "error",  # a warning for each malformed request would fill the log
         "log_config": None,  # its messages go where ours go
