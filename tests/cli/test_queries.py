@@ -46,6 +46,8 @@ def test_states_by_joint_with_units() -> None:
     by_joint = ("--q", "elbow=-90deg, shoulder = 0.5", "--v", "elbow=180 deg/s")
     vectors = ("--q", f"0.5 {-np.pi / 2!r}", "--v", f"0 {np.pi!r}")
     assert answer("query", "two_link", "bias", *by_joint) == answer("query", "two_link", "bias", *vectors)
+    turned = ("query", "two_link", "inverse-dynamics", "--q", "0 0", "--a")
+    assert answer(*turned, "elbow=180 deg/s^2") == answer(*turned, f"0 {np.pi!r}")
     motion = ("query", "two_link", "inverse-dynamics", "--acceleration", "4", "--speed", "1")
     named = answer(*motion, "--q", "elbow=0.25", "--to", "shoulder=90deg")
     assert named == answer(*motion, "--q", "0 0.25", "--to", f"{np.pi / 2!r} 0.25")

@@ -266,7 +266,7 @@ def vector_of(robot: Robot, name: str, text: str, letter: str = "", others: Any 
 
 def _entries(name: str, text: str) -> Any:
     """Numbers of a joint, or the text if it has a unit."""
-    return text if re.search(r"[a-zA-Z]$", text.rstrip()) else parse_numbers(name, text)
+    return text if re.search(r"[a-zA-Z](\^2)?$", text.rstrip()) else parse_numbers(name, text)
 
 
 def robot_from(

@@ -117,6 +117,7 @@ def _of_a_point(lever: np.ndarray) -> np.ndarray:
 WEIGHT = 0.1  # of the divergence: it moves what the data show by this times standard error / value, in standard errors
 _EXACT = 1e-7  # estimates count as no more exact than this times their size: keeps Newton's equations solvable
 _RADIUS = 0.1  # m, of gyration of a link without inertia or extent, before it is identified
+_POINT = 1e-5  # m, of gyration: a smaller link is a point, and may move no inertia
 _STEPS = 60  # for each weight; data that no body explains may need more, and their distance is then an upper bound
 
 
@@ -234,7 +235,7 @@ def _domains(robot: Robot, chosen: Selection, sizes: np.ndarray) -> list[_Domain
             start = near = thickened(given, robot.mass or 1.0)
             change = np.zeros(len(chosen.names))
             is_whole = np.linalg.matrix_rank(part) == len(part)
-            if is_whole and (own[0] == 0 or not central(own)[4:].any()):  # nothing, or a point
+            if is_whole and (own[0] == 0 or np.abs(central(own)[4:]).max() < _POINT**2 * own[0]):
                 mass = own[0] or (robot.mass or robot.nv) / robot.nv
                 lacking = np.array([mass - own[0], 0, 0, 0, *(mass * _RADIUS**2 * np.array([1, 0, 1, 0, 0, 1]))])
                 near, change = start + pseudo_inertia(lacking), np.linalg.pinv(part) @ lacking
