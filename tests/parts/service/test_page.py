@@ -497,7 +497,7 @@ def test_a_late_drawing_does_not_replace_the_run(page: Page) -> None:
         window.moved ||= all[0].includes('/motion');
         return answer; }; })()""")
     page.choose("#scene-select", "bouncing-ball")
-    page.wait_for("window.drawNow")
+    page.wait_for("window.drawNow && document.getElementById('scene-json').value.includes('bouncing_ball')")
     page.click("#run-button")
     page.wait_for("window.moved")
     page.evaluate("setTimeout(window.drawNow, 1000)")
