@@ -99,7 +99,7 @@ def by_joint(
             raise error(what, where=argument, remedy=remedy, code="unknown-joint", argument=argument)
         joint = joints[name]
         part = joint.q if letter == "q" else joint.v
-        wrong = functools.partial(error, where=f"{argument}.{name}", remedy=joint.expected(letter), code="schema",
+        wrong = functools.partial(error, where=f"{argument}.{name}", remedy=joint.remedy(letter), code="schema",
                                   argument=argument)  # fmt: skip
         try:
             numbers = joint.entries(letter, value)

@@ -23,6 +23,8 @@ Lock = Mapping[str, float | str | Sequence[float]]
 UNIT_TOLERANCE = 1e-8
 _LINK = "link\0"  # no name in XML holds a NUL
 _UNITS = {"rad": {"rad": 1.0, "deg": math.radians(1.0)}, "m": {"m": 1.0, "mm": 1e-3}}
+_QUANTITY = re.compile(r"(.*?)\s*([a-zA-Z]*(?:/s(?:\^2)?)?)", re.DOTALL)
+_LONGEST = 100  # letters of a number with its unit
 _RATES = {"q": "", "v": "/s", "a": "/s^2"}
 
 
@@ -61,8 +63,8 @@ class JointLayout:
         is_angle = letter == "q" and self.kind == "cos-sin" and numbers.size == 1
         return np.append(np.cos(numbers), np.sin(numbers)) if is_angle else numbers
 
-    def expected(self, letter: str) -> str:
-        """The remedy for values that `entries` does not take."""
+    def remedy(self, letter: str) -> str:
+        """The advice for values that `entries` does not take."""
         units = self._units(letter)
         numbers = {"q": "the joint's configuration"}.get(letter, "a number for each degree of freedom")
         return f"give {numbers}{' in ' + units[0] if units else ''}" + (f', or as "30 {units[1]}"' if units else "")
@@ -74,8 +76,8 @@ class JointLayout:
 
     def _in_si(self, letter: str, text: str) -> float:
         """The number of a text, in SI units."""
-        parts = re.fullmatch(r"\s*(.*?)\s*([a-zA-Z]*(?:/s(?:\^2)?)?)\s*", text, re.DOTALL)
-        number, unit = parts.groups() if parts else (text, "")
+        parts = _QUANTITY.fullmatch(text.strip()) if len(text) <= _LONGEST else None  # it takes the length's square
+        number, unit = parts.groups() if parts else ("", "")
         if unit and unit not in self._units(letter):
             raise ValueError(f"{unit} is no unit of {self.name}")
         return parse_number(number) * (_UNITS[self.unit][unit.partition("/")[0]] if unit else 1.0)
@@ -288,7 +290,7 @@ def lock_configuration(model: pin.Model, lock: Lock) -> tuple[tuple[int, ...], n
             values = np.empty(0)
         if values.shape != (size,) or not np.isfinite(values).all():
             what = f"expected {size} finite number{'s' if size > 1 else ''}, got {value!r}"
-            raise RobotError(what, where=f"lock[{name!r}]", argument="lock", remedy=joint.expected("q"))
+            raise RobotError(what, where=f"lock[{name!r}]", argument="lock", remedy=joint.remedy("q"))
         reference[joint.q] = values
         length = 1.0 if joint.normalized is None else float(np.linalg.norm(reference[joint.normalized]))
         if not abs(length - 1) <= UNIT_TOLERANCE:
