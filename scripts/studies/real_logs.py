@@ -65,7 +65,7 @@ def divided(robot: tl.Robot, t: np.ndarray, q: np.ndarray, tau: np.ndarray, shar
     return Logs(robot, [fitted], held, None, **more)
 
 
-def rows_of(path: Path) -> np.ndarray:
+def numbers_in(path: Path) -> np.ndarray:
     """The numbers of a table with a line of names."""
     return np.loadtxt(path, delimiter=",", skiprows=1)
 
@@ -83,7 +83,7 @@ def pendulum_c(folder: Path) -> Logs:
     """Another pair of links, 0.2 and 0.3 m long. Its model of friction, 0, is published for compensated friction."""
 
     def run(number: str) -> Recording:
-        log = rows_of(folder / f"{number}.csv")
+        log = numbers_in(folder / f"{number}.csv")
         return Recording(log[:, 0], log[:, 1:3], None, None, log[:, 13:15])
 
     text = (folder / "acrobot.urdf").read_text()
@@ -99,7 +99,7 @@ def simple(folder: Path) -> Logs:
     """
 
     def run(name: str) -> Recording:
-        log = rows_of(folder / f"{name}.csv")
+        log = numbers_in(folder / f"{name}.csv")
         return Recording(log[:, 0], log[:, 1:2], None, None, log[:, 3:4])
 
     robot = tl.load_robot(folder / "dfki_simple_pendulum.urdf")
@@ -119,7 +119,7 @@ def panda(folder: Path) -> Logs:
 
 def lbr_med(folder: Path) -> Logs:
     """Its torques have the opposite sign of the URDF's: `tl.identify` says so of joint A2."""
-    log = rows_of(folder / "measurements.csv")
+    log = numbers_in(folder / "measurements.csv")
     robot = tl.load_robot(folder / "med7dock.urdf", purpose="identification")
     return divided(robot, 0.01 * np.arange(len(log)), log[:, :7], -log[:, 7:14])
 
@@ -134,7 +134,7 @@ def ur10e(folder: Path) -> Logs:
 
 
 def tx40(folder: Path) -> Logs:
-    turned, current = (rows_of(folder / f"{name}_data.csv") for name in ("pos_read", "curr"))
+    turned, current = (numbers_in(folder / f"{name}_data.csv") for name in ("pos_read", "curr"))
     q, tau = turned @ np.linalg.inv(RATIOS).T + np.pi / 2 * np.array([0, -1, 1, 0, 0, 0]), current @ RATIOS
     robot = tl.load_robot(folder / "tx40_mdh_modified.urdf", purpose="identification")
     return divided(robot, 2e-4 * np.arange(len(q)), q, tau, judged=30.0, fitted=30.0)
@@ -142,7 +142,7 @@ def tx40(folder: Path) -> Logs:
 
 def tiago(folder: Path) -> Logs:
     """The arm: currents times gear and motor constant. Its lift, whose effort is no force, moves slowly."""
-    read = {name: rows_of(folder / f"tiago_{name}.csv")[921:6791] for name in ("position", "effort")}
+    read = {name: numbers_in(folder / f"tiago_{name}.csv")[921:6791] for name in ("position", "effort")}
     options = {"purpose": "identification", "unphysical": "report"}
     whole = tl.load_robot(folder / "tiago_no_hand.urdf", **options)
     still = {j.name: [1.0, 0.0] if j.kind == "cos-sin" else 0.0 for j in whole.joints if j.name not in TIAGO}

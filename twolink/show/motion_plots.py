@@ -112,8 +112,7 @@ def plot_trajectory(
     figure, axes = new_figure(len(heights), size=(9, 0.9 + sum(heights)), sharex=True, height_ratios=heights)
     for axis, name in zip(axes[:, 0], panels, strict=False):
         here = [c for c in drawn if c.panel == name and c.joint in colours]
-        own = ", own axes)" if name in ("turn", "slide") and any(c.entry for c in here) else ")"  # of a free body
-        axis.set_ylabel(PANELS[name].removesuffix(")") + own)
+        axis.set_ylabel(_label(name, here))
         draw(axis, t, here, colours)
     _draw_energy(axes[-2, 0], *energy)
     what = "estimated error" if estimated else "error bar"
@@ -201,6 +200,12 @@ def those_that_move_most(curves: Sequence[JointCurve]) -> list[str]:
     while len(ranked) > 1 and max(Counter(c.panel for c in curves if c.joint in ranked).values()) > MAX_LABELS:
         ranked.pop()
     return [joint for joint in share if joint in ranked]
+
+
+def _label(panel: str, curves: Sequence[JointCurve]) -> str:
+    """The label of a panel; the velocities of a free body are along its own axes."""
+    is_free = panel in ("turn", "slide") and any(curve.entry for curve in curves)
+    return f"{PANELS[panel].removesuffix(')')}, own axes)" if is_free else PANELS[panel]
 
 
 def draw(axis: Any, t: np.ndarray, curves: Sequence[JointCurve], colours: dict[str, str]) -> None:
@@ -294,9 +299,10 @@ def plot_sensitivities(
     heights = [2.0] * len(panels) + [1.8]
     figure, axes = new_figure(len(heights), size=(9, 0.9 + sum(heights)), sharex=True, height_ratios=heights)
     for axis, name in zip(axes[:, 0], panels, strict=False):
-        axis.set_ylabel(PANELS[name])
         shown = [(c, w) for c, w in zip(drawn, widths, strict=True) if c.panel == name and c.joint in colours]
-        draw(axis, t, [curve for curve, _ in shown], colours)
+        here = [curve for curve, _ in shown]
+        axis.set_ylabel(_label(name, here))
+        draw(axis, t, here, colours)
         for curve, width in shown:
             axis.fill_between(t, curve.values - width, curve.values + width, color=colours[curve.joint], alpha=0.25,
                               linewidth=0)  # fmt: skip

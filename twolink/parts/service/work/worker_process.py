@@ -235,12 +235,10 @@ class WorkerMemory:
     def look(self) -> None:
         """End idle workers while all have more than half of the limit, busy ones while all have more than the limit.
 
-        The largest goes first. Half is left for what the next tasks take. The system forgets those that were ended
-        before once their exit code is read.
+        The largest goes first. Half is left for what the next tasks take. To ask for its exit code takes a process that
+        was ended off the system's list.
         """
-        for worker in self.workers:
-            if worker.ended_at:
-                worker.process.returncode  # noqa: B018  # it asks the system
+        self.workers -= {each for each in self.workers if each.ended_at and each.process.returncode is not None}
         sizes = {worker: worker.memory() for worker in self.workers if not worker.ended_at}
         total = sum(sizes.values())
         for worker in sorted(sizes, key=lambda worker: (worker.is_busy, -sizes[worker])):
