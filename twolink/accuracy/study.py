@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from twolink.accuracy.measuring import StudyRun, count, first_reference, measure_method
 from twolink.accuracy.study_data import Row, StudyData, plot_study, study_text, with_front
-from twolink.dynamics.arguments import positive
+from twolink.dynamics.arguments import Positive, positive
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.steps.methods import METHODS, Method, method_named
@@ -115,14 +115,14 @@ class Study(StudyData, BaseResult, Plotted):
 
 def accuracy_study(
     scene: Scene,
-    duration: float | None = None,
+    duration: Positive | None = None,
     *,
     t_eval: ArrayLike | None = None,
-    samples_per_second: float = 50.0,
+    samples_per_second: Positive = 50.0,
     methods: Sequence[str] | None = None,
     tolerances: Sequence[float] | None = None,
     repeats: int = 7,
-    budget: float = 1.0,
+    budget: Positive = 1.0,
     progress: Report | None = None,
 ) -> Study:
     """Measure what accuracy costs on a scene: the error and the seconds of each method at several settings.

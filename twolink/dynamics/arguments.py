@@ -6,8 +6,9 @@ import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
+import msgspec
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -21,6 +22,7 @@ from twolink.robots.model import RobotModel
 UNIT_TOLERANCE = 1e-8
 Axes = Literal["frame", "world"]
 AXES = ("frame", "world")
+Positive = Annotated[float, msgspec.Meta(gt=0)]
 
 
 def positive(

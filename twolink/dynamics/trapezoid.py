@@ -6,12 +6,12 @@ A = min_i a_i / |d_i|, V = min_i v_i / |d_i|: every joint keeps its limits, and 
 not reached the trapezoid is a triangle. Source: Siciliano et al.: Robotics, 2009, section 4.2.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.dynamics.arguments import configuration, positive
+from twolink.dynamics.arguments import Positive, configuration, positive
 from twolink.dynamics.robot import Robot
 from twolink.errors import QueryError
 
@@ -26,6 +26,10 @@ class PlannedMotion(NamedTuple):
     v: np.ndarray
     a: np.ndarray
 
+    def to_dict(self) -> dict[str, Any]:
+        """The samples as lists, for JSON."""
+        return {name: values.tolist() for name, values in self._asdict().items()}
+
 
 def trapezoidal_motion(
     robot: Robot,
@@ -34,7 +38,7 @@ def trapezoidal_motion(
     *,
     acceleration: ArrayLike,
     speed: ArrayLike | None = None,
-    samples_per_second: float = 100.0,
+    samples_per_second: Positive = 100.0,
 ) -> PlannedMotion:
     """A motion from rest to rest, as quick as its limits allow.
 
@@ -76,12 +80,14 @@ def trapezoidal_motion(
     limits = np.where(own > 0.0, own, np.inf) if speed is None else speed
     most_v = float((_limits(robot, "speed", limits)[moved] / np.abs(way[moved])).min())
     most_a = float((_limits(robot, "acceleration", acceleration)[moved] / np.abs(way[moved])).min())
-    if not np.isfinite(most_v * most_a):
+    if speed is None and np.isinf(most_v):
         raise QueryError("the robot's file has none for the joints that move", argument="speed",
                          remedy="give a speed, rad/s or m/s")  # fmt: skip
-    rise = min(most_v / most_a, most_a**-0.5)
-    peak, whole = most_a * rise, rise + 1.0 / (most_a * rise)
-    if whole * rate > MOST:
+    with np.errstate(all="ignore"):  # of limits so small that the motion never ends
+        rise = np.minimum(np.divide(most_v, most_a), np.power(most_a, -0.5))
+        peak = most_a * rise
+        whole = np.nan_to_num(rise + np.divide(1.0, peak), nan=np.inf, posinf=np.inf)
+    if whole > MOST / rate:
         raise QueryError(f"{whole:.3g} s have more than {MOST:.0e} samples", argument="samples_per_second",
                          remedy="give fewer, or a larger speed and acceleration")  # fmt: skip
     t = np.append(np.arange(0.0, whole * (1.0 - 1e-12), 1.0 / rate), whole)
@@ -96,7 +102,8 @@ def trapezoidal_motion(
 
 def _limits(robot: Robot, name: str, given: ArrayLike) -> np.ndarray:
     values = np.atleast_1d(np.asarray(given, dtype=float))
-    if values.size not in (1, robot.nv) or not (values > 0.0).all():
+    least = values.min(initial=np.inf)
+    if values.size not in (1, robot.nv) or not least > 0.0 or (name == "acceleration" and np.isinf(values).any()):
         raise QueryError(f"expected a positive number, or {robot.nv}, got {given!r}", argument=name,
                          remedy="give rad and m a second")  # fmt: skip
     return np.broadcast_to(values.ravel(), robot.nv)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.contact.choice import Choice, choose_contact_method
+from twolink.dynamics.arguments import Positive
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solver import is_stepping
@@ -27,6 +28,7 @@ from twolink.scenes.scene import accuracy_of
 from twolink.show.figure import Plotted, plot_bars
 from twolink.simulation.refinement import DIGITS, first_choice, precisions_of
 from twolink.simulation.sampling import duration_for, sample_times, with_ends
+from twolink.simulation.scene_run import ACCURACY
 from twolink.simulation.text import BaseResult
 
 if TYPE_CHECKING:
@@ -141,11 +143,11 @@ class Explanation(BaseResult, Plotted):
 
 def explain(
     scene: Scene,
-    duration: float | None = None,
+    duration: Positive | None = None,
     *,
-    accuracy: float = 1e-6,
+    accuracy: Positive | None = None,
     t_eval: ArrayLike | None = None,
-    samples_per_second: float = 200.0,
+    samples_per_second: Positive = 200.0,
     method: str = "auto",
     contact: str | None = None,
 ) -> Explanation:
@@ -156,8 +158,8 @@ def explain(
     scene : Scene
     duration : float, optional
         Simulated time, s; by default the scene's own.
-    accuracy : float
-        Bound on the global error of q, rad or m.
+    accuracy : float, optional
+        Bound on the global error of q, rad or m; by default 1e-6.
     t_eval, samples_per_second : optional
         The samples of the run, as in `simulate`.
     method : str
@@ -174,7 +176,7 @@ def explain(
     SceneError, AccuracyError
         An argument does not fit, or the first part of the motion cannot be solved.
     """
-    length, accuracy = duration_for(scene, duration), accuracy_of(accuracy)
+    length, accuracy = duration_for(scene, duration), accuracy_of(ACCURACY if accuracy is None else accuracy)
     times = sample_times(length, t_eval, samples_per_second)
     chosen = choose_contact_method(scene, contact)
     if chosen.method == "stepped":

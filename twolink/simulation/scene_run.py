@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from twolink.contact.choice import choose_contact_method
 from twolink.dynamics import Robot
-from twolink.dynamics.arguments import positive
+from twolink.dynamics.arguments import Positive, positive
 from twolink.errors import AccuracyError, ControllerError, SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.digits import decimals
@@ -49,16 +49,16 @@ UNSOLVED = "steps-collapsed", "loops-singular", "too-many-steps"  # codes: anoth
 
 def simulate(
     scene: Scene,
-    duration: float | None = None,
+    duration: Positive | None = None,
     *,
-    accuracy: float | None = None,
+    accuracy: Positive | None = None,
     t_eval: ArrayLike | None = None,
-    samples_per_second: float = 200.0,
+    samples_per_second: Positive = 200.0,
     method: str = "auto",
     verify: bool = True,
     precision: Precision | Literal["auto"] = "auto",
-    tolerance: float | None = None,
-    step: float | None = None,
+    tolerance: Positive | None = None,
+    step: Positive | None = None,
     progress: Report | None = None,
     contact: str | None = None,
     patience: float | None = None,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.dynamics.arguments import positive
+from twolink.dynamics.arguments import Positive, positive
 from twolink.errors import AccuracyError, SceneError, require_known
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of
@@ -126,12 +126,12 @@ class Sensitivities(BaseResult):
 
 def sensitivities(
     scene: Scene,
-    duration: float | None = None,
+    duration: Positive | None = None,
     *,
     wrt: Sequence[str] = ("q", "v"),
-    accuracy: float = 1e-6,
+    accuracy: Positive = 1e-6,
     t_eval: ArrayLike | None = None,
-    samples_per_second: float = 200.0,
+    samples_per_second: Positive = 200.0,
     progress: Report | None = None,
 ) -> Sensitivities:
     """Derivatives of a simulated motion by its initial state and by physical constants.

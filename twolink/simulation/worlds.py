@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.contact.choice import choose_contact_method
-from twolink.dynamics.arguments import array, configuration
+from twolink.dynamics.arguments import Positive, array, configuration
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.assembly import assembled
 from twolink.integrate.motion.equations import Equations
@@ -31,12 +31,12 @@ MAX_NUMBERS = 200_000_000
 
 def simulate_many(
     scene: Scene,
-    duration: float | None = None,
+    duration: Positive | None = None,
     *,
     q: ArrayLike | None = None,
     v: ArrayLike | None = None,
     parameters: Mapping[str, ArrayLike] | None = None,
-    accuracy: float | None = None,
+    accuracy: Positive | None = None,
     t_eval: ArrayLike | None = None,
     samples_per_second: float = 0.0,
     verify: bool = True,

@@ -18,7 +18,7 @@ import twolink as tl
 from tests.parts.service.serving import Served
 from tests.robots.test_bad_urdf import chain
 from twolink.dynamics.queries import QUERIES
-from twolink.parts.service.work.requests import STATES_IN_LOOP, answer_query
+from twolink.parts.service.work.query_requests import STATES_IN_LOOP, answer_query
 
 NPZ = {"Content-Type": "application/x-npz"}
 DYNAMICS = "/v1/robots/two_link/forward-dynamics"

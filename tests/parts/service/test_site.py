@@ -15,7 +15,7 @@ import pytest
 
 import twolink as tl
 from tests.parts.service.serving import TOP, Served, serving
-from twolink.parts.service.work.requests import QUERIES
+from twolink.parts.service.work.query_requests import QUERIES
 from twolink.parts.service.work.sandbox import protection
 
 

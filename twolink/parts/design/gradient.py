@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twolink.dynamics.arguments import Positive
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.effect_numbers import nominal_value
 from twolink.integrate.motion.equations import Equations
@@ -90,13 +91,13 @@ class Gradient(BaseResult, Plotted):
 
 def gradient(
     scene: Scene,
-    duration: float | None = None,
+    duration: Positive | None = None,
     *,
     objective: Objective | str,
     wrt: Sequence[str] = ("q", "v"),
-    accuracy: float = 1e-6,
+    accuracy: Positive = 1e-6,
     t_eval: ArrayLike | None = None,
-    samples_per_second: float = 200.0,
+    samples_per_second: Positive = 200.0,
     slopes: Slopes | None = None,
     progress: Report | None = None,
 ) -> Gradient:

@@ -147,8 +147,11 @@ class Linearization(BaseResult, Plotted):
         return Table(("real 1/s", "imaginary 1/s", "error", "frequency Hz", "damping ratio"), tuple(rows))
 
     def to_dict(self) -> dict[str, Any]:
-        """A record for JSON."""
+        """A record for JSON; of several states, a list of them."""
+        if self.A.ndim != 2:
+            return {"states": [self.state(i).to_dict() for i in range(len(self.A))]}
         return {
+            **{name: getattr(self, name).tolist() for name in ("q", "v", "t", "tau", "a")},
             "A": self.A.tolist(), "B": self.B.tolist(), "names": self.names, "inputs": self.inputs,
             "error": self.error, "equilibrium": self.is_equilibrium,
             "stability": self.stability if self.is_equilibrium else None,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.dynamics.arguments import positive, whole
+from twolink.dynamics.arguments import Positive, positive, whole
 from twolink.errors import SceneError, TwolinkError, require_known
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.io.progress import Report
@@ -153,8 +153,8 @@ STEP = 1e-3  # of the distance of the bounds: of differences of gradients
 
 
 def optimize(
-    scene: Scene, duration: float | None = None, *, objective: Objective | str, wrt: Mapping[str, Sequence[float]],
-    accuracy: float = 1e-6, t_eval: ArrayLike | None = None, samples_per_second: float = 200.0,
+    scene: Scene, duration: Positive | None = None, *, objective: Objective | str, wrt: Mapping[str, Sequence[float]],
+    accuracy: Positive = 1e-6, t_eval: ArrayLike | None = None, samples_per_second: Positive = 200.0,
     maximize: bool = False, constraints: Mapping[str, Objective] | None = None, starts: int = 3, seed: int = 0,
     evaluations: int = 200, curvature: bool = True, derivatives: str = "auto",
     out: str | os.PathLike[str] | None = None, progress: Report | None = None,

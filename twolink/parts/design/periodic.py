@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from twolink.dynamics.arguments import positive, whole
+from twolink.dynamics.arguments import Positive, positive, whole
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.pinocchio_rate import rate
@@ -260,11 +260,11 @@ class PeriodicMotion(BaseResult, Plotted):
 
 def periodic_motion(
     scene: Scene,
-    period: float,
+    period: Positive,
     vary: Sequence[str] = ("q", "v"),
     *,
     segments: int = 1,
-    accuracy: float = 1e-9,
+    accuracy: Positive = 1e-9,
 ) -> PeriodicMotion:
     """A motion near the scene's own that repeats itself exactly, by shooting, and its Floquet multipliers.
 

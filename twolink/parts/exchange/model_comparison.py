@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.dynamics import Robot, load_robot
+from twolink.dynamics.arguments import Positive
 from twolink.errors import QueryError
 from twolink.parts.exchange.inertia_causes import LinkInertia, centre_cause, inertia_cause, link_inertia, mirror_faults
 from twolink.parts.exchange.law_comparison import couplings, law_differences
@@ -98,7 +99,7 @@ class ModelComparison(BaseResult):
 
 
 def compare_models(
-    a: Robot | str | os.PathLike[str], b: Robot | str | os.PathLike[str], *, tolerance: float = 1e-6
+    a: Robot | str | os.PathLike[str], b: Robot | str | os.PathLike[str], *, tolerance: Positive = 1e-6
 ) -> ModelComparison:
     """Compare two robots: joints, bodies, limits, damping, friction, and their equations of motion at 100 states.
 

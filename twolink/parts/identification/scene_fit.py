@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtri, stdtrit
 
-from twolink.dynamics.arguments import array, one_of, positive
+from twolink.dynamics.arguments import Positive, array, one_of, positive
 from twolink.errors import QueryError, require_known
 from twolink.io.progress import Report
 from twolink.parts.identification.base_parameters import BaseParameters
@@ -34,7 +34,7 @@ def fit(
     segments: int | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     patience: float = 600.0,
-    accuracy: float = 1e-6,
+    accuracy: Positive = 1e-6,
     confidence: float = 0.95,
     progress: Report | None = None,
 ) -> SceneFit:

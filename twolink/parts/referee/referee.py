@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from twolink.dynamics import Robot
-from twolink.dynamics.arguments import positive
+from twolink.dynamics.arguments import Positive, positive
 from twolink.errors import AccuracyError, SceneError, TwolinkError, require_known
 from twolink.io.progress import Report
 from twolink.parts.referee.reasons import explained, violations
@@ -37,9 +37,9 @@ def judge(
     trajectory: Given,
     *,
     start: Literal["scene", "log"] | None = None,
-    tolerance: float = 1e-6,
-    accuracy: float = 1e-9,
-    seconds: float = SECONDS,
+    tolerance: Positive = 1e-6,
+    accuracy: Positive = 1e-9,
+    seconds: Positive = SECONDS,
     progress: Report | None = None,
 ) -> Verdict:
     """Hold a trajectory of any simulator against the solution of a scene.

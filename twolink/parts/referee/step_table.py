@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twolink.dynamics import Robot
-from twolink.dynamics.arguments import positive
+from twolink.dynamics.arguments import Positive, positive
 from twolink.effects.forces import Torque
 from twolink.effects.inputs import Sampled
 from twolink.errors import SceneError, require_known
@@ -187,12 +187,12 @@ def step_table(
     model: Scene | Robot | str | os.PathLike[str],
     peer: str = "mujoco",
     *,
-    duration: float | None = None,
+    duration: Positive | None = None,
     log: str | os.PathLike[str] | None = None,
     steps: Sequence[float] = STEPS,
     methods: Sequence[str] | None = None,
-    accuracy: float = ACCURACY,
-    seconds: float = SECONDS,
+    accuracy: Positive = ACCURACY,
+    seconds: Positive = SECONDS,
     progress: Report | None = None,
 ) -> StepTable:
     """Hold each step and integrator of another simulator against the verified run of a model.
@@ -237,6 +237,8 @@ def step_table(
     end = positive(scene.duration if duration is None else duration, "duration", SceneError, "such as 2")
     lengths = sorted({float(step) for step in steps if positive(step, "steps", SceneError, "such as 0.001") <= end},
                      reverse=True)  # fmt: skip
+    if not lengths:
+        raise SceneError(f"none is within the {end:g} s of the run", argument="steps", remedy="such as (0.001,)")
     names = tuple(module.STAGES) if methods is None else tuple(methods)
     for name in names:
         require_known(name, module.STAGES, SceneError, argument="methods")

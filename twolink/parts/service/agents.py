@@ -15,23 +15,28 @@ from typing import Annotated, Any, Literal
 
 import anyio.from_thread
 import anyio.lowlevel
+import msgspec
 from mcp.server.mcpserver import Context, MCPServer
 from mcp.types import CallToolResult, TextContent, ToolAnnotations
 from pydantic import Field
 
+import twolink as tl
 from twolink._version import __version__
 from twolink.accuracy import accuracy_study
 from twolink.cli.common import scene_from, write_by_ending
 from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.queries import QUERIES, Numbers, answer_query
 from twolink.dynamics.robot_record import robot_record
-from twolink.errors import TwolinkError
+from twolink.errors import QueryError, TwolinkError, require_known
 from twolink.io.files import confined, write_atomic
 from twolink.io.progress import Report
+from twolink.io.text import split_path
 from twolink.parts.design.linearization import linearize
 from twolink.parts.exchange.export import export as write
-from twolink.parts.exchange.model_comparison import compare_models
 from twolink.parts.referee.referee import judge
+from twolink.parts.service.work.bodies import texts_of
+from twolink.parts.service.work.operations import answer_of_call
+from twolink.parts.service.work.requests import JOB_KINDS, OPERATIONS
 from twolink.robots.catalogue import FILES, catalogue_folders, catalogue_names
 from twolink.scenes import Scene, bundled_scenes, scenes
 from twolink.scenes.urdf_scene import UrdfScene
@@ -48,6 +53,7 @@ INSTRUCTIONS = """Rigid-body dynamics with error bars. A robot is a name of `cat
 or its text. A scene is a name, a .toml file in the folder, or a robot: then with all that its file says. SI units and
 radians. `error` bounds the global error where `bound` is "verified". A refusal has a code and a remedy."""
 What = Annotated[str, Field(json_schema_extra={"enum": list(QUERIES)})]
+Function = Annotated[str, Field(json_schema_extra={"enum": list(OPERATIONS)})]
 Root = Literal["fixed", "free"]
 
 
@@ -75,17 +81,19 @@ class Tools:
         """The server with all tools."""
         made = MCPServer("twolink", version=__version__, instructions=INSTRUCTIONS)
         readers = (self.catalogue, self.load_robot, self.query, self.explain, self.accuracy_study, self.linearize,
-                   self.judge, self.compare_models)  # fmt: skip
+                   self.judge, self.call)  # fmt: skip
         for tool in (*readers, self.simulate, self.export):
             made.tool(annotations=READS if tool in readers else WRITES)(self._guarded(tool))
         return made
 
     def catalogue(self) -> Answer:
-        """The robots and scenes known by name, and all queries with their arguments, options, results and units."""
+        """The robots and scenes known by name, and all queries and functions with their arguments and units."""
         table = {row["name"]: row["title"] for row in scenes()}
         queries = [query.to_dict() for query in QUERIES.values()]
-        text = f"{len(catalogue_names())} robots, {len(table)} scenes, {len(queries)} queries"
-        return Answer(text, {"robots": list(catalogue_names()), "scenes": table, "queries": queries})
+        functions = {name: texts_of(getattr(tl, name)) for name in OPERATIONS}
+        data = {"robots": list(catalogue_names()), "scenes": table, "queries": queries, "functions": functions}
+        text = ", ".join(f"{len(known)} {what}" for what, known in data.items())
+        return Answer(text, data)
 
     def load_robot(self, robot: str, root: Root = "fixed") -> Answer:
         """A robot's joints with their limits, links, mass, and the report of what was read, ignored and assumed."""
@@ -156,10 +164,19 @@ class Tools:
         data |= {"farthest": float(verdict.distance.max())}
         return Answer(str(verdict), data, float(verdict.bar.max()), "verified")
 
-    def compare_models(self, a: str, b: str, root: Root = "fixed") -> Answer:
-        """Compare two robots: the same mechanism or not, and each difference with its place and cause."""
-        found = compare_models(self._robot(a, root), self._robot(b, root))
-        return Answer(str(found), found.to_dict())
+    def call(self, function: Function, arguments: dict[str, Any]) -> Answer:
+        """Call another function, such as equilibria with {"scene": "arm-swing", "starts": 8}.
+
+        `catalogue` has the functions with their arguments. Scenes and robots are given as in the other tools.
+        """
+        require_known(function, OPERATIONS, QueryError, argument="function")
+        try:
+            request = msgspec.convert({"operation": function, **arguments}, JOB_KINDS["operation"].request)
+        except msgspec.ValidationError as error:
+            what, where = split_path(str(error))
+            raise QueryError(what, argument=where or "arguments", remedy="`catalogue` has its arguments") from None
+        data = answer_of_call(request, self._scene, lambda name: self._robot(name, "fixed"), patience=PATIENCE)
+        return Answer(data.pop("text"), data)
 
     def export(self, robot: str, file: str, functions: list[str] | None = None, root: Root = "fixed") -> Answer:
         """Write a robot as .urdf, .xml (MJCF) or .c. functions: of C, such as ["forward_dynamics", "step:rk4"]."""
@@ -198,7 +215,9 @@ class Tools:
         with confined(self.folder, *catalogue_folders()):
             return self._robots(given, root=root)
 
-    def _scene(self, source: str) -> Scene:
+    def _scene(self, source: Any) -> Scene:
+        if not isinstance(source, str):
+            raise QueryError("expected a name, or a file", argument="scene", remedy="write a scene into a .toml file")
         named = source in bundled_scenes() or source in catalogue_names()
         given = source if named else str(self._path(source, (*FILES, ".toml")))
         with confined(self.folder, *catalogue_folders()):

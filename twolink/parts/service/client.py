@@ -209,6 +209,32 @@ class Client:
             (Path(folder) / "store").rename(target)
         return open_sweep(target)
 
+    def call(self, function: str, **arguments: Any) -> dict[str, Any]:
+        """Another function of the package, computed by the service.
+
+        Parameters
+        ----------
+        function : str
+            Its name in `twolink`: compare_models, energy_book, equilibria, fit, gradient, judge, lqr, optimize,
+            periodic_motion, simulate_many, step_table or trapezoidal_motion.
+        **arguments
+            Its own, all by name. A scene is one, or a bundled one's name; a robot one of this service, or its id;
+            measurements and trajectories are arrays by name.
+
+        Returns
+        -------
+        dict
+            The result's `to_dict()`, with a title and its text.
+
+        Raises
+        ------
+        TwolinkError
+            As of the function; what is not sent, such as functions and paths, is refused by name.
+        """
+        sent = {name: self._content(value) if isinstance(value, Scene) else getattr(value, "id", value)
+                for name, value in arguments.items()}  # fmt: skip
+        return self._job("/v1/operations", {"operation": function, **sent})[1]
+
     def _job(self, path: str, body: dict[str, Any]) -> tuple[str, dict[str, Any]]:
         """Wait for the end of a job. Returns its path and its result. Raises what it ended with."""
         body.setdefault("wait", min(_WAIT, self._transport.timeout / 2))

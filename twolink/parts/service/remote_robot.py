@@ -17,7 +17,7 @@ from twolink.errors import QueryError
 from twolink.parts.service.problems import JSON, Refusal
 from twolink.parts.service.store.archives import NPZ, write_npz
 from twolink.parts.service.transport import Transport
-from twolink.parts.service.work.requests import KINEMATICS
+from twolink.parts.service.work.query_requests import KINEMATICS
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 _PART = 16 * 2**20  # bytes of a request or an answer: what the service takes from several clients at once

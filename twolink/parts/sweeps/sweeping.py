@@ -13,6 +13,7 @@ from typing import Any
 import msgspec
 from numpy.typing import ArrayLike
 
+from twolink.dynamics.arguments import Positive
 from twolink.errors import SceneError, import_extra, nearest, require_extra
 from twolink.io.progress import Report
 from twolink.io.text import read_text, split_path
@@ -35,13 +36,13 @@ PART = 1e-3  # of a run, that compiles its steps
 
 def sweep(
     scene: Scene,
-    duration: float | None = None,
+    duration: Positive | None = None,
     *,
     vary: Mapping[str, Any],
     out: str | os.PathLike[str],
-    accuracy: float = 1e-6,
+    accuracy: Positive = 1e-6,
     t_eval: ArrayLike | None = None,
-    samples_per_second: float = 200.0,
+    samples_per_second: Positive = 200.0,
     design: str = "grid",
     count: int | None = None,
     seed: int = 0,

@@ -149,8 +149,13 @@ class QuantityAbout(msgspec.Struct):
 
 
 class Linearized(msgspec.Struct):
-    """dx/dt = A x + B u, the bound on the error of A and B, and what follows."""
+    """dx/dt = A x + B u about a state with accelerations a, the bound on the error of A and B, and what follows."""
 
+    q: Vector
+    v: Vector
+    t: float
+    tau: Vector
+    a: Vector
     A: Table
     B: Table
     names: list[str]
@@ -249,10 +254,9 @@ class Job(msgspec.Struct):
     result: Object | None = None
 
 
-def job_of(kind: JobKind) -> Any:
+def job_of(name: str, kind: JobKind) -> Any:
     """A job with the request of its kind, which lists leave out where it is long."""
-    name = f"{kind.request.__name__.removesuffix('Request')}Job"
-    return msgspec.defstruct(name, [("request", kind.request | None)], bases=(Job,), kw_only=True)
+    return msgspec.defstruct(f"{name.title()}Job", [("request", kind.request | None)], bases=(Job,), kw_only=True)
 
 
-JOBS = {name: job_of(kind) for name, kind in JOB_KINDS.items()}
+JOBS = {name: job_of(name, kind) for name, kind in JOB_KINDS.items()}

@@ -30,7 +30,8 @@ from twolink.parts.service.http.parameters import OWN_QUERY
 from twolink.parts.service.problems import JSON, Refusal, decode_unique, problem_of
 from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store.store import LISTED
-from twolink.parts.service.work.requests import QUERIES, version_key
+from twolink.parts.service.work.query_requests import QUERIES
+from twolink.parts.service.work.requests import version_key
 from twolink.parts.service.work.robot_tasks import ReceivedRobot, RobotOptions
 from twolink.parts.service.work.sharing import require_owner, this_request
 from twolink.robots.catalogue import catalogue_entry

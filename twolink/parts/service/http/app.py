@@ -34,7 +34,7 @@ from twolink.parts.service.http.parameters import require_taken
 from twolink.parts.service.logs import REQUEST_ID, AccessLog, Answered, request_id
 from twolink.parts.service.problems import JSON, Refusal, answer_of
 from twolink.parts.service.settings import Settings, ip_address
-from twolink.parts.service.work.requests import QUERIES
+from twolink.parts.service.work.query_requests import QUERIES
 from twolink.parts.service.work.sharing import OWNER, REQUEST, RequestMemory, Shares, client_of_scope, this_request
 
 _PARTS = (api_models, api_jobs, api_live, api_site)

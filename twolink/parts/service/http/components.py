@@ -35,14 +35,13 @@ from twolink.parts.service.work.budget import Budget
 from twolink.parts.service.work.cluster import Member
 from twolink.parts.service.work.jobs import Jobs
 from twolink.parts.service.work.metrics import Metrics
-from twolink.parts.service.work.requests import (
+from twolink.parts.service.work.query_requests import (
     STATES_IN_LOOP,
-    JobRequest,
     answer_query,
     arguments_from_json,
     count_of,
-    prepare,
 )
+from twolink.parts.service.work.requests import JobRequest, prepare
 from twolink.parts.service.work.sandbox import protection
 from twolink.parts.service.work.sharing import KeyedLocks, Shares, this_request
 from twolink.parts.service.work.time_shares import BESIDE, PAUSED

@@ -12,7 +12,8 @@ from twolink.parts.service.http.components import PREFIX
 from twolink.parts.service.problems import JSON, MEDIA_TYPE, Problem
 from twolink.parts.service.store.archives import NPZ
 from twolink.parts.service.work import metrics, requests
-from twolink.parts.service.work.requests import JOB_KINDS, QUERIES, body_of
+from twolink.parts.service.work.query_requests import QUERIES, body_of
+from twolink.parts.service.work.requests import JOB_KINDS
 from twolink.parts.service.work.robot_tasks import RobotOptions
 
 Json = dict[str, Any]
@@ -24,9 +25,9 @@ _NUMBERS: Json = {"anyOf": [{"type": "number"}, {"type": "array", "items": {}}]}
 _BODIES = {
     "/v1/scenes/validate": requests.SceneRequest,
     "/v1/scenes/quantities": requests.SceneRequest,
-    "/v1/scenes/explain": requests.ExplainRequest,
-    "/v1/scenes/preview": requests.PreviewRequest,
-    "/v1/scenes/linearize": requests.LinearizationRequest,
+    "/v1/scenes/explain": requests.explain_request(),
+    "/v1/scenes/preview": requests.preview_request(),
+    "/v1/scenes/linearize": requests.linearization_request(),
     **{f"/v1/{kind.path}": kind.request for kind in JOB_KINDS.values()},
 }
 _ANSWERS: dict[str, Any] = {  # in JSON, by method and path

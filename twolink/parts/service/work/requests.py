@@ -1,200 +1,34 @@
-"""The bodies of requests: of dynamics queries, as arguments with their answers; about scenes; and for jobs."""
+"""Requests about scenes and for jobs: their bodies, most of which are calls of the package's functions."""
 
-import functools
 import hashlib
-import math
-from collections import ChainMap
-from typing import Annotated, Any, Literal, NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, cached_property
+from inspect import signature
+from typing import Annotated, Any, Literal, Union
 
 import msgspec
-import numpy as np
-from numpy.typing import ArrayLike
 
-from twolink.algorithms.functions import Shape
-from twolink.dynamics import Robot, queries
-from twolink.dynamics.queries import OPTIONS, Numbers, Query
-from twolink.dynamics.robot_record import link_poses
-from twolink.errors import QueryError
+import twolink as tl
+from twolink.dynamics.arguments import Positive
+from twolink.dynamics.queries import Numbers
 from twolink.io.fingerprints import code_key, files_digest
-from twolink.parts.service.problems import Refusal, decode_unique, require_unique_keys
-from twolink.parts.service.settings import Quotas
+from twolink.parts.service.problems import Refusal, decode_unique
+from twolink.parts.service.work.bodies import body_of_call, words
 from twolink.robots.catalogue import our_urdfs
 from twolink.scenes.file_format import SceneFile
 
-_JSON_NUMBER = 32  # bytes of memory for a number on its way to JSON: an object, and a place in a list
-STATES_IN_LOOP = 500  # that the service's own process answers
-_numbers = functools.cache(Query.numbers)
-_SINGLE_STATE: set[tuple[int, ...]] = {()}
-
-
-def _kinematics(robot: Robot, q: ArrayLike, frames: list[str] | None = None) -> dict[str, Any]:
-    """Poses (..., n, 7) of the links, or of frames, in the world: position [m], quaternion (x y z w)."""
-    return {"frames": list(robot.frame_names) if frames is None else frames, "poses": link_poses(robot, q, frames)}
-
-
-KINEMATICS = Query("kinematics", "link_poses", _kinematics, {"poses": (("frames", 7), "m, then 1")})
-
-
-def _derivatives(
-    robot: Robot, q: ArrayLike, v: ArrayLike, tau: ArrayLike | None = None, a: ArrayLike | None = None
-) -> dict[str, np.ndarray]:
-    """da_dq, da_dv, da_dtau; or with a instead of tau dtau_dq, dtau_dv, dtau_da: (..., nv, nv)."""
-    what, given = "forward-dynamics-derivatives", {"q": q, "v": v, "tau": tau, "a": a}
-    if tau is None and a is not None:
-        what = "inverse-dynamics-derivatives"
-    return QUERIES[what].answer(robot, {name: value for name, value in given.items() if value is not None})
-
-
-_MATRIX: tuple[Shape, str] = (("nv", "nv"), "")
-_OWN = {
-    "kinematics": KINEMATICS,
-    "derivatives": Query("derivatives", "", _derivatives, {"da_dq": _MATRIX, "da_dv": _MATRIX, "da_dtau": _MATRIX}),
-}
-QUERIES = ChainMap(_OWN, queries.QUERIES)
-
-
-@functools.cache
-def body_of(query: Query) -> type[msgspec.Struct]:
-    """The JSON body of a query: q, and what else it takes, zero when left out. Lists of lists are batches."""
-    optional = {**dict.fromkeys(query.arguments[1:], Numbers), **{name: OPTIONS[name][0] for name in query.options}}
-    fields: list[Any] = [("q", Numbers), *((name, kind | None, None) for name, kind in optional.items())]
-    name = query.name.title().replace("-", "")
-    return msgspec.defstruct(name, fields, forbid_unknown_fields=True, frozen=True, module=__name__)
-
-
-@functools.cache
-def _decoder(query: Query) -> msgspec.json.Decoder[Any]:
-    return msgspec.json.Decoder(body_of(query))
-
-
-def arguments_from_json(query: Query, body: bytes) -> dict[str, Any]:
-    """The arguments in a JSON body, as arrays."""
-    decoded = _decoder(query).decode(body)
-    arguments: dict[str, Any] = {}
-    strings = 0
-    for name in decoded.__struct_fields__:
-        value = getattr(decoded, name)
-        if value is None:
-            continue
-        strings += 1
-        if name not in OPTIONS:
-            arguments[name] = _array(name, value)
-            continue
-        strings += 1 if isinstance(value, str) else 0 if isinstance(value, bool) else len(value)
-        if name == "f_ext":
-            value = {frame: _array(f"f_ext.{frame}", wrench) for frame, wrench in value.items()}
-        arguments[name] = value
-    require_unique_keys(body, strings)
-    return arguments
-
-
-def _array(name: str, value: Numbers) -> np.ndarray:
-    try:
-        return np.array(value, dtype=np.float64)
-    except ValueError:
-        what = "expected numbers, or lists of numbers of one length"
-        raise QueryError(what, argument=name, remedy="give a state, or a list of states") from None
-
-
-def arguments_from_npz(query: Query, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
-    """The arguments in arrays of their names; wrenches are named f_ext.FRAME."""
-    arguments: dict[str, Any] = {}
-    for name, value in arrays.items():
-        if name.startswith("f_ext.") and "f_ext" in query.options:
-            arguments.setdefault("f_ext", {})[name.removeprefix("f_ext.")] = value
-        elif name in query.arguments:
-            arguments[name] = value
-        else:
-            remedy = f"it takes {', '.join(query.arguments)}"
-            raise QueryError(f"{query.name} takes no {name[:80]!r}", argument=name[:80], remedy=remedy)
-    return arguments
-
-
-def count_of(robot: Robot, query: Query, arguments: dict[str, Any]) -> tuple[int, int]:
-    """The number of states, and of the numbers in the answer; 0 where leading axes do not fit, as the query says."""
-    if "q" not in arguments:
-        raise Refusal(400, "q is missing", where="q", remedy=f"send the {robot.nq} numbers of a configuration")
-    arrays = {name: value for name, value in arguments.items() if isinstance(value, np.ndarray)}
-    if "f_ext" in arguments:
-        arrays |= arguments["f_ext"]
-    for name, value in arrays.items():
-        if value.ndim == 0:
-            raise Refusal(400, "expected an array, got one number", where=name, remedy="give shape (..., n)")
-    shapes = {value.shape[:-1] for value in arrays.values()}
-    try:
-        count = 1 if shapes == _SINGLE_STATE else math.prod(np.broadcast_shapes(*shapes))
-    except ValueError:
-        return 0, 0
-    frames = arguments.get("frames")
-    return count, count * _numbers(query, robot.nv, robot.model.nframes if frames is None else len(frames))
-
-
-def require_size(count: int, numbers: int, quotas: Quotas, is_json: bool) -> None:
-    """Raise Refusal (413) when the states are too many, or their answer would be too large."""
-    size = numbers * (_JSON_NUMBER if is_json else 8)
-    if count > quotas.states or size > quotas.answer_mb * 2**20:
-        raise Refusal(413, f"{count} states are too many at once", where="q", remedy="send smaller batches")
-
-
-def answer_query(robot: Robot, query: Query, arguments: dict[str, Any], count: int) -> dict[str, Any]:
-    """The answer for so many states by the names of its results. Raises QueryError.
-
-    Up to STATES_IN_LOOP of them are answered by Pinocchio, in the event loop and in a worker process alike: tracing a
-    program takes longer than the loop may wait, and the same batch has the same bits.
-    """
-    options = {name: arguments.pop(name) for name in query.options if name in arguments}
-    return query.answer(robot, arguments, "pinocchio" if count <= STATES_IN_LOOP else None, **options)
-
-
-Positive = Annotated[float, msgspec.Meta(gt=0)]
-Wait = Annotated[float, msgspec.Meta(ge=0, le=30)]
+WAIT = (Annotated[float, msgspec.Meta(ge=0, le=30, description="Seconds to wait, before a job's state is sent.")], 2.0)
+LATER = (WAIT[0], 0.0)
+CONTACT = Literal["located", "stepped"] | None
+SIMULATORS = Literal["twolink", "mujoco", "drake", "scipy"]
+COLUMNS = dict[str, Numbers]  # of measurements: t, q.JOINT, v.JOINT; or whole arrays t, q, v
 
 
 class SceneRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """scene: the name of a bundled scene, or a scene file's content, its robot by id."""
 
     scene: str | SceneFile
-
-
-class RunRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
-    """duration: simulated seconds (the scene's own when left out). t_eval, samples_per_second: as of `tl.simulate`."""
-
-    duration: Positive | None = None
-    t_eval: Annotated[list[float], msgspec.Meta(min_length=1)] | None = None
-    samples_per_second: Positive = 200.0
-
-    def samples(self, seconds: float) -> float:
-        """The number of samples of a run of so many seconds."""
-        return seconds * self.samples_per_second if self.t_eval is None else len(self.t_eval)
-
-
-class ExplainRequest(RunRequest, frozen=True, forbid_unknown_fields=True):
-    """As `tl.explain`: accuracy in rad or m. None: 1e-6, and of contacts that are stepped what the patience allows."""
-
-    accuracy: Positive | None = None
-    method: str = "auto"
-    contact: Literal["located", "stepped"] | None = None
-
-
-class SimulationRequest(ExplainRequest, frozen=True, forbid_unknown_fields=True):
-    """As `tl.simulate`. wait: seconds to wait for the answer, before a job's state is sent instead.
-
-    simulator: whose run it is; another one's is made at its default setting, as by `twolink compare`.
-    """
-
-    verify: bool = True
-    simulator: Literal["twolink", "mujoco", "drake", "scipy"] = "twolink"
-    precision: Literal["auto", "double", "extended", "quad"] = "auto"
-    tolerance: Positive | None = None
-    step: Positive | None = None
-    wait: Wait = 2.0
-
-
-class PreviewRequest(ExplainRequest, frozen=True, forbid_unknown_fields=True):
-    """A run without an error bar. frames: of the links' poses."""
-
-    precision: Literal["auto", "double", "extended", "quad"] = "auto"
-    frames: Annotated[int, msgspec.Meta(ge=2, le=3600)] = 300
 
 
 class LiveRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
@@ -223,83 +57,114 @@ class LiveWords(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     end: bool = False
 
 
-class LinearizationRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
-    """As `tl.linearize`: the state, the scene's own where it is left out."""
-
-    q: list[float] | None = None
-    v: list[float] | None = None
-
-
-class SensitivityRequest(RunRequest, kw_only=True, frozen=True, forbid_unknown_fields=True):
-    """As `tl.sensitivities`. wait: as of simulations."""
-
-    wrt: Annotated[list[str], msgspec.Meta(min_length=1, max_length=50)]
-    accuracy: Positive = 1e-6
-    samples_per_second: Positive = 50.0
-    wait: Wait = 2.0
+@cache
+def explain_request() -> Any:
+    """The body of a request as `tl.explain`; where the accuracy is left out, it is that of `tl.simulate`."""
+    return body_of_call(tl.explain, "ExplainRequest", contact=CONTACT)
 
 
-class IdentificationRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """As `tl.identify`. robot: an id. data: the text of a CSV file, as `twolink identify` takes it. wait: as above."""
-
-    robot: str
-    data: str
-    parameters: Annotated[list[str], msgspec.Meta(max_length=500)] | None = None
-    method: Literal["weighted", "ordinary", "robust", "total"] = "weighted"
-    confidence: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 0.95
-    wait: Wait = 2.0
+@cache
+def preview_request() -> Any:
+    """The body of a request for a run without an error bar. frames: of the links' poses."""
+    frames = (Annotated[int, msgspec.Meta(ge=2, le=3600)], 300)
+    without = ("verify", "tolerance", "step")
+    return body_of_call(tl.simulate, "PreviewRequest", without, contact=CONTACT, frames=frames)
 
 
-class StudyRequest(RunRequest, frozen=True, forbid_unknown_fields=True):
-    """As `tl.accuracy_study`. wait: as of simulations."""
-
-    methods: Annotated[list[str], msgspec.Meta(max_length=50)] | None = None
-    tolerances: Annotated[list[Positive], msgspec.Meta(max_length=50)] | None = None
-    samples_per_second: Positive = 50.0
-    repeats: Annotated[int, msgspec.Meta(ge=1, le=50)] = 7
-    budget: Annotated[float, msgspec.Meta(gt=0, le=60)] = 1.0
-    wait: Wait = 0.0
+@cache
+def linearization_request() -> Any:
+    """The body of a request as `tl.linearize`."""
+    one = list[float] | None
+    return body_of_call(tl.linearize, "LinearizationRequest", q=one, v=one, t=float, tau=one)
 
 
-class SweepRequest(RunRequest, kw_only=True, frozen=True, forbid_unknown_fields=True):
-    """As `tl.sweep`. wait: as of simulations.
+def _simulation() -> Any:
+    """simulator: whose run it is; another one's is made at its default setting, as by `twolink compare`."""
+    return body_of_call(tl.simulate, "SimulationRequest", contact=CONTACT, simulator=(SIMULATORS, "twolink"), wait=WAIT)
 
-    vary: by name values, or {"range": [first, last, count]}; of samples {"uniform": [low, high]} or {"normal": [mean,
-    standard deviation]}. outputs: final, samples, events, energy, cost.
+
+def _study() -> Any:
+    few = msgspec.Meta(max_length=50)
+    return body_of_call(tl.accuracy_study, "StudyRequest", wait=LATER,
+                        methods=Annotated[tuple[str, ...], few] | None,
+                        tolerances=Annotated[tuple[Positive, ...], few] | None,
+                        repeats=Annotated[int, msgspec.Meta(ge=1, le=50)],
+                        budget=Annotated[float, msgspec.Meta(gt=0, le=60)])  # fmt: skip
+
+
+def _sensitivity() -> Any:
+    named = Annotated[tuple[str, ...], msgspec.Meta(min_length=1, max_length=50)]
+    return body_of_call(tl.sensitivities, "SensitivityRequest", wrt=named, wait=WAIT)
+
+
+def _identification() -> Any:
+    """data: the text of a CSV file, as `twolink identify` takes it."""
+    from twolink.parts.identification.regression import METHODS
+
+    sent = ("robot", "parameters", "method", "confidence")
+    without = [name for name in signature(tl.identify).parameters if name not in sent]
+    return body_of_call(tl.identify, "IdentificationRequest", without, data=(str,), wait=WAIT, method=words(METHODS),
+                        confidence=Annotated[float, msgspec.Meta(gt=0, lt=1)])  # fmt: skip
+
+
+def _sweep() -> Any:
+    """vary: by name values, or {"range": [first, last, count]}; of samples {"uniform": [low, high]} or {"normal":
+    [mean, standard deviation]}. outputs: final, samples, events, energy, cost.
     """
+    from twolink.parts.sweeps.design import DESIGNS
 
-    vary: Annotated[dict[str, list[float | bool | str] | dict[str, list[float]]], msgspec.Meta(min_length=1)]
-    accuracy: Positive = 1e-6
-    design: Literal["grid", "list", "random", "sobol", "latin-hypercube"] = "grid"
-    count: Annotated[int, msgspec.Meta(ge=1)] | None = None
-    seed: Annotated[int, msgspec.Meta(ge=0)] = 0
-    outputs: Annotated[tuple[str, ...], msgspec.Meta(max_length=50)] = ("final",)
-    verify: bool = True
-    wait: Wait = 0.0
-
-    def samples(self, seconds: float) -> float:
-        """The number of samples of a run of so many seconds that are kept."""
-        return super().samples(seconds) if "samples" in self.outputs else 0.0
+    varied = dict[str, list[float | bool | str] | dict[str, list[float]]]
+    return body_of_call(tl.sweep, "SweepRequest", ("out", "executor", "workers", "chunk"), wait=LATER,
+                        vary=Annotated[varied, msgspec.Meta(min_length=1)], design=words(DESIGNS),
+                        count=Annotated[int, msgspec.Meta(ge=1)] | None, seed=Annotated[int, msgspec.Meta(ge=0)],
+                        outputs=Annotated[tuple[str, ...], msgspec.Meta(max_length=50)])  # fmt: skip
 
 
-Request = SimulationRequest | StudyRequest | SensitivityRequest | IdentificationRequest | SweepRequest
+OPERATIONS: dict[str, dict[str, Any]] = {
+    "compare_models": {},
+    "energy_book": {"without": ("run",)},
+    "equilibria": {},
+    "fit": {"measurements": COLUMNS},
+    "gradient": {"without": ("slopes",)},
+    "judge": {"trajectory": COLUMNS},
+    "lqr": {},
+    "optimize": {"without": ("constraints", "out")},
+    "periodic_motion": {},
+    "simulate_many": {"contact": CONTACT},
+    "step_table": {"without": ("log",)},
+    "trapezoidal_motion": {},
+}
+"""Functions of `twolink` that are one kind of job: what of their signatures is left out or has a type of its own."""
 
 
-class JobKind(NamedTuple):
-    """A kind of job: its path below /v1, its request, the worker's task that does it, and what it is for."""
+def _operation() -> Any:
+    bodies = (body_of_call(getattr(tl, name), f"{name.title().replace('_', '')}Request", tag=name, wait=WAIT, **changed)
+              for name, changed in OPERATIONS.items())  # fmt: skip
+    return Union[tuple(bodies)]  # noqa: UP007  # of as many as there are
+
+
+@dataclass(frozen=True)
+class JobKind:
+    """A kind of job: its path below /v1, the worker's task that does it, what it is for, and what makes its request."""
 
     path: str
-    request: type[Request]
     task: str
     summary: str
+    make: Callable[[], Any]
+
+    @cached_property
+    def request(self) -> Any:
+        """The type of its request, made when it is first needed: its function's module takes time to import."""
+        return self.make()
 
 
 JOB_KINDS = {
-    "simulation": JobKind("simulations", SimulationRequest, "simulate", "Simulate a scene"),
-    "study": JobKind("studies", StudyRequest, "study", "Study what accuracy costs"),
-    "sensitivity": JobKind("sensitivities", SensitivityRequest, "sense", "Derivatives of a simulated motion"),
-    "identification": JobKind("identifications", IdentificationRequest, "identify", "Parameters from measurements"),
-    "sweep": JobKind("sweeps", SweepRequest, "sweep", "Run a scene many times"),
+    "simulation": JobKind("simulations", "simulate", "Simulate a scene", _simulation),
+    "study": JobKind("studies", "study", "Study what accuracy costs", _study),
+    "sensitivity": JobKind("sensitivities", "sense", "Derivatives of a simulated motion", _sensitivity),
+    "identification": JobKind("identifications", "identify", "Parameters from measurements", _identification),
+    "sweep": JobKind("sweeps", "sweep", "Run a scene many times", _sweep),
+    "operation": JobKind("operations", "operate", "Call another function of the package", _operation),
 }
 
 
@@ -314,7 +179,7 @@ class JobRequest(msgspec.Struct, frozen=True):
     content: bytes
 
 
-@functools.cache
+@cache
 def version_key() -> str:
     """A digest of what computes results: our code, scenes and robots, and the versions of libraries."""
     return code_key() + files_digest(our_urdfs().glob("*.urdf"))

@@ -24,7 +24,7 @@ from twolink.parts.service.store.archives import (
     upload_folders,
     write_robot,
 )
-from twolink.parts.service.work.requests import (
+from twolink.parts.service.work.query_requests import (
     QUERIES,
     answer_query,
     arguments_from_json,

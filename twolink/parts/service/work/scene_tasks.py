@@ -6,6 +6,7 @@ A scene in a request has the schema of scene files, as JSON, with robots by id. 
 import dataclasses
 import functools
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +20,8 @@ from twolink.errors import RobotError, SceneError, TwolinkError
 from twolink.parts.service.problems import Refusal, decode_unique, kept
 from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store.archives import read_robot, write_robot
-from twolink.parts.service.work.requests import (
-    ExplainRequest,
-    PreviewRequest,
-    RunRequest,
-    SceneRequest,
-    SimulationRequest,
-    StudyRequest,
-)
+from twolink.parts.service.work.bodies import arguments_of
+from twolink.parts.service.work.requests import JOB_KINDS, SceneRequest, explain_request, preview_request
 from twolink.parts.service.work.robot_tasks import robot_by_id
 from twolink.parts.service.work.worker import Report
 from twolink.robots.catalogue import catalogue_names
@@ -37,7 +32,6 @@ from twolink.scenes.objects import is_mesh
 from twolink.show.meshcat_scene import plane_direction
 from twolink.show.viewer_data import contact_data, resample
 from twolink.simulation.explanation import explain as explain_scene
-from twolink.simulation.scene_run import ACCURACY
 from twolink.simulation.scene_run import simulate as simulate_scene
 from twolink.simulation.trajectory import Trajectory
 
@@ -110,48 +104,57 @@ def validate(*, body: bytes, robots: str) -> bytes:
 
 
 def explain(*, body: bytes, robots: str, quotas: Quotas) -> bytes:
-    """Explain the computation of a scene, and the cost of a run, as JSON. body: an ExplainRequest."""
-    request = decode_unique(body, ExplainRequest)
-    scene, duration = allowed_scene(request, robots, quotas)
-    explanation = explain_scene(scene, duration, accuracy=request.accuracy or ACCURACY, t_eval=request.t_eval,
-                                samples_per_second=request.samples_per_second, method=request.method,
-                                contact=request.contact)  # fmt: skip
+    """Explain the computation of a scene, and the cost of a run, as JSON. body: an `explain_request`."""
+    request = decode_unique(body, explain_request())
+    explanation = explain_scene(**arguments_of(request) | allowed(request, robots, quotas))
     content = {**dataclasses.asdict(explanation), "text": str(explanation)}
     return msgspec.json.encode(content, enc_hook=np.generic.item)
 
 
-def allowed_scene(request: RunRequest, robots: str, quotas: Quotas, robot: bytes = b"") -> tuple[Scene, float]:
-    """The scene and its duration [s]. robots, robot: see `scene_of`.
-
-    Raises SceneError for a run that is longer, or has more samples, than allowed.
-    """
+def allowed(request: Any, robots: str, quotas: Quotas, robot: bytes = b"") -> dict[str, Any]:
+    """The scene of a request and its duration [s], as arguments. robots, robot: see `scene_of`."""
     scene = scene_of(request.scene, robots, robot)
-    seconds = request.duration or scene.duration
+    return {"scene": scene, "duration": require_allowed(request, scene, quotas)}
+
+
+def require_allowed(request: Any, scene: Scene, quotas: Quotas) -> float:
+    """The duration [s] of a run. Raises SceneError for one that is longer, or has more samples, than allowed."""
+    seconds: float = request.duration or scene.duration
     if seconds > quotas.duration:
         what = f"{seconds:g} s are too long, the service simulates up to {quotas.duration:g} s"
         raise SceneError(what, argument="duration", remedy="ask for less")
-    samples = request.samples(seconds)
+    samples = samples_of(request, seconds)
     if samples > quotas.samples:
         what = f"{samples:.3g} samples are too many, the limit is {quotas.samples}"
         raise SceneError(what, argument="samples_per_second", remedy="ask for fewer, or a shorter duration")
-    return scene, seconds
+    return seconds
+
+
+def samples_of(request: Any, seconds: float) -> float:
+    """The number of samples of a run of so many seconds that are kept."""
+    times = getattr(request, "t_eval", None)
+    if "samples" not in getattr(request, "outputs", ("samples",)):
+        return 0.0
+    return seconds * getattr(request, "samples_per_second", 0.0) if times is None else len(times)
+
+
+def told(report: Report) -> Callable[[float, float, str], None]:
+    """The callback of a function's progress: what is done, the total, and a label."""
+    return lambda done, total, label: report({"fraction": 0.99 * done / max(total, 1), "done": done, "total": total,
+                                              "label": label})  # fmt: skip
 
 
 def simulate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
     """Simulate, write the samples and the robot into `folder`, and return the record of the run.
 
-    body: a SimulationRequest.
+    body: a request for a simulation.
     """
-    request = msgspec.json.decode(body, type=SimulationRequest)
-    scene, duration = allowed_scene(request, robots, quotas)
+    request = msgspec.json.decode(body, type=JOB_KINDS["simulation"].request)
+    given = allowed(request, robots, quotas)
     if request.simulator != "twolink":
-        return _peers_run(request, scene, duration, Path(folder))
-    run = simulate_scene(
-        scene, duration, accuracy=request.accuracy, t_eval=request.t_eval,
-        samples_per_second=request.samples_per_second, method=request.method, verify=request.verify,
-        precision=request.precision, tolerance=request.tolerance, step=request.step, contact=request.contact,
-        progress=ProgressOf(2 if request.verify else 1, report),
-    )  # fmt: skip
+        return _peers_run(request, **given, folder=Path(folder))
+    progress = ProgressOf(2 if request.verify else 1, report)
+    run = simulate_scene(**arguments_of(request, "simulator") | given, progress=progress)
     path, largest = Path(folder) / SAMPLES, quotas.result_mb * 2**20
     run.save(path)
     if path.stat().st_size > largest:  # the samples matter more than what is drawn over them
@@ -161,17 +164,17 @@ def simulate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
         what = f"the result takes more than {quotas.result_mb:g} MB"
         raise SceneError(what, argument="samples_per_second", remedy="ask for fewer samples")
     (Path(folder) / ROBOT).write_bytes(write_robot(run.robot))
-    return {"title": scene.title, **run.to_dict()}
+    return {"title": run.title, **run.to_dict()}
 
 
-def _peers_run(request: SimulationRequest, scene: Scene, duration: float, folder: Path) -> dict[str, Any]:
+def _peers_run(request: Any, scene: Scene, duration: float, folder: Path) -> dict[str, Any]:
     """Run the scene in another simulator: `setting` says which one and how."""
     from twolink.parts.referee.comparison import peer_log  # few services are asked for it
 
     if request.t_eval is not None:
         what = "another simulator has samples at equal distances only"
         raise SceneError(what, argument="t_eval", remedy="give samples_per_second instead")
-    times = np.linspace(0.0, duration, max(3, round(request.samples(duration)) + 1))
+    times = np.linspace(0.0, duration, max(3, round(samples_of(request, duration)) + 1))
     found = peer_log(scene, request.simulator, times)
     found.log.save(folder / SAMPLES)
     (folder / ROBOT).write_bytes(write_robot(scene.robot))
@@ -179,15 +182,12 @@ def _peers_run(request: SimulationRequest, scene: Scene, duration: float, folder
 
 
 def preview(*, body: bytes, robots: str, quotas: Quotas) -> bytes:
-    """A run without an error bar, with its samples and the poses of its links, as JSON. body: a PreviewRequest."""
-    request = decode_unique(body, PreviewRequest)
-    scene, duration = allowed_scene(request, robots, quotas)
-    run = simulate_scene(scene, duration, accuracy=request.accuracy, t_eval=request.t_eval,
-                         samples_per_second=request.samples_per_second, method=request.method, verify=False,
-                         precision=request.precision, contact=request.contact,
+    """A run without an error bar, with its samples and the poses of its links, as JSON. body: a `preview_request`."""
+    request = decode_unique(body, preview_request())
+    run = simulate_scene(**arguments_of(request, "frames") | allowed(request, robots, quotas), verify=False,
                          patience=quotas.load_seconds)  # fmt: skip
     columns = {name: values.tolist() for name, values in thinned(run.columns(), request.frames).items()}
-    result = {"title": scene.title, **run.to_dict()}
+    result = {"title": run.title, **run.to_dict()}
     return msgspec.json.encode({"result": result, "columns": columns, "motion": _motion(run, request.frames, quotas)})
 
 
@@ -217,17 +217,9 @@ class ProgressOf:
 
 
 def study(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
-    """Study what accuracy costs, write the study into `folder`, and return it. body: a StudyRequest."""
-    request = msgspec.json.decode(body, type=StudyRequest)
-    scene, duration = allowed_scene(request, robots, quotas)
-
-    def progress(done: float, total: float, label: str) -> None:
-        report({"fraction": done / max(total, 1), "done": done, "total": total, "label": label})
-
-    result = accuracy_study(
-        scene, duration, t_eval=request.t_eval, samples_per_second=request.samples_per_second, methods=request.methods,
-        tolerances=request.tolerances, repeats=request.repeats, budget=request.budget, progress=progress,
-    )  # fmt: skip
+    """Study what accuracy costs, write the study into `folder`, and return it. body: a request for a study."""
+    request = msgspec.json.decode(body, type=JOB_KINDS["study"].request)
+    result = accuracy_study(**arguments_of(request) | allowed(request, robots, quotas), progress=told(report))
     result.save(Path(folder) / ROWS)
     return result.to_dict()
 

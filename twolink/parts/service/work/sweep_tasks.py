@@ -16,8 +16,9 @@ from twolink.errors import SceneError, TwolinkError
 from twolink.parts.service.problems import Refusal, kept
 from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store.data_folder import size_of
-from twolink.parts.service.work.requests import SweepRequest
-from twolink.parts.service.work.scene_tasks import allowed_scene, packed
+from twolink.parts.service.work.bodies import arguments_of
+from twolink.parts.service.work.requests import JOB_KINDS
+from twolink.parts.service.work.scene_tasks import allowed, packed, samples_of, told
 from twolink.parts.service.work.sharing import SweepThreads
 from twolink.parts.service.work.worker import Report
 from twolink.parts.sweeps.design import make_design, planned_runs
@@ -27,7 +28,6 @@ from twolink.parts.sweeps.runs import run_scene
 from twolink.parts.sweeps.sweeping import open_sweep
 from twolink.parts.sweeps.sweeping import sweep as run_sweep
 from twolink.robots.catalogue import catalogue_names
-from twolink.scenes import Scene
 from twolink.scenes.file import bundled_content, scene_tables
 from twolink.scenes.file_format import RobotEntry, scene_content
 
@@ -75,8 +75,8 @@ def use_pipes() -> None:
 
 
 def pack_robot(*, body: bytes, robots: str) -> bytes:
-    """The robot of a sweep, for `sweep` in a process that may use the network. body: the SweepRequest."""
-    return packed(msgspec.json.decode(body, type=SweepRequest).scene, robots)
+    """The robot of a sweep, for `sweep` in a process that may use the network. body: the sweep's request."""
+    return packed(_request(body).scene, robots)
 
 
 def sweep(
@@ -85,23 +85,16 @@ def sweep(
 ) -> dict[str, Any]:  # fmt: skip
     """Run a sweep into the store in `folder`, or go on with it, and return its record.
 
-    body: a SweepRequest. cluster: the address of a Dask scheduler; empty: runs are computed in this process. died: the
-    process before this one died of it.
+    body: a request for a sweep. cluster: the address of a Dask scheduler; empty: runs are computed in this process.
+    died: the process before this one died of it.
     """
     use_pipes()
-    request = msgspec.json.decode(body, type=SweepRequest)
-    scene, duration = _allowed(request, robots, robot, quotas)
-
-    def progress(done: float, total: float, label: str) -> None:
-        report({"fraction": 0.99 * done / total, "done": done, "total": total, "label": label})
-
+    request = _request(body)
+    given = arguments_of(request) | _allowed(request, robots, robot, quotas)
     path = Path(folder) / STORE
-    names = "accuracy", "t_eval", "samples_per_second", "design", "count", "seed", "outputs", "verify"
-    options = {name: getattr(request, name) for name in names}
     with SweepThreads(Path(folder), died=died) as threads:
         try:
-            data = run_sweep(scene, duration, vary=request.vary, out=path, executor=cluster or threads,
-                             progress=progress, **options)  # fmt: skip
+            data = run_sweep(**given, out=path, executor=cluster or threads, progress=told(report))
         except TwolinkError as error:
             if error.code == "cluster-lost":
                 raise Refusal(503, "the cluster cannot be reached", code=error.code, where="service", retry_after=30,
@@ -110,12 +103,16 @@ def sweep(
     if size_of(path) > quotas.result_mb * 2**20:
         raise _too_large(quotas)
     status, (dims, shape) = sweep_status(path).to_dict(), _dims(data)
-    return {"title": scene.title, "how": data.attrs["how"], "runs": status["total"], "dims": dims, "shape": shape,
-            "columns": column_names(data), **{name: status[name] for name in STATUS[1:]}}  # fmt: skip
+    return {"title": given["scene"].title, "how": data.attrs["how"], "runs": status["total"], "dims": dims,
+            "shape": shape, "columns": column_names(data), **{name: status[name] for name in STATUS[1:]}}  # fmt: skip
 
 
-def _allowed(request: SweepRequest, robots: str, robot: bytes, quotas: Quotas) -> tuple[Scene, float]:
-    """The scene and the duration. Raises SceneError for what is larger than allowed, and for what is not read here."""
+def _request(body: bytes) -> Any:
+    return msgspec.json.decode(body, type=JOB_KINDS["sweep"].request)
+
+
+def _allowed(request: Any, robots: str, robot: bytes, quotas: Quotas) -> dict[str, Any]:
+    """The scene and the duration, as arguments. Raises SceneError for what is too large, or is not read here."""
     runs = planned_runs(request.vary, request.design, request.count)
     if runs > quotas.runs:
         asked = f"{runs:,}" if runs < 1e18 else "more than 10^18"
@@ -130,11 +127,12 @@ def _allowed(request: SweepRequest, robots: str, robot: bytes, quotas: Quotas) -
         if one not in catalogue_names():  # a path would be read
             raise SceneError(f"{str(one)[:80]!r} is not in the catalogue", argument="vary", where="vary['robot']",
                              remedy="GET /v1/robots lists the names")  # fmt: skip
-    scene, duration = allowed_scene(request, robots, quotas, robot)
-    numbers = 4 + (scene.robot.nq + scene.robot.nv) * (1 + request.samples(duration))
+    given = allowed(request, robots, quotas, robot)
+    size = given["scene"].robot.nq + given["scene"].robot.nv
+    numbers = 4 + size * (1 + samples_of(request, given["duration"]))
     if runs * numbers * _VARIABLE_BYTES > quotas.result_mb * 2**20:
         raise _too_large(quotas)
-    return scene, duration
+    return given
 
 
 def _too_large(quotas: Quotas) -> SceneError:
@@ -176,9 +174,9 @@ def _opened(folder: str) -> Any:
 
 
 def sweep_run(*, body: bytes, robots: str, number: int, quotas: Quotas) -> bytes:
-    """The request to /v1/simulations that shows one run, as JSON. body: the SweepRequest. Raises as `sweep`."""
-    request = msgspec.json.decode(body, type=SweepRequest)
-    scene, duration = _allowed(request, robots, b"", quotas)
+    """The request to /v1/simulations that shows one run, as JSON. body: the sweep's request. Raises as `sweep`."""
+    request = _request(body)
+    scene, duration = _allowed(request, robots, b"", quotas).values()
     design = make_design(scene, request.vary, request.design, request.count, request.seed)
     own, accuracy, values = run_scene(scene, design, request.accuracy, duration, number)
     tables = scene_tables(bundled_content(request.scene)) if isinstance(request.scene, str) else request.scene

@@ -10,18 +10,14 @@ from twolink.io.tables import parse_csv
 from twolink.parts.design.linearization import linearize as linearize_scene
 from twolink.parts.service.problems import decode_unique
 from twolink.parts.service.settings import Quotas
+from twolink.parts.service.work.bodies import arguments_of
 from twolink.parts.service.work.live_tasks import live
-from twolink.parts.service.work.requests import (
-    IdentificationRequest,
-    LinearizationRequest,
-    SceneRequest,
-    SensitivityRequest,
-    prepare,
-)
+from twolink.parts.service.work.operations import operate
+from twolink.parts.service.work.requests import JOB_KINDS, SceneRequest, linearization_request, prepare
 from twolink.parts.service.work.robot_tasks import draw, load, receive, robot_by_id, robot_scene
 from twolink.parts.service.work.scene_tasks import (
     ProgressOf,
-    allowed_scene,
+    allowed,
     explain,
     export,
     motion,
@@ -49,20 +45,17 @@ def quantities(*, body: bytes, robots: str) -> bytes:
 
 
 def linearize(*, body: bytes, robots: str) -> bytes:
-    """A scene's equations near a state, as JSON. body: a LinearizationRequest."""
-    request = decode_unique(body, LinearizationRequest)
-    found = linearize_scene(scene_of(request.scene, robots), request.q, request.v)
+    """A scene's equations near a state, as JSON. body: a `linearization_request`."""
+    request = decode_unique(body, linearization_request())
+    found = linearize_scene(scene_of(request.scene, robots), **arguments_of(request, "scene"))
     return msgspec.json.encode(found.to_dict(), enc_hook=np.generic.item)
 
 
 def sense(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
-    """Derivatives of a motion, as a record. body: a SensitivityRequest. Its result is all in the record."""
+    """Derivatives of a motion, as a record. body: a request for sensitivities. Its result is all in the record."""
     del folder
-    request = msgspec.json.decode(body, type=SensitivityRequest)
-    scene, duration = allowed_scene(request, robots, quotas)
-    found = sensitivities(scene, duration, wrt=request.wrt, accuracy=request.accuracy, t_eval=request.t_eval,
-                          samples_per_second=request.samples_per_second,
-                          progress=ProgressOf(2, report))  # fmt: skip
+    request = msgspec.json.decode(body, type=JOB_KINDS["sensitivity"].request)
+    found = sensitivities(**arguments_of(request) | allowed(request, robots, quotas), progress=ProgressOf(2, report))
     if sum(q.size + v.size for q, v in zip(found.q.values(), found.v.values(), strict=True)) * _NUMBER_BYTES > (
         quotas.answer_mb * 2**20
     ):
@@ -72,21 +65,20 @@ def sense(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Repo
              for name in found.q}  # fmt: skip
     run = found.run
     samples = {"t": run.t.tolist(), "samples_q": run.q.tolist(), "samples_v": run.v.tolist()}
-    return {"title": scene.title, **run.to_dict(), **samples, "sensitivities": names}
+    return {"title": run.title, **run.to_dict(), **samples, "sensitivities": names}
 
 
 def identify(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
-    """Parameters from measurements, as a record. body: an IdentificationRequest."""
+    """Parameters from measurements, as a record. body: a request for an identification."""
     # Its linear algebra takes half as long to import as all else of a worker: only where it is asked for.
     from twolink.parts.identification.identify import identify as identify_robot
     from twolink.parts.identification.measurements import measurements_of
 
     del quotas, folder, report
-    request = msgspec.json.decode(body, type=IdentificationRequest)
+    request = msgspec.json.decode(body, type=JOB_KINDS["identification"].request)
     robot = robot_by_id(request.robot, robots)
     samples = measurements_of(robot, parse_csv(request.data, "data", QueryError), "data")
-    found = identify_robot(robot, **samples, parameters=request.parameters, method=request.method,
-                           confidence=request.confidence)  # fmt: skip
+    found = identify_robot(robot, **samples, **arguments_of(request, "robot", "data"))
     kept = np.unique(np.linspace(0, len(found.t) - 1, min(len(found.t), _SHOWN)).round().astype(int))
     curves = {"t": found.t, "residuals": found.residuals, "tau": found.torques}
     curves = {name: values[kept].tolist() for name, values in curves.items()}
@@ -95,6 +87,6 @@ def identify(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
 
 _ABOUT_ROBOTS = (receive, load, draw, robot_scene)
 _ABOUT_SCENES = (validate, explain, preview, quantities, linearize, live)
-_JOBS = (prepare, pack_robot, simulate, study, sense, identify, sweep)
+_JOBS = (prepare, pack_robot, simulate, study, sense, identify, sweep, operate)
 _RESULTS = (export, motion, export_sweep, sweep_columns, sweep_run)
 TASKS = {task.__name__: task for task in (*_ABOUT_ROBOTS, *_ABOUT_SCENES, *_JOBS, *_RESULTS)}
