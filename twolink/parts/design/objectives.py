@@ -17,8 +17,6 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
-from scipy.integrate import simpson
-from scipy.interpolate import CubicSpline
 
 from twolink.algorithms.dual_numbers import derivative
 from twolink.algorithms.mechanism import mechanism, nominal, with_nominal
@@ -263,6 +261,9 @@ class Integral:
 
     def __call__(self, run: Trajectory) -> float:
         """The integral."""
+        from scipy.integrate import simpson  # half a second, which other objectives do not need
+        from scipy.interpolate import CubicSpline
+
         if self.what == "jerk":
             rows = CubicSpline(run.t, run.acceleration).derivative()(run.t)
         else:

@@ -13,8 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.stats import qmc
 
 from twolink.errors import SceneError, TwolinkError
 from twolink.io.files import write_atomic
@@ -77,6 +75,8 @@ class MultiStart:
 
     def _from(self, start: np.ndarray) -> None:
         """Search from one start (k,)."""
+        from scipy.optimize import minimize  # a second with the next one, which signatures do not need
+
         variables, place = self.evaluate.variables, len(self.ends)
 
         def at(u: np.ndarray) -> Evaluation:
@@ -186,5 +186,7 @@ class MultiStart:
 
 def starting_points(own: np.ndarray, count: int, seed: int) -> np.ndarray:
     """Points (count, k) in [0, 1]: the scene's own values, then a Latin hypercube."""
+    from scipy.stats import qmc
+
     others = qmc.LatinHypercube(len(own), seed=seed).random(count - 1) if count > 1 else np.empty((0, len(own)))
     return np.concatenate([np.clip(own, 0.0, 1.0)[None], others])

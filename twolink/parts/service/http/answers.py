@@ -5,7 +5,7 @@ from typing import Any, Literal
 import msgspec
 
 from twolink.parts.service.problems import Problem
-from twolink.parts.service.work.requests import JOB_KINDS, JobKind
+from twolink.parts.service.work.requests import JobKind
 from twolink.parts.service.work.sandbox import Protection
 
 Vector = list[float]
@@ -257,6 +257,3 @@ class Job(msgspec.Struct):
 def job_of(name: str, kind: JobKind) -> Any:
     """A job with the request of its kind, which lists leave out where it is long."""
     return msgspec.defstruct(f"{name.title()}Job", [("request", kind.request | None)], bases=(Job,), kw_only=True)
-
-
-JOBS = {name: job_of(name, kind) for name, kind in JOB_KINDS.items()}

@@ -3,6 +3,7 @@
 The docs are the description as HTML, with no script and no outside address.
 """
 
+import asyncio
 import functools
 import json
 from html import escape
@@ -71,13 +72,14 @@ async def show_metrics(service: Shared) -> Response[bytes]:
 @get("/openapi.json", tags=["service"], summary="This description")
 async def openapi(request: Request[Any, Any, Any]) -> dict[str, Any]:
     """The API as an OpenAPI 3.1 document."""
-    return openapi_document(request.app)
+    return await asyncio.to_thread(openapi_document, request.app)
 
 
 @get("/docs", include_in_schema=False)
 async def docs(request: Request[Any, Any, Any]) -> Response[str]:
     """The description for people; no outside address."""
-    return Response(docs_page(openapi_document(request.app)), media_type=MediaType.HTML, headers=_HEADERS)
+    document = await asyncio.to_thread(openapi_document, request.app)
+    return Response(docs_page(document), media_type=MediaType.HTML, headers=_HEADERS)
 
 
 @get("/", include_in_schema=False)

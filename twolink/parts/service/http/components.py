@@ -41,7 +41,7 @@ from twolink.parts.service.work.query_requests import (
     arguments_from_json,
     count_of,
 )
-from twolink.parts.service.work.requests import JobRequest, prepare
+from twolink.parts.service.work.requests import JOB_KINDS, JobRequest, prepare
 from twolink.parts.service.work.sandbox import protection
 from twolink.parts.service.work.sharing import KeyedLocks, Shares, this_request
 from twolink.parts.service.work.time_shares import BESIDE, PAUSED
@@ -239,6 +239,8 @@ class Service:
         """Check the body of a request for a job."""
         ids = self.ids_of(this_request().owner)
         if len(body) <= _REQUEST_IN_LOOP:
+            if "request" not in vars(JOB_KINDS[kind]):  # it imports the function, which can take a second
+                await asyncio.to_thread(getattr, JOB_KINDS[kind], "request")
             return prepare(kind=kind, body=body, ids=ids)
         return msgspec.convert(await self.read("prepare", kind=kind, body=body, ids=ids), JobRequest)
 

@@ -22,14 +22,6 @@ _BINARY: Json = {"schema": {"type": "string", "format": "binary"}}
 _NAMED = "by which the service's log names the request: up to 64 letters, digits, '.', '_' and '-'"
 _REQUEST_ID: Json = {"name": "X-Request-Id", "in": "header", "required": False, **_TEXT, "description": _NAMED}
 _NUMBERS: Json = {"anyOf": [{"type": "number"}, {"type": "array", "items": {}}]}
-_BODIES = {
-    "/v1/scenes/validate": requests.SceneRequest,
-    "/v1/scenes/quantities": requests.SceneRequest,
-    "/v1/scenes/explain": requests.explain_request(),
-    "/v1/scenes/preview": requests.preview_request(),
-    "/v1/scenes/linearize": requests.linearization_request(),
-    **{f"/v1/{kind.path}": kind.request for kind in JOB_KINDS.values()},
-}
 _ANSWERS: dict[str, Any] = {  # in JSON, by method and path
     "get /v1/queries": list[answers.QueryAbout],
     "get /v1/robots": list[answers.ListedRobot],
@@ -55,10 +47,6 @@ _ANSWERS: dict[str, Any] = {  # in JSON, by method and path
     "get /ready": answers.Ready,
     "get /openapi.json": answers.Object,
 }
-for _kind, _about in JOB_KINDS.items():
-    _path, _job = f"/v1/{_about.path}", answers.JOBS[_kind]
-    _ANSWERS |= {f"get {_path}": list[_job], f"post {_path}": _job, f"get {_path}/{{job}}": _job}  # type: ignore[valid-type]
-    _ANSWERS |= {f"post {_path}/{{job}}/{verb}": _job for verb in ("cancel", "run")}
 _FORMS = {  # others, by the end of the path
     "simulations/{job}/result": ("csv", "parquet", "npz"),
     "studies/{job}/result": ("csv", "parquet", "npz"),
@@ -75,22 +63,45 @@ _ABOUT = (
 )
 
 
+def _bodies() -> dict[str, Any]:
+    """The types of bodies by path, of the functions' signatures."""
+    return {
+        "/v1/scenes/validate": requests.SceneRequest,
+        "/v1/scenes/quantities": requests.SceneRequest,
+        "/v1/scenes/explain": requests.explain_request(),
+        "/v1/scenes/preview": requests.preview_request(),
+        "/v1/scenes/linearize": requests.linearization_request(),
+        **{f"/v1/{kind.path}": kind.request for kind in JOB_KINDS.values()},
+    }
+
+
+def _jobs() -> dict[str, Any]:
+    """The types of what is answered about jobs, by method and path."""
+    found: dict[str, Any] = {}
+    for kind, about in JOB_KINDS.items():
+        path, job = f"/v1/{about.path}", answers.job_of(kind, about)
+        found |= {f"get {path}": list[job], f"post {path}": job, f"get {path}/{{job}}": job}  # type: ignore[valid-type]
+        found |= {f"post {path}/{{job}}/{verb}": job for verb in ("cancel", "run")}
+    return found
+
+
 @functools.lru_cache(maxsize=1)
 def openapi_document(app: Litestar) -> Json:
-    """The document of an application."""
+    """The document of an application. It takes a second at first, as it imports the functions."""
     document = app.openapi_schema.to_schema()
-    queries = [body_of(query) for query in QUERIES.values()]
-    types = [*queries, *_BODIES.values(), *_ANSWERS.values(), Problem, RobotOptions]
+    asked: Json = {what: body_of(query) for what, query in QUERIES.items()}
+    bodies, answered = _bodies(), _ANSWERS | _jobs()
+    types = [*asked.values(), *bodies.values(), *answered.values(), Problem, RobotOptions]
     schemas, components = msgspec.json.schema_components(types, ref_template="#/components/schemas/{name}")
     document.setdefault("components", {}).setdefault("schemas", {}).update(components)
-    bodies, found = schemas[len(queries) :], schemas[len(queries) + len(_BODIES) :]
-    for path, body in zip(_BODIES, bodies, strict=False):
+    following = iter(schemas)
+    asked, bodies, answered = (dict(zip(some, following, strict=False)) for some in (asked, bodies, answered))
+    for path, body in bodies.items():
         document["paths"][path]["post"]["requestBody"] = {"required": True, "content": {JSON: {"schema": body}}}
-    answered = dict(zip(_ANSWERS, found, strict=False))
     for path, operations in document["paths"].items():
         for method, operation in operations.items():
             _add_answers(f"{method} {path}", operation, answered)
-    for what, body in zip(QUERIES, schemas, strict=False):
+    for what, body in asked.items():
         document["paths"][f"{PREFIX}{{robot}}/{what}"] = {"post": _query(what, body)}
     _describe_uploads(document["paths"]["/v1/robots"]["post"], components["RobotOptions"])
     document["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
