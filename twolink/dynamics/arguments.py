@@ -38,15 +38,20 @@ def positive(
     return number
 
 
-def whole(value: Any, name: str, error: type[TwolinkError], remedy: str = "such as 0", least: int = 0) -> int:
-    """`value` as a whole number from `least` on. Raises the error, which names the argument."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise error(f"expected a whole number from {least}, got {value!r:.60}", argument=name, remedy=remedy)
+def whole(
+    value: Any, name: str, error: type[TwolinkError], remedy: str = "such as 0", least: int = 0, most: float = math.inf
+) -> int:
+    """`value` as a whole number from `least` to `most`. Raises the error, which names the argument."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not least <= value <= most:
+        upwards = "" if most == math.inf else f" to {most:.0e}"
+        raise error(f"expected a whole number from {least}{upwards}, got {value!r:.60}", argument=name, remedy=remedy)
     return int(value)
 
 
-def array(name: str, value: ArrayLike, size: int | None, joints: Sequence[JointLayout] = ()) -> np.ndarray:
-    """`value` as finite float64 of shape (..., size), or (...) for None. Raises QueryError that names the argument.
+def array(
+    name: str, value: ArrayLike, size: int | None, joints: Sequence[JointLayout] = (), *, finite: bool = True
+) -> np.ndarray:
+    """`value` as float64 of shape (..., size), or (...) for None. Raises QueryError that names the argument.
 
     joints: of a configuration, for the error to name those that have several entries.
     """
@@ -67,7 +72,7 @@ def array(name: str, value: ArrayLike, size: int | None, joints: Sequence[JointL
     if size is not None and (out.ndim == 0 or out.shape[-1] != size):
         what = f"expected shape (..., {size}), got {out.shape}"
         raise QueryError(what, argument=name, remedy=_shape_remedy(out, size, joints))
-    if not np.isfinite(out).all():
+    if finite and not np.isfinite(out).all():
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(out))[0])
         what = f"expected finite numbers, got {out[index]} at {list(index)}"
         raise QueryError(what, argument=name, remedy="check where it comes from")

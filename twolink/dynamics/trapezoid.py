@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.dynamics.arguments import Positive, configuration, positive
+from twolink.dynamics.arguments import Positive, array, configuration, positive
 from twolink.dynamics.robot import Robot
 from twolink.errors import QueryError
 
@@ -70,7 +70,10 @@ def trapezoidal_motion(
     >>> motion = tl.trapezoidal_motion(robot, [0, 0], [1, 0.5], speed=1.0, acceleration=4.0)
     >>> tau = robot.inverse_dynamics(motion.q, motion.v, motion.a)
     """
-    ends = [configuration(name, np.ravel(x), robot.nq, robot.joints) for name, x in (("q", q), ("to", to))]
+    ends = [
+        configuration(name, np.ravel(array(name, x, None)), robot.nq, robot.joints)
+        for name, x in (("q", q), ("to", to))
+    ]
     rate = positive(samples_per_second, "samples_per_second", QueryError, "such as 100")
     way = robot.difference(*ends)
     moved = np.abs(way) > 0.0
@@ -101,9 +104,8 @@ def trapezoidal_motion(
 
 
 def _limits(robot: Robot, name: str, given: ArrayLike) -> np.ndarray:
-    values = np.atleast_1d(np.asarray(given, dtype=float))
-    least = values.min(initial=np.inf)
-    if values.size not in (1, robot.nv) or not least > 0.0 or (name == "acceleration" and np.isinf(values).any()):
+    values = np.ravel(array(name, given, None, finite=name != "speed"))
+    if values.size not in (1, robot.nv) or not values.min() > 0.0:
         raise QueryError(f"expected a positive number, or {robot.nv}, got {given!r}", argument=name,
                          remedy="give rad and m a second")  # fmt: skip
-    return np.broadcast_to(values.ravel(), robot.nv)
+    return np.broadcast_to(values, robot.nv)

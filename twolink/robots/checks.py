@@ -132,7 +132,8 @@ def mass_matrix_by_columns(model: pin.Model, data: pin.Data, q: np.ndarray) -> n
     """
     zero = np.zeros(model.nv)
     weight = pin.rnea(model, data, q, zero, zero)
-    matrix = np.stack([pin.rnea(model, data, q, zero, unit) - weight for unit in np.eye(model.nv)])
+    columns = [pin.rnea(model, data, q, zero, unit) - weight for unit in np.eye(model.nv)]
+    matrix = np.reshape(columns, (model.nv, model.nv))
     return np.asarray((matrix + matrix.T) / 2)
 
 

@@ -107,7 +107,7 @@ def test_simulate_has_a_bar_progress_and_files(tmp_path: Path) -> None:
 def test_the_other_tools(tmp_path: Path) -> None:
     found = ask(tmp_path, ("catalogue", {}), ("load_robot", {"robot": "panda"}), ("explain", {"scene": "four-bar"}),
                 ("linearize", {"scene": "arm-swing"}), ("export", {"robot": "z1", "file": "z1.urdf"}),
-                ("compare_models", {"a": "z1", "b": "z1.urdf"}),
+                ("call", {"function": "compare_models", "arguments": {"a": "z1", "b": "z1.urdf"}}),
                 ("accuracy_study", {"scene": "arm-swing", "duration": 0.2}))  # fmt: skip
     whole = [data(result) for result in found]
     assert "two_link" in str(whole[0])

@@ -24,7 +24,7 @@ ARM = tl.load_scene("arm-swing")
 SOLVED = tl.simulate(ARM, 0.5, samples_per_second=80)
 RUN = {"t": SOLVED.t.tolist(), "q": SOLVED.q.tolist(), "v": SOLVED.v.tolist()}
 CALLS: dict[str, dict[str, Any]] = {
-    "compare_models": {"a": "two_link", "b": "arm"},
+    "compare_models": {"a": "world", "b": "arm"},
     "energy_book": {"scene": "arm-swing"},
     "equilibria": {"scene": "arm-swing", "starts": 4},
     "fit": {"scene": "arm-swing", "measurements": RUN, "parameters": ["forearm.mass"]},
@@ -89,6 +89,15 @@ def test_an_operation_answers_as_its_function(name: str) -> None:
         ("energy_book", {"scene": "/etc/passwd.toml"}, "scene"),
         ("trapezoidal_motion", {"acceleration": 1e-300, "to": [1e300, 1]}, "samples_per_second"),
         ("trapezoidal_motion", {"acceleration": -1.0}, "acceleration"),
+        ("trapezoidal_motion", {"speed": [1.0, [2.0]]}, "speed"),
+        ("trapezoidal_motion", {"q": [0, [1]]}, "q"),
+        ("lqr", {"R": [[], 1.0]}, "R"),
+        ("judge", {"trajectory": {**RUN, "v.elbow": [[1, 0], 2]}}, "trajectory"),
+        ("step_table", {"steps": [1e-300]}, "steps"),
+        ("equilibria", {"starts": 10**18}, "starts"),
+        ("optimize", {"starts": 10**18}, "starts"),
+        ("periodic_motion", {"segments": 10**18}, "segments"),
+        ("compare_models", {"tolerance": 1e300}, "tolerance"),
     ],
 )
 def test_what_is_wrong_is_refused_by_its_name(name: str, changed: dict[str, Any], place: str) -> None:

@@ -34,6 +34,7 @@ SMALL = 1e-13  # rad or m: a step below it is rounding
 STRIDE = 0.5  # rad or m: the longest step
 RANK = 1e-8  # relative: singular values below it belong to directions in which equilibria go on
 DRAWN = 64  # random configurations of which the one of the least potential energy is a start, too
+MOST = 1e6  # starts
 SAME = 1e-6  # rad or m: equilibria nearer to each other are one
 
 
@@ -130,7 +131,7 @@ def equilibria(
                          remedy="leave out effects with functions of time")  # fmt: skip
     robot = scene.robot
     if q is None:
-        starts = whole(starts, "starts", SceneError, "such as 64")
+        starts = whole(starts, "starts", SceneError, "such as 64", most=MOST)
         drawn = robot.random_state(max(starts, DRAWN), seed)[0]
         lowest = drawn[np.argmin(robot.energy(drawn, np.zeros((len(drawn), robot.nv)))[1])]  # near to hanging at rest
         guesses = np.concatenate([[scene.q], [robot.neutral], [lowest], drawn[:starts]])

@@ -106,14 +106,14 @@ def linearized_at_rest(scene: Scene, q: ArrayLike | None = None, inputs: Sequenc
 def _weight(value: ArrayLike, size: int, name: str, *, positive: bool = False) -> np.ndarray:
     """A weight (size, size): symmetric, not negative or positive. Raises SceneError."""
     try:
-        weight = np.asarray(value, dtype=float)
+        weight, got = np.asarray(value, dtype=float), str(np.shape(value))
     except (TypeError, ValueError):
-        weight = np.array(np.nan)
+        weight, got = np.array(np.nan), f"{value!r:.60}"
     if weight.ndim < 2 and weight.size in (1, size):
         weight = np.diag(np.broadcast_to(weight.ravel(), (size,)))
     remedy = f"give a number, {size} numbers, or a symmetric {size} x {size} matrix"
     if weight.shape != (size, size) or not np.isfinite(weight).all():
-        raise SceneError(f"expected finite numbers of shape ({size}, {size}), got {np.shape(value)}", argument=name,
+        raise SceneError(f"expected finite numbers of shape ({size}, {size}), got {got}", argument=name,
                          remedy=remedy, code="weights")  # fmt: skip
     scale = float(np.abs(weight).max(initial=0.0))
     if np.abs(weight - weight.T).max(initial=0.0) > SEMIDEFINITE * scale:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.dynamics.arguments import Positive, positive, whole
+from twolink.dynamics.arguments import Positive, whole
 from twolink.errors import SceneError, TwolinkError, require_known
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.io.progress import Report
@@ -31,6 +31,8 @@ from twolink.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+MOST = 1e6  # starts, and evaluations
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -231,7 +233,7 @@ def optimize(
             raise SceneError(f"expected a function of a run, got {one!r}", argument=name.partition("[")[0], where=name,
                              remedy="such as lambda run: run.q[-1, 0]", code="objective")  # fmt: skip
     for name, count in (("starts", starts), ("evaluations", evaluations)):
-        positive(count, name, SceneError, "such as 3")
+        whole(count, name, SceneError, "such as 3", 1, MOST)
     whole(seed, "seed", SceneError)
     require_known(derivatives, ("auto", "runs"), SceneError, argument="derivatives")
     end = duration_for(scene, duration)

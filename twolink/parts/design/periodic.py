@@ -309,7 +309,7 @@ def periodic_motion(
     equations.require_motion()
     require_no_states(equations, "periodic_motion")
     autonomous = not depends_on_time(equations)
-    segments = whole(segments, "segments", SceneError, "such as 4", 1)
+    segments = whole(segments, "segments", SceneError, "such as 4", 1, 1000)
     if not autonomous:
         _require_repeating(equations, period)
         if segments > 1:

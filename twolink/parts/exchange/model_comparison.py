@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.dynamics import Robot, load_robot
-from twolink.dynamics.arguments import Positive
+from twolink.dynamics.arguments import Positive, positive
 from twolink.errors import QueryError
 from twolink.parts.exchange.inertia_causes import LinkInertia, centre_cause, inertia_cause, link_inertia, mirror_faults
 from twolink.parts.exchange.law_comparison import couplings, law_differences
@@ -120,13 +120,15 @@ def compare_models(
     Raises
     ------
     QueryError
-        A robot was loaded with mimic=True (code "mimic-joints").
+        A robot was loaded with mimic=True (code "mimic-joints"), or the tolerance is not between 0 and 1.
     """
     first, second = (x if isinstance(x, Robot) else load_robot(x, unphysical="report") for x in (a, b))
     for name, robot in (("a", first), ("b", second)):
         if robot.has_mimic:
             raise QueryError("it has coupled joints", argument=name, remedy="load it with mimic=False, <mimic> is "
                              "compared too", code="mimic-joints")  # fmt: skip
+    if positive(tolerance, "tolerance", QueryError, "such as 1e-6") >= 1.0:
+        raise QueryError(f"expected less than 1, got {tolerance:g}", argument="tolerance", remedy="such as 1e-6")
     return _Comparison(first, second, tolerance).result()
 
 

@@ -35,6 +35,7 @@ STEPS = (0.02, 0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4)  # s
 STEPPED = ("mujoco",)  # peers that take steps of one length
 INTERVAL = 0.02  # s, about, between the times at which states are compared
 ACCURACY = 1e-8  # rad or m, of the truth
+MOST = 1e8  # steps of a run
 FINER = 4  # times smaller than the smallest step: of the peer's own limit
 ROUNDS, SHARE = 3, 0.2  # of timing; of the budget that one setting may take
 SECONDS = 30.0
@@ -237,6 +238,10 @@ def step_table(
     end = positive(scene.duration if duration is None else duration, "duration", SceneError, "such as 2")
     lengths = sorted({float(step) for step in steps if positive(step, "steps", SceneError, "such as 0.001") <= end},
                      reverse=True)  # fmt: skip
+    if lengths and lengths[-1] < end / MOST:
+        raise SceneError(
+            f"{lengths[-1]:g} s are more than {MOST:.0e} steps", argument="steps", remedy="give longer ones"
+        )
     if not lengths:
         raise SceneError(f"none is within the {end:g} s of the run", argument="steps", remedy="such as (0.001,)")
     names = tuple(module.STAGES) if methods is None else tuple(methods)

@@ -100,6 +100,8 @@ def read_log(given: Given, robot: Robot) -> TrajectoryLog:
         table = given
     else:
         table = dict(zip(("t", "q", "v"), given, strict=False))
+    for name, column in table.items():
+        _require_array(column, name, label)
     table, guessed = in_our_names(table, robot)
     t = np.asarray(table.get("t", []), dtype=float)
     arrays = {}
@@ -123,6 +125,13 @@ def read_log(given: Given, robot: Robot) -> TrajectoryLog:
     if len(arrays["v"]) != len(t):
         raise _no_trajectory("q and v are not equally long", label)
     return TrajectoryLog(t, robot.normalize(arrays["q"]), arrays["v"], guessed)
+
+
+def _require_array(column: Any, name: str, label: str) -> None:
+    try:
+        np.asarray(column)
+    except ValueError:
+        raise _no_trajectory(f"column {name!r} has rows of different lengths", label) from None
 
 
 def _numbered(table: Mapping[str, Any], name: str, size: int) -> Array | None:
