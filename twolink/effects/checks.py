@@ -1,5 +1,6 @@
 """Checks of what effects are given: fields by their declared types, values by joint, frames and points."""
 
+import math
 from collections.abc import Iterable, Mapping
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -8,7 +9,7 @@ import msgspec
 
 from twolink.algorithms.functions import frame_pose
 from twolink.algorithms.motion import GROUND, KinematicState
-from twolink.algorithms.spatial import Scalar, Vec, minus
+from twolink.algorithms.spatial import Scalar, Vec, minus, unit
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect, all_finite, check_name, finite, number
 from twolink.effects.inputs import Bezier, Input, Sampled, check_curve, check_table
@@ -21,7 +22,7 @@ _VECTORS = {3: ("three", "one along each of x, y, z"), 6: ("six", "(xx, xy, xz, 
 
 def check_effect(effect: Effect, robot: Robot) -> None:
     """Require an effect whose fields have the declared types and that fits the robot. Raises SceneError."""
-    check_fields(effect)
+    check_fields(effect, robot)
     own = not type(effect).__module__.startswith("twolink.")
     if own:
         check_own_methods(effect)
@@ -30,53 +31,82 @@ def check_effect(effect: Effect, robot: Robot) -> None:
         check_own_formula(effect, robot)
 
 
-def check_fields(part: msgspec.Struct, place: str = "") -> None:
-    """Require values of the declared types in the fields of an effect, input or condition. Raises SceneError."""
+def check_fields(part: msgspec.Struct, robot: Robot, place: str = "") -> None:
+    """Require values of the declared types in the fields of an effect, input or condition. Raises SceneError.
+
+    Names of links and joints are those of the robot. Where a field declares joints, it names one or more.
+    """
     for field in msgspec.structs.fields(part):
-        _check(getattr(part, field.name), field.type, f"{place}{field.name}")
+        _check(getattr(part, field.name), field.type, f"{place}{field.name}", robot)
 
 
-def _check(value: Any, kind: Any, field: str, words: tuple[str, ...] = ()) -> None:
-    """Require a value of a type, in place of which messages name `words`. The effect checks names and callables."""
+def _declared(kind: Any) -> dict[str, Any]:
+    """The entries that a field has beside its type."""
+    return (get_origin(kind) is Annotated and get_args(kind)[1].extra_json_schema) or {}
+
+
+def _check(value: Any, kind: Any, field: str, robot: Robot, words: tuple[str, ...] = ()) -> None:
+    """Require a value of a type, in place of which messages name `words`. The effect checks callables."""
     origin, arguments = get_origin(kind), get_args(kind)
     if kind is float:
         finite(value, field)
-    elif origin is Annotated and arguments[0] is float:
-        finite(value, field, least=arguments[1].extra_json_schema["minimum"])
-    elif origin is Annotated:  # names of links and joints, which the effect checks
-        _check(value, arguments[0], field)
+    elif origin is Annotated:
+        if arguments[0] is not float:
+            _check(value, arguments[0], field, robot)
+        _check_declared(value, _declared(kind), field, robot)
     elif origin is Literal:
         require_known(value, arguments, SceneError, where=field)
     elif origin is Mapping:
         if not isinstance(value, Mapping):
             what = f"expected {' or '.join(['values by joint', *map(repr, words)])}, got {value!r}"
             raise SceneError(what, where=field, remedy="such as {'elbow': 1.0}")
+        _check_keys(value, arguments[0], field, robot)
         for key, item in value.items():
-            _check(item, arguments[1], f"{field}.{key}")
+            _check(item, arguments[1], f"{field}.{key}", robot)
     elif origin is tuple and arguments != (float, float):  # a pair of stops may be infinite
-        _check_tuple(value, arguments, field)
+        _check_tuple(value, arguments, field, robot)
     elif origin in (Union, UnionType):
-        _check_choice(value, kind, field)
+        _check_choice(value, kind, field, robot)
 
 
-def _check_tuple(value: Any, kinds: tuple[Any, ...], field: str) -> None:
+def _check_keys(names: Iterable[str], kind: Any, field: str, robot: Robot) -> None:
+    """Require names as declared, of one joint or more."""
+    if not names and _declared(kind):
+        raise SceneError("it names no joint", where=field, remedy="name joints, or leave the effect out")
+    for name in names:
+        _check(name, kind, field, robot)
+
+
+def _check_declared(value: Any, said: Mapping[str, Any], field: str, robot: Robot) -> None:
+    """Require what a field says beside its type."""
+    if "minimum" in said or "exclusiveMinimum" in said:
+        finite(value, field, least=said.get("minimum", math.ulp(0.0)))
+    elif said.get("format") == "direction":
+        unit(value, field)
+    elif said.get("format") == "link":
+        check_frame(value, robot, field, ground="ground" in said)
+    elif said.get("format") == "joint":
+        freedom = said.get("freedom")
+        check_joint(value, robot, field, dofs=freedom is not None, coordinate=freedom == "coordinate")
+
+
+def _check_tuple(value: Any, kinds: tuple[Any, ...], field: str, robot: Robot) -> None:
     """Require a tuple or list of so many numbers or inputs; for kinds (float, ...) of any size."""
     if len(kinds) in _VECTORS and not (isinstance(value, (tuple, list)) and len(value) == len(kinds)):
         word, remedy = _VECTORS[len(kinds)]
         raise SceneError(f"expected {word}, got {value!r}", where=field, remedy=f"give {remedy}")
     if kinds[0] is float:
         all_finite(value, field)
-    elif get_origin(kinds[0]) is Annotated and get_args(kinds[0])[0] is float:
+    elif (get_origin(kinds[0]) is Annotated and get_args(kinds[0])[0] is float) or kinds[0] == Input:
         for i, item in enumerate(value):
-            _check(item, kinds[0], f"{field}[{i}]")
-    elif kinds[0] == Input:
-        for i, item in enumerate(value):
-            _check(item, Input, f"{field}[{i}]")
+            _check(item, kinds[0], f"{field}[{i}]", robot)
+    elif get_origin(kinds[0]) is Annotated:
+        _check_keys(value, kinds[0], field, robot)
     elif _structs(kinds[0]) or get_origin(kinds[0]) is tuple:  # shapes, or points
         if not isinstance(value, (tuple, list)):
             raise SceneError(f"expected a list, got {value!r}", where=field, remedy="put it into brackets: [...]")
         for i, item in enumerate(value):
-            _check(item, kinds[0], f"{field}[{i}]")
+            _check(item, kinds[0], f"{field}[{i}]", robot)
 
 
 def _structs(kind: Any) -> bool:
@@ -86,13 +116,13 @@ def _structs(kind: Any) -> bool:
     )
 
 
-def _check_choice(value: Any, kind: Any, field: str) -> None:
+def _check_choice(value: Any, kind: Any, field: str, robot: Robot) -> None:
     """Require one of the types of a union: an input, a condition, or None or a word in place of the first type."""
     arguments = get_args(kind)
     words = next((get_args(other) for other in arguments if get_origin(other) is Literal), ())
     if isinstance(value, tuple(other for other in arguments if isinstance(other, type) and other is not float)):
         if isinstance(value, msgspec.Struct):
-            check_fields(value, f"{field}.")
+            check_fields(value, robot, f"{field}.")
         if isinstance(value, Sampled):
             check_table(value, field)
         if isinstance(value, Bezier):
@@ -106,7 +136,7 @@ def _check_choice(value: Any, kind: Any, field: str) -> None:
         what = f"expected a number, Polynomial, Bezier, Sine or Sampled, got {value!r}"
         raise SceneError(what, where=field, remedy="such as 1.5")
     elif not (isinstance(value, str) and value in words):
-        _check(value, arguments[0], field, words)
+        _check(value, arguments[0], field, robot, words)
 
 
 def check_joints(values: Any, robot: Robot, field: str, *, dofs: bool = False, coordinates: bool = False) -> None:

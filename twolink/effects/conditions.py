@@ -7,8 +7,8 @@ import msgspec
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import Scalar, dot, unit
 from twolink.dynamics import Robot
-from twolink.effects.checks import check_frame, check_joint
-from twolink.effects.effect import JointName, LinkName
+from twolink.effects.checks import check_fields, check_joint
+from twolink.effects.effect import Direction, LinkName, SingleJoint
 from twolink.errors import SceneError
 
 
@@ -25,13 +25,9 @@ class JointReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_
         The quantity.
     """
 
-    joint: JointName
+    joint: SingleJoint
     value: float
     of: Literal["position", "velocity"] = "position"
-
-    def check(self, robot: Robot, field: str) -> None:
-        """The joint has one coordinate."""
-        check_joint(self.joint, robot, f"{field}.joint", coordinate=self.of == "position")
 
     def distance(self, motion: KinematicState) -> Scalar:
         """The signed distance from the value: 0 when it is reached."""
@@ -60,13 +56,8 @@ class FrameReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_
     frame: LinkName
     value: float
     of: Literal["position", "velocity"] = "position"
-    direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    direction: Direction = (0.0, 0.0, 1.0)
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def check(self, robot: Robot, field: str) -> None:
-        """The frame exists, the direction has a length."""
-        check_frame(self.frame, robot, f"{field}.frame")
-        unit(self.direction, f"{field}.direction")
 
     def distance(self, motion: KinematicState) -> Scalar:
         """The signed distance from the value: 0 when it is reached."""
@@ -77,6 +68,13 @@ class FrameReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_
 Condition = JointReaches | FrameReaches
 
 
+def check_condition(when: Condition, robot: Robot, field: str) -> None:
+    """Require a condition that fits the robot. Raises SceneError."""
+    check_fields(when, robot, f"{field}.")
+    if isinstance(when, JointReaches) and when.of == "position":
+        check_joint(when.joint, robot, f"{field}.joint", coordinate=True)
+
+
 def check_when(at: float | None, when: Condition | None, robot: Robot) -> None:
     """Require one of a time and a condition, and that it fits the robot. Raises SceneError."""
     if (at is None) == (when is None):
@@ -84,4 +82,4 @@ def check_when(at: float | None, when: Condition | None, robot: Robot) -> None:
         remedy = 'at = 1.5, or when = {kind = "joint-reaches", joint = .., value = ..}'
         raise SceneError(what, where="at", remedy=remedy)
     if when is not None:
-        when.check(robot, "when")
+        check_condition(when, robot, "when")

@@ -11,8 +11,8 @@ import pinocchio as pin
 
 from twolink.algorithms.mechanism import body_names, moments, parameter_names, with_nominal
 from twolink.dynamics import Robot
-from twolink.effects.checks import check_frame, check_joints, check_subset
-from twolink.effects.effect import Effect, LinkName, NotNegative, check_name, finite
+from twolink.effects.checks import check_subset
+from twolink.effects.effect import Effect, LinkName, NotNegative, SingleJoint, check_name, finite
 from twolink.errors import SceneError
 from twolink.robots.checks import is_impossible
 from twolink.robots.suspicions import too_heavy
@@ -61,8 +61,8 @@ class Payload(Effect, frozen=True):
     inertia: tuple[float, float, float, float, float, float] = (0.0,) * 6
 
     def check(self, robot: Robot) -> None:
-        """Require a link that moves, and a mass and an inertia that a body can have."""
-        check_frame(self.frame, robot, "frame")
+        """Require a mass and an inertia that a body can have."""
+        del robot
         matrix, mass = _matrix(self.inertia), float(self.mass)
         if is_impossible(matrix, mass) or (not mass and matrix.any()):
             what = f"no body has the inertia {list(self.inertia)} with {mass:g} kg"
@@ -107,12 +107,12 @@ class Rotor(Effect, frozen=True):
     Siciliano et al., Robotics, 2009, section 7.1.1.
     """
 
-    inertia: Mapping[str, NotNegative]
+    inertia: Mapping[SingleJoint, NotNegative]
     ratio: Mapping[str, float] = {}
 
     def check(self, robot: Robot) -> None:
-        """Require joints of one degree of freedom."""
-        check_joints(self.inertia, robot, "inertia", dofs=True)
+        """Require ratios of rotors."""
+        del robot
         check_subset(self.ratio, self.inertia, "ratio", "joint with a rotor")
 
     def change(self, model: pin.Model) -> None:

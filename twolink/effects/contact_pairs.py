@@ -166,7 +166,7 @@ def _named_pairs(robot: Robot, solids: Sequence[Solid], item: object, where: str
     if isinstance(item, str) or not (isinstance(item, (tuple, list)) and len(item) == 2):
         raise SceneError(f"expected two bodies, {SELF!r} or {GROUND!r}, got {item!r}", where=where,
                          remedy='such as ("foot", "ground") or ("palm", "cube")')  # fmt: skip
-    first, second = (_named(solids, body, f"{where}[{k}]") for k, body in enumerate(item))
+    first, second = (_named(robot, solids, body, f"{where}[{k}]") for k, body in enumerate(item))
     if isinstance(first, World):
         first, second = second, first
     if isinstance(first, World):
@@ -180,12 +180,12 @@ def _named_pairs(robot: Robot, solids: Sequence[Solid], item: object, where: str
     return [_pair(alone, a, b) for a, b in pairs]
 
 
-def _named(solids: Sequence[Solid], body: Body, where: str) -> list[Solid] | World:
+def _named(robot: Robot, solids: Sequence[Solid], body: Body, where: str) -> list[Solid] | World:
     if isinstance(body, HeightField):
         body.check(where)
         return body
     if isinstance(body, Plane):
-        check_fields(body, f"{where}.")
+        check_fields(body, robot, f"{where}.")
         if not any(body.normal):
             raise SceneError("its length is 0", where=f"{where}.normal", remedy="such as (0, 0, 1)")
         return body

@@ -9,8 +9,8 @@ from twolink.algorithms.recursions import newton_euler
 from twolink.algorithms.spatial import Scalar, Vec, add, cross, dot, minus, negative, plus, scale, times
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import configuration
-from twolink.effects.checks import check_joint, check_joints, check_subset, single_joints
-from twolink.effects.effect import Effect, Loads, NotNegative, check_name, inverse, number
+from twolink.effects.checks import check_joint, check_subset, single_joints
+from twolink.effects.effect import CoordinateJoint, Effect, Loads, NotNegative, SingleJoint, check_name, inverse, number
 from twolink.effects.inputs import Input, Sampled, derivatives_at, value_at
 from twolink.errors import SceneError
 from twolink.robots.joint_layout import joint_layouts
@@ -43,7 +43,7 @@ class JointPD(Effect, frozen=True):
     Siciliano et al., Robotics, 2009, section 8.5.1.
     """
 
-    target: Mapping[str, Input]
+    target: Mapping[CoordinateJoint, Input]
     kp: Mapping[str, NotNegative]
     kd: Mapping[str, NotNegative] = {}
     feedforward: Mapping[str, Input] = {}
@@ -55,8 +55,7 @@ class JointPD(Effect, frozen=True):
         return self.effort is None
 
     def check(self, robot: Robot) -> None:
-        """Require joints with one coordinate, all with a target and kp."""
-        check_joints(self.target, robot, "target", coordinates=True)
+        """Require a target and kp of each joint."""
         for name in ("kp", "kd", "feedforward"):
             check_subset(getattr(self, name), self.target, name, "joint with a target")
         for joint in self.target:
@@ -114,7 +113,7 @@ class PID(Effect, frozen=True):
     Åström, Hägglund, PID Controllers: Theory, Design, and Tuning, 1995, sections 3.2 to 3.5 (tracking anti-windup).
     """
 
-    target: Mapping[str, Input]
+    target: Mapping[CoordinateJoint, Input]
     kp: Mapping[str, NotNegative]
     ki: Mapping[str, NotNegative] = {}
     kd: Mapping[str, NotNegative] = {}
@@ -129,8 +128,7 @@ class PID(Effect, frozen=True):
         return self.effort is None
 
     def check(self, robot: Robot) -> None:
-        """Require joints with one coordinate, all with a target and kp."""
-        check_joints(self.target, robot, "target", coordinates=True)
+        """Require a target and kp of each joint."""
         for name in ("kp", "ki", "kd", "filter", "tracking"):
             check_subset(getattr(self, name), self.target, name, "joint with a target")
         for joint in self.target:
@@ -250,7 +248,7 @@ class ComputedTorque(Effect, frozen=True):
     8.5.2.
     """
 
-    path: Mapping[str, Input]
+    path: Mapping[CoordinateJoint, Input]
     kp: NotNegative
     kd: NotNegative
     effort: Limits = None
@@ -263,10 +261,8 @@ class ComputedTorque(Effect, frozen=True):
 
     def check(self, robot: Robot) -> None:
         """Require a path for every joint, twice differentiable; each joint has one coordinate."""
-        check_joints(self.path, robot, "path", coordinates=True)
-        if self.following:
-            check_joints(self.following, robot, "following", coordinates=True)
         for joint, factors in self.following.items():
+            check_joint(joint, robot, "following", coordinate=True)
             if joint in self.path:
                 raise SceneError(f"{joint!r} has a path of its own", where=f"following.{joint}", remedy="leave one out")
             check_subset(factors, self.path, f"following.{joint}", "joint with a path")
@@ -326,7 +322,7 @@ class StateFeedback(Effect, frozen=True):
     Lee, Leok, McClamroch: Geometric tracking control of a quadrotor UAV on SE(3), CDC 2010 (the error of orientations).
     """
 
-    gain: Mapping[str, tuple[float, ...]]
+    gain: Mapping[SingleJoint, tuple[float, ...]]
     target: tuple[float, ...]
     torque: Mapping[str, float] = {}
     effort: Limits = None
@@ -338,7 +334,6 @@ class StateFeedback(Effect, frozen=True):
 
     def check(self, robot: Robot) -> None:
         """Require a target of the robot, and rows as long as its state is."""
-        check_joints(self.gain, robot, "gain", dofs=True)
         for joint, row in self.gain.items():
             if len(row) != 2 * robot.nv:
                 raise SceneError(f"expected {2 * robot.nv} numbers, got {len(row)}", where=f"gain.{joint}",

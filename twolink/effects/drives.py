@@ -17,7 +17,7 @@ from twolink.algorithms.spatial import Scalar, minus, negative, plus, times
 from twolink.dynamics import Robot
 from twolink.effects.checks import above_zero, check_effect, check_joints, check_subset
 from twolink.effects.constants import Rotor
-from twolink.effects.effect import Effect, Loads, NotNegative, check_name, finite, inverse, number
+from twolink.effects.effect import AboveZero, Effect, Loads, NotNegative, check_name, finite, inverse, number
 from twolink.effects.inputs import Input, value_at
 from twolink.effects.loops import Loop
 from twolink.effects.switching import SwitchingEffect
@@ -262,7 +262,7 @@ class Gear(Drive, frozen=True):
     efficiency: Mapping[str, NotNegative] = {}
     backward: Mapping[str, NotNegative] = {}
     inertia: Mapping[str, NotNegative] = {}
-    power: float = 0.1
+    power: AboveZero = 0.1
 
     @property
     def changes(self) -> bool:
@@ -272,7 +272,6 @@ class Gear(Drive, frozen=True):
     def check(self, robot: Robot) -> None:
         """Require ratios, and efficiencies of at most 1."""
         self.check_inside(robot, self.ratio, "ratio")
-        finite(self.power, "power", least=np.finfo(float).tiny)
         for name in ("efficiency", "inertia"):
             check_subset(getattr(self, name), self.ratio, name, "joint with a ratio")
         check_subset(self.backward, self.efficiency, "backward", "joint with an efficiency")

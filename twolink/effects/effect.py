@@ -20,11 +20,15 @@ if TYPE_CHECKING:
 
     from twolink.dynamics import Robot
 
-# A number that is not negative, for fields. The bound is for JSON Schema and `checks`, which names the field.
+# Types of fields. What they say beside the type is for JSON Schema, of which forms are made, and for `checks`.
 NotNegative = Annotated[float, msgspec.Meta(extra_json_schema={"minimum": 0.0})]
-# Names, for fields. The format is for JSON Schema: forms offer the robot's names. Each effect checks its names.
-LinkName = Annotated[str, msgspec.Meta(extra_json_schema={"format": "link"})]
-JointName = Annotated[str, msgspec.Meta(extra_json_schema={"format": "joint"})]
+AboveZero = Annotated[float, msgspec.Meta(extra_json_schema={"exclusiveMinimum": 0.0})]
+Direction = Annotated[tuple[float, float, float], msgspec.Meta(extra_json_schema={"format": "direction"})]
+LinkName = Annotated[str, msgspec.Meta(extra_json_schema={"format": "link"})]  # of a link that moves
+PlaceName = Annotated[str, msgspec.Meta(extra_json_schema={"format": "link", "ground": True})]  # of a link, or GROUND
+JointName = Annotated[str, msgspec.Meta(extra_json_schema={"format": "joint"})]  # of a joint that moves
+SingleJoint = Annotated[str, msgspec.Meta(extra_json_schema={"format": "joint", "freedom": "one"})]
+CoordinateJoint = Annotated[str, msgspec.Meta(extra_json_schema={"format": "joint", "freedom": "coordinate"})]
 
 
 class Loads:

@@ -1,6 +1,5 @@
 """Forces in joints and on links, by position, velocity and time."""
 
-import math
 from collections.abc import Mapping
 from typing import ClassVar, Literal
 
@@ -23,13 +22,25 @@ from twolink.dynamics import Robot
 from twolink.effects.checks import (
     above_zero,
     check_frame,
-    check_joints,
     check_subset,
     check_values_or_urdf,
     floats,
     values_by_dof,
 )
-from twolink.effects.effect import Effect, LinkName, Loads, NotNegative, check_name, finite, inverse, number
+from twolink.effects.effect import (
+    AboveZero,
+    CoordinateJoint,
+    Effect,
+    JointName,
+    LinkName,
+    Loads,
+    NotNegative,
+    PlaceName,
+    SingleJoint,
+    check_name,
+    inverse,
+    number,
+)
 from twolink.effects.inputs import Input, value_at
 from twolink.errors import SceneError
 
@@ -43,11 +54,7 @@ class Torque(Effect, frozen=True):
         u, N m or N: numbers, `Polynomial`, `Sine` or `Sampled` tables. Joints with one degree of freedom.
     """
 
-    inputs: Mapping[str, Input]
-
-    def check(self, robot: Robot) -> None:
-        """Require joints with one degree of freedom."""
-        check_joints(self.inputs, robot, "inputs", dofs=True)
+    inputs: Mapping[SingleJoint, Input]
 
     def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add u(t)."""
@@ -65,7 +72,7 @@ class JointDamping(Effect, frozen=True):
         values of the URDF (<dynamics damping>), which forward dynamics alone does not apply.
     """
 
-    damping: Mapping[str, NotNegative] | None = None
+    damping: Mapping[JointName, NotNegative] | None = None
 
     def check(self, robot: Robot) -> None:
         """Require joints, or damping in the URDF."""
@@ -92,12 +99,12 @@ class JointSpring(Effect, frozen=True):
         q0, rad or m; 0 by default.
     """
 
-    stiffness: Mapping[str, NotNegative]
+    stiffness: Mapping[CoordinateJoint, NotNegative]
     rest: Mapping[str, float] = {}
 
     def check(self, robot: Robot) -> None:
-        """Require joints with one coordinate."""
-        check_joints(self.stiffness, robot, "stiffness", coordinates=True)
+        """Require positions of rest of springs."""
+        del robot
         check_subset(self.rest, self.stiffness, "rest", "joint with a stiffness")
 
     def act(self, motion: KinematicState, loads: Loads) -> None:
@@ -129,12 +136,11 @@ class SmoothFriction(Effect, frozen=True):
     Andersson, Söderberg, Björklund 2007, Tribology International 40(4), 580-587.
     """
 
-    friction: Mapping[str, NotNegative] | None = None
-    scale: float = 0.01
+    friction: Mapping[JointName, NotNegative] | None = None
+    scale: AboveZero = 0.01
 
     def check(self, robot: Robot) -> None:
-        """Require joints, or friction in the URDF, and a scale above 0."""
-        finite(self.scale, "scale", least=math.ulp(0.0))
+        """Require joints, or friction in the URDF."""
         check_values_or_urdf(self.friction, robot.model.friction, robot, "friction")
 
     def act(self, motion: KinematicState, loads: Loads) -> None:
@@ -174,7 +180,7 @@ class LuGreFriction(Effect, frozen=True):
     Canudas de Wit, Olsson, Åström, Lischinsky 1995, IEEE Transactions on Automatic Control 40(3), 419-425.
     """
 
-    stiffness: Mapping[str, NotNegative]
+    stiffness: Mapping[SingleJoint, NotNegative]
     coulomb: Mapping[str, NotNegative]
     static: Mapping[str, NotNegative] = {}
     stribeck: Mapping[str, NotNegative] = {}
@@ -185,7 +191,7 @@ class LuGreFriction(Effect, frozen=True):
 
     def check(self, robot: Robot) -> None:
         """Require k and c of each joint, and w of each static friction."""
-        check_joints(self.stiffness, robot, "stiffness", dofs=True)
+        del robot
         for name in ("coulomb", "static", "damping", "viscous"):
             check_subset(getattr(self, name), self.stiffness, name, "joint with a stiffness")
         check_subset(self.stribeck, self.static, "stribeck", "joint with a static friction")
@@ -243,10 +249,6 @@ class FrameWrench(Effect, frozen=True):
     moment: Three = (0.0, 0.0, 0.0)
     axes: Literal["world", "frame"] = "world"
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def check(self, robot: Robot) -> None:
-        """Require a link that moves."""
-        check_frame(self.frame, robot, "frame")
 
     def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add f and n, moved to the joint that carries the link."""
@@ -306,10 +308,6 @@ class AirDrag(Effect, frozen=True):
 
     analytic: ClassVar[bool] = False  # see the notes
 
-    def check(self, robot: Robot) -> None:
-        """Require a link that moves."""
-        check_frame(self.frame, robot, "frame")
-
     def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add -rho c A |u| u / 2."""
         k = -0.5 * number(self.density) * number(self.coefficient) * number(self.area)
@@ -352,8 +350,8 @@ class SpringBetween(Effect, frozen=True):
     Haug, Computer Aided Kinematics and Dynamics of Mechanical Systems, 1989: the spring-damper-actuator.
     """
 
-    first: LinkName
-    second: LinkName
+    first: PlaceName
+    second: PlaceName
     stiffness: NotNegative = 0.0
     rest_length: NotNegative = 0.0
     damping: NotNegative = 0.0

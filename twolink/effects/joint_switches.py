@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 from twolink.dynamics import Robot
-from twolink.effects.checks import check_joint, check_joints, check_values_or_urdf
+from twolink.effects.checks import check_values_or_urdf
 from twolink.effects.conditions import JointReaches
-from twolink.effects.effect import JointName, NotNegative, check_name
+from twolink.effects.effect import CoordinateJoint, NotNegative, SingleJoint, check_name
 from twolink.effects.switching import Catch, JointLock, Stop, SwitchingEffect, Trigger
 from twolink.errors import SceneError
 from twolink.robots.joint_layout import urdf_limits
@@ -28,14 +28,13 @@ class JointStops(SwitchingEffect, frozen=True):
         e, from 0 to 1.
     """
 
-    limits: Mapping[str, tuple[float, float]] | Literal["urdf"] = "urdf"
+    limits: Mapping[CoordinateJoint, tuple[float, float]] | Literal["urdf"] = "urdf"
     restitution: NotNegative = 0.0
 
     def check(self, robot: Robot) -> None:
-        """Names are joints with one coordinate, and the lower stop is below the upper one."""
+        """The lower stop is below the upper one."""
         check_restitution(self.restitution)
         if self.limits != "urdf":
-            check_joints(self.limits, robot, "limits", coordinates=True)
             for joint, ends in self.limits.items():
                 pair = isinstance(ends, Sequence) and len(ends) == 2 and all(isinstance(x, (int, float)) for x in ends)
                 if not pair or not ends[0] < ends[1]:
@@ -86,15 +85,13 @@ class DryFriction(SwitchingEffect, frozen=True):
         s, N m or N, not below c; c by default.
     """
 
-    kinetic: Mapping[str, NotNegative] | Literal["urdf"] = "urdf"
+    kinetic: Mapping[SingleJoint, NotNegative] | Literal["urdf"] = "urdf"
     static: Mapping[str, NotNegative] = {}
 
     def check(self, robot: Robot) -> None:
-        """Require joints with one degree of freedom, or friction in the URDF, and s that is not below c."""
+        """Require friction in the URDF where it is asked for, and s that is not below c."""
         if self.kinetic == "urdf":
             check_values_or_urdf(None, robot.model.friction, robot, "kinetic", "friction")
-        else:
-            check_joints(self.kinetic, robot, "kinetic", dofs=True)
         kinetic = self._kinetic(robot)
         for joint, level in self.static.items():
             check_name(joint, kinetic, "static", "joint with kinetic friction")
@@ -142,14 +139,14 @@ class Detent(SwitchingEffect, frozen=True):
     An ideal detent: the width of the notch and the spring's force on its flanks are left out.
     """
 
-    joint: JointName
+    joint: CoordinateJoint
     torque: NotNegative
     positions: tuple[float, ...] = (0.0,)
     speed: NotNegative = 0.0
 
     def check(self, robot: Robot) -> None:
-        """Require a joint with one coordinate, and a notch."""
-        check_joint(self.joint, robot, "joint", coordinate=True)
+        """Require a notch."""
+        del robot
         if not self.positions:
             raise SceneError("there is no notch", where="positions", remedy="such as (0.0,)")
 

@@ -8,8 +8,8 @@ import pinocchio as pin
 from twolink.algorithms.motion import GROUND, KinematicState
 from twolink.algorithms.spatial import ZERO, Scalar, Vec, across, dot, minus, plus, times, unit
 from twolink.dynamics import Robot
-from twolink.effects.checks import apart, check_frame
-from twolink.effects.effect import Effect, JointName, LinkName, check_name
+from twolink.effects.checks import apart
+from twolink.effects.effect import CoordinateJoint, Direction, Effect, PlaceName
 from twolink.errors import SceneError
 
 
@@ -74,15 +74,10 @@ class PointLoop(Loop, frozen=True):
         In the links' axes, m.
     """
 
-    a: LinkName
-    b: LinkName = GROUND
+    a: PlaceName
+    b: PlaceName = GROUND
     point_a: tuple[float, float, float] = (0.0, 0.0, 0.0)
     point_b: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def check(self, robot: Robot) -> None:
-        """Require links."""
-        check_frame(self.a, robot, "a", ground=True)
-        check_frame(self.b, robot, "b", ground=True)
 
     def carrier(self, motion: KinematicState) -> int:
         """The nearest body that carries a and b."""
@@ -106,19 +101,12 @@ class HingeLoop(Loop, frozen=True):
         In the links' axes, m.
     """
 
-    a: LinkName
-    axis_a: tuple[float, float, float]
-    axis_b: tuple[float, float, float]
-    b: LinkName = GROUND
+    a: PlaceName
+    axis_a: Direction
+    axis_b: Direction
+    b: PlaceName = GROUND
     point_a: tuple[float, float, float] = (0.0, 0.0, 0.0)
     point_b: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def check(self, robot: Robot) -> None:
-        """Require links, and axes that have a direction."""
-        check_frame(self.a, robot, "a", ground=True)
-        check_frame(self.b, robot, "b", ground=True)
-        unit(self.axis_a, "axis_a")
-        unit(self.axis_b, "axis_b")
 
     def carrier(self, motion: KinematicState) -> int:
         """The nearest body that carries a and b."""
@@ -148,16 +136,11 @@ class WeldLoop(Loop, frozen=True):
         The orientation of a in b: roll, pitch, yaw as in URDF, rad.
     """
 
-    a: LinkName
-    b: LinkName = GROUND
+    a: PlaceName
+    b: PlaceName = GROUND
     point_a: tuple[float, float, float] = (0.0, 0.0, 0.0)
     point_b: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def check(self, robot: Robot) -> None:
-        """Require links."""
-        check_frame(self.a, robot, "a", ground=True)
-        check_frame(self.b, robot, "b", ground=True)
 
     def carrier(self, motion: KinematicState) -> int:
         """The nearest body that carries a and b."""
@@ -186,16 +169,14 @@ class Coupling(Loop, frozen=True):
         rad or m.
     """
 
-    joint: JointName
-    other: JointName
+    joint: CoordinateJoint
+    other: CoordinateJoint
     ratio: float
     offset: float = 0.0
 
     def check(self, robot: Robot) -> None:
-        """Joints exist and have one coordinate."""
-        names = [j.name for j in robot.joints if j.kind == "vector"]
-        check_name(self.joint, names, "joint", "joint with one coordinate")
-        check_name(self.other, names, "other", "joint with one coordinate")
+        """Require two joints."""
+        del robot
         if self.joint == self.other:
             raise SceneError(f"joint {self.joint!r} is coupled to itself", where="other", remedy="name two joints")
 

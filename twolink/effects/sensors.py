@@ -11,9 +11,9 @@ from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.dynamics import Robot
-from twolink.effects.checks import check_frame, check_joints, check_subset
+from twolink.effects.checks import check_subset
 from twolink.effects.contact import Contact
-from twolink.effects.effect import Effect, LinkName, NotNegative
+from twolink.effects.effect import Effect, JointName, LinkName, NotNegative, SingleJoint
 from twolink.effects.loops import HingeLoop, PointLoop, WeldLoop
 from twolink.effects.plane_contact import PlaneContact
 from twolink.effects.sampled_control import check_clock
@@ -114,15 +114,11 @@ class Sensor(Effect, frozen=True, kw_only=True):
         return self.name or kebab_case(type(self).__name__).replace("-", "_")
 
     def check(self, robot: Robot) -> None:
-        """Require times, and what is measured."""
+        """Require times, and a name."""
+        del robot
         check_clock(self.period, {"offset": self.offset, "delay": self.delay}, self.seed)
         if not self.label.isidentifier() or self.label in ("q", "v"):
             raise SceneError(f"{self.label!r} cannot name a sensor", where="name", remedy='a word such as "encoder"')
-        self.check_place(robot)
-
-    def check_place(self, robot: Robot) -> None:
-        """Require joints or links of the robot."""
-        raise NotImplementedError
 
     def read(self, seen: Seen) -> Array:
         """The true values (n, m)."""
@@ -138,11 +134,7 @@ class _OfJoints(Sensor, frozen=True):
         Joints with one degree of freedom, in the order of the values.
     """
 
-    joints: tuple[str, ...]
-
-    def check_place(self, robot: Robot) -> None:
-        """Require joints with one degree of freedom."""
-        check_joints(self.joints, robot, "joints", dofs=True)
+    joints: tuple[SingleJoint, ...]
 
     def dofs(self, robot: Robot) -> list[int]:
         """Their degrees of freedom."""
@@ -193,9 +185,6 @@ class StateSensor(Sensor, frozen=True):
 
     names: tuple[str, ...]
 
-    def check_place(self, robot: Robot) -> None:
-        """Names are known beside the other effects."""
-
     def check_beside(self, effects: Sequence[Effect], robot: Robot) -> None:
         """Require states that the effects have."""
         start = KinematicState(robot.model, mechanism(robot.model), list(robot.neutral), [0.0] * robot.nv, 0.0, Numbers)
@@ -230,10 +219,6 @@ class _OfLink(Sensor, frozen=True):
     """
 
     link: LinkName
-
-    def check_place(self, robot: Robot) -> None:
-        """Require a link that moves."""
-        check_frame(self.link, robot, "link")
 
 
 class Imu(_OfLink, frozen=True):
@@ -284,11 +269,7 @@ class ForceTorque(Sensor, frozen=True):
         Of a robot without kinematic loops and contacts.
     """
 
-    joint: str
-
-    def check_place(self, robot: Robot) -> None:
-        """Require a joint."""
-        check_joints((self.joint,), robot, "joint")
+    joint: JointName
 
     def check_beside(self, effects: Sequence[Effect], robot: Robot) -> None:
         """Require that no link bears forces that no joint transmits."""

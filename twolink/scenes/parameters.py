@@ -170,7 +170,8 @@ def _lowest(value: Any, path: Sequence[str]) -> float:
 
 def _least(declared: Any) -> float:
     if get_origin(declared) is Annotated:
-        return float((getattr(declared.__metadata__[0], "extra_json_schema", None) or {}).get("minimum", -math.inf))
+        said = getattr(declared.__metadata__[0], "extra_json_schema", None) or {}
+        return float(said.get("minimum", said.get("exclusiveMinimum", -math.inf)))
     return max(map(_least, get_args(declared)), default=-math.inf)
 
 

@@ -14,7 +14,7 @@ from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.contact.choice import choose_contact_method
 from twolink.dynamics.arguments import array, configuration, positive
-from twolink.effects.conditions import Condition, FrameReaches, JointReaches
+from twolink.effects.conditions import Condition, FrameReaches, JointReaches, check_condition
 from twolink.effects.inputs import Sampled
 from twolink.errors import QueryError, SceneError
 from twolink.integrate.core.motion import SAME_TIME, Motion, drive, loop_of
@@ -301,7 +301,7 @@ class Simulation:
     def _distance(self, event: Condition | Missing) -> Missing:
         if not isinstance(event, JointReaches | FrameReaches):
             return event
-        event.check(self.scene.robot, "event")
+        check_condition(event, self.scene.robot, "event")
         model, mech = self._motion.equations.robot.model, self._motion.equations.mechanism
         return lambda at: float(event.distance(KinematicState(model, mech, list(at.q), list(at.v), at.t, Numbers)))
 

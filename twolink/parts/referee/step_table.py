@@ -236,14 +236,7 @@ def step_table(
     module, scene = installed_peer(peer), scene_from(model)[0]
     scene, guessed = (scene, ()) if log is None else _driven(scene, Path(log))
     end = positive(scene.duration if duration is None else duration, "duration", SceneError, "such as 2")
-    lengths = sorted({float(step) for step in steps if positive(step, "steps", SceneError, "such as 0.001") <= end},
-                     reverse=True)  # fmt: skip
-    if lengths and lengths[-1] < end / MOST:
-        raise SceneError(
-            f"{lengths[-1]:g} s are more than {MOST:.0e} steps", argument="steps", remedy="give longer ones"
-        )
-    if not lengths:
-        raise SceneError(f"none is within the {end:g} s of the run", argument="steps", remedy="such as (0.001,)")
+    lengths = _lengths(steps, end)
     names = tuple(module.STAGES) if methods is None else tuple(methods)
     for name in names:
         require_known(name, module.STAGES, SceneError, argument="methods")
@@ -276,6 +269,17 @@ def step_table(
     title, version = scene.title or scene.robot.name, getattr(module, "VERSION", "")
     return StepTable(f"{NAMES[peer]} {version}".strip(), title, end, rows, bar, soft, softness, ours,
                      guessed, unit_of(scene.robot.joints))  # fmt: skip
+
+
+def _lengths(steps: Sequence[float], end: float) -> list[float]:
+    """The steps that fit into a run, the longest first. Raises SceneError."""
+    given = {float(step) for step in steps if positive(step, "steps", SceneError, "such as 0.001") <= end}
+    if not given:
+        raise SceneError(f"none is within the {end:g} s of the run", argument="steps", remedy="such as (0.001,)")
+    if min(given) < end / MOST:
+        what = f"{min(given):g} s are more than {MOST:.0e} steps"
+        raise SceneError(what, argument="steps", remedy="give longer ones")
+    return sorted(given, reverse=True)
 
 
 @dataclass
