@@ -34,6 +34,9 @@ export function fields(schema, value, set, names, label = "") {
   return el("div", { className: "form" }, ...rows);
 }
 
+/** The joints that a field takes: those of one degree of freedom, or of one coordinate. */
+const jointsOf = (schema, names) => (schema?.freedom === "coordinate" ? names.coordinates : names.joints);
+
 /** A value to begin with. */
 export function initial(schema, names) {
   const [part] = variants(schema, names);
@@ -42,13 +45,13 @@ export function initial(schema, names) {
     case "null":
       return null;
     case "number":
-      return part.minimum ?? 0;
+      return part.minimum ?? (part.exclusiveMinimum === 0 ? 1 : 0);
     case "boolean":
       return false;
     case "enum":
       return part.enum[0];
     case "string":
-      return { link: names.links.at(-1), joint: names.joints[0] }[part.format] ?? "";
+      return { link: names.links.at(-1), joint: jointsOf(part, names)[0] }[part.format] ?? "";
     case "tuple":
       return part.prefixItems.map(item => initial(item, names));
     case "list":
@@ -166,7 +169,7 @@ function choice(kinds, value, set, names, label) {
 function plainEditor(schema, value, set, names, label) {
   switch (kindOf(schema)) {
     case "number":
-      return (schema.type === "integer" ? numberInput : numberSlider)(value, set, label, schema.minimum);
+      return (schema.type === "integer" ? numberInput : numberSlider)(value, set, label, schema.minimum ?? schema.exclusiveMinimum);
     case "boolean": {
       const box = el("input", { type: "checkbox", checked: value === true, "aria-label": label });
       box.addEventListener("change", () => set(box.checked));
@@ -175,8 +178,8 @@ function plainEditor(schema, value, set, names, label) {
     case "enum":
       return options(schema.enum, value, set, label);
     case "string":
-      return { link: () => options([...names.links, "universe"], value, set, label) }[schema.format]?.() ??
-        { joint: () => options(names.joints, value, set, label) }[schema.format]?.() ??
+      return { link: () => options([...names.links, ...(schema.ground ? ["universe"] : [])], value, set, label) }[schema.format]?.() ??
+        { joint: () => options(jointsOf(schema, names), value, set, label) }[schema.format]?.() ??
         textInput(value ?? "", set, label, text => text);
     case "tuple":
       return tuple(schema, value, set, names, label);
@@ -268,7 +271,7 @@ function tuple(schema, value, set, names, label) {
 
 /** Values by name: a line each, with a choice of names to add. */
 function map(schema, value, set, names, label) {
-  const known = schema.propertyNames?.format === "constant" ? Object.keys(names.constants) : names.joints;
+  const known = schema.propertyNames?.format === "constant" ? Object.keys(names.constants) : jointsOf(schema.propertyNames, names);
   const current = { ...value };
   const place = el("span", { className: "map" });
   const changed = () => set({ ...current });

@@ -39,7 +39,7 @@ export class SceneEditor {
     const defs = schema.$defs;
     const tagged = Object.values(defs).filter(part => part.properties?.type?.enum?.length === 1);
     const effects = Object.fromEntries(tagged.map(part => [part.properties.type.enum[0], part]));
-    this.names = { defs, effects, joints: [], links: [], constants: {} };
+    this.names = { defs, effects, joints: [], coordinates: [], links: [], constants: {} };
     this.searched = searchable(byId("scene-select"), byId("scene-search"));
   }
 
@@ -75,7 +75,9 @@ export class SceneEditor {
     for (const [name, first] of Object.entries(CONTROLS)) byId(name).value = changes[name] ?? first;
     this.#sayAccuracy();
     const single = robot.joints.filter(joint => joint.v[1] - joint.v[0] === 1);
-    this.names = { ...this.names, joints: single.map(joint => joint.name), links: robot.links, constants: {} };
+    const named = joints => joints.map(joint => joint.name);
+    const coordinates = named(single.filter(joint => joint.q[1] - joint.q[0] === 1));
+    this.names = { ...this.names, joints: named(single), coordinates, links: robot.links, constants: {} };
     this.#offerEffects();
     this.changed();
     this.#learnConstants(robot);
