@@ -1,0 +1,95 @@
+"""Fields of effects that say beside their type which joints, links, directions and bounds they take."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+import pytest
+
+import twolink as tl
+from twolink.algorithms.motion import GROUND
+from twolink.effects.checks import check_fields
+from twolink.effects.effect import (
+    AboveZero,
+    CoordinateJoint,
+    Direction,
+    JointName,
+    LinkName,
+    NotNegative,
+    PlaceName,
+    SingleJoint,
+)
+from twolink.errors import SceneError
+from twolink.scenes.file_format import scene_schema
+
+ROBOT = tl.load_robot("bowler")
+
+
+class Declared(msgspec.Struct, frozen=True):
+    """A struct with a field of each kind. Each is right by itself."""
+
+    above: AboveZero = 1.0
+    least: NotNegative = 0.0
+    way: Direction = (0.0, 0.0, 2.0)
+    link: LinkName = "forearm"
+    place: PlaceName = GROUND
+    joint: JointName = "flight"
+    single: SingleJoint = "elbow"
+    coordinate: CoordinateJoint = "elbow"
+    each: Mapping[SingleJoint, AboveZero] = msgspec.field(default_factory=lambda: {"elbow": 1.0})
+    some: tuple[SingleJoint, ...] = ("elbow", "shoulder")
+    or_none: Mapping[JointName, NotNegative] | None = None
+
+
+def test_what_is_declared_is_taken() -> None:
+    check_fields(Declared(), ROBOT)
+    check_fields(Declared(or_none={"flight": 1.0}), ROBOT)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "place", "what"),
+    [
+        ("above", 0.0, "above", "expected a finite number of at least"),
+        ("above", "x", "above", "expected a finite number"),
+        ("least", -1.0, "least", "of at least 0"),
+        ("way", (0.0, 0.0, 0.0), "way", "expected a direction"),
+        ("way", (0.0, 1.0), "way", "expected three"),
+        ("link", "forarm", "link", "forearm"),
+        ("link", GROUND, "link", "does not move"),
+        ("place", "forarm", "place", "forearm"),
+        ("joint", "elbo", "joint", "elbow"),
+        ("single", "flight", "single", "one degree of freedom"),
+        ("coordinate", "flight", "coordinate", "one degree of freedom"),
+        ("each", {}, "each", "it names no joint"),
+        ("each", {"elbo": 1.0}, "each", "elbow"),
+        ("each", {"elbow": 0.0}, "each.elbow", "at least"),
+        ("each", 1.0, "each", "values by joint"),
+        ("some", (), "some", "it names no joint"),
+        ("some", ("elbow", "flight"), "some", "one degree of freedom"),
+        ("or_none", {"elbo": 1.0}, "or_none", "elbow"),
+        ("or_none", {}, "or_none", "it names no joint"),
+    ],
+)
+def test_what_is_not_is_refused_at_its_place(field: str, value: Any, place: str, what: str) -> None:
+    with pytest.raises(SceneError, match=what) as caught:
+        check_fields(Declared(**{field: value}), ROBOT)
+    assert caught.value.where == place
+
+
+def test_a_continuous_joint_has_no_coordinate() -> None:
+    robot, names = tl.load_robot("kinova"), ("j2s6s200_joint_1", "j2s6s200_joint_2")
+    given = {"link": "j2s6s200_link_2", "joint": names[1], "each": {names[0]: 1.0}, "some": names, "single": names[0]}
+    check_fields(Declared(**given, coordinate=names[1]), robot)
+    with pytest.raises(SceneError, match="is continuous") as caught:
+        check_fields(Declared(**given, coordinate=names[0]), robot)
+    assert caught.value.where == "coordinate"
+
+
+def test_the_schema_says_what_forms_may_offer() -> None:
+    defs = scene_schema()["$defs"]
+    spring, loop = defs["JointSpring"]["properties"], defs["PointLoop"]["properties"]
+    assert spring["stiffness"]["propertyNames"] == {"format": "joint", "freedom": "coordinate"}
+    assert loop["b"]["ground"] is True
+    assert "ground" not in defs["AirDrag"]["properties"]["frame"]
+    assert defs["Muscle"]["properties"]["length"]["exclusiveMinimum"] == 0.0
+    assert defs["HingeLoop"]["properties"]["axis_a"]["format"] == "direction"
