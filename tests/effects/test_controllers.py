@@ -118,7 +118,7 @@ LINEAR = E.Sampled((0.0, 1.0), (0.0, 1.0))
 @pytest.mark.parametrize(
     ("body", "effect", "where", "part"),
     [
-        ("arm", E.JointPD({"elbow": 1.0}, {}), "kp", "gain for joint 'elbow'"),
+        ("arm", E.JointPD({"elbow": 1.0}, {}), "kp", "kp for joint 'elbow'"),
         ("arm", E.JointPD({"elbow": 1.0}, {"elbow": 1.0, "shoulder": 1.0}), "kp", "joint with a target 'shoulder'"),
         ("arm", E.JointPD({"elbow": 1.0}, {"elbow": -1.0}), "kp.elbow", "at least 0"),
         ("arm", E.JointPD({"elbow": float("nan")}, {"elbow": 1.0}), "target.elbow", "finite"),

@@ -1,7 +1,7 @@
 """Fields of effects that say beside their type which joints, links, directions and bounds they take."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import pytest
@@ -18,11 +18,12 @@ from twolink.effects.effect import (
     NotNegative,
     PlaceName,
     SingleJoint,
+    of,
 )
 from twolink.errors import SceneError
 from twolink.scenes.file_format import scene_schema
 
-ROBOT = tl.load_robot("bowler")
+ROBOT, EACH = tl.load_robot("bowler"), {"elbow": 1.0}
 
 
 class Declared(msgspec.Struct, frozen=True):
@@ -36,9 +37,11 @@ class Declared(msgspec.Struct, frozen=True):
     joint: JointName = "flight"
     single: SingleJoint = "elbow"
     coordinate: CoordinateJoint = "elbow"
-    each: Mapping[SingleJoint, AboveZero] = msgspec.field(default_factory=lambda: {"elbow": 1.0})
+    each: Mapping[SingleJoint, AboveZero] = msgspec.field(default_factory=EACH.copy)
     some: tuple[SingleJoint, ...] = ("elbow", "shoulder")
     or_none: Mapping[JointName, NotNegative] | None = None
+    beside: Annotated[Mapping[str, NotNegative], of("each")] = {}
+    with_all: Annotated[Mapping[str, float], of("each", each=True)] = msgspec.field(default_factory=EACH.copy)
 
 
 def test_what_is_declared_is_taken() -> None:
@@ -68,6 +71,10 @@ def test_what_is_declared_is_taken() -> None:
         ("some", ("elbow", "flight"), "some", "one degree of freedom"),
         ("or_none", {"elbo": 1.0}, "or_none", "elbow"),
         ("or_none", {}, "or_none", "it names no joint"),
+        ("beside", {"shoulder": 1.0}, "beside", "joint with an each 'shoulder'"),
+        ("beside", {"elbow": -1.0}, "beside.elbow", "of at least 0"),
+        ("with_all", {"shoulder": 1.0}, "with_all", "joint with an each"),
+        ("with_all", {}, "with_all", "no with_all for joint 'elbow'"),
     ],
 )
 def test_what_is_not_is_refused_at_its_place(field: str, value: Any, place: str, what: str) -> None:
@@ -78,7 +85,8 @@ def test_what_is_not_is_refused_at_its_place(field: str, value: Any, place: str,
 
 def test_a_continuous_joint_has_no_coordinate() -> None:
     robot, names = tl.load_robot("kinova"), ("j2s6s200_joint_1", "j2s6s200_joint_2")
-    given = {"link": "j2s6s200_link_2", "joint": names[1], "each": {names[0]: 1.0}, "some": names, "single": names[0]}
+    given = {"link": "j2s6s200_link_2", "joint": names[1], "some": names, "single": names[0],
+             "each": {names[0]: 1.0}, "with_all": {names[0]: 1.0}}  # fmt: skip
     check_fields(Declared(**given, coordinate=names[1]), robot)
     with pytest.raises(SceneError, match="is continuous") as caught:
         check_fields(Declared(**given, coordinate=names[0]), robot)

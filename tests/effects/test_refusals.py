@@ -50,7 +50,7 @@ BAD = [
     (E.Constants({"forearm.mass": -1.0}), "values.forearm.mass", "at least 0"),
     (E.Constants({"elbow.damping": 1.0}), "values.elbow.damping", "damping acts as an effect"),
     (E.Rotor({"elbow": -1.0}), "inertia.elbow", "at least 0"),
-    (E.Rotor({"elbow": 1.0}, {"shoulder": 2.0}), "ratio", "with a rotor 'shoulder'"),
+    (E.Rotor({"elbow": 1.0}, {"shoulder": 2.0}), "ratio", "with an inertia 'shoulder'"),
     (E.Payload("tip", -1.0), "mass", "at least 0, got -1.0"),
     (E.Payload("tip", NAN), "mass", "finite"),
     (E.Payload("base", 1.0), "frame", "does not move"),

@@ -37,7 +37,13 @@ def check_fields(part: msgspec.Struct, robot: Robot, place: str = "") -> None:
     Names of links and joints are those of the robot. Where a field declares joints, it names one or more.
     """
     for field in msgspec.structs.fields(part):
-        _check(getattr(part, field.name), field.type, f"{place}{field.name}", robot)
+        value, where, said = getattr(part, field.name), f"{place}{field.name}", _declared(field.type)
+        _check(value, field.type, where, robot)
+        if "of" in said:
+            others = getattr(part, said["of"])
+            check_subset(value, others, where, f"joint with {'an' if said['of'][0] in 'aei' else 'a'} {said['of']}")
+            for joint in others if "each" in said else ():
+                check_name(joint, value, where, f"{field.name} for joint")
 
 
 def _declared(kind: Any) -> dict[str, Any]:

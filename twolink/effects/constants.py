@@ -11,8 +11,7 @@ import pinocchio as pin
 
 from twolink.algorithms.mechanism import body_names, moments, parameter_names, with_nominal
 from twolink.dynamics import Robot
-from twolink.effects.checks import check_subset
-from twolink.effects.effect import Effect, LinkName, NotNegative, SingleJoint, check_name, finite
+from twolink.effects.effect import Effect, LinkName, NotNegative, SingleJoint, check_name, finite, of
 from twolink.errors import SceneError
 from twolink.robots.checks import is_impossible
 from twolink.robots.suspicions import too_heavy
@@ -108,12 +107,7 @@ class Rotor(Effect, frozen=True):
     """
 
     inertia: Mapping[SingleJoint, NotNegative]
-    ratio: Mapping[str, float] = {}
-
-    def check(self, robot: Robot) -> None:
-        """Require ratios of rotors."""
-        del robot
-        check_subset(self.ratio, self.inertia, "ratio", "joint with a rotor")
+    ratio: Annotated[Mapping[str, float], of("inertia")] = {}
 
     def change(self, model: pin.Model) -> None:
         """Add N^2 J to the model's armature."""

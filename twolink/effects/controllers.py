@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.recursions import newton_euler
@@ -10,7 +10,16 @@ from twolink.algorithms.spatial import Scalar, Vec, add, cross, dot, minus, nega
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import configuration
 from twolink.effects.checks import check_joint, check_subset, single_joints
-from twolink.effects.effect import CoordinateJoint, Effect, Loads, NotNegative, SingleJoint, check_name, inverse, number
+from twolink.effects.effect import (
+    CoordinateJoint,
+    Effect,
+    Loads,
+    NotNegative,
+    SingleJoint,
+    inverse,
+    number,
+    of,
+)
 from twolink.effects.inputs import Input, Sampled, derivatives_at, value_at
 from twolink.errors import SceneError
 from twolink.robots.joint_layout import joint_layouts
@@ -44,9 +53,9 @@ class JointPD(Effect, frozen=True):
     """
 
     target: Mapping[CoordinateJoint, Input]
-    kp: Mapping[str, NotNegative]
-    kd: Mapping[str, NotNegative] = {}
-    feedforward: Mapping[str, Input] = {}
+    kp: Annotated[Mapping[str, NotNegative], of("target", each=True)]
+    kd: Annotated[Mapping[str, NotNegative], of("target")] = {}
+    feedforward: Annotated[Mapping[str, Input], of("target")] = {}
     effort: Limits = None
 
     @property
@@ -55,11 +64,7 @@ class JointPD(Effect, frozen=True):
         return self.effort is None
 
     def check(self, robot: Robot) -> None:
-        """Require a target and kp of each joint."""
-        for name in ("kp", "kd", "feedforward"):
-            check_subset(getattr(self, name), self.target, name, "joint with a target")
-        for joint in self.target:
-            check_name(joint, self.kp, "kp", "gain for joint")
+        """Require limits of joints with a target."""
         check_limits(self.effort, self.target, robot)
 
     def viscosity(self, robot: Robot) -> Mapping[str, float]:  # noqa: ARG002 what all effects are given
@@ -114,12 +119,12 @@ class PID(Effect, frozen=True):
     """
 
     target: Mapping[CoordinateJoint, Input]
-    kp: Mapping[str, NotNegative]
-    ki: Mapping[str, NotNegative] = {}
-    kd: Mapping[str, NotNegative] = {}
-    filter: Mapping[str, NotNegative] = {}
+    kp: Annotated[Mapping[str, NotNegative], of("target", each=True)]
+    ki: Annotated[Mapping[str, NotNegative], of("target")] = {}
+    kd: Annotated[Mapping[str, NotNegative], of("target")] = {}
+    filter: Annotated[Mapping[str, NotNegative], of("target")] = {}
     effort: Limits = None
-    tracking: Mapping[str, NotNegative] = {}
+    tracking: Annotated[Mapping[str, NotNegative], of("target")] = {}
     side: Literal["joint", "motor"] = "joint"
 
     @property
@@ -128,11 +133,7 @@ class PID(Effect, frozen=True):
         return self.effort is None
 
     def check(self, robot: Robot) -> None:
-        """Require a target and kp of each joint."""
-        for name in ("kp", "ki", "kd", "filter", "tracking"):
-            check_subset(getattr(self, name), self.target, name, "joint with a target")
-        for joint in self.target:
-            check_name(joint, self.kp, "kp", "gain for joint")
+        """Require times of integrals, and limits of joints with a target."""
         for joint in self.ki:
             if self.effort is not None and not self.tracking.get(joint, self.kp[joint]):
                 raise SceneError("an integral without kp needs a time", where=f"tracking.{joint}",
@@ -324,7 +325,7 @@ class StateFeedback(Effect, frozen=True):
 
     gain: Mapping[SingleJoint, tuple[float, ...]]
     target: tuple[float, ...]
-    torque: Mapping[str, float] = {}
+    torque: Annotated[Mapping[str, float], of("gain")] = {}
     effort: Limits = None
 
     @property
@@ -342,7 +343,6 @@ class StateFeedback(Effect, frozen=True):
             raise SceneError(f"expected {robot.nq} numbers, got {len(self.target)}", where="target",
                              remedy="give a configuration (nq,)")  # fmt: skip
         configuration("target", self.target, robot.nq, robot.joints)
-        check_subset(self.torque, self.gain, "torque", "joint with a gain")
         check_limits(self.effort, self.gain, robot)
 
     def act(self, motion: KinematicState, loads: Loads) -> None:

@@ -6,7 +6,7 @@ on the motor; inside a motor, torques are its voltages.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -15,9 +15,9 @@ import pinocchio as pin
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import Scalar, minus, negative, plus, times
 from twolink.dynamics import Robot
-from twolink.effects.checks import above_zero, check_effect, check_joints, check_subset
+from twolink.effects.checks import above_zero, check_effect, check_joints
 from twolink.effects.constants import Rotor
-from twolink.effects.effect import AboveZero, Effect, Loads, NotNegative, check_name, finite, inverse, number
+from twolink.effects.effect import AboveZero, Effect, Loads, NotNegative, finite, inverse, number, of
 from twolink.effects.inputs import Input, value_at
 from twolink.effects.loops import Loop
 from twolink.effects.switching import SwitchingEffect
@@ -111,13 +111,12 @@ class ActuatorLag(Drive, frozen=True):
     """
 
     time: Mapping[str, NotNegative] = {}
-    start: Mapping[str, float] = {}
+    start: Annotated[Mapping[str, float], of("time")] = {}
 
     def check(self, robot: Robot) -> None:
         """Require times above 0, and something inside."""
         self.check_inside(robot, self.time, "time")
         above_zero(self.time, "time")
-        check_subset(self.start, self.time, "start", "joint with a lag")
 
     def states(self, motion: KinematicState) -> Mapping[str, Scalar]:
         """z of each joint."""
@@ -185,20 +184,15 @@ class DCMotor(Drive, frozen=True):
     """
 
     resistance: Mapping[str, NotNegative] = {}
-    inductance: Mapping[str, NotNegative] = {}
-    constant: Mapping[str, float] = {}
-    voltage: Mapping[str, Input] = {}
-    start: Mapping[str, float] = {}
+    inductance: Annotated[Mapping[str, NotNegative], of("resistance", each=True)] = {}
+    constant: Annotated[Mapping[str, float], of("resistance", each=True)] = {}
+    voltage: Annotated[Mapping[str, Input], of("resistance")] = {}
+    start: Annotated[Mapping[str, float], of("resistance")] = {}
     winding: Winding | None = None
 
     def check(self, robot: Robot) -> None:
         """Require R, L and K of each motor."""
         self.check_inside(robot, self.resistance, "resistance", needed=False)
-        for name in ("inductance", "constant", "voltage", "start"):
-            check_subset(getattr(self, name), self.resistance, name, "joint with a resistance")
-        for joint in self.resistance:
-            check_name(joint, self.inductance, "inductance", "inductance for joint")
-            check_name(joint, self.constant, "constant", "constant for joint")
         above_zero(self.inductance, "inductance")
         if self.winding is not None:
             finite(self.winding.capacity, "winding.capacity", least=np.finfo(float).tiny)
@@ -259,9 +253,9 @@ class Gear(Drive, frozen=True):
     """
 
     ratio: Mapping[str, float] = {}
-    efficiency: Mapping[str, NotNegative] = {}
-    backward: Mapping[str, NotNegative] = {}
-    inertia: Mapping[str, NotNegative] = {}
+    efficiency: Annotated[Mapping[str, NotNegative], of("ratio")] = {}
+    backward: Annotated[Mapping[str, NotNegative], of("efficiency")] = {}
+    inertia: Annotated[Mapping[str, NotNegative], of("ratio")] = {}
     power: AboveZero = 0.1
 
     @property
@@ -272,9 +266,6 @@ class Gear(Drive, frozen=True):
     def check(self, robot: Robot) -> None:
         """Require ratios, and efficiencies of at most 1."""
         self.check_inside(robot, self.ratio, "ratio")
-        for name in ("efficiency", "inertia"):
-            check_subset(getattr(self, name), self.ratio, name, "joint with a ratio")
-        check_subset(self.backward, self.efficiency, "backward", "joint with an efficiency")
         above_zero({joint: abs(ratio) for joint, ratio in self.ratio.items()}, "ratio")
         for name in ("efficiency", "backward"):
             above_zero(getattr(self, name), name)
@@ -314,17 +305,13 @@ class MotorOnSpring(Drive, frozen=True):
     """A motor with a coordinate of its own, theta and its speed w, in the joint's units: J w' = tau - f."""
 
     stiffness: Mapping[str, NotNegative] = {}
-    inertia: Mapping[str, NotNegative] = {}
-    cubic: Mapping[str, NotNegative] = {}
-    damping: Mapping[str, NotNegative] = {}
+    inertia: Annotated[Mapping[str, NotNegative], of("stiffness", each=True)] = {}
+    cubic: Annotated[Mapping[str, NotNegative], of("stiffness")] = {}
+    damping: Annotated[Mapping[str, NotNegative], of("stiffness")] = {}
 
     def check(self, robot: Robot) -> None:
         """Require an inertia for each spring."""
         self.check_inside(robot, self.stiffness, "stiffness")
-        for name in ("inertia", "cubic", "damping"):
-            check_subset(getattr(self, name), self.stiffness, name, "joint with a stiffness")
-        for joint in self.stiffness:
-            check_name(joint, self.inertia, "inertia", "inertia for joint")
         above_zero(self.inertia, "inertia")
 
     def seen_inside(self, motion: KinematicState) -> KinematicState:
@@ -425,19 +412,12 @@ class Backlash(MotorOnSpring, frozen=True):
     Nordin, Gutman 2002, Automatica 38(10), 1633-1649. Hunt, Crossley 1975, Journal of Applied Mechanics 42(2), 440-445.
     """
 
-    gap: Mapping[str, NotNegative] = {}
+    gap: Annotated[Mapping[str, NotNegative], of("stiffness", each=True)] = {}
 
     @property
     def analytic(self) -> bool:
         """It is smooth only between contacts."""
         return False
-
-    def check(self, robot: Robot) -> None:
-        """Require a gap for each joint."""
-        super().check(robot)
-        for joint in self.stiffness:
-            check_name(joint, self.gap, "gap", "gap for joint")
-        check_subset(self.gap, self.stiffness, "gap", "joint with a stiffness")
 
     def force(self, joint: str, twist: Scalar, rate: Scalar, loads: Loads, xp: Any) -> Scalar:
         """f, from how far the flanks are pressed."""

@@ -31,6 +31,11 @@ SingleJoint = Annotated[str, msgspec.Meta(extra_json_schema={"format": "joint", 
 CoordinateJoint = Annotated[str, msgspec.Meta(extra_json_schema={"format": "joint", "freedom": "coordinate"})]
 
 
+def of(field: str, *, each: bool = False) -> msgspec.Meta:
+    """Say of values by joint that their joints are some of those of another field, or each of them."""
+    return msgspec.Meta(extra_json_schema={"of": field, "each": True} if each else {"of": field})
+
+
 class Loads:
     """Torques tau (nv) and, by body, the wrench (force, moment) at its joint's origin along its own axes.
 

@@ -1,7 +1,7 @@
 """Forces in joints and on links, by position, velocity and time."""
 
 from collections.abc import Mapping
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from twolink.algorithms.functions import frame_pose
 from twolink.algorithms.motion import KinematicState
@@ -22,7 +22,6 @@ from twolink.dynamics import Robot
 from twolink.effects.checks import (
     above_zero,
     check_frame,
-    check_subset,
     check_values_or_urdf,
     floats,
     values_by_dof,
@@ -37,9 +36,9 @@ from twolink.effects.effect import (
     NotNegative,
     PlaceName,
     SingleJoint,
-    check_name,
     inverse,
     number,
+    of,
 )
 from twolink.effects.inputs import Input, value_at
 from twolink.errors import SceneError
@@ -100,12 +99,7 @@ class JointSpring(Effect, frozen=True):
     """
 
     stiffness: Mapping[CoordinateJoint, NotNegative]
-    rest: Mapping[str, float] = {}
-
-    def check(self, robot: Robot) -> None:
-        """Require positions of rest of springs."""
-        del robot
-        check_subset(self.rest, self.stiffness, "rest", "joint with a stiffness")
+    rest: Annotated[Mapping[str, float], of("stiffness")] = {}
 
     def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add -k (q - q0)."""
@@ -181,23 +175,17 @@ class LuGreFriction(Effect, frozen=True):
     """
 
     stiffness: Mapping[SingleJoint, NotNegative]
-    coulomb: Mapping[str, NotNegative]
-    static: Mapping[str, NotNegative] = {}
-    stribeck: Mapping[str, NotNegative] = {}
-    damping: Mapping[str, NotNegative] = {}
-    viscous: Mapping[str, NotNegative] = {}
+    coulomb: Annotated[Mapping[str, NotNegative], of("stiffness", each=True)]
+    static: Annotated[Mapping[str, NotNegative], of("stiffness")] = {}
+    stribeck: Annotated[Mapping[str, NotNegative], of("static", each=True)] = {}
+    damping: Annotated[Mapping[str, NotNegative], of("stiffness")] = {}
+    viscous: Annotated[Mapping[str, NotNegative], of("stiffness")] = {}
 
     analytic: ClassVar[bool] = False  # where v passes 0
 
     def check(self, robot: Robot) -> None:
-        """Require k and c of each joint, and w of each static friction."""
+        """Require k, c and w above 0."""
         del robot
-        for name in ("coulomb", "static", "damping", "viscous"):
-            check_subset(getattr(self, name), self.stiffness, name, "joint with a stiffness")
-        check_subset(self.stribeck, self.static, "stribeck", "joint with a static friction")
-        for name, joints in (("coulomb", self.stiffness), ("stribeck", self.static)):
-            for joint in joints:
-                check_name(joint, getattr(self, name), name, f"{name} for joint")
         for name in ("stiffness", "coulomb", "stribeck"):
             above_zero(getattr(self, name), name)
 

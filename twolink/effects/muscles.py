@@ -2,13 +2,12 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.dynamics import Robot
-from twolink.effects.checks import check_subset
-from twolink.effects.effect import AboveZero, CoordinateJoint, Effect, Loads, NotNegative, finite, inverse, number
+from twolink.effects.effect import AboveZero, CoordinateJoint, Effect, Loads, NotNegative, finite, inverse, number, of
 from twolink.effects.inputs import Input, value_at
 from twolink.errors import SceneError
 
@@ -62,7 +61,7 @@ class Muscle(Effect, frozen=True):
     force: NotNegative
     length: AboveZero
     excitation: Input
-    rest: Mapping[str, float] = {}
+    rest: Annotated[Mapping[str, float], of("arm")] = {}
     speed: AboveZero = 10.0
     rise: AboveZero = 0.015
     fall: AboveZero = 0.050
@@ -76,7 +75,6 @@ class Muscle(Effect, frozen=True):
     def check(self, robot: Robot) -> None:
         """Require numbers of activation from 0 to 1."""
         del robot
-        check_subset(self.rest, self.arm, "rest", "joint with a moment arm")
         for field in ("excitation", "start"):
             value = getattr(self, field)
             if isinstance(value, (int, float)):

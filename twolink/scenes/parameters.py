@@ -171,7 +171,8 @@ def _lowest(value: Any, path: Sequence[str]) -> float:
 def _least(declared: Any) -> float:
     if get_origin(declared) is Annotated:
         said = getattr(declared.__metadata__[0], "extra_json_schema", None) or {}
-        return float(said.get("minimum", said.get("exclusiveMinimum", -math.inf)))
+        own = said.get("minimum", said.get("exclusiveMinimum", -math.inf))
+        return float(max(own, _least(declared.__origin__)))
     return max(map(_least, get_args(declared)), default=-math.inf)
 
 
