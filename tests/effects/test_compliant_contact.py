@@ -116,9 +116,9 @@ def test_what_cannot_be_is_refused() -> None:
     on = robot("arm")
     for kind in (lambda **more: E.PlaneContact("tip", **more), lambda **more: E.CompliantContact("tip", 1e3, **more)):
         assert_refused(on, kind(radius=0.1, radii=(1, 1, 1)), "radii", "radius is given too")
-        assert_refused(on, kind(radii=(0.1, 0.0, 0.1)), "radii[1]", "at least")
+        assert_refused(on, kind(radii=(0.1, 0.0, 0.1)), "radii[1]", "above 0")
     assert_refused(on, E.CompliantContact("tip", -1.0), "stiffness", "at least 0")
-    assert_refused(on, E.CompliantContact("tip", 1.0, slip=0.0), "slip", "at least")
+    assert_refused(on, E.CompliantContact("tip", 1.0, slip=0.0), "slip", "above 0")
 
 
 def bounced(t: np.ndarray, height: float, k_over_m: float) -> np.ndarray:

@@ -52,7 +52,7 @@ def test_what_is_declared_is_taken() -> None:
 @pytest.mark.parametrize(
     ("field", "value", "place", "what"),
     [
-        ("above", 0.0, "above", "expected a finite number of at least"),
+        ("above", 0.0, "above", "expected a number above 0"),
         ("above", "x", "above", "expected a finite number"),
         ("least", -1.0, "least", "of at least 0"),
         ("way", (0.0, 0.0, 0.0), "way", "expected a direction"),
@@ -65,7 +65,7 @@ def test_what_is_declared_is_taken() -> None:
         ("coordinate", "flight", "coordinate", "one degree of freedom"),
         ("each", {}, "each", "it names no joint"),
         ("each", {"elbo": 1.0}, "each", "elbow"),
-        ("each", {"elbow": 0.0}, "each.elbow", "at least"),
+        ("each", {"elbow": 0.0}, "each.elbow", "above 0"),
         ("each", 1.0, "each", "values by joint"),
         ("some", (), "some", "it names no joint"),
         ("some", ("elbow", "flight"), "some", "one degree of freedom"),

@@ -20,7 +20,7 @@ BAD = [
     (E.JointDamping({}), "damping", "names no joint"),
     (E.JointDamping(), "damping", "the URDF gives no joint damping"),
     (E.SmoothFriction(), "friction", "the URDF gives no joint friction"),
-    (E.SmoothFriction({"elbow": 1.0}, 0.0), "scale", "at least"),
+    (E.SmoothFriction({"elbow": 1.0}, 0.0), "scale", "above 0"),
     (E.SmoothFriction({"elbow": -1.0}), "friction.elbow", "at least 0"),
     (E.AirDrag("forarm", 1.0), "frame", "there is no frame 'forarm'; did you mean 'forearm'"),
     (E.AirDrag("base", 1.0), "frame", "does not move"),

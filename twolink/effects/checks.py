@@ -1,6 +1,5 @@
 """Checks of what effects are given: fields by their declared types, values by joint, frames and points."""
 
-import math
 from collections.abc import Iterable, Mapping
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -85,8 +84,12 @@ def _check_keys(names: Iterable[str], kind: Any, field: str, robot: Robot) -> No
 
 def _check_declared(value: Any, said: Mapping[str, Any], field: str, robot: Robot) -> None:
     """Require what a field says beside its type."""
-    if "minimum" in said or "exclusiveMinimum" in said:
-        finite(value, field, least=said.get("minimum", math.ulp(0.0)))
+    if "minimum" in said:
+        finite(value, field, least=said["minimum"])
+    elif "exclusiveMinimum" in said:
+        finite(value, field)
+        if not value > 0.0:
+            raise SceneError(f"expected a number above 0, got {value!r}", where=field, remedy="give SI units")
     elif said.get("format") == "direction":
         unit(value, field)
     elif said.get("format") == "link":

@@ -192,6 +192,7 @@ REFUSED = {
     "unknown": (lambda: identify(ARM, T, Q, V, TAU, ["wrist.mass"]), "unknown-parameter", "no parameter 'wrist.mass'"),
     "method": (lambda: identify(ARM, T, Q, V, TAU, a=A, method="total"), "no-errors", "leave v and a out"),
     "window": (lambda: identify(ARM, T, Q, None, TAU, half_window=1), "query", "half_window: expected a whole"),
+    "two": (lambda: identify(ARM, T, Q, None, TAU, half_window=5, cutoff=3), "query", "half_window is given"),
     "no samples": (lambda: identify(ARM, [], Q[:0], V[:0], TAU[:0]), "too-few-samples", "there are no samples"),
     "too few for v": (lambda: identify(ARM, T[:7], Q[:7], V[:7], TAU[:7]), "too-few-samples", "to differentiate v"),
     "nanoseconds": (lambda: identify(ARM, T * 1e15, Q, None, TAU), "times", "give seconds"),

@@ -174,6 +174,10 @@ def _half_window(runs: Sequence[Recording], half: int | None, frequency: float |
     if half is not None and (not isinstance(half, int | np.integer) or half < SMALLEST):
         what = f"expected a whole number from {SMALLEST} on, got {half!r}"
         raise QueryError(what, argument="half_window", remedy="leave it out to choose by the torques")
+    if half is not None and frequency is not None:
+        raise QueryError(
+            "half_window is given too", argument="cutoff", remedy="keep one: both say how wide the filter is"
+        )
     if runs[0].a is not None:
         return half
     for run in runs:

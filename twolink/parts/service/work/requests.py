@@ -4,7 +4,6 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
-from inspect import signature
 from typing import Annotated, Any, Literal, Union
 
 import msgspec
@@ -21,7 +20,11 @@ from twolink.scenes.file_format import SceneFile
 WAIT = (Annotated[float, msgspec.Meta(ge=0, le=30, description="Seconds to wait, before a job's state is sent.")], 2.0)
 LATER = (WAIT[0], 0.0)
 CONTACT = Literal["located", "stepped"] | None
-SIMULATORS = Literal["twolink", "mujoco", "drake", "scipy"]
+SIMULATOR = Annotated[
+    Literal["twolink", "mujoco", "drake", "scipy"],
+    msgspec.Meta(description="The simulator whose run it is; others run at their default setting, as in `compare`."),
+]
+CSV = Annotated[str, msgspec.Meta(description="The text of a CSV file, as `twolink identify` takes it.")]
 COLUMNS = dict[str, Numbers]  # of measurements: t, q.JOINT, v.JOINT; or whole arrays t, q, v
 
 
@@ -79,8 +82,7 @@ def linearization_request() -> Any:
 
 
 def _simulation() -> Any:
-    """simulator: whose run it is; another one's is made at its default setting, as by `twolink compare`."""
-    return body_of_call(tl.simulate, "SimulationRequest", contact=CONTACT, simulator=(SIMULATORS, "twolink"), wait=WAIT)
+    return body_of_call(tl.simulate, "SimulationRequest", contact=CONTACT, simulator=(SIMULATOR, "twolink"), wait=WAIT)
 
 
 def _study() -> Any:
@@ -98,19 +100,14 @@ def _sensitivity() -> Any:
 
 
 def _identification() -> Any:
-    """data: the text of a CSV file, as `twolink identify` takes it."""
     from twolink.parts.identification.regression import METHODS
 
-    sent = ("robot", "parameters", "method", "confidence")
-    without = [name for name in signature(tl.identify).parameters if name not in sent]
-    return body_of_call(tl.identify, "IdentificationRequest", without, data=(str,), wait=WAIT, method=words(METHODS),
+    measured = ("t", "q", "v", "tau", "a", "validate", "joint_model")
+    return body_of_call(tl.identify, "IdentificationRequest", measured, data=(CSV,), wait=WAIT, method=words(METHODS),
                         confidence=Annotated[float, msgspec.Meta(gt=0, lt=1)])  # fmt: skip
 
 
 def _sweep() -> Any:
-    """vary: by name values, or {"range": [first, last, count]}; of samples {"uniform": [low, high]} or {"normal":
-    [mean, standard deviation]}. outputs: final, samples, events, energy, cost.
-    """
     from twolink.parts.sweeps.design import DESIGNS
 
     varied = dict[str, list[float | bool | str] | dict[str, list[float]]]
