@@ -139,8 +139,8 @@ def test_a_client_calls_them_with_its_own_scenes_and_robots(client: Client) -> N
     assert motion["t"][-1] == pytest.approx(2.0)
     with pytest.raises(SceneError, match="starts: expected a whole number"):
         client.call("equilibria", scene=scene, starts=-1)
-    with pytest.raises(TwolinkError, match="operation"):
-        client.call("os", scene=scene)
+    with pytest.raises(QueryError, match="did you mean 'equilibria'"):
+        client.call("equilibra", scene=scene)
 
 
 def test_bodies_have_the_defaults_and_texts_of_the_signature() -> None:

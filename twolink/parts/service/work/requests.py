@@ -11,6 +11,7 @@ import msgspec
 import twolink as tl
 from twolink.dynamics.arguments import Positive
 from twolink.dynamics.queries import Numbers
+from twolink.errors import QueryError, require_known
 from twolink.io.fingerprints import code_key, files_digest
 from twolink.parts.service.problems import Refusal, decode_unique
 from twolink.parts.service.work.bodies import body_of_call, words
@@ -184,7 +185,13 @@ def version_key() -> str:
 
 def prepare(*, kind: str, body: bytes, ids: str = "") -> JobRequest:
     """Check the body of a request for a job. ids: what sets an owner's ids apart. Raises as `decode_unique`."""
-    request = decode_unique(body, JOB_KINDS[kind].request)
+    try:
+        request = decode_unique(body, JOB_KINDS[kind].request)
+    except msgspec.ValidationError:
+        asked = msgspec.json.decode(body)
+        if kind == "operation" and isinstance(asked, dict):
+            require_known(asked.get("operation"), OPERATIONS, QueryError, argument="operation")
+        raise
     fields = msgspec.to_builtins(request)
     del fields["wait"]
     content = msgspec.json.encode(fields, order="sorted")
