@@ -45,7 +45,7 @@ def test_the_service_gives_a_run_up_that_ends_its_workers(tmp_path: Path) -> Non
         body = {"scene": "arm-swing", "duration": 0.01, "vary": {"q.elbow": ELBOWS}}
         try:
             key = (await jobs.submit("sweep", prepare(kind="sweep", body=json.dumps(body).encode())))["id"]
-            while (job := await jobs.view("sweep", key))["state"] in ("queued", "running"):
+            while (job := await jobs.views.view("sweep", key))["state"] in ("queued", "running"):
                 await asyncio.sleep(0.1)
             return job
         finally:
