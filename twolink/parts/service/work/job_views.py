@@ -92,7 +92,7 @@ class JobViews:
 
     async def request(self, kind: str, key: str) -> bytes:
         """The request of a job, as JSON. Raises Refusal (404) when there is no such job."""
-        return upgraded(kind, bytes((await self.job(kind, key)).request))
+        return await asyncio.to_thread(upgraded, kind, bytes((await self.job(kind, key)).request))
 
     async def view(self, kind: str, key: str) -> View:
         """A job as clients see it. Raises Refusal (404) when there is none."""

@@ -157,7 +157,7 @@ class Jobs:
     async def _compute(self, key: str, running: Running, turn: Turn, folder: Path, body: bytes) -> Any:
         if running.kind in RESUMED:
             await asyncio.to_thread(self._store.copies.bring, key, time.time())
-        body = upgraded(running.kind, body)
+        body = await asyncio.to_thread(upgraded, running.kind, body)  # which may import the function
         await self._store.bring_robots(body)
 
         async def note(progress: Any) -> View:
