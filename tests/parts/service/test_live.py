@@ -21,6 +21,8 @@ from websockets.sync.client import ClientConnection, connect
 import twolink as tl
 from tests.parts.service.page_driver import Page
 from tests.parts.service.serving import Served, serving
+from twolink.parts.service.work.live_tasks import torques
+from twolink.parts.service.work.requests import Drag, LiveWords
 
 PATH = "/v1/live"
 
@@ -79,6 +81,17 @@ def test_a_link_follows_what_drags_it(served: Served) -> None:
         assert last["poses"][links.index("tip")][:3] == pytest.approx(to, abs=0.01)
         socket.send("{}")
         assert [frame(socket) for _ in range(30)][-1]["q"] == pytest.approx(last["q"], abs=0.05)
+
+
+def test_a_point_beside_its_axis_is_turned_towards_what_is_far_away() -> None:
+    """By torques that are held between frames; without gravity it comes to rest in line with where it is drawn to."""
+    sim = tl.Simulation(tl.Scene(tl.load_robot("two_link"), [0.3, 0.5], effects=[]), accuracy=1e-4)
+    words = LiveWords(drag=Drag("upper_arm", (0.02, 0.0, 0.0), (-2.0, 0.0, 1.0)))
+    for _ in range(150):
+        sim.step(1.0 / 30.0, torques(sim.scene.robot, sim.state, words))
+    rotation, _ = sim.scene.robot.frame_pose(sim.state.q, "upper_arm")
+    assert rotation[:, 0] == pytest.approx(np.array([-2.0, 0.0, 1.0]) / np.sqrt(5.0), abs=0.02)
+    assert abs(sim.state.v[0]) < 0.1
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,7 @@ def test_a_smaller_quota_deletes_results_only_when_told_to(tmp_path: Path) -> No
     assert len(list((tmp_path / "data" / "results").iterdir())) == 3
     with serving(tmp_path / "data", *options[2:], "--delete-results") as served, served.client() as http:
         assert [job["id"] for job in http.get("/v1/simulations").json()] == [keys[-1]]
-        assert "2 jobs were deleted" in served.log
+        assert "2 jobs and 0 robots were deleted" in served.log
 
 
 @pytest.mark.slow
@@ -109,7 +109,7 @@ def test_every_answer_has_an_id_by_which_the_log_names_it(tmp_path: Path) -> Non
         assert answers[1].json()["request_id"] == ids[1]
         assert refused.json()["request_id"] == ids[-1]
     lines = {line["request_id"]: line for line in map(json.loads, served.log.splitlines())}
-    assert [lines[key]["status"] for key in ids] == [200, 404, 200, 200, 200, 200, 200, 401]
+    assert [lines[key]["status"] for key in ids] == [200, 400, 200, 200, 200, 200, 200, 401]
     assert [lines[key]["method"] for key in ids[:5]] == ["POST", "GET", "GET", "POST", "HEAD"]
     assert lines[ids[0]]["path"] == BIAS
     assert lines[ids[0]]["bytes"] == len(answers[0].content)

@@ -29,7 +29,7 @@ CALLS: dict[str, dict[str, Any]] = {
     "equilibria": {"scene": "arm-swing", "starts": 4},
     "fit": {"scene": "arm-swing", "measurements": RUN, "parameters": ["forearm.mass"]},
     "gradient": {"scene": "arm-swing", "duration": 0.2, "objective": "z:forearm", "wrt": ["v.elbow"]},
-    "judge": {"scene": "arm-swing", "trajectory": RUN, "seconds": 0.1},
+    "judge": {"scene": "arm-swing", "trajectory": RUN},
     "lqr": {"scene": "arm-swing", "Q": 1.0, "R": [1.0, 2.0], "q": [0.0, 0.0]},
     "optimize": {
         "scene": "arm-swing",

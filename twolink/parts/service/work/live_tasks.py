@@ -50,9 +50,10 @@ def live(*, body: bytes, robots: str, ask: Ask) -> None:
 def torques(robot: Robot, state: "State", said: LiveWords) -> np.ndarray:
     """The torques (nv,) of a message: those that it gives, and J' F of a spring that drags a point of a link.
 
-        F = L (w^2 (to - p) - 2 w p'),   L = (J M^-1 J')^-1
+        F = L (w^2 d - 2 w p'),   L = (J M^-1 J')^-1,   d = to - p, of length |J| at most
 
-    L is the mass that the point shows (Khatib 1987, IEEE Journal on Robotics and Automation 3(1), 43-53).
+    L is the mass that the point shows (Khatib 1987, IEEE Journal on Robotics and Automation 3(1), 43-53). |J| is how
+    far the point moves by a radian: what is farther would turn a point beside an axis more stiffly than frames follow.
 
     Raises QueryError where names or sizes do not fit.
     """
@@ -66,5 +67,8 @@ def torques(robot: Robot, state: "State", said: LiveWords) -> np.ndarray:
     linear, turning = np.split(robot.frame_jacobian(state.q, said.drag.link), 2)
     jacobian = linear + np.cross(turning, arm[:, None], axis=0)
     mobility = jacobian @ np.linalg.solve(robot.mass_matrix(state.q), jacobian.T)
-    wanted = PULL**2 * (np.array(said.drag.to) - position - arm) - 2.0 * PULL * jacobian @ state.v
+    away, reach = np.array(said.drag.to) - position - arm, float(np.linalg.norm(jacobian, 2))
+    if (size := float(np.linalg.norm(away))) > reach:
+        away *= reach / size
+    wanted = PULL**2 * away - 2.0 * PULL * jacobian @ state.v
     return np.asarray(tau + jacobian.T @ np.linalg.pinv(mobility, rcond=SINGULAR, hermitian=True) @ wanted)
