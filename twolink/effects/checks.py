@@ -1,5 +1,6 @@
 """Checks of what effects are given: fields by their declared types, values by joint, frames and points."""
 
+import sys
 from collections.abc import Iterable, Mapping
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -88,7 +89,7 @@ def _check_declared(value: Any, said: Mapping[str, Any], field: str, robot: Robo
         finite(value, field, least=said["minimum"])
     elif "exclusiveMinimum" in said:
         finite(value, field)
-        if not value > 0.0:
+        if value < sys.float_info.min:  # what is smaller has no inverse
             raise SceneError(f"expected a number above 0, got {value!r}", where=field, remedy="give SI units")
     elif said.get("format") == "direction":
         unit(value, field)
@@ -186,13 +187,9 @@ def above_zero(values: Mapping[str, float], field: str) -> None:
                              remedy="leave the joint out, or give a larger one")  # fmt: skip
 
 
-def check_values_or_urdf(
-    values: Mapping[str, float] | None, urdf: Any, robot: Robot, field: str, what: str = ""
-) -> None:
+def check_values_or_urdf(values: Mapping[str, float] | None, urdf: Any, field: str, what: str = "") -> None:
     """Require values by joint; or None, and values (nv,) in the URDF, named `what`. Raises SceneError."""
-    if values is not None:
-        check_joints(values, robot, field)
-    elif not urdf.any():
+    if values is None and not urdf.any():
         remedy = "give it by joint, or leave the effect out"
         raise SceneError(f"the URDF gives no joint {what or field}", where=field, remedy=remedy)
 

@@ -75,7 +75,7 @@ class JointDamping(Effect, frozen=True):
 
     def check(self, robot: Robot) -> None:
         """Require joints, or damping in the URDF."""
-        check_values_or_urdf(self.damping, robot.model.damping, robot, "damping")
+        check_values_or_urdf(self.damping, robot.model.damping, "damping")
 
     def viscosity(self, robot: Robot) -> Mapping[str, float]:
         """d by joint."""
@@ -135,7 +135,7 @@ class SmoothFriction(Effect, frozen=True):
 
     def check(self, robot: Robot) -> None:
         """Require joints, or friction in the URDF."""
-        check_values_or_urdf(self.friction, robot.model.friction, robot, "friction")
+        check_values_or_urdf(self.friction, robot.model.friction, "friction")
 
     def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add -f tanh(v / s)."""

@@ -91,7 +91,7 @@ class DryFriction(SwitchingEffect, frozen=True):
     def check(self, robot: Robot) -> None:
         """Require friction in the URDF where it is asked for, and s that is not below c."""
         if self.kinetic == "urdf":
-            check_values_or_urdf(None, robot.model.friction, robot, "kinetic", "friction")
+            check_values_or_urdf(None, robot.model.friction, "kinetic", "friction")
         kinetic = self._kinetic(robot)
         for joint, level in self.static.items():
             check_name(joint, kinetic, "static", "joint with kinetic friction")

@@ -7,9 +7,11 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
+import twolink as tl
 from tests.parts.service.page_driver import Page
 from tests.parts.service.serving import Served, serving
 from tests.show.browser import Browser
+from twolink.parts.service.client import Client
 
 
 @pytest.fixture(scope="session")
@@ -23,6 +25,13 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
 def http(served: Served) -> Iterator[httpx.Client]:
     with served.client() as client:
         yield client
+
+
+@pytest.fixture
+def client(served: Served) -> Iterator[Client]:
+    made = tl.connect(served.url)
+    yield made
+    made.close()
 
 
 @pytest.fixture

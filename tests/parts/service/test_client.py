@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
 import twolink as tl
-from tests.parts.service.serving import Served
 from tests.parts.service.urdfs import pendulum
 from twolink.errors import QueryError, RobotError, SceneError, TwolinkError
 from twolink.parts.service.client import Client
 
 RNG = np.random.default_rng(2)
-
-
-@pytest.fixture
-def client(served: Served) -> Iterator[Client]:
-    made = tl.connect(served.url)
-    yield made
-    made.close()
 
 
 def test_answers_are_those_of_a_local_robot(client: Client) -> None:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.parts.service.serving import Served
 from twolink.cli.app import app
 from twolink.errors import QueryError, SceneError, TwolinkError
 from twolink.parts.service.client import Client
@@ -119,13 +118,6 @@ def test_an_answer_that_is_too_large_is_refused() -> None:
     with pytest.raises(SceneError, match="the answer takes") as caught:
         operate(body=body, robots="", quotas=Quotas(answer_mb=1e-4), folder="", report=lambda _: None)
     assert caught.value.code == "too-large"
-
-
-@pytest.fixture
-def client(served: Served) -> Iterator[Client]:
-    made = tl.connect(served.url)
-    yield made
-    made.close()
 
 
 def test_a_client_calls_them_with_its_own_scenes_and_robots(client: Client) -> None:
