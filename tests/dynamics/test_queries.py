@@ -5,6 +5,7 @@ import itertools
 import multiprocessing
 import threading
 from collections.abc import Callable
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -421,3 +422,22 @@ def test_every_entry_of_a_state_is_looked_at(name: str) -> None:
                 state[place][i] = value
                 with pytest.raises(QueryError):
                     query(*state)
+
+
+@pytest.mark.parametrize(("name", "root", "places"), [("solo12", "free", [0, 1, 2]), ("crank_spring", "fixed", [1])])
+@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
+def test_equations_of_motion_do_not_depend_on_where_bases_are(
+    name: str, root: Literal["fixed", "free"], places: list[int], engine: Literal["pinocchio", "compiled"]
+) -> None:
+    """In the world's axes the derivatives of solo12 would be off by 1e-3 at 100 km, and its batches by 4e-5."""
+    robot = tl.load_robot(name, root=root)
+    q, v = robot.random_state(70, seed=5)
+    far, x = q.copy(), np.random.default_rng(0).normal(size=v.shape)
+    far[:, places] += 1e5
+    for query in (robot.forward_dynamics, robot.inverse_dynamics):
+        np.testing.assert_array_equal(query(far, v, x, engine=engine), query(q, v, x, engine=engine))
+        close(query(far[0], v[0], x[0]), query(q[0], v[0], x[0]))
+    for derivatives in (robot.forward_dynamics_derivatives, robot.inverse_dynamics_derivatives):
+        for one, other in zip(derivatives(far, v, x, engine=engine), derivatives(q, v, x, engine=engine), strict=True):
+            np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(robot.coriolis(far, v), robot.coriolis(q, v))

@@ -6,7 +6,7 @@ import pytest
 
 from twolink.errors import QueryError, SceneError
 from twolink.io.tables import parse_csv
-from twolink.io.text import kebab_case, parse_number, read_text, split_path
+from twolink.io.text import kebab_case, parse_number, read_text
 
 
 @pytest.mark.parametrize(("text", "value"), [("1.5", 1.5), (" -2e-3 ", -2e-3), ("0.1", 0.1), ("1e400", float("inf"))])
@@ -47,16 +47,3 @@ def test_csv_errors_count_the_lines_of_the_text_not_the_rows() -> None:
 @pytest.mark.parametrize(("name", "kebab"), [("JointSpring", "joint-spring"), ("JointPD", "joint-pd")])
 def test_kebab_case(name: str, kebab: str) -> None:
     assert kebab_case(name) == kebab
-
-
-@pytest.mark.parametrize(
-    ("message", "what", "path"),
-    [
-        ("Expected `float`, got `str` - at `$.effects[0].field`", "Expected `float`, got `str`", "effects[0].field"),
-        ("Expected `float` - at `key in $.q`", "Expected `float`", "q"),
-        ("unknown field `x`", "unknown field `x`", ""),
-        ("unknown field `x` - at `$`", "unknown field `x`", ""),
-    ],
-)
-def test_messages_of_msgspec_are_split_into_the_reason_and_the_path(message: str, what: str, path: str) -> None:
-    assert split_path(message) == (what, path)

@@ -93,7 +93,7 @@ class Multibody:
             inverse = np.linalg.inv(mass)
             forces = forces if ahead is None else forces + self.viscosity * ahead
         else:
-            upper = np.array(pin.computeMinverse(self.model, self.data, q))
+            upper = np.array(pin.computeMinverse(self.model, self.data, self.equations.robot.with_bases_at_origin(q)))
             inverse = np.triu(upper) + np.triu(upper, 1).T
         a = inverse @ forces
         self._at, self._ways = q, list(self._axes(q))

@@ -94,6 +94,8 @@ def by_name(robot: RobotModel, name: str, arguments: Mapping[str, ArrayLike]) ->
 
 def answer_rows(robot: RobotModel, query: Algorithm, states: list[Array], applied: list[Applied]) -> Array:
     """The answers (n, *shape) for C-ordered rows (n, nq), (n, nv), ... and wrenches with values (n, 6)."""
+    if query.anywhere:
+        states = [robot.with_bases_at_origin(states[0]), *states[1:]]
     if not robot.is_whole and query.join and not applied:
         return query.join(_answers_of_trees(robot, query, states))
     count, model, data = len(states[0]), robot.model, robot.data

@@ -135,7 +135,8 @@ class Algorithm:
 
     arguments: their names. shape: of the array for one state, all results in one. one: from (model, data, *arguments),
     for a frame from (index, model, data, *arguments). parallel: for columns of states. join: makes the answer from
-    those for the robot's trees. mimic: the algorithm for mimic joints, or the remedy where there is none.
+    those for the robot's trees. mimic: the algorithm for mimic joints, or the remedy where there is none. anywhere:
+    True if the answer does not depend on where the base is.
     """
 
     arguments: tuple[str, ...]
@@ -144,6 +145,7 @@ class Algorithm:
     parallel: Callable[..., None] | None = None
     join: Callable[[list[Array]], Array] | None = None
     mimic: Callable[..., Array] | str | None = None
+    anywhere: bool = False
 
 
 QUERIES: dict[str, Query] = {}
@@ -158,6 +160,7 @@ def query(
     parallel: Callable[..., None] | None = None,
     join: Callable[[list[Array]], Array] | None = None,
     mimic: Callable[..., Array] | str | None = None,
+    anywhere: bool = False,
 ) -> Callable[[F], F]:
     """Declare a method of Robot as a query.
 
@@ -165,7 +168,7 @@ def query(
     ----------
     results : mapping of str to (shape, unit)
         The results: their names, shapes for one state, and units.
-    one, parallel, join, mimic
+    one, parallel, join, mimic, anywhere
         Pinocchio's algorithm, see `Algorithm`; several by the option `axes`, or none where the method asks others.
     """
 
@@ -176,7 +179,7 @@ def query(
         variants = {f"{name}_{axes}": each for axes, each in one.items()} if isinstance(one, Mapping) else {name: one}
         for key, each in variants.items():
             if each is not None:
-                ALGORITHMS[key] = Algorithm(declared.arguments, shape, each, parallel, join, mimic)
+                ALGORITHMS[key] = Algorithm(declared.arguments, shape, each, parallel, join, mimic, anywhere)
         return method
 
     return declare

@@ -102,7 +102,7 @@ class Robot(RobotModel):
             "remarks": f"{len(self.report.findings) - len(self.report.read)}{doubts} (see .report)",
         }
 
-    @query({"a": (("nv",), "rad/s^2 or m/s^2")}, pin.aba, parallel=pin.abaInParallel, join=np.hstack)
+    @query({"a": (("nv",), "rad/s^2 or m/s^2")}, pin.aba, parallel=pin.abaInParallel, join=np.hstack, anywhere=True)
     def forward_dynamics(
         self,
         q: ArrayLike,
@@ -218,7 +218,9 @@ class Robot(RobotModel):
         """h(q, v) = C(q, v) v + g(q), (..., nv): the torques that keep all accelerations zero, N m or N."""
         return self._answer("bias", engine, q, v)
 
-    @query({"C": (_SQUARE, "N m s or N s/m")}, pin.computeCoriolisMatrix, mimic="use bias - gravity_torque")
+    @query(
+        {"C": (_SQUARE, "N m s or N s/m")}, pin.computeCoriolisMatrix, mimic="use bias - gravity_torque", anywhere=True
+    )
     def coriolis(self, q: ArrayLike, v: ArrayLike) -> Array:
         """A Coriolis matrix C(q, v), (..., nv, nv), with C v = h - g and dM/dt - 2 C skew-symmetric.
 
@@ -382,7 +384,7 @@ class Robot(RobotModel):
         """
         return configurations.configurations_of(self, frame, position, rotation, q0)
 
-    @query(_derivatives("a", "q", "v", "tau"), pinocchio_queries.forward_derivatives, mimic=_UNCOUPLED)
+    @query(_derivatives("a", "q", "v", "tau"), pinocchio_queries.forward_derivatives, mimic=_UNCOUPLED, anywhere=True)
     def forward_dynamics_derivatives(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, engine: Engine = "auto"
     ) -> tuple[Array, Array, Array]:
@@ -415,7 +417,7 @@ class Robot(RobotModel):
         matrices = self._answer("forward_dynamics_derivatives", engine, q, v, tau)
         return matrices[..., 0, :, :], matrices[..., 1, :, :], matrices[..., 2, :, :]
 
-    @query(_derivatives("tau", "q", "v", "a"), pinocchio_queries.inverse_derivatives, mimic=_UNCOUPLED)
+    @query(_derivatives("tau", "q", "v", "a"), pinocchio_queries.inverse_derivatives, mimic=_UNCOUPLED, anywhere=True)
     def inverse_dynamics_derivatives(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, engine: Engine = "auto"
     ) -> tuple[Array, Array, Array]:

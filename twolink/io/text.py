@@ -111,12 +111,6 @@ def first_repeated(names: Iterable[str]) -> str | None:
     return next((name for name, count in Counter(names).items() if count > 1), None)
 
 
-def split_path(message: str) -> tuple[str, str]:
-    """Split a message of msgspec into what is wrong and the path in the data, such as effects[0].field, or ""."""
-    match = re.search(r" - at `(?:key in )?\$?\.?(.*)`$", message, re.DOTALL)
-    return (message[: match.start()], match.group(1)) if match else (message, "")
-
-
 def kebab_case(class_name: str) -> str:
     """A class's name in lower case with hyphens: JointSpring is joint-spring, DCMotor is dc-motor."""
     return re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "-", class_name).lower()

@@ -2,7 +2,6 @@
 
 import functools
 import os
-import re
 import tomllib
 from collections.abc import Callable
 from importlib import resources
@@ -14,8 +13,9 @@ import msgspec
 from twolink.dynamics import Robot, load_robot
 from twolink.effects import TYPES, Effect, effect_class
 from twolink.errors import SceneError, TwolinkError, nearest, require_known
-from twolink.io.text import Table, read_text, split_path
-from twolink.scenes.file_format import ObjectEntry, RobotEntry, SceneFile
+from twolink.io.schemas import misfit
+from twolink.io.text import Table, read_text
+from twolink.scenes.file_format import RobotEntry, SceneFile
 from twolink.scenes.objects import is_mesh, with_objects
 from twolink.scenes.scene import Scene, at_effect
 
@@ -58,7 +58,7 @@ def scene_tables(content: Any) -> SceneFile:
     try:
         return msgspec.convert(content, SceneFile)
     except msgspec.ValidationError as error:
-        raise _schema_error(error, {"": SceneFile, "robot": RobotEntry, "objects[]": ObjectEntry}) from None
+        raise _schema_error(error, SceneFile) from None
 
 
 def _effect(table: dict[str, Any], path: str = "") -> Effect:
@@ -72,19 +72,13 @@ def _effect(table: dict[str, Any], path: str = "") -> Effect:
     try:
         return msgspec.convert(table, effect_class(kind))
     except msgspec.ValidationError as error:
-        raise _schema_error(error, {"": effect_class(kind)}, path) from None
+        raise _schema_error(error, effect_class(kind), path) from None
 
 
-def _schema_error(
-    error: msgspec.ValidationError, schemas: dict[str, type[msgspec.Struct]], inside: str = ""
-) -> SceneError:
-    """msgspec's message with the key's path first, and the nearest name for an unknown key."""
-    what, path = split_path(str(error))
-    unknown = re.search(r"unknown field `(.*)`", what)
-    remedy = "see a bundled scene for an example"
-    schema = schemas.get(re.sub(r"\[\d+\]", "[]", path))
-    if unknown and schema is not None:
-        remedy = nearest(unknown.group(1), [field.name for field in msgspec.structs.fields(schema)])
+def _schema_error(error: msgspec.ValidationError, kind: Any, inside: str = "") -> SceneError:
+    """What does not fit the type `kind`, which stands at the path `inside`."""
+    what, path, remedy = misfit(error, kind)
+    remedy = remedy or "see a bundled scene for an example"
     where = ".".join(part for part in (inside, path) if part)
     return SceneError(what, where=where, remedy=remedy, code="schema")
 

@@ -52,9 +52,18 @@ class Page:
         self.browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **(button if "Mov" not in kind else moving))
 
     def click(self, selector: str) -> None:
-        left, top, width, height = self.box(selector)
-        self.mouse("mousePressed", left + width / 2, top + height / 2)
-        self.mouse("mouseReleased", left + width / 2, top + height / 2)
+        """Click an element as a person does: once it is enabled, and again if it moved away under the mouse."""
+        element = f"document.querySelector({json.dumps(selector)})"
+        self.wait_for(f"!{element}.disabled")
+        self.evaluate(f"window.clicked = false; {element}.addEventListener('click', () => (window.clicked = true), "
+                      "{once: true, capture: true})")  # fmt: skip
+        for _ in range(10):
+            left, top, width, height = self.box(selector)
+            self.mouse("mousePressed", left + width / 2, top + height / 2)
+            self.mouse("mouseReleased", left + width / 2, top + height / 2)
+            if self.evaluate("window.clicked") is not False:  # undefined: on another page
+                return
+        raise TimeoutError(f"{selector} cannot be clicked")
 
     def press(self, key: str, code: int, text: str = "") -> None:
         facts: dict[str, Any] = {"key": key, "code": key, "windowsVirtualKeyCode": code}

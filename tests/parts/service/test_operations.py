@@ -13,6 +13,7 @@ import twolink as tl
 from twolink.cli.app import app
 from twolink.errors import QueryError, SceneError, TwolinkError
 from twolink.parts.service.client import Client
+from twolink.parts.service.problems import Refusal
 from twolink.parts.service.settings import Quotas
 from twolink.parts.service.work import requests
 from twolink.parts.service.work.bodies import NOT_SENT, body_of_call, texts_of
@@ -109,7 +110,7 @@ def test_what_is_wrong_is_refused_by_its_name(name: str, changed: dict[str, Any]
 def test_what_is_no_number_and_what_is_not_sent_is_refused_before_the_job() -> None:
     for changed in ({"accuracy": 0.0}, {"accuracy": "x"}, {"out": "x.toml"}, {"constraints": {}}, {"t_eval": []}):
         body = msgspec.json.encode({"operation": "optimize", **CALLS["optimize"], **changed})
-        with pytest.raises(msgspec.ValidationError, match=next(iter(changed))):
+        with pytest.raises(Refusal, match=next(iter(changed))):
             requests.prepare(kind="operation", body=body)
 
 
@@ -131,7 +132,7 @@ def test_a_client_calls_them_with_its_own_scenes_and_robots(client: Client) -> N
     assert motion["t"][-1] == pytest.approx(2.0)
     with pytest.raises(SceneError, match="starts: expected a whole number"):
         client.call("equilibria", scene=scene, starts=-1)
-    with pytest.raises(QueryError, match="did you mean 'equilibria'"):
+    with pytest.raises(Refusal, match="did you mean 'equilibria'"):
         client.call("equilibra", scene=scene)
 
 

@@ -116,7 +116,7 @@ def test_text_may_be_long_and_a_joint_has_at_most_seven_numbers() -> None:
     text = "<robot/>" + " " * LARGE
     kind, options, content = _from_json(msgspec.json.encode({"text": text, "lock": {"elbow": 0.5}}))
     assert (kind, options.lock, content) == ("urdf", {"elbow": 0.5}, text.encode())
-    with pytest.raises(msgspec.ValidationError, match="length <= 7"):
+    with pytest.raises(Refusal, match="length <= 7"):
         _from_json(b'{"source": "panda", "lock": {"a": [0,0,0,0,0,0,0,0]}}')
 
 

@@ -30,7 +30,7 @@ from twolink.dynamics.robot_record import robot_record
 from twolink.errors import QueryError, TwolinkError, require_known
 from twolink.io.files import confined, write_atomic
 from twolink.io.progress import Report
-from twolink.io.text import split_path
+from twolink.io.schemas import misfit
 from twolink.parts.design.linearization import linearize
 from twolink.parts.exchange.export import export as write
 from twolink.parts.referee.referee import judge
@@ -171,10 +171,11 @@ class Tools:
         """
         require_known(function, OPERATIONS, QueryError, argument="function")
         try:
-            request = msgspec.convert({"operation": function, **arguments}, JOB_KINDS["operation"].request)
+            request = msgspec.convert({"operation": function, **arguments}, kind := JOB_KINDS["operation"].request)
         except msgspec.ValidationError as error:
-            what, where = split_path(str(error))
-            raise QueryError(what, argument=where or "arguments", remedy="`catalogue` has its arguments") from None
+            what, where, remedy = misfit(error, kind)
+            raise QueryError(what, argument=where or "arguments",
+                             remedy=remedy or "`catalogue` has its arguments") from None  # fmt: skip
         data = answer_of_call(request, self._scene, lambda name: self._robot(name, "fixed"), patience=PATIENCE)
         return Answer(data.pop("text"), data)
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from twolink import errors
 from twolink.errors import TwolinkError
-from twolink.io.text import split_path
+from twolink.io.schemas import misfit, split_path
 from twolink.parts.service.logs import REQUEST_ID
 
 JSON = "application/json"
@@ -171,10 +171,19 @@ def error_from(problem: Problem) -> TwolinkError:
 
 
 def decode_unique(body: bytes, kind: type[T]) -> T:
-    """Decode JSON. Raises msgspec.MsgspecError, whose message has the place, and Refusal where a key comes twice."""
-    decoded = msgspec.json.decode(body, type=kind)
+    """Decode JSON. Raises msgspec.DecodeError, and Refusal where it does not fit, or a key comes twice."""
+    try:
+        decoded = msgspec.json.decode(body, type=kind)
+    except msgspec.ValidationError as error:
+        raise misfit_refusal(error, kind) from None
     require_unique_keys(body)
     return decoded
+
+
+def misfit_refusal(error: msgspec.ValidationError, kind: Any) -> Refusal:
+    """The refusal of a body that does not fit its type."""
+    what, where, remedy = misfit(error, kind)
+    return Refusal(400, what, where=where or "body", remedy=remedy or _SEE_DOCS)
 
 
 def require_unique_keys(body: bytes, strings: int | None = None) -> None:

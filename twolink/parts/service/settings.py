@@ -12,7 +12,7 @@ import msgspec
 import platformdirs
 
 from twolink.errors import TwolinkError, require_known
-from twolink.io.text import split_path
+from twolink.io.schemas import split_path
 from twolink.parts.service.logs import LogForm
 
 Count = Annotated[int, msgspec.Meta(ge=1, le=10**9)]

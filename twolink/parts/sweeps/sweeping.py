@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike
 from twolink.dynamics.arguments import Positive
 from twolink.errors import SceneError, import_extra, nearest, require_extra
 from twolink.io.progress import Report
-from twolink.io.text import read_text, split_path
+from twolink.io.schemas import misfit
+from twolink.io.text import read_text
 from twolink.parts.sweeps.design import make_design
 from twolink.parts.sweeps.engines import BlockEngine
 from twolink.parts.sweeps.outputs import Request, check_outputs
@@ -227,9 +228,9 @@ def load_study(source: str) -> SweepStudy:
     try:
         study = msgspec.convert(_content(text, source), SweepStudy)
     except msgspec.ValidationError as error:
-        what, path = split_path(str(error))
-        raise SceneError(what, where=f"{source}: {path}".rstrip(": "), remedy="see a bundled study for an example",
-                         code="schema") from None  # fmt: skip
+        what, path, remedy = misfit(error, SweepStudy)
+        raise SceneError(what, where=f"{source}: {path}".rstrip(": "), code="schema",
+                         remedy=remedy or "see a bundled study for an example") from None  # fmt: skip
     beside = Path(source).parent / study.scene
     return msgspec.structs.replace(study, scene=str(beside)) if study.scene.endswith(".toml") else study
 

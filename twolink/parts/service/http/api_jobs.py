@@ -118,13 +118,13 @@ def _shared(path: str, kind: str) -> list[Any]:
 
     @get(f"/v1/{path}", tags=tags, summary=f"List {path}")
     async def list_jobs(
-        service: Shared, limit: Limit = LISTED, before: FromQuery[float] = math.inf
+        service: Shared, limit: Limit = LISTED, before: FromQuery[float | None] = None
     ) -> list[dict[str, Any]]:
         """The newest jobs without their results, and without requests of more than 16 kB.
 
         At most `limit` jobs, those `created` before the time `before`: the last one's `created` asks for the next page.
         """
-        return await service.jobs.views.all(kind, before, limit)
+        return await service.jobs.views.all(kind, math.inf if before is None else before, limit)
 
     @get(f"/v1/{path}/{{job:str}}", tags=tags, summary=f"A {kind}'s state and result")
     async def show_job(service: Shared, job: FromPath[str]) -> dict[str, Any]:

@@ -65,13 +65,15 @@ _PARAMETERS = ("root", "mimic", "unphysical", "foreign", "urdf", "gravity", "loc
 
 @get("/v1/robots", tags=["robots"], summary="List robots")
 async def list_robots(
-    service: Shared, limit: Limit = LISTED, before: FromQuery[float] = math.inf
+    service: Shared, limit: Limit = LISTED, before: FromQuery[float | None] = None
 ) -> list[dict[str, Any]]:
     """The robots of the catalogue, whose names are their ids, and the newest that the token's owner has uploaded.
 
     At most `limit` of these, `created` before the time `before`: the last one's `created` asks for the next page.
     """
-    rows = await service.store.run(service.store.robots, before, limit, this_request().sees)
+    rows = await service.store.run(
+        service.store.robots, math.inf if before is None else before, limit, this_request().sees
+    )
     uploaded = await asyncio.to_thread(_listed, rows)
     return [*({"name": name, **_about(name)} for name in catalogue()), *uploaded]
 

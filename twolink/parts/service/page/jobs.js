@@ -66,6 +66,7 @@ export class Job {
   async #until(begin) {
     if (this.busy) return;
     const abort = (this.abort = new AbortController());
+    this.unwanted = false;
     this.began = performance.now();
     clearProblem(this.parts.problem);
     this.#show(true);
@@ -77,6 +78,7 @@ export class Job {
         return;
       }
       this.path = `/v1/${this.kind}/${job.id}`;
+      if (this.unwanted) this.cancel();
       this.onStart(job);
       while (!OVER.includes(job.state)) job = await this.#next(job);
       if (abort.signal.aborted) return;
@@ -120,8 +122,9 @@ export class Job {
   }
 
   async cancel() {
-    if (!this.path) return;
     this.#say("Cancelling…");
+    this.unwanted = true; // also where the service has not taken it yet
+    if (!this.path) return;
     try {
       await post(`${this.path}/cancel`, {});
     } catch (failure) {

@@ -158,8 +158,13 @@ async function arrange(content, robot, id, changes = {}) {
   query.set(robot);
   robots.look(robot.id).catch(() => {}); // asked for while the start is found; draw says what is wrong with it
   drawing = showStart().then(() => draw(robot));
-  byId("run-button").disabled = !byId("cancel-button").hidden; // enabled from the first scene on
+  offerRun();
   await drawing;
+}
+
+/** Run can be pressed once a scene is there, and while no run is under way. */
+function offerRun() {
+  byId("run-button").disabled = !editor.base || !byId("cancel-button").hidden;
 }
 
 /** Show the start of the scene: sliders, velocities and the robot. */
@@ -218,13 +223,17 @@ function outdate() {
   if (results.job) results.outdated(differences(editor.request, results.job.request));
 }
 
-/** Change what is shown. What happens on the way is no step of the history, and does not replace the one before. */
+/** Change what is shown. What happens on the way is no step of the history, and does not replace the one before.
+ *
+ * Nothing is run on the way: it would be the scene before. */
 async function changing(change) {
   underWay += 1;
+  byId("run-button").disabled = true;
   try {
     await change();
   } finally {
     underWay -= 1;
+    offerRun();
   }
 }
 

@@ -14,7 +14,7 @@ from twolink.dynamics import Robot, queries
 from twolink.dynamics.queries import OPTIONS, Numbers, Query
 from twolink.dynamics.robot_record import link_poses
 from twolink.errors import QueryError
-from twolink.parts.service.problems import Refusal, require_unique_keys
+from twolink.parts.service.problems import Refusal, misfit_refusal, require_unique_keys
 from twolink.parts.service.settings import Quotas
 
 _JSON_NUMBER = 32  # bytes of memory for a number on its way to JSON: an object, and a place in a list
@@ -65,7 +65,10 @@ def _decoder(query: Query) -> msgspec.json.Decoder[Any]:
 
 def arguments_from_json(query: Query, body: bytes) -> dict[str, Any]:
     """The arguments in a JSON body, as arrays."""
-    decoded = _decoder(query).decode(body)
+    try:
+        decoded = _decoder(query).decode(body)
+    except msgspec.ValidationError as error:
+        raise misfit_refusal(error, body_of(query)) from None
     arguments: dict[str, Any] = {}
     strings = 0
     for name in decoded.__struct_fields__:

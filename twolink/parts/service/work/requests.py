@@ -11,7 +11,6 @@ import msgspec
 import twolink as tl
 from twolink.dynamics.arguments import Positive
 from twolink.dynamics.queries import Numbers
-from twolink.errors import QueryError, require_known
 from twolink.io.fingerprints import code_key, files_digest
 from twolink.parts.service.problems import Refusal, decode_unique
 from twolink.parts.service.work.bodies import body_of_call, words
@@ -110,12 +109,14 @@ def _identification() -> Any:
 
 def _sweep() -> Any:
     from twolink.parts.sweeps.design import DESIGNS
+    from twolink.parts.sweeps.outputs import OUTPUTS
 
     varied = dict[str, list[float | bool | str] | dict[str, list[float]]]
+    kept = msgspec.Meta(description='"final": t, q, v at the end. "samples": q, v at each. "energy" at the end.')
     return body_of_call(tl.sweep, "SweepRequest", ("out", "executor", "workers", "chunk"), wait=LATER,
                         vary=Annotated[varied, msgspec.Meta(min_length=1)], design=words(DESIGNS),
                         count=Annotated[int, msgspec.Meta(ge=1)] | None, seed=Annotated[int, msgspec.Meta(ge=0)],
-                        outputs=Annotated[tuple[str, ...], msgspec.Meta(max_length=50)])  # fmt: skip
+                        outputs=Annotated[tuple[words(OUTPUTS), ...], kept])  # type: ignore[misc]  # fmt: skip
 
 
 OPERATIONS: dict[str, dict[str, Any]] = {
@@ -185,13 +186,7 @@ def version_key() -> str:
 
 def prepare(*, kind: str, body: bytes, ids: str = "") -> JobRequest:
     """Check the body of a request for a job. ids: what sets an owner's ids apart. Raises as `decode_unique`."""
-    try:
-        request = decode_unique(body, JOB_KINDS[kind].request)
-    except msgspec.ValidationError:
-        asked = msgspec.json.decode(body)
-        if kind == "operation" and isinstance(asked, dict):
-            require_known(asked.get("operation"), OPERATIONS, QueryError, argument="operation")
-        raise
+    request = decode_unique(body, JOB_KINDS[kind].request)
     fields = msgspec.to_builtins(request)
     del fields["wait"]
     content = msgspec.json.encode(fields, order="sorted")

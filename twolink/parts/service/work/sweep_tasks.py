@@ -22,7 +22,7 @@ from twolink.parts.service.work.scene_tasks import allowed, packed, samples_of, 
 from twolink.parts.service.work.sharing import SweepThreads
 from twolink.parts.service.work.worker import Report
 from twolink.parts.sweeps.design import make_design, planned_runs
-from twolink.parts.sweeps.outputs import OUTPUTS, STATUS
+from twolink.parts.sweeps.outputs import STATUS
 from twolink.parts.sweeps.results import column, column_names, plot_sweep, run_dims, sweep_status, write_sweep_table
 from twolink.parts.sweeps.runs import run_scene
 from twolink.parts.sweeps.sweeping import open_sweep
@@ -118,10 +118,6 @@ def _allowed(request: Any, robots: str, robot: bytes, quotas: Quotas) -> dict[st
         asked = f"{runs:,}" if runs < 1e18 else "more than 10^18"
         raise SceneError(f"{asked} runs are too many, the service takes up to {quotas.runs:,}", argument="vary",
                          code="too-large", remedy="ask for fewer values")  # fmt: skip
-    for name in request.outputs:
-        if name not in OUTPUTS:  # functions are imported
-            raise SceneError(f"there is no output {name[:80]!r} here", argument="outputs", code="unknown-output",
-                             remedy=f"one of {', '.join(OUTPUTS)}")  # fmt: skip
     named = request.vary.get("robot")
     for one in named if isinstance(named, list) else ():
         if one not in catalogue_names():  # a path would be read
