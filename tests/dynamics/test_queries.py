@@ -438,6 +438,15 @@ def test_equations_of_motion_do_not_depend_on_where_bases_are(
         np.testing.assert_array_equal(query(far, v, x, engine=engine), query(q, v, x, engine=engine))
         close(query(far[0], v[0], x[0]), query(q[0], v[0], x[0]))
     for derivatives in (robot.forward_dynamics_derivatives, robot.inverse_dynamics_derivatives):
-        for one, other in zip(derivatives(far, v, x, engine=engine), derivatives(q, v, x, engine=engine), strict=True):
-            np.testing.assert_array_equal(one, other)
-    np.testing.assert_array_equal(robot.coriolis(far, v), robot.coriolis(q, v))
+        for some in (slice(None), 0):
+            there, here = (derivatives(at[some], v[some], x[some], engine=engine) for at in (far, q))
+            np.testing.assert_array_equal(there, here)
+    for some in (slice(None), 0):
+        np.testing.assert_array_equal(robot.coriolis(far[some], v[some]), robot.coriolis(q[some], v[some]))
+
+
+@pytest.mark.parametrize("engine", ["auto", "pinocchio", "compiled"])
+def test_a_robot_without_joints_has_no_motion_and_no_energy(engine: Literal["auto", "pinocchio", "compiled"]) -> None:
+    robot, none = tl.load_robot("box", root="fixed"), np.zeros((2, 0))
+    assert robot.forward_dynamics(none, none, none, engine=engine).shape == (2, 0)
+    np.testing.assert_array_equal(robot.energy(none, none, engine=engine), np.zeros((2, 2)))

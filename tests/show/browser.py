@@ -125,10 +125,12 @@ class Chromium:
 
 
 class Browser:
-    """A page that shares nothing with others. `requests`: the URLs it asked for. `errors`: its JavaScript errors."""
+    """A page that shares nothing with others. `requests`: the URLs it asked for. `waiting`: those without an end
+    yet, by their ids. `errors`: its JavaScript errors."""
 
     def __init__(self, chromium: Chromium, *, width: int = 1280, height: int = 800) -> None:
         self.requests: list[str] = []
+        self.waiting: dict[str, str] = {}
         self.errors: list[str] = []
         self._chromium = chromium
         self._session: dict[str, str] = {}  # until it has one, calls are to the whole browser
@@ -156,6 +158,9 @@ class Browser:
         method, details = message.get("method"), message.get("params", {})
         if method == "Network.requestWillBeSent":
             self.requests.append(details["request"]["url"])
+            self.waiting[details["requestId"]] = f"{details['request']['method']} {details['request']['url']}"
+        elif method in ("Network.loadingFinished", "Network.loadingFailed"):
+            self.waiting.pop(details["requestId"], None)
         elif method == "Network.webSocketCreated":
             self.requests.append(details["url"])
         elif method == "Runtime.exceptionThrown":
@@ -187,7 +192,8 @@ class Browser:
         end = time.monotonic() + limit
         while not self.evaluate(f"!!({condition})"):
             if time.monotonic() > end:
-                raise TimeoutError(f"not true within {limit:g} s: {condition}; errors: {self.errors}")
+                raise TimeoutError(f"not true within {limit:g} s: {condition}; errors: {self.errors}; "
+                                   f"waiting for: {[*self.waiting.values()]}")  # fmt: skip
             time.sleep(0.05)
 
     def screenshot(self, path: Path | None = None) -> np.ndarray:

@@ -20,6 +20,7 @@ from twolink.dynamics.kernels import Kernel
 from twolink.dynamics.pinocchio_queries import by_name
 from twolink.errors import CertificationError
 from twolink.native.library import library
+from twolink.robots.joint_layout import joint_layouts
 from twolink.robots.model import RobotModel
 
 BOUND = 1e-11  # of the reference's scale, which takes in the mass matrix's condition number
@@ -59,7 +60,8 @@ def certify(
     Raises CertificationError that names the engine and the state where they disagree.
 
     The states: generic ones; straight ones, where mass matrices are worst conditioned; very fast ones; and angles of
-    many turns. Parameters are drawn between half and twice their nominal values, a new model for each state.
+    many turns, with sliders at some metres: at hundreds the mass matrix has few digits. Parameters are drawn between
+    half and twice their nominal values, a new model for each state.
     """
     model, rng = robot.model, np.random.default_rng(2008)
     arguments = _arguments(model, function, rng, count)
@@ -104,6 +106,8 @@ def _arguments(model: pin.Model, function: Function, rng: np.random.Generator, c
     reach = np.repeat([np.pi, 1e-9, np.pi, 300.0], -(-count // 4))[:count]
     speed = np.repeat([3.0, 1.0, 1e3, 3.0], -(-count // 4))[:count]
     steps = rng.uniform(-1, 1, (count, model.nv)) * reach[:, None]
+    sliders = [joint.v.start for joint in joint_layouts(model) if joint.unit == "m"]
+    steps[:, sliders] *= np.minimum(1.0, np.pi / reach)[:, None]
     q = np.array([pin.normalize(model, pin.integrate(model, neutral, step)) for step in steps])
     out = {}
     for name, size in function.arguments:

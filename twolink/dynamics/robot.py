@@ -525,6 +525,8 @@ class Robot(RobotModel):
         query = self._queries.get(name) or self._query(name)
         quick = (self._shown.get(name) or shows_all(self, self._shown, name)) and self._is_state(*arguments)
         if engine in _BY_PINOCCHIO and isfinite(total := 0.0 if quick else self._sum_of_state(*arguments)):
+            if query.anywhere and not quick:  # else what is not finite there would not show
+                arguments = (self.with_bases_at_origin(arguments[0]), *arguments[1:])
             result = query.one(self.model, self.data, *arguments)
             # "K" is the order of the memory, which needs no copy
             if isfinite(total + ((x := result.ravel("K")).dot(x) if result.ndim > 1 else sum(result.tolist()))):
@@ -555,7 +557,7 @@ class Robot(RobotModel):
                 warnings.warn(f"{error}", RuntimeWarning, stacklevel=4)
                 return False
             return True
-        return one_of(ENGINES, engine, "engine") == "compiled"
+        return one_of(ENGINES, engine, "engine") == "compiled" and self.nv > 0  # else there is nothing to compile
 
     def _is_state(self, q: Any, *others: Any) -> bool:
         """True for float64 arrays of one state that Pinocchio can take as they are, units of length 1."""

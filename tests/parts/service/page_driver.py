@@ -31,7 +31,10 @@ class Page:
         return self.browser.evaluate(expression)
 
     def wait_for(self, condition: str, limit: float = PATIENCE) -> None:
-        self.browser.wait_for(condition, limit)
+        try:
+            self.browser.wait_for(condition, limit)
+        except TimeoutError as error:
+            raise TimeoutError(f"{error}; the page says: {self.text('#run-status')!r}") from None
 
     def text(self, selector: str) -> str:
         """What can be read there; "" when there is no such element or it is hidden."""

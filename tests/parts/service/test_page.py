@@ -328,6 +328,32 @@ def test_an_accuracy_out_of_reach_offers_a_shorter_run(page: Page) -> None:
 
 @pytest.mark.slow
 @pytest.mark.browser
+def test_a_job_that_others_wait_for_is_not_cancelled(page: Page) -> None:
+    """The error bar of a quick look is the run that Run asks for: to wait no longer for one is not to end the other."""
+    page.open()
+    asked = page.evaluate("""(async () => {
+      const { Job, jobControls } = await import(`${document.baseURI.split("#")[0]}page/jobs.js`);
+      const [fetched, asked] = [window.fetch, []];
+      window.fetch = async (path, options) => {
+        if (!path.startsWith("v1/tests")) return fetched(path, options); // of the page itself
+        asked.push(path);
+        await new Promise(done => setTimeout(done, 50));
+        return new Response(JSON.stringify({ id: "x", state: "running" }));
+      };
+      for (const cancel of [false, true]) {
+        const job = new Job("tests", jobControls("job", "").parts, () => {});
+        const run = job.run({});
+        job.drop(cancel);
+        await run;
+      }
+      window.fetch = fetched;
+      return asked;
+    })()""")
+    assert asked == ["v1/tests", "v1/tests", "v1/tests/x/cancel"]
+
+
+@pytest.mark.slow
+@pytest.mark.browser
 def test_a_run_is_cancelled(page: Page) -> None:
     page.open()
     page.choose("#method", "midpoint")

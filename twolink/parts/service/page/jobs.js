@@ -52,9 +52,15 @@ export class Job {
 
   /** Wait no longer for what is under way. cancel: nobody else waits for it. */
   drop(cancel = true) {
-    if (this.path && cancel) post(`${this.path}/cancel`, {}).catch(() => {});
+    if (cancel) this.#end().catch(() => {});
     this.abort?.abort();
     this.abort = this.path = undefined;
+  }
+
+  /** Have the service end the job; one that it has not taken yet, once it has. */
+  async #end() {
+    if (this.path) await post(`${this.path}/cancel`, {});
+    else if (this.abort) this.abort.unwanted = true;
   }
 
   /** Wait for the end of a job that was asked for earlier, such as before the page was loaded again. */
@@ -66,19 +72,16 @@ export class Job {
   async #until(begin) {
     if (this.busy) return;
     const abort = (this.abort = new AbortController());
-    this.unwanted = false;
     this.began = performance.now();
     clearProblem(this.parts.problem);
     this.#show(true);
     this.#say("Asking…");
     try {
       let [job, stored] = await begin();
-      if (abort.signal.aborted) {
-        if (!OVER.includes(job.state)) post(`/v1/${this.kind}/${job.id}/cancel`, {}).catch(() => {});
-        return;
-      }
-      this.path = `/v1/${this.kind}/${job.id}`;
-      if (this.unwanted) this.cancel();
+      const path = `/v1/${this.kind}/${job.id}`;
+      if (abort.unwanted && !OVER.includes(job.state)) post(`${path}/cancel`, {}).catch(() => {});
+      if (abort.signal.aborted) return;
+      this.path = path;
       this.onStart(job);
       while (!OVER.includes(job.state)) job = await this.#next(job);
       if (abort.signal.aborted) return;
@@ -123,10 +126,8 @@ export class Job {
 
   async cancel() {
     this.#say("Cancelling…");
-    this.unwanted = true; // also where the service has not taken it yet
-    if (!this.path) return;
     try {
-      await post(`${this.path}/cancel`, {});
+      await this.#end();
     } catch (failure) {
       if (failure.status !== 409) showProblem(this.parts.problem, failure);
     }
