@@ -1,5 +1,6 @@
 """Checks of what effects are given: fields by their declared types, values by joint, frames and points."""
 
+import functools
 import sys
 from collections.abc import Iterable, Mapping
 from types import UnionType
@@ -19,6 +20,8 @@ from twolink.errors import SceneError, require_known
 # By the number of entries: how messages name it, and what to give.
 _VECTORS = {3: ("three", "one along each of x, y, z"), 6: ("six", "(xx, xy, xz, yy, yz, zz)")}
 
+_fields = functools.cache(msgspec.structs.fields)  # of a class
+
 
 def check_effect(effect: Effect, robot: Robot) -> None:
     """Require an effect whose fields have the declared types and that fits the robot. Raises SceneError."""
@@ -36,7 +39,7 @@ def check_fields(part: msgspec.Struct, robot: Robot, place: str = "") -> None:
 
     Names of links and joints are those of the robot. Where a field declares joints, it names one or more.
     """
-    for field in msgspec.structs.fields(part):
+    for field in _fields(type(part)):
         value, where, said = getattr(part, field.name), f"{place}{field.name}", _declared(field.type)
         _check(value, field.type, where, robot)
         if "of" in said:
