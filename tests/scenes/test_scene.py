@@ -136,3 +136,28 @@ def test_the_table_of_bundled_scenes_says_what_they_show() -> None:
         scene = tl.load_scene(row["name"])
         assert row["title"] == scene.title
         assert row["effects"] == tuple(dict.fromkeys(type(e).__struct_config__.tag for e in scene.effects))
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        tl.effects.Payload("forearm", 1.0),
+        tl.effects.Rotor({"elbow": 1e-4}, ratio={"elbow": 50.0}),
+        tl.effects.Gear(tl.effects.Torque({"elbow": 1.0}), {"elbow": 50.0}, inertia={"elbow": 1e-4}),
+    ],
+)
+def test_no_effect_changes_a_robot_twice(effect: tl.effects.Effect) -> None:
+    """scene.robot has the payload and the rotors already: with the effects of the scene they would count twice."""
+    scene = tl.Scene(tl.load_robot("two_link"), effects=[tl.effects.Gravity(), effect])
+    with pytest.raises(SceneError, match=r"effects\[1\].*already.*scene\.base") as caught:
+        tl.Scene(scene.robot, effects=scene.effects)
+    assert caught.value.code == "changed-twice"
+    again = tl.Scene(scene.base, effects=scene.effects)
+    assert np.array_equal(again.robot.mass_matrix(scene.q), scene.robot.mass_matrix(scene.q))
+    other = tl.Scene(scene.robot, effects=[tl.effects.Gravity((0.0, 0.0, -1.6))])  # with what it carries, elsewhere
+    assert np.array_equal(other.robot.mass_matrix(scene.q), scene.robot.mass_matrix(scene.q))
+
+
+def test_effects_that_set_constants_may_meet_them_again() -> None:
+    scene = tl.load_scene("arm-swing")
+    assert tl.Scene(scene.robot, scene.q, scene.v, scene.effects).robot.model == scene.robot.model

@@ -58,7 +58,16 @@ def query_of(robot: RobotModel, name: str) -> Algorithm:
         raise QueryError(what, where="robot", remedy=algorithm.mimic, code="mimic-joints")
     if robot.has_mimic and callable(algorithm.mimic):
         one = algorithm.mimic
+    if algorithm.anywhere:
+        one = partial(_at_origin, robot, one)
     return replace(algorithm, one=one, shape=tuple(robot.nv if n == "nv" else n for n in algorithm.shape))
+
+
+def _at_origin(
+    robot: RobotModel, one: Callable[..., Array], model: pin.Model, data: pin.Data, q: Array, *others: Array
+) -> Array:
+    """The answer of an algorithm that works in the world's axes, where it does not depend on where bases are."""
+    return one(model, data, robot.with_bases_at_origin(q), *others)
 
 
 def answer(
@@ -94,15 +103,13 @@ def by_name(robot: RobotModel, name: str, arguments: Mapping[str, ArrayLike]) ->
 
 def answer_rows(robot: RobotModel, query: Algorithm, states: list[Array], applied: list[Applied]) -> Array:
     """The answers (n, *shape) for C-ordered rows (n, nq), (n, nv), ... and wrenches with values (n, 6)."""
-    if query.anywhere:
-        states = [robot.with_bases_at_origin(states[0]), *states[1:]]
     if not robot.is_whole and query.join and not applied:
         return query.join(_answers_of_trees(robot, query, states))
     count, model, data = len(states[0]), robot.model, robot.data
     if query.parallel and not applied and count >= PARALLEL_FROM:
         threads = 1 if count * model.nv < THREADS_FROM or is_forked_child() else thread_count()
-        columns = np.empty((model.nv, count), order="F")
-        query.parallel(threads, _pool(model, threads), *(x.T for x in states), columns)
+        columns, place = np.empty((model.nv, count), order="F"), robot.with_bases_at_origin(states[0])
+        query.parallel(threads, _pool(model, threads), *(x.T for x in (place, *states[1:])), columns)
         return columns.T
     out = np.empty((count, *query.shape))
     for i, state in enumerate(zip(*states, strict=True)):

@@ -136,7 +136,7 @@ class Algorithm:
     arguments: their names. shape: of the array for one state, all results in one. one: from (model, data, *arguments),
     for a frame from (index, model, data, *arguments). parallel: for columns of states. join: makes the answer from
     those for the robot's trees. mimic: the algorithm for mimic joints, or the remedy where there is none. anywhere:
-    True if the answer does not depend on where the base is.
+    True if the algorithm works in the world's axes, and the answer does not depend on where the base is.
     """
 
     arguments: tuple[str, ...]

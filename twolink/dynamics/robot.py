@@ -34,7 +34,7 @@ Engine = Literal["auto", "pinocchio", "compiled"]
 _BY_PINOCCHIO = ("auto", "pinocchio")  # the engines that let Pinocchio answer a single state
 _FLOAT = np.dtype(np.float64)
 _SQUARE: Shape = ("nv", "nv")
-_UNCOUPLED = "load it with mimic=False"
+_UNCOUPLED, _BY_BIAS = "load it with mimic=False", "use bias - gravity_torque"
 
 
 def _derivatives(of: str, *by: str) -> dict[str, tuple[Shape, str]]:
@@ -102,7 +102,7 @@ class Robot(RobotModel):
             "remarks": f"{len(self.report.findings) - len(self.report.read)}{doubts} (see .report)",
         }
 
-    @query({"a": (("nv",), "rad/s^2 or m/s^2")}, pin.aba, parallel=pin.abaInParallel, join=np.hstack, anywhere=True)
+    @query({"a": (("nv",), "rad/s^2 or m/s^2")}, pin.aba, parallel=pin.abaInParallel, join=np.hstack)
     def forward_dynamics(
         self,
         q: ArrayLike,
@@ -218,9 +218,7 @@ class Robot(RobotModel):
         """h(q, v) = C(q, v) v + g(q), (..., nv): the torques that keep all accelerations zero, N m or N."""
         return self._answer("bias", engine, q, v)
 
-    @query(
-        {"C": (_SQUARE, "N m s or N s/m")}, pin.computeCoriolisMatrix, mimic="use bias - gravity_torque", anywhere=True
-    )
+    @query({"C": (_SQUARE, "N m s or N s/m")}, pin.computeCoriolisMatrix, mimic=_BY_BIAS, anywhere=True)
     def coriolis(self, q: ArrayLike, v: ArrayLike) -> Array:
         """A Coriolis matrix C(q, v), (..., nv, nv), with C v = h - g and dM/dt - 2 C skew-symmetric.
 
@@ -525,8 +523,6 @@ class Robot(RobotModel):
         query = self._queries.get(name) or self._query(name)
         quick = (self._shown.get(name) or shows_all(self, self._shown, name)) and self._is_state(*arguments)
         if engine in _BY_PINOCCHIO and isfinite(total := 0.0 if quick else self._sum_of_state(*arguments)):
-            if query.anywhere and not quick:  # else what is not finite there would not show
-                arguments = (self.with_bases_at_origin(arguments[0]), *arguments[1:])
             result = query.one(self.model, self.data, *arguments)
             # "K" is the order of the memory, which needs no copy
             if isfinite(total + ((x := result.ravel("K")).dot(x) if result.ndim > 1 else sum(result.tolist()))):

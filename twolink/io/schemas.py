@@ -1,4 +1,4 @@
-"""What does not fit a schema: the message of msgspec, the place in the data, and what would fit there."""
+"""Misfits of data and its schema: the message of msgspec, the place in the data, and what would fit there."""
 
 import re
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ def split_path(message: str) -> tuple[str, str]:
 
 
 def misfit(error: msgspec.ValidationError, kind: Any) -> tuple[str, str, str]:
-    """What is wrong with data of the type `kind`, the path in the data or "", and a remedy or "".
+    """The fault in data of the type `kind`, the path in the data or "", and a remedy or "".
 
     The remedy is the nearest of the names that stand there: of fields, or of the words that a field takes.
     """

@@ -124,6 +124,8 @@ class RobotModel:
         Whether some joints follow others (loaded with mimic=True).
     weightless : tuple of str
         Joints that move no inertia (loaded with purpose="kinematics" or "identification"): dynamics is refused.
+    changed_by : tuple of Effect
+        The effects of a scene that have changed its constants: of `scene.robot`, not of `scene.base`. Not pickled.
     """
 
     def __init__(self, name: str, model: pin.Model, report: LoadReport, visuals: Visuals) -> None:
@@ -137,6 +139,7 @@ class RobotModel:
         self.has_mimic: bool = any(j.kind == "mimic" for j in self.joints)
         self.visuals = visuals
         self.weightless: tuple[str, ...] = ()
+        self.changed_by: tuple[object, ...] = ()
         # For single queries, where one attribute more costs a twentieth of Pinocchio's own time.
         self._v_shape = (self.nv,)
         self._q_shape = (self.nq,) if self.is_whole else None
@@ -268,7 +271,7 @@ class RobotModel:
         model = self.model.copy()
         change(model)
         robot = type(self)(self.name, model, self.report, self.visuals)
-        robot.weightless = self.weightless
+        robot.weightless, robot.changed_by = self.weightless, self.changed_by
         return robot
 
     def require_inertia(self) -> None:

@@ -76,7 +76,7 @@ def _effect(table: dict[str, Any], path: str = "") -> Effect:
 
 
 def _schema_error(error: msgspec.ValidationError, kind: Any, inside: str = "") -> SceneError:
-    """What does not fit the type `kind`, which stands at the path `inside`."""
+    """The refusal of data of the type `kind`, which stands at the path `inside`."""
     what, path, remedy = misfit(error, kind)
     remedy = remedy or "see a bundled scene for an example"
     where = ".".join(part for part in (inside, path) if part)

@@ -120,6 +120,7 @@ class Scene:
             raise SceneError(what, where="robot", remedy=remedy, argument="robot")
         robot.require_inertia()
         checked = _checked(effects, robot)
+        _require_unchanged(robot, checked)
 
         def change(model: pin.Model) -> None:
             model.gravity.linear = np.zeros(3)
@@ -131,6 +132,7 @@ class Scene:
         start = configuration("q", q, robot.nq, robot.joints)
         velocity = array("v", v, robot.nv)
         self.base, self.robot = robot, robot.changed(change)
+        self.robot.changed_by += tuple(effect for effect in checked if effect.changes)
         self.q, self.v = _one_state("q", start, robot.nq), _one_state("v", velocity, robot.nv)
         self.effects, self.duration = checked, duration_of(duration)
         self.title = title
@@ -295,6 +297,19 @@ def _one_state(name: str, value: np.ndarray, size: int) -> np.ndarray:
     state = value.copy()
     state.flags.writeable = False
     return state
+
+
+def _require_unchanged(robot: Robot, effects: Sequence[Effect]) -> None:
+    """Refuse the robot of another scene where an effect would change its constants once more, such as add a rotor."""
+    before = {repr(effect) for effect in robot.changed_by}
+    for i, effect in enumerate(effects):
+        if before and effect.changes and repr(effect) in before:
+            again = robot.model.copy()
+            effect.change(again)
+            if again != robot.model:
+                what = f"the robot has been changed by this {type(effect).__name__} already, which would act twice"
+                raise SceneError(what, where=f"effects[{i}]", remedy="give scene.base, not scene.robot; or use "
+                                 "scene.with_effects(...)", argument="robot", code="changed-twice")  # fmt: skip
 
 
 def _checked(effects: Sequence[Effect], robot: Robot) -> tuple[Effect, ...]:
