@@ -177,7 +177,7 @@ def largest_growth(scene: tl.Scene, times: np.ndarray, reference: np.ndarray) ->
     for _ in range(4):
         dq, dv = PERTURBATION * random.uniform(-1, 1, (2, scene.robot.nv))
         q = scene.robot.integrate(scene.q, dq)
-        other, _ = extended_reference(tl.Scene(scene.robot, q, scene.v + dv, scene.effects), times)
+        other, _ = extended_reference(tl.Scene(scene.base, q, scene.v + dv, scene.effects), times)
         worst = max(worst, error_of(other, reference) / PERTURBATION)
     return worst
 

@@ -124,7 +124,7 @@ def _checked_worlds(row: Row, one: Worlds) -> Row:
     except AccuracyError:
         return row
     ends = np.array([0.0, one.duration])
-    truths = [extended_reference(tl.Scene(one.scene.robot, q, v, effects=one.scene.effects), ends)
+    truths = [extended_reference(tl.Scene(one.scene.base, q, v, effects=one.scene.effects), ends)
               for q, v in zip(one.q, one.v, strict=True)]  # fmt: skip
     exact = np.array([q[-1] for q, _ in truths])
     true, doubt = distance(worlds.robot, worlds.q.astype(exact.dtype), exact), np.array([d[-1] for _, d in truths])
