@@ -152,7 +152,8 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """A remedy for an unknown name: the nearest right one, or the list when it is short."""
     names = list(known)
     inside = [one for one in names if len(name) > 2 and name.lower() in one.lower()]  # jacobian of frame-jacobian
-    close = inside or difflib.get_close_matches(name, names, n=1, cutoff=0.6 if len(name) > 3 else 0.5)
+    # 200: longer ones are none, and take long to compare.
+    close = inside or difflib.get_close_matches(name[:200], names, n=1, cutoff=0.6 if len(name) > 3 else 0.5)
     if close:
         return f"did you mean {close[0]!r}?"
     listed = ", ".join(names[:16]) + (", ..." if len(names) > 16 else "")

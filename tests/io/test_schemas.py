@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -55,3 +56,11 @@ def test_the_remedy_is_the_nearest_name_that_stands_there(data: Any, path: str, 
         msgspec.convert(data, Machine)
     _, where, said = misfit(caught.value, Machine)
     assert (where, said) == (path, remedy)
+
+
+def test_a_name_of_megabytes_is_not_compared() -> None:
+    with pytest.raises(msgspec.ValidationError) as caught:
+        msgspec.convert({"ab" * 1_000_000: 1}, Machine)
+    begin = time.process_time()
+    assert misfit(caught.value, Machine)[2] == "known: parts, spare, pair"
+    assert time.process_time() - begin < 0.3
