@@ -34,3 +34,13 @@ if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
   echo "$wanted" > "$stamp"
   if [ "$extras" = "[test]" ]; then echo "$wanted" > ".venv/stamp-[service,sweeps]"; fi
 fi
+
+# Installs a Debian package of the name of a command that is missing, where this user may.
+# usage: install_debian COMMAND "WHAT IT IS FOR"
+install_debian() {
+  if ! command -v "$1" >/dev/null 2>&1 && [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1; then
+    echo "installing Debian's $1 for $2 ..."
+    { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$1"; } \
+      > ".venv/$1.log" 2>&1 || { tail -5 ".venv/$1.log" >&2; }
+  fi
+}
