@@ -99,7 +99,8 @@ class Scene:
     Raises
     ------
     SceneError
-        An effect does not fit the robot (`where` names its index and field), or an argument is of the wrong kind.
+        An effect does not fit the robot (`where` names its index and field), or would change it once more, as another
+        scene has (code "changed-twice"); or an argument is of the wrong kind.
     QueryError
         A state is not finite, or of the wrong shape.
     """
