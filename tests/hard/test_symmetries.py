@@ -35,7 +35,7 @@ def farthest(robot: Robot, some: np.ndarray, others: np.ndarray) -> float:
 def test_motions_are_the_same_elsewhere(name: str, angle: float, shift: tuple[float, float, float]) -> None:
     scene = tl.load_scene(name)
     place = angle, np.array(shift)
-    there = tl.Scene(scene.robot, moved(scene.robot, scene.q, *place), scene.v, scene.effects, scene.duration)
+    there = tl.Scene(scene.base, moved(scene.robot, scene.q, *place), scene.v, scene.effects, scene.duration)
     run, other = (tl.simulate(each, 1.0, samples_per_second=50) for each in (scene, there))
     seen = np.array([moved(scene.robot, q, *place) for q in run.q])
     assert farthest(scene.robot, seen, other.q) <= run.error.max() + other.error.max() + 1e-11
@@ -46,11 +46,11 @@ def test_motions_are_the_same_elsewhere(name: str, angle: float, shift: tuple[fl
 @pytest.mark.parametrize("factor", [1e-6, 1e6])
 def test_motions_are_the_same_with_all_masses_in_proportion(name: str, factor: float) -> None:
     scene = tl.load_scene(name)
-    model = scene.robot.model.copy()
+    model = scene.base.model.copy()
     for joint in range(1, model.njoints):
         body = model.inertias[joint]
         model.inertias[joint] = pin.Inertia(body.mass * factor, body.lever, body.inertia * factor)
-    heavy = Robot(scene.robot.name, model, scene.robot.report, scene.robot.visuals)
+    heavy = Robot(scene.base.name, model, scene.base.report, scene.base.visuals)
     other = tl.simulate(tl.Scene(heavy, scene.q, scene.v, scene.effects, scene.duration), 1.0, samples_per_second=50)
     run = tl.simulate(scene, 1.0, samples_per_second=50)
     assert farthest(scene.robot, run.q, other.q) <= run.error.max() + other.error.max() + 1e-13

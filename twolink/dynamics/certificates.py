@@ -20,7 +20,6 @@ from twolink.dynamics.kernels import Kernel
 from twolink.dynamics.pinocchio_queries import by_name
 from twolink.errors import CertificationError
 from twolink.native.library import library
-from twolink.robots.joint_layout import joint_layouts
 from twolink.robots.model import RobotModel
 
 BOUND = 1e-11  # of the reference's scale, which takes in the mass matrix's condition number
@@ -64,7 +63,7 @@ def certify(
     half and twice their nominal values, a new model for each state.
     """
     model, rng = robot.model, np.random.default_rng(2008)
-    arguments = _arguments(model, function, rng, count)
+    arguments = _arguments(robot, function, rng, count)
     values = {name: nominal(model, name) * rng.uniform(0.5, 2, count) for name in parameters}
     columns = [*arguments.values(), *(v[:, None] for v in values.values())]
     damped = tuple(name.removesuffix(".damping") for name in parameters if name.endswith(".damping"))
@@ -101,12 +100,12 @@ def _versions() -> str:
     return f"{machine}, " + ", ".join(f"{name} {version(name)}" for name in ("pin", "numpy"))
 
 
-def _arguments(model: pin.Model, function: Function, rng: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-    neutral = pin.neutral(model)
+def _arguments(robot: RobotModel, function: Function, rng: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    model, neutral = robot.model, robot.neutral
     reach = np.repeat([np.pi, 1e-9, np.pi, 300.0], -(-count // 4))[:count]
     speed = np.repeat([3.0, 1.0, 1e3, 3.0], -(-count // 4))[:count]
     steps = rng.uniform(-1, 1, (count, model.nv)) * reach[:, None]
-    sliders = [joint.v.start for joint in joint_layouts(model) if joint.unit == "m"]
+    sliders = [joint.v.start for joint in robot.joints if joint.unit == "m"]
     steps[:, sliders] *= np.minimum(1.0, np.pi / reach)[:, None]
     q = np.array([pin.normalize(model, pin.integrate(model, neutral, step)) for step in steps])
     out = {}

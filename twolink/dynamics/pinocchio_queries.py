@@ -108,8 +108,9 @@ def answer_rows(robot: RobotModel, query: Algorithm, states: list[Array], applie
     count, model, data = len(states[0]), robot.model, robot.data
     if query.parallel and not applied and count >= PARALLEL_FROM:
         threads = 1 if count * model.nv < THREADS_FROM or is_forked_child() else thread_count()
-        columns, place = np.empty((model.nv, count), order="F"), robot.with_bases_at_origin(states[0])
-        query.parallel(threads, _pool(model, threads), *(x.T for x in (place, *states[1:])), columns)
+        columns = np.empty((model.nv, count), order="F")
+        states = [robot.with_bases_at_origin(states[0]), *states[1:]]  # abaInParallel works in the world's axes
+        query.parallel(threads, _pool(model, threads), *(x.T for x in states), columns)
         return columns.T
     out = np.empty((count, *query.shape))
     for i, state in enumerate(zip(*states, strict=True)):

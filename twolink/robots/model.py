@@ -195,8 +195,8 @@ class RobotModel:
     def with_bases_at_origin(self, q: np.ndarray) -> np.ndarray:
         """The configurations (..., nq) with every base at the origin, for what does not depend on where bases are.
 
-        Pinocchio's computeABADerivatives, computeMinverse and abaInParallel work in the world's axes and lose digits
-        with the square of the distance from its origin: 1e-9 of the answer at 300 m, 1e-3 at 100 km.
+        Pinocchio's derivatives, computeCoriolisMatrix, computeMinverse and abaInParallel work in the world's axes, and
+        lose digits with the distance from its origin, most with its square: up to 1e-3 of the answer at 100 km.
         """
         if not self._base_positions:
             return q

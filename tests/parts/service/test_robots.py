@@ -118,6 +118,8 @@ def test_text_may_be_long_and_a_joint_has_at_most_seven_numbers() -> None:
     assert (kind, options.lock, content) == ("urdf", {"elbow": 0.5}, text.encode())
     with pytest.raises(Refusal, match="length <= 7"):
         _from_json(b'{"source": "panda", "lock": {"a": [0,0,0,0,0,0,0,0]}}')
+    with pytest.raises(Refusal, match="did you mean 'source'"):
+        _from_json(b'{"sourc": "panda"}')
 
 
 def test_unknown_names_are_reported_where_that_is_asked_for(http: httpx.Client) -> None:

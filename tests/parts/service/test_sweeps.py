@@ -172,7 +172,9 @@ def test_a_sweep_goes_on_after_it_was_cancelled_and_the_service_killed(tmp_path:
         ({"vary": {"q.elbow": [0.0]}, "duration": 1e9}, 422, "too long"),
         ({"vary": {}}, 400, "length"),
         ({"vary": {"q.elbow": "all"}}, 400, "vary"),
+        ({"vary": {"q.elbow": [0.0]}, "design": "all"}, 400, "design"),
         ({"vary": {"q.elbow": [0.0]}, "design": "gird"}, 400, "did you mean 'grid'?"),
+        ({"vary": {"q.elbow": [0.0]}, "outputs": ["final"] * 51}, 400, "length"),
     ],
 )  # fmt: skip
 def test_refusals(http: httpx.Client, body: dict[str, Any], status: int, part: str) -> None:

@@ -171,13 +171,18 @@ def error_from(problem: Problem) -> TwolinkError:
 
 
 def decode_unique(body: bytes, kind: type[T]) -> T:
-    """Decode JSON. Raises msgspec.DecodeError, and Refusal where it does not fit, or a key comes twice."""
-    try:
-        decoded = msgspec.json.decode(body, type=kind)
-    except msgspec.ValidationError as error:
-        raise misfit_refusal(error, kind) from None
+    """Decode JSON. Raises as `decode_body`, and Refusal where a key comes twice."""
+    decoded = decode_body(body, kind)
     require_unique_keys(body)
     return decoded
+
+
+def decode_body(body: bytes, kind: type[T]) -> T:
+    """Decode JSON. Raises msgspec.DecodeError, and Refusal where it does not fit."""
+    try:
+        return msgspec.json.decode(body, type=kind)
+    except msgspec.ValidationError as error:
+        raise misfit_refusal(error, kind) from None
 
 
 def misfit_refusal(error: msgspec.ValidationError, kind: Any) -> Refusal:

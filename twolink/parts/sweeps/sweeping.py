@@ -80,8 +80,8 @@ def sweep(
     count, seed : int
         Of samples.
     outputs : sequence of str
-        "final": t, q, v at the end. "samples": q, v at each. "events". "energy" at the end. "cost". Or a function
-        of the run, "module:function", which takes a Trajectory and returns a number.
+        "final": t, q, v at the end. "samples": q, v at each. "events". "energy" at the end. "cost". In
+        Python also a function of the run, "module:function", which takes a Trajectory and returns a number.
     verify : bool
         Compute error bars.
     executor : optional

@@ -27,7 +27,7 @@ from twolink.parts.service.http.messages import (
     too_large,
 )
 from twolink.parts.service.http.parameters import OWN_QUERY
-from twolink.parts.service.problems import JSON, Refusal, decode_unique, problem_of
+from twolink.parts.service.problems import JSON, Refusal, decode_body, decode_unique, problem_of
 from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store.store import LISTED
 from twolink.parts.service.work.query_requests import QUERIES
@@ -161,7 +161,7 @@ def _from_json(body: bytes) -> tuple[str, RobotOptions, bytes]:
     Decoded, a number takes up to 16 times its bytes: without the text, a body has at most OPTIONS_BYTES, counted before
     it is decoded.
     """
-    undecoded: Any = msgspec.json.decode(body, type=_Undecoded)
+    undecoded: Any = decode_body(body, _Undecoded)
     options = len(body) - len(bytes(undecoded.text))
     if options > OPTIONS_BYTES:
         raise Refusal(413, f"the options have {options} bytes, the limit is {OPTIONS_BYTES}", where="body",

@@ -28,8 +28,7 @@ def body_of_call(
     """The JSON body of a call: a frozen struct, which takes no other fields.
 
     without: parameters that are not sent. tag: the value of the field `operation`, by which bodies are told apart.
-    more: types of fields in place of those of the signature, with texts of their own or the docstring's, or (type,
-    default) of others, by name.
+    more: types of fields in place of those of the signature, or (type, default) of others, by name.
     """
     hints, texts = get_type_hints(function, include_extras=True), texts_of(function)
     fields: list[tuple[Any, ...]] = []
@@ -38,15 +37,14 @@ def body_of_call(
             continue
         own = _TIMES if parameter.name == "t_eval" else more.pop(parameter.name, None)
         kind = own or json_type(hints[parameter.name])
-        told = any(getattr(note, "description", None) for note in getattr(kind, "__metadata__", ()))
-        text = None if told else texts.get(parameter.name)
+        text = texts.get(parameter.name)
         kind = Annotated[kind, msgspec.Meta(description=text)] if text else kind
         default = () if parameter.default is parameter.empty else (parameter.default,)
         fields.append((parameter.name, kind, *default))
     fields += [(field, *given) for field, given in more.items()]
-    tags = {} if tag is None else {"tag_field": "operation", "tag": tag}
+    told = {} if tag is None else {"tag_field": "operation", "tag": tag}
     return msgspec.defstruct(name, fields, frozen=True, kw_only=True, forbid_unknown_fields=True, module=__name__,
-                             namespace={"__doc__": f"As `tl.{function.__name__}`."}, **tags)  # type: ignore[arg-type]  # fmt: skip
+                             namespace={"__doc__": f"As `tl.{function.__name__}`."}, **told)  # type: ignore[arg-type]  # fmt: skip
 
 
 def arguments_of(request: Any, *without: str) -> dict[str, Any]:

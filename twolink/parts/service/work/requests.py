@@ -112,11 +112,10 @@ def _sweep() -> Any:
     from twolink.parts.sweeps.outputs import OUTPUTS
 
     varied = dict[str, list[float | bool | str] | dict[str, list[float]]]
-    kept = msgspec.Meta(description='"final": t, q, v at the end. "samples": q, v at each. "energy" at the end.')
     return body_of_call(tl.sweep, "SweepRequest", ("out", "executor", "workers", "chunk"), wait=LATER,
                         vary=Annotated[varied, msgspec.Meta(min_length=1)], design=words(DESIGNS),
                         count=Annotated[int, msgspec.Meta(ge=1)] | None, seed=Annotated[int, msgspec.Meta(ge=0)],
-                        outputs=Annotated[tuple[words(OUTPUTS), ...], kept])  # type: ignore[misc]  # fmt: skip
+                        outputs=Annotated[tuple[words(OUTPUTS), ...], msgspec.Meta(max_length=50)])  # type: ignore[misc]  # fmt: skip
 
 
 OPERATIONS: dict[str, dict[str, Any]] = {
