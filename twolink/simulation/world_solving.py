@@ -1,7 +1,7 @@
 """Solving many worlds with error bars: each world is solved again, more accurately, until its bar is small enough."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from twolink.simulation.error_bar import (
 
 ALONE = 2  # disturbed solutions of a world, at most
 LEAST = 4.0  # times the smallest tolerance: what a finer solution can judge
+MORE = 2.0  # times the rounding of a solution: at most that of its finer one
 AIM = 0.3  # of the accuracy: where the next bar shall be, by the one that was too large
 
 
@@ -46,6 +47,31 @@ class SolvedWorlds:
     verify_seconds: float = 0.0
 
 
+@dataclass(eq=False)
+class _Tried:
+    """Solutions of some worlds, each with its tolerance.
+
+    worlds, tolerance, steps, rejected (w,), x (m, size, w). rounding (m, w): of their bars, inf where it is not known.
+    """
+
+    worlds: Array
+    tolerance: Array
+    x: Array
+    steps: Array
+    rejected: Array
+    rounding: Array
+
+    def of(self, few: Array) -> "_Tried":
+        """The solutions of few (k,) of them, or of a mask (w,)."""
+        return _Tried(self.worlds[few], self.tolerance[few], self.x[:, :, few], self.steps[few], self.rejected[few],
+                      self.rounding[:, few])  # fmt: skip
+
+    def beside(self, other: "_Tried") -> "_Tried":
+        """The solutions of these and of other worlds."""
+        pairs = ((getattr(self, field.name), getattr(other, field.name)) for field in fields(self))
+        return _Tried(*(np.concatenate(pair, axis=-1) for pair in pairs))
+
+
 @dataclass(frozen=True, eq=False)
 class _Worlds:
     """Worlds to be solved: their starts (size, n) and parameters (p, n), for states at the times (m,)."""
@@ -57,34 +83,42 @@ class _Worlds:
     progress: Progress | None
     accuracy: float
 
-    def solved(
-        self, worlds: Array, tolerance: Array, perturbation: Perturbation = NO_PERTURBATION
-    ) -> tuple[Array, Array, Array]:
-        """x (m, size, w), steps (w,) and rejected (w,) of some worlds, each with its tolerance."""
+    def solved(self, worlds: Array, tolerance: Array, perturbation: Perturbation = NO_PERTURBATION) -> _Tried:
+        """The solutions of some worlds (w,), each with its tolerance."""
         values = None if self.parameters is None else self.parameters[:, worlds]
-        return integrate_many(self.step_map, self.starts[:, worlds], self.times, tolerance, values, self.progress,
-                              perturbation)  # fmt: skip
+        x, steps, rejected = integrate_many(self.step_map, self.starts[:, worlds], self.times, tolerance, values,
+                                            self.progress, perturbation)  # fmt: skip
+        unknown = np.full((len(x), len(worlds)), np.inf)
+        return _Tried(worlds, tolerance / perturbation.finer, x, steps, rejected, unknown)
 
-    def parts(self, worlds: Array, x: Array, steps: Array, tolerance: Array) -> tuple[Array, Array]:
-        """Of solutions x (m, size, w) of so many steps (w,), the bars (w,) at the end, and what of them is rounding."""
-        space, method = self.step_map.equations.space, self.step_map.method
+    def bars(self, one: _Tried) -> tuple[Array, _Tried]:
+        """The bars (w,) at the end of solutions, NaN of those that are lost; and the finer solutions."""
+        equations, method = self.step_map.equations, self.step_map.method
+        perturbation = finer_solution(method, first_tolerance(method, self.accuracy))  # whatever the other worlds need
+        finer = self.solved(one.worlds, one.tolerance, perturbation)
+        self._look_at_rounding(one)
+        truncation = truncation_factor(method, one.steps) * distances(equations.space, one.x, finer.x)
+        alike = common_rounding(equations.space, self.times, one.x, one.steps)
+        bar = error_bar(truncation + one.rounding, alike)[-1] + SLACK * self.accuracy
+        # Where rounding hardly counts, that of about 1.6 times as many steps hardly does.
+        finer.rounding = np.where(self._count(MORE * one.rounding), np.inf, MORE * one.rounding)
+        return np.where(np.isfinite(bar), bar, np.nan), finer
 
-        def to(other: Perturbation, few: Array | slice = slice(None)) -> Array:
-            """The distances to other solutions."""
-            return distances(space, x[:, :, few], self.solved(worlds[few], tolerance[few], other)[0])
+    def _look_at_rounding(self, one: _Tried) -> None:
+        """Solve disturbed solutions where the rounding is not known, and where one of them shows that it counts two."""
+        space, unknown = self.step_map.equations.space, np.flatnonzero(~np.isfinite(one.rounding[-1]))
+        far = np.zeros((len(self.times), len(one.worlds)))
+        for count, disturbed in enumerate(disturbed_solutions(ALONE), 1):
+            if unknown.size:
+                other = self.solved(one.worlds[unknown], one.tolerance[unknown], disturbed)
+                far[:, unknown] = np.maximum(far[:, unknown], distances(space, one.x[:, :, unknown], other.x))
+                one.rounding[:, unknown] = DISTURBED[count] * far[:, unknown]
+                unknown = unknown[self._count(one.rounding[:, unknown])]
 
-        first, second = disturbed_solutions(ALONE)
-        truncation, once = (
-            truncation_factor(method, steps) * to(finer_solution(method, float(tolerance.max()))),
-            to(first),
-        )
-        rounding = DISTURBED[1] * once
+    def _count(self, rounding: Array) -> Array:
+        """A mask (w,) of the worlds whose rounding (m, w) counts."""
         most = rounding.max(axis=0)
-        more = np.flatnonzero((most >= ENOUGH * self.accuracy) & np.isfinite(most))
-        if more.size:
-            rounding[:, more] = DISTURBED[ALONE] * np.maximum(once[:, more], to(second, more))
-        bar = error_bar(truncation + rounding, common_rounding(space, self.times, x, steps))[-1]
-        return np.where(np.isfinite(bar), bar, np.nan), rounding.max(axis=0)
+        return np.asarray((most >= ENOUGH * self.accuracy) & np.isfinite(most))
 
 
 def can_be_finer(method: Method, accuracy: float) -> bool:
@@ -107,27 +141,29 @@ def solve_worlds(
     With `verify` solutions beside each world give its error bar. Worlds whose bar is above the accuracy are solved
     again with tolerances by how much it is above, as long as that helps; each keeps the best bar it has had.
     """
-    method, worlds, begin = step_map.method, np.arange(starts.shape[1]), time.perf_counter()
+    method, begin = step_map.method, time.perf_counter()
     given = _Worlds(step_map, starts, times, parameters, progress, accuracy)
-    tolerance = np.full(len(worlds), first_tolerance(method, accuracy))
-    x, steps, rejected = given.solved(worlds, tolerance)
-    result = SolvedWorlds(x, steps, rejected, None, float(tolerance[0]), time.perf_counter() - begin)
+    count, tolerance = starts.shape[1], first_tolerance(method, accuracy)
+    one = given.solved(np.arange(count), np.full(count, tolerance))
+    result = SolvedWorlds(one.x, one.steps, one.rejected, None, tolerance, time.perf_counter() - begin)
     if not verify:
         return result
-    result.error, result.x = np.full(len(worlds), np.nan), x.copy()
-    while worlds.size:
-        bar, rounding = given.parts(worlds, x, steps, tolerance)
-        bar = bar + SLACK * accuracy
-        better = ~(bar >= result.error[worlds])  # than none, too
-        kept = worlds[better]
-        result.error[kept], result.x[:, :, kept] = bar[better], x[:, :, better]
-        result.steps[kept], result.rejected[kept] = steps[better], rejected[better]
+    result.error, result.x = np.full(count, np.nan), one.x.copy()
+    result.steps, result.rejected = one.steps.copy(), one.rejected.copy()
+    least = LEAST * smallest_tolerance(method)
+    while one.worlds.size:
+        bar, finer = given.bars(one)
+        better = ~(bar >= result.error[one.worlds])  # than none, too
+        kept = one.worlds[better]
+        result.error[kept], result.x[:, :, kept] = bar[better], one.x[:, :, better]
+        result.steps[kept], result.rejected[kept] = one.steps[better], one.rejected[better]
+        rounding = one.rounding.max(axis=0)
         room = np.fmax(accuracy - rounding, 0.0)
-        least = LEAST * smallest_tolerance(method)
-        wanted = np.fmax(tolerance * np.fmin(0.5, AIM * room / np.fmax(bar - rounding, 1e-300)), least)
-        again = (bar > accuracy) & (room > 0.0) & (tolerance > 1.01 * least)  # not the lost ones: their bar is NaN
-        worlds, tolerance = worlds[again], wanted[again]
-        if worlds.size:
-            x, steps, rejected = given.solved(worlds, tolerance)
+        wanted = np.fmax(one.tolerance * np.fmin(0.5, AIM * room / np.fmax(bar - rounding, 1e-300)), least)
+        again = (bar > accuracy) & (room > 0.0) & (one.tolerance > 1.01 * least)  # not the lost ones: their bar is NaN
+        fine = (finer.tolerance <= wanted) & (finer.tolerance >= least)  # enough, so that they are there already
+        one, anew = finer.of(again & fine), again & ~fine
+        if anew.any():
+            one = one.beside(given.solved(finer.worlds[anew], wanted[anew]))
     result.verify_seconds = time.perf_counter() - begin - result.seconds
     return result
