@@ -11,7 +11,7 @@ it loses parts whose neighbours have another material (half of a UR5) and ignore
 import io
 import re
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,7 +101,7 @@ def _colour(material: Any) -> tuple[tuple[float, float, float, float] | None, st
     return (red, green, blue, 1.0), None
 
 
-def read_triangles(raw: bytes, suffix: str) -> tuple[Floats, Faces]:
+def read_triangles(raw: bytes, suffix: str, parts: Sequence[Part] | None = None) -> tuple[Floats, Faces]:
     """Vertices (n, 3) and faces (m, 3) of a mesh file.
 
     Parameters
@@ -110,6 +110,8 @@ def read_triangles(raw: bytes, suffix: str) -> tuple[Floats, Faces]:
         The file's content.
     suffix : str
         The ending of its name, such as ".stl": one of SUFFIXES.
+    parts : sequence of Part, optional
+        Of a Collada file, where they are read already.
 
     Raises
     ------
@@ -117,7 +119,7 @@ def read_triangles(raw: bytes, suffix: str) -> tuple[Floats, Faces]:
         It is not such a file, or has no triangles.
     """
     if suffix == ".dae":
-        parts = read_collada(raw)
+        parts = read_collada(raw) if parts is None else parts
         vertices = np.concatenate([part.position for part in parts]) if parts else np.empty((0, 3))
         faces = np.arange(len(vertices)).reshape(-1, 3)
     elif suffix == ".stl" and len(raw) == 84 + 50 * (count := int.from_bytes(raw[80:84], "little")):  # binary

@@ -9,10 +9,11 @@ from typing import Any
 
 import coal
 import numpy as np
+import pinocchio as pin
 
 from twolink.errors import ShowError
 from twolink.io.files import confining_roots, read_confined
-from twolink.io.mesh_files import SUFFIXES, read_triangles
+from twolink.io.mesh_files import SUFFIXES, Part, read_collada, read_triangles
 from twolink.io.text import parse_number
 from twolink.robots.xml import Element, parse_xml
 
@@ -162,8 +163,18 @@ def _has_mesh(visual: Element) -> bool:
     return geometry is not None and geometry.first("mesh") is not None
 
 
-def set_mesh(item: Any, mesh: MeshFile, tree: bool = True) -> None:
-    """Give a pin.GeometryObject the shape of a mesh file; tree: see `triangle_mesh`.
+class VisualModel(pin.GeometryModel):  # type: ignore[misc]  # pin has no types
+    """Shapes to draw. parts: those of their Collada files by path: reading them once more takes as long again."""
+
+    def __init__(self, shapes: pin.GeometryModel, parts: dict[str, tuple[Part, ...]]) -> None:
+        super().__init__(shapes)
+        self.parts = parts
+
+
+def set_mesh(item: Any, mesh: MeshFile, tree: bool = True, read: dict[str, tuple[Part, ...]] | None = None) -> None:
+    """Give a pin.GeometryObject the shape of a mesh file.
+
+    tree: see `triangle_mesh`. read: the parts of Collada files by path, to which this one's are added.
 
     Raises
     ------
@@ -175,7 +186,10 @@ def set_mesh(item: Any, mesh: MeshFile, tree: bool = True) -> None:
         if len(scale) != 3 or not np.isfinite(scale).all():
             raise ValueError(f"its scale is {mesh.scale[:60]!r}, expected 3 numbers")
         raw = read_confined(mesh.root, mesh.path, LARGEST)
-        vertices, faces = read_triangles(raw, mesh.path.suffix.lower())
+        suffix, read = mesh.path.suffix.lower(), {} if read is None else read
+        if suffix == ".dae" and str(mesh.path) not in read:
+            read[str(mesh.path)] = read_collada(raw)
+        vertices, faces = read_triangles(raw, suffix, read.get(str(mesh.path)))
         item.geometry = triangle_mesh(vertices * scale, faces, tree)
     except (OSError, ValueError) as error:
         what = f"the mesh {mesh.path.name!r} cannot be read: {getattr(error, 'strerror', None) or error}"

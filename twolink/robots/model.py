@@ -18,10 +18,11 @@ import pinocchio as pin
 
 from twolink.errors import QueryError, RobotError, ShowError
 from twolink.io.fingerprints import ModelTree, trees_of
+from twolink.io.mesh_files import Part
 from twolink.robots.collisions import Solid, read_solids
 from twolink.robots.joint_layout import JointLayout, gravity_field, joint_layouts, shapes_without_joints
 from twolink.robots.load_report import LoadReport
-from twolink.robots.meshes import MeshFile, set_mesh, without_meshes
+from twolink.robots.meshes import MeshFile, VisualModel, set_mesh, without_meshes
 from twolink.robots.srdf import Srdf
 
 _Mimic = tuple[int, int, str, tuple[float, ...], float, float]
@@ -283,13 +284,13 @@ class RobotModel:
                 remedy="identify it first (`tl.identify(...).found`), or give the links a mass and an inertia",
             )  # fmt: skip
 
-    def visual_model(self, *, tree: bool = True) -> pin.GeometryModel:
+    def visual_model(self, *, tree: bool = True) -> VisualModel:
         """The shapes to draw, without meshes that have no file. Raises ShowError for a mesh that cannot be read.
 
         tree: meshes have what collisions need. False is faster, and for drawing only.
         """
         visuals = self.visuals
-        geometry = pin.GeometryModel()
+        geometry, read = pin.GeometryModel(), dict[str, tuple[Part, ...]]()
         try:
             text = without_meshes(visuals.text)
             pin.buildGeomFromUrdfString(visuals.model, text, pin.GeometryType.VISUAL, geometry, [])
@@ -298,8 +299,9 @@ class RobotModel:
             raise ShowError(what, where=f"robot {self.name!r}", remedy=remedy, code="visuals-not-readable") from None
         for item in geometry.geometryObjects:
             if item.name in visuals.meshes:
-                set_mesh(item, visuals.meshes[item.name], tree)
-        return shapes_without_joints(visuals.model, geometry, visuals.locked, visuals.reference)
+                set_mesh(item, visuals.meshes[item.name], tree, read)
+        shapes = shapes_without_joints(visuals.model, geometry, visuals.locked, visuals.reference)
+        return VisualModel(shapes, read)
 
     @functools.cached_property
     def _solids(self) -> dict[str, tuple[Solid, ...] | RobotError]:

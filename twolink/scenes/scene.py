@@ -20,6 +20,7 @@ from twolink.errors import AccuracyError, SceneError, TwolinkError
 from twolink.io.text import facts_html
 from twolink.robots.collisions import Shape
 from twolink.robots.joining import pose_of
+from twolink.robots.meshes import VisualModel
 from twolink.scenes.file_format import ObjectEntry, save_scene
 from twolink.scenes.objects import with_objects
 
@@ -248,7 +249,7 @@ class Scene:
         """
         return save_scene(Path(path), self.base, self.q, self.v, self.effects, self.duration, self.title)
 
-    def visual_model(self, *, tree: bool = True) -> pin.GeometryModel:
+    def visual_model(self, *, tree: bool = True) -> VisualModel:
         """The robot's shapes to draw, as `Robot.visual_model` has them, and what effects have fixed to the world."""
         visuals = self.robot.visual_model(tree=tree)
         for piece in (piece for effect in self.effects for piece in effect.pieces()):

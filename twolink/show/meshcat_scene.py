@@ -14,6 +14,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from twolink.errors import ShowError
+from twolink.io.mesh_files import Part
 from twolink.show.meshcat_shapes import (
     SHAPES,
     SUFFIXES,
@@ -21,6 +22,7 @@ from twolink.show.meshcat_shapes import (
     Json,
     file_object,
     mesh,
+    parts_read,
     phong,
     triangle_geometry,
     triangles,
@@ -59,7 +61,7 @@ def scene_nodes(visuals: Any) -> tuple[list[Node], list[str]]:
     for index, item in enumerate(visuals.geometryObjects):
         corners, same = _corners(item), _look(item) or index
         if same not in made:
-            made[same] = _draw(item, f"twolink-{index}")
+            made[same] = _draw(item, f"twolink-{index}", parts_read(visuals, item))
         drawn = made[same]
         if drawn is None or corners is None:
             skipped.append(item.name)
@@ -116,12 +118,12 @@ def _look(item: Any) -> tuple[object, ...]:
     return (item.meshPath, item.overrideMaterial, *numbers) if Path(item.meshPath).suffix.lower() in SUFFIXES else ()
 
 
-def _draw(item: Any, uuid: str) -> Json | None:
-    """The three.js object of one pin.GeometryObject; None when there is no way to draw it."""
+def _draw(item: Any, uuid: str, parts: Sequence[Part]) -> Json | None:
+    """The three.js object of one pin.GeometryObject; None when there is no way to draw it. parts: as `file_object`."""
     rgba = np.asarray(item.meshColor, float)
     if Path(item.meshPath).suffix.lower() in SUFFIXES:
         file_colours, scale = not item.overrideMaterial, np.diag([*np.asarray(item.meshScale, float), 1.0])
-        drawn = file_object(Path(item.meshPath), file_colours=file_colours, rgba=rgba, uuid=uuid, scale=scale)
+        drawn = file_object(Path(item.meshPath), parts, file_colours=file_colours, rgba=rgba, uuid=uuid, scale=scale)
         if drawn is not None:
             return drawn
     kind = type(item.geometry).__name__

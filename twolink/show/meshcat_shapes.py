@@ -172,13 +172,23 @@ def shaded_triangles(vertices: Floats, faces: NDArray[np.integer]) -> tuple[Floa
     return corners, normals
 
 
-def file_object(path: Path, *, file_colours: bool, rgba: Floats, uuid: str, scale: Floats) -> Json | None:
+def parts_read(visuals: Any, item: Any) -> Sequence[Part]:
+    """The parts of a piece's Collada file that a pin.GeometryModel has from loading it; none of another one."""
+    read: dict[str, Sequence[Part]] = getattr(visuals, "parts", {})  # `robots.meshes.VisualModel` has them
+    return read.get(item.meshPath, ())
+
+
+def file_object(
+    path: Path, parts: Sequence[Part] = (), *, file_colours: bool, rgba: Floats, uuid: str, scale: Floats
+) -> Json | None:
     """The three.js object of a mesh file; None when it is missing or unreadable.
 
     Parameters
     ----------
     path : Path
         The mesh file.
+    parts : sequence of Part
+        Its parts, where they are read already.
     file_colours : bool
         Whether to use the colours that the file brings, and `rgba` only for parts without one.
     rgba : array (4,)
@@ -188,6 +198,8 @@ def file_object(path: Path, *, file_colours: bool, rgba: Floats, uuid: str, scal
     scale : array (4, 4)
         The transform from the file's coordinates into the node's.
     """
+    if parts:
+        return _drawn(parts, path.parent, file_colours, rgba, uuid, scale)
     try:
         raw = read_confined(path.parent, path.name, LARGEST)
     except OSError:

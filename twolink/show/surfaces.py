@@ -1,7 +1,7 @@
 """The surfaces of a robot's visual geometry as triangles with normals and colours, for drawing without a viewer."""
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from twolink.io.files import read_confined
 from twolink.io.mesh_files import SUFFIXES, Part, read_collada, read_triangles
 from twolink.robots.meshes import LARGEST
 from twolink.show.meshcat_scene import box_corners
-from twolink.show.meshcat_shapes import shaded_triangles, triangles
+from twolink.show.meshcat_shapes import parts_read, shaded_triangles, triangles
 
 Floats = NDArray[np.float64]
 SEGMENTS = 64  # of round bodies
@@ -39,7 +39,7 @@ def surfaces(visuals: Any) -> tuple[list[TriangleMesh], list[str]]:
     """The surfaces of the pin.GeometryModel `visuals`, and the names of pieces that cannot be drawn."""
     drawn, skipped = [], []
     for index, item in enumerate(visuals.geometryObjects):
-        parts = list(_parts(item))
+        parts = list(_parts(item, parts_read(visuals, item)))
         if parts:
             drawn.append(TriangleMesh(index, *(np.concatenate(arrays) for arrays in zip(*parts, strict=True))))
         else:
@@ -47,14 +47,17 @@ def surfaces(visuals: Any) -> tuple[list[TriangleMesh], list[str]]:
     return drawn, skipped
 
 
-def _parts(item: Any) -> Iterator[tuple[Floats, Floats, Floats]]:
-    """Corners, normals and colours of one pin.GeometryObject; nothing where there is no way to draw it."""
+def _parts(item: Any, parts: Sequence[Part]) -> Iterator[tuple[Floats, Floats, Floats]]:
+    """Corners, normals and colours of one pin.GeometryObject; nothing where there is no way to draw it.
+
+    parts: of its Collada file, where they are read already.
+    """
     rgb, path = np.asarray(item.meshColor, float)[:3], Path(item.meshPath)
     suffix = path.suffix.lower()
     if suffix in SUFFIXES:
         try:
-            raw = read_confined(path.parent, path.name, LARGEST)
-            parts = read_collada(raw) if suffix == ".dae" else ()
+            raw = b"" if parts else read_confined(path.parent, path.name, LARGEST)
+            parts = parts or (read_collada(raw) if suffix == ".dae" else ())
             whole = None if parts else read_triangles(raw, suffix)
         except (OSError, ValueError):
             return

@@ -513,6 +513,8 @@ watchService(() => {
   else begin();
 });
 const listed = lists(); // while the viewer's script is loaded
+const { robot: named } = readAddress();
+if (named) robots.look(named).catch(() => {}); // it takes longest; draw says what is wrong with it
 await loadMeshcat();
 viewer.start();
 await begin(listed);
