@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 import numpy as np
@@ -23,6 +23,19 @@ UNIT_TOLERANCE = 1e-8
 Axes = Literal["frame", "world"]
 AXES = ("frame", "world")
 Positive = Annotated[float, msgspec.Meta(gt=0)]
+
+
+Kind = TypeVar("Kind")
+_MADE_BY = {"Robot": "tl.load_robot(name or file) makes one", "Trajectory": "tl.simulate(scene) makes one",
+            "Scene": "tl.load_scene(name or file), or tl.scene_of(robot or its file)"}  # fmt: skip
+
+
+def instance(value: Any, kind: type[Kind], name: str, error: type[TwolinkError] = QueryError) -> Kind:
+    """`value`, which is to be a Robot, a Scene or a Trajectory. Raises the error, which names the argument."""
+    if not isinstance(value, kind):
+        raise error(f"expected a {kind.__name__}, got {type(value).__name__}", argument=name,
+                    remedy=_MADE_BY[kind.__name__])  # fmt: skip
+    return value
 
 
 def positive(

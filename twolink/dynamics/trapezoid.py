@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.dynamics.arguments import Positive, array, configuration, positive
+from twolink.dynamics.arguments import Positive, array, configuration, instance, positive
 from twolink.dynamics.robot import Robot
 from twolink.errors import QueryError
 
@@ -70,6 +70,7 @@ def trapezoidal_motion(
     >>> motion = tl.trapezoidal_motion(robot, [0, 0], [1, 0.5], speed=1.0, acceleration=4.0)
     >>> tau = robot.inverse_dynamics(motion.q, motion.v, motion.a)
     """
+    instance(robot, Robot, "robot")
     ends = [
         configuration(name, np.ravel(array(name, x, None)), robot.nq, robot.joints)
         for name, x in (("q", q), ("to", to))

@@ -22,6 +22,7 @@ from twolink.io.files import write_atomic
 MAGIC = b"twolink kernel 2\n"
 SUFFIX = ".kernel"
 _DIGEST = hashlib.sha256().digest_size
+_unseen: dict[Path, int] = {}  # bytes that this process has stored in a folder since it looked at it
 
 
 def folder() -> Path | None:
@@ -89,14 +90,21 @@ def load(name: str) -> Any:
 
 
 def store(name: str, content: Any) -> None:
-    """Store content under this name, whole or not at all, and keep all kernels below TWOLINK_CACHE_MB (512)."""
+    """Store content under this name, whole or not at all, and keep all kernels below TWOLINK_CACHE_MB (512).
+
+    A process looks at the folder when it first stores something, and each time it has stored a 64th of the limit.
+    """
     path = kernel_path(name)
     if path is None:
         return
     payload = pickle.dumps(content)
     try:
         write_atomic(path, lambda file: file.write(_head(name, payload) + payload), private=True)
-        _shrink(path.parent)
+        limit = _limit()
+        _unseen[path.parent] = _unseen.get(path.parent, limit) + len(payload)
+        if _unseen[path.parent] > limit / 64:
+            _unseen[path.parent] = 0
+            _shrink(path.parent, limit)
     except (OSError, TwolinkError):
         return  # a full disk costs time, not answers
 
@@ -105,13 +113,20 @@ def _head(name: str, payload: bytes) -> bytes:
     return MAGIC + hashlib.sha256(name.encode() + b"\0" + payload).digest()
 
 
-def _shrink(place: Path) -> None:
+def _limit() -> int:
+    """The largest size of all kernels, bytes."""
+    setting = os.environ.get("TWOLINK_CACHE_MB", "512")
+    return (int(setting) if setting.isdigit() else 512) * 2**20
+
+
+def _shrink(place: Path, limit: int) -> None:
     """Delete the least recently used kernels until all together are below the limit. Other files do not count.
 
     Kernels that a killed process has begun to write, under names of their own, are among them.
     """
-    setting = os.environ.get("TWOLINK_CACHE_MB", "512")
-    limit = (int(setting) if setting.isdigit() else 512) * 2**20
+    with os.scandir(place) as entries:  # thousands of files: they are opened only where one is to be deleted
+        if sum(entry.stat(follow_symlinks=False).st_size for entry in entries if SUFFIX in entry.name) <= limit:
+            return
     candidates = (*place.glob(f"*{SUFFIX}"), *place.glob(f".*{SUFFIX}.*"))
     written = [(path, path.stat()) for path in candidates if _is_kernel(path)]
     kernels = [(info.st_mtime, info.st_size, path) for path, info in written]

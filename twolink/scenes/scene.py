@@ -13,7 +13,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot, load_robot
-from twolink.dynamics.arguments import array, by_joint, configuration, positive
+from twolink.dynamics.arguments import array, by_joint, configuration, instance, positive
 from twolink.effects import Effect
 from twolink.effects.checks import check_effect
 from twolink.errors import AccuracyError, SceneError, TwolinkError
@@ -117,10 +117,7 @@ class Scene:
         duration: float = 10.0,
         title: str = "",
     ) -> None:
-        if not isinstance(robot, Robot):
-            what, remedy = f"expected a Robot, got {type(robot).__name__}", "tl.load_robot(...) makes one"
-            raise SceneError(what, where="robot", remedy=remedy, argument="robot")
-        robot.require_inertia()
+        instance(robot, Robot, "robot", SceneError).require_inertia()
         checked = _checked(effects, robot)
         _require_unchanged(robot, checked)
 

@@ -17,6 +17,7 @@ import numpy as np
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.spatial import outward, spatial_dot
+from twolink.dynamics.arguments import instance
 from twolink.effects.effect import Loads
 from twolink.errors import SceneError
 from twolink.integrate.dense_output import DenseOutput
@@ -177,7 +178,8 @@ def loop_forces(scene: Scene, run: Trajectory) -> dict[str, np.ndarray]:
     SceneError
         The run is a loaded trajectory, without equations of motion (code "no-equations").
     """
-    names = effect_names(scene)
+    names = effect_names(instance(scene, Scene, "scene", SceneError))
+    instance(run, Trajectory, "run", SceneError)
     tables: dict[str, np.ndarray] = {}
     for stretch in _stretches(run, run.t):
         constraints, motion = stretch.equations.constraints, _motion(stretch)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.dynamics.arguments import array, positive
+from twolink.dynamics.arguments import array, instance, positive
 from twolink.errors import SceneError
 from twolink.scenes import Scene
 from twolink.scenes.scene import duration_of
@@ -27,10 +27,8 @@ GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 
 def duration_for(scene: Scene, duration: float | None) -> float:
     """The duration [s] to simulate a scene for: the asked one, or its own. Raises SceneError for what is no scene."""
-    if not isinstance(scene, Scene):
-        raise SceneError(f"expected a Scene, got {type(scene).__name__}", where="scene",
-                         remedy="tl.load_scene(name or file), or tl.scene_of(robot or its file)")  # fmt: skip
-    return scene.duration if duration is None else duration_of(duration)
+    own = instance(scene, Scene, "scene", SceneError).duration
+    return own if duration is None else duration_of(duration)
 
 
 def sample_times(

@@ -345,7 +345,7 @@ def test_of_two_logs_the_nearer_one_and_what_both_miss(tmp_path: Path) -> None:
     alike = tl.judge_many(ARM, {"a": coarse, "b": (coarse[0][:60], coarse[1][:60], coarse[2][:60])})
     assert alike.common_causes == ("semi-implicit Euler with steps of 10 ms",)
     assert "what all miss: semi-implicit Euler" in str(alike)
-    with pytest.raises(tl.errors.SceneError, match="no trajectory"):
+    with pytest.raises(tl.errors.SceneError, match="expected trajectories by name"):
         tl.judge_many(ARM, {})
 
 

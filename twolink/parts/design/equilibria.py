@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.dynamics.arguments import array, configuration, whole
+from twolink.dynamics.arguments import array, configuration, instance, whole
 from twolink.errors import SceneError
 from twolink.integrate.motion.assembly import assembled
 from twolink.integrate.motion.equations import Equations
@@ -124,7 +124,7 @@ def equilibria(
     (dr/dq is singular), single points of it are listed, each of unknown stability. Joints that stops, dry friction or
     contacts hold at rest are not looked for.
     """
-    equations = driven(scene, (), np.zeros(0))
+    equations = driven(instance(scene, Scene, "scene", SceneError), (), np.zeros(0))
     require_no_states(equations, "equilibria")
     if depends_on_time(equations):
         raise SceneError("its forces depend on time: it has no equilibrium", where="scene", code="depends-on-time",

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from twolink.dynamics.arguments import instance
 from twolink.errors import AccuracyError, MissingExtraError, SceneError
 from twolink.parts.design.objectives import NotFollowedError, Objective, value_of, variation_by
 from twolink.scenes import Scene
@@ -55,8 +56,7 @@ class Variables:
 
 def variables_of(scene: Scene, wrt: Mapping[str, Sequence[float]]) -> Variables:
     """The variables that `wrt` names, with bounds. Raises SceneError."""
-    if not isinstance(scene, Scene):
-        raise SceneError(f"expected a Scene, got {type(scene).__name__}", argument="scene", remedy="tl.load_scene(...)")
+    instance(scene, Scene, "scene", SceneError)
     if not isinstance(wrt, Mapping) or not wrt:
         raise SceneError(f"expected bounds by name, got {wrt!r}", argument="wrt",
                          remedy="such as {'v.elbow': (-1.0, 1.0)}", code="no-variables")  # fmt: skip

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twolink.dynamics.arguments import instance
 from twolink.effects.controllers import Limits, StateFeedback
 from twolink.errors import SceneError
 from twolink.integrate.motion.scene_equations import equations_of, require_no_states
@@ -68,8 +69,9 @@ def lqr(
     ----------
     Anderson and Moore: Optimal Control: Linear Quadratic Methods, 1990, chapter 3.
     """
-    require_no_states(equations_of(scene), "lqr")
-    if depends_on_time(equations_of(scene)):
+    equations = equations_of(instance(scene, Scene, "scene", SceneError))
+    require_no_states(equations, "lqr")
+    if depends_on_time(equations):
         raise SceneError("its forces depend on time; a regulator holds a robot at rest in constant ones", where="scene",
                          remedy="leave out effects with functions of time", code="depends-on-time")  # fmt: skip
     at_rest = linearized_at_rest(scene, q, inputs)

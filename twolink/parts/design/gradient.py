@@ -23,7 +23,7 @@ from twolink.parts.design.objectives import (
     RunVariation,
     Unknown,
     beside,
-    named_objective,
+    objective_of,
     value_of,
 )
 from twolink.scenes import Scene
@@ -142,9 +142,9 @@ def gradient(
     The error bar comes from second solutions, as that of `sensitivities`. The derivatives are those along the
     finer one.
     """
-    accuracy, wanted, equations = accuracy_of(accuracy), wanted_of(scene, wrt), equations_of(scene)
-    function = named_objective(objective, scene.robot) if isinstance(objective, str) else objective
-    end = duration_for(scene, duration)
+    end, accuracy = duration_for(scene, duration), accuracy_of(accuracy)
+    wanted, equations = wanted_of(scene, wrt), equations_of(scene)
+    function = objective_of(objective, scene.robot)
     times = with_ends(sample_times(end, t_eval, samples_per_second), end)
 
     def attempt(own: Equations, run: Trajectory, tolerance: float) -> tuple[Gradient, float]:

@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
-from twolink.dynamics.arguments import array, batch_shape, configuration
+from twolink.dynamics.arguments import array, batch_shape, configuration, instance
 from twolink.effects.checks import check_joints, single_joints
 from twolink.effects.forces import Torque
 from twolink.errors import SceneError
@@ -231,7 +231,7 @@ def linearize(
     ad(v) dq is 0 for joints with one degree of freedom. For a free root it appears because tangent vectors are along
     the moving body's axes: Sola, Deray, Atchuthan, A micro Lie theory for state estimation in robotics, 2018.
     """
-    joints = _inputs(scene, inputs)
+    joints = _inputs(instance(scene, Scene, "scene", SceneError), inputs)
     states, speeds, times, batch = _states(scene, q, v, t)
     torques = np.zeros(len(joints)) if tau is None else array("tau", tau, len(joints))
     if torques.ndim != 1:

@@ -323,6 +323,21 @@ KINDS = {
 }
 
 
+def require_function(function: Any, name: str) -> None:
+    """Refuse what is no function of a run. Raises SceneError, code "objective"."""
+    if not callable(function):
+        raise SceneError(f"expected a function of a run, got {function!r:.60}", argument=name.partition("[")[0],
+                         where=name, remedy="such as lambda run: run.q[-1, 0]", code="objective")  # fmt: skip
+
+
+def objective_of(objective: Objective | str, robot: Robot) -> Objective:
+    """The objective, by its text or itself. Raises SceneError."""
+    if isinstance(objective, str):
+        return named_objective(objective, robot)
+    require_function(objective, "objective")
+    return objective
+
+
 def named_objective(text: str, robot: Robot, argument: str = "objective") -> Objective:
     """The objective that a text names, see `KINDS`. Raises SceneError."""
     kind, _, rest = text.partition(":")

@@ -19,7 +19,7 @@ from twolink.integrate.motion.scene_equations import equations_of
 from twolink.io.progress import Report
 from twolink.io.text import Table
 from twolink.parts.design.evaluation import BY_SENSITIVITIES, Evaluation, ObjectiveEvaluator, variables_of
-from twolink.parts.design.objectives import Objective, named_objective
+from twolink.parts.design.objectives import Objective, objective_of, require_function
 from twolink.parts.design.search import MultiStart, starting_points
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
@@ -226,12 +226,10 @@ def optimize(
     """
     began, limits = time.perf_counter(), dict(constraints or {})
     variables = variables_of(scene, wrt)
-    function = named_objective(objective, scene.robot) if isinstance(objective, str) else objective
+    function = objective_of(objective, scene.robot)
     functions = {"objective": function} | {f"constraints[{name!r}]": one for name, one in limits.items()}
     for name, one in functions.items():
-        if not callable(one):
-            raise SceneError(f"expected a function of a run, got {one!r}", argument=name.partition("[")[0], where=name,
-                             remedy="such as lambda run: run.q[-1, 0]", code="objective")  # fmt: skip
+        require_function(one, name)
     for name, count in (("starts", starts), ("evaluations", evaluations)):
         whole(count, name, SceneError, "such as 3", 1, MOST)
     whole(seed, "seed", SceneError)

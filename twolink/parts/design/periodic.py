@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from twolink.dynamics.arguments import Positive, positive, whole
+from twolink.dynamics.arguments import Positive, instance, positive, whole
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.pinocchio_rate import rate
@@ -305,7 +305,7 @@ def periodic_motion(
     Nayfeh and Balachandran: Applied Nonlinear Dynamics, 1995, chapter 5.
     """
     period = positive(period, "period", SceneError, "such as 2.5", expected="a time above 0 s")
-    equations, accuracy = equations_of(scene), accuracy_of(accuracy)
+    equations, accuracy = equations_of(instance(scene, Scene, "scene", SceneError)), accuracy_of(accuracy)
     equations.require_motion()
     require_no_states(equations, "periodic_motion")
     autonomous = not depends_on_time(equations)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from twolink.dynamics import Robot
-from twolink.dynamics.arguments import one_of, positive
+from twolink.dynamics.arguments import instance, one_of, positive
 from twolink.errors import QueryError
 from twolink.parts.identification.base_parameters import select
 from twolink.parts.identification.filtering import (
@@ -127,6 +127,7 @@ def identify(
     ----------
     Khalil and Dombre 2002, "Modeling, Identification and Control of Robots", chapter 12.
     """
+    instance(robot, Robot, "robot")
     one_of(METHODS, method, "method")
     confidence = positive(confidence, "confidence", QueryError, "such as 0.95", expected="a probability")
     if confidence >= 1.0:

@@ -209,8 +209,11 @@ def table_columns(measurements: Any) -> dict[str, np.ndarray]:
         return dict(read_table(Path(measurements))[0])
     if isinstance(measurements, Mapping):
         return {str(name): np.asarray(values) for name, values in measurements.items()}
-    if hasattr(measurements, "columns") and hasattr(measurements, "__getitem__"):  # a DataFrame of any library
-        return {str(name): np.asarray(measurements[name]) for name in measurements.columns}
+    columns = getattr(measurements, "columns", None)
+    if (
+        columns is not None and not callable(columns) and hasattr(measurements, "__getitem__")
+    ):  # a DataFrame of any library
+        return {str(name): np.asarray(measurements[name]) for name in columns}
     raise QueryError(f"expected a table, got {type(measurements).__name__}", argument="measurements",
                      remedy='give a DataFrame, a path, or {"t": ..., "q.elbow": ...}')  # fmt: skip
 

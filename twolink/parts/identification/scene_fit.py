@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtri, stdtrit
 
-from twolink.dynamics.arguments import Positive, array, one_of, positive
+from twolink.dynamics.arguments import Positive, array, instance, one_of, positive
 from twolink.errors import QueryError, require_known
 from twolink.io.progress import Report
 from twolink.parts.identification.base_parameters import BaseParameters
@@ -107,9 +107,7 @@ def fit(
     one_of(METHODS, method, "method")
     if positive(confidence, "confidence", QueryError, "such as 0.95", expected="a probability") >= 1.0:
         raise QueryError(f"expected a probability, got {confidence!r}", argument="confidence", remedy="such as 0.95")
-    if not isinstance(scene, Scene):
-        raise QueryError(f"expected a Scene, got {type(scene).__name__}", argument="scene", remedy="tl.load_scene(...)")
-    data = measured_motion(scene.robot, measurements)
+    data = measured_motion(instance(scene, Scene, "scene").robot, measurements)
     unknowns, noise = unknowns_of(scene, parameters), _noise_of(sigma, data)
     seconds = positive(patience, "patience", QueryError, "such as 60")
     search = LeastSquaresSearch(unknowns, data, noise, method, accuracy_of(accuracy), patience=seconds,

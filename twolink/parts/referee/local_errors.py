@@ -175,6 +175,7 @@ def viscosity(scene: Scene) -> np.ndarray:
     return found
 
 
+@functools.lru_cache(8)  # several ways of stepping are tried with each
 def _smooth_equations(scene: Scene) -> Equations:
     effects = [_smooth(effect, scene.base) for effect in scene.effects]
     return equations_of(scene.with_effects([effect for effect in effects if effect is not None]))

@@ -120,8 +120,9 @@ def judge_many(
     SceneError, QueryError, AccuracyError
         As of `judge`.
     """
-    if not trajectories:
-        raise SceneError("there is no trajectory", argument="trajectories", remedy="give one or more by their names")
+    if not (isinstance(trajectories, Mapping) and trajectories):
+        raise SceneError(f"expected trajectories by name, got {trajectories!r:.60}", argument="trajectories",
+                         remedy='such as {"MuJoCo": "log.csv"}')  # fmt: skip
     asked, bare = scene_from(scene)
     options["start"] = options.get("start") or ("log" if bare else "scene")
     return Verdicts({name: judge(asked, given, **options) for name, given in trajectories.items()})
@@ -142,6 +143,9 @@ def scene_from(given: Scene | Robot | str | os.PathLike[str]) -> tuple[Scene, bo
     """The scene, and whether a robot was given."""
     if isinstance(given, Scene):
         return given, False
+    if not isinstance(given, Robot | str | os.PathLike):
+        raise SceneError(f"expected a scene, a robot, a name or a file, got {type(given).__name__}", argument="scene",
+                         remedy="such as tl.load_scene(name or file)")  # fmt: skip
     name = "" if isinstance(given, Robot) else os.fspath(given)
     if name.endswith(".toml") or name in bundled_scenes():
         return load_scene(name), False

@@ -98,8 +98,11 @@ def read_log(given: Given, robot: Robot) -> TrajectoryLog:
         table: Mapping[str, Any] = read_log_table(Path(given))
     elif isinstance(given, Mapping):
         table = given
-    else:
+    elif isinstance(given, Sequence | np.ndarray):
         table = dict(zip(("t", "q", "v"), given, strict=False))
+    else:
+        raise SceneError(f"expected a run, a file, arrays by name or (t, q, v), got {type(given).__name__}",
+                         argument=label, remedy="such as (t, q, v)", code="not-a-trajectory")  # fmt: skip
     for name, column in table.items():
         _require_array(column, name, label)
     table, guessed = in_our_names(table, robot)
