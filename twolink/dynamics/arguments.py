@@ -87,7 +87,7 @@ def array(
         raise QueryError(what, argument=name, remedy=_shape_remedy(out, size, joints))
     if finite and not np.isfinite(out).all():
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(out))[0])
-        what = f"expected finite numbers, got {out[index]} at {list(index)}"
+        what = f"expected finite numbers, got {out[index]}" + (f" at {list(index)}" if index else "")
         raise QueryError(what, argument=name, remedy="check where it comes from")
     return out
 

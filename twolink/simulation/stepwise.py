@@ -235,14 +235,17 @@ class Simulation:
         """
         motion = self._motion
         if tau is not None:
-            given = np.asarray(tau, dtype=float)
+            try:
+                given = np.asarray(tau, dtype=float)
+            except (TypeError, ValueError):
+                given = np.empty(0)
             if given.shape != (len(self._names),) or not math.isfinite(sum(given.tolist())):
                 one("tau", tau, self.scene.robot.nv)  # says what is wrong
             x = motion.held()
             x[self._torques] = given[:, None]
             motion.hold(x)
-        if not 0.0 < dt < math.inf:
-            positive(dt, "dt", SceneError, "a time in s")
+        if not (isinstance(dt, float | int | np.number) and 0.0 < dt < math.inf):
+            dt = positive(dt, "dt", SceneError, "a time in s")
         if motion.ended:
             raise SceneError("an event has ended the motion", where=f"t = {motion.t:.9g} s", code="motion-ended",
                              remedy="look at events; then restore, or set_state")  # fmt: skip
@@ -300,6 +303,9 @@ class Simulation:
 
     def _distance(self, event: Condition | Missing) -> Missing:
         if not isinstance(event, JointReaches | FrameReaches):
+            if not callable(event):
+                raise SceneError(f"expected a condition or a function, got {event!r:.60}", argument="event",
+                                 remedy='such as tl.effects.JointReaches("elbow", 0.0)')  # fmt: skip
             return event
         check_condition(event, self.scene.robot, "event")
         model, mech = self._motion.equations.robot.model, self._motion.equations.mechanism
@@ -314,12 +320,19 @@ class Simulation:
             By default those there are.
         t : float, optional
             s; by default the time it is.
+
+        Raises
+        ------
+        SceneError, QueryError
+            They are no state of the robot.
         """
         now = self.state
         if self._loop is not None:  # what its laws have kept would act in the new motion
             self._loop.require_repeatable()
-        q, v = (np.array(old if new is None else new, dtype=float) for old, new in ((now.q, q), (now.v, v)))
-        self._begin(q, v, now.t if t is None else float(t))
+        robot = self.scene.robot
+        q = now.q if q is None else one("q", q, robot.nq)
+        v = now.v if v is None else one("v", v, robot.nv)
+        self._begin(q, v, now.t if t is None else float(one("t", (t,), 1)[0]))
 
     def save(self) -> Saved:
         """All that the motion goes on from; what controllers keep as their states, in copies."""
@@ -335,7 +348,7 @@ class Simulation:
         SceneError
             A simulation of another scene, or with other arguments, has saved it (code "other-scene").
         """
-        if saved.scene is not self.scene or saved.settings != self._settings:
+        if not isinstance(saved, Saved) or saved.scene is not self.scene or saved.settings != self._settings:
             raise SceneError("it was saved by a simulation of another scene, or with other arguments", where="saved",
                              remedy="restore it there, or set_state", code="other-scene")  # fmt: skip
         if saved.start is not self._start:
