@@ -368,3 +368,10 @@ def test_compressed_csv_is_read(tmp_path: Path) -> None:
     text = "\n".join(["t,q0,q1,v0,v1", *(",".join(map(repr, row)) for row in np.column_stack([t, q, v]).tolist())])
     (tmp_path / "log.csv.gz").write_bytes(gzip.compress(text.encode()))
     assert tl.judge(ARM, tmp_path / "log.csv.gz").right
+
+
+@pytest.mark.parametrize("tolerance", [float("nan"), 0.0, -1.0, "small"])
+def test_a_tolerance_that_is_none_is_refused(tolerance: object) -> None:
+    """Against nan every comparison is false: nothing would be beyond it."""
+    with pytest.raises(tl.errors.SceneError, match="tolerance"):
+        tl.judge(ARM, {"t": [0.0, 1.0], "q": [[0.0, 0.0]] * 2}, tolerance=tolerance)

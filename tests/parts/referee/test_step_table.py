@@ -127,7 +127,13 @@ def test_soft_laws_are_told_from_steps() -> None:
 
 
 def test_other_peers_and_bad_steps_are_refused() -> None:
-    for options in ({"peer": "drake"}, {"steps": [0.0]}, {"methods": ["Newton"]}, {"duration": -1.0}):
+    for options in (
+        {"peer": "drake"},
+        {"steps": [0.0]},
+        {"methods": ["Newton"]},
+        {"duration": -1.0},
+        {"seconds": float("nan")},
+    ):
         with pytest.raises(SceneError, match=next(iter(options))):
             tl.step_table(small(), **options)
 

@@ -73,6 +73,9 @@ class Unknowns:
 
     def limits(self, bounds: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
         """The least and the largest z (k,): what the names can have, and bounds by name. Raises QueryError."""
+        if not isinstance(bounds, Mapping):
+            raise QueryError(f"expected bounds by name, got {bounds!r:.60}", argument="bounds", code="bounds",
+                             remedy="such as {'forearm.mass': (1.0, 3.0)}")  # fmt: skip
         out, at = np.array([[-np.inf], [np.inf]]).repeat(len(self.names), axis=1), 0
         values = dict(zip(self.names, self.values(np.zeros(len(self.names))).tolist(), strict=True))
         for name in bounds:

@@ -83,6 +83,7 @@ def judge(
     asked, bare = scene_from(scene)
     start = start or ("log" if bare else "scene")
     require_known(start, ("scene", "log"), SceneError, argument="start")
+    tolerance = positive(tolerance, "tolerance", SceneError, "such as 1e-6")
     given = read_log(trajectory, asked.robot)
     log, units = in_si(given, asked.robot, asked.q)
     spread: Pair = (np.zeros(len(log.t)), np.zeros(len(log.t)))

@@ -236,7 +236,7 @@ def step_table(
     module, scene = installed_peer(peer), scene_from(model)[0]
     scene, guessed = (scene, ()) if log is None else _driven(scene, Path(log))
     end = positive(scene.duration if duration is None else duration, "duration", SceneError, "such as 2")
-    lengths = _lengths(steps, end)
+    lengths, patience = _lengths(steps, end), positive(seconds, "seconds", SceneError, "such as 10")
     names = tuple(module.STAGES) if methods is None else tuple(methods)
     for name in names:
         require_known(name, module.STAGES, SceneError, argument="methods")
@@ -258,7 +258,7 @@ def step_table(
         at = np.searchsorted(truth.t, times[known] - 1e-9)
         return float(np.abs(task.robot.difference(truth.q[at], q[known])).max())
 
-    _measure(module.prepare, trials, seconds, progress)
+    _measure(module.prepare, trials, patience, progress)
     soft = tuple(sorted(set(module.SOFTENS | {"contacts", "loops"}) & task.needs))
     finest = Setting("RK4", "", step=min(lengths) / FINER)
     with refusing(scene, peer):
