@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
-from twolink.errors import AccuracyError, MissingExtraError, SceneError
+from twolink.errors import AccuracyError, MissingExtraError, QueryError, SceneError
 
 BALL_G, BALL_HEIGHT = 9.81, 1.0
 
@@ -61,9 +61,12 @@ def test_times_a_rounding_after_samples_have_their_states(method: str) -> None:
 
 @pytest.mark.parametrize("t", [-1e-9, 0.5 + 1e-9, np.nan])
 def test_times_outside_the_run_are_refused(t: float) -> None:
+    run = tl.simulate(tl.load_scene("arm-swing"), 0.5, samples_per_second=10)
     with pytest.raises(SceneError, match="is not within 0 and") as caught:
-        tl.simulate(tl.load_scene("arm-swing"), 0.5, samples_per_second=10).at([0.1, t])
+        run.at([0.1, t])
     assert (caught.value.code, caught.value.argument) == ("outside-run", "t")
+    with pytest.raises(QueryError, match="t: expected real numbers"):
+        run.at("noon")
     assert caught.value.data == {"start": 0, "end": 0.5}
 
 

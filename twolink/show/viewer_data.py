@@ -55,8 +55,8 @@ def check_motion(model: Any, t: ArrayLike, q: ArrayLike, speed: float) -> tuple[
         row = int(np.argmax(np.diff(times) <= 0.0)) + 1
         what = f"t does not increase at sample {row} ({times[row - 1]:g} s, then {times[row]:g} s)"
         raise ShowError(what, where="playback", remedy="sort the samples and drop repeated times", argument="t")
-    if not (np.isfinite(speed) and speed > 0.0):
-        what = f"speed is {speed}, expected a number above 0"
+    if not (isinstance(speed, float | int | np.number) and 0.0 < speed < math.inf):
+        what = f"speed is {speed!r:.60}, expected a number above 0"
         raise ShowError(what, where="playback", remedy="1 is true speed", argument="speed")
     return times, configurations
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
+from twolink.dynamics.arguments import array
 from twolink.errors import SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.event import UNSTABLE, Event, estimated_since
@@ -172,7 +173,7 @@ class Trajectory(BaseResult, Plotted):
         contacts were stepped it is interpolated between the samples.
         """
         solution = self._solution("at")
-        times = np.asarray(t, dtype=float)
+        times = array("t", t, None, finite=False)
         flat = times.ravel()
         start, end = float(solution.t[0]), float(solution.t[-1])
         outside = ~((flat >= start) & (flat <= end))
