@@ -48,7 +48,7 @@ class _Group(NamedTuple):
     stored_x: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DenseOutput:
     """A solution between its samples.
 
@@ -77,6 +77,11 @@ class DenseOutput:
     setting: float
     precision: Precision = "double"
     impulses: tuple[Impulse, ...] = ()
+
+    def __repr__(self) -> str:
+        """A line, as its arrays are long."""
+        return (f"<DenseOutput by {self.method} at {self.setting:.2g}, {self.precision}: {len(self.segments)} parts, "
+                f"{len(self.t)} states to {self.t[-1]:g} s>")  # fmt: skip
 
     def states(self, times: Array) -> Array:
         """The states at times within the solution.

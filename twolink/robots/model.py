@@ -125,8 +125,8 @@ class RobotModel:
         Whether some joints follow others (loaded with mimic=True).
     weightless : tuple of str
         Joints that move no inertia (loaded with purpose="kinematics" or "identification"): dynamics is refused.
-    changed_by : tuple of Effect
-        The effects of a scene that have changed its constants: of `scene.robot`, not of `scene.base`. Not pickled.
+    changed_by : tuple of str
+        The effects of a scene, as texts, that have changed its constants: of `scene.robot`, not of `scene.base`.
     """
 
     def __init__(self, name: str, model: pin.Model, report: LoadReport, visuals: Visuals) -> None:
@@ -140,7 +140,7 @@ class RobotModel:
         self.has_mimic: bool = any(j.kind == "mimic" for j in self.joints)
         self.visuals = visuals
         self.weightless: tuple[str, ...] = ()
-        self.changed_by: tuple[object, ...] = ()
+        self.changed_by: tuple[str, ...] = ()
         # For single queries, where one attribute more costs a twentieth of Pinocchio's own time.
         self._v_shape = (self.nv,)
         self._q_shape = (self.nq,) if self.is_whole else None
@@ -326,4 +326,5 @@ class RobotModel:
         return self  # nothing writes to a model
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.name, self.model, self.report, self.visuals), {"weightless": self.weightless}
+        state = {"weightless": self.weightless, "changed_by": self.changed_by}
+        return type(self), (self.name, self.model, self.report, self.visuals), state

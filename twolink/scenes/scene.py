@@ -131,7 +131,7 @@ class Scene:
         start = configuration("q", q, robot.nq, robot.joints)
         velocity = array("v", v, robot.nv)
         self.base, self.robot = robot, robot.changed(change)
-        self.robot.changed_by += tuple(effect for effect in checked if effect.changes)
+        self.robot.changed_by += tuple(repr(effect) for effect in checked if effect.changes)
         self.q, self.v = _one_state("q", start, robot.nq), _one_state("v", velocity, robot.nv)
         self.effects, self.duration = checked, duration_of(duration)
         self.title = title
@@ -300,9 +300,8 @@ def _one_state(name: str, value: np.ndarray, size: int) -> np.ndarray:
 
 def _require_unchanged(robot: Robot, effects: Sequence[Effect]) -> None:
     """Refuse the robot of another scene where an effect would change its constants once more, such as add a rotor."""
-    before = {repr(effect) for effect in robot.changed_by}
     for i, effect in enumerate(effects):
-        if before and effect.changes and repr(effect) in before:
+        if robot.changed_by and effect.changes and repr(effect) in robot.changed_by:
             again = robot.model.copy()
             effect.change(again)
             if again != robot.model:
