@@ -234,5 +234,5 @@ def _tolerances(values: Sequence[float] | None) -> tuple[float, ...] | None:
 
 def _repeats(value: int) -> int:
     if not isinstance(value, int) or value < 1:
-        raise SceneError(f"expected a whole number above 0, got {value!r}", argument="repeats", remedy="such as 7")
+        raise SceneError(f"expected a whole number above 0, got {value!r:.60}", argument="repeats", remedy="such as 7")
     return value

@@ -356,7 +356,7 @@ def unit(direction: Vec, field: str) -> Vec:
     """A direction scaled to length 1. Raises SceneError where it has no length."""
     length = sum(float(x) ** 2 for x in direction) ** 0.5
     if not length > 0:
-        raise SceneError(f"expected a direction, got {direction!r}", where=field, remedy="such as (0, 0, 1)")
+        raise SceneError(f"expected a direction, got {direction!r:.60}", where=field, remedy="such as (0, 0, 1)")
     x, y, z = (float(c) / length for c in direction)
     return x, y, z
 

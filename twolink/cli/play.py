@@ -104,5 +104,5 @@ def _saved(file: Path, robot: Robot | None = None) -> Trajectory:
 def _size(text: str) -> tuple[int, int]:
     parts = text.lower().split("x")
     if len(parts) != 2 or not all(part.isascii() and part.isdecimal() for part in parts):
-        raise QueryError(f"expected WIDTHxHEIGHT, got {text!r}", argument="size", remedy="such as 1280x720")
+        raise QueryError(f"expected WIDTHxHEIGHT, got {text!r:.60}", argument="size", remedy="such as 1280x720")
     return int(parts[0]), int(parts[1])

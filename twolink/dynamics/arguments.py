@@ -124,7 +124,7 @@ def by_joint(
         try:
             numbers = joint.entries(letter, value)
         except (TypeError, ValueError):
-            raise wrong(f"expected numbers, got {value!r}") from None
+            raise wrong(f"expected numbers, got {value!r:.60}") from None
         size = part.stop - part.start
         if numbers.shape != (size,):
             raise wrong(f"expected {size} number{'s' * (size != 1)}, got {numbers.size}")

@@ -107,6 +107,6 @@ def trapezoidal_motion(
 def _limits(robot: Robot, name: str, given: ArrayLike) -> np.ndarray:
     values = np.ravel(array(name, given, None, finite=name != "speed"))
     if values.size not in (1, robot.nv) or not values.min() > 0.0:
-        raise QueryError(f"expected a positive number, or {robot.nv}, got {given!r}", argument=name,
+        raise QueryError(f"expected a positive number, or {robot.nv}, got {given!r:.60}", argument=name,
                          remedy="give rad and m a second")  # fmt: skip
     return np.broadcast_to(values, robot.nv)

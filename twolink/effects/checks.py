@@ -67,7 +67,7 @@ def _check(value: Any, kind: Any, field: str, robot: Robot, words: tuple[str, ..
         require_known(value, arguments, SceneError, where=field)
     elif origin is Mapping:
         if not isinstance(value, Mapping):
-            what = f"expected {' or '.join(['values by joint', *map(repr, words)])}, got {value!r}"
+            what = f"expected {' or '.join(['values by joint', *map(repr, words)])}, got {value!r:.60}"
             raise SceneError(what, where=field, remedy="such as {'elbow': 1.0}")
         _check_keys(value, arguments[0], field, robot)
         for key, item in value.items():
@@ -93,7 +93,7 @@ def _check_declared(value: Any, said: Mapping[str, Any], field: str, robot: Robo
     elif "exclusiveMinimum" in said:
         finite(value, field)
         if value < sys.float_info.min:  # what is smaller has no inverse
-            raise SceneError(f"expected a number above 0, got {value!r}", where=field, remedy="give SI units")
+            raise SceneError(f"expected a number above 0, got {value!r:.60}", where=field, remedy="give SI units")
     elif said.get("format") == "direction":
         unit(value, field)
     elif said.get("format") == "link":
@@ -107,7 +107,7 @@ def _check_tuple(value: Any, kinds: tuple[Any, ...], field: str, robot: Robot) -
     """Require a tuple or list of so many numbers or inputs; for kinds (float, ...) of any size."""
     if len(kinds) in _VECTORS and not (isinstance(value, (tuple, list)) and len(value) == len(kinds)):
         word, remedy = _VECTORS[len(kinds)]
-        raise SceneError(f"expected {word}, got {value!r}", where=field, remedy=f"give {remedy}")
+        raise SceneError(f"expected {word}, got {value!r:.60}", where=field, remedy=f"give {remedy}")
     if kinds[0] is float:
         all_finite(value, field)
     elif (get_origin(kinds[0]) is Annotated and get_args(kinds[0])[0] is float) or kinds[0] == Input:
@@ -117,7 +117,7 @@ def _check_tuple(value: Any, kinds: tuple[Any, ...], field: str, robot: Robot) -
         _check_keys(value, kinds[0], field, robot)
     elif _structs(kinds[0]) or get_origin(kinds[0]) is tuple:  # shapes, or points
         if not isinstance(value, (tuple, list)):
-            raise SceneError(f"expected a list, got {value!r}", where=field, remedy="put it into brackets: [...]")
+            raise SceneError(f"expected a list, got {value!r:.60}", where=field, remedy="put it into brackets: [...]")
         for i, item in enumerate(value):
             _check(item, kinds[0], f"{field}[{i}]", robot)
 
@@ -143,10 +143,10 @@ def _check_choice(value: Any, kind: Any, field: str, robot: Robot) -> None:
     elif _structs(kind):
         names = ", ".join(one.__name__ for one in arguments)
         raise SceneError(
-            f"expected one of {names}, got {value!r}", where=field, remedy=f"see effects.{arguments[0].__name__}"
+            f"expected one of {names}, got {value!r:.60}", where=field, remedy=f"see effects.{arguments[0].__name__}"
         )
     elif kind == Input and not isinstance(value, (int, float)):
-        what = f"expected a number, Polynomial, Bezier, Sine or Sampled, got {value!r}"
+        what = f"expected a number, Polynomial, Bezier, Sine or Sampled, got {value!r:.60}"
         raise SceneError(what, where=field, remedy="such as 1.5")
     elif not (isinstance(value, str) and value in words):
         _check(value, arguments[0], field, robot, words)
@@ -186,7 +186,7 @@ def above_zero(values: Mapping[str, float], field: str) -> None:
     """Require numbers above 0. Raises SceneError."""
     for joint, value in values.items():
         if not value > 0.0:
-            raise SceneError(f"expected a number above 0, got {value!r}", where=f"{field}.{joint}",
+            raise SceneError(f"expected a number above 0, got {value!r:.60}", where=f"{field}.{joint}",
                              remedy="leave the joint out, or give a larger one")  # fmt: skip
 
 

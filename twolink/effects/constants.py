@@ -32,7 +32,7 @@ class Gravity(Effect, frozen=True):
         three = isinstance(self.field, (tuple, list, np.ndarray)) and len(self.field) == 3
         if not (three and all(isinstance(g, Real) and math.isfinite(g) for g in self.field)):
             remedy = "give m/s^2, such as (0, 0, -9.81)"
-            raise SceneError(f"expected 3 finite numbers, got {self.field!r}", where="gravity.field", remedy=remedy)
+            raise SceneError(f"expected 3 finite numbers, got {self.field!r:.60}", where="gravity.field", remedy=remedy)
 
     def change(self, model: pin.Model) -> None:
         """Set the model's field, which every query then uses."""

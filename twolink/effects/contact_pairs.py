@@ -71,7 +71,7 @@ def select_pairs(
     alone = _counts(solids)
     excluded: list[tuple[str, str]] = []
     if not isinstance(asked, (tuple, list)):
-        raise SceneError(f"expected pairs of bodies, {SELF!r} or {GROUND!r}, got {asked!r}", where="pairs",
+        raise SceneError(f"expected pairs of bodies, {SELF!r} or {GROUND!r}, got {asked!r:.60}", where="pairs",
                          remedy='such as [("foot", "ground")]')  # fmt: skip
     for i, item in enumerate(asked):
         if item == SELF:
@@ -164,7 +164,7 @@ def _overlap(geometry: Sequence[pin.GeometryObject], poses: Sequence[pin.SE3], i
 def _named_pairs(robot: Robot, solids: Sequence[Solid], item: object, where: str) -> list[Pair]:
     """Every shape of one named body with every shape of the other."""
     if isinstance(item, str) or not (isinstance(item, (tuple, list)) and len(item) == 2):
-        raise SceneError(f"expected two bodies, {SELF!r} or {GROUND!r}, got {item!r}", where=where,
+        raise SceneError(f"expected two bodies, {SELF!r} or {GROUND!r}, got {item!r:.60}", where=where,
                          remedy='such as ("foot", "ground") or ("palm", "cube")')  # fmt: skip
     first, second = (_named(robot, solids, body, f"{where}[{k}]") for k, body in enumerate(item))
     if isinstance(first, World):
@@ -190,7 +190,7 @@ def _named(robot: Robot, solids: Sequence[Solid], body: Body, where: str) -> lis
             raise SceneError("its length is 0", where=f"{where}.normal", remedy="such as (0, 0, 1)")
         return body
     if not isinstance(body, str):
-        raise SceneError(f"expected the name of a body, {GROUND!r}, a Plane or a HeightField, got {body!r}",
+        raise SceneError(f"expected the name of a body, {GROUND!r}, a Plane or a HeightField, got {body!r:.60}",
                          where=where, remedy='such as ("foot", "ground")')  # fmt: skip
     if body == GROUND and not any(GROUND in (solid.link, solid.name) for solid in solids):
         return LEVEL

@@ -200,7 +200,7 @@ class GravityCompensation(Effect, frozen=True):
         """Require joints of one degree of freedom, each named once."""
         joints = single_joints(robot) if self.joints is None else self.joints
         if not isinstance(joints, (list, tuple)) or not joints or any(joints.count(joint) > 1 for joint in joints):
-            what, remedy = f"expected joints, each once, got {self.joints!r}", "leave it out for all joints"
+            what, remedy = f"expected joints, each once, got {self.joints!r:.60}", "leave it out for all joints"
             raise SceneError(what, where="joints", remedy=remedy)
         for joint in joints:
             check_joint(joint, robot, "joints")

@@ -271,7 +271,7 @@ class Gear(Drive, frozen=True):
             above_zero(getattr(self, name), name)
             for joint, value in getattr(self, name).items():
                 if value > 1.0:
-                    raise SceneError(f"expected at most 1, got {value!r}", where=f"{name}.{joint}",
+                    raise SceneError(f"expected at most 1, got {value!r:.60}", where=f"{name}.{joint}",
                                      remedy="0.8 loses a fifth of the power")  # fmt: skip
 
     def change(self, model: pin.Model) -> None:

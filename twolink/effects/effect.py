@@ -189,11 +189,11 @@ def finite(value: float, field: str, *, least: float = -math.inf) -> None:
     """Require a finite number, not below `least`. Raises SceneError."""
     if not (isinstance(value, (int, float)) and math.isfinite(value) and value >= least):
         bound = "" if least == -math.inf else f" of at least {least:g}"
-        raise SceneError(f"expected a finite number{bound}, got {value!r}", where=field, remedy="give SI units")
+        raise SceneError(f"expected a finite number{bound}, got {value!r:.60}", where=field, remedy="give SI units")
 
 
 def all_finite(values: Sequence[float], field: str) -> None:
     """Require finite numbers in a list or tuple. Raises SceneError."""
     numbers = values if isinstance(values, (list, tuple)) else (None,)
     if not all(isinstance(number, (int, float)) and math.isfinite(number) for number in numbers):
-        raise SceneError(f"expected finite numbers, got {values!r}", where=field, remedy="give SI units")
+        raise SceneError(f"expected finite numbers, got {values!r:.60}", where=field, remedy="give SI units")

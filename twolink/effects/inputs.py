@@ -278,7 +278,7 @@ def check_curve(curve: Bezier, field: str) -> None:
     if not curve.points:
         raise SceneError("expected control points, got none", where=f"{field}.points", remedy="such as (0.0, 0.0, 1.0)")
     if not curve.duration > 0.0:
-        raise SceneError(f"expected a duration above 0 s, got {curve.duration!r}", where=f"{field}.duration",
+        raise SceneError(f"expected a duration above 0 s, got {curve.duration!r:.60}", where=f"{field}.duration",
                          remedy="give the time from the first point to the last")  # fmt: skip
 
 

@@ -38,7 +38,7 @@ class JointStops(SwitchingEffect, frozen=True):
             for joint, ends in self.limits.items():
                 pair = isinstance(ends, Sequence) and len(ends) == 2 and all(isinstance(x, (int, float)) for x in ends)
                 if not pair or not ends[0] < ends[1]:
-                    raise SceneError(f"expected (lower, upper), got {ends!r}", where=f"limits.{joint}",
+                    raise SceneError(f"expected (lower, upper), got {ends!r:.60}", where=f"limits.{joint}",
                                      remedy="such as (-1.0, 1.0); inf for no stop")  # fmt: skip
         if not self.modes(robot):
             raise SceneError("no joint has a stop", where="limits", remedy="give limits by joint")

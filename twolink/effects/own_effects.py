@@ -236,7 +236,7 @@ class _StrictLoads(Loads):
         """As of loads. Raises SceneError for what is no degree of freedom."""
         if isinstance(dof, str):
             remedy = f"write entry, dof = motion.coordinate({dof!r}) and loads.torque(dof, value)"
-            raise SceneError(f"expected the number of a degree of freedom, got {dof!r}", where="act", remedy=remedy,
+            raise SceneError(f"expected the number of a degree of freedom, got {dof!r:.60}", where="act", remedy=remedy,
                              code="own-effect")  # fmt: skip
         if not 0 <= dof < len(self.tau):
             raise SceneError(f"there is no degree of freedom {dof}", where="act", code="own-effect",

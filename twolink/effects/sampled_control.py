@@ -34,7 +34,7 @@ def check_clock(period: Seconds, delays: Mapping[str, Seconds], seed: int) -> No
     whole(seed, "seed", SceneError)
     for name, value in (("period", period), *delays.items()):
         if not np.isfinite(float(value)) or value < 0 or (name == "period" and value == 0):
-            raise SceneError(f"expected a time {'above' if name == 'period' else 'of at least'} 0 s, got {value!r}",
+            raise SceneError(f"expected a time {'above' if name == 'period' else 'of at least'} 0 s, got {value!r:.60}",
                              where=name, remedy="give seconds, such as 1e-3 or Fraction(1, 240)")  # fmt: skip
 
 
@@ -157,7 +157,7 @@ class Controller(Effect, frozen=True):
         """Require a function, times, and joints with one degree of freedom."""
         if not callable(self.update):
             raise SceneError(
-                f"expected a function, got {self.update!r}", where="update", remedy="(t, y, state) -> (u, state)"
+                f"expected a function, got {self.update!r:.60}", where="update", remedy="(t, y, state) -> (u, state)"
             )
         check_clock(self.period, {"offset": self.offset, "delay": self.delay, "jitter": self.jitter}, self.seed)
         if self.jitter and self.jitter >= self.period:

@@ -49,12 +49,12 @@ class Watch(SwitchingEffect, frozen=True):
         elif self.at is not None or self.when is not None:
             raise SceneError("a function is given beside a time or a condition", where="function", remedy="give one")
         elif not callable(self.function):
-            raise SceneError(f"expected a function, got {self.function!r}", where="function", remedy="f(motion)")
+            raise SceneError(f"expected a function, got {self.function!r:.60}", where="function", remedy="f(motion)")
         if self.direction not in (-1, 0, 1) or (self.direction and self.at is not None):
-            raise SceneError(f"expected 1, -1 or 0, and 0 of a time, got {self.direction!r}", where="direction",
+            raise SceneError(f"expected 1, -1 or 0, and 0 of a time, got {self.direction!r:.60}", where="direction",
                              remedy="leave it out, or give when= or function=")  # fmt: skip
         if self.then is not None and not callable(self.then):
-            raise SceneError(f"expected a function, got {self.then!r}", where="then", remedy="(q, v) -> (q, v)")
+            raise SceneError(f"expected a function, got {self.then!r:.60}", where="then", remedy="(q, v) -> (q, v)")
 
     def modes(self, robot: Robot) -> list[Trigger]:
         """The event."""

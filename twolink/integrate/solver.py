@@ -78,7 +78,7 @@ def solve(
     """
     if not (isinstance(setting, (int, float)) and math.isfinite(setting) and setting > 0):
         name = "tolerance" if method.adaptive else "step"
-        raise AccuracyError(f"expected a number above 0, got {setting!r}", argument=name, remedy="such as 1e-6")
+        raise AccuracyError(f"expected a number above 0, got {setting!r:.60}", argument=name, remedy="such as 1e-6")
     if precision != "double" and method.kind != "taylor":
         raise SceneError(f"{method.name} works in double precision", argument="precision", remedy='method="taylor"')
     solution = _solve(equations, method, times, setting, progress, precision, perturbation, companions)

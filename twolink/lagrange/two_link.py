@@ -152,7 +152,7 @@ def two_link(
         try:
             parameters[f"{name[0]}1"], parameters[f"{name[0]}2"] = value
         except (TypeError, ValueError):
-            what = f"expected the pair ({name[0]}1, {name[0]}2), got {value!r}"
+            what = f"expected the pair ({name[0]}1, {name[0]}2), got {value!r:.60}"
             raise QueryError(what, argument=name) from None
     arrays = {name: _numbers(value, name, "iuf") for name, value in {**parameters, "g": g}.items()}
     for name in parameters:

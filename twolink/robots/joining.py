@@ -43,7 +43,7 @@ def pose_of(value: object) -> pin.SE3:
         numbers = np.empty(0)
     turn = numbers[3:] if numbers.shape == (7,) else np.array([0.0, 0.0, 0.0, 1.0])
     if numbers.shape not in ((3,), (7,)) or not np.isfinite(numbers).all() or not np.any(turn):
-        raise RobotError(f"expected 3 or 7 finite numbers, got {value!r}", argument="pose",
+        raise RobotError(f"expected 3 or 7 finite numbers, got {value!r:.60}", argument="pose",
                          remedy="give x, y, z [m], and a quaternion x, y, z, w if it is turned")  # fmt: skip
     return pin.SE3(pin.Quaternion(turn / np.linalg.norm(turn)).matrix(), numbers[:3])
 

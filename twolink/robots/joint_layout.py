@@ -255,7 +255,7 @@ def gravity_field(value: Any, error: type[TwolinkError]) -> np.ndarray:
     field = _numbers(value)
     if field.shape != (3,) or not np.isfinite(field).all():
         remedy = "give m/s^2 in the world's axes, such as (0, 0, -9.81)"
-        raise error(f"expected 3 finite numbers, got {value!r}", argument="gravity", remedy=remedy)
+        raise error(f"expected 3 finite numbers, got {value!r:.60}", argument="gravity", remedy=remedy)
     return field
 
 
@@ -275,7 +275,7 @@ def lock_configuration(model: pin.Model, lock: Lock) -> tuple[tuple[int, ...], n
         A joint does not exist, or its value is no configuration of it.
     """
     if not isinstance(lock, Mapping):
-        what = f"expected joints with their configurations, got {lock!r}"
+        what = f"expected joints with their configurations, got {lock!r:.60}"
         raise RobotError(what, argument="lock", remedy="such as {'elbow': 0.5}")
     reference = np.asarray(pin.neutral(model))
     layouts = {joint.name: joint for joint in joint_layouts(model)}
@@ -289,7 +289,7 @@ def lock_configuration(model: pin.Model, lock: Lock) -> tuple[tuple[int, ...], n
         except (TypeError, ValueError, OverflowError):
             values = np.empty(0)
         if values.shape != (size,) or not np.isfinite(values).all():
-            what = f"expected {size} finite number{'s' if size > 1 else ''}, got {value!r}"
+            what = f"expected {size} finite number{'s' if size > 1 else ''}, got {value!r:.60}"
             raise RobotError(what, where=f"lock[{name!r}]", argument="lock", remedy=joint.remedy("q"))
         reference[joint.q] = values
         length = 1.0 if joint.normalized is None else float(np.linalg.norm(reference[joint.normalized]))

@@ -206,7 +206,7 @@ def _folders(package_dirs: Sequence[str | os.PathLike[str]]) -> list[Path]:
             return [Path(package_dirs)]
         return [Path(d) for d in package_dirs]
     except TypeError:
-        what = f"expected folders, got {package_dirs!r}"
+        what = f"expected folders, got {package_dirs!r:.60}"
         raise RobotError(what, argument="package_dirs", remedy='such as ["/opt/ros/share"]') from None
 
 

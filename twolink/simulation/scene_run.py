@@ -234,7 +234,7 @@ def _with_setting(
     argument, value = ("tolerance", tolerance) if step is None else ("step", step)
     setting = positive(value, argument, AccuracyError, "such as 1e-6")
     if step is None and setting > MAX_TOLERANCE:
-        raise AccuracyError(f"expected a number up to {MAX_TOLERANCE:g}, got {tolerance!r}", argument="tolerance",
+        raise AccuracyError(f"expected a number up to {MAX_TOLERANCE:g}, got {tolerance!r:.60}", argument="tolerance",
                             remedy="such as 1e-6")  # fmt: skip
     if choice.method.adaptive != (step is None):
         kind = "chooses its steps by a tolerance" if choice.method.adaptive else "takes steps of one size"

@@ -58,7 +58,7 @@ def variables_of(scene: Scene, wrt: Mapping[str, Sequence[float]]) -> Variables:
     """The variables that `wrt` names, with bounds. Raises SceneError."""
     instance(scene, Scene, "scene", SceneError)
     if not isinstance(wrt, Mapping) or not wrt:
-        raise SceneError(f"expected bounds by name, got {wrt!r}", argument="wrt",
+        raise SceneError(f"expected bounds by name, got {wrt!r:.60}", argument="wrt",
                          remedy="such as {'v.elbow': (-1.0, 1.0)}", code="no-variables")  # fmt: skip
     own = np.array([parameter.nominal for parameter in named_parameters(scene, wrt, "wrt")])
     low, high = np.array([_bounds(name, pair) for name, pair in wrt.items()]).T
@@ -73,7 +73,7 @@ def _bounds(name: str, pair: Any) -> tuple[float, float]:
     numbers = isinstance(pair, Sequence | np.ndarray) and len(pair) == 2
     low, high = (float(bound) for bound in pair) if numbers else (math.nan, math.nan)
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise SceneError(f"expected finite bounds (low, high) with low < high, got {pair!r}", argument="wrt",
+        raise SceneError(f"expected finite bounds (low, high) with low < high, got {pair!r:.60}", argument="wrt",
                          where=f"wrt[{name!r}]", remedy="such as (-1.0, 1.0)", code="bounds")  # fmt: skip
     return low, high
 

@@ -180,7 +180,7 @@ def value_of(function: Objective, run: Trajectory, name: str = "objective") -> f
     """The value of a function of a run. Raises SceneError where it is no finite number, code "objective"."""
     value = function(run)
     if not (np.ndim(value) == 0 and isinstance(value, _NUMBERS) and math.isfinite(value)):
-        raise SceneError(f"expected a finite number, got {value!r}", argument=name.partition("[")[0], where=name,
+        raise SceneError(f"expected a finite number, got {value!r:.60}", argument=name.partition("[")[0], where=name,
                          remedy="return one number of the run, such as run.q[-1, 0]", code="objective")  # fmt: skip
     return float(value)
 

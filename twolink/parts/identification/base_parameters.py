@@ -130,7 +130,7 @@ def select(
 def _expand(parameters: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
     """The known names that the texts stand for, each once, in the order in which they are asked for."""
     if isinstance(parameters, str) or not isinstance(parameters, Sequence) or not parameters:
-        what, remedy = f"expected a list of names, got {parameters!r}", 'such as ["forearm.mass", "*.damping"]'
+        what, remedy = f"expected a list of names, got {parameters!r:.60}", 'such as ["forearm.mass", "*.damping"]'
         raise QueryError(what, argument="parameters", remedy=remedy)
     found: list[str] = []
     for text in parameters:

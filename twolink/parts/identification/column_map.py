@@ -56,7 +56,7 @@ def _flat(mapped: Mapping[str, Any], before: str = "") -> Iterable[tuple[str, di
         for key, number in entry.items():
             require_known(key, _KEYS, QueryError, f"{before}{name} has an entry {{!r}}", argument="columns")
             if key != "column" and (isinstance(number, bool) or not isinstance(number, int | float)):
-                raise QueryError(f"{before}{name}: expected a number, got {number!r}", argument="columns",
+                raise QueryError(f"{before}{name}: expected a number, got {number!r:.60}", argument="columns",
                                  remedy=f"such as {key} = 2.76")  # fmt: skip
         yield before + name, entry
 

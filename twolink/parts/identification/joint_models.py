@@ -99,7 +99,7 @@ def _kind_of(word: str) -> tuple[str, float]:
     except ValueError:
         value = 0.0
     if not 0 < value < np.inf or (speed and name != "stribeck"):
-        raise QueryError(f"expected a velocity behind stribeck: only, got {word!r}", argument="joint_model",
+        raise QueryError(f"expected a velocity behind stribeck: only, got {word!r:.60}", argument="joint_model",
                          remedy='such as "viscous+stribeck:0.1"')  # fmt: skip
     return WORDS[name], value
 

@@ -184,7 +184,7 @@ def segment_counts(asked: int | None, growth: float, data: MeasuredMotion, scene
     smooth_motion = can_be_cut(scene)
     if asked is not None:
         if isinstance(asked, bool) or not isinstance(asked, int) or not 1 <= asked <= most:
-            raise QueryError(f"expected a whole number from 1 to {most}, got {asked!r}", argument="segments",
+            raise QueryError(f"expected a whole number from 1 to {most}, got {asked!r:.60}", argument="segments",
                              remedy=f"a segment has {FEWEST} samples at least")  # fmt: skip
         if asked > 1 and not smooth_motion:
             raise QueryError("motions with events or closed loops are simulated in one segment", argument="segments",

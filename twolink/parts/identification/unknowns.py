@@ -84,7 +84,7 @@ class Unknowns:
             for place, name in enumerate(group.names):
                 pair = bounds.get(name, (-np.inf, np.inf))
                 if np.shape(pair) != (2,):
-                    raise QueryError(f"expected the least and the largest {name}, got {pair!r}", argument="bounds",
+                    raise QueryError(f"expected the least and the largest {name}, got {pair!r:.60}", argument="bounds",
                                      remedy="such as (1.0, 3.0)", code="bounds")  # fmt: skip
                 low, high = pair
                 if group.inverse is None and name in bounds:

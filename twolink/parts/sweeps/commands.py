@@ -135,7 +135,7 @@ def _varied(text: str) -> tuple[str, Any]:
     """The name and the values of NAME=VALUES. Raises Misuse."""
     name, separator, values = (part.strip() for part in text.partition("="))
     if not separator or not name or not values:
-        raise Misuse(f"expected NAME=VALUES, got {text!r}", where="vary", remedy='such as "q.elbow=-1:1:100"')
+        raise Misuse(f"expected NAME=VALUES, got {text!r:.60}", where="vary", remedy='such as "q.elbow=-1:1:100"')
     if name == "robot":
         return name, [part.strip() for part in values.split(",")]
     law = re.fullmatch(r"(uniform|normal)\((.*)\)", values)
@@ -143,7 +143,7 @@ def _varied(text: str) -> tuple[str, Any]:
         return name, {law[1]: parse_numbers("vary", law[2])}
     if ":" in values:
         if values.count(":") != 2:
-            raise Misuse(f"expected FIRST:LAST:COUNT, got {values!r}", where=f"--vary {name}",
+            raise Misuse(f"expected FIRST:LAST:COUNT, got {values!r:.60}", where=f"--vary {name}",
                          remedy=f'such as --vary "{name}=-1:1:100"')  # fmt: skip
         return name, {"range": parse_numbers("vary", values.replace(":", " "))}
     switches = [SWITCH.get(part.strip()) for part in values.split(",")]
