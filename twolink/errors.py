@@ -165,8 +165,18 @@ def require_known(
 ) -> None:
     """Require that a name is known. Raises `error` with the nearest right one; what: its message, with {!r} in it."""
     names = list(known)
-    if name not in names:
-        raise error(what.format(name), remedy=nearest(str(name), names), **parts)
+    try:
+        is_known = name in names
+    except ValueError:  # an array
+        is_known = False
+    if not is_known:
+        raise error(what.replace("{!r}", "{}").format(shown(name)), remedy=nearest(str(name), names), **parts)
+
+
+def shown(value: Any) -> str:
+    """A value as errors show it: on one line, and no longer than 100 letters."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 100 else f"{text[:97]}..."
 
 
 def import_extra(module: str, extra: str) -> Any:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 import msgspec
+import numpy as np
 import pytest
 
 import twolink as tl
@@ -101,3 +102,22 @@ def test_the_schema_says_what_forms_may_offer() -> None:
     assert "ground" not in defs["AirDrag"]["properties"]["frame"]
     assert defs["Muscle"]["properties"]["length"]["exclusiveMinimum"] == 0.0
     assert defs["HingeLoop"]["properties"]["axis_a"]["format"] == "direction"
+
+
+def test_arrays_and_numbers_of_numpy_are_taken_as_tuples_and_floats() -> None:
+    robot, up, size = tl.load_robot("two_link"), np.array([0.0, 0.0, -9.81]), np.array([0.1, 0.2, 0.3])
+    pairs = [
+        (tl.effects.Gravity(up), tl.effects.Gravity((0.0, 0.0, -9.81))),
+        (tl.effects.Payload("forearm", np.float32(0.5), size), tl.effects.Payload("forearm", 0.5, (0.1, 0.2, 0.3))),
+        (tl.effects.JointDamping({"elbow": np.int64(2)}), tl.effects.JointDamping({"elbow": 2})),
+        (
+            tl.effects.Torque({"elbow": tl.effects.Sine(np.float64(1.0), np.array(2.0))}),
+            tl.effects.Torque({"elbow": tl.effects.Sine(1.0, 2.0)}),
+        ),
+        (
+            tl.effects.Contact(shapes={"forearm": (tl.effects.Box(size),)}),
+            tl.effects.Contact(shapes={"forearm": (tl.effects.Box((0.1, 0.2, 0.3)),)}),
+        ),
+    ]
+    given, plain = zip(*pairs, strict=True)
+    assert tl.Scene(robot, effects=given).effects == tl.Scene(robot, effects=plain).effects == plain

@@ -4,9 +4,10 @@ import functools
 import sys
 from collections.abc import Iterable, Mapping
 from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import msgspec
+import numpy as np
 
 from twolink.algorithms.functions import frame_pose
 from twolink.algorithms.motion import GROUND, KinematicState
@@ -18,9 +19,47 @@ from twolink.effects.own_effects import check_own_formula, check_own_methods
 from twolink.errors import SceneError, require_known
 
 # By the number of entries: how messages name it, and what to give.
-_VECTORS = {3: ("three", "one along each of x, y, z"), 6: ("six", "(xx, xy, xz, yy, yz, zz)")}
+_VECTORS = {3: ("three numbers", "one along each of x, y, z"), 6: ("six numbers", "(xx, xy, xz, yy, yz, zz)")}
 
 _fields = functools.cache(msgspec.structs.fields)  # of a class
+
+
+Part = TypeVar("Part", bound=msgspec.Struct)
+
+
+def with_plain_numbers(part: Part) -> Part:
+    """The effect, input, condition or shape with tuples and numbers of Python in place of NumPy's.
+
+    Fields that may be arrays keep them.
+    """
+    plain = {name: value for name in _without_arrays(type(part))
+             if (value := _plain(before := getattr(part, name))) is not before}  # fmt: skip
+    return msgspec.structs.replace(part, **plain) if plain else part
+
+
+@functools.cache
+def _without_arrays(kind: type[msgspec.Struct]) -> tuple[str, ...]:
+    """The fields of a class that are not meant to be arrays, as some of controllers and of users' effects are."""
+    return tuple(one.name for one in _fields(kind) if not any(word in str(one.type) for word in ("Any", "ndarray")))
+
+
+def _plain(value: Any) -> Any:
+    """The value without NumPy's numbers and arrays; itself where it has none."""
+    if isinstance(value, np.generic | np.ndarray):
+        return _tuples(value.tolist())
+    if isinstance(value, msgspec.Struct):
+        return with_plain_numbers(value)
+    if isinstance(value, dict):
+        items = {name: _plain(one) for name, one in value.items()}
+        return items if any(items[name] is not value[name] for name in items) else value
+    if isinstance(value, tuple | list) and value and isinstance(value[0], np.generic | np.ndarray | msgspec.Struct):
+        parts = tuple(map(_plain, value))
+        return parts if any(one is not other for one, other in zip(parts, value, strict=True)) else value
+    return value
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 def check_effect(effect: Effect, robot: Robot) -> None:

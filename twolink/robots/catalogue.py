@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast
 
-from twolink.errors import RobotError, nearest
+from twolink.errors import RobotError, nearest, shown
 from twolink.io.text import read_bytes
 from twolink.robots.xml import MAX_BYTES
 
@@ -103,7 +103,7 @@ def catalogue_entry(name: str) -> CatalogueEntry:
     if name in _examples():
         remedy = "pip install example-robot-data"
         raise RobotError("example-robot-data is not installed", where=where, remedy=remedy, code="missing-extra")
-    what = f"no robot of this name, and no such file: {name!r}"
+    what = f"no robot of this name, and no such file: {shown(name)}"
     remedy = f"{nearest(name, catalogue_names())} (`twolink robots` lists them)"
     raise RobotError(what, where="load_robot", remedy=remedy, code=code, argument="source")
 

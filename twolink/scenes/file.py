@@ -12,7 +12,7 @@ import msgspec
 
 from twolink.dynamics import Robot, load_robot
 from twolink.effects import TYPES, Effect, effect_class
-from twolink.errors import SceneError, TwolinkError, nearest, require_known
+from twolink.errors import SceneError, TwolinkError, nearest, require_known, shown
 from twolink.io.schemas import misfit
 from twolink.io.text import Table, read_text
 from twolink.scenes.file_format import RobotEntry, SceneFile
@@ -147,7 +147,7 @@ def bundled_text(name: str) -> str:
     """The file of a bundled scene. Raises SceneError, code "unknown-scene"."""
     if name not in bundled_scenes():
         remedy = f"{nearest(name, bundled_scenes())} (a file's name ends in .toml)"
-        what = f"there is no bundled scene {name!r}"
+        what = f"there is no bundled scene {shown(name)}"
         raise SceneError(what, where="load_scene", remedy=remedy, code="unknown-scene", argument="source")
     return (resources.files("twolink.scenes") / "bundled" / f"{name}.toml").read_text(encoding="utf-8")
 

@@ -20,7 +20,7 @@ from twolink.algorithms.mechanism import moments, nominal_values, split_name
 from twolink.effects.effect import Effect
 from twolink.effects.inputs import Sampled
 from twolink.effects.switching import SwitchingEffect
-from twolink.errors import SceneError, nearest
+from twolink.errors import SceneError, nearest, shown
 from twolink.io.text import kebab_case
 from twolink.robots.joint_layout import joint_columns
 from twolink.scenes.scene import Scene
@@ -84,7 +84,7 @@ def named_parameters(scene: Scene, names: Iterable[str], argument: str, others: 
 
 
 def _unknown(name: str, known: Iterable[str], argument: str) -> SceneError:
-    return SceneError(f"there is no parameter {name!r}", argument=argument, remedy=nearest(name, known),
+    return SceneError(f"there is no parameter {shown(name)}", argument=argument, remedy=nearest(name, known),
                       code="unknown-parameter")  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.arguments import array, by_joint, configuration, instance, positive
 from twolink.effects import Effect
-from twolink.effects.checks import check_effect
+from twolink.effects.checks import check_effect, with_plain_numbers
 from twolink.errors import AccuracyError, SceneError, TwolinkError
 from twolink.io.text import facts_html
 from twolink.robots.collisions import Shape
@@ -321,6 +321,7 @@ def _checked(effects: Sequence[Effect], robot: Robot) -> tuple[Effect, ...]:
             if isinstance(effect, type):
                 what, remedy = f"expected effects, got the class {effect.__name__}", f"write {effect.__name__}(...)"
             raise SceneError(what, where="effects", remedy=remedy, argument="effects")
+    effects = tuple(map(with_plain_numbers, effects))
     if sum(type(effect).__name__ == "Gravity" for effect in effects) > 1:
         raise SceneError("gravity is given twice", where="effects", remedy="keep one", argument="effects")
     names = [effect.label for effect in effects if effect.is_sensor]  # type: ignore[attr-defined]
@@ -341,7 +342,7 @@ def _checked(effects: Sequence[Effect], robot: Robot) -> tuple[Effect, ...]:
                 check(effect)
             except TwolinkError as error:
                 raise at_effect(error, i) from None
-    return tuple(effects)
+    return effects
 
 
 def at_effect(error: TwolinkError, index: int) -> TwolinkError:

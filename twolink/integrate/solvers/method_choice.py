@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from twolink.errors import SceneError
+from twolink.errors import SceneError, shown
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solver import smallest_tolerance
@@ -78,7 +78,7 @@ def choose(
     """
     if precision not in ROUNDING_UNIT:
         remedy = f"""one of "auto", {", ".join(f'"{one}"' for one in ROUNDING_UNIT)}"""
-        raise SceneError(f"{precision!r} is unknown", argument="precision", remedy=remedy)
+        raise SceneError(f"{shown(precision)} is unknown", argument="precision", remedy=remedy)
     if precision != "double":
         if name not in ("auto", "taylor"):
             raise SceneError(f"{name} works in double precision", argument="method", remedy='method="taylor" or "auto"')

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from twolink.errors import SceneError, nearest
+from twolink.errors import SceneError, nearest, shown
 from twolink.integrate.steps.tableau import Tableau, tableau_of
 from twolink.io.text import Table
 
@@ -82,7 +82,7 @@ def method_named(name: str, argument: str = "method") -> Method:
     """The method of this name, or of one of `ELSEWHERE`. Raises SceneError with the nearest for an unknown one."""
     ours = ELSEWHERE.get(str(name), str(name))
     if ours not in METHODS:
-        raise SceneError(f"{name!r} is unknown", where="method", argument=argument,
+        raise SceneError(f"{shown(name)} is unknown", where="method", argument=argument,
                          remedy=nearest(ours, ("auto", *METHODS)))  # fmt: skip
     return METHODS[ours]
 

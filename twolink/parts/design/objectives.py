@@ -24,7 +24,7 @@ from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.dynamics import Robot
 from twolink.effects.triggers import Watch
-from twolink.errors import SceneError, nearest, require_known
+from twolink.errors import SceneError, nearest, require_known, shown
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.derivatives.parameter_variation import shifted
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
@@ -368,8 +368,8 @@ def named_objective(text: str, robot: Robot, argument: str = "objective") -> Obj
     if text in plain:
         return plain[text]
     kinds = [name.partition(":")[0] for name in KINDS]
-    raise SceneError(f"there is no objective {text!r}", argument=argument, remedy=nearest(kind, [*kinds, "y", "z"]),
-                     code="unknown-objective")  # fmt: skip
+    raise SceneError(f"there is no objective {shown(text)}", argument=argument, code="unknown-objective",
+                     remedy=nearest(kind, [*kinds, "y", "z"]))  # fmt: skip
 
 
 def _numbers(texts: list[str], whole: str, argument: str) -> list[float]:
