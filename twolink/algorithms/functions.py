@@ -13,7 +13,7 @@ from twolink.algorithms.mechanism import Mechanism
 from twolink.algorithms.recursions import forward_dynamics_aba, forward_dynamics_crba, frame_jacobian
 from twolink.algorithms.references import Reference
 from twolink.algorithms.spatial import Pose, Scalar, force_to_parent, plus
-from twolink.errors import QueryError, nearest
+from twolink.errors import QueryError, nearest, shown
 
 Algorithm = Callable[..., Any]  # of a mechanism and arguments in their order, perhaps f_ext, and xp
 Formula = Callable[[Mechanism, dict[str, Any], Any], list[Scalar]]
@@ -84,7 +84,7 @@ def frame_index(model: pin.Model, frame: str, argument: str = "frame") -> int:
     """Pinocchio's number of a link's frame. Raises QueryError for an unknown frame."""
     if not isinstance(frame, str) or not model.existFrame(frame, pin.FrameType.BODY):
         remedy = nearest(str(frame), frame_names(model))
-        what = f"there is no frame {frame!r}"
+        what = f"there is no frame {shown(frame)}"
         raise QueryError(what, argument=argument, remedy=remedy, code="unknown-frame")
     return int(model.getFrameId(frame, pin.FrameType.BODY))
 

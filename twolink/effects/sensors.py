@@ -17,7 +17,7 @@ from twolink.effects.effect import Effect, JointName, LinkName, NotNegative, Sin
 from twolink.effects.loops import HingeLoop, PointLoop, WeldLoop
 from twolink.effects.plane_contact import PlaneContact
 from twolink.effects.sampled_control import check_clock
-from twolink.errors import SceneError
+from twolink.errors import SceneError, shown
 from twolink.io.text import kebab_case
 
 Array = np.ndarray[Any, np.dtype[Any]]
@@ -117,8 +117,10 @@ class Sensor(Effect, frozen=True, kw_only=True):
         """Require times, and a name."""
         del robot
         check_clock(self.period, {"offset": self.offset, "delay": self.delay}, self.seed)
-        if not self.label.isidentifier() or self.label in ("q", "v"):
-            raise SceneError(f"{self.label!r} cannot name a sensor", where="name", remedy='a word such as "encoder"')
+        if not isinstance(self.label, str) or not self.label.isidentifier() or self.label in ("q", "v"):
+            raise SceneError(
+                f"{shown(self.label)} cannot name a sensor", where="name", remedy='a word such as "encoder"'
+            )
 
     def read(self, seen: Seen) -> Array:
         """The true values (n, m)."""

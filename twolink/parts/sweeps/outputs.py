@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from twolink.errors import SceneError, nearest
+from twolink.errors import SceneError, nearest, shown
 from twolink.simulation.sampling import with_ends
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.trajectory_tables import UNITS, coordinate_names
@@ -72,7 +72,9 @@ def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:
             function_of(name)
         elif name not in OUTPUTS:
             remedy = f"{nearest(str(name), OUTPUTS)} (a function of the run is module:function)"
-            raise SceneError(f"there is no output {name!r}", argument="outputs", code="unknown-output", remedy=remedy)
+            raise SceneError(
+                f"there is no output {shown(name)}", argument="outputs", code="unknown-output", remedy=remedy
+            )
     columns = [column_of(name) for name in names if ":" in name]
     if len(set(columns)) < len(columns) or set(columns) & {"status", "reason", "error"}:
         raise SceneError(f"the functions' names are not distinct: {columns}", argument="outputs", code="unknown-output",
