@@ -46,6 +46,36 @@ def test_a_worlds_bits_do_not_depend_on_the_number_of_worlds() -> None:
         assert np.array_equal(part.q, whole.q[:count])
 
 
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-6])
+def test_worlds_that_are_solved_again_do_not_depend_on_the_others(accuracy: float) -> None:
+    scene, q = tl.load_scene("arm-swing"), np.random.default_rng(6).uniform(-2, 2, (40, 2))
+    whole = tl.simulate_many(scene, q=q, accuracy=accuracy)
+    once = tl.simulate_many(scene, q=q, accuracy=accuracy, verify=False)
+    assert whole.error is not None
+    assert (whole.q != once.q).any(axis=1).sum() > 10  # solved again
+    for part in (slice(0, 1), slice(3, 12), slice(17, 40)):
+        few = tl.simulate_many(scene, q=q[part], accuracy=accuracy)
+        assert np.array_equal(few.q, whole.q[part])
+        assert np.array_equal(few.error, whole.error[part])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["two_link", "ur5"])
+def test_bars_of_many_worlds_hold_at_many_accuracies(name: str) -> None:
+    robot = tl.load_robot(name)
+    scene = tl.Scene(robot, effects=[tl.effects.Gravity()], duration=10.0 if name == "two_link" else 1.0)
+    q = robot.random_state(300, seed=3)[0] * (2.0 / np.pi if name == "two_link" else 1.0)
+    truth, judged = tl.simulate_many(scene, q=q, accuracy=1e-11), 0
+    assert truth.error is not None
+    for accuracy in (1e-3, 1e-4, 1e-6, 1e-8, 1e-9):
+        worlds, known = tl.simulate_many(scene, q=q, accuracy=accuracy), truth.error < accuracy / 100
+        assert worlds.error is not None
+        error = np.abs(robot.difference(truth.q, worlds.q)).max(axis=1)
+        assert (error <= worlds.error + truth.error)[known].all()
+        judged += int(known.sum())
+    assert judged > 700
+
+
 def test_error_bars_of_worlds_hold() -> None:
     rng = np.random.default_rng(2)
     q, v = rng.uniform(-3, 3, (40, 2)), rng.uniform(-3, 3, (40, 2))
