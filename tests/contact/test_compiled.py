@@ -115,7 +115,7 @@ def thrown(kind: str, seed: int, restitution: float) -> tl.Scene:
     return tl.Scene(robot, robot.normalize(places.ravel()), v.ravel(), [E.Gravity(), contact])
 
 
-@pytest.mark.parametrize("restitution", [0.0, 0.6])
+@pytest.mark.parametrize("restitution", [0.0, pytest.param(0.6, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", SHAPES)
 def test_steps_of_shapes_are_those_of_the_law(kind: str, restitution: float) -> None:
     for seed in range(3):

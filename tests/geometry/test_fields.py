@@ -100,7 +100,7 @@ def test_a_ball_lies_in_a_valley_and_a_box_on_two_ridges_and_on_peaks() -> None:
     assert run.q[-1, 2] == pytest.approx(0.15, abs=1e-6)
 
 
-@pytest.mark.some(2)
+@pytest.mark.some(1)
 @pytest.mark.parametrize("kind", MOVED)
 def test_no_body_that_tumbles_over_rough_ground_gains_energy(kind: str) -> None:
     random = np.random.default_rng(1)

@@ -134,13 +134,12 @@ def test_pages_are_written_whole_into_new_folders(tmp_path: Path) -> None:
 def test_collada_files_of_a_robot_are_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is drawn from the parts that loading has read is what is drawn from the files."""
     locked = tl.load_robot("panda", lock={"panda_finger_joint1": 0.0})
-    for shapes in (tl.load_robot("panda").visual_model(tree=False), locked.visual_model(tree=False)):
-        from_files, _ = scene_nodes(pin.GeometryModel(shapes))
-        seen, _ = surfaces(pin.GeometryModel(shapes))
-        with monkeypatch.context() as gone:
-            for module in (meshcat_shapes, surfaces_module):
-                gone.setattr(module, "read_confined", None)
-            assert [node.object for node in scene_nodes(shapes)[0]] == [node.object for node in from_files]
-            assert len(from_files) == 11
-            for one, other in zip(surfaces(shapes)[0], seen, strict=True):
-                np.testing.assert_array_equal(one.triangles, other.triangles)
+    shapes = locked.visual_model(tree=False)
+    from_files, _ = scene_nodes(pin.GeometryModel(shapes))
+    seen, _ = surfaces(pin.GeometryModel(shapes))
+    for module in (meshcat_shapes, surfaces_module):
+        monkeypatch.setattr(module, "read_confined", None)
+    assert [node.object for node in scene_nodes(shapes)[0]] == [node.object for node in from_files]
+    assert len(from_files) == 11
+    for one, other in zip(surfaces(shapes)[0], seen, strict=True):
+        np.testing.assert_array_equal(one.triangles, other.triangles)
