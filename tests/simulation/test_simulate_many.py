@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from scripts.studies.scenes.exact import case
 from twolink.errors import AccuracyError, QueryError, SceneError
 from twolink.hard.truths import extended_reference
 from twolink.lagrange import two_link
@@ -57,6 +58,18 @@ def test_worlds_that_are_solved_again_do_not_depend_on_the_others(accuracy: floa
         few = tl.simulate_many(scene, q=q[part], accuracy=accuracy)
         assert np.array_equal(few.q, whole.q[part])
         assert np.array_equal(few.error, whole.error[part])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [98, 178, 748, 788])
+def test_bars_of_worlds_that_are_solved_again_in_few_steps(number: int) -> None:
+    """Where steps are as long as they may be, a finer solution has shorter ones, too: 0.9 of the bars without."""
+    one = case(number, 20261129)
+    worlds = tl.simulate_many(one.scene, q=one.q, v=one.v, duration=one.duration, accuracy=one.accuracy)
+    ends = np.array([0.0, one.duration])
+    for i, (q, v) in enumerate(zip(one.q, one.v, strict=True)):
+        exact = extended_reference(tl.Scene(one.scene.base, q, v, effects=one.scene.effects), ends)[0][-1]
+        assert np.abs(worlds.robot.difference(worlds.q[i], exact.astype(float))).max() < 0.5 * worlds.error[i]
 
 
 @pytest.mark.slow

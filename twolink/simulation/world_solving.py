@@ -1,5 +1,6 @@
 """Solving many worlds with error bars: each world is solved again, more accurately, until its bar is small enough."""
 
+import itertools
 import time
 from dataclasses import dataclass, fields
 
@@ -91,11 +92,15 @@ class _Worlds:
         unknown = np.full((len(x), len(worlds)), np.inf)
         return _Tried(worlds, tolerance / perturbation.finer, x, steps, rejected, unknown)
 
-    def bars(self, one: _Tried) -> tuple[Array, _Tried]:
-        """The bars (w,) at the end of solutions, NaN of those that are lost; and the finer solutions."""
+    def bars(self, one: _Tried, before: int) -> tuple[Array, _Tried]:
+        """The bars (w,) at the end of solutions, NaN of those that are lost; and the finer solutions.
+
+        before: how often these worlds have been looked at before. Some of the solutions are finer ones of then: their
+        longest step is shorter, and that of their own finer solutions must be shorter again.
+        """
         equations, method = self.step_map.equations, self.step_map.method
-        perturbation = finer_solution(method, first_tolerance(method, self.accuracy))  # whatever the other worlds need
-        finer = self.solved(one.worlds, one.tolerance, perturbation)
+        ratio = finer_solution(method, first_tolerance(method, self.accuracy)).finer  # whatever other worlds need
+        finer = self.solved(one.worlds, one.tolerance * ratio**before, Perturbation(finer=ratio ** (before + 1)))
         self._look_at_rounding(one)
         truncation = truncation_factor(method, one.steps) * distances(equations.space, one.x, finer.x)
         alike = common_rounding(equations.space, self.times, one.x, one.steps)
@@ -151,8 +156,10 @@ def solve_worlds(
     result.error, result.x = np.full(count, np.nan), one.x.copy()
     result.steps, result.rejected = one.steps.copy(), one.rejected.copy()
     least = LEAST * smallest_tolerance(method)
-    while one.worlds.size:
-        bar, finer = given.bars(one)
+    for before in itertools.count():
+        if not one.worlds.size:
+            break
+        bar, finer = given.bars(one, before)
         better = ~(bar >= result.error[one.worlds])  # than none, too
         kept = one.worlds[better]
         result.error[kept], result.x[:, :, kept] = bar[better], one.x[:, :, better]
