@@ -73,6 +73,18 @@ def test_another_state_begins_anew() -> None:
     assert np.abs(state.q - run.q[-1]).max() < 1e-8
 
 
+def test_a_state_that_was_set_does_not_follow_the_callers_array() -> None:
+    sim, q = tl.Simulation(SWING), np.array([0.3, -0.2])
+    sim.set_state(q)
+    saved = sim.save()
+    q[:] = np.nan
+    sim.step(0.1)
+    other = tl.Simulation(SWING)
+    other.restore(saved)
+    assert np.array_equal(other.state.q, [0.3, -0.2])
+    assert np.array_equal(other.step(0.1).q, sim.state.q)
+
+
 def test_states_of_effects_and_free_bodies() -> None:
     sim = tl.Simulation(tl.load_scene("heavy-top"))
     assert np.linalg.norm(sim.step(0.5).q) == pytest.approx(1.0, abs=1e-14)

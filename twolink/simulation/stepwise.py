@@ -330,8 +330,8 @@ class Simulation:
         if self._loop is not None:  # what its laws have kept would act in the new motion
             self._loop.require_repeatable()
         robot = self.scene.robot
-        q = now.q if q is None else one("q", q, robot.nq)
-        v = now.v if v is None else one("v", v, robot.nv)
+        q = now.q if q is None else one("q", q, robot.nq).copy()
+        v = now.v if v is None else one("v", v, robot.nv).copy()
         self._begin(q, v, now.t if t is None else float(one("t", (t,), 1)[0]))
 
     def save(self) -> Saved:

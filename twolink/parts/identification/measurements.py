@@ -209,10 +209,8 @@ def table_columns(measurements: Any) -> dict[str, np.ndarray]:
         return dict(read_table(Path(measurements))[0])
     if isinstance(measurements, Mapping):
         return {str(name): np.asarray(values) for name, values in measurements.items()}
-    columns = getattr(measurements, "columns", None)
-    if (
-        columns is not None and not callable(columns) and hasattr(measurements, "__getitem__")
-    ):  # a DataFrame of any library
+    columns = getattr(measurements, "columns", None)  # of a DataFrame of any library
+    if columns is not None and not callable(columns) and hasattr(measurements, "__getitem__"):
         return {str(name): np.asarray(measurements[name]) for name in columns}
     raise QueryError(f"expected a table, got {type(measurements).__name__}", argument="measurements",
                      remedy='give a DataFrame, a path, or {"t": ..., "q.elbow": ...}')  # fmt: skip
