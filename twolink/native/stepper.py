@@ -3,7 +3,6 @@
 import ctypes
 import functools
 import weakref
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -125,19 +124,33 @@ class Stepper:
 
         Returns how many were made: fewer when all columns have arrived, or, every `look` attempts, half of them.
         """
-        return self.on(states, disturbances)(count, look)
+        pool = self.pool(states.shape[2])
+        work = pool.take()
+        try:
+            return self._on(states, disturbances, work)(count, look)
+        finally:
+            pool.give(work)
 
-    def on(self, states: Array, disturbances: Disturbances | None = None) -> Callable[[int, int], int]:
+    def on(self, states: Array, disturbances: Disturbances | None = None) -> "Attempts":
         """`attempts` on states (most + 1, rows, n) that stay where they are: (count, look) -> how many were made.
 
         One thread at a time may call it; what it works with returns to the stepper when it is no longer used.
         """
+        pool = self.pool(states.shape[2])
+        work = pool.take()
+        made = self._on(states, disturbances, work)
+        # The finalizer keeps the workspace: with __del__ the collector could free it first.
+        weakref.finalize(made, pool.give, work).atexit = False
+        return made
+
+    def _on(self, states: Array, disturbances: Disturbances | None, work: Handle) -> "Attempts":
+        """Attempts with a workspace."""
         columns = states.shape[2]
         if states.shape[1] != self.rows or not (states.flags.c_contiguous and states.dtype == float):
             raise ValueError(f"states of {states.shape} and {states.dtype} for {self.rows} rows")
         if disturbances is not None and disturbances.moves.shape != (self.formulas.moving, columns):
             raise ValueError(f"disturbances of {disturbances.moves.shape} for {columns} columns")
-        return Attempts(self, states, disturbances)
+        return Attempts(self, states, disturbances, work)
 
     def pool(self, columns: int) -> Pool:
         """Workspaces for so many columns."""
@@ -152,13 +165,10 @@ class Stepper:
 
 
 class Attempts:
-    """Attempts on states that stay where they are, with a workspace of their own."""
+    """Attempts on states that stay where they are, with a workspace that nothing else uses."""
 
-    def __init__(self, stepper: Stepper, states: Array, disturbances: Disturbances | None) -> None:
-        pool, self._most, self._uses = stepper.pool(states.shape[2]), len(states) - 1, (stepper, states, disturbances)
-        work = pool.take()
-        # The finalizer keeps the workspace: with __del__ the collector could free it first.
-        weakref.finalize(self, pool.give, work).atexit = False
+    def __init__(self, stepper: Stepper, states: Array, disturbances: Disturbances | None, work: Handle) -> None:
+        self._most, self._uses = len(states) - 1, (stepper, states, disturbances)
         self._fixed = (work.value, level(), states.shape[2])
         self._places = (states.ctypes.data, None if disturbances is None else ctypes.byref(disturbances.pointer))
         self._call = library().tl_attempts

@@ -9,7 +9,7 @@ import numpy as np
 
 from twolink.native.library import Handle, library
 from twolink.native.machine import Program
-from twolink.native.stepper import Attempts, Disturbances, Stepper
+from twolink.native.stepper import Disturbances, Stepper
 
 Array = np.ndarray[Any, np.dtype[Any]]
 TICKS = 64  # in a call
@@ -61,7 +61,7 @@ class Ticks:
 
     def __init__(self, stepper: Stepper, columns: int, law: TickedLaw, disturbances: Disturbances | None) -> None:
         self.states = np.empty((STEPS * TICKS + 1, stepper.rows, columns))
-        self._attempts, self._call = Attempts(stepper, self.states, disturbances), law.call
+        self._attempts, self._call = stepper.on(self.states, disturbances), law.call
         self._program = None if law.program is None else law.program.require_handle()
         self._registers = None
         if self._program is not None:

@@ -26,7 +26,8 @@ from twolink.simulation.error_bar import (
 
 ALONE = 2  # disturbed solutions of a world, at most
 LEAST = 4.0  # times the smallest tolerance: what a finer solution can judge
-MORE = 2.0  # times the rounding of a solution: at most that of its finer one
+MORE = 2.0  # times the rounding of a solution: at least what counts as that of one of more steps
+FAIR = 0.5  # of the accuracy: less rounding leaves room for the truncation of the next solution
 AIM = 0.3  # of the accuracy: where the next bar shall be, by the one that was too large
 
 
@@ -101,16 +102,15 @@ class _Worlds:
         equations, method = self.step_map.equations, self.step_map.method
         ratio = finer_solution(method, first_tolerance(method, self.accuracy)).finer  # whatever other worlds need
         finer = self.solved(one.worlds, one.tolerance * ratio**before, Perturbation(finer=ratio ** (before + 1)))
-        self._look_at_rounding(one)
         truncation = truncation_factor(method, one.steps) * distances(equations.space, one.x, finer.x)
+        self._look_at_rounding(one, truncation.max(axis=0))
         alike = common_rounding(equations.space, self.times, one.x, one.steps)
         bar = error_bar(truncation + one.rounding, alike)[-1] + SLACK * self.accuracy
-        # Where rounding hardly counts, that of about 1.6 times as many steps hardly does.
-        finer.rounding = np.where(self._count(MORE * one.rounding), np.inf, MORE * one.rounding)
+        self.take_over(one, finer)
         return np.where(np.isfinite(bar), bar, np.nan), finer
 
-    def _look_at_rounding(self, one: _Tried) -> None:
-        """Solve disturbed solutions where the rounding is not known, and where one of them shows that it counts two."""
+    def _look_at_rounding(self, one: _Tried, truncation: Array) -> None:
+        """Solve disturbed solutions of worlds whose rounding is not known; two of those where one is too coarse."""
         space, unknown = self.step_map.equations.space, np.flatnonzero(~np.isfinite(one.rounding[-1]))
         far = np.zeros((len(self.times), len(one.worlds)))
         for count, disturbed in enumerate(disturbed_solutions(ALONE), 1):
@@ -118,12 +118,18 @@ class _Worlds:
                 other = self.solved(one.worlds[unknown], one.tolerance[unknown], disturbed)
                 far[:, unknown] = np.maximum(far[:, unknown], distances(space, one.x[:, :, unknown], other.x))
                 one.rounding[:, unknown] = DISTURBED[count] * far[:, unknown]
-                unknown = unknown[self._count(one.rounding[:, unknown])]
+                unknown = unknown[self._decides(one.rounding[:, unknown], truncation[unknown])]
 
-    def _count(self, rounding: Array) -> Array:
-        """A mask (w,) of the worlds whose rounding (m, w) counts."""
-        most = rounding.max(axis=0)
-        return np.asarray((most >= ENOUGH * self.accuracy) & np.isfinite(most))
+    def _decides(self, rounding: Array, truncation: Array) -> Array:
+        """A mask (w,) of the worlds in which less rounding (m, w) would be a better bar, or less to do, by much."""
+        most, left = rounding.max(axis=0), self.accuracy - truncation
+        fair = np.where(left > 0.0, np.fmin(truncation, left), FAIR * self.accuracy)
+        return np.asarray((most >= np.fmax(fair, ENOUGH * self.accuracy)) & np.isfinite(most))
+
+    def take_over(self, one: _Tried, other: _Tried) -> None:
+        """Take the rounding of solutions for that of others of more steps, where it hardly counts."""
+        more = one.rounding * np.fmax(MORE, other.steps / np.fmax(one.steps, 1))
+        other.rounding = np.where(more.max(axis=0) < ENOUGH * self.accuracy, more, np.inf)
 
 
 def can_be_finer(method: Method, accuracy: float) -> bool:
@@ -169,8 +175,11 @@ def solve_worlds(
         wanted = np.fmax(one.tolerance * np.fmin(0.5, AIM * room / np.fmax(bar - rounding, 1e-300)), least)
         again = (bar > accuracy) & (room > 0.0) & (one.tolerance > 1.01 * least)  # not the lost ones: their bar is NaN
         fine = (finer.tolerance <= wanted) & (finer.tolerance >= least)  # enough, so that they are there already
-        one, anew = finer.of(again & fine), again & ~fine
+        anew = again & ~fine
+        before_them, one = one.of(anew), finer.of(again & fine)
         if anew.any():
-            one = one.beside(given.solved(finer.worlds[anew], wanted[anew]))
+            solved = given.solved(before_them.worlds, wanted[anew])
+            given.take_over(before_them, solved)
+            one = one.beside(solved)
     result.verify_seconds = time.perf_counter() - begin - result.seconds
     return result

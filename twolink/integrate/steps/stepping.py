@@ -22,6 +22,7 @@ MAX_FIXED_STEPS = 100_000_000  # steps of one size
 BLOCK = 256  # steps between two looks at what they gave
 LOOK = 8  # steps between two looks at whether half of the worlds have arrived
 BLOCK_NUMBERS = 200_000  # in a block, which stays in the cache: with many worlds it has fewer steps
+FEW = 8  # worlds, of each of which the steps before its samples are searched, as counting those of all takes longer
 SMALLEST_TOLERANCE = 1e-15  # below this the rounding of the numbers decides
 
 
@@ -76,7 +77,11 @@ def take_samples(step_map: StepMap, block: Block, times: Array, out: Array, para
         return
     column = np.repeat(np.arange(len(counts)), counts)
     sample = before[column] + np.arange(len(column)) - np.repeat(np.cumsum(counts) - counts, counts)
-    step = np.count_nonzero(block.t[:, column] < times[sample], axis=0) - 1
+    if len(counts) <= FEW:
+        parts = zip(block.t.T, before, reached, strict=True)
+        step = np.concatenate([t.searchsorted(times[first:after]) for t, first, after in parts]) - 1
+    else:
+        step = np.count_nonzero(block.t[:, column] < times[sample], axis=0) - 1
     states, worlds, size = block.states.swapaxes(1, 2), block.worlds[column], out.shape[2]
     at_end = times[sample] == block.t[step + 1, column]  # where a step ended, its own state
     out[sample[at_end], worlds[at_end]] = states[step[at_end] + 1, column[at_end], :size]
