@@ -218,6 +218,18 @@ def test_bundled_scenes_have_the_same_run(name: str, monkeypatch: pytest.MonkeyP
     assert ours.contact_record["overlap"] == pytest.approx(theirs.contact_record["overlap"], abs=1e-9)
 
 
+def test_a_step_at_rest_has_its_overlap() -> None:
+    """All steps behind it are the same: NumPy would look for the overlap at each sample."""
+    stepper = stepper_of(tl.load_scene("box-stack"))
+    plan = plan_steps(stepper.equations, np.array([0.0, 1.0]), 0.01, 0)
+    q, v, memory = stepper.begin
+    found = take_steps(stepper.native, stepper.bodies, plan, range(100), q, v, memory)
+    assert found is not None
+    last = found[len(found) - 1]
+    assert last.memory.rest is not None
+    assert last.overlap == pytest.approx(stepper.overlap(last.q)[0], abs=1e-15)
+
+
 def test_what_the_library_does_not_take_is_taken_by_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
     assert stepper_of(thrown("balls", 0, 0.5)).native is not None
     monkeypatch.setattr(compiled, "library", lambda: None)

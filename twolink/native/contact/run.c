@@ -98,7 +98,7 @@ static int remembered(tl_scene *s, const double *words, int64_t size, tl_memory 
   return TL_FINE;
 }
 
-/* Tell of the end of the step `number`; of its overlap where samples will ask for it. */
+/* Tell of the end of the step `number`; of its overlap where samples will ask for it: there, or of bodies at rest. */
 static int tell(tl_scene *s, const tl_ended *end, int64_t number, int sampled) {
   const tl_memory *m = &end->memory;
   tl_arena *to = &s->words;
@@ -202,7 +202,7 @@ TL_API int64_t tl_contact_run(tl_scene *s, const double *words, int64_t total, i
     rests = comes_to_rest(s, &task, &end);
     is_told = plan.mark[taken] != 0;
     if (is_told) at = (int64_t)(s->words.used / sizeof(double));
-    if ((is_told && tell(s, &end, taken, plan.mark[taken] & 1)) || tell_blows(s, &end, task.t - plan.t[0]))
+    if ((is_told && tell(s, &end, taken, rests || plan.mark[taken] & 1)) || tell_blows(s, &end, task.t - plan.t[0]))
       return -TL_NO_MEMORY;
     last = end;
     task.q = last.q, task.v = last.v, task.memory = &last.memory;
