@@ -201,6 +201,11 @@ class Switching:
         return tuple(float(trigger.at) for _, trigger in self.triggers if trigger.at is not None)
 
     @property
+    def conditions(self) -> tuple[Condition, ...]:
+        """The conditions of its triggers."""
+        return tuple(trigger.condition for _, trigger in self.triggers if trigger.condition is not None)
+
+    @property
     def waiting(self) -> frozenset[int]:
         """The places of effects that do not act at first."""
         return frozenset(place for place, trigger in self.triggers if trigger.begins)

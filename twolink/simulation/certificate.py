@@ -24,9 +24,10 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.effects.switching import Switching
 from twolink.errors import AccuracyError
 from twolink.integrate.hybrid.force_share import Support, margins
-from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
+from twolink.integrate.hybrid.snapshot import Evaluator, Kinematics, Snapshot
+from twolink.integrate.motion.constraints import Constraints
 from twolink.integrate.motion.equations import Equations
-from twolink.integrate.motion.formulas import constraint_forces, motion_of
+from twolink.integrate.motion.formulas import motion_of
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Segment, Solution
 from twolink.simulation.text import BaseResult
@@ -175,9 +176,7 @@ def _laws(states: _States) -> Iterator[tuple[str, Array, Array]]:
     states = states.chosen(forced | (states.equations.constraints is not None))
     if not len(states.t):
         return
-    look = Evaluator(states.equations, [contact for _, contact in states.switching.contacts]).by_numpy(
-        states.t, states.x
-    )
+    look = _snapshot(states)
     load = np.abs(np.concatenate([look.tau, look.bias, states.locks[1]])).max(axis=0)
     load = np.maximum(load, LEAST_LOAD * sum(inertia.mass for inertia in states.equations.robot.model.inertias))
     for law, broken in itertools.chain(_joint_forces(states, look, load), _constraint_forces(states, look, load)):
@@ -188,27 +187,39 @@ def _laws(states: _States) -> Iterator[tuple[str, Array, Array]]:
         yield law, broken, starts.t
 
 
+def _snapshot(states: _States) -> Snapshot:
+    """Forces and accelerations, by the program that looks for events in this mode where there is one."""
+    constraints, switching = states.equations.constraints, states.switching
+    closed = 0 if constraints is None or not _redundant(states.equations) else len(_closed(constraints))
+    contacts = [contact for _, contact in switching.contacts]
+    evaluator = Evaluator(states.equations, contacts, switching.conditions, traced=True, columns_of=closed)
+    return evaluator(states.t, states.x)
+
+
+def _kinematics(states: _States) -> list[Array]:
+    """Gaps of contacts; residuals of all rows of constraints; rates of the kept ones, and their powers."""
+    contacts = [contact for _, contact in states.switching.contacts]
+    return Kinematics(states.equations, contacts)(states.t, states.x)
+
+
 def _positions(states: _States) -> Broken:
     """Stops, gaps, loops and closed contacts, and joints that are held."""
     switching, equations, x = states.switching, states.equations, states.x
     for stop in switching.stops:
         yield "stops", -stop.side * (x[stop.entry] - stop.position)
-    motion = motion_of(equations, equations.mechanism, states.t, x, Numbers)
-    every = np.zeros(len(states.t))
-    for _, contact in switching.contacts:
-        yield "gaps", every - contact.gap(motion)
-    for _, pair in switching.pairs:
-        yield "gaps", every - pair.gaps(motion, ())
-    locked, _ = states.locks
-    for k, rests in zip(equations.layout.lockable, locked, strict=True):
+    gaps, residuals, rates, _ = _kinematics(states)
+    for gap in gaps:
+        yield "gaps", -gap
+    if switching.pairs:
+        motion = motion_of(equations, equations.mechanism, states.t, x, Numbers)
+        for _, pair in switching.pairs:
+            yield "gaps", -pair.gaps(motion, ())
+    for k, rests in zip(equations.layout.lockable, states.locks[0], strict=True):
         yield "constraints", np.where(rests, np.abs(states.v[k]) / states.speed, 0.0)
-    constraints = equations.constraints
-    if constraints is not None:
-        q = x[: equations.space.nq]
-        for row in constraints.residuals(equations.mechanism, list(q), Numbers):
-            yield "constraints", every + np.abs(row)
-        for row in constraints.velocities(equations.mechanism, q, states.v, Numbers):
-            yield "constraints", every + np.abs(row) / states.speed
+    for residual in residuals:
+        yield "constraints", np.abs(residual)
+    for rate in rates:
+        yield "constraints", np.abs(rate) / states.speed
 
 
 def _joint_forces(states: _States, look: Snapshot, load: Array) -> Broken:
@@ -227,17 +238,15 @@ def _constraint_forces(states: _States, look: Snapshot, load: Array) -> Broken:
     equations, constraints = states.equations, states.equations.constraints
     if constraints is None:
         return
-    rows = constraint_forces(equations, equations.mechanism, states.x, Numbers)
-    power = sum((lam * sum((b * v for b, v in zip(row, states.v, strict=True)), np.zeros(1))
-                 for lam, row in zip(look.multipliers, rows, strict=True)), np.zeros(1))  # fmt: skip
-    yield "friction", power / (load * states.speed)
-    closed = [_with_static(states.switching, loop) for loop in constraints.loops if loop.touches]
+    powers = _kinematics(states)[3]
+    yield "friction", (look.multipliers * powers).sum(axis=0) / (load * states.speed)
+    closed = [_with_static(states.switching, loop) for loop in _closed(constraints)]
     if not closed:
         return
     every = constraints.all_multipliers(look.multipliers)
     scale = np.maximum(load, np.abs(every).max(axis=0))
     if _redundant(equations):
-        yield "forces", -_margins(states, closed) / scale
+        yield "forces", -_margins(states, look, closed) / scale
         return
     ends = np.cumsum(constraints.counts)[-len(closed) :]
     for loop, end, count in zip(closed, ends, constraints.counts[-len(closed) :], strict=True):
@@ -247,21 +256,25 @@ def _constraint_forces(states: _States, look: Snapshot, load: Array) -> Broken:
             yield "forces", (np.hypot(*across) - loop.friction * normal) / scale
 
 
+def _closed(constraints: Constraints) -> list[Any]:
+    """The constraints of closed contacts, which are the last ones."""
+    return [loop for loop in constraints.loops if loop.touches]
+
+
 def _redundant(equations: Equations) -> bool:
     """True if contacts have more rows than determine their forces: then they share them with what locks joints."""
     constraints = equations.constraints
-    return constraints is not None and any(loop.touches for loop in constraints.loops) and len(
-        constraints.kept) < len(constraints.all_rows)  # fmt: skip
+    return constraints is not None and len(constraints.kept) < len(constraints.all_rows) and bool(_closed(constraints))
 
 
-def _margins(states: _States, closed: Sequence[Any]) -> Array:
+def _margins(states: _States, look: Snapshot, closed: Sequence[Any]) -> Array:
     """Margins of the best share of the forces of contacts, and of what locks joints, within the laws (n,)."""
     out, locked = np.empty(len(states.t)), states.locks[0]
     for pattern in np.unique(locked, axis=1).T:
         these = np.flatnonzero((locked == pattern[:, None]).all(axis=0))
         supports = [Support(i, k, *(float(limit[these[0]]) for limit in _limits(states, k)))
                 for i, k in enumerate(states.equations.layout.lockable) if pattern[i]]  # fmt: skip
-        out[these] = margins(states.equations, closed, states.t[these], states.x[:, these], supports)
+        out[these] = margins(states.equations, closed, look.chosen(these), supports)
     return out
 
 

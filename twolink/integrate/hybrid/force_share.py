@@ -187,10 +187,12 @@ class ForceDistributionProblem:
         return ForceDistribution(load * margin, load * forces, 2.0 * u[..., 0] / (size * weight / GROWTH), load)
 
 
-def margins(equations: Equations, closed: Sequence[Any], t: Array, x: Array, supports: Sequence[Support]) -> Array:
-    """Margins of the best shares of states x (size, n) within the laws, (n,), N. closed, supports: see `_of_loops`."""
-    evaluator, share = _of_loops(equations, closed, supports)
-    return share.best(evaluator.by_numpy(t, x)).margin
+def margins(equations: Equations, closed: Sequence[Any], look: Snapshot, supports: Sequence[Support]) -> Array:
+    """Margins of the best shares within the laws of the states of a snapshot with the columns of all closed contacts.
+
+    (n,), N. closed, supports: see `_of_loops`.
+    """
+    return _of_loops(equations, closed, supports)[1].best(look).margin
 
 
 def _of_loops(

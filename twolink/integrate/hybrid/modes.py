@@ -130,7 +130,6 @@ class System:
         self.static = np.array([contact.static for contact in self.contacts])
         limits = [(-1, Trigger("limit", name)) for _, name in equations.effort_limits]
         self.triggers = (*self.switching.triggers, *limits)
-        self.conditions = [trigger.condition for _, trigger in self.triggers if trigger.condition is not None]
         self.names = {joint.v.start: joint.name for joint in self.robot.joints}
         self._locks: dict[int, list[JointLock]] = {k: [] for k in self.lockable}
         for _, lock in self.switching.locks:
@@ -220,7 +219,7 @@ class System:
         closed = [i for i, kind in enumerate(mode.contacts) if kind != "free"]
         rows = {} if equations.constraints is None else contact_places(equations.constraints, closed)
         redundant = any(None in own for own in rows.values())
-        evaluator = Evaluator(equations, self.contacts, self.conditions, traced=self.traced,
+        evaluator = Evaluator(equations, self.contacts, self.switching.conditions, traced=self.traced,
                               columns_of=len(closed) if redundant else 0)  # fmt: skip
         return ModeEquations(equations, evaluator, rows)
 

@@ -1,4 +1,4 @@
-"""Snapshots: accelerations, forces and what guards look at, of states in one mode.
+"""Snapshots: accelerations, forces and what guards look at, of states in one mode; and kinematics that laws look at.
 
     M a + h = tau + B lambda + lock torques
 
@@ -21,6 +21,7 @@ from twolink.algorithms.dual_numbers import Jet, JetNamespace, coefficient
 from twolink.algorithms.mechanism import Mechanism, mechanism
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
+from twolink.algorithms.spatial import plus, times
 from twolink.effects.switching import ContactPoint
 from twolink.errors import CertificationError
 from twolink.integrate.motion.constraints import Constraints
@@ -60,6 +61,10 @@ class Snapshot:
             self._rows = self._evaluate(self.t, self.x)
         return self._rows
 
+    def chosen(self, which: Array) -> Snapshot:
+        """The snapshot of some of the states."""
+        return Snapshot(self.t[which], self.x[:, which], lambda *_: self.rows[:, which], self._parts)
+
     def __getattr__(self, name: str) -> Array:
         if name not in FIELDS:
             raise AttributeError(name)
@@ -67,50 +72,35 @@ class Snapshot:
         return rows.reshape(-1, ROWS, self.x.shape[1]) if name == "contacts" else rows
 
 
-class Evaluator:
-    """Evaluates snapshots of one mode. The start of its equations plays no part.
+class StateFormulas:
+    """Formulas of states x (size, n) of one mode at times t (n,). The start of its equations plays no part.
 
-    traced: by a program, for modes that are looked at more than a few times; else by NumPy. columns_of: so many closed
-    contacts, whose constraints are the last ones, of which the columns are evaluated.
+    content: what the formulas hold beside the equations. traced: they run as a program, for modes that are looked at
+    more than a few times; else by NumPy.
     """
 
-    def __init__(
-        self,
-        equations: Equations,
-        contacts: Sequence[ContactPoint] = (),
-        conditions: Sequence[Condition] = (),
-        *,
-        traced: bool = False,
-        columns_of: int = 0,
-    ) -> None:
-        self.equations, self.contacts, self.conditions = equations, tuple(contacts), tuple(conditions)
-        constraints, nv = equations.constraints, equations.space.nv
-        kept = 0 if constraints is None else len(constraints.kept)
-        self._columns = () if constraints is None or not columns_of else _force_rows(constraints, columns_of)
-        sizes = [nv, kept, len(equations.layout.lockable), len(equations.effort_limits), nv, nv,
-                 ROWS * len(contacts), len(conditions), len(self._columns) * nv,
-                 len(equations.space.states)]  # fmt: skip
-        ends = np.cumsum([0, *sizes]).tolist()
-        self._parts = dict(zip(FIELDS, itertools.starmap(slice, itertools.pairwise(ends)), strict=True))
-        self._traced = traced
+    kind = "formulas"
 
-    def __call__(self, t: Array, x: Array) -> Snapshot:
-        return Snapshot(t, x, self._by_program if self._traced else self._by_numpy, self._parts)
+    def __init__(self, equations: Equations, content: str, *, traced: bool) -> None:
+        self.equations, self._traced = equations, traced
+        self._content = hashlib.sha256(content.encode()).hexdigest()[:16]
+
+    def formulas(self, mech: Mechanism, t: Any, x: Any, xp: Any) -> list[Any]:
+        """Every row."""
+        raise NotImplementedError
+
+    def rows(self, t: Array, x: Array) -> Array:
+        """Every row at the states (m, n)."""
+        return (self._by_program if self._traced else self._by_numpy)(t, x)
 
     @functools.cached_property
     def _program(self) -> Program:
-        content = repr([contact.content for contact in self.contacts]) + repr((self.conditions, self._columns))
-        name = self.equations.key("snapshot", hashlib.sha256(content.encode()).hexdigest()[:16])
-        return program_named(name, self._trace, self._compare)
+        return program_named(self.equations.key(self.kind, self._content), self._trace, self._compare)
 
     def _trace(self) -> Assembled:
         """The formulas as a program of (t, x)."""
         mech = mechanism(self.equations.robot.model)
         return trace(lambda z, xp: self.formulas(mech, z[0], z[1:], xp), 1 + self.equations.space.size)
-
-    def by_numpy(self, t: Array, x: Array) -> Snapshot:
-        """The snapshot of the formulas evaluated by NumPy."""
-        return Snapshot(t, x, self._by_numpy, self._parts)
 
     def _by_program(self, t: Array, x: Array) -> Array:
         rows = np.empty((1 + len(x), x.shape[1]))
@@ -125,6 +115,59 @@ class Evaluator:
             -1, *shape
         )
 
+    def _compare(self, program: Program) -> None:
+        """Compare a program with NumPy at a state. Raises CertificationError."""
+        equations = self.equations
+        state, nq = np.array(equations.start[:, None]), equations.space.nq
+        # Not quite there and not at rest: the lowest point of a disc that lies flat and the direction of sliding at
+        # rest are rounding, which differs.
+        apart = np.random.default_rng(1).uniform(0.5, 1.5, (2, equations.space.nv))
+        state[:nq, 0] = pin.integrate(equations.robot.model, state[:nq, 0], NEARBY * apart[0])
+        state[equations.space.v_rows, 0] += apart[1]
+        theirs, ours = self._by_numpy(np.zeros(1), state), program(np.concatenate([np.zeros((1, 1)), state]))
+        finite = np.isfinite(theirs)
+        off = np.abs(ours - theirs)[finite].max(initial=0.0) / (1.0 + np.abs(theirs[finite]).max(initial=0.0))
+        if not (off <= AGREEMENT and np.array_equal(finite, np.isfinite(ours))):
+            raise CertificationError(f"the program of forces differs from NumPy's by {off:.1e}", where="events",
+                                     remedy="report it with the URDF")  # fmt: skip
+
+
+class Evaluator(StateFormulas):
+    """Evaluates snapshots of one mode.
+
+    columns_of: so many closed contacts, whose constraints are the last ones, of which the columns are evaluated.
+    """
+
+    kind = "snapshot"
+
+    def __init__(
+        self,
+        equations: Equations,
+        contacts: Sequence[ContactPoint] = (),
+        conditions: Sequence[Condition] = (),
+        *,
+        traced: bool = False,
+        columns_of: int = 0,
+    ) -> None:
+        self.contacts, self.conditions = tuple(contacts), tuple(conditions)
+        constraints, nv = equations.constraints, equations.space.nv
+        kept = 0 if constraints is None else len(constraints.kept)
+        self._columns = () if constraints is None or not columns_of else _force_rows(constraints, columns_of)
+        sizes = [nv, kept, len(equations.layout.lockable), len(equations.effort_limits), nv, nv,
+                 ROWS * len(contacts), len(conditions), len(self._columns) * nv,
+                 len(equations.space.states)]  # fmt: skip
+        ends = np.cumsum([0, *sizes]).tolist()
+        self._parts = dict(zip(FIELDS, itertools.starmap(slice, itertools.pairwise(ends)), strict=True))
+        content = repr([contact.content for contact in self.contacts]) + repr((self.conditions, self._columns))
+        super().__init__(equations, content, traced=traced)
+
+    def __call__(self, t: Array, x: Array) -> Snapshot:
+        return Snapshot(t, x, self.rows, self._parts)
+
+    def by_numpy(self, t: Array, x: Array) -> Snapshot:
+        """The snapshot of the formulas evaluated by NumPy."""
+        return Snapshot(t, x, self._by_numpy, self._parts)
+
     def formulas(self, mech: Mechanism, t: Any, x: Any, xp: Any) -> list[Any]:
         """Every row of a snapshot."""
         solution = dynamics(self.equations, mech, t, x, xp)
@@ -135,22 +178,6 @@ class Evaluator:
         limits = [distance for _, distance in solution.loads.limits]
         return [*solution.a, *solution.multipliers, *locks, *limits, *solution.loads.tau, *bias, *contacts, *conditions,
                 *self._contact_columns(mech, x, xp), *state_rates(self.equations, solution.loads)]  # fmt: skip
-
-    def _compare(self, program: Program) -> None:
-        """Compare a program with NumPy at a state. Raises CertificationError."""
-        equations = self.equations
-        state, nq = np.array(equations.start[:, None]), equations.space.nq
-        # Not quite there and not at rest: the lowest point of a disc that lies flat and the direction of sliding at
-        # rest are rounding, which differs.
-        apart = np.random.default_rng(1).uniform(0.5, 1.5, (2, equations.space.nv))
-        state[:nq, 0] = pin.integrate(equations.robot.model, state[:nq, 0], NEARBY * apart[0])
-        state[equations.space.v_rows, 0] += apart[1]
-        theirs, ours = self.by_numpy(np.zeros(1), state).rows, program(np.concatenate([np.zeros((1, 1)), state]))
-        finite = np.isfinite(theirs)
-        off = np.abs(ours - theirs)[finite].max(initial=0.0) / (1.0 + np.abs(theirs[finite]).max(initial=0.0))
-        if not (off <= AGREEMENT and np.array_equal(finite, np.isfinite(ours))):
-            raise CertificationError(f"the program of forces differs from NumPy's by {off:.1e}", where="events",
-                                     remedy="report it with the URDF")  # fmt: skip
 
     def _contact_columns(self, mech: Mechanism, x: Any, xp: Any) -> list[Any]:
         """The generalized forces of the rows of loops and closed contacts, one row after the other."""
@@ -171,6 +198,36 @@ class Evaluator:
         )
         acceleration = coefficient(contact.velocity(moving)[0], 1)
         return [contact.gap(motion), *contact.velocity(motion), acceleration]
+
+
+class Kinematics(StateFormulas):
+    """Evaluates gaps of contacts (n), residuals of all rows of constraints, and rates and powers of the kept ones.
+
+    A power is that of a multiplier of size 1.
+    """
+
+    kind = "kinematics"
+
+    def __init__(self, equations: Equations, contacts: Sequence[ContactPoint]) -> None:
+        self._contacts = tuple(contacts)
+        super().__init__(equations, repr([contact.content for contact in contacts]), traced=True)
+
+    def __call__(self, t: Array, x: Array) -> list[Array]:
+        constraints = self.equations.constraints
+        rows, kept = (0, 0) if constraints is None else (len(constraints.all_rows), len(constraints.kept))
+        return np.split(self.rows(t, x), np.cumsum([len(self._contacts), rows, kept]))
+
+    def formulas(self, mech: Mechanism, t: Any, x: Any, xp: Any) -> list[Any]:
+        """Every row."""
+        equations, constraints = self.equations, self.equations.constraints
+        motion = motion_of(equations, mech, t, x, xp)
+        gaps = [contact.gap(motion) for contact in self._contacts]
+        if constraints is None:
+            return gaps
+        q, v = x[: equations.space.nq], x[equations.space.v_rows]
+        forces = constraint_forces(equations, mech, x, xp)
+        powers = [plus(*(times(force, rate) for force, rate in zip(row, v, strict=True))) for row in forces]
+        return [*gaps, *constraints.residuals(mech, list(q), xp), *constraints.velocities(mech, q, v, xp), *powers]
 
 
 def _force_rows(constraints: Constraints, contacts: int) -> tuple[int, ...]:
