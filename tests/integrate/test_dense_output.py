@@ -156,3 +156,12 @@ def test_what_notebooks_show_is_short() -> None:
     shown = run.cost._repr_html_()
     assert shown.startswith("<pre>")
     assert shown.count("\n") <= 5
+
+
+def test_beside_a_singular_instant_the_motion_is_that_of_its_samples() -> None:
+    """From a sample just before it short parts of steps meet it with a stage; the run's own steps get across."""
+    scene = tl.load_scene("four-bar")
+    times = np.linspace(3.165, 3.18, 61)
+    coarse = tl.simulate(scene, 4.0, samples_per_second=200)
+    fine = tl.simulate(scene, 4.0, t_eval=times)
+    assert coarse.at(times)[0] == pytest.approx(fine.q, abs=1e-6)

@@ -52,6 +52,17 @@ def test_the_book_closes(name: str) -> None:
     assert book._repr_html_().startswith("<pre>")
 
 
+def test_a_scene_that_is_never_so_accurate_has_a_book() -> None:
+    """Its loops pass singular positions, where small steps do not get across, nor short parts of steps."""
+    book = tl.energy_book(tl.load_scene("four-bar"))
+    assert np.abs(book.residual).max() < 1e-6 * book.stored[0]
+
+
+def test_stepped_contacts_have_no_book() -> None:
+    with pytest.raises(SceneError, match="located"):
+        tl.energy_book(tl.load_scene("box-stack"))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["arm-human", "elastic-joint", "geared-motor", "stick-slip"])
 def test_the_book_closes_whatever_the_samples_are(name: str) -> None:

@@ -37,11 +37,11 @@ class _Group(NamedTuple):
     """Asked times (k,) of one segment: their places, and the stored states before them with their times.
 
     The states are (nq + nv, k), or (size, k) where the numbers behind them change from tick to tick.
-    within_steps: whether each time lies within the step from its stored state.
+    steps: times and states where steps ended, where each time lies within the step from its stored state.
     """
 
     equations: Equations
-    within_steps: bool
+    steps: tuple[Array, Array] | None
     places: Array
     t: Array
     stored_t: Array
@@ -117,7 +117,7 @@ class DenseOutput:
         late = group.t > group.stored_t
         if late.any():
             group = _Group(*group[:2], *(values[..., late] for values in group[2:]))
-            out[:, group.places] = self._stepped(group) if group.within_steps else self._solved(group)
+            out[:, group.places] = self._solved(group) if group.steps is None else self._stepped(group, *group.steps)
 
     def accelerations_and_torques(self) -> tuple[Array, Array]:
         """Accelerations (n, nv) and applied joint torques (n, nv) at the stored times."""
@@ -189,7 +189,7 @@ class DenseOutput:
             x = np.append(x, segment.numbers(stored_t[before]), axis=0)
         return _Group(
             segment.equations,
-            segment.taken is not None and is_stepping(METHODS[self.method]),
+            segment.taken if is_stepping(METHODS[self.method]) else None,
             places,
             times[places],
             stored_t[before],
@@ -210,12 +210,20 @@ class DenseOutput:
             every.append((t, x))
         return every
 
-    def _stepped(self, group: _Group) -> Array:
-        """By a step map: each time by one step, which is a part of one that the solution took."""
+    def _stepped(self, group: _Group, ends: Array, states: Array) -> Array:
+        """By a step map: each time by one step, which is a part of one that the solution took from one of `ends`."""
         rows = np.asarray(group.equations.start[len(group.stored_x) :], dtype=float)
         x = np.concatenate([group.stored_x, np.repeat(rows[:, None], len(group.t), axis=1)])
-        out = step_map(group.equations, METHODS[self.method]).partial(x, group.stored_t, group.t)
+        by = step_map(group.equations, METHODS[self.method])
+        out = by.partial(x, group.stored_t, group.t)
         lost = ~np.isfinite(out).all(axis=0)
+        if (
+            lost.any()
+        ):  # short steps from beside a singular instant are in its way with a stage more often than long ones
+            begin = np.searchsorted(ends, group.t[lost], side="right") - 1
+            x = np.concatenate([states[begin].T, x[states.shape[1] :, lost]])
+            out[:, lost] = by.partial(x, ends[begin], group.t[lost])
+            lost = ~np.isfinite(out).all(axis=0)
         if lost.any():
             raise AccuracyError("the state between two samples cannot be computed",
                                 where=f"t = {float(group.t[lost][0]):.6g} s",

@@ -17,9 +17,10 @@ import numpy as np
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.spatial import outward, spatial_dot
+from twolink.contact.choice import choose_contact_method
 from twolink.dynamics.arguments import instance
 from twolink.effects.effect import Loads
-from twolink.errors import SceneError
+from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.hybrid.snapshot import Evaluator
 from twolink.integrate.motion.equations import Equations
@@ -28,6 +29,7 @@ from twolink.integrate.motion.scene_equations import equations_of
 from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted, plot_lines
+from twolink.simulation.sampling import duration_for
 from twolink.simulation.scene_run import simulate
 from twolink.simulation.text import BaseResult
 from twolink.simulation.trajectory import Trajectory
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NODES = 6  # of Gauss's quadrature between two edges
+FINE = 1e-9  # rad or m
 A_SECOND = 200.0  # edges, where a solver does not tell its steps
 
 
@@ -107,7 +110,7 @@ def energy_book(scene: Scene, run: Trajectory | None = None) -> EnergyBalance:
     scene : Scene
         The scene.
     run : Trajectory, optional
-        Its run; by default one at accuracy 1e-9.
+        Its run; by default one at accuracy 1e-9, or at 1e-6 where that cannot be kept.
 
     Returns
     -------
@@ -117,9 +120,10 @@ def energy_book(scene: Scene, run: Trajectory | None = None) -> EnergyBalance:
     Raises
     ------
     SceneError
-        The run is a loaded trajectory, without equations of motion (code "no-equations").
+        The run is a loaded trajectory, without equations of motion (code "no-equations"), or its contacts are stepped
+        (code "stepped").
     """
-    run = simulate(scene, accuracy=1e-9) if run is None else run
+    run = _accurate(scene) if run is None else run
     edges = np.union1d(run.t, [event.t for event in run.events if event.t < run.t[-1]])
     edges = np.union1d(edges, equations_of(scene, ticks=True).breaks(float(run.t[-1])))
     edges = np.union1d(edges, np.concatenate([_dense(run).changes(), *_steps(run)]))
@@ -200,14 +204,29 @@ def effect_names(scene: Scene) -> list[str]:
     return [f"{kind} [{i}]" if kinds.count(kind) > 1 else kind for i, kind in enumerate(kinds)]
 
 
+def _accurate(scene: Scene) -> Trajectory:
+    """A run of the scene, at accuracy FINE where that can be kept."""
+    duration_for(scene, None)  # raises SceneError for what is no scene
+    if choose_contact_method(scene).method == "stepped":
+        raise _no_segments()
+    try:
+        return simulate(scene, accuracy=FINE)
+    except AccuracyError:  # loops at singular positions, long chaotic motions
+        return simulate(scene)
+
+
+def _no_segments() -> SceneError:
+    return SceneError("a run with stepped contacts has no smooth segments", where="run", argument="run",
+                      remedy='simulate with contact="located", and give that run', code="stepped")  # fmt: skip
+
+
 def _dense(run: Trajectory) -> DenseOutput:
     """The solution of a run with equations of motion."""
     if run.solution is None:
         raise SceneError("a loaded trajectory has no equations of motion", where="run",
                          remedy="simulate it again with its scene", code="no-equations", argument="run")  # fmt: skip
     if not isinstance(run.solution, DenseOutput):
-        raise SceneError("a run with stepped contacts has no smooth segments", where="run", argument="run",
-                         remedy='simulate it with contact="located"', code="stepped")  # fmt: skip
+        raise _no_segments()
     return run.solution
 
 
