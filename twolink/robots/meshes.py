@@ -3,7 +3,7 @@ that are missing.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -40,12 +40,18 @@ class MeshFolders:
     packages: tuple[Path, ...]
     base: Path | None
     roots: tuple[Path, ...] | None = None
+    _found: dict[str, tuple[Path, Path] | None] = field(default_factory=dict, compare=False)  # by name
 
     def find(self, name: str) -> tuple[Path, Path] | None:
         """The file that a mesh name means, and the folder it must lie in: package://P/x, file:///x, or beside the URDF.
 
         None where no such file is allowed.
         """
+        if name not in self._found:
+            self._found[name] = self._first(name)
+        return self._found[name]
+
+    def _first(self, name: str) -> tuple[Path, Path] | None:
         if name.startswith("package://"):
             inside = name.removeprefix("package://")
             names = [inside] if self.roots is None else [inside, inside.partition("/")[2]]
@@ -58,10 +64,12 @@ class MeshFolders:
 
     def _allowed(self, path: Path) -> tuple[Path, Path] | None:
         try:
+            if not path.is_file():  # most are not, and links take longer to resolve
+                return None
             real = path.resolve()
             roots = [real.parent] if self.roots is None else [root.resolve() for root in self.roots]
             inside = [root for root in roots if real.is_relative_to(root)]
-            return (real, inside[0]) if inside and real.is_file() else None
+            return (real, inside[0]) if inside else None
         except (OSError, ValueError, RuntimeError):  # a name too long or with a NUL, a loop of links
             return None
 
