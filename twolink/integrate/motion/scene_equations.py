@@ -94,8 +94,16 @@ def with_parameters(equations: Equations, parameters: Sequence[str]) -> Equation
     return replace(other, content=_content(with_effect_numbers(other, ones), model))
 
 
-_structures: dict[str, tuple[Equations, Array]] = {}
+_structures: dict[str, tuple[Equations, Array]] = {}  # by content
+_fewest: dict[tuple[str, int | None], tuple[int, int, tuple[int, ...]]] = {}  # `_fewest_operations`, by content too
 MAX_KEPT = 128
+
+
+def _make_room(known: dict[Any, Any]) -> dict[Any, Any]:
+    """A dictionary with room for one more: the oldest entries are forgotten."""
+    while len(known) >= MAX_KEPT:
+        known.pop(next(iter(known)), None)
+    return known
 
 
 def structure_of(equations: Equations) -> tuple[Equations, Array]:
@@ -114,10 +122,8 @@ def structure_of(equations: Equations) -> tuple[Equations, Array]:
                 found = {PREFIX + ".".join((str(place), *path)): value for path, value in numbers_of(effect)
                          if value and "effort" not in path}  # fmt: skip
                 chosen.update(found)
-        while len(_structures) >= MAX_KEPT:
-            del _structures[next(iter(_structures))]
         base = with_parameters(equations, tuple(chosen))
-        _structures[equations.content] = base, np.array(list(chosen.values()))
+        _make_room(_structures)[equations.content] = base, np.array(list(chosen.values()))
     return _structures[equations.content]
 
 
@@ -165,10 +171,13 @@ def make_equations(
         places=tuple(place for place, _ in (*acting, *loops)),
         assembled=(float(moved[: robot.nq].max(initial=0.0)), float(moved[robot.nq :].max(initial=0.0))),
     )
-    variant, operations, steady = _fewest_operations(equations, variant)
-    limits, content = _effort_limits(equations), _content(equations)
-    return replace(equations, variant=variant, operations=operations, steady=steady, effort_limits=limits,
-                   content=content)  # fmt: skip
+    content = _content(equations)
+    fewest = _fewest.get((content, variant))
+    if fewest is None:
+        fewest = _make_room(_fewest)[content, variant] = _fewest_operations(equations, variant)
+    variant, operations, steady = fewest
+    return replace(equations, variant=variant, operations=operations, steady=steady, content=content,
+                   effort_limits=_effort_limits(equations))  # fmt: skip
 
 
 def starting_states(effects: Sequence[Effect], motion: KinematicState) -> dict[str, Any]:
