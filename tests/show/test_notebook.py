@@ -64,6 +64,7 @@ def test_a_study_is_text_with_its_figure(shown: dict[str, dict[str, Any]]) -> No
     assert "data:image/png" in html
 
 
+@pytest.mark.slow
 def test_long_work_has_a_bar(shown: dict[str, dict[str, Any]]) -> None:
     bar = re.fullmatch(r'<progress value="(\d+)" max="(\d+)"></progress> done', shown["progress of study"]["text/html"])
     assert bar is not None
