@@ -28,11 +28,11 @@ def assembled(constraints: Constraints, x: Array) -> Array:
     Raises SceneError with the residual where there is none near.
     """
     nq, v_rows = constraints.space.nq, constraints.space.v_rows
-    q, residual = _closed(constraints, x[:nq])
+    (q,), (residual,) = _closed(constraints, x[None, :nq])
     if not residual <= 100 * ASSEMBLED:
         raise SceneError(f"the loops cannot be closed: {residual:.2e} m or rad is left", where="effects",
                          remedy="check their points and axes, or start nearer to a closed position",
-                         code="loops-open", residual=residual)  # fmt: skip
+                         code="loops-open", residual=float(residual))  # fmt: skip
     jacobian = constraints.jacobian_at(q, constraints.all_rows)
     v = x[v_rows] - np.linalg.lstsq(jacobian, jacobian @ x[v_rows], rcond=RANK)[0]
     return np.concatenate([q, v, x[v_rows.stop :]])
@@ -45,7 +45,7 @@ def independent(constraints: Constraints, q: np.ndarray) -> Constraints | None:
     far = BESIDE_CONTACTS if any(loop.touches for loop in constraints.loops) else 1.0
     near = [q, *(pin.integrate(constraints.model, q, far * s * random.standard_normal(constraints.space.nv))
                  for s in SPREADS)]  # fmt: skip
-    places, jacobians = _with_rows(constraints, [_closed(constraints, x)[0] for x in near])
+    places, jacobians = _with_rows(constraints, list(_closed(constraints, np.array(near))[0]))
     used = np.flatnonzero(np.max([np.abs(j).max(axis=1, initial=0.0) for j in jacobians], axis=0) > RANK)
     rank = max(_rank(j) for j in jacobians)
     if rank < len(used):  # rows must be chosen: the choice must do along the whole motion
@@ -83,9 +83,10 @@ def independent_rows(constraints: Constraints, q: np.ndarray, free: np.ndarray) 
 
 def _with_rows(constraints: Constraints, places: Sequence[Array]) -> tuple[list[Array], list[Array]]:
     """The positions at which the rows exist, and the rows: bodies that overlap deeply have no normal."""
-    pairs = [(q, constraints.jacobian_at(q, constraints.all_rows)) for q in places if np.isfinite(q).all()]
-    there = [(q, rows) for q, rows in pairs if np.isfinite(rows).all()]
-    return [q for q, _ in there], [rows for _, rows in there]
+    finite = np.array([q for q in places if np.isfinite(q).all()]).reshape(-1, constraints.space.nq)
+    rows = constraints.jacobians_at(finite, constraints.all_rows)
+    there = np.isfinite(rows).all(axis=(1, 2))
+    return list(finite[there]), list(rows[there])
 
 
 def _shares(jacobians: Sequence[np.ndarray], kept: list[int]) -> tuple[tuple[float, ...], ...] | None:
@@ -130,26 +131,28 @@ def _pivots(matrix: np.ndarray, rank: int) -> list[int]:
     return chosen
 
 
-def _along_motion(
-    constraints: Constraints, q: np.ndarray, random: np.random.Generator, stride: float
-) -> list[np.ndarray]:
+def _along_motion(constraints: Constraints, q: np.ndarray, random: np.random.Generator, stride: float) -> list[Array]:
     """Closed positions on both sides of q, as the mechanism can move, a stride apart."""
-    places = []
     start = random.standard_normal(constraints.space.nv)
-    for sign in (1.0, -1.0):
-        x, direction = q, sign * start
-        for _ in range(PLACES):
-            _, s, rows = np.linalg.svd(constraints.jacobian_at(x, constraints.all_rows))
+    x, direction, going = np.stack([q, q]), np.stack([start, -start]), [0, 1]
+    places: tuple[list[Array], list[Array]] = ([], [])
+    for _ in range(PLACES):
+        for side, jacobian in zip(tuple(going), constraints.jacobians_at(x[going], constraints.all_rows), strict=True):
+            _, s, rows = np.linalg.svd(jacobian)
             free = rows[_count(s) :]
             if not len(free):
-                break
-            direction = free.T @ (free @ direction)
-            direction *= stride / max(1e-300, float(np.abs(direction).max()))
-            x = _closed(constraints, pin.integrate(constraints.model, x, direction))[0]
-            if not np.isfinite(x).all():
-                break
-            places.append(x)
-    return places
+                going.remove(side)
+                continue
+            direction[side] = free.T @ (free @ direction[side])
+            direction[side] *= stride / max(1e-300, float(np.abs(direction[side]).max()))
+            x[side] = pin.integrate(constraints.model, x[side], direction[side])
+        x[going] = _closed(constraints, x[going])[0]
+        going = [side for side in going if np.isfinite(x[side]).all()]
+        for side in going:
+            places[side].append(x[side].copy())
+        if not going:
+            break
+    return [*places[0], *places[1]]
 
 
 def _mass(constraints: Constraints, q: np.ndarray) -> np.ndarray:
@@ -157,20 +160,25 @@ def _mass(constraints: Constraints, q: np.ndarray) -> np.ndarray:
     return np.asarray(pin.crba(constraints.model, constraints.model.createData(), q))
 
 
-def _closed(constraints: Constraints, q: np.ndarray) -> tuple[np.ndarray, float]:
-    """The closed position near q and the residual left, by Newton's method in strides of 0.5 at most."""
-    residual = np.inf
+def _closed(constraints: Constraints, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The closed positions near q (n, nq) and what is left (n,), by Newton's method in strides of 0.5 at most."""
+    q, residual, active = q.copy(), np.full(len(q), np.inf), np.arange(len(q))
     for _ in range(TRIALS):
-        g = np.array([float(row) for row in constraints.residuals(constraints.mech, list(q), Numbers)])
-        residual = float(np.abs(g).max(initial=0.0))
-        if residual <= ASSEMBLED:
+        found = constraints.residuals(constraints.mech, list(q[active].T), Numbers)
+        g = np.array([np.broadcast_to(np.asarray(row, dtype=float), len(active)) for row in found]).T
+        residual[active] = np.abs(g).max(axis=1, initial=0.0)
+        open_ = ~(residual[active] <= ASSEMBLED)
+        active, g = active[open_], g[open_]
+        if not len(active):
             break
-        jacobian = constraints.jacobian_at(q, constraints.all_rows)
-        if not (np.isfinite(jacobian).all() and np.isfinite(residual)):
-            return np.full_like(q, np.nan), np.inf
-        change = np.linalg.lstsq(jacobian, g, rcond=RANK)[0]
-        change *= min(1.0, 0.5 / max(1e-300, float(np.abs(change).max())))
-        q = pin.integrate(constraints.model, q, -change)
+        jacobians = constraints.jacobians_at(q[active], constraints.all_rows)
+        good = np.isfinite(jacobians).all(axis=(1, 2)) & np.isfinite(residual[active])
+        q[active[~good]], residual[active[~good]] = np.nan, np.inf
+        active = active[good]
+        for i, jacobian, row in zip(active.tolist(), jacobians[good], g[good], strict=True):
+            change = np.linalg.lstsq(jacobian, row, rcond=RANK)[0]
+            change *= min(1.0, 0.5 / max(1e-300, float(np.abs(change).max())))
+            q[i] = pin.integrate(constraints.model, q[i], -change)
     return q, residual
 
 

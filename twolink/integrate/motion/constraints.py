@@ -93,12 +93,17 @@ class Constraints:
                     row[k] = along[i]
         return matrix
 
-    @np.errstate(all="ignore")
     def jacobian_at(self, q: np.ndarray, rows: Sequence[int]) -> np.ndarray:
         """J of these rows as numbers at one configuration, (len(rows), nv); not finite where they are singular."""
-        nv = self.space.nv
-        along = self._along(self.mech, np.repeat(q[:, None], nv, axis=1), np.eye(nv), Numbers, 1)  # all columns at once
-        return np.array([np.broadcast_to(np.asarray(along[i][0], dtype=float), (nv,)) for i in rows]).reshape(-1, nv)
+        return np.asarray(self.jacobians_at(q[None], rows)[0])
+
+    @np.errstate(all="ignore")
+    def jacobians_at(self, q: np.ndarray, rows: Sequence[int]) -> np.ndarray:
+        """J of these rows at configurations (n, nq), (n, len(rows), nv): together they take hardly longer than one."""
+        n, nv = len(q), self.space.nv
+        along = self._along(self.mech, np.repeat(q.T, nv, axis=1), np.tile(np.eye(nv), n), Numbers, 1)
+        every = [np.broadcast_to(np.asarray(along[i][0], dtype=float), (n * nv,)) for i in rows]
+        return np.array(every).reshape(len(rows), n, nv).swapaxes(0, 1)
 
     def velocity_terms(self, mech: Mechanism, q: Array, v: Array, xp: Any) -> list[Scalar]:
         """J' v of the kept rows."""
