@@ -189,3 +189,32 @@ def test_manufactured_motion(name: str) -> None:
     options = {"method": "taylor", "samples_per_second": 20, "verify": name == "arm"}
     run = tl.simulate(driven, 1.0, accuracy=1e-8, **options)
     assert np.abs(run.q - [at(t)[0] for t in run.t]).max() < 2e-7  # what cubic pieces of 5 ms leave
+
+
+TURNER = """<robot name="turner"><link name="base"/><joint name="turn" type="revolute"><parent link="base"/>
+<child link="arm"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1000" velocity="100"/></joint>
+<link name="arm"/><joint name="lift" type="prismatic"><parent link="arm"/><child link="tip"/><origin xyz="0.5 0 0"/>
+<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1000" velocity="100"/></joint>
+<link name="tip"><inertial><mass value="2"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>
+</inertial></link></robot>"""
+
+
+@pytest.mark.parametrize("accuracy", [1e-6, 1e-10])
+def test_a_slip_on_a_circle_ends_as_one_on_a_line(accuracy: float) -> None:
+    """I a'' = -k a - mu m g r sign(a'): harmonic about -+F = mu m g r / k, of which each half a period takes 2 F.
+
+    The slip turns by 0.7 rad before it ends: its end must not know in which direction it began.
+    """
+    stiffness, friction, start = 30.0, 0.1, 0.4
+    rate, offset = np.sqrt(stiffness / (2.0 * 0.25 + 0.01)), friction * 2.0 * 9.81 * 0.5 / stiffness
+    contact = tl.effects.Contact((("tip", "ground"),), friction, shapes={"tip": (tl.effects.Sphere(0.05),)})
+    scene = tl.Scene(tl.load_robot(TURNER), [start, 0.05], duration=1.0,
+                     effects=[tl.effects.Gravity(), tl.effects.JointSpring({"turn": stiffness}), contact])  # fmt: skip
+    run = tl.simulate(scene, accuracy=accuracy)
+    halves = (run.t * rate / np.pi).astype(int)
+    amplitude = start - offset - 2.0 * offset * halves
+    exact = (-1.0) ** halves * (offset + amplitude * np.cos(rate * run.t - np.pi * halves))
+    error = np.abs(run.q[:, 0] - exact)
+    assert run.error is not None
+    assert (error <= run.error).all()
+    assert error.max() < 1e-2 * accuracy

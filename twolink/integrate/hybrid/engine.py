@@ -17,6 +17,7 @@ import numpy as np
 
 from twolink.errors import AccuracyError
 from twolink.integrate.core.columns import Columns
+from twolink.integrate.hybrid.consistency import SLOW
 from twolink.integrate.hybrid.locating import Guard, GuardWatcher, Hit
 from twolink.integrate.hybrid.modes import SLOW_SLIP
 from twolink.integrate.hybrid.segment import OpenSegment
@@ -36,6 +37,8 @@ MAX_EVENTS = 100_000
 FIRST_BLOCK = 8  # steps between two looks for events, before a segment has shown how many it takes
 SMALL_BOUNCE = 1e-2  # of the tolerance: lower bounces are not followed
 SMALLEST_BOUNCE = 1e-13  # m or rad: what numbers resolve
+STRIDE = 8.0  # to the end of a slip that turns is so small a part of a step, from where it goes straight on
+STRAIGHT = 1e-6  # the sine of the angle between a slip and its first direction: it has not turned
 SMALLEST_RATE = 1e-300  # so that a division has a result
 
 
@@ -99,6 +102,8 @@ class Engine:
                 hit = segment.advance(to, self._block if to == stop else 1)
                 if hit is not None and fresh and not self.method.adaptive:
                     hit = self._resolved(hit, to)
+                elif hit is not None and hit.guard.key[0] == "roll" and self._slips_on(segment, hit):
+                    continue
                 if hit is not None or to == stop < self.end:
                     self._close(hit, to)
                 else:
@@ -195,6 +200,26 @@ class Engine:
                 return again
             length *= 2.0  # the event is later than the few steps showed
         return found
+
+    def _slips_on(self, segment: OpenSegment, hit: Hit) -> bool:
+        """True if the end of a slip that has turned since it began is put off: a segment along what is left is first.
+
+        Friction turns by (slow / slip)^2 to the direction in which the slip began, which no step to the end sees.
+        """
+        run, i = self.run, hit.guard.key[1]
+        x, along, ahead = segment.columns.x, run.mode.directions[i], hit.t - segment.columns.time
+        slip = segment.watcher.evaluate(np.array([segment.columns.time]), x).contacts[i, 2:4, 0]
+        speed, turned = math.hypot(*slip), abs(slip[0] * along[1] - slip[1] * along[0])
+        if turned <= STRAIGHT * speed or speed <= STRIDE * max(SLOW, run.system.slow):
+            return False
+        nearer = hit.t - ahead / STRIDE
+        if segment.advance(nearer, 1) is not None:  # what is nearly at once is left as it is
+            return False
+        self._close(None, nearer)
+        if run.mode.contacts[i] == "sliding":
+            left = run.mode_state.evaluate().contacts[i, 2:4, 0]
+            run.mode = run.mode.with_contact(i, "sliding", tuple((left / math.hypot(*left)).tolist()))
+        return True
 
     def _close(self, hit: Hit | None, stop: float) -> None:
         """End the segment at an event, or at a time, with what happens there."""

@@ -49,7 +49,8 @@ class OpenSegment:
             t, x = block.t[:, 0], block.states[:, :size, 0]
             hit = self.watcher.first(t, x)
             before = len(t) if hit is None else max(1, int(np.searchsorted(t, hit.t)))
-            self.track.add(t[1:before], x[1:before])
+            if before > 1:
+                self.track.add(t[1:before], x[1:before])
             if hit is not None:
                 self.columns.state[:] = block.states[before - 1]
                 return hit
