@@ -38,6 +38,7 @@ FIRST_BLOCK = 8  # steps between two looks for events, before a segment has show
 SMALL_BOUNCE = 1e-2  # of the tolerance: lower bounces are not followed
 SMALLEST_BOUNCE = 1e-13  # m or rad: what numbers resolve
 STRIDE = 8.0  # to the end of a slip that turns is so small a part of a step, from where it goes straight on
+SLOWLY = 100.0  # times what is tried at rest: so slow a slip ends before it turns
 STRAIGHT = 1e-6  # the sine of the angle between a slip and its first direction: it has not turned
 SMALLEST_RATE = 1e-300  # so that a division has a result
 
@@ -210,15 +211,15 @@ class Engine:
         x, along, ahead = segment.columns.x, run.mode.directions[i], hit.t - segment.columns.time
         slip = segment.watcher.evaluate(np.array([segment.columns.time]), x).contacts[i, 2:4, 0]
         speed, turned = math.hypot(*slip), abs(slip[0] * along[1] - slip[1] * along[0])
-        if turned <= STRAIGHT * speed or speed <= STRIDE * max(SLOW, run.system.slow):
+        if turned <= STRAIGHT * speed or speed <= SLOWLY * max(SLOW, run.system.slow):
             return False
         nearer = hit.t - ahead / STRIDE
         if segment.advance(nearer, 1) is not None:  # what is nearly at once is left as it is
             return False
         self._close(None, nearer)
-        if run.mode.contacts[i] == "sliding":
-            left = run.mode_state.evaluate().contacts[i, 2:4, 0]
-            run.mode = run.mode.with_contact(i, "sliding", tuple((left / math.hypot(*left)).tolist()))
+        x, y = run.mode_state.evaluate().contacts[i, 2:4, 0].tolist()
+        if run.mode.contacts[i] == "sliding" and (size := math.hypot(x, y)):
+            run.mode = run.mode.with_contact(i, "sliding", (x / size, y / size))
         return True
 
     def _close(self, hit: Hit | None, stop: float) -> None:
