@@ -37,7 +37,7 @@ MAX_EVENTS = 100_000
 FIRST_BLOCK = 8  # steps between two looks for events, before a segment has shown how many it takes
 SMALL_BOUNCE = 1e-2  # of the tolerance: lower bounces are not followed
 SMALLEST_BOUNCE = 1e-13  # m or rad: what numbers resolve
-STRIDE = 8.0  # to the end of a slip that turns is so small a part of a step, from where it goes straight on
+LAST = 1000.0  # the end of a slip that has turned is the last one in so many parts of it
 SLOWLY = 100.0  # times what is tried at rest: so slow a slip ends before it turns
 STRAIGHT = 1e-6  # the sine of the angle between a slip and its first direction: it has not turned
 SMALLEST_RATE = 1e-300  # so that a division has a result
@@ -211,15 +211,17 @@ class Engine:
         x, along, ahead = segment.columns.x, run.mode.directions[i], hit.t - segment.columns.time
         slip = segment.watcher.evaluate(np.array([segment.columns.time]), x).contacts[i, 2:4, 0]
         speed, turned = math.hypot(*slip), abs(slip[0] * along[1] - slip[1] * along[0])
-        if turned <= STRAIGHT * speed or speed <= SLOWLY * max(SLOW, run.system.slow):
+        if segment.is_end or turned <= STRAIGHT * speed or speed <= SLOWLY * SLOW:
             return False
-        nearer = hit.t - ahead / STRIDE
+        # Of the segment, not of the step, so that a finer solution begins anew at the same time, but for its error.
+        nearer = hit.t - min(0.5 * ahead, (hit.t - segment.begin) / LAST)
         if segment.advance(nearer, 1) is not None:  # what is nearly at once is left as it is
             return False
         self._close(None, nearer)
         x, y = run.mode_state.evaluate().contacts[i, 2:4, 0].tolist()
         if run.mode.contacts[i] == "sliding" and (size := math.hypot(x, y)):
             run.mode = run.mode.with_contact(i, "sliding", (x / size, y / size))
+        self._opened().is_end = True
         return True
 
     def _close(self, hit: Hit | None, stop: float) -> None:
