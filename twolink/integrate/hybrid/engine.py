@@ -211,7 +211,7 @@ class Engine:
         x, along, ahead = segment.columns.x, run.mode.directions[i], hit.t - segment.columns.time
         slip = segment.watcher.evaluate(np.array([segment.columns.time]), x).contacts[i, 2:4, 0]
         speed, turned = math.hypot(*slip), abs(slip[0] * along[1] - slip[1] * along[0])
-        if segment.is_end or turned <= STRAIGHT * speed or speed <= SLOWLY * SLOW:
+        if segment.is_end or ahead <= 0.0 or turned <= STRAIGHT * speed or speed <= SLOWLY * SLOW:
             return False
         # Of the segment, not of the step, so that a finer solution begins anew at the same time, but for its error.
         nearer = hit.t - min(0.5 * ahead, (hit.t - segment.begin) / LAST)
