@@ -217,9 +217,8 @@ class DenseOutput:
         by = step_map(group.equations, METHODS[self.method])
         out = by.partial(x, group.stored_t, group.t)
         lost = ~np.isfinite(out).all(axis=0)
-        if (
-            lost.any()
-        ):  # short steps from beside a singular instant are in its way with a stage more often than long ones
+        if lost.any():
+            # A stage of a short step from beside a singular instant meets it more often than one of the run's own step.
             begin = np.searchsorted(ends, group.t[lost], side="right") - 1
             x = np.concatenate([states[begin].T, x[states.shape[1] :, lost]])
             out[:, lost] = by.partial(x, ends[begin], group.t[lost])

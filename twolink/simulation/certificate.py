@@ -21,7 +21,7 @@ import msgspec
 import numpy as np
 
 from twolink.algorithms.namespaces import Numbers
-from twolink.effects.switching import Switching
+from twolink.effects.switching import ContactPoint, Switching
 from twolink.errors import AccuracyError
 from twolink.integrate.hybrid.force_share import Support, margins
 from twolink.integrate.hybrid.snapshot import Evaluator, Kinematics, Snapshot
@@ -169,17 +169,21 @@ def _states(switching: Switching, solution: Solution) -> Iterator[_States]:
 @np.errstate(all="ignore")
 def _laws(states: _States) -> Iterator[tuple[str, Array, Array]]:
     """All laws but that of impacts: by how much states break them, and their times."""
-    for law, broken in _positions(states):
+    contacts = [contact for _, contact in states.switching.contacts]
+    *positions, powers = Kinematics(states.equations, contacts)(states.t, states.x)
+    for law, broken in _positions(states, *positions):
         yield law, broken, states.t
     locked, friction = states.locks
     forced = locked.any(axis=0) | (friction != 0.0).any(axis=0) | (states.lasts > 0.0)
-    states = states.chosen(forced | (states.equations.constraints is not None))
+    states = states.chosen(forced | (states.equations.constraints is not None))  # with constraints all: powers fit
     if not len(states.t):
         return
-    look = _snapshot(states)
+    look = _snapshot(states, contacts)
     load = np.abs(np.concatenate([look.tau, look.bias, states.locks[1]])).max(axis=0)
     load = np.maximum(load, LEAST_LOAD * sum(inertia.mass for inertia in states.equations.robot.model.inertias))
-    for law, broken in itertools.chain(_joint_forces(states, look, load), _constraint_forces(states, look, load)):
+    for law, broken in itertools.chain(
+        _joint_forces(states, look, load), _constraint_forces(states, look, load, powers)
+    ):
         yield law, broken, states.t
     begin = states.lasts > 0.0
     starts = states.chosen(begin)
@@ -187,27 +191,19 @@ def _laws(states: _States) -> Iterator[tuple[str, Array, Array]]:
         yield law, broken, starts.t
 
 
-def _snapshot(states: _States) -> Snapshot:
+def _snapshot(states: _States, contacts: Sequence[ContactPoint]) -> Snapshot:
     """Forces and accelerations, by the program that looks for events in this mode where there is one."""
-    constraints, switching = states.equations.constraints, states.switching
+    constraints = states.equations.constraints
     closed = 0 if constraints is None or not _redundant(states.equations) else len(_closed(constraints))
-    contacts = [contact for _, contact in switching.contacts]
-    evaluator = Evaluator(states.equations, contacts, switching.conditions, traced=True, columns_of=closed)
-    return evaluator(states.t, states.x)
+    conditions = states.switching.conditions
+    return Evaluator(states.equations, contacts, conditions, traced=True, columns_of=closed)(states.t, states.x)
 
 
-def _kinematics(states: _States) -> list[Array]:
-    """Gaps of contacts; residuals of all rows of constraints; rates of the kept ones, and their powers."""
-    contacts = [contact for _, contact in states.switching.contacts]
-    return Kinematics(states.equations, contacts)(states.t, states.x)
-
-
-def _positions(states: _States) -> Broken:
+def _positions(states: _States, gaps: Array, residuals: Array, rates: Array) -> Broken:
     """Stops, gaps, loops and closed contacts, and joints that are held."""
     switching, equations, x = states.switching, states.equations, states.x
     for stop in switching.stops:
         yield "stops", -stop.side * (x[stop.entry] - stop.position)
-    gaps, residuals, rates, _ = _kinematics(states)
     for gap in gaps:
         yield "gaps", -gap
     if switching.pairs:
@@ -233,12 +229,11 @@ def _joint_forces(states: _States, look: Snapshot, load: Array) -> Broken:
         yield "friction", np.where(slips, np.abs(friction + kinetic * np.sign(v)) / load, 0.0)
 
 
-def _constraint_forces(states: _States, look: Snapshot, load: Array) -> Broken:
+def _constraint_forces(states: _States, look: Snapshot, load: Array, powers: Array) -> Broken:
     """Contacts that press, with friction within its cone; loops and contacts add no power."""
     equations, constraints = states.equations, states.equations.constraints
     if constraints is None:
         return
-    powers = _kinematics(states)[3]
     yield "friction", (look.multipliers * powers).sum(axis=0) / (load * states.speed)
     closed = [_with_static(states.switching, loop) for loop in _closed(constraints)]
     if not closed:

@@ -86,7 +86,6 @@ class SmoothMotion(Motion):
         self._equations, self._by = by.equations, by
         self.columns = Columns(by, t, end, setting, perturbations, progress, lose=lose)
         self.track, self._companions, self._steps = track, companions, 0
-        self._count = len(perturbations)
         self._unseen: list[Block] = []  # at whose samples of the solutions beside the first no one has looked
         self._end = end
         self._breaks, self._passed = [*(b for b in by.equations.breaks(end) if b > t), math.inf], 0
@@ -178,8 +177,8 @@ class SmoothMotion(Motion):
         return True
 
     def _look(self, companions: Companions, block: Block) -> None:
-        """Take the samples of the solutions beside the first, of many short blocks at once."""
-        if len(block.worlds) < self._count:
+        """Look at the solutions beside the first, in many short blocks at once."""
+        if len(block.worlds) < self.columns.x.shape[1]:  # some have arrived
             self._take_samples(companions, block)
             return
         self._unseen.append(Block(block.worlds, block.states.copy(), block.t.copy(), block.outcome))
@@ -195,6 +194,7 @@ class SmoothMotion(Motion):
             self._take_samples(self._companions, Block(worlds, states, t, outcome))
 
     def _take_samples(self, companions: Companions, block: Block) -> None:
+        """Take the samples of the solutions beside the first, which are numbered behind it."""
         for others, often in companions.looks(block.worlds, few=len(block.t) <= SHORT):
             part = Block(block.worlds[others] - 1, *(rows[..., others] for rows in block[1:]))
             take_samples(self._by, part, companions.t[often], companions.x[often])

@@ -37,8 +37,8 @@ MAX_EVENTS = 100_000
 FIRST_BLOCK = 8  # steps between two looks for events, before a segment has shown how many it takes
 SMALL_BOUNCE = 1e-2  # of the tolerance: lower bounces are not followed
 SMALLEST_BOUNCE = 1e-13  # m or rad: what numbers resolve
-LAST = 1000.0  # the end of a slip that has turned is the last one in so many parts of it
-SLOWLY = 100.0  # times what is tried at rest: so slow a slip ends before it turns
+LAST = 1e-3  # of the time of a slip that has turned: its last part, which begins anew
+SLOWLY = 100.0  # times SLOW: slower slips do not begin anew
 STRAIGHT = 1e-6  # the sine of the angle between a slip and its first direction: it has not turned
 SMALLEST_RATE = 1e-300  # so that a division has a result
 
@@ -103,7 +103,7 @@ class Engine:
                 hit = segment.advance(to, self._block if to == stop else 1)
                 if hit is not None and fresh and not self.method.adaptive:
                     hit = self._resolved(hit, to)
-                elif hit is not None and hit.guard.key[0] == "roll" and self._slips_on(segment, hit):
+                elif hit is not None and hit.guard.key[0] == "roll" and self._begins_anew(segment, hit):
                     continue
                 if hit is not None or to == stop < self.end:
                     self._close(hit, to)
@@ -202,8 +202,8 @@ class Engine:
             length *= 2.0  # the event is later than the few steps showed
         return found
 
-    def _slips_on(self, segment: OpenSegment, hit: Hit) -> bool:
-        """True if the end of a slip that has turned since it began is put off: a segment along what is left is first.
+    def _begins_anew(self, segment: OpenSegment, hit: Hit) -> bool:
+        """True if a slip that has turned begins anew just before its end, in a segment with its present direction.
 
         Friction turns by (slow / slip)^2 to the direction in which the slip began, which no step to the end sees.
         """
@@ -211,17 +211,17 @@ class Engine:
         x, along, ahead = segment.columns.x, run.mode.directions[i], hit.t - segment.columns.time
         slip = segment.watcher.evaluate(np.array([segment.columns.time]), x).contacts[i, 2:4, 0]
         speed, turned = math.hypot(*slip), abs(slip[0] * along[1] - slip[1] * along[0])
-        if segment.is_end or ahead <= 0.0 or turned <= STRAIGHT * speed or speed <= SLOWLY * SLOW:
+        if segment.is_anew or ahead <= 0.0 or turned <= STRAIGHT * speed or speed <= SLOWLY * SLOW:
             return False
         # Of the segment, not of the step, so that a finer solution begins anew at the same time, but for its error.
-        nearer = hit.t - min(0.5 * ahead, (hit.t - segment.begin) / LAST)
+        nearer = hit.t - min(0.5 * ahead, LAST * (hit.t - segment.begin))
         if segment.advance(nearer, 1) is not None:  # what is nearly at once is left as it is
             return False
         self._close(None, nearer)
         x, y = run.mode_state.evaluate().contacts[i, 2:4, 0].tolist()
         if run.mode.contacts[i] == "sliding" and (size := math.hypot(x, y)):
             run.mode = run.mode.with_contact(i, "sliding", (x / size, y / size))
-        self._opened().is_end = True
+        self._opened().is_anew = True
         return True
 
     def _close(self, hit: Hit | None, stop: float) -> None:

@@ -28,7 +28,7 @@ class OpenSegment:
 
     def __init__(self, columns: Columns, watcher: GuardWatcher, times: Array) -> None:
         self.columns, self.watcher, self.begin = columns, watcher, columns.time
-        self.is_end = False  # of a slip, which has turned before it
+        self.is_anew = False  # True of the last part of a slip that has turned
         self.track = Track(columns.by, times, columns.time, columns.x[:, 0])
         self._rows = columns.by.equations.layout.rows_of_slots()
 
