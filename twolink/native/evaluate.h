@@ -25,8 +25,10 @@ static inline void N(sincos)(V x, V *s, V *c) {
     }
 }
 
-#define REGISTER(z) (*(const V *)(registers + q[z]))
-#define RESULT (*(V *)(registers + q[0]))
+/* Place z of an instruction, of which each quad is loaded as a whole. */
+#define PLACE(z) (((z) < 4 ? quad0 : (z) < 8 ? quad1 : quad2) >> (16 * ((z) % 4)) & 0xffff)
+#define REGISTER(z) (*(const V *)(registers + PLACE(z)))
+#define RESULT (*(V *)(registers + PLACE(0)))
 #define A REGISTER(1)
 #define B REGISTER(2)
 #define C REGISTER(3)
@@ -34,10 +36,17 @@ static inline void N(sincos)(V x, V *s, V *c) {
 #define E REGISTER(5)
 #define F REGISTER(6)
 #define G REGISTER(7)
-#define K (scalar[q[2]])
+#define K (scalar[PLACE(2)])
 #define RUN(operation, quads, body) \
   case operation:                   \
-    for (; n > 0; n--, q += 4 * (quads)) { body; } \
+    for (; n > 0; n--, q += 4 * (quads)) {                          \
+      uint64_t quad0, quad1 = 0, quad2 = 0;                         \
+      memcpy(&quad0, q, sizeof quad0);                              \
+      if ((quads) > 1) memcpy(&quad1, q + 4, sizeof quad1);         \
+      if ((quads) > 2) memcpy(&quad2, q + 8, sizeof quad2);         \
+      (void)quad1, (void)quad2;                                     \
+      body;                                                         \
+    }                                                               \
     break;
 #define BY_LANE(expression)                  \
   {                                          \
@@ -81,7 +90,7 @@ static void N(evaluate)(const tl_program *p, double *registers) {
       RUN(K_DIV, 1, RESULT = K / A)
       RUN(NEG, 1, RESULT = -A)
       RUN(COPY, 1, RESULT = A)
-      RUN(SINCOS, 1, V s_; V c_; N(sincos)(A, &s_, &c_); RESULT = s_; *(V *)(registers + q[2]) = c_)
+      RUN(SINCOS, 1, V s_; V c_; N(sincos)(A, &s_, &c_); RESULT = s_; *(V *)(registers + PLACE(2)) = c_)
       RUN(SQRT, 1, BY_LANE(sqrt(x_)))
       RUN(EXP, 1, BY_LANE(exp(x_)))
       RUN(TANH, 1, BY_LANE(tanh(x_)))
@@ -94,6 +103,7 @@ static void N(evaluate)(const tl_program *p, double *registers) {
     }
   }
 }
+#undef PLACE
 #undef REGISTER
 #undef RESULT
 #undef A

@@ -12,7 +12,7 @@ from twolink.native.machine import Program
 from twolink.native.stepper import Disturbances, Stepper
 
 Array = np.ndarray[Any, np.dtype[Any]]
-TICKS = 64  # in a call
+TICKS = 256  # in a call
 STEPS = 4  # attempted steps a tick for which there is a place
 
 
