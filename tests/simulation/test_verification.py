@@ -331,3 +331,19 @@ def test_a_bar_that_another_run_refutes_is_not_told() -> None:
     search.seen(choice, replace(fine, accuracy=1e-12))
     assert search.best is not None
     np.testing.assert_array_equal(search.best.error, fine.error)
+
+
+@pytest.mark.parametrize("limit", [60_000, 20_000])
+def test_taylors_method_goes_on_where_steps_are_too_many(limit: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wheel after 3,000 turns, whose angle is w t; with as few steps as a million turns would leave."""
+    for module in ("twolink.integrate.steps.stepping", "twolink.simulation.refinement"):
+        monkeypatch.setattr(f"{module}.MAX_STEPS", limit)
+    robot = tl.load_robot(PENDULUM.format(com=0.0, inertia=0.25, kind="continuous", limit=""))
+    scene = tl.Scene(robot, {"joint": 0.0}, {"joint": 2000.0 * math.pi}, effects=[])
+    run = tl.simulate(scene, 3.0, accuracy=1e-7, samples_per_second=1.0)
+    assert run.cost.method == "taylor"
+    assert run.cost.why.startswith("16 digits: dop853 ")
+    assert run.cost.steps < limit
+    angle = math.fmod(3.0 * 2000.0 * math.pi, 2.0 * math.pi)
+    off = abs(math.remainder(math.atan2(run.q[-1, 1], run.q[-1, 0]) - angle, 2.0 * math.pi))
+    assert off <= run.error[-1] <= 1e-7

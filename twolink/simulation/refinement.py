@@ -1,7 +1,7 @@
 """Refinement: what is tried next where an error bar is above the accuracy, and the error where nothing is left.
 
 Smaller settings come first, as long as truncation is a part of the bar that they can make smaller. Then other methods,
-and numbers of more digits: 31, then 47, by Taylor's method.
+the last of them Taylor's; where rounding is in the way, in numbers of more digits: 31, then 47.
 """
 
 from collections.abc import Iterator
@@ -102,7 +102,7 @@ class Refinement:
         self._settings, self.lost, self._verified = self._settings + 1, one.lost, one
         smaller = self._smaller(one)
         if smaller is not None and _steps_at(one, smaller.setting) > MAX_STEPS:
-            return self._other(self._more_digits(one))
+            return self._other(self._by_taylor(one))
         return smaller or self._other(self._others(one.choice.method, one))
 
     def _rounding(self, one: Verified) -> float:
@@ -112,14 +112,14 @@ class Refinement:
     def after_failure(self, choice: MethodChoice, code: str | None = None) -> MethodChoice | None:
         """The choice to try after a run that could not be solved: another method.
 
-        Where the steps were too many, methods of lower order would take more of them: only more digits help.
+        Where the steps were too many, methods of lower order would take more of them: Taylor's takes fewer.
         """
         if code == "too-many-steps" and self.precisions:
             most = UNKNOWN * MAX_STEPS  # tolerances, as no run shows less
-            unknown = (
-                more_digits(self.accuracy, one, "16 digits take too many steps", most) for one in self.precisions
-            )
-            return self._other(self._more_digits(self._verified) if self._verified else unknown)
+            why = f"{choice.method.name} takes too many steps"
+            same: tuple[Precision, ...] = ("double",) if choice.method.kind != "taylor" else ()
+            unknown = (by_taylor(self.accuracy, one, why, most) for one in (*same, *self.precisions))
+            return self._other(self._by_taylor(self._verified) if self._verified else unknown)
         return self._other(self._others(choice.method))
 
     def _other(self, every: Iterator[MethodChoice]) -> MethodChoice | None:
@@ -169,16 +169,18 @@ class Refinement:
                     yield MethodChoice(METHODS[name], first_setting(self.equations, METHODS[name], self.accuracy),
                                        f"{method.name} did not reach the accuracy")  # fmt: skip
         if one is not None:
-            yield from self._more_digits(one)
+            yield from self._by_taylor(one)
 
-    def _more_digits(self, one: Verified) -> Iterator[MethodChoice]:
-        """Numbers of more digits than those of a run, by Taylor's method."""
-        rounding = self._rounding(one)
+    def _by_taylor(self, one: Verified) -> Iterator[MethodChoice]:
+        """Taylor's method: in a run's digits, where another method's steps are what it lacks; then in more."""
+        rounding, choice = self._rounding(one), one.choice
+        if self.precisions and choice.method.kind != "taylor" and rounding < DECIDES * self.accuracy:
+            yield by_taylor(self.accuracy, choice.precision, _reached(one), _growth(one))
         for precision in self.precisions:
-            more = ROUNDING_UNIT[precision] / ROUNDING_UNIT[one.choice.precision]
+            more = ROUNDING_UNIT[precision] / ROUNDING_UNIT[choice.precision]
             reaches = not np.isfinite(rounding) or rounding * more <= MOST * self.accuracy
             if more < 1.0 and (reaches or precision == self.precisions[-1]):
-                yield more_digits(self.accuracy, precision, _reached(one), _growth(one))
+                yield by_taylor(self.accuracy, precision, _reached(one), _growth(one))
 
     @property
     def _kinks(self) -> bool:
@@ -223,14 +225,14 @@ def first_choice(
 ) -> MethodChoice:
     """The first choice of method and setting. more: the precisions beyond double that may be tried."""
     if more and accuracy < REACHED["double"]:
-        return more_digits(accuracy, more[-1] if accuracy < REACHED["extended"] else more[0], "the accuracy needs them")
+        return by_taylor(accuracy, more[-1] if accuracy < REACHED["extended"] else more[0], "the accuracy needs them")
     return choose(equations, accuracy, end, method, "double" if precision == "auto" else precision)
 
 
-def more_digits(
+def by_taylor(
     accuracy: float, precision: Precision, why: str = "asked for", growth: float = USUAL_GROWTH
 ) -> MethodChoice:
-    """Taylor's method in numbers of more digits, for an accuracy. growth: of the error of a run over its tolerance."""
+    """Taylor's method for an accuracy. growth: of the error of a run over its tolerance."""
     method = METHODS["taylor"]
     tolerance = max(accuracy / max(growth, USUAL_GROWTH), ROOM * smallest_tolerance(method, precision))
     return MethodChoice(method, tolerance, f"{DIGITS[precision]}: {why}", precision)
@@ -282,7 +284,7 @@ def _steps_at(one: Verified, tolerance: float) -> float:
 def _reached(one: Verified) -> str:
     """The error that the run before reached, in words."""
     reached = _largest(one.truncation) + _largest(one.rounding)
-    return f"{DIGITS[one.choice.precision]} reached {reached:.1e}"
+    return f"{one.choice.method.name} with {DIGITS[one.choice.precision]} reached {reached:.1e}"
 
 
 def _rounded_up(x: float) -> float:
