@@ -84,6 +84,11 @@ class ContactStepper:
     def _own_bodies(self) -> Multibody:
         return bodies_of(self.equations) if self.loops is None else Multibody(self.equations)
 
+    @property
+    def uses_python(self) -> bool:
+        """True if the native library does not take steps alone."""
+        return self.native is None or self.native.uses_python
+
     def another(self) -> ContactStepper:
         """A stepper of the same scene, for another motion and thread."""
         other = copy.copy(self)

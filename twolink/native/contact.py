@@ -102,10 +102,11 @@ class StepPlan:
 
 class ContactScene:
     """A scene in the native library, of which each thread that takes steps has one. misses: whether what touches within
-    a step may be no point before."""
+    a step may be no point before. uses_python: whether the library asks for points.
+    """
 
     def __init__(self, parts: Parts, finder: Finder | None = None, *, misses: bool = False) -> None:
-        self._sizes = tuple(int(size) for size in parts.sizes[1:4])
+        self._sizes, self.uses_python = tuple(int(size) for size in parts.sizes[1:4]), finder is not None
         self._pool = Pool(lambda: _Instance(parts, finder, misses=misses))
         self._pool.give(self._pool.take())  # what the library refuses is refused now
 

@@ -133,10 +133,10 @@ class Explanation(BaseResult, Plotted):
         """The expected time, in words."""
         what = f"{self.expected_seconds:.2g} s for {self.duration:g} s"
         if self.method == "stepped":
-            from twolink.simulation.stepped_run import PATIENCE  # which other scenes do not load
+            from twolink.simulation.stepped_run import STEPS  # which other scenes do not load
 
             return (f"{what} in such steps; a tenth of the error takes about ten times that, and without an accuracy "
-                    f"steps become smaller while that helps, for up to {PATIENCE:g} s")  # fmt: skip
+                    f"steps become smaller while that helps, at most {STEPS:,} of them")  # fmt: skip
         later = " and later events" if self.formulation.startswith("events") else ""
         return f"{what} at accuracy {self.accuracy:g}, error bar{later} not included"
 

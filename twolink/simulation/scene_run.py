@@ -72,7 +72,7 @@ def simulate(
         Simulated time, s; by default the scene's own.
     accuracy : float, optional
         Bound on the global error of q at every sample, max |difference(q, q_exact)|, rad or m; by default 1e-6. Of
-        contacts that are stepped, by default what the patience allows.
+        contacts that are stepped, by default what a count of steps allows that is the same on every machine.
     t_eval : array_like (n,), optional
         Times of the samples, s, increasing, from 0 at least to the duration at most.
     samples_per_second : float
@@ -95,8 +95,7 @@ def simulate(
         where they cannot be located any further and no accuracy is asked for, they are stepped from there (event
         "stepped").
     patience : float, optional
-        Wall clock that solving may take, s; by default 600, and 20 for smaller steps of contacts where no accuracy is
-        asked for.
+        Wall clock that solving may take, s; by default 600, and without end where contacts are stepped.
 
     Returns
     -------

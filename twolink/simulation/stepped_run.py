@@ -24,11 +24,11 @@ METHOD = "stepped"
 FIRST = 1e-2  # s: the first step
 STEPS = 200_000  # of a run
 WORK = 3_000_000  # steps times degrees of freedom of a run, where no accuracy is asked for: as many on every machine
+IN_PYTHON = 10.0  # times the work of a step that the native library takes alone
 PARTING = 2.0  # of the distance to a run of much smaller steps: STEPPED covers it where errors follow the step
 STRIDE = 32.0  # by which the step is made smaller at most before the error is looked at again
 SMALLER = 4.0  # by which it is where a run has failed
 ENOUGH = 1e-6  # rad, m: an estimate that is good enough where no accuracy is asked for
-PATIENCE = 20.0  # s of wall clock for a smaller one, which steps in Python alone may take
 HELPS = 0.9  # of the last estimate: smaller steps help below it
 TRIES = 2  # of smaller steps that do not help: chaotic motions have no smaller estimates
 BLOWN_UP = 1e3  # rad, m: distances above tell of steps that are too long for stiff forces
@@ -51,14 +51,18 @@ def simulate_stepped(
     """The run of a scene whose contacts are stepped, with samples at the times (n,).
 
     step: the caller's own [s], whose error is estimated and reported; None: smaller ones until the estimate is below
-    the accuracy. Without an accuracy steps become smaller while that helps, for up to a patience [s of wall clock, by
-    default 20], and the best run is returned. Raises AccuracyError, with the best run, where an accuracy takes too many
-    steps, or more time than a patience that is given. stepper: of the scene, where there is one.
+    the accuracy. Without an accuracy steps become smaller while that helps, down to a count that is the same on every
+    machine, and the best run is returned. Raises AccuracyError, with the best run, where an accuracy takes too many
+    steps. patience: of wall clock [s], for either. stepper: of the scene, where there is one.
     """
-    solve = functools.partial(_solved, scene, stepper or stepper_of(scene), times, progress)
+    stepper = stepper or stepper_of(scene)
+    solve = functools.partial(_solved, scene, stepper, times, progress)
     if step is None:
-        limit = patience or (PATIENCE if accuracy is None else math.inf)
-        return _StepRefinement(scene, solve, float(times[-1] - times[0]), accuracy, limit).run(verify=verify)
+        most = float(STEPS)
+        if accuracy is None:
+            most = min(most, WORK / max(1, scene.robot.nv) / (IN_PYTHON if stepper.uses_python else 1.0))
+        span, limit = float(times[-1] - times[0]), patience or math.inf
+        return _StepRefinement(scene, solve, span, accuracy, span / most, limit).run(verify=verify)
     coarse, seconds = solve(step, 0)
     if not verify or coarse.interrupted:
         return _trajectory(scene, coarse, seconds)
@@ -95,16 +99,18 @@ def _apart(coarse: SteppedSolution, fine: SteppedSolution) -> tuple[np.ndarray, 
 
 @dataclass
 class _StepRefinement:
-    """Runs of smaller and smaller steps over a time `span`, s. best: the one with the smallest estimate so far.
+    """Runs of smaller and smaller steps over a time `span`, s.
 
-    least, last: the estimates of that one and of the last one. tries: of smaller steps that did not help. tried: what
-    was, in words.
+    shortest: the smallest step [s], if the patience [s of wall clock] admits it. best: the run of the least estimate
+    so far. least, last: the estimates of that one and of the last one. tries: of smaller steps that did not help.
+    tried: what was, in words.
     """
 
     scene: Scene
     solve: Callable[[float, int], Solved]
     span: float
     accuracy: float | None
+    shortest: float
     patience: float
     best: Trajectory | None = None
     least: float = math.inf
@@ -171,10 +177,7 @@ class _StepRefinement:
     def _smallest(self, now: float, seconds: float) -> float:
         """The smallest step that there are steps and time for. seconds: of a run with steps now."""
         left = self.patience - (time.perf_counter() - self.began)
-        if left <= 0.0:
-            return math.inf
-        most = STEPS if self.accuracy is not None else min(STEPS, WORK / max(1, self.scene.robot.nv))
-        return max(self.span / most, seconds * now / left)
+        return max(self.shortest, seconds * now / left) if left > 0.0 else math.inf
 
     def _wanted(self, now: float, seconds: float) -> float | None:
         """The step that the accuracy calls for; None where it is too small, or smaller ones do not help."""
