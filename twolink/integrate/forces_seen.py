@@ -24,8 +24,7 @@ def forces_seen(equations: Equations, t: float | Array, x: Array) -> Forces:
         felt[:, body] = np.array([np.broadcast_to(part, count) for part in wrench]).T
 
     def on(link: str) -> Array:
-        total, loops = np.zeros((count, 3)), equations.constraints.loops if equations.constraints else ()
-        touching = [loop for loop in loops if loop.touches]
+        total, touching = np.zeros((count, 3)), equations.constraints.touching if equations.constraints else []
         nearest = {loop.pair: loop.gap.nearest(motion)  # type: ignore[attr-defined]
                    for loop in equations.layout.with_numbers(touching, list(states[equations.moving :]))}  # fmt: skip
         for pair, _, force in contacts(equations, times, states):

@@ -56,13 +56,12 @@ def contacts(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array,
         Of each, the pair of bodies, the point where it acts, m, and the force on the first body, N; world's axes.
     """
     constraints, found = equations.constraints, list[tuple[str, Array, Array]]()
-    if constraints is None or not any(loop.touches for loop in constraints.loops):
+    if constraints is None or not constraints.touching:
         return found
     states = _full(equations, x)
     every = constraints.all_multipliers(Evaluator(equations).by_numpy(t, states).multipliers)
-    closed = [loop for loop in constraints.loops if loop.touches]
-    if closed and len(constraints.kept) < len(constraints.all_rows):
-        every = within_laws(equations, closed, t, states, np.array(every, dtype=float))
+    if len(constraints.kept) < len(constraints.all_rows):
+        every = within_laws(equations, constraints.touching, t, states, np.array(every, dtype=float))
     motion = motion_of(equations, equations.mechanism, t, states, Numbers)
     loops = equations.layout.with_numbers(constraints.loops, list(states[equations.moving :]))
     for loop, rows in zip(loops, np.split(every, np.cumsum(constraints.counts)[:-1]), strict=True):

@@ -25,7 +25,6 @@ from twolink.effects.switching import ContactPoint, Switching
 from twolink.errors import AccuracyError
 from twolink.integrate.hybrid.force_share import Support, margins
 from twolink.integrate.hybrid.snapshot import Evaluator, Kinematics, Snapshot
-from twolink.integrate.motion.constraints import Constraints
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import motion_of
 from twolink.integrate.motion.state import Array
@@ -194,7 +193,7 @@ def _laws(states: _States) -> Iterator[tuple[str, Array, Array]]:
 def _snapshot(states: _States, contacts: Sequence[ContactPoint]) -> Snapshot:
     """Forces and accelerations, by the program that looks for events in this mode where there is one."""
     constraints = states.equations.constraints
-    closed = 0 if constraints is None or not _redundant(states.equations) else len(_closed(constraints))
+    closed = 0 if constraints is None or not _redundant(states.equations) else len(constraints.touching)
     conditions = states.switching.conditions
     return Evaluator(states.equations, contacts, conditions, traced=True, columns_of=closed)(states.t, states.x)
 
@@ -235,7 +234,7 @@ def _constraint_forces(states: _States, look: Snapshot, load: Array, powers: Arr
     if constraints is None:
         return
     yield "friction", (look.multipliers * powers).sum(axis=0) / (load * states.speed)
-    closed = [_with_static(states.switching, loop) for loop in _closed(constraints)]
+    closed = [_with_static(states.switching, loop) for loop in constraints.touching]
     if not closed:
         return
     every = constraints.all_multipliers(look.multipliers)
@@ -251,15 +250,10 @@ def _constraint_forces(states: _States, look: Snapshot, load: Array, powers: Arr
             yield "forces", (np.hypot(*across) - loop.friction * normal) / scale
 
 
-def _closed(constraints: Constraints) -> list[Any]:
-    """The constraints of closed contacts, which are the last ones."""
-    return [loop for loop in constraints.loops if loop.touches]
-
-
 def _redundant(equations: Equations) -> bool:
     """True if contacts have more rows than determine their forces: then they share them with what locks joints."""
     constraints = equations.constraints
-    return constraints is not None and len(constraints.kept) < len(constraints.all_rows) and bool(_closed(constraints))
+    return constraints is not None and len(constraints.kept) < len(constraints.all_rows) and bool(constraints.touching)
 
 
 def _margins(states: _States, look: Snapshot, closed: Sequence[Any]) -> Array:

@@ -128,8 +128,8 @@ class StateFormulas:
         finite = np.isfinite(theirs)
         off = np.abs(ours - theirs)[finite].max(initial=0.0) / (1.0 + np.abs(theirs[finite]).max(initial=0.0))
         if not (off <= AGREEMENT and np.array_equal(finite, np.isfinite(ours))):
-            raise CertificationError(f"the program of forces differs from NumPy's by {off:.1e}", where="events",
-                                     remedy="report it with the URDF")  # fmt: skip
+            raise CertificationError(f"the program of the {self.kind} differs from NumPy's by {off:.1e}",
+                                     where="events", remedy="report it with the URDF")  # fmt: skip
 
 
 class Evaluator(StateFormulas):

@@ -42,7 +42,7 @@ def assembled(constraints: Constraints, x: Array) -> Array:
 def independent(constraints: Constraints, q: np.ndarray) -> Constraints | None:
     """The constraints without redundant rows, here and along the motion; None where no row constrains anything."""
     random = np.random.default_rng(3)
-    far = BESIDE_CONTACTS if any(loop.touches for loop in constraints.loops) else 1.0
+    far = BESIDE_CONTACTS if constraints.touching else 1.0
     near = [q, *(pin.integrate(constraints.model, q, far * s * random.standard_normal(constraints.space.nv))
                  for s in SPREADS)]  # fmt: skip
     places, jacobians = _with_rows(constraints, list(_closed(constraints, np.array(near))[0]))

@@ -68,6 +68,11 @@ class Constraints:
         """The numbers of all rows, redundant ones too."""
         return range(sum(self.counts))
 
+    @property
+    def touching(self) -> list[Loop]:
+        """The constraints of closed contacts, which are the last ones."""
+        return [loop for loop in self.loops if loop.touches]
+
     def residuals(self, mech: Mechanism, q: Sequence[Any], xp: Any) -> list[Scalar]:
         """g(q) of all rows; 0 for those of velocities."""
         motion = KinematicState(self.model, mech, q, [0.0] * self.space.nv, 0.0, xp)
