@@ -20,22 +20,7 @@ from twolink.hard.page import lines, page, summary
 from twolink.hard.truths import distance
 
 PATIENCE = 300.0  # seconds: more is a hang on any machine
-LONG = {
-    "chaos-30s",
-    "dzhanibekov",
-    "fast-spin",
-    "four-bar-singular",
-    "governor",
-    "painleve",
-    "parallelogram",
-    "pendulum-1000s",
-    "redundant-hinge",
-    "stiction-reversals",
-    "stiff-elbow",
-    "stiff-spring",
-    "thirty-years",
-}
-# run by `twolink hard-cases`, as those that are slow
+LONG = {"pendulum-1000s", "stiction-reversals", "stiff-spring"}  # as slow as those that say so
 
 
 def parameters() -> list[object]:
@@ -46,7 +31,6 @@ def parameters() -> list[object]:
     return out
 
 
-@pytest.mark.some(4)
 @pytest.mark.parametrize("name", parameters())
 def test_case_meets_its_bar_or_says_that_it_does_not(name: str) -> None:
     (case,) = select_cases([name])

@@ -37,6 +37,7 @@ def _lock_some(equations: Equations, x: Array) -> None:
             locks[i] = 1.0
 
 
+@np.errstate(all="ignore")
 def certify_rate(equations: Equations, compiled: Any) -> None:
     """Compare a rate with Pinocchio's at the start and at states around it, beside closed loops too.
 
