@@ -14,6 +14,7 @@ from twolink.contact.bodies import FreeBodies
 from twolink.contact.compiled_steps import take_steps
 from twolink.contact.impulses import EXACT
 from twolink.contact.solver import stepper_of
+from twolink.contact.stepping import ContactStepper
 from twolink.contact.steps import Step, plan_steps
 from twolink.robots.collisions import AnyShape
 
@@ -37,9 +38,8 @@ SHAPES: dict[str, tuple[AnyShape, ...]] = {
 }
 
 
-def pairs_of_steps(scene: tl.Scene, h: float, count: int) -> Iterator[tuple[Step, Step]]:
+def pairs_of_steps(stepper: ContactStepper, h: float, count: int) -> Iterator[tuple[Step, Step]]:
     """A step by NumPy and the same one by the library, one after the other from NumPy's ends."""
-    stepper = stepper_of(scene)
     assert stepper.native is not None
     plan = plan_steps(stepper.equations, np.array([0.0, count * h]), h, 0)
     q, v, memory = stepper.begin
@@ -86,7 +86,7 @@ def require_same(one: Step, other: Step) -> None:
 def require_same_steps(scene: tl.Scene, h: float, count: int) -> None:
     """Steps are the same; a few may differ whose laws have several solutions, which both obey."""
     others, touched = 0, 0
-    for one, other in pairs_of_steps(scene, h, count):
+    for one, other in pairs_of_steps(stepper_of(scene), h, count):
         touched += one.impulses is not None
         if differ(one, other):
             others += 1
@@ -125,6 +125,26 @@ def thrown(kind: str, seed: int, restitution: float) -> tl.Scene:
 @pytest.mark.parametrize("kind", SHAPES)
 def test_steps_of_shapes_are_those_of_the_law(kind: str, seed: int, restitution: float) -> None:
     require_same_steps(thrown(kind, seed, restitution), 0.005, 120)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_steps_of_balls_on_rough_ground_are_those_of_the_law(seed: int) -> None:
+    """The largest ball is wider than a cell, the least one falls over an edge; and one begins with its middle below."""
+    random, radii = np.random.default_rng(seed), {"a": 0.12, "b": 0.03, "c": 0.07}
+    ground = E.HeightField(random.uniform(0.0, 0.1, (9, 7)), (0.1, 0.13), (-0.4, -0.4, 0.0))
+    places = {"a": (0.0, 0.0, 0.25), "b": (0.37, 0.3, 0.2), "c": (-0.2, 0.15, 0.22)}
+    contact = E.Contact(("self", *((name, ground) for name in radii)), 0.4, restitution=0.3,
+                        shapes={name: (E.Sphere(radius),) for name, radius in radii.items()})  # fmt: skip
+    robot = free_bodies(*radii)
+    q = np.concatenate([[*place, 0.0, 0.0, 0.0, 1.0] for place in places.values()])
+    scene = tl.Scene(robot, q, random.uniform(-1.0, 1.0, robot.nv), [E.Gravity(), contact])
+    assert not stepper_of(scene).uses_python
+    require_same_steps(scene, 0.002, 150)
+    q[16] = -0.02
+    below = stepper_of(scene).starting_at(q, 0.0 * scene.v)
+    assert below.overlap(q)[0] > 0.07
+    for one, other in pairs_of_steps(below, 0.002, 5):
+        require_same(one, other)
 
 
 def test_steps_of_many_free_bodies_with_effects_are_those_of_the_law() -> None:
@@ -203,7 +223,7 @@ def test_bodies_in_one_loop_are_one_island() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["box-stack", "grasp", "can-on-table", "arm-pushes-box", "quadruped-stands", "dominoes"]
+    "name", ["box-stack", "grasp", "can-on-table", "arm-pushes-box", "quadruped-stands", "dominoes", "marble-run"]
 )
 def test_bundled_scenes_have_the_same_run(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = tl.load_scene(name)

@@ -25,7 +25,7 @@ REFUSED = range(1, len(OUTCOMES))  # the codes
 
 
 def scenes() -> list[Parts]:
-    """Boxes on each other; and an arm with a stop and dry friction, and balls and a cylinder around it."""
+    """Boxes on each other; an arm with a stop and dry friction; balls and a cylinder around it on rough ground."""
     box = '<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
     names = "abc"
     text = "".join(f'<link name="{n}">{box}</link><joint name="{n}_joint" type="floating"><parent link="world"/>'
@@ -35,7 +35,8 @@ def scenes() -> list[Parts]:
     boxes = E.Contact(("self", "ground"), 0.5, restitution=0.3, shapes={name: (E.Box((0.2,) * 3),) for name in names})
     shapes = {"a": (E.Sphere(0.1),), "b": (E.Capsule(0.1, 0.1),), "c": (E.Cylinder(0.1, 0.1),)}
     arm = tl.load_robot("two_link")
-    rounds = E.Contact(("ground", ("a", "b"), ("a", "c")), 0.5, shapes=shapes)
+    rough = E.HeightField(((0.0, 0.1), (0.0, 0.0), (0.1, 0.0)), (0.4, 0.6), (-0.4, -0.3, 0.0))
+    rounds = E.Contact(("ground", ("a", rough), ("a", "b"), ("a", "c")), 0.5, shapes=shapes)
     joint, tip = arm.joints[0].name, arm.frame_names[-1]
     on_arm = [E.Gravity(), E.JointStops({joint: (-1.0, 1.0)}), E.DryFriction({joint: 0.1}),
               E.JointDamping({joint: 0.1}), E.Contact(((tip, E.Plane(height=-5.0)),), 0.5,

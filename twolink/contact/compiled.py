@@ -1,8 +1,8 @@
 """Scenes whose steps the native library takes, and these as arrays for it (`native/contact/scene.c`).
 
-It takes those of all joints, with stops, dry friction and loops. It finds
-the points of shapes on planes, of shapes that touch at one point that has a formula, and of boxes and meshes with few
-edges; those of others it asks the detector for. NumPy (`stepping`), whose law this is, takes all other scenes, single
+It takes those of all joints, with stops, dry friction and loops. It finds the points of shapes on planes, of balls on
+height fields, of shapes that touch at one point that has a formula, and of boxes and meshes with few edges; those of
+others it asks the detector for. NumPy (`stepping`), whose law this is, takes all other scenes, single
 steps that the library does not find, and all steps where there is no library.
 """
 
@@ -18,9 +18,10 @@ from twolink.algorithms.joint_models import read_joint
 from twolink.contact.bodies import Multibody
 from twolink.contact.joints import JointPoints, Laws, LoopRows
 from twolink.geometry.detection import ByFormula, Detector, Hulls
+from twolink.geometry.fields import FieldSurface
 from twolink.geometry.gaps import BoxGap, CylinderGap, RimGap, RoundGap
 from twolink.geometry.hulls import FEW, Hull
-from twolink.geometry.on_world import Group, OnPlanes, RimsOnPlanes, bounding_radius
+from twolink.geometry.on_world import Group, OnFields, OnPlanes, RimsOnPlanes, bounding_radius
 from twolink.geometry.pairs import gaps_of
 from twolink.geometry.points import Links, Places, joined
 from twolink.integrate.motion.state import Array
@@ -28,7 +29,7 @@ from twolink.native.contact import ContactScene, Found, Parts, runs_alone
 from twolink.native.library import library
 
 KINDS = ("free-flyer", "spherical", "planar", "revolute", "continuous", "prismatic")
-GROUPS = (OnPlanes, RimsOnPlanes, ByFormula)
+GROUPS = (OnPlanes, RimsOnPlanes, ByFormula)  # and those of balls on fields, and of hulls with few edges
 ENDLESS = 1e300  # m: the thickness of what has none
 
 
@@ -59,6 +60,8 @@ def is_covered(bodies: Multibody, loops: LoopRows | None) -> bool:
 
 def is_found_natively(group: Group) -> bool:
     """True if the native library finds the points of a group."""
+    if type(group) is OnFields:
+        return all(body.is_ball for body in group.bodies)
     if type(group) is Hulls:
         return all(_edges(group, a) * _edges(group, b) <= FEW for a, b in group.ends.tolist())
     return type(group) in GROUPS
@@ -99,18 +102,21 @@ class _Scene:
     def arrays(self) -> tuple[list[int], Array, Array]:
         """The sizes, the whole numbers and the numbers."""
         balls, planes, rims = self._on_planes()
+        fields, on_fields = self._on_fields()
         rounds = [row for group in self._groups(ByFormula) for row in self._rounds(cast(ByFormula, group))]
+        rows = [*planes, *rims, *fields, *on_fields, *rounds]
         hulls, solids, pairs = self._hulls()
         laws, (stops, ways) = self.laws, self._joints()
         model, viscosity = self.model, self.bodies.viscosity
         sizes = [model.njoints, model.nq, model.nv, self._numbers(), len(self.detector.names), sum(map(len, balls)),
-                 len(planes),  len(rims), len(rounds), len(hulls), len(solids), len(pairs), len(stops)]  # fmt: skip
+                 len(planes), len(rims), len(fields), len(on_fields), len(rounds), len(hulls), len(solids), len(pairs),
+                 len(stops)]  # fmt: skip
         thickness = np.where(np.isfinite(laws.thickness), laws.thickness, ENDLESS)
         of_bodies, of_joints = self._bodies()
-        whole = [of_bodies, *(rows[:, 0] for rows in balls), *(row[0] for row in (*planes, *rims, *rounds)),
+        whole = [of_bodies, *(one[:, 0] for one in balls), *(row[0] for row in rows),
                  *(_whole_of(hull) for hull in hulls), *(row[0] for row in solids), *pairs, *stops]  # fmt: skip
         numbers = [model.gravity.linear, of_joints, model.armature, viscosity,
-                   *(rows[:, k] for k in range(1, 5) for rows in balls), *(row[1] for row in (*planes, *rims, *rounds)),
+                   *(one[:, k] for k in range(1, 5) for one in balls), *(row[1] for row in rows),
                    *(_numbers_of(hull) for hull in hulls), *(row[1] for row in solids), *ways, laws.friction,
                    laws.static, laws.restitution, laws.threshold, thickness, laws.pressing]  # fmt: skip
         return sizes, _joined(whole).astype(np.int32), _joined(numbers)
@@ -179,6 +185,18 @@ class _Scene:
         axis = self._at(gap.link, gap.axis, turned=True)
         return [pair, joint, feature], [*gap.normal, gap.height, *point, *axis, gap.radius]
 
+    def _on_fields(self) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
+        """Height fields, and balls over them."""
+        surfaces, balls = list[FieldSurface](), list[tuple[Any, Any]]()
+        for one in self._groups(OnFields):
+            group = cast(OnFields, one)
+            for pair, link, body, surface, origin in zip(group.pair.tolist(), group.links, group.bodies, group.surfaces,
+                                                         group.origins.T, strict=True):  # fmt: skip
+                surfaces += [surface] * (surface not in surfaces)
+                whole = [pair, self._placed(link)[0], surfaces.index(surface)]
+                balls.append((whole, [*self._at(link, origin), body.radius]))
+        return [_field(surface) for surface in surfaces], balls
+
     def _rounds(self, group: ByFormula) -> Iterable[tuple[Any, Any]]:
         bounds = group.bounds[group.ends].sum(axis=1).tolist()
         for pair, number, bound in zip(group.pairs, group.pair.tolist(), bounds, strict=True):
@@ -229,6 +247,10 @@ class _Scene:
         stops, locks = self.joints.stops, self.joints.locks
         whole = [*([1, stop.entry, stop.dof] for stop in stops), *([0, 0, lock.dof] for lock in locks)]
         return whole, [*([float(stop.position), float(stop.side)] for stop in stops), *([0.0, 1.0] for _ in locks)]
+
+
+def _field(one: FieldSurface) -> tuple[Any, Any]:
+    return [*one.heights.shape], [*one.cell, *one.origin, one.top, *one.heights.ravel()]
 
 
 def _rims_of(group: RimsOnPlanes) -> Iterable[tuple[int, int, RimGap]]:

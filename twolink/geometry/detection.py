@@ -229,7 +229,7 @@ def _kind(pair: Pair) -> tuple[type[Group], str]:
     """The group that finds the points of a pair, and the kind of its shapes where that has a formula for each."""
     a, b = pair.first.shape, pair.second
     if isinstance(b, HeightField):
-        return OnFields, ""
+        return OnFields, "Sphere" if isinstance(a, Sphere) else ""
     if isinstance(b, Plane):
         return (RimsOnPlanes if isinstance(a, Cylinder) else OnPlanes), ""
     shapes, flat = (a, b.shape), (Box, Convex)

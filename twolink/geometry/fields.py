@@ -74,14 +74,15 @@ class HeightField(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_f
 
 
 class FieldSurface:
-    """The triangles of a height field in the world.
+    """The triangles of a height field in the world. heights (nx, ny): above the origin; cell, origin: of the grid.
 
     corners (nx, ny, 3). triangles (nx - 1, ny - 1, 2, 3, 3), normals (nx - 1, ny - 1, 2, 3). ridges (n, 2, 3): the ends
     of edges beside which both triangles lie lower. bounds (2, n, 2): of each the least and the largest x and y.
     """
 
     def __init__(self, field: HeightField) -> None:
-        z, self.cell, self.origin = np.array(field.heights, float), np.array(field.cell, float), np.array(field.point)
+        z = self.heights = np.array(field.heights, float)
+        self.cell, self.origin = np.array(field.cell, float), np.array(field.point)
         grid = np.stack(np.meshgrid(*(np.arange(count) for count in z.shape), indexing="ij"), axis=2)
         x = self.corners = np.concatenate([grid * self.cell, z[..., None]], axis=2) + self.origin
         self.size, self.top = np.array(z.shape) - 1, float(x[..., 2].max())

@@ -25,7 +25,7 @@ class FieldBody:
         elif isinstance(shape, (Sphere, Capsule, Cylinder)):
             self.radius, half = float(shape.radius), 0.5 * float(getattr(shape, "length", 0.0))
             self.corners = np.array([[0.0, 0.0, -half], [0.0, 0.0, half]]) if half else self.corners
-        self.rims = isinstance(shape, Cylinder)
+        self.rims, self.is_ball = isinstance(shape, Cylinder), isinstance(shape, Sphere)
 
     def touches(self, surface: FieldSurface, rotation: Array, origin: Array, reach: float) -> list[TouchPoint]:
         """The points at which the placed body touches a surface, with gaps below the reach."""

@@ -120,7 +120,8 @@ class OnFields(Group):
 
     def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
         self.pair = np.array([pair_number for pair_number, _ in items])
-        self.link = np.array([number[pair.first.link] for _, pair in items])
+        self.links = [pair.first.link for _, pair in items]
+        self.link = np.array([number[link] for link in self.links])
         self.bodies = [FieldBody(pair.first.shape) for _, pair in items]
         self.surfaces = [surface_of(cast(HeightField, pair.second)) for _, pair in items]
         places = [pair.first.shape.placement for _, pair in items]

@@ -13,7 +13,7 @@ Array = np.ndarray[Any, np.dtype[Any]]
 
 
 class Parts(NamedTuple):
-    """A scene as arrays, in the order of `tl_contact_new` of native/contact/scene.c: sizes (14,), whole, numbers.
+    """A scene as arrays, in the order of `tl_contact_new` of native/contact/scene.c: sizes (16,), whole, numbers.
 
     program: of (t, q, v, numbers) for tau - h; None for bodies on which gravity alone acts. loops: of q for their gaps
     and rows; None without.

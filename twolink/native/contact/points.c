@@ -1,5 +1,5 @@
-/* Points at which bodies touch or are about to: of balls and rims over planes, of
-joints, and of shapes that have no formula here, whose points the caller finds. See geometry/detection.py. */
+/* Points at which bodies touch or are about to: of balls and rims over planes, of joints, and of shapes that have no formula
+here, whose points the caller finds. See geometry/detection.py. */
 #include "scene.h"
 #include "vectors.h"
 
@@ -126,6 +126,7 @@ void tl_detect(tl_scene *s, double reach) {
   s->count = s->buried = 0;
   balls(s, reach);
   rims(s, reach);
+  tl_detect_fields(s, reach);
   tl_detect_rounds(s, reach);
   tl_detect_hulls(s, reach);
   tl_detect_others(s, reach);
@@ -149,6 +150,7 @@ double tl_overlap(tl_scene *s, const double *q) {
   s->count = 0;
   balls(s, 0.0);
   rims(s, 0.0);
+  tl_detect_fields(s, 0.0);
   tl_detect_rounds(s, 0.0);
   if (q) tl_joint_gaps(s, q);
   for (int k = 0; k < s->count; k++) most = tl_larger(most, -s->points[k].gap);

@@ -4,7 +4,7 @@
 
 #include <stdlib.h>
 
-enum { SIZES = 14, MOST = 10000000, SMALL = 1 << 16, LARGE = 1 << 24 };
+enum { SIZES = 16, MOST = 10000000, SMALL = 1 << 16, LARGE = 1 << 24 };
 
 /* The arrays that a scene is made of, read from front to back. failed: more was asked for than there is. */
 typedef struct {
@@ -144,6 +144,25 @@ static void read_planes(tl_scene *s, reader *r) {
   }
 }
 
+static void read_fields(tl_scene *s, reader *r) {
+  for (int k = 0; k < s->fields && !r->failed; k++) {
+    tl_field *one = s->field + k;
+    for (int i = 0; i < 2; i++) one->count[i] = next_index(r, 2, SMALL);
+    next_numbers(r, one->cell, 2);
+    next_numbers(r, one->origin, 3);
+    one->top = next_number(r);
+    if (!(one->cell[0] > 0 && one->cell[1] > 0) || (int64_t)one->count[0] * one->count[1] > MOST) r->failed = 1;
+    one->height = own_numbers(s, r, one->count[0] * one->count[1]);
+  }
+  for (int k = 0; k < s->on_fields && !r->failed; k++) {
+    tl_on_field *one = s->on_field + k;
+    one->pair = next_index(r, 0, s->pairs), one->body = next_index(r, 0, s->bodies);
+    one->field = next_index(r, 0, s->fields);
+    next_numbers(r, one->point, 3);
+    one->radius = next_number(r);
+  }
+}
+
 static void read_rounds(tl_scene *s, reader *r) {
   for (int k = 0; k < s->rounds && !r->failed; k++) {
     tl_round *one = s->round + k;
@@ -251,6 +270,8 @@ static void own_parts(tl_scene *s, reader *r) {
   s->factor_at = own(s, r, nv, sizeof(size_t));
   s->on_plane = own(s, r, (size_t)s->on_planes, sizeof(tl_on_plane));
   s->rim = own(s, r, (size_t)s->rims, sizeof(tl_rim));
+  s->field = own(s, r, (size_t)s->fields, sizeof(tl_field));
+  s->on_field = own(s, r, (size_t)s->on_fields, sizeof(tl_on_field));
   s->round = own(s, r, (size_t)s->rounds, sizeof(tl_round));
   s->hull = own(s, r, (size_t)s->hulls, sizeof(tl_hull));
   s->solid = own(s, r, (size_t)s->solids, sizeof(tl_solid));
@@ -263,7 +284,7 @@ static void own_parts(tl_scene *s, reader *r) {
 }
 
 /* A scene from whole numbers and numbers in the order of this file. sizes: bodies with the ground, nq, nv, numbers, pairs,
-balls, planes with bodies over them, rims, rounds, hulls, solids, pairs of hulls, points of joints, rows of loops. program: of (t, q, v,
+balls, planes with bodies over them, rims, fields, balls over fields, rounds, hulls, solids, pairs of hulls, points of joints, rows of loops. program: of (t, q, v,
 numbers) for tau - h, or NULL; loops: of q for gaps and rows of loops, or NULL; find: finds other points, or NULL. They must
 outlive the scene. misses: as of it. Returns a code; the scene is written to `made`. */
 TL_API int tl_contact_new(const int32_t *sizes, int64_t wholes, const int32_t *whole, int64_t numbers, const double *number,
@@ -278,8 +299,8 @@ TL_API int tl_contact_new(const int32_t *sizes, int64_t wholes, const int32_t *w
   tl_scene *s = calloc(1, sizeof *s);
   if (!s) return TL_NO_MEMORY;
   int *const own_sizes[SIZES] = {&s->bodies, &s->nq, &s->nv, &s->numbers, &s->pairs, &s->balls, &s->on_planes, &s->rims,
-                              &s->rounds, &s->hulls, &s->solids, &s->hull_pairs, &s->joint_points,
-                              &s->loops};
+                              &s->fields, &s->on_fields, &s->rounds, &s->hulls, &s->solids, &s->hull_pairs,
+                              &s->joint_points, &s->loops};
   for (int k = 0; k < SIZES; k++) *own_sizes[k] = sizes[k];
   reader r = {whole, number, wholes, numbers, s->bodies < 1};
   s->program = program, s->loop_program = loops, s->level = level, s->ended = s->ends;
@@ -294,6 +315,7 @@ TL_API int tl_contact_new(const int32_t *sizes, int64_t wholes, const int32_t *w
   s->armature = own_numbers(s, &r, s->nv);
   s->viscosity = own_numbers(s, &r, s->nv);
   if (!r.failed) read_planes(s, &r);
+  if (!r.failed) read_fields(s, &r);
   if (!r.failed) read_rounds(s, &r);
   if (!r.failed) read_hulls(s, &r);
   if (!r.failed) read_laws(s, &r);

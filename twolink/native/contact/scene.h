@@ -39,6 +39,18 @@ typedef struct {
   double normal[3], height, point[3], axis[3], radius;
 } tl_rim;
 
+/* Heights over a grid (count), row by row along y; top: the highest. See geometry/fields.py. */
+typedef struct {
+  int count[2];
+  double cell[2], origin[3], top, *height;
+} tl_field;
+
+/* A ball of a body over a field. */
+typedef struct {
+  int pair, body, field;
+  double point[3], radius;
+} tl_on_field;
+
 enum tl_round_kind { TL_SEGMENTS, TL_BALL_BOX, TL_BALL_CYLINDER, TL_ROUND_KINDS };
 
 /* A ball or a capsule and another shape. centre: of both; half: from the middles of segments to their ends; axes, edges: of
@@ -134,7 +146,7 @@ enum tl_solver { TL_NEWTON, TL_PROXIMAL };
 /* A scene: its parts, which stay, and what its steps work with. buried: there are points that are not found. misses: whether what
 touches within a step may be no point before. */
 typedef struct {
-  int bodies, nq, nv, numbers, pairs, balls, on_planes, rims, rounds, hulls, solids, hull_pairs, joint_points, loops, level;
+  int bodies, nq, nv, numbers, pairs, balls, on_planes, rims, fields, on_fields, rounds, hulls, solids, hull_pairs, joint_points, loops, level;
   double gravity[3];
   tl_body *body;
   int32_t *dof_parent, *dof_body, *dof_depth, *feature;
@@ -142,6 +154,8 @@ typedef struct {
   double *armature, *viscosity, *ball[3], *radius;
   tl_on_plane *on_plane;
   tl_rim *rim;
+  tl_field *field;
+  tl_on_field *on_field;
   tl_round *round;
   tl_hull *hull;
   tl_solid *solid;
@@ -193,6 +207,7 @@ int tl_loop_parts(tl_scene *s, tl_row *row);
 void tl_add_point(tl_scene *s, const tl_point *point);
 void tl_detect(tl_scene *s, double reach);
 double tl_overlap(tl_scene *s, const double *q);
+void tl_detect_fields(tl_scene *s, double reach);
 void tl_detect_rounds(tl_scene *s, double reach);
 void tl_detect_hulls(tl_scene *s, double reach);
 double tl_hull_overlap(tl_scene *s);
