@@ -28,10 +28,12 @@ from twolink.integrate.motion.state import Array
 RANK = 1e-6  # relative: singular values below it are 0; slow slips have directions with so much rounding
 ENOUGH = 0.02  # of the load
 SAME = 1e-13  # relative: generalized forces that are the same
-GROWTH, LAST, NEWTON = 8.0, 1e14, 40  # of the weight of the margin on the central path; Newton's steps for each
+GROWTH, LAST, NEWTON = 32.0, 1e14, 40  # of the weight of the margin on the central path; Newton's steps for each
+ALONG = 6  # steps of the search for the minimum along one of those
 TIGHT = 1e-2  # of the mean weight of a law in the optimum: it is at its limit
 BROKEN = 1e-9  # of the largest force: a law that is broken
 EMPTY = 1e-6  # of the load: a normal force that is 0
+SIGNS = np.array([1.0, -1.0, -1.0])  # of t^2 - |T|^2
 
 
 @dataclass(frozen=True)
@@ -244,22 +246,38 @@ def _applied(ways: Array, y: Array) -> Array:
 
 def _central(y: Array, start: Array, cone: Array, weight: float) -> Array:
     """The minimum of -weight s - sum log(t^2 - |T|^2), from an interior point y (n, k), by Newton's method."""
-    signs = np.array([1.0, -1.0, -1.0])
     n, contacts, _, k = cone.shape
     flat = cone.reshape(n, 3 * contacts, k)
     for _ in range(NEWTON):
         u = start + _applied(cone, y)
         inverse = 1.0 / _square(u)
-        rows = ((signs * u)[:, :, None, :] @ cone)[:, :, 0]
+        rows = ((SIGNS * u)[:, :, None, :] @ cone)[:, :, 0]
         slope = -2.0 * (inverse[:, None, :] @ rows)[:, 0]
         slope[:, -1] -= weight
         scaled = (2.0 * inverse)[:, :, None] * rows
-        turned = (inverse[:, :, None] * signs).reshape(n, -1, 1) * flat
+        turned = (inverse[:, :, None] * SIGNS).reshape(n, -1, 1) * flat
         bend = scaled.swapaxes(1, 2) @ scaled - 2.0 * flat.swapaxes(1, 2) @ turned
         bend += 1e-13 * np.einsum("nkk->n", bend)[:, None, None] * np.eye(k)
         step = -np.linalg.solve(bend, slope[..., None])[..., 0]
         decrease = np.sqrt(np.maximum(0.0, -(slope * step).sum(axis=1)))
-        y = y + (step / (1.0 + decrease)[:, None] if decrease.max() > 0.25 else step)
-        if decrease.max() <= 1e-3:
+        far = decrease.max()
+        y = y + (step if far <= 0.25 else _length(weight * step[:, -1], u, _applied(cone, step), decrease) * step)
+        if far <= 1e-3:
             break
     return y
+
+
+def _length(gain: Array, u: Array, way: Array, decrease: Array) -> Array:
+    """The lengths (n, 1) of ways from u (n, contacts, 3) to the minimum along them, by damped steps of Newton's method.
+
+    gain: of the weighted margin along each. The steps stay inside, since the logarithms are self-concordant (Boyd,
+    Vandenberghe, section 9.6).
+    """
+    c, b, a = _square(u), (SIGNS * u * way).sum(axis=-1), _square(way)  # a length^2 + 2 b length + c
+    length = 1.0 / (1.0 + decrease)
+    for _ in range(ALONG):
+        square = (a * length[:, None] + 2.0 * b) * length[:, None] + c
+        rate = 2.0 * (a * length[:, None] + b) / square
+        slope, bend = gain + rate.sum(axis=1), np.maximum(1e-300, (rate**2 - 2.0 * a / square).sum(axis=1))
+        length = length + slope / (bend + np.abs(slope) * np.sqrt(bend))
+    return length[:, None]
