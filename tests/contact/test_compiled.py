@@ -138,7 +138,7 @@ def test_steps_of_balls_on_rough_ground_are_those_of_the_law(seed: int) -> None:
     robot = free_bodies(*radii)
     q = np.concatenate([[*place, 0.0, 0.0, 0.0, 1.0] for place in places.values()])
     scene = tl.Scene(robot, q, random.uniform(-1.0, 1.0, robot.nv), [E.Gravity(), contact])
-    assert not stepper_of(scene).uses_python
+    assert stepper_of(scene).price == 1.0
     require_same_steps(scene, 0.002, 150)
     q[16] = -0.02
     below = stepper_of(scene).starting_at(q, 0.0 * scene.v)

@@ -24,7 +24,6 @@ METHOD = "stepped"
 FIRST = 1e-2  # s: the first step
 STEPS = 200_000  # of a run
 WORK = 3_000_000  # steps times degrees of freedom of a run, where no accuracy is asked for: as many on every machine
-IN_PYTHON = 10.0  # times the work of a step that the native library takes alone
 PARTING = 2.0  # of the distance to a run of much smaller steps: STEPPED covers it where errors follow the step
 STRIDE = 32.0  # by which the step is made smaller at most before the error is looked at again
 SMALLER = 4.0  # by which it is where a run has failed
@@ -60,7 +59,7 @@ def simulate_stepped(
     if step is None:
         most = float(STEPS)
         if accuracy is None:
-            most = min(most, WORK / max(1, scene.robot.nv) / (IN_PYTHON if stepper.uses_python else 1.0))
+            most = min(most, WORK / (stepper.price * max(1, scene.robot.nv)))
         span, limit = float(times[-1] - times[0]), patience or math.inf
         return _StepRefinement(scene, solve, span, accuracy, span / most, limit).run(verify=verify)
     coarse, seconds = solve(step, 0)
