@@ -146,16 +146,16 @@ class Verification:
                 seen = each[companions.seldom, OFTEN:].repeat(companions.stride, axis=0)
                 each[1:, OFTEN:] = seen[-len(each) + 1 :]
             run = replace(run, verify_seconds=run.verify_seconds + spent)
-            if self._is_enough(count, each):
+            if self._is_enough(run, count, each):
                 break
             spent, self._few = run.seconds + run.verify_seconds, False
         return self._with_parts(run, each)
 
-    def _is_enough(self, count: int, each: Array) -> bool:
+    def _is_enough(self, run: Verified, count: int, each: Array) -> bool:
         """True if so many disturbed solutions suffice: more of them could not lessen the bar by much, or not enough."""
-        far, most = float(each[:, 1:].max()), max(IN_COLUMNS)
-        return bool(DISTURBED[count] * far <= max(ENOUGH * self._accuracy, each[:, 0].max())
-                    or DISTURBED[most] * far > self._accuracy > 0.0)  # fmt: skip
+        finer, far = each[:, 0].max(), each[:, 1:].max()
+        least = truncation_factor(run.choice.method, run.solution.steps) * finer + DISTURBED[max(IN_COLUMNS)] * far
+        return bool(DISTURBED[count] * far <= max(ENOUGH * self._accuracy, finer) or least > self._accuracy > 0.0)
 
     def _in_loop(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run of a sampled loop and pairs of finer solutions, whose disturbances mirror each other, as columns.
@@ -174,7 +174,7 @@ class Verification:
             truncation = distances(space, own, 0.5 * (one + other)).max(axis=1, keepdims=True)
             each = np.concatenate([truncation, 0.5 / WIDE * distances(space, one, other)], axis=1)
             run = replace(run, verify_seconds=run.verify_seconds + spent)
-            if self._is_enough(pairs, each):
+            if self._is_enough(run, pairs, each):
                 break
             spent = run.seconds + run.verify_seconds
         return self._with_parts(run, _in_doubt(run, each))
