@@ -4,6 +4,7 @@ numbers above 0; and external wrenches on named frames.
 
 import functools
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeVar
@@ -70,7 +71,7 @@ def array(
     """
     if value is None:
         raise QueryError("expected numbers, got None", argument=name, remedy="give the array")
-    if isinstance(value, np.ma.MaskedArray):
+    if "numpy.ma" in sys.modules and isinstance(value, np.ma.MaskedArray):  # importing it takes as long as a query
         raise QueryError("expected an array, got one with a mask", argument=name, remedy="fill it: value.filled(...)")
     try:
         out = np.asarray(value)
