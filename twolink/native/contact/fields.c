@@ -154,7 +154,7 @@ static void keep_each_once(tl_scene *s, int begin) {
   s->count = kept;
 }
 
-/* The triangles that a ball touches, each plane once. */
+/* The triangles that a ball, or a point, touches, each plane once. */
 static void ball(tl_scene *s, const tl_on_field *one, double reach) {
   const tl_field *f = s->field + one->field;
   const int begin = s->count;
@@ -164,6 +164,7 @@ static void ball(tl_scene *s, const tl_on_field *one, double reach) {
   if (!(x[2] - one->radius - reach <= f->top)) return;
   const int is_over = below(f, x, &under);
   const double deep = is_over ? height_above(&under, x) : INFINITY;
+  const int is_above = one->radius > 0 && deep > 0;
   const cells at = cells_within(f, x, one->radius + reach);
   for (int i = at.first[0]; i < at.end[0]; i++)
     for (int k = at.first[1]; k < at.end[1]; k++)
@@ -171,18 +172,18 @@ static void ball(tl_scene *s, const tl_on_field *one, double reach) {
         const triangle here = triangle_of(f, i, k, half);
         nearest(&here, x, on);
         const double height = height_above(&here, x);
-        if (deep > 0) {
+        if (is_above) {
           tl_minus(x, on, way);
           const double far = tl_length(way);
           if (!(far - one->radius < reach)) continue;
           for (int c = 0; c < 3; c++) way[c] /= far;
           if (supports(f, on, way)) add(s, one, x, far, way);
-        } else if (height - one->radius < reach && height >= FARTHER * deep - SAME) {
+        } else if (height - one->radius < reach && height >= FARTHER * (deep < 0 ? deep : 0) - SAME) {
           for (int c = 0; c < 3; c++) way[c] = x[c] - height * here.normal[c] - on[c];
           if (tl_length(way) <= SAME) add(s, one, x, height, here.normal);
         }
       }
-  if (s->count == begin && is_over && !(deep > 0)) add(s, one, x, deep, under.normal);
+  if (s->count == begin && is_over && !is_above && deep - one->radius < reach) add(s, one, x, deep, under.normal);
   keep_each_once(s, begin);
 }
 
