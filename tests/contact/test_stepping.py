@@ -192,13 +192,13 @@ def test_how_small_steps_become_is_no_matter_of_time(monkeypatch: pytest.MonkeyP
     """Without an accuracy steps are as many on a machine that is 1,000 s from one look at its clock to the next."""
     monkeypatch.setattr(stepped_run, "WORK", 1e5)
     scene = tl.load_scene("dominoes")
-    one = tl.simulate(scene, 0.1)
+    one, *others = (tl.simulate(scene, 0.1, patience=patience) for patience in (10.0, 1000.0, None))
     monkeypatch.setattr(stepped_run, "time", SimpleNamespace(perf_counter=itertools.count(0.0, 1000.0).__next__))
-    other = tl.simulate(scene, 0.1)
-    assert one.cost is not None
-    assert other.cost is not None
-    assert one.cost.why == other.cost.why
-    np.testing.assert_array_equal(one.q, other.q)
+    for other in (*others, tl.simulate(scene, 0.1)):
+        assert one.cost is not None
+        assert other.cost is not None
+        assert one.cost.why == other.cost.why
+        np.testing.assert_array_equal(one.q, other.q)
 
 
 def test_finer_runs_that_are_elsewhere_refute_an_estimate(monkeypatch: pytest.MonkeyPatch) -> None:

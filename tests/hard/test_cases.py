@@ -20,7 +20,7 @@ from twolink.hard.page import lines, page, summary
 from twolink.hard.truths import distance
 
 PATIENCE = 300.0  # seconds: more is a hang on any machine
-LONG = {"pendulum-1000s", "stiction-reversals", "stiff-spring"}  # as slow as those that say so
+LONG = {"pendulum-1000s", "stiction-reversals", "stiff-spring"}  # slow too: they take more than a second
 
 
 def parameters() -> list[object]:

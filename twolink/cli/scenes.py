@@ -140,7 +140,7 @@ def run(
     tolerance: Annotated[float | None, Option(help="Tolerance of an adaptive method, in place of --accuracy.")] = None,
     step: Annotated[float | None, Option(help="Step of a fixed-step method, s, in place of --accuracy.")] = None,
     precision: Annotated[str, Option(help="double (16 digits), extended (31) or quad (47); auto: as needed.")] = "auto",
-    patience: Annotated[float | None, Option(help="Seconds for solving: 600, where contacts are stepped any.")] = None,
+    patience: Annotated[float | None, Option(help="Seconds of solving: 600, or no limit for stepped contacts.")] = None,
     contact: ContactWay = None,
     ground: Annotated[
         bool | None,

@@ -187,14 +187,12 @@ class _Scene:
 
     def _on_fields(self) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
         """Height fields, and balls over them."""
-        surfaces, balls = list[FieldSurface](), list[tuple[Any, Any]]()
-        for one in self._groups(OnFields):
-            group = cast(OnFields, one)
-            for pair, link, body, surface, origin in zip(group.pair.tolist(), group.links, group.bodies, group.surfaces,
-                                                         group.origins.T, strict=True):  # fmt: skip
-                surfaces += [surface] * (surface not in surfaces)
-                whole = [pair, self._placed(link)[0], surfaces.index(surface)]
-                balls.append((whole, [*self._at(link, origin), body.radius]))
+        groups = [cast(OnFields, group) for group in self._groups(OnFields)]
+        surfaces = list(dict.fromkeys(surface for group in groups for surface in group.surfaces))
+        balls = [([pair, self._placed(link)[0], surfaces.index(surface)], [*self._at(link, origin), body.radius])
+                 for group in groups for pair, link, body, surface, origin in zip(
+                     group.pair.tolist(), group.links, group.bodies, group.surfaces, group.origins.T, strict=True)
+                 ]  # fmt: skip
         return [_field(surface) for surface in surfaces], balls
 
     def _rounds(self, group: ByFormula) -> Iterable[tuple[Any, Any]]:

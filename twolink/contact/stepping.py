@@ -56,7 +56,7 @@ DEEPEST = 0.25  # of half the bodies' thickness: a step that brings bodies deepe
 FARTHEST = 0.5  # of it: so is one half of which they move farther against each other, for they could pass through
 HALVINGS = 10
 UNSEEN, UNSEEN_HALVINGS = 0.01, 6  # of the reach of a step: one after which hulls overlap by so much more is halved
-POINTS_IN_PYTHON, IN_PYTHON = 10.0, 100.0  # times the time of a step: see `ContactStepper.price`
+POINTS_IN_PYTHON, IN_PYTHON = 10.0, 100.0  # times as long: steps whose points Python finds; those of NumPy
 
 
 class ContactStepper:
@@ -87,7 +87,7 @@ class ContactStepper:
 
     @property
     def price(self) -> float:
-        """The time of a step, about, in that of one that the native library takes alone."""
+        """About how many times as long a step takes as one that the native library takes alone."""
         return IN_PYTHON if self.native is None else POINTS_IN_PYTHON if self.native.uses_python else 1.0
 
     def another(self) -> ContactStepper:

@@ -25,7 +25,8 @@ static inline void N(sincos)(V x, V *s, V *c) {
     }
 }
 
-/* Place z of an instruction, of which each quad is loaded as a whole. */
+/* Number z of an instruction. A quad is loaded at once, which takes less time than four numbers; its first is the lowest on
+all processors that the library is built for. */
 #define PLACE(z) (((z) < 4 ? quad0 : (z) < 8 ? quad1 : quad2) >> (16 * ((z) % 4)) & 0xffff)
 #define REGISTER(z) (*(const V *)(registers + PLACE(z)))
 #define RESULT (*(V *)(registers + PLACE(0)))

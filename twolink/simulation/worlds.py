@@ -56,9 +56,8 @@ def simulate_many(
         By name (`scenes.parameters`): physical constants such as "forearm.mass", numbers of effects by the effect's
         place in the scene, its field and what is in that, "effects.1.damping.elbow", or coordinates, "q.elbow".
     accuracy : float, optional
-        Bound on the global error of q, rad or m; by default 1e-6, and of contacts that are stepped as of
-        `simulate`. Worlds whose error bar is above it are solved again with smaller tolerances,
-        where those can reach it; a bar that is still above is reported in `error`.
+        Bound on the global error of q, rad or m; by default as in `simulate`. Worlds whose error bar is above it are
+        solved again with smaller tolerances, where those can reach it; a bar that is still above is in `error`.
     t_eval : array_like (m,), optional
         Times of the samples, s, increasing, from 0 at least to the duration at most.
     samples_per_second : float

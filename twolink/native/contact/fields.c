@@ -136,7 +136,8 @@ static void keep_each_once(tl_scene *s, int begin) {
   for (int k = begin + 1; k < s->count; k++) {
     const tl_point point = s->points[k];
     int place = k;
-    for (; place > begin && is_before(point.normal, s->points[place - 1].normal); place--) s->points[place] = s->points[place - 1];
+    for (; place > begin && is_before(point.normal, s->points[place - 1].normal); place--)
+      s->points[place] = s->points[place - 1];
     s->points[place] = point;
   }
   for (int k = begin; k < s->count; k++) {

@@ -284,8 +284,8 @@ static void own_parts(tl_scene *s, reader *r) {
 }
 
 /* A scene from whole numbers and numbers in the order of this file. sizes: bodies with the ground, nq, nv, numbers, pairs,
-balls, planes with bodies over them, rims, fields, balls over fields, rounds, hulls, solids, pairs of hulls, points of joints, rows of loops. program: of (t, q, v,
-numbers) for tau - h, or NULL; loops: of q for gaps and rows of loops, or NULL; find: finds other points, or NULL. They must
+balls, planes with bodies over them, rims, fields, balls over fields, rounds, hulls, solids, pairs of hulls, points of joints,
+rows of loops. program: of (t, q, v, numbers) for tau - h, or NULL; loops: of q for gaps and rows of loops, or NULL; find: finds other points, or NULL. They must
 outlive the scene. misses: as of it. Returns a code; the scene is written to `made`. */
 TL_API int tl_contact_new(const int32_t *sizes, int64_t wholes, const int32_t *whole, int64_t numbers, const double *number,
                           const tl_program *program, const tl_program *loops, int level, tl_finder find, int misses,

@@ -146,7 +146,8 @@ enum tl_solver { TL_NEWTON, TL_PROXIMAL };
 /* A scene: its parts, which stay, and what its steps work with. buried: there are points that are not found. misses: whether what
 touches within a step may be no point before. */
 typedef struct {
-  int bodies, nq, nv, numbers, pairs, balls, on_planes, rims, fields, on_fields, rounds, hulls, solids, hull_pairs, joint_points, loops, level;
+  int bodies, nq, nv, numbers, pairs, balls, on_planes, rims, fields, on_fields, rounds, hulls, solids, hull_pairs, joint_points,
+      loops, level;
   double gravity[3];
   tl_body *body;
   int32_t *dof_parent, *dof_body, *dof_depth, *feature;
