@@ -144,6 +144,20 @@ def test_ticks_are_exact_and_every_solution_has_its_own_state() -> None:
     assert all(calls == round(1000 * t) for t, calls in seen)
 
 
+@pytest.mark.parametrize("verify", [False, True])
+@pytest.mark.parametrize("duration", [0.1 * 3, np.nextafter(0.3, 0.0), 0.3])
+@pytest.mark.parametrize("friction", [0.0, 0.1])
+def test_a_tick_at_the_end_but_for_rounding_is_at_the_end(friction: float, duration: float, verify: bool) -> None:
+    """0.1 * 3 is above 0.3, where there is a tick: nothing is left behind it, and no sample is missing."""
+    effects = [] if friction == 0.0 else [E.DryFriction({"rail": friction})]
+    law = E.Controller(lambda _t, y, _: (1.0 - 2.0 * y.q - y.v, None), period=Fraction(1, 1000))
+    scene, times = tl.Scene(slider(), effects=[*effects, law], duration=duration), np.linspace(0.0, duration, 31)
+    run = tl.simulate(scene, t_eval=times, verify=verify)
+    np.testing.assert_array_equal(run.t, times)
+    later = tl.simulate(scene, 0.31, t_eval=[0.0, 0.3], verify=verify)
+    np.testing.assert_allclose(run.q[-1], later.q[-1], atol=1e-14)
+
+
 def test_jitter_is_the_same_in_every_run_of_a_seed() -> None:
     def times(seed: int) -> list[float]:
         seen: list[float] = []

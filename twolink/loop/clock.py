@@ -85,11 +85,15 @@ class Clock:
         return actions
 
     def ahead(self, count: int, until: float) -> Array:
-        """The next instants, up to so many and an end [s], of a clock of one controller without delay or jitter."""
+        """The next instants, up to so many and an end [s], of a clock of one controller without delay or jitter.
+
+        One that differs from the end by rounding is at the end.
+        """
         now, _, place, _ = self._heap[0]
         period = self._times[place][0]
         times = np.array([(now + k * period) / self._common for k in range(count)])
-        return times[times <= until]
+        times = times[times <= until * (1.0 + SAME_TIME)]
+        return np.where(times >= until * (1.0 - SAME_TIME), until, times)
 
     @property
     def tick(self) -> int:

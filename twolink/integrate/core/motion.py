@@ -141,7 +141,7 @@ def drive(motion: Motion, until: float, loop: SampledLoop | None = None) -> None
     """
     while loop is not None and loop.time <= until * LATER:
         if loop.time > motion.t * LATER:
-            motion.advance(min(loop.time, until))
+            motion.advance(loop.time if loop.time * LATER < until else until)  # no rounding is left behind it
         if motion.over:
             break
         if motion.take_ticks(loop, until):
