@@ -151,7 +151,8 @@ class Fuzzer:
         if self.random.random() < 0.3:
             parts[int(self.random.integers(4))] = int(self.random.choice(WHOLE))
         ones = np.ones(columns)
-        one = Disturbances(table, ones, ones, first, np.ones((moving, columns)), tuple(parts), 0.1)
+        one = Disturbances(table, ones, ones, first, np.ones((moving, columns)), tuple(parts), 0.1,
+                           self.random.choice([0.0, 1.0, np.nan], size=columns))  # fmt: skip
         pointer = ctypes.addressof(one.pointer) if self.random.random() < 0.7 else None
         values = [work, 0, columns, count, 2, states.ctypes.data, pointer]
         wholes = {1: WHOLE[2:], 2: (0, -1, -(2**63), 2**62), 3: (0, -1, 2**62, 2**63 - 1), 4: (0, -1, -(2**63))}

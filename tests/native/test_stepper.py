@@ -9,6 +9,7 @@ import twolink as tl
 from tests.integrate.problems import arm, box
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.numeric_steps import numeric_map
 from twolink.integrate.steps.perturbation import Perturbation, step_disturbances
 from twolink.integrate.steps.programs import programs_of
 from twolink.integrate.steps.step_control import initial_state
@@ -85,6 +86,29 @@ def test_disturbances_are_those_of_numpy() -> None:
     np.testing.assert_allclose(states[1], expected, rtol=1e-13, atol=1e-15)
     moving = slice(0, equations.moving)
     assert (np.abs(states[1, moving, 1:] - states[1, moving, :1]).max(axis=0) > 0.0).all()
+
+
+@pytest.mark.parametrize("name", ["rk23", "rk45", "esdirk43", "rk4"])
+def test_columns_of_the_embedded_formula_lack_the_error_estimate(name: str) -> None:
+    """As NumPy says; the others have the bits that they have without them. A method without estimates has no such."""
+    equations = equations_of(arm())
+    steps, moving = step_map(equations, METHODS[name]), equations.moving
+    state = started(steps, 4)
+    states, alone = np.empty((2, *state.shape)), np.empty_like(state)
+    states[0] = state
+    every = (Perturbation(), Perturbation(embedded=True), Perturbation(), Perturbation(embedded=True))
+    steps.attempts(states, 1, LOOK, step_disturbances(every, state, equations))
+    steps(state, alone)
+    np.testing.assert_array_equal(states[1, :, ::2], alone[:, ::2])
+    apart = np.abs(states[1, :moving, 1::2] - alone[:moving, 1::2]).max(axis=0)
+    if name == "rk4":
+        assert not apart.any()
+        return
+    lower = np.empty_like(state)
+    by_numpy = numeric_map(equations, METHODS[name], programs_of(equations).columns)
+    by_numpy(state, lower, np.array([0.0, 1.0, 0.0, 1.0]))
+    np.testing.assert_allclose(states[1, :moving], lower[:moving], rtol=1e-13, atol=1e-15)
+    assert (apart > 0.0).all()
 
 
 def test_wrong_arguments_of_the_library_are_codes() -> None:

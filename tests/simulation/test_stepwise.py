@@ -22,6 +22,16 @@ def test_steps_of_any_length_are_the_motion_within_the_bar() -> None:
     assert math.isnan(tl.Simulation(SWING).error)
 
 
+@pytest.mark.parametrize(("speed", "largest"), [(0.0, 1e-9), (30.0, 1e-5)])
+def test_short_steps_are_the_motion_within_the_bar(speed: float, largest: float) -> None:
+    """Slow ones, beside which a formula of lower order is enough, and fast ones, which need finer steps at times."""
+    scene = SWING.with_start(SWING.q, np.array([speed, -2.0 * speed]))
+    exact, sim = tl.simulate(scene, 2.0, accuracy=1e-11), tl.Simulation(scene, verify=True)
+    for _ in range(2000):
+        state = sim.step(1e-3)
+    assert np.abs(state.q - exact.q[-1]).max() < sim.error < largest
+
+
 def test_held_torques_push_a_cart_as_the_closed_form_says() -> None:
     """x'' = u / m with u held for 0.1 s: x and v by rational steps."""
     sim, x, v = tl.Simulation(tl.Scene(slider(), [0.5], [0.0])), 0.5, 0.0

@@ -2,11 +2,13 @@
 
 import math
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
 
 import twolink as tl
+import twolink.effects as fx
 from twolink.errors import AccuracyError
 from twolink.hard import truths
 from twolink.hard.case import StateHistory
@@ -180,6 +182,22 @@ def test_steps_whose_rounding_has_a_mean_are_in_the_bar() -> None:
     assert run.error is not None
     assert (error <= run.error)[1:].all()
     assert run.error[-1] < 3e-12
+
+
+@pytest.mark.parametrize("period", ["1/1000", "1/20"])
+def test_a_loop_whose_steps_are_its_ticks_is_held_against_the_embedded_formula(period: str) -> None:
+    """Which takes no more steps than the run, whose bits it leaves alone, and whose error it covers."""
+    robot = tl.load_robot("arm")
+    hold = fx.Controller(lambda _t, y, _: (9.0 * (0.3 - y.q) - 2.0 * y.v, None), period=Fraction(period))
+    scene, times = tl.Scene(robot, effects=[fx.Gravity(), hold]), np.linspace(0.0, 2.0, 41)
+    verified = Verification(equations_of(scene, ticks=True), times, np.arange(41), 1e-6)
+    one = verified(MethodChoice(METHODS["rk45"], 1e-8, ""))
+    exact = tl.simulate(scene, 2.0, t_eval=times, method="dop853", tolerance=1e-13, verify=False)
+    plain = tl.simulate(scene, 2.0, t_eval=times, method="rk45", tolerance=1e-8, verify=False)
+    error = np.abs(one.solution.x[: robot.nq].T - exact.q).max(axis=1)
+    np.testing.assert_array_equal(one.solution.x[: robot.nq].T, plain.q)
+    assert (error <= one.truncation + one.rounding + 1e-15).all()
+    assert (one.solution.companion_steps == 0) == (period == "1/1000")
 
 
 @pytest.mark.parametrize("method", ["auto", "dop853", "taylor", "rk45", "esdirk43"])

@@ -81,14 +81,15 @@ class Ambiguity:
     def _look(self) -> None:
         if not self._count:
             return
-        times, u, x = (values[: self._count] for values in (self._t, self._u, self._x))
-        self._count = 0
+        times, self._count, k = self._t[: self._count], 0, self._count
+        # Ticks last: a maximum over the others takes a quarter of the time.
+        u, x = (np.ascontiguousarray(np.moveaxis(values[:k], 0, 2)) for values in (self._u, self._x))
         with np.errstate(invalid="ignore"):
-            du, dx = (np.nan_to_num(np.abs(y[:, :, 1:] - y[:, :, :1]).max(axis=(1, 2), initial=0.0)) for y in (u, x))
+            du, dx = (np.nan_to_num(_largest(y[:, 1:] - y[:, :1])) for y in (u, x))
         self._ticks.append(times.copy())
         self._answered += int(np.count_nonzero(du))
-        self._rounding.append(np.abs(x[:, :, -1] - x[:, :, -2]).max(axis=1))  # the last two differ by rounding alone
-        size_u, size_x = (np.maximum.accumulate(np.append(size, np.abs(y).max(axis=(1, 2), initial=0.0)))[1:]
+        self._rounding.append(_largest(x[:, -1:] - x[:, -2:-1]))  # the last two differ by rounding alone
+        size_u, size_x = (np.maximum.accumulate(np.append(size, _largest(y)))[1:]
                           for size, y in zip(self._sizes, (u, x), strict=True))  # fmt: skip
         dx = np.maximum.accumulate(np.append(self._apart, dx))[1:]
         apart = du > SMALL * size_u
@@ -102,6 +103,11 @@ class Ambiguity:
             else:
                 self._ratio = max(self._ratio, ratio)
         self._apart, self._sizes = dx[-1], np.array([size_u[-1], size_x[-1]])
+
+
+def _largest(values: Array) -> Array:
+    """The largest magnitudes (k,) in values (size, n, k)."""
+    return np.asarray(np.abs(values).reshape(-1, values.shape[2]).max(axis=0, initial=0.0))
 
 
 def growth(t: Array, apart: Array) -> tuple[float, float] | None:

@@ -172,9 +172,9 @@ class Asked:
         return "" if fine.all() else f"its program gives {found[~fine][0]:.9g} for {meant[~fine][0]:.9g}"
 
 
-def is_often(tick: int) -> bool:
-    """True if answers are looked at twice at a tick."""
-    return tick % OFTEN == 0 or tick & (tick - 1) == 0
+def is_often(tick: Any) -> Any:
+    """True if answers are looked at twice at a tick, or at each of some."""
+    return (tick % OFTEN == 0) | (tick & (tick - 1) == 0)
 
 
 def asked(

@@ -56,8 +56,11 @@ class ManyTicks:
         self._clock.skip(count)
         if ticks.divided_by_zero and law.divides:
             raise law.refused(float(times[0]), "its program divides by 0")
-        fine = np.isfinite(u).all(axis=(1, 2)) & (np.abs(x[:, nq:]).max(axis=(1, 2), initial=0.0) < FASTEST)
-        for k in (k for k in range(count) if not fine[k] or (self.law.call is None and is_often(self._first + k))):
+        v, fine = x[:, nq:], np.full(count, True)
+        if not (np.isfinite(u.sum()) and v.min(initial=0.0) > -FASTEST and v.max(initial=0.0) < FASTEST):
+            fine = np.isfinite(u).all(axis=(1, 2)) & (np.abs(v).max(axis=(1, 2), initial=0.0) < FASTEST)
+        often = is_often(np.arange(self._first, self._first + count)) & (self.law.call is None)
+        for k in np.flatnonzero(often | ~fine):
             if self.law.call is None:
                 law.own[0].state = ticks.z[k + 1].T.copy()
                 law.require(float(times[k]), control.given(x[k]), Own(law.own[0].law, ticks.z[k].T), u[k].T)

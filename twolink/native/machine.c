@@ -181,7 +181,7 @@ TL_API tl_workspace *tl_workspace_new(const tl_method *m, int width) {
 static int is_within(const tl_disturbance *d, const tl_method *m, int64_t columns, const double *states) {
   const double *accepted = states + (m->size + 4) * columns, *rejected = accepted + columns;
   if (d->period < 1 || d->period > TL_MAX_COUNT || d->parts[0] < 0 || d->parts[1] > m->moving || d->parts[2] < 0 ||
-      d->parts[3] > m->moving || !d->table || !d->rounding || !d->bias || !d->moves || !d->first)
+      d->parts[3] > m->moving || !d->table || !d->rounding || !d->bias || !d->moves || !d->embedded || !d->first)
     return 0;
   for (int64_t i = 0; i < columns; i++)
     if (d->first[i] < 0 || d->first[i] > TL_MAX_COUNT || !(accepted[i] >= 0.0 && accepted[i] <= (double)TL_MAX_COUNT) ||

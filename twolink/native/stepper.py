@@ -59,7 +59,8 @@ class Disturbances:
     """Of n columns: rounding and bias (n,), relative; first (n,): the row of the table that each begins with.
 
     table (period, moving): random numbers from -1 to 1. moves (moving, n): 0 where nothing is disturbed. parts: begin
-    and end of the rows of q, then of v, of which a share of the largest entry is the least size that counts.
+    and end of the rows of q, then of v, of which a share of the largest entry is the least size that counts. embedded
+    (n,): 1 where a solution goes on by the embedded formula, x + h sum_j (b_j - e_j) k_j; by default nowhere.
     """
 
     table: Array
@@ -69,13 +70,23 @@ class Disturbances:
     moves: Array
     parts: tuple[int, int, int, int]
     share: float
+    embedded: Array | None = None
 
     @functools.cached_property
     def pointer(self) -> "_Disturbance":
         """The structure for the library, which keeps the arrays alive."""
-        arrays = [np.ascontiguousarray(a, dtype=float) for a in (self.table, self.rounding, self.bias, self.moves)]
+        arrays = [
+            np.ascontiguousarray(a, dtype=float)
+            for a in (
+                self.table,
+                self.rounding,
+                self.bias,
+                self.moves,
+                np.zeros(len(self.rounding)) if self.embedded is None else self.embedded,
+            )
+        ]
         arrays.append(np.ascontiguousarray(self.first, dtype=np.int64))
-        if any(a.shape != self.moves.shape[1:] for a in (arrays[1], arrays[2], arrays[4])):
+        if any(a.shape != self.moves.shape[1:] for a in (arrays[1], arrays[2], arrays[4], arrays[5])):
             raise ValueError(f"disturbances of {[a.shape for a in arrays]}")
         parts = (ctypes.c_int * 4)(*self.parts)
         out = _Disturbance(*map(address, arrays), len(self.table), self.share, parts)
@@ -86,7 +97,7 @@ class Disturbances:
 class _Disturbance(ctypes.Structure):
     """tl_disturbance of native/program.h."""
 
-    _fields_ = (*((name, ctypes.c_void_p) for name in ("table", "rounding", "bias", "moves", "first")),
+    _fields_ = (*((name, ctypes.c_void_p) for name in ("table", "rounding", "bias", "moves", "embedded", "first")),
                 ("period", ctypes.c_int64), ("share", ctypes.c_double), ("parts", ctypes.c_int * 4))  # fmt: skip
 
 

@@ -252,8 +252,18 @@ static double N(factor_of_step)(const tl_method *m, double square, double previo
 
 enum { N(TIME), N(STEP), N(GOOD), N(PREVIOUS), N(ACCEPTED), N(REJECTED), N(END), N(TOLERANCE), N(LONGEST), N(RESOLUTION) };
 
-/* One attempt of each column: its state and control afterwards in `x` and `control`. */
-static void N(attempt)(tl_workspace *work) {
+/* `next` by the embedded formula, x + h sum_j (b_j - e_j) k_j, in the columns that go on by it. */
+static void N(embed)(tl_workspace *work, V h, V embedded) {
+  const tl_method *m = work->method;
+  const V zero = {0};
+  V *next = (V *)work->next;
+  for (int i = 0; i < m->moving; i++)
+    next[i] = SELECT(IS_LESS(zero, embedded), next[i] - N(weighted)(work, m->e[0], m->stages, i) * h, next[i]);
+}
+
+/* One attempt of each column: its state and control afterwards in `x` and `control`. embedded: 1 in the columns that go on
+by the embedded formula; or NULL. */
+static void N(attempt)(tl_workspace *work, const V *embedded) {
   const tl_method *m = work->method;
   V *x = (V *)work->x, *control = (V *)work->control, *next = (V *)work->next, *projected = (V *)work->change;
   const V t = control[N(TIME)], end = control[N(END)], size = control[N(STEP)], left = end - t, zero = {0};
@@ -261,6 +271,7 @@ static void N(attempt)(tl_workspace *work) {
   const V arrival = SELECT(IS_LESS_EQUAL(left, size * (1.0 + 1e-6)), end, t + h);
   h = arrival - t;
   N(step)(work, t, h);
+  if (embedded && m->errors) N(embed)(work, h, *embedded);
   if (!m->adaptive) {
     if (m->kind == TL_IMPLICIT) {
       N(by_tolerance)(work, zero + 1.0);
@@ -342,11 +353,15 @@ int64_t N(tl_attempts)(tl_workspace *work, int64_t columns, int64_t count, int64
         const double *from = now + i * columns + s;
         for (int l = 0; l < W; l++) to[l] = from[l < width ? l : width - 1];
       }
+      V embedded = {0};
+      int lower = 0;
       if (disturbance)
-        for (int l = 0; l < width; l++)
+        for (int l = 0; l < width; l++) {
+          lower |= (LANE(embedded, l) = disturbance->embedded[s + l]) > 0.0;
           if (work->control[N(TIME) * W + l] < work->control[N(END) * W + l] && disturbance->rounding[s + l] != 0.0)
             N(disturb)(work, disturbance, s + l, columns, l);
-      N(attempt)(work);
+        }
+      N(attempt)(work, lower ? &embedded : NULL);
       for (int i = 0; i < rows; i++) {
         const double *from = i < m->size ? work->x + i * W
                              : i < m->size + TL_CONTROLS ? work->control + (i - m->size) * W

@@ -15,7 +15,7 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array, StateSpace
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.solver import goes_side_by_side, has_columns, solve, solve_with_companions
-from twolink.integrate.solvers.method_choice import MethodChoice
+from twolink.integrate.solvers.method_choice import ATTEMPTS, MethodChoice, attempts_of
 from twolink.integrate.steps.companions import OFTEN, SELDOM, Companions
 from twolink.integrate.steps.perturbation import (
     NO_PERTURBATION,
@@ -28,6 +28,7 @@ from twolink.simulation.error_bar import (
     CHANCE,
     DISTURBED,
     ENOUGH,
+    SLACK,
     common_rounding,
     distances,
     error_bar,
@@ -39,6 +40,8 @@ LOST = "loops-singular", "steps-collapsed"  # codes of a solution beside a run t
 IN_COLUMNS, FINE = (2, 6), 1e-9
 BY_TAYLOR, ALONE = 3, 2
 PAIRS = 1, 3  # of a sampled loop: more where rounding counts
+EMBEDDED = Perturbation(embedded=True)
+SHORTER = 2.0  # times shorter than by their tolerance: steps that ticks decide
 WIDE = 50.0  # times rounding: their disturbances
 LESS_FINE = 3  # times that the finer solution is tried, each time nearer to the run
 
@@ -158,26 +161,46 @@ class Verification:
         return bool(DISTURBED[count] * far <= max(ENOUGH * self._accuracy, finer) or least > self._accuracy > 0.0)
 
     def _in_loop(self, choice: MethodChoice, finer: Perturbation) -> Verified:
-        """The run of a sampled loop and pairs of finer solutions, whose disturbances mirror each other, as columns.
+        """The run of a sampled loop and pairs of solutions whose disturbances mirror each other, as columns.
 
         Each calls the controllers. The middle of a pair shows truncation, the distance from it rounding. Disturbances
         are so much larger than rounding that a threshold which is near to the motion lies between two solutions.
+
+        A pair by the embedded formula takes the steps of the run, at no more evaluations; its error is that of a lower
+        order. Where steps end at ticks, that is often as good as none; else pairs are finer.
         """
         space, spent = self._equations.space, 0.0
-        for pairs in PAIRS:
-            others = (replace(one, rounding=WIDE * one.rounding, sign=sign)
-                      for one in disturbed_solutions(pairs, finer.finer) for sign in (1.0, -1.0))  # fmt: skip
+        for pairs, beside in ((1, EMBEDDED), *((pairs, finer) for pairs in PAIRS)):
+            if beside is EMBEDDED and not self._steps_are_ticks(choice):
+                continue
+            others = (replace(one, rounding=WIDE * one.rounding, sign=sign, embedded=beside.embedded)
+                      for one in disturbed_solutions(pairs, beside.finer) for sign in (1.0, -1.0))  # fmt: skip
             run, own, x, _ = self._batch(choice, tuple(others))
             if run.solution.interrupted:
                 return run
             one, other = x[:, :, ::2], x[:, :, 1::2]
             truncation = distances(space, own, 0.5 * (one + other)).max(axis=1, keepdims=True)
             each = np.concatenate([truncation, 0.5 / WIDE * distances(space, one, other)], axis=1)
-            run = replace(run, verify_seconds=run.verify_seconds + spent)
-            if self._is_enough(run, pairs, each):
+            enough = self._is_enough(run, pairs, each)
+            run = self._with_parts(replace(run, verify_seconds=run.verify_seconds + spent), _in_doubt(run, each))
+            if self._is_negligible(run) if beside is EMBEDDED else enough:
                 break
             spent = run.seconds + run.verify_seconds
-        return self._with_parts(run, _in_doubt(run, each))
+        return run
+
+    def _steps_are_ticks(self, choice: MethodChoice) -> bool:
+        """True if ticks, not the tolerance, decide how long the steps of a method with one error estimate are."""
+        ticks, tableau = self._equations.sampling, choice.method.tableau
+        if ticks is None or tableau is None or len(tableau.errors) != 1 or choice.method.name not in ATTEMPTS:
+            return False
+        duration = float(self._times[-1] - self._times[0])
+        by_tolerance = attempts_of(self._equations, choice.method, choice.setting, duration)
+        return ticks.ticks_per_second * duration > SHORTER * by_tolerance
+
+    def _is_negligible(self, run: Verified) -> bool:
+        """True if the bar of a run is below what is added to each."""
+        parts = run.truncation, run.rounding
+        return all(one is not None and one.max() <= 0.5 * SLACK * self._accuracy for one in parts)
 
     def _from_tick_to_tick(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run and the others side by side, each with its own events and controllers."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from twolink.native.ticks import TickedLaw, Ticks
 TICKS = 64  # short calls between two looks at whether steps get on
 AT_ONCE = 8  # attempted steps in a short call, at most: a call ends where all have arrived
 SHORT = 32  # attempted steps, after which solutions that have arrived are left out of what follows
+EXACT = 1e-6  # e^2 of a step, by its tolerance: a thousand of such errors are below the tolerance
 LEAST = 0.1  # of the time to the next stop: steps may grow to it
 
 
@@ -74,7 +76,7 @@ class Columns:
         self._fine = np.full(len(perturbations), FINE)
         self._disturbances = step_disturbances(perturbations, self.state, by.equations)
         self._finer = np.flatnonzero([one.finer > 1.0 for one in perturbations])
-        self._longest = self.state[by.rows.longest, self._finer]
+        self._longest, self._embedded = self.state[by.rows.longest, self._finer], False
         self._progress, self._told, self._end = progress, t, end
         self._start = self.state[by.rows.time].copy()
         self._ticks, self._half = 0, 0.0
@@ -120,9 +122,28 @@ class Columns:
         """True if the error of the first solution's last step is as small a part of the tolerance as counts."""
         return bool(self.state.item(self._rows.previous, 0) <= MIN_SQUARE)
 
-    def go_on_by(self, by: StepMap) -> None:
-        """Take the next steps by another method, of the same equations."""
+    @property
+    def exact(self) -> bool:
+        """True if the error of the first solution's last step is far below the tolerance."""
+        return bool(self.state.item(self._rows.previous, 0) <= EXACT)
+
+    def go_on_by(self, by: StepMap, *, embedded: bool = False) -> None:
+        """Take the next steps by another method, of the same equations.
+
+        embedded: of finer solutions by its embedded formula, whose steps are those of the first.
+        """
         self.by, self._attempt, self._law = by, None, None
+        if embedded != self._embedded and self._disturbances is not None:
+            finer = np.isin(self._every, self._finer).astype(float)
+            self._disturbances = replace(self._disturbances, embedded=embedded * finer)
+            self.state[self._rows.longest, self._finer] = self._longest
+            self._half = 0.0
+        self._embedded = embedded
+
+    @property
+    def embedded(self) -> bool:
+        """True if finer solutions go on by an embedded formula."""
+        return self._embedded
 
     @property
     def counts(self) -> tuple[int, int]:
@@ -209,7 +230,7 @@ class Columns:
 
     def _halve(self, short: float, step: float, end: float) -> None:
         """Let the steps of finer solutions be at most half as long as the run's, also where a stop ends both."""
-        if not len(self._finer):
+        if self._embedded or not len(self._finer):
             return
         alone = len(self._every) == 1
         half = 0.5 * (short if step > short or alone else max(step, LEAST * short))

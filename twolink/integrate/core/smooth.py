@@ -137,6 +137,8 @@ class SmoothMotion(Motion):
         elif ahead > FAR * columns.step:
             self._too_far = ahead
             columns.go_on_by(self._by)
+        elif columns.embedded != columns.exact:
+            columns.go_on_by(nearer, embedded=columns.exact)
 
     def _to(self, t: float) -> None:
         looks = self._companions is not None and self._checks[self._looked] <= t

@@ -92,7 +92,7 @@ def choose(
 def _cheapest(equations: Equations, accuracy: float, duration: float) -> MethodChoice:
     """The cheapest method by the built-in figures."""
     decay = _decay(equations)
-    costs = {name: _steps_seconds(equations, METHODS[name], accuracy, duration, decay) for name in ATTEMPTS
+    costs = {name: _steps_seconds(equations, METHODS[name], accuracy, duration) for name in ATTEMPTS
              if name != "esdirk43" or decay > 0.0}  # fmt: skip
     best = min(costs, key=lambda name: costs[name])
     others = ", ".join(f"{name} {cost / costs[best]:.1f}x" for name, cost in costs.items() if name != best)
@@ -114,11 +114,16 @@ def _decay(equations: Equations) -> float:
     return _decays[equations]
 
 
-def _steps_seconds(equations: Equations, method: Method, accuracy: float, duration: float, decay: float) -> float:
-    """Seconds of the steps of one solution by the built-in figures. decay: of the fastest mode, 1/s."""
-    tolerance, (attempts, growth) = first_tolerance(method, accuracy), ATTEMPTS[method.name]
+def attempts_of(equations: Equations, method: Method, tolerance: float, duration: float) -> float:
+    """Attempted steps of one solution by the built-in figures, of a method that they are of."""
+    attempts, growth = ATTEMPTS[method.name]
     steps = attempts * (1e-3 / tolerance) ** growth * duration / MEASURED
-    steps = max(steps, decay * duration / STABLE.get(method.name, math.inf))
+    return float(max(steps, _decay(equations) * duration / STABLE.get(method.name, math.inf)))
+
+
+def _steps_seconds(equations: Equations, method: Method, accuracy: float, duration: float) -> float:
+    """Seconds of the steps of one solution by the built-in figures."""
+    steps = attempts_of(equations, method, first_tolerance(method, accuracy), duration)
     if equations.sampling is not None:  # steps end at ticks
         steps = max(steps, equations.sampling.ticks_per_second * duration)
     operations, size = max(1, equations.operations), equations.moving

@@ -17,7 +17,7 @@ from twolink.integrate.steps.step_control import ROWS, Step, StepProblem, adapti
 from twolink.integrate.steps.step_formulas import Rate, diagonally_implicit_step, explicit_step, semi_implicit_step
 
 MAX_NUMBERS = 200_000  # in the Jacobians of one call
-Map = Callable[[Array, Array], None]  # (state, out)
+Map = Callable[[Array, Array, Array | None], None]  # (state, out, which columns go on by the embedded formula)
 Solver = Callable[[float, Array], Array]
 Formulas = Callable[[Array], tuple[Rate, Callable[[Array], Array]]]  # of parameters (p, n): rate and projection
 
@@ -28,17 +28,20 @@ def numeric_map(equations: Equations, method: Method, formulas: Formulas) -> Map
     advance = adaptive_advance if method.adaptive else fixed_advance
     each = max(1, MAX_NUMBERS // max(1, space.size) ** 2) if method.kind == "implicit" else 0
 
-    def attempt(state: Array, out: Array) -> None:
+    def attempt(state: Array, out: Array, embedded: Array | None) -> None:
         with np.errstate(all="ignore"):
             rate, project = formulas(state[space.size + ROWS :])
             step = _step(equations, method, rate)
-            problem = StepProblem(step, space.size, space.absolute, space.joint_rows, project, method.error_order)
+            problem = StepProblem(
+                step, space.size, space.absolute, space.joint_rows, project, method.error_order, embedded
+            )
             out[:] = advance(problem, state, Numbers)
 
-    def call(state: Array, out: Array) -> None:
+    def call(state: Array, out: Array, embedded: Array | None = None) -> None:
         width = each or state.shape[1] or 1
         for begin in range(0, state.shape[1], width):
-            attempt(state[:, begin : begin + width], out[:, begin : begin + width])
+            part = slice(begin, begin + width)
+            attempt(state[:, part], out[:, part], None if embedded is None else embedded[part])
 
     return call
 

@@ -49,6 +49,8 @@ class Perturbation:
         Of the disturbances: -1 mirrors those of another solution of the same number.
     restarts : bool
         Of SciPy's methods: begin anew where solutions are disturbed.
+    embedded : bool
+        Go on by the embedded formula of lower order, whose difference from the method's is the error estimate of steps.
     """
 
     finer: float = 1.0
@@ -57,6 +59,7 @@ class Perturbation:
     touch_margin: float = 0.0
     sign: float = 1.0
     restarts: bool = False
+    embedded: bool = False
 
     def min_steps(self, method: Method) -> float:
         """The smallest number of steps in a run: a finer solution has as many more as by its tolerance."""
@@ -118,14 +121,15 @@ def step_disturbances(
         None where no solution is disturbed. How many steps a solution has attempted chooses its random numbers, so that
         these do not depend on what else is solved.
     """
-    if not any(one.rounding for one in perturbations):
+    if not any(one.rounding or one.embedded for one in perturbations):
         return None
     space, count = equations.space, state.shape[1]
     first, rounding, bias = (np.repeat(a, count // len(a)) for a in _numbers(perturbations))
     moves = equations.layout.moves(state[equations.moving : space.size])
     moves[list(equations.steady)] = 0.0
     parts = (0, space.nq, space.v_rows.start, space.v_rows.stop)
-    return Disturbances(_random(equations.moving), rounding, bias, first, moves, parts, SHARE)
+    embedded = np.repeat([float(one.embedded) for one in perturbations], count // len(perturbations))
+    return Disturbances(_random(equations.moving), rounding, bias, first, moves, parts, SHARE, embedded)
 
 
 def disturbances(

@@ -72,7 +72,7 @@ class StepProblem:
     step: (t, x, h) -> (x_new, error estimates, last change of an iteration or None). size: rows of x. absolute (size,):
     whether the error of an entry is compared with the tolerance alone, not with the entry's size. joints: of each
     joint, its rows of q and of v. project: puts a state back onto its manifold. order: p, the power of h that the
-    error estimate has.
+    error estimate has. embedded (n,): 1 of the worlds that go on by the embedded formula: less the estimate.
     """
 
     step: Step
@@ -81,6 +81,7 @@ class StepProblem:
     joints: tuple[tuple[slice, slice], ...]
     project: Callable[[Array], Array]
     order: int
+    embedded: Array | None = None
 
 
 def fixed_advance(problem: StepProblem, state: Array, xp: Any) -> Array:
@@ -146,6 +147,8 @@ def _judged(problem: StepProblem, control: Control, x: Array, h: Any, xp: Any) -
     and is not projected.
     """
     new, errors, change = problem.step(control.time, x, h)
+    if problem.embedded is not None:
+        new = xp.where(xp.less(0.0, problem.embedded), new - errors[0], new)
     projected = problem.project(new)
     inverse = _admitted(problem, x, new, control.tolerance, xp) + _resolved(problem, x, new, h, control.resolution, xp)
     square = _error(errors, change, inverse)

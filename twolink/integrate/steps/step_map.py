@@ -56,7 +56,7 @@ class StepMap:
     def __call__(self, state: Array, out: Array) -> None:
         """One attempted step of each world."""
         if self._map is not None:
-            self._map(state, out)
+            self._map(state, out, None)
         else:
             states = np.empty((2, *state.shape))
             states[0] = state
@@ -91,7 +91,7 @@ class StepMap:
             if disturbances is not None:
                 now = now.copy()
                 now[: self.equations.moving] += self._disturbance(now, disturbances)
-            self._map(now, states[k + 1])
+            self._map(now, states[k + 1], None if disturbances is None else disturbances.embedded)
             going = np.count_nonzero(states[k + 1, time] < states[k + 1, end])
             if going == 0 or ((k + 1) % look == 0 and 2 * going < now.shape[1]):
                 return k + 1
