@@ -145,3 +145,26 @@ def test_an_impact_that_friction_holds_without_a_bounce_is_refused() -> None:
     assert caught.value.code == "no-impact"
     low = replace(touch, friction=0.1)
     assert rows[0] @ after(np.eye(2), np.array([-1.0, 0.0]), [low], np.empty((0, 2)))[0] == pytest.approx(0.05)
+
+
+ROD = """<robot name="rod"><link name="world"/><link name="rod"><inertial><origin xyz="0 0 -0.5"/><mass value="1"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="pin" type="revolute">
+<parent link="world"/><child link="rod"/><axis xyz="0 1 0"/><limit lower="-9" upper="9" effort="9" velocity="9"/>
+</joint></robot>"""
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.3, 0.357, 1.0])
+def test_what_is_jammed_is_not_pressed_at_will(friction: float) -> None:
+    """A rod from a pin to the ground below: from a friction of 0.33 on, any force along it obeys the law of friction.
+
+    Such shares had no number at all. The smallest one holds the rod's weight, and is within its cone.
+    """
+    tip, ground = tl.effects.Sphere(0.02, (0.0, 0.0, -1.0)), tl.effects.Plane(height=-0.97)
+    contact = tl.effects.Contact((("rod", ground),), friction=friction, restitution=0.0, shapes={"rod": (tip,)})
+    scene = tl.Scene(tl.load_robot(ROD), [0.6], effects=[tl.effects.Gravity((0.0, 0.0, -10.0)), contact])
+    run = tl.simulate(scene, 1.0)
+    (pair,) = run.contact_forces
+    (x, _, z), angle = run.contact_forces[pair][-1], float(run.q[-1, 0])
+    assert -0.97 * x + np.sin(angle) * z == pytest.approx(10.0 * 0.5 * np.sin(angle), rel=1e-9)  # about the pin
+    assert abs(x) <= friction * z
+    assert z < 10.0

@@ -29,6 +29,8 @@ RANK = 1e-6  # relative: singular values below it are 0; slow slips have directi
 ENOUGH = 0.02  # of the load
 SAME = 1e-13  # relative: generalized forces that are the same
 GROWTH, LAST, NEWTON = 32.0, 1e14, 40  # of the weight of the margin on the central path; Newton's steps for each
+BISECTIONS = 50
+MOST, TINY = 1.0, 1e-300  # of the load: the largest margin that is looked for
 ALONG = 6  # steps of the search for the minimum along one of those
 TIGHT = 1e-2  # of the mean weight of a law in the optimum: it is at its limit
 BROKEN = 1e-9  # of the largest force: a law that is broken
@@ -164,8 +166,7 @@ class ForceDistributionProblem:
         own, count = slice(len(self.contacts)), 3 * len(self.contacts)
         excess = scaled[:, own].reshape(len(base), 1, count) @ ways[:, own].reshape(len(ways), count, ways.shape[3])
         scaled = scaled - _applied(ways, excess[:, 0])  # the smallest forces
-        across = np.sqrt(scaled[..., 1] ** 2 + scaled[..., 2] ** 2) * self.sticks
-        inner = (self.friction * scaled[..., 0] - across).min(axis=1)
+        inner = self._margin(scaled)
         if inner.min() > ENOUGH:
             return ForceDistribution(np.full(len(base), load * ENOUGH), load * scaled, np.zeros(base.shape[:2]), load)
         # The cones t > |T| with t = mu N - s, and t = N - s: as (t, T), which are linear in y = (z, s).
@@ -184,9 +185,27 @@ class ForceDistributionProblem:
             weight *= GROWTH
         u = start + _applied(cone, y)
         size = np.maximum(_square(u), 1e-300)
-        forces = scaled + _applied(ways, y[:, :-1])
+        more = _applied(ways, y[:, :-1])
+        forces = scaled + self._least(scaled, more, inner)[:, None, None] * more
         margin = np.where(inner > ENOUGH, ENOUGH, np.minimum(y[:, -1], ENOUGH))
         return ForceDistribution(load * margin, load * forces, 2.0 * u[..., 0] / (size * weight / GROWTH), load)
+
+    def _margin(self, forces: Array) -> Array:
+        """The margins (n,) of forces (n, supports, 3)."""
+        across = np.sqrt(forces[..., 1] ** 2 + forces[..., 2] ** 2) * self.sticks
+        return np.asarray((self.friction * forces[..., 0] - across).min(axis=1))
+
+    def _least(self, smallest: Array, more: Array, inner: Array) -> Array:
+        """The least parts (n,) of what is added to the smallest forces that make a margin ENOUGH; 1 where none does.
+
+        So forces go on from the smallest ones, whose margins are `inner`, and what is jammed is not pressed at will.
+        """
+        least, most = np.zeros(len(inner)), np.ones(len(inner))
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (least + most)
+            fine = self._margin(smallest + middle[:, None, None] * more) >= ENOUGH
+            least, most = np.where(fine, least, middle), np.where(fine, middle, most)
+        return np.where(inner > ENOUGH, 0.0, most)
 
 
 def margins(equations: Equations, closed: Sequence[Any], look: Snapshot, supports: Sequence[Support]) -> Array:
@@ -245,7 +264,10 @@ def _applied(ways: Array, y: Array) -> Array:
 
 
 def _central(y: Array, start: Array, cone: Array, weight: float) -> Array:
-    """The minimum of -weight s - sum log(t^2 - |T|^2), from an interior point y (n, k), by Newton's method."""
+    """The minimum of -weight s - sum log(t^2 - |T|^2), from an interior point y (n, k), by Newton's method.
+
+    Of what is jammed there is none: contacts press as hard as one likes. Its s goes as far as MOST.
+    """
     n, contacts, _, k = cone.shape
     flat = cone.reshape(n, 3 * contacts, k)
     for _ in range(NEWTON):
@@ -260,8 +282,12 @@ def _central(y: Array, start: Array, cone: Array, weight: float) -> Array:
         bend += 1e-13 * np.einsum("nkk->n", bend)[:, None, None] * np.eye(k)
         step = -np.linalg.solve(bend, slope[..., None])[..., 0]
         decrease = np.sqrt(np.maximum(0.0, -(slope * step).sum(axis=1)))
-        far = decrease.max()
-        y = y + (step if far <= 0.25 else _length(weight * step[:, -1], u, _applied(cone, step), decrease) * step)
+        going = y[:, -1] < MOST
+        far = decrease[going].max(initial=0.0)
+        if far > 0.25:
+            step *= _length(weight * step[:, -1], u, _applied(cone, step), decrease)
+        part = (MOST - y[:, -1]) / np.fmax(step[:, -1], TINY)  # of the step, to the largest margin that is looked for
+        y = y + (going * np.clip(part, 0.0, 1.0))[:, None] * step
         if far <= 1e-3:
             break
     return y
