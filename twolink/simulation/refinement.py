@@ -22,7 +22,7 @@ from twolink.integrate.steps.methods import METHODS, Method
 from twolink.native.library import library
 from twolink.simulation.error_bar import PARTED
 from twolink.simulation.trajectory import Trajectory
-from twolink.simulation.verification import Verified
+from twolink.simulation.verified import Verified
 
 PATIENCE = 600.0  # s of wall clock, unless a caller has another one
 ROOM = 10.0  # times the smallest tolerance: the finer solution must be able to be finer

@@ -37,7 +37,8 @@ from twolink.simulation.sampling import (
 )
 from twolink.simulation.time_limit import OutOfTime, TimeLimit
 from twolink.simulation.trajectory import Trajectory
-from twolink.simulation.verification import Verification, Verified
+from twolink.simulation.verification import Verification
+from twolink.simulation.verified import Verified
 
 CHECKS, MAX_CHECKS = 41, 100  # times at which errors are checked, at least and about at most
 ACCURACY = 1e-6  # rad or m, where none is asked for

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from twolink.errors import AccuracyError
-from twolink.integrate.digits import difference
 from twolink.integrate.event import AMBIGUOUS
 from twolink.integrate.motion.equations import Equations
-from twolink.integrate.motion.state import Array, StateSpace
+from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.solver import goes_side_by_side, has_columns, solve, solve_with_companions
 from twolink.integrate.solvers.method_choice import ATTEMPTS, MethodChoice, attempts_of
 from twolink.integrate.steps.companions import OFTEN, SELDOM, Companions
 from twolink.integrate.steps.perturbation import (
     NO_PERTURBATION,
-    RESTARTED,
     Perturbation,
     disturbed_solutions,
     finer_solution,
@@ -29,56 +27,20 @@ from twolink.simulation.error_bar import (
     DISTURBED,
     ENOUGH,
     SLACK,
-    common_rounding,
     distances,
-    error_bar,
     truncation_factor,
 )
+from twolink.simulation.one_by_one import OneByOne
+from twolink.simulation.verified import ALONE, Verified
 
-LOST = "loops-singular", "steps-collapsed"  # codes of a solution beside a run that gets no farther
 # Disturbed solutions as columns of a batch with the run: more where rounding counts, as it does below FINE (rad or m).
 IN_COLUMNS, FINE = (2, 6), 1e-9
-BY_TAYLOR, ALONE = 3, 2
+BY_TAYLOR = 3
 PAIRS = 1, 3  # of a sampled loop: more where rounding counts
 EMBEDDED = Perturbation(embedded=True)
 SHORTER = 2.0  # times shorter than by their tolerance: steps that ticks decide
 WIDE = 50.0  # times rounding: their disturbances
 LESS_FINE = 3  # times that the finer solution is tried, each time nearer to the run
-
-
-@dataclass(frozen=True, eq=False)
-class Verified:
-    """A run and how far the solutions beside it are from it.
-
-    checks (k,): numbers of its samples at which they are compared. truncation, rounding (k,): parts of the error bar
-    there, rad or m; None: not verified, or interrupted. seconds: of solving; of a batch, those of the run's steps.
-    verify_seconds: of the others. lost: why the finer solution does not get to the end.
-    """
-
-    choice: MethodChoice
-    solution: Solution
-    seconds: float
-    checks: Array
-    truncation: Array | None = None
-    rounding: Array | None = None
-    verify_seconds: float = 0.0
-    lost: AccuracyError | None = None
-
-    def common_rounding(self, space: StateSpace) -> Array:
-        """The rounding that all solutions have alike, where they are compared (k,), rad or m."""
-        solution, checks = self.solution, self.checks
-        if solution.precise is not None:
-            return np.zeros(len(checks))
-        return common_rounding(space, solution.t[checks], solution.x[:, checks].T, solution.steps)
-
-    def bar(self, space: StateSpace, slack: float) -> Array | None:
-        """The error bar at each sample (n,), rad or m."""
-        if self.truncation is None or self.rounding is None:
-            return None
-        bar = error_bar(self.truncation + self.rounding, self.common_rounding(space))
-        bar = bar.repeat(np.diff(self.checks, prepend=-1))
-        bar[1:] += slack
-        return np.asarray(bar)  # between two checks, that of the later one
 
 
 class Verification:
@@ -152,7 +114,7 @@ class Verification:
             if self._is_enough(run, count, each):
                 break
             spent, self._few = run.seconds + run.verify_seconds, False
-        return self._with_parts(run, each)
+        return run.with_parts(each)
 
     def _is_enough(self, run: Verified, count: int, each: Array) -> bool:
         """True if so many disturbed solutions suffice: more of them could not lessen the bar by much, or not enough."""
@@ -182,7 +144,7 @@ class Verification:
             truncation = distances(space, own, 0.5 * (one + other)).max(axis=1, keepdims=True)
             each = np.concatenate([truncation, 0.5 / WIDE * distances(space, one, other)], axis=1)
             enough = self._is_enough(run, pairs, each)
-            run = self._with_parts(replace(run, verify_seconds=run.verify_seconds + spent), _in_doubt(run, each))
+            run = replace(run, verify_seconds=run.verify_seconds + spent).with_parts(_in_doubt(run, each))
             if self._is_negligible(run) if beside is EMBEDDED else enough:
                 break
             spent = run.seconds + run.verify_seconds
@@ -211,8 +173,8 @@ class Verification:
         run = Verified(choice, solution, seconds, self._numbers(solution))
         if solution.interrupted:
             return run
-        each = np.stack([_distance(self._equations.space, run, other) for other in others], axis=1)
-        return self._with_parts(run, _of_mirrored(run, each))
+        each = np.stack([run.distance(self._equations.space, other) for other in others], axis=1)
+        return run.with_parts(_of_mirrored(run, each))
 
     def _batch(
         self, choice: MethodChoice, others: tuple[Perturbation, ...]
@@ -231,43 +193,14 @@ class Verification:
 
     def _one_by_one(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run, then the others."""
-        run, begin, kind = self.unverified(choice), time.perf_counter(), choice.method.kind
-        each, compiling, undisturbed = [], run.solution.compile_seconds, run
-        # The steps of a disturbed solution may end elsewhere than those of the run. It is compared with one of its own
-        # steps: by Taylor's method the finer one, by SciPy's one that begins anew as often.
-        same_steps = {"taylor": finer, "scipy": RESTARTED}.get(kind)
-        more = (RESTARTED,) if kind == "scipy" else ()
-        for perturbation in (finer, *more, *disturbed_solutions(ALONE, finer.finer if kind == "taylor" else 1.0)):
-            if run.solution.interrupted:
-                return run
-            try:
-                other, _ = self._solved(choice, self._times[self._checks], perturbation)
-            except AccuracyError as error:
-                if error.code not in LOST:
-                    raise
-                each.append(np.full(len(run.checks), np.inf))
-                continue
-            compiling += other.compile_seconds
-            if other.interrupted:
-                return replace(run, solution=replace(run.solution, interrupted=True))
-            if perturbation is not RESTARTED:
-                each.append(_distance(self._equations.space, undisturbed, other))
-            if perturbation is same_steps:
-                undisturbed = replace(run, solution=other, checks=np.arange(len(other.t)))
-            if len(each) == 2 and DISTURBED[1] * each[1].max() < ENOUGH * self._accuracy:
-                break
-        spent = time.perf_counter() - begin - (compiling - run.solution.compile_seconds)
-        run = replace(run, solution=replace(run.solution, compile_seconds=compiling))
-        return self._with_parts(replace(run, verify_seconds=spent), np.stack(each, axis=1))
-
-    def _with_parts(self, run: Verified, each: Array) -> Verified:
-        """The run with the parts of its bar, from its distances (k, n) to the finer and the disturbed solutions."""
-        truncation = truncation_factor(run.choice.method, run.solution.steps) * each[:, 0]
-        disturbed = each[:, 1:]
-        # Steps may collapse beside a singular position of loops by chance: half of the others tell enough.
-        arrived = disturbed[:, np.isfinite(disturbed[-1])]
-        used = arrived if 2 * arrived.shape[1] >= disturbed.shape[1] > ALONE else disturbed
-        return replace(run, truncation=truncation, rounding=DISTURBED[disturbed.shape[1]] * used.max(axis=1))
+        run, times = self.unverified(choice), self._times[self._checks]
+        if run.solution.interrupted:
+            return run
+        beside = OneByOne(run, self._equations.space, self._accuracy, lambda one: self._solved(choice, times, one)[0])
+        try:
+            return beside.verified(finer)
+        except KeyboardInterrupt:
+            return replace(run, solution=replace(run.solution, interrupted=True))
 
     def _solved(
         self,
@@ -309,20 +242,3 @@ def _in_doubt(run: Verified, each: Array) -> Array:
     if doubtful:  # which branch the motion takes is chance, as where solutions have parted
         each[run.solution.t[run.checks] > doubtful[0]] *= CHANCE
     return each
-
-
-def _distance(space: StateSpace, run: Verified, other: Solution) -> Array:
-    """The distance of q from another solution at the samples that are compared (k,), rad or m."""
-    solution, checks = run.solution, run.checks
-    t, x = solution.t[checks], solution.x[:, checks]
-    same = np.minimum(np.arange(len(checks)), len(other.t) - 1)
-    if other.precise is not None and solution.precise is not None:
-        own = solution.precise[checks]
-        off = np.abs(difference(own, other.precise[same]))
-        turned = 2.0 if space.curved else 1.0  # a rotation turns by twice what its quaternion differs by
-        inner = (off / (1.0 + np.abs(own[:, :, 0])))[:, space.z_rows].max(axis=1, initial=0.0)
-        return np.asarray(np.fmax(turned * off[:, : space.nq].max(axis=1, initial=0.0), inner))
-    distance = distances(space, x.T[:, :, None], other.x[:, same].T[:, :, None])[:, 0]
-    # An event that ends both solutions ends each at a time of its own.
-    late = np.abs(t - other.t[same]) * np.abs(space.rows(x)[1]).max(axis=1, initial=0.0)
-    return np.asarray(distance + late)

@@ -12,7 +12,13 @@ from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.solvers.method_choice import first_tolerance
 from twolink.integrate.steps.many_worlds import integrate_many
 from twolink.integrate.steps.methods import Method
-from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation, disturbed_solutions, finer_solution
+from twolink.integrate.steps.perturbation import (
+    NO_PERTURBATION,
+    Perturbation,
+    disturbed_finer,
+    disturbed_solutions,
+    finer_solution,
+)
 from twolink.integrate.steps.step_map import StepMap
 from twolink.simulation.error_bar import (
     DISTURBED,
@@ -68,6 +74,11 @@ class _Tried:
         return _Tried(self.worlds[few], self.tolerance[few], self.x[:, :, few], self.steps[few], self.rejected[few],
                       self.rounding[:, few])  # fmt: skip
 
+    def take(self, few: Array, others: "_Tried") -> None:
+        """Take others in place of few (k,) of the solutions."""
+        for field in fields(self):
+            getattr(self, field.name)[..., few] = getattr(others, field.name)
+
     def beside(self, other: "_Tried") -> "_Tried":
         """The solutions of these and of other worlds."""
         pairs = ((getattr(self, field.name), getattr(other, field.name)) for field in fields(self))
@@ -93,6 +104,23 @@ class _Worlds:
         unknown = np.full((len(x), len(worlds)), np.inf)
         return _Tried(worlds, tolerance / perturbation.finer, x, steps, rejected, unknown)
 
+    def first_bars(self, one: _Tried) -> tuple[Array, _Tried]:
+        """As `bars`, of first solutions: by finer ones that show rounding, too, where that is enough."""
+        method, tolerance = self.step_map.method, float(one.tolerance[0])
+        disturbed, wide = disturbed_finer(finer_solution(method, tolerance), tolerance)
+        if not wide:
+            return self.bars(one, 0)
+        finer = self.solved(one.worlds, one.tolerance, disturbed)
+        far = distances(self.step_map.equations.space, one.x, finer.x)
+        bar = self._bar(one, truncation_factor(method, one.steps) * far, DISTURBED[1] / wide * far)
+        late = np.flatnonzero(bar > self.accuracy)  # not those that are lost
+        if late.size:
+            few = one.of(late)
+            bar[late], again = self.bars(few, 0)
+            one.rounding[:, late] = few.rounding
+            finer.take(late, again)
+        return bar, finer
+
     def bars(self, one: _Tried, before: int) -> tuple[Array, _Tried]:
         """The bars (w,) at the end of solutions, NaN of those that are lost; and the finer solutions.
 
@@ -104,10 +132,14 @@ class _Worlds:
         finer = self.solved(one.worlds, one.tolerance * ratio**before, Perturbation(finer=ratio ** (before + 1)))
         truncation = truncation_factor(method, one.steps) * distances(equations.space, one.x, finer.x)
         self._look_at_rounding(one, truncation.max(axis=0))
-        alike = common_rounding(equations.space, self.times, one.x, one.steps)
-        bar = error_bar(truncation + one.rounding, alike)[-1] + SLACK * self.accuracy
         self.take_over(one, finer)
-        return np.where(np.isfinite(bar), bar, np.nan), finer
+        return self._bar(one, truncation, one.rounding), finer
+
+    def _bar(self, one: _Tried, truncation: Array, rounding: Array) -> Array:
+        """The bars (w,) at the end, NaN of worlds that are lost, from their parts (m, w)."""
+        alike = common_rounding(self.step_map.equations.space, self.times, one.x, one.steps)
+        bar = error_bar(truncation + rounding, alike)[-1] + SLACK * self.accuracy
+        return np.where(np.isfinite(bar), bar, np.nan)
 
     def _look_at_rounding(self, one: _Tried, truncation: Array) -> None:
         """Solve disturbed solutions of worlds whose rounding is not known; two of those where one is too coarse."""
@@ -165,7 +197,7 @@ def solve_worlds(
     for before in itertools.count():
         if not one.worlds.size:
             break
-        bar, finer = given.bars(one, before)
+        bar, finer = given.bars(one, before) if before else given.first_bars(one)
         better = ~(bar >= result.error[one.worlds])  # than none, too
         kept = one.worlds[better]
         result.error[kept], result.x[:, :, kept] = bar[better], one.x[:, :, better]

@@ -10,7 +10,7 @@ both: their middle is undisturbed but for terms of second order, and half their 
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,12 +21,14 @@ from twolink.native.stepper import Disturbances
 
 LOOSE = 1e-7  # the tolerance of DOP853 below which its errors follow it
 MIN_STEPS = 16.0  # of an adaptive method in a run
-ROUNDING = 2 * np.finfo(float).eps  # of each entry of a state, relative to its size, in each step
+EPS = float(np.finfo(float).eps)
+ROUNDING = 2 * EPS  # of each entry of a state, relative to its size, in each step
 # Of each entry in each step on the mean, relative to it. Rounding is not all chance: energy drifts, in all solutions
 # alike, and the phase of a swing by the square of its steps. Without it, bars of swings of 1e5 steps of DOP853 were up
 # to 2.3 times too small; with it, 1.7 times the errors of 64 of them or more.
-BIAS = 0.01 * np.finfo(float).eps
+BIAS = 0.01 * EPS
 SHARE = 0.1  # of the largest entry of q, or of v: the least size that counts, as forces of one joint act on others
+WIDEST, LEAST_WIDE, WIDE_SHARE = 1e3, 100.0, 0.01  # times rounding, at most and at least; a part of the tolerance
 PERIOD = 4096  # random numbers of an entry, then they repeat
 APART = 613  # places between the random numbers of two solutions
 
@@ -85,6 +87,25 @@ def finer_solution(method: Method, setting: float) -> Perturbation:
 def disturbed_solutions(count: int, finer: float = 1.0) -> tuple[Perturbation, ...]:
     """The perturbations of solutions that show rounding, beside an undisturbed one that is as fine."""
     return tuple(Perturbation(finer, ROUNDING, i) for i in range(count))
+
+
+def disturbed_finer(finer: Perturbation, tolerance: float, unit: float = EPS) -> tuple[Perturbation, float]:
+    """A finer solution that shows both errors, and how many times as much as by rounding it is disturbed.
+
+    The disturbances are far below its tolerance, so that its distance is one of truncation; what rounding makes is no
+    more than that distance over their number. 0: none, as its tolerance is too near to the rounding of the numbers.
+
+    Parameters
+    ----------
+    finer : Perturbation
+        The finer solution.
+    tolerance : float
+        Of the run.
+    unit : float
+        The relative rounding of the numbers.
+    """
+    wide = min(WIDEST, WIDE_SHARE * tolerance / finer.finer / unit)
+    return (replace(finer, rounding=wide * ROUNDING), wide) if wide >= LEAST_WIDE else (finer, 0.0)
 
 
 @functools.lru_cache(64)
