@@ -60,7 +60,8 @@ typedef struct {
 
 /* Disturbances of the size of rounding, added to the rows below `moving` of each column before every attempt.
 table (period x moving): numbers from -1 to 1. first, rounding, bias: of each column. moves (moving x columns): 0 where
-nothing moves. embedded: of each column, 1: it goes on by the embedded formula of lower order. largest: the parts of the rows (begin, end) whose largest entry sets the least size that counts. */
+nothing moves. embedded (columns): 1 where a solution goes on by the embedded formula of lower order. parts: begin and end of
+the rows whose largest entry sets the least size that counts. */
 typedef struct {
   const double *table, *rounding, *bias, *moves, *embedded;
   const int64_t *first;

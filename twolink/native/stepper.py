@@ -75,16 +75,9 @@ class Disturbances:
     @functools.cached_property
     def pointer(self) -> "_Disturbance":
         """The structure for the library, which keeps the arrays alive."""
-        arrays = [
-            np.ascontiguousarray(a, dtype=float)
-            for a in (
-                self.table,
-                self.rounding,
-                self.bias,
-                self.moves,
-                np.zeros(len(self.rounding)) if self.embedded is None else self.embedded,
-            )
-        ]
+        embedded = np.zeros(len(self.rounding)) if self.embedded is None else self.embedded
+        given = (self.table, self.rounding, self.bias, self.moves, embedded)
+        arrays = [np.ascontiguousarray(a, dtype=float) for a in given]
         arrays.append(np.ascontiguousarray(self.first, dtype=np.int64))
         if any(a.shape != self.moves.shape[1:] for a in (arrays[1], arrays[2], arrays[4], arrays[5])):
             raise ValueError(f"disturbances of {[a.shape for a in arrays]}")

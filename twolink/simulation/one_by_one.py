@@ -70,9 +70,8 @@ class OneByOne:
         # steps: by Taylor's method the finer one, by SciPy's one that begins anew as often.
         kind = self._run.choice.method.kind
         each, undisturbed = [self._far(finer)], self._run
-        if kind == "scipy":
-            self._far(RESTARTED)
-        if kind in ("taylor", "scipy"):
+        same_steps = each[0] if kind != "scipy" else self._far(RESTARTED)
+        if kind in ("taylor", "scipy") and np.isfinite(same_steps).all():  # it is not lost
             own = self._others[-1]
             undisturbed = replace(self._run, solution=own, checks=np.arange(len(own.t)))
         for disturbed in disturbed_solutions(ALONE, finer.finer if kind == "taylor" else 1.0):
