@@ -33,7 +33,8 @@ def test_there_is_something_to_run() -> None:
 
 @pytest.mark.slow
 def test_commands(tmp_path: Path) -> None:
-    """In order, since later ones read what earlier ones wrote."""
+    """In order, since later ones read what earlier ones wrote; in a folder with the robots of a checkout."""
+    (tmp_path / "urdf").symlink_to(TOP / "urdf")
     for line in COMMANDS:
         arguments = shlex.split(line, comments=True)[1:]
         arguments += ["--html", "demo.html"] * (arguments == ["demo"])  # it would wait in the browser

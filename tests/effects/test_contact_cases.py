@@ -176,7 +176,7 @@ def test_a_cylinder_starts_upright_but_for_a_rounding(monkeypatch: pytest.Monkey
     upright = [4.617861345417722e-16, -2.4588520612080807e-16, 0.8414537269122624, -0.5403291825040212]
     contact = E.Contact("ground", 0.3, shapes={"c": (E.Cylinder(0.1, 0.3),)})
     scene = tl.Scene(free_bodies("c"), [0, 0, 0.2, *upright], effects=[E.Gravity(), contact])
-    state = RunState(equations_of(scene), 0.0, 1e-13).mode_state
+    state = RunState(equations_of(scene), 0.0).mode_state
     assert state.evaluate().contacts[:, 0, 0].min() == pytest.approx(0.05)
 
 
@@ -455,3 +455,26 @@ def test_a_slip_that_stops_while_it_turns_ends_there() -> None:
     assert len(run.solution.segments) < 20
     assert run.error is not None
     assert run.error[-1] < 1e-4
+
+
+def test_a_small_ball_bounces_and_turns_as_a_large_one() -> None:
+    """A ball off its centre of mass, whose friction turns while it bounces, and its copy of 1.5e-3 of the size.
+
+    Bounces too low to follow leave out more of the angle the smaller the ball is. All solutions left out the same.
+    """
+    runs = []
+    for size in (1.0, 1.5e-3):
+        r = 0.2 * size
+        about, across = 0.032 * size**2, 0.092 * size**2
+        robot = tl.load_robot(
+            f'<robot name="ball"><link name="ball"><inertial><mass value="2"/><inertia ixx="{about}" iyy="{across}" '
+            f'izz="{across}" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>', root="free")  # fmt: skip
+        contact = E.Contact("ground", 0.517, 0.496, shapes={"ball": (E.Sphere(r, (0.09 * size, 0.0, 0.0)),)})
+        v = np.array([-0.8, -0.6, -0.8, 4.0, -2.5, 1.1]) * size ** np.repeat([0.5, -0.5], 3)
+        start = [0, 0, 0.28 * size, 0.1, 0.5, -0.3, math.sqrt(0.65)]
+        end = 0.6 * math.sqrt(size)
+        runs.append(tl.simulate(tl.Scene(robot, start, v, [E.Gravity(), contact]), end, accuracy=4e-9,
+                                samples_per_second=20 / end))  # fmt: skip
+    large, small = runs
+    assert (np.abs(large.q[:, 3:] - small.q[:, 3:]).max(axis=1) <= large.error + small.error).all()
+    assert (np.abs(1.5e-3 * large.q[:, :3] - small.q[:, :3]).max(axis=1) <= large.error + small.error).all()

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import G, free_bodies
+from tests.effects.bodies import G, free_bodies, planar
 from twolink.integrate.hybrid import force_share
 from twolink.integrate.hybrid.contact_problem import Rows, friction_force, sliding_of, solve_contacts
-from twolink.integrate.hybrid.impacts import Touch, after
+from twolink.integrate.hybrid.impacts import LeastBounce, Touch, after, brought_to_rest
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.motion.scene_equations import equations_of
 
@@ -123,7 +123,7 @@ def test_the_smallest_forces_on_four_corners_are_taken_while_they_obey_the_laws(
     monkeypatch.setattr(force_share, "_central", lambda *given: searches.append(given) or central(*given))
     effects = [fx.Gravity(), fx.FrameWrench("block", (push, 0.0, 0.0), point=(0.0, 0.0, high)),
                fx.Contact(("ground",), 0.5, shapes={"block": (fx.Box((0.3, 0.2, 0.2)),)})]  # fmt: skip
-    run = RunState(equations_of(tl.Scene(free_bodies("block"), [0, 0, 0.1, 0, 0, 0, 1], effects=effects)), 0.0, 1e-13)
+    run = RunState(equations_of(tl.Scene(free_bodies("block"), [0, 0, 0.1, 0, 0, 0, 1], effects=effects)), 0.0)
     run.resolve_mode()
     (forces,) = force_share.share_of(run.mode_state).best(run.mode_state.evaluate()).forces
     ahead = push * (0.1 + high) / 0.15  # the load of the two corners in front less that of the others
@@ -168,3 +168,22 @@ def test_what_is_jammed_is_not_pressed_at_will(friction: float) -> None:
     assert -0.97 * x + np.sin(angle) * z == pytest.approx(10.0 * 0.5 * np.sin(angle), rel=1e-9)  # about the pin
     assert abs(x) <= friction * z
     assert z < 10.0
+
+
+@pytest.mark.parametrize("speed", [1e-3, 1e-4, 1e-5, 1e-6])
+def test_a_body_that_rocks_too_low_to_follow_comes_to_rest(speed: float) -> None:
+    """Half the mass at each of two ends: one lies, the other bounces as a free point does, until 2 v / (g (1 - e)).
+
+    The end that parts has an acceleration v^2 / 2l towards the other, which no force stops while both are held: sweeps
+    found none in 5,000 tries, and runs hung at such ends.
+    """
+    fx, arm, e = tl.effects, 0.1**0.5, 0.3
+    ends = {"body": tuple(fx.Sphere(1e-10, (side * arm, 0.0, 0.0)) for side in (-1, 1))}
+    effects = [fx.Gravity(), fx.Contact(("ground",), 0.5, e, shapes=ends)]
+    scene = tl.Scene(planar(), [0, 1e-10, 0], [0, speed / 2, speed / 2 / arm], effects)
+    result = brought_to_rest(RunState(equations_of(scene), 0.0).mode_state, LeastBounce(speed**2 / G))
+    assert result is not None
+    v, [(_, seconds)], energy = result
+    assert np.abs(v).max() < 1e-15
+    assert seconds == pytest.approx(2 * speed / (G * (1 - e)), rel=1e-3)
+    assert energy == pytest.approx(speed**2 / 4, rel=1e-3)

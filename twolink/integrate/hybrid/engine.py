@@ -18,6 +18,7 @@ import numpy as np
 from twolink.errors import AccuracyError
 from twolink.integrate.core.columns import Columns
 from twolink.integrate.hybrid.consistency import SLOW
+from twolink.integrate.hybrid.impacts import LeastBounce
 from twolink.integrate.hybrid.locating import Guard, GuardWatcher, Hit
 from twolink.integrate.hybrid.modes import SLOW_SLIP
 from twolink.integrate.hybrid.segment import OpenSegment
@@ -36,7 +37,7 @@ AT_ONCE = 200  # events at one time
 MAX_EVENTS = 100_000
 FIRST_BLOCK = 8  # steps between two looks for events, before a segment has shown how many it takes
 SMALL_BOUNCE = 1e-2  # of the tolerance: lower bounces are not followed
-SMALLEST_BOUNCE = 1e-13  # m or rad: what numbers resolve
+OF_FIXED_STEPS = 1e-10  # their tolerance there: each bounce takes some of them
 LAST = 1e-3  # of the time of a slip that has turned: its last part, which begins anew
 SLOWLY = 100.0  # times SLOW: slower slips do not begin anew
 STRAIGHT = 1e-6  # the sine of the angle between a slip and its first direction: it has not turned
@@ -64,11 +65,12 @@ class Engine:
     perturbation: Perturbation
 
     def __post_init__(self) -> None:
-        tolerance = self.setting / self.perturbation.finer if self.method.adaptive else 0.0
-        small = max(SMALL_BOUNCE * tolerance, SMALLEST_BOUNCE)
+        adaptive, finer = self.method.adaptive, self.perturbation.finer
+        tolerance = self.setting / finer if adaptive else 0.0
+        least = LeastBounce(SMALL_BOUNCE * (self.setting if adaptive else OF_FIXED_STEPS), finer)
         # A slip begins like t or t^2 and turns like t: what `slow` changes in it is of the order slow^1.5.
         slow = max(tolerance ** (2 / 3), SLOW_SLIP)
-        self.run = RunState(self.whole, float(self.times[0]), small, slow)
+        self.run = RunState(self.whole, float(self.times[0]), least, slow)
         self.end, self.at_once = float(self.times[-1]), 0
         self._span, self._block = self.end - self.run.t, FIRST_BLOCK
         self._stops = self._begin()
@@ -128,7 +130,7 @@ class Engine:
 
     def _keeps_laws(self, segment: OpenSegment) -> bool:
         """True if the laws of the mode of a segment hold with the numbers that hold now."""
-        forces = [guard for guard in segment.watcher.guards if guard.is_force]
+        forces = [guard for guard in segment.watcher.guards if guard.of == "force"]
         snapshot = self.run.mode_state.evaluate() if forces else None
         with np.errstate(all="ignore"):
             return snapshot is None or all(np.asarray(one.value(snapshot)).item() > one.noise for one in forces)

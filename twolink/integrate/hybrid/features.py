@@ -25,7 +25,7 @@ def pair_guards(run: RunState) -> Iterator[Guard]:
         if any((p, one.number) in closed for one in group):
             covered[p] |= {one.number for one in group}
     for p, without in covered.items():
-        yield Guard(("meet", p), partial(_least_gap, run, p, without), partial(_meet, p), run.t, touching=True)
+        yield Guard(("meet", p), partial(_least_gap, run, p, without), partial(_meet, p), run.t, of="distance")
 
 
 def _least_gap(run: RunState, p: int, without: set[int], s: Snapshot) -> Any:

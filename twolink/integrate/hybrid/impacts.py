@@ -235,7 +235,8 @@ def kinetic_energy(mass: Array, v: Array) -> float:
 
 
 STRONGEST = 1e4  # m/s^2 or rad/s^2: bounces that come back faster are followed
-RESOLVED = 4e-13  # relative to the state: lower bounces are not seen
+EARLIER, LEAST_BACK = 4.0, 0.1  # times as high, to show what low bounces leave out; the least restitution that counts
+RESOLVED = 2e-14  # relative to positions: the height of bounces that numbers resolve
 
 
 @dataclass(frozen=True)
@@ -249,14 +250,44 @@ class Bounce:
     restitution: float
 
 
-def brought_to_rest(state: ModeState, small: float) -> tuple[Array, list[tuple[str, float]], float] | None:
-    """The velocities without bounces lower than `small`, each one's name and seconds until it ends, and the loss, J.
+@dataclass(frozen=True)
+class LeastBounce:
+    """The height of bounces that are not followed, m or rad.
+
+    Parameters
+    ----------
+    height : float
+        Of the run.
+    finer : float
+        How many times as fine a solution is that shows what these leave out of the run: from lower ones, or, where
+        numbers resolve none, from higher ones: it stops a bounce earlier, or more, with a few times the error.
+    """
+
+    height: float
+    finer: float = 1.0
+
+    def of(self, restitution: float, seen: float) -> float:
+        """The height with a restitution. seen: what numbers resolve, to which a bounce without a loss is followed."""
+        height, ratio = self.height if restitution < 1.0 else 0.0, 1.0
+        if self.finer > 1.0:
+            ratio = max(EARLIER, 1.5 / max(restitution, LEAST_BACK) ** 2)
+            lower = height / max(self.finer, ratio)
+            if lower >= seen:
+                return lower
+        return ratio * max(height, seen)
+
+
+EVERY_BOUNCE = LeastBounce(0.0)  # that numbers resolve
+
+
+def brought_to_rest(state: ModeState, least: LeastBounce) -> tuple[Array, list[tuple[str, float]], float] | None:
+    """The velocities without bounces too low to follow, each one's name and seconds until it ends, and the loss, J.
 
     None where there are no such bounces.
     """
-    seen = RESOLVED * (1.0 + float(np.abs(state.x).max()))
-    low = max(small, seen)
-    parting = list(_parting(state, math.sqrt(2.0 * STRONGEST * low)))
+    seen = resolved(state)
+    parting = [(one, 2.0 * least.of(one.restitution, seen)) for one in _parting(state)]
+    parting = [(one, low) for one, low in parting if one.speed**2 <= STRONGEST * low]
     if not parting:
         return None
     still, problem = still_speed(state.v), ModeProblem(state, still_speed(state.v))
@@ -264,16 +295,19 @@ def brought_to_rest(state: ModeState, small: float) -> tuple[Array, list[tuple[s
     rows = state.evaluate().contacts[:, :2, 0] if state.system.contacts else np.empty((0, 2))
     touching = {i for i, (gap, rate) in enumerate(rows) if gap <= NEAR and abs(rate) <= still}
     while parting:
-        contacts = sorted(touching | {one.number for one in parting if one.contact})
-        joints = sorted(resting | {one.number for one in parting if not one.contact})
-        solved = problem.solved(contacts, joints, {i for i in contacts if problem.slip(i) is None})
+        contacts = sorted(touching | {one.number for one, _ in parting if one.contact})
+        joints = sorted(resting | {one.number for one, _ in parting if not one.contact})
+        # Of a state without rates: those that part have accelerations v^2 / r, which no force ends.
+        x = state.x.copy()
+        x[state.system.whole.space.v_rows] = problem.without_rates(contacts, joints)
+        at_rest = ModeProblem(state._replace(x=x), still)
+        solved = at_rest.solved(contacts, joints, {i for i in contacts if at_rest.slip(i) is None})
         if solved is None:
             return None
         forces = {(True, i): force[0] for i, force in zip(contacts, solved.forces, strict=False)}
         forces |= {(False, k): abs(force[0]) for k, force in zip(joints, solved.forces[len(contacts) :], strict=True)}
-        back = [forces[one.contact, one.number] * problem.gain(one.contact, one.number) for one in parting]
-        rests = [g > 0.0 and one.speed**2 <= 2.0 * g * (low if one.restitution < 1.0 else seen)
-                 for one, g in zip(parting, back, strict=True)]  # fmt: skip
+        back = [forces[one.contact, one.number] * problem.gain(one.contact, one.number) for one, _ in parting]
+        rests = [g > 0.0 and one.speed**2 <= g * low for (one, low), g in zip(parting, back, strict=True)]
         if all(rests):
             break
         parting = [one for one, stays in zip(parting, rests, strict=True) if stays]
@@ -283,19 +317,24 @@ def brought_to_rest(state: ModeState, small: float) -> tuple[Array, list[tuple[s
     held = [k for k, rates in zip(joints, solved.rates[len(contacts) :], strict=True) if not rates[0]]
     new = problem.without_rates(pressing, held)
     ends = [(one.name, 2.0 * one.speed / (g * (1.0 - one.restitution)) if 0.0 < one.restitution < 1.0 else 0.0)
-            for one, g in zip(parting, back, strict=True)]  # fmt: skip
+            for (one, _), g in zip(parting, back, strict=True)]  # fmt: skip
     return new, ends, kinetic_energy(problem.mass, state.v) - kinetic_energy(problem.mass, new)
 
 
-def _parting(state: ModeState, fastest: float) -> Iterator[Bounce]:
-    """Contacts and stops that touch and part, but not fast."""
+def resolved(state: ModeState) -> float:
+    """The height of bounces that numbers resolve, m or rad."""
+    return RESOLVED * (1.0 + float(np.abs(state.x[: state.system.nq]).max(initial=0.0)))
+
+
+def _parting(state: ModeState) -> Iterator[Bounce]:
+    """Contacts and stops that touch and part."""
     still = still_speed(state.v)
     for stop in state.system.stops:
         rate = stop.side * float(state.v[stop.dof])
-        if state.x[stop.entry] == stop.position and still < rate <= fastest:
+        if state.x[stop.entry] == stop.position and rate > still:
             yield Bounce(stop.name, False, stop.dof, rate, stop.restitution)
     rows = state.evaluate().contacts[:, :2, 0] if state.system.contacts else ()
     for i, (gap, rate) in enumerate(rows):
-        if gap <= NEAR and still < rate <= fastest:
+        if gap <= NEAR and rate > still:
             contact = state.system.contacts[i]
             yield Bounce(contact.name, True, i, float(rate), contact.restitution)

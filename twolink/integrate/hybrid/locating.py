@@ -11,7 +11,7 @@ import copy
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -31,8 +31,8 @@ class Guard:
     there on it is judged by value / (t - start), which is not 0 at the start.
 
     key: names the guard from segment to segment. value: of a snapshot, (n,); rate: its derivative, of a gap. side: the
-    sign while the mode lasts; None where it is not known before the first look. touching: it is a distance or a speed,
-    for which a near miss may count. is_force: it is a force or a torque.
+    sign while the mode lasts; None where it is not known before the first look. of: what the value is; of a distance
+    or a speed a near miss may count.
     """
 
     def __init__(
@@ -43,12 +43,11 @@ class Guard:
         start: float,
         *,
         side: float | None = 1.0,
-        touching: bool = False,
-        is_force: bool = False,
+        of: Literal["distance", "speed", "force", "state"] = "state",
         rate: Callable[[Snapshot], Any] | None = None,
     ) -> None:
         self.key, self.value, self.transition, self.start, self.rate = key, value, transition, start, rate
-        self.side, self.touching, self.is_force = side, touching, is_force
+        self.side, self.of = side, of
         self.at_zero, self.noise, self.moved = False, 0.0, True
 
     def begin(self, first: float, noise: float, *, fired: bool) -> None:
@@ -78,6 +77,7 @@ class Guard:
         return np.where(late, values / np.where(late, t - self.start, 1.0), math.inf)
 
 
+NEAR_MISSES = ("distance", "speed")
 WITHIN = np.array([0.25, 0.5, 0.75])  # of a step
 DIP = 0.3  # of what a guard changes around a low point: it may reach 0 between the points there
 FEW = 12  # gaps that are all looked at; of more only those that can close
@@ -113,7 +113,7 @@ class GuardWatcher:
 
     def __init__(self, evaluate: Evaluator, step_map: StepMap, guards: Sequence[Guard], margin: float = 0.0) -> None:
         self.evaluate, self.map, self.guards = evaluate, step_map, guards
-        self.margins = np.array([margin if guard.touching and not guard.at_zero else 0.0 for guard in guards])
+        self.margins = np.array([margin if guard.of in NEAR_MISSES and not guard.at_zero else 0.0 for guard in guards])
         self._before: tuple[float, Array] | None = None  # where the last step began: a dip may lie at its end
 
     def copied(self) -> "GuardWatcher":

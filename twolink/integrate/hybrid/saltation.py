@@ -147,7 +147,7 @@ class Saltation:
         along_motion = self._derivative(before, value, flow, 1.0, bound=False, share=share)[0]
         load = (
             before.mode_state.own.largest_load(before.mode_state.evaluate())
-            if guard.is_force
+            if guard.of == "force"
             else np.abs(rate).max(initial=0.0)
         )
         if not abs(along_motion) > GRAZING * (1.0 + load):

@@ -13,7 +13,16 @@ from twolink.errors import AccuracyError, SceneError
 from twolink.geometry.features import Feature
 from twolink.integrate.event import Event
 from twolink.integrate.hybrid.consistency import NEAR, SLOW, consistent, still_speed
-from twolink.integrate.hybrid.impacts import Impact, Touch, brought_to_rest, collide, onto_contact, whole
+from twolink.integrate.hybrid.impacts import (
+    EVERY_BOUNCE,
+    Impact,
+    LeastBounce,
+    Touch,
+    brought_to_rest,
+    collide,
+    onto_contact,
+    whole,
+)
 from twolink.integrate.hybrid.locating import Key
 from twolink.integrate.hybrid.modes import SLOW_SLIP, ContactMode, Mode, ModeState, System
 from twolink.integrate.hybrid.snapshot import Snapshot
@@ -33,11 +42,12 @@ class RunState:
 
     events, impulses: so far. sides: of each trigger, the sign of its value. fired: guards whose zero has caused an
     event at this instant. opened: what events of this instant have freed. passed: features that have passed an edge or
-    opened in it, by the pair's number and their own. ended: the run is over. small: the height of bounces that are not
-    followed any more.
+    opened in it, by the pair's number and their own. ended: the run is over. least: which bounces are followed.
     """
 
-    def __init__(self, equations: Equations, t: float, small: float, slow: float = SLOW_SLIP) -> None:
+    def __init__(
+        self, equations: Equations, t: float, least: LeastBounce = EVERY_BOUNCE, slow: float = SLOW_SLIP
+    ) -> None:
         self.system = System(equations, slow)
         self.x = np.array(equations.start[: equations.moving])
         self.t = t
@@ -49,7 +59,7 @@ class RunState:
         self.fired: set[Key] = set()
         self.opened: set[Key] = set()
         self.ended = False
-        self.small = small
+        self.least = least
         self.passed: set[tuple[int, int]] = set()
         self._rest_noted: set[str] = set()
 
@@ -104,7 +114,7 @@ class RunState:
 
     def _end_bounces(self) -> None:
         """Bring to rest what bounces too low to follow."""
-        result = brought_to_rest(self.mode_state, self.small)
+        result = brought_to_rest(self.mode_state, self.least)
         if result is None:
             return
         self.x[self.system.whole.space.v_rows], ends, energy = result

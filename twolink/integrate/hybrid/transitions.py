@@ -14,7 +14,7 @@ from twolink.errors import SceneError
 from twolink.integrate.hybrid.consistency import ALLOWED, SLOW
 from twolink.integrate.hybrid.features import pair_guards, pass_edge, single_point
 from twolink.integrate.hybrid.force_share import EMPTY, TIGHT, ForceDistributionProblem, share_of
-from twolink.integrate.hybrid.impacts import catch_touch, contact_touch, onto_contact, stop_touch
+from twolink.integrate.hybrid.impacts import catch_touch, contact_touch, onto_contact, resolved, stop_touch
 from twolink.integrate.hybrid.locating import Guard, Key
 from twolink.integrate.hybrid.modes import freed, sliding
 from twolink.integrate.hybrid.snapshot import Snapshot
@@ -30,14 +30,15 @@ Value = Callable[[Snapshot], Any]
 def guards_of(run: RunState, snapshot: Snapshot) -> list[Guard]:
     """The guards of the mode of a run, from its state on, of which this is the snapshot."""
     run = run.copied()  # their values are those of this mode, also where the run is in another one and comes back
-    distance = AT_ZERO * (1.0 + float(np.abs(run.x).max(initial=0.0)))
     guards = [*_joint_guards(run), *_contact_guards(run), *pair_guards(run), *_trigger_guards(run)]
-    forces = any(guard.is_force for guard in guards)
-    force = FORCE_AT_ZERO * run.mode_state.own.largest_load(snapshot) if forces else 0.0
+    forces = any(guard.of == "force" for guard in guards)
+    state = AT_ZERO * (1.0 + float(np.abs(run.x).max(initial=0.0)))
+    noise = {"distance": 0.25 * resolved(run.mode_state), "speed": state, "state": state,
+             "force": FORCE_AT_ZERO * run.mode_state.own.largest_load(snapshot) if forces else 0.0}  # fmt: skip
     with np.errstate(all="ignore"):
         for guard in guards:
             first = np.asarray(guard.value(snapshot)).item()
-            guard.begin(first, force if guard.is_force else distance, fired=guard.key in run.fired)
+            guard.begin(first, noise[guard.of], fired=guard.key in run.fired)
     return guards
 
 
@@ -57,14 +58,14 @@ def _joint_guards(run: RunState) -> Iterator[Guard]:
             for torque, side in zip(system.torque_range(k, x), (1.0, -1.0), strict=True):
                 if math.isfinite(torque):  # the lock gives more than the least torque, and less than the greatest
                     yield Guard((f"lock {side:+g}", k), partial(_row, "locks", i, side, torque),
-                                partial(_free_joint, k, -side), t, is_force=True)  # fmt: skip
+                                partial(_free_joint, k, -side), t, of="force")  # fmt: skip
         elif k in system.has_friction and mode.slip.get(k):
             yield Guard(("stick", k), partial(_row, "x", system.nq + k, mode.slip[k], 0.0),
-                        partial(_stick, k), t, touching=True)  # fmt: skip
+                        partial(_stick, k), t, of="speed")  # fmt: skip
     for n, stop in enumerate(system.stops):
         if not (stop.dof in mode.locked and x[stop.entry] == stop.position):
             yield Guard(("stop", n), partial(_row, "x", stop.entry, stop.side, stop.position),
-                        partial(_hit_stop, n), t, touching=True)  # fmt: skip
+                        partial(_hit_stop, n), t, of="distance")  # fmt: skip
 
 
 def _contact_guards(run: RunState) -> Iterator[Guard]:
@@ -76,7 +77,7 @@ def _contact_guards(run: RunState) -> Iterator[Guard]:
             if i >= fixed:
                 continue  # its pair has a guard
             gap, rate = (partial(_row, "contacts", (i, row), 1.0, 0.0) for row in (0, 1))
-            yield Guard(("impact", i), gap, partial(_hit_contact, i), t, touching=True, rate=rate)
+            yield Guard(("impact", i), gap, partial(_hit_contact, i), t, of="distance", rate=rate)
             continue
         if single_point(run, i, run.mode_state.evaluate()) is not None:
             ends = _require_point if i < fixed else pass_edge
@@ -86,12 +87,12 @@ def _contact_guards(run: RunState) -> Iterator[Guard]:
         if run.mode_state.own.redundant:
             continue
         forces = partial(run.mode_state.own.contact_forces, i=i)
-        yield Guard(("leave", i), partial(_normal_force, forces), partial(_open, i), t, is_force=True)
+        yield Guard(("leave", i), partial(_normal_force, forces), partial(_open, i), t, of="force")
         if mode.contacts[i] == "rolling":
-            yield Guard(("slide", i), partial(_cone, forces, contact.static), partial(_slide, i), t, is_force=True)
+            yield Guard(("slide", i), partial(_cone, forces, contact.static), partial(_slide, i), t, of="force")
     if run.mode_state.own.redundant:
         share = share_of(run.mode_state)
-        yield Guard(("share", 0), partial(_margin, share), partial(_give_way, share), t, is_force=True)
+        yield Guard(("share", 0), partial(_margin, share), partial(_give_way, share), t, of="force")
 
 
 def _require_point(i: int, run: RunState) -> None:

@@ -54,7 +54,7 @@ def equations_at(equations: Equations, t: float, q: Array, v: Array) -> Equation
     x = with_starting_states(equations, x)
     if not equations.has_events:
         return replace(equations, start=np.concatenate([x, equations.layout.numbers_at(t)]))
-    run = RunState(replace(equations, start=np.concatenate([x, equations.start[equations.moving :]])), t, 0.0)
+    run = RunState(replace(equations, start=np.concatenate([x, equations.start[equations.moving :]])), t)
     run.require_room("the state")
     run.resolve_mode()
     fire_timed(run)
