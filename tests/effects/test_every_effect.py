@@ -122,7 +122,7 @@ def test_only_what_a_run_uses_is_imported(tmp_path: Path) -> None:
     code = "import sys, twolink as tl; tl.simulate(tl.load_scene('arm-swing'), 0.1); print(*sys.modules)"
     env = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "TWOLINK_CACHE": str(tmp_path / "twolink")}
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=env).stdout
-    shared = {"checks", "effect", "inputs", "loops", "own_effects", "switching"}  # common to all
+    shared = {"checks", "effect", "inputs", "loops", "own_effects", "quantities", "switching"}  # common to all
     assert {m.split(".")[-1] for m in out.split() if m.startswith("twolink.effects.")} == {"constants", *shared}
     assert not {"sympy", "heyoka"} & set(out.split())
     assert {path.name for path in tmp_path.iterdir()} <= {"twolink"}

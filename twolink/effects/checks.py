@@ -13,8 +13,8 @@ from twolink.algorithms.functions import frame_pose
 from twolink.algorithms.motion import GROUND, KinematicState
 from twolink.algorithms.spatial import Scalar, Vec, minus, unit
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, all_finite, check_name, finite, number
-from twolink.effects.inputs import Bezier, Input, Sampled, check_curve, check_table
+from twolink.effects.effect import Effect, Place, all_finite, check_name, finite, number
+from twolink.effects.inputs import Bezier, Polynomial, Sampled, check_curve, check_table
 from twolink.effects.own_effects import check_own_formula, check_own_methods
 from twolink.errors import SceneError, require_known
 
@@ -79,7 +79,7 @@ def check_fields(part: msgspec.Struct, robot: Robot, place: str = "") -> None:
     Names of links and joints are those of the robot. Where a field declares joints, it names one or more.
     """
     for field in _fields(type(part)):
-        value, where, said = getattr(part, field.name), f"{place}{field.name}", _declared(field.type)
+        value, where, said = getattr(part, field.name), f"{place}{field.name}", declared(field.type)
         _check(value, field.type, where, robot)
         if "of" in said:
             others = getattr(part, said["of"])
@@ -88,7 +88,7 @@ def check_fields(part: msgspec.Struct, robot: Robot, place: str = "") -> None:
                 check_name(joint, value, where, f"{field.name} for joint")
 
 
-def _declared(kind: Any) -> dict[str, Any]:
+def declared(kind: Any) -> dict[str, Any]:
     """The entries that a field has beside its type."""
     return (get_origin(kind) is Annotated and get_args(kind)[1].extra_json_schema) or {}
 
@@ -101,7 +101,7 @@ def _check(value: Any, kind: Any, field: str, robot: Robot, words: tuple[str, ..
     elif origin is Annotated:
         if arguments[0] is not float:
             _check(value, arguments[0], field, robot)
-        _check_declared(value, _declared(kind), field, robot)
+        _check_declared(value, declared(kind), field, robot)
     elif origin is Literal:
         require_known(value, arguments, SceneError, where=field)
     elif origin is Mapping:
@@ -111,7 +111,7 @@ def _check(value: Any, kind: Any, field: str, robot: Robot, words: tuple[str, ..
         _check_keys(value, arguments[0], field, robot)
         for key, item in value.items():
             _check(item, arguments[1], f"{field}.{key}", robot)
-    elif origin is tuple and arguments != (float, float):  # a pair of stops may be infinite
+    elif origin is tuple and arguments not in ((float, float), (Place, Place)):  # stops may be infinite
         _check_tuple(value, arguments, field, robot)
     elif origin in (Union, UnionType):
         _check_choice(value, kind, field, robot)
@@ -119,7 +119,7 @@ def _check(value: Any, kind: Any, field: str, robot: Robot, words: tuple[str, ..
 
 def _check_keys(names: Iterable[str], kind: Any, field: str, robot: Robot) -> None:
     """Require names as declared, of one joint or more."""
-    if not names and _declared(kind):
+    if not names and declared(kind):
         raise SceneError("it names no joint", where=field, remedy="name joints, or leave the effect out")
     for name in names:
         _check(name, kind, field, robot)
@@ -149,7 +149,7 @@ def _check_tuple(value: Any, kinds: tuple[Any, ...], field: str, robot: Robot) -
         raise SceneError(f"expected {word}, got {value!r:.60}", where=field, remedy=f"give {remedy}")
     if kinds[0] is float:
         all_finite(value, field)
-    elif (get_origin(kinds[0]) is Annotated and get_args(kinds[0])[0] is float) or kinds[0] == Input:
+    elif (get_origin(kinds[0]) is Annotated and get_args(kinds[0])[0] is float) or Polynomial in get_args(kinds[0]):
         for i, item in enumerate(value):
             _check(item, kinds[0], f"{field}[{i}]", robot)
     elif get_origin(kinds[0]) is Annotated:
@@ -172,7 +172,7 @@ def _check_choice(value: Any, kind: Any, field: str, robot: Robot) -> None:
     """Require one of the types of a union: an input, a condition, or None or a word in place of the first type."""
     arguments = get_args(kind)
     words = next((get_args(other) for other in arguments if get_origin(other) is Literal), ())
-    if isinstance(value, tuple(other for other in arguments if isinstance(other, type) and other is not float)):
+    if isinstance(value, tuple(other for other in arguments if isinstance(other, type) and other not in (float, str))):
         if isinstance(value, msgspec.Struct):
             check_fields(value, robot, f"{field}.")
         if isinstance(value, Sampled):
@@ -184,7 +184,7 @@ def _check_choice(value: Any, kind: Any, field: str, robot: Robot) -> None:
         raise SceneError(
             f"expected one of {names}, got {value!r:.60}", where=field, remedy=f"see effects.{arguments[0].__name__}"
         )
-    elif kind == Input and not isinstance(value, (int, float)):
+    elif Polynomial in arguments and not isinstance(value, (int, float)):
         what = f"expected a number, Polynomial, Bezier, Sine or Sampled, got {value!r:.60}"
         raise SceneError(what, where=field, remedy="such as 1.5")
     elif not (isinstance(value, str) and value in words):
@@ -229,14 +229,14 @@ def above_zero(values: Mapping[str, float], field: str) -> None:
                              remedy="leave the joint out, or give a larger one")  # fmt: skip
 
 
-def check_values_or_urdf(values: Mapping[str, float] | None, urdf: Any, field: str, what: str = "") -> None:
+def check_values_or_urdf(values: Mapping[str, float | str] | None, urdf: Any, field: str, what: str = "") -> None:
     """Require values by joint; or None, and values (nv,) in the URDF, named `what`. Raises SceneError."""
     if values is None and not urdf.any():
         remedy = "give it by joint, or leave the effect out"
         raise SceneError(f"the URDF gives no joint {what or field}", where=field, remedy=remedy)
 
 
-def values_by_dof(values: Mapping[str, float] | None, urdf: Any, motion: KinematicState) -> dict[int, float]:
+def values_by_dof(values: Mapping[str, float | str] | None, urdf: Any, motion: KinematicState) -> dict[int, float]:
     """The values of each degree of freedom that has one: those by joint, or for None the URDF's (nv,)."""
     if values is None:
         return dict(enumerate(urdf.tolist()))

@@ -13,6 +13,8 @@ from twolink.effects.checks import check_joint, check_subset, single_joints
 from twolink.effects.effect import (
     CoordinateJoint,
     Effect,
+    Effort,
+    Load,
     Loads,
     NotNegative,
     SingleJoint,
@@ -20,11 +22,11 @@ from twolink.effects.effect import (
     number,
     of,
 )
-from twolink.effects.inputs import Input, Sampled, derivatives_at, value_at
+from twolink.effects.inputs import EffortSignal, PlaceSignal, Sampled, derivatives_at, value_at
 from twolink.errors import SceneError
 from twolink.robots.joint_layout import joint_layouts
 
-Limits = Mapping[str, NotNegative] | Literal["urdf"] | None
+Limits = Mapping[str, Load] | Literal["urdf"] | None
 
 
 class JointPD(Effect, frozen=True):
@@ -52,10 +54,10 @@ class JointPD(Effect, frozen=True):
     Siciliano et al., Robotics, 2009, section 8.5.1.
     """
 
-    target: Mapping[CoordinateJoint, Input]
+    target: Mapping[CoordinateJoint, PlaceSignal]
     kp: Annotated[Mapping[str, NotNegative], of("target", each=True)]
     kd: Annotated[Mapping[str, NotNegative], of("target")] = {}
-    feedforward: Annotated[Mapping[str, Input], of("target")] = {}
+    feedforward: Annotated[Mapping[str, EffortSignal], of("target")] = {}
     effort: Limits = None
 
     @property
@@ -118,7 +120,7 @@ class PID(Effect, frozen=True):
     Åström, Hägglund, PID Controllers: Theory, Design, and Tuning, 1995, sections 3.2 to 3.5 (tracking anti-windup).
     """
 
-    target: Mapping[CoordinateJoint, Input]
+    target: Mapping[CoordinateJoint, PlaceSignal]
     kp: Annotated[Mapping[str, NotNegative], of("target", each=True)]
     ki: Annotated[Mapping[str, NotNegative], of("target")] = {}
     kd: Annotated[Mapping[str, NotNegative], of("target")] = {}
@@ -249,7 +251,7 @@ class ComputedTorque(Effect, frozen=True):
     8.5.2.
     """
 
-    path: Mapping[CoordinateJoint, Input]
+    path: Mapping[CoordinateJoint, PlaceSignal]
     kp: NotNegative
     kd: NotNegative
     effort: Limits = None
@@ -325,7 +327,7 @@ class StateFeedback(Effect, frozen=True):
 
     gain: Mapping[SingleJoint, tuple[float, ...]]
     target: tuple[float, ...]
-    torque: Annotated[Mapping[str, float], of("gain")] = {}
+    torque: Annotated[Mapping[str, Effort], of("gain")] = {}
     effort: Limits = None
 
     @property
@@ -409,7 +411,7 @@ def check_limits(limits: Limits, joints: Iterable[str], robot: Robot, field: str
 
 def limit_of(joint: str, limits: Limits, model: Any) -> float | None:
     """The limit of a joint's torque, N m or N; None where there is none."""
-    return _urdf_limit(model, joint) if limits == "urdf" else (limits or {}).get(joint)
+    return _urdf_limit(model, joint) if limits == "urdf" else number((limits or {}).get(joint))
 
 
 def clamped(torque: Scalar, joint: str, limits: Limits, motion: KinematicState, loads: Loads) -> Scalar:

@@ -17,7 +17,7 @@ from twolink.algorithms.spatial import Scalar, minus, negative, plus, times
 from twolink.dynamics import Robot
 from twolink.effects.checks import above_zero, check_effect, check_joints
 from twolink.effects.constants import Rotor
-from twolink.effects.effect import AboveZero, Effect, Loads, NotNegative, finite, inverse, number, of
+from twolink.effects.effect import AboveZero, Effect, Effort, Gap, Loads, NotNegative, finite, inverse, number, of
 from twolink.effects.inputs import Input, value_at
 from twolink.effects.loops import Loop
 from twolink.effects.switching import SwitchingEffect
@@ -111,7 +111,7 @@ class ActuatorLag(Drive, frozen=True):
     """
 
     time: Mapping[str, NotNegative] = {}
-    start: Annotated[Mapping[str, float], of("time")] = {}
+    start: Annotated[Mapping[str, Effort], of("time")] = {}
 
     def check(self, robot: Robot) -> None:
         """Require times above 0, and something inside."""
@@ -412,7 +412,7 @@ class Backlash(MotorOnSpring, frozen=True):
     Nordin, Gutman 2002, Automatica 38(10), 1633-1649. Hunt, Crossley 1975, Journal of Applied Mechanics 42(2), 440-445.
     """
 
-    gap: Annotated[Mapping[str, NotNegative], of("stiffness", each=True)] = {}
+    gap: Annotated[Mapping[str, Gap], of("stiffness", each=True)] = {}
 
     @property
     def analytic(self) -> bool:

@@ -31,6 +31,18 @@ SingleJoint = Annotated[str, msgspec.Meta(extra_json_schema={"format": "joint", 
 CoordinateJoint = Annotated[str, msgspec.Meta(extra_json_schema={"format": "joint", "freedom": "coordinate"})]
 
 
+def quantity(letter: str, **bounds: float) -> msgspec.Meta:
+    """Say of values by joint that they are q, v or tau of the joint: numbers, or texts with a unit such as "30 deg"."""
+    return msgspec.Meta(extra_json_schema={"quantity": letter, **bounds})
+
+
+Place = Annotated[float | str, quantity("q")]
+Gap = Annotated[float | str, quantity("q", minimum=0.0)]
+Speed = Annotated[float | str, quantity("v", minimum=0.0)]
+Effort = Annotated[float | str, quantity("tau")]
+Load = Annotated[float | str, quantity("tau", minimum=0.0)]  # an effort without a sign
+
+
 def of(field: str, *, each: bool = False) -> msgspec.Meta:
     """Say of values by joint that their joints are some of those of another field, or each of them."""
     return msgspec.Meta(extra_json_schema={"of": field, "each": True} if each else {"of": field})

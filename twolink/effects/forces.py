@@ -32,15 +32,18 @@ from twolink.effects.effect import (
     Effect,
     JointName,
     LinkName,
+    Load,
     Loads,
     NotNegative,
+    Place,
     PlaceName,
     SingleJoint,
+    Speed,
     inverse,
     number,
     of,
 )
-from twolink.effects.inputs import Input, value_at
+from twolink.effects.inputs import EffortSignal, Input, value_at
 from twolink.errors import SceneError
 
 
@@ -53,7 +56,7 @@ class Torque(Effect, frozen=True):
         u, N m or N: numbers, `Polynomial`, `Sine` or `Sampled` tables. Joints with one degree of freedom.
     """
 
-    inputs: Mapping[SingleJoint, Input]
+    inputs: Mapping[SingleJoint, EffortSignal]
 
     def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add u(t)."""
@@ -99,7 +102,7 @@ class JointSpring(Effect, frozen=True):
     """
 
     stiffness: Mapping[CoordinateJoint, NotNegative]
-    rest: Annotated[Mapping[str, float], of("stiffness")] = {}
+    rest: Annotated[Mapping[str, Place], of("stiffness")] = {}
 
     def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add -k (q - q0)."""
@@ -130,7 +133,7 @@ class SmoothFriction(Effect, frozen=True):
     Andersson, Söderberg, Björklund 2007, Tribology International 40(4), 580-587.
     """
 
-    friction: Mapping[JointName, NotNegative] | None = None
+    friction: Mapping[JointName, Load] | None = None
     scale: AboveZero = 0.01
 
     def check(self, robot: Robot) -> None:
@@ -175,9 +178,9 @@ class LuGreFriction(Effect, frozen=True):
     """
 
     stiffness: Mapping[SingleJoint, NotNegative]
-    coulomb: Annotated[Mapping[str, NotNegative], of("stiffness", each=True)]
-    static: Annotated[Mapping[str, NotNegative], of("stiffness")] = {}
-    stribeck: Annotated[Mapping[str, NotNegative], of("static", each=True)] = {}
+    coulomb: Annotated[Mapping[str, Load], of("stiffness", each=True)]
+    static: Annotated[Mapping[str, Load], of("stiffness")] = {}
+    stribeck: Annotated[Mapping[str, Speed], of("static", each=True)] = {}
     damping: Annotated[Mapping[str, NotNegative], of("stiffness")] = {}
     viscous: Annotated[Mapping[str, NotNegative], of("stiffness")] = {}
 

@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable, Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
 
 from twolink.algorithms.spatial import Scalar, minus, plus, times
-from twolink.effects.effect import Effect, number
+from twolink.effects.effect import Effect, number, quantity
 from twolink.errors import SceneError
 from twolink.io.tables import csv_rows
 from twolink.io.text import parse_number, read_text
@@ -230,16 +230,19 @@ class Slot(msgspec.Struct, frozen=True, tag_field="kind", tag="slot"):
 
 
 Input = float | Polynomial | Bezier | Sine | Sampled
+PlaceSignal = Annotated[Input | str, quantity("q")]
+EffortSignal = Annotated[Input | str, quantity("tau")]
+AnySignal = Input | PolynomialPiece | str  # texts are read when a scene is made
 
 
-def value_at(signal: Input | PolynomialPiece, t: Scalar, xp: Any) -> Scalar:
+def value_at(signal: AnySignal, t: Scalar, xp: Any) -> Scalar:
     """The input at time t. A table is looked up at numbers; in expressions its current piece stands for it."""
     if isinstance(signal, Sine):
         return plus(times(number(signal.amplitude), xp.sin(signal.frequency * t + signal.phase)), number(signal.mean))
     return _polynomial(*_series(signal, t))
 
 
-def derivatives_at(signal: Input | PolynomialPiece, t: Scalar, xp: Any) -> tuple[Scalar, Scalar, Scalar]:
+def derivatives_at(signal: AnySignal, t: Scalar, xp: Any) -> tuple[Scalar, Scalar, Scalar]:
     """The input and its first and second derivatives at time t."""
     if isinstance(signal, Sine):
         a, w, angle = number(signal.amplitude), number(signal.frequency), signal.frequency * t + signal.phase

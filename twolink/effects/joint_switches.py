@@ -7,7 +7,7 @@ from typing import Literal
 from twolink.dynamics import Robot
 from twolink.effects.checks import check_values_or_urdf
 from twolink.effects.conditions import JointReaches
-from twolink.effects.effect import CoordinateJoint, NotNegative, SingleJoint, check_name
+from twolink.effects.effect import CoordinateJoint, Load, NotNegative, Place, SingleJoint, check_name, number
 from twolink.effects.switching import Catch, JointLock, Stop, SwitchingEffect, Trigger
 from twolink.errors import SceneError
 from twolink.robots.joint_layout import urdf_limits
@@ -28,7 +28,7 @@ class JointStops(SwitchingEffect, frozen=True):
         e, from 0 to 1.
     """
 
-    limits: Mapping[CoordinateJoint, tuple[float, float]] | Literal["urdf"] = "urdf"
+    limits: Mapping[CoordinateJoint, tuple[Place, Place]] | Literal["urdf"] = "urdf"
     restitution: NotNegative = 0.0
 
     def check(self, robot: Robot) -> None:
@@ -37,7 +37,7 @@ class JointStops(SwitchingEffect, frozen=True):
         if self.limits != "urdf":
             for joint, ends in self.limits.items():
                 pair = isinstance(ends, Sequence) and len(ends) == 2 and all(isinstance(x, (int, float)) for x in ends)
-                if not pair or not ends[0] < ends[1]:
+                if not pair or not number(ends[0]) < number(ends[1]):
                     raise SceneError(f"expected (lower, upper), got {ends!r:.60}", where=f"limits.{joint}",
                                      remedy="such as (-1.0, 1.0); inf for no stop")  # fmt: skip
         if not self.modes(robot):
@@ -85,8 +85,8 @@ class DryFriction(SwitchingEffect, frozen=True):
         s, N m or N, not below c; c by default.
     """
 
-    kinetic: Mapping[SingleJoint, NotNegative] | Literal["urdf"] = "urdf"
-    static: Mapping[str, NotNegative] = {}
+    kinetic: Mapping[SingleJoint, Load] | Literal["urdf"] = "urdf"
+    static: Mapping[str, Load] = {}
 
     def check(self, robot: Robot) -> None:
         """Require friction in the URDF where it is asked for, and s that is not below c."""
@@ -95,7 +95,7 @@ class DryFriction(SwitchingEffect, frozen=True):
         kinetic = self._kinetic(robot)
         for joint, level in self.static.items():
             check_name(joint, kinetic, "static", "joint with kinetic friction")
-            if level < kinetic[joint]:
+            if number(level) < kinetic[joint]:
                 raise SceneError(f"it is {level:g}, below the kinetic friction {kinetic[joint]:g}",
                                  where=f"static.{joint}", remedy="static friction is the larger one")  # fmt: skip
 

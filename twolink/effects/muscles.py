@@ -7,7 +7,18 @@ from typing import Annotated, Any
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.dynamics import Robot
-from twolink.effects.effect import AboveZero, CoordinateJoint, Effect, Loads, NotNegative, finite, inverse, number, of
+from twolink.effects.effect import (
+    AboveZero,
+    CoordinateJoint,
+    Effect,
+    Loads,
+    NotNegative,
+    Place,
+    finite,
+    inverse,
+    number,
+    of,
+)
 from twolink.effects.inputs import Input, value_at
 from twolink.errors import SceneError
 
@@ -61,7 +72,7 @@ class Muscle(Effect, frozen=True):
     force: NotNegative
     length: AboveZero
     excitation: Input
-    rest: Annotated[Mapping[str, float], of("arm")] = {}
+    rest: Annotated[Mapping[str, Place], of("arm")] = {}
     speed: AboveZero = 10.0
     rise: AboveZero = 0.015
     fall: AboveZero = 0.050

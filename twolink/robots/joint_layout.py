@@ -23,7 +23,8 @@ Lock = Mapping[str, float | str | Sequence[float]]
 UNIT_TOLERANCE = 1e-8
 _LINK = "link\0"  # no name in XML holds a NUL
 _UNITS = {"rad": {"rad": 1.0, "deg": math.radians(1.0)}, "m": {"m": 1.0, "mm": 1e-3}}
-_QUANTITY = re.compile(r"(.*?)\s*([a-zA-Z]*(?:/s(?:\^2)?)?)", re.DOTALL)
+_EFFORTS = {"rad": {"N m": 1.0, "Nm": 1.0}, "m": {"N": 1.0}}
+_QUANTITY = re.compile(r"(.*?)\s*(N m|[a-zA-Z]*(?:/s(?:\^2)?)?)", re.DOTALL)
 _LONGEST = 100  # letters of a number with its unit
 _RATES = {"q": "", "v": "/s", "a": "/s^2"}
 
@@ -55,32 +56,32 @@ class JointLayout:
     def entries(self, letter: str, values: ArrayLike) -> np.ndarray:
         """Values as the joint's entries of "q", "v", "a" or "tau"; one value of a continuous joint's q is its angle.
 
-        One value may be a text with a unit of the coordinate: "90 deg", "30 deg/s", "5 mm". Raises ValueError for what
-        is no numbers, or has another unit.
+        One value may be a text with a unit of the coordinate: "90 deg", "30 deg/s", "5 mm", "2 N m". Raises ValueError
+        for what is no numbers, or has another unit.
         """
-        given = self._in_si(letter, values) if isinstance(values, str) else values
+        given = self.in_si(letter, values) if isinstance(values, str) else values
         numbers = np.atleast_1d(np.asarray(given, dtype=float))
         is_angle = letter == "q" and self.kind == "cos-sin" and numbers.size == 1
         return np.append(np.cos(numbers), np.sin(numbers)) if is_angle else numbers
 
     def remedy(self, letter: str) -> str:
         """The advice for values that `entries` does not take."""
-        units = self._units(letter)
+        units = list(self._units(letter))
         numbers = {"q": "the joint's configuration"}.get(letter, "a number for each degree of freedom")
-        return f"give {numbers}{' in ' + units[0] if units else ''}" + (f', or as "30 {units[1]}"' if units else "")
+        return f"give {numbers}{' in ' + units[0] if units else ''}" + (f', or as "30 {units[-1]}"' if units else "")
 
-    def _units(self, letter: str) -> list[str]:
-        """The units of a text with the joint's coordinate, its speed or acceleration; the first is of SI."""
-        rate = _RATES.get(letter)
-        return [] if rate is None else [unit + rate for unit in _UNITS.get(self.unit, ())]
+    def _units(self, letter: str) -> Mapping[str, float]:
+        """The units of a text with the joint's coordinate, its rates or effort, and their sizes; the first is of SI."""
+        sizes = _EFFORTS if letter == "tau" else _UNITS if letter in _RATES else {}
+        return {unit + _RATES.get(letter, ""): size for unit, size in sizes.get(self.unit, {}).items()}
 
-    def _in_si(self, letter: str, text: str) -> float:
-        """The number of a text, in SI units."""
+    def in_si(self, letter: str, text: str) -> float:
+        """The number of a text, in SI units. Raises ValueError as `entries` does."""
         parts = _QUANTITY.fullmatch(text.strip()) if len(text) <= _LONGEST else None  # it takes the length's square
         number, unit = parts.groups() if parts else ("", "")
         if unit and unit not in self._units(letter):
             raise ValueError(f"{unit} is no unit of {self.name}")
-        return parse_number(number) * (_UNITS[self.unit][unit.partition("/")[0]] if unit else 1.0)
+        return parse_number(number) * (self._units(letter)[unit] if unit else 1.0)
 
 
 def unit_of(joints: Iterable[JointLayout]) -> str:

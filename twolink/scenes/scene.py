@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +16,7 @@ from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.arguments import array, by_joint, configuration, instance, positive
 from twolink.effects import Effect
 from twolink.effects.checks import check_effect, with_plain_numbers
+from twolink.effects.quantities import in_si
 from twolink.errors import AccuracyError, SceneError, TwolinkError
 from twolink.io.text import facts_html
 from twolink.robots.collisions import Shape
@@ -27,6 +28,7 @@ from twolink.scenes.objects import with_objects
 if TYPE_CHECKING:
     from twolink.effects.sensors import Sensor
 
+_T = TypeVar("_T")
 MANY_TURNS = 2 * math.pi  # rad, from which on an angle may have been meant in degrees
 _REMEDY = "such as [tl.effects.Gravity()]"
 _OWN = "one of your own is a class that derives from tl.effects.Effect"
@@ -336,13 +338,21 @@ def _checked(effects: Sequence[Effect], robot: Robot) -> tuple[Effect, ...]:
         if effect.sampled is not None:
             effect.sampled.check_inputs([*robot.frame_names, *names])
 
+    effects = tuple(_each(effects, lambda effect: in_si(effect, robot)))
     for check in (lambda effect: check_effect(effect, robot), beside_others):
-        for i, effect in enumerate(effects):
-            try:
-                check(effect)
-            except TwolinkError as error:
-                raise at_effect(error, i) from None
+        _each(effects, check)
     return effects
+
+
+def _each(effects: Sequence[Effect], call: Callable[[Effect], _T]) -> list[_T]:
+    """The answers of a function to the effects; failures name the place of the effect."""
+    answers = []
+    for i, effect in enumerate(effects):
+        try:
+            answers.append(call(effect))
+        except TwolinkError as error:
+            raise at_effect(error, i) from None
+    return answers
 
 
 def at_effect(error: TwolinkError, index: int) -> TwolinkError:

@@ -164,7 +164,7 @@ def task_of(scene: Scene, times: np.ndarray) -> PeerTask:
     softened: list[Any] = []
     for effect in scene.effects:
         if isinstance(effect, fx.JointSpring):
-            springs |= {name: (k, effect.rest.get(name, 0.0)) for name, k in effect.stiffness.items()}
+            springs |= {name: (k, float(effect.rest.get(name, 0.0))) for name, k in effect.stiffness.items()}
         elif isinstance(effect, fx.JointDamping):
             damping |= effect.damping or {j.name: scene.robot.model.damping[j.v.start] for j in scene.robot.joints}
         elif isinstance(effect, fx.Torque):

@@ -77,11 +77,12 @@ function isTag(name, part) {
   return ["type", "kind"].includes(name) && part.enum?.length === 1;
 }
 
-/** The schema's alternatives, references followed. */
+/** The schema's alternatives, references followed. Quantities of joints are edited as numbers, not as texts with a unit. */
 function variants(schema, names) {
   if (schema.$ref) return variants({ ...names.defs[schema.$ref.split("/").at(-1)], ...omit(schema, "$ref") }, names);
   if (!schema.anyOf) return [schema];
-  return schema.anyOf.flatMap(part => variants(part, names));
+  const parts = schema.quantity ? schema.anyOf.filter(part => part.type !== "string") : schema.anyOf;
+  return parts.flatMap(part => variants({ minimum: schema.minimum, ...part }, names));
 }
 
 function omit(object, name) {
