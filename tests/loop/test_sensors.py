@@ -1,11 +1,14 @@
 """Sensors: true values at rest and in motion, resolution, noise and delay; with a controller and without."""
 
+from fractions import Fraction
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import twolink as tl
 from tests.loop.loops import slider
+from twolink.effects.sampled_control import exact
 from twolink.errors import SceneError
 
 E = tl.effects
@@ -83,6 +86,11 @@ def test_resolution_and_delay_reach_the_controller() -> None:
     told = dict(seen)
     assert [told[k / 10] for k in range(11)] == [0.25 * round((k - 1) / 10 / 0.25) if k else 0.0 for k in range(11)]
     assert run.sensors["encoder"].values[3, 0] == 0.25
+
+
+def test_a_period_may_be_a_fraction_as_that_of_a_controller() -> None:
+    (sensor,) = tl.Scene(tl.load_robot("arm"), effects=[E.Encoder(("elbow",), period=Fraction(1, 3))]).effects
+    assert exact(sensor.period) == Fraction(1, 3)
 
 
 def test_the_edge_of_a_quantum_is_ambiguous() -> None:

@@ -3,6 +3,7 @@
 import functools
 import sys
 from collections.abc import Iterable, Mapping
+from fractions import Fraction
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
@@ -28,9 +29,9 @@ Part = TypeVar("Part", bound=msgspec.Struct)
 
 
 def with_plain_numbers(part: Part) -> Part:
-    """The effect, input, condition or shape with tuples and numbers of Python in place of NumPy's.
+    """The effect, input, condition or shape with tuples and floats of Python in place of NumPy's and of fractions.
 
-    Fields that may be arrays keep them.
+    Fields that may be arrays or fractions keep them.
     """
     plain = {name: value for name in _without_arrays(type(part))
              if (value := _plain(before := getattr(part, name))) is not before}  # fmt: skip
@@ -39,12 +40,15 @@ def with_plain_numbers(part: Part) -> Part:
 
 @functools.cache
 def _without_arrays(kind: type[msgspec.Struct]) -> tuple[str, ...]:
-    """The fields of a class that are not meant to be arrays, as some of controllers and of users' effects are."""
-    return tuple(one.name for one in _fields(kind) if not any(word in str(one.type) for word in ("Any", "ndarray")))
+    """The fields of a class that are not meant to be such, as some of controllers and of users' effects are."""
+    kept = "Any", "ndarray", "Fraction"
+    return tuple(one.name for one in _fields(kind) if not any(word in str(one.type) for word in kept))
 
 
 def _plain(value: Any) -> Any:
-    """The value without NumPy's numbers and arrays; itself where it has none."""
+    """The value without NumPy's numbers and arrays, and without fractions; itself where it has none."""
+    if isinstance(value, Fraction):
+        return float(value)  # clocks find the fraction again
     if isinstance(value, np.generic | np.ndarray):
         return _tuples(value.tolist())
     if isinstance(value, msgspec.Struct):

@@ -73,8 +73,8 @@ class Sensor(Effect, frozen=True, kw_only=True):
     ----------
     name : str
         In y of controllers and in run.sensors; by default that of the class, such as "torque_sensor".
-    period, offset, delay : float
-        s.
+    period, offset, delay : float or Fraction
+        s. Ticks are exact: 0.001 is 1/1000, 1 / 240 is 1/240.
     noise : float
         Standard deviation of the white noise n_k, in the unit of the value.
     walk : float
