@@ -28,6 +28,7 @@ MISUSED = {
     "no q": (["query", "arm", "bias"], "q: it is not given"),
     "shape": (["query", "arm", "bias", "--q", "0 0 0"], "q: expected shape (..., 2), got (3,)"),
     "words": (["query", "arm", "bias", "--q", "a b"], "q: 'a b' is not a list of numbers"),
+    "units without joints": (["query", "arm", "bias", "--q", "30deg 20deg"], 'joint\'s name: "JOINT=20deg"'),
     "underscore": (["query", "arm", "bias", "--q", "1_0 0"], "q: '1_0 0' is not a list of numbers"),
     "deep": (["query", "arm", "bias", "--q", "[" * 100_000], "q: "),
     "tau for bias": ([*BIAS, "--tau", "1 1"], "bias takes no tau"),

@@ -257,7 +257,7 @@ def sample_times_of(text: SampleTimes) -> list[float] | None:
 def vector_of(robot: Robot, name: str, text: str, letter: str = "", others: Any = None) -> Any:
     """The vector of an option: numbers, or JOINT=VALUE for some joints, as `by_joint` takes them."""
     if "=" not in text:
-        return parse_numbers(name, text)
+        return parse_numbers(name, text, 'such as "0.1 0.2"; a unit needs the joint\'s name: "JOINT=20deg"')
     parts = re.split(r"[\s,;]+(?=[^\s,;=]+\s*=)", text.strip())
     pairs = _pairs(parts, name, 'JOINT=VALUE, such as "elbow=30 deg"')
     return by_joint(robot, letter or name, {joint: _entries(name, value) for joint, value in pairs.items()},

@@ -112,6 +112,7 @@ def _declared() -> Iterator[Parameter]:
             is_flag = OPTIONS.get(name, (str,))[0] is bool
             choices = () if is_flag else takers[0].options.get(name, ())
             text += f": {' or '.join(choices)}" if choices else ""
+            text += ", or by joint with units: elbow=20deg" if name == "q" else ""
             text += f" ({', '.join(each.name for each in takers)})" if len(takers) < 5 else ""
             default = "0" if name in ARGUMENTS and name != "q" else taken.default
             shown, spelt = default if isinstance(default, str) else False, [f"--{name}"] if is_flag else []

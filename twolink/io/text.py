@@ -77,15 +77,15 @@ def parse_number(text: str) -> float:
     return float(text)
 
 
-def parse_numbers(name: str, text: str) -> list[Any]:
-    """Numbers from "0.1 0.2", "0.1,0.2" or JSON "[0.1, 0.2]"."""
+def parse_numbers(name: str, text: str, remedy: str = 'such as "0.1 0.2"') -> list[Any]:
+    """Numbers from "0.1 0.2", "0.1,0.2" or JSON "[0.1, 0.2]"; `remedy` is for other texts."""
     try:
         if text.lstrip().startswith("["):
             values = parse_json(text, name)
             return values if isinstance(values, list) else [values]
         return [parse_number(part) for part in re.split(r"[\s,;]+", text.strip()) if part]
     except ValueError:
-        raise QueryError(f"{text!r} is not a list of numbers", argument=name, remedy='such as "0.1 0.2"') from None
+        raise QueryError(f"{text!r} is not a list of numbers", argument=name, remedy=remedy) from None
 
 
 def parse_json(text: str, argument: str, remedy: str = "check that place") -> Any:
