@@ -17,7 +17,7 @@ import difflib
 import importlib
 import importlib.util
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from importlib import resources
 from typing import Any, TypeVar
 
@@ -148,8 +148,10 @@ def codes() -> dict[str, tuple[str, str]]:
     return {code: (when, remedy) for code, (when, remedy) in tomllib.loads(text).items()}
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
-    """A remedy for an unknown name: the nearest right one, or the list when it is short."""
+def nearest(name: str, known: Iterable[str], usual: Mapping[str, str] | None = None) -> str:
+    """A remedy for an unknown name: the nearest right one, or the list when it is short. usual: of other names."""
+    if usual and name in usual:
+        return f"did you mean {usual[name]!r}?"
     names = list(known)
     inside = [one for one in names if len(name) > 2 and name.lower() in one.lower()]  # jacobian of frame-jacobian
     # 200: longer ones are none, and take long to compare.
@@ -161,8 +163,9 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 
 def require_known(
-    name: Any, known: Iterable[str], error: type[TwolinkError], what: str = "{!r} is unknown", **parts: Any
-) -> None:
+    name: Any, known: Iterable[str], error: type[TwolinkError], what: str = "{!r} is unknown",
+    usual: Mapping[str, str] | None = None, **parts: Any,
+) -> None:  # fmt: skip
     """Require that a name is known. Raises `error` with the nearest right one; what: its message, with {!r} in it."""
     names = list(known)
     try:
@@ -170,7 +173,7 @@ def require_known(
     except ValueError:  # an array
         is_known = False
     if not is_known:
-        raise error(what.replace("{!r}", "{}").format(shown(name)), remedy=nearest(str(name), names), **parts)
+        raise error(what.replace("{!r}", "{}").format(shown(name)), remedy=nearest(str(name), names, usual), **parts)
 
 
 def shown(value: Any) -> str:

@@ -6,8 +6,11 @@ import pkgutil
 import pytest
 
 import twolink as tl
-from twolink.effects import TYPES, effect_class
+from twolink.effects import TYPES, USUAL_TYPES, effect_class
 from twolink.effects.effect import Effect
+from twolink.errors import SceneError
+from twolink.io.text import kebab_case
+from twolink.scenes.file import scene_from_data, scene_tables
 
 
 def test_every_effect_is_listed_and_completed() -> None:
@@ -37,6 +40,16 @@ def test_types_of_scene_files() -> None:
     assert "sampled" not in TYPES  # an input, no effect
     with pytest.raises(AttributeError, match="no attribute 'Gravty'"):
         tl.effects.Gravty  # noqa: B018
+
+
+@pytest.mark.parametrize(("name", "meant"), [("CoulombFriction", "DryFriction"), ("PD", "JointPD"),
+                                             ("Spring", "JointSpring"), ("Limits", "JointStops")])  # fmt: skip
+def test_the_usual_names_of_others_are_hinted_at(name: str, meant: str) -> None:
+    with pytest.raises(AttributeError, match=f"did you mean '{meant}'"):
+        getattr(tl.effects, name)
+    with pytest.raises(SceneError, match=f"did you mean '{kebab_case(meant)}'"):
+        scene_from_data(scene_tables({"robot": "arm", "effects": [{"type": kebab_case(name)}]}), tl.load_robot)
+    assert set(USUAL_TYPES.values()) <= set(TYPES)
 
 
 def test_a_star_import_gives_what_is_listed() -> None:

@@ -11,6 +11,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+from twolink.errors import nearest
 from twolink.io.text import kebab_case
 
 _IMPORTS = re.findall(r"^from (\S+) import (\w+) as", Path(__file__).with_suffix(".pyi").read_text("utf-8"), re.M)
@@ -20,12 +21,19 @@ _OTHERS = {"Bezier", "Box", "Capsule", "Controller", "Convex", "Cylinder", "Effe
            "JointReaches", "Observed", "Plane", "Policy", "Polynomial", "Sampled", "Sine", "Sphere",
            "Winding"}  # fmt: skip
 TYPES = {kebab_case(n): n for n in _MODULES if n not in _OTHERS}
+# What others call an effect, where no name here is near.
+_USUAL = {"CoulombFriction": "DryFriction", "Friction": "DryFriction", "Stiction": "DryFriction",
+          "Damper": "JointDamping", "ViscousFriction": "JointDamping", "Limits": "JointStops", "PD": "JointPD",
+          "PDController": "JointPD", "Servo": "JointPD", "Force": "FrameWrench", "ExternalForce": "FrameWrench",
+          "Mass": "Payload", "Ground": "Contact", "Floor": "Contact"}  # fmt: skip
+USUAL_TYPES = {kebab_case(other): kebab_case(name) for other, name in _USUAL.items()}
 __all__ = sorted(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
     if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        hint = "" if name.startswith("_") else f"; {nearest(name, _MODULES, _USUAL)}"
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")
     return getattr(importlib.import_module(_MODULES[name]), name)
 
 

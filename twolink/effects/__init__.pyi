@@ -64,5 +64,6 @@ from twolink.robots.collisions import Cylinder as Cylinder
 from twolink.robots.collisions import Sphere as Sphere
 
 TYPES: dict[str, str]
+USUAL_TYPES: dict[str, str]
 
 def effect_class(type_: str) -> type[Effect]: ...

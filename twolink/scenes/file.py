@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from twolink.dynamics import Robot, load_robot
-from twolink.effects import TYPES, Effect, effect_class
+from twolink.effects import TYPES, USUAL_TYPES, Effect, effect_class
 from twolink.errors import SceneError, TwolinkError, nearest, require_known, shown
 from twolink.io.schemas import misfit
 from twolink.io.text import Table, read_text
@@ -66,7 +66,7 @@ def _effect(table: dict[str, Any], path: str = "") -> Effect:
     kind = table.get("type")
     if kind is None:
         raise SceneError("it has no type", where=path, remedy='such as type = "gravity"', code="schema")
-    require_known(kind, TYPES, SceneError, "there is no effect {!r}", where=path, code="unknown-effect")
+    require_known(kind, TYPES, SceneError, "there is no effect {!r}", USUAL_TYPES, where=path, code="unknown-effect")
     if isinstance(table.get("of"), dict):
         table = table | {"of": _effect(table["of"], f"{path}.of".lstrip("."))}
     try:

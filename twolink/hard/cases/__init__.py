@@ -34,8 +34,8 @@ def select_cases(names: list[str] | None = None, *, quick: bool = False) -> tupl
     for name in names or ():
         matches = [c for c in cases if c.name == name] or [c for c in cases if name in c.name or name == c.group]
         if not matches:
-            what, place = "there is no case {!r}", {"where": "hard-cases", "argument": "names"}
-            require_known(name, [c.name for c in cases], SceneError, what, **place, code="unknown-case")
+            require_known(name, [c.name for c in cases], SceneError, "there is no case {!r}", where="hard-cases",
+                          argument="names", code="unknown-case")  # fmt: skip
         selected |= {case.name: case for case in matches}
     return tuple(case for case in selected.values() if not (quick and case.slow))
 
