@@ -16,6 +16,7 @@ from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.arguments import array, by_joint, configuration, instance, positive
 from twolink.effects import Effect
 from twolink.effects.checks import check_effect, with_plain_numbers
+from twolink.effects.loops import Loop
 from twolink.effects.quantities import in_si
 from twolink.errors import AccuracyError, SceneError, TwolinkError
 from twolink.io.text import facts_html
@@ -274,7 +275,7 @@ class Scene:
             "robot": f"{robot.name}, nq = {robot.nq}, nv = {robot.nv}, {robot.mass:.4g} kg",
             "q": _shown(self.q),
             "v": _shown(self.v),
-            "effects": ", ".join(type(effect).__name__ for effect in self.effects) or "none: free motion",
+            "effects": ", ".join(map(_named, self.effects)) or "none: free motion",
             "duration": f"{self.duration:g} s",
         }
 
@@ -284,6 +285,21 @@ class Scene:
 
     def _repr_html_(self) -> str:
         return facts_html(self.title or "Scene", {name: [text] for name, text in self._summary().items()})
+
+
+def _named(effect: Effect) -> str:
+    """The effect's name, with the period of what ticks: it may have been left out."""
+    clock: Any = effect if effect.is_sensor else effect.sampled
+    return type(effect).__name__ + (f" (every {float(clock.period):g} s)" if clock is not None else "")
+
+
+def fall_notes(scene: Scene) -> list[str]:
+    """A note where gravity pulls a free base that nothing holds: such a motion may be a plain fall."""
+    robot = scene.robot
+    pulled = robot.model.gravity.linear.any() and any(joint.kind == "free-flyer" for joint in robot.joints[:1])
+    held = any(effect.touches or isinstance(effect, Loop) for effect in scene.effects)
+    what = "its base is free and touches nothing: but for forces of effects, it falls; a ground: --ground"
+    return [f"{what}, or scene_of(..., contact=True)"] if pulled and not held else []
 
 
 def _shown(state: np.ndarray) -> str:

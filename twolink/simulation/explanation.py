@@ -24,7 +24,7 @@ from twolink.integrate.steps.stepping import advance, start_state
 from twolink.io.text import kebab_case
 from twolink.native.speed import nanoseconds_of_operation
 from twolink.scenes import Scene
-from twolink.scenes.scene import accuracy_of
+from twolink.scenes.scene import accuracy_of, fall_notes
 from twolink.show.figure import Plotted, plot_bars
 from twolink.simulation.refinement import DIGITS, first_choice, precisions_of
 from twolink.simulation.sampling import duration_for, sample_times, with_ends
@@ -214,7 +214,8 @@ def _shortened(text: str) -> str:
 
 def _notes(scene: Scene, chosen: Choice) -> tuple[str, ...]:
     """Notes on the start and on the effects, and the choice of the contact method."""
-    return (*scene.notes(), *([f"contacts are {chosen.method}: {chosen.why}"] if chosen.method else []))
+    contacts = [f"contacts are {chosen.method}: {chosen.why}"] if chosen.method else []
+    return (*scene.notes(), *fall_notes(scene), *contacts)
 
 
 def _states(equations: Equations) -> list[str]:

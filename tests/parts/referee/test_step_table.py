@@ -24,6 +24,23 @@ def small(angle: float = 1e-4) -> tl.Scene:
     return tl.Scene(pendulum(), q=[angle], effects=[tl.effects.Gravity()], duration=2.0)
 
 
+def test_a_free_base_without_ground_is_said_to_fall() -> None:
+    box = """<mujoco><worldbody><body name="box"><freejoint/>
+    <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></worldbody></mujoco>"""
+    scene = tl.Scene(tl.load_robot(box), effects=[tl.effects.Gravity()], duration=0.1)
+    found = str(tl.step_table(scene, methods=["Euler"], steps=[0.01]))
+    assert found.count("its base is free and touches nothing") == 1
+    assert "its base is free and touches nothing" in str(tl.explain(scene))
+    assert "touches nothing" not in str(
+        tl.explain(
+            scene.with_effects(
+                [tl.effects.Gravity(), tl.effects.Contact(("ground",), shapes={"box": (tl.effects.Box((1, 1, 1)),)})]
+            )
+        )
+    )
+    assert "touches nothing" not in str(tl.explain(scene.with_effects([])))
+
+
 def test_the_error_of_a_step_is_that_of_the_exact_recursion() -> None:
     """Semi-implicit Euler of q'' = -w^2 q turns by the angle acos(1 - (w h)^2 / 2) a step."""
     found = tl.step_table(small(), methods=["Euler"], steps=[0.01, 0.005])

@@ -25,6 +25,7 @@ from twolink.parts.referee.referee import ESTIMATED, best_run, scene_from
 from twolink.robots.joint_layout import read_columns, unit_of
 from twolink.robots.log_columns import in_our_names, read_log_table
 from twolink.scenes import Scene
+from twolink.scenes.scene import fall_notes
 from twolink.show.figure import COLOURS, Plotted, new_figure, plain
 from twolink.simulation.text import BaseResult
 
@@ -101,6 +102,8 @@ class StepTable(Plotted, BaseResult):
         Which columns of the log were taken for t, q, v and tau, where they have other names.
     unit : str
         Of errors: "rad", "m", or "rad or m".
+    notes : tuple of str
+        What to know of the scene.
     """
 
     peer: str
@@ -113,6 +116,7 @@ class StepTable(Plotted, BaseResult):
     ours: float
     guessed: tuple[str, ...] = ()
     unit: str = "rad or m"
+    notes: tuple[str, ...] = ()
 
     def largest_step(self, error: float, method: str | None = None) -> float | None:
         """The largest step with which an integrator keeps within an error.
@@ -145,6 +149,7 @@ class StepTable(Plotted, BaseResult):
         lines = [f"{self.peer} on {self.scene}, {self.duration:g} s: errors in {self.unit}, the truth is known to "
                  f"{self.bar:.1e}, in {self.ours:.2g} s"]  # fmt: skip
         lines += [f"  read: {'; '.join(self.guessed)}"] if self.guessed else []
+        lines += [f"  note: {note}" for note in self.notes]
         if self.softness is not None:
             soft = f"  soft {', '.join(self.soft)}: its limit of small steps is {self.softness:.2g} {self.unit} off, "
             lines.append(soft + "whatever the step; solver: the distance from that limit")
@@ -268,7 +273,7 @@ def step_table(
     softness = apart(task.times, limits[task.interval]) if soft else None
     title, version = scene.title or scene.robot.name, getattr(module, "VERSION", "")
     return StepTable(f"{NAMES[peer]} {version}".strip(), title, end, rows, bar, soft, softness, ours,
-                     guessed, unit_of(scene.robot.joints))  # fmt: skip
+                     guessed, unit_of(scene.robot.joints), tuple(fall_notes(scene)))  # fmt: skip
 
 
 def _lengths(steps: Sequence[float], end: float) -> list[float]:
