@@ -1,14 +1,16 @@
 """Saved scenes are read again unchanged; the bundled scenes satisfy the schema."""
 
 import tomllib
+from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import twolink as tl
-from twolink.errors import SceneError
+from twolink.errors import QueryError, SceneError
 from twolink.lagrange.check import arm_urdf
 from twolink.scenes.file import bundled_scenes
 from twolink.scenes.file_format import scene_schema
@@ -72,6 +74,28 @@ def test_a_scene_that_is_refused_leaves_no_file(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="Own is no effect of twolink"):
         scene.save(tmp_path / "mine.toml")
     assert not any(tmp_path.iterdir())
+
+
+def test_a_controller_in_python_is_named_as_the_cause_and_saves_its_run(tmp_path: Path) -> None:
+    control = tl.effects.Controller(lambda _t, y, state: (-y.v, state))
+    scene = tl.Scene(tl.load_robot("two_link"), effects=[control], duration=0.01)
+    assert "effects   Controller (every 0.001 s)" in str(scene)
+    with pytest.raises(SceneError, match="Controller calls Python at its ticks") as caught:
+        scene.save(tmp_path / "scene.toml")
+    assert "save its run" in caught.value.remedy
+    assert tl.simulate(scene).save(tmp_path / "run.npz").exists()
+
+
+@pytest.mark.parametrize("path", [None, 3])
+def test_what_is_no_path_is_refused_by_all_that_write(path: Any) -> None:
+    scene = tl.load_scene("arm-swing")
+    run = tl.simulate(scene, 0.01)
+    writers: list[Callable[[Any], object]] = [scene.save, scene.export_fmu, scene.robot.export_urdf,
+                                              scene.robot.export_c, scene.robot.export_mjcf, run.save,
+                                              lambda path: tl.export(run, path)]  # fmt: skip
+    for write in writers:
+        with pytest.raises(QueryError, match="expected the path of a file"):
+            write(path)
 
 
 def test_another_suffix_is_refused(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from twolink.dynamics.arguments import Positive, positive
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.steps.methods import METHODS, Method, method_named
-from twolink.io.files import write_atomic
+from twolink.io.files import path_to_write, write_atomic
 from twolink.io.progress import Report
 from twolink.io.tables import SUFFIXES, require_format, write_table
 from twolink.scenes import Scene
@@ -63,7 +63,7 @@ class Study(StudyData, BaseResult, Plotted):
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write all of it to .json, or its rows to .csv, .parquet or .npz; numbers keep every digit."""
-        target = Path(path)
+        target = path_to_write(path)
         suffix = require_format(target, SAVED)
         if suffix == ".json":
             text = json.dumps(self.to_dict(), indent=1, allow_nan=False)

@@ -11,9 +11,9 @@ import secrets
 import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
-from twolink.errors import TwolinkError
+from twolink.errors import QueryError, TwolinkError, shown
 
 _roots: contextvars.ContextVar[tuple[Path, ...] | None] = contextvars.ContextVar("confining_roots", default=None)
 
@@ -37,6 +37,15 @@ def may_be_read(path: Path) -> bool:
     """True if `confined` admits a path."""
     roots = _roots.get()
     return roots is None or any(path.resolve().is_relative_to(root) for root in roots)
+
+
+def path_to_write(given: Any) -> Path:
+    """The path that a user gave for a file. Raises QueryError for what is none."""
+    try:
+        return Path(given)
+    except TypeError:
+        what, remedy = f"expected the path of a file, got {shown(given)}", "give a text or a pathlib.Path"
+        raise QueryError(what, argument="path", remedy=remedy) from None
 
 
 def write_atomic(

@@ -161,8 +161,10 @@ def effect_table(effect: Effect) -> Any:
     name = type(effect).__name__
     kind = kebab_case(name)
     if kind not in TYPES or effect_class(kind) is not type(effect):
-        raise SceneError(f"{name} is no effect of twolink: load_scene could not read it", where=name,
-                         remedy="make the scene in Python, or leave the effect out", code="own-effect")  # fmt: skip
+        what = (f"{name} calls Python at its ticks, which a file cannot hold" if effect.sampled is not None
+                else f"{name} is no effect of twolink: load_scene could not read it")  # fmt: skip
+        remedy = 'keep the scene as a Python program, or save its run: tl.simulate(scene).save("run.npz")'
+        raise SceneError(what, where=name, remedy=remedy, code="own-effect")
     try:
         return _without_none(msgspec.to_builtins(effect, enc_hook=plain))
     except TypeError:

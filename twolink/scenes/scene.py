@@ -19,6 +19,7 @@ from twolink.effects.checks import check_effect, with_plain_numbers
 from twolink.effects.loops import Loop
 from twolink.effects.quantities import in_si
 from twolink.errors import AccuracyError, SceneError, TwolinkError
+from twolink.io.files import path_to_write
 from twolink.io.text import facts_html
 from twolink.robots.collisions import Shape
 from twolink.robots.joining import pose_of
@@ -247,7 +248,7 @@ class Scene:
         SceneError
             The path ends otherwise, an effect holds a function, or other files have these names.
         """
-        return save_scene(Path(path), self.base, self.q, self.v, self.effects, self.duration, self.title)
+        return save_scene(path_to_write(path), self.base, self.q, self.v, self.effects, self.duration, self.title)
 
     def visual_model(self, *, tree: bool = True) -> VisualModel:
         """The robot's shapes to draw, as `Robot.visual_model` has them, and what effects have fixed to the world."""

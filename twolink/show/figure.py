@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from twolink.errors import ShowError
-from twolink.io.files import write_atomic
+from twolink.io.files import path_to_write, write_atomic
 from twolink.io.tables import require_format
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ class Plotted:
     def _drawn(self, path: str | os.PathLike[str] | None, **options: Any) -> Path | Figure:
         with styled():
             figure = self._figure(**options)
-        return figure if path is None else save_figure(figure, Path(path))
+        return figure if path is None else save_figure(figure, path_to_write(path))
 
     def _figure(self, *_: Any, **__: Any) -> Figure:
         raise NotImplementedError

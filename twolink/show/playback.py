@@ -23,7 +23,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from twolink.errors import ShowError
-from twolink.io.files import write_atomic
+from twolink.io.files import path_to_write, write_atomic
 from twolink.io.tables import require_format
 from twolink.show.meshcat_scene import require_pieces, scene_nodes
 from twolink.show.meshcat_shapes import Floats, Json
@@ -69,7 +69,7 @@ def write_playback(
     The arguments are those of `playback_page`. Raises ShowError also for another ending than .html (code
     "unknown-format"), and for a path that cannot be written.
     """
-    require_format(Path(path), (".html",), ShowError)
+    require_format(path_to_write(path), (".html",), ShowError)
     page = playback_page(model, visuals, t, q, **options)
     return write_atomic(Path(path), lambda file: file.write(page), error=ShowError)
 

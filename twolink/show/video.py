@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twolink.errors import ShowError, import_extra
-from twolink.io.files import write_atomic
+from twolink.io.files import path_to_write, write_atomic
 from twolink.io.progress import Report
 from twolink.io.tables import require_format
 from twolink.show.figure import COLOURS, new_figure, plain
@@ -88,7 +88,7 @@ def write_video(
     ShowError
         For a motion or a size that cannot be shown, another ending, or a package that is not installed.
     """
-    path = Path(path)
+    path = path_to_write(path)
     kind = require_format(path, FORMATS, ShowError)
     _check(size, rate)
     times, configurations = check_motion(model, t, q, speed)

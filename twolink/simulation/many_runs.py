@@ -14,6 +14,7 @@ import numpy as np
 from twolink.dynamics import Robot
 from twolink.errors import SceneError, import_extra
 from twolink.integrate.event import Event
+from twolink.io.files import path_to_write
 from twolink.io.tables import write_table
 from twolink.io.text import Table
 from twolink.scenes import Scene
@@ -168,7 +169,7 @@ class Worlds(BaseResult, Plotted):
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the columns, one row a world, to .csv, .parquet or .npz; all keep every digit. Returns the path."""
-        return write_table(Path(path), self.columns(), {"title": self.scene.title, "robot": self.robot.name})
+        return write_table(path_to_write(path), self.columns(), {"title": self.scene.title, "robot": self.robot.name})
 
     def _figure(self) -> Figure:
         from twolink.show.world_plots import plot_worlds

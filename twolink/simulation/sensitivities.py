@@ -17,6 +17,7 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solution import Progress
 from twolink.integrate.solvers.method_choice import choose
+from twolink.io.files import path_to_write
 from twolink.io.progress import Report, in_time
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
@@ -117,7 +118,7 @@ class Sensitivities(BaseResult):
         words = f"{shown} ± {100 * change:g} %" if self.values.get(shown) else f"{shown} ± {change:g}"
         title = f"{run.title or run.robot.name}\n{words}"
         figure = plot_sensitivities(run.robot, title, (run.t, run.q, run.v), along, moves)
-        return figure if path is None else save_figure(figure, Path(path))
+        return figure if path is None else save_figure(figure, path_to_write(path))
 
     def __repr__(self) -> str:
         worst = max((float(bar[-1]) for bar in self.error.values()), default=0.0)

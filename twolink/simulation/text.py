@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from twolink.dynamics import Robot
-from twolink.io.files import write_atomic
+from twolink.io.files import path_to_write, write_atomic
 from twolink.io.tables import require_format
 from twolink.scenes import Scene
 
@@ -41,7 +41,7 @@ class BaseResult:
 
         Returns the path.
         """
-        target = Path(path)
+        target = path_to_write(path)
         if require_format(target, RESULT_FILES) == ".html":
             from twolink.show.figure import figure_html
             from twolink.show.html_page import write_page

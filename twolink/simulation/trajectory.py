@@ -17,6 +17,7 @@ from twolink.dynamics.arguments import array
 from twolink.errors import SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.event import UNSTABLE, Event, estimated_since
+from twolink.io.files import path_to_write
 from twolink.io.text import facts_html
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted
@@ -332,7 +333,7 @@ class Trajectory(BaseResult, Plotted):
             A recording of Rerun (pip install 'twolink[rerun]'): the robot's surfaces on its links, and curves. It is
             not read again.
         """
-        return save_run(self, Path(path))
+        return save_run(self, path_to_write(path))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], robot: Robot | None = None) -> Trajectory:
@@ -447,7 +448,7 @@ class Trajectory(BaseResult, Plotted):
             options |= {"beside": beside._motion, "beside_title": beside.title or beside.robot.name}
         if path is None:
             return InlinePage(playback_page(*self._motion, **options))
-        return write_playback(*self._motion, Path(path), **options)
+        return write_playback(*self._motion, path_to_write(path), **options)
 
     @property
     def _motion(self) -> tuple[Any, Any, np.ndarray, np.ndarray]:
@@ -500,7 +501,7 @@ class Trajectory(BaseResult, Plotted):
 
         options |= {"curves": tables.chosen_columns(self._samples, curves) if curves else None}
         options |= {"contacts": self.contacts if contacts else None, "forces": self.forces_on_links if forces else None}
-        return write_video(*self._motion, Path(path), speed=self._speed(speed), **options)
+        return write_video(*self._motion, path_to_write(path), speed=self._speed(speed), **options)
 
     def play(
         self,

@@ -17,7 +17,7 @@ from twolink.algorithms.tape import Symbol
 from twolink.dynamics import Robot
 from twolink.dynamics.certificates import BOUND
 from twolink.errors import QueryError
-from twolink.io.files import write_atomic
+from twolink.io.files import path_to_write, write_atomic
 from twolink.io.tables import require_format
 from twolink.parts.exchange.traced_functions import VECTORS, Traced, function_of, step_of
 
@@ -55,7 +55,7 @@ def export_c(
     CertificationError
         A function differs from Pinocchio.
     """
-    target = Path(path)
+    target = path_to_write(path)
     require_format(target, (".c",))
     if isinstance(functions, str) or not functions or len({*map(identifier, functions)}) < len(functions):
         raise QueryError("expected different names of functions", argument="functions",

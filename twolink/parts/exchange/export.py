@@ -7,6 +7,7 @@ from typing import Any
 
 from twolink.dynamics import Robot
 from twolink.errors import QueryError
+from twolink.io.files import path_to_write
 from twolink.io.tables import require_format
 from twolink.scenes import Scene
 from twolink.simulation.trajectory import Trajectory
@@ -58,6 +59,6 @@ def export(thing: Robot | Scene | Trajectory, path: str | os.PathLike[str], **op
     if not endings:
         raise QueryError(f"expected a robot, a scene or a run, got {type(thing).__name__}", argument="thing",
                          remedy="such as tl.load_robot(...)")  # fmt: skip
-    module, function = endings[require_format(Path(path), endings, QueryError)]
+    module, function = endings[require_format(path_to_write(path), endings, QueryError)]
     written = getattr(importlib.import_module(module), function)(thing, path, **options)
     return Path(written[0] if isinstance(written, tuple) else written)

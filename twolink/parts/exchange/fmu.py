@@ -24,7 +24,7 @@ from twolink._version import __version__
 from twolink.errors import MissingExtraError, QueryError, SceneError, TwolinkError, require_known
 from twolink.integrate.steps import step_control
 from twolink.integrate.steps.methods import METHODS
-from twolink.io.files import write_atomic
+from twolink.io.files import path_to_write, write_atomic
 from twolink.io.tables import require_format
 from twolink.parts.exchange.c_code import c_files, identifier
 from twolink.parts.exchange.fmu_model import FmuModel, FmuVariable, fmu_model
@@ -86,7 +86,7 @@ def export_fmu(
     MissingExtraError
         There is no compiler for a platform.
     """
-    target = Path(path)
+    target = path_to_write(path)
     require_format(target, (".fmu",))
     here = _present_platform()
     chosen = ([here] if here in _TARGETS else []) if platforms is None else list(platforms)

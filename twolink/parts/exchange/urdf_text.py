@@ -14,7 +14,7 @@ import pinocchio as pin
 from twolink.algorithms.mechanism import single_bodies
 from twolink.dynamics import Robot
 from twolink.errors import RobotError
-from twolink.io.files import write_atomic
+from twolink.io.files import path_to_write, write_atomic
 from twolink.io.tables import require_format
 from twolink.robots.joint_layout import NO_LIMIT
 from twolink.scenes.urdf_scene import urdf_tree
@@ -40,7 +40,7 @@ def write_robot(
     robot: Robot, path: str | os.PathLike[str], suffixes: tuple[str, ...], text_of: Callable[[Robot], str]
 ) -> Path:
     """Write a robot as text to a file with one of the suffixes. Raises RobotError for coupled joints."""
-    target = Path(path)
+    target = path_to_write(path)
     require_format(target, suffixes)
     if robot.has_mimic:
         raise RobotError("it has coupled joints", where=f"robot {robot.name!r}", code="mimic-joints",

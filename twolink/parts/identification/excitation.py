@@ -22,6 +22,7 @@ from scipy.special import ndtri
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import positive, whole
 from twolink.errors import QueryError
+from twolink.io.files import path_to_write
 from twolink.io.tables import write_table
 from twolink.io.text import Table
 from twolink.parts.identification.base_parameters import Selection, base_parameters, select
@@ -79,7 +80,7 @@ class ExcitingMotion:
         columns = {"t": self.t}
         for letter, values in (("q", self.q), ("v", self.v), ("a", self.a)):
             columns |= dict(zip((c for c, _ in joint_columns(self.robot.joints, letter)), values.T, strict=True))
-        return write_table(Path(path), columns, {})
+        return write_table(path_to_write(path), columns, {})
 
 
 def exciting_motion(

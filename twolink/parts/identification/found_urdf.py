@@ -11,7 +11,7 @@ import pinocchio as pin
 from twolink.algorithms.mechanism import body_names
 from twolink.dynamics.regressors import JOINT_PARAMETERS
 from twolink.errors import RobotError
-from twolink.io.files import write_atomic
+from twolink.io.files import path_to_write, write_atomic
 from twolink.parts.identification.fit_result import SceneFit
 from twolink.parts.identification.result import Identification
 from twolink.robots.catalogue import open_source
@@ -49,7 +49,7 @@ def write_urdf(found: Found, source: str | os.PathLike[str], path: str | os.Path
         The file cannot be written.
     """
     text = found_urdf(found, source)
-    return write_atomic(Path(path), lambda file: file.write(text.encode()), error=RobotError)
+    return write_atomic(path_to_write(path), lambda file: file.write(text.encode()), error=RobotError)
 
 
 def found_urdf(found: Found, source: str | os.PathLike[str]) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from twolink.io.files import path_to_write
 from twolink.io.text import Table
 from twolink.parts.identification.filtering import Filter, cutoff
 from twolink.show.figure import COLOURS, figure_html, new_figure, plain
@@ -23,7 +24,7 @@ _CLEAN = "The residuals show nothing that the model lacks."
 def write_report(found: Any, path: str | Path, notes: Sequence[str] = ()) -> Path:
     """Write the report of an `Identification`; see its `report`."""
     title = f"{found.robot.name}: {len(found.estimate)} parameters from {len(found.t)} samples"
-    return write_page(Path(path), title, _sections(found, notes))
+    return write_page(path_to_write(path), title, _sections(found, notes))
 
 
 def _sections(found: Any, notes: Sequence[str]) -> list[tuple[str, str]]:

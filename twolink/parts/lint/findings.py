@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 
 from twolink._version import __version__
 from twolink.errors import QueryError
-from twolink.io.files import write_atomic
+from twolink.io.files import path_to_write, write_atomic
 from twolink.io.tables import require_format
 from twolink.io.text import parse_json, read_text
 from twolink.simulation.text import BaseResult
@@ -190,7 +190,7 @@ class Findings(BaseResult):
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the findings to a .sarif or .json file. Returns the path."""
-        target = Path(path)
+        target = path_to_write(path)
         require_format(target, (".json", ".sarif"))
         text = self.formatted(target.suffix.lower()[1:])
         return write_atomic(target, lambda file: file.write(text.encode()))

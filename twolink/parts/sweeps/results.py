@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from twolink.errors import SceneError, ShowError, require_known
-from twolink.io.files import write_atomic
+from twolink.io.files import path_to_write, write_atomic
 from twolink.io.tables import require_format
 from twolink.parts.sweeps.outputs import ABANDONED, DONE, FAILED, INACCURATE, PENDING, STATUS
 from twolink.parts.sweeps.store import read_record
@@ -144,7 +144,7 @@ def write_sweep_table(data: Any, path: str | os.PathLike[str]) -> Path:
     TwolinkError
         The file cannot be written (code "not-writable").
     """
-    suffix = require_format(Path(path), SUFFIXES, SceneError)
+    suffix = require_format(path_to_write(path), SUFFIXES, SceneError)
     frame = sweep_frame(data)
 
     def write(file: BinaryIO) -> None:
@@ -215,7 +215,7 @@ def plot_sweep(
         figure = _curve(axes, values, bars, shown, status, label)
     else:
         figure = _map(axes, values, shown, status, label)
-    return figure if path is None else save_figure(figure, Path(path))
+    return figure if path is None else save_figure(figure, path_to_write(path))
 
 
 def _label(data: Any, name: str) -> str:
