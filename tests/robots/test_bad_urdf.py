@@ -77,6 +77,8 @@ BAD = {
     "inertia off-diagonal": (swapped('ixy="0"', 'ixy="0.5"'), ["link 'arm'", "positive semi-definite"]),
     "triangle inequality": (
         swapped('izz="0.1"', 'izz="0.5"'), ["link 'arm'", "triangle inequality", "0.2, 0.2, 0.5"]),
+    "inertia without mass": (
+        swapped('mass value="2"', 'mass value="0"'), ["link 'arm'", "inertia without mass", "0 kg", "0.1, 0.2, 0.2"]),
     "massless leaf": (swapped('mass value="2"', 'mass value="0"').replace("0.2", "0").replace("0.1", "0"),
                       ["link 'arm'", "'hinge' cannot be accelerated", "no mass", "lock={'hinge': 0}"]),
     "no inertial leaf": (swapped(INERTIAL, ""), ["link 'arm'", "'hinge' cannot be accelerated"]),

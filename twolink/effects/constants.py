@@ -63,7 +63,7 @@ class Payload(Effect, frozen=True):
         """Require a mass and an inertia that a body can have."""
         del robot
         matrix, mass = _matrix(self.inertia), float(self.mass)
-        if is_impossible(matrix, mass) or (not mass and matrix.any()):
+        if is_impossible(matrix, mass):
             what = f"no body has the inertia {list(self.inertia)} with {mass:g} kg"
             remedy = "give it about the centre of mass, as (xx, xy, xz, yy, yz, zz)"
             raise SceneError(what, where="inertia", remedy=remedy)
@@ -153,11 +153,13 @@ class Constants(Effect, frozen=True):
         for name in sorted(self.values, key=lambda name: name in of_origin):
             with_nominal(model, name, float(self.values[name]))
         for body, link in zip(model.inertias, body_names(model), strict=True):
-            principal, parts = np.linalg.eigvalsh(body.inertia), ("inertia", "origin_inertia", "first_moment")
-            if principal[0] < -ROUNDING * principal[-1] and any(
-                name.startswith(tuple(f"{link}.{part}." for part in parts)) for name in self.values
-            ):
+            principal = np.linalg.eigvalsh(body.inertia)
+            parts, remedy = ["inertia", "origin_inertia", "first_moment"], "give those of a real body"
+            if body.mass <= 0 < principal[-1]:
+                parts, remedy = ["mass", *parts], "give a mass above 0, or moments of 0"
+            elif principal[0] >= -ROUNDING * principal[-1]:
+                continue
+            if any(name.startswith(tuple(f"{link}.{part}" for part in parts)) for name in self.values):
                 numbers = ", ".join(f"{moment:.6g}" for moment in principal)
-                what = f"no body has principal moments of inertia of {numbers} kg m^2"
-                raise SceneError(what, where=f"values.{link}.inertia", remedy="give those of a real body",
-                                 code="impossible-body")  # fmt: skip
+                what = f"no body has principal moments of inertia of {numbers} kg m^2 with {body.mass:g} kg"
+                raise SceneError(what, where=f"values.{link}.{parts[0]}", remedy=remedy, code="impossible-body")

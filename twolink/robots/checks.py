@@ -31,15 +31,17 @@ TOLERANCE = 1e-9
 _APART = "or load it with mimic=False"
 
 
-def _defects(inertia: np.ndarray, mass: float) -> tuple[float, float]:
-    """Defects of the principal moments I1 <= I2 <= I3 against those of a real body, (0, 0) within rounding.
+def _defects(inertia: np.ndarray, mass: float) -> tuple[float, float, float]:
+    """Defects of the principal moments I1 <= I2 <= I3 against those of a real body, (0, 0, 0) within rounding.
 
     First -I1 [kg m^2] where it is below zero; then (I3 - I1 - I2) / max(I3, -I1) where that is above zero. Every
-    distribution of positive mass obeys the triangle inequality: I1 + I2 - I3 = 2 * integral of z^2 dm.
+    distribution of positive mass obeys the triangle inequality: I1 + I2 - I3 = 2 * integral of z^2 dm. Last I3
+    [kg m^2] where there is no mass.
     """
     i1, i2, i3 = np.linalg.eigvalsh(inertia).tolist()
     rounding, excess = _ROUNDING * i3 + _NOISE_LENGTH_SQUARED * mass, i3 - i1 - i2
-    return -i1 if -i1 > rounding else 0.0, excess / max(i3, -i1) if excess > rounding else 0.0
+    unequal = excess / max(i3, -i1) if excess > rounding else 0.0
+    return -i1 if -i1 > rounding else 0.0, unequal, i3 if mass <= 0 < i3 else 0.0
 
 
 def check_bodies(tree: Tree, model: pin.Model, unphysical: str) -> list[str]:
@@ -70,12 +72,16 @@ def impossible_inertia(link: UrdfLink) -> RobotError:
     """The error for the link whose inertia makes a body impossible."""
     moments = ", ".join(f"{m:.6g}" for m in np.linalg.eigvalsh(link.inertia))
     tail = 'correct it, or load it as it is with unphysical="report"'
-    if _defects(link.inertia, link.mass)[0]:
+    negative, unequal, _ = _defects(link.inertia, link.mass)
+    if negative:
         what = f"inertia is not positive semi-definite: principal moments ({moments}) kg m^2"
         remedy = f"give the inertia about the centre of mass of a real body; {tail}"
-    else:
+    elif unequal:
         what = f"inertia breaks the triangle inequality: no body has the principal moments ({moments}) kg m^2"
         remedy = f"the two smaller ones must add up to the largest at least; {tail}"
+    else:
+        what = f"inertia without mass: no body of {link.mass:g} kg has the principal moments ({moments}) kg m^2"
+        remedy = f"give its mass, or moments of 0; {tail}"
     return RobotError(what, where=link.where, remedy=remedy, code="impossible-inertia")
 
 

@@ -171,9 +171,6 @@ def content_findings(
             j.child for j in tree.joints if j.type == "fixed"
         ],
         "links without <inertial> have no mass": [k.name for k in links if not (k.has_inertial or k.name in massless)],
-        "links of no mass with an inertia: no real body has that, it is used as it is": [
-            k.name for k in links if k.mass == 0 and np.any(k.inertia)
-        ],
         "joints without <axis> turn or slide along x": [
             j.name for j in moving if j.axis is None and j.type not in ("floating", "spherical")
         ],

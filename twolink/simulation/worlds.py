@@ -169,7 +169,9 @@ def world_states(scene: Scene, q: Any, v: Any, parameters: Any) -> tuple[np.ndar
         if parameter.kind in ("q", "v"):
             parameter.put(qs, vs, values.pop(parameter.name))
     states = np.ascontiguousarray(np.concatenate([qs, vs], axis=1).T)
-    return states, {name: np.broadcast_to(a, (count,)).copy() for name, a in values.items()}
+    values = {name: np.broadcast_to(a, (count,)).copy() for name, a in values.items()}
+    _check_bodies(scene, values)
+    return states, values
 
 
 def _check_effects(scene: Scene, values: Mapping[str, np.ndarray]) -> None:
@@ -177,6 +179,15 @@ def _check_effects(scene: Scene, values: Mapping[str, np.ndarray]) -> None:
     for name in (name for name in values if name.startswith(PREFIX)):
         for value in (values[name].min(), values[name].max()) if values[name].size else ():
             scene_with(scene, {name: float(value)})
+
+
+def _check_bodies(scene: Scene, values: Mapping[str, np.ndarray]) -> None:
+    """Require that a link without mass has no inertia in any world (n,). Raises SceneError."""
+    constants = {name: x for name, x in values.items() if not name.startswith(PREFIX)}
+    masses = [x for name, x in constants.items() if name.endswith(".mass")]
+    if masses and (massless := np.any(np.equal(masses, 0), axis=0)).any():
+        for world in np.unique(np.stack(list(constants.values()))[:, massless], axis=1).T.tolist():
+            scene_with(scene, dict(zip(constants, world, strict=True)))
 
 
 def _values(parameter: Parameter, value: Any) -> np.ndarray:

@@ -84,6 +84,7 @@ SEEDED: dict[str, tuple[Callable[[], str], str, str]] = {
     "a template's moments": (inertia(ixx=1, iyy=1, izz=1, ixy=0, ixz=0, iyz=0), "placeholder-inertia", "template"),
     "mass in grams": (swap('<mass value="2"/>', '<mass value="2000"/>'), "mass-shape", "likely grams: give kg, 2"),
     "mass in grams of a robot": (swap('<mass value="2"/>', '<mass value="2000"/>'), "heavy", "give kg"),
+    "inertia without mass": (swap('<mass value="2"/>', '<mass value="0"/>'), "impossible-inertia", "give its mass"),
     "mass of 0": (swap('<mass value="2"/>', '<mass value="0"/>'), "zero-mass", "give its mass"),
     "shapes in mm": (swap('<box size="0.06 0.06 0.3"/></geometry></collision>',
                           '<box size="60 60 300"/></geometry></collision>'), "mass-shape", "millimetres"),

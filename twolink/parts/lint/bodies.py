@@ -204,6 +204,8 @@ def steiner(mass: float, centre: np.ndarray) -> np.ndarray:
 
 def cause_of_impossible(six: Mapping[str, float], mass: float, centre: np.ndarray) -> str:
     """The likely cause of an inertia that no body has. six: in the order of the file. centre (3,): in its axes."""
+    if mass <= 0:
+        return "give its mass, or moments of 0"
 
     def sound(changed: np.ndarray) -> bool:
         moments = np.linalg.eigvalsh(changed)
