@@ -78,6 +78,19 @@ def test_a_link_without_mass_is_no_longer_listed_beside_the_base() -> None:
     assert [f.names for f in report.assumed if "<inertial>" in f.what] == [("base",)]
 
 
+def test_a_link_between_joints_is_taken_as_massless_and_a_note(tmp_path: Path) -> None:
+    text = re.sub('(<link name="l2">)<visual>.*?</visual>', r"\1", without_inertial("l2"))
+    report = tl.load_robot(text).report
+    assert said(text) == []
+    assert [f.names for f in report.assumed if "<inertial>" in f.what] == [("l2",), ("base",)]
+    (note,) = tl.lint(text).defects
+    assert (note.rule, note.severity, note.name) == ("no-inertial", "note", "l2")
+    assert "taken as massless" in note.cause
+    path = tmp_path / "three.urdf"
+    path.write_text(text)
+    assert "taken as massless, as a link between joints" in str(tl.scene_of(path).report)
+
+
 def test_a_heavy_payload_is_said_of_the_scene() -> None:
     robot = tl.load_robot(URDF)
     heavy = tl.Scene(robot, effects=[tl.effects.Payload("l3", 1500.0, com=(0.0, 0.0, 0.1))])

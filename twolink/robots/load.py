@@ -29,7 +29,7 @@ from twolink.robots.load_report import LoadReport
 from twolink.robots.meshes import MeshFolders, drawable_urdf, mesh_folders, missing_meshes
 from twolink.robots.model import RobotModel, Visuals
 from twolink.robots.srdf import srdf_beside
-from twolink.robots.suspicions import suspicious, visible_without_mass
+from twolink.robots.suspicions import between_joints, suspicious
 from twolink.robots.tree import Tree, canonical, read_tree
 
 Purpose = Literal["dynamics", "kinematics", "identification"]
@@ -108,10 +108,10 @@ def load_model(
     srdf = said.srdf if said.srdf.file else srdf_beside(urdf.path if meshes is None else None)
     missing, beyond = missing_meshes(tree.element, folders), beyond_limits(full, locked, reference)
     report = LoadReport(urdf.label, (
-        *suspicious(tree, full),
         load_report.summary(tree, model, len(urdf.data)),
         *load_report.content_findings(tree, mimic=mimic, odd_inertias=odd_inertias, unphysical=unphysical,
-                                      missing=missing, massless=visible_without_mass(tree, full)),
+                                      missing=missing,
+                                      said=[*suspicious(tree, full), *between_joints(tree, full)]),
         *said.findings,
         *load_report.findings("read", {"pairs that do not touch, and states": [srdf.file] * bool(srdf.file)}),
         *load_report.findings("assumed", {"joints that move no inertia: dynamics is refused": weightless}),

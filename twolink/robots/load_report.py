@@ -135,15 +135,16 @@ _NO_LOSSES = "joints without damping and friction: losses=True adds 0 there"
 
 def content_findings(
     tree: Tree, *, mimic: bool, odd_inertias: Sequence[str], unphysical: str, missing: Mapping[str, Sequence[str]],
-    massless: Sequence[str] = (),
+    said: Sequence[Finding] = (),
 ) -> list[Finding]:  # fmt: skip
     """Findings on contents of a sound URDF that are ignored, repaired or assumed.
 
     mimic: mimic joints are coupled. odd_inertias: the links whose inertia no real body has; unphysical: "refuse" where
-    the bodies they belong to were checked. missing: by what is said of them, meshes without a file. massless: links
-    without <inertial> that are suspicious.
+    the bodies they belong to were checked. missing: by what is said of them, meshes without a file. said: findings
+    to begin with; links without <inertial> that they name are not named again.
     """
     moving, links = tree.moving, tree.links.values()
+    massless = {name for one in said if one.rule == "no-inertial" for name in one.names}
     mimics = {j.name: j.mimic.joint for j in moving if j.mimic is not None}
     joint_names = {j.name for j in tree.joints}
     sound = " (the bodies they are fixed to are sound)" if unphysical == "refuse" else ""
@@ -181,6 +182,7 @@ def content_findings(
         f"inertias that no real body has, taken as they are{sound}": odd_inertias,
     }
     return [
+        *said,
         *findings("ignored", ignored),
         *_foreign_findings(tree.foreign),
         *findings("repaired", repaired),

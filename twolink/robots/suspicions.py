@@ -39,14 +39,19 @@ def suspicious(tree: Tree, model: pin.Model) -> list[Finding]:
 
 def visible_without_mass(tree: Tree, model: pin.Model) -> list[str]:
     """The links that move, have a shape but no <inertial>, and are fixed to nothing that has a mass."""
-    bodies = _bodies(tree, model)
-    return [
-        link.name
-        for j, links in bodies.items()
-        if model.inertias[j].mass == 0 and not any(link.has_inertial for link in links)
-        for link in links
-        if link.element.first("visual") or link.element.first("collision")
-    ]
+    return [link.name for links in _without_inertial(tree, model).values() for link in links if _has_shape(link)]
+
+
+def between_joints(tree: Tree, model: pin.Model) -> list[Finding]:
+    """The statement on links that carry moving links and have neither <inertial> nor shape.
+
+    Most are meant: they join the joints of a compound one, such as slides along x, y and z.
+    """
+    carriers = set(model.parents)
+    names = tuple(links[0].name for j, links in _without_inertial(tree, model).items()
+                  if j in carriers and not any(map(_has_shape, links)))  # fmt: skip
+    what = "no <inertial> and no shape: taken as massless, as a link between joints; give what is a body an <inertial>"
+    return [Finding("assumed", what, names, "no-inertial")] if names else []
 
 
 def too_heavy(mass: float, carried_by: float) -> str:
@@ -55,6 +60,15 @@ def too_heavy(mass: float, carried_by: float) -> str:
         return ""
     grams = " (in grams it would be " + f"{mass / 1000:g} kg)" if mass >= 100 else ""
     return f"a mass of {mass:g} kg, {mass / carried_by:.0f} times the {carried_by:.3g} kg that carry it{grams}; give kg"
+
+
+def _without_inertial(tree: Tree, model: pin.Model) -> dict[int, list[UrdfLink]]:
+    """By the index of the joint that moves it, the links of each body without any <inertial>."""
+    return {j: links for j, links in _bodies(tree, model).items() if not any(link.has_inertial for link in links)}
+
+
+def _has_shape(link: UrdfLink) -> bool:
+    return bool(link.element.first("visual") or link.element.first("collision"))
 
 
 def _bodies(tree: Tree, model: pin.Model) -> dict[int, list[UrdfLink]]:

@@ -76,9 +76,9 @@ class UrdfScene(Scene):
             "limits of velocity (a result beyond them says so)": list(limits_by_joint(robot, model.velocityLimit)),
         }
         g = ", ".join(f"{x:g}" for x in robot.gravity)
-        base = [finding for finding in robot.report.findings if "frees its base" in finding.what]
+        said = [one for one in robot.report.assumed if one.rule or "frees its base" in one.what]
         assumed = [
-            *base,
+            *said,
             Finding("assumed", f"gravity ({g}) m/s^2"),
             Finding("assumed", f"a start of at most {OFFSET:g} rad or m from 0, within limits, or as an SRDF says"
                     if self._touches else f"a start of at most {OFFSET:g} rad or m from 0, within limits"),

@@ -19,7 +19,7 @@ from twolink.robots.catalogue import Source, open_source
 from twolink.robots.checks import weightless_joints, without_inertia
 from twolink.robots.load import load_model
 from twolink.robots.model import RobotModel
-from twolink.robots.suspicions import suspicious
+from twolink.robots.suspicions import between_joints, suspicious
 from twolink.robots.xml import MAX_BYTES, Element, parse_xml
 
 CHECKS: tuple[Callable[[Reading], Iterator[Defect]], ...] = (
@@ -105,15 +105,16 @@ def _defects(source: Source, folders: list[Path], arguments: Mapping[str, object
 
 
 def _suspicious(reading: Reading) -> Iterator[Defect]:
-    """The suspicions of the load report."""
+    """The suspicions of the load report, and what it assumes of links between joints: a note."""
     if reading.tree is None or reading.model is None:
         return
     owners: dict[str, Any] = {joint.name: joint for joint in reading.joints} | dict(reading.links)
-    for one in suspicious(reading.tree, reading.model):
+    for one in (*suspicious(reading.tree, reading.model), *between_joints(reading.tree, reading.model)):
         for name in one.names:
             owner = owners[name].element
             value, *cause = re.split(": |; ", one.what, maxsplit=1)
-            yield defect(one.rule, name, reading.line(owner, name), value, "".join(cause))
+            yield defect(one.rule, name, reading.line(owner, name), value, "".join(cause),
+                         severity="note" if one.kind == "assumed" else None)  # fmt: skip
 
 
 def fix(findings_of: Findings) -> tuple[Path, ...]:
