@@ -7,12 +7,14 @@ import pytest
 
 from tests.command import call, call_process, one_line
 from twolink.cli.app import main
+from twolink.cli.wording import spoken
 
 FAILED = {
     "robot": (["inspect", "pandda"], "did you mean 'panda'"),
     "states file": (["query", "arm", "bias", "--states", "none.csv"], "No such file"),
     "scene": (["run", "arm-swng"], "did you mean 'arm-swing'"),
     "play": (["play", "none.npz"], "No such file"),
+    "weightless": (["inspect", "romeo"], "--lock LThumb3=0 --lock RFinger21=0"),
     "no joint": (["run", "hector", "--no-ground"], "free its base: --root free"),
 }
 BIAS = ["query", "arm", "bias", "--q", "0 0"]
@@ -75,6 +77,20 @@ def test_a_wrong_states_file_is_no_misuse(states: str, part: str) -> None:
 def test_a_process_that_fails_says_so_in_one_line() -> None:
     arguments, part = FAILED["robot"]
     one_line(call_process(*arguments), 1, part)
+
+
+@pytest.mark.parametrize(
+    ("text", "spoken_text"),
+    [
+        ('purpose="kinematics" or duration=2.', "--purpose kinematics or duration=2."),
+        ("hold them with lock={'j1': 0, 'j2': 0.5}", "hold them with --lock j1=0 --lock j2=0.5"),
+        ('look for parameters=["a.mass", "b.*"]', "look for --parameters a.mass,b.*"),
+        ("load it with mimic=False, or mimic=True; verify=False", "load it with no --mimic, or --mimic; --no-verify"),
+    ],
+)
+def test_remedies_have_the_syntax_of_the_command_line(text: str, spoken_text: str) -> None:
+    names = {name: f"--{name}" for name in ("purpose", "lock", "parameters", "mimic")} | {"verify": "--no-verify"}
+    assert spoken(text, names) == spoken_text
 
 
 def test_done_is_0() -> None:

@@ -27,7 +27,14 @@ def test_robots_lists_all_with_sizes_or_reasons() -> None:
 def test_inspect_reports() -> None:
     done = call("inspect", "panda", "--cross-check")
     assert done.returncode == 0
-    for part in ("panda_joint1", "ignored:", "mimic", "assumed:", "second reading (yourdfpy): agree: 13 links"):
+    for part in (
+        "panda_joint1",
+        "kg of its body",
+        "ignored:",
+        "mimic",
+        "assumed:",
+        "second reading (yourdfpy): agree: 13 links",
+    ):
         assert part in done.stdout
     data = answer("inspect", "kinova")
     assert data["nq"] == 9

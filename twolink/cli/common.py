@@ -17,6 +17,7 @@ from typer import Argument, Option
 from typer.core import TyperCommand
 
 from twolink.accuracy import Study
+from twolink.cli.wording import spoken
 from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.arguments import by_joint
 from twolink.errors import TwolinkError, require_extra
@@ -88,22 +89,6 @@ def _options(parameters: Iterable[Any]) -> dict[str, str]:
     """The options of a command by the names of their arguments in Python."""
     options = {p.name: p.opts[0] for p in parameters if p.param_type_name == "option"}
     return options | ({"verify": "--no-verify"} if "no_verify" in options else {})
-
-
-def spoken(text: str, options: dict[str, str]) -> str:
-    """A text in which arguments of Python, such as duration=2, are options, such as --duration 2."""
-
-    def option(found: re.Match[str]) -> str:
-        name, value = found.groups()
-        if name not in options:
-            return found[0]
-        shown = "" if value in ("True", "False") else value.strip(chr(34) + chr(39))
-        return f"{options[name]} {shown}".rstrip()
-
-    text = re.sub(r'\bload_robot\("([^"]*)"\)', r"\1", text)
-    if "html" in options:
-        text = text.replace('run.playback("motion.html")', "--html motion.html")
-    return re.sub(r"\b(\w+)=([^\s,;)]*)", option, text)
 
 
 def show(record: Any, text: object, as_json: bool) -> None:
@@ -245,8 +230,6 @@ XacroArguments = Annotated[
     list[str] | None, Option("--xacro-argument", metavar="NAME=VALUE", help="Of a xacro; repeatable.")
 ]
 RobotLoader = functools.partial[Robot]
-REPORTED = {"root": "--root", "mimic": "--mimic", "package_dirs": "--package-dir", "losses": "--losses"}
-"""What load reports advise."""
 
 
 def sample_times_of(text: SampleTimes) -> list[float] | None:

@@ -11,16 +11,15 @@ from typer import Option
 
 from twolink.cli.common import (
     FAILED,
-    REPORTED,
     Json,
     Misuse,
     RobotLoader,
     RobotName,
     chosen_of,
     show,
-    spoken,
     with_robot_options,
 )
+from twolink.cli.wording import REPORTED, spoken
 from twolink.dynamics import Robot
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import QueryError, RobotError, TwolinkError
@@ -78,7 +77,7 @@ def inspect(
 def _text(robot: Robot, record: dict[str, Any]) -> str:
     """Joints, the load report, and how batches are answered."""
     rows = [(j["name"], j["kind"], _entries(*j["q"]), _entries(*j["v"]), j["mass"]) for j in record["joints"]]
-    joints = Table(("joint", "kind", "q", "v", "kg moved with it"), tuple(rows))
+    joints = Table(("joint", "kind", "q", "v", "kg of its body"), tuple(rows))
     sizes = f"{robot.name}: nq = {robot.nq}, nv = {robot.nv}, {robot.mass:.6g} kg moving"
     return f"{sizes}\n\n{joints}\n\n{spoken(str(robot.report), REPORTED)}\n\nbatches: {_engines(robot)}"
 

@@ -13,7 +13,6 @@ from typer import Argument, Option
 
 from twolink.accuracy import accuracy_study
 from twolink.cli.common import (
-    REPORTED,
     RUN_ENDINGS,
     STUDY_ENDINGS,
     Accuracy,
@@ -38,10 +37,10 @@ from twolink.cli.common import (
     sample_times_of,
     scene_from,
     show,
-    spoken,
     with_robot_options,
     write_by_ending,
 )
+from twolink.cli.wording import REPORTED, spoken
 from twolink.integrate.steps.methods import methods as method_table
 from twolink.io.files import write_atomic
 from twolink.io.progress import progress_bar

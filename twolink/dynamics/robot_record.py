@@ -34,7 +34,8 @@ def robot_record(robot: Robot) -> dict[str, Any]:
     dict
         name, nq, nv, mass [kg], gravity [m/s^2] and neutral (nq numbers); joints: dictionaries with name, kind
         (Pinocchio's), layout, q and v (start and stop of the joint's entries), limits (None where there is none) and
-        the mass moved [kg]; links (names), and those fixed to the ground; report (the load report).
+        mass [kg] of its body, without those that it carries; links (names), and those fixed to the ground; report (the
+        load report).
     """
     return {
         "name": robot.name,

@@ -115,7 +115,7 @@ def without_inertia(tree: Tree, model: pin.Model, names: tuple[str, ...]) -> Rob
     what = f"joint {name!r} cannot be accelerated: {why}, so its acceleration is not determined"
     lock = ", ".join(f"{n!r}: 0" for n in names)
     remedy = f"give link {link!r} a mass and an inertia, or hold such joints with lock={{{lock}}}"
-    what += ' (only purpose="kinematics" and "identification" take that)'
+    what += ' (purpose="kinematics" or purpose="identification" takes that)'
     return RobotError(what, where=tree.links[link].where, remedy=remedy, code="no-inertia")
 
 

@@ -6,7 +6,18 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from twolink.cli.common import FAILED, Files, Folders, Misuse, XacroArguments, finish, require_writable, write, xacro_of
+from twolink.cli.common import (
+    FAILED,
+    Files,
+    Folders,
+    Misuse,
+    XacroArguments,
+    finish,
+    require_writable,
+    write,
+    xacro_of,
+)
+from twolink.cli.wording import REPORTED, spoken
 from twolink.errors import RobotError, require_known
 
 _FORMATS = ("text", "json", "sarif", "github")
@@ -54,7 +65,7 @@ def lint(
     if fix and (changed := write_fixes(found)):
         typer.echo(f"twolink: corrected {', '.join(map(str, changed))}", err=True)
         found = look()
-    typer.echo(found.formatted(style))
+    typer.echo(spoken(found.formatted(style), REPORTED) if style == "text" else found.formatted(style))
     _, failures = write(out or [], found.save)
     finish(failures, False)
     if any(found.of(level) for level in SEVERITIES[: SEVERITIES.index(fail_on) + 1]):
