@@ -71,6 +71,9 @@ BAD = {
     "two masses": (swapped('mass value="2"', 'mass value="2 3"'), ["expected 1 number, got 2"]),
     "no mass value": (swapped('mass value="2"', "mass"), ["<mass> has no value"]),
     "no mass element": (swapped('<mass value="2"/>', ""), ["<inertial> has no <mass>"]),
+    "no inertia element": (
+        GOOD.replace('<inertia ixx="0.2" iyy="0.2" izz="0.1" ixy="0" ixz="0" iyz="0"/>', ""),
+        ["<inertial> has no <inertia>; add <inertia ixx="]),
     "inertia without ixy": (swapped(' ixy="0"', ""), ["link 'arm'", "<inertia> has no ixy"]),
     "NaN inertia": (swapped('ixx="0.2"', 'ixx="nan"'), ["link 'arm'", "not finite"]),
     "inertia not positive": (swapped('izz="0.1"', 'izz="-0.1"'), ["link 'arm'", "positive semi-definite", "-0.1"]),

@@ -16,6 +16,10 @@ from twolink.robots.xml import Element, Reader, Vector
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
 UNIT_TOLERANCE = 1e-3  # files write quaternions with few digits
+_PARTS = {
+    "mass": "<mass value=>, kg",
+    "inertia": "<inertia ixx= iyy= izz= ixy= ixz= iyz=>, kg m^2 about the centre of mass",
+}
 _LIMITED = ("revolute", "prismatic")
 _RATES = ("acceleration", "deceleration", "jerk")
 _WITH_AXIS = ("revolute", "continuous", "prismatic", "planar")
@@ -73,10 +77,10 @@ def read_link(reader: Reader, element: Element) -> UrdfLink:
     if inertial is None:
         return UrdfLink(name, reader.where(element, owner), element, has_inertial=False)
     parts: dict[str, Element] = {}
-    for tag in ("mass", "inertia"):
+    for tag in _PARTS:
         part = inertial.first(tag)
         if part is None:
-            raise reader.error(inertial, owner, f"<inertial> has no <{tag}>", "add it, or drop <inertial>")
+            raise reader.error(inertial, owner, f"<inertial> has no <{tag}>", f"add {_PARTS[tag]}")
         parts[tag] = part
     mass = reader.number(parts["mass"], "value", owner)
     if mass < 0:

@@ -84,6 +84,7 @@ SEEDED: dict[str, tuple[Callable[[], str], str, str]] = {
     "a template's moments": (inertia(ixx=1, iyy=1, izz=1, ixy=0, ixz=0, iyz=0), "placeholder-inertia", "template"),
     "mass in grams": (swap('<mass value="2"/>', '<mass value="2000"/>'), "mass-shape", "likely grams: give kg, 2"),
     "mass in grams of a robot": (swap('<mass value="2"/>', '<mass value="2000"/>'), "heavy", "give kg"),
+    "missing moment": (swap('izz="0.0013" ', ""), "format", "add izz="),
     "inertia without mass": (swap('<mass value="2"/>', '<mass value="0"/>'), "impossible-inertia", "give its mass"),
     "mass of 0": (swap('<mass value="2"/>', '<mass value="0"/>'), "zero-mass", "give its mass"),
     "shapes in mm": (swap('<box size="0.06 0.06 0.3"/></geometry></collision>',
@@ -347,6 +348,7 @@ def test_the_command_has_formats_and_exit_codes(tmp_path: Path) -> None:
     odd, bad = str(files["effort 0"]), str(files["not XML"])
     clean, *others = call("lint", "two_link"), call("lint", odd), call("lint", bad)
     assert [done.returncode for done in (clean, *others)] == [0, 0, 1]
+    assert others[1].stdout.startswith("1 error, 0 warnings, ")
     assert clean.stdout == "0 errors, 0 warnings, 0 notes in 1 file\n"
     assert call("lint", odd, "--fail-on", "warning").returncode == 1
     both = call("lint", odd, bad, "--format", "json", "--out", str(tmp_path / "k.json"))

@@ -159,8 +159,9 @@ class Findings(BaseResult):
         return Findings(self.files + other.files, self.defects + other.defects)
 
     def __str__(self) -> str:
-        counts = ", ".join(f"{len(self.of(level))} {level}s" for level in SEVERITIES)
-        whole = f"{counts} in {len(self.files)} file{'s' * (len(self.files) != 1)}"
+        sizes = [*((level, len(self.of(level))) for level in SEVERITIES), ("file", len(self.files))]
+        *counts, files = (f"{count} {name}{'s' * (count != 1)}" for name, count in sizes)
+        whole = f"{', '.join(counts)} in {files}"
         return "\n".join([whole, *(f"  {one}" for one in self.defects)])
 
     __repr__ = __str__

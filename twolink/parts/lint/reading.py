@@ -180,7 +180,8 @@ def _one(reader: CollectingReader, element: Element, read_one: Callable[[Reader,
     except RobotError as error:
         failed = error
     numbers = reader.wrong[begun:]
-    wrong += [of_error(error, "number") for error in numbers]
+    lacks = re.compile(r"<\w+> has no \w+")  # an attribute: what is not there is no number
+    wrong += [of_error(error, "format" if lacks.fullmatch(error.what) else "number") for error in numbers]
     if failed is not None and failed.where not in {error.where for error in numbers}:
         wrong.append(of_error(failed, "format"))
     if failed is not None or numbers:
