@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.command import answer, call, one_line
+from twolink.parts.sweeps.outputs import STATUS
 
 pytest.importorskip("zarr")
 ARM = ("sweep", "arm-swing", "--duration", "0.2", "--workers", "1")
@@ -30,6 +31,13 @@ def test_a_sweep_from_the_command_line(tmp_path: Path) -> None:
     assert "expected at least 0, got -1" in again.stdout
     status = answer("sweep", "arm-swing", *out[:2], "--status")
     assert (status["total"], status["pending"]) == (9, 0)
+
+
+def test_help_says_what_a_status_and_a_mass_mean() -> None:
+    text = call("sweep", "--help").stdout
+    assert all(f"{code} {name}" in text for code, name in enumerate(STATUS))
+    assert "LINK.mass alone keeps the link's centre of mass and its inertia" in text
+    assert "see below" not in text
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ WROTE = "  wrote   "
 Source = Annotated[
     str, Argument(metavar="SOURCE", help="A scene with --vary; or a study: basin, release, price, or a .toml file.")
 ]
-Vary = Annotated[list[str] | None, Option(metavar="NAME=VALUES", help="What varies, see below; repeatable.")]
+Vary = Annotated[list[str] | None, Option(metavar="NAME=VALUES", help="What varies, as above; repeatable.")]
 Bound = Annotated[
     float | None, Option(help="Bound on the global error of q, rad or m.", show_default="1e-6, or the study's")
 ]
@@ -93,7 +93,10 @@ def sweep(
 
     \b
     NAME: q.JOINT, v.JOINT, LINK.mass, ..., effects.1.FIELD, effects.1 (on,off), accuracy, robot (names)
+          LINK.mass alone keeps the link's centre of mass and its inertia about that
     VALUES: 1,2,3   FIRST:LAST:COUNT   uniform(LOW,HIGH)   normal(MEAN,DEVIATION)   on,off
+    STATUS of a run in the store: 1 done, 2 inaccurate (its error is above the accuracy), 3 failed (reason says why),
+          4 abandoned (workers died of it), 0 pending
     """  # fmt: skip
     from twolink.parts.sweeps.results import plot_sweep, sweep_status, write_sweep_table
     from twolink.parts.sweeps.sweeping import bundled_studies, run_study, study_of

@@ -65,7 +65,8 @@ def sweep(
     duration : float, optional
         Simulated time, s; by default the scene's own.
     vary : mapping
-        Values (n,) by name: "q.JOINT", "v.JOINT", a physical parameter or number of an effect as in `simulate_many`,
+        Values (n,) by name: "q.JOINT", "v.JOINT", a physical parameter or number of an effect as in `simulate_many`
+        ("LINK.mass" alone keeps the inertia about the centre of mass),
         "effects.1" (true or false: whether it acts), "accuracy", "robot" (names: other robots under the same effects,
         from `random_state(1, seed=0)`). {"range": [first, last, count]} stands for equally
         spaced values; samples have {"uniform": [low, high]} or {"normal": [mean, standard deviation]}.
