@@ -5,6 +5,7 @@ import pytest
 
 import twolink as tl
 from tests.parts.identification.motions import motion, noisy
+from twolink.errors import QueryError
 from twolink.identification import Identification, identify
 from twolink.parts.identification.base_parameters import direction, regressor
 from twolink.parts.identification.filtering import Folds
@@ -96,6 +97,23 @@ def test_bodies_are_the_urdfs_where_the_motion_shows_nothing() -> None:
     text = str(found)
     assert max(map(len, text.splitlines())) < 250
     assert "panda_link1.origin_inertia.zz and " in text
+
+
+def test_without_torques_only_ratios_are_told_and_all_parameters_are_refused() -> None:
+    run = tl.simulate(tl.Scene(ARM, [0.3, -0.5], effects=[tl.effects.Gravity()]), 2.0)
+    zeros = np.zeros_like(run.v)
+    for velocities, accelerations in ((None, None), (run.v, run.acceleration)):
+        with pytest.raises(QueryError, match=r"all torques are 0, .* only ratios") as caught:
+            identify(ARM, run.t, run.q, velocities, zeros, a=accelerations)
+        assert caught.value.code == "no-torques"
+        assert 'parameters=["forearm.mass"]' in caught.value.remedy
+    run = [{"t": run.t, "q": run.q, "v": run.v, "tau": zeros}]
+    found = identify(ARM, run, parameters=["forearm.mass"], validate=run)
+    assert found.values["forearm.mass"] == pytest.approx(ARM.mass - ARM.parameter_values[0], rel=1e-3)
+    assert found.warnings == ["shoulder, elbow: all measured torques are 0: there is nothing to explain"]
+    assert "% of its torques" not in str(found)
+    assert found.to_dict()["explained"] == {"shoulder": None, "elbow": None}
+    assert found.to_dict()["validation"]["elbow"]["share"] is None
 
 
 def test_a_joint_that_nothing_explains_is_the_first_line() -> None:

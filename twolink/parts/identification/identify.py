@@ -103,7 +103,7 @@ def identify(
     ------
     QueryError
         For arguments of wrong shapes or values; codes "unknown-parameter", "times", "too-few-samples",
-        "constant-data", "units", "nothing-identifiable", "not-converged".
+        "constant-data", "units", "nothing-identifiable", "no-torques", "not-converged".
 
     Notes
     -----

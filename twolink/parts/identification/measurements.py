@@ -22,6 +22,7 @@ from twolink.robots.joint_layout import read_columns
 _LARGEST = 1e100  # of torques and of the regressor: squares and their ratios stay within the range of doubles
 _NARROWER = 0.7  # a window is compared with one wider by 1 / 0.7: errors of a grow with its fourth power
 _STATES = 4  # of a block of samples
+_NO_TORQUE = 1e-12  # of the torques of single parameters: rounding
 _SLOW, _HIDDEN = 10, 3.0  # of so many samples the slowest; speeds within so many deviations have no sign
 GAP = 20.0  # times the usual step of time, from which it is a jump
 
@@ -170,6 +171,38 @@ def linear_system(robot: Robot, chosen: Selection, data: Measurements) -> tuple[
         what = f"numbers of the size {largest:.3g} cannot be used"
         raise QueryError(what, where="identify", remedy="give SI units and radians", code="units")
     return both
+
+
+def require_enough(robot: Robot, parts: np.ndarray, y: np.ndarray, data: Measurements) -> None:
+    """Require torques that tell r parameters.
+
+    Parameters
+    ----------
+    robot : Robot
+    parts : ndarray, (n, nv, r)
+        The torques of each parameter, at its value in the robot.
+    y : ndarray, (n, nv)
+        What they are to add up to.
+    data : Measurements
+
+    Raises
+    ------
+    QueryError
+        Codes "too-few-samples", "nothing-identifiable", and "no-torques": G theta = 0 tells theta up to a factor.
+    """
+    if y.size <= parts.shape[-1]:
+        what = f"{y.size} torques at {len(data.t)} samples are too few for {parts.shape[-1]} parameters"
+        remedy = "measure longer, or look for fewer parameters"
+        raise QueryError(what, argument="t", remedy=remedy, code="too-few-samples")
+    if not parts.shape[-1]:
+        what = "no torque in these data depends on the parameters, beyond the errors of the filter"
+        remedy = "measure a motion that moves those links more"
+        raise QueryError(what, argument="q", remedy=remedy, code="nothing-identifiable")
+    if max(np.abs(data.tau).max(), np.abs(y).max()) <= _NO_TORQUE * np.abs(parts).max():
+        what = "all torques are 0, and without torques only ratios of parameters are determined, not all of them"
+        mass = next(name for name in reversed(robot.parameter_names) if name.endswith(".mass"))
+        remedy = f'keep some as they are, such as by parameters=["{mass}"], or give a log with torques'
+        raise QueryError(what, argument="tau", remedy=remedy, code="no-torques")
 
 
 def _joined(parts: Sequence[tuple[Any, ...]], block: int) -> Measurements:

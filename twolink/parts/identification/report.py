@@ -27,11 +27,16 @@ def write_report(found: Any, path: str | Path, notes: Sequence[str] = ()) -> Pat
     return write_page(path_to_write(path), title, _sections(found, notes))
 
 
+def or_none(values: np.ndarray) -> list[float | None]:
+    """The numbers (n,), None in the place of NaN: of what is relative to nothing."""
+    return [None if np.isnan(value) else value for value in values.tolist()]
+
+
 def _sections(found: Any, notes: Sequence[str]) -> list[tuple[str, str]]:
     joints = coordinate_names(found.robot, "v")
     size = np.sqrt(np.mean(found.torques**2, axis=0))
     residual = np.sqrt(np.mean(found.residuals**2, axis=0))
-    shares = (100 * residual / np.maximum(size, 1e-300)).tolist()
+    shares = or_none(100 * residual / np.where(size > 0, size, np.nan))
     rows = tuple(zip(joints, size.tolist(), residual.tolist(), shares, strict=True))
     torques = Table(("joint", "torque rms", "residual rms", "%"), rows)
     blocks = np.sqrt(np.diag(found.block_covariance)).tolist()
@@ -97,7 +102,7 @@ def _criterion(by: Filter, joints: Sequence[str]) -> str:
 
 def _validation(found: Any, joints: Sequence[str]) -> str:
     """Measured and predicted torques of the runs that were kept out, and the residuals in N m and percent."""
-    rows = tuple(zip(joints, found.rms.tolist(), (100 * found.share).tolist(), strict=True))
+    rows = tuple(zip(joints, found.rms.tolist(), or_none(100 * found.share), strict=True))
     return Table(("joint", "residual rms", "%"), rows)._repr_html_() + figure_html(_torques(found, joints))
 
 

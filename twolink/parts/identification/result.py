@@ -20,7 +20,7 @@ from twolink.parts.identification.base_parameters import Selection, regressor
 from twolink.parts.identification.consistency import Consistency, consistent
 from twolink.parts.identification.filtering import Filter
 from twolink.parts.identification.model_errors import HARM, ModelError
-from twolink.parts.identification.report import write_report
+from twolink.parts.identification.report import or_none, write_report
 from twolink.parts.identification.setup import Setup
 from twolink.show.figure import COLOURS, Plotted, new_figure, plain
 from twolink.simulation.text import BaseResult
@@ -168,18 +168,20 @@ class Validation:
 
     @property
     def share(self) -> np.ndarray:
-        """The residuals' root mean square (nv,), relative to that of the torques."""
-        return np.asarray(self.rms / np.maximum(np.sqrt(np.mean(self.torques**2, axis=0)), 1e-300))
+        """The residuals' root mean square (nv,), relative to that of the torques; NaN of torques of 0."""
+        size = np.sqrt(np.mean(self.torques**2, axis=0))
+        return np.asarray(self.rms / np.where(size > 0, size, np.nan))
 
     def to_dict(self, names: Iterable[str]) -> dict[str, Any]:
         """A record for JSON."""
-        pairs = zip(names, self.rms.tolist(), self.share.tolist(), strict=True)
+        pairs = zip(names, self.rms.tolist(), or_none(self.share), strict=True)
         return {name: {"rms": rms, "share": share} for name, rms, share in pairs}
 
     def in_words(self, names: Iterable[str]) -> str:
         """The residuals by joint, in N m or N and in percent."""
-        pairs = zip(names, self.rms, self.share, strict=True)
-        parts = (f"{name} {rms:.3g} ({100 * share:.0f} % of its torques)" for name, rms, share in pairs)
+        pairs = zip(names, self.rms, or_none(100 * self.share), strict=True)
+        parts = (f"{name} {rms:.3g} ({'torques of 0' if share is None else f'{share:.0f} % of its torques'})"
+                 for name, rms, share in pairs)  # fmt: skip
         return "held-out torques, residuals: " + ", ".join(parts)
 
 
@@ -243,19 +245,22 @@ class Identification(Estimate):
 
     @property
     def explained(self) -> np.ndarray:
-        """The share (nv,) of each joint's mean square torque that the estimate explains, 0 to 1."""
+        """The share (nv,) of each joint's mean square torque that the estimate explains; NaN where that is 0."""
         left, size = (np.mean(x**2, axis=0) for x in (self.residuals, self.torques))
-        return np.asarray(np.clip(1 - left / np.maximum(size, 1e-300), 0.0, 1.0))
+        share = np.clip(1 - left / np.maximum(size, 1e-300), 0.0, 1.0)
+        return np.where(self.torques.any(axis=0), share, np.nan)
 
     @property
     def warnings(self) -> list[str]:
-        """The joints whose torques are turned round or hardly explained, and why where a test says so."""
+        """The joints whose torques are turned round, all 0, or hardly explained, and why where a test says so."""
         names, lines = coordinate_names(self.robot, "v"), []
         for k in np.flatnonzero(self.explained < _HARDLY).tolist():
             why = [str(error) for error in self.model_errors if error.name.startswith(f"{names[k]}.")][:1]
             lines.append(f"{names[k]}: {100 * self.explained[k]:.0f} % of its torques are explained"
                          + f"; {why[0] if why else 'no test says why'}")  # fmt: skip
-        return [*self.opposite, *lines]
+        without = np.array(names)[np.isnan(self.explained)].tolist()
+        said = [f"{', '.join(without)}: all measured torques are 0: there is nothing to explain"] if without else []
+        return [*self.opposite, *said, *lines]
 
     @property
     def opposite(self) -> list[str]:
@@ -302,7 +307,7 @@ class Identification(Estimate):
         by = self.filter
         window = {} if by is None else {"filter": {"half_window": by.half_window, "velocities": by.source,
                                                    "cutoff": by.cutoff}}  # fmt: skip
-        more: dict[str, Any] = {"explained": dict(zip(names, self.explained.tolist(), strict=True))}
+        more: dict[str, Any] = {"explained": dict(zip(names, or_none(self.explained), strict=True))}
         more |= {"model_errors": [error.to_dict() for error in self.model_errors]}
         if self.joint_models is not None:
             more["joint_models"] = self.joint_models.to_records()
@@ -334,7 +339,7 @@ class Identification(Estimate):
         head = f"{self.robot.name}: {len(self.estimate)} found from {len(self.t)} samples, {self.method} least squares"
         lines = [*self.warnings, head]
         lines += ["", self.short_table(), "", f"low, high: {percent} intervals; condition {self.condition:.3g}"]
-        names, explained = coordinate_names(self.robot, "v"), (100 * self.explained).tolist()
+        names, explained = coordinate_names(self.robot, "v"), or_none(100 * self.explained)
         rows = tuple(zip(names, self.noise.tolist(), explained, strict=True))
         lines += [str(Table(("joint", "noise of tau", "explained, %"), rows)), ""]
         if self.correlated:

@@ -18,7 +18,7 @@ from twolink.parts.identification.base_parameters import (
 )
 from twolink.parts.identification.filtering import Filter, Recording, choose, require_samples
 from twolink.parts.identification.joint_models import explaining, joint_terms, single_joints
-from twolink.parts.identification.measurements import Measurements, filtered, linear_system, wider
+from twolink.parts.identification.measurements import Measurements, filtered, linear_system, require_enough, wider
 from twolink.parts.identification.model_errors import model_errors
 from twolink.parts.identification.regression import Fit, fit
 from twolink.parts.identification.result import Identification, Validation
@@ -83,7 +83,7 @@ def solve(plan: IdentificationPlan, setup: Setup, runs: Sequence[Recording], by:
     Raises
     ------
     QueryError
-        Codes "too-few-samples", "nothing-identifiable", "units", "not-converged".
+        Codes "too-few-samples", "nothing-identifiable", "no-torques", "units", "not-converged".
     """
     found = _solved(plan, setup, runs, by, None)
     setup = _with_constants(setup, found)
@@ -135,7 +135,7 @@ def _solved(
     base = _excited(plan, robot, names, data, columns)
     members = list(base.members)
     columns, prior = columns[..., members], _prior(robot, chosen, base)
-    _require_enough(y, data, base)
+    require_enough(robot, columns * chosen.nominal[members], y, data)
     starts = (0, *data.ends[:-1])
     ends = np.cumsum([(end - start) // data.block for start, end in zip(starts, data.ends, strict=True)]).tolist()
     blocks = ends if len(ends) >= _RUNS else None
@@ -322,15 +322,3 @@ def _not_excited(possible: BaseParameters, base: BaseParameters) -> tuple[str, .
     """The combinations that other motions can show and these data do not, alone or within sums."""
     lacking = [possible.members.index(k) for k in possible.members if k not in base.members]
     return tuple(possible.combinations[k] for k in lacking)
-
-
-def _require_enough(y: np.ndarray, data: Measurements, base: BaseParameters) -> None:
-    """Require more torques than parameters, and some. Raises QueryError."""
-    if y.size <= len(base.members):
-        what = f"{y.size} torques at {len(data.t)} samples are too few for {len(base.members)} parameters"
-        remedy = "measure longer, or look for fewer parameters"
-        raise QueryError(what, argument="t", remedy=remedy, code="too-few-samples")
-    if not base.members:
-        what = "no torque in these data depends on the parameters, beyond the errors of the filter"
-        remedy = "measure a motion that moves those links more"
-        raise QueryError(what, argument="q", remedy=remedy, code="nothing-identifiable")
