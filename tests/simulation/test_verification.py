@@ -395,3 +395,30 @@ def test_taylors_method_goes_on_where_steps_are_too_many(limit: int, monkeypatch
     angle = math.fmod(3.0 * 2000.0 * math.pi, 2.0 * math.pi)
     off = abs(math.remainder(math.atan2(run.q[-1, 1], run.q[-1, 0]) - angle, 2.0 * math.pi))
     assert off <= run.error[-1] <= 1e-7
+
+
+@pytest.mark.parametrize(("method", "step"), [("semi-implicit-euler", 0.1), ("semi-implicit-euler", 0.5), ("rk4", 0.5),
+                                              ("midpoint", 1.0), ("suzuki4", 0.02)])  # fmt: skip
+def test_bars_of_fixed_steps_hold_within_the_first_step(method: str, step: float) -> None:
+    """A sample there is a part of a step from the start, which a finer solution takes as well."""
+    scene = tl.load_scene("arm-swing")
+    truth, run = tl.simulate(scene, 1.0, accuracy=1e-12), tl.simulate(scene, 1.0, method=method, step=step)
+    assert (np.abs(run.q - truth.q).max(axis=1) <= run.error + truth.error).all()
+    truth = tl.simulate(scene, 1.0, accuracy=1e-12, t_eval=[0.1 * step, 0.2 * step])
+    run = tl.simulate(scene, 1.0, method=method, step=step, t_eval=truth.t)
+    assert (np.abs(run.q - truth.q).max(axis=1) <= run.error + truth.error).all()
+
+
+@pytest.mark.parametrize("method", ["scipy-radau", "scipy-rk45", "scipy-dop853", "scipy-lsoda"])
+def test_bars_hold_between_the_steps_of_scipy(method: str) -> None:
+    """SciPy interpolates samples: their errors are many times those at the ends of its steps."""
+    scene = tl.Scene(tl.load_robot("two_link"), [0.0, 1.0], [1.0, 2.0], [tl.effects.Gravity()])
+    truth = tl.simulate(scene, 2.0, accuracy=1e-12)
+    run = tl.simulate(scene, 2.0, method=method, tolerance=1e-6)
+    assert (np.abs(run.q - truth.q).max(axis=1) <= run.error + truth.error).all()
+
+
+def test_samples_without_a_number_are_refused() -> None:
+    """Parts of a step of an implicit method may have no solution where the whole has one."""
+    with pytest.raises(AccuracyError, match="not finite any more; take steps smaller"):
+        tl.simulate(tl.load_scene("arm-swing"), 1.0, method="implicit-midpoint", step=0.5)

@@ -16,6 +16,7 @@ from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.solver import goes_side_by_side, has_columns, solve, solve_with_companions
 from twolink.integrate.solvers.method_choice import ATTEMPTS, MethodChoice, attempts_of
 from twolink.integrate.steps.companions import OFTEN, SELDOM, Companions
+from twolink.integrate.steps.failures import failure
 from twolink.integrate.steps.perturbation import (
     NO_PERTURBATION,
     Perturbation,
@@ -213,6 +214,10 @@ class Verification:
         solution = solve(self._equations, choice.method, times, choice.setting, self._progress, choice.precision,
                          perturbation, companions)  # fmt: skip
         seconds = time.perf_counter() - start - solution.compile_seconds
+        finite = np.isfinite(solution.x[: self._equations.space.z_rows.start]).all(axis=0)
+        if perturbation == NO_PERTURBATION and not finite.all():  # a part of an implicit step, which has no solution
+            last = float(solution.t[max(0, int(finite.argmin()) - 1)])
+            raise failure("not-finite" if choice.method.adaptive else "step-too-large", last, step=choice.setting)
         return solution, seconds
 
     def _numbers(self, solution: Solution) -> Array:
