@@ -1,61 +1,25 @@
-"""Compiled kernels: what making, certifying and reading them costs, how exact they are, and what was decided by that.
+"""Compiled kernels beside Pinocchio: what was decided by their speed, and what a single call costs.
 
-    python -m scripts.benchmarks.kernels [ROBOT ...]   # of every robot that loads, or of these
-    python -m scripts.benchmarks.kernels --engines     # what the rule of twolink/dynamics/engine.py is rounded from
-    python -m scripts.benchmarks.kernels --single      # what twolink adds to importing, and to one call of Pinocchio
-
-The table: seconds until a kernel of a new process answers, first made and certified, then read from the cache, both
-after the first kernel of the process; and its worst error against Pinocchio over the certificate's states, relative to
-the size of the terms (carried through the inverse of the mass matrix where it is solved with). The bound is 1e-11.
+python -m scripts.benchmarks.kernels --engines     # what the rule of twolink/dynamics/engine.py is rounded from
+python -m scripts.benchmarks.kernels --single      # what twolink adds to importing, and to one call of Pinocchio
 """
 
-import json
 import os
-import tempfile
 from functools import partial
 
 import numpy as np
 import pinocchio as pin
 
-import twolink as tl
 from scripts.benchmarks.queries import CHAINS, MODELS, draw
 from scripts.runner import Table, many, new_process, once, options, seconds_of
 from scripts.tasks import robot_of
 from twolink.dynamics.engine import compiled_from
 
-FUNCTIONS = ("forward_dynamics", "inverse_dynamics", "mass_matrix", "bias")
 TAKES = {"mass_matrix": 1, "gravity_torque": 1, "bias": 2, "energy": 2, "forward_dynamics": 3,
          "inverse_dynamics": 3, "forward_dynamics_derivatives": 3, "inverse_dynamics_derivatives": 3}  # fmt: skip
 BARE = {"forward_dynamics": pin.aba, "inverse_dynamics": pin.rnea, "mass_matrix": pin.crba,
         "bias": pin.nonLinearEffects, "gravity_torque": pin.computeGeneralizedGravity}  # fmt: skip
 CALLS = 2_000  # of single states, timed together
-CODE = f"""
-import json, resource, sys, time, twolink as tl
-from twolink.robots.catalogue import catalogue_entry
-robot, found = tl.load_robot(sys.argv[1], root=catalogue_entry(sys.argv[1]).usual_root), []
-if robot.nv:
-    robot.compiled().certificate("gravity_torque")
-    for query in {FUNCTIONS}:
-        start = time.perf_counter()
-        worst = robot.compiled().certificate(query).worst
-        found.append((time.perf_counter() - start, worst))
-print(json.dumps([robot.nv, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, found]))
-"""
-
-
-def certify(names: list[str]) -> None:
-    """The table, two processes a robot."""
-    table = Table("robot <28 | nv >4 | MB >5.0f | query <16 | made, s >8.2f | read, s >8.3f | error >8.1e")
-    for name in names:
-        with tempfile.TemporaryDirectory() as cache:
-            done = [new_process(CODE, name, cache=cache) for _ in range(2)]
-        if done[0].returncode:
-            print(f"{name:<28} refused: {done[0].stderr.strip().splitlines()[-1]}"[:160])
-            continue
-        (nv, memory, made), (_, _, read) = (json.loads(one.stdout) for one in done)
-        for query, (cold, worst), (warm, _) in zip(FUNCTIONS, made, read, strict=True) if nv else ():
-            table.add(name, nv, memory, query, cold, warm, worst)
-    print(f"\nworst error {max((row[-1] for row in table.rows), default=0.0):.1e}")
 
 
 def engines(n: int = 2_000) -> None:
@@ -93,11 +57,11 @@ def single() -> None:
 
 
 def main() -> None:
-    given = options(__doc__, rest=(), engines=False, single=False)
-    if given.engines or given.single:
-        engines() if given.engines else single()
-    else:
-        certify(given.rest or [row[0] for row in tl.robots().rows])
+    given = options(__doc__, engines=False, single=False)
+    if given.engines:
+        engines()
+    if given.single:
+        single()
 
 
 if __name__ == "__main__":
