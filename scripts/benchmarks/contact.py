@@ -10,6 +10,7 @@ Seconds are of the processor, medians for block and quadruped. Durations and ste
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ E, G = tl.effects, 9.81
 PARTS = ("block", "spheres", "quadruped")
 STIFF = 10.0 ** -np.arange(3.0, 10.0)  # accuracies of Drake's stiff contact
 COLUMNS = "way <58 | error >9.1e | ms >11.3f | more <1"
+RADIUS = 0.05  # m, of balls
 FEET = {"solo12": 0.0165, "anymal": 0.03}  # m
 GAINS = {"solo12": (5.0, 0.1), "anymal": (150.0, 4.0)}  # N m/rad, N m s/rad
 
@@ -51,14 +53,11 @@ def block() -> None:
         taken, answer = measured(run)
         table.add(name, float(np.abs(q_of(answer)[:, 0] - exact).max()), taken, "")
 
-    def solve(**how: Any) -> Callable[[], tl.Trajectory]:
-        return lambda: tl.simulate(scene, end, samples_per_second=10, **how)
-
+    solve = partial(partial, tl.simulate, scene, end, samples_per_second=10)
     for accuracy in (1e-4, 1e-8):
         for verify in (False, True):
-            line(
-                f"located, accuracy {accuracy:g}{', with error bar' * verify}", solve(accuracy=accuracy, verify=verify)
-            )
+            bar = ", with error bar" * verify
+            line(f"located, accuracy {accuracy:g}{bar}", solve(accuracy=accuracy, verify=verify))
     for step in (1e-1, 1e-2, 1e-3):
         line(f"stepped, {step:g} s", solve(contact="stepped", step=step, verify=False))
     settings = {
@@ -77,20 +76,49 @@ def block() -> None:
             line(f"{name} {module.VERSION}, {setting}", module.prepare(task, setting), lambda run: run.track.q)
 
 
-def spheres(count: int, duration: float, step: float) -> None:
-    """Spheres fall into a box."""
-    random, r = np.random.default_rng(1), 0.05
+def balls(count: int, side: int, g: float = G) -> tl.Scene:
+    """Balls fall into a box, in layers of side x side."""
+    random, wide = np.random.default_rng(1), 1.2 * RADIUS * side
     names = [f"s{k}" for k in range(count)]
-    robot = free_robot(*((name, 0.5, (0.4 * 0.5 * r * r,) * 3) for name in names))
-    side = max(3, round(count ** (1 / 3)))
-    wide = 0.5 * 2.4 * r * side
-    places = np.array([(i, j, k) for k in range(count) for j in range(side) for i in range(side)][:count], float)
-    places = places * 2.4 * r + [r * 1.2 - wide, r * 1.2 - wide, 3 * r] + random.uniform(-0.1 * r, 0.1 * r, (count, 3))
+    robot = free_robot(*((name, 0.5, (0.4 * 0.5 * RADIUS**2,) * 3) for name in names))
+    places = np.array([(k % side, k // side % side, k // side**2) for k in range(count)], float) * 2.4 * RADIUS
+    places += [1.2 * RADIUS - wide, 1.2 * RADIUS - wide, 3 * RADIUS]
+    places += random.uniform(-0.1 * RADIUS, 0.1 * RADIUS, (count, 3))
     q = np.concatenate([places, np.tile([0, 0, 0, 1.0], (count, 1))], axis=1).ravel()
-    walls = [E.Plane(n, -wide) for n in ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0))]
-    pairs = ("self", "ground", *((name, wall) for name in names for wall in walls))
-    contact = E.Contact(pairs, 0.3, shapes={name: (E.Sphere(r),) for name in names})
-    taken, scene = once(lambda: tl.Scene(robot, q, effects=[E.Gravity(), contact]))
+    pairs = ("self", "ground", *((name, wall) for name in names for wall in walls(side)))
+    contact = E.Contact(pairs, 0.3, shapes={name: (E.Sphere(RADIUS),) for name in names})
+    return tl.Scene(robot, q, effects=[E.Gravity((0.0, 0.0, -g)), contact])
+
+
+def walls(side: int) -> list[tl.effects.Plane]:
+    """The sides of the box."""
+    return [E.Plane((x, y, 0.0), -1.2 * RADIUS * side) for x, y in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))]
+
+
+def balls_by_mujoco(scene: tl.Scene, side: int, step: float) -> Any:
+    """MuJoCo's model of `balls`: its own broad phase needs geoms that may touch, not pairs."""
+    import mujoco
+
+    spec = mujoco.MjSpec()
+    spec.option.timestep, spec.option.gravity, spec.memory = step, scene.robot.model.gravity.linear, 2**30
+    touching: dict[str, Any] = {"friction": [0.3, 0, 0], "condim": 3}
+    for plane in (E.Plane(), *walls(side)):
+        n = np.array(plane.normal)
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 1], pos=n * plane.height, zaxis=n,
+                                **touching)  # fmt: skip
+    for pose in scene.q.reshape(-1, 7):
+        body = spec.worldbody.add_body(pos=pose[:3])
+        body.add_freejoint()
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[RADIUS, 0, 0], mass=0.5, **touching)
+    return spec.compile()
+
+
+def spheres(count: int, duration: float, step: float) -> None:
+    """Many balls, ours and MuJoCo's."""
+    import mujoco
+
+    side = max(3, round(count ** (1 / 3)))
+    taken, scene = once(lambda: balls(count, side))
     print(f"{count} spheres, {duration:g} s, step {step:g} s: scene in {taken:.1f} s", flush=True)
     taken, run = once(lambda: tl.simulate(
         scene, duration, contact="stepped", step=step, samples_per_second=1 / step, verify=False,
@@ -99,39 +127,27 @@ def spheres(count: int, duration: float, step: float) -> None:
     print(f"  {taken * step / duration * 1e3:.1f} ms a step, energy grows by {grown:.1e} of itself in a step at most, "
           f"{run.energy[0]:.1f} J to {run.energy[-1]:.1f} J, at the end up to {fastest[:3].max():.1e} m/s and "
           f"{fastest[3:].max():.1e} rad/s, {run.contact_record}")  # fmt: skip
-    mujoco_spheres(q, [E.Plane(), *walls], duration, step)
-
-
-def mujoco_spheres(q: np.ndarray, planes: list[tl.effects.Plane], duration: float, step: float) -> None:
-    """The same by MuJoCo: its own broad phase needs geoms that may touch, not pairs."""
-    import mujoco
-
-    spec = mujoco.MjSpec()
-    spec.option.timestep = step
-    touching: dict[str, Any] = {"friction": [0.3, 0, 0], "condim": 3}
-    for plane in planes:
-        n = np.array(plane.normal)
-        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 1], pos=n * plane.height, zaxis=n,
-                                **touching)  # fmt: skip
-    for pose in q.reshape(-1, 7):
-        body = spec.worldbody.add_body(pos=pose[:3])
-        body.add_freejoint()
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.05, 0, 0], mass=0.5, **touching)
-    model = spec.compile()
-    data, steps, deepest, taken = mujoco.MjData(model), round(duration / step), 0.0, 0.0
+    model, steps, deepest, taken = balls_by_mujoco(scene, side, step), round(duration / step), 0.0, 0.0
+    data = mujoco.MjData(model)
     for _ in range(steps):
         taken += once(lambda: mujoco.mj_step(model, data), time.process_time)[0]
         deepest = max(deepest, -float(data.contact.dist.min(initial=0.0)))
     print(f"  MuJoCo {mujoco.__version__}: {taken / steps * 1e3:.1f} ms a step, overlap up to {deepest:.1e} m")
 
 
+def bent_legs(robot: tl.Robot) -> tuple[np.ndarray, dict[str, float]]:
+    """A quadruped's q with bent legs, whose hind ones bend the other way, and the targets of its joints."""
+    q, target = robot.neutral, dict[str, float]()
+    for joint in robot.joints[1:]:
+        side = -1.0 if "H" in joint.name[:2] else 1.0
+        q[joint.q] = target[joint.name] = side * {"HAA": 0.0, "HFE": 0.8, "KFE": -1.6}[joint.name[-3:]]
+    return q, target
+
+
 def on_feet(name: str) -> tuple[tl.Robot, np.ndarray, dict[str, float], E.Contact]:
     """A quadruped 1 cm above the ground with bent legs; the targets of its joints; its feet on the ground."""
-    robot, target = tl.load_robot(name, root="free"), {}
-    q = robot.neutral
-    for joint in robot.joints[1:]:
-        side = -1.0 if "H" in joint.name[:2] else 1.0  # the hind legs bend the other way
-        q[joint.q] = target[joint.name] = side * {"HAA": 0.0, "HFE": 0.8, "KFE": -1.6}[joint.name[-3:]]
+    robot = tl.load_robot(name, root="free")
+    q, target = bent_legs(robot)
     feet, radius = [name for name in robot.frame_names if name.endswith("FOOT")], FEET[name]
     q[2] = radius + 0.01 - min(float(robot.frame_pose(q, foot)[1][2]) for foot in feet)
     pairs = tuple((foot, "ground") for foot in feet)
@@ -152,13 +168,11 @@ def quadruped(name: str, duration: float) -> None:
     task = task_of(tl.Scene(robot, q, effects=effects), times)
     print(f"{name} falls on its feet and stands, {duration:g} s: the largest error of q at {len(times)} samples")
     exactly: dict[str, Any] = {"contact": "stepped", "step": 5e-5} if name == "anymal" else {"contact": "located"}
-    exact, table = (
-        tl.simulate(scene, duration, accuracy=1e-8, samples_per_second=20, verify=False, **exactly).q,
-        Table(COLUMNS),
-    )
+    solve = partial(tl.simulate, scene, duration, samples_per_second=20, verify=False)
+    exact, table = solve(accuracy=1e-8, **exactly).q, Table(COLUMNS)
 
     def off(some: np.ndarray, others: np.ndarray) -> float:
-        return max(float(np.abs(robot.difference(a, b)).max()) for a, b in zip(some, others, strict=True))
+        return float(np.abs(robot.difference(some, others)).max())
 
     mujoco = peer_module("mujoco")
     limit = mujoco.prepare(task, Setting("Euler", "", step=2e-5))().track.q
@@ -168,25 +182,20 @@ def quadruped(name: str, duration: float) -> None:
         table.add(f"mujoco {mujoco.VERSION}, Euler, step {step:g} s{usual}", off(found, exact), taken,
                   f"{off(found, limit):.1e} from its own limit")  # fmt: skip
     for count in (2, 3, 4, 5, 10, 25):
-        step = 0.05 / count
-
-        def stepped(h: float = step, *, verify: bool = False) -> tl.Trajectory:
-            return tl.simulate(scene, duration, contact="stepped", step=h, samples_per_second=20, verify=verify)
-
+        stepped = partial(solve, contact="stepped", step=0.05 / count)
+        way = f"stepped, {50 / count:.3g} ms"
         try:
             while "held" not in (stepped().contact_record or {})["solvers"]:
                 pass  # until its steps have cost what compiling them does
         except tl.errors.AccuracyError as error:
-            table.add(f"stepped, {1e3 * step:.3g} ms", None, None, error.what)
+            table.add(way, None, None, error.what)
             continue
         taken, run = measured(stepped)
-        slower, verified = measured(lambda solve=stepped: solve(verify=True))
+        slower, verified = measured(partial(stepped, verify=True))
         more = f"with its error estimated, {verified.error.max():.1e}: {slower:.1f} ms; {run.contact_record}"
-        table.add(f"stepped, {1e3 * step:.3g} ms", off(run.q, exact), taken, more)
+        table.add(way, off(run.q, exact), taken, more)
     if exactly["contact"] == "located":
-        taken, run = measured(
-            lambda: tl.simulate(scene, duration, accuracy=1e-4, samples_per_second=20, verify=False, **exactly)
-        )
+        taken, run = measured(partial(solve, accuracy=1e-4, **exactly))
         table.add("located, accuracy 1e-4", off(run.q, exact), taken, "")
 
 

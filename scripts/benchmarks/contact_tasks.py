@@ -11,18 +11,19 @@ what errors are against, and a line has the second run.
     python -m scripts.benchmarks.contact_tasks [upright_box stack pile dominoes spheres quadruped newtons-cradle ...]
 """
 
-import functools
 import time
 from collections.abc import Callable
+from functools import partial
 
+import mujoco
 import numpy as np
 
 import twolink as tl
+from scripts.benchmarks.contact import balls, balls_by_mujoco, bent_legs
 from scripts.runner import Table, once, options
 from scripts.studies.scenes.robots import free_robot
-from twolink.hard.peers import peer_module
+from twolink.hard.peers import mujoco_peer
 from twolink.hard.peers.task import PeerError, Setting, UnsupportedError, task_of
-from twolink.robots.collisions import AnyShape
 
 E = tl.effects
 GRAVITY = E.Gravity((0.0, 0.0, -9.75))
@@ -72,47 +73,13 @@ def dominoes() -> Task:
 
 def spheres(count: int = 50, side: int = 4) -> Task:
     """Spheres fall into a box, in layers of so many in a row."""
-    random, r, names = np.random.default_rng(1), 0.05, [f"s{k}" for k in range(count)]
-    robot = free_robot(*((name, 0.5, (0.4 * 0.5 * r * r,) * 3) for name in names))
-    wide = 0.5 * 2.4 * r * side
-    places = np.array([(k % side, k // side % side, k // side**2) for k in range(count)], float)
-    places = places * 2.4 * r + [r * 1.2 - wide, r * 1.2 - wide, 3 * r] + random.uniform(-0.1 * r, 0.1 * r, (count, 3))
-    q = np.concatenate([places, np.tile([0, 0, 0, 1.0], (count, 1))], axis=1).ravel()
-    walls = [E.Plane(n, -wide) for n in ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0))]
-    pairs = ("self", "ground", *((name, wall) for name in names for wall in walls))
-    shapes: dict[str, tuple[AnyShape, ...]] = {name: (E.Sphere(r),) for name in names}
-    return tl.Scene(robot, q, effects=[GRAVITY, E.Contact(pairs, 0.3, shapes=shapes)]), 1.5
-
-
-def spheres_in_mujoco(scene: tl.Scene, places: int) -> Callable[[float], None]:
-    """MuJoCo's run of `spheres` by itself, whose peer takes nv^3 numbers for the masses: to a time, s, by 2 ms."""
-    import mujoco
-
-    wide, moment = 0.5 * 2.4 * 0.05 * places, 0.4 * 0.5 * 0.05**2
-    walls = (("0 0 1", "0 0 0"), ("1 0 0", f"{-wide} 0 0"), ("-1 0 0", f"{wide} 0 0"), ("0 1 0", f"0 {-wide} 0"),
-             ("0 -1 0", f"0 {wide} 0"))  # fmt: skip
-    planes = "".join(f'<geom type="plane" size="0 0 1" friction=".3" zaxis="{n}" pos="{x}"/>' for n, x in walls)
-    bodies = "".join(f'<body pos="{x} {y} {z}"><freejoint/><inertial pos="0 0 0" mass=".5" '
-                     f'diaginertia="{moment} {moment} {moment}"/><geom type="sphere" size=".05" friction=".3"/></body>'
-                     for x, y, z in scene.q.reshape(-1, 7)[:, :3].tolist())  # fmt: skip
-    model = mujoco.MjModel.from_xml_string('<mujoco><option gravity="0 0 -9.75"/><size memory="1G"/><worldbody>'
-                                           f"{planes}{bodies}</worldbody></mujoco>")  # fmt: skip
-
-    def run(duration: float) -> None:
-        data = mujoco.MjData(model)
-        for _ in range(round(duration / model.opt.timestep)):
-            mujoco.mj_step(model, data)
-
-    return run
+    return balls(count, side, 9.75), 1.5
 
 
 def quadruped() -> Task:
     """Solo on its own collision meshes falls 1 cm and stands, by springs and dampers in its joints."""
-    robot, target = tl.load_robot("solo12", root="free"), {}
-    q = robot.neutral
-    for joint in robot.joints[1:]:
-        side = -1.0 if "H" in joint.name[:2] else 1.0
-        q[joint.q] = target[joint.name] = side * {"HAA": 0.0, "HFE": 0.8, "KFE": -1.6}[joint.name[-3:]]
+    robot = tl.load_robot("solo12", root="free")
+    q, target = bent_legs(robot)
     q[2] = 0.25
     drives = [E.JointSpring(dict.fromkeys(target, 5.0), rest=target), E.JointDamping(dict.fromkeys(target, 0.1))]
     return tl.Scene(robot, q, effects=[GRAVITY, *drives, E.Contact(("ground",), 0.6)]), 1.0
@@ -120,7 +87,7 @@ def quadruped() -> Task:
 
 TASKS: dict[str, Callable[[], Task]] = {
     one.__name__: one for one in (upright_box, stack, pile, dominoes, spheres, quadruped)}  # fmt: skip
-TASKS["stack-20"] = functools.partial(stack, 20)
+TASKS["stack-20"] = partial(stack, 20)
 LARGE = {"spheres-200": (200, 6, 1.5), "spheres-500": (500, 8, 0.5)}  # spheres, in a row, and the time, s
 BUNDLED = ("arm-pushes-box", "bouncing-ball", "bowl", "can-on-table", "grasp", "newtons-cradle", "quadruped-stands",
            "quadruped-trots", "rattleback", "sphere-pile", "spinning-coin", "tippe-top")  # fmt: skip
@@ -138,18 +105,17 @@ def bundled(name: str) -> Task:
 
 def compare(name: str, table: Table) -> None:
     """The lines of a task."""
-    scene, duration = TASKS.get(name, functools.partial(bundled, name))()
+    scene, duration = TASKS.get(name, partial(bundled, name))()
     times = np.linspace(0.0, duration, round(20 * duration) + 1)
-    mujoco = peer_module("mujoco")
 
     def stepped(step: float) -> Callable[[], tl.Trajectory]:
-        return lambda: tl.simulate(scene, duration, t_eval=times, contact="stepped", step=step, verify=False)
+        return partial(tl.simulate, scene, duration, t_eval=times, contact="stepped", step=step, verify=False)
 
     def located(accuracy: float | None = None) -> tl.Trajectory:
         return tl.simulate(scene, duration, t_eval=times, accuracy=accuracy)
 
     def peer(step: float) -> tuple[float, np.ndarray]:
-        run = mujoco.prepare(task_of(scene, times), Setting("Euler", "", step=step))
+        run = mujoco_peer.prepare(task_of(scene, times), Setting("Euler", "", step=step))
         run()
         taken, answer = once(run, time.process_time)
         return taken, answer.track.q
@@ -157,11 +123,10 @@ def compare(name: str, table: Table) -> None:
     first, answer = once(located, time.process_time)
     is_located = answer.bound == "verified"
     parted = is_located or answer.error[-1] > CHANCE  # of motions that have parted no step is the truth
-    exact = (
-        located(TRUE).q
-        if is_located
-        else stepped(EXACT if parted else min(EXACT, (answer.cost.step or EXACT) / FINER))().q
-    )
+    if is_located:
+        exact = located(TRUE).q
+    else:
+        exact = stepped(EXACT if parted else min(EXACT, (answer.cost.step or EXACT) / FINER))().q
     default, usual = np.nan, None
     try:
         default, usual = peer(DEFAULT)
@@ -169,7 +134,7 @@ def compare(name: str, table: Table) -> None:
         print(f"{name}: MuJoCo is left out: {error}")
 
     def line(way: str, taken: float, q: np.ndarray, more: str = "") -> float:
-        off = max(float(np.abs(scene.robot.difference(a, b)).max()) for a, b in zip(q, exact, strict=True))
+        off = float(np.abs(scene.robot.difference(q, exact)).max())
         table.add(name, way, off, 1e3 * taken, taken / default, more)
         return off
 
@@ -196,11 +161,11 @@ def compare_large(name: str, table: Table) -> None:
     """The lines of spheres whose motion no shorter step tells: what they cost."""
     count, side, duration = LARGE[name]
     scene = spheres(count, side)[0]
-    default, _ = once(functools.partial(spheres_in_mujoco(scene, side), duration), time.process_time)
-    taken, run = once(
-        lambda: tl.simulate(scene, duration, samples_per_second=20, contact="stepped", step=STEP, verify=False),
-        time.process_time,
-    )
+    model = balls_by_mujoco(scene, side, DEFAULT)
+    steps = partial(mujoco.mj_step, model, mujoco.MjData(model), round(duration / DEFAULT))
+    default, _ = once(steps, time.process_time)
+    solve = partial(tl.simulate, scene, duration, samples_per_second=20, contact="stepped", step=STEP, verify=False)
+    taken, run = once(solve, time.process_time)
     table.add(name, f"stepped, {1e3 * STEP:g} ms", np.nan, 1e3 * taken, taken / default, str(run.contact_record))
     table.add(name, f"MuJoCo, {1e3 * DEFAULT:g} ms", np.nan, 1e3 * default, 1.0, "")
 

@@ -27,20 +27,18 @@ import numpy as np
 
 import twolink as tl
 from scripts.benchmarks.contact import on_feet
+from scripts.mujoco_world import MujocoWorld
 from scripts.runner import Bars, Some, Table, many, options, print_bars, seconds_of
 from scripts.tasks import robot_of
 from twolink import effects as E
 from twolink.gym import Environment, VectorEnvironment
-from twolink.hard.peers import mujoco_peer
-from twolink.hard.peers.task import from_peer, task_of, to_peer
 from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.step_control import initial_state
 from twolink.integrate.steps.step_map import step_map
 
 PERIOD, STEPS, JUDGED, FEW = 0.02, 50, 16, 10
 ACCURACIES, PARTS = [10.0**-k for k in range(1, 11)], [2**k for k in range(10)]
-INTEGRATORS = {"Euler": mujoco.mjtIntegrator.mjINT_EULER, "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
-               "RK4": mujoco.mjtIntegrator.mjINT_RK4}  # fmt: skip
+INTEGRATORS = ("Euler", "implicitfast", "RK4")
 OVERHEAD, SAVED = 10.0, 10.0  # us: a call of step beyond what is compiled, a save
 
 
@@ -49,23 +47,18 @@ def reward(state: Any, _: np.ndarray) -> float:
     return float(state.q[0])
 
 
-class MujocoWorld(gymnasium.Env):
+class MujocoEnvironment(MujocoWorld, gymnasium.Env):
     """The same world by MuJoCo."""
 
     def __init__(self, scene: tl.Scene, integrator: str, parts: int) -> None:
-        self.peer = task_of(scene, np.array([0.0, PERIOD]))
-        self.model = mujoco_peer.build(self.peer)
-        self.model.opt.timestep, self.model.opt.integrator = PERIOD / parts, INTEGRATORS[integrator]
-        self.data, self.parts, self.start = mujoco.MjData(self.model), parts, to_peer(self.peer, body_spin=True)
-        self.q_at, self.v_at = mujoco_peer.columns(self.peer, self.model)
+        super().__init__(scene, PERIOD / parts, integrator)
+        size, self.parts = self.model.nq + self.model.nv, parts
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (self.model.nv,))
-        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (self.model.nq + self.model.nv,),
-                                                      dtype=np.float64)  # fmt: skip
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), dtype=np.float64)
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[np.ndarray, dict]:  # noqa: ARG002
-        super().reset(seed=seed)
-        mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[self.q_at], self.data.qvel[self.v_at] = self.start
+        gymnasium.Env.reset(self, seed=seed)
+        self.begin()
         return np.concatenate([self.data.qpos, self.data.qvel]), {}
 
     def act(self, action: np.ndarray) -> None:
@@ -80,8 +73,7 @@ class MujocoWorld(gymnasium.Env):
     def after(self, actions: np.ndarray) -> np.ndarray:
         """q (nq,) in our order after the actions."""
         played(self, actions)
-        return from_peer(self.peer, self.data.qpos[None, self.q_at], self.data.qvel[None, self.v_at],
-                         body_spin=True).q[0]  # fmt: skip
+        return self.ours(self.data.qpos[None], self.data.qvel[None])[0]
 
 
 def played(env: Any, actions: np.ndarray) -> np.ndarray:
@@ -107,7 +99,7 @@ def compare(table: Table, name: str, worlds: int, error: float, rounds: int) -> 
         return VectorEnvironment(scene, reward, size, accuracy=accuracy, **common)
 
     def synced(kind: str, size: int, parts: int) -> gymnasium.vector.SyncVectorEnv:
-        return gymnasium.vector.SyncVectorEnv([lambda: MujocoWorld(scene, kind, parts)] * size)
+        return gymnasium.vector.SyncVectorEnv([lambda: MujocoEnvironment(scene, kind, parts)] * size)
 
     def loosest(settings: list[Any], make: Callable[[Any], Any]) -> tuple[Any, float] | None:
         """The first setting whose error is below the bound, and its error."""
@@ -117,7 +109,7 @@ def compare(table: Table, name: str, worlds: int, error: float, rounds: int) -> 
     ours, theirs = loosest(ACCURACIES, partial(batch, count)), []
     for kind in INTEGRATORS:
         if found := loosest(PARTS, partial(synced, kind, count)):
-            act = partial(MujocoWorld(scene, kind, found[0]).act, few[0, 0])
+            act = partial(MujocoEnvironment(scene, kind, found[0]).act, few[0, 0])
             theirs.append((seconds_of(act, rounds=99)[0], kind, *found))
     if not ours or not theirs:
         raise SystemExit(f"{name}: no setting of {'MuJoCo' if ours else 'ours'} has an error below {error:g}")
@@ -125,7 +117,7 @@ def compare(table: Table, name: str, worlds: int, error: float, rounds: int) -> 
     env, sync, singles = (
         batch(worlds, ours[0]),
         synced(kind, worlds, parts),
-        [MujocoWorld(scene, kind, parts) for _ in range(worlds)],
+        [MujocoEnvironment(scene, kind, parts) for _ in range(worlds)],
     )
 
     def loop() -> None:
@@ -174,8 +166,8 @@ def single(table: Table, name: str, rounds: int) -> Bars:
 
     env, reference = (Environment(scene, reward, period=PERIOD, limit=limit, **one) for one in (ours, exact))
     truth = after(reference)
-    error, default = off(after(env)), MujocoWorld(scene, "Euler", 10)
-    worlds = [MujocoWorld(scene, kind, parts) for kind in INTEGRATORS for parts in PARTS]
+    error, default = off(after(env)), MujocoEnvironment(scene, "Euler", 10)
+    worlds = [MujocoEnvironment(scene, kind, parts) for kind in INTEGRATORS for parts in PARTS]
     errors = [off(world.after(actions[:FEW])) for world in worlds]
     equal = [world for world, one in zip(worlds, errors, strict=True) if one <= error]
     calls = [partial(played, one, actions) for one in (env, default, *equal)]

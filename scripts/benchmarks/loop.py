@@ -27,9 +27,8 @@ import numpy as np
 
 import twolink as tl
 from scripts.benchmarks.contact import GAINS, on_feet
+from scripts.mujoco_world import MujocoWorld
 from scripts.runner import FINGERS, Some, Table, options, print_bars, seconds_of
-from twolink.hard.peers import mujoco_peer
-from twolink.hard.peers.task import from_peer, task_of, to_peer
 
 Law = Callable[[float, Any, Any], tuple[np.ndarray, Any]]
 KP, KD = 30.0, 8.0
@@ -38,6 +37,10 @@ KP, KD = 30.0, 8.0
 def pd(_: float, y: Any, state: Any) -> tuple[np.ndarray, Any]:
     """The torques of a PD controller to 0.3 rad."""
     return KP * (0.3 - y.q) - KD * y.v, state
+
+
+def no_state(_: int) -> None:
+    """Nothing to remember."""
 
 
 def cascade(t: float, y: Any, state: Any) -> tuple[np.ndarray, Any]:
@@ -57,7 +60,7 @@ def predict(_: float, y: Any, state: Any) -> tuple[np.ndarray, Any]:
 
 
 LAWS: dict[str, tuple[Law, Callable[[int], Any]]] = {
-    "pd": (pd, lambda _: None), "cascade": (cascade, np.zeros), "predict": (predict, lambda n: np.zeros((10, n)))
+    "pd": (pd, no_state), "cascade": (cascade, np.zeros), "predict": (predict, lambda n: np.zeros((10, n)))
 }  # fmt: skip
 
 
@@ -70,36 +73,19 @@ def loops(name: str, seconds: float, rate: int, law: str = "pd", **fields: Any) 
     return bare.with_effects([*bare.effects, control]), bare
 
 
-def by_mujoco(scene: tl.Scene, seconds: float, rate: int, law: str = "pd") -> np.ndarray:
-    """q at the end of each step (n, nq)."""
-    model = mujoco_peer.build(task_of(scene, np.array([0.0, seconds])))
-    model.opt.timestep = 1.0 / rate
-    data, q = mujoco.MjData(model), np.empty((round(seconds * rate) + 1, model.nq))
-    data.qpos = q[0] = scene.q
-    (update, start), y = LAWS[law], SimpleNamespace(q=data.qpos, v=data.qvel)
-    state = start(model.nv)
-    for k in range(1, len(q)):
-        data.qfrc_applied[:], state = update((k - 1) / rate, y, state)
-        mujoco.mj_step(model, data)
-        q[k] = data.qpos
-    return q
-
-
-def on_feet_by_mujoco(scene: tl.Scene, control: Any, seconds: float, rate: int, parts: int = 1) -> np.ndarray:
-    """q at each tick (n, nq), in our order; steps are parts of a tick."""
-    task = task_of(scene, np.linspace(0.0, seconds, round(seconds * rate) + 1))
-    model = mujoco_peer.build(task)
-    model.opt.timestep = 1.0 / rate / parts
-    data, q_at, v_at = mujoco.MjData(model), *mujoco_peer.columns(task, model)
-    data.qpos[q_at], data.qvel[v_at] = to_peer(task, body_spin=True)
-    q, v = np.empty((len(task.times), model.nq)), np.empty((len(task.times), model.nv))
-    q[0], v[0] = data.qpos, data.qvel
-    joints, driven = q_at[7:], v_at[6:]
-    for k in range(1, len(q)):
-        data.qfrc_applied[driven] = control(data.qpos[joints], data.qvel[driven])
-        mujoco.mj_step(model, data, parts)
+def by_mujoco(scene: tl.Scene, law: tuple[Law, Callable[[int], Any]], seconds: float, rate: int, parts: int = 1,
+              free: int = 0) -> np.ndarray:  # fmt: skip
+    """q at each tick (n, nq), in our order. parts: steps of a tick; free: degrees of freedom without a motor."""
+    world, count = MujocoWorld(scene, 1.0 / rate / parts), round(seconds * rate) + 1
+    data, (update, start) = world.data, law
+    q, v = np.empty((count, world.model.nq)), np.empty((count, world.model.nv))
+    q[0], v[0], y = data.qpos, data.qvel, SimpleNamespace(q=data.qpos, v=data.qvel)
+    state = start(world.model.nv)
+    for k in range(1, count):
+        data.qfrc_applied[free:], state = update((k - 1) / rate, y, state)
+        mujoco.mj_step(world.model, data, parts)
         q[k], v[k] = data.qpos, data.qvel
-    return from_peer(task, q[:, q_at], v[:, v_at], body_spin=True).q
+    return world.ours(q, v)
 
 
 def quadruped(seconds: float, rate: int, rounds: int) -> list[tuple[bool, str]]:
@@ -108,11 +94,10 @@ def quadruped(seconds: float, rate: int, rounds: int) -> list[tuple[bool, str]]:
     aim, (kp, kd) = np.array([*target.values()]), GAINS["solo12"]
     bare = tl.Scene(robot, q, effects=[tl.effects.Gravity(), contact], duration=seconds)
 
-    def stand(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return kp * (aim - q) - kd * v
+    def stand(_: float, y: Any, state: Any) -> tuple[np.ndarray, Any]:
+        return kp * (aim - y.q[7:]) - kd * y.v[6:], state
 
-    control = tl.effects.Controller(lambda _, y, state: (stand(y.q[7:], y.v[6:]), state), period=Fraction(1, rate),
-                                    outputs=tuple(target))  # fmt: skip
+    control = tl.effects.Controller(stand, period=Fraction(1, rate), outputs=tuple(target))
     scene, times = bare.with_effects([*bare.effects, control]), np.linspace(0.0, seconds, round(seconds * rate) + 1)
     exact = tl.simulate(scene, contact="located", tolerance=1e-9, method="dop853", t_eval=times, verify=False).q
     found = dict[Any, Any]()
@@ -121,10 +106,10 @@ def quadruped(seconds: float, rate: int, rounds: int) -> list[tuple[bool, str]]:
         found[verify] = tl.simulate(scene, contact="stepped", step=1.0 / rate, t_eval=times, verify=verify)
 
     def theirs() -> None:
-        found["q"] = on_feet_by_mujoco(bare, stand, seconds, rate)
+        found["q"] = by_mujoco(bare, (stand, no_state), seconds, rate, free=6)
 
     taken = seconds_of(theirs, ours, lambda: ours(verify=False), rounds=rounds, warm_up=2, clock=time.process_time)
-    soft = on_feet_by_mujoco(bare, stand, seconds, rate, 50)
+    soft = by_mujoco(bare, (stand, no_state), seconds, rate, 50, free=6)
     off = ((found["q"], exact), (found["q"], soft), (found[False].q, exact))
     errors = [float(np.abs(robot.difference(a, b)).max()) for a, b in off]
     table = Table("Solo <9 | MuJoCo us a tick >10.1f | with estimate >8.1f | one run >8.1f | MuJoCo's error >10.1e | "
@@ -150,7 +135,7 @@ def main() -> None:
             found[traced] = tl.simulate(scenes[traced], samples_per_second=given.rate, verify=verify)
 
         def theirs(bare: tl.Scene = bare, found: dict = found, law: str = law) -> None:
-            found["q"] = by_mujoco(bare, given.seconds, given.rate, law)
+            found["q"] = by_mujoco(bare, LAWS[law], given.seconds, given.rate)
 
         def calls(ticks: int = round(ticks), bare: tl.Scene = bare, law: str = law) -> None:
             (update, start), y = LAWS[law], SimpleNamespace(q=bare.q, v=bare.v)

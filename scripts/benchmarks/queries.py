@@ -19,13 +19,12 @@ import numpy as np
 import pinocchio as pin
 
 import twolink as tl
+from scripts.mujoco_world import MujocoWorld
 from scripts.runner import Table, options, seconds_of
 from scripts.tasks import robot_of
 from twolink.algorithms.functions import function
 from twolink.dynamics import kernels
 from twolink.dynamics.threads import thread_count
-from twolink.hard.peers import mujoco_peer
-from twolink.hard.peers.task import task_of
 
 MODELS = ("arm", "ur5", "panda", "anymal", "talos")
 CHAINS = ("chain2", "chain4", "chain8", "chain15", "chain30", "chain60")
@@ -44,9 +43,7 @@ def mujoco_model(robot: tl.Robot) -> mujoco.MjModel | None:
     """The same robot in MuJoCo, without contacts, limits and damping; None where its joints differ from MuJoCo's."""
     if robot.nq != robot.nv or robot.joint_names[0] == "root_joint":
         return None
-    model = mujoco_peer.build(task_of(tl.Scene(robot, effects=[tl.effects.Gravity()]), np.zeros(2)))
-    model.opt.timestep = 1e-4
-    return model
+    return MujocoWorld(tl.Scene(robot, effects=[tl.effects.Gravity()]), 1e-4).model
 
 
 def contest(robot: tl.Robot, query: str, states: list[np.ndarray]) -> Contest:

@@ -87,11 +87,10 @@ def rolled_out(scene: tl.Scene, q: np.ndarray, v: np.ndarray, duration: float, s
     import mujoco
     from mujoco.rollout import Rollout
 
-    from twolink.hard.peers.mujoco_peer import build
+    from scripts.mujoco_world import MujocoWorld
 
-    model = build(task_of(scene, np.array([0.0, duration])))
     total = round(duration / step)
-    model.opt.timestep, model.opt.integrator = duration / total, mujoco.mjtIntegrator.mjINT_RK4
+    model = MujocoWorld(scene, duration / total, "RK4").model
     state = np.concatenate([np.zeros((len(q), 1)), q, v], axis=1)
     with Rollout(nthread=thread_count()) as rollout:
         data = [mujoco.MjData(model) for _ in range(thread_count())]
