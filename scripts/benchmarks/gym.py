@@ -88,10 +88,8 @@ def compare(table: Table, name: str, worlds: int, error: float, rounds: int) -> 
     """A row. Returns how many times as many steps ours makes as SyncVectorEnv."""
     robot = robot_of(name)
     scene = tl.Scene(robot, q=robot.normalize(robot.neutral), effects=[tl.effects.Gravity()], duration=1e6)
-    actions, common = (
-        np.random.default_rng(0).uniform(-1.0, 1.0, (STEPS, worlds, robot.nv)),
-        {"period": PERIOD, "limit": 1.0},
-    )
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (STEPS, worlds, robot.nv))
+    common = {"period": PERIOD, "limit": 1.0}
     few, count = actions[:, :JUDGED], min(worlds, JUDGED)
     exact = [played(Environment(scene, reward, accuracy=1e-11, **common), few[:, i]) for i in range(count)]
 
@@ -114,11 +112,8 @@ def compare(table: Table, name: str, worlds: int, error: float, rounds: int) -> 
     if not ours or not theirs:
         raise SystemExit(f"{name}: no setting of {'MuJoCo' if ours else 'ours'} has an error below {error:g}")
     _, kind, parts, their_error = min(theirs)
-    env, sync, singles = (
-        batch(worlds, ours[0]),
-        synced(kind, worlds, parts),
-        [MujocoEnvironment(scene, kind, parts) for _ in range(worlds)],
-    )
+    env, sync = batch(worlds, ours[0]), synced(kind, worlds, parts)
+    singles = [MujocoEnvironment(scene, kind, parts) for _ in range(worlds)]
 
     def loop() -> None:
         for one in singles:

@@ -64,9 +64,8 @@ def rolling() -> tuple[tl.Scene, float, Error]:
     effects = [E.Gravity((0, 0, -G)), E.FrameWrench("a", force=(0.0, force, 0.0)),
                E.Contact((("a", "ground"),), mu, shapes=shapes), E.Contact(pairs, mu_ball, shapes=shapes)]  # fmt: skip
     drag = mu * (mass + 25.0) * G
-    push = (
-        (force - drag) / mass / (3.5 + 25.0 / mass)
-    )  # of the box on each ball, which rolls: a slip's rate is 3.5 of it
+    # Of the box on each ball, which rolls: a slip's rate is 3.5 of it.
+    push = (force - drag) / mass / (3.5 + 25.0 / mass)
     rates = np.array([(force - drag - 25.0 * push) / mass, push])
 
     def error(run: tl.Trajectory) -> float:

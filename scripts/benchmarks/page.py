@@ -29,7 +29,6 @@ BENCHES: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
     "first_answers": ("The first answer of a new scene, beside SciPy", (), QUICK),
     "effects": ("What effects cost", (), QUICK),
     "sensitivities": ("Sensitivities, beside heyoka", (), ("--runs", "3", "--no-peers")),
-    "loops": ("Closed chains of many loops", ("--numbers", "1,4,16"), ("--numbers", "1,4")),
     "service": ("The service over HTTP", (), ("--seconds", "1", "--rounds", "1", "--requests", "5000")),
 }
 

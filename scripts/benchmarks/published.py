@@ -33,17 +33,13 @@ NESC = ((12.61839077566776, -17.3974747618308, 31.11958888682995),
 
 
 class Case(NamedTuple):
-    """A case: where it is from, and what is compared; a run, its error, and what was published, in words.
-
-    result: what its source asks for at each sample, by its names.
-    """
+    """A case: where it is from, and what is compared; a run, its error, and what was published, in words."""
 
     name: str
     what: str
     run: Run
     error: Callable[[tl.Trajectory], float]
     published: str
-    result: Callable[[tl.Trajectory], dict[str, np.ndarray]] | None = None
 
 
 def point_pendulum(angle: float, g: float, length: float = 1.0) -> tl.Scene:
@@ -61,35 +57,20 @@ def off_the_ellipse(run: tl.Trajectory, angle: float, w0: float) -> float:
     return float(np.abs(np.arctan2(run.q[:, 1], run.q[:, 0]) - exact).max())
 
 
-def end_of_pendulum(run: tl.Trajectory) -> dict[str, np.ndarray]:
-    """The place of P1, m; y is upward."""
-    return {"x": run.q[:, 1], "y": -run.q[:, 0]}
-
-
-def top_of_four_bar(run: tl.Trajectory) -> dict[str, np.ndarray]:
-    """The place of B0, m."""
-    left = run.columns()["q.left"]
-    return {"x": np.cos(left), "y": np.sin(left)}
-
-
-def squeezer_angles(run: tl.Trajectory) -> dict[str, np.ndarray]:
-    """The angles of Andrews' squeezer, rad."""
-    return {name.removeprefix("q."): run.columns()[name] for name in ANDREWS}
-
-
-def corner_of_bricard(run: tl.Trajectory) -> dict[str, np.ndarray]:
-    """The place of P3, m."""
-    return dict(zip("xyz", np.array([run.robot.frame_pose(q, "rod4")[1] for q in run.q]).T, strict=True))
+def places(run: tl.Trajectory, frame: str) -> np.ndarray:
+    """Where a frame is at each sample (n, 3), m."""
+    return np.array([run.robot.frame_pose(q, frame)[1] for q in run.q])
 
 
 def write_results(folder: Path) -> None:
     """Write what IFToMM's library asks for as text files: a row a sample, of the time and the result."""
     folder.mkdir(parents=True, exist_ok=True)
     for case in cases():
-        if case.result is not None:
+        name = case.name.split(",")[0]
+        if name in RESULTS:
             run = case.run(t_eval=np.linspace(0.0, case.run().t[-1], ROWS))
-            columns = {"t": run.t, **case.result(run)}
-            place = folder / f"{case.name.split(',')[0].replace(' ', '_')}.txt"
+            columns = {"t": run.t, **RESULTS[name](run)}
+            place = folder / f"{name.replace(' ', '_')}.txt"
             np.savetxt(place, np.column_stack(list(columns.values())), "%.12e", header=" ".join(columns))
             print(place)
 
@@ -192,7 +173,7 @@ def crank_rocker() -> tl.Scene:
 
 def off_freudenstein(run: tl.Trajectory) -> float:
     """Of the rocker's angle, rad."""
-    ends = np.array([run.robot.frame_pose(q, "rocker")[1] for q in run.q])
+    ends = places(run, "rocker")
     off = np.arctan2(ends[:, 1], ends[:, 0] - GROUND) - rocker_angle(run.q[:, 0])
     return float(np.abs((off + np.pi) % (2.0 * np.pi) - np.pi).max())
 
@@ -213,6 +194,13 @@ def off_the_rebound(restitution: float, run: tl.Trajectory) -> float:
 ANDREWS = {"q.beta": 15.8107711951537, "q.theta": -15.7563710584118, "q.gamma": 0.0408222401196458,
            "q.phi": -0.534730116342080, "q.delta": 0.524409965879954, "q.epsilon": 1.04808074104194}  # fmt: skip
 SLIDER_CRANK = {"q.crank_joint": 1.27567584865024, "q.slide": 1.02357855897984, "v.crank_joint": -0.23991499719600}
+# What IFToMM's library asks for at each sample: the places of P1, B0 and P3, m, with y upward; the angles, rad.
+RESULTS: dict[str, Callable[[tl.Trajectory], dict[str, np.ndarray]]] = {
+    "IFToMM A01": lambda run: {"x": run.q[:, 1], "y": -run.q[:, 0]},
+    "IFToMM A02": lambda run: {"x": np.cos(run.columns()["q.left"]), "y": np.sin(run.columns()["q.left"])},
+    "IFToMM A03": lambda run: {name.removeprefix("q."): run.columns()[name] for name in ANDREWS},
+    "IFToMM A04": lambda run: dict(zip("xyz", places(run, "rod4").T, strict=True)),
+}
 
 
 def bundled(name: str, accuracy: float) -> Run:
@@ -227,13 +215,13 @@ def cases() -> list[Case]:
     return [
         Case("IFToMM A01", "pendulum from the level, 10 s: angle",
              partial(tl.simulate, point_pendulum(level, 9.81), 10.0, accuracy=1e-9),
-             partial(off_the_ellipse, angle=level, w0=np.sqrt(9.81)), "exact, by elliptic functions", end_of_pendulum),
+             partial(off_the_ellipse, angle=level, w0=np.sqrt(9.81)), "exact, by elliptic functions"),
         Case("IFToMM A02", "two four-bars through singular positions, 10 s: place of B0",
-             bundled("four-bar", 1e-6), four_bar, "4.7e-5 with 1 ms, 7.3e-7 with 0.125 ms", top_of_four_bar),
+             bundled("four-bar", 1e-6), four_bar, "4.7e-5 with 1 ms, 7.3e-7 with 0.125 ms"),
         Case("IFToMM A03, IVP test set", "Andrews' squeezer, 30 ms: angles", bundled("squeezer", 1e-10),
-             partial(at_end, ANDREWS), "reference good to 7e-11", squeezer_angles),
+             partial(at_end, ANDREWS), "reference good to 7e-11"),
         Case("IFToMM A04", "Bricard's mechanism, 10 s: energy, J", bundled("bricard", 1e-9), energy_drift,
-             "0, for nothing dissipates", corner_of_bricard),
+             "0, for nothing dissipates"),
         Case("SUNDIALS", "slider-crank of idaSlCrank_dns, 10 s: q and its rate", bundled("crank-spring", 1e-9),
              partial(at_end, SLIDER_CRANK), "3 digits"),
         Case("NASA NESC 2", "tumbling brick, 30 s: body rates, deg/s, to the nearest tool",

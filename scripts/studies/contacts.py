@@ -148,10 +148,8 @@ def broken_law(one: Case, run: tl.Trajectory) -> str:
     if overlap > (STEPPED_OVERLAP if run.estimated else OVERLAP):
         return f"overlap {overlap:.2g} m"
     energy = run.energy[told]
-    gain, off = (
-        energy - np.minimum.accumulate(energy),
-        0.0 if not run.estimated or run.error is None else run.error[told],
-    )
+    gain = energy - np.minimum.accumulate(energy)
+    off = 0.0 if not run.estimated or run.error is None else run.error[told]
     if (gain > (LAW + off) * (1.0 + np.abs(energy).max())).any():
         return f"energy grows by {gain.max():.2g} J"
     mu = effect.friction if effect.static is None else effect.static

@@ -151,10 +151,8 @@ def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
         some = [row for row in rows if row.case == case]
         marks = [[mark == "1" for mark in row.inside] for row in some]
         alike = len({*map(len, marks)}) == 1  # what is found by default differs from log to log: then by run
-        each, share = (
-            np.mean(marks, axis=0) if alike else np.array([*map(np.mean, marks)]),
-            np.concatenate(marks).mean(),
-        )
+        each = np.mean(marks, axis=0) if alike else np.array([*map(np.mean, marks)])
+        share = np.concatenate(marks).mean()
         table.add(case, len(some), len(each), share, each.min(), each.max(), np.mean([row.seconds for row in some]))
         least = 0.95 - 3 * np.sqrt(0.95 * 0.05 / len(some))
         bars.append((share >= least, f"{case}: {share:.4f} (bar: {least:.4f})"))

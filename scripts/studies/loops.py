@@ -264,9 +264,8 @@ def show(rows: list[Row], _: argparse.Namespace) -> Bars:
     print(collections.Counter(row.outcome for row in rows))
     held = [row for row in rows if row.outcome == "holds"]
     ambiguous, used = sum(row.ambiguous > 0 for row in held), max((row.used for row in held), default=0.0)
-    print(
-        f"{sum(row.ticks for row in rows):,} ticks, {ambiguous} loops with ambiguous ones; errors up to {used:.2f} bars"
-    )
+    ticks = sum(row.ticks for row in rows)
+    print(f"{ticks:,} ticks, {ambiguous} loops with ambiguous ones; errors up to {used:.2f} bars")
     remembering = [row for row in rows if row.holder]
     print(f"of {len(remembering)} that remember something {sum(row.outcome == 'holds' for row in remembering)} hold, "
           f"{sum(row.outcome in REFUSALS for row in remembering)} are refused")  # fmt: skip

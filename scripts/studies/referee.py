@@ -286,11 +286,8 @@ def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
         for kind in dict.fromkeys(row.kind for row in rows if row.fault == fault):
             own = [row for row in rows if row.fault == fault and row.kind == kind]
             answers, causes = (collections.Counter(getattr(row, name) for row in own) for name in ("outcome", "cause"))
-            counts = (
-                *(answers[x] for x in ("right", "wrong", "not known")),
-                *(causes[x] for x in ("right", "other", "none")),
-            )
-            table.add(kind, len(own), *counts)
+            said, named = ("right", "wrong", "not known"), ("right", "other", "none")
+            table.add(kind, len(own), *(answers[x] for x in said), *(causes[x] for x in named))
         print()
     named, faults = sum(row.cause == "right" for row in rows if row.fault), sum(row.fault for row in rows)
     print(f"the right cause is named for {named} of {faults} faults; longest {max(r.seconds for r in rows):g} s")

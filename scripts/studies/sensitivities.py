@@ -257,9 +257,8 @@ def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
         table.add(row.scene, row.kind, row.what[:28], row.outcome, row.columns, row.samples, row.failed, row.worst,
                   row.seconds)  # fmt: skip
     failing, tight = sum(row.fails for row in rows), [float(x) for row in rows for x in row.tightness.split()]
-    compared, columns, samples = (
-        sum(x) for x in zip(*((r.samples > 0, r.columns, r.samples) for r in rows), strict=True)
-    )
+    compared, columns = sum(row.samples > 0 for row in rows), sum(row.columns for row in rows)
+    samples = sum(row.samples for row in rows)
     print(f"\n{len(rows)} scenes, {compared} compared in {columns} columns and {samples} samples; "
           f"median bar over error {np.median(tight or [np.nan]):.1f}")  # fmt: skip
     return [(not failing, f"scenes with an error beyond its bar: {failing} (bar: none)")]
