@@ -189,7 +189,10 @@ def processor_time(seconds: float) -> Iterator[None]:
 
 @dataclass
 class Judged:
-    """A row of a study: a scene and what came of it. worst: the largest error, over its bar where it has one."""
+    """A row of a study: a scene and what came of it. worst: the largest error, over its bar where it has one.
+
+    why: the error's code, or the law that is broken. REFUSED: by an error, where there should be an answer.
+    """
 
     scene: int
     kind: str = ""
@@ -202,7 +205,7 @@ class Judged:
     @property
     def fails(self) -> bool:
         """Whether the answer is wrong in silence, or there is none."""
-        return self.outcome in ("WRONG", "CRASH")
+        return self.outcome in ("WRONG", "REFUSED", "HANG", "CRASH")
 
 
 def read_rows(path: Path, kind: type[R]) -> list[R]:

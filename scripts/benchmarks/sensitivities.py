@@ -19,7 +19,6 @@ from scripts.runner import once, options, seconds_of
 from scripts.tasks import robot_of
 from twolink.integrate.motion.scene_equations import equations_of
 
-SAMPLES = 200  # a second
 DIFFERENCE = 1e-5  # rad, rad/s: of MuJoCo's starts
 cheapest = partial(seconds_of, warm_up=0, clock=time.process_time, pick=min)
 

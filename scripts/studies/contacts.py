@@ -28,7 +28,7 @@ import numpy as np
 import pinocchio as pin
 
 import twolink as tl
-from scripts.runner import Bars, OutOfTime, Some, Table, processor_time, study
+from scripts.runner import Bars, Judged, OutOfTime, Some, Table, processor_time, study
 from scripts.studies.scenes.contacts import KINDS, case
 from scripts.studies.scenes.robots import Case, free_positions
 from twolink import effects as fx
@@ -51,31 +51,19 @@ GOOD = ("exact", "agrees", "beyond", "refused", "unknown")
 BAD = ("WRONG", "HANG", "CRASH")
 
 
-@dataclass(frozen=True)
-class Row:
-    """A scene, solved in a way, and what came of it. worst: the largest error over its bar. why: the error's code, or
-    the law."""
+@dataclass
+class Row(Judged):
+    """A scene, solved in a way, and what came of it."""
 
-    scene: int
-    kind: str
-    what: str
-    way: str
-    accuracy: float
-    outcome: str = ""
-    why: str = ""
-    worst: float = 0.0
+    way: str = ""
+    accuracy: float = 0.0
     events: int = 0
-    seconds: float = 0.0
-
-    @property
-    def fails(self) -> bool:
-        return self.outcome in BAD
 
 
 def check(number: int, seed: int, *, laws: bool, both: bool) -> Iterator[Row]:
     """Simulate one scene, in one way or both, and judge the answers."""
     one, located = case(number, seed), None
-    asked = Row(number, KINDS[number % len(KINDS)], one.what, one.way or "auto", one.accuracy)
+    asked = Row(number, KINDS[number % len(KINDS)], one.what, way=one.way or "auto", accuracy=one.accuracy)
     try:
         with processor_time(PATIENCE):
             located = _run(one, one.accuracy)

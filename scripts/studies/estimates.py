@@ -6,7 +6,7 @@ Scenes: `scenes.contacts`; every other arm gets stops and dry friction in its jo
 a located run whose bar, of 1e-9, counts as doubt. Each scene is stepped twice: with a step from 1 to 10 ms, and with an
 accuracy from 1e-3 to 1e-2.
 
-A run is within its estimate if no sample is farther from the truth than estimated there. over: the true error over the
+A run is within its estimate if no sample is farther from the truth than estimated there. worst: the true error over the
 estimate where that is largest. Rows go to out/estimates-SEED.csv.
 """
 
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 import twolink as tl
-from scripts.runner import Bars, OutOfTime, Table, processor_time, study
+from scripts.runner import Bars, Judged, OutOfTime, Table, processor_time, study
 from scripts.studies.scenes.contacts import KINDS, case
 from scripts.studies.scenes.robots import Case, free_positions
 from twolink import effects as fx
@@ -34,22 +34,14 @@ WAYS = ("step", "accuracy")
 JUDGED = {"within": 1.0, "within 3": 3.0, "within 10": 10.0, "beyond": np.inf}
 
 
-@dataclass(frozen=True)
-class Row:
-    """A run and what came of it. asked: the step, s, or the accuracy. off, estimate: their largest, rad or m."""
+@dataclass
+class Row(Judged):
+    """A run. asked: the step, s, or the accuracy. worst: over the estimate; off, estimate: their largest, rad or m."""
 
-    scene: int
-    kind: str
-    way: str
-    asked: float
-    outcome: str = ""
-    over: float = 0.0
+    way: str = ""
+    asked: float = 0.0
     off: float = 0.0
     estimate: float = 0.0
-
-    @property
-    def fails(self) -> bool:
-        return self.outcome == "HANG"
 
 
 def jointed(one: Case, random: np.random.Generator) -> Case:
@@ -70,7 +62,7 @@ def rows_of(number: int, given: argparse.Namespace) -> Iterator[Row]:
     asked = {way: float(10 ** random.uniform(-3, -2)) for way in WAYS}
     located: tl.Trajectory | None = None
     for way in WAYS:
-        row, known = Row(number, kind, way, asked[way]), one.truth is not None or located is not None
+        row, known = Row(number, kind, way=way, asked=asked[way]), one.truth is not None or located is not None
         try:
             if not known:
                 located, known = _run(one, contact="located", accuracy=LOCATED), True
@@ -99,7 +91,7 @@ def _judged(row: Row, one: Case, run: tl.Trajectory, located: tl.Trajectory | No
     sure = np.maximum(off - doubt - FLOOR, 0.0)
     over = float((sure[1:] / np.maximum(estimate[1:], FLOOR)).max())
     outcome = next(name for name, most in JUDGED.items() if over <= most)
-    return replace(row, outcome=outcome, over=over, off=float(off.max()), estimate=float(estimate.max()))
+    return replace(row, outcome=outcome, worst=over, off=float(off.max()), estimate=float(estimate.max()))
 
 
 def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
@@ -112,7 +104,7 @@ def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
             if some:
                 sizes = [r.estimate / r.off for r in some if r.off > FLOOR]
                 table.add(kind, way, len(some), *(sum(r.outcome == name for r in some) for name in JUDGED),
-                          max(r.over for r in some), np.median(sizes or [np.nan]))  # fmt: skip
+                          max(r.worst for r in some), np.median(sizes or [np.nan]))  # fmt: skip
     others = collections.Counter(f"{r.way} {r.outcome}" for r in rows if r.outcome not in JUDGED)
     print("\nnot judged: " + ", ".join(f"{count} {what}" for what, count in others.most_common()))
     return []

@@ -21,9 +21,8 @@ import argparse
 import collections
 import functools
 import heapq
-import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
@@ -31,7 +30,7 @@ import numpy as np
 
 import twolink as tl
 from scripts.heyoka_peer import integrator, number_type
-from scripts.runner import Bars, study
+from scripts.runner import Bars, Judged, study
 from scripts.studies.hidden_laws import COPIED, HARMLESS, HOLDERS, PLAIN, behaviour, pure
 from twolink import effects as fx
 from twolink.effects.inputs import Slot
@@ -50,26 +49,18 @@ Solved = tuple[tl.Scene, list[Fraction], np.ndarray, np.ndarray, Any]
 DAMPING = {"shoulder": 0.5, "elbow": 0.5}
 
 
-@dataclass(frozen=True)
-class Row:
-    """A loop and what came of it. used: the largest error in a part of its bar. bar: at the end, rad.
+@dataclass
+class Row(Judged):
+    """A loop and what came of it. worst: the largest error in a part of its bar. bar: at the end, rad.
 
     holder, way: where a law remembers something, and how the loop is solved.
     """
 
-    scene: int
-    holder: str
-    way: str
-    outcome: str
-    used: float
-    bar: float
-    ambiguous: int
-    ticks: int
-    seconds: float
-
-    @property
-    def fails(self) -> bool:
-        return self.outcome in ("WRONG", "REFUSED", "CRASH")
+    holder: str = ""
+    way: str = ""
+    bar: float = 0.0
+    ambiguous: int = 0
+    ticks: int = 0
 
 
 def law(kind: int, kp: float, kd: float, ki: float, period: float, name: str) -> Callable[..., Any]:
@@ -196,34 +187,30 @@ def rhythm(i: int, one: Any, end: Fraction) -> Iterator[tuple[Fraction, int, int
         yield k * exact(one.period) + late, what, i, k
 
 
-def check(number: int, given: argparse.Namespace) -> Iterator[Row]:
+def check(number: int, given: argparse.Namespace) -> Row:
     """A loop and what came of it."""
-    start, holder, way = time.perf_counter(), holder_of(number), WAYS[number // 4 % 3] if number % 4 >= 2 else "run"
-
-    def row(outcome: str, used: float = 0.0, bar: float = 0.0, ambiguous: int = 0, ticks: int = 0) -> Row:
-        return Row(number, holder, way, outcome, used, bar, ambiguous, ticks, time.perf_counter() - start)
-
+    holder, way = holder_of(number), WAYS[number // 4 % 3] if number % 4 >= 2 else "run"
+    row = Row(number, holder=holder, way=way)
     try:
         scene, twin = random_scene(number, given.seed), random_scene(number, given.seed, hidden=False)
         try:
             twin, times, q, error, events = SOLVED[way](scene, twin, number)
         except AccuracyError as failed:
             if failed.run is None or way != "run":
-                yield row(failed.code)
-                return
+                return replace(row, outcome=failed.code)
             times, q, error, events = TIMES, failed.run.q[1:], failed.run.error[1:], failed.run.events
         except SceneError as refused:
             wanted = refused.code in REFUSALS and holder not in ("", *COPIED, *HARMLESS)
-            yield row(refused.code if wanted else "REFUSED")
-            return
+            return replace(row, outcome=refused.code if wanted else "REFUSED")
         truth = Truth(twin)
         off = np.abs(q - truth.at(times)[-len(q) :]).max(axis=1)[-len(error) :]
         used = float((off[error > 0.0] / error[error > 0.0]).max())
         found = sum(event.kind == "ambiguous-tick" for event in events)
-        yield row("WRONG" if used > 1.0 else "holds", used, float(error[-1]), found, truth.ticks)
+        return replace(row, outcome="WRONG" if used > 1.0 else "holds", worst=used, bar=float(error[-1]),
+                       ambiguous=found, ticks=truth.ticks)  # fmt: skip
     except Exception as error:
         print(f"\n{number}: {type(error).__name__}: {error}")
-        yield row("CRASH")
+        return replace(row, outcome="CRASH")
 
 
 def solved_alone(scene: tl.Scene, twin: tl.Scene, number: int) -> Solved:
@@ -263,7 +250,7 @@ def show(rows: list[Row], _: argparse.Namespace) -> Bars:
     """Print what came of the loops."""
     print(collections.Counter(row.outcome for row in rows))
     held = [row for row in rows if row.outcome == "holds"]
-    ambiguous, used = sum(row.ambiguous > 0 for row in held), max((row.used for row in held), default=0.0)
+    ambiguous, used = sum(row.ambiguous > 0 for row in held), max((row.worst for row in held), default=0.0)
     ticks = sum(row.ticks for row in rows)
     print(f"{ticks:,} ticks, {ambiguous} loops with ambiguous ones; errors up to {used:.2f} bars")
     remembering = [row for row in rows if row.holder]
@@ -271,7 +258,7 @@ def show(rows: list[Row], _: argparse.Namespace) -> Bars:
           f"{sum(row.outcome in REFUSALS for row in remembering)} are refused")  # fmt: skip
     for row in rows:
         if row.fails:
-            print(f"{row.scene}: {row.outcome}, {row.holder}, {row.way}, {row.used:.3g} bars")
+            print(f"{row.scene}: {row.outcome}, {row.holder}, {row.way}, {row.worst:.3g} bars")
     wrong, refused, crashed = (sum(row.outcome == what for row in rows) for what in ("WRONG", "REFUSED", "CRASH"))
     return [(wrong == 0, f"{wrong} bars are wrong"), (refused == 0, f"{refused} are refused that should not be"),
             (crashed == 0, f"{crashed} crashes")]  # fmt: skip

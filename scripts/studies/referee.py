@@ -66,13 +66,13 @@ def arm(random: np.random.Generator) -> tl.Scene:
     return tl.Scene(robot, q, v, [fx.Gravity(), fx.JointDamping(damping)], duration=END)
 
 
-def log_by(maker: str, scene: tl.Scene, gap: float = GAP) -> Log:
-    """The motion of a scene."""
+def log_by(maker: str, scene: tl.Scene, gap: float = GAP, setting: Setting | None = None) -> Log:
+    """The motion of a scene. setting: of a peer, tight by default."""
     times = gap * np.arange(round(scene.duration / gap) + 1)
     if maker == "twolink":
         run = tl.simulate(scene, float(times[-1]), accuracy=1e-9, t_eval=times)
         return run.t, run.q, run.v
-    track = peer_module(maker).prepare(task_of(scene, times), TIGHT[maker])().track
+    track = peer_module(maker).prepare(task_of(scene, times), setting or TIGHT[maker])().track
     return times, track.q, track.v
 
 
@@ -131,19 +131,15 @@ def law_fault(kind: str, random: np.random.Generator, scene: tl.Scene) -> Made:
     return scene, log_by(maker, other), ", ".join([maker, *links])
 
 
-def by_mujoco(scene: tl.Scene, times: np.ndarray, method: str, step: float) -> tuple[Log, str]:
-    track = peer_module("mujoco").prepare(task_of(scene, times), Setting(method, "", step=step))().track
-    return (times, track.q, track.v), "mujoco"
-
-
 def stepped(method: str, random: np.random.Generator, scene: tl.Scene) -> Made:
     """Long steps: of MuJoCo, or written down here."""
     gap = float(random.choice([0.002, 0.004, 0.01]))
     times = gap * np.arange(round(END / gap) + 1)
     if method == "RK4":
-        return scene, *by_mujoco(scene, 0.05 * np.arange(21), method, 0.05)
+        return scene, log_by("mujoco", scene, 0.05, Setting(method, "", step=0.05)), "mujoco"
     if method != "explicit Euler":
-        return scene, *by_mujoco(scene, times, method, gap / int(random.choice([1, 2, 5])))
+        setting = Setting(method, "", step=gap / int(random.choice([1, 2, 5])))
+        return scene, log_by("mujoco", scene, gap, setting), "mujoco"
     rows, damping = [(scene.q, scene.v)], damping_of(scene)
     for _ in times[1:]:
         q, v = rows[-1]
@@ -157,7 +153,7 @@ def damping_of(scene: tl.Scene) -> np.ndarray:
 
 def soft_friction(_: str, random: np.random.Generator, scene: tl.Scene) -> Made:
     rubbed = rubbing(random, scene)
-    return rubbed, *by_mujoco(rubbed, 0.002 * np.arange(501), "Euler", 0.002)
+    return rubbed, log_by("mujoco", rubbed, 0.002, Setting("Euler", "", step=0.002)), "mujoco"
 
 
 def wrong_sign(_: str, random: np.random.Generator, scene: tl.Scene) -> Made:
