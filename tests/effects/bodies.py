@@ -34,9 +34,9 @@ def slider() -> tl.Robot:
 
 
 @functools.cache
-def sliders() -> tl.Robot:
-    """1 kg and 2 kg side by side along x: one and two."""
-    return tl.load_robot(f'<robot name="sliders"><link name="ground"/>{_sliders(one=1.0, two=2.0)}</robot>')
+def sliders(one: float = 1.0, two: float = 2.0) -> tl.Robot:
+    """Masses side by side along x, kg: the joints one and two."""
+    return tl.load_robot(f'<robot name="sliders"><link name="ground"/>{_sliders(one=one, two=two)}</robot>')
 
 
 @functools.cache

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import brentq
 
 import twolink as tl
-from tests.effects.cases import E, assert_refused, robot
+from tests.effects.cases import E
 
 R, M, G = 0.05, 0.2, 9.81
 TOP = tl.load_robot("tippe_top", root="free")
@@ -110,15 +110,6 @@ def test_an_ellipsoid_with_equal_radii_is_a_ball() -> None:
     ends = [tl.simulate(ball(q, v, E.PlaneContact("ball", friction=0.3, restitution=0.4, **shape)), accuracy=1e-9)
             for shape in ({"radius": R}, {"radii": (R, R, R)})]  # fmt: skip
     np.testing.assert_allclose(ends[0].q, ends[1].q, atol=1e-9)
-
-
-def test_what_cannot_be_is_refused() -> None:
-    on = robot("arm")
-    for kind in (lambda **more: E.PlaneContact("tip", **more), lambda **more: E.CompliantContact("tip", 1e3, **more)):
-        assert_refused(on, kind(radius=0.1, radii=(1, 1, 1)), "radii", "radius is given too")
-        assert_refused(on, kind(radii=(0.1, 0.0, 0.1)), "radii[1]", "above 0")
-    assert_refused(on, E.CompliantContact("tip", -1.0), "stiffness", "at least 0")
-    assert_refused(on, E.CompliantContact("tip", 1.0, slip=0.0), "slip", "above 0")
 
 
 def bounced(t: np.ndarray, height: float, k_over_m: float) -> np.ndarray:

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.effects.bodies import ball
 from tests.effects.cases import E, assert_refused, robot
-from tests.effects.test_closed_forms import BALL, wheel
+from tests.effects.test_closed_forms import wheel
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.effect import Loads
@@ -90,7 +91,8 @@ def test_a_joint_follows_the_paths_of_others() -> None:
 
 
 def test_a_run_beyond_the_end_of_a_curve_is_refused() -> None:
-    control = E.ComputedTorque({joint: E.Bezier((0.0, 0.0, 0.0, 1.0, 1.0, 1.0), 0.2) for joint in BOTH}, 4.0, 4.0)
+    curve = E.Bezier((0.0, 0.0, 0.0, 1.0, 1.0, 1.0), 0.2)
+    control = E.ComputedTorque({"shoulder": curve, "elbow": curve}, 4.0, 4.0)
     for effect in (control, E.Release(E.Torque({"elbow": E.Bezier((0.0, 1.0), 0.2)}), at=0.1)):
         scene = tl.Scene(robot("arm"), effects=[effect])
         assert tl.simulate(scene, 0.2).t[-1] == 0.2
@@ -111,46 +113,14 @@ def test_computed_torque_on_the_ur5() -> None:
     assert np.abs(run.q.T - expected).max() < 1e-7
 
 
-BOTH = {"shoulder": 0.0, "elbow": 0.0}
-LINEAR = E.Sampled((0.0, 1.0), (0.0, 1.0))
-
-
 @pytest.mark.parametrize(
-    ("body", "effect", "where", "part"),
-    [
-        ("arm", E.JointPD({"elbow": 1.0}, {}), "kp", "kp for joint 'elbow'"),
-        ("arm", E.JointPD({"elbow": 1.0}, {"elbow": 1.0, "shoulder": 1.0}), "kp", "joint with a target 'shoulder'"),
-        ("arm", E.JointPD({"elbow": 1.0}, {"elbow": -1.0}), "kp.elbow", "at least 0"),
-        ("arm", E.JointPD({"elbow": float("nan")}, {"elbow": 1.0}), "target.elbow", "finite"),
-        ("arm", E.JointPD({"elbow": 1.0}, {"elbow": 1.0}, effort={"elbw": 1.0}), "effort", "mean 'elbow'"),
-        ("arm", E.JointPD({"elbow": 1.0}, {"elbow": 1.0}, effort="URDF"), "effort", "'urdf'"),
-        ("arm", E.ComputedTorque({"elbow": 1.0}, 1.0, 1.0), "path", "it has no path for 'shoulder'"),
-        ("arm", E.ComputedTorque({**BOTH, "elbow": LINEAR}, 1.0, 1.0), "path.elbow.interpolation", "cubic"),
-        ("arm", E.ComputedTorque(BOTH, float("inf"), 1.0), "kp", "finite"),
-        (
-            "arm",
-            E.ComputedTorque({"elbow": 1.0}, 1.0, 1.0, following={"shoulder": {"elbo": 1.0}}),
-            "following.shoulder",
-            "mean 'elbow'",
-        ),
-        ("arm", E.ComputedTorque(BOTH, 1.0, 1.0, following={"elbow": {"shoulder": 1.0}}), "following.elbow", "its own"),
-        (
-            "arm",
-            E.ComputedTorque({"elbow": 1.0}, 1.0, 1.0, following={"shoulder": {"elbow": "x"}}),
-            "following.shoulder.elbow",
-            "finite",
-        ),
-        ("arm", E.GravityCompensation(("elbw",)), "joints", "mean 'elbow'"),
-        ("arm", E.GravityCompensation(("elbow", "elbow")), "joints", "each once"),
-        ("arm", E.GravityCompensation(()), "joints", "each once"),
-        ("floating", E.GravityCompensation(("root_joint",)), "joints", "one degree of freedom 'root_joint'"),
-        ("floating", E.GravityCompensation(("wrist_1_joint",)), "joints", "is locked"),
-        ("ball", E.GravityCompensation(), "joints", "expected joints"),
-    ],
-)
-def test_controllers_that_are_refused(body: str, effect: object, where: str, part: str) -> None:
-    on = tl.load_robot(BALL.format(m=1), root="free") if body == "ball" else robot(body)
-    assert_refused(on, effect, where, part)
+    ("body", "joints", "part"),
+    [("floating", ("root_joint",), "one degree of freedom 'root_joint'"), ("floating", ("wrist_1_joint",), "is locked"),
+     ("ball", None, "expected joints")],
+)  # fmt: skip
+def test_weights_that_no_joint_carries_are_refused(body: str, joints: tuple[str, ...] | None, part: str) -> None:
+    effect = E.GravityCompensation() if joints is None else E.GravityCompensation(joints)
+    assert_refused(ball() if body == "ball" else robot(body), effect, "joints", part)
 
 
 def test_continuous_joints_are_refused_with_a_remedy() -> None:

@@ -1,6 +1,6 @@
 """Fields of effects that say beside their type which joints, links, directions and bounds they take."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
 import msgspec
@@ -105,19 +105,13 @@ def test_the_schema_says_what_forms_may_offer() -> None:
 
 
 def test_arrays_and_numbers_of_numpy_are_taken_as_tuples_and_floats() -> None:
-    robot, up, size = tl.load_robot("two_link"), np.array([0.0, 0.0, -9.81]), np.array([0.1, 0.2, 0.3])
-    pairs = [
-        (tl.effects.Gravity(up), tl.effects.Gravity((0.0, 0.0, -9.81))),
-        (tl.effects.Payload("forearm", np.float32(0.5), size), tl.effects.Payload("forearm", 0.5, (0.1, 0.2, 0.3))),
-        (tl.effects.JointDamping({"elbow": np.int64(2)}), tl.effects.JointDamping({"elbow": 2})),
-        (
-            tl.effects.Torque({"elbow": tl.effects.Sine(np.float64(1.0), np.array(2.0))}),
-            tl.effects.Torque({"elbow": tl.effects.Sine(1.0, 2.0)}),
-        ),
-        (
-            tl.effects.Contact(shapes={"forearm": (tl.effects.Box(size),)}),
-            tl.effects.Contact(shapes={"forearm": (tl.effects.Box((0.1, 0.2, 0.3)),)}),
-        ),
-    ]
-    given, plain = zip(*pairs, strict=True)
-    assert tl.Scene(robot, effects=given).effects == tl.Scene(robot, effects=plain).effects == plain
+    def effects(number: Callable, whole: Callable, vector: Callable) -> list[tl.effects.Effect]:
+        fx, size = tl.effects, vector((0.1, 0.2, 0.3))
+        return [fx.Gravity(vector((0.0, 0.0, -9.81))), fx.Payload("forearm", number(0.5), size),
+                fx.JointDamping({"elbow": whole(2)}), fx.Torque({"elbow": fx.Sine(number(1.0), vector(2.0))}),
+                fx.Contact(shapes={"forearm": (fx.Box(size),)})]  # fmt: skip
+
+    robot, plain = tl.load_robot("two_link"), tuple(effects(float, int, lambda x: x))
+    for number in (np.float32, np.float64):
+        assert tl.Scene(robot, effects=effects(number, np.int64, np.array)).effects == plain
+    assert tl.Scene(robot, effects=plain).effects == plain

@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 
 import twolink as tl
 from tests.effects.bodies import G, kinds, slider, sliders, times
-from tests.effects.cases import E, assert_refused, robot
+from tests.effects.cases import E, robot
 
 
 def spring_and_friction(t: np.ndarray, amplitude: float, w: float, shift: float) -> np.ndarray:
@@ -36,8 +36,10 @@ def test_mass_on_a_spring_loses_2c_over_k_a_half_cycle_and_sticks(accuracy: floa
     assert times(run, "stick") == pytest.approx([17 * np.pi / 10], abs=10 * accuracy)
 
 
-def test_a_sliding_block_stops_for_good() -> None:
-    run = tl.simulate(tl.Scene(slider(), v=[2.0], effects=[E.DryFriction({"x": 3.0})]), 2.0, accuracy=1e-9)
+@pytest.mark.parametrize("levels", [(3.0,), (1.0, 2.0)], ids=["one", "two that add up"])
+def test_a_sliding_block_stops_for_good(levels: tuple[float, ...]) -> None:
+    effects = [E.DryFriction({"x": level}) for level in levels]
+    run = tl.simulate(tl.Scene(slider(), v=[2.0], effects=effects), 2.0, accuracy=1e-9)
     assert np.abs(run.q[:, 0] - np.where(run.t < 2 / 3, 2 * run.t - 1.5 * run.t**2, 2 / 3)).max() < 1e-12
     assert kinds(run) == ["stick"]
 
@@ -215,27 +217,3 @@ def test_friction_of_nothing_is_no_friction() -> None:
     effects = [E.JointSpring({"x": 4.0}), E.DryFriction({"x": 0.0})]
     run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 10.0, accuracy=1e-9)
     assert np.abs(run.q[:, 0] - np.cos(2 * run.t)).max() < 1e-9
-
-
-def test_two_frictions_in_one_joint_add_up() -> None:
-    effects = [E.DryFriction({"x": 1.0}), E.DryFriction({"x": 2.0})]
-    run = tl.simulate(tl.Scene(slider(), v=[2.0], effects=effects), 2.0, accuracy=1e-9)
-    assert run.q[-1, 0] == pytest.approx(2 / 3, abs=1e-12)
-
-
-BAD = [
-    (E.DryFriction({"elbw": 1.0}), "kinetic", "did you mean 'elbow'"),
-    (E.DryFriction({}), "kinetic", "names no joint"),
-    (E.DryFriction(), "kinetic", "the URDF gives no joint friction"),
-    (E.DryFriction("URDF"), "kinetic", "expected values by joint or 'urdf', got 'URDF'"),
-    (E.DryFriction({"elbow": -1.0}), "kinetic.elbow", "at least 0"),
-    (E.DryFriction({"elbow": float("nan")}), "kinetic.elbow", "finite"),
-    (E.DryFriction({"elbow": 1.0}, {"shoulder": 2.0}), "static", "kinetic friction"),
-    (E.DryFriction({"elbow": 1.0}, {"elbow": 0.5}), "static.elbow", "below the kinetic"),
-    (E.DryFriction({"elbow": 1.0}, {"elbow": float("inf")}), "static.elbow", "finite"),
-]
-
-
-@pytest.mark.parametrize(("effect", "where", "part"), BAD)
-def test_dry_friction_that_are_refused(effect: object, where: str, part: str) -> None:
-    assert_refused(robot("arm"), effect, where, part)

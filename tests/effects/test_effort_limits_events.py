@@ -36,12 +36,6 @@ def test_a_saturated_spring(accuracy: float) -> None:
     assert times(run, "limit") == pytest.approx([t for t in ends if t < 5], abs=10 * accuracy)
 
 
-def test_the_urdfs_limit_is_the_same() -> None:
-    drives = [E.JointPD({"x": 0.0}, {"x": 20.0}, effort=effort) for effort in ("urdf", {"x": 3.0})]
-    runs = [tl.simulate(tl.Scene(slider(), [1.0], effects=[drive]), 3.0, accuracy=1e-9) for drive in drives]
-    assert np.array_equal(runs[0].q, runs[1].q)
-
-
 def test_a_limit_that_is_never_reached_is_no_event() -> None:
     effects = [E.JointPD({"x": 0.0}, {"x": 4.0}, effort={"x": 4.5})]
     run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 5.0, accuracy=1e-9)
@@ -53,22 +47,6 @@ def test_a_limit_that_is_just_touched_changes_nothing() -> None:
     effects = [E.JointPD({"x": 0.0}, {"x": 4.0}, effort={"x": 4.0})]
     run = tl.simulate(tl.Scene(slider(), [0.0], [2.0], effects), 10.0, accuracy=1e-9)
     assert np.abs(run.q[:, 0] - np.sin(2 * run.t)).max() < 1e-9
-
-
-@pytest.mark.slow
-def test_limits_friction_and_stops_together_lose_what_friction_and_impacts_take() -> None:
-    """The drive's power less friction's and the impacts' losses is the change of energy."""
-    drive = E.JointPD({"x": E.Sine(2.0, 1.5)}, {"x": 30.0}, {"x": 0.5}, effort={"x": 3.0})
-    effects = [drive, E.DryFriction({"x": 0.7}), E.JointStops({"x": (-1.0, 0.8)}, restitution=0.4)]
-    run = tl.simulate(tl.Scene(slider(), effects=effects), 8.0, accuracy=1e-9, samples_per_second=2000)
-    x, v, t = run.q[:, 0], run.v[:, 0], run.t
-    tau = np.clip(30 * (2 * np.sin(1.5 * t) - x) + 0.5 * (3 * np.cos(1.5 * t) - v), -3, 3)
-    work = np.concatenate([[0.0], np.cumsum((tau[1:] * v[1:] + tau[:-1] * v[:-1]) / 2 * np.diff(t))])
-    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(x)))])
-    lost = sum(e.energy for e in run.events)
-    assert lost > 1
-    assert len(times(run, "limit")) >= 4
-    assert v[-1] ** 2 / 2 == pytest.approx(work[-1] - 0.7 * way[-1] - lost, abs=2e-2)
 
 
 @pytest.mark.slow

@@ -11,9 +11,7 @@ import pytest
 
 import twolink as tl
 from tests.effects.cases import CASES, E, robot, state
-from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
-from twolink.effects.effect import Loads
 from twolink.integrate.motion.effect_numbers import with_effect_numbers
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.pinocchio_rate import rate
@@ -77,21 +75,6 @@ def test_compiled_steps_agree_with_portable_ones(case: str) -> None:
     size = equations.space.size
     np.testing.assert_allclose(ours[:size], theirs[:size], rtol=0, atol=1e-12 * (1 + np.abs(theirs[:size]).max()))
     assert np.array_equal(ours[control_rows(size).time], theirs[control_rows(size).time])
-
-
-def test_work_of_single_effects_along_a_run_is_the_energy_lost() -> None:
-    """The work of damping and of a table of torques, computed from their loads at all samples at once."""
-    effects = [E.JointDamping({"elbow": 0.4}), E.Torque({"shoulder": E.Sampled((0.0, 1.0, 2.0), (3.0, -1.0, 2.0))})]
-    scene = tl.Scene(robot("arm"), [0.3, -0.5], effects=[GRAVITY, *effects])
-    run = tl.simulate(scene, 2.0, accuracy=1e-9, samples_per_second=2000)
-    equations = equations_of(scene)
-    work = 0.0
-    for effect in effects:
-        motion = KinematicState(scene.robot.model, equations.mechanism, list(run.q.T), list(run.v.T), run.t, Numbers)
-        loads = Loads(motion)
-        effect.act(motion, loads)
-        work += np.trapezoid(sum(tau * v for tau, v in zip(loads.tau, run.v.T, strict=True)), run.t)
-    assert abs(run.energy[-1] - run.energy[0] - work) < 1e-5
 
 
 def test_operations_of_absent_and_present_effects() -> None:

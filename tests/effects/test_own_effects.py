@@ -13,11 +13,9 @@ import pytest
 
 import twolink as tl
 from tests.effects.cases import E, robot
+from tests.effects.test_closed_forms import wheel
+from twolink.lagrange.check import arm_urdf
 
-WHEEL = """<robot name="wheel"><link name="base"/><link name="wheel"><inertial><mass value="1"/>
-<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="turn" type="revolute">
-<parent link="base"/><child link="wheel"/><axis xyz="0 0 1"/><limit lower="-9" upper="9" effort="1" velocity="1"/>
-</joint></robot>"""
 Formula = Callable[[Any], Any]
 
 
@@ -121,10 +119,8 @@ def test_a_wrench_that_changes_is_refused_by_its_joint() -> None:
 
 
 def test_what_depends_on_time_is_simulated() -> None:
-    """q'' = 6 t under a torque of 6 t I: q = t^3."""
-    joint = tl.load_robot(WHEEL)
-    scene = tl.Scene(joint, effects=[of_shoulder(lambda m: 6.0 * m.t)])
-    run = tl.simulate(scene, 1.0, accuracy=1e-8)
+    """q'' = 6 t under a torque of 6 t I, with I = 0.5 kg m^2: q = t^3."""
+    run = tl.simulate(tl.Scene(wheel(), effects=[of_shoulder(lambda m: 3.0 * m.t)]), 1.0, accuracy=1e-8)
     np.testing.assert_allclose(run.q[:, 0], run.t**3, rtol=0, atol=1e-8)
 
 
@@ -215,8 +211,9 @@ def test_a_class_defined_again_is_compiled_again(tmp_path: Path, monkeypatch: py
 
 
 def test_an_effect_of_ones_own_cannot_be_saved(tmp_path: Path) -> None:
-    own = of_shoulder(lambda m: -m.q[0])
+    """Nor does it leave the file of its robot behind, which is none of the catalogue."""
+    own, own_robot = of_shoulder(lambda m: -m.q[0]), tl.load_robot(arm_urdf(1, 2, 3, 4))
     for effect in (own, E.Release(own, at=0.5)):
         with pytest.raises(tl.errors.SceneError, match="Own is no effect of twolink"):
-            tl.Scene(robot("arm"), effects=[effect]).save(tmp_path / "scene.toml")
-    assert not (tmp_path / "scene.toml").exists()
+            tl.Scene(own_robot, effects=[effect]).save(tmp_path / "scene.toml")
+    assert not any(tmp_path.iterdir())

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 import twolink as tl
 from tests.effects.bodies import G, ball, bouncing, kinds, planar, times
-from tests.effects.cases import E, assert_refused, robot
+from tests.effects.cases import E
 
 R = 0.1
 
@@ -22,7 +22,10 @@ def test_a_bouncing_point_comes_to_rest_when_the_series_ends(accuracy: float) ->
     run = tl.simulate(scene, 2.0, accuracy=accuracy)
     assert np.all(np.abs(run.q[:, 1] - bouncing(run.t, 1.0, 0.5)) <= run.error)
     assert run.error[-1] <= accuracy
-    assert times(run, "rest")[0] == pytest.approx(3 * math.sqrt(2 / G), abs=1e-9 if accuracy == 1e-9 else 1e-2)
+    (rest,) = times(run, "rest")
+    assert rest == pytest.approx(3 * math.sqrt(2 / G), abs=1e-9 if accuracy == 1e-9 else 1e-2)
+    assert np.abs(run.q[run.t > rest]).max() < 1e-12
+    assert np.abs(run.v[run.t > rest]).max() == 0.0
     assert sum(e.energy for e in run.events) == pytest.approx(G, abs=10 * accuracy)
 
 
@@ -124,20 +127,6 @@ def test_a_ball_whose_sliding_turns_begins_to_roll_whatever_the_steps(duration: 
     turn = pin.Quaternion(*run.q[-1, [6, 3, 4, 5]]).toRotationMatrix()
     slip = turn @ run.v[-1, :3] + np.cross(turn @ run.v[-1, 3:], [0, 0, -R])
     assert np.abs(slip).max() < 1e-9
-
-
-@pytest.mark.some(1)
-@pytest.mark.parametrize("share", [0.95, 1.05])
-def test_a_ball_rolls_down_an_incline_if_friction_is_two_sevenths_of_its_tangent(share: float) -> None:
-    angle = 0.5
-    n, mu = np.array([-math.sin(angle), 0.0, math.cos(angle)]), share * 2 / 7 * math.tan(angle)
-    effects = [E.Gravity(), E.PlaneContact("ball", radius=R, normal=tuple(map(float, n)), friction=mu)]
-    run = tl.simulate(
-        tl.Scene(ball(), [*(R * n), 0, 0, 0, 1], effects=effects), 1.0, accuracy=1e-9, samples_per_second=20
-    )
-    down = np.linalg.norm(run.q[:, :3] - run.q[0, :3], axis=1)
-    slope = 5 / 7 * math.sin(angle) if share > 1 else math.sin(angle) - mu * math.cos(angle)
-    assert np.abs(down - slope * G * run.t**2 / 2).max() < 1e-9
 
 
 @pytest.mark.slow
@@ -256,22 +245,3 @@ def test_a_start_below_the_plane_is_refused() -> None:
     with pytest.raises(tl.errors.SceneError, match="below the plane") as caught:
         tl.simulate(tl.Scene(planar(), [0, -1e-6, 0], effects=[E.Gravity(), E.PlaneContact("body")]), 1.0)
     assert caught.value.where == "q"
-
-
-BAD = [
-    (E.PlaneContact("tp"), "frame", "did you mean 'tip'"),
-    (E.PlaneContact("base"), "frame", "does not move"),
-    (E.PlaneContact("tip", normal=(0.0, 0.0, 0.0)), "normal", "expected a direction"),
-    (E.PlaneContact("tip", normal=(0.0, 1.0)), "normal", "three"),
-    (E.PlaneContact("tip", radius=-1.0), "radius", "at least 0"),
-    (E.PlaneContact("tip", friction=-1.0), "friction", "at least 0"),
-    (E.PlaneContact("tip", friction=float("nan")), "friction", "finite"),
-    (E.PlaneContact("tip", height=float("inf")), "height", "finite"),
-    (E.PlaneContact("tip", restitution=2.0), "restitution", "from 0 to 1"),
-    (E.PlaneContact("tip", point=(0.0, float("nan"), 0.0)), "point", "finite"),
-]
-
-
-@pytest.mark.parametrize(("effect", "where", "part"), BAD)
-def test_contacts_that_are_refused(effect: object, where: str, part: str) -> None:
-    assert_refused(robot("arm"), effect, where, part)

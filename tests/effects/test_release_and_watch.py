@@ -1,14 +1,13 @@
 """What is let go, and events of the user's own."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import twolink as tl
 from tests.effects.bodies import G, kinds, planar, slider, times
-from tests.effects.cases import E, assert_refused, robot
+from tests.effects.cases import E
 
 THROWER = """<robot name="thrower"><link name="ground"/><link name="arm"><inertial><origin xyz="0.5 0 0"/>
 <mass value="2"/><inertia ixx="0.01" iyy="0.2" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -104,13 +103,6 @@ def test_limits_of_effort_begin_and_cease_with_their_effects() -> None:
     assert sorted(kinds(run)) == ["engage", "release"]
 
 
-def test_what_cannot_engage_is_named() -> None:
-    arm = robot("arm")
-    assert_refused(arm, E.Engage(E.Payload("tip", 1.0), at=0.5), "of", "velocities would jump")
-    assert_refused(arm, E.Engage(E.DryFriction({"elbow": 1.0}), at=0.5), "of", "cannot be engaged")
-    assert_refused(arm, E.Engage(E.JointDamping({"elbow": 1.0})), "at", "neither")
-
-
 def test_watching_a_time_a_condition_and_a_function() -> None:
     def kinetic(motion: object) -> object:
         return motion.v[0] * motion.v[0] / 2 - 0.5
@@ -160,52 +152,6 @@ def test_then_must_give_a_state(given: object) -> None:
     scene = tl.Scene(slider(), v=[1.0], effects=[E.Watch("bad", at=0.5, then=given)])
     with pytest.raises(tl.errors.SceneError, match="`then` of 'bad' gave no state"):
         tl.simulate(scene, 1.0)
-
-
-@pytest.mark.some(4)
-@pytest.mark.parametrize("effect", [
-    E.DryFriction({"elbow": 1.0}, {"elbow": 2.0}),
-    E.JointStops({"elbow": (-1.0, math.inf), "shoulder": (-0.5, 0.5)}, 0.25),
-    E.JointStops({"elbow": (-1.5, 1.5)}),
-    E.PlaneContact("tip", (0.1, 0.0, 0.0), 0.05, (0.0, 1.0, 2.0), -3.0, 0.5, 0.25),
-    E.Release(E.Payload("tip", 2.0), at=0.5),
-    E.Release(E.FrameWrench("tip", (0.0, 0.0, 3.0)), when=E.FrameReaches("tip", -0.1, of="velocity")),
-    E.Watch("high", when=E.JointReaches("elbow", 0.3), stop=True),
-    E.Watch("late", at=0.1),
-])  # fmt: skip
-def test_scenes_with_events_are_kept_in_files_and_explained(tmp_path: Path, effect: object) -> None:
-    scene = tl.Scene(robot("arm"), [0.0, 0.0], effects=[E.Gravity(), effect], duration=0.2)
-    again = tl.load_scene(scene.save(tmp_path / "scene.toml"))
-    assert again.effects == scene.effects
-    first, second = (tl.simulate(s, accuracy=1e-6) for s in (scene, again))
-    assert np.array_equal(first.q, second.q)
-    assert first.events == second.events
-    assert type(effect).__name__ in str(tl.explain(scene))
-
-
-BAD = [
-    (E.Release(E.Payload("tip", -1.0), at=1.0), "of.mass", "at least 0"),
-    (E.Release(E.Payload("tip", 1.0)), "at", "neither"),
-    (E.Release(E.Payload("tip", 1.0), at=1.0, when=E.JointReaches("elbow", 1.0)), "at", "both"),
-    (E.Release(E.Payload("tip", 1.0), at=-1.0), "at", "at least 0"),
-    (E.Release(E.Payload("tip", 1.0), when=E.JointReaches("elbw", 1.0)), "when.joint", "did you mean 'elbow'"),
-    (E.Release(E.DryFriction({"elbow": 1.0}), at=1.0), "of", "cannot be released"),
-    (E.Release(3.0, at=1.0), "of", "cannot be released"),
-    (E.Watch("a"), "at", "neither"),
-    (E.Watch("a", at=float("nan")), "at", "finite"),
-    (E.Watch("a", when=E.JointReaches("elbow", float("nan"))), "when.value", "finite"),
-    (E.Watch("a", when=E.JointReaches("elbow", 1.0, of="speed")), "when.of", "unknown"),
-    (E.Watch("a", when=E.FrameReaches("tp", 1.0)), "when.frame", "did you mean 'tip'"),
-    (E.Watch("a", when=E.FrameReaches("tip", 1.0, direction=(0.0, 0.0, 0.0))), "when.direction", "direction"),
-    (E.Watch("a", function=3.0), "function", "expected a function"),
-    (E.Watch("a", function=abs, at=1.0), "function", "beside"),
-    (E.Watch("a", at=1.0, then=3.0), "then", "expected a function"),
-]
-
-
-@pytest.mark.parametrize(("effect", "where", "part"), BAD)
-def test_releases_and_watches_that_are_refused(effect: object, where: str, part: str) -> None:
-    assert_refused(robot("arm"), effect, where, part)
 
 
 def test_a_release_and_an_impact() -> None:
