@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
+from tests.effects.bodies import ball, slider
 from twolink.algorithms.motion import KinematicState
 from twolink.errors import SceneError
 from twolink.hard.cases.loops import hanging_four_bars
@@ -12,9 +13,6 @@ from twolink.integrate.motion.formulas import effect_loads
 from twolink.integrate.motion.scene_equations import equations_of
 
 fx = tl.effects
-BALL = """<robot name="b"><link name="ground"/><joint name="f" type="floating"><parent link="ground"/>
-<child link="ball"/></joint><link name="ball"><inertial><mass value="2"/><inertia ixx="0.008" iyy="0.008" izz="0.008"
-ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
 
 
 def arm(*effects: fx.Effect) -> tl.Scene:
@@ -27,9 +25,12 @@ SCENES = {
         fx.JointStops({"elbow": (-0.2, 1.0)}, 0.5)),
     "a payload that is let go, and a table": lambda: arm(
         fx.Release(fx.Payload("tip", 2.0), at=0.5), fx.Torque({"elbow": fx.Sampled((0.0, 0.3, 2.0), (1.0, 2.0, 3.0))})),
+    "a limited motor, friction and stops": lambda: tl.Scene(slider(), duration=4.0, effects=[
+        fx.JointPD({"x": fx.Sine(2.0, 1.5)}, {"x": 30.0}, {"x": 0.5}, effort={"x": 3.0}), fx.DryFriction({"x": 0.7}),
+        fx.JointStops({"x": (-1.0, 0.8)}, restitution=0.4)]),
     "a limited motor": lambda: arm(fx.JointPD({"shoulder": 0.0}, {"shoulder": 90.0}, effort={"shoulder": 30.0})),
     "a ball that bounces, slides and rolls": lambda: tl.Scene(
-        tl.load_robot(BALL), [0, 0, 0.3, 0, 0, 0, 1], [3, 1, 0, 5, -20, 7], duration=2.0,
+        ball(), [0, 0, 0.3, 0, 0, 0, 1], [3, 1, 0, 5, -20, 7], duration=2.0,
         effects=[fx.Gravity(), fx.AirDrag("ball", 0.03), fx.PlaneContact("ball", radius=0.1, friction=0.2,
                                                                         restitution=0.3)]),
     "crank-spring": lambda: tl.load_scene("crank-spring"),

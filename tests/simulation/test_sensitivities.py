@@ -166,10 +166,8 @@ def test_numbers_of_effects_agree_with_scenes_that_have_others(case: str) -> Non
     effect, path = EFFECTS[case]
     scene = tl.Scene(tl.load_robot("two_link"), [0.2, 0.4], [0.3, -1.0], [tl.effects.Gravity(), effect])
     name = f"effects.1.{path}"
-    s, value = (
-        tl.sensitivities(scene, wrt=[name], duration=0.5, accuracy=1e-8, samples_per_second=20),
-        effect_numbers(scene)[name],
-    )
+    s = tl.sensitivities(scene, wrt=[name], duration=0.5, accuracy=1e-8, samples_per_second=20)
+    value = effect_numbers(scene)[name]
 
     def changed(shift: float) -> tl.Scene:
         return scene.with_effects([tl.effects.Gravity(), with_number(effect, path.split("."), value + shift)])

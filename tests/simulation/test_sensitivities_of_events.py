@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.effects.bodies import planar
 from tests.simulation.test_sensitivities import TWO, differences, moved, require_within_bars
 from twolink import effects as fx
 from twolink.effects.conditions import FrameReaches, JointReaches
@@ -16,15 +17,6 @@ GRAVITY = fx.Gravity()
 LOAD = fx.Payload("forearm", 1.0, (0.0, 0.0, 0.3))
 CONTACT = ["1.friction", "1.restitution"]
 SINE = fx.Torque({"elbow": fx.Sine(2.0, 5.0)})
-DISK = tl.load_robot("""<robot name="disk"><link name="rail"/><link name="post"/><link name="lift"/>
-<link name="disk"><inertial><mass value="2"/>
-<inertia ixx="0.02" iyy="0.04" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="x" type="prismatic"><parent link="rail"/><child link="post"/><axis xyz="1 0 0"/>
-<limit lower="-99" upper="99" effort="1" velocity="1"/></joint>
-<joint name="z" type="prismatic"><parent link="post"/><child link="lift"/><axis xyz="0 0 1"/>
-<limit lower="-99" upper="99" effort="1" velocity="1"/></joint>
-<joint name="turn" type="revolute"><parent link="lift"/><child link="disk"/><axis xyz="0 1 0"/>
-<limit lower="-99" upper="99" effort="1" velocity="1"/></joint></robot>""")
 
 
 def arm(*effects: tl.effects.Effect) -> tl.Scene:
@@ -33,8 +25,8 @@ def arm(*effects: tl.effects.Effect) -> tl.Scene:
 
 def disk(height: float, **contact: float) -> tl.Scene:
     """A disk that falls beside a plane."""
-    contacts = [GRAVITY, fx.PlaneContact("disk", radius=0.2, **contact)]
-    return tl.Scene(DISK, [0.0, 0.2 + height, 0.0], [1.0, 0.0, -3.0], contacts)
+    contacts = [GRAVITY, fx.PlaneContact("body", radius=0.2, **contact)]
+    return tl.Scene(planar(0.02), [0.0, 0.2 + height, 0.0], [1.0, 0.0, 3.0], contacts)
 
 
 def touching(shape: AnyShape, other: AnyShape | None = None) -> tl.Scene:

@@ -1,6 +1,6 @@
 """simulate: reference values, exact cases, energy, error bars that hold, samples, refusals."""
 
-import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -11,8 +11,6 @@ from twolink.errors import AccuracyError, QueryError, SceneError
 from twolink.integrate.steps.methods import METHODS
 from twolink.lagrange.check import arm_urdf
 
-BOX = """<robot name="box"><link name="body"><inertial><mass value="10"/><inertia ixx="0.80833333333333333"
-iyy="0.68333333333333333" izz="0.14166666666666667" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
 PENDULUM = """<robot name="pendulum"><link name="base"/><link name="bob"><inertial><origin xyz="0 0 -1"/>
 <mass value="1"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="pivot" type="{kind}"><parent link="base"/><child link="bob"/><axis xyz="0 1 0"/>
@@ -45,7 +43,6 @@ def test_pendulum_is_within_its_error_bar_of_the_exact_one(kind: str, accuracy: 
     run = tl.simulate(tl.Scene(robot, q, effects=GRAVITY), duration=10, accuracy=accuracy)
     angle = run.q[:, 0] if kind == "revolute" else np.unwrap(np.arctan2(run.q[:, 1], run.q[:, 0]))
     error = np.abs(angle - pendulum_angle(run.t, start))
-    assert run.error is not None
     assert error.max() <= accuracy
     assert np.all(error <= run.error + 1e-13)
     if kind == "continuous":
@@ -64,19 +61,8 @@ def test_double_pendulum_of_rods() -> None:
         np.testing.assert_allclose(absolute, expected, rtol=0, atol=1e-8)
 
 
-def test_torque_free_top_turns_over() -> None:
-    """Dzhanibekov: angular velocity after 1 s, momentum and energy constant, the quaternion stays unit."""
-    robot = tl.load_robot(BOX, root="free")
-    start = [0, 0, 0, 0.1, 5.0, 0.1]
-    run = tl.simulate(tl.Scene(robot, v=start), duration=1, accuracy=1e-10)
-    expected = [3.4237984415545984, 2.8191854383979654, 3.9283844494670332]
-    np.testing.assert_allclose(run.v[-1, 3:], expected, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(np.linalg.norm(run.q[:, 3:], axis=1), 1, rtol=0, atol=1e-15)
-    assert np.ptp(run.energy) < 1e-9
-
-
 def test_a_thrown_body_flies_a_parabola_and_a_bare_scene_flies_straight() -> None:
-    robot = tl.load_robot(BOX, root="free")
+    robot = tl.load_robot("spinning_box", root="free")
     v = [3.0, 0, 4.0, 0.2, 0.1, 0.3]
     fallen = tl.simulate(tl.Scene(robot, v=v, effects=GRAVITY), duration=1.5, accuracy=1e-10)
     straight = tl.simulate(tl.Scene(robot, v=v), duration=1.5, accuracy=1e-10)
@@ -115,7 +101,6 @@ def test_not_verified_is_none_and_cheaper() -> None:
     scene = tl.load_scene("arm-swing")
     run = tl.simulate(scene, 1.0, verify=False)
     assert run.error is None
-    assert run.cost is not None
     assert run.cost.verify_seconds == 0
     assert "not verified" in repr(run)
 
@@ -125,7 +110,6 @@ def test_every_method_keeps_the_accuracy(method: str) -> None:
     run = tl.simulate(tl.load_scene("arm-swing"), 2.0, accuracy=1e-5, method=method)
     reference = tl.simulate(tl.load_scene("arm-swing"), 2.0, accuracy=1e-10)
     assert np.abs(run.q - reference.q).max() < 1e-5
-    assert run.cost is not None
     assert run.cost.method == method
     assert run.cost.evaluations > run.cost.steps > 0
 
@@ -147,7 +131,6 @@ def test_rest_at_an_unstable_equilibrium_is_refused() -> None:
     with pytest.raises(AccuracyError, match="cannot be kept in double precision"):
         tl.simulate(scene, 20.0, accuracy=1e-3, samples_per_second=1, precision="double")
     worlds = tl.simulate_many(scene, duration=20.0, accuracy=0.1)
-    assert worlds.within_accuracy is not None
     assert not worlds.within_accuracy.any()
 
 
@@ -209,17 +192,20 @@ def test_a_scene_does_not_change_its_robot() -> None:
         scene.q[0] = 1
 
 
-def test_a_method_that_collapses_says_so() -> None:
-    """A gravity field of 1e200 m/s^2 overflows: the answer is an error with the time, not a number."""
-    scene = tl.Scene(tl.load_robot("two_link"), effects=[tl.effects.Gravity((0.0, 0.0, -1e200))])
-    with pytest.raises(AccuracyError, match="t = "), np.errstate(all="ignore"):
-        tl.simulate(scene, 1.0)
+OVERFLOWS = {
+    "a field of 1e200 m/s^2": ({"effects": [tl.effects.Gravity((0.0, 0.0, -1e200))]}, {}, "t = "),
+    "a series that ends at once": ({"effects": [tl.effects.Torque({"elbow": 1e300})]}, {"method": "taylor"},
+                                   r"^t = 0 s: the state is not finite"),
+    "speeds": ({"v": [1e200, -1e200]}, {}, "not finite"),
+}  # fmt: skip
 
 
-def test_a_series_that_ends_at_once_says_when() -> None:
-    scene = tl.Scene(tl.load_robot("two_link"), effects=[tl.effects.Torque({"elbow": 1e300})])
-    with pytest.raises(AccuracyError, match=r"^t = 0 s: the state is not finite"), np.errstate(all="ignore"):
-        tl.simulate(scene, 1.0, method="taylor")
+@pytest.mark.parametrize("case", OVERFLOWS)
+def test_motions_that_overflow_end_in_an_error_with_the_time(case: str) -> None:
+    """Not in a number, nor in a loop."""
+    given, options, part = OVERFLOWS[case]
+    with pytest.raises(AccuracyError, match=part), np.errstate(all="ignore"):
+        tl.simulate(tl.Scene(tl.load_robot("two_link"), **given), 1.0, **options)
 
 
 def test_interrupt_keeps_what_is_done() -> None:
@@ -237,16 +223,9 @@ def test_interrupt_keeps_what_is_done() -> None:
 def test_runs_in_threads_do_not_mix() -> None:
     scene = tl.load_scene("arm-swing")
     alone = tl.simulate(scene, 1.0, verify=False)
-    results: list[np.ndarray] = []
-    threads = [
-        threading.Thread(target=lambda: results.append(tl.simulate(scene, 1.0, verify=False).q)) for _ in range(6)
-    ]
-    for t in threads:
-        t.start()
-    for t in threads:
-        t.join()
-    assert len(results) == 6
-    assert all(np.array_equal(q, alone.q) for q in results)
+    with ThreadPoolExecutor(6) as pool:
+        for run in pool.map(lambda _: tl.simulate(scene, 1.0, verify=False), range(6)):
+            assert np.array_equal(run.q, alone.q)
 
 
 def test_chaos_is_refused_whatever_is_asked() -> None:
@@ -255,12 +234,6 @@ def test_chaos_is_refused_whatever_is_asked() -> None:
     for accuracy in (1e-6, 1e-11, 1e-12, 1e-13, 1e-14):
         with pytest.raises(AccuracyError):
             tl.simulate(scene, 40.0, accuracy=accuracy, samples_per_second=10, precision="double")
-
-
-def test_speeds_that_overflow_end_in_an_error_not_in_a_loop() -> None:
-    scene = tl.Scene(tl.load_robot("two_link"), v=[1e200, -1e200])
-    with pytest.raises(AccuracyError, match="not finite"):
-        tl.simulate(scene, 1.0)
 
 
 def test_interrupting_the_second_solution_says_so() -> None:
@@ -283,4 +256,3 @@ def test_wrong_types_are_named() -> None:
     for field in ("abc", 5, (0.0, 0.0)):
         with pytest.raises(SceneError, match="3 finite numbers"):
             tl.effects.Gravity(field)
-    assert tl.simulate(tl.load_scene("arm-swing"), 0.1, accuracy=np.float32(1e-3)).error is not None

@@ -22,29 +22,19 @@ def test_worlds_agree_with_single_runs_within_their_bars() -> None:
     scene = tl.load_scene("arm-swing")
     q = starts(20)
     worlds = tl.simulate_many(scene, q=q, duration=3.0, accuracy=1e-7)
-    assert worlds.error is not None
-    assert worlds.within_accuracy is not None
     assert worlds.within_accuracy.all()
     for i, start in enumerate(q):
         alone = tl.simulate(tl.Scene(tl.load_robot("two_link"), start, effects=scene.effects), 3.0, accuracy=1e-11)
         assert np.abs(worlds.q[i] - alone.q[-1]).max() <= worlds.error[i] <= 1e-7
 
 
-def test_a_worlds_bits_do_not_depend_on_the_others() -> None:
-    scene, q = tl.load_scene("arm-swing"), starts(40)
+def test_a_worlds_bits_do_not_depend_on_the_others_nor_on_their_number() -> None:
+    scene, q = tl.load_scene("arm-swing"), np.random.default_rng(4).uniform(-1, 1, (100, 2))
     whole = tl.simulate_many(scene, q=q, duration=2.0, verify=False)
-    for part in (slice(0, 1), slice(3, 12), slice(17, 40)):
+    for part in (slice(3, 12), slice(17, 40), *map(slice, (1, 8, 17, 40, 64))):
         few = tl.simulate_many(scene, q=q[part], duration=2.0, verify=False)
         assert np.array_equal(few.q, whole.q[part])
         assert np.array_equal(few.v, whole.v[part])
-
-
-def test_a_worlds_bits_do_not_depend_on_the_number_of_worlds() -> None:
-    scene, q = tl.load_scene("arm-swing"), np.random.default_rng(4).uniform(-1, 1, (100, 2))
-    whole = tl.simulate_many(scene, q=q, duration=1.0, verify=False)
-    for count in (1, 8, 17, 40, 64):
-        part = tl.simulate_many(scene, q=q[:count], duration=1.0, verify=False)
-        assert np.array_equal(part.q, whole.q[:count])
 
 
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-6])
@@ -52,7 +42,6 @@ def test_worlds_that_are_solved_again_do_not_depend_on_the_others(accuracy: floa
     scene, q = tl.load_scene("arm-swing"), np.random.default_rng(6).uniform(-2, 2, (40, 2))
     whole = tl.simulate_many(scene, q=q, accuracy=accuracy)
     once = tl.simulate_many(scene, q=q, accuracy=accuracy, verify=False)
-    assert whole.error is not None
     assert (whole.q != once.q).any(axis=1).sum() > 10  # solved again
     for part in (slice(0, 1), slice(3, 12), slice(17, 40)):
         few = tl.simulate_many(scene, q=q[part], accuracy=accuracy)
@@ -79,10 +68,8 @@ def test_bars_of_many_worlds_hold_at_many_accuracies(name: str) -> None:
     scene = tl.Scene(robot, effects=[tl.effects.Gravity()], duration=10.0 if name == "two_link" else 1.0)
     q = robot.random_state(300, seed=3)[0] * (2.0 / np.pi if name == "two_link" else 1.0)
     truth, judged = tl.simulate_many(scene, q=q, accuracy=1e-11), 0
-    assert truth.error is not None
     for accuracy in (1e-3, 1e-4, 1e-6, 1e-8, 1e-9):
         worlds, known = tl.simulate_many(scene, q=q, accuracy=accuracy), truth.error < accuracy / 100
-        assert worlds.error is not None
         error = np.abs(robot.difference(truth.q, worlds.q)).max(axis=1)
         assert (error <= worlds.error + truth.error)[known].all()
         judged += int(known.sum())
@@ -95,21 +82,7 @@ def test_error_bars_of_worlds_hold() -> None:
     scene = tl.load_scene("arm-swing")
     rough = tl.simulate_many(scene, q=q, v=v, duration=2.0, accuracy=1e-3)
     fine = tl.simulate_many(scene, q=q, v=v, duration=2.0, accuracy=1e-9)
-    assert rough.error is not None
     assert (np.abs(rough.q - fine.q).max(axis=1) <= rough.error).all()
-
-
-def test_parameters_differ_by_world() -> None:
-    """Each world has a forearm of its own mass: the hand-derived equations give each one's energy, which is kept."""
-    mass = np.linspace(0.5, 3.0, 9)
-    scene = tl.load_scene("arm-swing")
-    worlds = tl.simulate_many(scene, parameters={"forearm.mass": mass}, duration=4.0, accuracy=1e-9)
-    assert worlds.error is not None
-    assert worlds.error.max() <= 1e-9
-    nominal = tl.simulate(scene, 4.0, accuracy=1e-10)
-    own = tl.simulate_many(scene, parameters={"forearm.mass": 1.0}, duration=4.0, accuracy=1e-9)
-    np.testing.assert_allclose(own.q[0], nominal.q[-1], rtol=0, atol=1e-9)
-    assert np.ptp(worlds.q, axis=0).min() > 0.1
 
 
 def test_samples_on_the_way() -> None:
@@ -129,7 +102,6 @@ def test_a_lost_world_is_nan_and_the_others_go_on() -> None:
     v = np.zeros((9, 2))
     v[4] = 1e200
     worlds = tl.simulate_many(tl.load_scene("arm-swing"), v=v, duration=1.0)
-    assert worlds.error is not None
     assert np.isnan(worlds.q[4]).all()
     assert np.isnan(worlds.error[4])
     others = np.delete(np.arange(9), 4)
@@ -199,7 +171,6 @@ def test_a_bar_holds_where_an_error_is_not_in_proportion_to_the_tolerance() -> N
     scene, start = tl.load_scene("arm-swing"), [0.08690058790446842, -0.4605889701952244]
     worlds = tl.simulate_many(scene, q=[start], duration=10.0)
     reference, doubt = extended_reference(tl.Scene(scene.base, start, effects=scene.effects), np.array([0.0, 10.0]))
-    assert worlds.error is not None
     assert doubt[-1] <= 0.01 * worlds.error[0]
     assert np.abs(worlds.q[0] - reference[-1]).max() <= worlds.error[0] <= 1e-6
 
@@ -210,7 +181,6 @@ def test_worlds_out_of_reach_are_not_solved_again() -> None:
     q = np.tile([-np.pi / 2, 0.0], (5, 1))
     worlds = tl.simulate_many(scene, q=q, v=v, duration=30.0)
     once = tl.simulate_many(scene, q=q, v=v, duration=30.0, verify=False)
-    assert worlds.within_accuracy is not None
     assert worlds.within_accuracy.tolist() == [True, False, True, False, True]
     assert worlds.steps[[1, 3]].tolist() == once.steps[[1, 3]].tolist()
 
@@ -270,14 +240,3 @@ def test_worlds_are_a_table_a_figure_and_html(swings: tl.Worlds, tmp_path: Path)
     np.testing.assert_array_equal(drawn[1].collections[0].get_segments()[2][:, 1], swings[2].q[:, 1])
     assert swings.plot(tmp_path / "worlds.png").stat().st_size > 10_000
     assert "forearm.mass</td><td>1</td><td>1.5</td><td>2</td>" in swings._repr_html_()
-
-
-def test_worlds_that_events_end_are_drawn_up_to_there() -> None:
-    ball = tl.load_scene("bouncing-ball")
-    stop = tl.effects.Watch("low", when=tl.effects.JointReaches("height", 0.5), stop=True)
-    scene = tl.Scene(ball.base, ball.q, ball.v, [*ball.effects, stop], 1.0)
-    worlds = tl.simulate_many(scene, q=[[1.0], [0.7]], accuracy=1e-6, samples_per_second=50)
-    one = worlds[1]
-    assert one.t[-1] == worlds.ends[1] == pytest.approx((0.4 / 9.81) ** 0.5, abs=1e-9)
-    assert np.isfinite(one.q).all()
-    assert one.q[-1, 0] == pytest.approx(0.5, abs=1e-9)

@@ -59,20 +59,6 @@ def test_it_stands_at_an_event_or_at_the_limit() -> None:
         assert sim.t == pytest.approx((math.sqrt(2.2) - 1.0) / 2.0 + 0.5)
 
 
-@pytest.mark.parametrize("verify", [False, True])
-def test_what_was_saved_goes_on_with_the_same_bits(verify: bool) -> None:
-    sim = tl.Simulation(SWING, verify=verify)
-    sim.step(0.3, [1.0, -1.0])
-    saved = sim.save()
-    first = [sim.step(0.01).q.copy() for _ in range(20)], sim.error
-    sim.step(1.0, [5.0, 5.0])
-    for _ in range(2):
-        sim.restore(saved)
-        again = [sim.step(0.01).q.copy() for _ in range(20)], sim.error
-        np.testing.assert_array_equal(first[0], again[0])
-        assert first[1] == again[1] or not verify
-
-
 def test_another_state_begins_anew() -> None:
     sim = tl.Simulation(SWING, verify=True)
     sim.step(1.0, [3.0, 1.0])

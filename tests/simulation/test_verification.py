@@ -44,8 +44,14 @@ def best(scene: tl.Scene, duration: float, accuracy: float, method: str, samples
 def near_the_limit(scene: tl.Scene, duration: float, method: str, samples: float) -> tl.Trajectory:
     """A run at 1.1 times what a refused run reached."""
     refused = best(scene, duration, 1e-15, method, samples)
-    assert refused.error is not None
     return best(scene, duration, 1.1 * float(refused.error[-1]), method, samples)
+
+
+def assert_within_bars(scene: tl.Scene, run: tl.Trajectory, *, quad: bool = False) -> None:
+    """By 19 digits, or by 33: beside an equilibrium two solutions of 19 digits may round alike."""
+    reference, doubt = extended_reference(scene, run.t, quad=quad)
+    assert (doubt <= 0.1 * run.error)[1:].all() or (quad and doubt.max() < 1e-10)
+    assert (truths.distance(scene.robot, run.q.astype(np.longdouble), reference) <= run.error)[1:].all()
 
 
 def double_pendulum(seed: int) -> tuple[tl.Scene, float]:
@@ -61,12 +67,7 @@ def test_bars_of_double_pendulums_hold_near_the_limit(method: str, seed: int) ->
     """Against 19 digits of another tolerance. With second solutions in double precision these were 2.7 to 10 times
     too small."""
     scene, duration = double_pendulum(seed)
-    run = near_the_limit(scene, duration, method, 20)
-    reference, doubt = extended_reference(scene, run.t)
-    true = truths.distance(scene.robot, run.q.astype(np.longdouble), reference)
-    assert run.error is not None
-    assert (doubt <= 0.1 * run.error)[1:].all()
-    assert (true <= run.error)[1:].all()
+    assert_within_bars(scene, near_the_limit(scene, duration, method, 20))
 
 
 @pytest.mark.slow
@@ -76,13 +77,11 @@ def test_bars_of_double_pendulums_hold_near_the_limit(method: str, seed: int) ->
                                                            ("dop853", 1.1232, 3260.0)])  # fmt: skip
 def test_bars_of_pendulums_hold_over_an_hour(method: str, start: float, duration: float) -> None:
     """Against Jacobi's elliptic functions: I = 1/2 kg m^2, m g c = G / 2."""
-    robot = tl.load_robot(PENDULUM.format(kind="revolute", com=-0.5, inertia=0.25, limit=LIMIT))
-    scene = tl.Scene(robot, [start], effects=[tl.effects.Gravity((0.0, 0.0, -G))])
+    scene, w0 = upright(start, 1.0, 0.5, 0.25, G)
     run = near_the_limit(scene, duration, method, 0.1)
     some = np.linspace(1, len(run.t) - 1, 30).astype(int)
     track = StateHistory(run.t[some], run.q[some], run.v[some])
-    error = truths.configuration_error(truths.swing(start, math.sqrt(G)))(robot, track)
-    assert run.error is not None
+    error = truths.configuration_error(truths.swing(start, w0))(scene.robot, track)
     assert (error <= run.error[some]).all()
 
 
@@ -91,7 +90,6 @@ def test_the_bar_of_a_swing_whose_samples_are_in_step_with_it() -> None:
     (scene, w0), duration = upright(2.854, mass=0.75, length=0.625, inertia=0.1875, g=9.9375), 321.861
     run = best(scene, duration, 1.0753e-9, "dop853", 60 / duration)
     error = truths.configuration_error(truths.swing(2.854, w0))(scene.robot, StateHistory(run.t, run.q, run.v))
-    assert run.error is not None
     assert (error <= run.error).all()
 
 
@@ -109,7 +107,6 @@ def test_the_bar_of_a_pendulum_that_turns_freely(many: bool) -> None:
         q, bar = run.q[-1:], None if run.error is None else run.error[-1:]
     reference, doubt = extended_reference(scene, np.array([0.0, duration]))
     true = truths.distance(robot, q.astype(np.longdouble), reference[-1:])
-    assert bar is not None
     assert doubt[-1] <= 1e-3 * bar
     assert true <= bar <= 1e-9
 
@@ -121,7 +118,6 @@ def test_bars_of_many_worlds_hold_near_the_limit() -> None:
     q, v = random.uniform(-3, 3, (60, 2))[:30], random.uniform(-3, 3, (60, 2))[:30]
     scene = tl.load_scene("arm-swing")
     worlds = tl.simulate_many(scene, q=q, v=v, duration=20.0, accuracy=1e-12)
-    assert worlds.error is not None
     sure = 0
     for i in range(len(q)):
         start = tl.Scene(scene.robot, q[i], v[i], effects=scene.effects)
@@ -150,7 +146,6 @@ def test_the_bar_of_an_elastic_ball(height: float, duration: float, accuracy: fl
     fall = np.sqrt(2 * np.longdouble(height) / 9.75)
     since_top = np.mod(run.t.astype(np.longdouble) + fall, 2 * fall) - fall
     true = np.abs(run.q[:, 0] - (height - 9.75 * since_top**2 / 2)).astype(float)
-    assert run.error is not None
     assert (true <= run.error)[1:].all()
     assert run.error[-1] <= accuracy
 
@@ -161,14 +156,6 @@ def upright(start: float, mass: float, length: float, inertia: float, g: float) 
     robot = tl.load_robot(text.format(kind="revolute", com=-length, inertia=inertia, limit=LIMIT))
     w0 = math.sqrt(mass * length * g / (inertia + mass * length**2))
     return tl.Scene(robot, [start], effects=[tl.effects.Gravity((0.0, 0.0, -g))]), w0
-
-
-def true_error(scene: tl.Scene, run: tl.Trajectory) -> np.ndarray:
-    """By 33 digits: beside an equilibrium two solutions of 19 digits may round alike."""
-    reference, doubt = extended_reference(scene, run.t, quad=True)
-    assert run.error is not None
-    assert (doubt <= 0.1 * run.error)[1:].all() or doubt.max() < 1e-10
-    return truths.distance(scene.robot, run.q.astype(np.longdouble), reference)
 
 
 def test_steps_whose_rounding_has_a_mean_are_in_the_bar() -> None:
@@ -184,7 +171,6 @@ def test_steps_whose_rounding_has_a_mean_are_in_the_bar() -> None:
         samples_per_second=60 / 1279.099,
     )
     error = truths.configuration_error(truths.swing(0.213, w0))(scene.robot, StateHistory(run.t, run.q, run.v))
-    assert run.error is not None
     assert (error <= run.error)[1:].all()
     assert run.error[-1] < 3e-12
 
@@ -234,8 +220,7 @@ def test_one_solution_shows_both_errors_where_that_is_enough(
 def test_rounding_of_a_pendulum_that_topples_is_in_the_bar(method: str) -> None:
     """2.3e-9 rad from upright: a perturbed start of the second solution cancelled the error, whose bar was a 40th."""
     scene, _ = upright(math.pi - 2.3e-9, 1.25, 0.5, 0.125, G)
-    run = best(scene, 5.963, 2.6e-5, method, 20)
-    assert (true_error(scene, run) <= run.error)[1:].all()
+    assert_within_bars(scene, best(scene, 5.963, 2.6e-5, method, 20), quad=True)
 
 
 @pytest.mark.some(2)
@@ -245,16 +230,14 @@ def test_steps_resolve_a_pendulum_that_topples(method: str, start: float, durati
     """While it is nearer to upright than the tolerance, no tolerance tells how steps must be: bars were 72 times too
     small."""
     scene, _ = upright(start, 1.0, 0.6, 0.1, 9.75)
-    run = best(scene, duration, 1.2573e-5, method, 20)
-    assert (true_error(scene, run) <= run.error)[1:].all()
+    assert_within_bars(scene, best(scene, duration, 1.2573e-5, method, 20), quad=True)
 
 
 @pytest.mark.parametrize("method", ["scipy-lsoda", "scipy-radau"])
 def test_solvers_of_scipy_resolve_it_from_nearer_than_their_tolerance(method: str) -> None:
     """Errors of LSODA were up to 90 times their bars: no tolerance shortened its steps at the start."""
     scene, _ = upright(math.pi - 1.2e-11, 1.0, 0.6, 0.1, 9.75)
-    run = best(scene, 5.5, 1e-3, method, 8)
-    assert (true_error(scene, run) <= run.error)[1:].all()
+    assert_within_bars(scene, best(scene, 5.5, 1e-3, method, 8), quad=True)
 
 
 @pytest.mark.parametrize("seed", [0, 3])
@@ -263,8 +246,7 @@ def test_taylors_orders_are_far_enough_apart(seed: int) -> None:
     theta, rate = (2.30434, 0.84943) if seed == 0 else (1.9, -0.4)
     robot = tl.load_robot(PENDULUM.format(kind="continuous", com=-0.5, inertia=0.25, limit=""))
     scene = tl.Scene(robot, [math.cos(theta), math.sin(theta)], [rate], effects=[tl.effects.Gravity((0.0, 0.0, -G))])
-    run = best(scene, 36.333, 1e-9, "taylor", 5)
-    assert (true_error(scene, run) <= run.error)[1:].all()
+    assert_within_bars(scene, best(scene, 36.333, 1e-9, "taylor", 5), quad=True)
 
 
 @pytest.mark.parametrize("method", ["dop853", "esdirk43", "rk45"])
@@ -276,7 +258,6 @@ def test_states_between_few_samples_are_within_the_next_bar(method: str, seed: i
     times = np.unique(np.append(0.0, np.random.default_rng(seed).uniform(0.0, 4.0, 200)))
     reference, doubt = extended_reference(scene, times)
     true = truths.distance(scene.robot, run.at(times)[0].astype(np.longdouble), reference)
-    assert run.error is not None
     assert doubt.max() < 0.01 * accuracy
     assert (true <= run.error[np.searchsorted(run.t, times)])[1:].all()
 
@@ -291,12 +272,9 @@ def test_truncation_and_rounding_are_shown_apart(method: str) -> None:
     reference, _ = extended_reference(scene, times)
     rough = verification(MethodChoice(METHODS[method], 1e-6, ""))
     true = np.abs(rough.solution.x[:2].T - reference).max(axis=1).astype(float)
-    assert rough.truncation is not None
-    assert rough.rounding is not None
     assert rough.rounding.max() < 1e-4 * rough.truncation.max()
     assert 2.0 < rough.truncation.max() / true.max() < 3.0
     fine = verification(MethodChoice(METHODS[method], 1e-14, ""))
-    assert fine.rounding is not None
     true = np.abs(fine.solution.x[:2].T - reference).max(axis=1).astype(float)
     assert true.max() < fine.rounding.max() < 300 * true.max()
 
@@ -305,8 +283,6 @@ def test_rounding_of_more_digits_is_apart_from_truncation() -> None:
     """Disturbed solutions whose steps ended elsewhere than those of the run showed its truncation as rounding."""
     equations, times = equations_of(double_pendulum(1)[0]), np.linspace(0.0, 5.0, 42)
     one = Verification(equations, times, np.arange(42), 0.0)(MethodChoice(METHODS["taylor"], 1e-9, "", "extended"))
-    assert one.truncation is not None
-    assert one.rounding is not None
     assert 0.0 < one.rounding.max() < 1e-3 * one.truncation.max()
 
 
@@ -315,13 +291,10 @@ def test_more_digits_come_by_themselves() -> None:
     exact = tl.simulate(scene, 1.0, accuracy=1e-42, precision="quad")
     for accuracy, precision in ((1e-20, "extended"), (1e-31, "quad")):
         run = tl.simulate(scene, 1.0, accuracy=accuracy)
-        assert run.cost is not None
         assert run.cost.precision == precision
-        assert run.error is not None
         assert run.error[-1] <= accuracy
         assert (np.abs(run.precise - exact.precise)[:, :2].max(axis=1).astype(float) <= run.error)[1:].all()
     between = tl.simulate(scene, 3.0, accuracy=3e-15)
-    assert between.cost is not None
     assert between.cost.precision == "extended"
     assert "16 digits" in between.cost.why
 
@@ -351,12 +324,7 @@ def test_patience_ends_a_search_with_the_best_run() -> None:
 def test_bars_hold_where_rounding_is_measured(method: str, accuracy: float, seed: int) -> None:
     """The tolerance is 2e-11, where rounding is small in most motions; against 19 digits."""
     scene, duration = double_pendulum(seed)
-    run = best(scene, duration, accuracy, method, 20)
-    reference, doubt = extended_reference(scene, run.t)
-    true = truths.distance(scene.robot, run.q.astype(np.longdouble), reference)
-    assert run.error is not None
-    assert (doubt <= 0.1 * run.error)[1:].all()
-    assert (true <= run.error)[1:].all()
+    assert_within_bars(scene, best(scene, duration, accuracy, method, 20))
 
 
 def test_a_bar_that_another_run_refutes_is_not_told() -> None:
@@ -377,7 +345,6 @@ def test_a_bar_that_another_run_refutes_is_not_told() -> None:
     search = Refinement(equations_of(scene), 1e-12)
     search.seen(choice, replace(coarse, accuracy=1e-12))
     search.seen(choice, replace(fine, accuracy=1e-12))
-    assert search.best is not None
     np.testing.assert_array_equal(search.best.error, fine.error)
 
 
