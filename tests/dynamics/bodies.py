@@ -61,12 +61,7 @@ class Bodies:
     def __init__(self, robot: tl.Robot, q: Array, v: Array) -> None:
         model = self.model = robot.model
         self.v, self.gravity = v, np.r_[model.gravity.linear, np.zeros(3)]
-        self.turns, self.origins, self.jacobians, self.drifts = (
-            [np.eye(3)],
-            [np.zeros(3)],
-            [np.zeros((6, model.nv))],
-            [],
-        )
+        self.turns, self.origins, self.jacobians = [np.eye(3)], [np.zeros(3)], [np.zeros((6, model.nv))]
         self.drifts = [np.zeros(6)]  # accelerations that come from velocities alone
         self.inertias = [body.matrix() for body in model.inertias]
         for i in range(1, model.njoints):

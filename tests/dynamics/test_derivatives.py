@@ -9,13 +9,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from tests.dynamics.test_recursions import FOLLOWERS, ROBOTS, Case, close, make
+from tests.dynamics.robots import FOLLOWERS
+from tests.dynamics.test_recursions import ROBOTS, Case, close, make
 from twolink.algorithms import derivatives, recursions
 from twolink.algorithms.factors import ldlt, ldlt_inverse
 from twolink.algorithms.mechanism import Mechanism, mechanism, nominal, single_bodies
-from twolink.algorithms.tape import Tape
 from twolink.errors import QueryError
-from twolink.native.machine import Program, assembled
 
 STATES = 4
 STEP = 1e-6
@@ -113,19 +112,6 @@ def test_damping_enters_where_it_was_asked_for() -> None:
     assert (damped[2] == plain[2]).all()
 
 
-def test_the_two_are_inverse_to_each_other(case: Case) -> None:
-    """da/dq = -M^-1 d tau/dq at the same motion, and M^-1 M = 1."""
-    mech = mechanism(case.model)
-    tau = case.dense(recursions.rnea(mech, case.q, case.v, case.a, None, np))
-    by_q, by_v, matrix = map(case.dense, derivatives.inverse_dynamics_derivatives(mech, case.q, case.v, case.a, np))
-    a_q, a_v, inverse = map(case.dense, derivatives.forward_dynamics_derivatives(mech, case.q, case.v, tau, np))
-    condition = np.linalg.cond(np.moveaxis(matrix, -1, 0))
-    close(np.einsum("ijn,jkn->ikn", matrix, a_q), -by_q, 1e-11 * condition)
-    close(np.einsum("ijn,jkn->ikn", matrix, a_v), -by_v, 1e-11 * condition)
-    identity = np.repeat(np.eye(mech.nv)[..., None], case.count, axis=-1)
-    close(np.einsum("ijn,jkn->ikn", matrix, inverse), identity, 1e-13 * condition)
-
-
 def test_branches_do_not_touch() -> None:
     """Entries between branches are constants, not computed zeros, as are those of a sparse factor."""
     model = make("anymal")
@@ -153,18 +139,3 @@ def test_mimic_joints_are_refused() -> None:
     for function in (derivatives.inverse_dynamics_derivatives, derivatives.forward_dynamics_derivatives):
         with pytest.raises(QueryError, match="derivatives are not available for mimic joints"):
             function(mech, case.q, case.v, case.a, np)
-
-
-@pytest.mark.parametrize("name", ["arm", "panda"])
-@pytest.mark.parametrize("function", ["inverse_dynamics_derivatives", "forward_dynamics_derivatives"])
-def test_compiled_is_the_same_as_numpy(name: str, function: str) -> None:
-    case, algorithm = Case(make(name), 32), getattr(derivatives, function)
-    mech = mechanism(case.model)
-    sizes = {"q": case.model.nq, "v": case.model.nv, "u": case.model.nv}
-    tape = Tape()
-    symbols = [list(tape.variables(size)) for size in sizes.values()]
-    outputs = [x for matrix in algorithm(mech, *symbols, tape) for row in matrix for x in row]
-    compiled = Program(assembled(tape, [x for group in symbols for x in group], outputs))
-    answers = compiled(np.concatenate([case.q, case.v, case.a])).reshape(3, mech.nv, mech.nv, -1)
-    for mine, expected in zip(answers, algorithm(mech, case.q, case.v, case.a, np), strict=True):
-        close(mine, case.dense(expected), 1e-10)

@@ -11,7 +11,6 @@ import pytest
 import twolink as tl
 from tests.dynamics.states import close, states
 from twolink.dynamics.engine import compiled_from
-from twolink.errors import QueryError
 
 QUERIES = ("forward_dynamics", "inverse_dynamics", "mass_matrix", "bias", "gravity_torque", "energy")
 
@@ -89,8 +88,3 @@ def test_two_processes_give_the_same_bits(monkeypatch: pytest.MonkeyPatch, tmp_p
         command = [sys.executable, "-c", SCRIPT, *map(str, (max(sizes), *sizes))]
         answer = subprocess.run(command, check=True, capture_output=True, text=True, timeout=120)
         assert answer.stdout.strip() == digest.hexdigest()
-
-
-def test_an_unknown_engine_is_refused() -> None:
-    with pytest.raises(QueryError, match="did you mean 'compiled'"):
-        tl.load_robot("two_link").bias(np.zeros((9, 2)), np.zeros(2), engine="compile")

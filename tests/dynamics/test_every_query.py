@@ -7,6 +7,7 @@ axes, mimic joints in chains and branches, and every type of joint.
 import dataclasses
 import functools
 import inspect
+import itertools
 import zlib
 from collections.abc import Callable
 
@@ -16,8 +17,8 @@ import pytest
 
 import twolink as tl
 from tests.dynamics.bodies import Bodies, derivative
+from tests.dynamics.robots import FOLLOWERS, ODD_JOINTS, random_robot, spherical, urdf
 from tests.dynamics.states import states
-from tests.dynamics.test_recursions import FOLLOWERS, ODD_JOINTS, balls, urdf
 from twolink.algorithms.functions import function
 from twolink.dynamics.queries import ALGORITHMS, QUERIES
 from twolink.errors import CertificationError, QueryError
@@ -36,7 +37,8 @@ BRANCHES = urdf(
     ("base", "a", "revolute", "0 0 1", ""), ("base", "b", "revolute", "0 1 0", '<mimic joint="j_a" multiplier="1.7"/>'),
     ("b", "c", "revolute", "0.6 0 0.8", ""), ("b", "d", "prismatic", "0 -1 0", ""),
 )  # fmt: skip
-MODELS = ("odd", "negative", "followers", "branches", "balls")
+MODELS = ["odd", "negative", "followers", "branches", "balls",
+          *(pytest.param(name, marks=pytest.mark.slow) for name in ("kinova", "anymal"))]  # fmt: skip
 TEXTS = {"odd": ODD_JOINTS, "negative": NEGATIVE, "followers": FOLLOWERS, "branches": BRANCHES}
 ENGINES = ["one state", "batch", *(["compiled"] if library() is not None else [])]
 
@@ -45,12 +47,11 @@ ENGINES = ["one state", "batch", *(["compiled"] if library() is not None else []
 def robot_of(name: str) -> tl.Robot:
     """A robot with armature, damping and friction in every degree of freedom."""
     if name == "balls":
-        like, model = tl.load_robot("two_link"), balls()
-        for joint in range(1, model.njoints):
-            model.addBodyFrame(f"b{joint}", joint, pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.1, 0), np.full(3, 0.1)), 0)
-        robot = tl.Robot("balls", model, like.report, like.visuals)
-    else:
+        robot = spherical()
+    elif name in TEXTS:
         robot = tl.load_robot(TEXTS[name], mimic=name in ("followers", "branches"))
+    else:
+        robot = tl.load_robot(name, root="free" if name == "anymal" else "fixed")
 
     def geared(model: pin.Model) -> None:
         rng = np.random.default_rng(zlib.crc32(name.encode()))
@@ -128,18 +129,24 @@ class Case:
         method = method if has_engines(query) else no_engine(method)
         return served(self.engine, method, self.q, *others, **options)
 
+    def wrenches(self) -> list[tuple[dict[str, object], list[Array]]]:
+        """f_ext with a wrench on the last frame, and J^T w of each state: in the frame's axes, and in the world's."""
+        tip, wrench = self.robot.frame_names[-1], np.array([1.0, -2.0, 3.0, 0.5, -4.0, 2.0])
+        frames = [truth.frame(tip) for truth in self.truths]
+        own = [jacobian.T @ wrench for _, _, jacobian in frames]
+        along = [jacobian.T @ np.kron(np.eye(2), turn.T) @ wrench for turn, _, jacobian in frames]
+        return [
+            ({tip: tl.Wrench(wrench, "frame")}, own),
+            ({tip: wrench}, own),
+            ({tip: tl.Wrench(wrench, "world")}, along),
+        ]
+
 
 def inverse_dynamics(case: Case) -> None:
     expected = [t.mass_matrix() @ a + t.bias() for t, _, _, a in case.rows]
     check(case.asked("inverse_dynamics", case.v, case.a)[0], expected)
-    for axes in ("frame", "world"):
-        tip, wrench = case.robot.frame_names[-1], np.array([1.0, -2.0, 3.0, 0.5, -4.0, 2.0])
-        given = {tip: tl.Wrench(wrench, axes)}
-        pushed = []
-        for tau, truth in zip(expected, case.truths, strict=True):
-            turn, _, jacobian = truth.frame(tip)
-            local = wrench if axes == "frame" else np.kron(np.eye(2), turn.T) @ wrench
-            pushed.append(tau - jacobian.T @ local)
+    for given, pushes in case.wrenches():
+        pushed = [tau - push for tau, push in zip(expected, pushes, strict=True)]
         check(case.asked("inverse_dynamics", case.v, case.a, f_ext=given)[0], pushed)
     if case.robot.has_mimic:
         return
@@ -150,13 +157,23 @@ def inverse_dynamics(case: Case) -> None:
 
 
 def forward_dynamics(case: Case) -> None:
-    """M a + h = tau, also of the second method and with mimic joints."""
+    """M a + h = tau + J^T w, also of the second method and with mimic joints."""
     methods = ("aba",) if case.engine == "compiled" else ("crba",) if case.robot.has_mimic else ("aba", "crba")
-    for method in methods:
-        found = case.asked("forward_dynamics", case.v, case.a, method=method)[0]
-        for a, (truth, _, _, tau) in zip(found, case.rows, strict=True):
-            terms = np.abs(truth.mass_matrix()) @ np.abs(a) + np.abs(truth.bias()) + np.abs(tau)
-            assert (np.abs(truth.mass_matrix() @ a + truth.bias() - tau) <= 1e-11 * terms.max()).all()
+    for method, (given, pushes) in itertools.product(methods, [(None, 0.0 * case.v), *case.wrenches()]):
+        found = case.asked("forward_dynamics", case.v, case.a, method=method, f_ext=given)[0]
+        for a, push, (truth, _, _, tau) in zip(found, pushes, case.rows, strict=True):
+            terms = np.abs(truth.mass_matrix()) @ np.abs(a) + np.abs(truth.bias()) + np.abs(tau) + np.abs(push)
+            assert (np.abs(truth.mass_matrix() @ a + truth.bias() - tau - push) <= 1e-11 * terms.max()).all()
+    if case.robot.has_mimic:
+        with pytest.raises(QueryError, match='use method="crba"'):
+            case.robot.forward_dynamics(case.q[0], case.v[0], case.a[0])
+
+
+def mass_matrix(case: Case) -> None:
+    """M, and symmetric to the bit."""
+    (found,) = case.asked("mass_matrix")
+    check(found, [t.mass_matrix() for t in case.truths])
+    assert np.array_equal(found, np.swapaxes(found, -1, -2))
 
 
 def coriolis(case: Case) -> None:
@@ -220,7 +237,7 @@ def forward_dynamics_derivatives(case: Case) -> None:
 TRUTHS: dict[str, Callable[[Case], None]] = {
     "forward-dynamics": forward_dynamics,
     "inverse-dynamics": inverse_dynamics,
-    "mass-matrix": lambda case: check(case.asked("mass_matrix")[0], [t.mass_matrix() for t in case.truths]),
+    "mass-matrix": mass_matrix,
     "bias": lambda case: check(case.asked("bias", case.v)[0], [t.bias() for t in case.truths]),
     "coriolis": coriolis,
     "gravity-torque": lambda case: check(case.asked("gravity_torque")[0], [t.gravity_torque() for t in case.truths]),
@@ -249,8 +266,9 @@ def test_every_engine_answers_the_equations_of_motion(query: str, name: str, eng
     case = Case(name, engine)
     algorithm = ALGORITHMS.get(QUERIES[query].method)
     if case.robot.has_mimic and algorithm is not None and isinstance(algorithm.mimic, str):
-        with pytest.raises(QueryError, match="mimic joints"):
+        with pytest.raises(QueryError, match="mimic joints") as caught:
             TRUTHS[query](case)
+        assert caught.value.code == "mimic-joints"
         return
     TRUTHS[query](case)
 
@@ -295,36 +313,6 @@ def test_a_wrong_answer_of_pinocchio_is_not_certified(monkeypatch: pytest.Monkey
     robot = robot_of("negative").changed(lambda model: setattr(model, "armature", 2 * model.armature))
     with pytest.raises(CertificationError, match="Pinocchio's answer differs from the reference"):
         robot.compiled().certificate("energy")
-
-
-MIMICS = ({"continuous"}, {"revolute"}, {"prismatic"}, {"revolute", "prismatic"})  # which kinds follow one another
-Joint = tuple[str, str, str, str, str]  # as `urdf` takes it
-
-
-def above(joints: list[Joint], link: str) -> list[Joint]:
-    """The joints between a link and the base."""
-    own = [j for j in joints if j[1] == link]
-    return own + above(joints, own[0][0]) if own else []
-
-
-def random_robot(rng: np.random.Generator) -> tl.Robot:
-    """A tree of up to seven links with rotors on its joints; axes are skew, or along the coordinates, also negative."""
-    joints: list[Joint] = []
-    for n in range(rng.integers(1, 8)):
-        kind = str(rng.choice(["revolute", "revolute", "continuous", "prismatic", "planar", "floating"]))
-        axis = rng.normal(size=3) if rng.random() < 0.5 else rng.choice([-1, 1]) * np.eye(3)[rng.integers(3)]
-        axis = np.eye(3)[2] if kind == "planar" else axis / np.linalg.norm(axis)
-        parent = str(rng.choice(["base", *(j[1] for j in joints)]))
-        leaders = [j for j in above(joints, parent) if {kind, j[2]} in MIMICS and not j[4]]
-        follows = ""
-        if leaders and rng.random() < 0.5:
-            leader = leaders[rng.integers(len(leaders))]
-            follows = f'<mimic joint="j_{leader[1]}" multiplier="{rng.uniform(-2, 2)}" offset="{rng.uniform(-1, 1)}"/>'
-        joints.append((parent, f"l{n}", kind, " ".join(map(str, axis)), follows))
-    robot = tl.load_robot(urdf(*joints), mimic=bool(rng.random() < 0.7))
-    turning = [j.name for j in robot.joints if j.v.stop - j.v.start == 1 and j.kind != "mimic"]
-    rotors = {name: float(10 ** rng.uniform(-2, 1)) for name in turning}
-    return tl.Scene(robot, effects=[fx.Gravity(), fx.Rotor(rotors)]).robot if rotors else robot
 
 
 def energy_error(seed: int) -> float:

@@ -18,23 +18,6 @@ LOSSY = ARM.replace('<axis xyz="0 -1 0"/>', '<axis xyz="0 -1 0"/><dynamics dampi
 ROBOT = tl.load_robot(LOSSY)  # the shoulder loses energy, the elbow does not
 
 
-def test_losses_are_what_the_motors_pay_for() -> None:
-    """The power of the torques is the change of energy, and what damping and friction take: d v^2 + f |v|."""
-    q, v, a = states(ROBOT, 5, seed=2)
-    power = (ROBOT.inverse_dynamics(q, v, a, losses=True) * v).sum(axis=-1)
-    step = 1e-5
-    later, earlier = (sum(ROBOT.energy(q + s * v + s**2 / 2 * a, v + s * a)) for s in (step, -step))
-    lost = 0.7 * v[:, 0] ** 2 + 1.5 * np.abs(v[:, 0])
-    np.testing.assert_allclose(power, (later - earlier) / (2 * step) + lost, rtol=1e-6, atol=1e-6)
-
-
-def test_losses_are_the_columns_of_the_regressor() -> None:
-    q, v, a = states(ROBOT, 5, seed=3)
-    given = {"shoulder.damping": 0.7, "shoulder.friction": 1.5}
-    values = [given.get(name, x) for name, x in zip(ROBOT.parameter_names, ROBOT.parameter_values, strict=True)]
-    np.testing.assert_allclose(ROBOT.inverse_dynamics(q, v, a, losses=True), ROBOT.regressor(q, v, a) @ values)
-
-
 @pytest.mark.parametrize("engine", ["auto", "pinocchio", "compiled"])
 def test_leading_axes_broadcast_and_friction_at_rest_is_zero(engine: str) -> None:
     speeds = np.array([-2.0, -0.0, 0.0, 3.0])[:, None] * [1.0, 1.0]

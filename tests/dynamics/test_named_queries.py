@@ -1,10 +1,11 @@
-"""Queries by name, and the number of threads that answers them."""
+"""Queries by name, frames by theirs, and the number of threads that answers queries."""
 
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
 import twolink as tl
+from tests.dynamics.states import close
 from twolink.dynamics.queries import QUERIES, answer_query, query
 from twolink.dynamics.threads import thread_count
 from twolink.errors import QueryError
@@ -75,3 +76,30 @@ def test_a_frame_query_wants_a_frame(robot: tl.Robot) -> None:
         answer_query(robot, "frame-pose", {"q": [0, 0]})
     with pytest.raises(QueryError, match="axes: frame-pose takes no axes"):
         answer_query(robot, "frame-pose", {"q": [0, 0]}, frame="tip", axes="local")
+
+
+def test_the_jacobian_of_one_joint_has_one_column() -> None:
+    """Pinocchio returns a matrix of one column without its second axis."""
+    robot = tl.load_robot("friction_pendulum")
+    link = robot.frame_names[-1]
+    q, v = robot.random_state(3)
+    jacobian = robot.frame_jacobian(q, link)
+    assert jacobian.shape == (3, 6, 1)
+    assert robot.frame_jacobian(q[0], link, axes="local").shape == (6, 1)
+    close((jacobian @ v[..., None])[..., 0], robot.frame_velocity(q, v, link))
+
+
+@pytest.mark.parametrize("call", [
+    lambda r: r.frame_pose(r.neutral, "tpi"), lambda r: r.frame_jacobian(r.neutral, "tpi"),
+    lambda r: r.frame_velocity(r.neutral, np.zeros(2), "tpi"), lambda r: r.frame_pose(r.neutral, "tpi", "compiled"),
+])  # fmt: skip
+def test_an_unknown_frame_is_refused_with_the_nearest_name(call) -> None:
+    with pytest.raises(QueryError, match="did you mean 'tip'") as caught:
+        call(tl.load_robot("two_link"))
+    assert (caught.value.code, caught.value.argument) == ("unknown-frame", "frame")
+
+
+def test_frame_names_are_the_links() -> None:
+    robot = tl.load_robot("panda")
+    assert "panda_hand_tcp" in robot.frame_names
+    assert len(set(robot.frame_names)) == len(robot.frame_names)

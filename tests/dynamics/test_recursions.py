@@ -11,6 +11,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import twolink
+from tests.dynamics.robots import FOLLOWERS, ODD_JOINTS, balls, urdf
 from twolink.algorithms import recursions
 from twolink.algorithms import recursions as articulated
 from twolink.algorithms import spatial as sp
@@ -18,54 +19,9 @@ from twolink.algorithms.mechanism import Mechanism, mechanism, nominal, paramete
 from twolink.algorithms.spatial import Pose
 from twolink.algorithms.tape import Tape
 from twolink.errors import QueryError
-from twolink.native.machine import Program, assembled
 
 STATES = 8
 ROBOTS = dict.fromkeys(("two_link", "arm", "ur5", "panda", "kinova"), "fixed") | {"anymal": "free", "talos": "free"}
-
-_LINK = """<link name="{}"><inertial><origin xyz="0.1 -0.2 0.3" rpy="0.3 0.1 -0.5"/><mass value="{}"/>
-<inertia ixx="0.2" ixy="0.01" ixz="-0.02" iyy="0.25" iyz="0.03" izz="0.3"/></inertial></link>"""
-_JOINT = """<joint name="j_{1}" type="{2}"><parent link="{0}"/><child link="{1}"/>
-<origin xyz="0.3 0.1 -0.2" rpy="0.4 -0.3 0.2"/><axis xyz="{3}"/>
-<limit lower="-2" upper="2" effort="9" velocity="9"/>{4}</joint>"""
-
-
-def urdf(*joints: tuple[str, str, str, str, str]) -> str:
-    """URDF text; a joint is (parent link, child link, type, axis, further elements)."""
-    links = "".join(_LINK.format(child, n + 1.5) for n, (_, child, *_) in enumerate(joints))
-    return f'<robot name="made"><link name="base"/>{links}{"".join(_JOINT.format(*j) for j in joints)}</robot>'
-
-
-ODD_JOINTS = urdf(
-    ("base", "a", "planar", "0 0 1", ""),
-    ("a", "b", "prismatic", "0.6 0 0.8", ""),
-    ("b", "c", "floating", "0 0 1", ""),
-    ("c", "d", "continuous", "0.6 -0.8 0", ""),
-    ("c", "e", "prismatic", "0 -1 0", ""),
-    ("e", "f", "revolute", "1 2 3", '<dynamics damping="0.7" friction="0"/>'),
-    ("a", "g", "continuous", "0 0 1", ""),
-)
-FOLLOWERS = urdf(
-    ("base", "a", "revolute", "0 0.6 0.8", ""),
-    ("a", "b", "revolute", "1 0 0", '<mimic joint="j_a" multiplier="-2" offset="0.3"/>'),
-    ("b", "c", "prismatic", "0 1 0", ""),
-    ("a", "d", "prismatic", "0.6 0 -0.8", '<mimic joint="j_c" multiplier="0.5"/>'),
-    ("d", "e", "continuous", "0 0 1", ""),
-    ("e", "f", "continuous", "0 1 0", '<mimic joint="j_e" multiplier="3" offset="-0.2"/>'),
-)
-
-
-def balls() -> pin.Model:
-    """A tree with two ball joints, added depth first."""
-    model = pin.Model()
-    place = pin.SE3(pin.rpy.rpyToMatrix(0.2, 0.5, -0.4), np.array([0.2, -0.3, 0.5]))
-    kinds = (pin.JointModelSpherical(), pin.JointModelRY(), pin.JointModelSpherical(), pin.JointModelPX())
-    for n, (parent, kind) in enumerate(zip((0, 1, 2, 1), kinds, strict=True)):
-        added = model.addJoint(parent, kind, place, f"j{n}")
-        body = pin.Inertia(1.0 + n, np.array([0.1, 0.2, -0.1 * n]), np.diag([0.3, 0.4, 0.35]))
-        model.appendBodyToJoint(added, body, pin.SE3.Identity())
-    model.armature = np.linspace(0.1, 0.4, model.nv)
-    return model
 
 
 def make(name: str) -> pin.Model:
@@ -104,18 +60,8 @@ class Case:
 
         A new data for each: with mimic joints, Pinocchio 4.1's crba adds to what the data held before.
         """
-        return np.stack(
-            [
-                algorithm(
-                    self.model,
-                    self.model.createData(),
-                    *(x[:, i] for x in arguments),
-                    *([self.forces(i)] if wrenches else []),
-                )
-                for i in range(self.count)
-            ],
-            axis=-1,
-        )
+        rows = [[*(x[:, i] for x in arguments), *([self.forces(i)] if wrenches else [])] for i in range(self.count)]
+        return np.stack([algorithm(self.model, self.model.createData(), *row) for row in rows], axis=-1)
 
     def dense(self, answer: Any) -> np.ndarray:
         """Nested lists of scalars and rows (n,) as one array (..., n)."""
@@ -178,7 +124,8 @@ def test_forward_dynamics(mech: Mechanism, case: Case) -> None:
 def test_energy(mech: Mechanism, case: Case) -> None:
     kinetic, potential = recursions.energy(mech, case.q, case.v, np)
     if mech.has_mimic:  # Pinocchio's energies refuse them: the potential from where it puts the bodies
-        model = case.model
+        model, matrix = case.model, case.dense(recursions.crba(mech, case.q, np))
+        assert_allclose(kinetic, np.einsum("in,ijn,jn->n", case.v, matrix, case.v) / 2, rtol=1e-12)
         heights = []
         for q in case.q.T:
             data = model.createData()
@@ -190,26 +137,6 @@ def test_energy(mech: Mechanism, case: Case) -> None:
     assert_allclose(kinetic, case.reference(pin.computeKineticEnergy, case.q, case.v), rtol=1e-12)
     expected = case.reference(pin.computePotentialEnergy, case.q)
     assert_allclose(case.dense(potential), expected, rtol=0, atol=1e-12 * max(1.0, np.abs(expected).max()))
-
-
-def test_kinetic_energy_is_half_v_m_v(mech: Mechanism, case: Case) -> None:
-    matrix = case.dense(recursions.crba(mech, case.q, np))
-    kinetic, _ = recursions.energy(mech, case.q, case.v, np)
-    assert_allclose(kinetic, np.einsum("in,ijn,jn->n", case.v, matrix, case.v) / 2, rtol=1e-12)
-
-
-def test_power_balance(mech: Mechanism, case: Case) -> None:
-    """d/dt (kinetic + potential) = v . tau, by central differences along the motion."""
-    step, energies = 1e-5, []
-    tau = case.dense(recursions.rnea(mech, case.q, case.v, case.a, None, np))
-    for t in (-step, step):
-        tangent = (case.v + case.a * t / 2) * t
-        columns = zip(case.q.T, tangent.T, strict=True)
-        q = np.stack([pin.integrate(case.model, x, d) for x, d in columns], axis=-1)
-        energies.append(sum(recursions.energy(mech, q, case.v + case.a * t, np)))
-    power = np.einsum("in,in->n", case.v, tau)
-    scale = np.abs(case.v * tau).sum(axis=0).max() + np.abs(energies[0]).max()
-    assert_allclose((energies[1] - energies[0]) / (2 * step), power, rtol=0, atol=1e-7 * scale)
 
 
 def test_frames(mech: Mechanism, case: Case) -> None:
@@ -292,76 +219,26 @@ def test_a_joint_that_is_not_covered_is_refused() -> None:
         mechanism(model)
 
 
-class Traced:
-    """A scalar that records its operations; equal ones are one. A sign is no operation: it goes into a sum."""
-
-    def __init__(self, book: dict[Any, Traced], key: tuple[Any, ...], parts: tuple[Any, ...] = ()) -> None:
-        self.book, self.key, self.parts = book, key, parts
-
-    def _made(self, name: str, *parts: Any) -> Traced:
-        key = (name, *(id(p) if isinstance(p, Traced) else p for p in parts))
-        if key not in self.book:
-            self.book[key] = Traced(self.book, key, parts)
-        return self.book[key]
-
-    def __add__(self, other: Any) -> Traced:
-        return self._made("+", self, other)
-
-    def __sub__(self, other: Any) -> Traced:
-        return self._made("-", self, other)
-
-    def __rsub__(self, other: Any) -> Traced:
-        return self._made("-", other, self)
-
-    def __mul__(self, other: Any) -> Traced:
-        return self._made("*", self, other)
-
-    def __truediv__(self, other: Any) -> Traced:
-        return self._made("/", self, other)
-
-    def __rtruediv__(self, other: Any) -> Traced:
-        return self._made("/", other, self)
-
-    def __neg__(self) -> Traced:
-        return self._made("neg", self)
-
-    def sin(self) -> Traced:
-        return self._made("sin", self)
-
-    def cos(self) -> Traced:
-        return self._made("cos", self)
-
-    __radd__, __rmul__ = __add__, __mul__
-
-
-def trace(algorithm: Any, model: pin.Model, mech: Mechanism, inputs: int) -> tuple[int, set[str]]:
-    """Operations of algorithm(mech, q, ...), and the inputs its answer depends on."""
-    book: dict[Any, Traced] = {}
-    sizes = {"q": model.nq, "v": model.nv, "tau": model.nv}
-    symbols = [[Traced(book, (f"{name}{k}",)) for k in range(n)] for name, n in list(sizes.items())[:inputs]]
-    extra = (None,) if inputs == 3 else ()
-    todo = [x for x in algorithm(mech, *symbols, *extra, Traced) if isinstance(x, Traced)]
-    seen: dict[int, Traced] = {}
-    while todo:
-        node = todo.pop()
-        if id(node) not in seen:
-            seen[id(node)] = node
-            todo += [p for p in node.parts if isinstance(p, Traced)]
-    operations = [n for n in seen.values() if n.parts and n.key[0] != "neg"]
-    return len(operations), {n.key[0] for n in seen.values() if not n.parts}
+def trace(algorithm: Any, model: pin.Model, mech: Mechanism) -> tuple[int, set[int]]:
+    """Operations of algorithm(mech, q, v, tau, None, tape), and the places of the inputs that its answer depends on."""
+    tape = Tape()
+    inputs = [tape.variables(n) for n in (model.nq, model.nv, model.nv)]
+    answer = list(algorithm(mech, *map(list, inputs), None, tape))
+    behind = {key for output in answer for key in tape.inputs(output)}
+    return sum(tape.count(answer).values()), {k for k, x in enumerate(np.concatenate(inputs)) if x.key in behind}
 
 
 def test_absent_terms_cost_no_operation() -> None:
     model = make("two_link")
-    operations, _ = trace(recursions.forward_dynamics_crba, model, mechanism(model), 3)
+    operations, _ = trace(recursions.forward_dynamics_crba, model, mechanism(model))
     assert operations <= 41
-    by_bodies, _ = trace(articulated.forward_dynamics_aba, model, mechanism(model), 3)
+    by_bodies, _ = trace(articulated.forward_dynamics_aba, model, mechanism(model))
     assert by_bodies <= 43
     weightless = mechanism(model, {f"gravity.{c}": 0.0 for c in "xyz"})
-    fewer, inputs = trace(recursions.forward_dynamics_crba, model, weightless, 3)
+    fewer, inputs = trace(recursions.forward_dynamics_crba, model, weightless)
     assert fewer < operations
-    assert "q0" not in inputs  # a fixed base without gravity: the first angle is nowhere
-    assert trace(recursions.gravity_torque, model, weightless, 1) == (0, set())
+    assert 0 not in inputs  # a fixed base without gravity: the first angle is nowhere
+    assert recursions.gravity_torque(weightless, list(Tape().variables(2)), Tape()) == [0.0, 0.0]
 
 
 def test_turns_about_coordinate_axes_move_matrices_with_twelve_products() -> None:
@@ -383,22 +260,8 @@ def test_regrouping_saves_operations() -> None:
     for name in ("arm", "ur5", "anymal"):
         model = make(name)
         for algorithm in (recursions.rnea, recursions.forward_dynamics_crba, articulated.forward_dynamics_aba):
-            regrouped, single = (trace(algorithm, model, read(model), 3)[0] for read in (mechanism, single_bodies))
+            regrouped, single = (trace(algorithm, model, read(model))[0] for read in (mechanism, single_bodies))
             assert regrouped < single
-
-
-@pytest.mark.parametrize("name", ["arm", "panda", "anymal"])
-def test_compiled_is_the_same_as_numpy(name: str) -> None:
-    case = Case(make(name), 64)
-    mech = mechanism(case.model)
-    sizes = {"q": case.model.nq, "v": case.model.nv, "u": case.model.nv}
-    for algorithm in (recursions.rnea, recursions.forward_dynamics_crba):
-        tape = Tape()
-        symbols = [list(tape.variables(size)) for size in sizes.values()]
-        outputs = algorithm(mech, *symbols, None, tape)  # type: ignore[call-arg]
-        compiled = Program(assembled(tape, [x for group in symbols for x in group], outputs))
-        ours = case.dense(algorithm(mech, case.q, case.v, case.a, None, np))
-        close(compiled(np.concatenate([case.q, case.v, case.a])), ours, 1e-10)
 
 
 def test_a_right_angle_of_few_digits_is_the_angle_that_the_file_says() -> None:
