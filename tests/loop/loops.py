@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from fractions import Fraction
+from typing import Any
 
 import twolink as tl
 
@@ -13,6 +14,18 @@ SLIDER = """<robot name="slider"><link name="base"/><link name="cart"><inertial>
 
 def slider() -> tl.Robot:
     return tl.load_robot(SLIDER)
+
+
+def pd(_: float, y: Any, state: Any) -> tuple[Any, Any]:
+    """A law for the slider."""
+    return -4.0 * y.q - 2.0 * y.v, state
+
+
+def exact_pd(
+    q: Fraction, period: Fraction, delay: Fraction, times: Sequence[Fraction]
+) -> list[tuple[Fraction, Fraction]]:
+    """(q, v) of the slider with the law `pd`."""
+    return exact_slider(lambda q, v: -4 * q - 2 * v, q, period, delay, times)
 
 
 def exact_slider(

@@ -93,16 +93,6 @@ def test_a_period_may_be_a_fraction_as_that_of_a_controller() -> None:
     assert exact(sensor.period) == Fraction(1, 3)
 
 
-def test_the_edge_of_a_quantum_is_ambiguous() -> None:
-    """q = 0.3 t reaches half a quantum at a tick."""
-    law = E.Controller(lambda _, y, s: (-1.0 * y.encoder, s), period=0.1, inputs=("encoder",))
-    encoder = E.Encoder(("rail",), period=0.1, quantum=0.3)
-    scene = tl.Scene(slider(), v=[0.3], effects=[law, encoder])
-    with pytest.raises(tl.errors.AccuracyError) as refused:
-        tl.simulate(scene, 2.0)
-    assert refused.value.run.events[0].t == pytest.approx(0.5)
-
-
 def test_touch_is_the_weight_of_what_rests_on_the_ground() -> None:
     scene = tl.load_scene("bouncing-ball")
     run = tl.simulate(scene.with_effects([*scene.effects, E.TouchSensor("ball", period=0.05)]))

@@ -6,13 +6,9 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.loop.loops import exact_slider, slider
+from tests.loop.loops import exact_pd, pd, slider
 
 E = tl.effects
-
-
-def pd(_: float, y: object, state: object) -> tuple[np.ndarray, object]:
-    return -4.0 * y.q - 2.0 * y.v, state
 
 
 def counting(_: float, y: object, ticks: int) -> tuple[list[float], int]:
@@ -30,7 +26,7 @@ def test_ticks_fall_anywhere_in_a_step(verify: bool) -> None:
     control = E.Controller(pd, period=Fraction(1, 20), delay=0.02)
     sim = tl.Simulation(tl.Scene(slider(), [1.0], effects=[control]), verify=verify)
     times = [Fraction(7 * k, 1000) for k in range(1, 60)]
-    exact = exact_slider(lambda q, v: -4 * q - 2 * v, Fraction(1), Fraction(1, 20), Fraction(1, 50), times)
+    exact = exact_pd(Fraction(1), Fraction(1, 20), Fraction(1, 50), times)
     for q, v in exact:
         state = sim.step(0.007)
         assert state.q[0] == pytest.approx(float(q), abs=1e-12)
@@ -47,19 +43,6 @@ def test_noise_delays_and_states_are_those_of_a_run(friction: float) -> None:
         sim.step(0.025)
     assert sim.state.q == pytest.approx(run.q[-1], abs=1e-9)
     assert len(sim.events) == len(run.events)
-
-
-@pytest.mark.parametrize("friction", [0.0, 0.3])
-def test_what_was_saved_goes_on_with_the_same_bits(friction: float) -> None:
-    effects = [*NOISY, *([E.DryFriction({"rail": friction})] if friction else [])]
-    sim = tl.Simulation(tl.Scene(slider(), [1.0], effects=effects), verify=True)
-    sim.step(0.33)
-    saved, ends = sim.save(), []
-    for _ in range(3):
-        ends.append((sim.step(0.4).q.tobytes(), sim.error))
-        sim.step(0.2)
-        sim.restore(saved)
-    assert len(set(ends)) == 1
 
 
 def test_torques_add_to_those_of_controllers() -> None:
