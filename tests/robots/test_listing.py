@@ -39,13 +39,14 @@ def test_a_load_report_prints_its_statements_by_kind() -> None:
     assert "<b>" not in tl.load_robot(odd).report._repr_html_()
 
 
-def test_links_of_no_mass_with_an_inertia_are_reported() -> None:
+def test_links_of_no_mass_with_an_inertia_are_reported_and_count() -> None:
     text = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="0"/>
     <inertia ixx="1" iyy="1" izz="2" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="continuous">
     <parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>"""
-    report = tl.load_robot(text, unphysical="report").report
-    said = [f for f in report.assumed if "inertias that no real body has" in f.what]
+    rotor = tl.load_robot(text, unphysical="report")
+    said = [f for f in rotor.report.assumed if "inertias that no real body has" in f.what]
     assert [f.names for f in said] == [("b",)]
+    assert rotor.mass_matrix([1.0, 0.0])[0, 0] == 2.0
 
 
 @pytest.mark.parametrize(("name", "kinds"), [("panda", {"revolute", "prismatic"}), ("bouncing_ball", {"prismatic"}),

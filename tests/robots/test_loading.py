@@ -1,6 +1,5 @@
 """Loading: names, paths, text; the report; locale; comparison with yourdfpy; drawing and locking."""
 
-import pickle
 import shutil
 import subprocess
 import sys
@@ -37,7 +36,6 @@ def everything() -> dict[str, tl.Robot | tl.errors.RobotError]:
 
 def test_every_file_of_example_robot_data_has_a_name() -> None:
     share = examples_share()
-    assert share is not None
     files = set((share / "example-robot-data" / "robots").rglob("*.urdf"))
     named = {catalogue_entry(name).path for name in catalogue_names()}
     unnamed = {p.name for p in files - named}
@@ -198,14 +196,6 @@ def test_visuals_are_there_with_colours_and_without_missing_meshes() -> None:
     assert any("x.stl" in str(f) for f in lost.report.ignored)
 
 
-def test_robots_pickle() -> None:
-    robot = tl.load_robot("two_link")
-    again = pickle.loads(pickle.dumps(robot))
-    q = np.array([0.1, 0.2])
-    assert np.array_equal(again.mass_matrix(q), robot.mass_matrix(q))
-    assert again.report == robot.report
-
-
 def test_gravity_and_mass() -> None:
     moon = tl.load_robot("two_link", gravity=(0, 0, -1.62))
     earth = tl.load_robot("two_link")
@@ -220,13 +210,6 @@ def test_blanks_around_numbers_do_not_matter() -> None:
     text = (TOP / "urdf" / "two_link.urdf").read_text()
     padded = text.replace('mass value="3"', 'mass value=" 3 "').replace('iyy="0.25"', 'iyy=" 0.25 "')
     assert tl.load_robot(padded).model == tl.load_robot(text).model
-
-
-def test_inertia_without_mass_counts() -> None:
-    rotor = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="0"/>
-    <inertia ixx="1" iyy="1" izz="2" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="continuous">
-    <parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>"""
-    assert tl.load_robot(rotor, unphysical="report").mass_matrix([1.0, 0.0])[0, 0] == 2.0
 
 
 @pytest.mark.parametrize(("axis", "movable"), [("1 0 0", True), ("0 0 1", False)])

@@ -7,23 +7,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
-
-BODY = """<inertial><origin xyz="0.1 0.2 -0.3"/><mass value="2"/>
-<inertia ixx="0.2" iyy="0.2" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>"""
-
-
-def chain(kind: str, axis: str, multiplier: float) -> str:
-    """Three links; the second joint, of this kind, follows the first."""
-
-    def joint(number: int, kind: str, axis: str, more: str = "") -> str:
-        return f"""<joint name="j{number}" type="{kind}"><parent link="l{number - 1}"/><child link="l{number}"/>
-        <origin xyz="0.1 0 0.3" rpy="0.1 0.2 0.3"/><axis xyz="{axis}"/>
-        <limit lower="-1" upper="1" effort="1" velocity="1"/>{more}</joint>"""
-
-    mimic = f'<mimic joint="j1" multiplier="{multiplier}" offset="0.2"/>'
-    joints = joint(1, "revolute", "1 0 0") + joint(2, kind, axis, mimic) + joint(3, "revolute", "0 0.6 0.8")
-    links = "".join(f'<link name="l{k}">{BODY}</link>' for k in (1, 2, 3))
-    return f'<robot name="r"><link name="l0"/>{links}{joints}</robot>'
+from tests.robots.test_mimic import chain, mimic
 
 
 def assert_same(one: pin.Model, other: pin.Model, seed: int = 0) -> None:
@@ -42,8 +26,9 @@ def assert_same(one: pin.Model, other: pin.Model, seed: int = 0) -> None:
 @pytest.mark.parametrize("axis", ["1 0 0", "0 1 0", "0 0 -1", "0 0.6 0.8"])
 @pytest.mark.parametrize("multiplier", [1.0, -2.0])
 def test_mimic_joints_survive(kind: str, axis: str, multiplier: float) -> None:
+    text = chain(("revolute", ""), (kind, mimic("j1", multiplier, 0.2)), ("revolute", ""), axis=axis)
     for root in ("fixed", "free"):
-        robot = tl.load_robot(chain(kind, axis, multiplier), mimic=True, root=root)
+        robot = tl.load_robot(text, mimic=True, root=root)
         again = pickle.loads(pickle.dumps(robot))
         assert_same(robot.model, again.model)
         assert_same(robot.visuals.model, again.visuals.model)
@@ -54,4 +39,6 @@ def test_robots_of_the_catalogue_survive() -> None:
         "panda": {"mimic": True, "lock": {"panda_joint2": 0.3}}, "anymal": {"root": "free"}, "tiago": {"mimic": True},
     }.items():  # fmt: skip
         robot = tl.load_robot(name, **options)
-        assert_same(robot.model, pickle.loads(pickle.dumps(robot)).model)
+        again = pickle.loads(pickle.dumps(robot))
+        assert_same(robot.model, again.model)
+        assert again.report == robot.report
