@@ -65,17 +65,6 @@ def test_saving_does_not_overwrite_another_urdf(tmp_path: Path) -> None:
     assert taken.read_text() == "something else"
 
 
-def test_a_scene_that_is_refused_leaves_no_file(tmp_path: Path) -> None:
-    class Own(tl.effects.Effect, frozen=True):
-        def act(self, motion, loads) -> None:
-            loads.torque(0, -motion.q[0])
-
-    scene = tl.Scene(tl.load_robot(arm_urdf(1, 2, 3, 4)), effects=[Own()])
-    with pytest.raises(SceneError, match="Own is no effect of twolink"):
-        scene.save(tmp_path / "mine.toml")
-    assert not any(tmp_path.iterdir())
-
-
 def test_a_controller_in_python_is_named_as_the_cause_and_saves_its_run(tmp_path: Path) -> None:
     control = tl.effects.Controller(lambda _t, y, state: (-y.v, state))
     scene = tl.Scene(tl.load_robot("two_link"), effects=[control], duration=0.01)

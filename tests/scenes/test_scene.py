@@ -134,7 +134,8 @@ def test_the_table_of_bundled_scenes_says_what_they_show() -> None:
     assert tuple(row["name"] for row in table) == bundled_scenes()
     for row in table:
         scene = tl.load_scene(row["name"])
-        assert row["title"] == scene.title
+        assert row["title"] == scene.title != ""
+        assert scene.robot.nv > 0
         assert row["effects"] == tuple(dict.fromkeys(type(e).__struct_config__.tag for e in scene.effects))
 
 

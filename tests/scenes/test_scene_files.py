@@ -8,7 +8,6 @@ import pytest
 import twolink as tl
 from twolink.errors import SceneError
 from twolink.robots.catalogue import our_urdfs
-from twolink.scenes import bundled_scenes
 
 GOOD = """
 robot = "two_link"
@@ -36,13 +35,6 @@ def test_a_file_gives_state_effects_and_duration(tmp_path: Path) -> None:
     assert scene.duration == 2
     assert np.array_equal(scene.robot.gravity, [0, 0, -1.62])
     assert scene.effects == (tl.effects.Gravity((0.0, 0.0, -1.62)),)
-
-
-@pytest.mark.parametrize("name", bundled_scenes())
-def test_bundled_scenes_load(name: str) -> None:
-    scene = tl.load_scene(name)
-    assert scene.title
-    assert scene.robot.nv > 0
 
 
 def test_a_file_without_effects_is_free_motion(tmp_path: Path) -> None:
