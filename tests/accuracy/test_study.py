@@ -22,8 +22,6 @@ from twolink.simulation import time_limit
 
 END = (-0.2229716591521448578, 0.74849218369550184904)  # arm-swing at 10 s, by an independent program
 TOLERANCES = (1e-3, 1e-6, 1e-9)
-BOX = """<robot name="box"><link name="body"><inertial><mass value="10"/><inertia ixx="0.8" iyy="0.7" izz="0.2"
-ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +167,7 @@ def test_ctrl_c_keeps_what_is_done(arm: tl.Scene) -> None:
 
 
 def test_a_free_body_is_compared_on_its_manifold() -> None:
-    scene = tl.Scene(tl.load_robot(BOX, root="free"), v=[1, 0, 0, 0.1, 5, 0.1])
+    scene = tl.Scene(tl.load_robot("spinning_box", root="free"), v=[1, 0, 0, 0.1, 5, 0.1])
     done = tl.accuracy_study(scene, 2.0, methods=["dop853", "rk45"], tolerances=TOLERANCES, repeats=1)
     assert 1e-16 < done.reference.error < 1e-14
     errors = [row.error for row in done.rows if row.method == "dop853"]
