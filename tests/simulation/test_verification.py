@@ -9,6 +9,7 @@ import pytest
 
 import twolink as tl
 import twolink.effects as fx
+from tests.effects.bodies import slider
 from twolink.errors import AccuracyError
 from twolink.hard import truths
 from twolink.hard.case import StateHistory
@@ -373,6 +374,16 @@ def test_bars_of_fixed_steps_hold_within_the_first_step(method: str, step: float
     assert (np.abs(run.q - truth.q).max(axis=1) <= run.error + truth.error).all()
     truth = tl.simulate(scene, 1.0, accuracy=1e-12, t_eval=[0.1 * step, 0.2 * step])
     run = tl.simulate(scene, 1.0, method=method, step=step, t_eval=truth.t)
+    assert (np.abs(run.q - truth.q).max(axis=1) <= run.error + truth.error).all()
+
+
+@pytest.mark.parametrize("method", ["rk4", "midpoint", "suzuki4"])
+def test_bars_of_fixed_steps_hold_where_events_are_a_few_steps_apart(method: str) -> None:
+    """Such pieces are solved in a few smaller steps; a finer solution takes twice as many there too."""
+    effects = [fx.JointSpring({"x": 100.0}), fx.DryFriction({"x": 5.0})]
+    scene = tl.Scene(slider(), [1.0], effects=effects)
+    truth, run = tl.simulate(scene, 1.0, accuracy=1e-11), tl.simulate(scene, 1.0, method=method, step=0.2)
+    assert len(run.events) >= 3
     assert (np.abs(run.q - truth.q).max(axis=1) <= run.error + truth.error).all()
 
 

@@ -190,11 +190,11 @@ class Engine:
     def _resolved(self, hit: Hit, to: float) -> Hit | None:
         """The event at the end of a segment of a few steps of fixed size, in more: else half the step takes the same.
 
-        Their number grows with the root of the run's, so that a finer run is finer here too.
+        Their number grows with the root of the run's; a finer solution beside a run takes as many more as elsewhere.
         """
         run, length, found = self.run, hit.t - self.run.t, hit
         step = self.setting / self.perturbation.finer
-        count = max(4.0, math.sqrt(self._span / step))
+        count = self.perturbation.finer * max(4.0, math.sqrt(self._span / self.setting))
         while 0.0 < length < count * step:
             end = run.t + 2.0 * length
             self._open = self._segment(self.perturbation.finer * length / count)
