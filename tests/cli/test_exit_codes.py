@@ -1,12 +1,10 @@
 """Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted; each failure is one line on stderr."""
 
-import sys
 from types import SimpleNamespace
 
 import pytest
 
 from tests.command import call, call_process, one_line
-from twolink.cli.app import main
 from twolink.cli.wording import spoken
 
 FAILED = {
@@ -46,12 +44,16 @@ MISUSED = {
     "locked joint": (["inspect", "arm", "--lock", "elbw=0"], "did you mean 'elbow'"),
     "gravity": (["inspect", "arm", "--gravity", "1 2"], "gravity: expected 3 finite numbers"),
     "unphysical": (["inspect", "arm", "--unphysical", "ignore"], "unphysical: 'ignore' is unknown"),
-    "duration": (["run", "arm-swing", "--duration", "-1"], "above 0 s"),
+    "duration": (["run", "arm-swing", "--duration", "-1"], "twolink: --duration: expected a time above 0 s"),
     "accuracy": (["run", "arm-swing", "--accuracy", "0"], "accuracy: expected a number above 0"),
     "integrator": (["run", "arm-swing", "--method", "rk46"], "method: 'rk46' is unknown"),
+    "step": (["run", "arm-swing", "--method", "rk4", "--tolerance", "1e-5"],
+             "twolink: --method: rk4 takes steps of one size; give --step\n"),
+    "precision": (["run", "arm-swing", "--precision", "half"], "--precision: 'half' is unknown"),
+    "ground of a scene": (["run", "arm-swing", "--ground"], "twolink: --ground: "),
     "samples": (["run", "arm-swing", "--samples-per-second", "nan"], "--samples-per-second: expected a number above 0"),
     "speed": (["play", "none.npz", "--speed", "0"], "speed: expected a number above 0"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", FAILED)
@@ -66,10 +68,9 @@ def test_misuse_is_one_line_and_exit_2(case: str) -> None:
     one_line(call(*arguments, stdin='{"q": [0, 0]}'), 2, part)
 
 
-@pytest.mark.parametrize(
-    ("states", "part"),
-    [('{"v": [0, 0]}', "q: it is not given"), ('{"q": [0, 0, 0]}', "q: expected shape"), ("[", "states: not JSON")],
-)
+@pytest.mark.parametrize(("states", "part"), [
+    ('{"v": [0, 0]}', "q: it is not given"), ('{"q": [0, 0, 0]}', "q: expected shape"), ("[", "states: not JSON"),
+])  # fmt: skip
 def test_a_wrong_states_file_is_no_misuse(states: str, part: str) -> None:
     one_line(call("query", "arm", "bias", "--states", "-", stdin=states), 1, part)
 
@@ -97,13 +98,8 @@ def test_done_is_0() -> None:
     assert call_process("query", "arm", "bias", "--q", "0 0").returncode == 0
 
 
-def test_a_failed_check_exits_1(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    from twolink.lagrange import check
-
+def test_a_failed_check_exits_1(monkeypatch: pytest.MonkeyPatch) -> None:
     failed = SimpleNamespace(passed=False, text=lambda: "FAILED", to_dict=dict)
-    monkeypatch.setattr(check, "check", lambda **_: failed)
-    monkeypatch.setattr(sys, "argv", ["twolink", "check"])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 1
-    assert capsys.readouterr().out == "FAILED\n"
+    monkeypatch.setattr("twolink.lagrange.check.check", lambda **_: failed)
+    done = call("check")
+    assert (done.returncode, done.stdout) == (1, "FAILED\n")

@@ -3,7 +3,6 @@
 import copy
 import dataclasses
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,8 @@ import pytest
 
 import twolink as tl
 from tests.command import answer, call
-from twolink.cli.app import main
+from twolink.dynamics.queries import QUERIES
+from twolink.robots import checks as second_reading
 
 
 @pytest.mark.slow
@@ -68,29 +68,17 @@ def test_states_by_joint_with_units() -> None:
         "query", "two_link", "forward-dynamics", "--q", "0 0", "--tau", "0 1")  # fmt: skip
 
 
-def test_every_query_answers() -> None:
-    robot = tl.load_robot("arm")
-    q, v = [0.1, 0.2], [0.3, 0.4]
-    expected = {"inverse-dynamics": {"tau": robot.inverse_dynamics(q, v, [0.0, 0.0])},
-                "mass-matrix": {"M": robot.mass_matrix(q)},
-                "bias": {"h": robot.bias(q, v)}, "coriolis": {"C": robot.coriolis(q, v)},
-                "gravity-torque": {"g": robot.gravity_torque(q)}}  # fmt: skip
-    for what, result in expected.items():
-        speeds = () if what in ("mass-matrix", "gravity-torque") else ("--v", "0.3 0.4")
-        record = answer("query", "arm", what, "--q", "0.1 0.2", *speeds)
-        for name, value in result.items():
-            assert np.array_equal(record[name], value)
-    record = answer("query", "arm", "energy", "--q", "0.1 0.2", "--v", "0.3 0.4")
-    assert (record["kinetic"], record["potential"]) == robot.energy(q, v)
-
-
-def test_query_of_a_frame() -> None:
-    robot = tl.load_robot("arm")
-    rotation, position = robot.frame_pose([0.1, 0.2], "hand")
-    record = answer("query", "arm", "frame-pose", "--q", "0.1 0.2", "--frame", "hand")
-    assert (record["R"], record["p"]) == (rotation.tolist(), position.tolist())
-    record = answer("query", "arm", "frame-jacobian", "--q", "0.1 0.2", "--frame", "hand", "--axes", "local")
-    assert record["J"] == robot.frame_jacobian([0.1, 0.2], "hand", axes="local").tolist()
+@pytest.mark.parametrize("what", [name for name in QUERIES if name != "inverse-kinematics"])
+def test_every_query_answers(what: str) -> None:
+    query = QUERIES[what]
+    state = {"q": [0.1, 0.2], "v": [0.3, 0.4], "a": [0.5, -0.6], "tau": [0.7, 0.8]}
+    given = {name: state[name] for name in query.arguments}
+    options = {name: value for name, value in {"frame": "hand", "axes": "local"}.items() if name in query.options}
+    words = [part for name, values in given.items() for part in (f"--{name}", "{} {}".format(*values))]
+    words += [part for name, value in options.items() for part in (f"--{name}", value)]
+    record = answer("query", "arm", what, *words)
+    for name, value in query.answer(tl.load_robot("arm"), given, **options).items():
+        assert np.array_equal(record[name], value), name
 
 
 def test_query_of_many_states_from_files_and_stdin(tmp_path: Path) -> None:
@@ -105,14 +93,11 @@ def test_query_of_many_states_from_files_and_stdin(tmp_path: Path) -> None:
     table = header + "\n".join(",".join(map(repr, row)) for row in np.hstack([q, v, tau]).tolist())
     (tmp_path / "numbered.csv").write_text(table)
     named = table.replace(header, "q.shoulder,q.elbow,v.shoulder,v.elbow,tau.shoulder,tau.elbow\n")
+    ask = ("query", "two_link", "forward-dynamics", "--states")
     for name in ("columns.json", "rows.json", "numbered.csv"):
-        assert np.array_equal(
-            answer("query", "two_link", "forward-dynamics", "--states", str(tmp_path / name))["a"], expected
-        )
+        assert np.array_equal(answer(*ask, str(tmp_path / name))["a"], expected)
     for text in (table, named, json.dumps(columns)):
-        assert np.array_equal(
-            answer("query", "two_link", "forward-dynamics", "--states", "-", stdin=text)["a"], expected
-        )
+        assert np.array_equal(answer(*ask, "-", stdin=text)["a"], expected)
 
 
 def test_query_of_a_saved_trajectory(tmp_path: Path) -> None:
@@ -136,33 +121,23 @@ def test_options_say_which_robot() -> None:
     assert "gravity (1, 2, 3)" in call("inspect", "two_link", *options).stdout
 
 
-def test_a_cross_check_that_finds_a_difference_exits_1(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-) -> None:
-    from twolink.robots import checks as second_reading
-
+def test_a_cross_check_that_finds_a_difference_exits_1(monkeypatch: pytest.MonkeyPatch) -> None:
     robot = tl.load_robot("two_link")
     for name in ("two_link", "alex_psyonic_hands"):  # whose fingers mimic joints that do not move
         assert second_reading.compare(tl.load_robot(name))["agree"]
     text = robot.visuals.text
-    for wrong in (
-        text.replace('xyz="1.0 0.0 0.0"', 'xyz="1 0 1e-6"'),
-        text.replace('mass value="3.0"', 'mass value="0.13"'),
-    ):
-        assert wrong != text
+    for old, new in (('xyz="1.0 0.0 0.0"', 'xyz="1 0 1e-6"'), ('mass value="3.0"', 'mass value="0.13"')):
+        assert old in text
         other = copy.copy(robot)
-        other.visuals = dataclasses.replace(robot.visuals, text=wrong)
+        other.visuals = dataclasses.replace(robot.visuals, text=text.replace(old, new))
         record = second_reading.compare(other)
         assert not record["agree"]
         assert record["text"].startswith("DIFFER: ")
     monkeypatch.setattr(second_reading, "compare", lambda _: record)
-    monkeypatch.setattr(sys, "argv", ["twolink", "inspect", "two_link", "--cross-check"])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 1
-    out, err = capsys.readouterr()
-    assert "second reading (yourdfpy): DIFFER" in out
-    assert "read it differently" in err
+    done = call("inspect", "two_link", "--cross-check")
+    assert done.returncode == 1
+    assert "second reading (yourdfpy): DIFFER" in done.stdout
+    assert "read it differently" in done.stderr
 
 
 def test_check_passes_and_names_the_misprinted_entries() -> None:

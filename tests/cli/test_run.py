@@ -5,14 +5,12 @@ import json
 import re
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import twolink as tl
 from tests.command import TOP, TWOLINK, answer, call, one_line
-from twolink.cli.app import main
 from twolink.errors import ShowError
 
 
@@ -67,39 +65,26 @@ def test_run_refuses_what_cannot_be_written_before_it_simulates(tmp_path: Path) 
     assert not (tmp_path / "no").exists()
 
 
-def test_a_file_that_cannot_be_written_loses_nothing_else(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_that_cannot_be_written_loses_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(_run: tl.Trajectory, path: Path) -> None:
         raise ShowError("cannot be written", where=str(path))
 
     monkeypatch.setattr(tl.Trajectory, "plot", full)
     outs = ("--out", str(tmp_path / "x.png"), "--out", str(tmp_path / "x.npz"))
-    monkeypatch.setattr(sys, "argv", ["twolink", "run", "arm-swing", "--duration", "0.1", "--json", *outs])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    out, err = capsys.readouterr()
-    assert (stop.value.code, err) == (1, f"twolink: {tmp_path / 'x.png'}: cannot be written\n")
-    assert json.loads(out)["written"] == [str(tmp_path / "x.npz")]
+    done = call("run", "arm-swing", "--duration", "0.1", "--json", *outs)
+    assert (done.returncode, done.stderr) == (1, f"twolink: {tmp_path / 'x.png'}: cannot be written\n")
+    assert json.loads(done.stdout)["written"] == [str(tmp_path / "x.npz")]
 
 
-def test_an_interrupted_run_keeps_what_is_done(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_interrupted_run_keeps_what_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def press_ctrl_c(t: float, _total: float, _label: str) -> None:
         if t > 1:
             raise KeyboardInterrupt
 
     monkeypatch.setattr("twolink.cli.scenes.progress_bar", lambda: contextlib.nullcontext(press_ctrl_c))
-    monkeypatch.setattr(
-        sys, "argv", ["twolink", "run", "arm-swing", "--json", "--duration", "60", "--out", str(tmp_path / "x.csv")]
-    )
-    with pytest.raises(SystemExit) as stop:
-        main()
-    out, err = capsys.readouterr()
-    assert stop.value.code == 130
-    assert err == "twolink: interrupted; what was done is kept\n"
-    summary = json.loads(out)
+    done = call("run", "arm-swing", "--json", "--duration", "60", "--out", str(tmp_path / "x.csv"))
+    assert (done.returncode, done.stderr) == (130, "twolink: interrupted; what was done is kept\n")
+    summary = json.loads(done.stdout)
     assert summary["interrupted"]
     assert 0.5 < summary["duration"] < 59
     assert tl.Trajectory.load(tmp_path / "x.csv", tl.load_robot("two_link")).t[-1] == summary["duration"]

@@ -1,57 +1,34 @@
 """Scenes on the command line: printing one, beginning one for a robot, simulating a URDF, completing names."""
 
-import json
 import os
 import re
 import subprocess
-import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import twolink as tl
-from tests.command import TOP, TWOLINK
-from twolink.cli.app import main
+from tests.command import TOP, TWOLINK, answer, call, one_line
 
-URDF = TOP / "urdf" / "two_link.urdf"
-Twolink = Callable[..., tuple[object, str, str]]
+URDF = str(TOP / "urdf" / "two_link.urdf")
 
 
-@pytest.fixture
-def twolink(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Twolink:
-    """Calls the command line in this process: its exit code, output and errors."""
-
-    def called(*arguments: object) -> tuple[object, str, str]:
-        monkeypatch.setattr(sys, "argv", ["twolink", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        return stop.value.code, *capsys.readouterr()
-
-    return called
-
-
-def test_a_printed_scene_is_that_scene(twolink: Twolink, tmp_path: Path) -> None:
-    code, text, _ = twolink("scenes", "pendulum-friction")
+def test_a_printed_scene_is_that_scene(tmp_path: Path) -> None:
+    printed = call("scenes", "pendulum-friction")
     file = tmp_path / "mine.toml"
-    file.write_text(text)
-    assert code == 0
+    file.write_text(printed.stdout)
+    assert printed.returncode == 0
     assert tl.load_scene(file).effects == tl.load_scene("pendulum-friction").effects
-    assert json.loads(twolink("scenes", "pendulum-friction", "--json")[1])["robot"] == "friction_pendulum"
-    code, _, problem = twolink("scenes", "pendulum-frction")
-    assert code == 1
-    assert problem.startswith(
-        "twolink: there is no bundled scene 'pendulum-frction'; did you mean 'pendulum-friction'?"
-    )
+    assert answer("scenes", "pendulum-friction")["robot"] == "friction_pendulum"
+    words = "twolink: there is no bundled scene 'pendulum-frction'; did you mean 'pendulum-friction'?"
+    one_line(call("scenes", "pendulum-frction"), 1, words)
 
 
 @pytest.mark.parametrize(("robot", "root"), [(URDF, "fixed"), ("panda", "fixed"), ("z1", "fixed"), ("solo12", "free")])
-def test_a_new_scene_and_each_effect_in_its_comments_can_be_read(
-    robot: str | Path, root: str, twolink: Twolink, tmp_path: Path
-) -> None:
+def test_a_new_scene_and_each_effect_in_its_comments_can_be_read(robot: str, root: str, tmp_path: Path) -> None:
     file = tmp_path / "new" / "mine.toml"
-    assert twolink("new", robot, file, "--root", root)[0] == 0
+    assert call("new", robot, str(file), "--root", root).returncode == 0
     scene = tl.load_scene(file)
     assert "between" not in file.read_text().partition("[v]")[2].partition("[[effects]]")[0]
     whole = tl.scene_of(tl.load_robot(robot, root=root), contact=root == "free")
@@ -74,44 +51,27 @@ def test_a_new_scene_and_each_effect_in_its_comments_can_be_read(
         assert [given.get(name, 0.0) for name in dofs] == [urdf[k] for k in dofs.values()]
 
 
-def test_a_new_scene_replaces_no_file(twolink: Twolink, tmp_path: Path) -> None:
+def test_a_new_scene_replaces_no_file(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text("mine")
-    code, _, problem = twolink("new", "two_link", file)
-    assert (code, file.read_text()) == (2, "mine")
-    assert "it exists already" in problem
+    one_line(call("new", "two_link", str(file)), 2, "it exists already")
+    assert file.read_text() == "mine"
 
 
-def test_a_urdf_runs_with_all_that_it_says(twolink: Twolink) -> None:
-    code, out, _ = twolink("run", URDF, "--duration", "0.5", "--json")
-    scene = tl.scene_of(URDF)
-    assert code == 0
-    np.testing.assert_allclose(json.loads(out)["q"], tl.simulate(scene, 0.5).q[-1], atol=2e-6)
+def test_a_urdf_runs_with_all_that_it_says() -> None:
+    ends = answer("run", URDF, "--duration", "0.5")["q"]
+    np.testing.assert_allclose(ends, tl.simulate(tl.scene_of(URDF), 0.5).q[-1], atol=2e-6)
 
 
-def test_a_robot_that_moves_about_stands_on_the_ground_unless_it_is_asked_not_to(twolink: Twolink) -> None:
-    options = ("--duration", "0.02", "--step", "0.002", "--no-verify", "--json")
-    for ground in ([], ["--ground"]):
-        code, out, _ = twolink("run", "solo12", *ground, *options)
-        assert code == 0
-        assert len(json.loads(out)["q"]) == 19
-        assert json.loads(out)["cost"]["method"] == "stepped"
-    for other, size in ((["--no-ground"], 12), (["--root", "free"], 19)):
-        code, out, _ = twolink("run", "solo12", *other, "--duration", "0.02", "--json")
-        assert code == 0
-        assert len(json.loads(out)["q"]) == size
-        assert json.loads(out)["cost"]["method"] != "stepped"
-    code, _, problem = twolink("run", "arm-swing", "--ground")
-    assert (code, problem[:19]) == (2, "twolink: --ground: ")
-
-
-def test_messages_name_options(twolink: Twolink) -> None:
-    code, _, problem = twolink("run", "arm-swing", "--duration", "-1")
-    assert code == 2
-    assert problem.startswith("twolink: --duration: ")
-    code, _, problem = twolink("run", "arm-swing", "--method", "rk4", "--tolerance", "1e-3")
-    assert code == 2
-    assert problem == "twolink: --method: rk4 takes steps of one size; give --step\n"
+@pytest.mark.parametrize(("ground", "size", "stepped"), [
+    ([], 19, True), (["--ground"], 19, True), (["--no-ground"], 12, False), (["--root", "free"], 19, False),
+])  # fmt: skip
+def test_a_robot_that_moves_about_stands_on_the_ground_unless_it_is_asked_not_to(
+    ground: list[str], size: int, stepped: bool
+) -> None:
+    options = ("--step", "0.002", "--no-verify") if stepped else ()
+    record = answer("run", "solo12", *ground, "--duration", "0.02", *options)
+    assert (len(record["q"]), record["cost"]["method"] == "stepped") == (size, stepped)
 
 
 @pytest.mark.some(1)

@@ -65,11 +65,10 @@ def test_malformed_states_are_refused(case: str, robot: tl.Robot, tmp_path: Path
     assert len(str(failure.value)) < 500
 
 
-@pytest.mark.parametrize(
-    "content",
-    [b"q0,q1,v0,v1\n\n1,2,3,4\n \n", b"\xef\xbb\xbfq0,q1,v0,v1\r\n1,2,3,4\r\n", b"v1,v0,q1,q0\n4,3,2,1\n",
-     b'\xef\xbb\xbf[{"q": [1, 2], "v": [3, 4]}]', b"t,q.elbow,q.shoulder,v.shoulder,v.elbow\n0,2,1,3,4"],
-)  # fmt: skip
+@pytest.mark.parametrize("content", [
+    b"q0,q1,v0,v1\n\n1,2,3,4\n \n", b"\xef\xbb\xbfq0,q1,v0,v1\r\n1,2,3,4\r\n", b"v1,v0,q1,q0\n4,3,2,1\n",
+    b'\xef\xbb\xbf[{"q": [1, 2], "v": [3, 4]}]', b't,q.elbow,q.shoulder,v.shoulder,v.elbow\n0,2,1,3,4',
+])  # fmt: skip
 def test_blank_lines_byte_order_marks_and_order_do_not_matter(content: bytes, robot: tl.Robot, tmp_path: Path) -> None:
     assert np.array_equal(ask(robot, content, tmp_path)["h"], robot.bias([[1, 2]], [[3, 4]]))
 
