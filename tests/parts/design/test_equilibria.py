@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.parts.urdf_text import joint, link
+from tests.parts.urdf_text import robot as robot_text
 from twolink.errors import SceneError
 
 E = tl.effects
@@ -75,11 +77,8 @@ def test_without_equilibria() -> None:
 
 def test_damping_of_one_of_two_uncoupled_sliders_is_stable() -> None:
     """The other one oscillates for ever: its eigenvalues are imaginary."""
-    link = '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
-    joint = ('<joint name="{0}" type="prismatic"><parent link="{1}"/><child link="{2}"/><axis xyz="{3}"/>'
-             '<limit lower="-9" upper="9" effort="9" velocity="9"/></joint>')  # fmt: skip
-    bodies = "".join(link.format(name) + "</inertial></link>" for name in ("a", "b"))
-    joints = joint.format("x", "base", "a", "1 0 0") + joint.format("y", "a", "b", "0 1 0")
-    robot = tl.load_robot(f'<robot name="gantry"><link name="base"/>{bodies}{joints}</robot>')
+    text = robot_text(link("a"), link("b"), joint("x", "prismatic", "ground", "a", "1 0 0"),
+                      joint("y", "prismatic", "a", "b", "0 1 0"))  # fmt: skip
+    robot = tl.load_robot(text)
     effects = [E.JointSpring({"x": 3.0, "y": 2.0}), E.JointDamping({"x": 0.5})]
     assert tl.equilibria(tl.Scene(robot, effects=effects), [0.1, 0.2])[0].stability == "stable"

@@ -18,9 +18,8 @@ def bent(run: tl.Trajectory) -> float:
 
 @pytest.fixture(scope="module")
 def swing() -> tl.Gradient:
-    return tl.gradient(
-        tl.load_scene("arm-swing"), objective=bent, wrt=["q", "v", *CONSTANTS], duration=2.0, accuracy=1e-9
-    )
+    names = ["q", "v", *CONSTANTS]
+    return tl.gradient(tl.load_scene("arm-swing"), objective=bent, wrt=names, duration=2.0, accuracy=1e-9)
 
 
 @pytest.mark.slow
@@ -66,9 +65,8 @@ def test_it_goes_back_through_events(case: str) -> None:
 
 def test_loops_are_followed() -> None:
     scene = tl.load_scene("crank-spring")
-    found = tl.gradient(
-        scene, objective=lambda run: float(run.q[-1].sum() + run.v[-1, 0]), wrt=["v"], duration=1.0, accuracy=1e-8
-    )
+    end = lambda run: float(run.q[-1].sum() + run.v[-1, 0])  # noqa: E731
+    found = tl.gradient(scene, objective=end, wrt=["v"], duration=1.0, accuracy=1e-8)
     s = tl.sensitivities(scene, wrt=["v"], duration=1.0, accuracy=1e-8, samples_per_second=20)
     truth = s.q["v"][-1].sum(axis=0) + s.v["v"][-1, 0]
     assert np.abs(truth).max() > 0.1
@@ -81,11 +79,9 @@ def test_all_samples_count_with_slopes_or_without() -> None:
     def spread(run: tl.Trajectory) -> float:
         return float((run.q**2).sum())
 
-    options = {"duration": 0.5, "accuracy": 1e-8, "samples_per_second": 40}
-    plain = tl.gradient(scene, objective=spread, wrt=["v", "forearm.mass"], **options)
-    given = tl.gradient(
-        scene, objective=spread, wrt=["v", "forearm.mass"], **options, slopes=lambda run: (2 * run.q, 0 * run.v)
-    )
+    asked = {"objective": spread, "wrt": ["v", "forearm.mass"], "duration": 0.5, "accuracy": 1e-8}
+    plain, given = (tl.gradient(scene, **asked, samples_per_second=40, slopes=slopes)
+                    for slopes in (None, lambda run: (2 * run.q, 0 * run.v)))  # fmt: skip
     s = tl.sensitivities(scene, wrt=["v", "forearm.mass"], duration=0.5, accuracy=1e-9, samples_per_second=40)
     for name in ("v", "forearm.mass"):
         truth = 2.0 * np.einsum("nk,nkp->p", s.run.q, s.q[name])

@@ -105,17 +105,10 @@ def test_what_cannot_be_regulated_is_named() -> None:
     assert caught.value.code == "depends-on-time"
 
 
-@pytest.mark.parametrize(
-    ("Q", "R", "argument"),
-    [
-        ([1.0, 2.0], 1.0, "Q"),
-        (np.arange(16.0).reshape(4, 4), 1.0, "Q"),
-        (-1.0, 1.0, "Q"),
-        ("much", 1.0, "Q"),
-        (1.0, 0.0, "R"),
-        (1.0, [1.0, np.nan], "R"),
-    ],
-)
+@pytest.mark.parametrize(("Q", "R", "argument"), [
+    ([1.0, 2.0], 1.0, "Q"), (np.arange(16.0).reshape(4, 4), 1.0, "Q"), (-1.0, 1.0, "Q"), ("much", 1.0, "Q"),
+    (1.0, 0.0, "R"), (1.0, [1.0, np.nan], "R"),
+])  # fmt: skip
 def test_weights_that_do_not_fit(Q: object, R: object, argument: str) -> None:
     with pytest.raises(SceneError) as caught:
         tl.lqr(tl.Scene(ARM, UP, effects=[E.Gravity()]), Q, R)

@@ -7,17 +7,15 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.parts.urdf_text import joint, link
+from tests.parts.urdf_text import robot as robot_text
 from twolink.errors import SceneError
 from twolink.parts.design.evaluation import ObjectiveEvaluator, variables_of
 from twolink.parts.design.objectives import Extreme, FramePosition, FrameSpeed, Integral, StateDistance, final_energy
 from twolink.scenes.parameters import named_parameters, parameters_of, scene_with
 
-INERTIAL = """<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>"""
-LIMIT = """<limit lower="-99" upper="99" effort="1000" velocity="100"/>"""
-PLANE = f"""<robot name="plane"><link name="world"/>
-<link name="side">{INERTIAL}</link><link name="ball">{INERTIAL}</link>
-<joint name="x" type="prismatic"><parent link="world"/><child link="side"/><axis xyz="1 0 0"/>{LIMIT}</joint>
-<joint name="z" type="prismatic"><parent link="side"/><child link="ball"/><axis xyz="0 0 1"/>{LIMIT}</joint></robot>"""
+PLANE = robot_text(link("side", 2.0), link("ball", 2.0), joint("x", "prismatic", "ground", "side", "1 0 0"),
+                   joint("z", "prismatic", "side", "ball", "0 0 1"))  # fmt: skip
 G, SPEED, HEIGHT = 9.81, 5.0, 1.5
 
 
@@ -33,9 +31,8 @@ def test_the_farthest_throw_with_a_limited_speed_is_the_textbook_one() -> None:
     """From a height h: range V sqrt(V^2 + 2 g h) / g, at tan of the elevation V / sqrt(V^2 + 2 g h)."""
     limit = {"speed": lambda run: SPEED**2 - float(run.v[0] @ run.v[0])}
     wrt = {"v.x": (0.5, 8.0), "v.z": (0.5, 8.0)}
-    found = tl.optimize(
-        thrown(), wrt=wrt, objective="x:ball", maximize=True, constraints=limit, starts=2, accuracy=1e-9
-    )
+    options = {"maximize": True, "constraints": limit, "starts": 2, "accuracy": 1e-9}
+    found = tl.optimize(thrown(), wrt=wrt, objective="x:ball", **options)
     scene, run, history = found
     root = np.sqrt(SPEED**2 + 2 * G * HEIGHT)
     assert found.objective == pytest.approx(SPEED * root / G, abs=1e-8)
@@ -56,9 +53,8 @@ def test_the_least_effort_from_rest_to_rest_is_the_textbook_one() -> None:
     wrt = {f"effects.0.inputs.x.coefficients.{k}": (-100.0, 100.0) for k in (0, 1)}
     limits = {"there": lambda run: run.q[-1, 0] - 1.0, "slow": lambda run: -run.v[-1, 0],
               "forward": lambda run: run.v[-1, 0]}  # fmt: skip
-    found = tl.optimize(
-        scene, wrt=wrt, objective="effort", constraints=limits, starts=1, accuracy=1e-9, curvature=False
-    )
+    options = {"constraints": limits, "starts": 1, "accuracy": 1e-9, "curvature": False}
+    found = tl.optimize(scene, wrt=wrt, objective="effort", **options)
     assert found.objective == pytest.approx(12 * mass**2, rel=1e-6)
     assert list(found.values.values()) == pytest.approx([6 * mass, -12 * mass], rel=1e-5)
     assert np.isnan(found.hessian).all()
@@ -73,9 +69,8 @@ def test_the_path_of_least_jerk_from_rest_to_rest_is_the_textbook_one() -> None:
     track = tl.effects.ComputedTorque(path, 100.0, 20.0, following={"wrist": level})
     scene = tl.Scene(tl.load_robot("feeding_arm"), [*a, -a.sum()], effects=[tl.effects.Gravity(), track])
     wrt = {f"effects.1.path.{joint}.points.{k}": (-3.0, 3.0) for joint in names for k in (3, 4)}
-    found = tl.optimize(
-        scene, wrt=wrt, objective="jerk", starts=1, duration=duration, samples_per_second=50, curvature=False
-    )
+    options = {"starts": 1, "duration": duration, "samples_per_second": 50, "curvature": False}
+    found = tl.optimize(scene, wrt=wrt, objective="jerk", **options)
     change = np.append(b - a, -(b - a).sum())
     assert found.objective == pytest.approx(720 * (change**2).sum() / duration**5, rel=1e-5)
     share = np.array([2 / 7, 5 / 7])  # of the quintic in control points of degree 7
@@ -114,9 +109,8 @@ def test_derivatives_along_a_run_agree_with_differences_of_runs(case: str) -> No
     make, wrt, objective = CASES[case]
     scene, length = make(), 5.0 if "landing" in case or "ground" in case else 0.7
     variables = variables_of(scene, wrt)
-    evaluate = ObjectiveEvaluator(
-        variables, {"objective": objective}, np.linspace(0.0, length, round(100 * length) + 1), 1e-9
-    )
+    times = np.linspace(0.0, length, round(100 * length) + 1)
+    evaluate = ObjectiveEvaluator(variables, {"objective": objective}, times, 1e-9)
     found = evaluate(variables.own)
     assert found.by == "sensitivities"
     assert found.simulations == 1
@@ -148,9 +142,11 @@ def test_a_function_of_what_a_variable_moves_unseen_is_found_out() -> None:
     scene = thrown()
     watch = tl.effects.Watch("high", when=tl.effects.FrameReaches("ball", HEIGHT + 0.1))
     scene = scene.with_effects([*scene.effects, watch])
-    found = tl.optimize(
-        scene, wrt={"v.z": (1.9, 6.0)}, objective=lambda run: (run.events[0].t - 0.03) ** 2, starts=1, accuracy=1e-9
-    )
+
+    def late(run: tl.Trajectory) -> float:
+        return (run.events[0].t - 0.03) ** 2
+
+    found = tl.optimize(scene, wrt={"v.z": (1.9, 6.0)}, objective=late, starts=1, accuracy=1e-9)
     assert found.history.to_records()[-1]["derivatives"].startswith("differences of runs: ")
     vz = found.values["v.z"]
     assert (vz - np.sqrt(vz**2 - 2 * G * 0.1)) / G == pytest.approx(0.03, abs=1e-4)
@@ -163,7 +159,8 @@ def test_a_search_goes_on_from_its_file_with_the_same_result(tmp_path: Path) -> 
     def objective(run: tl.Trajectory) -> float:
         return (run.q[-1, 0] - 1.0) ** 2 + 0.1 * float(run.v[0] @ run.v[0])
 
-    whole = tl.optimize(scene, wrt=wrt, objective=objective, starts=1)
+    asked = {"wrt": wrt, "objective": objective, "starts": 1}
+    whole = tl.optimize(scene, **asked)
     seen: list[int] = []
 
     def press(done: int, _most: int, _label: str) -> None:
@@ -171,20 +168,18 @@ def test_a_search_goes_on_from_its_file_with_the_same_result(tmp_path: Path) -> 
         if done == 3 and len(seen) < 6:
             raise KeyboardInterrupt
 
-    part = tl.optimize(scene, wrt=wrt, objective=objective, starts=1, out=out, progress=press)
+    part = tl.optimize(scene, **asked, out=out, progress=press)
     assert part.interrupted
     assert len(part.history) == 3
     assert part.objective == min(record["objective"] for record in part.history)
     assert "interrupted" in str(part)
     first = len(seen)
-    rest = tl.optimize(
-        scene, wrt=wrt, objective=objective, starts=1, out=out, progress=lambda done, *_: seen.append(done)
-    )
+    rest = tl.optimize(scene, **asked, out=out, progress=lambda done, *_: seen.append(done))
     assert seen[first] == 3  # the first three are not computed again
     assert rest.values == whole.values
     assert [r["objective"] for r in rest.history] == [r["objective"] for r in whole.history]
     with pytest.raises(SceneError, match="its maximize is False, not True") as caught:
-        tl.optimize(scene, wrt=wrt, objective=objective, starts=1, out=out, maximize=True)
+        tl.optimize(scene, **asked, out=out, maximize=True)
     assert caught.value.code == "another-search"
     out.write_text("{}")
     with pytest.raises(SceneError) as caught:
@@ -193,24 +188,21 @@ def test_a_search_goes_on_from_its_file_with_the_same_result(tmp_path: Path) -> 
     assert json.loads(json.dumps(rest.to_dict(), allow_nan=False))["simulations"] >= len(rest.history)
 
 
-@pytest.mark.parametrize(
-    ("wrt", "objective", "code", "part"),
-    [
-        ({"effects.0.field": (0, 1)}, "energy", "unknown-parameter", "effects.0.field."),
-        ({}, "energy", "no-variables", "expected bounds by name"),
-        ({"v.elbo": (0, 1)}, "energy", "unknown-parameter", "did you mean 'v.elbow'"),
-        ({"v.elbow": (1, 0)}, "energy", "bounds", "(1, 0)"),
-        ({"v.elbow": (0, float("inf"))}, "energy", "bounds", "v.elbow"),
-        ({"forearm.mass": (-1, 1)}, "energy", "scene", "forearm.mass"),
-        ({"forearm.inertia.yy": (-0.1, 9.0)}, "energy", "impossible-body", "forearm.inertia: no body has"),
-        ({"v.elbow": (0, 1)}, "energie", "unknown-objective", "energy"),
-        ({"v.elbow": (0, 1)}, "max-v:elbw", "scene", "there is no joint 'elbw' with one coordinate"),
-        ({"v.elbow": (0, 1)}, "x:hand", "scene", "there is no frame 'hand'"),
-        ({"v.elbow": (0, 1)}, lambda run: run.q, "objective", "expected a finite number"),
-        ({"v.elbow": (0, 1)}, lambda run: 0.0 * run.t[0] + float("nan"), "objective", "nan"),
-        ({"v.elbow": (0, 1)}, 3.0, "objective", "expected a function of a run, got 3.0"),
-    ],
-)
+@pytest.mark.parametrize(("wrt", "objective", "code", "part"), [
+    ({"effects.0.field": (0, 1)}, "energy", "unknown-parameter", "effects.0.field."),
+    ({}, "energy", "no-variables", "expected bounds by name"),
+    ({"v.elbo": (0, 1)}, "energy", "unknown-parameter", "did you mean 'v.elbow'"),
+    ({"v.elbow": (1, 0)}, "energy", "bounds", "(1, 0)"),
+    ({"v.elbow": (0, float("inf"))}, "energy", "bounds", "v.elbow"),
+    ({"forearm.mass": (-1, 1)}, "energy", "scene", "forearm.mass"),
+    ({"forearm.inertia.yy": (-0.1, 9.0)}, "energy", "impossible-body", "forearm.inertia: no body has"),
+    ({"v.elbow": (0, 1)}, "energie", "unknown-objective", "energy"),
+    ({"v.elbow": (0, 1)}, "max-v:elbw", "scene", "there is no joint 'elbw' with one coordinate"),
+    ({"v.elbow": (0, 1)}, "x:hand", "scene", "there is no frame 'hand'"),
+    ({"v.elbow": (0, 1)}, lambda run: run.q, "objective", "expected a finite number"),
+    ({"v.elbow": (0, 1)}, lambda run: 0.0 * run.t[0] + float("nan"), "objective", "nan"),
+    ({"v.elbow": (0, 1)}, 3.0, "objective", "expected a function of a run, got 3.0"),
+])  # fmt: skip
 def test_errors_name_parameter_value_and_expectation(wrt, objective, code: str, part: str) -> None:
     with pytest.raises(tl.errors.TwolinkError) as caught:
         tl.optimize(tl.load_scene("arm-swing"), wrt=wrt, objective=objective, duration=0.1)

@@ -14,9 +14,8 @@ ARGUMENTS = ("optimize", "arm-swing", "--wrt", "v.elbow=-2:2", "--duration", "0.
 def test_the_best_scene_is_written_and_gives_the_best_value(tmp_path: Path) -> None:
     out, keep = tmp_path / "best.toml", tmp_path / "search.json"
     limit = ("--at-most", "speed:forearm=3.95")
-    record = answer(
-        *ARGUMENTS, "--objective", "z:forearm", "--maximize", *limit, "--out", str(out), "--keep", str(keep)
-    )
+    files = ("--out", str(out), "--keep", str(keep))
+    record = answer(*ARGUMENTS, "--objective", "z:forearm", "--maximize", *limit, *files)
     assert record["files"] == [str(out)]
     assert keep.exists()
     best = tl.load_scene(out)

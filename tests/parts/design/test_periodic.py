@@ -36,9 +36,8 @@ def test_a_pendulum_has_the_period_of_the_elliptic_integral(pendulum_urdf: str, 
 def bouncing() -> tl.PeriodicMotion:
     """A ball that bounces without loss, from 1 m."""
     ball = tl.load_scene("bouncing-ball")
-    effects = [
-        msgspec.structs.replace(e, restitution=1.0) if isinstance(e, E.PlaneContact) else e for e in ball.effects
-    ]
+    effects = [msgspec.structs.replace(e, restitution=1.0) if isinstance(e, E.PlaneContact) else e
+               for e in ball.effects]  # fmt: skip
     return tl.periodic_motion(tl.Scene(ball.base, ball.q, ball.v, effects), 0.9, vary=[])
 
 

@@ -3,7 +3,6 @@
 import contextlib
 import functools
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import twolink as tl
-from tests.command import answer
-from twolink.cli.app import main
+from tests.command import answer, call, one_line
 from twolink.effects import Gravity, Watch
 from twolink.parts.design.throw import AIMS, Throw, ball_state, throw
 
@@ -146,13 +144,6 @@ def test_no_throw_beside_the_best_is_as_good(name: str, times: dict[str, float],
     assert min(compiling) == 0.0  # the times are not compiled in; optimized code may follow once
 
 
-def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["twolink", "throw", *arguments])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    return int(stop.value.code or 0)
-
-
 @pytest.mark.slow
 def test_pitch_as_json_with_a_figure(tmp_path: Path) -> None:
     """The search finds the scene's times again, from the middle of their windows, and says what a millisecond costs."""
@@ -179,32 +170,22 @@ def test_pitch_as_json_with_a_figure(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_ctrl_c_keeps_the_best_so_far(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_ctrl_c_keeps_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
     def press(done: int, _total: int, _label: str) -> None:
         if done == 2:
             raise KeyboardInterrupt
 
     monkeypatch.setattr("twolink.parts.design.commands.progress_bar", lambda: contextlib.nullcontext(press))
-    assert command(monkeypatch, "pitch") == 130
-    out, err = capsys.readouterr()
-    assert "after 2 throws" in out
-    assert re.search(r"ball let go +\d+\.\d+ \(error not known\) ms", out)
-    assert err == "twolink: interrupted; what was done is kept\n"
+    done = call("throw", "pitch")
+    assert (done.returncode, done.stderr) == (130, "twolink: interrupted; what was done is kept\n")
+    assert "after 2 throws" in done.stdout
+    assert re.search(r"ball let go +\d+\.\d+ \(error not known\) ms", done.stdout)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "part"),
-    [
-        (["juggle"], "what: there is no throw 'juggle'"),
-        (["bowl", "--out", "x.html"], "'.html' is not a format we know"),
-        (["bowl", "--accuracy", "0"], "accuracy: expected a number above 0"),
-    ],
-)
-def test_misuse(
-    arguments: list[str], part: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert command(monkeypatch, *arguments) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert part in err
-    assert err.count("\n") == 1
+@pytest.mark.parametrize(("arguments", "part"), [
+    (["juggle"], "what: there is no throw 'juggle'"),
+    (["bowl", "--out", "x.html"], "'.html' is not a format we know"),
+    (["bowl", "--accuracy", "0"], "accuracy: expected a number above 0"),
+])  # fmt: skip
+def test_misuse(arguments: list[str], part: str) -> None:
+    one_line(call("throw", *arguments), 2, part)

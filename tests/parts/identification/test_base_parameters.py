@@ -6,8 +6,11 @@ import pytest
 
 import twolink as tl
 from tests.parts.identification.motions import FINGERS
+from tests.parts.urdf_text import joint, link
+from tests.parts.urdf_text import robot as robot_text
 from twolink.errors import QueryError
 from twolink.identification import base_parameters
+from twolink.parts.identification.base_parameters import select
 
 ROBOTS = {
     "two_link": ({}, 6),
@@ -52,39 +55,22 @@ def test_words_of_the_two_link_arm() -> None:
     """In a vertical plane a mass at the elbow acts as a first moment and an inertia of the upper arm, l = 1 m."""
     base = base_parameters(tl.load_robot("two_link"))
     assert base.combinations == (
-        "upper_arm.first_moment.x + forearm.mass",
-        "upper_arm.first_moment.z",
+        "upper_arm.first_moment.x + forearm.mass", "upper_arm.first_moment.z",
         "upper_arm.origin_inertia.yy + forearm.mass",
-        "forearm.first_moment.x",
-        "forearm.first_moment.z",
-        "forearm.origin_inertia.yy",
-    )
+        "forearm.first_moment.x", "forearm.first_moment.z", "forearm.origin_inertia.yy",
+    )  # fmt: skip
     assert "upper_arm.mass: no torque depends on it" in base.not_identifiable()
     assert "only the sum upper_arm.first_moment.x + forearm.mass" in base.not_identifiable()
 
 
 def test_masses_that_move_together_are_told_only_as_a_sum() -> None:
     """Two slides along one line: the inner mass moves alone, and a third is carried without moving on its own."""
-    link = (
-        '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
-        "</inertial></link>"
-    )
-    joint = (
-        '<joint name="{}" type="prismatic"><parent link="{}"/><child link="{}"/><axis xyz="{}"/>'
-        '<limit lower="-9" upper="9" effort="1" velocity="1"/></joint>'
-    )
-    links = '<link name="ground"/>' + link.format("cart") + link.format("slide")
-    joints = joint.format("x", "ground", "cart", "1 0 0") + joint.format("z", "cart", "slide", "0 1 0")
-    base = base_parameters(tl.load_robot(f'<robot name="r">{links}{joints}</robot>'), ["*.mass"])
-    assert base.combinations == ("cart.mass", "slide.mass")
-    one = joint.format("x", "ground", "cart", "1 0 0")
-    one += joint.format("z", "cart", "slide", "1 0 0")
-    alike = base_parameters(tl.load_robot(f'<robot name="r">{links}{one}</robot>'), ["*.mass"])
-    assert alike.combinations == ("cart.mass", "slide.mass")
-    coupled = one.replace('upper="9" effort="1" velocity="1"/></joint>', "@", 1)
-    coupled = coupled.replace("</joint>", '<mimic joint="x" multiplier="0"/></joint>')
-    coupled = coupled.replace("@", 'upper="9" effort="1" velocity="1"/></joint>')
-    robot = tl.load_robot(f'<robot name="r">{links}{coupled}</robot>', mimic=True)
+    parts = link("cart"), link("slide"), joint("x", "prismatic", "ground", "cart", "1 0 0")
+    for axis in ("0 1 0", "1 0 0"):
+        text = robot_text(*parts, joint("z", "prismatic", "cart", "slide", axis))
+        assert base_parameters(tl.load_robot(text), ["*.mass"]).combinations == ("cart.mass", "slide.mass")
+    held = joint("z", "prismatic", "cart", "slide", "1 0 0", more='<mimic joint="x" multiplier="0"/>')
+    robot = tl.load_robot(robot_text(*parts, held), mimic=True)
     assert base_parameters(robot, ["*.mass"]).not_identifiable() == ("only the sum cart.mass + slide.mass",)
 
 
@@ -92,28 +78,23 @@ def test_a_mass_alone_keeps_centre_and_inertia_of_its_link() -> None:
     """It is then what `compiled(parameters=...)` calls by this name: dtau/dm at fixed centre and inertia about it."""
     robot = tl.load_robot("two_link")
     q, v = robot.random_state(5)
-    heavier = tl.load_robot("two_link").changed(
-        lambda model: model.inertias.__setitem__(
-            1, pin.Inertia(model.inertias[1].mass + 1, model.inertias[1].lever, model.inertias[1].inertia)
-        )
-    )
-    from twolink.parts.identification.base_parameters import select
 
+    def add(model: pin.Model) -> None:
+        body = model.inertias[1]
+        model.inertias[1] = pin.Inertia(body.mass + 1, body.lever, body.inertia)
+
+    heavier = robot.changed(add)
     column = robot.regressor(q, v, v) @ select(robot, ["upper_arm.mass"]).columns
     difference = heavier.inverse_dynamics(q, v, v) - robot.inverse_dynamics(q, v, v)
     np.testing.assert_allclose(column[..., 0], difference, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("names", "part"),
-    [
-        (["forarm.mass"], "did you mean 'forearm.mass'"),
-        (["forearm.com.x"], "look for forearm.mass and forearm.first_moment"),
-        (["forearm.inertia.yy"], "look for forearm.origin_inertia"),
-        ("forearm.mass", "expected a list of names"),
-        ([], "expected a list of names"),
-    ],
-)
+@pytest.mark.parametrize(("names", "part"), [
+    (["forarm.mass"], "did you mean 'forearm.mass'"),
+    (["forearm.com.x"], "look for forearm.mass and forearm.first_moment"),
+    (["forearm.inertia.yy"], "look for forearm.origin_inertia"),
+    ("forearm.mass", "expected a list of names"), ([], "expected a list of names"),
+])  # fmt: skip
 def test_unknown_parameters_are_refused_with_the_nearest(names: list[str], part: str) -> None:
     with pytest.raises(QueryError, match=part) as caught:
         base_parameters(tl.load_robot("two_link"), names)

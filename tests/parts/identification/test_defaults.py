@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.parts.identification.motions import motion, noisy
+from tests.parts.identification.motions import FINGERS, motion, noisy
 from twolink.errors import QueryError
 from twolink.identification import Identification, identify
 from twolink.parts.identification.base_parameters import direction, regressor
@@ -72,22 +72,18 @@ def test_parts_that_are_left_out_are_predicted_as_by_least_squares() -> None:
     np.testing.assert_allclose(Folds(columns, y, [30, 60, 90]).left_out([0, 2]), left / 90, rtol=1e-9)
 
 
-def fast_log() -> Identification:
-    """An arm with friction and a ripple of 300 Hz in its torques, at 2 kHz, of which friction is not looked for."""
+def test_a_filter_passes_what_bodies_do_also_where_friction_is_not_looked_for() -> None:
+    """An arm with friction and a ripple of 300 Hz in its torques, at 2 kHz."""
     t, q, v, a = motion(ARM, 8000, duration=4.0)
     tau = ARM.inverse_dynamics(q, v, a) + np.sign(v) + 0.1 * np.sin(600 * np.pi * t)[:, None]
-    return identify(ARM, t, noisy(q, 1e-5), None, noisy(tau, 0.05), joint_model="none")
-
-
-def test_a_filter_passes_what_bodies_do_also_where_friction_is_not_looked_for() -> None:
-    found = fast_log()
+    found = identify(ARM, t, noisy(q, 1e-5), None, noisy(tau, 0.05), joint_model="none")
     assert found.filter is not None
     assert 2.0 < found.filter.cutoff < 105.0
 
 
 def test_bodies_are_the_urdfs_where_the_motion_shows_nothing() -> None:
     """Torques of a Panda with drives: masses within a factor of the truth, though most of them no motion shows."""
-    robot = tl.load_robot("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
+    robot = tl.load_robot("panda", lock=FINGERS)
     t, q, v, a = motion(robot, 600, duration=10.0)
     tau = robot.inverse_dynamics(q, v, a) + 0.3 * v + 0.4 * np.sign(v)
     found = identify(robot, t, q, v, noisy(tau, 0.3), a=a)

@@ -10,8 +10,12 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares, lsq_linear
 
 import twolink as tl
+from tests.parts.identification import motions
+from tests.parts.urdf_text import joint, link
+from tests.parts.urdf_text import robot as robot_text
 from twolink.errors import QueryError, SceneError, TwolinkError
 from twolink.identification import base_parameters, write_urdf
+from twolink.io.tables import write_table
 from twolink.parts.identification.bounded_least_squares import Bounds, StepLimits, step_within
 from twolink.parts.identification.consistency import body_of, central, from_central, log_cholesky_chart, pseudo_inertia
 from twolink.scenes.parameters import scene_with
@@ -32,7 +36,7 @@ Q, V = motion_of(scene_with(SCENE, TRUE))
 
 
 def noisy(values: np.ndarray, seed: int = 0, size: float = NOISE) -> np.ndarray:
-    return values + size * np.random.default_rng(seed).standard_normal(values.shape)
+    return motions.noisy(values, size, seed)
 
 
 def inside(found: tl.SceneFit, truth: dict[str, float]) -> list[bool]:
@@ -105,15 +109,10 @@ def test_one_joint_alone_and_a_start_that_is_not_known() -> None:
 
 def test_a_joint_that_shows_noise_alone_does_not_hide_that_the_motion_is_found() -> None:
     """A turntable that nothing turns, with a pendulum on it that swings."""
-    body = ('<inertial><origin xyz="0 0 {}"/><mass value="1"/>'
-            '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>')  # fmt: skip
-    joint = ('<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><axis xyz="{3}"/>'
-             '<limit lower="-9" upper="9" effort="9" velocity="9"/></joint>')  # fmt: skip
-    robot = tl.load_robot(
-        f'<robot name="r"><link name="ground"/><link name="table">{body.format(0)}</link><link name="rod">'
-        f"{body.format(-0.5)}</link>{joint.format('turn', 'ground', 'table', '0 0 1')}"
-        f"{joint.format('swing', 'table', 'rod', '0 1 0')}</robot>"
-    )
+    robot = tl.load_robot(robot_text(
+        link("table", moment=0.1), link("rod", moment=0.1, at="0 0 -0.5"),
+        joint("turn", "revolute", "ground", "table", "0 0 1"), joint("swing", "revolute", "table", "rod", "0 1 0"),
+    ))  # fmt: skip
     scene = tl.Scene(robot, [0.0, 1.0], effects=[E.Gravity(), E.JointDamping({"swing": 0.1})])
     found = tl.fit(scene, {"t": TIMES, "q": noisy(motion_of(scene)[0])}, ["effects.1.damping.swing"])
     assert found.explained
@@ -270,8 +269,6 @@ def test_a_motion_driven_by_a_table_is_found(interpolation: str) -> None:
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet", ".npz"])
 def test_files_and_what_is_written(tmp_path: Path, ending: str) -> None:
-    from twolink.io.tables import write_table
-
     columns = {"t": TIMES, "q.shoulder": noisy(Q)[:, 0], "q.elbow": noisy(Q)[:, 1], "note": TIMES}
     damped = scene_with(SCENE, {name: x for name, x in TRUE.items() if "damping" in name})
     found = tl.fit(damped, write_table(tmp_path / f"log{ending}", columns, {}), ["forearm.mass"])
@@ -279,9 +276,8 @@ def test_files_and_what_is_written(tmp_path: Path, ending: str) -> None:
     if ending == ".csv":
         again = tl.load_scene(found.scene.save(tmp_path / "found.toml"))
         assert again.robot.model.inertias[2].mass == pytest.approx(found.values["forearm.mass"])
-        assert tl.load_robot(write_urdf(found, "arm", tmp_path / "found.urdf")).model.inertias[2].mass == pytest.approx(
-            found.values["forearm.mass"]
-        )
+        robot = tl.load_robot(write_urdf(found, "arm", tmp_path / "found.urdf"))
+        assert robot.model.inertias[2].mass == pytest.approx(found.values["forearm.mass"])
         assert found.plot(tmp_path / "fit.png").stat().st_size > 10_000
         assert "95 % intervals" in str(found)
 

@@ -23,9 +23,8 @@ def test_it_loads_as_the_robot_that_was_found_and_says_what_was(tmp_path: Path) 
     np.testing.assert_allclose(again.model.damping, found.found.model.damping, rtol=0, atol=1e-12)
     text = path.read_text()
     low, high = found.intervals["forearm.mass"]
-    assert (
-        f"<!-- found: forearm.mass = {found.values['forearm.mass']:.6g}, 95 % within {low:.6g} and {high:.6g}" in text
-    )
+    mass = f"forearm.mass = {found.values['forearm.mass']:.6g}, 95 % within {low:.6g} and {high:.6g}"
+    assert f"<!-- found: {mass}" in text
     assert "found: elbow.armature = " in text
     assert "kept near its value: forearm.first_moment.y, forearm.origin_inertia.xx" in text
     original = (Path(__file__).parents[3] / "urdf" / "arm.urdf").read_text()

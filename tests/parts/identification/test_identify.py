@@ -197,11 +197,8 @@ REFUSED = {
     "too few for v": (lambda: identify(ARM, T[:7], Q[:7], V[:7], TAU[:7]), "too-few-samples", "to differentiate v"),
     "nanoseconds": (lambda: identify(ARM, T * 1e15, Q, None, TAU), "times", "give seconds"),
     "huge": (lambda: identify(ARM, T, Q, V, TAU * 1e200, a=A), "units", "cannot be used"),
-    "filter": (
-        lambda: identify(ARM, T, noisy(Q, 1e-2), None, TAU, ["forearm.origin_inertia.yy"], half_window=4),
-        "nothing-identifiable",
-        "beyond the errors of the filter",
-    ),
+    "filter": (lambda: identify(ARM, T, noisy(Q, 1e-2), None, TAU, ["forearm.origin_inertia.yy"], half_window=4),
+               "nothing-identifiable", "beyond the errors of the filter"),
     "confidence": (lambda: identify(ARM, T, Q, V, TAU, confidence=95), "query", "expected a probability"),
 }  # fmt: skip
 

@@ -26,9 +26,8 @@ def log(tmp_path: Path) -> Path:
 
 def test_values_intervals_and_what_cannot_be_told(log: Path, tmp_path: Path) -> None:
     out = tmp_path / "found.urdf"
-    record = answer(
-        "identify", "arm", str(log), "--parameters", "forearm.mass, forearm.first_moment.*", "--out", str(out)
-    )
+    names = "forearm.mass, forearm.first_moment.*"
+    record = answer("identify", "arm", str(log), "--parameters", names, "--out", str(out))
     mass = record["found"][0]
     assert mass["parameter"] == "forearm.mass"
     assert mass["low"] < ARM.parameter_values[10] < mass["high"]

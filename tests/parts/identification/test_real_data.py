@@ -64,12 +64,6 @@ def test_bodies_that_can_exist_explain_held_out_data_as_well_as_the_estimate(fou
     assert found.found.mass < 2 * PENDULUM.mass
 
 
-def test_the_urdf_that_is_written_loads(tmp_path: Path) -> None:
-    found = identify(PENDULUM, RUNS[:1], parameters=["*"], half_window=12)
-    again = tl.load_robot(write_urdf(found, LOGS / "double_pendulum.urdf", tmp_path / "found.urdf"))
-    np.testing.assert_allclose(again.model.damping, found.found.model.damping, rtol=0, atol=1e-12)
-
-
 def test_friction_that_is_found_is_never_negative(tmp_path: Path) -> None:
     tau = ARM.inverse_dynamics(Q, V, A) - 0.3 * V - 0.2 * np.sign(V)
     found = identify(ARM, T, Q, V, noisy(tau, 0.05), ["forearm.*", "*.damping", "*.friction"], a=A)

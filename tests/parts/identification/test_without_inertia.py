@@ -2,6 +2,7 @@
 
 import pickle
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -62,26 +63,22 @@ def test_a_fit_may_leave_joints_that_move_no_inertia(parameters: list[str] | Non
     assert np.isfinite(found.found.regressor(q, v, a) @ found.found.parameter_values).all()
 
 
-@pytest.mark.parametrize(
-    ("moments", "lever"), [((1.0, 0.3, 0.3), 0.5), ((0.3, 0.01, 0.02), 0.5), ((0.0, 0.0, 0.0), 0.0)]
-)
-def test_found_is_of_bodies_that_exist_where_no_body_has_what_was_given(
-    moments: tuple[float, float, float], lever: float, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("given", [(1.0, 0.3, 0.3, 0.5), (0.3, 0.01, 0.02, 0.5), (0.0, 0.0, 0.0, 0.0)])
+def test_found_is_of_bodies_that_exist_where_no_body_has_what_was_given(given: Sequence[float], tmp_path: Path) -> None:
     """A planar arm's motion shows neither xx nor yy, and a point on its axis moves no inertia.
 
     Both are in public URDFs, of a TIAGo and a TX40, and were in what was found.
     """
     arm = tl.load_robot("two_link")
     begin, middle, end = arm.visuals.text.rpartition("<inertial>")
-    ixx, iyy, izz = moments
+    ixx, iyy, izz, lever = given
     _, _, rest = end.partition("</inertial>")
-    given = (f'<origin xyz="{lever} 0 0"/><mass value="1"/>'
-             f'<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0"/></inertial>')  # fmt: skip
-    text = begin + middle + given + rest
-    odd = tl.load_robot(text, purpose="identification", unphysical="report")
+    odd = (f'<origin xyz="{lever} 0 0"/><mass value="1"/>'
+           f'<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0"/></inertial>')  # fmt: skip
+    text = begin + middle + odd + rest
+    robot = tl.load_robot(text, purpose="identification", unphysical="report")
     t, q, v, a = motion(arm)
-    found = identify(odd, t, q, v, noisy(arm.inverse_dynamics(q, v, a), 0.02), a=a)
+    found = identify(robot, t, q, v, noisy(arm.inverse_dynamics(q, v, a), 0.02), a=a)
     again = tl.load_robot(write_urdf(found, text, tmp_path / "found.urdf"))  # which refuses impossible bodies
     assert np.linalg.eigvalsh(again.mass_matrix(again.random_state(20)[0])).min() > 1e-2
     np.testing.assert_allclose(again.inverse_dynamics(q, v, a), arm.inverse_dynamics(q, v, a), rtol=0, atol=0.05)

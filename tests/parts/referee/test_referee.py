@@ -69,8 +69,7 @@ def test_what_is_left_out_is_named() -> None:
 
 
 def test_friction_that_is_left_out_is_named() -> None:
-    robot = tl.load_robot("two_link")
-    scene = tl.Scene(robot, q=[0.4, 0.4], effects=[fx.Gravity(), fx.DryFriction(dict.fromkeys(robot.joint_names, 0.5))])
+    scene = ARM.with_effects([fx.Gravity(), fx.DryFriction({"shoulder": 0.5, "elbow": 0.5})])
     assert blamed(exact(scene, law_of(scene.robot), 1.0, 0.005), scene) == "friction is left out"
     assert tl.judge(scene, tl.simulate(scene, 1.0, accuracy=1e-9)).right
 
@@ -107,8 +106,7 @@ def test_delays_starts_and_units_are_named() -> None:
 
 
 def test_a_run_beyond_its_stops_is_told() -> None:
-    robot = tl.load_robot("two_link")
-    scene = tl.Scene(robot, q=[0.4, 0.4], effects=[fx.Gravity(), fx.JointStops({"shoulder": (0.0, 1.0)})])
+    scene = ARM.with_effects([fx.Gravity(), fx.JointStops({"shoulder": (0.0, 1.0)})])
     verdict = tl.judge(scene, exact(scene, law_of(scene.robot), 1.0, 0.01))
     assert not verdict.right
     assert verdict.constraints["stop of shoulder"] > 0.1
@@ -131,9 +129,8 @@ def test_files_data_and_figures(tmp_path: Path) -> None:
     table = np.column_stack([t, q, v])
     np.savetxt(tmp_path / "log.csv", table, "%.17g", ",", header="t,q0,q1,v0,v1", comments="")
     np.savez(tmp_path / "log.npz", t=t, q=q, v=v)
-    verdicts = [
-        tl.judge(ARM, given) for given in (tmp_path / "log.csv", tmp_path / "log.npz", {"t": t, "q": q, "v": v})
-    ]
+    logs = tmp_path / "log.csv", tmp_path / "log.npz", {"t": t, "q": q, "v": v}
+    verdicts = [tl.judge(ARM, log) for log in logs]
     assert len({str(verdict) for verdict in verdicts}) == 1
     record = json.loads(verdicts[0].save(tmp_path / "v.json").read_text())
     assert record["right"] is False
@@ -179,12 +176,6 @@ def test_mujoco_is_judged() -> None:
     assert verdict.beyond["0.0001"] < verdict.beyond["0.001"]
 
 
-def pendulum(q: float = 0.4, **more: float) -> tl.Scene:
-    robot = tl.load_robot("two_link")
-    effects = [fx.Gravity(), fx.JointDamping(dict.fromkeys(robot.joint_names, more.get("damping", 0.3)))]
-    return tl.Scene(robot, q=[q, 0.4], effects=effects)
-
-
 def test_what_is_not_known_is_neither_right_nor_wrong() -> None:
     """A chaotic arm, whose stops, which it never touches, leave it to 16 digits: the solution is lost, not the log."""
     arm = tl.load_robot("two_link")
@@ -209,26 +200,24 @@ def test_what_is_not_known_is_neither_right_nor_wrong() -> None:
 @pytest.mark.some(1)
 @pytest.mark.parametrize("digits", [4, 6])
 def test_digits_that_a_log_has_not_do_not_make_it_wrong(digits: int) -> None:
-    scene = pendulum()
-    run = tl.simulate(scene, 2.0, accuracy=1e-10)
+    run = tl.simulate(ARM, 2.0, accuracy=1e-10)
     rounded = tuple(np.round(x, digits) for x in (run.t, run.q, run.v))
     significant = tuple(np.vectorize(lambda x: float(f"{x:.{digits}g}"))(x) for x in (run.t, run.q, run.v))
     for log in (rounded, significant):
-        assert tl.judge(scene, log).answer == "right"
-        assert tl.judge(scene, log, start="log").answer != "wrong"
+        assert tl.judge(ARM, log).answer == "right"
+        assert tl.judge(ARM, log, start="log").answer != "wrong"
     off = rounded[1] + 3 * 10.0**-digits * (run.t > 1)[:, None]
-    assert tl.judge(scene, (rounded[0], np.round(off, digits), rounded[2]), seconds=1.0).answer == "wrong"
+    assert tl.judge(ARM, (rounded[0], np.round(off, digits), rounded[2]), seconds=1.0).answer == "wrong"
 
 
 def test_a_log_without_velocities_is_judged_by_its_positions() -> None:
-    scene = pendulum()
-    run = tl.simulate(scene, 1.0, accuracy=1e-9)
-    verdict = tl.judge(scene, {"t": run.t, "q": run.q})
+    run = tl.simulate(ARM, 1.0, accuracy=1e-9)
+    verdict = tl.judge(ARM, {"t": run.t, "q": run.q})
     assert verdict.right
     assert verdict.velocity is None
-    assert tl.judge(scene, {"t": run.t, "q": 1.01 * run.q}).answer == "wrong"
+    assert tl.judge(ARM, {"t": run.t, "q": 1.01 * run.q}).answer == "wrong"
     with pytest.raises(tl.errors.SceneError, match="no velocities to start from"):
-        tl.judge(scene, {"t": run.t, "q": run.q}, start="log")
+        tl.judge(ARM, {"t": run.t, "q": run.q}, start="log")
 
 
 def test_wrong_velocities_alone_are_wrong() -> None:
@@ -262,20 +251,16 @@ def test_the_exit_code_of_what_is_not_known_is_3(tmp_path: Path) -> None:
     assert call("judge", "arm-swing", str(path), "--tolerance", "1e-13").returncode == 3
 
 
-def sign_error() -> Log:
+def test_a_cause_that_leaves_more_than_a_percent_is_not_named() -> None:
     """A student's two equations of the arm, by absolute angles; one sign of the second is wrong."""
-    arm = tl.load_robot("two_link")
+    arm = ARM.robot
+    scene = tl.Scene(arm, q=[0.4, 0.4], v=[1.0, 2.0], effects=[fx.Gravity()])
 
     def law(q: np.ndarray, v: np.ndarray) -> np.ndarray:
         coriolis = arm.bias(q, v) - arm.gravity_torque(q)
         return arm.forward_dynamics(q, v, np.array([0.0, 2 * coriolis[1]]), engine="pinocchio")
 
-    return exact(tl.Scene(arm, q=[0.4, 0.4], v=[1.0, 2.0], effects=[fx.Gravity()]), law, 1.0, 0.01)
-
-
-def test_a_cause_that_leaves_more_than_a_percent_is_not_named() -> None:
-    scene = tl.Scene(tl.load_robot("two_link"), q=[0.4, 0.4], v=[1.0, 2.0], effects=[fx.Gravity()])
-    verdict = tl.judge(scene, sign_error())
+    verdict = tl.judge(scene, exact(scene, law, 1.0, 0.01))
     assert verdict.answer == "wrong"
     assert verdict.causes == ()
     assert verdict.nearest.unexplained > 0.01

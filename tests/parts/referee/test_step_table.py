@@ -8,6 +8,8 @@ import pytest
 
 import twolink as tl
 from tests.command import answer
+from tests.parts.urdf_text import joint, link
+from tests.parts.urdf_text import robot as robot_text
 from twolink.errors import SceneError
 
 LENGTH, MASS, G = 0.5, 2.0, 9.81
@@ -47,7 +49,6 @@ def test_the_error_of_a_step_is_that_of_the_exact_recursion() -> None:
     w = np.sqrt(MASS * G * LENGTH / (MASS * LENGTH**2 + 1e-3))
     for row in found.rows:
         count = round(2.0 / row.step)
-        q = v = np.zeros(1)
         q, v, track = 1e-4, 0.0, [1e-4]
         for _ in range(count):
             v -= row.step * w**2 * q
@@ -123,15 +124,10 @@ def test_bodies_with_many_joints_are_those_of_mujoco() -> None:
     assert np.log10(coarse.error / fine.error) == pytest.approx(4, abs=0.5)
 
 
-STOPPED = """<robot name="slide"><link name="base"/><link name="block"><inertial><mass value="2"/>
-<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="j" type="prismatic"><parent link="base"/><child link="block"/><axis xyz="1 0 0"/>
-<limit lower="-1" upper="0.2" effort="9" velocity="9"/></joint></robot>"""
-
-
 def test_soft_laws_are_told_from_steps() -> None:
     """A block at 1 m/s meets a stop without restitution: it rests there at once; a soft stop gives way."""
-    robot = tl.load_robot(STOPPED)
+    slide = joint("j", "prismatic", "ground", "block", "1 0 0", upper=0.2)
+    robot = tl.load_robot(robot_text(link("block", 2.0), slide))
     scene = tl.Scene(robot, v=[1.0], effects=[tl.effects.JointStops()], duration=0.4)
     found = tl.step_table(scene, steps=[0.01, 0.001], methods=["RK4"])
     assert found.soft == ("stops",)
@@ -144,15 +140,10 @@ def test_soft_laws_are_told_from_steps() -> None:
 
 
 def test_other_peers_and_bad_steps_are_refused() -> None:
-    for options in (
-        {"peer": "drake"},
-        {"steps": [0.0]},
-        {"methods": ["Newton"]},
-        {"duration": -1.0},
-        {"seconds": float("nan")},
-    ):
-        with pytest.raises(SceneError, match=next(iter(options))):
-            tl.step_table(small(), **options)
+    wrong = {"peer": "drake", "steps": [0.0], "methods": ["Newton"], "duration": -1.0, "seconds": float("nan")}
+    for name, value in wrong.items():
+        with pytest.raises(SceneError, match=name):
+            tl.step_table(small(), **{name: value})
 
 
 def test_what_takes_too_long_is_left_out() -> None:
