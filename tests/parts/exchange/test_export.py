@@ -17,13 +17,14 @@ from tests.command import TOP
 ROBOTS = ("two_link", "panda", "ur5", "kinova", "z1", "double_pendulum_continuous", "solo12", "go1", "anymal", "bowler")
 SIMILAR = ("ur5", "z1", "go1", "solo12", "bowler")  # to others of these
 STATES = 100
+STRICT = ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
+FREE = {"solo12": "free", "anymal": "free"}
 
 
 def library(source: Path) -> ctypes.CDLL:
     """The compiled file."""
     out = source.with_suffix(".so")
-    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
-    subprocess.run(["cc", *strict, "-O1", "-shared", "-fPIC", "-o", str(out), str(source), "-lm"], check=True)
+    subprocess.run([*STRICT, "-O1", "-shared", "-fPIC", "-o", str(out), str(source), "-lm"], check=True)
     return ctypes.CDLL(str(out))
 
 
@@ -38,7 +39,7 @@ def call(function: object, size: int, *arguments: np.ndarray | float) -> np.ndar
 @pytest.mark.some(3)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_c_agrees_with_pinocchio(name: str, tmp_path: Path) -> None:
-    robot = tl.load_robot(name, root="free" if name in ("solo12", "anymal") else "fixed")
+    robot = tl.load_robot(name, root=FREE.get(name, "fixed"))
     source, _ = robot.export_c(tmp_path / "it.c", ["forward_dynamics", "mass_matrix", "bias"])
     lib, nv = library(source), robot.nv
     q, v = robot.random_state(STATES, seed=5)
@@ -65,8 +66,8 @@ def test_the_self_test_passes_and_finds_a_changed_number(name: str, flags: list[
     assert "96 states against the reference" in header.read_text()
 
     def run() -> subprocess.CompletedProcess[str]:
-        command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", *flags, "-DMY_ARM_SELF_TEST"]
-        subprocess.run([*command, str(source), "-o", str(tmp_path / "test"), "-lm"], check=True)
+        options = [*flags, "-DMY_ARM_SELF_TEST", "-o", str(tmp_path / "test")]
+        subprocess.run([*STRICT, *options, str(source), "-lm"], check=True)
         return subprocess.run([str(tmp_path / "test")], capture_output=True, text=True, check=False)
 
     done = run()
@@ -131,7 +132,7 @@ def test_no_name_ends_a_comment(tmp_path: Path) -> None:
 @pytest.mark.some(8)
 @pytest.mark.parametrize("name", sorted([*ROBOTS, "talos_arm", "tiago_pro", "baxter"], key=SIMILAR.__contains__))
 def test_an_exported_urdf_is_the_same_robot(name: str, tmp_path: Path) -> None:
-    root = "free" if name in ("solo12", "anymal") else "fixed"
+    root = FREE.get(name, "fixed")
     robot = tl.load_robot(name, root=root)
     again = tl.load_robot(robot.export_urdf(tmp_path / "r.urdf"), root=root)
     found = tl.compare_models(robot, again)

@@ -80,9 +80,7 @@ def exported(name: str, folder: Path) -> Path:
 class Fmu:
     """An instance with its variables by name."""
 
-    def __init__(
-        self, name: str, folder: Path, *, model_exchange: bool = False, tolerance: float | None = None
-    ) -> None:
+    def __init__(self, name: str, folder: Path, *, model_exchange: bool = False, tolerance: float | None = None):
         exported(name, folder)
         self.described = fmpy.read_model_description(str(folder / name))
         self.numbers = {v.name: v.valueReference for v in self.described.modelVariables}

@@ -1,7 +1,5 @@
 """Changes of a URDF: those that leave the robot what it is, and faults that converters and people make."""
 
-from __future__ import annotations
-
 import math
 import random
 import xml.etree.ElementTree as ET

@@ -1,7 +1,5 @@
 """Environments of Gymnasium: its own checks, the motion of tl.simulate, and worlds in a batch as one by one."""
 
-import warnings
-
 import gymnasium
 import numpy as np
 import pytest
@@ -23,6 +21,9 @@ from twolink.gym import Environment, VectorEnvironment
 from twolink.simulation.stepwise import State
 
 SWING = tl.load_scene("arm-swing")
+SHORT = tl.Scene(SWING.base, SWING.q, SWING.v, SWING.effects, duration=0.2)
+
+UNBOUNDED = pytest.mark.filterwarnings("ignore::UserWarning")  # of spaces without bounds
 
 
 def reward(state: State, action: np.ndarray) -> float:
@@ -33,10 +34,9 @@ def around(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return random.uniform(-1, 1, 2), random.uniform(-1, 1, 2)
 
 
+@UNBOUNDED
 def test_gymnasiums_checks_pass() -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of spaces without bounds
-        check_env(Environment(SWING, reward, start=around), skip_render_check=True)
+    check_env(Environment(SWING, reward, start=around), skip_render_check=True)
 
 
 def test_an_episode_is_the_motion_under_held_torques() -> None:
@@ -53,11 +53,10 @@ def test_an_episode_is_the_motion_under_held_torques() -> None:
 
 
 def test_worlds_in_a_batch_are_those_one_by_one_and_begin_again() -> None:
-    short = tl.Scene(SWING.base, SWING.q, SWING.v, SWING.effects, duration=0.2)
-    worlds = VectorEnvironment(short, reward, 3, period=0.05, start=around, limit=2.0)
+    worlds = VectorEnvironment(SHORT, reward, 3, period=0.05, start=around, limit=2.0)
     first, _ = worlds.reset(seed=5)
     assert len(np.unique(first[:, 0])) == 3
-    singles = [tl.Simulation(short) for _ in range(3)]
+    singles = [tl.Simulation(SHORT) for _ in range(3)]
     for sim, seen in zip(singles, first, strict=True):
         sim.set_state(seen[:2], seen[2:])
     actions = np.random.default_rng(0).uniform(-2, 2, (4, 3, 2))
@@ -109,15 +108,10 @@ def test_worlds_begin_with_the_states_of_effects() -> None:
     assert worlds.single_observation_space.shape == first.shape
 
 
-@pytest.mark.parametrize(
-    ("wrong", "part"),
-    [
-        ({"limit": 0.0}, "limit"),
-        ({"limit": [1.0, -1.0]}, "limit"),
-        ({"limit": [1.0]}, "limit"),
-        ({"period": 0.0}, "period"),
-    ],
-)
+@pytest.mark.parametrize(("wrong", "part"), [
+    ({"limit": 0.0}, "limit"), ({"limit": [1.0, -1.0]}, "limit"), ({"limit": [1.0]}, "limit"),
+    ({"period": 0.0}, "period"),
+])  # fmt: skip
 def test_wrong_numbers_are_refused(wrong: dict, part: str) -> None:
     with pytest.raises(tl.errors.TwolinkError) as caught:
         Environment(SWING, reward, **wrong)
@@ -133,10 +127,9 @@ def test_unknown_options_and_seeds_that_do_not_fit_are_refused() -> None:
 
 def test_worlds_are_those_of_gymnasiums_own_vector_environment() -> None:
     """Spaces, episodes, rewards and new episodes; Gymnasium 1.4 has no checker of vector environments of its own."""
-    short = tl.Scene(SWING.base, SWING.q, SWING.v, SWING.effects, duration=0.2)
     task = {"period": 0.05, "start": around, "limit": 2.0, "accuracy": 1e-9}
-    worlds = VectorEnvironment(short, reward, 3, **task)
-    sync = SyncVectorEnv([lambda: Environment(short, reward, **task)] * 3)
+    worlds = VectorEnvironment(SHORT, reward, 3, **task)
+    sync = SyncVectorEnv([lambda: Environment(SHORT, reward, **task)] * 3)
     assert worlds.metadata["autoreset_mode"] == sync.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
     for name in ("observation_space", "action_space", "single_observation_space", "single_action_space"):
         assert getattr(worlds, name) == getattr(sync, name)
@@ -152,8 +145,7 @@ def test_worlds_are_those_of_gymnasiums_own_vector_environment() -> None:
 
 
 def test_gymnasiums_wrappers_of_vectors_work() -> None:
-    short = tl.Scene(SWING.base, SWING.q, SWING.v, SWING.effects, duration=0.2)
-    worlds = of_vectors.RecordEpisodeStatistics(VectorEnvironment(short, lambda *_: 1.0, 2, period=0.05))
+    worlds = of_vectors.RecordEpisodeStatistics(VectorEnvironment(SHORT, lambda *_: 1.0, 2, period=0.05))
     worlds.reset(seed=0)
     infos = [worlds.step(worlds.action_space.sample())[4] for _ in range(4)]
     assert infos[-1]["episode"]["r"] == pytest.approx([4.0, 4.0])
@@ -188,13 +180,12 @@ def test_a_controller_begins_anew_with_each_episode(monkeypatch: pytest.MonkeyPa
     assert prepared == [0.0] * 3
 
 
+@UNBOUNDED
 def test_a_quadruped_stands_in_stepped_contact() -> None:
     robot, q, _, contact = on_feet("solo12")
     scene = tl.Scene(robot, q, effects=[tl.effects.Gravity(), contact], duration=0.2)
     env = Environment(scene, lambda state, _: float(state.q[2]), contact="stepped", limit=1.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of spaces without bounds
-        check_env(env, skip_render_check=True)
+    check_env(env, skip_render_check=True)
     env.reset(seed=0)
     ends = [env.step(np.zeros(robot.nv)) for _ in range(10)]
     assert [end[3] for end in ends] == [False] * 9 + [True]
@@ -204,10 +195,9 @@ def test_a_quadruped_stands_in_stepped_contact() -> None:
 
 
 def test_the_wrappers_of_cleanrl_see_episodes_end_and_begin_in_one_step() -> None:
-    short = tl.Scene(SWING.base, SWING.q, SWING.v, SWING.effects, duration=0.2)
 
     def make() -> gymnasium.Env:
-        env = RecordEpisodeStatistics(FlattenObservation(Environment(short, lambda *_: 1.0, period=0.05)))
+        env = RecordEpisodeStatistics(FlattenObservation(Environment(SHORT, lambda *_: 1.0, period=0.05)))
         return NormalizeObservation(ClipAction(env))
 
     envs = SyncVectorEnv([make] * 2, autoreset_mode=AutoresetMode.SAME_STEP)
@@ -220,8 +210,7 @@ def test_the_wrappers_of_cleanrl_see_episodes_end_and_begin_in_one_step() -> Non
 
 def test_stable_baselines_learns_in_an_environment() -> None:
     baselines = pytest.importorskip("stable_baselines3", reason="Stable-Baselines3 is no extra of twolink")
-    short = tl.Scene(SWING.base, SWING.q, SWING.v, SWING.effects, duration=0.2)
-    env = RescaleAction(Environment(short, reward, period=0.05, start=around, limit=2.0), -1.0, 1.0)
+    env = RescaleAction(Environment(SHORT, reward, period=0.05, start=around, limit=2.0), -1.0, 1.0)
     model = baselines.PPO("MlpPolicy", env, n_steps=64, batch_size=64, device="cpu", seed=0).learn(128)
     action, _ = model.predict(env.reset(seed=0)[0])
     assert model.num_timesteps == 128

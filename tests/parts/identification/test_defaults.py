@@ -6,7 +6,7 @@ import pytest
 import twolink as tl
 from tests.parts.identification.motions import FINGERS, motion, noisy
 from twolink.errors import QueryError
-from twolink.identification import Identification, identify
+from twolink.identification import identify
 from twolink.parts.identification.base_parameters import direction, regressor
 from twolink.parts.identification.filtering import Folds
 

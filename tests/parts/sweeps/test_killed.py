@@ -3,11 +3,10 @@
 import errno
 import os
 import resource
-import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -15,11 +14,12 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.parts.service.serving import wait_until
+from tests.parts.sweeps.dask_cluster import TOP, dask_cluster
 from twolink.errors import TwolinkError
 from twolink.sweeps import open_sweep
 
 pytest.importorskip("zarr")
-TOP = Path(__file__).parents[3]
 ARM = tl.load_scene("arm-swing")
 ELBOWS = [float(i) for i in range(8)]
 FUNCTIONS = "tests.parts.sweeps.run_functions"
@@ -44,11 +44,10 @@ def log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], list[fl
     return lambda: [float(line) for line in path.read_text().split()]
 
 
-def wait_for(condition: Callable[[], object], seconds: float = 240.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "nothing happened"
-        time.sleep(0.02)
+def at_the_second(act: Callable[[], object]) -> Callable[..., object]:
+    """A report of progress that acts when it is called for the second time."""
+    calls = iter([None, act])
+    return lambda *_: (next(calls, None) or (lambda: None))()
 
 
 def finished(out: Path) -> list[Path]:
@@ -86,10 +85,10 @@ def children(pid: int) -> list[int]:
 def test_the_client_is_killed(tmp_path: Path, log: Callable[[], list[float]]) -> None:
     out = tmp_path / "x.zarr"
     with client(out) as process:
-        wait_for(lambda: len(finished(out)) >= 2)
+        wait_until(lambda: len(finished(out)) >= 2)
         workers = children(process.pid)
         process.kill()
-    wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
+    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
     time.sleep(0.2)
     done = check_right(out)
     assert 2 <= done.sum() < len(ELBOWS)
@@ -133,11 +132,11 @@ def test_the_disk_is_full(
     def no_room(_: int) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    out, calls = tmp_path / "x.zarr", iter([None, full])
+    out = tmp_path / "x.zarr"
     with ThreadPoolExecutor(1) as here:
         try:
             with pytest.raises(TwolinkError, match="what is done is kept") as caught:
-                swept(out, "start", executor=here, progress=lambda *_: (next(calls, None) or (lambda: None))())
+                swept(out, "start", executor=here, progress=at_the_second(full))
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
             monkeypatch.undo()
@@ -148,46 +147,21 @@ def test_the_disk_is_full(
     check_resumed(out, log, done, "start")
 
 
-CLUSTER = """
-import sys, time
-from distributed import LocalCluster
-if __name__ == "__main__":
-    cluster = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
-    print(cluster.scheduler_address, flush=True)
-    sys.stdin.read()
-"""
-
-
-@pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A Dask cluster of two workers, and its address."""
-    script = tmp_path / "cluster.py"
-    script.write_text(CLUSTER)
-    environment = {**os.environ, "PYTHONPATH": str(TOP), "TWOLINK_TEST_LOG": str(tmp_path / "log")}
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
-    command = [sys.executable, str(script)]
-    with subprocess.Popen(command, cwd=TOP, env=environment, start_new_session=True, **pipes) as process:
-        assert process.stdout is not None
-        yield process, process.stdout.readline().strip()
-        os.killpg(process.pid, signal.SIGKILL)
-
-
 @pytest.mark.slow
 def test_a_cluster_replaces_its_workers_and_its_scheduler_is_killed(
-    tmp_path: Path, log: Callable[[], list[float]], cluster: tuple[subprocess.Popen[str], str]
+    tmp_path: Path, log: Callable[[], list[float]]
 ) -> None:
-    scheduler, address = cluster
-    data = swept(tmp_path / "x.zarr", "kills_once", executor=address)
-    assert check_right(tmp_path / "x.zarr").all()
-    other = swept(tmp_path / "y.zarr", "start", executor=ThreadPoolExecutor(1), chunk=3)
-    assert np.array_equal(data.q, other.q)
-    assert np.array_equal(data.error, other.error)
-
-    out, calls = tmp_path / "z.zarr", iter([None, scheduler.kill])
-    with pytest.raises(TwolinkError, match="what is done is kept") as caught:
-        swept(out, "slow_start", executor=address, progress=lambda *_: (next(calls, None) or (lambda: None))())
-    assert caught.value.code == "cluster-lost"
-    done = check_right(out)
-    assert 2 <= done.sum() < len(ELBOWS)
-    time.sleep(0.5)  # until workers have ended what they had
+    out = tmp_path / "z.zarr"
+    with dask_cluster(tmp_path, "n_workers=2", TWOLINK_TEST_LOG=str(tmp_path / "log")) as (scheduler, address):
+        data = swept(tmp_path / "x.zarr", "kills_once", executor=address)
+        assert check_right(tmp_path / "x.zarr").all()
+        other = swept(tmp_path / "y.zarr", "start", executor=ThreadPoolExecutor(1), chunk=3)
+        assert np.array_equal(data.q, other.q)
+        assert np.array_equal(data.error, other.error)
+        with pytest.raises(TwolinkError, match="what is done is kept") as caught:
+            swept(out, "slow_start", executor=address, progress=at_the_second(scheduler.kill))
+        assert caught.value.code == "cluster-lost"
+        done = check_right(out)
+        assert 2 <= done.sum() < len(ELBOWS)
+        time.sleep(0.5)  # until workers have ended what they had
     check_resumed(out, log, done, "slow_start")

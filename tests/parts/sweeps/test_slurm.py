@@ -1,7 +1,5 @@
 """Sweeps on Slurm, by stand-ins of its command line that run array jobs as processes of this machine."""
 
-from __future__ import annotations
-
 import json
 import os
 import stat

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -46,17 +47,8 @@ def test_bits_do_not_depend_on_the_engine_the_workers_or_the_chunks(tmp_path: Pa
     rubbing = tl.Scene(ARM.base, effects=[effects.Gravity(), effects.DryFriction(kinetic={"elbow": 0.5})])
     vary = {"effects.1": [True, False], "accuracy": [1e-4, 1e-6], "q.elbow": [0.1, 0.2, 0.3]}
     ways = [{"chunk": 1}, {"chunk": 5}, {}, {"executor": None, "workers": 1, "chunk": 4}]
-    first, *others = (
-        swept(
-            tmp_path / f"{i}.zarr",
-            vary,
-            rubbing,
-            outputs=["final", "samples", "energy"],
-            samples_per_second=3,
-            **options,
-        )
-        for i, options in enumerate(ways)
-    )
+    asked = {"outputs": ["final", "samples", "energy"], "samples_per_second": 3}
+    first, *others = (swept(tmp_path / f"{i}.zarr", vary, rubbing, **asked, **way) for i, way in enumerate(ways))
     assert (first.status == 1).all()
     for other in others:
         for name in ("q", "v", "error", "t", "energy", "q_samples", "status", "reason"):
@@ -230,11 +222,9 @@ def test_an_executor_of_another_kind(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("library", ["zarr", "xarray"])
-def test_nothing_is_computed_where_a_library_is_missing(
-    library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(MissingExtraError, match=f"{library} is not installed"):
+def test_nothing_is_computed_where_a_library_is_missing(library: str, tmp_path: Path) -> None:
+    missing = pytest.raises(MissingExtraError, match=f"{library} is not installed")
+    with patch.dict(sys.modules, {library: None}), missing:
         swept(tmp_path / "x.zarr")
     assert not list(tmp_path.iterdir())
 
@@ -246,18 +236,11 @@ def test_no_store_is_refused(tmp_path: Path) -> None:
         swept(tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("vary", "part"),
-    [
-        ({"q.elbo": [0.0]}, "did you mean 'q.elbow'"),
-        ({}, "values by name"),
-        ({"q.elbow": [np.nan]}, "finite"),
-        ({"q.elbow": [0.1, 0.1]}, "twice"),
-        ({"effects.0": [0.5]}, "true or false"),
-        ({"accuracy": [0.0]}, "above 0"),
-        ({"q.elbow": {"range": [0, 1]}}, "range with 3 numbers"),
-    ],
-)
+@pytest.mark.parametrize(("vary", "part"), [
+    ({"q.elbo": [0.0]}, "did you mean 'q.elbow'"), ({}, "values by name"), ({"q.elbow": [np.nan]}, "finite"),
+    ({"q.elbow": [0.1, 0.1]}, "twice"), ({"effects.0": [0.5]}, "true or false"), ({"accuracy": [0.0]}, "above 0"),
+    ({"q.elbow": {"range": [0, 1]}}, "range with 3 numbers"),
+])  # fmt: skip
 def test_refusals(vary: dict, part: str, tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=part):
         swept(tmp_path / "x.zarr", vary)

@@ -40,15 +40,11 @@ def test_help_says_what_a_status_and_a_mass_mean() -> None:
     assert "see below" not in text
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "part"),
-    [
-        ((*ARM, "--out", "x.zarr"), 2, "give --vary"),
-        ((*ARM, "--vary", "q.elbow=1"), 2, "one store"),
-        ((*ARM, "--vary", "q.elbow=1,x", "--out", "x.zarr"), 2, "not a list of numbers"),
-        ((*ARM, "--vary", "q.elbo=1", "--out", "x.zarr"), 2, "did you mean 'q.elbow'"),
-        (("sweep", "arm-swing", "--out", "no.zarr", "--status"), 1, "no store of a sweep"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "code", "part"), [
+    ((*ARM, "--out", "x.zarr"), 2, "give --vary"), ((*ARM, "--vary", "q.elbow=1"), 2, "one store"),
+    ((*ARM, "--vary", "q.elbow=1,x", "--out", "x.zarr"), 2, "not a list of numbers"),
+    ((*ARM, "--vary", "q.elbo=1", "--out", "x.zarr"), 2, "did you mean 'q.elbow'"),
+    (("sweep", "arm-swing", "--out", "no.zarr", "--status"), 1, "no store of a sweep"),
+])  # fmt: skip
 def test_misuse(arguments: tuple[str, ...], code: int, part: str) -> None:
     one_line(call(*arguments), code, part)
