@@ -1,7 +1,5 @@
 """Pages of a headless Chromium for the tests, driven over its DevTools protocol. Every wait has a limit."""
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import io
@@ -23,20 +21,11 @@ from PIL import Image
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 _FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
+    "--headless", "--no-sandbox", "--no-first-run", "--hide-scrollbars", "--remote-debugging-port=0",
+    "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--webgl-antialiasing-mode=none",
     "--disable-gpu-compositing",  # without a graphics card, drawing the page by one takes most of the time
-    "--webgl-antialiasing-mode=none",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
-    "--disable-quic",
-    "--hide-scrollbars",
-    "--remote-debugging-port=0",
-]
+    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-quic",
+]  # fmt: skip
 
 
 def find_chromium() -> str | None:
@@ -52,20 +41,16 @@ class Chromium:
         self._profile = tempfile.mkdtemp(prefix="twolink-browser-")
         self._loop = asyncio.new_event_loop()
         self._socket: Any = None
-        self._process = subprocess.Popen(
-            [executable, *_FLAGS, f"--user-data-dir={self._profile}", "about:blank"],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
+        command = [executable, *_FLAGS, f"--user-data-dir={self._profile}", "about:blank"]
+        silent = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
+        self._process = subprocess.Popen(command, start_new_session=True, **silent)
         try:
             self._connect()
         except BaseException:
             self.close()
             raise
 
-    def __enter__(self) -> Chromium:
+    def __enter__(self) -> "Chromium":
         return self
 
     def __exit__(self, *failure: object) -> None:
@@ -141,7 +126,7 @@ class Browser:
             self.call(f"{domain}.enable")
         self.resize(width, height)
 
-    def __enter__(self) -> Browser:
+    def __enter__(self) -> "Browser":
         return self
 
     def __exit__(self, *failure: object) -> None:

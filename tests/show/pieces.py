@@ -1,7 +1,5 @@
 """Geometry models and small mesh files for the tests."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 from typing import Any
@@ -10,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 Robot = tuple[Any, Any]
+URDF = Path(__file__).parents[2] / "urdf" / "two_link.urdf"
 
 
 def geometry(name: str, shape: Any, *, joint: int = 0, mesh: str = "", override: bool = False) -> Any:
@@ -27,10 +26,8 @@ def fixed(*items: Any) -> Robot:
 def box_stl(path: Path) -> Path:
     """A binary STL tetrahedron."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], "<f4")
-    body = b"".join(
-        struct.pack("<12fH", 0, 0, 0, *corners[list(face)].ravel(), 0)
-        for face in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
-    )
+    faces = [0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]
+    body = b"".join(struct.pack("<12fH", 0, 0, 0, *corners[face].ravel(), 0) for face in faces)
     path.write_bytes(b"\0" * 80 + struct.pack("<I", 4) + body)
     return path
 

@@ -1,7 +1,5 @@
 """Live playing: at true speed, in a real browser, and the server always ends."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -13,25 +11,17 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
+from tests.command import TOP
 from tests.show.browser import Browser
+from tests.show.pieces import URDF
 from twolink.errors import ShowError
 from twolink.show.playback import play_live
 from twolink.show.viewer_data import resample
-
-URDF = Path(__file__).parents[2] / "urdf" / "two_link.urdf"
-
-
-@pytest.fixture
-def arm() -> tuple[Any, Any]:
-    model = pin.buildModelFromUrdf(str(URDF))
-    return model, pin.buildGeomFromUrdf(model, str(URDF), pin.GeometryType.VISUAL)
 
 
 def motion(seconds: float) -> tuple[np.ndarray, np.ndarray]:
@@ -128,7 +118,7 @@ def test_the_server_ends_when_the_caller_is_killed() -> None:
         play_live(model, visuals, [0, 1], [[0, 0], [1, 1]], open_browser=False,
                   on_url=lambda url: print(url, flush=True))
     """
-    environment = {**os.environ, "PYTHONPATH": str(URDF.parents[1])}
+    environment = {**os.environ, "PYTHONPATH": str(TOP)}
     command = [sys.executable, "-c", textwrap.dedent(script)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
         assert process.stdout is not None

@@ -1,7 +1,5 @@
 """Mesh files: units, frames, colours, pictures; and which files they may make the program open."""
 
-from __future__ import annotations
-
 import base64
 from pathlib import Path
 from typing import Any
@@ -53,13 +51,12 @@ def corners(drawn: dict[str, Any]) -> np.ndarray:
 def test_collada_brings_its_unit_its_frames_and_its_colour(tmp_path: Path) -> None:
     (tmp_path / "a.dae").write_text(DAE)
     for override, colour in ((False, 0x00CC00), (True, 0xFF0000)):
-        item = geometry("square", coal.Sphere(1.0), mesh=str(tmp_path / "a.dae"), override=override)
-        drawn = scene_nodes(fixed(item)[1])[0][0].object
-        vertices = corners(drawn)
+        square = drawn(tmp_path / "a.dae", override=override)
+        vertices = corners(square)
         np.testing.assert_allclose(vertices.min(axis=0), [-0.5, 0, 1], atol=1e-6)  # turned by 90 deg, lifted
         np.testing.assert_allclose(vertices.max(axis=0), [0, 0.5, 1], atol=1e-6)
         assert len(vertices) == 6  # a square is two triangles
-        assert drawn["materials"][0]["color"] == colour
+        assert square["materials"][0]["color"] == colour
 
 
 def test_a_missing_mesh_is_skipped_and_named(tmp_path: Path) -> None:
@@ -103,10 +100,9 @@ def test_collada_that_cannot_be_read_is_not_drawn_from_the_file(text: str, tmp_p
     assert drawn(tmp_path / "a.dae")["geometries"][0]["type"] == "SphereGeometry"  # what the reader of URDF made
 
 
-@pytest.mark.parametrize(
-    "line",
-    ["map_Kd {}", "map_Kd -o 0 0 0 {}", "  bump\t{}", "map_Kd x.png\rmap_Kd {}", "disp -s 1 1 1 {}", "map_kd m {}"],
-)
+@pytest.mark.parametrize("line", [
+    "map_Kd {}", "map_Kd -o 0 0 0 {}", "  bump\t{}", "map_Kd x.png\rmap_Kd {}", "disp -s 1 1 1 {}", "map_kd m {}",
+])  # fmt: skip
 @pytest.mark.parametrize("absolute", [True, False])
 def test_materials_cannot_show_pictures_outside_the_folder(line: str, absolute: bool, tmp_path: Path) -> None:
     (tmp_path / "secret.png").write_bytes(SECRET)
@@ -123,16 +119,10 @@ def test_materials_cannot_show_pictures_outside_the_folder(line: str, absolute: 
 
 def test_a_page_asks_for_no_file_that_a_material_names(tmp_path: Path) -> None:
     """The viewer gets the statements it knows, and pictures under names that are all among its resources."""
-    lines = [
-        "newmtl m",
-        "Kd 1 0 0",
-        "map_Kd http://elsewhere/a.png",
-        "map_bump -bm 2 b.png",
-        "refl http://elsewhere/c.png",
-    ]
+    maps = ["map_Kd http://elsewhere/a.png", "map_bump -bm 2 b.png", "refl http://elsewhere/c.png"]
     (tmp_path / "a.obj").write_text(OBJ.format(library="a.mtl"))
     for end in ("\n", "\r", "\r\n"):
-        (tmp_path / "a.mtl").write_bytes(end.join(lines).encode())
+        (tmp_path / "a.mtl").write_bytes(end.join(["newmtl m", "Kd 1 0 0", *maps]).encode())
         item = drawn(tmp_path / "a.obj")["object"]
         expected = ["newmtl m", "Kd 1 0 0", "map_Kd picture-0", "map_bump -bm 2 picture-1"]
         assert item["mtl_library"].split("\n") == expected

@@ -25,9 +25,8 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]
     environment = {**os.environ, "PYTHONPATH": str(TOP), "IPYTHONDIR": str(place), "MPLBACKEND": "agg"}
     resources = {"metadata": {"path": str(place)}}
     NotebookClient(notebook, timeout=120, resources=resources).execute(env=environment, cwd=str(place))
-    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
     found = {}
-    for cell in cells:
+    for cell in (cell for cell in notebook.cells if cell.cell_type == "code"):
         name = cell.source.splitlines()[-1]
         for output in cell.outputs:
             found[name if output["output_type"] == "execute_result" else f"progress of {name}"] = output["data"]

@@ -1,7 +1,5 @@
 """Playback pages: their animation, limits and refusals, and what a browser shows."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json
@@ -25,19 +23,7 @@ from twolink.errors import ShowError
 from twolink.show.meshcat_scene import look_at, poses, scene_nodes
 from twolink.show.playback import choose_frames, write_playback
 
-URDFS = Path(__file__).parents[2] / "urdf"
 BLUE, ORANGE = (0.13, 0.40, 0.68), (0.93, 0.54, 0.16)  # as two_link.urdf has them
-
-
-def robot(name: str) -> Robot:
-    path = str(URDFS / f"{name}.urdf")
-    model = pin.buildModelFromUrdf(path)
-    return model, pin.buildGeomFromUrdf(model, path, pin.GeometryType.VISUAL)
-
-
-@pytest.fixture(scope="module")
-def arm() -> Robot:
-    return robot("two_link")
 
 
 @pytest.fixture(scope="module")
@@ -188,17 +174,13 @@ def test_names_cannot_inject_markup(tmp_path: Path) -> None:
     assert [piece["name"] for piece in film(path)["visuals"]["pieces"]] == names
 
 
-@pytest.mark.parametrize(
-    ("t", "q", "what"),
-    [
-        ([0.0, 1.0], [[0.0, 0.0], [np.nan, 0.0]], "q is not finite at sample 1"),
-        ([0.0, np.inf], [[0.0, 0.0], [0.0, 0.0]], "t is not finite at sample 1"),
-        ([0.0, 2.0, 1.0], np.zeros((3, 2)), "t does not increase at sample 2"),
-        ([0.0, 0.0], np.zeros((2, 2)), "t does not increase at sample 1"),
-        ([0.0, 1.0], np.zeros((3, 2)), "q is (3, 2)"),
-        ([], np.zeros((0, 2)), "n >= 1"),
-    ],
-)
+@pytest.mark.parametrize(("t", "q", "what"), [
+    ([0.0, 1.0], [[0.0, 0.0], [np.nan, 0.0]], "q is not finite at sample 1"),
+    ([0.0, np.inf], [[0.0, 0.0], [0.0, 0.0]], "t is not finite at sample 1"),
+    ([0.0, 2.0, 1.0], np.zeros((3, 2)), "t does not increase at sample 2"),
+    ([0.0, 0.0], np.zeros((2, 2)), "t does not increase at sample 1"),
+    ([0.0, 1.0], np.zeros((3, 2)), "q is (3, 2)"), ([], np.zeros((0, 2)), "n >= 1"),
+])  # fmt: skip
 def test_a_motion_that_cannot_be_shown_is_refused(arm: Robot, tmp_path: Path, t: Any, q: Any, what: str) -> None:
     with pytest.raises(ShowError, match=re.escape(what)):
         write_playback(*arm, t, q, tmp_path / "a.html")
@@ -240,10 +222,7 @@ TIME = "Number.parseFloat(document.getElementById('clock').textContent)"
 
 @pytest.mark.browser
 def test_the_page_plays_offline(
-    arm: Robot,
-    swing: tuple[np.ndarray, np.ndarray],
-    tmp_path: Path,
-    browser: Browser,
+    arm: Robot, swing: tuple[np.ndarray, np.ndarray], tmp_path: Path, browser: Browser
 ) -> None:
     events = [(2.0, "reverse elbow"), (2.001, "stick elbow"), (9.0, "</script>")]
     page = write_playback(*arm, *swing, tmp_path / "swing.html", title="Two links & <rods>", speed=0.5, events=events)
@@ -274,11 +253,7 @@ def test_the_page_plays_offline(
 
 @pytest.mark.slow
 @pytest.mark.browser
-def test_what_is_drawn_over_the_robot_is_where_it_belongs(
-    arm: Robot,
-    tmp_path: Path,
-    browser: Browser,
-) -> None:
+def test_what_is_drawn_over_the_robot_is_where_it_belongs(arm: Robot, tmp_path: Path, browser: Browser) -> None:
     t = np.linspace(0.0, 1.0, 61)
     q = np.column_stack([t, -2.0 * t])
     points = np.full((61, 1, 3), np.nan)

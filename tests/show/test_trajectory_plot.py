@@ -31,10 +31,11 @@ def test_every_name_stands_beside_its_curve() -> None:
     assert names_beside(figure.axes[0]) == [" _x", r"\$y\$"]
 
 
-def test_names_do_not_cover_each_other() -> None:
+def test_of_curves_that_cover_each_other_the_names_do_not_and_one_is_dashed() -> None:
     figure = tl.simulate(tl.Scene(tl.load_robot(run_of_names("a", "b"))), 0.05).plot()  # both at rest at 0
     first, second = (text.get_window_extent() for text in figure.axes[0].texts)
     assert first.y0 >= second.y1 or second.y0 >= first.y1
+    assert [line.is_dashed() for line in curves(figure.axes[0]).values()] == [False, True]
 
 
 def test_the_samples_are_drawn_in_a_colour_a_joint() -> None:
@@ -116,11 +117,6 @@ def test_events_are_lines_in_every_panel_and_named_where_there_is_room() -> None
     assert "error of q: at most" in figure.get_suptitle()
 
 
-def test_curves_that_cover_each_other_are_dashed() -> None:
-    figure = tl.simulate(tl.Scene(tl.load_robot(run_of_names("a", "b"))), 0.05).plot()  # both at rest at 0
-    assert [line.is_dashed() for line in curves(figure.axes[0]).values()] == [False, True]
-
-
 def test_what_stays_has_no_panel_and_the_title_says_so() -> None:
     figure = tl.simulate(tl.load_scene("heavy-top"), 0.05).plot()  # its tip is the point that is fixed
     assert list(panels(figure)) == ["orientation", "angular velocity", "energy change", "error bar"]
@@ -182,9 +178,9 @@ def test_a_limb_is_drawn_by_a_pattern_and_the_base_where_it_moves(talos: tl.Robo
 
 @pytest.mark.slow
 def test_the_style_is_for_all_and_the_caption_says_what_was_asked(tmp_path: Path) -> None:
-    figure = tl.simulate(tl.load_scene("arm-swing"), 0.2, accuracy=1e-5).plot(tmp_path / "run.pdf")
-    assert b"/Type0" in figure.read_bytes()  # TrueType letters, not bitmaps of them
-    assert "asked for 1e-05" in tl.simulate(tl.load_scene("arm-swing"), 0.2, accuracy=1e-5).plot().get_suptitle()
+    run = tl.simulate(tl.load_scene("arm-swing"), 0.2, accuracy=1e-5)
+    assert b"/Type0" in run.plot(tmp_path / "run.pdf").read_bytes()  # TrueType letters, not bitmaps of them
+    assert "asked for 1e-05" in run.plot().get_suptitle()
     with matplotlib.style.context("twolink.show.twolink"):
         cycle = matplotlib.rcParams["axes.prop_cycle"].by_key()["color"]
     assert cycle == list(COLOURS)

@@ -1,6 +1,7 @@
 """Films and pictures without a display."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ BALL = """<robot name="ball"><link name="base"><inertial><mass value="1"/>
 </link></robot>"""
 SIZE = (160, 120)
 G = 9.81
+AT_REST = np.array([[0.0, 0, 0, 0, 0, 0, 1]])
 
 
 @pytest.fixture(scope="module")
@@ -27,15 +29,26 @@ def run() -> Trajectory:
     return tl.simulate(tl.load_scene("arm-swing"), 1.0, accuracy=1e-3, samples_per_second=50)
 
 
-def test_a_ball_fills_the_circle_that_perspective_gives() -> None:
-    ball = tl.load_robot(BALL, root="free")
-    visuals = ball.visual_model()
+@pytest.fixture(scope="module")
+def ball() -> tuple[tl.Robot, Any, list[Any]]:
+    """A ball, its visuals and what is drawn of them."""
+    robot = tl.load_robot(BALL, root="free")
+    visuals = robot.visual_model()
     drawn, skipped = surfaces(visuals)
-    q = np.array([[0.0, 0, 0, 0, 0, 0, 1]])
-    view = look_at(drawn, poses(ball.model, visuals, q, drawn), (0, -1, 0))
-    camera = Camera(view, SIZE)
-    image = Picture(ball.model, visuals, drawn, camera).of(q[0]).astype(int)
     assert not skipped
+    return robot, visuals, drawn
+
+
+@pytest.fixture(scope="module")
+def camera(ball: tuple[tl.Robot, Any, list[Any]]) -> Camera:
+    """One that looks at the ball along y."""
+    robot, visuals, drawn = ball
+    return Camera(look_at(drawn, poses(robot.model, visuals, AT_REST, drawn), (0, -1, 0)), SIZE)
+
+
+def test_a_ball_fills_the_circle_that_perspective_gives(ball: tuple[tl.Robot, Any, list[Any]], camera: Camera) -> None:
+    robot, visuals, drawn = ball
+    image = Picture(robot.model, visuals, drawn, camera).of(AT_REST[0]).astype(int)
     red = (image[..., 0] - image[..., 2]) > 60
     # A sphere seen from d has the half angle asin(r / d).
     distance = np.linalg.norm(camera.position)
@@ -73,33 +86,22 @@ def test_a_picture_of_a_moment_by_the_command(run: Trajectory, tmp_path: Path) -
     np.testing.assert_array_equal(second, again)
     one_line(call("video", str(saved), "a.avi"), 2, "is not a format we know")
     one_line(call("video", str(saved), "a.png", "--size", "big"), 2, "expected WIDTHxHEIGHT, got 'big'")
+    one_line(call("video", str(saved), "a.png", "--camera", "a b c"), 2, "is not a list of numbers")
 
 
-@pytest.mark.parametrize(
-    ("options", "error", "part"),
-    [
-        ({"size": (161, 120)}, ShowError, "size is 161x120, expected even numbers from 64 to 4096"),
-        ({"rate": 0.0}, ShowError, "rate is 0, expected a number above 0"),
-        ({"at": 2.0}, ShowError, "at is 2 s, expected a time from 0 to 1 s"),
-        ({"direction": (0, 0, 0)}, ShowError, "expected three numbers that are not all 0"),
-        ({"curves": ["q.elbw"]}, SceneError, "did you mean 'q.elbow'"),
-        ({"speed": -1.0}, ShowError, "speed is -1.0"),
-    ],
-)
+@pytest.mark.parametrize(("options", "error", "part"), [
+    ({"size": (161, 120)}, ShowError, "size is 161x120, expected even numbers from 64 to 4096"),
+    ({"rate": 0.0}, ShowError, "rate is 0, expected a number above 0"),
+    ({"at": 2.0}, ShowError, "at is 2 s, expected a time from 0 to 1 s"),
+    ({"direction": [1.0, 2.0]}, ShowError, "expected three numbers"),
+    ({"direction": (0, 0, 0)}, ShowError, "expected three numbers that are not all 0"),
+    ({"curves": ["q.elbw"]}, SceneError, "did you mean 'q.elbow'"),
+    ({"speed": -1.0}, ShowError, "speed is -1.0"),
+])  # fmt: skip
 def test_refusals_name_the_option(run: Trajectory, tmp_path: Path, options: dict, error: type, part: str) -> None:
     with pytest.raises(error, match=part):
         run.video(tmp_path / "a.png", **options)
     assert not any(tmp_path.iterdir())
-
-
-@pytest.fixture
-def camera() -> Camera:
-    """One that looks at the ball."""
-    ball = tl.load_robot(BALL, root="free")
-    visuals = ball.visual_model()
-    drawn, _ = surfaces(visuals)
-    q = np.array([[0.0, 0, 0, 0, 0, 0, 1]])
-    return Camera(look_at(drawn, poses(ball.model, visuals, q, drawn)), SIZE)
 
 
 @pytest.fixture(scope="module")
@@ -165,10 +167,3 @@ def test_what_has_no_surface_is_refused(tmp_path: Path) -> None:
     run = tl.simulate(tl.Scene(bare), 0.1, verify=False)
     with pytest.raises(ShowError, match="the robot has nothing to draw"):
         run.video(tmp_path / "a.png")
-
-
-def test_a_camera_is_three_numbers(run: Trajectory, tmp_path: Path) -> None:
-    saved = run.save(tmp_path / "run.npz")
-    one_line(call("video", str(saved), str(tmp_path / "a.png"), "--camera", "a b c"), 2, "is not a list of numbers")
-    with pytest.raises(ShowError, match="expected three numbers"):
-        run.video(tmp_path / "a.png", direction=[1.0, 2.0])

@@ -22,12 +22,9 @@ def urdf(*visuals: str) -> str:
     """Two links in a row, each with one of the visuals."""
     body = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
     links = "".join(f'<link name="b{i}">{body}<visual>{visual}</visual></link>' for i, visual in enumerate(visuals))
-    joints = "".join(
-        f'<joint name="j{i}" type="continuous"><parent link="{"w" if i == 0 else f"b{i - 1}"}"/>'
-        f'<child link="b{i}"/><axis xyz="0 1 0"/></joint>'
-        for i in range(len(visuals))
-    )
-    return f'<robot name="x"><link name="w"/>{links}{joints}</robot>'
+    joints = "".join(f'<joint name="j{i}" type="continuous"><parent link="b{i - 1}"/><child link="b{i}"/>'
+                     '<axis xyz="0 1 0"/></joint>' for i in range(len(visuals)))  # fmt: skip
+    return f'<robot name="x"><link name="b-1"/>{links}{joints}</robot>'
 
 
 def mesh(name: object, colour: str = "") -> str:
@@ -43,14 +40,10 @@ def motion(robot: tl.Robot) -> tl.Trajectory:
     return tl.Trajectory(robot, t, np.array([robot.neutral] * 2), np.zeros((2, robot.nv)), t, None, None)
 
 
-@pytest.mark.parametrize(
-    ("visuals", "colour"),
-    [
-        ((mesh("gone.stl", RED), sphere()), [1, 0, 0, 1]),
-        ((mesh("gone.stl", RED), sphere(BLUE)), [1, 0, 0, 1]),
-        ((sphere(BLUE), mesh("gone.stl", RED), sphere()), [0, 0, 1, 1]),
-    ],
-)
+@pytest.mark.parametrize(("visuals", "colour"), [
+    ((mesh("gone.stl", RED), sphere()), [1, 0, 0, 1]), ((mesh("gone.stl", RED), sphere(BLUE)), [1, 0, 0, 1]),
+    ((sphere(BLUE), mesh("gone.stl", RED), sphere()), [0, 0, 1, 1]),
+])  # fmt: skip
 def test_a_colour_does_not_depend_on_the_mesh_that_defined_it(
     visuals: tuple[str, ...], colour: list[float], tmp_path: Path
 ) -> None:
@@ -75,12 +68,11 @@ def test_a_file_that_is_no_mesh_is_named(tmp_path: Path) -> None:
     assert not (tmp_path / "x.html").exists()
 
 
-def test_playing_logs_the_address_and_the_missing_pieces_unless_callbacks_take_them(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    caplog: pytest.LogCaptureFixture,
-    tmp_path: Path,
+def test_playing_logs_what_no_callback_takes(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture, tmp_path: Path
 ) -> None:
+    """The address, and the missing pieces."""
+
     def play(*_: Any, on_url: Any, on_skipped: Any, **__: Any) -> None:
         on_url("http://here")
         on_skipped(["a", "b"])
@@ -92,9 +84,9 @@ def test_playing_logs_the_address_and_the_missing_pieces_unless_callbacks_take_t
     assert caplog.messages == ["playing at http://here", "not drawn: a, b"]
     run.play(on_url=said.append, on_skipped=said.extend)
     assert said == ["http://here", "a", "b"]
-    assert capsys.readouterr().out == ""
+    assert capfd.readouterr().out == ""
     run.playback(tmp_path / "x.html", on_skipped=said.extend)
-    assert capsys.readouterr().out == ""
+    assert capfd.readouterr().out == ""
 
 
 def test_a_saved_scene_keeps_its_meshes(tmp_path: Path) -> None:
