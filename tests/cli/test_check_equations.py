@@ -1,7 +1,5 @@
 """`twolink check --module`: a student's file beside a robot; exit codes 0 right, 1 wrong, 2 bad input."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

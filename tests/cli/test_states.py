@@ -128,8 +128,7 @@ def test_columns_that_are_not_read_are_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("options", "words"), [
-    (("--speed", "1"), "speed: it is of a motion"),
-    (("--to", "1 1"), "acceleration: it is not given"),
+    (("--speed", "1"), "speed: it is of a motion"), (("--to", "1 1"), "acceleration: it is not given"),
     (("--to", "0 0", "--acceleration", "1"), "--to: it is where the motion begins"),
     (("--to", "1 1", "--v", "0 0", "--acceleration", "1"), "to: states are given already"),
     (("--out", "x.txt"), "'.txt' is not a format we know"),
