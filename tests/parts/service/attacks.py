@@ -1,7 +1,5 @@
 """Attacks on a running service: clients that take what they can and give nothing back, each again and again."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import http.client
@@ -121,38 +119,6 @@ def scene(megabytes: float) -> bytes:
     return text.ljust(int(megabytes * MB)).encode()
 
 
-def _header_flood(target: Target, _: int) -> Outcome:
-    return target.flood(_head(BIAS) + b"X: ", b"x" * 65536)
-
-
-def _many_headers(target: Target, _: int) -> Outcome:
-    return target.flood(_head(BIAS), b"X: y\r\n" * 10_000)
-
-
-def _url_flood(target: Target, _: int) -> Outcome:
-    return target.flood(b"GET /", b"x" * 65536)
-
-
-def _trailers(target: Target, _: int) -> Outcome:
-    return target.flood(_head(BIAS) + b"Transfer-Encoding: chunked\r\n\r\n1\r\n{\r\n0\r\n", b"X: y\r\n" * 10_000)
-
-
-def _pipelined(target: Target, _: int) -> Outcome:
-    return target.flood(b"", b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n" * 1000, 20 * MB)
-
-
-def _idle(target: Target, _: int) -> Outcome:
-    return target.hold(500, b"")
-
-
-def _slow_requests(target: Target, _: int) -> Outcome:
-    return target.hold(200, _head(BIAS, length=1000) + b"{", drip=b" ")
-
-
-def _unfinished(target: Target, _: int) -> Outcome:
-    return target.hold(30, _head(BIAS, NPZ, length=120 * MB) + b"P" * (4 * MB))
-
-
 def _slow_readers(target: Target, _: int) -> Outcome:
     body = packed(50_000, 9)
     return target.hold(12, _head("/v1/robots/panda/mass-matrix", NPZ, length=len(body)) + body)
@@ -160,10 +126,6 @@ def _slow_readers(target: Target, _: int) -> Outcome:
 
 def _query_json(target: Target, number: int) -> Outcome:
     return target.ask("/v1/robots/panda/bias", numbers(100_000 if number % 4 else 10_000, 9))[0]
-
-
-def _lists(target: Target, _: int) -> Outcome:
-    return target.ask(BIAS, b'{"q": [' + b"[]," * 5_000_000 + b"[]]}")[0]
 
 
 def _scene_json(target: Target, number: int) -> Outcome:
@@ -176,20 +138,26 @@ def _titles(target: Target, number: int) -> Outcome:
     return target.ask("/v1/simulations", title)[0]
 
 
+def _uploaded(target: Target, text: str) -> tuple[str, str]:
+    """The status of an upload, and the robot's id; "" where there is none."""
+    status, answer = target.ask("/v1/robots", text.encode(), XML)
+    return status, json.loads(answer)["id"] if status.startswith("20") else ""
+
+
+def _own_chain(target: Target, number: int, links: int) -> str:
+    """A robot that nobody has sent before."""
+    return chain(links).replace("<robot", f"<!-- {target.source} {number} -->\n<robot", 1)
+
+
 def _states(target: Target, number: int) -> Outcome:
-    status, answer = target.ask("/v1/robots", chain(100).encode(), XML)
-    if not status.startswith("20"):
-        return status
+    status, robot = _uploaded(target, chain(100))
     body = packed(_STATES[number % 3], 100, compressed=True)
-    return target.ask(f"/v1/robots/{json.loads(answer)['id']}/forward-dynamics", body, NPZ)[0]
+    return target.ask(f"/v1/robots/{robot}/forward-dynamics", body, NPZ)[0] if robot else status
 
 
 def _robots(target: Target, number: int) -> Outcome:
-    text = chain(100).replace("<robot", f"<!-- {target.source} {number} -->\n<robot", 1)
-    status, answer = target.ask("/v1/robots", text.encode(), XML)
-    if not status.startswith("20"):
-        return status
-    return target.ask(f"/v1/robots/{json.loads(answer)['id']}/bias", numbers(10, 100))[0]
+    status, robot = _uploaded(target, _own_chain(target, number, 100))
+    return target.ask(f"/v1/robots/{robot}/bias", numbers(10, 100))[0] if robot else status
 
 
 def _zips(target: Target, number: int) -> Outcome:
@@ -199,12 +167,9 @@ def _zips(target: Target, number: int) -> Outcome:
 
 
 def _taylor(target: Target, number: int) -> Outcome:
-    text = chain(30).replace("<robot", f"<!-- {target.source} {number} -->\n<robot", 1)
-    status, answer = target.ask("/v1/robots", text.encode(), XML)
-    if not status.startswith("20"):
-        return status
-    motion = {"scene": {"robot": json.loads(answer)["id"]}, "duration": 0.01, "method": "taylor", "wait": 10}
-    return target.ask("/v1/simulations", json.dumps(motion).encode())[0]
+    status, robot = _uploaded(target, _own_chain(target, number, 30))
+    motion = {"scene": {"robot": robot}, "duration": 0.01, "method": "taylor", "wait": 10}
+    return target.ask("/v1/simulations", json.dumps(motion).encode())[0] if robot else status
 
 
 def _results(target: Target, number: int) -> Outcome:
@@ -236,9 +201,8 @@ def _watchers(target: Target, number: int) -> Outcome:
 
 
 def _lists_of_all(target: Target, number: int) -> Outcome:
-    return target.ask(("/v1/robots", "/v1/simulations", f"/v1/robots/x{number}", "/metrics")[number % 4], method="GET")[
-        0
-    ]
+    path = ("/v1/robots", "/v1/simulations", f"/v1/robots/x{number}", "/metrics")[number % 4]
+    return target.ask(path, method="GET")[0]
 
 
 def _churn(target: Target, _: int) -> Outcome:
@@ -267,19 +231,23 @@ def _corpus(target: Target, number: int) -> Outcome:
     return target.ask(case.path, case.body, case.media)[0]
 
 
+_CHUNKED = b"Transfer-Encoding: chunked\r\n\r\n1\r\n{\r\n0\r\n"
+_METRICS = b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n"
+
 # The attacks by name: a round, and how many clients do it at once.
 ATTACKS: dict[str, tuple[Round, int]] = {
-    "header flood": (_header_flood, 2),
-    "many headers": (_many_headers, 2),
-    "URL flood": (_url_flood, 2),
-    "trailer flood": (_trailers, 1),
-    "pipelined requests": (_pipelined, 1),
-    "idle connections": (_idle, 2),
-    "slow requests": (_slow_requests, 1),
-    "unfinished bodies": (_unfinished, 1),
+    "header flood": (lambda target, _: target.flood(_head(BIAS) + b"X: ", b"x" * 65536), 2),
+    "many headers": (lambda target, _: target.flood(_head(BIAS), b"X: y\r\n" * 10_000), 2),
+    "URL flood": (lambda target, _: target.flood(b"GET /", b"x" * 65536), 2),
+    "trailer flood": (lambda target, _: target.flood(_head(BIAS) + _CHUNKED, b"X: y\r\n" * 10_000), 1),
+    "pipelined requests": (lambda target, _: target.flood(b"", _METRICS * 1000, 20 * MB), 1),
+    "idle connections": (lambda target, _: target.hold(500, b""), 2),
+    "slow requests": (lambda target, _: target.hold(200, _head(BIAS, length=1000) + b"{", drip=b" "), 1),
+    "unfinished bodies": (
+        lambda target, _: target.hold(30, _head(BIAS, NPZ, length=120 * MB) + b"P" * (4 * MB)), 1),
     "slow readers": (_slow_readers, 1),
     "giant JSON queries": (_query_json, 3),
-    "JSON of empty lists": (_lists, 1),
+    "JSON of empty lists": (lambda target, _: target.ask(BIAS, b'{"q": [' + b"[]," * 5_000_000 + b"[]]}")[0], 1),
     "giant JSON scenes": (_scene_json, 3),
     "giant titles": (_titles, 1),
     "npz of many states": (_states, 3),
@@ -292,7 +260,7 @@ ATTACKS: dict[str, tuple[Round, int]] = {
     "lists": (_lists_of_all, 1),
     "connection churn": (_churn, 1),
     "hostile corpus": (_corpus, 2),
-}
+}  # fmt: skip
 
 
 def rounds(name: str, target: Target, client: int, counts: dict[Outcome, int]) -> None:

@@ -1,7 +1,5 @@
 """One running service for the tests that need no special one."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import httpx
@@ -12,6 +10,12 @@ from tests.parts.service.page_driver import Page
 from tests.parts.service.serving import Served, serving
 from tests.show.browser import Browser
 from twolink.parts.service.client import Client
+
+
+@pytest.fixture
+def anyio_backend() -> str:
+    """What runs tests that are coroutines and marked so."""
+    return "asyncio"
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,5 @@
 """A stand-in of S3 for tests: one bucket in memory, and of the protocol what is used (put, get, list, delete)."""
 
-from __future__ import annotations
-
 import contextlib
 import threading
 from collections.abc import Iterator
@@ -46,11 +44,9 @@ class FakeS3(BaseHTTPRequestHandler):
             prefix, after = query.get("prefix", [""])[0], query.get("continuation-token", [""])[0]
             names = sorted(name for name in self.objects if name.startswith(prefix) and name > after)
             more = len(names) > PAGE
-            rows = "".join(
-                f"<Contents><Key>{escape(name)}</Key><LastModified>2026-01-01T00:00:00.000Z</LastModified>"
-                f"<ETag>x</ETag><Size>{len(self.objects[name])}</Size></Contents>"
-                for name in names[:PAGE]
-            )
+            when = "<LastModified>2026-01-01T00:00:00.000Z</LastModified><ETag>x</ETag>"
+            rows = "".join(f"<Contents><Key>{escape(name)}</Key>{when}<Size>{len(self.objects[name])}</Size></Contents>"
+                           for name in names[:PAGE])  # fmt: skip
             token = f"<NextContinuationToken>{escape(names[PAGE - 1])}</NextContinuationToken>" if more else ""
             text = f"<ListBucketResult><IsTruncated>{str(more).lower()}</IsTruncated>{token}{rows}</ListBucketResult>"
             self._answer(200, text.encode())

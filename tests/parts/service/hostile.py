@@ -1,7 +1,5 @@
 """Hostile requests, made by rule: malformed, huge, nested, lying, and pointing where they should not."""
 
-from __future__ import annotations
-
 import io
 import random
 import struct
@@ -11,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.parts.service.urdfs import pendulum, stl, zipped
+from tests.parts.service.urdfs import packed, pendulum, stl, zipped
 from tests.robots.test_bad_urdf import BAD, GOOD, chain
 
 JSON, NPZ, XML, ZIP = "application/json", "application/x-npz", "application/xml", "application/zip"
@@ -44,7 +42,6 @@ def _json() -> Iterator[Case]:
         "Infinity": b'{"q": [Infinity, 0]}',
         "too large a number": b'{"q": [1e999, 0]}',
         "many digits": b'{"q": [' + b"9" * 10_000 + b", 0]}",
-        "a string in q": b'{"q": ["0", 0]}',
         "true in q": b'{"q": [true, 0]}',
         "null in q": b'{"q": [null, 0]}',
         "an object in q": b'{"q": [{}, 0]}',
@@ -53,12 +50,9 @@ def _json() -> Iterator[Case]:
         "q empty": b'{"q": []}',
         "q of empties": b'{"q": [[], []]}',
         "q too short": b'{"q": [0]}',
-        "q too long": b'{"q": [0, 0, 0]}',
-        "q ragged": b'{"q": [[0, 0], [0]]}',
         "q mixed": b'{"q": [0, [0, 0]]}',
         "q too deep": b'{"q": [[[0, 0]]]}',
         "batches that do not fit": b'{"q": [[0, 0], [0, 0]], "v": [[0, 0], [0, 0], [0, 0]]}',
-        "unknown": b'{"q": [0, 0], "x": 1}',
         "proto": b'{"__proto__": {}, "q": [0, 0]}',
         "class": b'{"q": [0, 0], "__class__": "os"}',
         "nested lists": b'{"q": ' + b"[" * 200_000 + b"]" * 200_000 + b"}",
@@ -76,7 +70,6 @@ def _json() -> Iterator[Case]:
         "f_ext a list": b'{"q": [0, 0], "f_ext": [1]}',
         "f_ext short": b'{"q": [0, 0], "f_ext": {"tip": [1]}}',
         "f_ext nowhere": b'{"q": [0, 0], "f_ext": {"../../tip": [0, 0, 0, 0, 0, 0]}}',
-        "overflow": b'{"q": [1e308, 1e308], "v": [1e308, 1e308], "tau": [1e308, -1e308]}',
         "many states": b'{"q": [' + b"[0]," * 200_000 + b"[0]]}",
     }
     for name, body in bodies.items():
@@ -101,9 +94,7 @@ def _npy(header: str, data: bytes) -> bytes:
 
 
 def _npz() -> Iterator[Case]:
-    out = io.BytesIO()
-    np.savez(out, q=np.zeros((4, 2)))
-    good = out.getvalue()
+    good = packed(q=np.zeros((4, 2)))
     head = "{'descr': %s, 'fortran_order': False, 'shape': %s, }"
     pickled = io.BytesIO()
     np.savez(pickled, q=np.array([object], dtype=object), allow_pickle=True)
@@ -134,10 +125,10 @@ def _npz() -> Iterator[Case]:
         "another file": zipped({"q.txt": "0 0"}),
         "other names": zipped({"x.npy": _npy(head % ("'<f8'", "(2,)"), bytes(16))}),
         "outside": zipped({"../q.npy": _npy(head % ("'<f8'", "(2,)"), bytes(16))}),
-        "NaN": _saved(q=np.full((3, 2), np.nan)),
-        "wrong shape": _saved(q=np.zeros((3, 5))),
-        "0-d": _saved(q=np.float64(1.0)),
-        "wide broadcast": _saved(q=np.zeros((2000, 1, 2)), v=np.zeros((1, 2000, 2))),
+        "NaN": packed(q=np.full((3, 2), np.nan)),
+        "wrong shape": packed(q=np.zeros((3, 5))),
+        "0-d": packed(q=np.float64(1.0)),
+        "wide broadcast": packed(q=np.zeros((2000, 1, 2)), v=np.zeros((1, 2000, 2))),
         "bomb": zipped({"q.npy": _npy(head % ("'<f8'", "(17000000, 2)"), bytes(272_000_000))}),
         "many": zipped({f"a{k}.npy": b"" for k in range(1000)}),
     }
@@ -150,12 +141,6 @@ def _npz() -> Iterator[Case]:
             body[rng.randrange(40, len(body))] ^= 1 << rng.randrange(8)
         if bytes(body) != good:
             yield Case(f"fuzzed npz {number}", QUERY, bytes(body[: rng.randrange(60, len(body))]), NPZ)
-
-
-def _saved(**arrays: np.ndarray) -> bytes:
-    out = io.BytesIO()
-    np.savez(out, **arrays)
-    return out.getvalue()
 
 
 def _urdfs() -> Iterator[Case]:
@@ -215,7 +200,7 @@ def _zips() -> Iterator[Case]:
         "not a zip": b"PK\x03\x04 and no more",
         "cut": good[:-40],
         "LZMA": zipped({"a.urdf": urdf}, zipfile.ZIP_LZMA),
-        "corrupt LZMA": (packed := zipped({"a.urdf": urdf}, zipfile.ZIP_LZMA))[:60] + bytes(20) + packed[80:],
+        "corrupt LZMA": (lzma := zipped({"a.urdf": urdf}, zipfile.ZIP_LZMA))[:60] + bytes(20) + lzma[80:],
         "no robot": zipped({"a.stl": stl()}),
         "two robots": zipped({"a.urdf": urdf, "b.urdf": urdf}),
         "above": zipped({"../a.urdf": urdf}),
@@ -247,9 +232,7 @@ def _scenes() -> Iterator[Case]:
         "a robot's path": b'{"scene": {"robot": "/etc/passwd"}}',
         "a robot's text": b'{"scene": {"robot": "<robot/>"}}',
         "an id outside": b'{"scene": {"robot": "u-/../../../../etc"}}',
-        "many effects": b'{"scene": {"robot": "arm", "effects": ['
-        + b'{"type": "gravity"},' * 5000
-        + b'{"type": "x"}]}}',
+        "many effects": b'{"scene": {"robot": "arm", "effects": [%s{"type": "x"}]}}' % (b'{"type": "gravity"},' * 5000),
         "endless": b'{"scene": "arm-swing", "duration": 1e300}',
         "a file": b'{"scene": {"robot": "arm", "effects": [{"type": "torque", "torque": {"elbow": '
         b'{"kind": "sampled", "file": "/etc/passwd"}}}]}}',
@@ -263,17 +246,14 @@ def _scenes() -> Iterator[Case]:
 
 def _sweeps() -> Iterator[Case]:
     bodies = {
-        "nothing varies": b"{}",
         "deep": b'{"q.elbow": ' + b"[" * 100_000 + b"]" * 100_000 + b"}",
         "NaN": b'{"q.elbow": [NaN]}',
         "huge": b'{"q.elbow": {"range": [0, 1, 1e18]}, "q.shoulder": {"range": [0, 1, 1e18]}}',
-        "huge and not whole": b'{"q.elbow": {"range": [0, 1, 1e308]}}',
         "negative": b'{"q.elbow": {"range": [0, 1, -5]}}',
         "empty": b'{"q.elbow": []}',
         "two rules": b'{"q.elbow": {"range": [0, 1, 3], "uniform": [0, 1]}}',
         "overflow": b'{"q.elbow": {"range": [-1e308, 1e308, 3]}}',
         "a path": b'{"../../q": [0]}',
-        "a robot's path": b'{"robot": ["../../etc/passwd"]}',
         "mixed": b'{"q.elbow": [0, true, "x"]}',
         "texts": b'{"q.elbow": ["0", "1"]}',
         "a long name": b'{"' + b"q" * 1_000_000 + b'": [0]}',

@@ -1,7 +1,5 @@
 """The service's page in the tests' browser: what a person does with it, by mouse, keyboard and files."""
 
-from __future__ import annotations
-
 import json
 import time
 from pathlib import Path
@@ -110,9 +108,9 @@ class Page:
         done = "!document.getElementById('run-button').disabled"
         self.wait_for(f"{done} && ['result', 'playback', 'downloads'].every(id => !document.getElementById(id).hidden)")
 
-    def colours(self, plot: int) -> int:
-        """How many different pixels a plot has: 1 is a blank one."""
-        counted = self.evaluate(f"""(() => {{ const canvas = document.querySelectorAll('#plots canvas')[{plot}];
+    def colours(self, canvases: str = "#plots canvas", place: int = 0) -> int:
+        """How many different pixels one of the canvases has: 1 is a blank one."""
+        counted = self.evaluate(f"""(() => {{ const canvas = document.querySelectorAll({json.dumps(canvases)})[{place}];
             const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
             return new Set(new Uint32Array(data.buffer)).size; }})()""")
         return int(counted)

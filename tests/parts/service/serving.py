@@ -1,11 +1,10 @@
 """A service in a process of its own, as a user starts it."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -42,6 +41,10 @@ class Served:
     def client(self, **more: object) -> httpx.Client:
         return httpx.Client(base_url=self.url, timeout=120, **more)
 
+    def connect(self, source: str = "127.0.0.1") -> socket.socket:
+        """A connection from an address of this machine."""
+        return socket.create_connection(("127.0.0.1", int(self.url.rpartition(":")[2])), 60, (source, 0))
+
     def kill(self) -> None:
         self.process.kill()
         self.process.wait(120)
@@ -52,10 +55,8 @@ class Served:
         for path in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError, IndexError):
                 parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
-                if (
-                    parent == self.process.pid
-                    and b"twolink.parts.service.work.worker" in (path / "cmdline").read_bytes()
-                ):
+                command = (path / "cmdline").read_bytes()
+                if parent == self.process.pid and b"twolink.parts.service.work.worker" in command:
                     processes.append(int(path.name))
         return processes
 

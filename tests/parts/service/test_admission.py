@@ -1,7 +1,5 @@
 """Admission control: no client takes all of the connections, the memory or the turns, nor keeps what it cannot use."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import functools
@@ -19,19 +17,20 @@ import uvicorn
 from uvicorn.server import ServerState
 
 from tests.parts.service.serving import Served, serving, wait_until
-from tests.parts.service.test_queries import packed
+from tests.parts.service.test_store import opened
+from tests.parts.service.urdfs import packed
 from twolink.errors import TwolinkError
 from twolink.parts.service.http.messages import send_answer
 from twolink.parts.service.http.server import uvicorn_options
 from twolink.parts.service.problems import Refusal
 from twolink.parts.service.settings import Quotas, Settings, read_quotas
-from twolink.parts.service.store.store import Store
 from twolink.parts.service.work.budget import Budget
 from twolink.parts.service.work.jobs import Jobs
 from twolink.parts.service.work.metrics import Metrics
 from twolink.parts.service.work.requests import prepare
 from twolink.parts.service.work.sharing import REQUEST, SMALL, RequestMemory, Shares, Turns, client_of, this_request
 
+pytestmark = pytest.mark.anyio
 BIAS = "/v1/robots/two_link/bias"
 HEAD = f"POST {BIAS} HTTP/1.1\r\nHost: localhost\r\n".encode()
 
@@ -72,7 +71,7 @@ def test_a_hold_says_whether_to_come_again() -> None:
     assert shares.taken == 0
 
 
-def test_clients_have_turns_round_robin() -> None:
+async def test_clients_have_turns_round_robin() -> None:
     done: list[str] = []
 
     async def task(turns: Turns, name: str) -> None:
@@ -81,19 +80,16 @@ def test_clients_have_turns_round_robin() -> None:
             done.append(name)
             await asyncio.sleep(0)
 
-    async def work() -> None:
-        turns = Turns(1, 20)
-        tasks = [asyncio.create_task(task(turns, name)) for name in ("a1", "a2", "a3", "a4", "b1", "b2", "c1")]
-        await asyncio.sleep(0)
-        tasks[2].cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-        many = [asyncio.create_task(task(turns, "d")) for _ in range(13)]
-        ends = await asyncio.gather(*many, return_exceptions=True)
-        assert [isinstance(end, Refusal) for end in ends] == [False] * 11 + [True] * 2  # one at work, ten that wait
-        assert turns.waiting == 0
-        await asyncio.wait_for(task(turns, "e"), 1)
-
-    asyncio.run(work())
+    turns = Turns(1, 20)
+    tasks = [asyncio.create_task(task(turns, name)) for name in ("a1", "a2", "a3", "a4", "b1", "b2", "c1")]
+    await asyncio.sleep(0)
+    tasks[2].cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+    many = [asyncio.create_task(task(turns, "d")) for _ in range(13)]
+    ends = await asyncio.gather(*many, return_exceptions=True)
+    assert [isinstance(end, Refusal) for end in ends] == [False] * 11 + [True] * 2  # one at work, ten that wait
+    assert turns.waiting == 0
+    await asyncio.wait_for(task(turns, "e"), 1)
     assert done[:6] == ["a1", "a2", "b1", "c1", "a4", "b2"]
 
 
@@ -110,16 +106,11 @@ class Workers:
         return {}
 
 
-def test_jobs_are_run_by_client_in_turn_and_each_has_its_queue(tmp_path: Path) -> None:
-    async def work(store: Store) -> None:
+async def test_jobs_are_run_by_client_in_turn_and_each_has_its_queue(tmp_path: Path) -> None:
+    with opened(tmp_path) as store:
         workers = Workers()
-        jobs = Jobs(
-            Settings(str(tmp_path), quotas=Quotas(jobs=1, queue=3)),
-            store,
-            cast(Any, workers),
-            Metrics(),
-            Budget(store, math.inf),
-        )
+        settings = Settings(str(tmp_path), quotas=Quotas(jobs=1, queue=3))
+        jobs = Jobs(settings, store, cast(Any, workers), Metrics(), Budget(store, math.inf))
 
         async def submit(client: str, number: int) -> None:
             REQUEST.set(RequestMemory(Shares(1), client))
@@ -141,10 +132,6 @@ def test_jobs_are_run_by_client_in_turn_and_each_has_its_queue(tmp_path: Path) -
         await asyncio.create_task(submit("a", 5))
         await jobs.close()
 
-    store = Store(tmp_path)
-    asyncio.run(work(store))
-    store.close()
-
 
 def test_limits_that_no_request_could_meet_are_refused() -> None:
     for wrong in ("body_mb=200", "answer_mb=200", "memory_in_flight_mb=100"):
@@ -165,13 +152,6 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         yield running
 
 
-@contextlib.contextmanager
-def connected(served: Served, source: str = "127.0.0.1") -> Iterator[socket.socket]:
-    port = int(served.url.rpartition(":")[2])
-    with socket.create_connection(("127.0.0.1", port), timeout=60, source_address=(source, 0)) as connection:
-        yield connection
-
-
 def answer(connection: socket.socket) -> tuple[int, dict[str, object]]:
     """Status and problem of an answer that ends with the connection; 0 when there is none."""
     text = b""
@@ -188,11 +168,10 @@ def answer(connection: socket.socket) -> tuple[int, dict[str, object]]:
     (HEAD + b"X: y\r\n" * 10_000 + b"\r\n", 431, "headers"),
     (HEAD + b"X: y\r\n" * 150 + b"\r\n", 431, "headers"),  # few bytes, but each takes as long as many
     (b"GET /" + b"x" * 10_000 + b" HTTP/1.1\r\nHost: localhost\r\n\r\n", 414, "URL"),
-    (b"GET /" + b"x" * 40_000, 431, "headers"),
-    (b"no HTTP\r\n\r\n", 400, "request"),
+    (b"GET /" + b"x" * 40_000, 431, "headers"), (b"no HTTP\r\n\r\n", 400, "request"),
 ])  # fmt: skip
 def test_headers_have_a_limit(small: Served, request_: bytes, status: int, where: str) -> None:
-    with connected(small) as connection:
+    with small.connect() as connection:
         connection.sendall(request_)
         got, problem = answer(connection)
     assert (got, problem["status"], problem["where"]) == (status, status, where)
@@ -202,11 +181,11 @@ def test_headers_have_a_limit(small: Served, request_: bytes, status: int, where
 
 def test_trailers_and_extensions_of_chunks_have_a_limit(small: Served) -> None:
     begin = HEAD + b'Transfer-Encoding: chunked\r\n\r\na\r\n{"q":[0,0]\r\n'
-    with connected(small) as connection:
+    with small.connect() as connection:
         connection.sendall(begin + b"1\r\n}\r\n0\r\nX: y\r\n\r\n")
         assert connection.recv(1000).startswith(b"HTTP/1.1 200")
     for last, endless in ((b"1\r\n}\r\n0\r\n", b"X: y\r\n" * 10_000), (b"1;", b"x" * 60_000)):
-        with connected(small) as connection:
+        with small.connect() as connection:
             connection.sendall(begin + last)
             with pytest.raises(ConnectionError):
                 connection.sendall(1000 * endless)
@@ -214,43 +193,40 @@ def test_trailers_and_extensions_of_chunks_have_a_limit(small: Served) -> None:
 
 def test_a_client_has_half_of_the_connections(small: Served) -> None:
     with contextlib.ExitStack() as stack:
-        held = [stack.enter_context(connected(small)) for _ in range(40)]
+        held = [stack.enter_context(small.connect()) for _ in range(40)]
         get = b"GET /health HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
-        with connected(small, "127.0.0.2") as other:
+        with small.connect("127.0.0.2") as other:
             other.sendall(get)
             assert answer(other)[0] == 200
         refused = [answer(connection) for connection in held[30:]]
     assert {status for status, _ in refused} == {503}
     assert refused[0][1]["code"] == "busy"
-    with connected(small) as later:  # they were given back
+    with small.connect() as later:  # they were given back
         later.sendall(get)
         assert answer(later)[0] == 200
 
 
-def test_a_connection_without_requests_is_closed(tmp_path: Path) -> None:
+async def test_a_connection_without_requests_is_closed(tmp_path: Path) -> None:
     async def application(_scope: Any, _receive: Any, send: Any) -> None:
         await send_answer(send, 204, (), b"")
 
-    async def work() -> None:
-        options = uvicorn_options(Settings(str(tmp_path), quotas=Quotas(body_seconds=0.1)))
-        config = uvicorn.Config(application, **{**options, "timeout_keep_alive": 0.3, "lifespan": "off"})
-        config.load()
-        make = functools.partial(config.http_protocol_class, config=config, server_state=ServerState(), app_state={})  # type: ignore[call-arg]
-        server = await asyncio.get_running_loop().create_server(make, "127.0.0.1", 0)
-        reader, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
-        for _ in range(3):
-            writer.write(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
-            assert (await reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 204")
-            await asyncio.sleep(0.2)
-        assert await asyncio.wait_for(reader.read(), 10) == b""
-        writer.close()
-        server.close()
-
-    asyncio.run(work())
+    options = uvicorn_options(Settings(str(tmp_path), quotas=Quotas(body_seconds=0.1)))
+    config = uvicorn.Config(application, **{**options, "timeout_keep_alive": 0.3, "lifespan": "off"})
+    config.load()
+    make = functools.partial(config.http_protocol_class, config=config, server_state=ServerState(), app_state={})  # type: ignore[call-arg]
+    server = await asyncio.get_running_loop().create_server(make, "127.0.0.1", 0)
+    reader, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
+    for _ in range(3):
+        writer.write(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        assert (await reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 204")
+        await asyncio.sleep(0.2)
+    assert await asyncio.wait_for(reader.read(), 10) == b""
+    writer.close()
+    server.close()
 
 
 def test_many_pipelined_requests_end_the_connection(small: Served) -> None:
-    with connected(small) as connection, contextlib.suppress(ConnectionError):
+    with small.connect() as connection, contextlib.suppress(ConnectionError):
         connection.sendall(b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n" * 3000)
         while connection.recv(2**16):
             pass
@@ -264,7 +240,7 @@ def test_bodies_that_do_not_arrive_are_limited_and_cut_off(small: Served) -> Non
     """Of a client at most half of the memory is kept for announced bodies, and not for long."""
     unfinished = HEAD + b"Content-Type: application/x-npz\r\nContent-Length: 7000000\r\n\r\nPK"
     with contextlib.ExitStack() as stack, small.client() as http:
-        held = [stack.enter_context(connected(small)) for _ in range(2)]
+        held = [stack.enter_context(small.connect()) for _ in range(2)]
         for connection in held:
             connection.sendall(unfinished)
         body = packed(q=np.zeros((200_000, 2)))
@@ -294,7 +270,7 @@ def test_an_answer_that_is_not_read_is_given_up(small: Served) -> None:
         return next(float(line.split()[1]) for line in lines if line.startswith("twolink_bytes_in_flight "))
 
     assert status() == 200
-    with connected(small) as deaf:
+    with small.connect() as deaf:
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         deaf.sendall(head + b"Content-Length: %d\r\n\r\n" % len(body) + body)
         wait_until(lambda: in_flight() > 10e6)

@@ -5,6 +5,7 @@ import json
 import os
 import re
 import sys
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,20 +23,28 @@ def server_of(folder: Path) -> Any:
     return Tools(folder).server()
 
 
+def in_session(server: Any, work: Callable[[Any], Awaitable[Any]]) -> Any:
+    """What is done with a client of the tools."""
+    from mcp import Client
+
+    async def session() -> Any:
+        async with Client(server) as client:
+            return await work(client)
+
+    return asyncio.run(session())
+
+
 def ask(folder: Path, *calls: tuple[str, dict], progress: list | None = None, server: Any = None) -> list:
     """The results of calls of tools in one session."""
 
-    async def told(done: float, total: float | None, label: str | None) -> None:
+    async def told(*progressed: object) -> None:
         if progress is not None:
-            progress.append((done, total, label))
+            progress.append(progressed)
 
-    from mcp import Client
+    async def asked(client: Any) -> list:
+        return [await client.call_tool(name, given, progress_callback=told) for name, given in calls]
 
-    async def session() -> list:
-        async with Client(server or server_of(folder)) as client:
-            return [await client.call_tool(name, given, progress_callback=told) for name, given in calls]
-
-    return asyncio.run(session())
+    return in_session(server or server_of(folder), asked)
 
 
 def data(result: Any) -> dict:
@@ -43,18 +52,8 @@ def data(result: Any) -> dict:
     return result.structured_content
 
 
-def listed(folder: Path) -> list:
-    from mcp import Client
-
-    async def session() -> list:
-        async with Client(server_of(folder)) as client:
-            return (await client.list_tools()).tools
-
-    return asyncio.run(session())
-
-
 def test_tools_are_few_typed_and_explained(tmp_path: Path) -> None:
-    tools = {tool.name: tool for tool in listed(tmp_path)}
+    tools = {tool.name: tool for tool in in_session(server_of(tmp_path), lambda client: client.list_tools()).tools}
     assert len(tools) <= 10
     for tool in tools.values():
         assert len(tool.description) > 40
@@ -115,23 +114,20 @@ def test_the_other_tools(tmp_path: Path) -> None:
     assert (tmp_path / "z1.urdf").is_file()
 
 
-@pytest.mark.parametrize(
-    ("tool", "given", "code"),
-    [
-        ("load_robot", {"robot": "/etc/passwd"}, "not-allowed"),
-        ("load_robot", {"robot": "../x.urdf"}, "not-allowed"),
-        ("load_robot", {"robot": "x.xacro"}, "not-readable"),
-        ("load_robot", {"robot": "x.urdf"}, "not-readable"),
-        ("load_robot", {"robot": "<robot name='r'><link name='a'/><link name='a'/></robot>"}, "urdf"),
-        ("simulate", {"scene": "/etc/hosts"}, "not-allowed"),
-        ("simulate", {"scene": "arm-swing", "save": ["../../x.csv"]}, "not-allowed"),
-        ("simulate", {"scene": "arm-swing", "accuracy": -1.0}, "accuracy"),
-        ("simulate", {"scene": "arm-swong"}, "not-allowed"),
-        ("query", {"robot": "two_link", "what": "no-such", "arguments": {"q": [0, 0]}}, "query"),
-        ("query", {"robot": "two_link", "what": "energy", "arguments": {"q": [0, 0, 0]}}, "query"),
-        ("export", {"robot": "two_link", "file": "x.exe"}, "unknown-format"),
-    ],
-)
+@pytest.mark.parametrize(("tool", "given", "code"), [
+    ("load_robot", {"robot": "/etc/passwd"}, "not-allowed"),
+    ("load_robot", {"robot": "../x.urdf"}, "not-allowed"),
+    ("load_robot", {"robot": "x.xacro"}, "not-readable"),
+    ("load_robot", {"robot": "x.urdf"}, "not-readable"),
+    ("load_robot", {"robot": "<robot name='r'><link name='a'/><link name='a'/></robot>"}, "urdf"),
+    ("simulate", {"scene": "/etc/hosts"}, "not-allowed"),
+    ("simulate", {"scene": "arm-swing", "save": ["../../x.csv"]}, "not-allowed"),
+    ("simulate", {"scene": "arm-swing", "accuracy": -1.0}, "accuracy"),
+    ("simulate", {"scene": "arm-swong"}, "not-allowed"),
+    ("query", {"robot": "two_link", "what": "no-such", "arguments": {"q": [0, 0]}}, "query"),
+    ("query", {"robot": "two_link", "what": "energy", "arguments": {"q": [0, 0, 0]}}, "query"),
+    ("export", {"robot": "two_link", "file": "x.exe"}, "unknown-format"),
+])  # fmt: skip
 def test_refusals_are_data(tool: str, given: dict, code: str, tmp_path: Path) -> None:
     (result,) = ask(tmp_path, (tool, given))
     assert result.is_error

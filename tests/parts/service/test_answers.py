@@ -2,7 +2,6 @@
 
 import csv
 import io
-from typing import Any
 
 import httpx
 import numpy as np
@@ -11,11 +10,6 @@ import pytest
 import twolink as tl
 from twolink.errors import QueryError, SceneError
 from twolink.parts.service.client import Client
-
-
-@pytest.fixture(scope="module")
-def client(served: Any) -> Client:
-    return tl.connect(served.url)
 
 
 @pytest.mark.slow

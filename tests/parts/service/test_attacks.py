@@ -1,7 +1,5 @@
 """The service answers /health at once and keeps to its memory while all that may be asked of it is asked at once."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -45,6 +45,11 @@ class Here:
         assert answer.status_code == 200, answer.text
         return answer.headers["content-type"], answer.content
 
+    def json(self, path: str, body: object = None) -> Any:
+        """What is answered by JSON, to a body if there is one."""
+        method, sent = ("GET", None) if body is None else ("POST", json.dumps(body).encode())
+        return json.loads(self.request(method, path, sent, "application/json", "application/json")[1])
+
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Here]:
@@ -73,9 +78,7 @@ def test_a_query_declared_in_one_place_is_asked_everywhere(here: Here) -> None:
     assert np.array_equal(robot.centroidal_map([Q, Q]), [expected, expected])
     assert np.array_equal(answer_query(robot, "centroidal-map", {"q": Q})["map"], expected)
 
-    body = json.dumps({"q": Q}).encode()
-    path, media = "/v1/robots/two_link/centroidal-map", "application/json"
-    assert json.loads(here.request("POST", path, body, media, media)[1]) == {"map": expected.tolist()}
+    assert here.json("/v1/robots/two_link/centroidal-map", {"q": Q}) == {"map": expected.tolist()}
 
     there: Any = RemoteRobot(here, {**ABOUT, "id": "two_link"})
     assert np.array_equal(there.centroidal_map(Q), expected)
@@ -86,43 +89,40 @@ def test_a_query_declared_in_one_place_is_asked_everywhere(here: Here) -> None:
 
 
 def test_a_declared_query_is_described(here: Here) -> None:
-    media = "application/json"
-    rows = {row["name"]: row for row in json.loads(here.request("GET", "/v1/queries", None, media, media)[1])}
+    rows = {row["name"]: row for row in here.json("/v1/queries")}
     assert rows["centroidal-map"] == {
         "name": "centroidal-map", "method": "centroidal_map", "summary": "A_g(q), (..., 6, nv): A_g v is the momentum.",
         "arguments": {"q": "Configuration, rad or m"}, "options": {},
         "results": {"map": {"shape": [6, "nv"], "unit": "kg m^2 or kg"}},
     }  # fmt: skip
     assert rows["frame-jacobian"]["options"]["axes"]["choices"] == ["aligned", "local"]
-    document = json.loads(here.request("GET", "/openapi.json", None, media, media)[1])
+    document = here.json("/openapi.json")
     operation = document["paths"]["/v1/robots/{robot}/centroidal-map"]["post"]
     assert operation["summary"].startswith("A_g(q)")
-    answer = operation["responses"]["200"]["content"][media]["schema"]
+    answer = operation["responses"]["200"]["content"]["application/json"]["schema"]
     assert answer["properties"]["map"]["description"] == "(6, nv) for one state, kg m^2 or kg"
 
 
 def test_losses_are_asked_for_by_every_face(here: Here) -> None:
     """Damping and friction in inverse dynamics: by Robot, by name, over HTTP, by the client in a batch and alone."""
-    rest, media = [0.0, 0.0], "application/json"
+    rest = [0.0, 0.0]
     expected = LOSSY.inverse_dynamics(Q, V, rest, losses=True)
     assert expected[0] - LOSSY.inverse_dynamics(Q, V, rest)[0] == pytest.approx(0.7 * V[0] + 1.5)
     assert np.array_equal(answer_query(LOSSY, "inverse-dynamics", {"q": Q, "v": V}, losses=True)["tau"], expected)
 
-    body = json.dumps({"q": Q, "v": V, "losses": True}).encode()
-    answer = here.request("POST", "/v1/robots/lossy/inverse-dynamics", body, media, media)[1]
-    assert json.loads(answer) == {"tau": expected.tolist()}
+    answer = here.json("/v1/robots/lossy/inverse-dynamics", {"q": Q, "v": V, "losses": True})
+    assert answer == {"tau": expected.tolist()}
 
     there: Any = RemoteRobot(here, {**ABOUT, "id": "lossy"})
     assert np.array_equal(there.inverse_dynamics(Q, V, rest, losses=True), expected)
     np.testing.assert_allclose(there.inverse_dynamics([Q, Q], V, rest, losses=True), [expected] * 2, rtol=1e-13)
     assert np.array_equal(there.inverse_dynamics(Q, V, rest), LOSSY.inverse_dynamics(Q, V, rest))
 
-    rows = {row["name"]: row for row in json.loads(here.request("GET", "/v1/queries", None, media, media)[1])}
+    rows = {row["name"]: row for row in here.json("/v1/queries")}
     takers = [name for name, row in rows.items() if "losses" in row["options"]]
     assert takers == ["inverse-dynamics"]
     assert rows["inverse-dynamics"]["options"]["losses"]["choices"] == [False, True]
-    document = json.loads(here.request("GET", "/openapi.json", None, media, media)[1])
-    schema = document["components"]["schemas"]["InverseDynamics"]["properties"]["losses"]
+    schema = here.json("/openapi.json")["components"]["schemas"]["InverseDynamics"]["properties"]["losses"]
     assert {"type": "boolean"} in schema["anyOf"]
 
 

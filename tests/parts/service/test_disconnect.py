@@ -11,6 +11,7 @@ import pytest
 import uvicorn
 from uvicorn.server import ServerState
 
+from twolink.parts.service.http.app import build
 from twolink.parts.service.http.server import uvicorn_options
 from twolink.parts.service.settings import Settings
 
@@ -20,8 +21,6 @@ QUERY = "/v1/robots/two_link/bias"
 
 @pytest.fixture
 def shell(tmp_path: Path) -> Iterator[Any]:
-    from twolink.parts.service.http.app import build
-
     shell = build(Settings(str(tmp_path)))
     with contextlib.closing(shell.service.store):
         yield shell
@@ -74,7 +73,8 @@ def test_what_a_client_asked_for_ends_when_it_goes(shell: Any, path: str, monkey
     assert ends == ["cancelled"]
 
 
-def test_what_is_sent_to_a_connection_that_has_just_ended_is_dropped(tmp_path: Path) -> None:
+@pytest.mark.anyio
+async def test_what_is_sent_to_a_connection_that_has_just_ended_is_dropped(tmp_path: Path) -> None:
     class Closed(asyncio.Transport):
         """uvloop's, after its end."""
 
@@ -87,15 +87,10 @@ def test_what_is_sent_to_a_connection_that_has_just_ended_is_dropped(tmp_path: P
         def write(self, _: Any) -> None:
             raise RuntimeError("unable to perform operation on <TCPTransport closed=True>; the handler is closed")
 
-    async def work() -> None:
-        from twolink.parts.service.http.app import build
-
-        config = uvicorn.Config(build, **uvicorn_options(Settings(str(tmp_path))))
-        config.load()
-        make = config.http_protocol_class
-        protocol = make(config=config, server_state=ServerState(), app_state={}, _loop=asyncio.get_running_loop())  # type: ignore[call-arg]
-        protocol.connection_made(Closed())
-        protocol.transport.write(b"too late")
-        protocol.connection_lost(None)
-
-    asyncio.run(work())
+    config = uvicorn.Config(build, **uvicorn_options(Settings(str(tmp_path))))
+    config.load()
+    make = config.http_protocol_class
+    protocol = make(config=config, server_state=ServerState(), app_state={}, _loop=asyncio.get_running_loop())  # type: ignore[call-arg]
+    protocol.connection_made(Closed())
+    protocol.transport.write(b"too late")
+    protocol.connection_lost(None)

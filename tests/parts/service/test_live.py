@@ -1,7 +1,5 @@
 """Live simulations over a WebSocket: the motion, its pace, what pulls it, and what is refused."""
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import json
@@ -94,19 +92,13 @@ def test_a_point_beside_its_axis_is_turned_towards_what_is_far_away() -> None:
     assert abs(sim.state.v[0]) < 0.1
 
 
-@pytest.mark.parametrize(
-    ("message", "detail"),
-    [
-        ('{"tau": [NaN, 0]}', "malformed"),
-        ('{"tau": [1e999, 0]}', "out of range"),
-        ('{"tau": [1]}', "shape"),
-        ('{"drag": {"link": "tip", "point": [0, 0, 0], "to": [1e9, 0, 0]}}', "<= 10000"),
-        ('{"drag": {"link": "tipp", "point": [0, 0, 0], "to": [1, 0, 0]}}', "'tipp'"),
-        ('{"tau": null, "tau": [1, 0]}', "twice"),
-        ('{"torque": [1, 0]}', "torque"),
-        ("[" * 17_000, "characters"),
-    ],
-)
+@pytest.mark.parametrize(("message", "detail"), [
+    ('{"tau": [NaN, 0]}', "malformed"), ('{"tau": [1e999, 0]}', "out of range"), ('{"tau": [1]}', "shape"),
+    ('{"drag": {"link": "tip", "point": [0, 0, 0], "to": [1e9, 0, 0]}}', "<= 10000"),
+    ('{"drag": {"link": "tipp", "point": [0, 0, 0], "to": [1, 0, 0]}}', "'tipp'"),
+    ('{"tau": null, "tau": [1, 0]}', "twice"), ('{"torque": [1, 0]}', "torque"),
+    ("[" * 17_000, "characters"),
+])  # fmt: skip
 def test_a_message_that_does_not_fit_is_told_and_the_motion_goes_on(served: Served, message: str, detail: str) -> None:
     with live(served) as socket:
         before = frame(socket)["t"]
@@ -117,17 +109,11 @@ def test_a_message_that_does_not_fit_is_told_and_the_motion_goes_on(served: Serv
         assert later["t"] > before
 
 
-@pytest.mark.parametrize(
-    ("request_", "detail"),
-    [
-        ({"scene": "swing-up"}, "step by step"),
-        ({"scene": "no-scene"}, "no-scene"),
-        ({"scene": "../etc/passwd"}, "paths"),
-        ({"frames_per_second": 1e6}, "<= 120"),
-        ({"accuracy": -1.0}, "> 0"),
-        ({"more": 1}, "more"),
-    ],
-)
+@pytest.mark.parametrize(("request_", "detail"), [
+    ({"scene": "swing-up"}, "step by step"), ({"scene": "no-scene"}, "no-scene"),
+    ({"scene": "../etc/passwd"}, "paths"), ({"frames_per_second": 1e6}, "<= 120"), ({"accuracy": -1.0}, "> 0"),
+    ({"more": 1}, "more"),
+])  # fmt: skip
 def test_what_cannot_be_simulated_is_refused_and_ends(served: Served, request_: dict, detail: str) -> None:
     with live(served, **request_) as socket:
         assert detail in str(problem(socket))

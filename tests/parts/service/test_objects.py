@@ -1,7 +1,5 @@
 """The object store: a folder, and S3 by a stand-in."""
 
-from __future__ import annotations
-
 import asyncio
 import errno
 import os

@@ -1,7 +1,5 @@
 """What an operator needs: start options that are refused, a log with request ids, readiness, metrics, a clean end."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json
@@ -23,6 +21,7 @@ import uvicorn
 from tests.command import call, call_process, one_line
 from tests.parts.service.serving import serving, wait_until
 from tests.parts.service.test_jobs import SLOW, SWING, ended
+from tests.parts.service.test_restart import assert_gone
 from tests.parts.service.test_store import add_done, opened
 from tests.parts.service.urdfs import pendulum
 from twolink.parts.service.logs import AccessLog, Answered, configure
@@ -51,30 +50,30 @@ REFUSED = {
 }
 
 
-def test_settings_that_are_none_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def no_start(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(uvicorn.Server, "run", lambda *_, **__: pytest.fail("it started"))
+
+
+@pytest.mark.usefixtures("no_start")
+def test_settings_that_are_none_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "settings.toml"
     cases = ("hots = 1", "'hots' is unknown"), ("host =", "settings.toml"), ('host = "a b"', "--host: 'a b'")
     for text, part in cases:
         file.write_text(text)
         one_line(call("serve", "--data", str(tmp_path / "data"), "--settings", str(file)), 1, part)
-    monkeypatch.setenv("TWOLINK_SERVE_QUOTA", "jobs=-1")
-    one_line(call("serve", "--data", str(tmp_path / "data")), 1, "quota: jobs: Expected")
+    for name, value, part in (("SERVE_QUOTA", "jobs=-1", "quota: jobs: Expected"), ("TOKEN", "", "a token is empty")):
+        with monkeypatch.context() as patch:
+            patch.setenv(f"TWOLINK_{name}", value)
+            one_line(call("serve", "--data", str(tmp_path / "data")), 1, part)
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_start_options_that_make_no_sense_are_refused(
-    case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(uvicorn.Server, "run", lambda *_, **__: pytest.fail("it started"))
+@pytest.mark.usefixtures("no_start")
+def test_start_options_that_make_no_sense_are_refused(case: str, tmp_path: Path) -> None:
     options, part = REFUSED[case]
     one_line(call("serve", "--data", str(tmp_path / "data"), *options), 2, part)
     assert not (tmp_path / "data").exists()
-
-
-def test_an_empty_token_in_the_environment_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TWOLINK_TOKEN", "")
-    one_line(call("serve", "--data", str(tmp_path / "data")), 1, "token: a token is empty")
 
 
 @pytest.mark.slow
@@ -205,7 +204,7 @@ def test_a_disk_that_fails_is_a_clear_state_that_passes(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_sigterm_tells_who_waits_and_leaves_the_job_to_the_next_start(tmp_path: Path) -> None:
+def test_sigterm_tells_who_waits_and_leaves_the_job_to_the_next_start_and_no_process(tmp_path: Path) -> None:
     answers: list[httpx.Response] = []
     job = {**SLOW, "duration": 40.0, "wait": 30}
     with serving(tmp_path / "data") as served, served.client() as http:
@@ -214,14 +213,18 @@ def test_sigterm_tells_who_waits_and_leaves_the_job_to_the_next_start(tmp_path: 
         with served.client() as other:
             wait_until(lambda: "twolink_jobs_running 1.0" in other.get("/metrics").text)
             (key,) = (job["id"] for job in other.get("/v1/simulations").json())
+        left = served.workers()
         served.process.send_signal(signal.SIGTERM)
         waiter.join(120)
         served.process.wait(120)
     assert (answers[0].status_code, answers[0].json()["code"]) == (503, "ending")
     assert answers[0].headers["retry-after"]
     assert "Traceback" not in served.log
+    assert served.process.returncode == 0
+    assert_gone(left)
     with serving(tmp_path / "data") as second, second.client() as http:
         assert ended(http, f"/v1/simulations/{key}")["state"] == "done"
+        assert "interrupted" not in second.log
 
 
 @pytest.mark.slow
@@ -240,7 +243,7 @@ def test_sigterm_waits_for_no_worker_that_hangs(tmp_path: Path) -> None:
         served.process.wait(120)
     assert (answers[0].status_code, answers[0].json()["code"]) == (503, "ending")
     assert "Traceback" not in served.log
-    wait_until(lambda: not any(Path(f"/proc/{process}").exists() for process in stopped))
+    assert_gone(stopped)
 
 
 def test_metrics_show_queue_memory_lag_and_waiting(http: httpx.Client) -> None:

@@ -1,7 +1,5 @@
 """docs/operating.md and the files beside it say what is so: commands, quotas, metrics and fields of the log."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil
@@ -12,7 +10,7 @@ import httpx
 import pytest
 import yaml  # type: ignore[import-untyped]
 
-from tests.command import call
+from tests.command import call, one_line
 from tests.parts.service.serving import TOP
 from twolink.errors import TwolinkError
 from twolink.parts.service.http.messages import AccessControl
@@ -60,9 +58,7 @@ def test_what_makes_no_service_for_a_group_is_refused(given: dict[str, str]) -> 
 def test_a_database_that_cannot_be_reached_is_refused_in_one_line(tmp_path: Path) -> None:
     pytest.importorskip("psycopg")
     urls = "--database", f"postgresql:///x?host={tmp_path}", "--store", f"file://{tmp_path}/objects"
-    done = call("serve", "--port", "0", "--data", str(tmp_path / "data"), *urls)
-    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
-    assert "--database" in done.stderr
+    one_line(call("serve", "--port", "0", "--data", str(tmp_path / "data"), *urls), 1, "--database")
 
 
 def test_the_container_takes_files_that_there_are() -> None:

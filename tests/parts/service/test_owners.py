@@ -1,7 +1,5 @@
 """What clients share: time, the disk, and what each owner may see and end."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import math
@@ -26,6 +24,7 @@ from twolink.parts.service.work import time_shares
 from twolink.parts.service.work.sharing import REQUEST, RequestMemory, Shares
 from twolink.parts.service.work.time_shares import TimeShares
 
+pytestmark = pytest.mark.anyio
 RUN = {"scene": "arm-swing", "duration": 0.5, "wait": 30}
 
 
@@ -111,86 +110,74 @@ async def cancelled(*jobs: asyncio.Task[None]) -> None:
     await asyncio.gather(*jobs, return_exceptions=True)
 
 
-def test_long_jobs_share_time_and_a_short_one_does_not_wait(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def work() -> None:
-        clock = Clock(TimeShares(2), monkeypatch)
-        long = [asyncio.create_task(clock.job(client, 60)) for client in "aabc"]
-        await clock.pass_(60)
-        counts = [clock.seen.count(client) for client in "abc"]
-        assert max(counts) - min(counts) <= time_shares.SLICE + 2 * time_shares.SHORT
-        assert 120 <= sum(counts) <= 130  # two at a time, and for moments three
-        assert await clock.wait_of("d") <= 2
-        await clock.pass_(until=asyncio.gather(*long))
-        assert [clock.seen.count(client) for client in "abcd"] == [120, 60, 60, 1]
-        assert not any((clock.shares._running, clock.shares._waiting, clock.shares._used))
+async def test_long_jobs_share_time_and_a_short_one_does_not_wait(monkeypatch: pytest.MonkeyPatch) -> None:
 
-    asyncio.run(work())
+    clock = Clock(TimeShares(2), monkeypatch)
+    long = [asyncio.create_task(clock.job(client, 60)) for client in "aabc"]
+    await clock.pass_(60)
+    counts = [clock.seen.count(client) for client in "abc"]
+    assert max(counts) - min(counts) <= time_shares.SLICE + 2 * time_shares.SHORT
+    assert 120 <= sum(counts) <= 130  # two at a time, and for moments three
+    assert await clock.wait_of("d") <= 2
+    await clock.pass_(until=asyncio.gather(*long))
+    assert [clock.seen.count(client) for client in "abcd"] == [120, 60, 60, 1]
+    assert not any((clock.shares._running, clock.shares._waiting, clock.shares._used))
 
 
-def test_a_clients_next_job_waits_for_those_that_have_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_clients_next_job_waits_for_those_that_have_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     """Else all that greedy clients have sent would begin, each with a process and its memory."""
+    clock = Clock(TimeShares(2), monkeypatch)
+    begun = set[asyncio.Task[None] | None]()
+    go_on = clock.shares.go_on
 
-    async def work() -> None:
-        clock = Clock(TimeShares(2), monkeypatch)
-        begun = set[asyncio.Task[None] | None]()
-        go_on = clock.shares.go_on
+    async def counted(turn: time_shares.Turn) -> None:
+        begun.add(asyncio.current_task())
+        await go_on(turn)
 
-        async def counted(turn: time_shares.Turn) -> None:
-            begun.add(asyncio.current_task())
-            await go_on(turn)
-
-        monkeypatch.setattr(clock.shares, "go_on", counted)
-        jobs = [asyncio.create_task(clock.job(client, 200)) for client in "abc" for _ in range(10)]
-        await clock.pass_(60)
-        assert len(begun) <= 4 * 3  # those that ran at first, and one beside of each client
-        first = set(begun)
-        await clock.pass_(120)
-        assert begun == first
-        assert 2 * 180 <= len(clock.seen) <= 2.2 * 180  # two at a time
-        assert await clock.wait_of("d") <= 3
-        await cancelled(*jobs)
-
-    asyncio.run(work())
+    monkeypatch.setattr(clock.shares, "go_on", counted)
+    jobs = [asyncio.create_task(clock.job(client, 200)) for client in "abc" for _ in range(10)]
+    await clock.pass_(60)
+    assert len(begun) <= 4 * 3  # those that ran at first, and one beside of each client
+    first = set(begun)
+    await clock.pass_(120)
+    assert begun == first
+    assert 2 * 180 <= len(clock.seen) <= 2.2 * 180  # two at a time
+    assert await clock.wait_of("d") <= 3
+    await cancelled(*jobs)
 
 
-def test_jobs_that_never_report_do_not_hold_up_short_ones(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def work() -> None:
-        clock = Clock(TimeShares(2), monkeypatch)
+async def test_jobs_that_never_report_do_not_hold_up_short_ones(monkeypatch: pytest.MonkeyPatch) -> None:
 
-        async def silent(client: str) -> None:
-            REQUEST.set(RequestMemory(Shares(1), client))
-            async with clock.shares.turn():
-                await asyncio.Event().wait()
+    clock = Clock(TimeShares(2), monkeypatch)
 
-        hogs = [asyncio.create_task(silent(client)) for client in "abc"]
-        await clock.pass_(10)
-        assert await clock.wait_of("d") <= 2
-        await cancelled(*hogs)
+    async def silent(client: str) -> None:
+        REQUEST.set(RequestMemory(Shares(1), client))
+        async with clock.shares.turn():
+            await asyncio.Event().wait()
 
-    asyncio.run(work())
+    hogs = [asyncio.create_task(silent(client)) for client in "abc"]
+    await clock.pass_(10)
+    assert await clock.wait_of("d") <= 2
+    await cancelled(*hogs)
 
 
-def test_jobs_that_are_cancelled_give_their_turns_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def work() -> None:
-        clock = Clock(TimeShares(1), monkeypatch)
-        jobs = [asyncio.create_task(clock.job(client, 30)) for client in "abc"]
-        await clock.pass_(12)
-        await cancelled(*jobs)
-        assert not any((clock.shares._running, clock.shares._waiting, clock.shares._used))
-        await clock.pass_(until=asyncio.create_task(clock.job("d", 1)))
-        assert clock.seen[-1] == "d"
+async def test_jobs_that_are_cancelled_give_their_turns_back(monkeypatch: pytest.MonkeyPatch) -> None:
 
-    asyncio.run(work())
+    clock = Clock(TimeShares(1), monkeypatch)
+    jobs = [asyncio.create_task(clock.job(client, 30)) for client in "abc"]
+    await clock.pass_(12)
+    await cancelled(*jobs)
+    assert not any((clock.shares._running, clock.shares._waiting, clock.shares._used))
+    await clock.pass_(until=asyncio.create_task(clock.job("d", 1)))
+    assert clock.seen[-1] == "d"
 
 
-def test_without_memory_nothing_that_has_begun_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def work() -> None:
-        clock = Clock(TimeShares(1, lambda: False), monkeypatch)
-        await clock.pass_(until=asyncio.gather(*(clock.job(client, 20) for client in "abc")))
-        assert clock.seen.index("b") <= time_shares.SHORT + 1  # beside the other, once that is long
-        assert clock.seen.index("c") <= 3 * (time_shares.SHORT + 1)
+async def test_without_memory_nothing_that_has_begun_waits(monkeypatch: pytest.MonkeyPatch) -> None:
 
-    asyncio.run(work())
+    clock = Clock(TimeShares(1, lambda: False), monkeypatch)
+    await clock.pass_(until=asyncio.gather(*(clock.job(client, 20) for client in "abc")))
+    assert clock.seen.index("b") <= time_shares.SHORT + 1  # beside the other, once that is long
+    assert clock.seen.index("c") <= 3 * (time_shares.SHORT + 1)
 
 
 def test_uploads_keep_their_room_while_they_load_and_take_none_from_results(tmp_path: Path) -> None:

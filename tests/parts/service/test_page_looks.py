@@ -1,7 +1,5 @@
 """The page at four widths, light and dark: nothing sticks out, all can be read, fingers and keys reach it."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.parts.service.page_driver import Page

@@ -1,7 +1,5 @@
 """The page's panels: sensitivities, linearization, identification and sweeps, each with its figure."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 
@@ -11,18 +9,9 @@ import pytest
 import twolink as tl
 from tests.parts.service.page_driver import Page
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
-def drawn(page: Page, selector: str) -> int:
-    """How many different pixels a canvas has: 1 is a blank one."""
-    script = f"""(() => {{ const canvas = document.querySelector('{selector}');
-        const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
-        return new Set(new Uint32Array(data.buffer)).size; }})()"""
-    return int(page.evaluate(script))
-
-
-@pytest.mark.slow
 def test_a_tube_shows_what_one_per_cent_of_a_mass_does(page: Page) -> None:
     page.open("#scene=arm-swing")
     page.choose("#duration", "0.5")
@@ -36,10 +25,9 @@ def test_a_tube_shows_what_one_per_cent_of_a_mass_does(page: Page) -> None:
     shown = page.evaluate("[...document.querySelectorAll('#sense-result tbody tr')].map(x => x.children[3].innerText)")
     for name, text in zip(names, shown, strict=True):
         assert float(text.replace("−", "-")) == pytest.approx(np.abs(found.q[name]).max(), rel=2e-3)
-    assert drawn(page, "#sense-result canvas") > 20
+    assert page.colours("#sense-result canvas") > 20
 
 
-@pytest.mark.slow
 def test_eigenvalues_tell_the_raised_arm_from_the_hanging_one(page: Page) -> None:
     page.open("#robot=two_link")
     page.click("#tab-linear")
@@ -56,7 +44,6 @@ def test_eigenvalues_tell_the_raised_arm_from_the_hanging_one(page: Page) -> Non
     assert page.evaluate("document.querySelectorAll('#linear-result circle').length") == 4
 
 
-@pytest.mark.slow
 def test_parameters_are_identified_from_a_file(page: Page, tmp_path: Path) -> None:
     robot, t = tl.load_robot("two_link"), np.linspace(0.0, 4.0, 200)
     w = np.array([1.7, 2.9])
@@ -76,10 +63,9 @@ def test_parameters_are_identified_from_a_file(page: Page, tmp_path: Path) -> No
     found = page.evaluate("document.querySelectorAll('#identify-result tbody tr').length")
     assert page.text("#identify-verdict").startswith(f"{found} found from 200 samples")
     assert "cannot be told" in page.text("#identify-result details").lower()
-    assert drawn(page, "#identify-result canvas") > 20
+    assert page.colours("#identify-result canvas") > 20
 
 
-@pytest.mark.slow
 def test_a_sweep_fills_its_map_marks_what_failed_and_a_cell_is_seen_to_move(page: Page) -> None:
     page.open("#scene=arm-swing")
     page.click("#tab-sweep")
@@ -96,7 +82,7 @@ def test_a_sweep_fills_its_map_marks_what_failed_and_a_cell_is_seen_to_move(page
     assert "over q.shoulder and q.elbow" in page.evaluate("document.querySelector('.heatmap').ariaLabel")
     assert "of 1296 runs are as accurate as asked for" in page.text("#sweep-verdict")
     assert "error bar above the accuracy" in page.text("#sweep-result .signs")  # some are chaotic
-    assert drawn(page, "#sweep-result .heatmap") > 20
+    assert page.colours("#sweep-result .heatmap") > 20
     page.evaluate("document.querySelector('#sweep-result .heatmap').focus()")
     page.press("ArrowRight", 39)
     page.press("Enter", 13, "\r")

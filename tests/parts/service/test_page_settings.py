@@ -1,7 +1,5 @@
 """The page's settings: forms of effects, start velocities, the address, runs that are compared, and the lists."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from urllib.parse import unquote
@@ -11,7 +9,7 @@ import pytest
 from tests.parts.service.page_driver import READY, Page
 from tests.parts.service.urdfs import pendulum, zipped
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 SCENE = "JSON.parse(document.getElementById('scene-json').value)"
 REFUSED = """(async () => {
   const { templates } = await import('/page/templates.js');
@@ -47,7 +45,6 @@ def legend(page: Page) -> list[str]:
     return list(page.evaluate(names))
 
 
-@pytest.mark.slow
 def test_every_effect_that_the_page_offers_is_taken_by_the_service(page: Page) -> None:
     page.open()
     refused, kinds = page.evaluate(REFUSED % json.dumps(["two_link", "bouncing_ball"]))
@@ -56,7 +53,6 @@ def test_every_effect_that_the_page_offers_is_taken_by_the_service(page: Page) -
     assert len(kinds) >= 23
 
 
-@pytest.mark.slow
 def test_the_values_of_an_effect_are_edited_in_a_form(page: Page) -> None:
     page.open("#scene=arm-human")
     for i in (0, 1):
@@ -85,7 +81,6 @@ def test_the_values_of_an_effect_are_edited_in_a_form(page: Page) -> None:
     assert page.text("#scene-problem") == ""
 
 
-@pytest.mark.slow
 def test_masses_and_start_velocities_are_edited_and_decide_the_run(page: Page) -> None:
     page.open("#robot=two_link")
     page.evaluate("document.getElementById('speeds-details').open = true")
@@ -105,7 +100,6 @@ def test_masses_and_start_velocities_are_edited_and_decide_the_run(page: Page) -
     assert "v" not in page.evaluate(SCENE)
 
 
-@pytest.mark.slow
 def test_the_address_holds_scene_changes_and_run(page: Page) -> None:
     page.open("#scene=arm-human")
     page.choose("#duration", "1.5")
@@ -118,10 +112,8 @@ def test_the_address_holds_scene_changes_and_run(page: Page) -> None:
     page.wait_for("!document.getElementById('result').hidden")
     assert page.evaluate(SCENE) == scene
     assert page.text("#accuracy-value") == "1e-4"
-    assert page.evaluate("[...document.querySelectorAll('#effects [role=switch]')].map(x => x.checked)") == [
-        True,
-        False,
-    ]
+    switches = page.evaluate("[...document.querySelectorAll('#effects [role=switch]')].map(x => x.checked)")
+    assert switches == [True, False]
     assert page.evaluate("document.getElementById('stale').hidden")
     page.evaluate("window.loadedOnce = true")
     page.choose("#scene-select", "arm-swing")
@@ -133,7 +125,6 @@ def test_the_address_holds_scene_changes_and_run(page: Page) -> None:
     assert page.evaluate(SCENE) == scene
 
 
-@pytest.mark.slow
 def test_an_address_that_names_nothing_says_so(page: Page) -> None:
     page.open("#scene=nonsense")
     assert "There is no scene" in page.text("#robot-problem")
@@ -142,7 +133,6 @@ def test_an_address_that_names_nothing_says_so(page: Page) -> None:
     assert "not kept here" in page.text("#run-status")
 
 
-@pytest.mark.slow
 def test_results_of_other_settings_say_so(page: Page) -> None:
     page.open("#scene=arm-human")
     page.choose("#duration", "1")
@@ -159,7 +149,6 @@ def test_results_of_other_settings_say_so(page: Page) -> None:
     assert page.text("#accuracy-value") == "1e-6"
 
 
-@pytest.mark.slow
 def test_runs_are_compared(page: Page) -> None:
     page.open("#scene=arm-human")
     page.choose("#duration", "1")
@@ -170,16 +159,15 @@ def test_runs_are_compared(page: Page) -> None:
     page.click("#run-button")
     page.wait_for("document.getElementById('compared').innerText.includes('other effects')")
     assert "q differs by up to" in page.text("#compared")
-    both = page.colours(0)
+    both = page.colours()
     page.open(page.evaluate("location.hash"))
     page.wait_for("document.getElementById('compared').innerText.includes('other effects')")
     page.click("#compared button")
     page.wait_for("document.getElementById('compared').hidden")
-    assert page.colours(0) < both
+    assert page.colours() < both
     assert "compare=" not in page.evaluate("location.hash")
 
 
-@pytest.mark.slow
 def test_a_run_goes_on_after_a_reload(page: Page) -> None:
     page.open("#scene=arm-human")
     page.choose("#method", "midpoint")
@@ -195,7 +183,6 @@ def test_a_run_goes_on_after_a_reload(page: Page) -> None:
     page.wait_for("document.getElementById('cancel-button').hidden")
 
 
-@pytest.mark.slow
 def test_one_robot_of_a_zip_is_chosen(page: Page, tmp_path: Path) -> None:
     bad = pendulum(name="bad").replace('mass value="2"', 'mass value="-1"')
     (tmp_path / "two.zip").write_bytes(zipped({"a/one.urdf": pendulum(name="one"), "b/two.urdf": bad}))
@@ -211,7 +198,6 @@ def test_one_robot_of_a_zip_is_chosen(page: Page, tmp_path: Path) -> None:
     page.wait_for("document.getElementById('robot-facts').innerText.startsWith('one')")
 
 
-@pytest.mark.slow
 def test_long_lists_are_searched(page: Page) -> None:
     page.open()
     page.evaluate("document.getElementById('robot-search').focus()")
@@ -225,7 +211,6 @@ def test_long_lists_are_searched(page: Page) -> None:
     assert page.evaluate("document.getElementById('robot-select').options.length") > 20
 
 
-@pytest.mark.slow
 def test_the_curves_of_a_robot_with_many_joints_are_chosen(page: Page) -> None:
     page.open("#robot=panda")
     page.choose("#duration", "0.1")

@@ -1,7 +1,5 @@
 """A run of a sweep that ends its worker process: it is given up after three tries, and the others are done."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import math
@@ -13,19 +11,18 @@ import pytest
 
 import twolink as tl
 from tests.parts.service import poison_tasks
+from tests.parts.service.test_store import opened
+from tests.parts.service.working import working
 from twolink.errors import TwolinkError
 from twolink.parts.service.problems import Refusal
 from twolink.parts.service.settings import Quotas, Settings
 from twolink.parts.service.store.data_folder import PARTS
-from twolink.parts.service.store.store import Store
 from twolink.parts.service.work.budget import Budget
 from twolink.parts.service.work.jobs import Jobs
 from twolink.parts.service.work.metrics import Metrics
 from twolink.parts.service.work.requests import prepare
 from twolink.parts.service.work.sharing import NO_TASK, SweepThreads
 from twolink.parts.service.work.sweep_tasks import STORE, sweep_columns
-from twolink.parts.service.work.worker_pool import Workers
-from twolink.parts.service.work.worker_process import WorkerMemory
 from twolink.parts.sweeps import engines, runs
 from twolink.parts.sweeps.sweeping import open_sweep
 
@@ -34,26 +31,18 @@ ELBOWS = [0.1, poison_tasks.POISON, 0.7]
 
 
 @pytest.mark.slow
-def test_the_service_gives_a_run_up_that_ends_its_workers(tmp_path: Path) -> None:
+@pytest.mark.anyio
+async def test_the_service_gives_a_run_up_that_ends_its_workers(tmp_path: Path) -> None:
     deaths: list[int] = []
-
-    async def swept() -> dict[str, Any]:
-        store, settings = Store(tmp_path), Settings(data=str(tmp_path))
-        workers = Workers(1, WorkerMemory(1000), tasks="tests.parts.service.poison_tasks",
-                          on_death=lambda: deaths.append(1), writable=[tmp_path / part for part in PARTS])  # fmt: skip
-        jobs = Jobs(settings, store, workers, Metrics(), Budget(store, math.inf))
-        body = {"scene": "arm-swing", "duration": 0.01, "vary": {"q.elbow": ELBOWS}}
-        try:
+    more = {"on_death": lambda: deaths.append(1), "writable": [tmp_path / part for part in PARTS]}
+    body = {"scene": "arm-swing", "duration": 0.01, "vary": {"q.elbow": ELBOWS}}
+    with opened(tmp_path) as store:
+        async with working(tasks=poison_tasks.__name__, **more) as workers:
+            jobs = Jobs(Settings(data=str(tmp_path)), store, workers, Metrics(), Budget(store, math.inf))
             key = (await jobs.submit("sweep", prepare(kind="sweep", body=json.dumps(body).encode())))["id"]
             while (job := await jobs.views.view("sweep", key))["state"] in ("queued", "running"):
                 await asyncio.sleep(0.1)
-            return job
-        finally:
             await jobs.close()
-            await workers.close()
-            store.close()
-
-    job = asyncio.run(swept())
     assert job["state"] == "done"
     assert json.loads(bytes(job["result"]))["abandoned"] == 1
     folder = str(next((tmp_path / "results").iterdir()))

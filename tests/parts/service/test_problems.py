@@ -1,7 +1,5 @@
 """Failures become problem+json and become failures again, with class, code, argument and data."""
 
-from __future__ import annotations
-
 import contextlib
 from typing import Any
 

@@ -1,21 +1,18 @@
 """Workers and services that are killed or end: nothing that was done is lost, and no process is left."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
 import signal
 import sqlite3
-import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
 
 import pytest
 
-from tests.parts.service.serving import TOP, Served, serving, wait_until
+from tests.command import call_process, one_line
+from tests.parts.service.serving import Served, serving, wait_until
 from tests.parts.service.test_jobs import SLOW, SWING, ended, started
 from tests.parts.service.urdfs import INERTIAL, pendulum
 from twolink.parts.service.store.store import Store
@@ -24,10 +21,8 @@ from twolink.parts.service.store.store import Store
 def large_robot(count: int, name: str) -> str:
     """A robot whose reading takes a while."""
     links = "".join(f'<link name="l{i}">{INERTIAL}</link>' for i in range(count))
-    joints = "".join(
-        f'<joint name="j{i}" type="fixed"><parent link="l{(i - 1) // 2}"/><child link="l{i}"/></joint>'
-        for i in range(1, count)
-    )
+    joints = "".join(f'<joint name="j{i}" type="fixed"><parent link="l{(i - 1) // 2}"/><child link="l{i}"/></joint>'
+                     for i in range(1, count))  # fmt: skip
     return f'<robot name="{name}">{links}{joints}</robot>'
 
 
@@ -101,22 +96,6 @@ def assert_gone(processes: list[int]) -> None:
 
 
 @pytest.mark.slow
-def test_a_service_that_ends_leaves_its_job_to_the_next_and_no_process(tmp_path: Path) -> None:
-    folder = tmp_path / "data"
-    with serving(folder) as first, first.client() as http:
-        path = http.post("/v1/simulations", json=SLOW).headers["location"]
-        started(http, path)
-        left = first.workers()
-    assert first.process.returncode == 0
-    assert "Traceback" not in first.log
-    assert_gone(left)
-    with serving(folder) as second, second.client() as http:
-        started(http, path)
-        assert "interrupted" not in second.log
-
-
-@pytest.mark.slow
-@pytest.mark.slow
 def test_what_is_damaged_on_the_disk_is_no_fault_of_the_request(tmp_path: Path) -> None:
     """It was called the client's: "the body is not JSON". Deleted and sent again, it is whole."""
     folder = tmp_path / "data"
@@ -146,10 +125,7 @@ def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:
     """Two services on one folder would each take the other's jobs for interrupted."""
     with serving(tmp_path / "data") as served, served.client() as http:
         http.post("/v1/simulations", json=SWING)
-        command = [sys.executable, "-m", "twolink", "serve", "--port", "0", "--data", str(tmp_path / "data")]
-        second = subprocess.run(command, capture_output=True, text=True, cwd=TOP, timeout=60)
-        assert (second.returncode, second.stderr.count("\n")) == (1, 1)
-        assert "--data" in second.stderr
+        one_line(call_process("serve", "--port", "0", "--data", str(tmp_path / "data")), 1, "--data")
         assert http.get("/health").json()["status"] == "ok"
 
 

@@ -14,9 +14,9 @@ from twolink.dynamics import Robot
 from twolink.parts.service.store.archives import read_robot, write_robot
 
 
-@pytest.mark.parametrize(
-    ("name", "options"), [("two_link", {}), ("anymal", {"root": "free"}), ("panda", {"mimic": True})]
-)
+@pytest.mark.parametrize(("name", "options"), [
+    ("two_link", {}), ("anymal", {"root": "free"}), ("panda", {"mimic": True}),
+])  # fmt: skip
 def test_a_robot_comes_back_as_it_was(name: str, options: dict[str, Any]) -> None:
     robot = tl.load_robot(name, **options)
     again = read_robot(write_robot(robot))

@@ -18,6 +18,7 @@ import msgspec
 import pytest
 
 from tests.parts.service import escape_tasks
+from tests.parts.service.working import working
 from twolink.errors import TwolinkError
 from twolink.parts.service.work import sandbox
 from twolink.parts.service.work.worker_pool import Workers
@@ -73,9 +74,7 @@ def results(place: dict[str, Any], tmp_path_factory: pytest.TempPathFactory) -> 
             patch.setenv("TWOLINK_TOKEN", "hush")
             patch.setenv("OTHER_SECRET", "hush")
             patch.setenv("PYTHONPATH", os.pathsep.join([str(library), *sys.path]))
-            workers = Workers(
-                1, WorkerMemory(3000), threads=2, tasks="tests.parts.service.escape_tasks", writable=[own]
-            )
+            workers = Workers(1, WorkerMemory(3000), threads=2, tasks=escape_tasks.__name__, writable=[own])
         try:
             found: dict[str, Any] = {}
             for task in set(escape_tasks.TASKS) - {"all_calls"}:
@@ -113,22 +112,15 @@ def test_a_worker_reaches_no_network_and_no_process(task: str, results: dict[str
 
 
 @pytest.mark.slow
+@pytest.mark.anyio
 @pytest.mark.skipif(not (CAN.landlock and CAN.seccomp), reason="not on this kernel")
-def test_a_worker_that_may_use_the_network_reaches_no_file_of_others_and_no_process(
-    place: dict[str, Any], tmp_path: Path
-) -> None:
-    async def work() -> dict[str, Any]:  # type: ignore[return]
-        workers = Workers(1, WorkerMemory(3000), tasks="tests.parts.service.network_tasks", writable=[tmp_path])
-        try:
-            assert await workers.run("tcp", 60, **arguments("tcp", place)) == "an answer"
-            for task in (*FILES, "program", "execute", "forked", "c_library", "trace", *SERVICE):
-                with pytest.raises(TwolinkError) as caught:
-                    await workers.run(task, 60, **arguments(task, place))
-                assert caught.value.code == "denied", task
-        finally:
-            await workers.close()
-
-    asyncio.run(work())
+async def test_a_worker_that_may_use_the_network_reaches_nothing_else(place: dict[str, Any], tmp_path: Path) -> None:
+    async with working(1, 3000, "tests.parts.service.network_tasks", writable=[tmp_path]) as workers:
+        assert await workers.run("tcp", 60, **arguments("tcp", place)) == "an answer"
+        for task in (*FILES, "program", "execute", "forked", "c_library", "trace", *SERVICE):
+            with pytest.raises(TwolinkError) as caught:
+                await workers.run(task, 60, **arguments(task, place))
+            assert caught.value.code == "denied", task
 
 
 def test_a_worker_knows_no_secret(results: dict[str, Any]) -> None:
@@ -148,22 +140,15 @@ def test_a_worker_computes_with_threads_and_compiled_code(results: dict[str, Any
     assert results["compute"]["batch"] == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.anyio
 @pytest.mark.skipif(not CAN.seccomp, reason="this kernel has no seccomp")
-def test_of_all_system_calls_only_the_listed_ones_pass() -> None:
+async def test_of_all_system_calls_only_the_listed_ones_pass() -> None:
     column = 0 if platform.machine() == "x86_64" else 1
-    listed = {
-        pair[column] for pair in (*sandbox._CALLS["all"].values(), *sandbox._ARGUED.values()) if len(pair) > column
-    }
-
-    async def work() -> dict[int, int]:
-        workers = Workers(1, WorkerMemory(3000), tasks="tests.parts.service.escape_tasks")
-        try:
-            found: dict[int, int] = await workers.run("all_calls", 60, some=sorted(set(range(600)) - listed - PROBES))
-            return found
-        finally:
-            await workers.close()
-
-    found = {int(number): error for number, error in asyncio.run(work()).items()}
+    pairs = *sandbox._CALLS["all"].values(), *sandbox._ARGUED.values()
+    listed = {pair[column] for pair in pairs if len(pair) > column}
+    async with working(1, 3000, escape_tasks.__name__) as workers:
+        errors = await workers.run("all_calls", 60, some=sorted(set(range(600)) - listed - PROBES))
+    found = {int(number): error for number, error in errors.items()}
     assert len(found) > 400
     passed = {number for number, error in found.items() if error != (errno.EPERM if number < 452 else errno.ENOSYS)}
     assert passed == {sandbox._CLONE3}

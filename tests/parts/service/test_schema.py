@@ -1,9 +1,9 @@
 """The API's description: answers are as it says, whatever is asked, and a client is made of it without a complaint."""
 
-from __future__ import annotations
-
 import importlib
+import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -18,6 +18,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from schemathesis.checks import content_type_conformance, response_schema_conformance, status_code_conformance
 
 from tests.parts.service.serving import TOP, Served
+from twolink.parts.service.work.query_requests import QUERIES
 from twolink.parts.service.work.requests import JOB_KINDS
 
 RUNS = pytest.mark.parametrize("count", [3, pytest.param(60, marks=pytest.mark.slow)])
@@ -75,21 +76,28 @@ def test_answers_are_as_described_and_none_is_a_fault(served: Served, count: int
 
 
 def test_every_operation_says_what_it_answers(http: httpx.Client) -> None:
-    document = http.get("/openapi.json").json()
+    text = http.get("/openapi.json").text
+    document = json.loads(text)
+    assert document["openapi"].startswith("3.1")
+    queries = {f"/v1/robots/{{robot}}/{name}" for name in QUERIES}
+    others = {"/v1/robots", "/v1/scenes/explain", "/v1/simulations/{job}/events", "/v1/studies/{job}/figure"}
+    assert queries | others <= document["paths"].keys()
+    assert all("post" in document["paths"][path] for path in queries)
+    assert set(re.findall(r'"#/components/schemas/([^"]+)"', text)) <= document["components"]["schemas"].keys()
     for path, operations in document["paths"].items():
         for method, operation in operations.items():
             answers = operation["responses"]
             assert {"4XX", "5XX"} <= set(answers), path
+            assert "application/problem+json" in answers["4XX"]["content"]
             for status, answer in answers.items():
                 for media, content in answer.get("content", {"": {"schema": {"$ref": ""}}}).items():
                     assert content["schema"], (method, path, status, media)
     begun = document["paths"]["/v1/simulations"]["post"]["responses"]
     assert set(begun) == {"200", "202", "4XX", "5XX"}
     assert begun["202"]["content"]["application/json"]["schema"] == {"$ref": "#/components/schemas/SimulationJob"}
-    assert list(document["paths"]["/v1/sweeps/{job}/events"]["get"]["responses"]["200"]["content"]) == [
-        "text/event-stream"
-    ]
-    assert '"items":false' not in http.get("/openapi.json").text
+    events = document["paths"]["/v1/sweeps/{job}/events"]["get"]["responses"]["200"]
+    assert list(events["content"]) == ["text/event-stream"]
+    assert '"items":false' not in text
 
 
 @pytest.mark.slow
@@ -108,9 +116,8 @@ def test_answers_of_jobs_are_as_described(http: httpx.Client) -> None:
     key = check("/v1/simulations", http.post("/v1/simulations", json={**scene, "wait": 30}))["id"]
     for part in ("result", "motion"):
         check(f"/v1/simulations/{{job}}/{part}", http.get(f"/v1/simulations/{key}/{part}"))
-    key = check("/v1/sweeps", http.post("/v1/sweeps", json={**scene, "vary": {"q.elbow": [0.0, 0.1]}, "wait": 30}))[
-        "id"
-    ]
+    sweep = {**scene, "vary": {"q.elbow": [0.0, 0.1]}, "wait": 30}
+    key = check("/v1/sweeps", http.post("/v1/sweeps", json=sweep))["id"]
     check("/v1/sweeps/{job}/runs/{number}", http.get(f"/v1/sweeps/{key}/runs/1"))
     for what in ("validate", "explain", "quantities", "linearize"):
         check(f"/v1/scenes/{what}", http.post(f"/v1/scenes/{what}", json={"scene": "arm-swing"}))
@@ -123,10 +130,9 @@ def test_answers_of_jobs_are_as_described(http: httpx.Client) -> None:
 @pytest.mark.skipif(not GENERATOR.exists(), reason="openapi-python-client is not installed")
 def test_a_client_is_generated_and_used(served: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     command = [str(GENERATOR), "generate", "--url", f"{served.url}/openapi.json", "--config", str(CONFIG)]
-    done = subprocess.run(
-        [*command, "--meta", "none", "--output-path", str(tmp_path / "made"), "--fail-on-warning"],
-        capture_output=True, text=True, check=False, env={**os.environ, "PATH": f"{GENERATOR.parent}:{os.defpath}"},
-    )  # fmt: skip
+    command += ["--meta", "none", "--output-path", str(tmp_path / "made"), "--fail-on-warning"]
+    place = {**os.environ, "PATH": f"{GENERATOR.parent}:{os.defpath}"}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=place)
     assert done.returncode == 0, done.stdout
     assert "WARNING" not in done.stdout + done.stderr
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -177,9 +183,7 @@ def test_types_for_typescript_are_generated_and_used(served: Served, tmp_path: P
     generator, compiler, node = TOOLS
 
     def run(*command: str | None) -> str:
-        done = subprocess.run(
-            [str(each) for each in command], capture_output=True, text=True, cwd=tmp_path, check=False
-        )
+        done = subprocess.run([*map(str, command)], capture_output=True, text=True, cwd=tmp_path, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout + done.stderr
 
@@ -187,16 +191,6 @@ def test_types_for_typescript_are_generated_and_used(served: Served, tmp_path: P
     (tmp_path / "ask.ts").write_text(ASK)
     (tmp_path / "node.d.ts").write_text("declare const process: { argv: string[] };")
     (tmp_path / "package.json").write_text('{"type": "module"}')
-    options = (
-        "--strict",
-        "--target",
-        "es2022",
-        "--module",
-        "es2022",
-        "--moduleResolution",
-        "bundler",
-        "--lib",
-        "es2022,dom",
-    )
-    run(compiler, *options, "--outDir", "out", "ask.ts", "node.d.ts", "made.d.ts")
+    options = "--strict --target es2022 --module es2022 --moduleResolution bundler --lib es2022,dom"
+    run(compiler, *options.split(), "--outDir", "out", "ask.ts", "node.d.ts", "made.d.ts")
     assert run(node, "out/ask.js", served.url).split() == ["done", "0.5", "422"]

@@ -1,15 +1,13 @@
 """Several services that share a PostgreSQL database and an object store, with no stickiness between them."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil
 import signal
 import subprocess
 import tempfile
-import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import httpx
@@ -109,18 +107,13 @@ def test_a_job_is_claimed_once(stores: list[Store]) -> None:
     keys = [f"simulation-{k:020x}" for k in range(40)]
     for key in keys:
         stores[0].new_job(key, "simulation", b"{}")
-    claimed: list[list[str]] = [[], []]
 
-    def claim(store: Store, mine: list[str]) -> None:
-        while rows := store.leases.claim(3):
-            mine += [row[0] for row in rows]
+    def claimed(store: Store) -> list[str]:
+        return [row[0] for rows in iter(lambda: store.leases.claim(3), []) for row in rows]
 
-    threads = [threading.Thread(target=claim, args=pair) for pair in zip(stores, claimed, strict=True)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert sorted(claimed[0] + claimed[1]) == keys
+    with ThreadPoolExecutor(2) as pool:
+        one, other = pool.map(claimed, stores)
+    assert sorted(one + other) == keys
 
 
 def test_who_had_least_is_first(stores: list[Store]) -> None:
@@ -162,21 +155,18 @@ def test_a_silent_process_loses_its_job_and_cannot_end_it(stores: list[Store], m
 
 def test_room_for_uploads_is_taken_once(stores: list[Store]) -> None:
     """Fifty uploads at once on two services never take more than there is."""
-    quotas, taken, lock = Quotas(disk_mb=40, result_mb=20), [], threading.Lock()
+    quotas = Quotas(disk_mb=40, result_mb=20)
 
-    def reserve(k: int) -> None:
+    def reserved(k: int) -> bool:
         with contextlib.suppress(Exception):
             stores[k % 2].accounts.reserve(f"u-{k:020x}", "", 2**20, quotas)
-            with lock:
-                taken.append(k)
+            return True
+        return False
 
-    threads = [threading.Thread(target=reserve, args=(k,)) for k in range(50)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(50) as pool:
+        taken = sum(pool.map(reserved, range(50)))
     kept = stores[0].accounts.by_owner("loading")[""]
-    assert kept == len(taken) * 2**20
+    assert kept == taken * 2**20
     assert 0 < kept <= quotas.uploads_mb * 2**20
 
 
@@ -230,10 +220,9 @@ def test_of_a_hundred_jobs_none_is_lost_or_done_twice_when_a_service_is_killed(
         count_ends(shared[0])
         clients = [stack.enter_context(each.client()) for each in running]
         reader = clients[(which + 1) % 3]
-        paths = [
-            clients[k % 2].post("/v1/simulations", json={**RUN, "duration": 0.5 + k / 1000}).headers["location"]
-            for k in range(100)
-        ]
+        asked = [{**RUN, "duration": 0.5 + k / 1000} for k in range(100)]
+        begun = [clients[k % 2].post("/v1/simulations", json=body) for k, body in enumerate(asked)]
+        paths = [answer.headers["location"] for answer in begun]
         assert len(set(paths)) == 100
 
         def states() -> list[str]:
@@ -281,9 +270,7 @@ def test_another_service_goes_on_with_the_sweep_of_one_that_was_killed(tmp_path:
         stored = len(list(objects.glob("sweep.zarr/status/c/*/*")))
         a.kill()
         wait_until(lambda: "is queued" in b.log)
-        _, progress = next(
-            (k, job["progress"]) for k, job in events(second, path) if (job["progress"] or {}).get("done")
-        )
-        assert progress["done"] >= stored
-        done = ended(second, path)
-        assert (done["state"], done["result"]["done"]) == ("done", 6400)
+        done = next(job["progress"]["done"] for _, job in events(second, path) if (job["progress"] or {}).get("done"))
+        assert done >= stored
+        job = ended(second, path)
+        assert (job["state"], job["result"]["done"]) == ("done", 6400)

@@ -1,7 +1,5 @@
 """Signs of life of a process that shares a database with others."""
 
-from __future__ import annotations
-
 import asyncio
 from types import SimpleNamespace
 from typing import Any

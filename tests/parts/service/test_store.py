@@ -1,8 +1,5 @@
 """The data folder: only what the service wrote is deleted, quotas count all of it, and failures of the disk pass."""
 
-from __future__ import annotations
-
-import asyncio
 import contextlib
 import errno
 import math
@@ -155,13 +152,14 @@ def set_limit(store: Store, pages: int) -> None:
     store._execute(f"PRAGMA max_page_count = {pages}")
 
 
-def test_a_job_whose_end_finds_the_disk_full_is_stored_when_there_is_room(
+@pytest.mark.anyio
+async def test_a_job_whose_end_finds_the_disk_full_is_stored_when_there_is_room(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr("twolink.parts.service.work.jobs._RETRY", 0.01)
     request = prepare(kind="simulation", body=b'{"scene": "arm-swing", "wait": 0.3}')
 
-    async def work(store: Store) -> None:
+    with opened(tmp_path) as store:
         workers: Any = Workers(lambda: set_limit(store, 1))  # SQLite takes the pages that there are
         jobs = Jobs(Settings(str(tmp_path)), store, workers, Metrics(), Budget(store, math.inf))
         view = await jobs.submit("simulation", request)
@@ -173,9 +171,6 @@ def test_a_job_whose_end_finds_the_disk_full_is_stored_when_there_is_room(
         set_limit(store, 10**6)
         assert (await jobs.submit("simulation", request))["state"] == "done"
         await jobs.close()
-
-    with opened(tmp_path) as store:
-        asyncio.run(work(store))
     assert "is full" in caplog.text
 
 

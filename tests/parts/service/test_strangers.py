@@ -13,10 +13,9 @@ import msgspec
 import pytest
 
 from tests.parts.service.urdfs import mesh, pendulum, stl, zipped
+from tests.parts.service.working import working
 from tests.show.pieces import DAE
 from tests.show.test_mesh_files import ENCODED, OBJ, SECRET, textured
-from twolink.parts.service.work.worker_pool import Workers
-from twolink.parts.service.work.worker_process import WorkerMemory
 
 
 def uploads(secret: Path) -> Iterator[tuple[str, str, bytes]]:
@@ -39,13 +38,8 @@ def uploads(secret: Path) -> Iterator[tuple[str, str, bytes]]:
             yield f"library {library}", "zip", zipped({**obj, "a.obj": OBJ.format(library=library).replace("\n", end)})
     as_library = zipped({**obj, "a.obj": OBJ.format(library="m.png"), "m.png": f"newmtl m\nmap_Kd {picture}"})
     yield "a picture as library", "zip", as_library
-    for name in (
-        picture,
-        outside,
-        f"file://{picture}",
-        outside.replace("..", "&#46;&#46;"),
-        picture.replace("/", "\\"),
-    ):
+    hidden = outside.replace("..", "&#46;&#46;"), picture.replace("/", "\\")
+    for name in (picture, outside, f"file://{picture}", *hidden):
         yield f"texture {name}", "zip", zipped({**dae, "a.dae": textured(name)})
     entity = f'<!DOCTYPE x [<!ENTITY e SYSTEM "file://{secret}.png">]>'
     yield "entity", "zip", zipped({**dae, "a.dae": DAE.replace("<COLLADA", f"{entity}<COLLADA").replace("half", "&e;")})
@@ -71,9 +65,8 @@ def traced(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[str, dict[str
         secret.with_suffix(suffix).write_bytes(content)
 
     async def work() -> list[tuple[str, dict[str, Any], str]]:
-        workers, results = Workers(1, WorkerMemory(1000), tasks="tests.parts.service.traced_tasks", writable=[top]), []
-        cases = [("control", "urdf", pendulum().encode()), *uploads(secret)]
-        try:
+        results, cases = [], [("control", "urdf", pendulum().encode()), *uploads(secret)]
+        async with working(tasks="tests.parts.service.traced_tasks", writable=[top]) as workers:
             for number, (name, kind, content) in enumerate(cases):
                 folder = top / "robots" / f"u-{number:020x}"
                 folder.mkdir(parents=True)
@@ -82,8 +75,6 @@ def traced(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[str, dict[str
                 traced = await workers.run("upload", 60, folder=str(folder), kind=kind, also=also)
                 drawn = folder / "visuals.json.gz"
                 results.append((name, traced, gzip.decompress(drawn.read_bytes()).decode() if drawn.exists() else ""))
-        finally:
-            await workers.close()
         return results
 
     return asyncio.run(work())

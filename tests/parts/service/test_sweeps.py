@@ -1,7 +1,5 @@
 """Sweeps as jobs: what the library gives, watched, stopped, resumed, looked into while they run, and refused."""
 
-from __future__ import annotations
-
 import io
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -153,30 +151,27 @@ def test_a_sweep_goes_on_after_it_was_cancelled_and_the_service_killed(tmp_path:
         assert len(after) > len(before)
 
 
-@pytest.mark.parametrize(
-    ("body", "status", "part"),
-    [
-        ({"vary": {"q.elbow": {"range": [0, 1, 1e6]}, "q.shoulder": {"range": [0, 1, 1e6]}}}, 422,
-         "1,000,000,000,000 runs"),
-        ({"vary": {"q.elbow": {"uniform": [0, 1]}}, "design": "sobol", "count": 10**15}, 422, "runs are too many"),
-        ({"vary": {"q.elbow": {"range": [0, 1, 1e300]}}}, 422, "runs are too many"),
-        ({"vary": {"q.elbow": {"range": [0, 1, 900000]}}, "outputs": ["samples"]}, 422, "256 MB"),
-        ({"vary": {"q.elbow": {"range": [0, 1, 1e9]}, "q.shoulder": {"range": [0, 1, -1]}}}, 422, "runs are too many"),
-        ({"vary": {"q.elbow": {"range": [0, 1, 0.5]}}}, 422, "number of values"),
-        ({"vary": {"q.elbow": {"range": [0, 1]}}}, 422, "3 numbers"),
-        ({"vary": {"q.elbow": {"rnge": [0, 1, 2]}}}, 422, "range"),
-        ({"vary": {"q.elbw": [0.0]}}, 422, "q.elbw"),
-        ({"vary": {"effects.7": [True]}}, 422, "effects.7"),
-        ({"vary": {"robot": ["/etc/passwd"]}, "outputs": ["cost"]}, 422, "catalogue"),
-        ({"vary": {"q.elbow": [0.0]}, "outputs": ["os:abort"]}, 400, "known: cost, energy"),
-        ({"vary": {"q.elbow": [0.0]}, "duration": 1e9}, 422, "too long"),
-        ({"vary": {}}, 400, "length"),
-        ({"vary": {"q.elbow": "all"}}, 400, "vary"),
-        ({"vary": {"q.elbow": [0.0]}, "design": "all"}, 400, "design"),
-        ({"vary": {"q.elbow": [0.0]}, "design": "gird"}, 400, "did you mean 'grid'?"),
-        ({"vary": {"q.elbow": [0.0]}, "outputs": ["final"] * 51}, 400, "length"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("body", "status", "part"), [
+    ({"vary": {"q.elbow": {"range": [0, 1, 1e6]}, "q.shoulder": {"range": [0, 1, 1e6]}}}, 422,
+     "1,000,000,000,000 runs"),
+    ({"vary": {"q.elbow": {"uniform": [0, 1]}}, "design": "sobol", "count": 10**15}, 422, "runs are too many"),
+    ({"vary": {"q.elbow": {"range": [0, 1, 1e300]}}}, 422, "runs are too many"),
+    ({"vary": {"q.elbow": {"range": [0, 1, 900000]}}, "outputs": ["samples"]}, 422, "256 MB"),
+    ({"vary": {"q.elbow": {"range": [0, 1, 1e9]}, "q.shoulder": {"range": [0, 1, -1]}}}, 422, "runs are too many"),
+    ({"vary": {"q.elbow": {"range": [0, 1, 0.5]}}}, 422, "number of values"),
+    ({"vary": {"q.elbow": {"range": [0, 1]}}}, 422, "3 numbers"),
+    ({"vary": {"q.elbow": {"rnge": [0, 1, 2]}}}, 422, "range"),
+    ({"vary": {"q.elbw": [0.0]}}, 422, "q.elbw"),
+    ({"vary": {"effects.7": [True]}}, 422, "effects.7"),
+    ({"vary": {"robot": ["/etc/passwd"]}, "outputs": ["cost"]}, 422, "catalogue"),
+    ({"vary": {"q.elbow": [0.0]}, "outputs": ["os:abort"]}, 400, "known: cost, energy"),
+    ({"vary": {"q.elbow": [0.0]}, "duration": 1e9}, 422, "too long"),
+    ({"vary": {}}, 400, "length"),
+    ({"vary": {"q.elbow": "all"}}, 400, "vary"),
+    ({"vary": {"q.elbow": [0.0]}, "design": "all"}, 400, "design"),
+    ({"vary": {"q.elbow": [0.0]}, "design": "gird"}, 400, "did you mean 'grid'?"),
+    ({"vary": {"q.elbow": [0.0]}, "outputs": ["final"] * 51}, 400, "length"),
+])  # fmt: skip
 def test_refusals(http: httpx.Client, body: dict[str, Any], status: int, part: str) -> None:
     answer = http.post("/v1/sweeps", json={"scene": "arm-swing", "wait": 30, **body})
     assert (answer.status_code, part in answer.text) == (status, True), answer.text

@@ -27,42 +27,34 @@ LISTED = http(200, [ABOUT])
 Q, V = np.array([0.1, 0.2]), np.array([0.3, 0.4])
 
 
-@pytest.mark.parametrize(
-    "url",
-    [
-        None, 7, "",
-        "http://", "ftp://x", "http://h:99999", "http://h:x", "http://h:-1", "http://[::1", "http://[::1]x", "::1",
-        "http://user:word@h", "http://a b", "http://h/?q=1", "http://h/#x", "http://" + "a" * 70, "http://a..b",
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("url", [
+    None, 7, "",
+    "http://", "ftp://x", "http://h:99999", "http://h:x", "http://h:-1", "http://[::1", "http://[::1]x", "::1",
+    "http://user:word@h", "http://a b", "http://h/?q=1", "http://h/#x", "http://" + "a" * 70, "http://a..b",
+])  # fmt: skip
 def test_an_address_that_is_none_is_refused(url: Any) -> None:
     with pytest.raises(TwolinkError, match="is not an address") as caught:
         tl.connect(url)
     assert caught.value.argument == "url"
 
 
-@pytest.mark.parametrize(
-    ("url", "host", "port"),
-    [("h", "h", 80), ("[::1]", "::1", 80), ("https://h/twolink/", "h", 443), ("[fe80::1]:7", "fe80::1", 7)],
-)
+@pytest.mark.parametrize(("url", "host", "port"), [
+    ("h", "h", 80), ("[::1]", "::1", 80), ("https://h/twolink/", "h", 443), ("[fe80::1]:7", "fe80::1", 7),
+])  # fmt: skip
 def test_an_address_has_its_port(url: str, host: str, port: int) -> None:
     transport = Transport(url, None, 1.0)
     assert (transport._parts.hostname, transport._port) == (host, port)
 
 
-@pytest.mark.parametrize("token", ["a b", "a\nb", "ü", "\0", 7])
-def test_a_token_that_cannot_be_sent_is_refused(token: Any) -> None:
+@pytest.mark.parametrize(("argument", "value"), [
+    *(("token", text) for text in ("a b", "a\nb", "ü", "\0", 7)),
+    *(("timeout", seconds) for seconds in (0, -1, float("nan"), float("inf"), "x", None)),
+])  # fmt: skip
+def test_a_token_that_cannot_be_sent_and_a_timeout_that_is_none_are_refused(argument: str, value: Any) -> None:
     with pytest.raises(TwolinkError) as caught:
-        tl.connect("h", token=token)
-    assert caught.value.argument == "token"
-    assert str(token) not in str(caught.value)  # it is a secret
-
-
-@pytest.mark.parametrize("timeout", [0, -1, float("nan"), float("inf"), "x", None])
-def test_a_timeout_is_a_number_of_seconds(timeout: Any) -> None:
-    with pytest.raises(TwolinkError) as caught:
-        tl.connect("h", timeout=timeout)
-    assert caught.value.argument == "timeout"
+        tl.connect("h", **{argument: value})
+    assert caught.value.argument == argument
+    assert argument != "token" or str(value) not in str(caught.value)  # it is a secret
 
 
 def test_tokens_paths_and_versions_of_ip() -> None:

@@ -1,11 +1,12 @@
-"""URDFs and zips for uploads, good ones."""
-
-from __future__ import annotations
+"""URDFs and archives for uploads and queries, good ones."""
 
 import io
 import struct
 import zipfile
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 URDFS = Path(__file__).parents[3] / "urdf"
 INERTIAL = """<inertial><origin xyz="0 0 -0.5"/><mass value="2"/>
@@ -32,4 +33,11 @@ def zipped(files: dict[str, bytes | str], compression: int = zipfile.ZIP_DEFLATE
     with zipfile.ZipFile(out, "w", compression) as archive:
         for name, content in files.items():
             archive.writestr(name, content)
+    return out.getvalue()
+
+
+def packed(**arrays: Any) -> bytes:
+    """The arrays as .npz."""
+    out = io.BytesIO()
+    np.savez(out, **arrays)
     return out.getvalue()
