@@ -108,6 +108,21 @@ def test_a_batch_of_wrenches_on_one_state() -> None:
     assert moved.shape == (5, 3, 2)
 
 
+def test_forward_dynamics_with_mimic_joints_is_answered_for_every_number_of_states() -> None:
+    """By CRBA, or by a program; "aba" is refused for all alike."""
+    follow, rng = tl.load_robot("panda", mimic=True), np.random.default_rng(2)
+    q, v, tau = rng.uniform(-1, 1, (3, 8))
+    for f_ext in (None, {"panda_hand": [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]}):
+        expected = follow.forward_dynamics(q, v, tau, f_ext, method="crba")
+        for batch in ((), (1,), (7,), (600,)):
+            states = [np.broadcast_to(x, (*batch, 8)) for x in (q, v, tau)]
+            for engine in ("auto", "pinocchio"):
+                found = follow.forward_dynamics(*states, f_ext, engine=engine)
+                close(found, np.broadcast_to(expected, (*batch, 8)), 1e-10)
+            with pytest.raises(QueryError, match='cannot follow mimic joints; leave it out, or use method="crba"'):
+                follow.forward_dynamics(*states, f_ext, method="aba")
+
+
 def test_many_threads_at_once(robot: tl.Robot) -> None:
     q, v, tau = states(robot, 200)
     expected = [robot.forward_dynamics(*state) for state in zip(q, v, tau, strict=True)]

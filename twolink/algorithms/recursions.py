@@ -242,7 +242,8 @@ def forward_dynamics_aba(
     saves the products of articulated inertias with accelerations that come from velocities.
     """
     if mech.has_mimic:
-        raise QueryError('"aba" cannot follow mimic joints', argument="method", remedy='use method="crba"')
+        what, remedy = '"aba" cannot follow mimic joints', 'leave it out, or use method="crba"'
+        raise QueryError(what, argument="method", remedy=remedy)
     at = poses(mech, q, xp)
     force = body_forces(mech, at, v, [0.0] * mech.nv, f_ext)
     inertia = [articulated(body) for body in mech.inertias]

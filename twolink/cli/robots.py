@@ -79,7 +79,7 @@ def _text(robot: Robot, record: dict[str, Any]) -> str:
     rows = [(j["name"], j["kind"], _entries(*j["q"]), _entries(*j["v"]), j["mass"]) for j in record["joints"]]
     joints = Table(("joint", "kind", "q", "v", "kg of its body"), tuple(rows))
     sizes = f"{robot.name}: nq = {robot.nq}, nv = {robot.nv}, {robot.mass:.6g} kg moving"
-    return f"{sizes}\n\n{joints}\n\n{spoken(str(robot.report), REPORTED)}\n\nbatches: {_engines(robot)}"
+    return f"{sizes}\n\n{joints}\n\n{spoken(str(robot.report), REPORTED)}\n\nbatches: {_engines()}"
 
 
 def _entries(start: int, stop: int) -> str:
@@ -87,14 +87,12 @@ def _entries(start: int, stop: int) -> str:
     return "-" if start == stop else str(start) if stop == start + 1 else f"{start}:{stop}"
 
 
-def _engines(robot: Robot) -> str:
+def _engines() -> str:
     """The engines that answer batches of queries on this machine, in words."""
     from twolink.native.library import library
 
     if library() is None:
         return "by Pinocchio alone; the native library, which runs them as programs, is not here"
-    if robot.has_mimic:
-        return "by Pinocchio alone; there are no programs for mimic joints"
     return "by programs of the native library where that is faster, certified against Pinocchio"
 
 

@@ -162,8 +162,8 @@ def with_losses(robot: RobotModel, losses: bool, tau: Array, v: ArrayLike, dampe
 
 def require_method(method: str, has_mimic: bool) -> None:
     """Raise QueryError unless forward dynamics has this method for the robot."""
-    if one_of(("aba", "crba"), method, "method") == "aba" and has_mimic:
-        what, remedy = '"aba" cannot follow mimic joints', 'use method="crba"'
+    if one_of(("auto", "aba", "crba"), method, "method") == "aba" and has_mimic:
+        what, remedy = '"aba" cannot follow mimic joints', 'leave it out, or use method="crba"'
         raise QueryError(what, argument="method", remedy=remedy, code="mimic-joints")
 
 

@@ -109,7 +109,7 @@ class Robot(RobotModel):
         v: ArrayLike,
         tau: ArrayLike,
         f_ext: FExt | None = None,
-        method: Literal["aba", "crba"] = "aba",
+        method: Literal["auto", "aba", "crba"] = "auto",
         engine: Engine = "auto",
     ) -> Array:
         """Accelerations a = M(q)^-1 (tau - h(q, v) + J^T f_ext).
@@ -121,9 +121,11 @@ class Robot(RobotModel):
         f_ext : mapping of frame name to wrench, optional
             Wrenches on the robot, (..., 6): force [N], torque [N m], at the frame's origin, along the frame's own
             axes, or with `tl.Wrench(value, axes="world")` along the world's.
-        method : {"aba", "crba"}
-            "aba": the articulated-body algorithm, O(n). "crba": the mass matrix by composite bodies, the bias by
-            Newton-Euler, and a linear solve, O(n^3); an independent second way.
+        method : {"auto", "aba", "crba"}
+            "aba": the articulated-body algorithm, O(n), which cannot follow mimic joints. "crba": the mass matrix by
+            composite bodies, the bias by Newton-Euler, and a linear solve, O(n^3); an independent second way. "auto":
+            "aba", and with mimic joints "crba". Compiled functions, which answer all but "crba", take the one with
+            fewer operations.
         engine : {"auto", "pinocchio", "compiled"}
             Who answers; see the class.
 
@@ -141,16 +143,17 @@ class Robot(RobotModel):
         ----------
         Featherstone 2008, "Rigid Body Dynamics Algorithms", tables 7.1 and 6.2.
         """
-        if method == "aba" and f_ext is None and not self.has_mimic:
+        if method in ("auto", "aba") and f_ext is None and not self.has_mimic:
             shown = self._shown.get("forward_dynamics") or shows_all(self, self._shown, "forward_dynamics")
             if shown and engine in _BY_PINOCCHIO and self._is_state(q, v, tau):
                 a: Array = pin.aba(self.model, self.data, q, v, tau)
                 if isfinite(sum(a.tolist())):
                     return a  # as `_answer`, a tenth faster (scripts.benchmarks.kernels --single)
             return self._answer("forward_dynamics", engine, q, v, tau)
-        if method == "aba" and self._is_compiled("forward_dynamics", engine, q, v, tau):
-            return self.compiled().forward_dynamics(q, v, tau, f_ext)
         pinocchio_queries.require_method(method, self.has_mimic)
+        if method != "crba" and self._is_compiled("forward_dynamics", engine, q, v, tau):
+            return self.compiled().forward_dynamics(q, v, tau, f_ext)
+        method = "crba" if self.has_mimic else method
         return pinocchio_queries.answer(self, self._query("forward_dynamics"), (q, v, tau), f_ext, method)
 
     @query({"tau": (("nv",), "N m or N")}, pin.rnea, parallel=pin.rneaInParallel, join=np.hstack)
@@ -615,7 +618,7 @@ def load_robot(
     gravity : sequence of float, (3,)
         The gravity field in m/s^2, along the world's axes; by default that of the MJCF, else (0, 0, -9.81).
     mimic : bool
-        Couple mimic joints (then use method="crba"). Otherwise they move on their own, and the report says so.
+        Couple mimic joints. Otherwise they move on their own, and the report says so.
     unphysical : {"refuse", "report"}
         Refuse bodies with inertias that no real body has, or report them and take them as they are.
     foreign : {"refuse", "report"}
