@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import twolink as tl
+import twolink.effects as fx
 from twolink.cli.scenes import limit_notes
+from twolink.errors import SceneError
 
 ARM = """<robot name="r">
   <link name="base"/>
@@ -34,6 +36,20 @@ def test_all_that_the_urdf_says_acts_and_is_listed() -> None:
     again = pickle.loads(pickle.dumps(scene))
     assert str(again) == told
     assert np.array_equal(tl.scene_of(scene.base).q, scene.q)
+
+
+def test_a_coupling_moves_as_a_robot_with_mimic_joints_which_no_run_takes() -> None:
+    q, v = np.array([0.5, 1.1]), np.array([0.3, 0.6])
+    text = ARM.format(axis="0 1 0")
+    coupled, robot = tl.load_robot(text, mimic=True), tl.load_robot(text)
+    scene = tl.Scene(robot, q, v, effects=[fx.Gravity(), fx.Coupling("m", "p", 2.0, 0.1)])
+    expected = coupled.forward_dynamics(q[:1], v[:1], [0.0])[0]
+    np.testing.assert_allclose(tl.simulate(scene, 0.1).acceleration[0], [expected, 2 * expected], rtol=1e-9)
+    for ask in (lambda s: tl.simulate(s, 0.1), lambda s: tl.simulate_many(s, 0.1, q=[q[:1]]), tl.Simulation,
+                tl.linearize, lambda s: tl.sensitivities(s, 0.1)):  # fmt: skip
+        with pytest.raises(SceneError, match=r"fx\.Coupling, or take tl\.scene_of of the file") as caught:
+            ask(tl.Scene(coupled, q[:1], v[:1]))
+        assert caught.value.code == "mimic-joints"
 
 
 def test_the_run_keeps_the_limits_and_the_coupling_and_says_where_it_is_too_fast() -> None:

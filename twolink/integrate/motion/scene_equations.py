@@ -144,7 +144,8 @@ def make_equations(
     those of effects, which may act later; None: those that the effects begin with. variant: as `equations_of` has it.
     """
     if robot.has_mimic:
-        raise SceneError("mimic joints cannot be simulated yet", where="robot", remedy="load it with mimic=False",
+        raise SceneError("robots with mimic=True answer queries, and cannot be simulated", where="robot",
+                         remedy="leave it out, and add fx.Coupling, or take tl.scene_of of the file, which does",
                          code="mimic-joints")  # fmt: skip
     mech = mechanism(robot.model)
     acting = [(place, e) for place, e in effects if type(e).act is not Effect.act]
