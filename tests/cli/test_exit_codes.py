@@ -85,6 +85,7 @@ def test_a_process_that_fails_says_so_in_one_line() -> None:
     [
         ('purpose="kinematics" or duration=2.', "--purpose kinematics or duration=2."),
         ("hold them with lock={'j1': 0, 'j2': 0.5}", "hold them with --lock j1=0 --lock j2=0.5"),
+        ("hold them with lock={'j1': [0, 0, 1, 0], 'j2': 0}", 'hold them with --lock "j1=0, 0, 1, 0" --lock j2=0'),
         ('look for parameters=["a.mass", "b.*"]', "look for --parameters a.mass,b.*"),
         ("load it with mimic=False, or mimic=True; verify=False", "load it with no --mimic, or --mimic; --no-verify"),
     ],

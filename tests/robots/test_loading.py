@@ -69,6 +69,22 @@ def test_refused_robots_load_with_the_remedy_their_error_names() -> None:
     assert tl.load_robot("romeo_small", unphysical="report").nv > 20
 
 
+MASSLESS = """<robot name="r"><link name="base"/><link name="a">{a}</link>
+<joint name="j" type="{kind}"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
+<limit lower="-9" upper="9" effort="1" velocity="1"/></joint></robot>"""
+SOLID = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+@pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic", "spherical", "planar", "floating"])
+def test_what_holds_a_massless_link_is_taken(kind: str) -> None:
+    with pytest.raises(tl.errors.RobotError, match="lock=") as caught:
+        tl.load_robot(text := MASSLESS.format(kind=kind, a=""))
+    assert tl.load_robot(text, lock=eval(caught.value.remedy.split("lock=")[1])).nv == 0
+    with pytest.raises(tl.errors.RobotError, match=r'or load it with root="fixed"$'):
+        tl.load_robot(text := MASSLESS.format(kind=kind, a=SOLID), root="free")
+    assert tl.load_robot(text, root="fixed").nv > 0
+
+
 @pytest.mark.parametrize("name", ["ur5", "panda", "talos", "kinova", "pr2", "tiago_pro", "two_link", "arm"])
 def test_yourdfpy_reads_the_same_robot(name: str) -> None:
     second = compare(tl.load_robot(name))

@@ -16,8 +16,9 @@ def spoken(text: str, options: dict[str, str]) -> str:
             return found[0]
         if value in ("True", "False"):
             return f"{'no ' * (value == 'False' and not options[name].startswith('--no-'))}{options[name]}"
-        if pairs := re.findall(r"""["']([^"']+)["']: ([^,}]+)""", value):
-            return " ".join(f"{options[name]} {key}={entry}" for key, entry in pairs)
+        if pairs := re.findall(r"""["']([^"']+)["']: (?:\[([^]]*)\]|([^,}]+))""", value):
+            return " ".join(f'{options[name]} "{key}={many}"' if many else f"{options[name]} {key}={entry}"
+                            for key, many, entry in pairs)  # fmt: skip
         items = re.findall(r"""["']([^"']+)["']""", value)
         return f"{options[name]} {','.join(items) or value}".rstrip()
 

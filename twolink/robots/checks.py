@@ -19,7 +19,7 @@ import pinocchio as pin
 from twolink.errors import RobotError, nearest
 from twolink.io.fingerprints import trees_of
 from twolink.robots.joint_layout import joint_layouts
-from twolink.robots.model import RobotModel
+from twolink.robots.model import ROOT, RobotModel
 from twolink.robots.tree import Tree
 from twolink.robots.urdf import Mimic, UrdfJoint, UrdfLink
 
@@ -113,8 +113,10 @@ def without_inertia(tree: Tree, model: pin.Model, names: tuple[str, ...]) -> Rob
     massless = model.inertias[model.getJointId(name)].mass == 0
     why = "the link it moves has no mass" if massless else "what it moves has no inertia about its axis"
     what = f"joint {name!r} cannot be accelerated: {why}, so its acceleration is not determined"
-    lock = ", ".join(f"{n!r}: 0" for n in names)
-    remedy = f"give link {link!r} a mass and an inertia, or hold such joints with lock={{{lock}}}"
+    lock = {joint.name: 0 if joint.v.stop - joint.v.start == 1 else pin.neutral(model)[joint.q].astype(int).tolist()
+            for joint in joint_layouts(model) if joint.name in names}  # fmt: skip
+    held = 'load it with root="fixed"' if ROOT in names else f"hold such joints with lock={lock}"
+    remedy = f"give link {link!r} a mass and an inertia, or {held}"
     what += ' (purpose="kinematics" or purpose="identification" takes that)'
     return RobotError(what, where=tree.links[link].where, remedy=remedy, code="no-inertia")
 
