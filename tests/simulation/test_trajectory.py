@@ -1,5 +1,6 @@
 """Trajectories: saving keeps every digit, loading is strict, figures are drawn."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,7 @@ def test_events_and_contacts_are_saved_but_in_csv(suffix: str, tmp_path: Path) -
                         events, recorded_contacts=contacts)  # fmt: skip
     again = tl.Trajectory.load(run.save(tmp_path / f"x{suffix}"), run.robot)
     if suffix == ".csv":
-        assert (again.events, again.contacts) == ((), {})
+        assert (again.events, again.contacts, again.accuracy) == ((), {}, None)
         with pytest.raises(SceneError, match="simulate it again"):
             _ = again.contact_forces
         return
@@ -54,7 +55,7 @@ def test_events_and_contacts_are_saved_but_in_csv(suffix: str, tmp_path: Path) -
     [
         (np.zeros((101, 5)), "[]", "'contact a - b' is not a table of forces"),
         (np.zeros((100, 6)), "[]", "'contact a - b' is not a table of forces"),
-        (np.zeros((101, 6)), '[{"t": 1}]', "its events are damaged"),
+        (np.zeros((101, 6)), '[{"t": 1}]', "its note of events is damaged"),
     ],
 )
 def test_contacts_and_events_that_do_not_fit(
@@ -64,6 +65,22 @@ def test_contacts_and_events_that_do_not_fit(
     np.savez(tmp_path / "x.npz", **run.columns(), **notes, **{"contact a - b": column})
     with pytest.raises(SceneError, match=part):
         tl.Trajectory.load(tmp_path / "x.npz", run.robot)
+
+
+@pytest.mark.parametrize("ending", [".parquet", ".npz", ".mat", ".mcap", ".db3"])
+def test_the_accuracy_asked_for_is_kept(run: tl.Trajectory, ending: str, tmp_path: Path) -> None:
+    again = tl.Trajectory.load(run.save(tmp_path / f"x{ending}"))
+    assert again.accuracy == run.accuracy == 1e-8
+    assert again.trusted_until == run.trusted_until
+    without = tl.Trajectory.load(replace(run, accuracy=None).save(tmp_path / f"without{ending}"))
+    assert (without.accuracy, without.trusted_until) == (None, None)
+
+
+@pytest.mark.parametrize("name", ["acceleration", "sensors", "contact_forces"])
+def test_a_loaded_run_names_what_it_has_not(run: tl.Trajectory, name: str, tmp_path: Path) -> None:
+    again = tl.Trajectory.load(run.save(tmp_path / "x.csv"), run.robot)
+    with pytest.raises(SceneError, match=rf"Trajectory\.{name}: a loaded trajectory has no equations"):
+        getattr(again, name)
 
 
 def test_columns_are_named_by_joint() -> None:

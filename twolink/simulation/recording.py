@@ -31,7 +31,8 @@ def save_run(run: Any, path: Path) -> Path:
     suffix = require_format(path, SAVED)
     if suffix == ".rrd":
         return _save_rrd(run, path)
-    notes = {**robot_notes(run.robot), "title": run.title, "bound": run.bound, **tables.mark_notes(run.events or ())}
+    notes = {**robot_notes(run.robot), "title": run.title, "bound": run.bound,
+             **tables.mark_notes(run.events or (), run.accuracy)}  # fmt: skip
     if suffix in bags.BAGS:
         return _save_bag(run, path, notes)
     return write_table(path, {**run.columns(), **tables.mark_columns(run.contacts, run.forces_on_links)}, notes)

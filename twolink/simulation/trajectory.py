@@ -191,6 +191,7 @@ class Trajectory(BaseResult, Plotted):
 
         Raises SceneError (code "no-equations") for a loaded trajectory.
         """
+        self._solution("acceleration")
         return self._accelerations_and_torques[0]
 
     @property
@@ -322,13 +323,15 @@ class Trajectory(BaseResult, Plotted):
         """Write the samples to a file, by its ending. Returns the path.
 
         .csv, .parquet, .npz, MATLAB's .mat
-            Every digit. All but .csv keep the robot's name and the events; .parquet and .npz contacts and forces on
-            links too. A .mat file has t, energy, and q (n, nq) and v (n, nv) with q_names and v_names.
+            Every digit, torques too. All but .csv keep the robot's name, the events and the accuracy asked for;
+            .parquet and .npz contacts and forces on links too. A .mat file has t, energy, and q (n, nq), v (n, nv) and
+            tau (n, nv) with q_names, v_names and tau_names.
         .mcap, .db3
             Messages of ROS 2 (pip install 'twolink[mcap]'): /joint_states with torques, /tf of all links,
             /robot_description (the URDF), /odometry of free bodies (velocities along their own axes), /contacts and
             /forces (wrenches about the world's origin), /error_bar, /energy, /states of effects, events in /rosout.
-            Times are rounded to 1 ns. Raises SceneError for planar and ball joints (code "not-in-format").
+            Times are rounded to 1 ns. `load` does not read torques, contacts and forces from them. Raises SceneError
+            for planar and ball joints (code "not-in-format").
         .rrd
             A recording of Rerun (pip install 'twolink[rerun]'): the robot's surfaces on its links, and curves. It is
             not read again.
@@ -351,7 +354,8 @@ class Trajectory(BaseResult, Plotted):
         Returns
         -------
         Trajectory
-            Without cost and solution; from a .csv also without events, from all but .npz and .parquet without contacts.
+            Without cost and solution; from a .csv also without events and accuracy, from a bag without torques, from
+            all but .npz and .parquet without contacts and forces on links.
 
         Raises
         ------
@@ -359,9 +363,9 @@ class Trajectory(BaseResult, Plotted):
             The robot is another one, or the file is not a trajectory.
         """
         read = tables.read_samples(Path(path), robot)
-        return cls(read.robot, read.t, read.q, read.v, read.error, None, read.events, title=read.title,
-                   estimated=read.estimated, recorded_energy=read.energy, recorded_contacts=read.contacts,
-                   recorded_forces=read.forces, states=read.states, recorded_tau=read.tau)  # fmt: skip
+        return cls(read.robot, read.t, read.q, read.v, read.error, None, read.events, accuracy=read.accuracy,
+                   title=read.title, estimated=read.estimated, recorded_energy=read.energy, states=read.states,
+                   recorded_contacts=read.contacts, recorded_forces=read.forces, recorded_tau=read.tau)  # fmt: skip
 
     @overload
     def plot(self, *, joints: str | Sequence[str] = ...) -> Figure: ...

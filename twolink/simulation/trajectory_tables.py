@@ -16,8 +16,8 @@ from twolink.io.tables import read_table
 from twolink.robots.joint_layout import joint_columns, unit_of, without_angles
 
 EXTRA = "sweeps"  # of twolink, which installs xarray and pandas
-# Before the names of contacts and of forces on links, for columns (n, 6 k); the name of a note.
-CONTACT, FORCE, EVENTS = "contact ", "force ", "events"
+# Before the names of contacts and of forces on links, for columns (n, 6 k); the names of notes.
+CONTACT, FORCE, EVENTS, ACCURACY = "contact ", "force ", "events", "accuracy"
 Contacts = Mapping[str, tuple[np.ndarray, np.ndarray]]  # of pairs, see Trajectory.contacts; also of forces on links
 SMOOTH = 400  # times that make a smooth curve
 Curves = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -44,6 +44,7 @@ class TrajectorySamples(NamedTuple):
     forces: Contacts | None = None
     states: Mapping[str, np.ndarray] = {}
     tau: np.ndarray | None = None  # (n, nv)
+    accuracy: float | None = None  # that was asked for
 
 
 def coordinate_names(robot: Robot, letter: str) -> list[str]:
@@ -88,9 +89,10 @@ def mark_columns(contacts: Contacts, forces: Contacts) -> dict[str, np.ndarray]:
             for kind, found in ((CONTACT, contacts), (FORCE, forces)) for name, both in found.items()}  # fmt: skip
 
 
-def mark_notes(events: Sequence[Event]) -> dict[str, str]:
-    """Events as a note."""
-    return {EVENTS: msgspec.json.encode(list(events), enc_hook=np.generic.item).decode()}
+def mark_notes(events: Sequence[Event], accuracy: float | None) -> dict[str, str]:
+    """Events, and the accuracy asked for, as notes."""
+    return {name: msgspec.json.encode(value, enc_hook=np.generic.item).decode()
+            for name, value in ((EVENTS, list(events)), (ACCURACY, accuracy))}  # fmt: skip
 
 
 def chosen_columns(samples: TrajectorySamples, names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -115,8 +117,9 @@ def read_samples(path: Path, robot: Robot | None) -> TrajectorySamples:
     contacts, forces = (_forces(marks, kind, n, label) if EVENTS in notes else None for kind in (CONTACT, FORCE))
     samples = TrajectorySamples(robot, np.empty(n), np.empty((n, robot.nq)), np.empty((n, robot.nv)), np.empty(n),
                                 error, notes.get("title", ""), notes.get("bound") == "estimated",
-                                _events(notes, label), contacts, forces, states,
-                                np.empty((n, robot.nv)) if has_tau else None)  # fmt: skip
+                                _noted(notes, EVENTS, "[]", tuple[Event, ...], label), contacts, forces, states,
+                                np.empty((n, robot.nv)) if has_tau else None,
+                                _noted(notes, ACCURACY, "null", float | None, label))  # fmt: skip
     wanted = columns(samples)
     if is_bag(path):
         known = wanted if "robot" in notes else {name: place for name, place in wanted.items() if name != "energy"}
@@ -137,11 +140,12 @@ def read_samples(path: Path, robot: Robot | None) -> TrajectorySamples:
     return samples
 
 
-def _events(notes: Mapping[str, str], label: str) -> tuple[Event, ...]:
+def _noted(notes: Mapping[str, str], name: str, left_out: str, kind: Any, label: str) -> Any:
+    """The content of a note, or of what stands for one that is left out."""
     try:
-        return msgspec.json.decode(notes.get(EVENTS, "[]"), type=tuple[Event, ...])
+        return msgspec.json.decode(notes.get(name, left_out), type=kind)
     except msgspec.DecodeError as error:
-        raise SceneError(f"its events are damaged: {error}", where=label, remedy="save it again") from None
+        raise SceneError(f"its note of {name} is damaged: {error}", where=label, remedy="save it again") from None
 
 
 def _forces(columns: Mapping[str, np.ndarray], kind: str, n: int, label: str) -> Contacts:
