@@ -146,6 +146,9 @@ def test_an_accuracy_limit_has_a_code_and_its_run_and_survives_pickling() -> Non
     assert error.data["precision"] == "quad"
     assert 0 < error.data["trusted_until"] == error.run.trusted_until < 60
     assert str(error) == str(caught.value)
+    assert "less accuracy" not in error.remedy  # its bar is thousands of rad at the end
+    with pytest.raises(AccuracyError, match=r"or less accuracy, such as [0-9]e-[0-9]+, or"):
+        tl.simulate(scene, 2.0, accuracy=1e-14, samples_per_second=5, precision="double")
 
 
 def test_what_notebooks_show_is_short() -> None:

@@ -29,6 +29,7 @@ ROOM = 10.0  # times the smallest tolerance: the finer solution must be able to 
 AIM = 0.3  # of the accuracy, for the next bar
 USUAL_GROWTH = 30.0  # of the error of a run in many digits over its tolerance, at least
 UNKNOWN = 100.0  # times the growth that solutions show which have parted
+COARSEST = 1.0  # rad or m: a larger accuracy says nothing
 MOST = 0.8  # of the accuracy, that rounding may take
 CHANCE = 2.0  # times the accuracy: the bar of the same rounding may be half as large by other random numbers
 DECIDES = 0.1  # of rounding: with less truncation, no smaller setting helps
@@ -197,18 +198,20 @@ class Refinement:
             return self.lost
         run, what = self.best, f"{self.accuracy:g} cannot be kept in {self._digits} precision"
         more = "quad" if self._digits == "double" and self.equations.analytic and library() is not None else ""
-        also = ', or precision="auto"' if more else ""
+        also = ['precision="auto"'] if more else []
         data: dict[str, Any] = {"code": "accuracy-limit", "precision": more, "tried": self.tried}
         if run is None or run.error is None:
-            return AccuracyError(what, argument="accuracy", remedy=f"ask for less accuracy{also}", trusted_until=0.0,
-                                 **data)  # fmt: skip
+            return AccuracyError(what, argument="accuracy", remedy=f"ask for {', or '.join(['less accuracy', *also])}",
+                                 trusted_until=0.0, **data)  # fmt: skip
         until, bar = run.trusted_until or 0.0, float(run.error[-1])
         said = "".join(f"; {event}" for event in run.events if event.kind == UNSTABLE)
-        shorter = f"it is kept up to then: ask for duration={until:.6g}, or " if until else ""
+        shorter = f"duration={until:.6g}, up to which it is kept" if until else "a shorter duration"
+        less = _rounded_up(bar)
+        ways = [shorter, *([f"less accuracy, such as {less:g}"] if less <= COARSEST else []), *also]
         return AccuracyError(
             f"{what}: the smallest error bar is {bar:.1e} at the end, tried were {'; '.join(self.tried[-4:])}{said}",
             where=f"t = {until:.6g} s",
-            remedy=f"{shorter}ask for less accuracy, such as {_rounded_up(bar):g}{also}",
+            remedy=f"ask for {', or '.join(ways)}",
             run=run,
             trusted_until=until,
             **data,

@@ -1,6 +1,7 @@
 """tl.connect: a robot of a service gives the answers and the errors of a local one."""
 
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,21 @@ def test_errors_are_those_of_a_local_robot(client: Client) -> None:
         tl.connect("http://127.0.0.1:1").robots()
     with pytest.raises(TwolinkError, match="not an address"):
         tl.connect("ftp://x")
+
+
+def test_a_robot_of_a_service_says_what_it_has_not(client: Client) -> None:
+    robot = client.robot("two_link")
+    for name in ("by_joint", "inverse_kinematics", "compiled"):
+        with pytest.raises(AttributeError, match=f"has no '{name}', it has .*link_poses, .*tl.load_robot"):
+            getattr(robot, name)
+
+
+def test_a_file_is_uploaded_as_load_robot_reads_it(client: Client, tmp_path: Path) -> None:
+    path = tmp_path / "pendulum.urdf"
+    path.write_text(pendulum())
+    assert client.upload(path).id == client.upload(str(path)).id == client.upload(pendulum()).id
+    with pytest.raises(RobotError, match=r"missing\.urdf: cannot be read"):
+        client.upload(tmp_path / "missing.urdf")
 
 
 def test_a_simulation_is_that_of_a_local_one(client: Client) -> None:

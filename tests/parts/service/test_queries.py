@@ -141,6 +141,10 @@ def test_batches_too_large_are_refused_before_they_are_computed(http: httpx.Clie
     assert "4000000 states" in answer.json()["detail"]
     many = {"q": [[0, 0]] * 1000, "frames": ["tip"] * 10_000}
     assert http.post("/v1/robots/two_link/kinematics", json=many).status_code == 413
+    limit = int(answer.json()["remedy"].removeprefix("send up to ").removesuffix(" at once"))
+    for count, status in ((limit, 200), (limit + 1, 413)):
+        body = packed(q=np.zeros((count, 2)), v=np.zeros(2))
+        assert http.post("/v1/robots/two_link/bias", content=body, headers=NPZ).status_code == status
 
 
 @pytest.mark.parametrize(("count", "engine"), [(100, "pinocchio"), (50_000, "compiled")])

@@ -15,10 +15,12 @@ from urllib.parse import quote
 import msgspec
 import numpy as np
 
-from twolink.errors import QueryError, TwolinkError, require_extra
+from twolink.errors import QueryError, RobotError, TwolinkError, require_extra
+from twolink.io.text import decode
 from twolink.parts.service.problems import JSON, Problem, error_from
 from twolink.parts.service.remote_robot import RemoteRobot
 from twolink.parts.service.transport import Transport
+from twolink.robots.catalogue import open_source
 from twolink.scenes import Scene, load_scene
 from twolink.simulation.trajectory import Trajectory
 
@@ -96,13 +98,13 @@ class Client:
             self._transport, self._json("GET", f"/v1/robots/{quote(name, safe='')}", None, dict[str, Any])
         )
 
-    def upload(self, urdf: str, **options: Any) -> RemoteRobot:
+    def upload(self, urdf: str | os.PathLike[str], **options: Any) -> RemoteRobot:
         """Upload a robot.
 
         Parameters
         ----------
-        urdf : str
-            The text of a URDF.
+        urdf : str or path
+            The text of a URDF, or a path; its meshes are not sent.
         **options
             As of `tl.load_robot`: root, lock, gravity, mimic, unphysical, foreign.
 
@@ -111,6 +113,8 @@ class Client:
         RobotError
             The URDF is refused.
         """
+        if "<" not in os.fspath(urdf):
+            urdf = decode(open_source(urdf).data, Path(urdf), RobotError)
         body = {"text": urdf, **options}
         return RemoteRobot(self._transport, self._json("POST", "/v1/robots", body, dict[str, Any]))
 
@@ -264,7 +268,7 @@ class Client:
             urdf = Path(folder) / robot["source"]
             if urdf.is_file():
                 options = {key: robot[key] for key in ("root", "lock") if key in robot}
-                content["robot"] = self.upload(urdf.read_text(encoding="utf-8"), **options).id
+                content["robot"] = self.upload(urdf, **options).id
         return content
 
     def _json(self, method: str, path: str, body: Any, kind: type[T]) -> T:

@@ -82,7 +82,9 @@ class RemoteRobot:
         """A query of Robot."""
         query = QUERIES.get(name.replace("_", "-"))
         if query is None or query.method != name:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)
+            known = ", ".join(one for one in dir(self) if not one.startswith("_"))
+            what = f"a robot of a service has no {name!r}, it has {known}; tl.load_robot gives one with all methods"
+            raise AttributeError(what, name=name, obj=self)
 
         def ask(*arguments: Any, **options: Any) -> Any:
             answers = self._ask(query, query.signature.bind(*arguments, **options).arguments)

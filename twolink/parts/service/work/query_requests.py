@@ -130,9 +130,11 @@ def count_of(robot: Robot, query: Query, arguments: dict[str, Any]) -> tuple[int
 
 def require_size(count: int, numbers: int, quotas: Quotas, is_json: bool) -> None:
     """Raise Refusal (413) when the states are too many, or their answer would be too large."""
-    size = numbers * (_JSON_NUMBER if is_json else 8)
-    if count > quotas.states or size > quotas.answer_mb * 2**20:
-        raise Refusal(413, f"{count} states are too many at once", where="q", remedy="send smaller batches")
+    size, room = numbers * (_JSON_NUMBER if is_json else 8), int(quotas.answer_mb * 2**20)
+    if count > quotas.states or size > room:
+        most = min(quotas.states, room * count // max(1, size))
+        remedy = f"send up to {most} at once" if most else "ask for fewer frames"
+        raise Refusal(413, f"{count} states are too many at once", where="q", remedy=remedy)
 
 
 def answer_query(robot: Robot, query: Query, arguments: dict[str, Any], count: int) -> dict[str, Any]:
