@@ -9,6 +9,7 @@ import pytest
 
 import twolink as tl
 from tests.parts.service.urdfs import pendulum
+from tests.robots.test_mimic import chain, mimic
 from twolink.errors import QueryError, RobotError, SceneError, TwolinkError
 from twolink.parts.service.client import Client
 from twolink.parts.service.problems import Refusal
@@ -63,6 +64,16 @@ def test_a_robot_of_a_service_says_what_it_has_not(client: Client) -> None:
     for name in ("by_joint", "inverse_kinematics", "compiled"):
         with pytest.raises(AttributeError, match=f"has no '{name}', it has .*link_poses, .*tl.load_robot"):
             getattr(robot, name)
+
+
+def test_robots_with_mimic_joints_are_answered_whatever_the_number_of_states(client: Client) -> None:
+    text = chain(("revolute", ""), ("revolute", ""), ("revolute", mimic("j1", 2.0, 0.3)))
+    here, there = tl.load_robot(text, mimic=True), client.upload(text, mimic=True)
+    q, v, tau = RNG.uniform(-1, 1, (3, 501, 2))
+    for states in ((q[0], v[0], tau[0]), (q[:500], v[:500], tau[:500]), (q, v, tau)):
+        np.testing.assert_allclose(there.forward_dynamics(*states), here.forward_dynamics(*states), rtol=1e-9)
+        with pytest.raises(QueryError, match='"aba" cannot follow mimic joints'):
+            there.forward_dynamics(*states, method="aba")
 
 
 def test_a_file_is_uploaded_as_load_robot_reads_it(client: Client, tmp_path: Path) -> None:
