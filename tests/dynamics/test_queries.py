@@ -115,12 +115,12 @@ def test_forward_dynamics_with_mimic_joints_is_answered_for_every_number_of_stat
     for f_ext in (None, {"panda_hand": [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]}):
         expected = follow.forward_dynamics(q, v, tau, f_ext, method="crba")
         for batch in ((), (1,), (7,), (600,)):
-            states = [np.broadcast_to(x, (*batch, 8)) for x in (q, v, tau)]
+            given = {k: np.broadcast_to(x, (*batch, 8)) for k, x in (("q", q), ("v", v), ("tau", tau))}
             for engine in ("auto", "pinocchio"):
-                found = follow.forward_dynamics(*states, f_ext, engine=engine)
+                found = follow.forward_dynamics(**given, f_ext=f_ext, engine=engine)
                 close(found, np.broadcast_to(expected, (*batch, 8)), 1e-10)
             with pytest.raises(QueryError, match='cannot follow mimic joints; leave it out, or use method="crba"'):
-                follow.forward_dynamics(*states, f_ext, method="aba")
+                follow.forward_dynamics(**given, f_ext=f_ext, method="aba")
 
 
 def test_many_threads_at_once(robot: tl.Robot) -> None:
