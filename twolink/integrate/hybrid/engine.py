@@ -40,6 +40,7 @@ SMALL_BOUNCE = 1e-2  # of the tolerance: lower bounces are not followed
 OF_FIXED_STEPS = 1e-10  # their tolerance there: each bounce takes some of them
 LAST = 1e-3  # of the time of a slip that has turned: its last part, which begins anew
 SLOWLY = 100.0  # times SLOW: slower slips do not begin anew
+MANY = 1e6  # times a short piece: it ends before
 STRAIGHT = 1e-6  # the sine of the angle between a slip and its first direction: it has not turned
 SMALLEST_RATE = 1e-300  # so that a division has a result
 
@@ -171,8 +172,11 @@ class Engine:
             self._open = self._segment(self.setting)
         return self._open
 
-    def _segment(self, setting: float) -> OpenSegment:
-        """A segment from now on in the mode of the run, of equations that hold up to a break."""
+    def _segment(self, setting: float, until: float = math.inf) -> OpenSegment:
+        """A segment from now on in the mode of the run, of equations that hold up to a break.
+
+        until: the time to which it is meant to go at most; its steps are limited by that.
+        """
         self.run.drop_open_features()
         run, state = self.run, self.run.mode_state
         stop = next((t for t in self._stops if t > run.t), self.end)
@@ -181,7 +185,7 @@ class Engine:
         watcher = GuardWatcher(state.own.evaluate, steps, guards_of(run, snapshot), self.perturbation.touch_margin)
         x = snapshot.x
         rate = np.concatenate([space.rate(x[: space.nq], x[space.v_rows]), snapshot.a, snapshot.rates])
-        columns = Columns(steps, run.t, self.end, setting, (self.perturbation,), self.progress, rate=rate)
+        columns = Columns(steps, run.t, min(self.end, until), setting, (self.perturbation,), self.progress, rate=rate)
         if self.method.adaptive:
             columns.shorten(_turning_time(run, snapshot))
         first = np.searchsorted(self.times, run.t, side="right" if self._parts else "left")
@@ -197,7 +201,7 @@ class Engine:
         count = self.perturbation.finer * max(4.0, math.sqrt(self._span / self.setting))
         while 0.0 < length < count * step:
             end = run.t + 2.0 * length
-            self._open = self._segment(self.perturbation.finer * length / count)
+            self._open = self._segment(self.perturbation.finer * length / count, run.t + MANY * length)
             again = self._open.advance(min(end, to))
             if again is not None or end >= to:
                 return again
