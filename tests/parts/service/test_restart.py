@@ -96,6 +96,21 @@ def assert_gone(processes: list[int]) -> None:
 
 
 @pytest.mark.slow
+def test_a_service_that_ends_leaves_its_job_to_the_next_and_no_process(tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    with serving(folder) as first, first.client() as http:
+        path = http.post("/v1/simulations", json=SLOW).headers["location"]
+        started(http, path)
+        left = first.workers()
+    assert first.process.returncode == 0
+    assert "Traceback" not in first.log
+    assert_gone(left)
+    with serving(folder) as second, second.client() as http:
+        started(http, path)
+        assert "interrupted" not in second.log
+
+
+@pytest.mark.slow
 def test_what_is_damaged_on_the_disk_is_no_fault_of_the_request(tmp_path: Path) -> None:
     """It was called the client's: "the body is not JSON". Deleted and sent again, it is whole."""
     folder = tmp_path / "data"
