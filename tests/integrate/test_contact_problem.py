@@ -9,7 +9,8 @@ import twolink as tl
 from tests.effects.bodies import G, free_bodies, planar
 from twolink.integrate.hybrid import force_share
 from twolink.integrate.hybrid.contact_problem import Rows, friction_force, sliding_of, solve_contacts
-from twolink.integrate.hybrid.impacts import LeastBounce, Touch, after, brought_to_rest
+from twolink.integrate.hybrid.impacts import Touch, after, brought_to_rest
+from twolink.integrate.hybrid.least_bounce import LeastBounce
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.motion.scene_equations import equations_of
 

@@ -377,6 +377,28 @@ def test_bars_of_fixed_steps_hold_within_the_first_step(method: str, step: float
     assert (np.abs(run.q - truth.q).max(axis=1) <= run.error + truth.error).all()
 
 
+@pytest.mark.parametrize("method", ["semi-implicit-euler", "midpoint", "rk4"])
+def test_bars_of_fixed_steps_hold_behind_what_breaks_a_motion(method: str) -> None:
+    """At rest until a torque begins; then steps begin anew, and a sample is a part of the first."""
+    at_rest = tl.Scene(tl.load_robot("two_link"), [1.2, 0.5], duration=1.0)
+    late = fx.Sampled([0.0, 0.3], [0.0, 5.0], interpolation="hold")
+    for effect in (fx.Torque({"elbow": late}), fx.Engage(of=fx.Torque({"elbow": 5.0}), at=0.3)):
+        scene = at_rest.with_effects([effect])
+        truth = tl.simulate(scene, t_eval=[0.0, 0.32], accuracy=1e-12)
+        run = tl.simulate(scene, t_eval=[0.0, 0.32], method=method, step=0.1)
+        assert (np.abs(run.q - truth.q).max(axis=1) <= run.error + truth.error).all()
+
+
+@pytest.mark.parametrize(("method", "setting"), [("dop853", {"tolerance": 1e-6}), ("rk4", {"step": 0.01})])
+def test_bars_hold_after_all_solutions_have_ended_their_bounces(method: str, setting: dict[str, float]) -> None:
+    scene = tl.load_scene("bouncing-ball")
+    times = np.append(np.linspace(1.8, 1.81, 3000), [1.8060285302640888, 1.8060707918185435])
+    times.sort()
+    truth = tl.simulate(scene, t_eval=times, accuracy=1e-11)
+    run = tl.simulate(scene, t_eval=times, method=method, **setting)
+    assert (np.abs(run.q - truth.q).max(axis=1) <= run.error + truth.error).all()
+
+
 @pytest.mark.parametrize("method", ["rk4", "midpoint", "suzuki4"])
 def test_bars_of_fixed_steps_hold_where_events_are_a_few_steps_apart(method: str) -> None:
     """Such pieces are solved in a few smaller steps; a finer solution takes twice as many there too."""

@@ -619,7 +619,7 @@ def load_robot(
         The gravity field in m/s^2, along the world's axes; by default that of the MJCF, else (0, 0, -9.81).
     mimic : bool
         Couple mimic joints, for queries. Otherwise they move on their own, and the report says so. A scene couples
-            them by `fx.Coupling`, as `scene_of` does.
+        them by `fx.Coupling`, as `scene_of` does.
     unphysical : {"refuse", "report"}
         Refuse bodies with inertias that no real body has, or report them and take them as they are.
     foreign : {"refuse", "report"}

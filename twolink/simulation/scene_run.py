@@ -14,6 +14,7 @@ from twolink.errors import AccuracyError, ControllerError, SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.digits import decimals
 from twolink.integrate.event import Event
+from twolink.integrate.hybrid.least_bounce import LeastBounce
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solution import Progress, Solution
@@ -192,8 +193,7 @@ def run_of(
     """
     all_times = with_check_times(times, CHECKS) if verify else times
     # SciPy's samples are interpolated: their errors within a step are many times those at its ends.
-    interpolated = choice.method.kind == "scipy"
-    checks = np.arange(len(all_times)) if interpolated else spread_out(len(all_times), MAX_CHECKS)
+    checks = np.arange(len(all_times)) if choice.method.kind == "scipy" else spread_out(len(all_times), MAX_CHECKS)
     verification = Verification(equations, all_times, checks, 0.0 if measured else accuracy, progress)
     if not verify:
         one = verification.unverified(choice)
@@ -286,7 +286,11 @@ def _trajectory(
 ) -> Trajectory:
     """The solution at the asked times, with its error bar where there are solutions beside it."""
     choice, solution = one.choice, one.solution
-    error = one.bar(equations.space, SLACK * (accuracy or 0.0))
+    if accuracy:
+        slack = SLACK * accuracy
+    else:  # after all solutions have ended their bounces, none shows what is left of them
+        slack = LeastBounce.of_run(choice.method, choice.setting).height if equations.has_events else 0.0
+    error = one.bar(equations.space, slack)
     # An event may end the run at a time that was not asked for.
     all_asked = len(times) >= CHECKS or np.array_equal(solution.t, times)
     kept = np.ones(len(solution.t), dtype=bool) if all_asked else np.isin(solution.t, times)

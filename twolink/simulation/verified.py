@@ -52,24 +52,24 @@ class Verified:
 
     def with_parts(self, each: Array) -> Verified:
         """The run with the parts of its bar, from its distances (k, n) to the finer and the disturbed solutions."""
-        truncation = truncation_factor(self.choice.method, self.solution.steps) * self._begun(each[:, 0])
+        truncation = truncation_factor(self.choice.method, self.solution.steps) * self._ahead(each[:, 0])
         disturbed = each[:, 1:]
         # Steps may collapse beside a singular position of loops by chance: half of the others tell enough.
         arrived = disturbed[:, np.isfinite(disturbed[-1])]
         used = arrived if 2 * arrived.shape[1] >= disturbed.shape[1] > ALONE else disturbed
         return replace(self, truncation=truncation, rounding=DISTURBED[disturbed.shape[1]] * used.max(axis=1))
 
-    def _begun(self, far: Array) -> Array:
-        """The distances (k,) to a finer solution; in the first two steps of one size, those that come.
+    def _ahead(self, far: Array) -> Array:
+        """The distances (k,) to a finer solution; of steps of one size, the largest up to two steps later.
 
-        A sample within a step is a part of that step from its begin, and in the first half step of the run the finer
-        solution takes the same.
+        A sample within a step is a part of it. Where steps begin anew, at the start and behind what breaks the motion,
+        the first half step of the run is also one of the finer solution.
         """
         if self.choice.method.adaptive:
             return far
         t = self.solution.t[self.checks]
-        count = int(np.searchsorted(t, t[0] + 2.0 * self.choice.setting)) + 1
-        return np.concatenate([far[:1], np.full(len(far[1:count]), far[:count].max()), far[count:]])
+        ends = np.minimum(np.searchsorted(t, t + 2.0 * self.choice.setting) + 1, len(t)).tolist()
+        return np.array([far[0], *(far[k:end].max() for k, end in enumerate(ends[1:], 1))])
 
     def distance(self, space: StateSpace, other: Solution) -> Array:
         """The distance of q from another solution at the samples that are compared (k,), rad or m."""

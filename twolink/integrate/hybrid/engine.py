@@ -18,7 +18,7 @@ import numpy as np
 from twolink.errors import AccuracyError
 from twolink.integrate.core.columns import Columns
 from twolink.integrate.hybrid.consistency import SLOW
-from twolink.integrate.hybrid.impacts import LeastBounce
+from twolink.integrate.hybrid.least_bounce import LeastBounce
 from twolink.integrate.hybrid.locating import Guard, GuardWatcher, Hit
 from twolink.integrate.hybrid.modes import SLOW_SLIP
 from twolink.integrate.hybrid.segment import OpenSegment
@@ -36,11 +36,9 @@ from twolink.integrate.steps.stepping import BLOCK
 AT_ONCE = 200  # events at one time
 MAX_EVENTS = 100_000
 FIRST_BLOCK = 8  # steps between two looks for events, before a segment has shown how many it takes
-SMALL_BOUNCE = 1e-2  # of the tolerance: lower bounces are not followed
-OF_FIXED_STEPS = 1e-10  # their tolerance there: each bounce takes some of them
 LAST = 1e-3  # of the time of a slip that has turned: its last part, which begins anew
 SLOWLY = 100.0  # times SLOW: slower slips do not begin anew
-MANY = 1e6  # times a short piece: it ends before
+MANY = 1e6  # times the length of a short piece, to which its steps are meant to go
 STRAIGHT = 1e-6  # the sine of the angle between a slip and its first direction: it has not turned
 SMALLEST_RATE = 1e-300  # so that a division has a result
 
@@ -68,7 +66,7 @@ class Engine:
     def __post_init__(self) -> None:
         adaptive, finer = self.method.adaptive, self.perturbation.finer
         tolerance = self.setting / finer if adaptive else 0.0
-        least = LeastBounce(SMALL_BOUNCE * (self.setting if adaptive else OF_FIXED_STEPS), finer)
+        least = LeastBounce.of_run(self.method, self.setting, finer)
         # A slip begins like t or t^2 and turns like t: what `slow` changes in it is of the order slow^1.5.
         slow = max(tolerance ** (2 / 3), SLOW_SLIP)
         self.run = RunState(self.whole, float(self.times[0]), least, slow)
@@ -192,7 +190,7 @@ class Engine:
         return OpenSegment(columns, watcher, self.times[first:])
 
     def _resolved(self, hit: Hit, to: float) -> Hit | None:
-        """The event at the end of a segment of a few steps of fixed size, in more: else half the step takes the same.
+        """The event at the end of a segment of a few steps of fixed size, with more steps: else half the step takes as many.
 
         Their number grows with the root of the run's; a finer solution beside a run takes as many more as elsewhere.
         """

@@ -35,6 +35,7 @@ from twolink.integrate.hybrid.contact_problem import (
     mass_matrix,
     solve_contacts,
 )
+from twolink.integrate.hybrid.least_bounce import LeastBounce
 from twolink.integrate.hybrid.modes import ModeState, System
 from twolink.integrate.motion.state import Array
 
@@ -235,7 +236,6 @@ def kinetic_energy(mass: Array, v: Array) -> float:
 
 
 STRONGEST = 1e4  # m/s^2 or rad/s^2: bounces that come back faster are followed
-EARLIER, LEAST_BACK = 4.0, 0.1  # times as high, to show what low bounces leave out; the least restitution that counts
 RESOLVED = 2e-14  # relative to positions: the height of bounces that numbers resolve
 
 
@@ -248,36 +248,6 @@ class Bounce:
     number: int
     speed: float
     restitution: float
-
-
-@dataclass(frozen=True)
-class LeastBounce:
-    """The height of bounces that are not followed, m or rad.
-
-    Parameters
-    ----------
-    height : float
-        Of the run.
-    finer : float
-        How many times as fine a solution is that shows what these leave out of the run: from lower ones, or, where
-        numbers resolve none, from higher ones: it stops a bounce earlier, or more, with a few times the error.
-    """
-
-    height: float
-    finer: float = 1.0
-
-    def of(self, restitution: float, seen: float) -> float:
-        """The height with a restitution. seen: what numbers resolve, to which a bounce without a loss is followed."""
-        height, ratio = self.height if restitution < 1.0 else 0.0, 1.0
-        if self.finer > 1.0:
-            ratio = max(EARLIER, 1.5 / max(restitution, LEAST_BACK) ** 2)
-            lower = height / max(self.finer, ratio)
-            if lower >= seen:
-                return lower
-        return ratio * max(height, seen)
-
-
-EVERY_BOUNCE = LeastBounce(0.0)  # that numbers resolve
 
 
 def brought_to_rest(state: ModeState, least: LeastBounce) -> tuple[Array, list[tuple[str, float]], float] | None:

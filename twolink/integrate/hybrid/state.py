@@ -13,16 +13,8 @@ from twolink.errors import AccuracyError, SceneError
 from twolink.geometry.features import Feature
 from twolink.integrate.event import Event
 from twolink.integrate.hybrid.consistency import NEAR, SLOW, consistent, still_speed
-from twolink.integrate.hybrid.impacts import (
-    EVERY_BOUNCE,
-    Impact,
-    LeastBounce,
-    Touch,
-    brought_to_rest,
-    collide,
-    onto_contact,
-    whole,
-)
+from twolink.integrate.hybrid.impacts import Impact, Touch, brought_to_rest, collide, onto_contact, whole
+from twolink.integrate.hybrid.least_bounce import EVERY_BOUNCE, LeastBounce
 from twolink.integrate.hybrid.locating import Key
 from twolink.integrate.hybrid.modes import SLOW_SLIP, ContactMode, Mode, ModeState, System
 from twolink.integrate.hybrid.snapshot import Snapshot
