@@ -190,7 +190,7 @@ class Engine:
         return OpenSegment(columns, watcher, self.times[first:])
 
     def _resolved(self, hit: Hit, to: float) -> Hit | None:
-        """The event at the end of a segment of a few steps of fixed size, with more steps: else half the step takes as many.
+        """The event at the end of a segment of a few steps of fixed size, with more: else half the step takes as many.
 
         Their number grows with the root of the run's; a finer solution beside a run takes as many more as elsewhere.
         """
