@@ -153,6 +153,7 @@ def test_an_accuracy_is_reached_by_smaller_steps_or_refused() -> None:
     with pytest.raises(tl.errors.AccuracyError, match="first order") as failure:
         tl.simulate(rod(), END, accuracy=1e-9, contact="stepped", samples_per_second=20)
     assert failure.value.code == "too-many-steps"
+    assert 'contact="located"' in failure.value.remedy
     assert failure.value.run.bound == "estimated"
 
 

@@ -5,6 +5,7 @@ of 24 points 4 s, of 32 points 7 s, and later runs a tenth to a third of that. S
 goes through any number of contacts; its error can only be estimated.
 """
 
+import math
 from typing import Literal, NamedTuple
 
 from twolink.effects.switching import SwitchingEffect
@@ -37,7 +38,12 @@ def choose_contact_method(scene: Scene, asked: str | None = None) -> Choice:
     return Choice("stepped", "asked for")
 
 
-def _by_shapes(scene: Scene) -> Choice:
+def can_be_located(scene: Scene) -> bool:
+    """True if every pair of shapes has a formula, however many points touch."""
+    return _by_shapes(scene, math.inf).method == "located"
+
+
+def _by_shapes(scene: Scene, most: float = POINTS) -> Choice:
     """Located where every pair has formulas, and not too many.
 
     By shapes alone: the impacts of a first part in coarse steps do not foretell the events of the run, and preparing a
@@ -52,6 +58,6 @@ def _by_shapes(scene: Scene) -> Choice:
             points += points_of(pair)
         except SceneError as error:
             return Choice("stepped", error.what)
-        if points > POINTS:
-            return Choice("stepped", f"bodies may touch at more than {POINTS} points, which takes longer to locate")
+        if points > most:
+            return Choice("stepped", f"bodies may touch at more than {most} points, which takes longer to locate")
     return Choice("located", f"bodies may touch at {points} points, each by a formula; up to {POINTS} are located")

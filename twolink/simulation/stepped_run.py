@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from twolink.contact.choice import can_be_located
 from twolink.contact.solver import solve_stepped, stepper_of
 from twolink.contact.stepped_solution import SteppedSolution
 from twolink.contact.stepping import ContactStepper
@@ -201,11 +202,12 @@ class _StepRefinement:
         steps = self.span * self.last / (now * accuracy)
         smaller = f"accuracy={2.0 * self.least:.0e}, or " if 2.0 * self.least <= WORTH else ""
         until = 0.0 if self.best is None else self.best.trusted_until or 0.0
+        located = ', contact="located"' if can_be_located(self.scene) else ""
         longer = f" and more than {self.patience:g} s" if math.isfinite(self.patience) else ""
         return AccuracyError(f"{accuracy:g} would take about {steps:.0e} steps{longer}, for stepping is of first order",
                              where=f"t = {until:.6g} s", argument="accuracy", code="too-many-steps", run=self.best,
                              remedy=f"give {smaller}no accuracy for the best effort (error.run, with the estimate "
-                                    f"{self.least:.1g}), or step={now:.1g}")  # fmt: skip
+                                    f"{self.least:.1g}){located}, or step={now:.1g}")  # fmt: skip
 
 
 def with_reason(run: Trajectory, more: str) -> Trajectory:

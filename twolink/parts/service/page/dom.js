@@ -32,7 +32,7 @@ function plainly(text) {
     .replace(/say which: \?urdf=\S+/g, "choose one of them")
     .replace(/\s*\((?:error\.run|tl\.)[^)]*\)/g, "")
     .replace(/\bpatience=\S+, or (\w)/g, (_, next) => next)
-    .replace(/\b(accuracy|precision|method|duration|step|tolerance)=["']?([^\s,;)"']+)["']?/g, "$1 $2")
+    .replace(/\b(accuracy|precision|method|duration|step|tolerance|contact)=["']?([^\s,;)"']+)["']?/g, "$1 $2")
     .replace(/Expected `(?:float|int)` (>=?) ([\d.]+)/, (_, sign, least) => `a number ${sign === ">" ? "above" : "not below"} ${Number(least)} is needed`)
     .replace(/Expected `(?:float|int)`, got `(\w+)`/, (_, got) => `a number is needed, not ${got}`)
     .replace(/Expected `(\w+)`, got `(\w+)`/, (_, wanted, got) => `${wanted} is needed, not ${got}`)
