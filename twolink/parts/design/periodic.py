@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 HALVINGS = 8  # of a step that does not bring the ends nearer
+SHORTEST = 0.1  # of the guess: periods
 RANK = 1e-7  # relative: singular values below it belong to families of periodic motions
 ROUNDS = 30  # of Newton's method
 REPEATS = 1e-9  # relative: forces that differ by less repeat
@@ -92,21 +93,23 @@ class Shots:
 class Shooting:
     """A shooting problem whose first start changes along directions (2 nv, k), and the others along all.
 
-    free_period: the period too.
+    period: the guess of it, s. free_period: it changes too, but does not become 0, where nothing moves.
     """
 
-    def __init__(self, scene: Scene, directions: Array, segments: int, accuracy: float, free_period: bool) -> None:
+    def __init__(
+        self, scene: Scene, directions: Array, segments: int, accuracy: float, period: float, free_period: bool
+    ) -> None:
         self.scene, self.directions, self.segments = scene, directions, segments
-        self.accuracy, self.free_period = accuracy, free_period
+        self.accuracy, self.period, self.free_period = accuracy, period, free_period
 
-    def first(self, period: float) -> Shots:
+    def first(self) -> Shots:
         """From the scene's own start, and the states that a run from there has at the ends of the parts."""
         start = np.concatenate([self.scene.q, self.scene.v])
         starts = [start]
         for _ in range(self.segments - 1):
-            s = self._shoot(starts[-1], period / self.segments)
+            s = self._shoot(starts[-1], self.period / self.segments)
             starts.append(np.concatenate([s.run.q[-1], s.run.v[-1]]))
-        return self._shots(np.array(starts), period)
+        return self._shots(np.array(starts), self.period)
 
     def improved(self, shots: Shots) -> Shots | None:
         """The shots after a step of Newton's method, shortened until the gaps become smaller; None where none does."""
@@ -146,7 +149,7 @@ class Shooting:
         q = self.scene.robot.integrate(shots.starts[:, :nq], changes[:, :nv])
         v = shots.starts[:, nq:] + changes[:, nv:]
         period = shots.period + float(step[-1])
-        if not period > 0.1 * shots.period:
+        if not period > SHORTEST * self.period:
             raise AccuracyError("the period becomes 0", code="no-periodic-motion")
         return self._shots(np.concatenate([q, v], axis=1), period)
 
@@ -315,8 +318,8 @@ def periodic_motion(
         if segments > 1:
             raise SceneError("forces depend on time, and runs begin at t = 0", argument="segments",
                              remedy="leave it at 1", code="depends-on-time")  # fmt: skip
-    shooting = Shooting(scene, _directions(scene, vary), segments, accuracy, autonomous)
-    shots, change = shooting.first(period), 0.0
+    shooting = Shooting(scene, _directions(scene, vary), segments, accuracy, period, autonomous)
+    shots, change = shooting.first(), 0.0
     for _ in range(ROUNDS):  # a round more than is needed shows what is left
         done = shots.size <= CLOSED * accuracy * shots.scale
         after = shooting.improved(shots)
