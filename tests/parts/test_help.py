@@ -10,17 +10,18 @@ from typer.testing import CliRunner
 import twolink as tl
 from tests.command import TOP, call, call_process
 from twolink.cli.app import app
+from twolink.cli.declared import DECLARED
 
 COMMANDS = ["robots", "inspect", "query", "check", "scenes", "explain", "run", "accuracy", "methods", "paper", "play",
             "hard-cases", "throw", "serve", "identify", "excite", "fit", "new", "optimize", "sweep", "video",
-            "linearize", "demo", "lint", "steps", "diff", "export", "judge", "compare", "mcp"]  # fmt: skip
+            "linearize", "demo", "lint", "steps", "diff", "export", "judge", "compare", "mcp", *DECLARED]  # fmt: skip
 TEXTS = "\n".join(path.read_text("utf-8") for path in [TOP / "README.md", *(TOP / "docs").rglob("*.md")])
 
 
 def test_the_commands_are_these() -> None:
     listed = call("--help").stdout.partition("Commands:")[2]
     assert sorted(re.findall(r"^  ([a-z-]+) +[A-Z]", listed, re.MULTILINE)) == sorted(COMMANDS)
-    assert len(app.registered_commands) == len(COMMANDS)
+    assert len(app.registered_commands) + len(DECLARED) == len(COMMANDS)
 
 
 @pytest.mark.parametrize("command", COMMANDS)

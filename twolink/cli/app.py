@@ -12,12 +12,13 @@ import typer
 
 from twolink._version import __version__
 from twolink.cli.common import FAILED, INTERRUPTED, MISUSED, Command
+from twolink.cli.declared import DECLARED, Commands, Declared
 from twolink.cli.demo import demo
 from twolink.cli.evidence import hard_cases, paper
 from twolink.cli.play import play, video
 from twolink.cli.queries import query
 from twolink.cli.robots import check, inspect, robots
-from twolink.cli.scenes import accuracy, explain, methods, new, run, scenes
+from twolink.cli.scenes import accuracy, energy, explain, methods, new, run, scenes
 from twolink.errors import TwolinkError
 
 
@@ -29,6 +30,7 @@ def commands_of_parts() -> Iterator[Any]:
 
 
 app = typer.Typer(
+    cls=Commands,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "auto_envvar_prefix": "TWOLINK"},
@@ -37,10 +39,13 @@ app = typer.Typer(
     "Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted.",
 )
 _QUESTIONS = demo, robots, inspect, query, check
-_EXPERIMENTS = scenes, new, explain, run, accuracy, methods, play, video
+_EXPERIMENTS = scenes, new, explain, run, accuracy, methods, Declared(energy, ("run",)), play, video
 _EVIDENCE = hard_cases, paper
 for _command in (*_QUESTIONS, *_EXPERIMENTS, *_EVIDENCE, *commands_of_parts()):
-    app.command(cls=Command)(_command)
+    if isinstance(_command, Declared):
+        DECLARED[_command.name] = _command
+    else:
+        app.command(cls=Command)(_command)
 
 
 @app.callback(invoke_without_command=True)

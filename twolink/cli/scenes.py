@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import tomllib
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, cast
@@ -291,3 +292,14 @@ def _note(run: Trajectory, joint: str, values: np.ndarray, beyond: np.ndarray, l
         return []
     largest = values[beyond][np.argmax(np.abs(values[beyond]))]
     return [f"{joint} is beyond its limit of {limit} from {run.t[np.argmax(beyond)]:.3g} s on: {largest:.4g} at most"]
+
+
+def energy() -> Callable[..., Any]:
+    """Say where the energy of a run went.
+
+    \b
+    twolink energy pendulum-friction --out energy.png
+    """
+    from twolink.simulation.energy_balance import energy_book
+
+    return energy_book

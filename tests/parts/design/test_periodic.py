@@ -99,7 +99,7 @@ def test_what_has_no_periodic_motion_is_named(pendulum_urdf: str) -> None:
         with pytest.raises(AccuracyError) as caught:
             tl.periodic_motion(damped, 1.4, vary)
         assert caught.value.code == "no-periodic-motion"
-    with pytest.raises(AccuracyError, match="after 0.07"):  # in a period of 0 every motion repeats itself
+    with pytest.raises(AccuracyError, match=r"after 0\.07"):  # in a period of 0 every motion repeats itself
         tl.periodic_motion(tl.scene_of("two_link"), 0.7)
     pushed = tl.Scene(robot, [0.5], effects=[E.Gravity(), E.Torque({"hinge": E.Sine(1.0, 3.0)})])
     with pytest.raises(SceneError, match="repeat") as caught:

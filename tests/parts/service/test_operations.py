@@ -11,12 +11,14 @@ import pytest
 
 import twolink as tl
 from twolink.cli.app import app
+from twolink.cli.declared import DECLARED, callback_of
 from twolink.errors import QueryError, SceneError, TwolinkError
+from twolink.io.docstrings import texts_of
 from twolink.parts.service.client import Client
 from twolink.parts.service.problems import Refusal
 from twolink.parts.service.settings import Quotas
 from twolink.parts.service.work import requests
-from twolink.parts.service.work.bodies import NOT_SENT, body_of_call, texts_of
+from twolink.parts.service.work.bodies import NOT_SENT, body_of_call
 from twolink.parts.service.work.operations import operate
 from twolink.simulation.text import as_data
 
@@ -219,6 +221,8 @@ NO_OPTION = {
     ("sweep", "verify"): "--no-verify",
     ("sweep", "chunk"): "by the number of runs",
     ("lint", "robot"): "the command's arguments",
+    ("gradient", "slopes"): "a function of Python",
+    ("energy_book", "run"): "its own",
 }
 # Options that are left out mean the default of the function, or of a bundled sweep.
 MEANS_DEFAULT = {("explain", "accuracy"), ("identify", "find"), ("lint", "package_dirs")}
@@ -230,6 +234,8 @@ def commands() -> Iterator[tuple[str, Any]]:
         name = COMMANDS.get(name, name)
         if name in OFFERED or name == "lint":
             yield name, command.callback
+    for declared in DECLARED.values():
+        yield declared.load().__name__, callback_of(declared)
 
 
 def test_commands_have_the_arguments_and_defaults_of_the_function() -> None:

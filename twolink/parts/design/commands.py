@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -27,6 +27,7 @@ from twolink.cli.common import (
     write,
     write_by_ending,
 )
+from twolink.cli.declared import Declared
 from twolink.io.progress import progress_bar
 from twolink.show.figure import FORMATS
 
@@ -209,4 +210,37 @@ def _line(label: str, value: float, error: float, unit: str) -> str:
     return f"  {label:<18}{value:>{7 + digits}.{digits}f} ± {error:.1e} {unit}"
 
 
-COMMANDS = linearize, optimize, throw
+def equilibria() -> Callable[..., Any]:
+    """Find where a robot stays at rest, and if stably.
+
+    \b
+    twolink equilibria arm-swing --out equilibria.png
+    """
+    from twolink.parts.design.equilibria import equilibria as function
+
+    return function
+
+
+def periodic() -> Callable[..., Any]:
+    """Find a motion that repeats itself exactly.
+
+    \b
+    twolink periodic arm-swing --period 2.5 --vary q.elbow
+    """
+    from twolink.parts.design.periodic import periodic_motion
+
+    return periodic_motion
+
+
+def gradient() -> Callable[..., Any]:
+    """Differentiate one number of a run by numbers of its scene.
+
+    \b
+    twolink gradient arm-swing --duration 1 --objective z:forearm --wrt q --wrt forearm.mass
+    """
+    from twolink.parts.design.gradient import gradient as function
+
+    return function
+
+
+COMMANDS = linearize, optimize, throw, Declared(equilibria), Declared(periodic), Declared(gradient, ("slopes",))

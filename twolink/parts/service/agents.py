@@ -28,13 +28,13 @@ from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.queries import QUERIES, Numbers, answer_query
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import QueryError, TwolinkError, require_known
+from twolink.io.docstrings import texts_of
 from twolink.io.files import confined, write_atomic
 from twolink.io.progress import Report
 from twolink.io.schemas import misfit
 from twolink.parts.design.linearization import linearize
 from twolink.parts.exchange.export import export as write
 from twolink.parts.referee.referee import judge
-from twolink.parts.service.work.bodies import texts_of
 from twolink.parts.service.work.operations import answer_of_call
 from twolink.parts.service.work.requests import JOB_KINDS, OPERATIONS
 from twolink.robots.catalogue import FILES, catalogue_folders, catalogue_names

@@ -1,7 +1,6 @@
 """JSON bodies of the calls of functions: fields, types, defaults and texts are those of the signature and docstring."""
 
 import inspect
-import re
 from collections.abc import Callable, Mapping, Sequence
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -11,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
 from twolink.dynamics.queries import Numbers
+from twolink.io.docstrings import texts_of
 from twolink.scenes import Scene
 from twolink.scenes.file_format import SceneFile
 
@@ -18,8 +18,6 @@ NOT_SENT = ("progress", "patience")  # the service has limits of its own
 _SENT = {Scene: str | SceneFile, Robot: str}  # a scene by name or in full; a robot by id
 _TIMES = Annotated[tuple[float, ...], msgspec.Meta(min_length=1)] | None
 _ARRAY = frozenset(get_args(ArrayLike))
-_SECTION = re.compile(r"Parameters\n-+\n(.*?)(?:\n\w+\n-+\n|\Z)", re.DOTALL)
-_ENTRY = re.compile(r"^(\w[\w, ]*) : [^\n]*\n((?:[ ]+[^\n]*(?:\n|\Z)|\n)*)", re.MULTILINE)
 
 
 def body_of_call(
@@ -92,11 +90,3 @@ def _parts(hint: Any) -> tuple[Any, ...]:
 def _ours(parts: tuple[Any, ...]) -> type | None:
     """Scene, or Robot, if a parameter takes it."""
     return next((kind for kind in _SENT if kind in parts), None)
-
-
-def texts_of(function: Callable[..., Any]) -> dict[str, str]:
-    """The texts about the parameters in a docstring of NumPy's style, each one line."""
-    section = _SECTION.search(inspect.getdoc(function) or "")
-    entries = _ENTRY.findall(section[1]) if section else ()
-    return {name.strip(): " ".join(text.split()) for names, text in entries for name in names.split(",")
-            if text.strip()}  # fmt: skip
