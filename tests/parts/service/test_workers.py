@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.parts.service.working import working
+from tests.parts.service.working import noted, working
 from twolink.errors import RobotError, TwolinkError
 from twolink.parts.service.problems import Refusal, problem_of
 from twolink.parts.service.work import worker_process
@@ -67,7 +67,7 @@ async def test_a_task_that_takes_too_much_processor_time_is_killed_and_so_is_wha
         seen: list[int] = []
         await workers.run("chatter", 60)
         with pytest.raises(Refusal, match=rf"{seconds} s"):
-            await workers.run(task, seconds, on_progress=seen.append, nap=1000)
+            await workers.run(task, seconds, on_question=noted(seen.append), nap=1000)
         with pytest.raises(ProcessLookupError):
             os.kill(seen[0], 0)
         assert await workers.run("chatter", 60) == "heard"
@@ -111,14 +111,14 @@ async def test_a_worker_killed_in_its_task_is_replaced() -> None:
             os.kill(process, signal.SIGKILL)
 
         with pytest.raises(Refusal, match="signal 9"):
-            await workers.run("sleep", 60, on_progress=kill, nap=1000)
+            await workers.run("sleep", 60, on_question=noted(kill), nap=1000)
         assert await workers.run("chatter", 60) == "heard"
 
 
 async def test_cancelling_ends_the_process() -> None:
     async with working() as workers:
         seen: asyncio.Queue[int] = asyncio.Queue()
-        task = asyncio.create_task(workers.run("sleep", 60, on_progress=seen.put_nowait, nap=1000))
+        task = asyncio.create_task(workers.run("sleep", 60, on_question=noted(seen.put_nowait), nap=1000))
         process = await seen.get()
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
@@ -183,7 +183,7 @@ async def test_a_process_yields_from_its_start() -> None:
 async def test_only_so_many_tasks_wait() -> None:
     async with working(waiting=4) as workers:
         begun: asyncio.Queue[int] = asyncio.Queue()
-        first = asyncio.create_task(workers.run("sleep", 60, on_progress=begun.put_nowait, nap=0.5))
+        first = asyncio.create_task(workers.run("sleep", 60, on_question=noted(begun.put_nowait), nap=0.5))
         await begun.get()
         others = [asyncio.create_task(workers.run("chatter", 60)) for _ in range(4)]
         ends = await asyncio.gather(first, *others, return_exceptions=True)

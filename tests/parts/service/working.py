@@ -2,11 +2,21 @@
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any
 
 from twolink.parts.service.work.worker_pool import Workers
 from twolink.parts.service.work.worker_process import WorkerMemory
+
+
+def noted(note: Callable[[Any], None]) -> Callable[[Any], Awaitable[dict[str, Any]]]:
+    """The answer to reports of a task, which goes on at once."""
+
+    async def answer(value: Any) -> dict[str, Any]:
+        note(value)
+        return {}
+
+    return answer
 
 
 @contextlib.asynccontextmanager

@@ -14,7 +14,6 @@ import logging
 import math
 import os
 import sys
-from asyncio.subprocess import Process
 from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -26,7 +25,7 @@ from twolink.parts.service.problems import Refusal, error_from
 from twolink.parts.service.work.budget import Budget
 from twolink.parts.service.work.sharing import Turns, this_request
 from twolink.parts.service.work.worker import LENGTH, Call, Done, Failed, Progress, packed
-from twolink.parts.service.work.worker_process import Exchange, Worker, WorkerMemory, WorkerProcess, start
+from twolink.parts.service.work.worker_process import Exchange, Worker, WorkerMemory, start
 
 _log = logging.getLogger("twolink.service")
 _ADDRESSES = 4800  # MB of address space that are not memory: libraries, stacks, what is reserved
@@ -104,33 +103,16 @@ class Workers:
         with contextlib.suppress(Refusal):  # it is tried again with the next task
             await self.warm()
 
-    async def run(
-        self,
-        task: str,
-        seconds: float,
-        *,
-        on_progress: Callable[[Any], None] | None = None,
-        on_question: Reply | None = None,
-        **arguments: Any,
-    ) -> Any:
+    async def run(self, task: str, seconds: float, *, on_question: Reply | None = None, **arguments: Any) -> Any:
         """Run a task in a worker process, in at most `seconds` of processor time. Cancelling kills the process.
 
         Raises the task's failure; Refusal when the process is lost: 422 with code "worker-died", "too-slow" or
         "too-large", 503 where it had to make room for others, where too many tasks wait, or where no process begins.
         """
-        return (
-            await self.exchange(task, seconds, None, on_progress=on_progress, on_question=on_question, **arguments)
-        )[0]
+        return (await self.exchange(task, seconds, None, on_question=on_question, **arguments))[0]
 
     async def exchange(
-        self,
-        task: str,
-        seconds: float,
-        content: bytes | None,
-        *,
-        on_progress: Callable[[Any], None] | None = None,
-        on_question: Reply | None = None,
-        **arguments: Any,
+        self, task: str, seconds: float, content: bytes | None, *, on_question: Reply | None = None, **arguments: Any
     ) -> tuple[Any, bytes]:
         """Run a task that finds `content` in its exchange file: its result, and what it has written there.
 
@@ -145,7 +127,7 @@ class Workers:
                 async with worker.limited(min(seconds, left), self._idle_counts, charge):
                     if content is not None:
                         await worker.exchange.put(content)
-                    answer = await _converse(worker.process, Call(task, arguments), on_progress, on_question)
+                    answer = await _converse(worker, Call(task, arguments), on_question)
             except TimeoutError:
                 await self._kill(worker)
                 if budget is not None and left < seconds:
@@ -184,11 +166,11 @@ class Workers:
         for each in [each for each in self._idle if each.ended_at]:
             self._idle.remove(each)
             await self._kill(each)
-        while idle := [
-            each
-            for each in reversed(self._idle)
-            if each.task in (task, "") or not self._spare or len(self._workers) >= self._count
-        ]:
+
+        def fits(each: Worker) -> bool:
+            return each.task in (task, "") or not self._spare or len(self._workers) >= self._count
+
+        while idle := [*filter(fits, reversed(self._idle))]:
             worker = max(idle, key=lambda each: (each.task == task, not each.task))
             self._idle.remove(worker)
             if worker.process.returncode is None and not worker.ended_at:
@@ -218,7 +200,7 @@ class Workers:
         self._memory.workers.add(worker)
         try:
             async with asyncio.timeout(_START):
-                await _answer(worker.process)
+                await _converse(worker)
         except (TimeoutError, asyncio.IncompleteReadError, OSError):
             await self._kill(worker)
             what = f"no worker process was ready within {_START:g} s, or it ended (code {worker.process.returncode})"
@@ -249,37 +231,24 @@ class Workers:
             await self._kill(worker)
 
 
-async def _converse(
-    process: WorkerProcess | Process, call: Call, on_progress: Callable[[Any], None] | None, on_question: Reply | None
-) -> Done | Failed:
-    """Send a call, and wait for its end. Raises IncompleteReadError or OSError when the process dies."""
-    if process.stdin is None:
-        raise ConnectionError
-    process.stdin.write(packed(call))
-    await process.stdin.drain()
-    return await _answer(process, on_progress, on_question)
+async def _converse(worker: Worker, call: Call | None = None, on_question: Reply | None = None) -> Done | Failed:
+    """Send a call, and wait for its end; without a call, for that of the start.
 
-
-async def _answer(
-    process: WorkerProcess | Process,
-    on_progress: Callable[[Any], None] | None = None,
-    on_question: Reply | None = None,
-) -> Done | Failed:
-    """Wait for the end of a call, or of the start. Raises as `_converse`."""
-    if process.stdout is None:
-        raise ConnectionError
+    Raises IncompleteReadError or OSError when the process dies.
+    """
+    answers: Any = worker.process.stdout
+    calls: Any = worker.process.stdin
     while True:
-        length = int.from_bytes(await process.stdout.readexactly(LENGTH), "big")
+        if call is not None:
+            calls.write(packed(call))
+            await calls.drain()
+        length = int.from_bytes(await answers.readexactly(LENGTH), "big")
         if length > _LARGEST_MESSAGE:
             raise ConnectionError
-        message = _decode(await process.stdout.readexactly(length))
+        message = _decode(await answers.readexactly(length))
         if not isinstance(message, Progress):
             return message
-        if on_progress is not None:
-            on_progress(message.value)
-        said = {} if on_question is None else await on_question(message.value)
-        if process.stdin is not None:
-            process.stdin.write(packed(Call("", said)))
+        call = Call("", {} if on_question is None else await on_question(message.value))
 
 
 def _death(code: int) -> Refusal:
