@@ -36,6 +36,8 @@ MEDIA = {
 MAX_POINTS = 20_000
 Points = Annotated[int, QueryParameter(ge=2, le=MAX_POINTS)]
 Frames = Annotated[int, QueryParameter(ge=2, le=3600)]
+FigureForm = Annotated[Literal["svg", "png"], QueryParameter(name="format")]
+# The playback brings its scripts with it; it is shut off from the service it came from.
 PLAYBACK_POLICY = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; "
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob:"
@@ -81,6 +83,10 @@ def _removed_meanwhile(service: Service, kind: str, key: str) -> Iterator[None]:
         raise service.jobs.views.removed(kind, key) from None
 
 
+def _shut_off(content: bytes, form: str, policy: str) -> Response[bytes]:
+    return Response(content, media_type=MEDIA[form], headers={"Content-Security-Policy": policy})
+
+
 def _samples(path: Path, points: int) -> bytes:
     columns, _ = read_table(path)
     kept = thinned(columns, points)
@@ -88,33 +94,20 @@ def _samples(path: Path, points: int) -> bytes:
     return msgspec.json.encode({"samples": len(columns["t"]), "points": len(kept["t"]), "columns": content})
 
 
-# The playback brings its scripts with it; it is shut off from the service it came from.
+def _shared(path: str, kind: str, summary: str) -> list[Any]:
+    """The handlers that all kinds of jobs have."""
+    tags = [path]
 
-
-def _answered(view: dict[str, Any], path: str) -> Response[dict[str, Any]]:
-    """200 with the result, or 202 with where to ask for it."""
-    status = 202 if view["state"] in ACTIVE else 200
-    return Response(view, status_code=status, headers={"Location": f"/v1/{path}/{view['id']}"})
-
-
-def _begun(path: str, kind: str, summary: str) -> Any:
-    """The handler that takes requests for jobs of a kind."""
-
-    @post(f"/v1/{path}", tags=[path], summary=summary, status_code=200)
+    @post(f"/v1/{path}", tags=tags, summary=summary, status_code=200)
     async def begin(request: Request[Any, Any, Any], service: Shared) -> Response[dict[str, Any]]:
         """200 with the job and its result when it is done within `wait` seconds, else 202 with the job.
 
         The same request is answered from the store.
         """
         asked = await service.prepare(kind, await request.body())
-        return _answered(await service.jobs.submit(kind, asked), path)
-
-    return begin
-
-
-def _shared(path: str, kind: str) -> list[Any]:
-    """The handlers of all jobs of a kind."""
-    tags = [path]
+        view = await service.jobs.submit(kind, asked)
+        status = 202 if view["state"] in ACTIVE else 200
+        return Response(view, status_code=status, headers={"Location": f"/v1/{path}/{view['id']}"})
 
     @get(f"/v1/{path}", tags=tags, summary=f"List {path}")
     async def list_jobs(
@@ -153,7 +146,7 @@ def _shared(path: str, kind: str) -> list[Any]:
         """Delete a job; a running one is cancelled first."""
         await service.jobs.remove(kind, job)
 
-    return [list_jobs, show_job, events, cancel, run_again, remove]
+    return [begin, list_jobs, show_job, events, cancel, run_again, remove]
 
 
 def _results(path: str, kind: str) -> list[Any]:
@@ -161,14 +154,9 @@ def _results(path: str, kind: str) -> list[Any]:
     tags = [path]
 
     @get(f"/v1/{path}/{{job:str}}/figure", tags=tags, summary=f"A {kind}'s figure")
-    async def figure(
-        service: Shared,
-        job: FromPath[str],
-        form: Annotated[Literal["svg", "png"], QueryParameter(name="format")] = "svg",
-    ) -> Response[bytes]:
+    async def figure(service: Shared, job: FromPath[str], form: FigureForm = "svg") -> Response[bytes]:
         """As `plot` draws it: q, v, energy and error bar over time; or seconds over error, by method."""
-        content = await result_bytes(service, kind, job, f"figure.{form}")
-        return Response(content, media_type=MEDIA[form], headers={"Content-Security-Policy": FIGURE_POLICY})
+        return _shut_off(await result_bytes(service, kind, job, f"figure.{form}"), form, FIGURE_POLICY)
 
     @get(f"/v1/{path}/{{job:str}}/result", tags=tags, summary=f"A {kind}'s result")
     async def result(
@@ -205,8 +193,7 @@ async def motion(service: Shared, job: FromPath[str], frames: Frames = 600) -> R
 @get("/v1/simulations/{job:str}/playback", tags=["simulations"], summary="A page that plays the motion")
 async def playback(service: Shared, job: FromPath[str]) -> Response[bytes]:
     """One HTML file that needs no network."""
-    content = await result_bytes(service, "simulation", job, "playback.html")
-    return Response(content, media_type=MediaType.HTML, headers={"Content-Security-Policy": PLAYBACK_POLICY})
+    return _shut_off(await result_bytes(service, "simulation", job, "playback.html"), "html", PLAYBACK_POLICY)
 
 
 _TAGS = ["sweeps"]
@@ -236,19 +223,16 @@ async def result(
 
 @get("/v1/sweeps/{job:str}/figure", tags=_TAGS, summary="A sweep's figure")
 async def figure(
-    service: Shared,
-    job: FromPath[str],
-    form: Annotated[Literal["svg", "png"], QueryParameter(name="format")] = "svg",
-    variable: FromQuery[str] = "",
+    service: Shared, job: FromPath[str], form: FigureForm = "svg", variable: FromQuery[str] = "",
     turns: FromQuery[bool] = False,
-) -> Response[bytes]:
+) -> Response[bytes]:  # fmt: skip
     """A column over one quantity, as a curve with error bars, or over two, as a heat map.
 
     turns: draw whole turns of an angle, and leave out those that the error bar does not decide.
     """
     name = hashlib.sha256(f"{turns} {variable}".encode()).hexdigest()[:16]
     content = await result_bytes(service, "sweep", job, f"{name}.{form}", _TASK, variable=variable, turns=turns)
-    return Response(content, media_type=MEDIA[form], headers={"Content-Security-Policy": FIGURE_POLICY})
+    return _shut_off(content, form, FIGURE_POLICY)
 
 
 @get("/v1/sweeps/{job:str}/runs/{number:int}", tags=_TAGS, summary="One run of a sweep")
@@ -260,20 +244,10 @@ async def run(
     number: the run's place in the columns of the result.
     """
     body = await service.jobs.views.request("sweep", job)
-    return Response(
-        await service.read("sweep_run", body=body, number=number, quotas=service.settings.quotas),
-        media_type=MediaType.JSON,
-    )
+    content = await service.read("sweep_run", body=body, number=number, quotas=service.settings.quotas)
+    return Response(content, media_type=MediaType.JSON)
 
 
-HANDLERS = [
-    motion,
-    playback,
-    *_results("simulations", "simulation"),
-    *_results("studies", "study"),
-    result,
-    figure,
-    run,
-]
+OF_KINDS = [*_results("simulations", "simulation"), *_results("studies", "study")]
 for _kind, _about in JOB_KINDS.items():
-    HANDLERS += [_begun(_about.path, _kind, _about.summary), *_shared(_about.path, _kind)]
+    OF_KINDS += _shared(_about.path, _kind, _about.summary)

@@ -143,6 +143,3 @@ async def _run(socket: WebSocket[Any, Any, Any], service: Shared, client: str) -
             await asyncio.gather(reading, return_exceptions=True)
     finally:
         service.lives.give(client)
-
-
-HANDLERS = [live]

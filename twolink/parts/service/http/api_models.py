@@ -5,7 +5,7 @@ import functools
 import gzip
 import hashlib
 import math
-from typing import Any, TypedDict
+from typing import Any
 
 import msgspec
 from litestar import MediaType, Request, Response, delete, get, post
@@ -39,21 +39,9 @@ from twolink.scenes import bundled_scenes, scenes
 from twolink.scenes.file import bundled_content
 from twolink.scenes.file_format import scene_schema
 
-
-class _Shown(TypedDict, total=False):
-    """The part of a robot's description that a list shows."""
-
-    id: Any
-    name: Any
-    origin: Any
-    nq: Any
-    nv: Any
-    mass: Any
-    root: Any
-    source: Any
-    lock: Any
-
-
+# The part of a robot's description that a list shows.
+_Shown = msgspec.defstruct("_Shown", [(name, Any, msgspec.UNSET) for name in (
+    "id", "name", "origin", "nq", "nv", "mass", "root", "source", "lock")])  # fmt: skip
 OPTIONS_BYTES = 2**16  # of a body in JSON, without the text of a robot
 _Undecoded = msgspec.defstruct(
     "_Undecoded",
@@ -80,7 +68,7 @@ async def list_robots(
 
 def _listed(rows: list[tuple[str, float, str]]) -> list[dict[str, Any]]:
     """Views of uploaded robots in a list. The rest of a description, which may have megabytes, is not decoded."""
-    return [{"owner": owner, "created": created, **msgspec.json.decode(text, type=_Shown)}
+    return [{"owner": owner, "created": created, **msgspec.to_builtins(msgspec.json.decode(text, type=_Shown))}
             for owner, created, text in rows]  # fmt: skip
 
 
@@ -318,23 +306,3 @@ async def quantities(request: Request[Any, Any, Any], service: Shared) -> Respon
 async def linearize(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
     """dx/dt = A x + B u about the state: A, B, names, the bound on their entries' error, eigenvalues, stability."""
     return Response(await service.read("linearize", body=await request.body()), media_type=MediaType.JSON)
-
-
-HANDLERS = [
-    list_queries,
-    list_robots,
-    inspect_robot,
-    upload_robot,
-    visuals,
-    robot_scene,
-    delete_robot,
-    list_scenes,
-    show_scene,
-    schema,
-    list_methods,
-    validate,
-    explain,
-    preview,
-    quantities,
-    linearize,
-]

@@ -112,6 +112,3 @@ def _file(name: str) -> Response[bytes]:
 def _files() -> dict[str, Path]:
     page = {path.relative_to(_PAGE).as_posix(): path for path in _PAGE.rglob("*") if path.suffix in _MEDIA}
     return page | {f"viewer/{path.name}": path for path in VIEWER.iterdir() if path.suffix in _MEDIA}
-
-
-HANDLERS = [health, ready, show_metrics, openapi, docs, index, viewer, page_file]

@@ -9,6 +9,7 @@ from typing import Any
 
 from litestar import Litestar, Request, Response
 from litestar.di import Provide
+from litestar.handlers import BaseRouteHandler
 from litestar.openapi import OpenAPIConfig
 
 from twolink._version import __version__
@@ -38,7 +39,7 @@ from twolink.parts.service.work.query_requests import QUERIES
 from twolink.parts.service.work.sharing import OWNER, REQUEST, RequestMemory, Shares, client_of_scope, this_request
 
 _PARTS = (api_models, api_jobs, api_live, api_site)
-_HANDLERS = [handler for part in _PARTS for handler in part.HANDLERS]
+_NAMED = [one for part in _PARTS for one in vars(part).values() if isinstance(one, BaseRouteHandler)]
 _QUERY_HEADERS = b"".join(b"%s: %s\r\n" % pair for pair in ((b"content-type", JSON.encode()), DENY_ALL, *SECURITY))
 _ABOUT = "Rigid-body dynamics from a URDF: queries, experiments and playback."
 
@@ -47,7 +48,7 @@ def build(settings: Settings) -> Shell:
     """The ASGI application. Raises TwolinkError when the data folder cannot be used."""
     service = Service(settings)
     inner = Litestar(
-        _HANDLERS,
+        [*_NAMED, *api_jobs.OF_KINDS],
         dependencies={"service": Provide(lambda: service, sync_to_thread=False)},
         lifespan=[service.running],
         before_request=require_taken,
