@@ -130,12 +130,8 @@ class AccessLog:
 
 
 def _json_line(entry: Answered) -> str:
-    return (
-        msgspec.json.encode(
-            {**msgspec.structs.asdict(entry), "time": _stamp(entry.time), "path": _path(entry.path)}
-        ).decode()
-        + "\n"
-    )
+    content = {**msgspec.structs.asdict(entry), "time": _stamp(entry.time), "path": _path(entry.path)}
+    return msgspec.json.encode(content).decode() + "\n"
 
 
 def _text_line(entry: Answered) -> str:
