@@ -38,10 +38,9 @@ app = typer.Typer(
     epilog="ROBOT is a name (see `twolink robots`), or the path of a URDF. SI units and radians throughout. "
     "Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted.",
 )
-_QUESTIONS = demo, robots, inspect, query, check
-_EXPERIMENTS = scenes, new, explain, run, accuracy, methods, Declared(energy, ("run",)), play, video
-_EVIDENCE = hard_cases, paper
-for _command in (*_QUESTIONS, *_EXPERIMENTS, *_EVIDENCE, *commands_of_parts()):
+_OWN = (demo, robots, inspect, query, check, scenes, new, explain, run, accuracy, methods,
+        Declared(energy, ("run",)), play, video, hard_cases, paper)  # fmt: skip
+for _command in (*_OWN, *commands_of_parts()):
     if isinstance(_command, Declared):
         DECLARED[_command.name] = _command
     else:

@@ -103,9 +103,13 @@ def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else os.fspath(value)
 
 
-def print_address(url: str) -> None:
-    """Say where a live playback is."""
-    typer.echo(f"playing at {url} (Ctrl-C ends it)")
+def show_motion(run: Trajectory, html: Path | None, no_browser: bool, speed: float | None = None) -> None:
+    """Play a run in the browser, or write the page `html`."""
+    if html is None:
+        run.play(speed=speed, open_browser=not no_browser, on_skipped=print_not_drawn,
+                 on_url=lambda url: typer.echo(f"playing at {url} (Ctrl-C ends it)"))  # fmt: skip
+    else:
+        typer.echo(f"wrote {run.playback(html, speed=speed, on_skipped=print_not_drawn)}")
 
 
 def print_not_drawn(names: Sequence[str]) -> None:
@@ -183,14 +187,11 @@ def completion(known: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]
 Json = Annotated[bool, Option("--json", help="Print JSON for programs.")]
 Files = Annotated[list[Path] | None, Option("--out", metavar="FILE", help="Write a file, by its ending; repeatable.")]
 
-SceneName = Annotated[
-    str,
-    Argument(
-        metavar="SCENE",
-        help="A bundled scene, a scene file (.toml), or a robot: with all that its file says.",
-        autocompletion=completion(bundled_scenes),
-    ),
-]
+Html = Annotated[Path | None, Option(help="Write a standalone page instead of opening a browser.")]
+NoBrowser = Annotated[bool, Option("--no-browser", help="Print the address; open no browser.")]
+
+_SCENE_HELP = "A bundled scene, a scene file (.toml), or a robot: with all that its file says."
+SceneName = Annotated[str, Argument(metavar="SCENE", help=_SCENE_HELP, autocompletion=completion(bundled_scenes))]
 Duration = Annotated[float | None, Option(help="Simulated time, s.", show_default="the scene's")]
 Accuracy = Annotated[float, Option(help="Bound on the global error of q, rad or m.")]
 AskedAccuracy = Annotated[
@@ -206,10 +207,8 @@ ContactWay = Annotated[
     str | None,
     Option("--contact", metavar="WAY", help="located (verified) or stepped (estimated).", show_default="by the scene"),
 ]
-Method = Annotated[
-    str,
-    Option(help="auto (the cheapest), or one of `twolink methods`.", autocompletion=completion(lambda: METHODS)),
-]
+_METHOD_HELP = "auto (the cheapest), or one of `twolink methods`."
+Method = Annotated[str, Option(help=_METHOD_HELP, autocompletion=completion(lambda: METHODS))]
 
 ROBOT_HELP = "A name (see `twolink robots`), or the path of a URDF, xacro or MJCF."
 RobotName = Annotated[str, Argument(metavar="ROBOT", help=ROBOT_HELP, autocompletion=completion(catalogue_names))]

@@ -1,20 +1,13 @@
 """The command that shows in half a minute what twolink does."""
 
-from pathlib import Path
-from typing import Annotated
-
 import typer
-from typer import Option
 
-from twolink.cli.common import print_address, print_not_drawn, require_writable
+from twolink.cli.common import Html, NoBrowser, require_writable, show_motion
 
 ACCURACIES = (1e-3, 1e-6, 1e-9, 1e-12)
 
 
-def demo(
-    html: Annotated[Path | None, Option(help="Write a standalone page instead of opening a browser.")] = None,
-    no_browser: Annotated[bool, Option("--no-browser", help="Print the address; open no browser.")] = False,
-) -> None:
+def demo(html: Html = None, no_browser: NoBrowser = False) -> None:
     """Show in half a minute what twolink does.
 
     It ends with the paper's arm moving in the browser.
@@ -42,7 +35,4 @@ def demo(
             typer.echo(f"     asked for {accuracy:.0e} rad: error at most {run.error[-1]:.0e} rad, solved in "
                        f"{1e3 * seconds:.1f} ms, and {compiling:.2g} s of preparing")  # fmt: skip
     typer.echo("3/3  the motion in the browser" if html is None else "3/3  the motion as a page")
-    if html is None:
-        run.play(open_browser=not no_browser, on_url=print_address, on_skipped=print_not_drawn)
-    else:
-        typer.echo(f"wrote {run.playback(html, on_skipped=print_not_drawn)}")
+    show_motion(run, html, no_browser)

@@ -8,11 +8,13 @@ from typer import Argument, Option
 
 from twolink.cli.common import (
     ROBOT_HELP,
+    Html,
     Misuse,
+    NoBrowser,
     RobotLoader,
-    print_address,
     print_not_drawn,
     require_writable,
+    show_motion,
     with_robot_options,
 )
 from twolink.dynamics import Robot
@@ -28,8 +30,8 @@ def play(
     speed: Annotated[
         float | None, Option(help="Factor on true speed: 2 is twice as fast.", show_default="1; below 1 s, less")
     ] = None,
-    html: Annotated[Path | None, Option(help="Write a standalone page instead of opening a browser.")] = None,
-    no_browser: Annotated[bool, Option("--no-browser", help="Print the address; open no browser.")] = False,
+    html: Html = None,
+    no_browser: NoBrowser = False,
     robot: Annotated[str | None, Option(help=f"Of a file that does not name it (.csv). {ROBOT_HELP}")] = None,
     *,
     load: RobotLoader,
@@ -44,10 +46,7 @@ def play(
     if speed is not None:
         positive(speed, "speed", QueryError, "1 is true speed")
     run = _saved(file, None if robot is None else load(robot))
-    if html is None:
-        run.play(speed=speed, open_browser=not no_browser, on_url=print_address, on_skipped=print_not_drawn)
-    else:
-        typer.echo(f"wrote {run.playback(html, speed=speed, on_skipped=print_not_drawn)}")
+    show_motion(run, html, no_browser, speed)
 
 
 @with_robot_options

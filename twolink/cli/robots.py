@@ -38,11 +38,8 @@ def robots(as_json: Json = False) -> None:
     """
     table = robot_table()
     records = [{name: value for name, value in record.items() if value is not None} for record in table]
-    refused = [
-        f"{record['name']} is refused (`twolink inspect {record['name']}` says all): {shorten(record['refused'], 120)}"
-        for record in records
-        if "refused" in record
-    ]
+    refused = [f"{one['name']} is refused (`twolink inspect {one['name']}` says all): {shorten(one['refused'], 120)}"
+               for one in records if "refused" in one]  # fmt: skip
     text = table.select("name", "nq", "nv", "mass", "root", "from")
     show(records, "\n".join([str(text), *refused]), as_json)
 

@@ -265,10 +265,9 @@ def methods(as_json: Json = False) -> None:
     Each has its order, kind, whether it adapts its steps, what it is good for, and its source.
     """
     table = method_table()
-    text = (
-        f"{table.select('name', 'order', 'kind', 'adaptive', 'good_for')}\n\nAdaptive methods take --tolerance, the "
-        f"others --step; auto takes the cheapest for --accuracy.\n\n{table.select('name', 'source')}"
-    )
+    about = "Adaptive methods take --tolerance, the others --step; auto takes the cheapest for --accuracy."
+    parts = table.select("name", "order", "kind", "adaptive", "good_for"), about, table.select("name", "source")
+    text = "\n\n".join(map(str, parts))
     show(table.to_records(), text, as_json)
 
 
