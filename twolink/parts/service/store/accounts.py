@@ -17,9 +17,8 @@ class Accounts:
 
     def by_owner(self, table: str) -> dict[str, int]:
         """Bytes of the robots, jobs or uploads that load."""
-        return {
-            owner: int(size) for owner, size in self._execute(f"SELECT owner, sum(bytes) FROM {table} GROUP BY owner")
-        }
+        rows = self._execute(f"SELECT owner, sum(bytes) FROM {table} GROUP BY owner")
+        return {owner: int(size) for owner, size in rows}
 
     def owned(self, owner: str) -> int:
         """Bytes of the robots and jobs of an owner."""
@@ -69,18 +68,14 @@ class Accounts:
 
     def forgotten(self) -> list[str]:
         """Give back what lost processes have reserved. Returns the ids of these uploads."""
-        return [
-            row[0]
-            for row in self._execute(f"DELETE FROM loading WHERE beat < {self._clock} - {_FORGOTTEN} RETURNING id")
-        ]
+        rows = self._execute(f"DELETE FROM loading WHERE beat < {self._clock} - {_FORGOTTEN} RETURNING id")
+        return [row[0] for row in rows]
 
     def spend(self, owner: str, seconds: float) -> float:
         """Note seconds of processors that an owner has had. Returns those of today."""
+        spent = "INSERT INTO spent (owner, day, seconds) VALUES (?, ?, ?)"
         add = "ON CONFLICT (owner, day) DO UPDATE SET seconds = spent.seconds + excluded.seconds RETURNING seconds"
-        rows = self._execute(
-            f"INSERT INTO spent (owner, day, seconds) VALUES (?, ?, ?) {add}", (owner, today(), seconds)
-        )
-        return float(rows[0][0])
+        return float(self._execute(f"{spent} {add}", (owner, today(), seconds))[0][0])
 
 
 def today() -> str:

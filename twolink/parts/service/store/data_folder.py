@@ -18,8 +18,9 @@ from twolink.parts.service.store.database import VERSION
 DATABASE = "twolink.sqlite"
 ROBOTS, RESULTS, VISUALS, STAGING = "robots", "results", "visuals", "staging"
 PARTS = (ROBOTS, RESULTS, VISUALS, STAGING)  # what worker processes may write
+UPLOADED = re.compile(r"u-[0-9a-f]{20}")  # the id of an uploaded robot
 _NAMES = {
-    ROBOTS: re.compile(r"u-[0-9a-f]{20}"),
+    ROBOTS: UPLOADED,
     RESULTS: re.compile(r"(simulation|study|sensitivity|identification|sweep|s)-[0-9a-f]{1,20}"),
 }
 _OLD_VISUALS = "visuals-*.json"  # of the catalogue's robots; they can be drawn again
@@ -45,10 +46,8 @@ def open_folder(folder: Path) -> sqlite3.Connection:
         except sqlite3.DatabaseError as error:
             if not _is_corrupt(error):
                 raise
-            place = _set_aside(folder)
-            _log.error(
-                "the database cannot be read (%s): it is kept with its files in %s, a new one begins", error, place
-            )
+            what = "the database cannot be read (%s): it is kept with its files in %s, a new one begins"
+            _log.error(what, error, _set_aside(folder))
             database = _open_database(folder / DATABASE)
         for part in PARTS:
             (folder / part).mkdir(exist_ok=True, mode=0o700)

@@ -8,7 +8,7 @@ import errno
 import sqlite3
 import time
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import msgspec
 
@@ -19,26 +19,8 @@ VERSION = 4  # of the tables
 _SILENT = 20_000  # ms after which a server that does not answer is given up
 
 
-class Database(Protocol):
-    """A database. shared: whether other processes use it at the same time."""
-
-    shared: bool
-    clock: str
-    skip_locked: str
-
-    def execute(self, statement: str, values: tuple[Any, ...] = ()) -> list[Any]:
-        """The rows of a statement, which is a transaction of its own. Raises sqlite3.Error or OSError."""
-        ...
-
-    def check(self) -> None:
-        """Raise sqlite3.Error or OSError unless it can be written."""
-
-    def close(self) -> None:
-        """Let go of it."""
-
-
 class SQLite:
-    """A database of one process."""
+    """A database of one process. shared: whether other processes use it at the same time."""
 
     shared, clock, skip_locked = False, "clock()", ""
 
@@ -49,11 +31,11 @@ class SQLite:
         self.close = connection.close
 
     def execute(self, statement: str, values: tuple[Any, ...] = ()) -> list[Any]:
-        """As of `Database`."""
+        """The rows of a statement, which is a transaction of its own. Raises sqlite3.Error or OSError."""
         return self._connection.execute(statement, values).fetchall()
 
     def check(self) -> None:
-        """As of `Database`."""
+        """Raise sqlite3.Error or OSError unless it can be written."""
         version = self.execute("PRAGMA user_version")[0][0]
         self.execute(f"PRAGMA user_version = {version}")
 
@@ -83,7 +65,7 @@ class PostgreSQL:
         return TwolinkError(f"the database cannot be used: {what}", where="serve", code="data", remedy=remedy)
 
     def execute(self, statement: str, values: tuple[Any, ...] = ()) -> list[Any]:
-        """As of `Database`."""
+        """As of SQLite."""
         try:
             if self._connection is None or self._connection.closed:
                 self._connection = self._psycopg.connect(
@@ -96,13 +78,16 @@ class PostgreSQL:
             raise OSError(errno.EIO, " ".join(str(error).split())) from None
 
     def check(self) -> None:
-        """As of `Database`."""
+        """As of SQLite."""
         self.execute("UPDATE secrets SET version = version")
 
     def close(self) -> None:
-        """As of `Database`."""
+        """Let go of it."""
         if self._connection is not None:
             self._connection.close()
+
+
+Database = SQLite | PostgreSQL
 
 
 def length(column: str) -> str:

@@ -60,11 +60,9 @@ class Leases:
 
     def cancel(self, key: str) -> None:
         """Cancel a job that waits, and tell the process that runs it."""
-        clock = self._database.clock
+        ended = f"state = 'cancelled', ended = {self._database.clock}"
         self._database.execute("UPDATE jobs SET cancel = 1 WHERE id = ?", (key,))
-        self._database.execute(
-            f"UPDATE jobs SET state = 'cancelled', ended = {clock} WHERE id = ? AND state = 'queued'", (key,)
-        )
+        self._database.execute(f"UPDATE jobs SET {ended} WHERE id = ? AND state = 'queued'", (key,))
 
     def waiting(self, keys: list[str]) -> set[str]:
         """Keys of these jobs that still wait."""

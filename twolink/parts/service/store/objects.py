@@ -2,7 +2,6 @@
 
 import contextlib
 import errno
-import re
 import shutil
 import threading
 from collections.abc import Iterable, Iterator
@@ -11,12 +10,11 @@ from typing import Any
 
 from twolink.errors import TwolinkError, import_extra
 from twolink.parts.service.problems import Refusal
-from twolink.parts.service.store.data_folder import RESULTS, ROBOTS, STAGING
+from twolink.parts.service.store.data_folder import RESULTS, ROBOTS, STAGING, UPLOADED
 from twolink.parts.service.store.database import EXTRA
 
 NAMED_ROBOTS = 100  # uploaded ones in a request
 _CHUNK = 2**20
-_ROBOT, _ROBOTS = re.compile(r"u-[0-9a-f]{20}"), re.compile(rb"u-[0-9a-f]{20}")
 
 
 class Objects:
@@ -105,7 +103,7 @@ class Copies:
     def keep(self, key: str) -> None:
         """Have the object store have the files of a job's result; or of a robot that is staged."""
         if self._objects is not None:
-            part, place = (ROBOTS, STAGING) if _ROBOT.fullmatch(key) else (RESULTS, RESULTS)
+            part, place = (ROBOTS, STAGING) if UPLOADED.fullmatch(key) else (RESULTS, RESULTS)
             self._objects.keep(f"{part}/{key}", self._folder / place / key, self._known.setdefault(key, {}))
 
     def note(self, key: str, state: Any) -> None:
@@ -127,7 +125,7 @@ class Copies:
 
     def named_robots(self, content: bytes) -> set[str]:
         """The ids of uploaded robots in some content; none where all files are here. Raises Refusal (413)."""
-        named = {key.decode() for key in _ROBOTS.findall(content)} if self._objects is not None else set[str]()
+        named = set(UPLOADED.findall(content.decode("latin-1"))) if self._objects is not None else set[str]()
         if len(named) > NAMED_ROBOTS:
             what = f"it names {len(named)} uploaded robots, the limit is {NAMED_ROBOTS}"
             raise Refusal(413, what, where="body", remedy="ask for them one after the other")

@@ -1,7 +1,6 @@
 """Tasks of worker processes about robots: receive an upload, load one that was kept, draw it, and answer queries."""
 
 import gzip
-import re
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, Literal
 
@@ -24,6 +23,7 @@ from twolink.parts.service.store.archives import (
     upload_folders,
     write_robot,
 )
+from twolink.parts.service.store.data_folder import UPLOADED
 from twolink.parts.service.work.query_requests import (
     QUERIES,
     answer_query,
@@ -41,7 +41,6 @@ from twolink.show.meshcat_scene import scene_nodes
 from twolink.show.viewer_data import place_on_link, robot_data
 
 _OPTIONS, _URDF, _FILES = "options.json", "robot.urdf", "files"  # in the folder of an uploaded robot
-_UPLOADED = re.compile(r"u-[0-9a-f]{20}")  # an uploaded robot's id
 _robots = RobotCache(64)  # of this process
 
 
@@ -141,7 +140,7 @@ def robot_by_id(key: str, robots: str) -> Robot:
 
 
 def _uploaded(key: str, robots: str) -> Robot:
-    if not _UPLOADED.fullmatch(key) or not (Path(robots) / key).is_dir():
+    if not UPLOADED.fullmatch(key) or not (Path(robots) / key).is_dir():
         raise RobotError(f"there is no robot {key[:80]!r}", argument="robot", remedy="GET /v1/robots lists them")
     with kept(f"robot {key!r}", "delete it, and upload it again"):
         return _load(str(Path(robots) / key))
