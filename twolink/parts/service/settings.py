@@ -83,9 +83,8 @@ class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             remedy = f"give memory_in_flight_mb={4 * largest:g}, or less body_mb and answer_mb"
             raise TwolinkError(what, argument="quota", remedy=remedy)
         if self.result_mb > self.disk_mb:
-            what = (
-                f"disk_mb = {self.disk_mb:g} is less than result_mb = {self.result_mb:g}: a result would find no room"
-            )
+            what = f"disk_mb = {self.disk_mb:g} is less than result_mb = {self.result_mb:g}"
+            what += ": a result would find no room"
             remedy = f"give disk_mb={self.result_mb:g} or more, or less result_mb"
             raise TwolinkError(what, argument="quota", remedy=remedy)
 

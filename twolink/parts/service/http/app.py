@@ -182,10 +182,8 @@ class Shell:
             return None
         sent_id, seconds = request_id(header(scope, b"x-request-id")), time.perf_counter() - start
         self._metrics.answered(query[1].name, 200, seconds)
-        self._log.note(
-            Answered(time.time() - seconds, sent_id, scope["client"][0], "POST", scope["raw_path"], 200, len(answer),
-                     seconds, scope.get(OWNER, ""))
-        )  # fmt: skip
+        self._log.note(Answered(time.time() - seconds, sent_id, scope["client"][0], "POST", scope["raw_path"], 200,
+                                len(answer), seconds, scope.get(OWNER, "")))  # fmt: skip
         return b"%sx-request-id: %s\r\n" % (_QUERY_HEADERS, sent_id.encode()), answer
 
     def refuse(self, refusal: Refusal, client: tuple[str, int] | None) -> tuple[int, list[Header], bytes]:
@@ -228,10 +226,8 @@ class Shell:
         """Hand a request on with a body within limits, and add the security headers to the answer."""
         allowed = self._allowed(scope["path"])
         if allowed and scope["method"] not in allowed:
-            remedy = f"it takes {allowed}"
-            raise Refusal(
-                405, f"{scope['method'][:20]} is not for this path", remedy=remedy, where="method", allow=allowed
-            )
+            what = f"{scope['method'][:20]} is not for this path"
+            raise Refusal(405, what, remedy=f"it takes {allowed}", where="method", allow=allowed)
         if allowed and scope["method"] == "OPTIONS":
             await send_answer(send, 204, [(b"allow", allowed.encode()), *cors, DENY_ALL], b"")
             return

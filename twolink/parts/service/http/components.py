@@ -35,12 +35,7 @@ from twolink.parts.service.work.budget import Budget
 from twolink.parts.service.work.cluster import Member
 from twolink.parts.service.work.jobs import Jobs
 from twolink.parts.service.work.metrics import Metrics
-from twolink.parts.service.work.query_requests import (
-    STATES_IN_LOOP,
-    answer_query,
-    arguments_from_json,
-    count_of,
-)
+from twolink.parts.service.work.query_requests import STATES_IN_LOOP, answer_query, arguments_from_json, count_of
 from twolink.parts.service.work.requests import JOB_KINDS, JobRequest, prepare
 from twolink.parts.service.work.sandbox import protection
 from twolink.parts.service.work.sharing import KeyedLocks, Shares, this_request
@@ -177,23 +172,17 @@ class Service:
         threads = max(1, thread_count() // quotas.jobs)
         places = quotas.jobs + BESIDE + PAUSED
         self._job_workers = pool(places, threads=threads, writable=folders, spare=True)
-        self._computers = pool(
-            _COMPUTERS,
-            threads=thread_count(),
-            niceness=0,  # a client waits: beside other programs, niceness 10 takes four times as long
-            tasks="twolink.parts.service.work.robot_tasks",
-            writable=[self.store.folder / "robots"],
-        )
+        # A client waits for a query: beside other programs, niceness 10 takes four times as long.
+        self._computers = pool(_COMPUTERS, threads=thread_count(), niceness=0, writable=[self.store.folder / "robots"],
+                               tasks="twolink.parts.service.work.robot_tasks")  # fmt: skip
         self.robots = RobotPool(settings, self.store, self._computers)
         self.queries = Queries(settings, self.robots, self._computers, self.metrics)
-        senders = (
-            pool(places, tasks="twolink.parts.service.work.sweep_tasks", writable=folders, idle=1.0)
-            if settings.dask
-            else None
-        )  # the cluster computes while they wait
+        senders = None
+        if settings.dask:  # the cluster computes while they wait
+            senders = pool(places, tasks="twolink.parts.service.work.sweep_tasks", writable=folders, idle=1.0)
         self.live = pool(quotas.live, niceness=0, idle=1.0)
         self.lives, self.newcomers = Shares(quotas.live), Shares(_NEWCOMERS)
-        self._pools = [self._readers, self._computers, self._job_workers, *([senders] if senders else [])]
+        self._pools = [*filter(None, (self._readers, self._computers, self._job_workers, senders))]
         may_pause = self._worker_memory.has_room
         self.jobs = Jobs(settings, self.store, self._job_workers, self.metrics, self.budget, senders, may_pause)
 
@@ -259,9 +248,8 @@ class Service:
                 await self.read(task, path=str(draft), **arguments)
                 if draft.stat().st_size > limit * 2**20:
                     what = f"{path.suffix[1:]} of it takes more than {limit:g} MB"
-                    raise Refusal(
-                        413, what, where="path", remedy="ask for less, or start the service with a larger quota"
-                    )
+                    remedy = "ask for less, or start the service with a larger quota"
+                    raise Refusal(413, what, where="path", remedy=remedy)
                 draft.replace(path)
             finally:
                 draft.unlink(missing_ok=True)

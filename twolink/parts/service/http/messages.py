@@ -163,13 +163,7 @@ PAGE_POLICY = (
     "font-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 DENY_ALL: Header = (b"content-security-policy", b"default-src 'none'; frame-ancestors 'none'")
-_OPEN_PATHS = (
-    "/health",
-    "/ready",
-    "/",
-    "/docs",
-    "/docs/",
-)  # what a browser or a monitor asks for before it has a token
+_OPEN_PATHS = "/health", "/ready", "/", "/docs", "/docs/"  # what browsers and monitors ask for before they have a token
 _OPEN_PREFIX = "/page/"
 LIVE = "/v1/live"
 BEARER = "bearer"  # the subprotocol before a token as base64url: browsers send no other header with a WebSocket
