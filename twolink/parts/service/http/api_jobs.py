@@ -185,9 +185,7 @@ async def motion(service: Shared, job: FromPath[str], frames: Frames = 600) -> R
     "contacts": [{"pair", "points" [m], "forces" [N]}], three numbers a frame, NaN where the pair is apart.
     """
     await service.jobs.views.require_done("simulation", job)
-    folder, quotas = str(service.store.result_folder(job)), service.settings.quotas
-    content = await service.read("motion", folder=folder, frames=frames, quotas=quotas)
-    return Response(content, media_type=MediaType.JSON)
+    return await service.answer("motion", folder=str(service.store.result_folder(job)), frames=frames)
 
 
 @get("/v1/simulations/{job:str}/playback", tags=["simulations"], summary="A page that plays the motion")
@@ -214,9 +212,8 @@ async def result(
     """
     if form == "json":
         await service.jobs.views.bring_parts("sweep", job)
-        folder, quotas = str(service.store.result_folder(job)), service.settings.quotas
-        content = await service.read("sweep_columns", folder=folder, names=variable or [], quotas=quotas)
-        return Response(content, media_type=MediaType.JSON)
+        folder = str(service.store.result_folder(job))
+        return await service.answer("sweep_columns", folder=folder, names=variable or [])
     file = await result_file(service, "sweep", job, f"result.{form}", _TASK, variable="", turns=False)
     return File(file, filename=f"{job}.{'zarr.zip' if form == 'zip' else form}", media_type=MEDIA[form])
 
@@ -243,9 +240,7 @@ async def run(
 
     number: the run's place in the columns of the result.
     """
-    body = await service.jobs.views.request("sweep", job)
-    content = await service.read("sweep_run", body=body, number=number, quotas=service.settings.quotas)
-    return Response(content, media_type=MediaType.JSON)
+    return await service.answer("sweep_run", body=await service.jobs.views.request("sweep", job), number=number)
 
 
 OF_KINDS = [*_results("simulations", "simulation"), *_results("studies", "study")]

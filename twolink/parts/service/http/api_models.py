@@ -195,8 +195,7 @@ async def _receive(service: Service, key: str, kind: str, options: RobotOptions,
     await store.run(store.accounts.reserve, key, owner, len(content), quotas)
     staged = await store.run(store.stage, key, content)
     try:
-        answer = await service.read("receive", on_question=reserve, folder=str(staged), kind=kind, options=options,
-                                    quotas=quotas)  # fmt: skip
+        answer = await service.read("receive", on_question=reserve, folder=str(staged), kind=kind, options=options)
         loaded = msgspec.convert(answer, ReceivedRobot)
         about = {"id": key, "origin": "uploaded", **msgspec.to_builtins(options), "root": options.root}
         description = {**about, **loaded.description}
@@ -229,7 +228,7 @@ async def robot_scene(service: Shared, robot: FromPath[str]) -> Response[bytes]:
     It starts off equilibrium, at rest, and has the ground under a free base; as `tl.scene_of`.
     """
     await service.robots.require(robot)
-    return Response(await service.read("robot_scene", key=robot), media_type=MediaType.JSON)
+    return await service.answer("robot_scene", key=robot)
 
 
 @delete("/v1/robots/{robot:str}", tags=["robots"], summary="Delete an uploaded robot", status_code=204)
@@ -276,21 +275,19 @@ async def list_methods() -> list[dict[str, Any]]:
 @post("/v1/scenes/validate", tags=["scenes"], summary="Check a scene", status_code=200)
 async def validate(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
     """The scene as it is understood: robot, q, v, effects with all their fields. A problem says what is wrong."""
-    return Response(await service.read("validate", body=await request.body()), media_type=MediaType.JSON)
+    return await service.answer("validate", body=await request.body())
 
 
 @post("/v1/scenes/explain", tags=["scenes"], summary="What a scene costs", status_code=200)
 async def explain(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
     """Its operations by effect, the formulation, the method and why, and the seconds a run will take."""
-    content = await service.read("explain", body=await request.body(), quotas=service.settings.quotas)
-    return Response(content, media_type=MediaType.JSON)
+    return await service.answer("explain", body=await request.body())
 
 
 @post("/v1/scenes/preview", tags=["scenes"], summary="A quick look at a run", status_code=200)
 async def preview(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
     """A run without an error bar, which is kept nowhere: {result, columns, motion}, as simulations have them."""
-    content = await service.read("preview", body=await request.body(), quotas=service.settings.quotas)
-    return Response(content, media_type=MediaType.JSON)
+    return await service.answer("preview", body=await request.body())
 
 
 @post("/v1/scenes/quantities", tags=["scenes"], summary="What can be varied in a scene", status_code=200)
@@ -299,10 +296,10 @@ async def quantities(request: Request[Any, Any, Any], service: Shared) -> Respon
 
     Sensitivities and sweeps take these names.
     """
-    return Response(await service.read("quantities", body=await request.body()), media_type=MediaType.JSON)
+    return await service.answer("quantities", body=await request.body())
 
 
 @post("/v1/scenes/linearize", tags=["scenes"], summary="A scene's equations near a state", status_code=200)
 async def linearize(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
     """dx/dt = A x + B u about the state: A, B, names, the bound on their entries' error, eigenvalues, stability."""
-    return Response(await service.read("linearize", body=await request.body()), media_type=MediaType.JSON)
+    return await service.answer("linearize", body=await request.body())

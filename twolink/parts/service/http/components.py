@@ -18,6 +18,7 @@ from typing import Annotated, Any
 
 import msgspec
 import numpy as np
+from litestar import MediaType, Response
 from litestar.di import NamedDependency
 from litestar.params import QueryParameter, SkipValidation
 
@@ -219,10 +220,14 @@ class Service:
                 self._checked = time.monotonic()
 
     async def read(self, task: str, **arguments: Any) -> Any:
-        """Run a short task in a worker process."""
-        seconds, robots = self.settings.quotas.load_seconds, str(self.store.folder / "robots")
+        """Run a short task in a worker process, which takes of the folder of robots and the quotas what it needs."""
+        quotas, robots = self.settings.quotas, str(self.store.folder / "robots")
         await self.store.bring_robots(arguments.get("body", b""))
-        return await self._readers.run(task, seconds, robots=robots, **arguments)
+        return await self._readers.run(task, quotas.load_seconds, robots=robots, quotas=quotas, **arguments)
+
+    async def answer(self, task: str, **arguments: Any) -> Response[bytes]:
+        """The JSON that a short task makes, as an answer."""
+        return Response(await self.read(task, **arguments), media_type=MediaType.JSON)
 
     async def prepare(self, kind: str, body: bytes) -> JobRequest:
         """Check the body of a request for a job."""

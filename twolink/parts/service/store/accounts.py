@@ -20,10 +20,6 @@ class Accounts:
         rows = self._execute(f"SELECT owner, sum(bytes) FROM {table} GROUP BY owner")
         return {owner: int(size) for owner, size in rows}
 
-    def owned(self, owner: str) -> int:
-        """Bytes of the robots and jobs of an owner."""
-        return sum(self.by_owner(table).get(owner, 0) for table in ("robots", "jobs"))
-
     def reserve(self, key: str, owner: str, more: int, quotas: Quotas) -> None:
         """Keep so many bytes more for an upload while it loads, until they are given back.
 
@@ -46,11 +42,11 @@ class Accounts:
                       (key, self._process, owner, more))  # fmt: skip
 
     def _require_room(self, owner: str, quotas: Quotas) -> None:
-        loading, robots = self.by_owner("loading"), self.by_owner("robots")
+        loading, robots, jobs = map(self.by_owner, ("loading", "robots", "jobs"))
         if sum(loading.values()) + sum(robots.values()) > quotas.uploads_mb * 2**20:
             what = f"the service's uploads would take more than the {quotas.uploads_mb:g} MB of its disk quota"
             raise Refusal(413, what, where="body", remedy="delete some robots")
-        if owner and loading.get(owner, 0) + self.owned(owner) > quotas.owner_disk_mb * 2**20:
+        if owner and sum(one.get(owner, 0) for one in (loading, robots, jobs)) > quotas.owner_disk_mb * 2**20:
             what = f"what {owner} keeps would take more than {quotas.owner_disk_mb:g} MB"
             raise Refusal(413, what, where="body", remedy="delete some robots or results")
 

@@ -134,10 +134,6 @@ class Store:
 
     # Robots
 
-    def robot_folder(self, key: str) -> Path:
-        """The folder of an uploaded robot's files."""
-        return self.folder / ROBOTS / key
-
     def stage(self, key: str, content: bytes) -> Path:
         """A folder for the files of an upload, with its content as "body"."""
         staged = self.folder / STAGING / key
@@ -157,7 +153,7 @@ class Store:
         size = size_of(staged) + len(content)
         self.accounts.give_back(key)
         self.accounts.reserve(key, owner, size, quotas)  # whatever its worker has said
-        target, now = self.robot_folder(key), time.time()
+        target, now = self.folder / ROBOTS / key, time.time()
         shutil.rmtree(target, ignore_errors=True)  # left by a process that was killed just here
         staged.rename(target)
         self._execute("INSERT INTO robots (id, created, used, bytes, description, owner) VALUES (?, ?, ?, ?, ?, ?) "
