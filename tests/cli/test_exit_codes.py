@@ -80,16 +80,13 @@ def test_a_process_that_fails_says_so_in_one_line() -> None:
     one_line(call_process(*arguments), 1, part)
 
 
-@pytest.mark.parametrize(
-    ("text", "spoken_text"),
-    [
-        ('purpose="kinematics" or duration=2.', "--purpose kinematics or duration=2."),
-        ("hold them with lock={'j1': 0, 'j2': 0.5}", "hold them with --lock j1=0 --lock j2=0.5"),
-        ("hold them with lock={'j1': [0, 0, 1, 0], 'j2': 0}", 'hold them with --lock "j1=0, 0, 1, 0" --lock j2=0'),
-        ('look for parameters=["a.mass", "b.*"]', "look for --parameters a.mass,b.*"),
-        ("load it with mimic=False, or mimic=True; verify=False", "load it with no --mimic, or --mimic; --no-verify"),
-    ],
-)
+@pytest.mark.parametrize(("text", "spoken_text"), [
+    ('purpose="kinematics" or duration=2.', "--purpose kinematics or duration=2."),
+    ("hold them with lock={'j1': 0, 'j2': 0.5}", "hold them with --lock j1=0 --lock j2=0.5"),
+    ("hold them with lock={'j1': [0, 0, 1, 0], 'j2': 0}", 'hold them with --lock "j1=0, 0, 1, 0" --lock j2=0'),
+    ('look for parameters=["a.mass", "b.*"]', "look for --parameters a.mass,b.*"),
+    ("load it with mimic=False, or mimic=True; verify=False", "load it with no --mimic, or --mimic; --no-verify"),
+])  # fmt: skip
 def test_remedies_have_the_syntax_of_the_command_line(text: str, spoken_text: str) -> None:
     names = {name: f"--{name}" for name in ("purpose", "lock", "parameters", "mimic")} | {"verify": "--no-verify"}
     assert spoken(text, names) == spoken_text

@@ -27,14 +27,8 @@ def test_robots_lists_all_with_sizes_or_reasons() -> None:
 def test_inspect_reports() -> None:
     done = call("inspect", "panda", "--cross-check")
     assert done.returncode == 0
-    for part in (
-        "panda_joint1",
-        "kg of its body",
-        "ignored:",
-        "mimic",
-        "assumed:",
-        "second reading (yourdfpy): agree: 13 links",
-    ):
+    agree = "second reading (yourdfpy): agree: 13 links"
+    for part in ("panda_joint1", "kg of its body", "ignored:", "mimic", "assumed:", agree):
         assert part in done.stdout
     data = answer("inspect", "kinova")
     assert data["nq"] == 9

@@ -12,6 +12,7 @@ import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from types import FunctionType
 
 from twolink.errors import TwolinkError
 
@@ -184,14 +185,6 @@ def compute() -> dict[str, float]:
     return {"batch": float(batch.std(axis=0).max())}
 
 
-_ALL: list[Callable[..., object]] = [
-    read, listing, write, link, remove, give_away, tcp, udp, pair, program, execute, forked, c_library, trace,
-    memory_of_the_service, signal_the_service, owner_of_signals, limits_of_the_service, priority_of_the_service,
-    processors_of_the_service, disk_priority_of_the_service, permissions, times, name_of_the_machine, all_calls,
-    environment, status, death_signal, late_import, compute,
-]  # fmt: skip
-
-
 def _told(task: Callable[..., object]) -> Callable[..., object]:
     """The task, whose denial has the code "denied"."""
 
@@ -205,4 +198,5 @@ def _told(task: Callable[..., object]) -> Callable[..., object]:
     return run
 
 
-TASKS = {f.__name__: _told(f) for f in _ALL}
+_TASKS = {name: task for name, task in globals().items() if isinstance(task, FunctionType) and name[0] != "_"}
+TASKS = {name: _told(task) for name, task in _TASKS.items()}

@@ -8,7 +8,8 @@ import math
 import socket
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, cast
+from types import SimpleNamespace
+from typing import Any
 
 import httpx
 import numpy as np
@@ -93,24 +94,18 @@ async def test_clients_have_turns_round_robin() -> None:
     assert done[:6] == ["a1", "a2", "b1", "c1", "a4", "b2"]
 
 
-class Workers:
-    """Do a job when told to, and note whose it was."""
+async def test_jobs_are_run_by_client_in_turn_and_each_has_its_queue(tmp_path: Path) -> None:
+    done, go = list[str](), asyncio.Event()
 
-    def __init__(self) -> None:
-        self.done: list[str] = []
-        self.go = asyncio.Event()
-
-    async def run(self, *_: object, **__: object) -> dict[str, object]:
-        await self.go.wait()
-        self.done.append(this_request().client)
+    async def run(*_: object, **__: object) -> dict[str, object]:
+        await go.wait()
+        done.append(this_request().client)
         return {}
 
-
-async def test_jobs_are_run_by_client_in_turn_and_each_has_its_queue(tmp_path: Path) -> None:
     with opened(tmp_path) as store:
-        workers = Workers()
+        workers: Any = SimpleNamespace(run=run)
         settings = Settings(str(tmp_path), quotas=Quotas(jobs=1, queue=3))
-        jobs = Jobs(settings, store, cast(Any, workers), Metrics(), Budget(store, math.inf))
+        jobs = Jobs(settings, store, workers, Metrics(), Budget(store, math.inf))
 
         async def submit(client: str, number: int) -> None:
             REQUEST.set(RequestMemory(Shares(1), client))
@@ -123,10 +118,10 @@ async def test_jobs_are_run_by_client_in_turn_and_each_has_its_queue(tmp_path: P
             await asyncio.create_task(submit("a", 4))
         assert refused.value.status == 429
         await asyncio.create_task(submit("b", 0))
-        workers.go.set()
-        while len(workers.done) < 5:
+        go.set()
+        while len(done) < 5:
             await asyncio.sleep(0.01)
-        assert workers.done == ["a", "b", "a", "a", "a"]  # the first has run: time is shared, not turns
+        assert done == ["a", "b", "a", "a", "a"]  # the first has run: time is shared, not turns
         while jobs.count("queued") + jobs.count("running"):
             await asyncio.sleep(0.01)
         await asyncio.create_task(submit("a", 5))

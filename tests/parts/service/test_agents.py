@@ -77,13 +77,6 @@ def test_every_declared_query_is_answered_as_by_the_robot(tmp_path: Path) -> Non
             np.testing.assert_allclose(answer["results"][name], value, atol=1e-12)
 
 
-def test_losses_are_an_option_of_the_query_tool(tmp_path: Path) -> None:
-    robot, state = tl.load_robot("double_pendulum"), {"q": [0.3, -0.4], "v": [1.0, 2.0]}
-    given = {"robot": "double_pendulum", "what": "inverse-dynamics", "arguments": state, "options": {"losses": True}}
-    lost = np.subtract(data(ask(tmp_path, ("query", given))[0])["data"]["results"]["tau"], robot.bias(**state))
-    np.testing.assert_allclose(lost, robot.model.damping * state["v"], atol=1e-12)
-
-
 def test_simulate_has_a_bar_progress_and_files(tmp_path: Path) -> None:
     told: list = []
     given = {"scene": "arm-swing", "duration": 2.0, "accuracy": 1e-8, "at": [0.5, 1.0], "save": ["a.mcap", "b.png"]}

@@ -11,7 +11,7 @@ import pytest
 import yaml  # type: ignore[import-untyped]
 
 from tests.command import call, one_line
-from tests.parts.service.serving import TOP
+from tests.parts.service.serving import TOP, wait_until
 from twolink.errors import TwolinkError
 from twolink.parts.service.http.messages import AccessControl
 from twolink.parts.service.logs import Answered
@@ -82,7 +82,11 @@ def test_quotas_have_the_defaults_that_the_table_says() -> None:
 
 def test_the_metrics_are_those_of_the_table(http: httpx.Client) -> None:
     http.post("/v1/robots/two_link/bias", json={"q": [0, 0]})
-    shown = set(re.findall(r"^# TYPE (twolink_\w+) ", http.get("/metrics").text, re.MULTILINE))
+    wait_until(lambda: "twolink_loop_lag_seconds_count 0.0" not in http.get("/metrics").text)
+    text = http.get("/metrics").text
+    assert re.search(r'\ntwolink_requests_total\{route="bias",status="200"\} \d+', text)
+    assert "\nprocess_resident_memory_bytes " in text
+    shown = set(re.findall(r"^# TYPE (twolink_\w+) ", text, re.MULTILINE))
     shown = {name for name in shown if not name.endswith("_created")}
     assert shown == set(re.findall(r"`(twolink_\w+)", TEXT))
 

@@ -7,7 +7,7 @@ from tests.parts.service.serving import Served
 from tests.show.browser import Browser
 
 pytestmark = pytest.mark.browser
-WIDTHS = ((390, 844), (768, 1024), (1400, 900), (1920, 1080))
+WIDTHS = ((360, 740), (768, 1024), (1400, 900), (1920, 1080))
 NO_MOTION = {"name": "prefers-reduced-motion", "value": "reduce"}
 TABS = ("query", "sense", "sweep", "linear", "identify", "study", "past")
 SHOWN = "const shown = e => e.checkVisibility({checkOpacity: true, checkVisibilityCSS: true});"
@@ -91,7 +91,8 @@ def test_nothing_sticks_out_and_all_text_can_be_read(full: Page) -> None:
         feature = {"name": "prefers-color-scheme", "value": scheme}
         full.browser.call("Emulation.setEmulatedMedia", features=[feature, NO_MOTION])
         for width, height in WIDTHS:
-            full.browser.resize(width, height)
+            full.browser.resize(width, height, mobile=width < 600)
+            assert full.evaluate("innerWidth") == width
             for tab in TABS:
                 full.evaluate(f"document.getElementById('tab-{tab}').click()")
                 for what, script in (("sticks out", STICKS_OUT), ("faint", FAINT), ("small", SMALL)):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.parts.service.page_driver import Page
-from tests.parts.service.urdfs import INERTIAL, pendulum, zipped
+from tests.parts.service.urdfs import INERTIAL, pendulum
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 VISUAL = '<visual><origin xyz="0 0 -0.5"/><geometry><box size="0.1 0.1 1"/></geometry></visual>'
@@ -46,13 +46,6 @@ def test_a_dropped_robot_and_a_free_base(page: Page) -> None:
     page.wait_for("document.querySelectorAll('#sliders .slider').length > 2")  # those of the fixed robot are two
     assert page.evaluate("document.querySelectorAll('#sliders .slider').length") == 7
     assert "pitch" in page.text("#sliders")
-
-
-def test_a_zip_with_its_urdf(page: Page, tmp_path: Path) -> None:
-    (tmp_path / "a.zip").write_bytes(zipped({"a/zipped.urdf": pendulum(VISUAL, name="zipped")}))
-    page.open()
-    page.upload(tmp_path / "a.zip")
-    page.wait_for("document.getElementById('robot-facts').innerText.startsWith('zipped')")
 
 
 def test_a_folder_with_meshes_is_dropped(page: Page, tmp_path: Path) -> None:

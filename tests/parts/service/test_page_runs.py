@@ -213,18 +213,6 @@ def test_the_keyboard_reaches_run(page: Page) -> None:
     page.wait_for("!document.getElementById('result').hidden")
 
 
-@pytest.mark.parametrize(("width", "height"), [(360, 740), (768, 1024)])
-def test_the_page_fits_small_screens(page: Page, width: int, height: int) -> None:
-    page.browser.resize(width, height, mobile=True)
-    page.open()
-    page.evaluate("document.querySelectorAll('details').forEach(x => { x.open = true; })")
-    page.run()
-    for tab in ("tab-study", "tab-past", "tab-query"):
-        page.evaluate(f"document.getElementById('{tab}').click()")
-        assert page.evaluate("document.documentElement.scrollWidth") <= width
-    assert page.moves()
-
-
 def test_the_page_is_dark_when_the_system_is(page: Page) -> None:
     dark = {"name": "prefers-color-scheme", "value": "dark"}
     page.browser.call("Emulation.setEmulatedMedia", features=[dark])

@@ -95,6 +95,8 @@ def test_kinematics_places_links_as_pinocchio_does(http: httpx.Client) -> None:
             assert pin.XYZQUATToSE3(np.array(pose)).isApprox(at, 1e-9)
     one = http.post("/v1/robots/two_link/kinematics", json={"q": [0, 0], "frames": ["tip"]}).json()
     np.testing.assert_allclose(one["poses"], [[2, 0, 0, 0, 0, 0, 1]], atol=1e-12)
+    none = http.post("/v1/robots/two_link/kinematics", json={"q": [0, 0], "frames": []}).json()
+    assert none == {"frames": [], "poses": []}
 
 
 @pytest.mark.parametrize("third", ["tau", "a"])

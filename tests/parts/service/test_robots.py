@@ -136,14 +136,6 @@ def test_an_mjcf_of_a_stranger_is_refused(http: httpx.Client) -> None:
     assert "export_urdf" in answer.text
 
 
-def test_a_robot_with_mimic_joints_answers(http: httpx.Client) -> None:
-    about = http.post("/v1/robots", json={"source": "panda", "mimic": True}).json()
-    robot = tl.load_robot("panda", mimic=True)
-    q, v = robot.random_state(1, seed=3)
-    answer = http.post(f"/v1/robots/{about['id']}/bias", json={"q": q[0].tolist(), "v": v[0].tolist()}).json()
-    assert answer["h"] == robot.bias(q[0], v[0]).tolist()
-
-
 @pytest.mark.some(1)
 @pytest.mark.parametrize("name", ["package://my_arm/meshes/arm.stl", "meshes/arm.stl", "../meshes/arm.stl"])
 def test_meshes_come_from_the_zip(http: httpx.Client, name: str) -> None:

@@ -6,6 +6,7 @@ import math
 import sqlite3
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
 
@@ -136,17 +137,6 @@ def test_a_start_on_a_full_disk_is_refused_in_one_line(tmp_path: Path, monkeypat
         assert (job.state, b"was killed" in bytes(job.problem)) == ("interrupted", True)
 
 
-class Workers:
-    """Answer at once with a large result, after `before`."""
-
-    def __init__(self, before: Callable[[], object]) -> None:
-        self.before = before
-
-    async def run(self, *_: Any, **__: Any) -> dict[str, Any]:
-        self.before()
-        return {"samples": "x" * 100_000}
-
-
 def set_limit(store: Store, pages: int) -> None:
     """Let the database grow to so many pages, as on a full disk."""
     store._execute(f"PRAGMA max_page_count = {pages}")
@@ -159,8 +149,12 @@ async def test_a_job_whose_end_finds_the_disk_full_is_stored_when_there_is_room(
     monkeypatch.setattr("twolink.parts.service.work.jobs._RETRY", 0.01)
     request = prepare(kind="simulation", body=b'{"scene": "arm-swing", "wait": 0.3}')
 
+    async def run(*_: Any, **__: Any) -> dict[str, Any]:
+        set_limit(store, 1)  # SQLite takes the pages that there are
+        return {"samples": "x" * 100_000}
+
     with opened(tmp_path) as store:
-        workers: Any = Workers(lambda: set_limit(store, 1))  # SQLite takes the pages that there are
+        workers: Any = SimpleNamespace(run=run)
         jobs = Jobs(Settings(str(tmp_path)), store, workers, Metrics(), Budget(store, math.inf))
         view = await jobs.submit("simulation", request)
         assert view["state"] == "running"
