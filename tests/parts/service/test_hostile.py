@@ -1,12 +1,17 @@
-"""Hundreds of hostile bodies: each is refused with a problem, none ends the service, none shows a file."""
+"""Hostile bodies and attacks: each is refused with a problem; none ends the service, stalls it or shows a file."""
 
+import os
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import httpx
 import pytest
 
 from tests.parts.service.hostile import Case, cases
-from tests.parts.service.serving import Served
+from tests.parts.service.serving import Served, wait_until
+from tests.parts.service.under_attack import attack
 
 
 def sent(http: httpx.Client, case: Case) -> httpx.Response:
@@ -52,3 +57,36 @@ def test_slow_clients_do_not_starve_others(served: Served, http: httpx.Client) -
             connection.close()
     assert http.get("/health").status_code == 200
     assert "Traceback" not in served.log  # when they go in the middle
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seconds", [6.0, 60.0])
+def test_the_service_stays_up_under_attack(seconds: float) -> None:
+    figures = attack(seconds)
+    bars = figures.bars(busy="PYTEST_XDIST_WORKER" in os.environ)  # beside other tests
+    assert all(met for met, _ in bars), f"{bars}\n{figures.summary()}\n{figures.outcomes}"
+
+
+def test_workers_yield_unless_a_client_waits_for_a_query(served: Served) -> None:
+    def niceness() -> dict[bool, set[int]]:
+        """Of the workers that answer queries, and of the others."""
+        found: dict[bool, set[int]] = {True: set(), False: set()}
+        for process in served.workers():
+            answers_queries = b"robot_tasks" in Path(f"/proc/{process}/cmdline").read_bytes()
+            found[answers_queries].add(os.getpriority(os.PRIO_PROCESS, process))
+        return found
+
+    own = os.getpriority(os.PRIO_PROCESS, served.process.pid)
+    wait_until(lambda: niceness() == {True: {own}, False: {min(19, own + 10)}})
+
+
+def test_connections_leave_files_for_the_service() -> None:
+    code = """
+import resource
+resource.setrlimit(resource.RLIMIT_NOFILE, (300, 500))
+from twolink.parts.service.http.server import uvicorn_options
+from twolink.parts.service.settings import Settings
+print(uvicorn_options(Settings(data="."))["http"].args[0].connections.limit)
+"""
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert float(answer.stdout) == 300

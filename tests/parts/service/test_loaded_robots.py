@@ -1,6 +1,8 @@
-"""Loaded robots: found by id, and dropped when they take too much memory."""
+"""Loaded robots go between processes whole, are found by id, and dropped when they take too much memory."""
 
 import asyncio
+import os
+import pickle
 import weakref
 from collections.abc import Callable
 from pathlib import Path
@@ -10,11 +12,13 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.parts.service.urdfs import mesh, pendulum, stl
 from tests.robots.test_bad_urdf import chain
+from twolink.dynamics import Robot
 from twolink.parts.service.http.components import RobotPool
 from twolink.parts.service.problems import Refusal
 from twolink.parts.service.settings import Settings
-from twolink.parts.service.store.archives import RobotCache, memory_of
+from twolink.parts.service.store.archives import RobotCache, memory_of, read_robot, write_robot
 
 
 class IdsOnly:
@@ -61,3 +65,48 @@ def test_a_robot_above_the_limit_is_kept_alone() -> None:
     assert cache.put("a", robot) is cache.get("a")
     cache.put("b", robot)
     assert cache.get("a") is None
+
+
+@pytest.mark.parametrize(("name", "options"), [
+    ("two_link", {}), ("anymal", {"root": "free"}), ("panda", {"mimic": True}),
+])  # fmt: skip
+def test_a_robot_comes_back_as_it_was(name: str, options: dict[str, Any]) -> None:
+    robot = tl.load_robot(name, **options)
+    again = read_robot(write_robot(robot))
+    assert (again.name, again.joint_names, again.report) == (robot.name, robot.joint_names, robot.report)
+    q, v = robot.random_state(3, seed=1)
+    np.testing.assert_array_equal(again.bias(q, v), robot.bias(q, v))
+
+
+def test_a_robot_with_meshes_comes_back(tmp_path: Path) -> None:
+    (tmp_path / "a.stl").write_bytes(stl())
+    robot = tl.load_robot(pendulum(mesh("package://a.stl")), package_dirs=[tmp_path])
+    assert read_robot(write_robot(robot)).visual_model().ngeoms == 1
+
+
+class Hostile:
+    """Runs a call where it is unpickled."""
+
+    def __init__(self, *call: Any) -> None:
+        self.call = call
+
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
+        return self.call[0], self.call[1:]
+
+
+def test_nothing_else_is_read(tmp_path: Path) -> None:
+    made = tmp_path / "made"
+    robot = tl.load_robot("two_link")
+    for content in (
+        Hostile(os.mkdir, str(made)),
+        Hostile(eval, f"__import__('os').mkdir({str(made)!r})"),
+        Hostile(Robot, Hostile(os.mkdir, str(made)), robot.model, robot.report, robot.visuals),
+        Hostile(np.load, str(made)),
+        {"a": 1},
+        Robot,
+    ):
+        with pytest.raises(pickle.UnpicklingError):
+            read_robot(pickle.dumps(content))
+    assert not made.exists()
+    pickle.loads(pickle.dumps(Hostile(os.mkdir, str(made))))
+    assert made.exists()  # so the check above can fail

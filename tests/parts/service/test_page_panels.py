@@ -1,6 +1,5 @@
 """The page's panels: sensitivities, linearization, identification and sweeps, each with its figure."""
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 
 import twolink as tl
 from tests.parts.service.page_driver import Page
+from tests.parts.service.test_client import measured
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -45,14 +45,7 @@ def test_eigenvalues_tell_the_raised_arm_from_the_hanging_one(page: Page) -> Non
 
 
 def test_parameters_are_identified_from_a_file(page: Page, tmp_path: Path) -> None:
-    robot, t = tl.load_robot("two_link"), np.linspace(0.0, 4.0, 200)
-    w = np.array([1.7, 2.9])
-    q, v, a = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))
-    tau = robot.inverse_dynamics(q, v, a) + np.random.default_rng(0).normal(0, 1e-2, q.shape)
-    with (tmp_path / "m.csv").open("w", newline="") as file:
-        rows = csv.writer(file)
-        rows.writerow(["t", *(f"{name}{i}" for name in ("q", "v", "a", "tau") for i in (0, 1))])
-        rows.writerows(np.column_stack([t, q, v, a, tau]).tolist())
+    (tmp_path / "m.csv").write_text(measured(tl.load_robot("two_link"), 200, 1e-2))
     page.open("#robot=two_link")
     page.click("#tab-identify")
     page.click("#identify-button")

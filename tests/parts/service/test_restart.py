@@ -1,5 +1,6 @@
 """Workers and services that are killed or end: nothing that was done is lost, and no process is left."""
 
+import asyncio
 import contextlib
 import json
 import os
@@ -8,6 +9,8 @@ import sqlite3
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -16,6 +19,8 @@ from tests.parts.service.serving import Served, serving, wait_until
 from tests.parts.service.test_jobs import SLOW, SWING, ended, started
 from tests.parts.service.urdfs import INERTIAL, pendulum
 from twolink.parts.service.store.store import Store
+from twolink.parts.service.work.cluster import Member
+from twolink.parts.service.work.job_views import Running
 
 
 def large_robot(count: int, name: str) -> str:
@@ -166,3 +171,19 @@ def test_jobs_of_version_1_can_be_run_again(tmp_path: Path) -> None:
         assert [(job["id"], job["state"]) for job in http.get("/v1/simulations").json()] == [("s-1", "interrupted")]
         http.post("/v1/simulations/s-1/run")
         assert ended(http, "/v1/simulations/s-1")["result"]["samples"] == 201
+
+
+def test_a_job_whose_result_is_stored_is_alive() -> None:
+    """Else another process takes it up after some seconds, though it is done."""
+    beaten: list[str] = []
+
+    async def run(method: Any, *arguments: Any) -> Any:
+        return method(*arguments)
+
+    leases = SimpleNamespace(waiting=lambda _: set(), beat=lambda key, _: beaten.append(key))
+    running = Running("simulation", None, claimed=True, ending=True)
+    jobs: Any = SimpleNamespace(running={"simulation-1": running})
+    store: Any = SimpleNamespace(leases=leases, run=run)
+    asyncio.run(Member(store, jobs)._beat())
+    assert beaten == ["simulation-1"]
+    assert not running.lost  # though the lease is: it is too late to end it

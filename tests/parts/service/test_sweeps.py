@@ -1,5 +1,6 @@
-"""Sweeps as jobs: what the library gives, watched, stopped, resumed, looked into while they run, and refused."""
+"""Sweeps as jobs: as of the library, watched, stopped, resumed, looked into, refused, and sent to a Dask cluster."""
 
+import contextlib
 import io
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -14,6 +15,7 @@ import twolink as tl
 from tests.parts.service.serving import Served, serving
 from tests.parts.service.test_jobs import ended, events
 from tests.parts.service.urdfs import pendulum
+from tests.parts.sweeps.dask_cluster import dask_cluster
 from twolink.errors import SceneError, TwolinkError
 
 pytest.importorskip("zarr")
@@ -188,3 +190,34 @@ def test_a_failed_sweep_raises_what_the_library_raises(served: Served, tmp_path:
     with pytest.raises(SceneError, match=r"did you mean 'q\.elbow'"):
         tl.connect(served.url).sweep("arm-swing", vary={"q.elbw": [0.0]}, out=tmp_path / "x.zarr")
     assert not list(tmp_path.iterdir())
+
+
+ONE = "n_workers=1, processes=False, protocol='tcp', scheduler_port={}"
+
+
+@pytest.mark.slow
+def test_sweeps_are_sent_to_a_cluster_and_go_on_after_it_was_lost(tmp_path: Path) -> None:
+    first = contextlib.ExitStack()
+    _, address = first.enter_context(dask_cluster(tmp_path, ONE.format(0)))
+    with first, serving(tmp_path / "data", "--dask", address) as served, served.client() as http:
+        scene = tl.Scene(tl.load_robot(pendulum()), q=[0.4], effects=[tl.effects.Gravity()], duration=0.5)
+        vary = {"q.hinge": [0.1, 0.2, 0.3]}
+        there = tl.connect(served.url).sweep(scene, vary=vary, out=tmp_path / "there.zarr")
+        here = tl.sweep(scene, vary=vary, out=tmp_path / "here.zarr", executor=ThreadPoolExecutor(1))
+        for name in ("q", "v", "error", "status"):
+            assert np.array_equal(there[name], here[name]), name
+        path = begun(http)
+        first.close()
+        lost = ended(http, path)
+        assert (lost["state"], lost["problem"]["code"]) == ("failed", "cluster-lost")
+        assert f"{address} cannot be reached" in served.log
+        assert "Traceback" not in served.log
+        before = marks(tmp_path / "data")
+        assert before
+        with dask_cluster(tmp_path, ONE.format(address.rpartition(":")[2])):
+            http.post(f"{path}/run")
+            job = ended(http, path)
+        assert (job["state"], job["result"]["done"]) == ("done", 6400)
+        after = marks(tmp_path / "data")
+        assert {file: after[file] for file in before} == before
+        assert len(after) > len(before)
