@@ -86,7 +86,7 @@ import resource
 resource.setrlimit(resource.RLIMIT_NOFILE, (300, 500))
 from twolink.parts.service.http.server import uvicorn_options
 from twolink.parts.service.settings import Settings
-print(uvicorn_options(Settings(data="."))["http"].args[0].connections.limit)
+print(uvicorn_options(Settings(data="."))["http"].args[0].limit)
 """
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert float(answer.stdout) == 300

@@ -9,7 +9,6 @@ behind a reverse proxy.
 """
 
 import contextlib
-import dataclasses
 import functools
 import socket
 from asyncio.events import TimerHandle
@@ -41,30 +40,6 @@ _LINGER_BYTES = 2**20  # that it may still send meanwhile
 _CHECK = 1.0  # seconds between looks at a connection
 
 
-@dataclasses.dataclass
-class ConnectionLimits:
-    """Limits of connections.
-
-    connections: open at once, of all clients. header: bytes of a request's line and headers. seconds: in which a
-    request must arrive. rate: bytes/s at which it must arrive after the first seconds, and its answer must be read.
-    """
-
-    connections: Shares
-    header: float
-    seconds: float
-    rate: float
-
-    @classmethod
-    def of(cls, quotas: Quotas, files: float) -> "ConnectionLimits":
-        """The limits in the quotas, and for a process that may have so many files open."""
-        return cls(
-            Shares(min(quotas.connections, files - _OTHER_FILES)),
-            quotas.header_kb * 1024,
-            quotas.body_seconds,
-            quotas.rate_kb * 1024,
-        )
-
-
 class _Transport:
     """A transport that ignores what is written after its end, where uvloop's raises RuntimeError."""
 
@@ -81,11 +56,15 @@ class _Transport:
 
 
 class Protocol(HttpToolsProtocol):
-    """A connection. The parser calls its `on_...` methods; a failure in them ends the connection."""
+    """A connection. The parser calls its `on_...` methods; a failure in them ends the connection.
 
-    def __init__(self, limits: ConnectionLimits, **others: Any) -> None:
+    connections: open at once, of all clients.
+    """
+
+    def __init__(self, connections: Shares, quotas: Quotas, **others: Any) -> None:
         super().__init__(**others)
-        self._limits = limits
+        self._connections, self._seconds = connections, quotas.body_seconds
+        self._most_header, self._rate = quotas.header_kb * 1024, quotas.rate_kb * 1024  # bytes, bytes/s
         self._holder: str | None = None  # the client, if the connection is counted
         self._answered: Any = None  # the request that is answered
         self._small: tuple[Any, Any] | None = None  # the request, and the application, that wait for a small body
@@ -105,24 +84,28 @@ class Protocol(HttpToolsProtocol):
         open_transport: Any = _Transport(transport)
         super().connection_made(open_transport)
         self._begin()
-        self._timer = self.loop.call_later(min(_CHECK, self._limits.seconds), self._check)
+        self._timer = self.loop.call_later(min(_CHECK, self._seconds), self._check)
         client = client_of(self.client[0] if self.client else "")
-        if self._limits.connections.take(client):
+        if self._connections.take(client):
             self._holder = client
         else:
-            self._end_with(busy(f"{self._limits.connections.taken} connections are open already", "connection"))
+            self._end_with(busy(f"{self._connections.taken} connections are open already", "connection"))
             transport.close()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The connection has ended."""
         if self._timer is not None:
             self._timer.cancel()
-        if self._holder is not None:
-            self._limits.connections.give(self._holder)
+        self._give_back()
         if self._answered is not None:  # uvicorn tells it to the request that came last
             self._answered.disconnected = True
             self._answered.message_event.set()
         super().connection_lost(exc)
+
+    def _give_back(self) -> None:
+        if self._holder is not None:
+            self._connections.give(self._holder)
+            self._holder = None
 
     def _begin(self) -> None:
         self._begun, self._arrived = self.loop.time(), 0
@@ -137,7 +120,7 @@ class Protocol(HttpToolsProtocol):
             self._piece = len(piece)
             self._unused += self._piece
             super().data_received(piece)
-            if self._unused > self._limits.header or len(self.headers or ()) > _HEADERS:
+            if self._unused > self._most_header or len(self.headers or ()) > _HEADERS:
                 self._end_with(self._too_large())
             data = data[self._piece :]
 
@@ -203,9 +186,7 @@ class Protocol(HttpToolsProtocol):
         timer, self._timer = self._timer, None
         if timer is not None:
             timer.cancel()
-        if self._holder is not None:
-            self._limits.connections.give(self._holder)
-            self._holder = None
+        self._give_back()
         self._ended = self.loop.time()  # what came behind the request is not read here
         super().handle_websocket_upgrade()
 
@@ -227,7 +208,7 @@ class Protocol(HttpToolsProtocol):
 
     def _check(self) -> None:
         """End the connection when the client sends or reads too slowly."""
-        now, limits = self.loop.time(), self._limits
+        now = self.loop.time()
         waiting = self.transport.get_write_buffer_size() > 0
         self._stuck = (self._stuck or now) if waiting else None
         if self.flow.read_paused and self._begun is not None:
@@ -235,14 +216,14 @@ class Protocol(HttpToolsProtocol):
         reading = 0.0 if self._begun is None else now - self._begun
         ended = self._ended is not None and now - self._ended > _LINGER
         idle = self._begun is None and now - (self._idle_since or now) > self.timeout_keep_alive
-        too_slow = reading > limits.seconds or self._arrived < limits.rate * (reading - _SLOW_START)
-        if ended or idle or too_slow or (self._stuck is not None and now - self._stuck > SLICE / limits.rate):
+        too_slow = reading > self._seconds or self._arrived < self._rate * (reading - _SLOW_START)
+        if ended or idle or too_slow or (self._stuck is not None and now - self._stuck > SLICE / self._rate):
             self.transport.abort()
         else:
-            self._timer = self.loop.call_later(min(_CHECK, limits.seconds), self._check)
+            self._timer = self.loop.call_later(min(_CHECK, self._seconds), self._check)
 
     def _too_large(self) -> Refusal:
-        what = f"more than {_HEADERS} headers, or more than {self._limits.header:.0f} bytes of them"
+        what = f"more than {_HEADERS} headers, or more than {self._most_header:.0f} bytes of them"
         return Refusal(431, what, where="headers", remedy="leave out what the service does not need")
 
     def _refuse(self, refusal: Refusal) -> httptools.HttpParserError:
@@ -333,8 +314,9 @@ def _listening(settings: Settings) -> socket.socket:
 
 def uvicorn_options(settings: Settings) -> dict[str, Any]:
     """The options of uvicorn.Config."""
+    connections = Shares(min(settings.quotas.connections, open_files() - _OTHER_FILES))
     return {
-        "http": functools.partial(Protocol, ConnectionLimits.of(settings.quotas, open_files())),
+        "http": functools.partial(Protocol, connections, settings.quotas),
         "ws": LiveProtocol,
         "ws_max_size": MESSAGE_BYTES,
         "ws_per_message_deflate": False,
