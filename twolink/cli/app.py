@@ -13,9 +13,8 @@ import typer
 from twolink._version import __version__
 from twolink.cli.common import FAILED, INTERRUPTED, MISUSED, Command
 from twolink.cli.declared import DECLARED, Commands, Declared
-from twolink.cli.demo import demo
 from twolink.cli.evidence import hard_cases, paper
-from twolink.cli.play import play, video
+from twolink.cli.play import demo, play, video
 from twolink.cli.queries import query
 from twolink.cli.robots import check, inspect, robots
 from twolink.cli.scenes import accuracy, energy, explain, methods, new, run, scenes
