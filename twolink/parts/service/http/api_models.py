@@ -18,6 +18,7 @@ from twolink.integrate.steps.methods import methods
 from twolink.parts.service.http.components import Limit, Service, Shared, catalogue
 from twolink.parts.service.http.messages import (
     OCTETS,
+    OWN_QUERY,
     UNSPECIFIED,
     XML,
     ZIP,
@@ -26,7 +27,6 @@ from twolink.parts.service.http.messages import (
     media_type,
     too_large,
 )
-from twolink.parts.service.http.parameters import OWN_QUERY
 from twolink.parts.service.problems import JSON, Refusal, decode_body, decode_unique, problem_of
 from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store.store import LISTED

@@ -27,11 +27,11 @@ from twolink.parts.service.http.messages import (
     header,
     media_type,
     read_body,
+    require_taken,
     send_answer,
     while_connected,
 )
 from twolink.parts.service.http.outgoing import Outgoing
-from twolink.parts.service.http.parameters import require_taken
 from twolink.parts.service.logs import REQUEST_ID, AccessLog, Answered, request_id
 from twolink.parts.service.problems import JSON, Refusal, answer_of
 from twolink.parts.service.settings import Settings, ip_address

@@ -1,4 +1,4 @@
-"""Common parts of HTTP's handlers: reading a body within limits, sending an answer, media types; access control."""
+"""Common parts of HTTP's handlers: parameters, reading a body within limits, sending an answer; access control."""
 
 import asyncio
 import base64
@@ -10,6 +10,10 @@ from collections.abc import Coroutine, Sequence
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
+from litestar import Request
+from litestar.params import QueryParameter
+
+from twolink.errors import nearest
 from twolink.parts.service.http.tokens import Tokens
 from twolink.parts.service.problems import Refusal
 from twolink.parts.service.settings import Quotas, Settings, ip_address
@@ -32,6 +36,7 @@ _COMPRESSED = ("application/json", "text/html", "text/css", "text/javascript", "
 _WORTH_COMPRESSING = 2**11  # bytes
 _COMPRESS_BESIDE = 2**16  # bytes from which on another thread does it: a megabyte takes 20 ms
 _JOIN = 2**22  # bytes that are put together in the event loop, in some milliseconds
+OWN_QUERY = "own_query"  # of handlers that check the query string themselves
 UNSPECIFIED = ("", "application/x-www-form-urlencoded", "text/plain")  # what curl sends by default
 
 
@@ -156,6 +161,24 @@ async def send_body(send: Any, body: bytes, more: bool = False) -> None:
         await send({"type": "http.response.body", "body": view[start : start + SLICE], "more_body": True})
     last = (len(body) - 1) // SLICE * SLICE
     await send({"type": "http.response.body", "body": view[last:], "more_body": more})
+
+
+def require_taken(request: Request[Any, Any, Any]) -> None:
+    """Refuse parameters that an operation does not take: a misspelt one would be left out without a word.
+
+    PostgreSQL takes no NUL in a text.
+    """
+    handler = request.route_handler
+    if any("\0" in str(name) for name in request.path_params.values()):
+        raise Refusal(404, "a name with NUL names nothing", where="path", remedy="give an id as it was answered")
+    if not request.query_params or not request.url.path.startswith("/v1/") or handler.opt.get(OWN_QUERY):
+        return
+    given = ((name, field.kwarg_definition) for name, field in handler.parsed_fn_signature.parameters.items())
+    taken = [kind.name or name for name, kind in given if isinstance(kind, QueryParameter)]
+    for name in request.query_params:
+        if name not in taken:
+            raise Refusal(400, f"{name[:80]!r} is no parameter here", where="query", code="unknown-query-parameter",
+                          remedy=nearest(name, taken) if taken else "leave it out")  # fmt: skip
 
 
 PAGE_POLICY = (
