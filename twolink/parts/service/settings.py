@@ -23,6 +23,11 @@ _PATH = re.compile(r"(/[A-Za-z0-9._~-]+)+")
 _TOKEN = re.compile(r"(?:([A-Za-z0-9_.@-]{1,64}):)?([!-+\--9;-~]+)")  # NAME:TOKEN; a comma separates tokens
 
 
+def _unfit(argument: str, what: str, remedy: str) -> TwolinkError:
+    """The failure of a setting that cannot be."""
+    return TwolinkError(what, argument=argument, remedy=remedy)
+
+
 class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Limits of a request, a job and the store.
 
@@ -80,13 +85,11 @@ class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         largest = max(self.body_mb, self.answer_mb)
         if 4 * largest > self.memory_in_flight_mb:  # a client may have half, and needs each twice
             what = f"memory_in_flight_mb = {self.memory_in_flight_mb:g} is less than 4 times the largest body or answer"
-            remedy = f"give memory_in_flight_mb={4 * largest:g}, or less body_mb and answer_mb"
-            raise TwolinkError(what, argument="quota", remedy=remedy)
+            raise _unfit("quota", what, f"give memory_in_flight_mb={4 * largest:g}, or less body_mb and answer_mb")
         if self.result_mb > self.disk_mb:
             what = f"disk_mb = {self.disk_mb:g} is less than result_mb = {self.result_mb:g}"
             what += ": a result would find no room"
-            remedy = f"give disk_mb={self.result_mb:g} or more, or less result_mb"
-            raise TwolinkError(what, argument="quota", remedy=remedy)
+            raise _unfit("quota", what, f"give disk_mb={self.result_mb:g} or more, or less result_mb")
 
     @property
     def uploads_mb(self) -> float:
@@ -133,33 +136,30 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         if not self.data:
-            raise TwolinkError("expected a folder, got ''", argument="data", remedy="give a path, or leave it out")
+            raise _unfit("data", "expected a folder, got ''", "give a path, or leave it out")
         if bool(self.database) != bool(self.store):
-            missing = "store" if self.database else "database"
-            remedy = "such as --database postgresql://user@host/name --store s3://bucket/folder"
-            raise TwolinkError("services that share one need the other too", argument=missing, remedy=remedy)
+            raise _unfit("store" if self.database else "database", "services that share one need the other too",
+                         "such as --database postgresql://user@host/name --store s3://bucket/folder")  # fmt: skip
         if self.database and not self.database.startswith(("postgresql://", "postgres://")):
-            raise TwolinkError("it is not the URL of a PostgreSQL database", argument="database",
-                               remedy="such as postgresql://user@host/name")  # fmt: skip
+            what = "it is not the URL of a PostgreSQL database"
+            raise _unfit("database", what, "such as postgresql://user@host/name")
         if self.root_path and not _PATH.fullmatch(self.root_path):
-            raise TwolinkError(f"{self.root_path[:80]!r} is not a path", argument="root_path",
-                               remedy="such as /twolink, without a slash at its end")  # fmt: skip
-        for argument, names in (("host", (self.host,)), ("allow_host", self.hosts)):
-            for name in names:
-                if not _HOST.fullmatch(name) and (ip_address(name) is None or name.startswith("[")):
-                    remedy = "give a name or an address alone; a port is given with --port"
-                    raise TwolinkError(f"{name!r} is not the name of a host", argument=argument, remedy=remedy)
+            what = f"{self.root_path[:80]!r} is not a path"
+            raise _unfit("root_path", what, "such as /twolink, without a slash at its end")
+        for argument, name in (("host", self.host), *(("allow_host", name) for name in self.hosts)):
+            if not _HOST.fullmatch(name) and (ip_address(name) is None or name.startswith("[")):
+                remedy = "give a name or an address alone; a port is given with --port"
+                raise _unfit(argument, f"{name!r} is not the name of a host", remedy)
         for origin in self.origins:
             if not _ORIGIN.fullmatch(origin):
                 remedy = "give scheme and host as browsers send them, such as https://lab.example"
-                raise TwolinkError(f"{origin!r} is not the origin of a page", argument="allow_origin", remedy=remedy)
-        for token in self.tokens:
-            if not _TOKEN.fullmatch(token):  # the message does not show it
-                what = "a token is empty, or has spaces, commas, colons or letters beyond ASCII"
-                raise TwolinkError(what, argument="token", remedy="take plain letters and digits: TOKEN or NAME:TOKEN")
+                raise _unfit("allow_origin", f"{origin!r} is not the origin of a page", remedy)
+        if not all(map(_TOKEN.fullmatch, self.tokens)):  # the message does not show it
+            what = "a token is empty, or has spaces, commas, colons or letters beyond ASCII"
+            raise _unfit("token", what, "take plain letters and digits: TOKEN or NAME:TOKEN")
         for proxy in self.proxies:
             if ip_address(proxy) is None:
-                raise TwolinkError(f"{proxy!r} is not an address", argument="trust_proxy", remedy="such as 10.0.0.1")
+                raise _unfit("trust_proxy", f"{proxy!r} is not an address", "such as 10.0.0.1")
         for name in self.admins if not self.token_file else ():
             require_known(name, {owner for owner, _ in self.owners if owner}, TwolinkError, argument="admin")
 
@@ -202,13 +202,13 @@ def read_quotas(texts: Sequence[str]) -> Quotas:
         name, _, value = (part.strip() for part in text.partition("="))
         require_known(name, Quotas.__struct_fields__, TwolinkError, argument="quota")
         if name in values:
-            raise TwolinkError(f"{name} is given twice", argument="quota", remedy="give it once")
+            raise _unfit("quota", f"{name} is given twice", "give it once")
         values[name] = value
     try:
         return msgspec.convert(values, Quotas, strict=False)
     except msgspec.ValidationError as error:
         what, name = split_path(str(error))
-        raise TwolinkError(f"{name}: {what}", argument="quota", remedy="give numbers, such as jobs=4") from None
+        raise _unfit("quota", f"{name}: {what}", "give numbers, such as jobs=4") from None
 
 
 def open_files() -> float:
