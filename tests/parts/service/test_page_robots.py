@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from tests.parts.service.page_driver import Page
-from tests.parts.service.urdfs import INERTIAL, pendulum
+from tests.parts.service.urdfs import pendulum
+from tests.robots.test_bad_urdf import INERTIAL
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 VISUAL = '<visual><origin xyz="0 0 -0.5"/><geometry><box size="0.1 0.1 1"/></geometry></visual>'

@@ -17,7 +17,8 @@ import pytest
 from tests.command import call_process, one_line
 from tests.parts.service.serving import Served, serving, wait_until
 from tests.parts.service.test_jobs import SLOW, SWING, ended, started
-from tests.parts.service.urdfs import INERTIAL, pendulum
+from tests.parts.service.urdfs import pendulum
+from tests.robots.test_bad_urdf import joint, link, robot
 from twolink.parts.service.store.store import Store
 from twolink.parts.service.work.cluster import Member
 from twolink.parts.service.work.job_views import Running
@@ -25,10 +26,10 @@ from twolink.parts.service.work.job_views import Running
 
 def large_robot(count: int, name: str) -> str:
     """A robot whose reading takes a while."""
-    links = "".join(f'<link name="l{i}">{INERTIAL}</link>' for i in range(count))
-    joints = "".join(f'<joint name="j{i}" type="fixed"><parent link="l{(i - 1) // 2}"/><child link="l{i}"/></joint>'
-                     for i in range(1, count))  # fmt: skip
-    return f'<robot name="{name}">{links}{joints}</robot>'
+    parts = [link("l0")]
+    for i in range(1, count):
+        parts += [link(f"l{i}"), joint(f"j{i}", f"l{(i - 1) // 2}", f"l{i}", "fixed")]
+    return robot(*parts).replace('"r"', f'"{name}"', 1)
 
 
 @pytest.mark.slow

@@ -8,15 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from tests.robots.test_bad_urdf import INERTIAL, JOINT
+
 URDFS = Path(__file__).parents[3] / "urdf"
-INERTIAL = """<inertial><origin xyz="0 0 -0.5"/><mass value="2"/>
-<inertia ixx="0.2" iyy="0.2" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>"""
 
 
 def pendulum(visual: str = "", name: str = "r") -> str:
-    joint = """<joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
-<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>"""
-    return f'<robot name="{name}">\n<link name="base"/>\n<link name="arm">{INERTIAL}{visual}</link>\n{joint}</robot>'
+    return f'<robot name="{name}">\n<link name="base"/>\n<link name="arm">{INERTIAL}{visual}</link>\n{JOINT}</robot>'
 
 
 def mesh(filename: str) -> str:
