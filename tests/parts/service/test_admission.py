@@ -4,11 +4,9 @@ import asyncio
 import contextlib
 import functools
 import json
-import math
 import socket
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import httpx
@@ -18,16 +16,13 @@ import uvicorn
 from uvicorn.server import ServerState
 
 from tests.parts.service.serving import Served, serving, wait_until
-from tests.parts.service.test_store import opened
+from tests.parts.service.test_store import jobs_of, opened
 from tests.parts.service.urdfs import packed
 from twolink.errors import TwolinkError
 from twolink.parts.service.http.messages import send_answer
 from twolink.parts.service.http.server import uvicorn_options
 from twolink.parts.service.problems import Refusal
 from twolink.parts.service.settings import Quotas, Settings, read_quotas
-from twolink.parts.service.work.budget import Budget
-from twolink.parts.service.work.jobs import Jobs
-from twolink.parts.service.work.metrics import Metrics
 from twolink.parts.service.work.requests import prepare
 from twolink.parts.service.work.sharing import REQUEST, SMALL, RequestMemory, Shares, Turns, client_of, this_request
 
@@ -103,9 +98,7 @@ async def test_jobs_are_run_by_client_in_turn_and_each_has_its_queue(tmp_path: P
         return {}
 
     with opened(tmp_path) as store:
-        workers: Any = SimpleNamespace(run=run)
-        settings = Settings(str(tmp_path), quotas=Quotas(jobs=1, queue=3))
-        jobs = Jobs(settings, store, workers, Metrics(), Budget(store, math.inf))
+        jobs = jobs_of(store, run, jobs=1, queue=3)
 
         async def submit(client: str, number: int) -> None:
             REQUEST.set(RequestMemory(Shares(1), client))

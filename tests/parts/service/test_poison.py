@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import math
 import shutil
 from pathlib import Path
 from typing import Any
@@ -11,15 +10,12 @@ import pytest
 
 import twolink as tl
 from tests.parts.service import poison_tasks
-from tests.parts.service.test_store import opened
+from tests.parts.service.test_store import jobs_of, opened
 from tests.parts.service.working import working
 from twolink.errors import TwolinkError
 from twolink.parts.service.problems import Refusal
-from twolink.parts.service.settings import Quotas, Settings
+from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store.data_folder import PARTS
-from twolink.parts.service.work.budget import Budget
-from twolink.parts.service.work.jobs import Jobs
-from twolink.parts.service.work.metrics import Metrics
 from twolink.parts.service.work.requests import prepare
 from twolink.parts.service.work.sharing import NO_TASK, SweepThreads
 from twolink.parts.service.work.sweep_tasks import STORE, sweep_columns
@@ -38,7 +34,7 @@ async def test_the_service_gives_a_run_up_that_ends_its_workers(tmp_path: Path) 
     body = {"scene": "arm-swing", "duration": 0.01, "vary": {"q.elbow": ELBOWS}}
     with opened(tmp_path) as store:
         async with working(tasks=poison_tasks.__name__, **more) as workers:
-            jobs = Jobs(Settings(data=str(tmp_path)), store, workers, Metrics(), Budget(store, math.inf))
+            jobs = jobs_of(store, workers.run)
             key = (await jobs.submit("sweep", prepare(kind="sweep", body=json.dumps(body).encode())))["id"]
             while (job := await jobs.views.view("sweep", key))["state"] in ("queued", "running"):
                 await asyncio.sleep(0.1)

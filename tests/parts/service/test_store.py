@@ -4,7 +4,7 @@ import contextlib
 import errno
 import math
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +15,7 @@ import pytest
 
 from twolink.errors import TwolinkError
 from twolink.parts.service.problems import problem_of
-from twolink.parts.service.settings import Settings
+from twolink.parts.service.settings import Quotas, Settings
 from twolink.parts.service.store.data_folder import DATABASE
 from twolink.parts.service.store.store import Store
 from twolink.parts.service.work.budget import Budget
@@ -27,13 +27,14 @@ KEYS = [f"simulation-{k:020x}" for k in range(4)]
 ROBOT = "u-00000000000000000000"
 
 
-@contextlib.contextmanager
-def opened(folder: Path) -> Iterator[Store]:
-    store = Store(folder)
-    try:
-        yield store
-    finally:
-        store.close()
+def opened(folder: Path) -> contextlib.closing[Store]:
+    return contextlib.closing(Store(folder))
+
+
+def jobs_of(store: Store, run: Any, **quotas: float) -> Jobs:
+    """Jobs that `run` computes, in place of worker processes."""
+    settings = Settings(str(store.folder), quotas=Quotas(**quotas))
+    return Jobs(settings, store, SimpleNamespace(run=run), Metrics(), Budget(store, math.inf))
 
 
 def add_done(store: Store, key: str, size: int = 1000, request: Any = None) -> None:
@@ -87,7 +88,8 @@ def test_a_start_deletes_what_a_killed_service_left_and_nothing_else(tmp_path: P
     for part in ("robots", "results", "staging"):
         (tmp_path / part / "mine").mkdir()
         (tmp_path / part / "mine" / f"{part}.txt").write_text("precious")
-    left = [tmp_path / "staging" / ROBOT, tmp_path / "robots" / ROBOT, tmp_path / "results" / KEYS[2]]
+    left = [tmp_path / "staging" / ROBOT, tmp_path / "robots" / ROBOT]
+    left += [tmp_path / "results" / key for key in (KEYS[2], f"operation-{0:020x}")]
     for folder in left:
         folder.mkdir()
     (tmp_path / "results" / KEYS[1]).rename(tmp_path / "lost")
@@ -154,8 +156,7 @@ async def test_a_job_whose_end_finds_the_disk_full_is_stored_when_there_is_room(
         return {"samples": "x" * 100_000}
 
     with opened(tmp_path) as store:
-        workers: Any = SimpleNamespace(run=run)
-        jobs = Jobs(Settings(str(tmp_path)), store, workers, Metrics(), Budget(store, math.inf))
+        jobs = jobs_of(store, run)
         view = await jobs.submit("simulation", request)
         assert view["state"] == "running"
         with pytest.raises(sqlite3.OperationalError) as caught:

@@ -21,9 +21,8 @@ PARTS = (ROBOTS, RESULTS, VISUALS, STAGING)  # what worker processes may write
 UPLOADED = re.compile(r"u-[0-9a-f]{20}")  # the id of an uploaded robot
 _NAMES = {
     ROBOTS: UPLOADED,
-    RESULTS: re.compile(r"(simulation|study|sensitivity|identification|sweep|s)-[0-9a-f]{1,20}"),
+    RESULTS: re.compile(r"(simulation|study|sensitivity|identification|sweep|operation|s)-[0-9a-f]{1,20}"),
 }
-_OLD_VISUALS = "visuals-*.json"  # of the catalogue's robots; they can be drawn again
 _CORRUPT = ("SQLITE_CORRUPT", "SQLITE_NOTADB")
 _log = logging.getLogger("twolink.service")
 
@@ -118,8 +117,6 @@ def tidy(folder: Path, robots: Container[str], results: Container[str], *, stagi
         for path in (folder / part).iterdir():
             if path.name not in known and pattern.fullmatch(path.name):
                 shutil.rmtree(path, ignore_errors=True)
-    for path in (folder / RESULTS).glob(_OLD_VISUALS):
-        path.unlink(missing_ok=True)
 
 
 def size_of(folder: Path) -> int:
