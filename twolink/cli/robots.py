@@ -9,16 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Option
 
-from twolink.cli.common import (
-    FAILED,
-    Json,
-    Misuse,
-    RobotLoader,
-    RobotName,
-    chosen_of,
-    show,
-    with_robot_options,
-)
+from twolink.cli.common import FAILED, Json, Misuse, RobotLoader, RobotName, chosen_of, show, with_robot_options
 from twolink.cli.wording import REPORTED, spoken
 from twolink.dynamics import Robot
 from twolink.dynamics.robot_record import robot_record

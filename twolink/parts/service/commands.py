@@ -5,6 +5,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
+import platformdirs
 import typer
 from typer import Option
 
@@ -91,7 +92,7 @@ def serve(
     The API is described at /docs and /openapi.json; `tl.connect("http://127.0.0.1:8000")` asks it from Python. Results
     survive a restart, and jobs that were not done are taken up by the next start. Ctrl-C ends the service.
     """
-    from twolink.parts.service.settings import Quotas, Settings, default_folder, is_loopback, read_quotas
+    from twolink.parts.service.settings import Quotas, Settings, is_loopback, read_quotas
 
     if quota and "help" in quota:
         for name, value in zip(Quotas.__struct_fields__, Quotas.__struct_defaults__, strict=True):
@@ -99,7 +100,7 @@ def serve(
         return
     of_environment = os.environ["TWOLINK_TOKEN"].split(",") if "TWOLINK_TOKEN" in os.environ else ()
     given = Settings(
-        data=str(default_folder()) if data is None else data,
+        data=str(platformdirs.user_data_path("twolink", appauthor=False)) if data is None else data,
         host=host,
         port=port,
         tokens=tuple(text.strip() for text in (*(token or ()), *of_environment)),

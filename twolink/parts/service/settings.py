@@ -5,11 +5,9 @@ import ipaddress
 import math
 import re
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Annotated
 
 import msgspec
-import platformdirs
 
 from twolink.errors import TwolinkError, require_known
 from twolink.io.schemas import split_path
@@ -174,11 +172,6 @@ def owner_of(text: str) -> tuple[str, bytes] | None:
     """The owner and the token of NAME:TOKEN or TOKEN; None: it is neither."""
     match = _TOKEN.fullmatch(text)
     return None if match is None else (match[1] or "", match[2].encode())
-
-
-def default_folder() -> Path:
-    """The folder in which this platform keeps a user's data."""
-    return platformdirs.user_data_path("twolink", appauthor=False)
 
 
 def ip_address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
