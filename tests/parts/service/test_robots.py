@@ -149,11 +149,6 @@ def test_meshes_come_from_the_zip(http: httpx.Client, name: str) -> None:
     assert len(base64.b64decode(data["index"]["array"]["base64"])) == 2 * 3 * int.from_bytes(stl()[80:84], "little")
 
 
-def test_missing_meshes_are_in_the_load_report(http: httpx.Client) -> None:
-    about = http.post("/v1/robots", content=pendulum(mesh("package://elsewhere/a.stl")), headers=XML).json()
-    assert any("not found" in finding["what"] for finding in about["report"]["ignored"])
-
-
 @pytest.mark.slow
 def test_visuals_with_the_links_poses_are_where_pinocchio_draws_them(http: httpx.Client) -> None:
     import pinocchio as pin

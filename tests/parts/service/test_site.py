@@ -43,21 +43,20 @@ def test_health(http: httpx.Client) -> None:
     assert health["sandbox"] == msgspec.to_builtins(protection())
 
 
-def test_import_loads_no_web_library() -> None:
-    code = "import sys, twolink, twolink.cli.app; print(*sys.modules)"
+WEB, SELDOM = {"litestar", "uvicorn", "prometheus_client"}, {"trimesh", "networkx", "scipy.linalg", "scipy.optimize"}
+
+
+@pytest.mark.parametrize(("part", "without"), [
+    ("cli.app", WEB | {"sqlite3"}), ("parts.service.http.app", SELDOM), ("parts.service.work.robot_tasks", SELDOM),
+    ("parts.service.work.task_table", SELDOM),
+])  # fmt: skip
+def test_nothing_is_imported_that_few_need(part: str, without: set[str]) -> None:
+    """Each worker that is started imports its tasks first, and a client waits for it."""
+    code = f"import sys, twolink.{part}; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=TOP, check=True)
     loaded = set(done.stdout.split())
-    own = {"sqlite3"} if "coverage" in loaded else set()  # measuring coverage loads it
-    assert not {"litestar", "uvicorn", "prometheus_client", "sqlite3"} & (loaded - own)
-
-
-@pytest.mark.parametrize("part", ["http.app", "work.robot_tasks", "work.task_table"])
-def test_service_and_workers_start_without_what_few_tasks_need(part: str) -> None:
-    """Each worker that is started imports its tasks first, and a client waits for it."""
-    code = f"import sys, twolink.parts.service.{part}; print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=TOP, check=True)
-    assert "twolink.parts.service.work.robot_tasks" in done.stdout.split()
-    assert not {"trimesh", "networkx", "scipy.linalg", "scipy.optimize"} & set(done.stdout.split())
+    assert f"twolink.{part}" in loaded
+    assert not without & (loaded - ({"sqlite3"} if "coverage" in loaded else set()))  # measuring coverage loads it
 
 
 def test_a_taken_port_is_an_error_of_one_line(served: Served, tmp_path: Path) -> None:
