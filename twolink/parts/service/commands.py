@@ -131,7 +131,7 @@ def mcp(
 ) -> None:
     """Serve tools for agents over stdin and stdout (MCP).
 
-    Tools: catalogue, load_robot, query, explain, simulate, accuracy_study, linearize, judge, compare_models, export.
+    Tools: catalogue, load_robot, query, explain, simulate, accuracy_study, linearize, judge, call, export.
     They read and write in one folder only. Needs pip install 'twolink[mcp]'.
 
     \b

@@ -5,7 +5,6 @@ from typing import Any, Literal
 import msgspec
 
 from twolink.parts.service.problems import Problem
-from twolink.parts.service.work.requests import JobKind
 from twolink.parts.service.work.sandbox import Protection
 
 Vector = list[float]
@@ -222,21 +221,19 @@ class SweepRun(msgspec.Struct):
     simulation: Object
 
 
-class Health(msgspec.Struct):
-    """The state of the service: its version, jobs that wait or run, bytes kept, and what keeps workers in."""
-
-    status: str
-    version: str
-    jobs: int
-    bytes: int
-    sandbox: Protection
-
-
 class Ready(msgspec.Struct):
     """The readiness of the service for its work."""
 
     status: str
     version: str
+
+
+class Health(Ready):
+    """The state of the service: its version, jobs that wait or run, bytes kept, and what keeps workers in."""
+
+    jobs: int
+    bytes: int
+    sandbox: Protection
 
 
 class Job(msgspec.Struct):
@@ -252,8 +249,3 @@ class Job(msgspec.Struct):
     seconds: float | None
     progress: Object | None
     result: Object | None = None
-
-
-def job_of(name: str, kind: JobKind) -> Any:
-    """A job with the request of its kind, which lists leave out where it is long."""
-    return msgspec.defstruct(f"{name.title()}Job", [("request", kind.request | None)], bases=(Job,), kw_only=True)

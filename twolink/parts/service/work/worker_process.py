@@ -79,9 +79,6 @@ class Exchange:
                 os.unlink(self.name)
 
 
-# One thread that never ends: Linux ends workers (PR_SET_PDEATHSIG) with the thread that started them.
-
-
 class WorkerProcess:
     """A process as the service uses asyncio's Process, for one whose stdin and stdout are a socket."""
 
