@@ -58,11 +58,14 @@ async def result_file(service: Service, kind: str, key: str, name: str, task: st
     return path
 
 
-async def result_bytes(service: Service, kind: str, key: str, name: str, *task: str, **arguments: Any) -> bytes:
-    """The content of such a file. Raises Refusal unless the job is done."""
+async def _shown(
+    service: Service, kind: str, key: str, name: str, policy: str, *task: str, **arguments: Any
+) -> Response[bytes]:
+    """Such a file as a document with a policy of its own."""
     path = await result_file(service, kind, key, name, *task, **arguments)
     with _removed_meanwhile(service, kind, key):
-        return await asyncio.to_thread(path.read_bytes)
+        content = await asyncio.to_thread(path.read_bytes)
+    return Response(content, media_type=MEDIA[path.suffix[1:]], headers={"Content-Security-Policy": policy})
 
 
 async def samples_json(service: Service, key: str, points: int) -> bytes:
@@ -81,10 +84,6 @@ def _removed_meanwhile(service: Service, kind: str, key: str) -> Iterator[None]:
         if getattr(error, "code", "not-readable") != "not-readable":
             raise
         raise service.jobs.views.removed(kind, key) from None
-
-
-def _shut_off(content: bytes, form: str, policy: str) -> Response[bytes]:
-    return Response(content, media_type=MEDIA[form], headers={"Content-Security-Policy": policy})
 
 
 def _samples(path: Path, points: int) -> bytes:
@@ -156,7 +155,7 @@ def _results(path: str, kind: str) -> list[Any]:
     @get(f"/v1/{path}/{{job:str}}/figure", tags=tags, summary=f"A {kind}'s figure")
     async def figure(service: Shared, job: FromPath[str], form: FigureForm = "svg") -> Response[bytes]:
         """As `plot` draws it: q, v, energy and error bar over time; or seconds over error, by method."""
-        return _shut_off(await result_bytes(service, kind, job, f"figure.{form}"), form, FIGURE_POLICY)
+        return await _shown(service, kind, job, f"figure.{form}", FIGURE_POLICY)
 
     @get(f"/v1/{path}/{{job:str}}/result", tags=tags, summary=f"A {kind}'s result")
     async def result(
@@ -191,7 +190,7 @@ async def motion(service: Shared, job: FromPath[str], frames: Frames = 600) -> R
 @get("/v1/simulations/{job:str}/playback", tags=["simulations"], summary="A page that plays the motion")
 async def playback(service: Shared, job: FromPath[str]) -> Response[bytes]:
     """One HTML file that needs no network."""
-    return _shut_off(await result_bytes(service, "simulation", job, "playback.html"), "html", PLAYBACK_POLICY)
+    return await _shown(service, "simulation", job, "playback.html", PLAYBACK_POLICY)
 
 
 _TAGS = ["sweeps"]
@@ -227,9 +226,8 @@ async def figure(
 
     turns: draw whole turns of an angle, and leave out those that the error bar does not decide.
     """
-    name = hashlib.sha256(f"{turns} {variable}".encode()).hexdigest()[:16]
-    content = await result_bytes(service, "sweep", job, f"{name}.{form}", _TASK, variable=variable, turns=turns)
-    return _shut_off(content, form, FIGURE_POLICY)
+    name = f"{hashlib.sha256(f'{turns} {variable}'.encode()).hexdigest()[:16]}.{form}"
+    return await _shown(service, "sweep", job, name, FIGURE_POLICY, _TASK, variable=variable, turns=turns)
 
 
 @get("/v1/sweeps/{job:str}/runs/{number:int}", tags=_TAGS, summary="One run of a sweep")
