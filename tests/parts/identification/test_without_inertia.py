@@ -3,6 +3,7 @@
 import pickle
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -96,7 +97,7 @@ def test_derivatives_by_a_setup_need_no_bodies() -> None:
     step = 1e-5
 
     def torques(values: list[float]) -> np.ndarray:
-        moved = setup.at(np.array(values))
+        moved = replace(setup, values=np.array(values))
         return np.asarray(moved.true_robot.regressor(moved.position(q), v, a) @ pi)
 
     for k in range(len(setup.names)):

@@ -190,6 +190,12 @@ class BaseParameters:
         return (*alone, *(f"only the sum {text}" for text in sums))
 
 
+def not_shown(possible: BaseParameters, shown: BaseParameters) -> tuple[str, ...]:
+    """The combinations of those that are possible whose leading parameter none of the shown ones has."""
+    pairs = zip(possible.combinations, possible.members, strict=True)
+    return tuple(text for text, member in pairs if member not in shown.members)
+
+
 def in_words(names: tuple[str, ...], row: np.ndarray) -> str:
     """A linear combination of parameters in words, the one with coefficient 1 that leads it first."""
     lead = next((k for k, c in enumerate(row) if c == 1.0), 0)

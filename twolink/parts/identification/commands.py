@@ -102,7 +102,8 @@ def identify(
     from twolink.parts.identification.identify import identify as find_in
     from twolink.parts.identification.log_files import read_log
 
-    require_writable([*(out or []), *([html] if html else [])], (".urdf", *FORMATS, ".html"))
+    files = [*(out or []), *([html] if html else [])]
+    require_writable(files, (".urdf", *FORMATS, ".html"))
     loaded = load(robot)
     of_setup = [*(_words(find) if find != "none" else []), *(["motor_constant"] if "A" in _words(units) else [])]
     logs, held_out = ([read_log(loaded, path, columns, _words(units), decimate) for path in paths]
@@ -119,7 +120,6 @@ def identify(
             return found.report(path, notes)
         return write_urdf(found, robot, path) if path.suffix.lower() == ".urdf" else found.plot(path)
 
-    files = [*(out or []), *([html] if html else [])]
     text = "\n".join([str(found), *(f"note: {note}" for note in notes)])
     deliver(found.to_dict() | {"notes": notes}, text, files, write_one, as_json, listed="files")
 

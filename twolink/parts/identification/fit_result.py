@@ -9,6 +9,7 @@ from twolink.dynamics import Robot
 from twolink.parts.identification.result import MAX_LINES, MEASURED, Estimate, draw_ellipse
 from twolink.scenes import Scene
 from twolink.show.figure import COLOURS, new_figure, plain
+from twolink.simulation.text import as_data
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -82,17 +83,9 @@ class SceneFit(Estimate):
 
     def to_dict(self) -> dict[str, Any]:
         """A record for JSON."""
-        return self._record(self.channels) | {
-            "parameters": self.parameters,
-            "singular_values": self.singular_values.tolist(),
-            "segments": self.segments,
-            "gap": self.gap,
-            "simulations": self.simulations,
-            "converged": self.converged,
-            "interrupted": self.interrupted,
-            "explained": self.explained,
-            "warnings": list(self.warnings),
-        }
+        names = ("parameters", "singular_values", "segments", "gap", "simulations", "converged", "interrupted",
+                 "explained", "warnings")  # fmt: skip
+        return self._record(self.channels) | {name: as_data(getattr(self, name)) for name in names}
 
     def _figure(self) -> "Figure":
         """Measured and fitted motion and the residuals; the covariance of two values, and the singular values."""

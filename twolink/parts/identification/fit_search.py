@@ -9,7 +9,6 @@ from typing import cast
 import numpy as np
 import scipy.linalg
 
-from twolink.dynamics import Robot
 from twolink.errors import AccuracyError, QueryError, TwolinkError
 from twolink.io.progress import Report
 from twolink.parts.identification import regression
@@ -243,7 +242,9 @@ class LeastSquaresSearch:
 
     def _moved(self, point: Point, dz: np.ndarray, changes: Sequence[np.ndarray]) -> tuple[np.ndarray, list[State]]:
         """z and starts, moved; z within its bounds, which rounding may pass."""
-        starts = [_moved(self.data.robot, *pair) for pair in zip(point.starts, changes, strict=True)]
+        integrate, nv = self.data.robot.integrate, self.data.robot.nv
+        starts = [(np.asarray(integrate(q, change[:nv])), v + change[nv:])
+                  for (q, v), change in zip(point.starts, changes, strict=True)]  # fmt: skip
         return np.clip(point.z + dz, self.low, self.high), starts
 
     def _report(self, point: Point, done: int) -> None:
@@ -261,9 +262,8 @@ class LeastSquaresSearch:
         columns = now.columns @ self.unknowns.derivatives(point.z)[0] @ now.basis
         flat = (columns * weights[..., None]).reshape(-1, columns.shape[-1])
         undamped = _ROUNDING * np.linalg.norm(flat, axis=0)
-        change = now.basis @ step_within(
-            flat, -(now.residuals * weights).ravel(), undamped, self._limits(point.z, now.basis)
-        )
+        limits = self._limits(point.z, now.basis)
+        change = now.basis @ step_within(flat, -(now.residuals * weights).ravel(), undamped, limits)
         moves = [move + along @ change for move, along in zip(now.moves, now.alongs, strict=True)]
         z, starts = self._moved(point, change, moves)
         try:
@@ -272,8 +272,3 @@ class LeastSquaresSearch:
             return point
         closer = np.abs(shot.gaps).max() <= np.abs(point.shot.gaps).max()
         return replace(point, z=z, starts=starts, shot=shot) if closer else point
-
-
-def _moved(robot: Robot, start: State, change: np.ndarray) -> State:
-    """A state moved along a tangent direction (2 nv,)."""
-    return np.asarray(robot.integrate(start[0], change[: robot.nv])), start[1] + change[robot.nv :]

@@ -48,12 +48,6 @@ def write_urdf(found: Found, source: str | os.PathLike[str], path: str | os.Path
     TwolinkError
         The file cannot be written.
     """
-    text = found_urdf(found, source)
-    return write_atomic(path_to_write(path), lambda file: file.write(text.encode()), error=RobotError)
-
-
-def found_urdf(found: Found, source: str | os.PathLike[str]) -> str:
-    """The URDF text; see `write_urdf`."""
     urdf = open_source(source)
     tree = read_tree(parse_xml(urdf.data, urdf.label, urdf.encoding), urdf.label, foreign="report", xacro="ignore")
     root = ET.fromstring(urdf.data, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
@@ -73,12 +67,15 @@ def found_urdf(found: Found, source: str | os.PathLike[str]) -> str:
         if kinds:
             element = _named(root, "joint", joint, urdf.label)
             dof = model.idx_vs[model.getJointId(joint)]
-            values = {"damping": float(new.damping[dof]), "friction": float(new.upperDryFrictionLimit[dof])}
-            values = {kind: value for kind, value in values.items() if kind in kinds}
-            _set_dynamics(element, values)
+            values = {"damping": new.damping[dof], "friction": new.upperDryFrictionLimit[dof]}
+            for kind in (
+                kind for kind in values if kind in kinds
+            ):  # URDF has no place for armature, which is in the comment
+                _child(element, "dynamics").set(kind, repr(float(values[kind])))
             _comment(element, _remarks(found, joint))
     head = _HEAD.match(urdf.data.decode("utf-8-sig"))
-    return (head.group() if head else "") + ET.tostring(root, encoding="unicode") + "\n"
+    text = (head.group() if head else "") + ET.tostring(root, encoding="unicode") + "\n"
+    return write_atomic(path_to_write(path), lambda file: file.write(text.encode()), error=RobotError)
 
 
 def _named(root: ET.Element, tag: str, name: str, label: str) -> ET.Element:
@@ -145,13 +142,6 @@ def _set_inertial(link: ET.Element, parameters: np.ndarray) -> None:
         part = _child(inertial, tag)
         part.attrib.clear()
         part.attrib.update(values)
-
-
-def _set_dynamics(joint: ET.Element, values: dict[str, float]) -> None:
-    """Write damping and friction; URDF has no place for armature, which is in the comment."""
-    for kind in ("damping", "friction"):
-        if kind in values:
-            _child(joint, "dynamics").set(kind, repr(values[kind]))
 
 
 def _child(parent: ET.Element, tag: str) -> ET.Element:

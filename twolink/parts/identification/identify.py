@@ -28,13 +28,7 @@ from twolink.parts.identification.measurements import filtered, recordings, wide
 from twolink.parts.identification.regression import METHODS
 from twolink.parts.identification.result import Identification
 from twolink.parts.identification.setup import setup_of
-from twolink.parts.identification.solving import (
-    IdentificationPlan,
-    examined,
-    plan_of,
-    solve,
-    validation,
-)
+from twolink.parts.identification.solving import IdentificationPlan, examined, plan_of, solve, validation
 from twolink.parts.identification.units import DEGREE, beyond_reach, in_degrees, range_of, wide_joint
 
 _SURE = 0.5  # of the logarithm of the mean square: degrees must explain the torques so much better than radians

@@ -216,10 +216,8 @@ def best_terms(robot: Robot, chosen: Selection, data: Measurements) -> tuple[Sel
                      for of in (best, {**best, name: words})]  # fmt: skip
             best[name] = words if ranks[0] == ranks[1] else best[name]
     rows = [(words or "none", *np.exp(values / 2).tolist()) for words, values in scores.items()]
-    rows.append(
-        (", ".join(f"{name}: {words or 'none'}" for name, words in best.items()), *np.sqrt(score(best)).tolist())
-    )
+    said = ", ".join(f"{name}: {words or 'none'}" for name, words in best.items())
+    rows.append((said, *np.sqrt(score(best)).tolist()))
     names = ("joint model", *(f"left of {name}" for name in joints))
-    return chosen.without(unused(best)), Table(
-        names, tuple((row[0], *(row[1 + k] for k in joints.values())) for row in rows)
-    )
+    table = Table(names, tuple((row[0], *(row[1 + k] for k in joints.values())) for row in rows))
+    return chosen.without(unused(best)), table

@@ -11,7 +11,7 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
 from twolink.errors import QueryError, require_known
 from twolink.parts.identification.measurements import checked_times, table_columns
-from twolink.parts.identification.units import DEGREE, check_units, in_degrees, require_reach, wrong_units
+from twolink.parts.identification.units import DEGREE, beyond_reach, check_units, in_degrees, wrong_units
 from twolink.robots.joint_layout import joint_columns, read_columns
 from twolink.simulation.trajectory_tables import coordinate_names
 
@@ -124,7 +124,8 @@ def measured_motion(robot: Robot, measurements: Any) -> MeasuredMotion:
         raise QueryError("nothing moves: all samples are the same", argument="measurements", code="constant-data",
                          remedy="measure a motion")  # fmt: skip
     check_units(robot, t, q, v)
-    require_reach(robot, t, q)
+    if found := beyond_reach(robot, t, q):
+        raise in_degrees(robot, q, *found)
     return MeasuredMotion(robot, t, q, v, of_q, of_v)
 
 

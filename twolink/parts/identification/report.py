@@ -12,6 +12,7 @@ from twolink.io.text import Table
 from twolink.parts.identification.filtering import Filter, cutoff
 from twolink.show.figure import COLOURS, figure_html, new_figure, plain
 from twolink.show.html_page import write_page
+from twolink.simulation.text import as_data
 from twolink.simulation.trajectory_tables import coordinate_names
 
 if TYPE_CHECKING:
@@ -27,16 +28,11 @@ def write_report(found: Any, path: str | Path, notes: Sequence[str] = ()) -> Pat
     return write_page(path_to_write(path), title, _sections(found, notes))
 
 
-def or_none(values: np.ndarray) -> list[float | None]:
-    """The numbers (n,), None in the place of NaN: of what is relative to nothing."""
-    return [None if np.isnan(value) else value for value in values.tolist()]
-
-
 def _sections(found: Any, notes: Sequence[str]) -> list[tuple[str, str]]:
     joints = coordinate_names(found.robot, "v")
     size = np.sqrt(np.mean(found.torques**2, axis=0))
     residual = np.sqrt(np.mean(found.residuals**2, axis=0))
-    shares = or_none(100 * residual / np.where(size > 0, size, np.nan))
+    shares = as_data(100 * residual / np.where(size > 0, size, np.nan))
     rows = tuple(zip(joints, size.tolist(), residual.tolist(), shares, strict=True))
     torques = Table(("joint", "torque rms", "residual rms", "%"), rows)
     blocks = np.sqrt(np.diag(found.block_covariance)).tolist()
@@ -102,7 +98,7 @@ def _criterion(by: Filter, joints: Sequence[str]) -> str:
 
 def _validation(found: Any, joints: Sequence[str]) -> str:
     """Measured and predicted torques of the runs that were kept out, and the residuals in N m and percent."""
-    rows = tuple(zip(joints, found.rms.tolist(), or_none(100 * found.share), strict=True))
+    rows = tuple(zip(joints, found.rms.tolist(), as_data(100 * found.share), strict=True))
     return Table(("joint", "residual rms", "%"), rows)._repr_html_() + figure_html(_torques(found, joints))
 
 

@@ -20,10 +20,10 @@ from twolink.parts.identification.base_parameters import Selection, regressor
 from twolink.parts.identification.consistency import Consistency, consistent
 from twolink.parts.identification.filtering import Filter
 from twolink.parts.identification.model_errors import HARM, ModelError
-from twolink.parts.identification.report import or_none, write_report
+from twolink.parts.identification.report import write_report
 from twolink.parts.identification.setup import Setup
 from twolink.show.figure import COLOURS, Plotted, new_figure, plain
-from twolink.simulation.text import BaseResult
+from twolink.simulation.text import BaseResult, as_data
 from twolink.simulation.trajectory_tables import coordinate_names
 
 if TYPE_CHECKING:
@@ -127,19 +127,12 @@ class Estimate(BaseResult, Plotted):
 
     def _record(self, noise_of: Iterable[str]) -> dict[str, Any]:
         """The entries that `to_dict` has of both kinds. noise_of: the names of the noise."""
-        return {
-            "robot": self.robot.name,
-            "method": self.method,
-            "samples": len(self.t),
-            "confidence": self.confidence,
-            "found": self.table().to_records(),
-            "covariance": self.covariance.tolist(),
-            "not_identifiable": list(self.not_identifiable),
-            "not_excited": list(self.not_excited),
+        names = ("robot", "method", "confidence", "covariance", "not_identifiable", "not_excited", "condition",
+                 "correlated")  # fmt: skip
+        return {name: as_data(getattr(self, name)) for name in names} | {
+            "samples": len(self.t), "found": self.table().to_records(),
             "noise": dict(zip(noise_of, self.noise.tolist(), strict=True)),
-            "condition": self.condition,
-            "correlated": self.correlated,
-        }
+        }  # fmt: skip
 
     def not_told(self, nothing: str, weak: str) -> list[str]:
         """Lines on what cannot be told. nothing: what does not depend on it; weak: what is said of what is too weak."""
@@ -174,12 +167,12 @@ class Validation:
 
     def to_dict(self, names: Iterable[str]) -> dict[str, Any]:
         """A record for JSON."""
-        pairs = zip(names, self.rms.tolist(), or_none(self.share), strict=True)
+        pairs = zip(names, self.rms.tolist(), as_data(self.share), strict=True)
         return {name: {"rms": rms, "share": share} for name, rms, share in pairs}
 
     def in_words(self, names: Iterable[str]) -> str:
         """The residuals by joint, in N m or N and in percent."""
-        pairs = zip(names, self.rms, or_none(100 * self.share), strict=True)
+        pairs = zip(names, self.rms, as_data(100 * self.share), strict=True)
         parts = (f"{name} {rms:.3g} ({'torques of 0' if share is None else f'{share:.0f} % of its torques'})"
                  for name, rms, share in pairs)  # fmt: skip
         return "held-out torques, residuals: " + ", ".join(parts)
@@ -307,7 +300,7 @@ class Identification(Estimate):
         by = self.filter
         window = {} if by is None else {"filter": {"half_window": by.half_window, "velocities": by.source,
                                                    "cutoff": by.cutoff}}  # fmt: skip
-        more: dict[str, Any] = {"explained": dict(zip(names, or_none(self.explained), strict=True))}
+        more: dict[str, Any] = {"explained": dict(zip(names, as_data(self.explained), strict=True))}
         more |= {"model_errors": [error.to_dict() for error in self.model_errors]}
         if self.joint_models is not None:
             more["joint_models"] = self.joint_models.to_records()
@@ -339,7 +332,7 @@ class Identification(Estimate):
         head = f"{self.robot.name}: {len(self.estimate)} found from {len(self.t)} samples, {self.method} least squares"
         lines = [*self.warnings, head]
         lines += ["", self.short_table(), "", f"low, high: {percent} intervals; condition {self.condition:.3g}"]
-        names, explained = coordinate_names(self.robot, "v"), or_none(100 * self.explained)
+        names, explained = coordinate_names(self.robot, "v"), as_data(100 * self.explained)
         rows = tuple(zip(names, self.noise.tolist(), explained, strict=True))
         lines += [str(Table(("joint", "noise of tau", "explained, %"), rows)), ""]
         if self.correlated:

@@ -10,7 +10,7 @@ from scipy.special import ndtri, stdtrit
 from twolink.dynamics.arguments import Positive, array, instance, one_of, positive
 from twolink.errors import QueryError, require_known
 from twolink.io.progress import Report
-from twolink.parts.identification.base_parameters import BaseParameters
+from twolink.parts.identification.base_parameters import BaseParameters, not_shown
 from twolink.parts.identification.fit_result import SceneFit
 from twolink.parts.identification.fit_search import METHODS, CondensedProblem, LeastSquaresSearch, Point
 from twolink.parts.identification.measured_motion import MeasuredMotion, measured_motion
@@ -144,7 +144,6 @@ def _result(search: LeastSquaresSearch, point: Point, method: str, confidence: f
     half = (1 + confidence) / 2
     quantile = ndtri(half) if known else stdtrit(now.residuals.size - len(found.x), half)
     shown, possible = now.shown, now.possible
-    lacking = [possible.members.index(k) for k in possible.members if k not in shown.members]
     values = unknowns.values(point.z)
     weighted = search.at(point).columns @ unknowns.derivatives(point.z)[0] / found.noise[:, None]
     return SceneFit(
@@ -160,7 +159,7 @@ def _result(search: LeastSquaresSearch, point: Point, method: str, confidence: f
         half_width=quantile * np.sqrt(np.diag(found.covariance)) + numerical,
         confidence=confidence,
         not_identifiable=(*_ratios(possible, values), *possible.not_identifiable("measurement")),
-        not_excited=tuple(possible.combinations[k] for k in lacking),
+        not_excited=not_shown(possible, shown),
         channels=data.channels,
         noise=found.noise,
         t=data.t,

@@ -34,10 +34,6 @@ class Setup:
     names: tuple[str, ...] = ()
     values: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
-    def at(self, values: np.ndarray) -> "Setup":
-        """The setup with these values."""
-        return replace(self, values=values)
-
     def of_joints(self, kind: str, usual: float) -> np.ndarray:
         """The values (nv,) of a kind, the usual one where it is not looked for."""
         out = np.full(self.robot.nv, usual)
@@ -70,11 +66,9 @@ class Setup:
     def position(self, q: np.ndarray) -> np.ndarray:
         """Positions with the zeros that were found."""
         zero = self.of_joints("zero", 0.0)
-        return (
-            np.asarray(self.robot.integrate(q, np.broadcast_to(zero, (*np.shape(q)[:-1], self.robot.nv))))
-            if zero.any()
-            else q
-        )
+        if not zero.any():
+            return q
+        return np.asarray(self.robot.integrate(q, np.broadcast_to(zero, (*np.shape(q)[:-1], self.robot.nv))))
 
     @property
     def delay(self) -> float:

@@ -141,10 +141,8 @@ class MultipleShooting:
         q, v, by, error = s.run.q[kept], s.run.v[kept], _stacked(s, wrt)[kept], _errors(s, wrt)[kept]
         nx = 2 * scene.robot.nv
         count = by.shape[2] - (nx if by_start else 0)
-        along_z, along_start = (
-            by[:, :, :count] @ by_z[:count],
-            by[:, :, count:] if by_start else np.zeros((len(by), nx, nx)),
-        )
+        along_z = by[:, :, :count] @ by_z[:count]
+        along_start = by[:, :, count:] if by_start else np.zeros((len(by), nx, nx))
         return ShootingInterval(
             q, v, self.data.residuals(q, v, rows), self.data.derivatives(q, along_z, rows),
             self.data.derivatives(q, along_start, rows), along_z[-1], along_start[-1],

@@ -14,6 +14,7 @@ from twolink.parts.identification.base_parameters import (
     base_parameters,
     direction,
     independent,
+    not_shown,
     select,
 )
 from twolink.parts.identification.filtering import Filter, Recording, choose, require_samples
@@ -57,7 +58,7 @@ class IdentificationPlan:
 def plan_of(setup: Setup, chosen: Selection, method: str, confidence: float, half: int | None) -> IdentificationPlan:
     """A plan. Raises QueryError where no motion can show what is looked for."""
     robot = setup.robot
-    base = base_parameters(setup.at(setup.values + _ANY_TILT).true_robot, chosen)
+    base = base_parameters(replace(setup, values=setup.values + _ANY_TILT).true_robot, chosen)
     if not base.members:
         what = f"no joint torque depends on {', '.join(chosen.names[:6])}"
         remedy = "look for other parameters: `base_parameters(robot)` lists what can be told"
@@ -106,7 +107,7 @@ def _with_constants(setup: Setup, first: SolvedIdentification) -> Setup:
     data, nominal = first.data, _nominal(setup.robot, first.data)
     ratio = np.sum(nominal * data.tau, axis=0) / np.maximum(np.sum(data.tau**2, axis=0), 1e-300)
     starts = [ratio[setup.dof(name)] if name.endswith(".motor_constant") else 0.0 for name in setup.names]
-    return setup.at(np.where(np.array(starts) > 0, starts, setup.values))
+    return replace(setup, values=np.where(np.array(starts) > 0, starts, setup.values))
 
 
 def _nominal(robot: Robot, data: Measurements) -> np.ndarray:
@@ -155,10 +156,10 @@ def _solved(
         covariance=found.covariance, numerical_error=numerical, confidence=plan.confidence,
         half_width=_half_width(plan, y, found, blocks is not None) + numerical,
         not_identifiable=(*plan.possible.not_identifiable(), *_untold(base, names)),
-        not_excited=_not_excited(plan.possible, base), noise=found.noise, t=data.averaged(data.t),
+        not_excited=not_shown(plan.possible, base), noise=found.noise, t=data.averaged(data.t),
         residuals=found.residuals, condition=found.condition, correlated=found.correlated, method=plan.method,
         filter=by, metric=found.metric, torques=data.averaged(data.tau), validation=None, model_errors=(),
-        setup=setup.at(_values(chosen, base, found.x, len(names))) if names else setup,
+        setup=replace(setup, values=_values(chosen, base, found.x, len(names))) if names else setup,
         block_covariance=found.by_blocks, joint_models=None, mirrored=np.zeros(robot.nv, dtype=bool),
     )  # fmt: skip
     return SolvedIdentification(result, data, columns, found, wide, prior[1])
@@ -316,9 +317,3 @@ def _without_noise(robot: Robot, data: Measurements) -> Measurements | None:
     move = np.where(still[0], np.round(angles.mean(axis=0) / step) * step - angles, 0.0)
     v, a = (np.where(rest, 0.0, x) for rest, x in zip(still[1:], (data.v, data.a), strict=True))
     return replace(data, q=np.asarray(robot.integrate(data.q, move)), v=v, a=a, coarse=None)
-
-
-def _not_excited(possible: BaseParameters, base: BaseParameters) -> tuple[str, ...]:
-    """The combinations that other motions can show and these data do not, alone or within sums."""
-    lacking = [possible.members.index(k) for k in possible.members if k not in base.members]
-    return tuple(possible.combinations[k] for k in lacking)

@@ -73,12 +73,6 @@ def _reach(joint: JointLayout) -> float:
     return max(map(abs, (*joint.lower, *joint.upper)))
 
 
-def require_reach(robot: Robot, t: np.ndarray, q: np.ndarray) -> None:
-    """Refuse what is `beyond_reach`. Raises QueryError (code "units")."""
-    if found := beyond_reach(robot, t, q):
-        raise in_degrees(robot, q, *found)
-
-
 def in_degrees(robot: Robot, q: np.ndarray, joint: JointLayout, why: str) -> QueryError:
     """The error for angles in degrees; the joint that shows it, and why it does."""
     return QueryError(f"{range_of(robot, q, joint)}, {why}; is q in degrees?", argument="q", code="units",
