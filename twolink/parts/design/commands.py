@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -30,6 +30,7 @@ from twolink.cli.common import (
 from twolink.cli.declared import Declared
 from twolink.io.progress import progress_bar
 from twolink.show.figure import FORMATS
+from twolink.simulation.text import as_data
 
 if TYPE_CHECKING:
     from twolink.parts.design.throw import SearchResult
@@ -174,14 +175,7 @@ def _record(search: SearchResult) -> dict[str, Any]:
         "seconds": search.seconds,
         "interrupted": found.interrupted,
     }
-    return {name: _without_nan(value) for name, value in record.items()}
-
-
-def _without_nan(value: Any) -> Any:
-    """Plain data with None in place of numbers that are not known."""
-    if isinstance(value, Mapping):
-        return {key: _without_nan(item) for key, item in value.items()}
-    return None if isinstance(value, float) and math.isnan(value) else value
+    return {name: as_data(value) for name, value in record.items()}
 
 
 def _text(search: SearchResult) -> str:

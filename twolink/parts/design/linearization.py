@@ -22,7 +22,7 @@ from twolink.parts.design.eigenvalues import Controllability, Stability, control
 from twolink.parts.design.smooth import certified, derivatives_of, equations_at, freedom
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted, plot_eigenvalues
-from twolink.simulation.text import BaseResult
+from twolink.simulation.text import BaseResult, as_data
 from twolink.simulation.trajectory_tables import coordinate_names
 
 if TYPE_CHECKING:
@@ -150,13 +150,9 @@ class Linearization(BaseResult, Plotted):
         """A record for JSON; of several states, a list of them."""
         if self.A.ndim != 2:
             return {"states": [self.state(i).to_dict() for i in range(len(self.A))]}
-        return {
-            **{name: getattr(self, name).tolist() for name in ("q", "v", "t", "tau", "a")},
-            "A": self.A.tolist(), "B": self.B.tolist(), "names": self.names, "inputs": self.inputs,
-            "error": self.error, "equilibrium": self.is_equilibrium,
-            "stability": self.stability if self.is_equilibrium else None,
-            "eigenvalues": [[z.real, z.imag] for z in self.eigenvalues.tolist()],
-            "eigenvalue_errors": self.eigenvalue_errors.tolist(),
+        names = ("q", "v", "t", "tau", "a", "A", "B", "names", "inputs", "error", "eigenvalues", "eigenvalue_errors")
+        return {name: as_data(getattr(self, name)) for name in names} | {
+            "equilibrium": self.is_equilibrium, "stability": self.stability if self.is_equilibrium else None,
             "controllable": self.controllability.rank if self.inputs else 0,
         }  # fmt: skip
 

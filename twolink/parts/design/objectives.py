@@ -66,13 +66,11 @@ class _Beside(Unknown):
         x = np.concatenate([self._run.q, self._run.v], axis=1).T
         a, tau = np.empty_like(self._run.v), np.empty_like(self._run.v)
         solution = self._base.solution
-        for equations, places, numbers in (
-            solution.by_segment(self._base.t) if isinstance(solution, DenseOutput) else ()
-        ):
+        pieces = solution.by_segment(self._base.t) if isinstance(solution, DenseOutput) else ()
+        for equations, places, numbers in pieces:
             own = {name: nominal_value(equations, name) + change for name, change in self._changes.items()}
-            found = accelerations_and_joint_torques(
-                shifted(equations, own), self.t[places], np.append(x[:, places], numbers, axis=0)
-            )
+            states = np.append(x[:, places], numbers, axis=0)
+            found = accelerations_and_joint_torques(shifted(equations, own), self.t[places], states)
             a[places], tau[places] = found[0].T, found[1].T
         return a, tau
 
@@ -133,10 +131,8 @@ def _end_shift(
             scene_with(scene, {parameter.name: parameter.nominal + by}))  # fmt: skip
         watch, model = cast(Watch, other.effects[place]), other.robot.model
         value, x = watch.function if watch.when is None else watch.when.distance, robot.integrate(q, h * direction[0])
-        motion = KinematicState(
-            model, mechanism(model), x.tolist(), (v + h * direction[1]).tolist(), t + later, Numbers
-        )
-        return float(np.squeeze(value(motion)))
+        speeds = (v + h * direction[1]).tolist()
+        return float(np.squeeze(value(KinematicState(model, mechanism(model), x.tolist(), speeds, t + later, Numbers))))
 
     by_time = derivative(lambda k: guard(rates, k * in_time, k * in_time, 0.0), in_time)
     by_parameter = derivative(lambda k: guard(along, k * across, 0.0, k * across), across)

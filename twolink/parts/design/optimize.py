@@ -26,7 +26,7 @@ from twolink.scenes.scene import accuracy_of
 from twolink.show.figure import Plotted, plot_lines
 from twolink.simulation.error_bar import SAFETY
 from twolink.simulation.sampling import duration_for, sample_times, with_ends
-from twolink.simulation.text import BaseResult
+from twolink.simulation.text import BaseResult, as_data
 from twolink.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -109,24 +109,24 @@ class Optimum(BaseResult, Plotted):
         """Value, bound, resolution, first and second derivative of each variable."""
         resolution, rows = self.resolution, []
         for k, (name, value) in enumerate(self.values.items()):
-            rows.append((name, value, _known(resolution[name]), self.on_bound.get(name), float(self.gradient[k]),
-                         _known(float(self.gradient_error[k])), _known(float(self.hessian[k, k]))))  # fmt: skip
+            rows.append((name, value, as_data(resolution[name]), self.on_bound.get(name), float(self.gradient[k]),
+                         as_data(self.gradient_error[k]), as_data(self.hessian[k, k])))  # fmt: skip
         return Table(("variable", "value", "±", "bound", "slope", "± slope", "curvature"), tuple(rows))
 
     def to_dict(self) -> dict[str, Any]:
         """A record for JSON."""
-        return {
-            "objective": self.objective,
-            "error": _known(self.error),
-            "variables": self.table().to_records(),
-            "hessian": [[_known(x) for x in row] for row in self.hessian.tolist()],
-            "constraints": dict(self.constraints),
-            "simulations": self.simulations,
-            "seconds": self.seconds,
-            "ends": list(self.ends),
-            "interrupted": self.interrupted,
-            "history": self.history.to_records(),
-        }
+        names = (
+            "objective",
+            "error",
+            "hessian",
+            "constraints",
+            "simulations",
+            "seconds",
+            "ends",
+            "interrupted",
+            "history",
+        )
+        return {"variables": self.table().to_records()} | {name: as_data(getattr(self, name)) for name in names}
 
     def _figure(self) -> Figure:
         found = np.array([record["objective"] for record in self.history])
@@ -143,11 +143,6 @@ class Optimum(BaseResult, Plotted):
         by_runs = dict.fromkeys(record["derivatives"] for record in self.history)
         lines += [f"derivatives: {by}" for by in by_runs if by.startswith("differences")]
         return "\n".join([*lines, "interrupted: this is the best so far"] if self.interrupted else lines)
-
-
-def _known(value: float) -> float | None:
-    """A number for JSON and tables, None for one that is not known."""
-    return None if np.isnan(value) else float(value)
 
 
 FINER = 30.0  # times as accurate: the run that tells the error of the objective

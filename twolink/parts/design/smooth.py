@@ -134,9 +134,8 @@ def derivatives_of(formula: Formula, equations: Equations, t: Array, x: Array) -
     seeds[:nq, :, :nv] = tangent_basis(space, x[:nq]).transpose(0, 2, 1)
     seeds[nq:moving, :, nv : space.tangent] = np.eye(moving - nq)[:, None]
     state = np.empty(len(x), dtype=object)
-    state[:] = [Dual(row[:, None], [seed]) for row, seed in zip(x[:moving], seeds, strict=True)] + [
-        Dual(row[:, None], [0.0]) for row in x[moving:]
-    ]
+    state[:moving] = [Dual(row[:, None], [seed]) for row, seed in zip(x[:moving], seeds, strict=True)]
+    state[moving:] = [Dual(row[:, None], [0.0]) for row in x[moving:]]
     units = np.eye(count)[space.tangent :]
     values = {name: Dual(np.full((n, 1), nominal_value(equations, name)), [np.broadcast_to(unit, (n, count))])
               for name, unit in zip(names, units, strict=True)}  # fmt: skip

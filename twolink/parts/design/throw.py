@@ -148,8 +148,7 @@ def search(name: str, accuracy: float = 1e-6, progress: Report | None = None) ->
     """
     require_known(name, AIMS, SceneError, "there is no throw {!r}", argument="what")
     accuracy, began, aim, scene = accuracy_of(accuracy), time.perf_counter(), AIMS[name], load_scene(name)
-    places = {_released(effect): f"effects.{i}.at" for i, effect in enumerate(scene.effects)
-              if isinstance(effect, Release)}  # fmt: skip
+    places = {what: f"effects.{i}.at" for i, what in _releases(scene).items()}
     wrt = {places[what]: window for what, window in aim.windows.items()}
     middle = scene_with(scene, {place: 0.5 * (low + high) for place, (low, high) in wrt.items()})
     found = optimize(middle, objective=aim.objective, wrt=wrt, accuracy=accuracy, maximize=True, starts=1,
@@ -164,10 +163,10 @@ def throw(scene: Scene, aim: Aim, times: Mapping[str, float], accuracy: float, *
     released: list[State] = []
     ended: list[State] = []
     effects: list[Effect] = [Watch("released", at=times["ball"], then=partial(_record, released))]
-    names = {id(effect): what for what, effect in _releases(scene).items()}
-    for effect in scene.effects:
-        if id(effect) in names:
-            effect = msgspec.structs.replace(effect, at=times[names[id(effect)]])
+    names = _releases(scene)
+    for i, effect in enumerate(scene.effects):
+        if i in names:
+            effect = msgspec.structs.replace(effect, at=times[names[i]])
         elif isinstance(effect, Watch):
             effect = msgspec.structs.replace(effect, then=partial(_record, ended))
         effects.append(effect)
@@ -183,14 +182,10 @@ def throw(scene: Scene, aim: Aim, times: Mapping[str, float], accuracy: float, *
     return dataclasses.replace(result, errors=errors)
 
 
-def _releases(scene: Scene) -> dict[str, Release]:
-    """The releases of a scene, by what they release: a torque by its joint, the loop that holds the ball as "ball"."""
-    releases = [effect for effect in scene.effects if isinstance(effect, Release)]
-    return {_released(effect): effect for effect in releases}
-
-
-def _released(effect: Release) -> str:
-    return next(iter(effect.of.inputs)) if isinstance(effect.of, Torque) else "ball"
+def _releases(scene: Scene) -> dict[int, str]:
+    """What each release of a scene lets go, by its place: a torque by its joint, the loop of the ball as "ball"."""
+    return {i: next(iter(effect.of.inputs)) if isinstance(effect.of, Torque) else "ball"
+            for i, effect in enumerate(scene.effects) if isinstance(effect, Release)}  # fmt: skip
 
 
 def _record(states: list[State], q: np.ndarray, v: np.ndarray) -> State:
