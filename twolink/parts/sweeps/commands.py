@@ -25,7 +25,6 @@ from twolink.io.text import parse_numbers
 from twolink.show.figure import FORMATS
 
 STORE = ".zarr"
-TABLES = (".csv", ".parquet")
 SWITCH = {"on": True, "off": False}
 SHOWN_REASONS = 5
 WROTE = "  wrote   "
@@ -102,7 +101,7 @@ def sweep(
     from twolink.parts.sweeps.sweeping import bundled_studies, run_study, study_of
 
     paths = out or []
-    require_writable(paths, (STORE, *FORMATS, *TABLES))
+    require_writable(paths, (STORE, *FORMATS, ".csv", ".parquet"))
     stores, files = ([path for path in paths if (path.suffix == STORE) == is_store] for is_store in (True, False))
     if len(stores) != 1:
         raise Misuse(f"expected one store, got {len(stores)}", where="out", remedy="give one --out NAME.zarr")

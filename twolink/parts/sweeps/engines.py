@@ -22,17 +22,18 @@ LOOK = 2.0  # s: between two looks at the number of workers
 
 
 class BlockEngine:
-    """An engine that computes tasks.
+    """An engine that computes tasks by an executor.
 
     submit: gives a future of a task's columns. width: how many workers there are. restart: after workers died. check:
     raises TwolinkError, code "cluster-lost", where there is nobody to wait for.
     """
 
     width = 1
+    _executor: Any
 
     def submit(self, task: SweepTask) -> "Future[Columns]":
         """Give a task to a worker."""
-        raise NotImplementedError
+        return self._executor.submit(compute, task)  # type: ignore[no-any-return]
 
     def ready(self) -> None:
         """Wait until workers have begun, where they are ours."""
@@ -55,12 +56,8 @@ class LocalProcesses(BlockEngine):
         self._begin()
 
     def _begin(self) -> None:
-        self._pool = ProcessPoolExecutor(self.width, _Spawn(), _prepare)
-        self._begun = [self._pool.submit(os.getpid) for _ in range(self.width)]
-
-    def submit(self, task: SweepTask) -> "Future[Columns]":
-        """Give a task to a worker."""
-        return self._pool.submit(compute, task)
+        self._executor = ProcessPoolExecutor(self.width, _Spawn(), _prepare)
+        self._begun = [self._executor.submit(os.getpid) for _ in range(self.width)]
 
     def ready(self) -> None:
         """Wait until the workers have begun. Raises TwolinkError, code "no-workers"."""
@@ -79,8 +76,8 @@ class LocalProcesses(BlockEngine):
 
     def close(self) -> None:
         """End the workers, in the middle of what they do."""
-        processes = list((self._pool._processes or {}).values())
-        self._pool.shutdown(wait=False, cancel_futures=True)
+        processes = list((self._executor._processes or {}).values())
+        self._executor.shutdown(wait=False, cancel_futures=True)
         for process in processes:
             process.kill()
 
@@ -121,10 +118,6 @@ class Futures(BlockEngine):
         self._executor = executor
         self.width = getattr(executor, "_max_workers", 0) or AT_ONCE
 
-    def submit(self, task: SweepTask) -> "Future[Columns]":
-        """Give a task to a worker."""
-        return self._executor.submit(compute, task)
-
 
 class Dask(BlockEngine):
     """A Dask cluster. client: the caller's, or an address."""
@@ -148,7 +141,7 @@ class Dask(BlockEngine):
     def submit(self, task: SweepTask) -> "Future[Columns]":
         """Give a task to a worker."""
         try:
-            return self._executor.submit(compute, task)  # type: ignore[no-any-return]
+            return super().submit(task)
         except Exception:  # whatever a client without a scheduler raises
             raise cluster_lost() from None
 

@@ -71,10 +71,9 @@ def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:
         if ":" in str(name):
             function_of(name)
         elif name not in OUTPUTS:
-            remedy = f"{nearest(str(name), OUTPUTS)} (a function of the run is module:function)"
-            raise SceneError(
-                f"there is no output {shown(name)}", argument="outputs", code="unknown-output", remedy=remedy
-            )
+            what, best = f"there is no output {shown(name)}", nearest(str(name), OUTPUTS)
+            raise SceneError(what, argument="outputs", code="unknown-output",
+                             remedy=f"{best} (a function of the run is module:function)")  # fmt: skip
     columns = [column_of(name) for name in names if ":" in name]
     if len(set(columns)) < len(columns) or set(columns) & {"status", "reason", "error"}:
         raise SceneError(f"the functions' names are not distinct: {columns}", argument="outputs", code="unknown-output",
@@ -103,18 +102,16 @@ def function_of(name: str) -> Callable[[Trajectory], float]:
 
 def variables(robot: Any, request: Request) -> list[OutputVariable]:
     """The variables for what is asked for; `status` is the last one, and is written last."""
-    size = {"q_name": robot.nq, "v_name": robot.nv, "time": len(request.t_eval)}
+    states, count = (("q", "configuration", robot.nq), ("v", "velocity", robot.nv)), len(request.t_eval)
     found = [OutputVariable("error", "bound on the global error of q at the end", UNITS["error"])]
     if "final" in request.outputs:
         found += [OutputVariable("t", "time of the end, or of the event that ended the run", "s"),
-                  OutputVariable("q", "configuration at the end", UNITS["q"], "f8", ("q_name",), (size["q_name"],)),
-                  OutputVariable("v", "velocity at the end", UNITS["v"], "f8", ("v_name",),
-                                 (size["v_name"],))]  # fmt: skip
+                  *(OutputVariable(letter, f"{what} at the end", UNITS[letter], "f8", (f"{letter}_name",), (size,))
+                    for letter, what, size in states)]  # fmt: skip
     if "samples" in request.outputs:
-        for letter, what in (("q", "configuration"), ("v", "velocity")):
-            dims = "time", f"{letter}_name"
-            found.append(OutputVariable(f"{letter}_samples", f"{what} at the samples", UNITS[letter], "f8", dims,
-                                        tuple(size[name] for name in dims)))  # fmt: skip
+        found += [OutputVariable(f"{letter}_samples", f"{what} at the samples", UNITS[letter], "f8",
+                                 ("time", f"{letter}_name"), (count, size))
+                  for letter, what, size in states]  # fmt: skip
     if "energy" in request.outputs:
         found.append(OutputVariable("energy", "kinetic and potential energy at the end", "J"))
     if "events" in request.outputs:

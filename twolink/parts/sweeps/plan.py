@@ -3,6 +3,7 @@
 import functools
 import hashlib
 import json
+import math
 import pickle
 import platform
 import time
@@ -18,7 +19,7 @@ from twolink.dynamics.robot_record import robot_notes
 from twolink.effects.effect import plain
 from twolink.errors import SceneError
 from twolink.io.fingerprints import processor, versions
-from twolink.parts.sweeps.design import OF_VARIANTS, RUN, Block, Design, block_shape
+from twolink.parts.sweeps.design import OF_VARIANTS, Block, Design, block_shape
 from twolink.parts.sweeps.outputs import OutputVariable, Request, variables
 from twolink.parts.sweeps.runs import Columns, SweepTask, ways
 from twolink.scenes import Scene
@@ -96,7 +97,7 @@ def make_plan(scene: Scene, design: Design, request: Request, chunk: int | None)
     if chunk is None:
         in_batches = all(text.startswith("in batches") for text in _ways(scene, request, design, 1))
         least, most = (LEAST_BATCH, BATCH) if in_batches else (1, SINGLE)
-        numbers = sum(_size(variable) for variable in variables(scene.robot, request))
+        numbers = sum(math.prod(variable.shape) for variable in variables(scene.robot, request))
         chunk = max(1, min(most, max(least, -(-design.runs // PARTS)), MAX_NUMBERS // numbers))
     else:
         chunk = whole(chunk, "chunk", SceneError, "such as 1000", 1)
@@ -113,13 +114,6 @@ def _check_robots(design: Design, request: Request) -> None:
     if kept:
         raise SceneError(f"{min(kept)} has another size for each robot", argument="outputs",
                          remedy='such as ["cost", "energy"]')  # fmt: skip
-
-
-def _size(variable: OutputVariable) -> int:
-    size = 1
-    for n in variable.shape:
-        size *= n
-    return size
 
 
 def _ways(scene: Scene, request: Request, design: Design, runs: int) -> dict[str, int]:
@@ -156,14 +150,5 @@ def difference(old: Any, new: Any, path: str = "") -> str:
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         pairs = [(f"{path}[{i}]", a, b) for i, (a, b) in enumerate(zip(old, new, strict=True))]
     else:
-        return "" if old == new else f"{path} was {_short(old)} and is now {_short(new)}"
+        return "" if old == new else f"{path} was {old!r:.80} and is now {new!r:.80}"
     return next((text for name, a, b in pairs if (text := difference(a, b, name))), "")
-
-
-def _short(value: Any) -> str:
-    return f"{value!r:.80}"
-
-
-def dimension_of(name: str, design: Design) -> tuple[str, ...]:
-    """The dimensions of a quantity's values."""
-    return (name,) if design.kind == "grid" else (RUN,)

@@ -46,13 +46,10 @@ class SweepStatus:
     def __repr__(self) -> str:
         finished = self.total - self.pending
         parts = [f"{finished:,} of {self.total:,} runs finished ({finished / self.total:.1%})"]
-        parts += [f"{n:,} {name}" for name, n in self._others() if n]
+        parts += [f"{n:,} {name}" for name in ("inaccurate", "failed", "abandoned") if (n := getattr(self, name))]
         if self.rate is not None and self.seconds_left is not None:
             parts.append(f"{self.rate:.4g} runs/s, {self.seconds_left:.0f} s left at that rate")
         return "; ".join(parts)
-
-    def _others(self) -> tuple[tuple[str, int], ...]:
-        return ("inaccurate", self.inaccurate), ("failed", self.failed), ("abandoned", self.abandoned)
 
 
 def sweep_status(path: str | os.PathLike[str]) -> SweepStatus:

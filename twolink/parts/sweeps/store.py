@@ -18,11 +18,11 @@ import numpy as np
 from twolink.errors import SceneError, TwolinkError, import_extra
 from twolink.parts.sweeps.design import RUN, Block, blocks
 from twolink.parts.sweeps.outputs import PENDING, TEXT, coordinates
-from twolink.parts.sweeps.plan import SweepPlan, difference, dimension_of, origin
+from twolink.parts.sweeps.plan import SweepPlan, difference, origin
+from twolink.parts.sweeps.runs import Columns
 
 EXTRA = "sweeps"
 FORMAT = 1
-Columns = dict[str, np.ndarray]
 
 
 class SweepStore:
@@ -85,11 +85,9 @@ class SweepStore:
                     values = known
                 array[block] = values.reshape(*shape, *variable.shape)
         except OSError as error:
-            what, remedy = (
-                f"cannot be written: {error.strerror or error}",
-                "make room and call again: what is done is kept",
-            )
-            raise TwolinkError(what, where=str(self.path), remedy=remedy, code="not-writable") from None
+            raise TwolinkError(f"cannot be written: {error.strerror or error}", where=str(self.path),
+                               remedy="make room and call again: what is done is kept",
+                               code="not-writable") from None  # fmt: skip
 
     def _sync(self, block: Block) -> None:
         """Wait until a block's variables are on the disk, which may write files in another order."""
@@ -171,18 +169,18 @@ def _fill_new(zarr: Any, path: Path, plan: SweepPlan, before: Mapping[str, Any] 
     path.parent.mkdir(parents=True, exist_ok=True)
     record = {**origin(), **(before or {}), "format": FORMAT, "plan": plan.record}
     names = " ".join(design.values) if design.kind != "grid" else ""
-    attributes = {"title": plan.scene.title or robot.name, "how": "; ".join(plan.ways), "twolink": json.dumps(record)}
-    group = zarr.create_group(str(path), zarr_format=3,
-                              attributes=attributes | ({"coordinates": names} if names else {}))  # fmt: skip
+    about = {"title": plan.scene.title or robot.name, "how": "; ".join(plan.ways), "twolink": json.dumps(record)}
+    about |= {"coordinates": names} if names else {}
+    group = zarr.create_group(str(path), zarr_format=3, attributes=about)
     for name, numbers in design.values.items():
         what = design.quantities[name]
         kind = str if what.kind == "robot" else numbers.dtype
-        _array(group, name, kind, numbers.shape, numbers.shape, dimension_of(name, design),
-               {"units": what.unit, "long_name": what.about})[:] = numbers  # fmt: skip
+        dims = (name,) if design.kind == "grid" else (RUN,)
+        attributes = {"units": what.unit, "long_name": what.about}
+        _array(group, name, kind, numbers.shape, numbers.shape, dims, attributes)[:] = numbers
     if design.kind != "grid":
-        _array(group, RUN, "i8", design.shape, design.shape, (RUN,), {"long_name": "number of the run"})[:] = np.arange(
-            design.runs
-        )
+        numbered = _array(group, RUN, "i8", design.shape, design.shape, (RUN,), {"long_name": "number of the run"})
+        numbered[:] = np.arange(design.runs)
     for name, values in coordinates(robot, plan.request).items():
         texts = isinstance(values, list)
         array = np.array(values, dtype=object if texts else float)

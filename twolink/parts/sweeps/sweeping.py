@@ -183,10 +183,6 @@ def landing(run: Trajectory) -> float:
     return float(run.robot.frame_pose(run.robot.normalize(run.q[-1]), "ball")[1][0])
 
 
-MAX_BYTES = 2**20
-REMEDY = "give ranges in place of long lists"
-
-
 class SweepFigure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Contents of a study's figure: the arguments of `plot_sweep`."""
 
@@ -220,14 +216,15 @@ def bundled_studies() -> tuple[str, ...]:
 def load_study(source: str) -> SweepStudy:
     """A bundled study by its name, or one from a TOML file. Raises SceneError, code "unknown-study" or "schema"."""
     if source.endswith(".toml"):
-        text = read_text(Path(source), SceneError, MAX_BYTES, REMEDY)
+        content = _content(source)
     elif source in bundled_studies():
-        text = (resources.files("twolink.parts.sweeps") / "bundled" / f"{source}.toml").read_text(encoding="utf-8")
+        file = resources.files("twolink.parts.sweeps") / "bundled" / f"{source}.toml"
+        content = tomllib.loads(file.read_text(encoding="utf-8"))
     else:
         raise SceneError(f"there is no study {source!r}", argument="source", code="unknown-study",
                          remedy=f"{nearest(source, bundled_studies())} (a file's name ends in .toml)")  # fmt: skip
     try:
-        study = msgspec.convert(_content(text, source), SweepStudy)
+        study = msgspec.convert(content, SweepStudy)
     except msgspec.ValidationError as error:
         what, path, remedy = misfit(error, SweepStudy)
         raise SceneError(what, where=f"{source}: {path}".rstrip(": "), code="schema",
@@ -236,25 +233,22 @@ def load_study(source: str) -> SweepStudy:
     return msgspec.structs.replace(study, scene=str(beside)) if study.scene.endswith(".toml") else study
 
 
-def _content(text: str, source: str) -> dict[str, Any]:
+def _content(source: str) -> dict[str, Any]:
     try:
-        return tomllib.loads(text)
+        return tomllib.loads(read_text(Path(source), SceneError, 2**20, "give ranges in place of long lists"))
     except ValueError as error:
         raise SceneError(f"not TOML: {error}", where=source, remedy="check that line", code="not-toml") from None
 
 
 def study_of(source: str) -> SweepStudy:
     """A study by its name or file; or one of a scene in which nothing varies yet."""
-    if source in bundled_studies():
-        return load_study(source)
-    if source.endswith(".toml") and "vary" in _content(read_text(Path(source), SceneError, MAX_BYTES, REMEDY), source):
+    if source in bundled_studies() or (source.endswith(".toml") and "vary" in _content(source)):
         return load_study(source)
     return SweepStudy(source, {})
 
 
 def run_study(study: SweepStudy, out: str | os.PathLike[str], **options: Any) -> Any:
     """Run a study into a store; options: executor, workers, chunk and progress of `sweep`. Returns its Dataset."""
-    given = msgspec.structs.asdict(study)
-    for name in ("scene", "title", "figure"):
-        del given[name]
+    own = ("scene", "title", "figure")
+    given = {name: value for name, value in msgspec.structs.asdict(study).items() if name not in own}
     return sweep(named_scene(study.scene), out=out, **given, **options)
