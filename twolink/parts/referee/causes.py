@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.dynamics import Robot
+from twolink.effects import Effect
 from twolink.effects.constants import Gravity
 from twolink.effects.forces import JointDamping
 from twolink.effects.joint_switches import DryFriction, JointStops
@@ -23,14 +24,7 @@ from twolink.errors import TwolinkError
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.io.progress import Report
 from twolink.io.text import kebab_case
-from twolink.parts.referee.local_errors import (
-    IMPLICIT,
-    IMPLICIT_DAMPING,
-    STEPPERS,
-    Intervals,
-    flow_of,
-    viscosity,
-)
+from twolink.parts.referee.local_errors import IMPLICIT, IMPLICIT_DAMPING, STEPPERS, Intervals, flow_of, viscosity
 from twolink.parts.referee.trajectory_log import Array
 from twolink.scenes import Scene
 from twolink.simulation.time_limit import OutOfTime
@@ -193,21 +187,24 @@ def _with_gravity(scene: Scene, more: Array) -> Scene:
     return scene.with_effects([Gravity(field), *others])
 
 
+def _with_more(kind: type[Effect], now: Array, joints: list[str], scene: Scene, more: Array) -> Scene:
+    """The scene with one effect of a kind in the place of its own, which add up to `now` (nv,)."""
+    others = [effect for effect in scene.effects if not isinstance(effect, kind)]
+    total = np.maximum(now[_dofs(scene, joints)] + more, 0.0).tolist()
+    return scene.with_effects([*others, kind(dict(zip(joints, total, strict=True)))])
+
+
 def _with_damping(joints: list[str], scene: Scene, more: Array) -> Scene:
-    others = [effect for effect in scene.effects if not isinstance(effect, JointDamping)]
-    total = dict(zip(joints, np.maximum(viscosity(scene)[_dofs(scene, joints)] + more, 0.0).tolist(), strict=True))
-    return scene.with_effects([*others, JointDamping(total)])
+    return _with_more(JointDamping, viscosity(scene), joints, scene, more)
 
 
 def _with_friction(joints: list[str], scene: Scene, more: Array) -> Scene:
-    others = [effect for effect in scene.effects if not isinstance(effect, DryFriction)]
     now = np.zeros(scene.robot.nv)
     for effect in scene.effects:
         if isinstance(effect, DryFriction):
             for hold in effect.modes(scene.base):
                 now[hold.dof] += hold.kinetic
-    total = dict(zip(joints, np.maximum(now[_dofs(scene, joints)] + more, 0.0).tolist(), strict=True))
-    return scene.with_effects([*others, DryFriction(total)])
+    return _with_more(DryFriction, now, joints, scene, more)
 
 
 def _with_armature(joints: list[str], scene: Scene, more: Array) -> Scene:

@@ -1,5 +1,6 @@
 """The commands of the referee: judge a log, another simulator's run, or its steps."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -57,8 +58,7 @@ def judge(
                           progress=report)  # fmt: skip
     first, *more = many.verdicts.values()
     found = many if more else first
-    deliver(found.to_dict(), found, out,
-            lambda path: (found.plot if path.suffix in FORMATS else found.save)(path), as_json)  # fmt: skip
+    deliver(found.to_dict(), found, out, partial(_written, found), as_json)
     answers = {verdict.answer for verdict in many.verdicts.values()}
     if answers != {"right"}:
         raise typer.Exit(FAILED if "wrong" in answers else NOT_KNOWN)
@@ -123,8 +123,12 @@ def steps(
         found = step_table(scene_from(model, ground=ground), peer, duration=duration, log=log, seconds=seconds,
                            steps=STEPS if lengths is None else parse_numbers("steps", lengths),
                            progress=report)  # fmt: skip
-    deliver(found.to_dict(), found, out,
-            lambda path: (found.plot if path.suffix in FORMATS else found.save)(path), as_json)  # fmt: skip
+    deliver(found.to_dict(), found, out, partial(_written, found), as_json)
+
+
+def _written(found: Any, path: Path) -> Path:
+    """A result as the figure, page or data that the ending asks for."""
+    return (found.plot if path.suffix in FORMATS else found.save)(path)  # type: ignore[no-any-return]
 
 
 COMMANDS = judge, compare, steps

@@ -34,11 +34,8 @@ SLIPS = 1e-9  # rad/s, m/s: the width of smooth friction, which is Coulomb's at 
 STUDIED = 300  # intervals, at most
 EXACT, FINEST = 1, 32  # steps of order 8 an interval, at first and at most
 CONVERGED = 1e-10  # of the speed
-EULER, IMPLICIT_DAMPING, IMPLICIT = (
-    "semi-implicit Euler",
-    "semi-implicit Euler with implicit damping",
-    "semi-implicit Euler, implicit in the velocity",
-)
+EULER, IMPLICIT_DAMPING = "semi-implicit Euler", "semi-implicit Euler with implicit damping"
+IMPLICIT = "semi-implicit Euler, implicit in the velocity"
 STEPPERS = {EULER: None, IMPLICIT_DAMPING: None, IMPLICIT: None, "explicit Euler": Tableau(((),), (1.0,), 1),
             "Runge-Kutta of order 4": METHODS["rk4"].tableau, "": METHODS["dop853"].tableau}  # fmt: skip
 """The way of stepping by its name; "" is the exact one. Those with implicit damping are MuJoCo's Euler and implicit."""

@@ -43,9 +43,7 @@ def _replayed(task: PeerTask, log: TrajectoryLog, run: Trajectory, words: str) -
     """MuJoCo's run by its own options, and by steps of which the samples are multiples; the best of each way."""
     module = peer_module("mujoco")
     usual = module.usual_settings(task)[0]
-    others = [
-        Setting(method, "", step=task.interval / n) for n in SUBSTEPS for method in ("Euler", "implicitfast", "RK4")
-    ]
+    others = [Setting(method, "", step=task.interval / n) for n in SUBSTEPS for method in METHODS]
     size = np.linalg.norm(task.robot.difference(run.q, log.q))
 
     def left(setting: Setting, q: np.ndarray) -> float:

@@ -104,22 +104,25 @@ def read_log(given: Given, robot: Robot) -> TrajectoryLog:
         raise SceneError(f"expected a run, a file, arrays by name or (t, q, v), got {type(given).__name__}",
                          argument=label, remedy="such as (t, q, v)", code="not-a-trajectory")  # fmt: skip
     for name, column in table.items():
-        _require_array(column, name, label)
+        try:
+            np.asarray(column)
+        except ValueError:
+            raise _no_trajectory(f"column {name!r} has rows of different lengths", label) from None
     table, guessed = in_our_names(table, robot)
     t = np.asarray(table.get("t", []), dtype=float)
     arrays = {}
     for name, size in (("q", robot.nq), ("v", robot.nv)):
         values, lacking = read_columns({k: np.asarray(x) for k, x in table.items()}, robot.joints, name)
         if values is None and name == "q":
-            values = _numbered(table, name, robot.nv)
+            columns = [table.get(f"q{i}") for i in range(robot.nv)]  # one a joint
+            values = None if any(column is None for column in columns) else np.column_stack(columns)  # type: ignore[arg-type]
         if values is None and name == "v" and len(lacking) == size:
             arrays[name] = np.full((len(t), size), np.nan)
             continue
         values = np.atleast_2d(np.asarray(np.nan if values is None else values, dtype=float))
         if name == "q" and values.shape[1] == robot.nv < robot.nq:
-            values = np.concatenate(
-                [np.stack([j.entries("q", x) for x in values[:, j.v]]) for j in robot.joints], axis=1
-            )
+            entries = [np.stack([j.entries("q", x) for x in values[:, j.v]]) for j in robot.joints]
+            values = np.concatenate(entries, axis=1)
         arrays[name] = values
         if values.shape[1:] != (size,) or not np.isfinite(values).all():
             raise _no_trajectory(f"expected {name} (n, {size}), finite", label)
@@ -128,19 +131,6 @@ def read_log(given: Given, robot: Robot) -> TrajectoryLog:
     if len(arrays["v"]) != len(t):
         raise _no_trajectory("q and v are not equally long", label)
     return TrajectoryLog(t, robot.normalize(arrays["q"]), arrays["v"], guessed)
-
-
-def _require_array(column: Any, name: str, label: str) -> None:
-    try:
-        np.asarray(column)
-    except ValueError:
-        raise _no_trajectory(f"column {name!r} has rows of different lengths", label) from None
-
-
-def _numbered(table: Mapping[str, Any], name: str, size: int) -> Array | None:
-    """The columns q0, q1, ..., one a joint."""
-    columns = [table.get(f"{name}{i}") for i in range(size)]
-    return None if any(column is None for column in columns) else np.column_stack(columns)  # type: ignore[arg-type]
 
 
 def _no_trajectory(what: str, label: str) -> SceneError:

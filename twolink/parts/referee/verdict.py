@@ -100,9 +100,8 @@ class Verdict(Plotted, BaseResult):
         return plot_lines(self.summary, ("t (s)", self.unit), self.t, curves, log=True)
 
     def _first_line(self) -> str:
-        known = (
-            f"the solution is known to {self.bar.max():.1e}" if self.bar.any() else "no error of the solution is seen"
-        )
+        known = f"the solution is known to {self.bar.max():.1e}"
+        known = known if self.bar.any() else "no error of the solution is seen"
         known += f", the log is known to {self.digits:.1e}" if self.digits else ""
         worst = int(np.argmax(self.distance))
         apart = f"at most {self.distance[worst]:.2g} {self.unit} from the solution, at {self.t[worst]:.4g} s"
@@ -119,10 +118,8 @@ class Verdict(Plotted, BaseResult):
         lines += [f"  read: {'; '.join(self.guessed)}"] if self.guessed else []
         lines += [f"  within {name} until {since:.4g} s" for name, since in self.beyond.items() if since is not None]
         if self.defect is not None:
-            step = float(np.median(np.diff(self.t)))
-            lines.append(
-                f"  local defect at most {self.defect:.2g} {rate_of(self.unit)} in a sample of {1e3 * step:.4g} ms"
-            )
+            step, unit = 1e3 * float(np.median(np.diff(self.t))), rate_of(self.unit)
+            lines.append(f"  local defect at most {self.defect:.2g} {unit} in a sample of {step:.4g} ms")
         if self.energy is not None:
             lines.append(f"  energy off by at most {self.energy:.2g} J")
         lines += [f"  {name} violated by {value:.2g}" for name, value in self.constraints.items()]
