@@ -66,8 +66,7 @@ def export(
         str | None, Option(help="Of an FMU: numbers that can be set in it, such as forearm.mass,gravity.z.")
     ] = None,
     platforms: Annotated[
-        list[str] | None,
-        Option("--platform", metavar="PLATFORM", help="Of an FMU: such as x86_64-windows."),
+        list[str] | None, Option("--platform", metavar="PLATFORM", help="Of an FMU: such as x86_64-windows.")
     ] = None,
     functions: Annotated[
         str, Option(help="Of C: such as forward_dynamics,mass_matrix,frame_pose:tip,step:rk4.")

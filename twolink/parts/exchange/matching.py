@@ -219,7 +219,5 @@ def inertia_tolerance(mass: float, inertia: np.ndarray, size: float, tolerance: 
 
 def same_pose(a: pin.SE3, b: pin.SE3, tolerance: float, size: float) -> bool:
     """True if two poses are equal, to the tolerance."""
-    return bool(
-        np.abs(a.rotation - b.rotation).max() <= 10 * tolerance
-        and np.abs(a.translation - b.translation).max() <= tolerance * size
-    )
+    turned, moved = np.abs(a.rotation - b.rotation).max(), np.abs(a.translation - b.translation).max()
+    return bool(turned <= 10 * tolerance and moved <= tolerance * size)

@@ -16,7 +16,7 @@ from twolink.algorithms.mechanism import single_bodies
 from twolink.dynamics import Robot
 from twolink.errors import RobotError
 from twolink.parts.exchange.law_comparison import couplings
-from twolink.parts.exchange.urdf_text import write_robot
+from twolink.parts.exchange.urdf_text import write_robot, written
 from twolink.robots.joint_layout import NO_LIMIT, urdf_limits
 from twolink.robots.tree import Tree
 from twolink.robots.xml import Element, Reader
@@ -43,7 +43,7 @@ def mjcf_text(robot: Robot) -> str:
     """The MJCF of a robot without coupled joints."""
     root = ET.Element("mujoco", model=robot.name)
     ET.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
-    ET.SubElement(root, "option", gravity=_written(robot.gravity))
+    ET.SubElement(root, "option", gravity=written(robot.gravity))
     world = ET.SubElement(root, "worldbody")
     said = urdf_tree(robot)
     _frames(world, robot, said, 0, first=0)
@@ -86,8 +86,8 @@ def _body(above: ET.Element, robot: Robot, said: Tree, joint: int) -> None:
             raise RobotError("MuJoCo takes no point masses and thin rods", where=f"link {body.get('name')!r}",
                              code="no-mjcf", remedy="give it an inertia about each axis")  # fmt: skip
         moments = [inertia.inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-        ET.SubElement(body, "inertial", pos=_written(inertia.lever), mass=repr(float(inertia.mass)),
-                      fullinertia=_written(moments))  # fmt: skip
+        ET.SubElement(body, "inertial", pos=written(inertia.lever), mass=repr(float(inertia.mass)),
+                      fullinertia=written(moments))  # fmt: skip
     if links:
         _geoms(body, said, links[0].name, links[0].placement)
     _frames(body, robot, said, last, first=1)
@@ -106,19 +106,19 @@ def _joint(robot: Robot, index: int, seen: pin.SE3, chain: list[int]) -> ET.Elem
     if kind == "free-flyer":
         return ET.Element("freejoint", name=name)
     q, v = model.idx_qs[index], model.idx_vs[index]
-    joint = ET.Element("joint", name=name, type=_TYPES[kind], pos=_written(seen.translation))
+    joint = ET.Element("joint", name=name, type=_TYPES[kind], pos=written(seen.translation))
     numbers = {"damping": model.damping[v], "armature": model.armature[v]}
     if kind != "spherical":
-        joint.set("axis", _written(seen.rotation @ np.array(mechanism.axis, dtype=float)))
+        joint.set("axis", written(seen.rotation @ np.array(mechanism.axis, dtype=float)))
         numbers["frictionloss"] = model.upperDryFrictionLimit[v]
         effort = float(model.upperEffortLimit[v])
         if 0 < effort < NO_LIMIT:
-            joint.set("actuatorfrcrange", _written([-effort, effort]))
+            joint.set("actuatorfrcrange", written([-effort, effort]))
         for effect, given in robot.visuals.laws.effects:
             if effect == "joint-spring" and name in given["stiffness"]:
                 numbers |= {"stiffness": given["stiffness"][name], "springref": given["rest"].get(name, 0.0)}
     if kind in ("revolute", "prismatic") and np.isfinite(limits := urdf_limits(model, q)).all():
-        joint.set("range", _written(limits))
+        joint.set("range", written(limits))
     for key, value in numbers.items():
         if value:
             joint.set(key, repr(float(value)))
@@ -148,7 +148,7 @@ def _geoms(body: ET.Element, said: Tree, link: str, place: pin.SE3) -> None:
         origin = shape.first("origin") or Element("origin", {}, 0)
         xyz, rpy = (np.array(reader.numbers(origin, key, owner, 3, (0.0, 0.0, 0.0))) for key in ("xyz", "rpy"))
         own = pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
-        ET.SubElement(body, "geom", {"type": solid.tag, "size": _written(size), **_pose(place * own), **bits})
+        ET.SubElement(body, "geom", {"type": solid.tag, "size": written(size), **_pose(place * own), **bits})
 
 
 def _equalities(root: ET.Element, robot: Robot, said: Tree) -> Iterator[ET.Element]:
@@ -157,7 +157,7 @@ def _equalities(root: ET.Element, robot: Robot, said: Tree) -> Iterator[ET.Eleme
     for joint, other in (own | couplings(robot)).items():
         if {joint, other.joint} <= set(robot.joint_names):
             yield ET.Element("joint", joint1=joint, joint2=other.joint,
-                             polycoef=_written([other.offset, other.multiplier, 0, 0, 0]))  # fmt: skip
+                             polycoef=written([other.offset, other.multiplier, 0, 0, 0]))  # fmt: skip
     for number, (effect, given) in enumerate(robot.visuals.laws.effects):
         if effect in ("point-loop", "weld-loop"):
             turned = pin.rpy.rpyToMatrix(*given.get("rpy", (0.0, 0.0, 0.0)))  # of a in b
@@ -204,14 +204,5 @@ def _shortest(value: float) -> float:
 
 
 def _pose(place: pin.SE3) -> dict[str, str]:
-    return {"pos": _written(place.translation), "quat": _written(_quaternion(place))}
-
-
-def _quaternion(place: pin.SE3) -> list[float]:
-    """(w, x, y, z)."""
     x, y, z, w = pin.Quaternion(place.rotation).coeffs()
-    return [w, x, y, z]
-
-
-def _written(values: object) -> str:
-    return " ".join(repr(float(x)) for x in np.asarray(values).ravel())
+    return {"pos": written(place.translation), "quat": written([w, x, y, z])}

@@ -199,13 +199,8 @@ class _Comparison:
         near, moved = self.tolerance * self.a.size, m.moved
         if not same_pose(moved, pin.SE3.Identity(), self.tolerance, self.a.size):
             if m.offset:
-                yield Difference(
-                    "zero",
-                    self._joint(m, "<origin>"),
-                    0.0,
-                    m.offset,
-                    f"the joint's zero is displaced: q_a = {'-' if m.sign < 0 else ''}q_b + {m.offset:.6g}",
-                )
+                cause = f"the joint's zero is displaced: q_a = {'-' if m.sign < 0 else ''}q_b + {m.offset:.6g}"
+                yield Difference("zero", self._joint(m, "<origin>"), 0.0, m.offset, cause)
             else:
                 turned = float(np.linalg.norm(pin.log3(moved.rotation)))
                 places = self.a.model.jointPlacements[m.a], self.b.model.jointPlacements[m.b]

@@ -76,9 +76,8 @@ def function_of(robot: Robot, name: str) -> tuple[Traced, str, Vectors]:
         found.append(Traced(name, f"{name}: out has {shape} numbers.", tuple(symbols.items()), outputs, tape))
     traced = min(found, key=lambda one: sum(one.operations.values()))
     certificate = certify(robot, of, _Shaped(traced, of.shape))  # type: ignore[arg-type]
-    told = (
-        f"{name}: {certificate.states} states against the reference, worst error {certificate.worst:.1e} of its scale"
-    )
+    told = f"{name}: {certificate.states} states against the reference, "
+    told += f"worst error {certificate.worst:.1e} of its scale"
     arguments = _states(robot, [argument for argument, _ in of.arguments])
     answers = [of.reference(ModelState(robot.model, {k: x[i] for k, x in arguments.items()})) for i in range(VECTORS)]
     expected = np.array([np.ravel(value) for value, _ in answers])

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from twolink.algorithms.mechanism import single_bodies
 from twolink.dynamics import Robot
@@ -83,7 +84,7 @@ def _link(root: ET.Element, name: str, body: pin.Inertia | None) -> None:
     if body is None or (body.mass == 0 and not np.any(body.inertia)):
         return
     inertial = ET.SubElement(link, "inertial")
-    ET.SubElement(inertial, "origin", xyz=_written(body.lever), rpy="0 0 0")
+    ET.SubElement(inertial, "origin", xyz=written(body.lever), rpy="0 0 0")
     ET.SubElement(inertial, "mass", value=repr(float(body.mass)))
     moments = {f"i{'xyz'[i]}{'xyz'[j]}": repr(float(body.inertia[i, j])) for i in range(3) for j in range(i, 3)}
     ET.SubElement(inertial, "inertia", moments)
@@ -94,7 +95,7 @@ def _joint(root: ET.Element, name: str, kind: str, parent: str, child: str, plac
     ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=child)
     angles = pin.rpy.matrixToRpy(place.rotation)
-    ET.SubElement(joint, "origin", xyz=_written(place.translation), rpy=_written(angles))
+    ET.SubElement(joint, "origin", xyz=written(place.translation), rpy=written(angles))
     return joint
 
 
@@ -109,7 +110,7 @@ def _moving_joint(root: ET.Element, robot: Robot, index: int, parent: str, child
         return
     q, v = model.idx_qs[index], model.idx_vs[index]
     axis = (0.0, 0.0, 1.0) if kind == "planar" else single_bodies(model).joints[index].axis
-    ET.SubElement(joint, "axis", xyz=_written(np.array(axis, dtype=float)))
+    ET.SubElement(joint, "axis", xyz=written(np.array(axis, dtype=float)))
     limits = {"effort": model.upperEffortLimit[v], "velocity": model.velocityLimit[v]}
     if kind in ("revolute", "prismatic"):
         limits |= {"lower": model.lowerPositionLimit[q], "upper": model.upperPositionLimit[q]}
@@ -125,5 +126,6 @@ def _finite(limit: float) -> float:
     return limit if abs(limit) < NO_LIMIT else math.copysign(NO_LIMIT, limit)
 
 
-def _written(values: np.ndarray) -> str:
-    return " ".join(repr(float(x)) for x in values)
+def written(values: ArrayLike) -> str:
+    """Numbers as XML has them, with all their digits."""
+    return " ".join(repr(float(x)) for x in np.ravel(values))
