@@ -262,12 +262,7 @@ class PeriodicMotion(BaseResult, Plotted):
 
 
 def periodic_motion(
-    scene: Scene,
-    period: Positive,
-    vary: Sequence[str] = ("q", "v"),
-    *,
-    segments: int = 1,
-    accuracy: Positive = 1e-9,
+    scene: Scene, period: Positive, vary: Sequence[str] = ("q", "v"), *, segments: int = 1, accuracy: Positive = 1e-9
 ) -> PeriodicMotion:
     """A motion near the scene's own that repeats itself exactly, by shooting, and its Floquet multipliers.
 

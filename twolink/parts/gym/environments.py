@@ -16,15 +16,7 @@ from twolink.integrate.steps.stepping import BLOCK, advance, start_state
 from twolink.scenes import Scene
 from twolink.simulation.motion_error import METHOD
 from twolink.simulation.sampling import duration_for
-from twolink.simulation.stepwise import (
-    Saved,
-    Simulation,
-    State,
-    equations_held,
-    one,
-    start_of,
-    state_of,
-)
+from twolink.simulation.stepwise import Saved, Simulation, State, equations_held, one, start_of, state_of
 
 try:
     import gymnasium

@@ -6,17 +6,7 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from twolink.cli.common import (
-    FAILED,
-    Files,
-    Folders,
-    Misuse,
-    XacroArguments,
-    finish,
-    require_writable,
-    write,
-    xacro_of,
-)
+from twolink.cli.common import FAILED, Files, Folders, Misuse, XacroArguments, finish, require_writable, write, xacro_of
 from twolink.cli.wording import REPORTED, spoken
 from twolink.errors import RobotError, require_known
 

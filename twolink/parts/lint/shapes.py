@@ -108,9 +108,8 @@ def _together(shapes: Iterable[Extent]) -> Extent:
     """The extent of several shapes; the volume is that of all, or not known."""
     each = [Extent(np.empty((0, 3)), 0.0, True), *shapes]
     whole = all(one.whole for one in each)
-    return Extent(
-        np.concatenate([one.points for one in each]), sum(one.volume for one in each) if whole else 0.0, whole
-    )
+    volume = sum(one.volume for one in each) if whole else 0.0
+    return Extent(np.concatenate([one.points for one in each]), volume, whole)
 
 
 def _turn(body: Element) -> np.ndarray:
