@@ -50,6 +50,12 @@ def pure(base: Law, step: Step) -> Law:
     return update
 
 
+def _plus(added: float, answer: tuple[Any, Any]) -> tuple[Any, Any]:
+    """The torques and the state of a law, with something added to the torques."""
+    u, state = answer
+    return u + added, state
+
+
 class _Object:
     """In an object."""
 
@@ -58,8 +64,7 @@ class _Object:
 
     def __call__(self, t: float, y: Any, state: Any) -> Any:
         added, self.memory = self.step(self.memory, t, y.q)
-        u, state = self.base(t, y, state)
-        return u + added, state
+        return _plus(added, self.base(t, y, state))
 
     def method(self, t: float, y: Any, state: Any) -> Any:
         return self(t, y, state)
@@ -69,8 +74,7 @@ def _kept(get: Callable[[], Any], put: Callable[[Any], object], base: Law, step:
     def update(t: float, y: Any, state: Any) -> Any:
         added, memory = step(get(), t, y.q)
         put(memory)
-        u, state = base(t, y, state)
-        return u + added, state
+        return _plus(added, base(t, y, state))
 
     return update
 
@@ -79,8 +83,7 @@ def _nonlocal(base: Law, step: Step, memory: Any) -> Law:
     def update(t: float, y: Any, state: Any) -> Any:
         nonlocal memory
         added, memory = step(memory, t, y.q)
-        u, state = base(t, y, state)
-        return u + added, state
+        return _plus(added, base(t, y, state))
 
     return update
 
@@ -92,8 +95,7 @@ def _global(base: Law, step: Step, start: Any) -> Law:
     def update(t: float, y: Any, state: Any) -> Any:
         global COUNT
         added, COUNT = step(COUNT, t, y.q)
-        u, state = base(t, y, state)
-        return u + added, state
+        return _plus(added, base(t, y, state))
 
     return update
 
@@ -127,8 +129,7 @@ def _class_attribute(base: Law, step: Step, start: Any) -> Law:
 
         def __call__(self, t: float, y: Any, state: Any) -> Any:
             added, type(self).memory = step(type(self).memory, t, y.q)
-            u, state = base(t, y, state)
-            return u + added, state
+            return _plus(added, base(t, y, state))
 
     return Kept()
 
@@ -139,8 +140,7 @@ def _class_list(base: Law, step: Step, start: Any) -> Law:
 
         def __call__(self, t: float, y: Any, state: Any) -> Any:
             added, self.memory[0] = step(self.memory[0], t, y.q)
-            u, state = base(t, y, state)
-            return u + added, state
+            return _plus(added, base(t, y, state))
 
     return Kept()
 
@@ -148,8 +148,7 @@ def _class_list(base: Law, step: Step, start: Any) -> Law:
 def _default(base: Law, step: Step, start: Any) -> Law:
     def update(t: float, y: Any, state: Any, box: list[Any] = [start]) -> Any:  # noqa: B006
         added, box[0] = step(box[0], t, y.q)
-        u, state = base(t, y, state)
-        return u + added, state
+        return _plus(added, base(t, y, state))
 
     return update
 
@@ -157,8 +156,7 @@ def _default(base: Law, step: Step, start: Any) -> Law:
 def _attribute(base: Law, step: Step, start: Any) -> Law:
     def update(t: float, y: Any, state: Any) -> Any:
         added, update.memory = step(update.memory, t, y.q)  # type: ignore[attr-defined]
-        u, state = base(t, y, state)
-        return u + added, state
+        return _plus(added, base(t, y, state))
 
     update.memory = start  # type: ignore[attr-defined]
     return update
@@ -203,8 +201,8 @@ def _generator(base: Law, step: Step, start: Any) -> Law:
     next(one)
 
     def update(t: float, y: Any, state: Any) -> Any:
-        u, state = base(t, y, state)
-        return u + one.send((t, y.q)), state
+        answer = base(t, y, state)
+        return _plus(one.send((t, y.q)), answer)
 
     return update
 
@@ -244,8 +242,7 @@ def _cached_helper(base: Law, *_: Any) -> Law:
     def update(t: float, y: Any, state: Any) -> Any:
         global LATEST
         LATEST = base, y, state
-        u, state = at(t)
-        return u, state
+        return at(t)
 
     return update
 
