@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.functions import Function
-from twolink.algorithms.mechanism import nominal
+from twolink.algorithms.mechanism import nominal, with_nominal
 from twolink.algorithms.references import ModelState
 from twolink.dynamics.kernels import Kernel
 from twolink.dynamics.pinocchio_queries import by_name
@@ -116,29 +116,7 @@ def _arguments(robot: RobotModel, function: Function, rng: np.random.Generator, 
 
 def with_values(model: pin.Model, values: Mapping[str, float]) -> pin.Model:
     """A copy of the model with physical constants replaced (names: `mechanism.parameter_names`)."""
-    # Pinocchio gives vectors as views of the model: writing to an entry changes it.
     out = model.copy()
-    links = {f.name: f.parentJoint for f in reversed(list(model.frames)) if f.type == pin.FrameType.BODY}
     for name, value in values.items():
-        head, _, last = name.rpartition(".")
-        axis = "xyz".find(last[-1])
-        if head == "gravity" and axis >= 0:
-            out.gravity.linear[axis] = value
-        elif last in ("armature", "damping"):
-            getattr(out, last)[out.idx_vs[out.getJointId(head)]] = value
-        elif head.endswith(".origin"):
-            out.jointPlacements[out.getJointId(head.removesuffix(".origin"))].translation[axis] = value
-        else:
-            joint = links[head.removesuffix(".com").removesuffix(".inertia") if last != "mass" else head]
-            body = out.inertias[joint].copy()
-            if last == "mass":
-                body.mass = float(value)
-            elif head.endswith(".com"):
-                body.lever[axis] = value
-            else:
-                i, j = map("xyz".find, last)
-                rotational = np.array(body.inertia)
-                rotational[i, j] = rotational[j, i] = value
-                body.inertia = rotational  # the constructor refuses what no body has, a key may have it
-            out.inertias[joint] = body
+        with_nominal(out, name, value)
     return out
