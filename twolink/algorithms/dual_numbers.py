@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from twolink.algorithms.spatial import Scalar, minus, negative, plus, reciprocal, times
+from twolink.algorithms.spatial import Scalar, is_zero, minus, negative, plus, reciprocal, times
 
 
 class Jet:
@@ -175,8 +175,27 @@ class Dual:
         return self.function(inverse, negative(times(inverse, inverse)))
 
 
+def _of_duals(name: str, slope: Callable[[Any, Scalar, Scalar], Scalar]) -> Callable[[Any, Any], Any]:
+    """A function of another namespace, of duals; its slope by that namespace, of x and the function's value."""
+
+    def function(self: DualNamespace, x: Any) -> Any:
+        own = getattr(self.xp, name)
+        if not isinstance(x, Dual):
+            return own(x)
+        value = own(x.value)
+        return x.function(value, slope(self.xp, x.value, value))
+
+    return function
+
+
 class DualNamespace:
     """The functions of another namespace, of duals."""
+
+    sin = _of_duals("sin", lambda xp, x, _: xp.cos(x))
+    cos = _of_duals("cos", lambda xp, x, _: negative(xp.sin(x)))
+    sqrt = _of_duals("sqrt", lambda _, __, root: 0.5 / root)
+    exp = _of_duals("exp", lambda _, __, value: value)
+    tanh = _of_duals("tanh", lambda _, __, value: minus(1.0, times(value, value)))
 
     def __init__(self, xp: Any) -> None:
         self.xp = xp
@@ -185,39 +204,6 @@ class DualNamespace:
     def value_of(self, x: Any) -> Any:
         """x without its derivatives."""
         return x.value if isinstance(x, Dual) else x
-
-    def sin(self, x: Any) -> Any:
-        """The sine."""
-        if not isinstance(x, Dual):
-            return self.xp.sin(x)
-        return x.function(self.xp.sin(x.value), self.xp.cos(x.value))
-
-    def cos(self, x: Any) -> Any:
-        """The cosine."""
-        if not isinstance(x, Dual):
-            return self.xp.cos(x)
-        return x.function(self.xp.cos(x.value), negative(self.xp.sin(x.value)))
-
-    def sqrt(self, x: Any) -> Any:
-        """The square root."""
-        if not isinstance(x, Dual):
-            return self.xp.sqrt(x)
-        root = self.xp.sqrt(x.value)
-        return x.function(root, 0.5 / root)
-
-    def exp(self, x: Any) -> Any:
-        """The exponential."""
-        if not isinstance(x, Dual):
-            return self.xp.exp(x)
-        value = self.xp.exp(x.value)
-        return x.function(value, value)
-
-    def tanh(self, x: Any) -> Any:
-        """The hyperbolic tangent."""
-        if not isinstance(x, Dual):
-            return self.xp.tanh(x)
-        value = self.xp.tanh(x.value)
-        return x.function(value, minus(1.0, times(value, value)))
 
     def power(self, x: Any, exponent: float) -> Any:
         """x to a constant power."""
@@ -244,7 +230,7 @@ class DualNamespace:
         if not count:
             return chosen
         pairs = zip(_tangents(yes, count), _tangents(no, count), strict=True)
-        return Dual(chosen, [0.0 if _zero(a) and _zero(b) else self.xp.where(condition, a, b) for a, b in pairs])
+        return Dual(chosen, [0.0 if is_zero(a) and is_zero(b) else self.xp.where(condition, a, b) for a, b in pairs])
 
     def lift(self, x: Any) -> Dual:
         """x as a dual, whose value is the other namespace's."""
@@ -253,10 +239,6 @@ class DualNamespace:
 
 def _tangents(x: Any, count: int) -> tuple[Scalar, ...]:
     return x.tangents if isinstance(x, Dual) else (0.0,) * count
-
-
-def _zero(x: Scalar) -> bool:
-    return isinstance(x, float) and x == 0.0
 
 
 def derivative(function: Callable[[float], Any], step: float) -> Any:

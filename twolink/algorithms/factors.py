@@ -11,7 +11,7 @@ converge and is refused by its error. Entries that are the constants 0 and 1 cos
 from collections.abc import Sequence
 from typing import Any
 
-from twolink.algorithms.spatial import Matrix, Scalar, Scalars, constant, minus, reciprocal, times
+from twolink.algorithms.spatial import Matrix, Scalar, Scalars, is_zero, minus, reciprocal, times
 
 
 def ldlt_solve(matrix: Matrix, parents: Sequence[int], b: Scalars, xp: Any = None) -> list[Scalar]:
@@ -49,11 +49,6 @@ def elimination_order(matrix: Matrix) -> list[int]:
             coupled[j] = (coupled[j] | around) - {i, j}
         order.append(i)
     return order[::-1]
-
-
-def is_zero(entry: Scalar) -> bool:
-    """True if an entry is the constant 0, which leaves no operation."""
-    return constant(entry) and entry == 0.0
 
 
 def ldlt_apply(lower: Matrix, inverse: Scalars, parents: Sequence[int], b: Scalars) -> list[Scalar]:

@@ -255,9 +255,8 @@ def forward_dynamics_aba(
             u = articulated_times(inertia[i], s)
             inverse = sp.reciprocal(sp.plus(sp.spatial_dot(s, u), mech.armature[k]), xp)
             effort = sp.minus(sp.minus(tau[k], sp.times(mech.damping[k], v[k])), sp.spatial_dot(s, force[i]))
-            alone = sp.constant(mech.armature[k]) and mech.armature[k] == 0.0
             share, a[k] = sp.spatial_scale(inverse, u), sp.times(inverse, effort)
-            inertia[i] = articulated_without(inertia[i], u, share, s if alone else None)
+            inertia[i] = articulated_without(inertia[i], u, share, s if sp.is_zero(mech.armature[k]) else None)
             force[i] = sp.spatial_add(force[i], sp.spatial_scale(a[k], u))
             axes[i].append((k, s, share))
         if p:

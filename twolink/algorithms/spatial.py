@@ -42,6 +42,11 @@ def constant(x: Scalar) -> bool:
     return type(x) is float
 
 
+def is_zero(x: Scalar) -> bool:
+    """True if x is the constant 0, which leaves no operation."""
+    return type(x) is float and x == 0.0
+
+
 def times(a: Scalar, b: Scalar) -> Scalar:
     """a b, folded where a factor is the constant 0, 1 or -1."""
     if type(a) is float:
@@ -70,9 +75,9 @@ def plus(*terms: Scalar) -> Scalar:
 
 def minus(a: Scalar, b: Scalar) -> Scalar:
     """a - b, folded where one is the constant 0."""
-    if constant(b) and b == 0.0:
+    if is_zero(b):
         return a
-    return negative(b) if constant(a) and a == 0.0 else a - b
+    return negative(b) if is_zero(a) else a - b
 
 
 def reciprocal(a: Scalar, xp: Any) -> Scalar:
@@ -82,7 +87,7 @@ def reciprocal(a: Scalar, xp: Any) -> Scalar:
 
 def negative(a: Scalar) -> Scalar:
     """-a; the constant 0 stays +0."""
-    return 0.0 if constant(a) and a == 0.0 else -a
+    return 0.0 if is_zero(a) else -a
 
 
 def add(*vectors: Vec) -> Vec:
@@ -172,14 +177,10 @@ def _fixed_axis(m: Mat) -> tuple[int, int, float] | None:
     None where there is no such axis, or where all axes stay coordinate axes. A cosine of 1 is not enough: a file's
     1.57079632679 for a right angle leaves sines of 5e-12 beside it.
     """
-
-    def zero(x: Scalar) -> bool:
-        return constant(x) and x == 0.0
-
     for i, j in itertools.product(range(3), repeat=2):
         around = [m[k][n] for k in _AROUND[i] for n in _AROUND[j]]
         beside = [*(m[i][n] for n in _AROUND[j]), *(m[k][j] for k in _AROUND[i])]
-        if constant(m[i][j]) and abs(m[i][j]) == 1.0 and all(map(zero, beside)) and not any(map(zero, around)):
+        if constant(m[i][j]) and abs(m[i][j]) == 1.0 and all(map(is_zero, beside)) and not any(map(is_zero, around)):
             return i, j, m[i][j]
     return None
 
@@ -231,7 +232,7 @@ def compose(outer: Pose, inner: Pose) -> Pose:
 
 
 def _entries(m: Mat) -> int:
-    return sum(not (constant(x) and x == 0.0) for row in m for x in row)
+    return sum(not is_zero(x) for row in m for x in row)
 
 
 def single_turn(pose: Pose) -> Pose:

@@ -16,14 +16,13 @@ import numpy as np
 from twolink.algorithms.factors import (
     elimination_order,
     factored,
-    is_zero,
     ldlt,
     ldlt_apply,
     ldlt_inward,
     ldlt_outward,
     solved,
 )
-from twolink.algorithms.spatial import Matrix, Scalar, minus, plus, times
+from twolink.algorithms.spatial import Matrix, Scalar, is_zero, minus, plus, times
 
 
 class RowSolver:
