@@ -109,7 +109,7 @@ def robot_notes(robot: Robot) -> dict[str, str]:
         "source": robot.report.source,
         "catalogue": json.dumps(_is_from_catalogue(robot)),
         "root": robot.root,
-        "lock": json.dumps(_lock(robot)),
+        "lock": json.dumps(robot.visuals.lock),
         "mimic": json.dumps(robot.has_mimic),
         "gravity": json.dumps(robot.gravity.tolist()),
         "nq": str(robot.nq),
@@ -191,13 +191,6 @@ def _is_from_catalogue(robot: Robot) -> bool:
         return catalogue_entry(robot.name).path.name == robot.report.source
     except RobotError:
         return False
-
-
-def _lock(robot: Robot) -> dict[str, list[float]]:
-    """The locked joints with their configurations, as load_robot takes them."""
-    full, reference = robot.visuals.model, robot.visuals.reference
-    starts = {full.names[j]: (full.idx_qs[j], full.nqs[j]) for j in robot.visuals.locked}
-    return {name: reference[start : start + size].tolist() for name, (start, size) in starts.items()}
 
 
 def _damaged(label: str) -> SceneError:

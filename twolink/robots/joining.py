@@ -128,7 +128,7 @@ def joined(robot: R, parts: Sequence[tuple[RobotModel, str, pin.SE3, bool]]) -> 
     """
     everyone: list[RobotModel] = [robot, *(part for part, *_ in parts)]
     root = _element(robot)
-    lock, renamed = _locks(robot, {}), list[dict[str, str]]([{}])
+    lock, renamed = robot.visuals.lock, list[dict[str, str]]([{}])
     base = first = _root_link(root)
     if robot.root == "free":
         base = free_name("world", _names(root))
@@ -146,7 +146,7 @@ def joined(robot: R, parts: Sequence[tuple[RobotModel, str, pin.SE3, bool]]) -> 
         prefixed = f", its names as {name}_..." if len(names) > 1 else ""
         if free and part.root == "free":
             names[ROOT] = name
-        lock |= _locks(part, names)
+        lock |= {names.get(joint, joint): q for joint, q in part.visuals.lock.items()}
         kind, place = ("floating", pin.SE3.Identity()) if free else ("fixed", pose)
         root.children += [*element.children, _joint(name, kind, base, _root_link(element), place)]
         renamed.append(names)
@@ -217,14 +217,6 @@ def _rename(element: Element, names: dict[str, str], prefix: str) -> None:
         if child.tag == "material" and child.attributes.get("name"):
             child.attributes["name"] = f"{prefix} {child.attributes['name']}"
         _rename(child, names, prefix)
-
-
-def _locks(robot: RobotModel, names: dict[str, str]) -> dict[str, list[float]]:
-    model, found = robot.visuals.model, dict[str, list[float]]()
-    for j in robot.visuals.locked:
-        start, name = model.idx_qs[j], model.names[j]
-        found[names.get(name, name)] = robot.visuals.reference[start : start + model.nqs[j]].tolist()
-    return found
 
 
 def _joint(name: str, kind: str, parent: str, child: str, place: pin.SE3) -> Element:

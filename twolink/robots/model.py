@@ -101,6 +101,12 @@ class Visuals:
     placed: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     srdf: Srdf = field(default_factory=Srdf)
 
+    @property
+    def lock(self) -> dict[str, list[float]]:
+        """The locked joints with their configurations, as load_robot takes them."""
+        starts = {self.model.names[j]: (self.model.idx_qs[j], self.model.nqs[j]) for j in self.locked}
+        return {name: self.reference[start : start + size].tolist() for name, (start, size) in starts.items()}
+
 
 class RobotModel:
     """A robot that passed every check: a pin.Model that is shared and never changed, names, and the load report.
