@@ -185,22 +185,22 @@ def versions(libraries: Iterable[str]) -> dict[str, str]:
     return found
 
 
-@functools.cache
 def processor() -> str:
     """The kind of this machine's processor."""
+    return next((line.partition(":")[2].strip() for line in _processor_lines() if line.startswith("model name")), "")
+
+
+@functools.cache
+def _processor_lines() -> tuple[str, ...]:
+    """The lines Linux has of the processors; on other systems the kind alone, as Linux would say it."""
     try:
-        lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
+        return tuple(Path("/proc/cpuinfo").read_text("utf-8").splitlines())
     except OSError:
-        return platform.processor()
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
+        return (f"model name: {platform.processor()}",)
 
 
 @functools.cache
 def _environment() -> str:
     """The code that kernels are made by, the libraries it stands on, and the processor."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        processor = sorted({line for line in lines if line.startswith(("model name", "flags", "Features"))})
-    except OSError:
-        processor = [platform.processor()]
-    return repr((KERNEL_FORMAT, code_key(*TRACED_ROOMS), platform.machine(), processor))
+    said = sorted({line for line in _processor_lines() if line.startswith(("model name", "flags", "Features"))})
+    return repr((KERNEL_FORMAT, code_key(*TRACED_ROOMS), platform.machine(), said))
