@@ -1,8 +1,9 @@
 """Checks of what effects are given: fields by their declared types, values by joint, frames and points."""
 
+import contextlib
 import functools
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
@@ -64,6 +65,15 @@ def _plain(value: Any) -> Any:
 
 def _tuples(value: Any) -> Any:
     return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
+@contextlib.contextmanager
+def errors_inside() -> Iterator[None]:
+    """Within it, errors are of the effect inside another one, its `of`."""
+    try:
+        yield
+    except SceneError as error:
+        raise error.at(f"of.{error.where}") from None
 
 
 def check_effect(effect: Effect, robot: Robot) -> None:
@@ -208,7 +218,7 @@ def check_joints(values: Any, robot: Robot, field: str, *, dofs: bool = False, c
 
 def check_joint(joint: str, robot: Robot, field: str, *, dofs: bool = True, coordinate: bool = False) -> None:
     """Require a joint that moves: with one degree of freedom, or with one coordinate. Raises SceneError."""
-    if joint in (robot.visuals.model.names[i] for i in robot.visuals.locked):
+    if joint in robot.visuals.lock:
         raise SceneError(f"joint {joint!r} is locked", where=field, remedy="leave it out, or load the robot without")
     check_name(joint, robot.joint_names, field, "joint")
     if dofs:

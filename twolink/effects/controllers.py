@@ -29,7 +29,16 @@ from twolink.robots.joint_layout import joint_layouts
 Limits = Mapping[str, Load] | Literal["urdf"] | None
 
 
-class JointPD(Effect, frozen=True):
+class _Limited(Effect, frozen=True):
+    """A controller whose torques may have limits, `effort`."""
+
+    @property
+    def analytic(self) -> bool:
+        """True if there are no limits: a torque is not smooth where it reaches its limit."""
+        return getattr(self, "effort", None) is None
+
+
+class JointPD(_Limited, frozen=True):
     """Proportional-derivative control: tau = kp (target - q) - kd v + feedforward, within limits.
 
     Parameters
@@ -60,11 +69,6 @@ class JointPD(Effect, frozen=True):
     feedforward: Annotated[Mapping[str, EffortSignal], of("target")] = {}
     effort: Limits = None
 
-    @property
-    def analytic(self) -> bool:
-        """True if there are no limits: a torque is not smooth where it reaches its limit."""
-        return self.effort is None
-
     def check(self, robot: Robot) -> None:
         """Require limits of joints with a target."""
         check_limits(self.effort, self.target, robot)
@@ -86,7 +90,7 @@ class JointPD(Effect, frozen=True):
             loads.torque(dof, clamped(torque, joint, self.effort, motion, loads))
 
 
-class PID(Effect, frozen=True):
+class PID(_Limited, frozen=True):
     """Proportional-integral-derivative control, with a filtered derivative and anti-windup.
 
         u = kp e + I - kd w,   e = target - q,   I' = ki e + (tau - u) / T,   F w' = v - w,   tau = u within its limits
@@ -129,11 +133,6 @@ class PID(Effect, frozen=True):
     tracking: Annotated[Mapping[str, NotNegative], of("target")] = {}
     side: Literal["joint", "motor"] = "joint"
 
-    @property
-    def analytic(self) -> bool:
-        """True if there are no limits: a torque is not smooth where it reaches its limit."""
-        return self.effort is None
-
     def check(self, robot: Robot) -> None:
         """Require times of integrals, and limits of joints with a target."""
         for joint in self.ki:
@@ -171,7 +170,7 @@ class PID(Effect, frozen=True):
             loads.torque(dof, torque)
 
 
-class GravityCompensation(Effect, frozen=True):
+class GravityCompensation(_Limited, frozen=True):
     """Compensation of gravity: tau = g(q) = h(q, 0), from recursive Newton-Euler at rest.
 
     Parameters
@@ -192,11 +191,6 @@ class GravityCompensation(Effect, frozen=True):
 
     joints: tuple[str, ...] | None = None
     effort: Limits = None
-
-    @property
-    def analytic(self) -> bool:
-        """True if there are no limits: a torque is not smooth where it reaches its limit."""
-        return self.effort is None
 
     def check(self, robot: Robot) -> None:
         """Require joints of one degree of freedom, each named once."""
@@ -221,7 +215,7 @@ class GravityCompensation(Effect, frozen=True):
                 loads.torque(k, clamped(torques[k], joint, self.effort, motion, loads))
 
 
-class ComputedTorque(Effect, frozen=True):
+class ComputedTorque(_Limited, frozen=True):
     """Inverse-dynamics control: tau = M(q) (a_ref + kd e' + kp e) + h(q, v), e = q_ref - q.
 
     The tracking error then obeys e'' + kd e' + kp e = 0.
@@ -256,11 +250,6 @@ class ComputedTorque(Effect, frozen=True):
     kd: NotNegative
     effort: Limits = None
     following: Mapping[str, Mapping[str, float]] = {}
-
-    @property
-    def analytic(self) -> bool:
-        """True if there are no limits: a torque is not smooth where it reaches its limit."""
-        return self.effort is None
 
     def check(self, robot: Robot) -> None:
         """Require a path for every joint, twice differentiable; each joint has one coordinate."""
@@ -298,7 +287,7 @@ class ComputedTorque(Effect, frozen=True):
             loads.torque(dof, clamped(torques[dof], joint, self.effort, motion, loads))
 
 
-class StateFeedback(Effect, frozen=True):
+class StateFeedback(_Limited, frozen=True):
     """Feedback of the state to joint torques: tau = torque - K (e, v), e = q - target, within limits.
 
     `tl.lqr` makes one that is optimal near its target.
@@ -329,11 +318,6 @@ class StateFeedback(Effect, frozen=True):
     target: tuple[float, ...]
     torque: Annotated[Mapping[str, Effort], of("gain")] = {}
     effort: Limits = None
-
-    @property
-    def analytic(self) -> bool:
-        """True if there are no limits: a torque is not smooth where it reaches its limit."""
-        return self.effort is None
 
     def check(self, robot: Robot) -> None:
         """Require a target of the robot, and rows as long as its state is."""

@@ -15,7 +15,7 @@ import pinocchio as pin
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import Scalar, minus, negative, plus, times
 from twolink.dynamics import Robot
-from twolink.effects.checks import above_zero, check_effect, check_joints
+from twolink.effects.checks import above_zero, check_effect, check_joints, errors_inside
 from twolink.effects.constants import Rotor
 from twolink.effects.effect import AboveZero, Effect, Effort, Gap, Loads, NotNegative, finite, inverse, number, of
 from twolink.effects.inputs import Input, value_at
@@ -56,10 +56,8 @@ class Drive(Effect, frozen=True):
         if not isinstance(self.of, Effect) or isinstance(self.of, (SwitchingEffect, Loop)):
             raise SceneError(f"{type(self.of).__name__} gives no torque of a drive", where="of",
                              remedy="give a controller, a motor or tl.effects.Torque")  # fmt: skip
-        try:
+        with errors_inside():
             check_effect(self.of, robot)
-        except SceneError as error:
-            raise error.at(f"of.{error.where}") from None
 
     def change(self, model: pin.Model) -> None:
         """Change the robot as the effect inside does."""

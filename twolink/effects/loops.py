@@ -63,16 +63,8 @@ class Loop(Effect, frozen=True):
         return ZERO
 
 
-class PointLoop(Loop, frozen=True):
-    """A point of link a stays at a point of link b: g = x_a - x_b.
-
-    Parameters
-    ----------
-    a, b : str
-        Links; b may be the "universe", the ground.
-    point_a, point_b : (float, float, float)
-        In the links' axes, m.
-    """
+class _CommonPoint(Loop, frozen=True):
+    """A point of link a at a point of link b."""
 
     a: PlaceName
     b: PlaceName = GROUND
@@ -86,6 +78,18 @@ class PointLoop(Loop, frozen=True):
     def rows(self, motion: KinematicState) -> list[Scalar]:
         """x_a - x_b along the carrier's axes."""
         return apart(motion.seen_from(self.carrier(motion)), self.a, self.point_a, self.b, self.point_b)
+
+
+class PointLoop(_CommonPoint, frozen=True):
+    """A point of link a stays at a point of link b: g = x_a - x_b.
+
+    Parameters
+    ----------
+    a, b : str
+        Links; b may be the "universe", the ground.
+    point_a, point_b : (float, float, float)
+        In the links' axes, m.
+    """
 
 
 class HingeLoop(Loop, frozen=True):
@@ -123,7 +127,7 @@ class HingeLoop(Loop, frozen=True):
 _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
-class WeldLoop(Loop, frozen=True):
+class WeldLoop(_CommonPoint, frozen=True):
     """Link a is fixed to link b: x_a = x_b, and equal axes.
 
     Parameters
@@ -136,15 +140,7 @@ class WeldLoop(Loop, frozen=True):
         The orientation of a in b: roll, pitch, yaw as in URDF, rad.
     """
 
-    a: PlaceName
-    b: PlaceName = GROUND
-    point_a: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    point_b: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def carrier(self, motion: KinematicState) -> int:
-        """The nearest body that carries a and b."""
-        return motion.carrier(self.a, self.b)
 
     def rows(self, motion: KinematicState) -> list[Scalar]:
         """x_a - x_b, and for axes a_i of a and b_i of b: a_2 . b_3, a_3 . b_1, a_1 . b_2."""

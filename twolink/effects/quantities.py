@@ -7,7 +7,7 @@ from typing import Any, TypeVar, get_args
 import msgspec
 
 from twolink.dynamics import Robot
-from twolink.effects.checks import check_joint, declared
+from twolink.effects.checks import check_joint, declared, errors_inside
 from twolink.effects.effect import Effect
 from twolink.errors import SceneError
 
@@ -17,11 +17,9 @@ _E = TypeVar("_E", bound=Effect)
 def in_si(effect: _E, robot: Robot) -> _E:
     """The effect, and what is inside it, with numbers in SI units in place of texts. Raises SceneError."""
     read: dict[str, Any] = {}
-    if isinstance(inside := getattr(effect, "of", None), Effect):
-        try:
-            read["of"] = in_si(inside, robot)
-        except SceneError as error:
-            raise error.at(f"of.{error.where}") from None
+    if isinstance(inner := getattr(effect, "of", None), Effect):
+        with errors_inside():
+            read["of"] = in_si(inner, robot)
     for field, letter in _quantities(type(effect)).items():
         if isinstance(values := getattr(effect, field), Mapping):
             read[field] = {joint: _read(value, joint, letter, field, robot) for joint, value in values.items()}

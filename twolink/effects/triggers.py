@@ -1,9 +1,9 @@
 """Events at a time or a condition: events of the user, effects that end, and effects that begin."""
 
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from twolink.dynamics import Robot
-from twolink.effects.checks import check_effect
+from twolink.effects.checks import check_effect, errors_inside
 from twolink.effects.conditions import Condition, check_when
 from twolink.effects.effect import Effect, NotNegative
 from twolink.effects.loops import Loop
@@ -63,7 +63,36 @@ class Watch(SwitchingEffect, frozen=True):
                         direction=self.direction)]  # fmt: skip
 
 
-class Release(SwitchingEffect, frozen=True):
+class _Triggered(SwitchingEffect, frozen=True):
+    """An effect that acts until a time or a condition, or from then on."""
+
+    kind: ClassVar[str]  # of the event
+
+    of: Any  # an Effect: scene files read it by its type
+    at: NotNegative | None = None
+    when: Condition | None = None
+
+    def check(self, robot: Robot) -> None:
+        """Require an effect without modes that fits, and a time or a condition."""
+        if not isinstance(self.of, Effect) or isinstance(self.of, SwitchingEffect):
+            raise SceneError(f"{type(self.of).__name__} cannot be {self.kind}d", where="of",
+                             remedy="give an effect without modes, such as a controller")  # fmt: skip
+        with errors_inside():
+            check_effect(self.of, robot)
+        check_when(self.at, self.when, robot)
+
+    def acting(self) -> tuple[Effect, ...]:
+        """The effect, until it is released or from when it is engaged on."""
+        return (self.of,)
+
+    def modes(self, robot: Robot) -> list[Trigger]:
+        """The release, or the begin."""
+        del robot
+        return [Trigger(self.kind, kebab_case(type(self.of).__name__), self.at, self.when,
+                        drops=self.kind == "release", begins=self.kind == "engage")]  # fmt: skip
+
+
+class Release(_Triggered, frozen=True):
     """An effect that acts until a time or a condition, and no more from then on.
 
     Velocities do not jump. A released payload leaves with its own energy; a body that was welded on moves freely.
@@ -78,37 +107,10 @@ class Release(SwitchingEffect, frozen=True):
         Condition; one of the two is needed.
     """
 
-    of: Any  # an Effect: scene files read it by its type
-    at: NotNegative | None = None
-    when: Condition | None = None
-
-    def check(self, robot: Robot) -> None:
-        """Require an effect without modes that fits, and a time or a condition."""
-        check_inner(self.of, robot, "released")
-        check_when(self.at, self.when, robot)
-
-    def acting(self) -> tuple[Effect, ...]:
-        """The effect, until it is released."""
-        return (self.of,)
-
-    def modes(self, robot: Robot) -> list[Trigger]:
-        """The release."""
-        del robot
-        return [Trigger("release", kebab_case(type(self.of).__name__), self.at, self.when, drops=True)]
+    kind: ClassVar[str] = "release"
 
 
-def check_inner(effect: Any, robot: Robot, verb: str) -> None:
-    """Require an effect without modes that fits. Raises SceneError; `where` begins with "of"."""
-    if not isinstance(effect, Effect) or isinstance(effect, SwitchingEffect):
-        raise SceneError(f"{type(effect).__name__} cannot be {verb}", where="of",
-                         remedy="give an effect without modes, such as a controller")  # fmt: skip
-    try:
-        check_effect(effect, robot)
-    except SceneError as error:
-        raise error.at(f"of.{error.where}") from None
-
-
-class Engage(SwitchingEffect, frozen=True):
+class Engage(_Triggered, frozen=True):
     """An effect that acts from a time or a condition on, and not before.
 
     Velocities do not jump: the effect is a force, not a mass or a constraint.
@@ -123,23 +125,11 @@ class Engage(SwitchingEffect, frozen=True):
         Condition, of which the first time counts; one of the two is needed.
     """
 
-    of: Any  # an Effect: scene files read it by its type
-    at: NotNegative | None = None
-    when: Condition | None = None
+    kind: ClassVar[str] = "engage"
 
     def check(self, robot: Robot) -> None:
         """Require an effect that gives forces alone and fits, and a time or a condition."""
-        check_inner(self.of, robot, "engaged")
+        super().check(robot)
         if isinstance(self.of, Loop) or self.of.changes:
             what = f"{type(self.of).__name__} cannot begin during a motion: velocities would jump"
             raise SceneError(what, where="of", remedy="give a force, such as a controller or a spring")
-        check_when(self.at, self.when, robot)
-
-    def acting(self) -> tuple[Effect, ...]:
-        """The effect, from then on."""
-        return (self.of,)
-
-    def modes(self, robot: Robot) -> list[Trigger]:
-        """The begin."""
-        del robot
-        return [Trigger("engage", kebab_case(type(self.of).__name__), self.at, self.when, begins=True)]
