@@ -182,7 +182,7 @@ REFUSED = {
     "no tolerance": ({"tolerances": []}, "no tolerance"),
     "duration": ({"duration": 0}, "above 0 s"),
     "samples": ({"samples_per_second": 1e9}, "samples, the limit"),
-    "repeats": ({"repeats": 0}, "whole number above 0"),
+    "repeats": ({"repeats": 0}, "whole number from 1"),
     "budget": ({"budget": math.nan}, "budget"),
 }
 

@@ -162,8 +162,8 @@ def test_each_energy_counts(report: CheckReport, model: str, largest: float) -> 
     ("arguments", "message"),
     [
         ({"n": 0}, "n: expected a whole number from 1, got 0"),
-        ({"horizon": 0.0}, "horizon: expected a positive number of seconds, got 0"),
-        ({"horizon": np.inf}, "horizon: expected a positive number"),
+        ({"horizon": 0.0}, "horizon: expected a number above 0, got 0"),
+        ({"horizon": np.inf}, "horizon: expected a number above 0"),
     ],
 )
 def test_bad_arguments_are_refused(arguments: dict[str, Any], message: str) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from twolink.accuracy.measuring import StudyRun, count, first_reference, measure_method
 from twolink.accuracy.study_data import Row, StudyData, plot_study, study_text, with_front
-from twolink.dynamics.arguments import Positive, positive
+from twolink.dynamics.arguments import Positive, positive, whole
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.steps.methods import METHODS, Method, method_named
@@ -167,7 +167,7 @@ def accuracy_study(
     equations.require_motion()
     report = progress or (lambda *_: None)
     limit = positive(budget, "budget", AccuracyError, "such as 1 second")
-    repeats = _repeats(repeats)
+    repeats = whole(repeats, "repeats", SceneError, "such as 7", 1)
     total = sum(count(method, aims) for method in chosen) + repeats
     report(0, total, "the reference")
     measurements = StudyRun(equations, times, first_reference(equations, times), repeats, limit)
@@ -230,9 +230,3 @@ def _tolerances(values: Sequence[float] | None) -> tuple[float, ...] | None:
     if not tolerances:
         raise AccuracyError("no tolerance is given", argument="tolerances", remedy=remedy)
     return tuple(positive(value, "tolerances", AccuracyError, remedy) for value in tolerances)
-
-
-def _repeats(value: int) -> int:
-    if not isinstance(value, int) or value < 1:
-        raise SceneError(f"expected a whole number above 0, got {value!r:.60}", argument="repeats", remedy="such as 7")
-    return value

@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.integrate import solve_ivp
 
-from twolink.dynamics.arguments import whole
+from twolink.dynamics.arguments import positive, whole
 from twolink.errors import AccuracyError, QueryError
 from twolink.io.text import Table
 from twolink.lagrange import derive
@@ -260,8 +260,7 @@ def check(n: int = 10_000, seed: int = 0, horizon: float = 10.0) -> CheckReport:
         Unless n >= 1 and horizon > 0.
     """
     n, seed = whole(n, "n", QueryError, "such as 10000", 1), whole(seed, "seed", QueryError)
-    if not (np.isfinite(horizon) and horizon > 0):
-        raise QueryError(f"expected a positive number of seconds, got {horizon}", argument="horizon")
+    horizon = positive(horizon, "horizon", QueryError, "such as 10 s")
     samples = draw(n, seed)
     answers = pinocchio_answers(samples)
     expected = _columns(*(answers[name] for name in ("A", "B", "C", "D", *ACCELERATIONS, TORQUE)))
