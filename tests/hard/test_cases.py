@@ -15,7 +15,7 @@ import twolink as tl
 from tests.command import call
 from twolink.errors import RobotError, SceneError
 from twolink.hard import ErrorCheck, RefusalCase, SimulationCase, all_cases, attempts, run_case, select_cases
-from twolink.hard.case import INTERRUPTED, MET, MISSED, SAID, SCENES, WRONG, ErrorFunction
+from twolink.hard.case import FOLDER, INTERRUPTED, MET, MISSED, SAID, WRONG, ErrorFunction
 from twolink.hard.page import lines, page, summary
 from twolink.hard.truths import distance
 
@@ -170,11 +170,11 @@ def refused() -> object:
 
 
 def test_distances_of_near_rotations_do_not_vanish() -> None:
-    robot = tl.load_robot(SCENES / "wheel.urdf")
+    robot = tl.load_robot(FOLDER / "wheel.urdf")
     theta, step = np.random.default_rng(0).uniform(-np.pi, np.pi, 2000), 1e-11
     q, other = (np.stack([np.cos(x), np.sin(x)], axis=1) for x in (theta, theta + step))
     np.testing.assert_allclose(distance(robot, q, other), step, rtol=1e-4, atol=2e-16)
-    body = tl.load_robot(SCENES / "tumbler.urdf", root="free")
+    body = tl.load_robot(FOLDER / "tumbler.urdf", root="free")
     turned = np.zeros((1, 7))
     turned[0, 6] = 1.0
     near = turned.copy()

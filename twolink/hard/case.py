@@ -13,7 +13,7 @@ from twolink.dynamics import Robot
 from twolink.errors import TwolinkError
 from twolink.scenes import Scene
 
-SCENES = Path(__file__).parent / "scenes"
+FOLDER = Path(__file__).parent / "scenes"
 MET, SAID, WRONG, MISSED, INTERRUPTED = "met", "said so", "wrong silently", "missed", "interrupted"
 """Met: the error is within its limit. Said so: it is not, and an error or the error bar says it. Wrong silently: it is
 not, and nothing says it. Missed: a refusal, a crash or a timeout where an answer was due. Interrupted: Ctrl-C ended it,

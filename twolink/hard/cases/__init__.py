@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from twolink.errors import SceneError, require_known
-from twolink.hard.case import SCENES, Case, RefusalCase, SimulationCase
+from twolink.hard.case import FOLDER, Case, RefusalCase, SimulationCase
 from twolink.scenes import Scene, load_scene
 
 MODULES = ("smooth", "loops", "events", "refusals")
@@ -59,5 +59,5 @@ def _code(table: str) -> dict[str, Any]:
 
 
 def _load(scene: str) -> Scene:
-    path = SCENES / f"{scene}.toml"
+    path = FOLDER / f"{scene}.toml"
     return load_scene(path if path.exists() else scene)

@@ -10,8 +10,7 @@ from twolink import effects as fx
 from twolink.dynamics import load_robot
 from twolink.errors import AccuracyError
 from twolink.hard import truths
-from twolink.hard.case import SCENES as FOLDER
-from twolink.hard.case import ErrorCheck
+from twolink.hard.case import FOLDER, ErrorCheck
 from twolink.scenes import Scene
 from twolink.simulation.scene_run import simulate
 

@@ -8,8 +8,7 @@ import numpy as np
 from twolink.dynamics import Robot, load_robot
 from twolink.effects import Effect, Gravity, HingeLoop, PointLoop
 from twolink.hard import truths
-from twolink.hard.case import SCENES as FOLDER
-from twolink.hard.case import ErrorFunction, StateHistory
+from twolink.hard.case import FOLDER, ErrorFunction, StateHistory
 from twolink.scenes import Scene
 
 G = 9.81

@@ -9,8 +9,7 @@ from typing import Any
 from twolink import effects as fx
 from twolink.dynamics import load_robot
 from twolink.errors import AccuracyError, QueryError, RobotError, SceneError, TwolinkError
-from twolink.hard.case import SCENES as FOLDER
-from twolink.hard.case import ErrorCheck
+from twolink.hard.case import FOLDER, ErrorCheck
 from twolink.integrate.steps.methods import METHODS
 from twolink.scenes import Scene
 from twolink.simulation import simulate_many

@@ -13,6 +13,7 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from twolink import effects as fx
+from twolink.algorithms.joint_models import read_joint
 from twolink.algorithms.spatial import across, unit
 from twolink.dynamics import Robot
 from twolink.geometry.pairs import Plane
@@ -248,22 +249,14 @@ def _carrier(robot: Robot, link: str) -> tuple[int, pin.SE3]:
 
 
 def _joints(robot: Robot) -> tuple[PeerJoint, ...]:
-    model = robot.model
-    data = model.createData()
-    pin.forwardKinematics(model, data, pin.neutral(model))
-    out = []
+    model, out = robot.model, []
     for i, layout in enumerate(robot.joints, 1):
-        joint, subspace = model.joints[i], np.asarray(data.joints[i].S).reshape(6, -1)
-        turning = subspace[3:].any()
-        if joint.nv == 6:
-            kind = "free"
-        elif joint.nv == 1:
-            kind = "continuous" if joint.nq == 2 else "revolute" if turning else "prismatic"
-        else:
-            raise UnsupportedError(f"{joint.shortname()} is not modelled for peers")
-        axis = subspace[3:, 0] if turning else subspace[:3, 0]
-        out.append(PeerJoint(model.names[i], kind, int(model.parents[i]), model.jointPlacements[i], axis,
-                             model.inertias[i], layout.q, layout.v))  # fmt: skip
+        if layout.kind in ("mimic", "planar", "quaternion"):
+            raise UnsupportedError(f"{model.joints[i].shortname()} is not modelled for peers")
+        joint = read_joint(model, i)
+        kind = "free" if joint.kind == "free-flyer" else joint.kind
+        out.append(PeerJoint(model.names[i], kind, int(model.parents[i]), model.jointPlacements[i],
+                             np.array(joint.axis), model.inertias[i], layout.q, layout.v))  # fmt: skip
     return tuple(out)
 
 
