@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,54 +9,14 @@ import pinocchio as pin
 import pytest
 
 from tests.dynamics.robots import FOLLOWERS
-from tests.dynamics.test_recursions import ROBOTS, Case, close, make
+from tests.dynamics.test_recursions import Case, close, make
 from twolink.algorithms import derivatives, recursions
 from twolink.algorithms.factors import ldlt, ldlt_inverse
-from twolink.algorithms.mechanism import Mechanism, mechanism, nominal, single_bodies
+from twolink.algorithms.mechanism import mechanism, nominal
 from twolink.errors import QueryError
 
 STATES = 4
 STEP = 1e-6
-
-
-@pytest.fixture(scope="module", params=[*ROBOTS, "odd", "balls"])
-def case(request: pytest.FixtureRequest) -> Case:
-    return Case(make(request.param), STATES)
-
-
-def symmetric(upper: np.ndarray) -> np.ndarray:
-    """The whole matrix: Pinocchio leaves some symmetric ones with their upper triangle only."""
-    return np.triu(upper) + np.triu(upper, 1).T
-
-
-def reference(case: Case, algorithm: Any, *arguments: np.ndarray) -> list[np.ndarray]:
-    """Pinocchio's three matrices, each (nv, nv, states)."""
-    answers = []
-    for i in range(case.count):
-        data = case.model.createData()  # the answers are views of it
-        by_q, by_v, by_input = algorithm(case.model, data, *(x[:, i] for x in arguments))
-        answers.append((by_q.copy(), by_v.copy(), symmetric(by_input)))
-    return [np.stack(group, axis=-1) for group in zip(*answers, strict=True)]
-
-
-@pytest.mark.parametrize("read", [mechanism, single_bodies])
-def test_inverse_dynamics(case: Case, read: Callable[[pin.Model], Mechanism]) -> None:
-    mech = read(case.model)
-    ours = derivatives.inverse_dynamics_derivatives(mech, case.q, case.v, case.a, np)
-    theirs = reference(case, pin.computeRNEADerivatives, case.q, case.v, case.a)
-    for mine, expected in zip(ours, theirs, strict=True):
-        close(case.dense(mine), expected, 1e-11)
-
-
-@pytest.mark.parametrize("read", [mechanism, single_bodies])
-def test_forward_dynamics(case: Case, read: Callable[[pin.Model], Mechanism]) -> None:
-    mech = read(case.model)
-    tau = case.reference(pin.rnea, case.q, case.v, case.a)
-    condition = np.linalg.cond(np.moveaxis(case.reference(pin.crba, case.q), -1, 0))
-    ours = derivatives.forward_dynamics_derivatives(mech, case.q, case.v, tau, np)
-    theirs = reference(case, pin.computeABADerivatives, case.q, case.v, tau)
-    for mine, expected in zip(ours, theirs, strict=True):
-        close(case.dense(mine), expected, 1e-11 * condition)
 
 
 def differences(case: Case, algorithm: Any, x: np.ndarray) -> list[np.ndarray]:

@@ -296,4 +296,7 @@ def test_equations_of_motion_do_not_depend_on_where_bases_are(
 def test_a_robot_without_joints_has_no_motion_and_no_energy(engine: Literal["auto", "pinocchio", "compiled"]) -> None:
     robot, none = tl.load_robot("box", root="fixed"), np.zeros((2, 0))
     assert robot.forward_dynamics(none, none, none, engine=engine).shape == (2, 0)
+    assert robot.forward_dynamics(np.zeros((5, 0)), [], [], engine=engine).shape == (5, 0)
+    assert robot.mass_matrix([], engine=engine).shape == (0, 0)
+    assert robot.bias(np.zeros((0, 0)), [], engine=engine).shape == (0, 0)
     np.testing.assert_array_equal(robot.energy(none, none, engine=engine), np.zeros((2, 2)))

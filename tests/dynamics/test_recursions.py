@@ -16,7 +16,6 @@ from twolink.algorithms import recursions
 from twolink.algorithms import recursions as articulated
 from twolink.algorithms import spatial as sp
 from twolink.algorithms.mechanism import Mechanism, mechanism, nominal, parameter_names, single_bodies
-from twolink.algorithms.spatial import Pose
 from twolink.algorithms.tape import Tape
 from twolink.errors import QueryError
 
@@ -87,25 +86,6 @@ def close(actual: np.ndarray, expected: np.ndarray, tolerance: float | np.ndarra
     assert (error <= tolerance * size).all(), (error / size).max()
 
 
-def test_inverse_dynamics(mech: Mechanism, case: Case) -> None:
-    ours = recursions.rnea(mech, case.q, case.v, case.a, None, np)
-    close(case.dense(ours), case.reference(pin.rnea, case.q, case.v, case.a))
-    pushed = recursions.rnea(mech, case.q, case.v, case.a, case.f_ext, np)
-    close(case.dense(pushed), case.reference(pin.rnea, case.q, case.v, case.a, wrenches=True))
-
-
-def test_bias_and_gravity(mech: Mechanism, case: Case) -> None:
-    still = np.zeros_like(case.v)
-    bias, gravity = recursions.bias(mech, case.q, case.v, xp=np), recursions.gravity_torque(mech, case.q, np)
-    close(case.dense(bias), case.reference(pin.rnea, case.q, case.v, still))
-    weight = case.reference(pin.rnea, case.q, still, still)
-    assert_allclose(case.dense(gravity), weight, rtol=0, atol=1e-12 * max(1.0, np.abs(weight).max()))
-
-
-def test_mass_matrix(mech: Mechanism, case: Case) -> None:
-    close(case.dense(recursions.crba(mech, case.q, np)), case.reference(pin.crba, case.q))
-
-
 def test_forward_dynamics(mech: Mechanism, case: Case) -> None:
     tau = case.reference(pin.rnea, case.q, case.v, case.a, wrenches=True)
     condition = np.linalg.cond(np.moveaxis(case.reference(pin.crba, case.q), -1, 0))
@@ -119,42 +99,6 @@ def test_forward_dynamics(mech: Mechanism, case: Case) -> None:
     close(case.dense(by_bodies), case.a, 1e-12 * condition)
     free = articulated.forward_dynamics_aba(mech, case.q, case.v, tau, None, np)
     close(case.dense(free), case.reference(pin.aba, case.q, case.v, tau), 1e-12 * condition)
-
-
-def test_energy(mech: Mechanism, case: Case) -> None:
-    kinetic, potential = recursions.energy(mech, case.q, case.v, np)
-    if mech.has_mimic:  # Pinocchio's energies refuse them: the potential from where it puts the bodies
-        model, matrix = case.model, case.dense(recursions.crba(mech, case.q, np))
-        assert_allclose(kinetic, np.einsum("in,ijn,jn->n", case.v, matrix, case.v) / 2, rtol=1e-12)
-        heights = []
-        for q in case.q.T:
-            data = model.createData()
-            pin.forwardKinematics(model, data, q)
-            bodies = [(b, data.oMi[j]) for j, b in enumerate(model.inertias) if j]
-            heights.append(sum(b.mass * place.act(b.lever) for b, place in bodies))
-        assert_allclose(case.dense(potential), -np.array(heights) @ model.gravity.linear, rtol=1e-12, atol=1e-12)
-        return
-    assert_allclose(kinetic, case.reference(pin.computeKineticEnergy, case.q, case.v), rtol=1e-12)
-    expected = case.reference(pin.computePotentialEnergy, case.q)
-    assert_allclose(case.dense(potential), expected, rtol=0, atol=1e-12 * max(1.0, np.abs(expected).max()))
-
-
-def test_frames(mech: Mechanism, case: Case) -> None:
-    place = pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.7, -0.3), np.array([0.3, -0.1, 0.2]))
-    body, model = case.model.njoints - 1, case.model.copy()
-    frame = model.addFrame(pin.Frame("probe", body, 0, place, pin.FrameType.OP_FRAME))
-    at = Pose((tuple(map(tuple, place.rotation.tolist())),), tuple(place.translation.tolist()))
-    rotation, position = recursions.frame_placement(mech, case.q, body, at, np)
-    for i in range(case.count):
-        data = model.createData()
-        pin.framesForwardKinematics(model, data, case.q[:, i])
-        assert_allclose(case.dense(rotation)[..., i], data.oMf[frame].rotation, atol=1e-13)
-        assert_allclose(case.dense(position)[..., i], data.oMf[frame].translation, atol=1e-12)
-        for axes, theirs in (("local", pin.LOCAL), ("aligned", pin.LOCAL_WORLD_ALIGNED)):
-            ours = case.dense(recursions.frame_jacobian(mech, case.q, body, at, np, axes))[..., i]
-            pin.forwardKinematics(model, data, case.q[:, i], case.v[:, i])
-            expected = pin.getFrameVelocity(model, data, frame, theirs).vector
-            assert_allclose(ours @ case.v[:, i], expected, atol=1e-11)
 
 
 def test_one_state_of_floats(model: pin.Model) -> None:
@@ -203,13 +147,6 @@ def test_damping_acts_only_where_asked() -> None:
     assert_allclose(tau - plain, expected, atol=1e-11)
     for forward in (articulated.forward_dynamics_aba, recursions.forward_dynamics_crba):
         assert_allclose(case.dense(forward(damped, case.q, case.v, tau, None, np)), case.a, rtol=1e-8, atol=1e-9)
-
-
-def test_unknown_parameter_names_the_nearest() -> None:
-    with pytest.raises(QueryError, match=r"did you mean 'forearm\.mass'"):
-        mechanism(make("two_link"), {"forearm.mas": 1.0})
-    with pytest.raises(QueryError, match="there is no parameter"):
-        nominal(make("two_link"), "nothing")
 
 
 def test_a_joint_that_is_not_covered_is_refused() -> None:
