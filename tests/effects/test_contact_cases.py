@@ -26,12 +26,8 @@ def cradle(impacts: str, e: float = 1.0) -> tl.Trajectory:
     contact = E.Contact(pairs, restitution=e, impacts=impacts, shapes={f"b{k}": (E.Sphere(0.1),) for k in range(5)})
     start = 0.2 * np.arange(5)
     start[0] -= 0.3
-    return tl.simulate(
-        tl.Scene(sliders_in_a_row(*[1.0] * 5), start, [1, 0, 0, 0, 0], [contact]),
-        0.5,
-        accuracy=1e-9,
-        samples_per_second=10,
-    )
+    scene = tl.Scene(sliders_in_a_row(*[1.0] * 5), start, [1, 0, 0, 0, 0], [contact])
+    return tl.simulate(scene, 0.5, accuracy=1e-9, samples_per_second=10)
 
 
 @pytest.mark.slow
@@ -219,12 +215,8 @@ def test_a_ball_slides_down_a_wedge_and_flies_off_its_edge() -> None:
     contact = E.Contact((("ball", "base"),), shapes={"base": (E.Convex(corners),)})
     way, t_edge = 0.4, math.sqrt(2 * 0.4 / (G * math.sin(angle)))
     start = [*(-way * down + r * n), 0, 0, 0, 1]
-    run = tl.simulate(
-        tl.Scene(ball_over_ball(), start, effects=[E.Gravity(), contact]),
-        t_edge + 0.1,
-        accuracy=1e-8,
-        samples_per_second=40,
-    )
+    scene = tl.Scene(ball_over_ball(), start, effects=[E.Gravity(), contact])
+    run = tl.simulate(scene, t_edge + 0.1, accuracy=1e-8, samples_per_second=40)
     assert times(run, "leave") == pytest.approx([t_edge], abs=1e-12)
     on, late = np.fmin(run.t, t_edge), np.fmax(run.t - t_edge, 0.0)
     along = G * math.sin(angle) * (on**2 / 2 + t_edge * late)
@@ -259,9 +251,8 @@ def test_forces_that_are_not_determined_obey_the_laws_all_the_same() -> None:
     """A slider is pressed along x onto a steep wall: N n_x + T t_x is determined, and N and T are not."""
     mu, n = 0.3, np.array([-0.5, 0.0, math.sqrt(0.75)])
     contact = E.Contact((("x_link", E.Plane(tuple(map(float, n)))),), mu, shapes={"x_link": (E.Sphere(0.1),)})
-    run = tl.simulate(
-        tl.Scene(slider(), [-0.2], effects=[E.Gravity((G, 0.0, 0.0)), contact]), 0.5, samples_per_second=10
-    )
+    scene = tl.Scene(slider(), [-0.2], effects=[E.Gravity((G, 0.0, 0.0)), contact])
+    run = tl.simulate(scene, 0.5, samples_per_second=10)
     (force,) = run.contact_forces.values()
     normal = force @ n
     across = np.linalg.norm(force - np.outer(normal, n), axis=1)
@@ -324,13 +315,8 @@ def test_a_block_that_is_set_on_a_moving_cart_is_taken_along() -> None:
     robot = bodies_on_sliders(acart=(mass, "hand", "1 0 0"), bx=(1e-6, "hand", "1 0 0"), bz=(own, "bx", "0 0 1"))
     shapes = {"acart": (E.Box((2.0, 0.5, 0.2)),), "bz": (E.Box((0.4, 0.3, 0.2)),)}
     contact = E.Contact((("acart", "bz"),), mu, shapes=shapes)
-    run = tl.simulate(
-        tl.Scene(robot, [0, 0, 0.2], [v0, 0, 0], [E.Gravity(), contact]),
-        0.5,
-        accuracy=1e-9,
-        samples_per_second=20,
-        contact="located",
-    )
+    scene = tl.Scene(robot, [0, 0, 0.2], [v0, 0, 0], [E.Gravity(), contact])
+    run = tl.simulate(scene, 0.5, accuracy=1e-9, samples_per_second=20, contact="located")
     own += 1e-6  # with its cart, which friction takes along
     end = v0 / (mu * G / own + mu * G / mass)
     t, late = np.fmin(run.t, end), np.fmax(run.t - end, 0.0)
@@ -346,13 +332,8 @@ def test_boxes_whose_edges_meet_bounce() -> None:
     shapes = {"b0": (E.Box((0.2, 0.2, 0.2), rpy=(0.0, math.pi / 4, 0.0)),),
               "b1": (E.Box((0.2, 0.2, 0.2), rpy=(0.0, 0.0, math.pi / 4)),)}  # fmt: skip
     contact, d = E.Contact((("b0", "b1"),), restitution=0.5, shapes=shapes), 0.2 * math.sqrt(2.0)
-    run = tl.simulate(
-        tl.Scene(sliders_in_a_row(1.0, 2.0), [0.0, 0.5], [1.0, 0.0], [contact]),
-        1.0,
-        accuracy=1e-9,
-        samples_per_second=20,
-        contact="located",
-    )
+    scene = tl.Scene(sliders_in_a_row(1.0, 2.0), [0.0, 0.5], [1.0, 0.0], [contact])
+    run = tl.simulate(scene, 1.0, accuracy=1e-9, samples_per_second=20, contact="located")
     assert times(run, "impact") == pytest.approx([0.5 - d], abs=1e-12)
     after = np.fmax(run.t - 0.5 + d, 0.0)  # momentum, and half the speed back: 0 and 1/2 m/s
     assert np.abs(run.q - np.stack([np.fmin(run.t, 0.5 - d), 0.5 + 0.5 * after], axis=1)).max() < 1e-9
@@ -365,13 +346,8 @@ def test_a_stack_of_boxes_stays_at_rest() -> None:
     sizes = {"a": 0.4, "b": 0.3, "c": 0.2}
     shapes = {name: (E.Box((size, size, 0.2)),) for name, size in sizes.items()}
     contact = E.Contact((("a", "ground"), ("a", "b"), ("b", "c")), 0.5, shapes=shapes)
-    run = tl.simulate(
-        tl.Scene(robot, [0.1, 0.3, 0.5], effects=[E.Gravity(), contact]),
-        100.0,
-        accuracy=1e-9,
-        samples_per_second=0.1,
-        contact="located",
-    )
+    scene = tl.Scene(robot, [0.1, 0.3, 0.5], effects=[E.Gravity(), contact])
+    run = tl.simulate(scene, 100.0, accuracy=1e-9, samples_per_second=0.1, contact="located")
     assert np.abs(run.q - [0.1, 0.3, 0.5]).max() < 1e-12
     forces = run.contact_forces
     assert [forces[pair][-1, 2] for pair in ("a - ground", "a - b", "b - c")] == pytest.approx([6 * G, -3 * G, -G])
@@ -382,9 +358,8 @@ def test_an_arm_that_hits_a_table_moves_as_an_independent_integration_does() -> 
     robot, e, height = tl.load_robot("two_link"), 0.8, -0.6
     contact = E.Contact((("forearm", E.Plane(height=height)),), restitution=e,
                         shapes={"forearm": (E.Sphere(0.0, (1.0, 0.0, 0.0)),)})  # fmt: skip
-    run = tl.simulate(
-        tl.Scene(robot, [0.3, -0.5], effects=[E.Gravity(), contact]), 1.0, accuracy=1e-9, samples_per_second=40
-    )
+    scene = tl.Scene(robot, [0.3, -0.5], effects=[E.Gravity(), contact])
+    run = tl.simulate(scene, 1.0, accuracy=1e-9, samples_per_second=40)
     model = run.robot.model
     data = model.createData()
 
