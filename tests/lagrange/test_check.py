@@ -143,13 +143,7 @@ def test_each_column_of_a_row_counts(report: CheckReport, change: dict[str, Any]
 
 
 @pytest.mark.parametrize(
-    ("model", "largest"),
-    [
-        ("Pinocchio", 1e-3),
-        ("corrected", 1e-3),
-        ("corrected", np.nan),
-        ("printed", 1e-9),
-    ],
+    ("model", "largest"), [("Pinocchio", 1e-3), ("corrected", 1e-3), ("corrected", np.nan), ("printed", 1e-9)]
 )
 def test_each_energy_counts(report: CheckReport, model: str, largest: float) -> None:
     energies = tuple(

@@ -80,8 +80,7 @@ def test_coupled_masses(ratio: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "kept"),
-    [("crankshaft", [0, 1]), ("four-bar", [0, 1, 3, 4]), ("squeezer", [0, 1, 3, 4, 6, 7])],
+    ("name", "kept"), [("crankshaft", [0, 1]), ("four-bar", [0, 1, 3, 4]), ("squeezer", [0, 1, 3, 4, 6, 7])]
 )
 def test_rows_across_the_plane_are_dropped(name: str, kept: list[int]) -> None:
     loops = equations_of(tl.load_scene(name)).constraints

@@ -82,10 +82,7 @@ REFUSED = {
         """q.elbow: expected numbers, got '9 mm'; give the joint's configuration in rad""",
     ),
     "unit of a rate": ({"elbow": "9 deg/s"}, "q.elbow: expected numbers, got '9 deg/s'"),
-    "a long text": (
-        {"elbow": "1" + " " * 100_000 + "!"},
-        "q.elbow: expected numbers",
-    ),  # took its cube
+    "a long text": ({"elbow": "1" + " " * 100_000 + "!"}, "q.elbow: expected numbers"),  # took its cube
     "a long number": ({"elbow": "1" + "0" * 200}, "q.elbow: expected numbers"),
     "unit alone": ({"elbow": "deg"}, "q.elbow: expected numbers, got 'deg'"),
     "nan": ({"elbow": np.nan}, "expected finite numbers"),

@@ -241,10 +241,7 @@ class _Progression:
 
 
 def measure_method(
-    measurements: StudyRun,
-    method: Method,
-    tolerances: tuple[float, ...] | None,
-    announce: Callable[[int, float], None],
+    measurements: StudyRun, method: Method, tolerances: tuple[float, ...] | None, announce: Callable[[int, float], None]
 ) -> None:
     """Measure a method at its settings, rough ones first, until a run takes too long or rounding decides.
 

@@ -187,11 +187,7 @@ def accuracy_study(
 
 
 def _measure_all(
-    measurements: StudyRun,
-    methods: Iterable[Method],
-    tolerances: tuple[float, ...] | None,
-    report: Report,
-    total: int,
+    measurements: StudyRun, methods: Iterable[Method], tolerances: tuple[float, ...] | None, report: Report, total: int
 ) -> None:
     done = 0
     for method in methods:

@@ -19,13 +19,7 @@ from twolink.algorithms.spatial import (
     times,
 )
 from twolink.dynamics import Robot
-from twolink.effects.checks import (
-    above_zero,
-    check_frame,
-    check_values_or_urdf,
-    floats,
-    values_by_dof,
-)
+from twolink.effects.checks import above_zero, check_frame, check_values_or_urdf, floats, values_by_dof
 from twolink.effects.effect import (
     AboveZero,
     CoordinateJoint,

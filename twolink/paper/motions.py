@@ -72,11 +72,7 @@ def rate_by_hand(
 
 
 def by_hand(
-    length: float,
-    seconds: float,
-    masses: Pair = MASSES,
-    variant: Variant = "corrected",
-    ratio: float = 1.0,
+    length: float, seconds: float, masses: Pair = MASSES, variant: Variant = "corrected", ratio: float = 1.0
 ) -> ArmMotion:
     """The hand-derived model, released at rest in the horizontal position. ratio: l2 / l1."""
     from scipy.integrate import solve_ivp  # its import takes a third of a second

@@ -154,10 +154,7 @@ def _chosen(robot: RobotModel, wanted: Sequence[str]) -> set[str]:
 def curves_of(robot: RobotModel, q: np.ndarray, v: np.ndarray) -> Iterator[JointCurve]:
     """Every joint's coordinates and velocities; the angle, counted on, where q has its cosine and sine."""
     for joint in robot.joints:
-        for panel, entry, values in (
-            *_positions(joint, q[:, joint.q]),
-            *_velocities(joint, v[:, joint.v]),
-        ):
+        for panel, entry, values in (*_positions(joint, q[:, joint.q]), *_velocities(joint, v[:, joint.v])):
             yield JointCurve(panel, joint.name, entry, values)
 
 
