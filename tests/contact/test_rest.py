@@ -35,7 +35,6 @@ def run_of(scene: tl.Scene, duration: float = 1.0, step: float = 0.01) -> tl.Tra
 
 
 def solved(run: tl.Trajectory) -> dict[str, int]:
-    assert run.contact_record is not None
     return run.contact_record["solvers"]
 
 

@@ -66,7 +66,6 @@ def test_contact_forces_obey_all_laws(seed: int) -> None:
     slips = [None, np.array([0.6, 0.8]) if seed % 2 else None]
     contacts = [Rows(own, random.normal(size=3), 0.2, 0.2, slip) for own, slip in zip(rows, slips, strict=True)]
     solved = solve_contacts(free, inverse, contacts)
-    assert solved is not None
     a = solved.a
     forces = np.linalg.solve(inverse @ np.concatenate(rows).T, a - free).reshape(2, 3)
     for contact, read, (normal, *force) in zip(contacts, solved.rates, forces, strict=True):
@@ -105,10 +104,8 @@ def test_two_corners_at_the_edge_of_their_cones_stick_or_slide(excess: float) ->
     needed = np.linalg.solve(plane @ inverse @ plane.T, -plane @ free)
     mu = abs(needed[1]) / needed[0] - excess
     solved = solve_contacts(free, inverse, [Rows(own, np.zeros(3), mu, mu, None) for own in rows])
-    assert solved is not None
     assert [rate[0] for rate in solved.rates] == [0.0, 0.0]
     one = solve_contacts(free, inverse, [Rows(rows[0] + rows[1], np.zeros(3), mu, mu, None)])
-    assert one is not None
     assert solved.a == pytest.approx(one.a, abs=1e-9)
     assert all(np.any(rate) == (excess > 0) for rate in solved.rates)
     assert all(np.hypot(*force[1:]) <= mu * force[0] * (1 + 1e-9) for force in solved.forces)
@@ -183,7 +180,6 @@ def test_a_body_that_rocks_too_low_to_follow_comes_to_rest(speed: float) -> None
     effects = [fx.Gravity(), fx.Contact(("ground",), 0.5, e, shapes=ends)]
     scene = tl.Scene(planar(), [0, 1e-10, 0], [0, speed / 2, speed / 2 / arm], effects)
     result = brought_to_rest(RunState(equations_of(scene), 0.0).mode_state, LeastBounce(speed**2 / G))
-    assert result is not None
     v, [(_, seconds)], energy = result
     assert np.abs(v).max() < 1e-15
     assert seconds == pytest.approx(2 * speed / (G * (1 - e)), rel=1e-3)

@@ -14,7 +14,6 @@ def test_a_name_from_elsewhere_is_the_method_here_and_the_run_says_so(name: str,
     runs = [tl.simulate(tl.load_scene("arm-swing"), 0.1, method=one, verify=False, **setting) for one in (name, ours)]
     np.testing.assert_array_equal(runs[0].q, runs[1].q)
     for run, said in zip(runs, (True, False), strict=True):
-        assert run.cost is not None
         assert run.cost.method == ours
         assert (f"asked for as {name}" in str(run.cost)) == said
 

@@ -42,7 +42,6 @@ def test_the_implicit_method_is_chosen_by_its_cost(inertia: float, method: str) 
     assert (choice.method.kind == "implicit") == (method == "esdirk43")
     assert ("a mode decays" in choice.why) == (method == "esdirk43")
     run = tl.simulate(scene, 2.0)
-    assert run.cost is not None
     assert run.cost.steps < 2_000
     rate = DAMPING / inertia
     exact = np.stack([run.t, SPEED / rate * -np.expm1(-rate * run.t)], axis=1)

@@ -31,7 +31,6 @@ def solved(scene: tl.Scene) -> Solution:
 def broken(scene: tl.Scene, solution: Solution) -> set[str]:
     """The laws that a solution breaks."""
     switching = equations_of(scene).switching
-    assert switching is not None
     found = certificate(switching, solution)
     return {law.law for law in found.laws if law.worst > law.limit}
 
@@ -60,7 +59,6 @@ def test_smooth_runs_have_none() -> None:
 
 def test_a_sample_beyond_a_stop_is_an_error_with_its_place() -> None:
     solution, switching = solved(STOPPED), equations_of(STOPPED).switching
-    assert switching is not None
     solution.x[0, 150] += 1e-6
     with pytest.raises(tl.errors.AccuracyError, match="stops") as caught:
         certificate(switching, solution).require()

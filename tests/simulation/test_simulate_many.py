@@ -157,7 +157,6 @@ def test_bars_hold_where_an_unstable_motion_makes_rounding_large() -> None:
     q = beside + np.array([np.pi / 2, 0.0])
     scene = tl.load_scene("arm-swing")
     worlds = tl.simulate_many(scene, q=q, duration=2.5, accuracy=1e-7)
-    assert worlds.error is not None
     for start, end, bar in zip(q, worlds.q, worlds.error, strict=True):
         one = tl.Scene(tl.load_robot("two_link"), start, effects=scene.effects)
         reference, doubt = extended_reference(one, np.array([0.0, 2.5]))
