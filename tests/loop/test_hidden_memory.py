@@ -13,7 +13,7 @@ import twolink as tl
 from scripts.studies.hidden_laws import COPIED, HARMLESS, HOLDERS, PLAIN, pure
 from tests.loop.loops import slider
 from twolink.errors import ControllerError, SceneError
-from twolink.loop.plain_functions import is_plain
+from twolink.loop.plain_functions import seen
 
 E = tl.effects
 GAIN = np.array([[2.0]])
@@ -152,7 +152,7 @@ def test_plain_functions_are_those_that_cannot_remember() -> None:
 
     for law in (base, lambda t, y, s: (-GAIN @ y.q + math.sin(t), s), lambda t, y, s: base(t, y, s),
                 lambda t, y, s: (np.clip(GAIN @ np.sin(y.q), -1.0, np.where(y.v > t, 1.0, 2.0)), s)):  # fmt: skip
-        assert is_plain(law, None)
+        assert seen(law, None)
     for law in (counting, lambda _, __, s: (np.random.default_rng().normal(), s),
                 lambda _, __, s: (np.add(GAIN, 1.0, GAIN), s),
                 lambda _, y, s: (np.clip(y.q, -1.0, 1.0, GAIN), s), lambda _, y, s: (y.q.dot(y.v, GAIN), s),
@@ -161,8 +161,8 @@ def test_plain_functions_are_those_that_cannot_remember() -> None:
                 lambda _, y, s: (np.sin(y.q, GAIN), s), lambda _, y, s: (np.sin(y.q, out=GAIN), s),
                 COPIED["object"](base, latch, False), *(HOLDERS[name](base, latch, False) for name in
                 ("nonlocal", "list", "default", "attribute", "generator", "clock", "random"))):  # fmt: skip
-        assert not is_plain(law, None)
-    assert not is_plain(base, threading.Lock())
+        assert not seen(law, None)
+    assert not seen(base, threading.Lock())
 
 
 @pytest.mark.parametrize("holder", ["class attribute", "class list", "nonlocal", "module dict", "context"])

@@ -66,7 +66,6 @@ class JointPoints:
         self.position = np.array([stop.position for stop in stops])
         self.side = np.array([stop.side for stop in stops])
         self.dof = np.array([*(stop.dof for stop in stops), *(lock.dof for lock in self.locks)], dtype=int)
-        self.first_key = int(key_of(np.array([pairs]), 0)[0])
 
     def __bool__(self) -> bool:
         return bool(len(self.dof))

@@ -56,11 +56,6 @@ _NOTHING = object()
 _UNKNOWN = open  # stands for a name that is not there: it is not harmless
 
 
-def is_plain(update: Any, state: Any) -> bool:
-    """True if a law is a function that is seen to remember nothing but its state, which is data."""
-    return seen(update, state) is not None
-
-
 def seen(update: Any, state: Any) -> "LawCode | None":
     """The code of a plain law; None of another. A class may say of its objects that they are `plain`."""
     found = LawCode()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,10 +17,7 @@ from twolink.scenes.scene import duration_of
 if TYPE_CHECKING:
     from twolink.simulation.trajectory import Trajectory
 
-Given = ParamSpec("Given")
-Answer = TypeVar("Answer")
 MAX_SAMPLES = 20_000_000
-SHORTEST = 1e-3  # s: the second argument of `explain` was an accuracy, and is taken for one below it
 ROUNDED = 1e-12  # of the duration: by which the last of t_eval may be above it
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 
