@@ -9,8 +9,8 @@ import io
 import os
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Collection, Mapping, Sequence
+from itertools import cycle, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
@@ -234,22 +234,27 @@ def _cost(box: Box, offset: tuple[float, float], placed: list[Box], points: np.n
     return hidden + COVERED * covered + OUTSIDE * outside + FAR * (abs(offset[0]) / 2 + abs(offset[1])) / 4
 
 
-def plot_eigenvalues(title: str, values: np.ndarray, errors: np.ndarray, *, unit_circle: bool = False) -> Figure:
-    """Draw eigenvalues (n,) with circles of their errors (n,).
+def plot_eigenvalues(
+    title: str, sets: Mapping[str, tuple[np.ndarray, np.ndarray]], *, unit_circle: bool = False
+) -> Figure:
+    """Draw sets of eigenvalues (n,) with circles of their errors (n,), by name.
 
     unit_circle: what is stable is inside it (multipliers), else left of the imaginary axis.
     """
     from matplotlib.patches import Circle
 
-    figure, axes = new_figure(1, size=(5.0, 4.6))
+    figure, axes = new_figure(1, size=(5.0, 4.6 + 0.2 * len(sets)))
     axis = axes[0, 0]
-    for value, error in zip(values, errors, strict=True):
-        axis.add_patch(Circle((value.real, value.imag), error, color=COLOURS[4], alpha=0.4, linewidth=0))
-    axis.plot(values.real, values.imag, "x", color=COLOURS[0], markersize=7, markeredgewidth=1.8)
+    for colour, (name, (values, errors)) in zip(cycle(COLOURS), sets.items(), strict=False):
+        for value, error in zip(values, errors, strict=True):
+            axis.add_patch(Circle((value.real, value.imag), error, color=colour, alpha=0.4, linewidth=0))
+        axis.plot(values.real, values.imag, "x", color=colour, markersize=7, markeredgewidth=1.8, label=plain(name))
     if unit_circle:
         axis.add_patch(Circle((0.0, 0.0), 1.0, fill=False, color="0.45", linewidth=1.0))
     else:
         axis.axvline(0.0, color="0.45", linewidth=1.0)
+    if len(sets) > 1:
+        figure.legend(fontsize=8, loc="outside lower center")
     axis.axhline(0.0, color="0.8", linewidth=0.8, zorder=1)
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("real part" if unit_circle else "real part, 1/s")
@@ -267,19 +272,20 @@ def plot_bars(
     axis.barh([plain(name) for name in names], values, xerr=errors, color=COLOURS[4], ecolor=COLOURS[6])
     axis.invert_yaxis()
     axis.set_xlabel(unit)
-    axis.set_title(plain(title))
+    axis.set_title(textwrap.fill(plain(title), TITLE_WIDTH * 2 // 3))
     return figure
 
 
 def plot_lines(
-    title: str, labels: tuple[str, str], x: np.ndarray, curves: Mapping[str, np.ndarray], *, log: bool = False
-) -> Figure:
+    title: str, labels: tuple[str, str], x: np.ndarray, curves: Mapping[str, np.ndarray], *, log: bool = False,
+    dashed: Collection[str] = (),
+) -> Figure:  # fmt: skip
     """Draw curves (n,) by name over x (n,). labels: of the axes. log: on a logarithmic axis, which leaves out zeros."""
     figure, axes = new_figure(1, size=(6.4, 4.0))
     axis = axes[0, 0]
     for i, (name, values) in enumerate(curves.items()):
         shown = np.where(values > 0.0, values, np.nan) if log else values
-        axis.plot(x, shown, color=COLOURS[i % len(COLOURS)], label=plain(name))
+        axis.plot(x, shown, "--" if name in dashed else "-", color=COLOURS[i % len(COLOURS)], label=plain(name))
     if log:
         axis.set_yscale("log")
     axis.set_xlabel(labels[0])

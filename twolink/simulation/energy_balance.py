@@ -76,9 +76,10 @@ class EnergyBalance(BaseResult, Plotted):
         }
 
     def _figure(self) -> Figure:
-        curves = {"stored": self.stored - self.stored[0], **self.work, "impacts and releases": -self.lost}
+        lost = {"impacts and releases": -self.lost} if self.lost.any() else {}
+        curves = {**self.work, **lost, "stored": self.stored - self.stored[0]}
         title = self.run.title or self.run.robot.name
-        return plot_lines(title, ("t (s)", "energy since the start (J)"), self.t, curves)
+        return plot_lines(title, ("t (s)", "energy since the start (J)"), self.t, curves, dashed=("stored",))
 
     def __str__(self) -> str:
         entries = {"stored, at first": self.stored[0], **{name: w[-1] for name, w in self.work.items()}}

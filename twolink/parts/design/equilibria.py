@@ -30,11 +30,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ROUNDS, HALVINGS = 50, 6  # of Newton's method, and of a step that does not help
-SMALL = 1e-13  # rad or m: a step below it is rounding
+SMALL, ROUNDING = 1e-13, 1e-12  # rad or m: steps, and positions, that are rounding
 STRIDE = 0.5  # rad or m: the longest step
 RANK = 1e-8  # relative: singular values below it belong to directions in which equilibria go on
 DRAWN = 64  # random configurations of which the one of the least potential energy is a start, too
 MOST = 1e6  # starts
+FEW = 6  # equilibria that a figure tells apart
 SAME = 1e-6  # rad or m: equilibria nearer to each other are one
 
 
@@ -67,22 +68,32 @@ class Equilibria(BaseResult, Plotted, Sequence[Linearization]):
 
     def table(self) -> Table:
         """Configuration, stability, the largest real part of the eigenvalues with its error, and the residual."""
-        rows = tuple((", ".join(f"{x:.6g}" for x in each.q), each.stability, float(each.eigenvalues[0].real),
+        rows = tuple((_shown(each.q, 6), each.stability, float(each.eigenvalues[0].real),
                       float(each.eigenvalue_errors[0]), float(np.abs(each.a).max(initial=0.0)))
                      for each in self.found)  # fmt: skip
         return Table(("q", "stability", "largest real part 1/s", "error", "|a|"), rows)
 
     def _figure(self) -> Figure:
-        values, errors = (np.concatenate([getattr(each, name) for each in self.found])
-                          for name in ("eigenvalues", "eigenvalue_errors"))  # fmt: skip
-        title = f"{self.found[0].robot.name}: eigenvalues at {len(self)} equilibria"
-        return plot_eigenvalues(title, values, errors)
+        kinds: dict[str, list[Linearization]] = {}
+        for each in self.found:  # by configuration, where there are few
+            place = f"q = {_shown(each.q, 3)}: " if len(self) <= FEW else ""
+            kinds.setdefault(f"{place}{each.stability}", []).append(each)
+        sets = {name: (np.concatenate([one.eigenvalues for one in some]),
+                       np.concatenate([one.eigenvalue_errors for one in some]))
+                for name, some in kinds.items()}  # fmt: skip
+        title = f"{self.found[0].robot.name}: " if self.found else ""
+        return plot_eigenvalues(f"{title}eigenvalues at {len(self)} equilibria", sets)
 
     def __str__(self) -> str:
         head = f"{len(self.found)} equilibria from {self.starts} starts, {self.failed} of which led to none"
         return f"{head}; there may be more\n{self.table()}"
 
     __repr__ = __str__
+
+
+def _shown(q: np.ndarray, digits: int) -> str:
+    """A configuration with so many digits, and 0 for rounding."""
+    return ", ".join(f"{0.0 if abs(x) < ROUNDING else x:.{digits}g}" for x in q)
 
 
 def equilibria(

@@ -16,6 +16,7 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.io.progress import Report, in_time
 from twolink.io.text import Table
+from twolink.parts.design.linearization import state_names
 from twolink.parts.design.objectives import (
     STEP,
     NotFollowedError,
@@ -77,8 +78,9 @@ class Gradient(BaseResult, Plotted):
         """Each derivative with its error bar."""
         rows = []
         for name, values in self.by.items():
-            for k, value in enumerate(values):
-                rows.append((name if len(values) == 1 else f"{name}[{k}]", float(value), float(self.error[name][k])))
+            of_state = [one for one in state_names(self.run.robot) if f"{one}.".startswith(f"{name}.")]
+            for by, value, error in zip(of_state or [name] * len(values), values, self.error[name], strict=True):
+                rows.append((by, float(value), float(error)))
         return Table(("by", "derivative", "error bar"), tuple(rows))
 
     def _figure(self) -> Figure:

@@ -157,7 +157,7 @@ class Linearization(BaseResult, Plotted):
         }  # fmt: skip
 
     def _figure(self) -> "Figure":
-        return plot_eigenvalues(f"{self.robot.name}: eigenvalues", self.eigenvalues, self.eigenvalue_errors)
+        return plot_eigenvalues(f"{self.robot.name}: eigenvalues", {"": (self.eigenvalues, self.eigenvalue_errors)})
 
     def _one(self, name: str) -> "Linearization":
         if self.A.ndim != 2:

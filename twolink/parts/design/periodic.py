@@ -246,7 +246,7 @@ class PeriodicMotion(BaseResult, Plotted):
 
     def _figure(self) -> Figure:
         title = f"{self.scene.robot.name}: Floquet multipliers, period {self.period:.6g} s"
-        return plot_eigenvalues(title, self.multipliers, self.multiplier_errors, unit_circle=True)
+        return plot_eigenvalues(title, {"": (self.multipliers, self.multiplier_errors)}, unit_circle=True)
 
     def __str__(self) -> str:
         start = ", ".join(f"{x:.9g}" for x in (*self.scene.q, *self.scene.v))
