@@ -230,9 +230,8 @@ def _constants(run: Trajectory, wanted: Wanted, function: Objective) -> dict[str
     def used(changes: dict[str, float]) -> bool:
         return bool(changes) and value_of(function, beside(run, still, still, changes)) != own
 
-    if used({name: step for name, step in steps.items() if name not in direct}) or (
-        variation.has_friction and _uses_torques(run, function)
-    ):
+    indirect = {name: step for name, step in steps.items() if name not in direct}
+    if used(indirect) or (variation.has_friction and _uses_torques(run, function)):
         raise SceneError("energy or torques, which it uses, change with a parameter indirectly", argument="objective",
                          remedy="use samples only, or ask for physical constants and numbers of what acts",
                          code="gradient-objective")  # fmt: skip

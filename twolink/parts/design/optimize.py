@@ -115,17 +115,8 @@ class Optimum(BaseResult, Plotted):
 
     def to_dict(self) -> dict[str, Any]:
         """A record for JSON."""
-        names = (
-            "objective",
-            "error",
-            "hessian",
-            "constraints",
-            "simulations",
-            "seconds",
-            "ends",
-            "interrupted",
-            "history",
-        )
+        names = ("objective", "error", "hessian", "constraints", "simulations", "seconds", "ends", "interrupted",
+                 "history")  # fmt: skip
         return {"variables": self.table().to_records()} | {name: as_data(getattr(self, name)) for name in names}
 
     def _figure(self) -> Figure:

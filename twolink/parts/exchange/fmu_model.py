@@ -186,9 +186,8 @@ def _certify(equations: Equations, inputs: int, functions: dict[str, Traced]) ->
         certify_rate(equations, lambda rows: called("rate", rows[:1], rows[1 : 1 + size], rows[1 + size :]))
         certify_variation(equations, lambda rows: functions["variation"]([rows.T]).T, 1, inputs)
         if space.curved or equations.constraints is not None:
-            certify_projection(
-                equations, lambda rows: called("projected", np.zeros_like(rows[:1]), rows[:size], rows[size:])
-            )
+            at_start = np.zeros((1, STATES))
+            certify_projection(equations, lambda rows: called("projected", at_start, rows[:size], rows[size:]))
     q, v = equations.robot.random_state(STATES, seed=1)
     x = np.concatenate([q.T, v.T, np.zeros((size - space.v_rows.stop, STATES))])
     values = np.repeat(np.array(nominal_vector(equations)).reshape(-1, 1), STATES, axis=1)

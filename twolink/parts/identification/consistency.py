@@ -167,16 +167,13 @@ class Consistency:
                 body = slice(10 * (j - 1), 10 * j)
                 if not np.array_equal(vector[body], before[body]):  # a body without mass has no centre of mass
                     model.inertias[j] = pin.Inertia.FromDynamicParameters(vector[body])
-            armature, damping, friction = (np.array(x) for x in (model.armature, model.damping,
-                                                                 model.upperDryFrictionLimit))  # fmt: skip
+            drives = {"armature": np.array(model.armature), "damping": np.array(model.damping),
+                      "friction": np.array(model.upperDryFrictionLimit)}  # fmt: skip
             for name in self.parameters:
                 joint, _, kind = name.rpartition(".")
-                if kind in JOINT_PARAMETERS:
-                    place = model.idx_vs[model.getJointId(joint)]
-                    {"armature": armature, "damping": damping, "friction": friction}[kind][place] = vector[
-                        names.index(name)
-                    ]
-            model.armature, model.damping = armature, damping
+                if kind in drives:
+                    drives[kind][model.idx_vs[model.getJointId(joint)]] = vector[names.index(name)]
+            model.armature, model.damping, friction = drives.values()
             model.upperDryFrictionLimit, model.lowerDryFrictionLimit = friction, -friction
 
         found = robot.changed(change)

@@ -68,10 +68,9 @@ def write_urdf(found: Found, source: str | os.PathLike[str], path: str | os.Path
             element = _named(root, "joint", joint, urdf.label)
             dof = model.idx_vs[model.getJointId(joint)]
             values = {"damping": new.damping[dof], "friction": new.upperDryFrictionLimit[dof]}
-            for kind in (
-                kind for kind in values if kind in kinds
-            ):  # URDF has no place for armature, which is in the comment
-                _child(element, "dynamics").set(kind, repr(float(values[kind])))
+            for kind, value in values.items():  # URDF has no place for armature, which is in the comment
+                if kind in kinds:
+                    _child(element, "dynamics").set(kind, repr(float(value)))
             _comment(element, _remarks(found, joint))
     head = _HEAD.match(urdf.data.decode("utf-8-sig"))
     text = (head.group() if head else "") + ET.tostring(root, encoding="unicode") + "\n"

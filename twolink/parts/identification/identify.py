@@ -170,9 +170,8 @@ def _half_window(runs: Sequence[Recording], half: int | None, frequency: float |
         what = f"expected a whole number from {SMALLEST} on, got {half!r}"
         raise QueryError(what, argument="half_window", remedy="leave it out to choose by the torques")
     if half is not None and frequency is not None:
-        raise QueryError(
-            "half_window is given too", argument="cutoff", remedy="keep one: both say how wide the filter is"
-        )
+        what, remedy = "half_window is given too", "keep one: both say how wide the filter is"
+        raise QueryError(what, argument="cutoff", remedy=remedy)
     if runs[0].a is not None:
         return half
     for run in runs:

@@ -106,7 +106,6 @@ def _spikes(robot: Robot, table: dict[str, np.ndarray]) -> list[str]:
             odd = off > np.maximum(limit, _COUNTS * finest)
             if odd.any():
                 x[2:-2][odd] = middle[odd]
-                notes.append(
-                    f"{odd.sum()} outliers of {name}{k} ({robot.name}) were replaced by their neighbours' median"
-                )
+                which = f"{odd.sum()} outliers of {name}{k} ({robot.name})"
+                notes.append(f"{which} were replaced by their neighbours' median")
     return notes

@@ -134,9 +134,8 @@ def _require_no_gap(t: np.ndarray) -> None:
     steps = np.diff(t)
     if len(steps) and steps.max() > GAP * np.median(steps):
         row = int(np.argmax(steps))
-        what = (
-            f"time jumps by {steps[row]:.4g} s at t[{row}] = {t[row]:.9g} s, the usual step is {np.median(steps):.4g} s"
-        )
+        what = f"time jumps by {steps[row]:.4g} s at t[{row}] = {t[row]:.9g} s, "
+        what += f"the usual step is {np.median(steps):.4g} s"
         remedy = "give the parts as several runs: a list of tables, or a column `run`"
         raise QueryError(what, argument="t", remedy=remedy, code="times")
 
@@ -220,9 +219,8 @@ def checked_times(t: ArrayLike) -> np.ndarray:
     """Increasing times (n,), s. Raises QueryError, codes "times" and "too-few-samples"."""
     times = array("t", t, np.shape(t)[-1] if np.ndim(t) else 1)
     if times.ndim != 1:
-        raise QueryError(
-            f"expected shape (n,), got {times.shape}", argument="t", remedy="give one time for each sample"
-        )
+        raise QueryError(f"expected shape (n,), got {times.shape}", argument="t",
+                         remedy="give one time for each sample")  # fmt: skip
     if not len(times):
         raise QueryError("there are no samples", argument="t", remedy="give some", code="too-few-samples")
     steps = np.diff(times)

@@ -44,13 +44,8 @@ class ModelError:
 
     def to_dict(self) -> dict[str, Any]:
         """A record for JSON."""
-        return {
-            "name": self.name,
-            "value": self.value,
-            "standard_error": self.error,
-            "moved": self.moved,
-            "of": self.of,
-        }
+        return {"name": self.name, "value": self.value, "standard_error": self.error, "moved": self.moved,
+                "of": self.of}  # fmt: skip
 
 
 def model_errors(
@@ -86,7 +81,5 @@ def model_errors(
         if abs(value) - abs(other - value) > clear and abs(value) * np.sqrt(squares[k]) > least:
             shift = np.abs(moves[:, k] * value) / errors
             worst = int(np.argmax(shift))
-            found.append(
-                (abs(value) / error, ModelError(names[k], value, error, float(shift[worst]), combinations[worst]))
-            )
-    return tuple(error for _, error in sorted(found, key=lambda one: -one[0]))
+            found.append(ModelError(names[k], value, error, float(shift[worst]), combinations[worst]))
+    return tuple(sorted(found, key=lambda one: -abs(one.value) / one.error))

@@ -339,9 +339,8 @@ class Identification(Estimate):
             lines.append("residuals are correlated in time, by missing forces or filters; the intervals allow for it")
         lines += [] if self.filter is None else [str(self.filter)]
         if "delay" in self.setup.names:
-            lines.append(
-                f"the torques of the log are {1e3 * self.setup.delay:.3g} ms late; find=() takes them as they are"
-            )
+            late = f"{1e3 * self.setup.delay:.3g} ms late"
+            lines.append(f"the torques of the log are {late}; find=() takes them as they are")
         if self.validation is not None:
             lines.append(self.validation.in_words(names))
         lines += self.not_told("torque", "not excited by these data")

@@ -147,35 +147,19 @@ def _result(search: LeastSquaresSearch, point: Point, method: str, confidence: f
     values = unknowns.values(point.z)
     weighted = search.at(point).columns @ unknowns.derivatives(point.z)[0] / found.noise[:, None]
     return SceneFit(
-        scene=unknowns.scene_at(point.z),
-        start=unknowns.scene,
-        robot=unknowns.scene.robot,
-        parameters=dict(zip(unknowns.names, values.tolist(), strict=True)),
-        combinations=shown.combinations,
-        matrix=shown.matrix,
-        estimate=shown.matrix @ values,
-        covariance=found.covariance,
-        numerical_error=numerical,
-        half_width=quantile * np.sqrt(np.diag(found.covariance)) + numerical,
-        confidence=confidence,
+        scene=unknowns.scene_at(point.z), start=unknowns.scene, robot=unknowns.scene.robot,
+        parameters=dict(zip(unknowns.names, values.tolist(), strict=True)), combinations=shown.combinations,
+        matrix=shown.matrix, estimate=shown.matrix @ values, covariance=found.covariance, numerical_error=numerical,
+        half_width=quantile * np.sqrt(np.diag(found.covariance)) + numerical, confidence=confidence,
         not_identifiable=(*_ratios(possible, values), *possible.not_identifiable("measurement")),
-        not_excited=not_shown(possible, shown),
-        channels=data.channels,
-        noise=found.noise,
-        t=data.t,
-        measured=data.values,
-        residuals=point.shot.residuals,
+        not_excited=not_shown(possible, shown), channels=data.channels, noise=found.noise, t=data.t,
+        measured=data.values, residuals=point.shot.residuals,
         singular_values=np.linalg.svd(weighted.reshape(-1, len(values)), compute_uv=False),
-        condition=found.condition,
-        correlated=found.correlated,
-        method=method,
-        segments=len(point.shot.segments),
-        gap=float(np.abs(point.shot.gaps).max(initial=0.0)),
-        converged=point.converged,
-        explained=_unexplained(search, point) < _EXPLAINED,
-        simulations=search.simulations,
+        condition=found.condition, correlated=found.correlated, method=method, segments=len(point.shot.segments),
+        gap=float(np.abs(point.shot.gaps).max(initial=0.0)), converged=point.converged,
+        explained=_unexplained(search, point) < _EXPLAINED, simulations=search.simulations,
         interrupted=search.interrupted,
-    )
+    )  # fmt: skip
 
 
 def _ratios(possible: BaseParameters, values: np.ndarray) -> list[str]:

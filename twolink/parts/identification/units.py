@@ -22,9 +22,8 @@ _UNITS = {("q", DEGREE): "np.radians(q), --units deg", ("t", 1e-3): "t / 1000, -
 def remedy_of(column: str, factor: float) -> str:
     """The remedy that gives a column in SI units, with text that can be pasted."""
     ways = _UNITS.get((column.partition(".")[0], factor), f"{factor:.6g} times it")
-    return (
-        f'give {column} in SI units: {ways}, or {column} = {{column = "...", scale = {factor:.6g}}} in a map of columns'
-    )
+    entry = f'{column} = {{column = "...", scale = {factor:.6g}}}'
+    return f"give {column} in SI units: {ways}, or {entry} in a map of columns"
 
 
 def range_of(robot: Robot, q: np.ndarray, joint: JointLayout) -> str:
