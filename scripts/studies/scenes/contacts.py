@@ -168,9 +168,8 @@ def a_hull(random: np.random.Generator, most: float = 0.25) -> tuple[AnyShape, M
             shape = fx.Convex(tuple(tuple(s * size * (k == i) for k in range(3))
                                     for i, size in enumerate((a, b, c)) for s in (1.0, -1.0)))  # fmt: skip
         case "tetrahedron":
-            shape = fx.Convex(
-                tuple((x * a, y * b, z * c) for x, y, z in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)))
-            )
+            corners = (1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)
+            shape = fx.Convex(tuple((x * a, y * b, z * c) for x, y, z in corners))
         case _:
             cloud = np.round(random.uniform(-1, 1, (7, 3)) * (a, b, c), 4)
             shape = fx.Convex(tuple(map(tuple, (cloud - cloud.mean(axis=0)).tolist())))

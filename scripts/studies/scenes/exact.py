@@ -153,9 +153,8 @@ def limit(shared: np.random.Generator, random: np.random.Generator) -> Case:
     kind = int(random.integers(5))
     if kind == 0:
         rods = [made.constants(shared)[1:] for _ in range(2)]
-        scene = tl.Scene(
-            made.double_pendulum(rods), random.uniform(-3, 3, 2), random.uniform(-3, 3, 2), [made.gravity(9.75)]
-        )
+        q, v = random.uniform(-3, 3, 2), random.uniform(-3, 3, 2)
+        scene = tl.Scene(made.double_pendulum(rods), q, v, [made.gravity(9.75)])
         one = Case("double pendulum", scene, made.uniform(random, 5, 30), partial(extended_reference, scene))
     elif kind == 1:
         one = swinging(random, str(random.choice(["revolute", "continuous"])), made.uniform(random, 100, 2000))
