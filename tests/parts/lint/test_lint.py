@@ -247,9 +247,7 @@ def mutated(rng: random.Random) -> str:
     """The sound robot with one to three values, names of attributes or elements changed, repeated or left out."""
     text = SOUND
     for _ in range(rng.randint(1, 3)):
-        value, element = (
-            rng.choice(list(re.finditer(pattern, text))) for pattern in (r'(\w+)="([^"]*)"', r"<[^<>]*/>")
-        )
+        value, element = (rng.choice(list(re.finditer(p, text))) for p in (r'(\w+)="([^"]*)"', r"<[^<>]*/>"))
         text = rng.choice([
             text[: value.start(2)] + rng.choice(VALUES) + text[value.end(2) :],
             text[: value.start(1)] + rng.choice(["name", "xyz", "foo"]) + text[value.end(1) :],
