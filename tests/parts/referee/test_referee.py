@@ -243,13 +243,6 @@ def test_a_robot_starts_where_its_log_does(tmp_path: Path) -> None:
     assert call("judge", "two_link", str(path), "--start", "scene", "--seconds", "1").returncode == 1
 
 
-def test_the_exit_code_of_what_is_not_known_is_3(tmp_path: Path) -> None:
-    run = tl.simulate(tl.load_scene("arm-swing"), 0.5, accuracy=1e-9)
-    path = run.save(tmp_path / "log.csv")
-    assert call("judge", "arm-swing", str(path)).returncode == 0
-    assert call("judge", "arm-swing", str(path), "--tolerance", "1e-13").returncode == 3
-
-
 def test_a_cause_that_leaves_more_than_a_percent_is_not_named() -> None:
     """A student's two equations of the arm, by absolute angles; one sign of the second is wrong."""
     arm = ARM.robot
