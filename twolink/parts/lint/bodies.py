@@ -9,11 +9,10 @@ from collections.abc import Callable, Iterator, Mapping
 from decimal import Decimal
 
 import numpy as np
-import pinocchio as pin
 
 from twolink.parts.lint.findings import Defect, Severity, defect
 from twolink.parts.lint.reading import Reading, parts
-from twolink.parts.lint.shapes import Extent
+from twolink.parts.lint.shapes import Extent, placement
 from twolink.robots.checks import impossible_bodies, impossible_inertia, is_impossible
 from twolink.robots.urdf import UrdfLink
 from twolink.robots.xml import Element
@@ -49,9 +48,7 @@ def _bodies(reading: Reading) -> Iterator[tuple[UrdfLink, Element, np.ndarray]]:
     """The links with an <inertial>, it, and their centres of mass."""
     for link in reading.links.values():
         if (part := inertial(link)) is not None:
-            origin = part.first("origin")
-            text = origin.attributes.get("xyz", "0 0 0") if origin else "0 0 0"
-            yield link, part, np.array(text.split(), dtype=float)
+            yield link, part, placement(part).translation
 
 
 def impossible(reading: Reading) -> Iterator[Defect]:
@@ -60,11 +57,10 @@ def impossible(reading: Reading) -> Iterator[Defect]:
     to_blame = [link.name for link in impossible_bodies(reading.tree, reading.model)] if whole else []  # type: ignore[arg-type]
     for link, part, centre in _bodies(reading):
         if is_impossible(link.inertia, link.mass):
-            element, origin = part.first("inertia"), part.first("origin")
+            element = part.first("inertia")
             given = element.attributes if element else {}
             numbers = {key: float(given[key]) for key in given if key in SLOTS}
-            angles = (origin.attributes.get("rpy", "0 0 0") if origin else "0 0 0").split()
-            cause = cause_of_impossible(numbers, link.mass, pin.rpy.rpyToMatrix(*map(float, angles)).T @ centre)
+            cause = cause_of_impossible(numbers, link.mass, placement(part).rotation.T @ centre)
             certain = (link.name in to_blame or not whole) and not cause.startswith("likely rounding")
             severity: Severity = "error" if certain or link.name in to_blame else "warning"
             yield defect("impossible-inertia", link.name, reading.line(element, link.name),

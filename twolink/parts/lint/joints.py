@@ -10,7 +10,7 @@ import numpy as np
 from twolink.parts.lint.bodies import opposite
 from twolink.parts.lint.findings import Defect, Fix, defect
 from twolink.parts.lint.reading import Reading, lost_mesh, parts
-from twolink.parts.lint.shapes import meshes
+from twolink.parts.lint.shapes import meshes, placement
 from twolink.robots.checks import mimic_fault
 from twolink.robots.meshes import missing_meshes
 from twolink.robots.urdf import UNIT_TOLERANCE, UrdfJoint
@@ -124,7 +124,7 @@ def _motor(joint: UrdfJoint) -> list[float]:
 def shapes(reading: Reading) -> Iterator[Defect]:
     """Meshes without a file, out of proportion, or with an odd scale."""
     yield from _missing(reading)
-    reach = max((math.hypot(*_place(joint)) for joint in reading.joints), default=0.0)
+    reach = max((math.hypot(*placement(joint.element).translation) for joint in reading.joints), default=0.0)
     for link in reading.links.values():
         for mesh in meshes(link.element):
             scale = mesh.attributes.get("scale", "1 1 1").split()
@@ -164,11 +164,6 @@ def _missing(reading: Reading) -> Iterator[Defect]:
         what = f"{len(missing)} meshes are not found, the first is" if len(missing) > 1 else "there is no mesh"
         yield defect("mesh-missing", "", others[0].line, f"{what} {first!r}",
                      "give --package-dir, or correct the names")  # fmt: skip
-
-
-def _place(joint: UrdfJoint) -> list[float]:
-    origin = joint.element.first("origin")
-    return [float(part) for part in (origin.attributes.get("xyz", "0") if origin else "0").split()]
 
 
 def _is_positive(text: str) -> bool:

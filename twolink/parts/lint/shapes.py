@@ -79,7 +79,8 @@ class Shapes:
         found = None if shape is None else self._mesh(shape) if shape.tag == "mesh" else _plain(shape)
         if found is None:
             return Extent(np.empty((0, 3)), 0.0, False)
-        return Extent(found[0] @ _turn(body).T + _numbers(body.first("origin"), "xyz", 3), found[1], True)
+        place = placement(body)
+        return Extent(found[0] @ place.rotation.T + place.translation, found[1], True)
 
     def _mesh(self, mesh: Element) -> Size | None:
         """The corners around a mesh, and its volume; None where it is not read."""
@@ -112,8 +113,10 @@ def _together(shapes: Iterable[Extent]) -> Extent:
     return Extent(np.concatenate([one.points for one in each]), volume, whole)
 
 
-def _turn(body: Element) -> np.ndarray:
-    return np.asarray(pin.rpy.rpyToMatrix(*_numbers(body.first("origin"), "rpy", 3)))
+def placement(element: Element) -> pin.SE3:
+    """The place of an element by its <origin>."""
+    xyz, rpy = (_numbers(element.first("origin"), key, 3) for key in ("xyz", "rpy"))
+    return pin.SE3(pin.rpy.rpyToMatrix(*rpy), xyz)
 
 
 def _numbers(element: Element | None, key: str, count: int, default: float = 0.0) -> np.ndarray:
