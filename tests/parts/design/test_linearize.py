@@ -149,13 +149,6 @@ def test_arguments() -> None:
         _ = tl.linearize(scene, np.zeros((3, 2))).eigenvalues
 
 
-def test_eigenvalues_are_drawn(tmp_path) -> None:
-    linear = tl.linearize(tl.load_scene("arm-swing"))
-    path = linear.plot(tmp_path / "e.svg")
-    assert len(linear.plot().axes) == 1  # without a path the figure
-    assert path.read_text("utf-8").startswith("<?xml")
-
-
 @pytest.mark.parametrize("ask", [tl.linearize, tl.equilibria, lambda scene: tl.periodic_motion(scene, 1.0),
                                  tl.accuracy_study, lambda scene: tl.sensitivities(scene, wrt=["q"])])  # fmt: skip
 def test_what_is_asked_of_a_motion_is_refused_where_nothing_moves(ask: Callable[[tl.Scene], object]) -> None:
