@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.simulation.test_sensitivities import FREE
 from twolink.algorithms.namespaces import Numbers
 from twolink.errors import CertificationError, SceneError
 from twolink.integrate.motion.formulas import accelerations
@@ -13,12 +14,6 @@ from twolink.integrate.motion.scene_equations import equations_of
 from twolink.parts.design import smooth
 
 E = tl.effects
-FLOATING = """<robot name="brick"><link name="brick"><inertial><mass value="2"/><origin xyz="0.1 0 0.05"/>
-<inertia ixx="1" iyy="2" izz="2.5" ixy="0.1" ixz="0" iyz="0"/></inertial></link>
-<link name="arm"><inertial><mass value="1"/><origin xyz="0 0.2 0"/>
-<inertia ixx="0.2" iyy="0.1" izz="0.3" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="hinge" type="continuous"><parent link="brick"/><child link="arm"/><axis xyz="0.6 0 0.8"/></joint>
-</robot>"""
 WEIGHTS = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])
 
 
@@ -69,7 +64,7 @@ def test_the_pendulum_has_its_closed_form(pendulum_urdf: str) -> None:
 
 def test_along_a_motion_it_is_the_rate_of_sensitivities() -> None:
     """S' = A(t) S for a brick that tumbles, with a quaternion and a continuous joint."""
-    robot = tl.load_robot(FLOATING, root="free")
+    robot = tl.load_robot(FREE, root="free")
     q, v = robot.random_state(1, seed=4)
     scene = tl.Scene(robot, q[0], 2.0 * v[0], [E.Gravity(), E.FrameWrench("arm", (0.0, E.Sine(2.0, 3.0), 1.0))])
     s = tl.sensitivities(scene, wrt=["q", "v"], duration=0.5, accuracy=1e-10, samples_per_second=100)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.simulation.test_sensitivities import FREE
 from twolink.errors import SceneError
 
 E = tl.effects
@@ -81,9 +82,7 @@ def test_a_configuration_off_balance_is_held_by_torques() -> None:
 
 def test_a_wheel_and_a_floating_body_are_linearized_as_the_formula_says() -> None:
     """The feedback's derivative at its target is -K, for a quaternion, a position and a continuous joint."""
-    from tests.parts.design.test_linearize import FLOATING
-
-    robot = tl.load_robot(FLOATING, root="free")
+    robot = tl.load_robot(FREE, root="free")
     q = robot.random_state(1, seed=3)[0][0]
     gain = np.random.default_rng(0).uniform(-5, 5, 14)
     scene = tl.Scene(robot, q)
