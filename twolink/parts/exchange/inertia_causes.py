@@ -7,6 +7,7 @@ from __future__ import annotations
 import itertools
 import re
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -49,10 +50,7 @@ def link_inertia(link: UrdfLink) -> LinkInertia:
 
 def centre_cause(a: LinkInertia, b: LinkInertia, near: float) -> str:
     """Why the centre of mass of b is not that of a; near: m, within which they are one."""
-
-    def same(x: np.ndarray, y: np.ndarray) -> bool:
-        return bool(np.abs(x - y).max() <= near)
-
+    same = partial(np.allclose, rtol=0.0, atol=near)
     for origin, other in (("b", b), ("a", a)):
         if same(other.centre, np.zeros(3)):
             return f"it is at the link's origin in {origin}: the centre of mass was left out"
@@ -71,10 +69,7 @@ def centre_cause(a: LinkInertia, b: LinkInertia, near: float) -> str:
 
 def inertia_cause(a: LinkInertia, b: LinkInertia, near: float) -> tuple[str, str]:
     """Why the inertia of b is not that of a, and the attribute at fault. near: kg m^2, within which they are one."""
-
-    def same(x: np.ndarray, y: np.ndarray) -> bool:
-        return bool(np.abs(x - y).max() <= near)
-
+    same = partial(np.allclose, rtol=0.0, atol=near)
     for first, second, who in ((a, b, "b"), (b, a, "a")):
         if same(first.turn.T @ first.inertia @ first.turn, second.inertia):
             return f"the rotation of the inertia is left out in {who}", "<inertial><origin rpy>"
