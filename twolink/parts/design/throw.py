@@ -183,7 +183,7 @@ def throw(scene: Scene, aim: Aim, times: Mapping[str, float], accuracy: float, *
 
 
 def _releases(scene: Scene) -> dict[int, str]:
-    """What each release of a scene lets go, by its place: a torque by its joint, the loop of the ball as "ball"."""
+    """Names of what each release of a scene lets go, by its place: a torque by its joint, the ball's loop as "ball"."""
     return {i: next(iter(effect.of.inputs)) if isinstance(effect.of, Torque) else "ball"
             for i, effect in enumerate(scene.effects) if isinstance(effect, Release)}  # fmt: skip
 
