@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.urdf_text import joint, link, robot_of
 from twolink.errors import QueryError
 
-FREE = """<robot name="b"><link name="world"/>
-<joint name="j" type="floating"><parent link="world"/><child link="box"/></joint>
-<link name="box"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-</robot>"""
+FREE = robot_of(joint("j", "floating", "ground", "box"), link("box"))
 
 
 def test_two_links_reach_where_the_law_of_cosines_says() -> None:
@@ -39,10 +37,9 @@ def test_a_frame_comes_where_it_was_before(name: str, frame: str) -> None:
     at_rotation, at_position = robot.frame_pose(q, frame)
     assert np.abs(at_position - position).max() <= 1e-10
     assert np.abs(at_rotation - rotation).max() <= 2e-10
-    for joint in robot.joints:
-        if joint.kind == "vector":
-            assert (q[:, joint.q] >= robot.model.lowerPositionLimit[joint.q]).all()
-            assert (q[:, joint.q] <= robot.model.upperPositionLimit[joint.q]).all()
+    for places in (one.q for one in robot.joints if one.kind == "vector"):
+        assert (q[:, places] >= robot.model.lowerPositionLimit[places]).all()
+        assert (q[:, places] <= robot.model.upperPositionLimit[places]).all()
 
 
 def test_a_path_of_targets_gives_a_path_of_the_robot() -> None:

@@ -9,16 +9,14 @@ from scipy.integrate import solve_ivp
 import twolink as tl
 from tests.effects.bodies import ball, sliders
 from tests.effects.cases import CASES, E, robot
+from tests.urdf_text import joint, link, robot_of
 from twolink.effects.forces import SLOW
-
-WHEEL = """<robot name="wheel"><link name="base"/><link name="wheel"><inertial><mass value="1"/><inertia ixx="0.5"
-iyy="0.5" izz="0.5" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="axle" type="revolute"><parent link="base"/>
-<child link="wheel"/><axis xyz="0 0 1"/><limit lower="-99" upper="99" effort="3" velocity="99"/>
-<dynamics damping="{d}" friction="{f}"/></joint></robot>"""
 
 
 def wheel(d: float = 0.0, f: float = 0.0) -> tl.Robot:
-    return tl.load_robot(WHEEL.format(d=d, f=f))
+    dynamics = f'<dynamics damping="{d}" friction="{f}"/>'
+    axle = joint("axle", "revolute", "ground", "wheel", effort=3.0, more=dynamics)
+    return tl.load_robot(robot_of(link("wheel", 1.0, 0.5), axle))
 
 
 @pytest.mark.parametrize("source", ["argument", "urdf"])
@@ -185,12 +183,9 @@ def test_manufactured_motion(name: str) -> None:
     assert np.abs(run.q - [at(t)[0] for t in run.t]).max() < 2e-7  # what cubic pieces of 5 ms leave
 
 
-TURNER = """<robot name="turner"><link name="base"/><joint name="turn" type="revolute"><parent link="base"/>
-<child link="arm"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1000" velocity="100"/></joint>
-<link name="arm"/><joint name="lift" type="prismatic"><parent link="arm"/><child link="tip"/><origin xyz="0.5 0 0"/>
-<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1000" velocity="100"/></joint>
-<link name="tip"><inertial><mass value="2"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>
-</inertial></link></robot>"""
+TURNER = robot_of(
+    '<link name="arm"/>', joint("turn", "revolute", "ground", "arm"), link("tip", 2.0, 0.01),
+    joint("lift", "prismatic", "arm", "tip", more='<origin xyz="0.5 0 0"/>'))  # fmt: skip
 
 
 @pytest.mark.parametrize("accuracy", [1e-6, 1e-10])

@@ -11,7 +11,8 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 import twolink as tl
-from tests.effects.bodies import G, ball_over_ball, free_bodies, planar, slider, sliders_in_a_row, times
+from tests.effects.bodies import G, ball, ball_over_ball, free_bodies, planar, slider, sliders_in_a_row, times
+from tests.urdf_text import joint, link, robot_of
 from twolink.errors import AccuracyError, SceneError
 from twolink.hard.cases.events import ERRORS, coin
 from twolink.integrate.hybrid.state import RunState
@@ -47,13 +48,11 @@ def test_newtons_law_gives_balls_that_touch_one_velocity() -> None:
 
 def hinged_cradle(count: int, angle: float) -> tl.Scene:
     """Balls of 1 kg on hinges 0.2 m apart, each 1 m below its own; the first one is raised, the others touch."""
-    links = "".join(
-        f'<link name="b{k}"><inertial><origin xyz="0 0 -1"/><mass value="1"/><inertia ixx="0.004" iyy="0.004" '
-        f'izz="0.004" ixy="0" ixz="0" iyz="0"/></inertial><collision><origin xyz="0 0 -1"/><geometry><sphere '
-        f'radius="0.1"/></geometry></collision></link><joint name="j{k}" type="revolute"><origin xyz="{0.2 * k} 0 0"/>'
-        f'<parent link="ground"/><child link="b{k}"/><axis xyz="0 -1 0"/><limit lower="-1" upper="1" effort="1" '
-        f'velocity="9"/></joint>' for k in range(count))  # fmt: skip
-    robot = tl.load_robot(f'<robot name="cradle"><link name="ground"/>{links}</robot>')
+    ball = '<collision><origin xyz="0 0 -1"/><geometry><sphere radius="0.1"/></geometry></collision>'
+    robot = tl.load_robot(robot_of(*(
+        link(f"b{k}", 1.0, 0.004, "0 0 -1", ball)
+        + joint(f"j{k}", "revolute", "ground", f"b{k}", "0 -1 0", more=f'<origin xyz="{0.2 * k} 0 0"/>')
+        for k in range(count))))  # fmt: skip
     contact = E.Contact("self", restitution=1.0, impacts="reflections")
     return tl.Scene(robot, [-angle] + [0] * (count - 1), effects=[E.Gravity(), contact])
 
@@ -180,13 +179,9 @@ def test_a_cylinder_starts_upright_but_for_a_rounding(monkeypatch: pytest.Monkey
 def test_a_block_that_turns_on_its_corners_has_a_determined_motion_only_about_its_middle(offset: float) -> None:
     """There each corner has the same lever: its torque is mu m g r, however the corners share the weight."""
     mu, w0, a = 0.2, 2.0, 0.15
-    robot = tl.load_robot(
-        '<robot name="top"><link name="hand"/><link name="lift"/><link name="block"><inertial><mass value="2"/>'
-        '<inertia ixx="1" iyy="1" izz="0.5" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-        '<joint name="z" type="prismatic"><parent link="hand"/><child link="lift"/><axis xyz="0 0 1"/>'
-        '<limit lower="-9" upper="9" effort="9" velocity="9"/></joint>'
-        '<joint name="turn" type="revolute"><parent link="lift"/><child link="block"/><axis xyz="0 0 1"/>'
-        '<limit lower="-9" upper="9" effort="9" velocity="9"/></joint></robot>')  # fmt: skip
+    robot = tl.load_robot(robot_of(
+        '<link name="lift"/>', link("block", 2.0, (1.0, 1.0, 0.5)), joint("z", "prismatic", "ground", "lift"),
+        joint("turn", "revolute", "lift", "block")))  # fmt: skip
     shapes = {"block": (E.Box((2 * a, 2 * a, 0.2), (offset, 0.0, 0.0)),)}
     scene = tl.Scene(robot, [0.1, 0.0], [0.0, w0], [E.Gravity(), E.Contact("ground", mu, shapes=shapes)])
     e, fall, arm = 0.5, 0.02, a * math.sqrt(2)
@@ -262,12 +257,9 @@ def test_forces_that_are_not_determined_obey_the_laws_all_the_same() -> None:
 
 def bodies_on_sliders(**axes: tuple[float, str, str]) -> tl.Robot:
     """Links by name: mass, the parent link, and the axis of the prismatic joint of the same name."""
-    inertial = '<inertial><mass value="{}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-    joint = ('<joint name="{0}" type="prismatic"><parent link="{1}"/><child link="{0}"/><axis xyz="{2}"/>'
-             '<limit lower="-9" upper="9" effort="9" velocity="9"/></joint>')  # fmt: skip
-    text = "".join(f'<link name="{name}">{inertial.format(mass)}</link>{joint.format(name, parent, axis)}'
-                   for name, (mass, parent, axis) in axes.items())  # fmt: skip
-    return tl.load_robot(f'<robot name="sliders"><link name="hand"/>{text}</robot>')
+    return tl.load_robot(robot_of(*(
+        link(name, mass) + joint(name, "prismatic", parent, name, axis)
+        for name, (mass, parent, axis) in axes.items())))  # fmt: skip
 
 
 @pytest.mark.slow
@@ -276,7 +268,7 @@ def test_a_body_that_slides_across_a_slope_turns_downhill_as_it_stops() -> None:
     angle, mu, v0, turn = 0.3, 0.35, 0.7, math.radians(40.0)
     steep, rough = math.sin(angle), mu * math.cos(angle)
     n = (-steep, 0.0, math.cos(angle))
-    robot = bodies_on_sliders(a=(1e-9, "hand", "1 0 0"), b=(1e-9, "a", "0 1 0"), body=(1.0, "b", "0 0 1"))
+    robot = bodies_on_sliders(a=(1e-9, "ground", "1 0 0"), b=(1e-9, "a", "0 1 0"), body=(1.0, "b", "0 0 1"))
     contact = E.Contact((("body", E.Plane(n)),), mu, shapes={"body": (E.Sphere(0.1),)})
     v = [-v0 * math.cos(turn) * math.cos(angle), v0 * math.sin(turn), -v0 * math.cos(turn) * math.sin(angle)]
     stops = v0 * (rough + steep * math.cos(turn)) / (G * (rough**2 - steep**2))
@@ -294,8 +286,8 @@ def test_a_body_that_slides_across_a_slope_turns_downhill_as_it_stops() -> None:
 def test_a_peg_slips_when_its_fingers_press_at_the_edge_of_the_cone() -> None:
     """Pressed with F = F_0 - k t from both sides it slips where 2 mu F = m g, and falls with g - 2 mu F / m."""
     mu, first, k, mass = 0.4, 30.0, 20.0, 2.0
-    robot = bodies_on_sliders(left=(0.5, "hand", "1 0 0"), right=(0.5, "hand", "1 0 0"), cart=(1e-6, "hand", "1 0 0"),
-                              peg=(mass, "cart", "0 0 1"))  # fmt: skip
+    robot = bodies_on_sliders(left=(0.5, "ground", "1 0 0"), right=(0.5, "ground", "1 0 0"),
+                              cart=(1e-6, "ground", "1 0 0"), peg=(mass, "cart", "0 0 1"))  # fmt: skip
     squeeze = E.Torque({"left": E.Polynomial((first, -k)), "right": E.Polynomial((-first, k))})
     shapes = {"left": (E.Sphere(0.02),), "right": (E.Sphere(0.02),), "peg": (E.Box((0.1, 0.1, 1.0)),)}
     contact = E.Contact((("left", "peg"), ("right", "peg")), mu, shapes=shapes)
@@ -312,7 +304,7 @@ def test_a_peg_slips_when_its_fingers_press_at_the_edge_of_the_cone() -> None:
 def test_a_block_that_is_set_on_a_moving_cart_is_taken_along() -> None:
     """Friction mu m g brings both to M v0 / (M + m), after v0 / (mu g (1 + m / M))."""
     mu, v0, mass, own = 0.3, 1.0, 2.0, 1.0
-    robot = bodies_on_sliders(acart=(mass, "hand", "1 0 0"), bx=(1e-6, "hand", "1 0 0"), bz=(own, "bx", "0 0 1"))
+    robot = bodies_on_sliders(acart=(mass, "ground", "1 0 0"), bx=(1e-6, "ground", "1 0 0"), bz=(own, "bx", "0 0 1"))
     shapes = {"acart": (E.Box((2.0, 0.5, 0.2)),), "bz": (E.Box((0.4, 0.3, 0.2)),)}
     contact = E.Contact((("acart", "bz"),), mu, shapes=shapes)
     scene = tl.Scene(robot, [0, 0, 0.2], [v0, 0, 0], [E.Gravity(), contact])
@@ -342,7 +334,7 @@ def test_boxes_whose_edges_meet_bounce() -> None:
 @pytest.mark.slow
 def test_a_stack_of_boxes_stays_at_rest() -> None:
     """Three boxes, each smaller than the one below: nothing creeps, and the ground gives the weight of all."""
-    robot = bodies_on_sliders(a=(3.0, "hand", "0 0 1"), b=(2.0, "hand", "0 0 1"), c=(1.0, "hand", "0 0 1"))
+    robot = bodies_on_sliders(a=(3.0, "ground", "0 0 1"), b=(2.0, "ground", "0 0 1"), c=(1.0, "ground", "0 0 1"))
     sizes = {"a": 0.4, "b": 0.3, "c": 0.2}
     shapes = {name: (E.Box((size, size, 0.2)),) for name, size in sizes.items()}
     contact = E.Contact((("a", "ground"), ("a", "b"), ("b", "c")), 0.5, shapes=shapes)
@@ -411,13 +403,9 @@ def test_what_does_not_touch_costs_no_operation() -> None:
 def test_a_slip_that_stops_while_it_turns_ends_there() -> None:
     """A ball off its centre slides over a capsule, sticks, slides and leaves: in tens of pieces, not in thousands."""
     inertias = {"a": (0.429, 0.0244626, 0.0244626, 0.0101939), "b": (0.972, 0.00144672, 0.00863564, 0.00863564)}
-    links = "".join(
-        f'<link name="{name}"><inertial><mass value="{m}"/><inertia ixx="{x}" iyy="{y}" izz="{z}" ixy="0" ixz="0" '
-        f'iyz="0"/></inertial></link><joint name="{name}_joint" type="floating"><parent link="ground"/>'
-        f'<child link="{name}"/></joint>'
-        for name, (m, x, y, z) in inertias.items()
-    )
-    robot = tl.load_robot(f'<robot name="pair"><link name="ground"/>{links}</robot>')
+    robot = tl.load_robot(robot_of(*(
+        link(name, mass, moments) + joint(f"{name}_joint", "floating", "ground", name)
+        for name, (mass, *moments) in inertias.items())))  # fmt: skip
     shapes = {"a": (E.Capsule(0.218, 0.3),), "b": (E.Sphere(0.061, (0.086, 0.0, 0.0)),)}
     q = [0.0, 0.0, 0.978, 0.84076, 0.06002, -0.12973, 0.5222, -0.4574, 0.35062, 0.67314, 0.37921, -0.76094, -0.35607,
          -0.3878]  # fmt: skip
@@ -440,10 +428,7 @@ def test_a_small_ball_bounces_and_turns_as_a_large_one() -> None:
     runs = []
     for size in (1.0, 1.5e-3):
         r = 0.2 * size
-        about, across = 0.032 * size**2, 0.092 * size**2
-        robot = tl.load_robot(
-            f'<robot name="ball"><link name="ball"><inertial><mass value="2"/><inertia ixx="{about}" iyy="{across}" '
-            f'izz="{across}" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>', root="free")  # fmt: skip
+        robot = ball(2.0, (0.032 * size**2, 0.092 * size**2, 0.092 * size**2))
         contact = E.Contact("ground", 0.517, 0.496, shapes={"ball": (E.Sphere(r, (0.09 * size, 0.0, 0.0)),)})
         v = np.array([-0.8, -0.6, -0.8, 4.0, -2.5, 1.1]) * size ** np.repeat([0.5, -0.5], 3)
         start = [0, 0, 0.28 * size, 0.1, 0.5, -0.3, math.sqrt(0.65)]

@@ -168,15 +168,11 @@ def test_an_edge_hits_an_edge_in_a_turned_world_and_with_roles_exchanged() -> No
 def test_a_body_of_three_moments_of_inertia_hits_an_edge_with_an_edge() -> None:
     """It falls without spin; the normal's impulse depends on all of its inertia."""
     moments = (0.004, 0.01, 0.012)
-    robot = tl.load_robot(
-        '<robot name="block"><link name="base"/><link name="ball"><inertial><mass value="2"/><inertia '
-        'ixx="{}" iyy="{}" izz="{}" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="free" type="floating">'
-        '<parent link="base"/><child link="ball"/></joint></robot>'.format(*moments))  # fmt: skip
     start, turn, law = blow("at a slant")
     states = falls_on_edge(start, LOWER, UPPER, MASS, np.array(moments), law, 1)
     v = np.concatenate([turn.inv().apply(start.v), np.zeros(3)])
     plain = scene(ROOF_X, CUBE, pose(start.x, turn), v, law=law)
-    run = solve(tl.Scene(robot, plain.q, plain.v, plain.effects), states[1].t + 0.01)
+    run = solve(tl.Scene(ball_over_ball(moments), plain.q, plain.v, plain.effects), states[1].t + 0.01)
     after, late = states[1], 1e-9
     _, v = run.at(np.array([after.t + late]))
     assert v[0, :3] == pytest.approx(turn.inv().apply(after.v), abs=2 * G * late)

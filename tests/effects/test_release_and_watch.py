@@ -8,13 +8,11 @@ import pytest
 import twolink as tl
 from tests.effects.bodies import G, kinds, planar, slider, times
 from tests.effects.cases import E
+from tests.urdf_text import joint, link, robot_of
 
-THROWER = """<robot name="thrower"><link name="ground"/><link name="arm"><inertial><origin xyz="0.5 0 0"/>
-<mass value="2"/><inertia ixx="0.01" iyy="0.2" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="swing" type="revolute"><parent link="ground"/><child link="arm"/><axis xyz="0 -1 0"/>
-<limit lower="-9" upper="9" effort="9" velocity="9"/></joint><link name="ball"><inertial><mass value="0.5"/>
-<inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="flight" type="floating"><parent link="ground"/><child link="ball"/></joint></robot>"""
+THROWER = robot_of(
+    link("arm", 2.0, (0.01, 0.2, 0.2), "0.5 0 0"), joint("swing", "revolute", "ground", "arm", "0 -1 0"),
+    link("ball", 0.5, 0.001), joint("flight", "floating", "ground", "ball"))  # fmt: skip
 
 
 def thrower() -> tuple[tl.Robot, dict[str, int]]:

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 import twolink as tl
-from tests.effects.bodies import free_bodies
+from tests.effects.bodies import ball, free_bodies
 from twolink.geometry.distance import distance
 from twolink.geometry.fields import surface_of
 from twolink.geometry.on_fields import FieldBody
@@ -63,22 +63,22 @@ def test_a_box_slides_and_a_ball_rolls_over_the_edges_of_a_flat_field_as_on_a_pl
         assert over.q == pytest.approx(level.q, abs=1e-7)
 
 
-def test_a_ball_rolls_down_a_slope_by_five_sevenths_of_g_sin_a() -> None:
+@pytest.mark.parametrize(("shape", "moments", "share", "options", "within"), [
+    (E.Sphere(0.1), 0.004, 5.0 / 7.0, {}, 1e-4),
+    (E.Cylinder(0.1, 0.2, rpy=(math.pi / 2, 0.0, 0.0)), (0.0075, 0.005, 0.0075), 2.0 / 3.0, {"step": 2e-3}, 1e-3),
+])  # fmt: skip
+def test_what_is_round_rolls_down_a_slope_by_its_share_of_g_sin_a(
+    shape: object, moments: float | tuple[float, ...], share: float, options: dict[str, float], within: float
+) -> None:
     slope = 0.2
-    field = E.HeightField(np.outer(-slope * 0.1 * np.arange(30), np.ones(4)), (0.1, 0.1), (0.0, -0.15, 0.0))
-    robot = tl.load_robot(
-        '<robot name="r"><link name="a"><inertial><mass value="1"/>'
-        '<inertia ixx="0.004" ixy="0" ixz="0" iyy="0.004" iyz="0" izz="0.004"/></inertial></link></robot>',
-        root="free",
-    )
+    field = E.HeightField(np.outer(-slope * 0.1 * np.arange(30), np.ones(6)), (0.1, 0.1), (0.0, -0.25, 0.0))
     angle = math.atan(slope)
     place = np.array([0.33, 0.01, -slope * 0.33]) + 0.1 * np.array([math.sin(angle), 0.0, math.cos(angle)])
-    contact = E.Contact((("a", field),), friction=0.9, shapes={"a": (E.Sphere(0.1),)})
-    run = tl.simulate(tl.Scene(robot, [*place, 0, 0, 0, 1], effects=[E.Gravity(), contact]), 1.0, contact="stepped",
-                      samples_per_second=20.0, verify=False)  # fmt: skip
+    effects = [E.Gravity(), E.Contact((("ball", field),), friction=0.9, shapes={"ball": (shape,)})]
+    run = tl.simulate(tl.Scene(ball(1.0, moments), [*place, 0, 0, 0, 1], effects=effects), 1.0, contact="stepped",
+                      samples_per_second=20.0, verify=False, **options)  # fmt: skip
     way = np.linalg.norm(run.q[:, :3] - place, axis=1)
-    assert way == pytest.approx(0.5 * 5.0 / 7.0 * 9.81 * math.sin(angle) * run.t**2, abs=1e-4)
-    assert way[-1] > 0.5
+    assert way == pytest.approx(0.5 * share * 9.81 * math.sin(angle) * run.t**2, abs=within)
 
 
 def test_a_ball_lies_in_a_valley_and_a_box_on_two_ridges_and_on_peaks() -> None:
@@ -159,21 +159,6 @@ def test_a_cylinder_stands_on_peaks_and_ridges_and_lies_in_a_valley() -> None:
     valley = E.HeightField(((0.5, 0.5), (0.0, 0.0), (0.5, 0.5)), (0.5, 1.0), (-0.5, -0.5, 0.0))
     run = run_of(E.Cylinder(0.1, 0.3, rpy=(math.pi / 2, 0, 0)), valley, [0.0, 0.07, 0.1 * math.sqrt(2.0) + 0.01], 0.3)
     assert run.q[-1, :3] == pytest.approx([0.0, 0.07, 0.1 * math.sqrt(2.0)], abs=1e-6)
-
-
-def test_a_cylinder_rolls_down_a_slope_by_two_thirds_of_g_sin_a() -> None:
-    slope, r = 0.2, 0.1
-    field = E.HeightField(np.outer(-slope * 0.1 * np.arange(30), np.ones(6)), (0.1, 0.1), (0.0, -0.25, 0.0))
-    robot = tl.load_robot(
-        '<robot name="r"><link name="a"><inertial><mass value="1"/><inertia ixx="0.0075" ixy="0" ixz="0" iyy="0.005" '
-        'iyz="0" izz="0.0075"/></inertial></link></robot>', root="free")  # fmt: skip
-    angle = math.atan(slope)
-    place = np.array([0.33, 0.01, -slope * 0.33]) + r * np.array([math.sin(angle), 0.0, math.cos(angle)])
-    contact = E.Contact((("a", field),), 0.9, shapes={"a": (E.Cylinder(r, 0.2, rpy=(math.pi / 2, 0.0, 0.0)),)})
-    run = tl.simulate(tl.Scene(robot, [*place, 0, 0, 0, 1], effects=[E.Gravity(), contact]), 1.0, step=2e-3,
-                      samples_per_second=20.0, verify=False, contact="stepped")  # fmt: skip
-    way = np.linalg.norm(run.q[:, :3] - place, axis=1)
-    assert way == pytest.approx(0.5 * 2.0 / 3.0 * 9.81 * math.sin(angle) * run.t**2, abs=1e-3)
 
 
 def test_located_contacts_on_fields_are_refused_by_name() -> None:

@@ -14,31 +14,22 @@ from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.contact_pairs import select_pairs, solids_of
 from twolink.geometry.features import HullFeatures
-from twolink.geometry.gaps import StandGap
+from twolink.geometry.gaps import Gap, StandGap
 from twolink.geometry.pairs import Plane, gaps_of
 from twolink.robots.collisions import collision_model
 
 E = tl.effects
 TURNED = {"point": (0.02, -0.05, 0.03), "rpy": (0.3, -0.7, 1.1)}
 CUBE = tuple((float(x), float(y), float(z)) for x in (-0.1, 0.1) for y in (-0.2, 0.2) for z in (-0.3, 0.3))
+STONE = ((0.1, 0.0, 0.3), (-0.2, 0.1, 0.1), (0.0, -0.3, -0.2), (0.2, 0.2, -0.1), (-0.1, 0.3, -0.3), (0.3, -0.1, 0.1),
+         (-0.2, -0.2, 0.2))  # fmt: skip
 SHAPES = {
     "sphere": E.Sphere(0.1, (0.02, -0.05, 0.03)),
     "box": E.Box((0.2, 0.4, 0.6), **TURNED),
     "cylinder": E.Cylinder(0.15, 0.5, **TURNED),
     "capsule": E.Capsule(0.1, 0.5, **TURNED),
     "convex": E.Convex(CUBE, **TURNED),
-    "stone": E.Convex(
-        (
-            (0.1, 0.0, 0.3),
-            (-0.2, 0.1, 0.1),
-            (0.0, -0.3, -0.2),
-            (0.2, 0.2, -0.1),
-            (-0.1, 0.3, -0.3),
-            (0.3, -0.1, 0.1),
-            (-0.2, -0.2, 0.2),
-        ),
-        **TURNED,
-    ),
+    "stone": E.Convex(STONE, **TURNED),
 }
 PAIRS = [("sphere", "sphere"), ("sphere", "capsule"), ("capsule", "sphere"), ("capsule", "capsule"), ("sphere", "box"),
          ("capsule", "box"), ("sphere", "convex"), ("sphere", "stone"), ("capsule", "stone"),
@@ -89,20 +80,25 @@ def test_gaps_are_coals_distances_and_their_rates_those_of_the_nearest_points(ki
         compared += 1
         here = [gap.value(motion(robot, q, v)) for gap in gaps]
         assert min(here) == pytest.approx(true, abs=2e-7)  # Coal's own accuracy of curved shapes
-        step = 1e-6
         for gap in gaps:
-            beside = [gap.value(motion(robot, pin.integrate(robot.model, q, s * step * v), v)) for s in (1, -1)]
-            rate, *slip = gap.velocity(motion(robot, q, v))
-            assert rate == pytest.approx((beside[0] - beside[1]) / (2 * step), abs=1e-8)
-            near = gap.nearest(motion(robot, q, v))
-            axes = np.array(near.axes)
-            assert axes @ axes.T == pytest.approx(np.eye(3), abs=1e-12)
-            apart = np.subtract(near.first.position(motion(robot, q, v)), near.second.position(motion(robot, q, v)))
-            if near.second.frame != "universe":
-                assert apart == pytest.approx(gap.value(motion(robot, q, v)) * axes[0], abs=1e-12)
-            moved = np.subtract(near.first.velocity(motion(robot, q, v)), near.second.velocity(motion(robot, q, v)))
-            assert axes @ moved == pytest.approx([rate, *slip], abs=1e-12)
+            assert_that_it_moves_as_its_points(robot, gap, q, v)
     assert compared > 10
+
+
+def assert_that_it_moves_as_its_points(robot: tl.Robot, gap: Gap, q: np.ndarray, v: np.ndarray) -> None:
+    """Its rate is that of its value, its axes are orthonormal, its points as far apart and as fast as it says."""
+    here, step = motion(robot, q, v), 1e-6
+    beside = [gap.value(motion(robot, pin.integrate(robot.model, q, s * step * v), v)) for s in (1, -1)]
+    rate, *slip = gap.velocity(here)
+    assert rate == pytest.approx((beside[0] - beside[1]) / (2 * step), abs=1e-8)
+    near = gap.nearest(here)
+    axes = np.array(near.axes)
+    assert axes @ axes.T == pytest.approx(np.eye(3), abs=1e-12)
+    if near.second.frame != "universe":
+        line = np.subtract(near.first.position(here), near.second.position(here))
+        assert line == pytest.approx(gap.value(here) * axes[0], abs=1e-12)
+    moved = np.subtract(near.first.velocity(here), near.second.velocity(here))
+    assert axes @ moved == pytest.approx([rate, *slip], abs=1e-12)
 
 
 @pytest.mark.parametrize("kinds", [("box", "box"), ("stone", "box"), ("stone", "stone")], ids="-".join)
@@ -130,22 +126,13 @@ def test_formulas_of_features_have_the_rates_of_their_points() -> None:
     robot = free_bodies("a", "b")
     shapes = dict.fromkeys("ab", (SHAPES["stone"],))
     (pair,) = select_pairs(robot, solids_of(robot, shapes), [("a", "b")]).chosen
-    features, step, kinds = HullFeatures(pair.first, pair.second), 1e-6, set[tuple[str, bool]]()
+    features, kinds = HullFeatures(pair.first, pair.second), set[tuple[str, bool]]()
     for q, v in states(robot, 5):
         here = motion(robot, q, v)
         for one in (one for group in features.touching(here, 0.1) for one in group):
             gap = one.gap
             kinds.add((type(gap).__name__, getattr(gap, "second", False) is True))
-            beside = [gap.value(motion(robot, pin.integrate(robot.model, q, s * step * v), v)) for s in (1, -1)]
-            rate, *slip = gap.velocity(here)
-            assert rate == pytest.approx((beside[0] - beside[1]) / (2 * step), abs=1e-8)
-            near = gap.nearest(here)
-            axes = np.array(near.axes)
-            assert axes @ axes.T == pytest.approx(np.eye(3), abs=1e-12)
-            line = np.subtract(near.first.position(here), near.second.position(here))
-            assert line == pytest.approx(gap.value(here) * axes[0], abs=1e-12)
-            moved = np.subtract(near.first.velocity(here), near.second.velocity(here))
-            assert axes @ moved == pytest.approx([rate, *slip], abs=1e-12)
+            assert_that_it_moves_as_its_points(robot, gap, q, v)
     assert kinds == {("FaceGap", False), ("FaceGap", True), ("EdgeGap", False)}
 
 

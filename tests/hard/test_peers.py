@@ -9,6 +9,7 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import ball
+from tests.urdf_text import joint, link, robot_of
 from twolink import effects as fx
 from twolink.hard import SimulationCase, select_cases
 from twolink.hard.attempts import run_peers
@@ -98,11 +99,9 @@ def test_drake_gets_no_torques_in_time() -> None:
 
 @pytest.mark.skipif(not HAS_DRAKE, reason="needs the extra peers")
 def test_drakes_convex_integrator_stops_a_block_where_coulomb_does() -> None:
-    slide = """<joint name="{0}" type="prismatic"><parent link="{1}"/><child link="{2}"/><axis xyz="{3}"/>
-<limit lower="-9" upper="9" effort="9" velocity="9"/></joint><link name="{2}"><inertial><mass value="{4}"/>
-<inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
-    links = slide.format("x", "floor", "cart", "1 0 0", 1e-3) + slide.format("z", "cart", "block", "0 0 1", 1.0)
-    rail = f'<robot name="rail"><link name="floor"/>{links}</robot>'
+    rail = robot_of(
+        joint("x", "prismatic", "ground", "cart", "1 0 0"), link("cart", 1e-3, 1e-3),
+        joint("z", "prismatic", "cart", "block"), link("block", 1.0, 1e-3))  # fmt: skip
     contact = fx.Contact((("block", "ground"),), 0.3, shapes={"block": (fx.Box((0.4, 0.3, 0.2)),)})
     task = task_of(tl.Scene(tl.load_robot(rail), [0, 0.1], [2.0, 0], [fx.Gravity(), contact]), np.array([0.0, 1.0]))
     drake = peer_module("drake")

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.urdf_text import joint, link, robot_of
 from twolink.errors import QueryError
 from twolink.lagrange.equation_check import EquationCheck
 
@@ -203,13 +204,12 @@ def test_robots_of_any_size_and_continuous_joints() -> None:
 
 
 def test_a_cart_with_a_pole_and_a_robot_without_weight() -> None:
-    links = "".join(f'<link name="{n}"><inertial><mass value="{m}"/><origin xyz="{x} 0 0"/><inertia ixx="0" iyy="{i}" '
-                    f'izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-                    for n, m, x, i in (("cart", 2, 0, 0), ("pole", 1, 0.5, 1 / 12)))  # fmt: skip
-    limit = '<limit lower="-9" upper="9" effort="9" velocity="9"/>'
-    urdf = (f'<robot name="cart"><link name="base"/>{links}<joint name="rail" type="prismatic"><parent link="base"/>'
-            f'<child link="cart"/><axis xyz="1 0 0"/>{limit}</joint><joint name="hinge" type="revolute"><parent '
-            f'link="cart"/><child link="pole"/><axis xyz="0 -1 0"/>{limit}</joint></robot>')  # fmt: skip
+    urdf = robot_of(
+        link("cart", 2.0, 0.0),
+        joint("rail", "prismatic", "ground", "cart", "1 0 0"),
+        link("pole", 1.0, (0.0, 1 / 12, 1 / 12), "0.5 0 0"),
+        joint("hinge", "revolute", "cart", "pole", "0 -1 0"),
+    )
 
     def M(x: Array) -> list[list[float]]:
         return [[3, -np.sin(x[1]) / 2], [-np.sin(x[1]) / 2, 1 / 3]]

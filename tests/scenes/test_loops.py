@@ -6,6 +6,7 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import sliders
+from tests.urdf_text import joint, link, robot_of
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.loops import Loop
 from twolink.errors import AccuracyError, SceneError
@@ -19,21 +20,15 @@ from twolink.integrate.motion.scene_equations import equations_of
 E = tl.effects
 
 
-def joint(name: str, kind: str, parent: str, child: str, axis: str) -> str:
-    return f"""<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><axis xyz="{axis}"/>
-<limit lower="-99" upper="99" effort="9" velocity="99"/></joint>"""
-
-
 def rod(name: str, mass: float) -> str:
-    return f"""<link name="{name}"><inertial><origin xyz="0.5 0 0"/><mass value="{mass}"/><inertia ixx="0"
-iyy="{mass / 12!r}" izz="{mass / 12!r}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+    return link(name, mass, (0.0, mass / 12, mass / 12), "0.5 0 0")
 
 
 # The bundled two-link arm with its forearm on joints of its own: along x, along z, and about -y.
-PIECES = f"""<robot name="pieces"><link name="base"/>{rod("upper", 3.0)}{rod("lower", 1.0)}
-<link name="x"/><link name="z"/>
-{joint("shoulder", "revolute", "base", "upper", "0 -1 0")}{joint("along_x", "prismatic", "base", "x", "1 0 0")}
-{joint("along_z", "prismatic", "x", "z", "0 0 1")}{joint("turn", "revolute", "z", "lower", "0 -1 0")}</robot>"""
+PIECES = robot_of(
+    rod("upper", 3.0), rod("lower", 1.0), '<link name="x"/><link name="z"/>',
+    joint("shoulder", "revolute", "ground", "upper", "0 -1 0"), joint("along_x", "prismatic", "ground", "x", "1 0 0"),
+    joint("along_z", "prismatic", "x", "z"), joint("turn", "revolute", "z", "lower", "0 -1 0"))  # fmt: skip
 
 
 def rows(equations: Equations, q: np.ndarray) -> np.ndarray:

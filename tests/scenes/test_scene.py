@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.urdf_text import joint, link, robot_of
 from twolink import effects as fx
 from twolink.errors import SceneError, TwolinkError
 from twolink.scenes import bundled_scenes, scenes
 
-CONTINUOUS = """<robot name="wheel"><link name="base"/><link name="wheel"><inertial><mass value="1"/>
-<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="turn" type="continuous">
-<parent link="base"/><child link="wheel"/><axis xyz="0 0 1"/></joint></robot>"""
-LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+CONTINUOUS = robot_of(link("wheel"), joint("turn", "continuous", "ground", "wheel"))
 
 
 def test_a_scene_cannot_be_changed() -> None:
@@ -99,9 +97,9 @@ def test_starts_by_joint_that_are_refused(case: str) -> None:
 
 def test_starts_that_may_be_mistakes_are_remarked() -> None:
     """In degrees, or beyond the URDF's limits: said by `explain`, not refused."""
-    limited = tl.load_robot(CONTINUOUS.replace("continuous", "revolute").replace("/></joint>", f"/>{LIMIT}</joint>"))
+    limited = tl.load_robot(robot_of(link("wheel"), joint("turn", "revolute", "ground", "wheel", upper=1.0)))
     assert tl.Scene(limited, [0.9]).notes() == []
-    assert tl.Scene(limited, [-1.2]).notes() == ["turn starts at -1.2 rad, beyond the limits -1 to 1 rad of the URDF"]
+    assert tl.Scene(limited, [1.2]).notes() == ["turn starts at 1.2 rad, beyond the limits -99 to 1 rad of the URDF"]
     assert "90 degrees are 1.571 rad" in str(tl.explain(tl.Scene(limited, {"turn": 90.0}), duration=0.1))
     assert all(tl.load_scene(name).notes() == [] for name in ("arm-swing", "bouncing-ball"))
 

@@ -7,20 +7,17 @@ import pytest
 
 import twolink as tl
 import twolink.effects as fx
+from tests.urdf_text import link
 from twolink.cli.scenes import limit_notes
 from twolink.errors import SceneError
 
 ARM = """<robot name="r">
-  <link name="base"/>
-  <link name="a"><inertial><origin xyz="0 0 -0.5"/><mass value="1"/>
-    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="b"><inertial><origin xyz="0 0 -0.5"/><mass value="1"/>
-    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="p" type="revolute"><parent link="base"/><child link="a"/><axis xyz="{axis}"/>
+  <link name="base"/>{}{}
+  <joint name="p" type="revolute"><parent link="base"/><child link="a"/><axis xyz="{{axis}}"/>
     <limit lower="0.2" upper="1" effort="3" velocity="1"/><dynamics damping="0.1" friction="0.2"/></joint>
-  <joint name="m" type="revolute"><parent link="a"/><child link="b"/><axis xyz="{axis}"/><origin xyz="0 0 -1"/>
+  <joint name="m" type="revolute"><parent link="a"/><child link="b"/><axis xyz="{{axis}}"/><origin xyz="0 0 -1"/>
     <limit lower="-9" upper="9" effort="0" velocity="0"/><mimic joint="p" multiplier="2" offset="0.1"/></joint>
-</robot>"""
+</robot>""".format(*(link(name, 1.0, 0.1, "0 0 -0.5") for name in "ab"))
 
 
 def test_all_that_the_urdf_says_acts_and_is_listed() -> None:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.parts.urdf_text import joint, link
-from tests.parts.urdf_text import robot as robot_text
+from tests.urdf_text import joint, link
+from tests.urdf_text import robot_of as robot_text
 from twolink.errors import SceneError
 
 E = tl.effects

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.parts.urdf_text import joint, link
-from tests.parts.urdf_text import robot as robot_text
+from tests.urdf_text import joint, link
+from tests.urdf_text import robot_of as robot_text
 from twolink.errors import SceneError
 from twolink.parts.design.evaluation import ObjectiveEvaluator, variables_of
 from twolink.parts.design.objectives import Extreme, FramePosition, FrameSpeed, Integral, StateDistance, final_energy

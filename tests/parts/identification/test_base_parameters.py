@@ -6,8 +6,8 @@ import pytest
 
 import twolink as tl
 from tests.parts.identification.motions import FINGERS
-from tests.parts.urdf_text import joint, link
-from tests.parts.urdf_text import robot as robot_text
+from tests.urdf_text import joint, link
+from tests.urdf_text import robot_of as robot_text
 from twolink.errors import QueryError
 from twolink.identification import base_parameters
 from twolink.parts.identification.base_parameters import select

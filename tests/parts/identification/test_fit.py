@@ -11,8 +11,8 @@ from scipy.optimize import least_squares, lsq_linear
 
 import twolink as tl
 from tests.parts.identification import motions
-from tests.parts.urdf_text import joint, link
-from tests.parts.urdf_text import robot as robot_text
+from tests.urdf_text import joint, link
+from tests.urdf_text import robot_of as robot_text
 from twolink.errors import QueryError, SceneError, TwolinkError
 from twolink.identification import base_parameters, write_urdf
 from twolink.io.tables import write_table

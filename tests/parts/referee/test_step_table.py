@@ -8,8 +8,8 @@ import pytest
 
 import twolink as tl
 from tests.command import answer
-from tests.parts.urdf_text import joint, link
-from tests.parts.urdf_text import robot as robot_text
+from tests.urdf_text import joint, link
+from tests.urdf_text import robot_of as robot_text
 from twolink.errors import SceneError
 
 LENGTH, MASS, G = 0.5, 2.0, 9.81
