@@ -3,6 +3,7 @@
 import contextlib
 import io
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -32,6 +33,14 @@ def call(*arguments: str, stdin: str = "") -> subprocess.CompletedProcess[str]:
 def call_process(*arguments: str, stdin: str = "") -> subprocess.CompletedProcess[str]:
     """The same in a process of its own."""
     return subprocess.run([*TWOLINK, *arguments], input=stdin, capture_output=True, text=True, cwd=TOP, timeout=300)
+
+
+def printed_by(code: str, *arguments: str, **environment: str) -> str:
+    """What Python code prints in a process of its own, which must end well."""
+    command, variables = [sys.executable, "-c", code, *arguments], {**os.environ, **environment}
+    done = subprocess.run(command, env=variables, capture_output=True, text=True, cwd=TOP, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 def answer(*arguments: str, stdin: str = "") -> dict:

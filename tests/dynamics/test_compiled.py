@@ -1,9 +1,6 @@
 """Compiled dynamics: the same answers as Pinocchio, certified before they are used, refused where they differ."""
 
 import inspect
-import os
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from typing import Any
@@ -12,6 +9,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.command import printed_by
 from tests.dynamics.states import close, states
 from twolink.algorithms import functions
 from twolink.dynamics import compiled, kernels
@@ -243,9 +241,7 @@ def test_the_environment_does_without_compiled_code() -> None:
     code = ("import twolink as tl\n"
             "run = tl.simulate(tl.load_scene('bouncing-ball'), 0.6, accuracy=1e-4)\n"
             "print(bool(run.cost.compiled), run.bound)")  # fmt: skip
-    environment = {**os.environ, "TWOLINK_NATIVE": "0"}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, text=True, capture_output=True, check=False)
-    assert done.stdout.split() == ["False", "verified"], done.stderr
+    assert printed_by(code, TWOLINK_NATIVE="0").split() == ["False", "verified"]
 
 
 def test_the_threads_setting_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:

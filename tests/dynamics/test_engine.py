@@ -1,14 +1,13 @@
 """The engine rule: the same call gives the same bits, whatever was asked before, in every process."""
 
 import hashlib
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import twolink as tl
+from tests.command import printed_by
 from tests.dynamics.states import close, states
 from twolink.dynamics.engine import compiled_from
 
@@ -85,6 +84,4 @@ def test_two_processes_give_the_same_bits(monkeypatch: pytest.MonkeyPatch, tmp_p
         monkeypatch.setenv("TWOLINK_THREADS", threads)
         if cache:
             monkeypatch.setenv("TWOLINK_CACHE", str(cache))
-        command = [sys.executable, "-c", SCRIPT, *map(str, (max(sizes), *sizes))]
-        answer = subprocess.run(command, check=True, capture_output=True, text=True, timeout=120)
-        assert answer.stdout.strip() == digest.hexdigest()
+        assert printed_by(SCRIPT, *map(str, (max(sizes), *sizes))).strip() == digest.hexdigest()

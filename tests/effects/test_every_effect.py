@@ -1,8 +1,5 @@
 """Every effect: against a second implementation, compiled against portable, its operations, and its imports."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
+from tests.command import printed_by
 from tests.effects.cases import CASES, E, robot, state
 from twolink.algorithms.namespaces import Numbers
 from twolink.integrate.motion.effect_numbers import with_effect_numbers
@@ -103,8 +101,7 @@ def test_constants_that_change_cost_nothing() -> None:
 
 def test_only_what_a_run_uses_is_imported(tmp_path: Path) -> None:
     code = "import sys, twolink as tl; tl.simulate(tl.load_scene('arm-swing'), 0.1); print(*sys.modules)"
-    env = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "TWOLINK_CACHE": str(tmp_path / "twolink")}
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=env).stdout
+    out = printed_by(code, XDG_CACHE_HOME=str(tmp_path), TWOLINK_CACHE=str(tmp_path / "twolink"))
     shared = {"checks", "effect", "inputs", "loops", "own_effects", "quantities", "switching"}  # common to all
     assert {m.split(".")[-1] for m in out.split() if m.startswith("twolink.effects.")} == {"constants", *shared}
     assert not {"sympy", "heyoka"} & set(out.split())

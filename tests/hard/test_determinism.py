@@ -1,15 +1,13 @@
 """The same scene gives the same bits: again, in a new process, alone or in a batch, with any number of threads."""
 
 import hashlib
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import twolink as tl
+from tests.command import printed_by
 
 METHODS = ("auto", "dop853", "rk45", "taylor", "rk4", "esdirk43", "scipy-dop853")
 SCENES = ("arm-swing", "spinning-top", "four-bar", pytest.param("panda-hold", marks=pytest.mark.slow))
@@ -51,26 +49,13 @@ for _ in range(3):
 """
     known = set()
     for number in range(2):
-        environment = {**os.environ, "TWOLINK_CACHE": str(tmp_path / str(number))}
-        done = subprocess.run(
-            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120
-        )
-        assert done.returncode == 0, done.stderr
-        known.update(done.stdout.split())
+        known.update(printed_by(code, TWOLINK_CACHE=str(tmp_path / str(number))).split())
     assert len(known) == 1
 
 
 @pytest.mark.slow
 def test_threads_and_processes_do_not_change_bits() -> None:
-    digests = set()
-    for threads in ("1", "2", "3"):
-        environment = {**os.environ, "TWOLINK_THREADS": threads}
-        done = subprocess.run(
-            [sys.executable, "-c", _BATCH], env=environment, capture_output=True, text=True, timeout=120
-        )
-        assert done.returncode == 0, done.stderr
-        digests.add(done.stdout.strip())
-    assert len(digests) == 1
+    assert len({printed_by(_BATCH, TWOLINK_THREADS=threads) for threads in ("1", "2", "3")}) == 1
 
 
 @pytest.mark.parametrize("verify", [False, True])

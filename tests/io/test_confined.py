@@ -26,22 +26,10 @@ def test_what_lies_inside_is_read(folder: Path, name: str) -> None:
     assert read_confined(folder.parent / "alias", name, 5) == b"12345"
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "../secret",
-        "deeper/../../secret",
-        "out",
-        "out-folder/secret",
-        "loop",
-        "missing",
-        "",
-        ".",
-        "deeper",
-        "a\0",
-        "n" * 5000,
-    ],
-)
+@pytest.mark.parametrize("name", [
+    "../secret", "deeper/../../secret", "out", "out-folder/secret", "loop", "missing", "", ".", "deeper", "a\0",
+    "n" * 5000,
+])  # fmt: skip
 def test_what_lies_outside_or_is_no_file_is_not(folder: Path, name: str) -> None:
     (folder / "out").symlink_to(folder.parent / "secret")
     (folder / "out-folder").symlink_to(folder.parent)
