@@ -6,22 +6,19 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import sliders
-from tests.urdf_text import joint, link, robot_of
+from tests.scenes.linkages import hanging_four_bars, pendulum_of_row, rod, row_of_four_bars
+from tests.urdf_text import joint, robot_of
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.loops import Loop
 from twolink.errors import AccuracyError, SceneError
 from twolink.hard.case import StateHistory
-from twolink.hard.cases.loops import four_bars, hanging_four_bars, pendulum_of_row, row_of_four_bars
+from twolink.hard.cases.loops import four_bars
 from twolink.integrate.motion.assembly import assembled
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.pinocchio_rate import constrained_acceleration
 from twolink.integrate.motion.scene_equations import equations_of
 
 E = tl.effects
-
-
-def rod(name: str, mass: float) -> str:
-    return link(name, mass, (0.0, mass / 12, mass / 12), "0.5 0 0")
 
 
 # The bundled two-link arm with its forearm on joints of its own: along x, along z, and about -y.

@@ -6,9 +6,9 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import ball, slider
+from tests.scenes.linkages import hanging_four_bars
 from twolink.algorithms.motion import KinematicState
 from twolink.errors import SceneError
-from twolink.hard.cases.loops import hanging_four_bars
 from twolink.integrate.motion.formulas import effect_loads
 from twolink.integrate.motion.scene_equations import equations_of
 
