@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
-from typing import Any, overload
 
 import numpy as np
 
@@ -59,11 +57,7 @@ class CompiledSteps(TakenSteps):
         q, v, _ = read.numbers(model.nq), read.numbers(model.nv), read.numbers(model.nv)
         return StepEnd(q, v, read.memory(self._told.known, model.nv))
 
-    @overload
-    def __getitem__(self, j: int) -> Step: ...
-    @overload
-    def __getitem__(self, j: slice) -> Sequence[Step]: ...
-    def __getitem__(self, j: Any) -> Any:
+    def __getitem__(self, j: int) -> Step:
         """The step j."""
         step = self._read(self._at[j], self._blows() if j == len(self) - 1 else ())
         if j < len(self) - 1:

@@ -10,9 +10,8 @@ The rest is part of the memory of its solution, with the state at which it is on
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
@@ -36,11 +35,7 @@ class RestingSteps(TakenSteps):
     def __len__(self) -> int:
         return len(self.h)
 
-    @overload
-    def __getitem__(self, j: int) -> Step: ...
-    @overload
-    def __getitem__(self, j: slice) -> Sequence[Step]: ...
-    def __getitem__(self, j: Any) -> Any:
+    def __getitem__(self, j: int) -> Step:
         """The step j."""
         one = self.rest.step
         share = float(self.h[j]) / one.h

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.contact.stepping import ContactStepper
-from twolink.contact.steps import SAMPLED, Record, Step
+from twolink.contact.steps import SAMPLED, Record, Step, TakenSteps
 from twolink.geometry.points import pair_of
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
 from twolink.integrate.motion.state import Array
@@ -140,7 +140,7 @@ class SteppedTrack:
         self._impulses: list[Impulse] = []
         self._overlap = stepper.overlap_at_begin[0]
 
-    def add(self, first: int, steps: Sequence[Step]) -> None:
+    def add(self, first: int, steps: TakenSteps) -> None:
         """Add steps, the first of which has a number in the plan."""
         stepper, plan, local = self._stepper, self._plan, self._stepper.bodies.to_local_velocity
         if first == 0:

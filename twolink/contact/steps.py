@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, overload
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -205,8 +205,16 @@ class StepEnd(NamedTuple):
     memory: Memory
 
 
-class TakenSteps(Sequence[Step]):
+class TakenSteps(ABC):
     """Steps that follow each other."""
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """Their number."""
+
+    @abstractmethod
+    def __getitem__(self, j: int) -> Step:
+        """The step j, from 0 on."""
 
     @property
     def end(self) -> StepEnd:
@@ -224,11 +232,7 @@ class OneStep(TakenSteps):
     def __len__(self) -> int:
         return 1
 
-    @overload
-    def __getitem__(self, j: int) -> Step: ...
-    @overload
-    def __getitem__(self, j: slice) -> Sequence[Step]: ...
-    def __getitem__(self, j: Any) -> Any:
+    def __getitem__(self, j: int) -> Step:
         """The step."""
         return self._step[j]
 
