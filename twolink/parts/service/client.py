@@ -167,14 +167,9 @@ class Client:
         return self._job("/v1/identifications", {"robot": robot, "data": data, **options})[1]
 
     def sweep(
-        self,
-        scene: str | Scene,
-        duration: float | None = None,
-        *,
-        vary: Mapping[str, Any],
-        out: str | os.PathLike[str],
-        **options: Any,
-    ) -> Any:
+        self, scene: str | Scene, duration: float | None = None, *, vary: Mapping[str, Any],
+        out: str | os.PathLike[str], **options: Any,
+    ) -> Any:  # fmt: skip
         """As `tl.sweep`, computed by the service; its results in a new store here.
 
         Parameters

@@ -101,22 +101,13 @@ def serve(
     of_environment = os.environ["TWOLINK_TOKEN"].split(",") if "TWOLINK_TOKEN" in os.environ else ()
     given = Settings(
         data=str(platformdirs.user_data_path("twolink", appauthor=False)) if data is None else data,
-        host=host,
-        port=port,
-        tokens=tuple(text.strip() for text in (*(token or ()), *of_environment)),
-        token_file=token_file,
-        admins=tuple(admin or []),
-        hosts=tuple(allow_host or []),
-        origins=tuple(allow_origin or []),
-        proxies=tuple(trust_proxy or []),
-        quotas=read_quotas(quota or []),
-        log=log,
-        delete_results=delete_results,
-        dask=dask,
+        host=host, port=port, root_path=root_path, log=log, delete_results=delete_results, dask=dask,
+        tokens=tuple(text.strip() for text in (*(token or ()), *of_environment)), token_file=token_file,
+        admins=tuple(admin or []), proxies=tuple(trust_proxy or []), quotas=read_quotas(quota or []),
+        hosts=tuple(allow_host or []), origins=tuple(allow_origin or []),
         database=database or os.environ.get("TWOLINK_DATABASE", ""),
         store=store or os.environ.get("TWOLINK_STORE", ""),
-        root_path=root_path,
-    )
+    )  # fmt: skip
     if not is_loopback(host) and not (given.tokens or token_file):
         typer.echo(f"twolink: anybody who reaches {host} may use it; --token asks for one", err=True)
     server = import_extra("twolink.parts.service.http.server", "service")

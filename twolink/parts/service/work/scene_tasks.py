@@ -92,14 +92,8 @@ def _refuse_files(value: Any) -> None:
 def validate(*, body: bytes, robots: str) -> bytes:
     """A scene as it is understood, as JSON. body: a SceneRequest. robots: the folder of uploaded robots."""
     scene = scene_of(decode_unique(body, SceneRequest).scene, robots)
-    content = {
-        "title": scene.title,
-        "robot": robot_record(scene.robot),
-        "duration": scene.duration,
-        "q": scene.q.tolist(),
-        "v": scene.v.tolist(),
-        "effects": scene.effects,
-    }
+    content = {"title": scene.title, "robot": robot_record(scene.robot), "duration": scene.duration,
+               "q": scene.q.tolist(), "v": scene.v.tolist(), "effects": scene.effects}  # fmt: skip
     return msgspec.json.encode(content, enc_hook=np.generic.item)
 
 

@@ -53,20 +53,11 @@ class Workers:
     """
 
     def __init__(
-        self,
-        count: int,
-        memory: WorkerMemory,
-        *,
-        threads: int = 1,
-        niceness: int = 10,
-        waiting: int = 1000,
-        tasks: str = "twolink.parts.service.work.task_table",
-        writable: Sequence[Path] = (),
-        on_death: Callable[[], None] = lambda: None,
-        idle: float = 0.02,
-        spare: bool = False,
+        self, count: int, memory: WorkerMemory, *, threads: int = 1, niceness: int = 10, waiting: int = 1000,
+        tasks: str = "twolink.parts.service.work.task_table", writable: Sequence[Path] = (),
+        on_death: Callable[[], None] = lambda: None, idle: float = 0.02, spare: bool = False,
         budget: Budget | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         addresses = str(memory.megabytes + _ADDRESSES)
         kernels = cache.location("workers")  # not the service's: who writes kernels decides what their readers run
         if kernels:
