@@ -20,7 +20,13 @@ class MujocoWorld:
         self.model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
         self.data: Any = mujoco.MjData(self.model)
         self.q_at, self.v_at = mujoco_peer.columns(self.task, self.model)
-        self.data.qpos[self.q_at], self.data.qvel[self.v_at] = to_peer(self.task, body_spin=True)
+        self.start = to_peer(self.task, body_spin=True)
+        self.begin()
+
+    def begin(self) -> None:
+        """Go back to the start."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[self.q_at], self.data.qvel[self.v_at] = self.start
 
     def ours(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Our q (n, nq) of rows of MuJoCo's q and v."""
