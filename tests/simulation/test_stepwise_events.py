@@ -11,6 +11,7 @@ from tests.loop.quadruped import TARGET, quadruped
 from tests.loop.switched import exact_switched_slider
 
 E = tl.effects
+ARM = tl.load_robot("two_link")
 STOP = E.JointStops({"rail": (-50.0, 0.6)}, restitution=0.5)
 
 
@@ -86,3 +87,29 @@ def test_a_quadruped_stands_the_same_with_its_controller_outside_and_inside() ->
         sim.step(1e-3, np.append(np.zeros(6), law(0.0, state, None)[0]))
     assert np.abs(sim.state.q - run.q[-1]).max() < 1e-6  # compiled steps solve for impulses by another method
     assert 0.0 < sim.error < 1e-2
+
+
+@pytest.mark.parametrize("kind", [E.Release, E.Engage])
+def test_what_is_timed_before_the_start_has_happened(kind: type) -> None:
+    """Begun behind the time, the motion is that of the scene without the trigger: with the effect, or without it."""
+    own = E.Payload("forearm", 3.0, (0.5, 0.0, 0.0)) if kind is E.Release else E.Torque({"elbow": 5.0})
+    always = [E.Gravity()] if kind is E.Release else [E.Gravity(), own]
+    scene = tl.Scene(ARM, [1.2, 0.5], effects=[E.Gravity(), kind(own, at=1.0)])
+    plain = tl.Scene(ARM, [1.2, 0.5], effects=always)
+    sim = tl.Simulation(scene)
+    sim.set_state(t=5.0)
+    assert sim.step(0.2).q == pytest.approx(tl.simulate(plain, 0.2).q[-1], abs=1e-6)
+    assert tl.linearize(scene, t=5.0).a == pytest.approx(tl.linearize(plain).a, abs=1e-12)
+    run = tl.simulate(scene, 2.0, t_eval=[0.0, 1.5])
+    assert tl.linearize(scene, run.q, run.v, t=run.t).a[1] == pytest.approx(run.acceleration[1], abs=1e-9)
+
+
+def test_a_curve_ends_a_simulation() -> None:
+    curve = E.Bezier((0.0, 0.0, 0.0, 2.0, 2.0, 2.0), 0.5)
+    scene = tl.Scene(ARM, effects=[E.Torque({"elbow": curve})], duration=0.5)
+    sim = tl.Simulation(scene)
+    assert sim.step(0.5).q == pytest.approx(tl.simulate(scene).q[-1], abs=1e-6)
+    for ask in (lambda: sim.step(0.1), lambda: tl.linearize(scene, t=1.0)):
+        with pytest.raises(tl.errors.SceneError, match="a curve ends at 0"):
+            ask()
+    assert sim.t == 0.5

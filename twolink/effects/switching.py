@@ -32,6 +32,11 @@ if TYPE_CHECKING:
 State = tuple[np.ndarray, np.ndarray]  # (q, v)
 
 
+def same_time(a: float, b: float) -> bool:
+    """True if no step lies between two times."""
+    return abs(a - b) <= 1e-13 * max(1.0, b)
+
+
 @dataclass(frozen=True)
 class JointLock:
     """Keeps a degree of freedom at rest while that takes a torque from `least` to `greatest`, N m or N.
@@ -209,6 +214,15 @@ class Switching:
     def waiting(self) -> frozenset[int]:
         """The places of effects that do not act at first."""
         return frozenset(place for place, trigger in self.triggers if trigger.begins)
+
+    def over(self, t: float) -> tuple[frozenset[int], frozenset[int]]:
+        """The places of effects that have ceased to act before a time, and of those that do not act until it."""
+        dropped, waiting = set[int](), set(self.waiting)
+        for place, trigger in self.triggers:
+            if trigger.at is not None and trigger.at < t and not same_time(trigger.at, t):
+                dropped |= {place} if trigger.drops else set()
+                waiting -= {place} if trigger.begins else set()
+        return frozenset(dropped), frozenset(waiting)
 
     @property
     def every(self) -> list[Effect]:

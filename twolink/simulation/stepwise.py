@@ -15,7 +15,7 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.contact.choice import choose_contact_method
 from twolink.dynamics.arguments import array, configuration, positive
 from twolink.effects.conditions import Condition, FrameReaches, JointReaches, check_condition
-from twolink.effects.inputs import Sampled
+from twolink.effects.inputs import Sampled, curve_end, require_curves
 from twolink.errors import QueryError, SceneError
 from twolink.integrate.core.motion import SAME_TIME, Motion, drive, loop_of
 from twolink.integrate.core.smooth import SmoothMotion
@@ -150,6 +150,7 @@ class Simulation:
         self._stepped = choose_contact_method(scene, contact).method == "stepped"
         self._step = positive(step, "step", SceneError, "such as 1e-3")
         self._driven, self._names = scene.with_held_torques()
+        self._curves_end = curve_end(scene.effects)
         self._settings = self._tolerance, verify, self._stepped, self._step
         self._begin(scene.q, scene.v, 0.0)
 
@@ -231,7 +232,7 @@ class Simulation:
         AccuracyError
             The motion cannot be solved on; the simulation stays where it got to.
         SceneError
-            An event has ended the motion (code "motion-ended").
+            An event has ended the motion (code "motion-ended"), or a curve has (code "curve-ends").
         """
         motion = self._motion
         if tau is not None:
@@ -249,7 +250,10 @@ class Simulation:
         if motion.ended:
             raise SceneError("an event has ended the motion", where=f"t = {motion.t:.9g} s", code="motion-ended",
                              remedy="look at events; then restore, or set_state")  # fmt: skip
-        drive(motion, float(motion.t + dt), self._loop)
+        end = float(motion.t + dt)
+        if end > self._curves_end:
+            require_curves(self.scene.effects, end)
+        drive(motion, end, self._loop)
         if self._error is not None:
             self._error.note()
         return self.state

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twolink.effects.switching import same_time
 from twolink.errors import AccuracyError
 from twolink.integrate.core.columns import Columns
 from twolink.integrate.hybrid.consistency import SLOW
@@ -24,7 +25,7 @@ from twolink.integrate.hybrid.modes import SLOW_SLIP
 from twolink.integrate.hybrid.segment import OpenSegment
 from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.hybrid.state import RunState
-from twolink.integrate.hybrid.transitions import fire_timed, guards_of, same_time
+from twolink.integrate.hybrid.transitions import fire_timed, guards_of
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress, Solution, joined

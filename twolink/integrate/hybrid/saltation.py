@@ -19,13 +19,14 @@ import numpy as np
 
 from twolink.algorithms.dual_numbers import derivative
 from twolink.algorithms.namespaces import Numbers
+from twolink.effects.switching import same_time
 from twolink.errors import AccuracyError
 from twolink.integrate.derivatives.parameter_variation import ParameterVariation
 from twolink.integrate.hybrid.engine import Engine
 from twolink.integrate.hybrid.locating import Guard, Hit
 from twolink.integrate.hybrid.modes import System
 from twolink.integrate.hybrid.state import RunState
-from twolink.integrate.hybrid.transitions import fire, guard_of, same_time, timed_triggers
+from twolink.integrate.hybrid.transitions import fire, guard_of, timed_triggers
 from twolink.integrate.motion.formulas import projected
 from twolink.integrate.motion.state import Array
 

@@ -44,7 +44,8 @@ class RunState:
         self.x = np.array(equations.start[: equations.moving])
         self.t = t
         free: tuple[ContactMode, ...] = tuple("free" for _ in self.system.contacts)
-        self.mode = Mode(free, ((0.0, 0.0),) * len(free), waiting=self.system.switching.waiting)
+        dropped, waiting = self.system.switching.over(t)
+        self.mode = Mode(free, ((0.0, 0.0),) * len(free), dropped=dropped, waiting=waiting)
         self.events: list[Event] = []
         self.impulses: list[Impulse] = []
         self.sides: dict[Key, float] = {}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from twolink.algorithms.namespaces import Numbers
-from twolink.effects.switching import Trigger
+from twolink.effects.switching import Trigger, same_time
 from twolink.errors import SceneError
 from twolink.integrate.hybrid.consistency import ALLOWED, SLOW
 from twolink.integrate.hybrid.features import pair_guards, pass_edge, single_point
@@ -152,11 +152,6 @@ def fire(run: RunState, numbers: Iterable[int]) -> None:
     """Cause what these triggers do."""
     for n in numbers:
         _act(run, n)
-
-
-def same_time(a: float, b: float) -> bool:
-    """True if no step lies between two times."""
-    return abs(a - b) <= 1e-13 * max(1.0, b)
 
 
 def _trigger_value(run: RunState, n: int) -> Value | None:

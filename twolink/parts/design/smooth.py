@@ -46,8 +46,10 @@ Formula = Callable[[Equations, Mechanism, Any, Any, Any], Sequence[Any]]
 def equations_at(equations: Equations, t: float, q: Array, v: Array) -> Equations:
     """The equations of the mode that holds at a state, which is their start, loops closed; with the same parameters.
 
-    Raises SceneError, code "not-differentiable", where a joint is locked, bodies touch, or an event is due.
+    Raises SceneError, code "not-differentiable", where a joint is locked, bodies touch, or an event is due; or where a
+    table or a curve does not reach to t.
     """
+    equations.require(t, t)
     x = np.concatenate([q, v])
     if equations.constraints is not None:
         x = assembled(equations.constraints, x)
