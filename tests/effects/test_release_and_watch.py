@@ -160,3 +160,19 @@ def test_a_release_and_an_impact() -> None:
     )
     assert kinds(run) == ["release", "impact", "rest"]
     assert times(run, "impact") == pytest.approx([0.5 + math.sqrt(2 / G)], abs=1e-10)
+
+
+def test_a_sample_at_an_event_has_the_state_after_it() -> None:
+    """As `at` has, so that its torques are those of inverse dynamics and its energy that of the book."""
+    arm = tl.load_robot("two_link")
+    effects = [E.Gravity(), E.Watch("kick", at=0.5, then=lambda q, v: (q, v + 1.0)), E.JointDamping({"elbow": 0.5})]
+    run = tl.simulate(tl.Scene(arm, [1.2, 0.5], effects=effects), 1.0)
+    k = int(np.searchsorted(run.t, 0.5))
+    assert run.v[k] == pytest.approx(run.at(0.5)[1], abs=1e-12)
+    assert np.abs(run.v[k] - run.v[k - 1] - 1.0).max() < 0.3
+    assert run.tau == pytest.approx(arm.inverse_dynamics(run.q, run.v, run.acceleration), abs=1e-9)
+    ball = tl.load_scene("bouncing-ball")
+    hit = tl.simulate(ball, accuracy=1e-10).events[0].t
+    seen = tl.simulate(ball, 1.0, t_eval=[hit - 1e-6, hit, 1.0], accuracy=1e-10)
+    speed = G * hit
+    assert seen.v[:2, 0] == pytest.approx([-speed, 0.6 * speed], abs=2e-5)

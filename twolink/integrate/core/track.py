@@ -78,9 +78,9 @@ class Track:
         self._t, self._x = [t[kept]], [x[kept]]
         return self._t[0], self._x[0]
 
-    def samples(self, until: float) -> Array:
-        """The states (size, m) at those sample times that are not after a time, s."""
-        count = self._count(until)
+    def samples(self, until: float, *, before: bool = False) -> Array:
+        """The states (size, m) at those sample times that are not after a time, s. before: nor at it."""
+        count = int(np.searchsorted(self.times, until)) if before else self._count(until)
         last = self._samples(count)
         return np.concatenate([*self._sampled, last], axis=1)[:, :count] if self._sampled else last
 

@@ -144,7 +144,7 @@ class Engine:
             self._parts.append(self._opened().solution(run.t, run.x.copy()))
             self._open = None
         solution = joined(self._parts)
-        if run.ended and solution.t[-1] < run.t:
+        if run.ended and not (len(solution.t) and solution.t[-1] == run.t):
             solution = _with_sample(solution, run.t, run.x)
         events = tuple(sorted(run.events, key=lambda event: event.t))
         return replace(solution, events=events, impulses=tuple(run.impulses))
@@ -187,7 +187,7 @@ class Engine:
         columns = Columns(steps, run.t, min(self.end, until), setting, (self.perturbation,), self.progress, rate=rate)
         if self.method.adaptive:
             columns.shorten(_turning_time(run, snapshot))
-        first = np.searchsorted(self.times, run.t, side="right" if self._parts else "left")
+        first = np.searchsorted(self.times, run.t)
         return OpenSegment(columns, watcher, self.times[first:])
 
     def _resolved(self, hit: Hit, to: float) -> Hit | None:
@@ -234,7 +234,8 @@ class Engine:
         segment, run = self._opened(), self.run
         last = np.array((segment.x if hit is None else hit.x)[: self.whole.moving])
         run.t, run.x = stop if hit is None or same_time(hit.t, stop) else hit.t, last.copy()
-        self._parts.append(segment.solution(run.t, last))
+        # A sample at an event has the state after it, with which the next segment begins.
+        self._parts.append(segment.solution(run.t, last, before=run.t < self.end))
         taken = 4 + 5 * sum(segment.columns.counts) // 4  # the next segment may be about as long
         self._block = min(max(taken, self._block // 2, FIRST_BLOCK), BLOCK)
         self._done, self._open = self.steps, None

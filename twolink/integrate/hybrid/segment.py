@@ -64,9 +64,12 @@ class OpenSegment:
                 self.columns.x[self._rows[name]] = value
         self.track.change(self.columns.x[:, 0])
 
-    def solution(self, end: float, last: Array) -> Solution:
-        """The segment up to its end, where the state is `last` (moving,), with the samples within it."""
-        by, samples = self.columns.by, self.track.samples(end)
+    def solution(self, end: float, last: Array, *, before: bool = False) -> Solution:
+        """The segment up to its end, where the state is `last` (moving,), with the samples within it.
+
+        before: a sample at its end is not one of them.
+        """
+        by, samples = self.columns.by, self.track.samples(end, before=before)
         equations, moving, count = by.equations, by.equations.moving, samples.shape[1]
         t, x = self.track.steps()
         accepted, rejected = self.columns.counts
