@@ -6,7 +6,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import free_bodies
+from tests.effects.bodies import free_bodies, stepped
 from twolink.contact.choice import choose_contact_method
 from twolink.geometry import hulls
 from twolink.geometry.hulls import facing, hull_of, separation, touching
@@ -65,12 +65,7 @@ def test_the_separation_of_hulls_that_overlap_is_coals(kinds: tuple[str, str], d
 
 def boxes(count: int) -> tl.Robot:
     """Free cubes of 0.2 kg."""
-    inertia = 0.2 * SIDE**2 / 6
-    text = "".join(
-        f'<link name="b{k}"><inertial><mass value="0.2"/><inertia ixx="{inertia}" iyy="{inertia}" izz="{inertia}" '
-        f'ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j{k}" type="floating"><parent link="ground"/>'
-        f'<child link="b{k}"/></joint>' for k in range(count))  # fmt: skip
-    return tl.load_robot(f'<robot name="boxes"><link name="ground"/>{text}</robot>')
+    return free_bodies(*(f"b{k}" for k in range(count)), mass=0.2, inertia=0.2 * SIDE**2 / 6)
 
 
 def thrown(seed: int) -> tl.Scene:
@@ -98,7 +93,7 @@ def deepest(run: tl.Trajectory) -> float:
 @pytest.mark.parametrize("seed", [70, 107, 142])
 def test_cubes_that_hit_with_corners_and_edges_do_not_overlap(seed: int) -> None:
     """A corner that comes from beside a face is seen when it is over it: steps in which it does so are halved."""
-    run = tl.simulate(thrown(seed), 0.25, contact="stepped", step=STEP, verify=False, samples_per_second=500)
+    run = stepped(thrown(seed), 0.25, STEP, samples=500)
     assert deepest(run) == pytest.approx(run.contact_record["overlap"], abs=1e-9)
     assert run.contact_record["overlap"] < 1e-4
     assert np.diff(run.energy).max() < 1e-9
@@ -110,7 +105,7 @@ def test_cubes_that_tumble_onto_each_other_do_not_overlap() -> None:
     q = np.concatenate([[*random.uniform(-0.06, 0.06, 2), 0.15 + 0.17 * k, *random.normal(size=4)] for k in range(4)])
     shapes = {f"b{k}": (E.Box((SIDE,) * 3),) for k in range(4)}
     scene = tl.Scene(boxes(4), boxes(4).normalize(q), effects=[E.Gravity(), E.Contact(shapes=shapes, friction=0.4)])
-    run = tl.simulate(scene, 0.35, contact="stepped", step=STEP, verify=False, samples_per_second=500)
+    run = stepped(scene, 0.35, STEP, samples=500)
     assert run.contact_record["overlap"] < 5e-5
     assert deepest(run) < 5e-5
 

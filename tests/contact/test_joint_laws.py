@@ -6,15 +6,11 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import G, planar, times
+from tests.effects.bodies import G, planar, stepped, times
 
 E = tl.effects
 BLOCK = {"body": (E.Box((0.2, 0.2, 0.2)),)}
 SMOOTH = E.Contact(("ground",), shapes=BLOCK)
-
-
-def stepped(scene: tl.Scene, duration: float, step: float, verify: bool = False, samples: float = 20) -> tl.Trajectory:
-    return tl.simulate(scene, duration, contact="stepped", step=step, verify=verify, samples_per_second=samples)
 
 
 def on_ground(speed: float, *effects: tl.effects.Effect, contact: tl.effects.Effect = SMOOTH) -> tl.Scene:

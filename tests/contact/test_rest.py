@@ -6,23 +6,19 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.effects.bodies import G, free_bodies, stepped
 from twolink.contact import stepping
 from twolink.contact.rest import RestingSteps
 from twolink.contact.steps import Step
 
-E, G = tl.effects, 9.81
+E = tl.effects
 MASS, EDGE, MU = 2.0, 0.2, 0.4
-INERTIA = MASS * EDGE**2 / 6
-LINK = """<link name="{0}"><inertial><mass value="{1}"/>
-<inertia ixx="{2}" iyy="{2}" izz="{2}" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="{0}_joint" type="floating"><parent link="ground"/><child link="{0}"/></joint>"""
 
 
 def cubes(count: int, *effects: tl.effects.Effect, speed: float = 0.0) -> tl.Scene:
     """A tower of cubes, the lowest of which may slide."""
     names = [f"b{k}" for k in range(count)]
-    text = "".join(LINK.format(name, MASS, INERTIA) for name in names)
-    robot = tl.load_robot(f'<robot name="cubes"><link name="ground"/>{text}</robot>')
+    robot = free_bodies(*names, mass=MASS, inertia=MASS * EDGE**2 / 6)
     q = np.concatenate([[0, 0, EDGE * (k + 0.5), 0, 0, 0, 1] for k in range(count)])
     v = np.zeros(6 * count)
     v[::6] = speed
@@ -31,7 +27,7 @@ def cubes(count: int, *effects: tl.effects.Effect, speed: float = 0.0) -> tl.Sce
 
 
 def run_of(scene: tl.Scene, duration: float = 1.0, step: float = 0.01) -> tl.Trajectory:
-    return tl.simulate(scene, duration, contact="stepped", step=step, verify=False, samples_per_second=50)
+    return stepped(scene, duration, step, samples=50)
 
 
 def solved(run: tl.Trajectory) -> dict[str, int]:
@@ -72,8 +68,7 @@ def test_a_force_that_begins_wakes_what_rests(wakes: float) -> None:
 
 def test_bodies_that_may_move_do_not_rest() -> None:
     """A ball on a plane may roll: what is slower than any number is not at rest."""
-    text = LINK.format("ball", MASS, 0.4 * MASS * 0.01)
-    robot = tl.load_robot(f'<robot name="ball"><link name="ground"/>{text}</robot>')
+    robot = free_bodies("ball", mass=MASS, inertia=0.4 * MASS * 0.01)
     contact = E.Contact(("ground",), MU, shapes={"ball": (E.Sphere(0.1),)})
     scene = tl.Scene(robot, [0, 0, 0.1, 0, 0, 0, 1], effects=[E.Gravity((0.0, 0.0, -G)), contact])
     assert "rest" not in solved(run_of(scene, 0.2))

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import twolink as tl
-from tests.effects.bodies import G, ball, bouncing, free_bodies, planar
+from tests.effects.bodies import G, ball, bouncing, free_bodies, planar, stepped
 from twolink.contact import bodies as sparse_bodies
 from twolink.contact.solver import SteppedSolution
 from twolink.contact.stepping import ContactStepper
@@ -26,10 +26,6 @@ E = tl.effects
 SPHERE = {"ball": (E.Sphere(0.1),)}
 ENDS = {"body": (E.Sphere(0.0, (0.5, 0.0, 0.0)), E.Sphere(0.0, (-0.5, 0.0, 0.0)))}
 BLOCK = {"body": (E.Box((1.0, 0.3, 0.2)),)}
-
-
-def stepped(scene: tl.Scene, duration: float, step: float, verify: bool = False, samples: float = 20) -> tl.Trajectory:
-    return tl.simulate(scene, duration, contact="stepped", step=step, verify=verify, samples_per_second=samples)
 
 
 L, START, SPIN = 0.5, (0.6, 0.8), 0.5  # of a rod of 1 kg and 0.1 kg m^2: half its length; height and angle; rad/s

@@ -9,12 +9,9 @@ import pytest
 from scipy.optimize import linprog
 
 import twolink as tl
-from tests.effects.bodies import G
+from tests.effects.bodies import G, free_bodies, free_body, stepped
 
 E = tl.effects
-BODY = ('<link name="{0}"><inertial><mass value="1"/><inertia ixx="0.05" iyy="0.05" izz="0.05" ixy="0" ixz="0" '
-        'iyz="0"/></inertial></link><joint name="{0}_joint" type="floating"><parent link="ground"/>'
-        '<child link="{0}"/></joint>')  # fmt: skip
 BLOCKS, DEEP = 7, 0.3
 HEYMAN = 0.1075  # the least thickness of a semicircular arch of many blocks over its mean radius (Heyman 1969)
 
@@ -74,18 +71,17 @@ def least(friction: float | None, blocks: int = BLOCKS) -> float:
 
 def moved(thickness: float, friction: float) -> float:
     """How far an arch that starts at rest moves in 0.2 s, m."""
-    joints, shapes, q, text = corners(thickness), {}, [], '<link name="ground"/>'
+    joints, shapes, q = corners(thickness), {}, []
     for k in range(BLOCKS):
         polygon = block(joints, k)
         centre = centroid(polygon)
         sides = [(x, y, z) for x, z in polygon - centre for y in (-DEEP / 2, DEEP / 2)]
         shapes[f"b{k}"] = (E.Convex(tuple(sides)),)
-        text += BODY.format(f"b{k}")
         q += [centre[0], 0.0, centre[1], 0.0, 0.0, 0.0, 1.0]
     pairs = (("b0", "ground"), *((f"b{k}", f"b{k + 1}") for k in range(BLOCKS - 1)), (f"b{BLOCKS - 1}", "ground"))
-    scene = tl.Scene(tl.load_robot(f'<robot name="arch">{text}</robot>'), q,
+    scene = tl.Scene(free_bodies(*shapes, inertia=0.05), q,
                      effects=[E.Gravity(), E.Contact(pairs, friction, shapes=shapes)])  # fmt: skip
-    run = tl.simulate(scene, 0.2, contact="stepped", step=0.02, samples_per_second=10, verify=False)
+    run = stepped(scene, 0.2, 0.02, samples=10)
     return float(np.abs(run.q - run.q[0]).max())
 
 
@@ -113,9 +109,8 @@ ARM = (0.0, -math.pi / 4, 0.0, -3 * math.pi / 4, 0.0, math.pi / 2, math.pi / 4)
 def panda_with_cube() -> tuple[tl.Robot, np.ndarray]:
     """A Panda whose hand points down, with a cube between its fingers, and the configuration."""
     text = tl.load_robot("panda").visuals.text
-    inertia = MASS * EDGE**2 / 6
-    cube = BODY.format("cube").replace('"ground"', '"panda_link0"').replace('mass value="1"', f'mass value="{MASS}"')
-    robot = tl.load_robot(text.replace("</robot>", cube.replace("0.05", str(inertia)) + "</robot>"))
+    cube = free_body("cube", MASS, MASS * EDGE**2 / 6, "panda_link0")
+    robot = tl.load_robot(text.replace("</robot>", cube + "</robot>"))
     q = robot.neutral
     for joint in robot.joints:
         if joint.name.startswith("panda"):
@@ -143,9 +138,7 @@ def test_a_panda_grasps_a_cube_and_lifts_it() -> None:
     pairs = (("cube", "panda_leftfinger"), ("cube", "panda_rightfinger"), ("cube", E.Plane(height=top - EDGE / 2)))
     contact = E.Contact(pairs, 0.8, shapes={**PADS, "cube": (E.Box((EDGE,) * 3),)})
     effects = [E.Gravity(), E.GravityCompensation(tuple(kp)), E.JointPD(target, kp, kd, grip), contact]
-    run = tl.simulate(
-        tl.Scene(robot, q, effects=effects), END, contact="stepped", step=0.01, samples_per_second=20, verify=False
-    )
+    run = stepped(tl.Scene(robot, q, effects=effects), END, 0.01)
     finger = [robot.frame_pose(x, "panda_leftfinger") for x in run.q]
     cube = [robot.frame_pose(x, "cube") for x in run.q]
     held = np.array([r.T @ (c - p) for (r, p), (_, c) in zip(finger, cube, strict=True)])

@@ -50,11 +50,15 @@ def ball(mass: float = 2.0, moment: float | tuple[float, ...] = 0.008) -> tl.Rob
     return tl.load_robot(f'<robot name="ball">{link("ball", mass, moment)}</robot>', root="free")
 
 
+def free_body(name: str, mass: float, inertia: float, parent: str = "ground") -> str:
+    """A free body, for a URDF."""
+    return link(name, mass, inertia) + joint(f"{name}_joint", "floating", parent, name)
+
+
 @functools.cache
-def free_bodies(*names: str) -> tl.Robot:
-    """Free bodies of 1 kg and 0.1 kg m^2."""
-    return tl.load_robot(robot_of(*(
-        link(n, 1.0, 0.1) + joint(f"{n}_joint", "floating", "ground", n) for n in names)))  # fmt: skip
+def free_bodies(*names: str, mass: float = 1.0, inertia: float = 0.1) -> tl.Robot:
+    """Free bodies."""
+    return tl.load_robot(robot_of(*(free_body(name, mass, inertia) for name in names)))
 
 
 @functools.cache
@@ -77,6 +81,11 @@ def bouncing(t: np.ndarray, height: float, e: float) -> np.ndarray:
         out[inside] = speed * (t[inside] - start) - 0.5 * G * (t[inside] - start) ** 2
         start, speed = start + flight, e * speed
     return out
+
+
+def stepped(scene: tl.Scene, duration: float, step: float, verify: bool = False, samples: float = 20) -> tl.Trajectory:
+    """The run with stepped contacts, in steps of one size."""
+    return tl.simulate(scene, duration, contact="stepped", step=step, verify=verify, samples_per_second=samples)
 
 
 def kinds(run: tl.Trajectory) -> list[str]:

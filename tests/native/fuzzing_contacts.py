@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import twolink as tl
+from tests.effects.bodies import free_bodies
 from tests.native.fuzzing import LONG, NUMBERS, WHOLE
 from twolink.contact.compiled import parts_of
 from twolink.contact.solver import stepper_of
@@ -26,11 +27,7 @@ REFUSED = range(1, len(OUTCOMES))  # the codes
 
 def scenes() -> list[Parts]:
     """Boxes on each other; an arm with a stop and dry friction; balls and a cylinder around it on rough ground."""
-    box = '<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
-    names = "abc"
-    text = "".join(f'<link name="{n}">{box}</link><joint name="{n}_joint" type="floating"><parent link="world"/>'
-                   f'<child link="{n}"/></joint>' for n in names)  # fmt: skip
-    robot = tl.load_robot(f'<robot name="boxes"><link name="world"/>{text}</robot>')
+    names, robot = "abc", free_bodies("a", "b", "c", inertia=0.01)
     stacked, apart = ([x for k in range(3) for x in (0.0, 0.0, 0.1 + h * k, 0.0, 0.0, 0.0, 1.0)] for h in (0.2, 0.5))
     boxes = E.Contact(("self", "ground"), 0.5, restitution=0.3, shapes={name: (E.Box((0.2,) * 3),) for name in names})
     shapes = {"a": (E.Sphere(0.1),), "b": (E.Capsule(0.1, 0.1),), "c": (E.Cylinder(0.1, 0.1),)}
