@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
+from tests.effects.bodies import slider
 from twolink.errors import AccuracyError, MissingExtraError, QueryError, SceneError
 
 BALL_G, BALL_HEIGHT = 9.81, 1.0
@@ -85,15 +86,28 @@ def test_a_time_between_samples_and_after_an_event_uses_the_piece_after_it() -> 
     assert np.abs(after - before).max() > 0.5  # at the instant the state after it
 
 
-def test_torques_and_accelerations_are_those_of_inverse_dynamics() -> None:
-    effects = [tl.effects.Gravity(), tl.effects.JointDamping({"elbow": 0.3}), tl.effects.DryFriction({"shoulder": 2.0})]
-    scene = tl.Scene(tl.load_robot("two_link"), [0.5, 0.3], effects=effects)
-    run = tl.simulate(scene, 1.0, samples_per_second=50)
+E = tl.effects
+FRICTION = E.DryFriction({"shoulder": 2.0, "elbow": 1.0}, {"elbow": 3.0})
+TABLE = E.Torque({"elbow": E.Sampled((0.0, 0.5, 2.0), (1.0, -2.0, 3.0))})
+
+
+@pytest.mark.parametrize("effects", [[], [E.JointDamping({"elbow": 0.3}), E.DryFriction({"shoulder": 2.0})], [FRICTION],
+                                     [FRICTION, TABLE]])  # fmt: skip
+def test_torques_and_accelerations_are_those_of_inverse_dynamics(effects: list) -> None:
+    scene = tl.Scene(tl.load_robot("two_link"), [0.5, 0.3], effects=[E.Gravity(), *effects])
+    run = tl.simulate(scene, 2.0, method="dop853", samples_per_second=50)
     model, data = run.robot.model, run.robot.model.createData()
     for q, v, a, tau in zip(run.q, run.v, run.acceleration, run.tau, strict=True):
-        np.testing.assert_allclose(pin.rnea(model, data, q, v, a), tau, atol=1e-9)
-    assert run.tau.shape == run.acceleration.shape == (51, 2)
-    np.testing.assert_allclose(run.tau[:, 1], -0.3 * run.v[:, 1], atol=1e-12)
+        np.testing.assert_allclose(pin.rnea(model, data, q, v, a), tau, atol=1e-10)
+    assert run.tau.shape == run.acceleration.shape == (101, 2)
+    if len(effects) == 2 and TABLE not in effects:
+        np.testing.assert_allclose(run.tau[:, 1], -0.3 * run.v[:, 1], atol=1e-12)
+
+
+def test_friction_that_holds_gives_the_torque_against_the_load() -> None:
+    run = tl.simulate(tl.Scene(slider(), effects=[E.DryFriction({"x": 3.0}), E.Torque({"x": 2.0})]), 1.0)
+    assert not run.acceleration.any()
+    assert np.abs(run.tau).max() < 1e-12
 
 
 def test_a_loaded_trajectory_has_no_equations(tmp_path) -> None:

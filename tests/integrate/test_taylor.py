@@ -168,8 +168,3 @@ def test_a_table_that_does_not_move_the_robot_changes_nothing(acting: bool) -> N
     run, without = (tl.simulate(Scene(robot, [0.3, 0.2], effects=e), 0.4, accuracy=1e-10, method="taylor")
                     for e in ([*effects, idle], effects))  # fmt: skip
     np.testing.assert_allclose(run.q, without.q, rtol=0, atol=2e-10)
-
-
-def pushes() -> object:
-    """A torque with values that hold from time to time."""
-    return tl.effects.Sampled(times=[0.0, 1.0, 3.5], values=[0.3, -0.2, 0.0], interpolation="hold", beyond="zero")
