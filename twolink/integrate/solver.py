@@ -81,29 +81,30 @@ def solve(
         raise AccuracyError(f"expected a number above 0, got {setting!r:.60}", argument=name, remedy="such as 1e-6")
     if precision != "double" and method.kind != "taylor":
         raise SceneError(f"{method.name} works in double precision", argument="precision", remedy='method="taylor"')
-    solution = _solve(equations, method, times, setting, progress, precision, perturbation, companions)
+    stepping = is_stepping(method)
+    if equations.space.size == 0:  # nothing moves
+        solution = Solution(times, np.empty((0, len(times))), 0, 0)
+    elif equations.has_events and stepping:
+        from twolink.integrate.hybrid.located import solve_located  # with it come the effects of modes
+
+        solution = solve_located(equations, method, times, setting, progress, (perturbation,))[0]
+    elif stepping:
+        if not method.adaptive:
+            _require_segments(equations, times, setting)
+        solution = solve_smooth(equations, method, times, setting, progress, perturbation, companions)
+    elif equations.switching is not None:
+        raise SceneError(f"{method.name} does not locate events", argument="method", remedy=BY_STEPS)
+    elif equations.sampling is not None:
+        raise SceneError(f"{method.name} does not call controllers", argument="method", remedy=BY_STEPS)
+    elif method.kind == "taylor":
+        solution = taylor.solve(equations, times, setting, progress, precision=precision, perturbation=perturbation,
+                                companions=companions)  # fmt: skip
+    else:
+        by_scipy = functools.partial(scipy_solver.solve, method=method, tolerance=setting, progress=progress,
+                                     perturbation=perturbation)  # fmt: skip
+        solution = in_segments(equations, times, lambda segment, part: by_scipy(segment, times=part))
     whole = Segment(equations, float(times[0]), len(solution.t))
     return solution if solution.segments else replace(solution, segments=(whole,))
-
-
-def solve_with_companions(
-    equations: Equations,
-    method: Method,
-    times: Array,
-    setting: float,
-    progress: Progress | None = None,
-    others: tuple[Perturbation, ...] = (),
-    checks: Array | None = None,
-) -> list[Solution]:
-    """Solve a scene with events: the run for samples at times (n,), and others at the checks (k,), side by side."""
-    from twolink.integrate.hybrid.located import solve_located  # with it come the effects of modes
-
-    return solve_located(equations, method, times, setting, progress, (NO_PERTURBATION, *others), checks)
-
-
-def goes_side_by_side(equations: Equations, method: Method) -> bool:
-    """True if a run with events and those beside it go from tick to tick by `solve_with_companions`."""
-    return equations.sampling is not None and equations.has_events and is_stepping(method)
 
 
 def has_columns(equations: Equations, method: Method, precision: Precision) -> bool:
@@ -116,40 +117,6 @@ def has_columns(equations: Equations, method: Method, precision: Precision) -> b
 def is_stepping(method: Method) -> bool:
     """True if a step map makes the method's steps."""
     return method.kind not in ("taylor", "scipy")
-
-
-def _solve(
-    equations: Equations,
-    method: Method,
-    times: Array,
-    setting: float,
-    progress: Progress | None,
-    precision: Precision,
-    perturbation: Perturbation,
-    companions: Companions | None,
-) -> Solution:
-    """Solve by the method's own solver."""
-    if equations.space.size == 0:  # nothing moves
-        return Solution(times, np.empty((0, len(times))), 0, 0)
-    stepping = is_stepping(method)
-    if equations.switching is not None and not stepping:
-        raise SceneError(f"{method.name} does not locate events", argument="method", remedy=BY_STEPS)
-    if equations.sampling is not None and not stepping:
-        raise SceneError(f"{method.name} does not call controllers", argument="method", remedy=BY_STEPS)
-    if stepping and equations.has_events:
-        from twolink.integrate.hybrid.located import solve_located  # with it come the effects of modes
-
-        return solve_located(equations, method, times, setting, progress, (perturbation,))[0]
-    if stepping:
-        if not method.adaptive:
-            _require_segments(equations, times, setting)
-        return solve_smooth(equations, method, times, setting, progress, perturbation, companions)
-    if method.kind == "taylor":
-        return taylor.solve(equations, times, setting, progress, precision=precision, perturbation=perturbation,
-                            companions=companions)  # fmt: skip
-    by_scipy = functools.partial(scipy_solver.solve, method=method, tolerance=setting, progress=progress,
-                                 perturbation=perturbation)  # fmt: skip
-    return in_segments(equations, times, lambda segment, part: by_scipy(segment, times=part))
 
 
 def _require_segments(equations: Equations, times: Array, step: float) -> None:

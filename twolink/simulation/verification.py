@@ -13,7 +13,7 @@ from twolink.integrate.event import AMBIGUOUS
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress, Solution
-from twolink.integrate.solver import goes_side_by_side, has_columns, solve, solve_with_companions
+from twolink.integrate.solver import has_columns, is_stepping, solve
 from twolink.integrate.solvers.method_choice import ATTEMPTS, MethodChoice, attempts_of
 from twolink.integrate.steps.companions import OFTEN, SELDOM, Companions
 from twolink.integrate.steps.failures import failure
@@ -92,7 +92,7 @@ class Verification:
     def _tried(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         if has_columns(self._equations, choice.method, choice.precision):
             return (self._in_columns if self._equations.sampling is None else self._in_loop)(choice, finer)
-        if goes_side_by_side(self._equations, choice.method):
+        if self._equations.sampling is not None and self._equations.has_events and is_stepping(choice.method):
             return self._from_tick_to_tick(choice, finer)
         return self._one_by_one(choice, finer)
 
@@ -167,9 +167,11 @@ class Verification:
 
     def _from_tick_to_tick(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run and the others side by side, each with its own events and controllers."""
-        start = time.perf_counter()
-        solution, *others = solve_with_companions(self._equations, choice.method, self._times, choice.setting,
-                                         self._progress, (finer, *_mirrored()), self._times[self._checks])  # fmt: skip
+        from twolink.integrate.hybrid.located import solve_located  # with it come the effects of modes
+
+        start, perturbations = time.perf_counter(), (NO_PERTURBATION, finer, *_mirrored())
+        solution, *others = solve_located(self._equations, choice.method, self._times, choice.setting, self._progress,
+                                          perturbations, self._times[self._checks])  # fmt: skip
         seconds = time.perf_counter() - start - solution.compile_seconds
         run = Verified(choice, solution, seconds, self._numbers(solution))
         if solution.interrupted:
