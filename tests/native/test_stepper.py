@@ -78,7 +78,7 @@ def test_disturbances_are_those_of_numpy() -> None:
     disturbed = step_disturbances(every, state, equations)
     states = np.empty((2, *state.shape))
     states[0] = state
-    state[: equations.moving] += steps._disturbance(state, disturbed)
+    state[: equations.moving] += disturbed.added(np.zeros(5, dtype=int), state[: equations.moving])
     steps.attempts(states, 1, LOOK, disturbed)
     expected = np.empty_like(state)
     steps(state, expected)

@@ -2,6 +2,7 @@
 
 import ctypes
 import functools
+import math
 import weakref
 from dataclasses import dataclass
 from typing import Any
@@ -71,6 +72,18 @@ class Disturbances:
     parts: tuple[int, int, int, int]
     share: float
     embedded: Array | None = None
+
+    def added(self, attempts: Array, x: Array, steps: float = 1.0) -> Array:
+        """Amounts to add to columns x (moving, n) after attempts (n,): sqrt(steps) r |x|, r random, and steps b x.
+
+        b: the bias. steps: how many are disturbed at once.
+        """
+        size = np.abs(x)
+        for begin, end in (self.parts[:2], self.parts[2:]):
+            part = size[begin:end]
+            np.fmax(part, self.share * part.max(axis=0, initial=0.0), out=part)
+        random = self.table[(attempts + self.first) % len(self.table)].T
+        return np.asarray((math.sqrt(steps) * random * (self.rounding * size) + steps * self.bias * x) * self.moves)
 
     @functools.cached_property
     def pointer(self) -> "_Disturbance":

@@ -16,7 +16,7 @@ from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.steps.failures import MAX_STEPS, failure, is_hopeless
 from twolink.integrate.steps.methods import Method
-from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation, disturbances
+from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation, step_disturbances
 from twolink.integrate.steps.stiffness import fastest
 
 LOOK = 8  # steps of an explicit method between two looks at how fast the motion changes
@@ -103,10 +103,10 @@ def _in_parts(
     plain = replace(perturbation, rounding=0.0, restarts=False)
     x, steps, evaluations, each = equations.start.copy(), 0, 0, 1.0
     moving, stride = equations.moving, -(-(len(times) - 1) // DISTURBANCES)
-    out = [x[:moving, None]]
+    out, disturbed = [x[:moving, None]], step_disturbances((perturbation,), x[:, None], equations)
     for i in range(0, len(times) - 1, stride):
-        count = np.full((1, 1), float(i))
-        x[:moving] += disturbances((perturbation,), count, x[:moving, None], equations, each)[0, :, 0]
+        if disturbed is not None:
+            x[:moving] += disturbed.added(np.array([i]), x[:moving, None], each)[:, 0]
         part = times[i : i + stride + 1]
         segment = solve(replace(equations, start=x), method, part, tolerance, progress, plain)
         if segment.interrupted:

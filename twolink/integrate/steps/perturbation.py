@@ -151,37 +151,3 @@ def step_disturbances(
     parts = (0, space.nq, space.v_rows.start, space.v_rows.stop)
     embedded = np.repeat([float(one.embedded) for one in perturbations], count // len(perturbations))
     return Disturbances(_random(equations.moving), rounding, bias, first, moves, parts, SHARE, embedded)
-
-
-def disturbances(
-    perturbations: tuple[Perturbation, ...], counts: Array, x: Array, equations: Equations, steps: float = 1.0
-) -> Array:
-    """Disturbances added to states, time after time: sqrt(steps) r |x|, r random, and at first k steps b x, b the bias.
-
-    Parameters
-    ----------
-    perturbations : tuple of Perturbation
-        Of the n solutions; or one, of all of them.
-    counts : ndarray (k, n)
-        How many steps each has attempted before: they choose the random numbers, so that these do not depend on what
-        else is solved.
-    x : ndarray (size, n)
-        The states, of which the sizes count.
-    equations : Equations
-        Of the states: which entries are of q and of v, and which never change, so that nothing is rounded.
-    steps : float
-        How many steps are disturbed at once, k times one after the other.
-
-    Returns
-    -------
-    ndarray (k, size, n)
-    """
-    first, rounding, bias = _numbers(perturbations)
-    size = np.abs(rounding) * np.abs(x)
-    for part in (size[: equations.space.nq], size[equations.space.v_rows]):
-        np.fmax(part, SHARE * part.max(axis=0, initial=0.0), out=part)
-    random = _random(len(x))[(counts.astype(int) + first) % PERIOD].swapaxes(1, 2)
-    added = math.sqrt(steps) * random * (np.sign(rounding) * size)
-    added[0] += len(counts) * steps * bias * x  # as long as x is the state
-    added[:, list(equations.steady)] = 0.0
-    return np.asarray(added)

@@ -89,8 +89,9 @@ class StepMap:
         for k in range(count):
             now = states[k]
             if disturbances is not None:
-                now = now.copy()
-                now[: self.equations.moving] += self._disturbance(now, disturbances)
+                now, x = now.copy(), now[: self.equations.moving]
+                tried = (now[self.rows.accepted] + now[self.rows.rejected]).astype(int)
+                now[: len(x)] += np.where(now[time] < now[end], disturbances.added(tried, x), 0.0)
             self._map(now, states[k + 1], None if disturbances is None else disturbances.embedded)
             going = np.count_nonzero(states[k + 1, time] < states[k + 1, end])
             if going == 0 or ((k + 1) % look == 0 and 2 * going < now.shape[1]):
@@ -103,18 +104,6 @@ class StepMap:
             none = np.zeros((0, 1))
             rate, _ = self._columns(none if parameters is None else parameters)
             return np.asarray(rate(t, x)[: self.equations.moving])
-
-    def _disturbance(self, state: Array, one: Disturbances) -> Array:
-        """The disturbance added to worlds (moving, n): r |x|, r random, and the bias times x; 0 of what has arrived."""
-        rows, x = self.rows, state[: self.equations.moving]
-        size = np.abs(x)
-        for begin, end in (one.parts[:2], one.parts[2:]):
-            part = size[begin:end]
-            np.fmax(part, one.share * part.max(axis=0, initial=0.0), out=part)
-        tried = (state[rows.accepted] + state[rows.rejected]).astype(int)
-        random = one.table[(tried + one.first) % len(one.table)].T
-        added = (random * (one.rounding * size) + one.bias * x) * one.moves
-        return np.where(state[rows.time] < state[rows.end], added, 0.0)
 
     def partial(self, x: Array, start: Array | float, end: Array, parameters: Array | None = None) -> Array:
         """States (size, n) at the times `end` (n,), each by one step from x (size, n or 1) at `start` (n,) or one time.
