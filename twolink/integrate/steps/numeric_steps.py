@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from twolink.algorithms.namespaces import Numbers
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.steps.methods import Method
@@ -35,7 +34,7 @@ def numeric_map(equations: Equations, method: Method, formulas: Formulas) -> Map
             problem = StepProblem(
                 step, space.size, space.absolute, space.joint_rows, project, method.error_order, embedded
             )
-            out[:] = advance(problem, state, Numbers)
+            out[:] = advance(problem, state)
 
     def call(state: Array, out: Array, embedded: Array | None = None) -> None:
         width = each or state.shape[1] or 1

@@ -84,63 +84,63 @@ class StepProblem:
     embedded: Array | None = None
 
 
-def fixed_advance(problem: StepProblem, state: Array, xp: Any) -> Array:
+def fixed_advance(problem: StepProblem, state: Array) -> Array:
     """One step of a fixed size; the last one ends at the end."""
     x, control, parameters = _split(problem, state)
     left = control.end - control.time
-    going = xp.less(0.0, left)
-    arrival = xp.where(xp.less_equal(left, control.step * LAST_STEP), control.end, control.time + control.step)
+    going = left > 0.0
+    arrival = np.where(left <= control.step * LAST_STEP, control.end, control.time + control.step)
     new, _, change = problem.step(control.time, x, arrival - control.time)
     if change is not None:  # an iteration that did not converge gives no answer
-        unsolved = _mean_square(change, _admitted(problem, x, new, 1.0, xp))
-        new = xp.where(xp.less_equal(unsolved, UNSOLVED**2), new, np.nan)
+        unsolved = _mean_square(change, _admitted(problem, x, new, 1.0))
+        new = np.where(unsolved <= UNSOLVED**2, new, np.nan)
     control = control._replace(
-        time=xp.where(going, arrival, control.time), accepted=xp.where(going, control.accepted + 1.0, control.accepted)
+        time=np.where(going, arrival, control.time), accepted=np.where(going, control.accepted + 1.0, control.accepted)
     )
-    return _stack(xp.where(going, problem.project(new), x), control, parameters)
+    return _stack(np.where(going, problem.project(new), x), control, parameters)
 
 
-def adaptive_advance(problem: StepProblem, state: Array, xp: Any) -> Array:
+def adaptive_advance(problem: StepProblem, state: Array) -> Array:
     """One attempt: the new state where its error is admitted, else the old one; and the size of the next step."""
     x, control, parameters = _split(problem, state)
-    going = xp.less(0.0, control.end - control.time)
-    arrival = _arrival(control, xp)
+    going = control.end - control.time > 0.0
+    arrival = _arrival(control)
     h = arrival - control.time  # rounding included, so that the time does not drift
-    new, square = _judged(problem, control, x, h, xp)
-    admitted = xp.less_equal(square, 1.0)  # NaN fails every comparison: not admitted
-    finite = xp.less_equal(square, LARGEST_NUMBER)
-    bounded = xp.where(xp.less_equal(square, MAX_SQUARE), square, MAX_SQUARE)
-    bounded = xp.where(xp.less(bounded, MIN_SQUARE), MIN_SQUARE, bounded)
-    factor = _factor(bounded, control.previous, admitted, problem.order, xp)
-    good = xp.where(admitted, h, xp.where(finite, control.good, control.good * NO_NUMBER_FACTOR))
-    proposed = xp.where(finite, h * factor, good)
+    new, square = _judged(problem, control, x, h)
+    admitted = square <= 1.0  # NaN fails every comparison: not admitted
+    finite = square <= LARGEST_NUMBER
+    bounded = np.where(square <= MAX_SQUARE, square, MAX_SQUARE)
+    bounded = np.where(bounded < MIN_SQUARE, MIN_SQUARE, bounded)
+    factor = _factor(bounded, control.previous, admitted, problem.order)
+    good = np.where(admitted, h, np.where(finite, control.good, control.good * NO_NUMBER_FACTOR))
+    proposed = np.where(finite, h * factor, good)
     # A step that its end has cut says nothing against the size that was planned.
-    kept = xp.both(admitted, xp.less(h, control.step * CUT))
-    proposed = xp.where(xp.both(kept, xp.less(proposed, control.step)), control.step, proposed)
-    proposed = xp.where(xp.less(control.longest, proposed), control.longest, proposed)
-    advancing = xp.both(going, admitted)
+    kept = np.logical_and(admitted, h < control.step * CUT)
+    proposed = np.where(np.logical_and(kept, proposed < control.step), control.step, proposed)
+    proposed = np.where(control.longest < proposed, control.longest, proposed)
+    advancing = np.logical_and(going, admitted)
     control = control._replace(
-        time=xp.where(advancing, arrival, control.time),
-        step=xp.where(going, proposed, control.step),
-        good=xp.where(going, good, control.good),
-        previous=xp.where(advancing, bounded, control.previous),
-        accepted=xp.where(advancing, control.accepted + 1.0, control.accepted),
-        rejected=xp.where(going, xp.where(admitted, control.rejected, control.rejected + 1.0), control.rejected),
+        time=np.where(advancing, arrival, control.time),
+        step=np.where(going, proposed, control.step),
+        good=np.where(going, good, control.good),
+        previous=np.where(advancing, bounded, control.previous),
+        accepted=np.where(advancing, control.accepted + 1.0, control.accepted),
+        rejected=np.where(going, np.where(admitted, control.rejected, control.rejected + 1.0), control.rejected),
     )
-    return _stack(xp.where(advancing, new, x), control, parameters)
+    return _stack(np.where(advancing, new, x), control, parameters)
 
 
-def _arrival(control: Control, xp: Any) -> Any:
+def _arrival(control: Control) -> Any:
     """The time at which the next step ends.
 
     Two equal steps to the end replace a step and a tiny one (Brankin, Gladwell, Shampine: RKSUITE, 1992).
     """
     left = control.end - control.time
-    h = xp.where(xp.less(left, control.step * 2.0), left * 0.5, control.step)
-    return xp.where(xp.less_equal(left, control.step * LAST_STEP), control.end, control.time + h)
+    h = np.where(left < control.step * 2.0, left * 0.5, control.step)
+    return np.where(left <= control.step * LAST_STEP, control.end, control.time + h)
 
 
-def _judged(problem: StepProblem, control: Control, x: Array, h: Any, xp: Any) -> tuple[Array, Any]:
+def _judged(problem: StepProblem, control: Control, x: Array, h: Any) -> tuple[Array, Any]:
     """A step's new state on its manifold, and e^2, which is NaN where a number is not finite.
 
     A step whose projection fails is not admitted: no step may end there. A sample (infinite tolerance) may be there,
@@ -148,21 +148,21 @@ def _judged(problem: StepProblem, control: Control, x: Array, h: Any, xp: Any) -
     """
     new, errors, change = problem.step(control.time, x, h)
     if problem.embedded is not None:
-        new = xp.where(xp.less(0.0, problem.embedded), new - errors[0], new)
+        new = np.where(problem.embedded > 0.0, new - errors[0], new)
     projected = problem.project(new)
-    inverse = _admitted(problem, x, new, control.tolerance, xp) + _resolved(problem, x, new, h, control.resolution, xp)
+    inverse = _admitted(problem, x, new, control.tolerance) + _resolved(problem, x, new, h, control.resolution)
     square = _error(errors, change, inverse)
-    good = xp.less_equal((projected * projected).sum(axis=0), LARGEST_NUMBER)
-    failed = xp.where(xp.less(control.tolerance, LARGEST_NUMBER), np.nan, square)
-    return xp.where(good, projected, new), xp.where(good, square, failed)
+    good = (projected * projected).sum(axis=0) <= LARGEST_NUMBER
+    failed = np.where(control.tolerance < LARGEST_NUMBER, np.nan, square)
+    return np.where(good, projected, new), np.where(good, square, failed)
 
 
-def _factor(square: Any, previous: Any, admitted: Any, order: int, xp: Any) -> Any:
+def _factor(square: Any, previous: Any, admitted: Any, order: int) -> Any:
     """h_new / h by the PI controller, from e^2 of this step and of the last accepted one."""
-    rejected = SAFETY * xp.power(square, -0.5 / order)
-    accepted = SAFETY * xp.power(square, -0.35 / order) * xp.power(previous, 0.2 / order)
-    factor = xp.where(admitted, xp.where(xp.less(accepted, MAX_FACTOR), accepted, MAX_FACTOR), rejected)
-    return xp.where(xp.less(MIN_FACTOR, factor), factor, MIN_FACTOR)
+    rejected = SAFETY * np.power(square, -0.5 / order)
+    accepted = SAFETY * np.power(square, -0.35 / order) * np.power(previous, 0.2 / order)
+    factor = np.where(admitted, np.where(accepted < MAX_FACTOR, accepted, MAX_FACTOR), rejected)
+    return np.where(factor > MIN_FACTOR, factor, MIN_FACTOR)
 
 
 def _error(errors: list[Array], change: Array | None, inverse: Array) -> Any:
@@ -186,20 +186,20 @@ def _mean_square(error: Array, inverse: Array) -> Any:
     return (error * error * inverse).sum(axis=0) * (1.0 / max(1, len(error)))
 
 
-def _admitted(problem: StepProblem, x: Array, new: Array, tolerance: Any, xp: Any) -> Array:
+def _admitted(problem: StepProblem, x: Array, new: Array, tolerance: Any) -> Array:
     """1 / admitted^2 by the tolerance: tolerance * (1 or, of velocities, 1 + |v|), and rounding."""
-    largest = xp.where(xp.less(x * x, new * new), new * new, x * x)
+    largest = np.where(x * x < new * new, new * new, x * x)
     relative = np.where(problem.absolute, 0.0, 1.0).reshape(-1, *[1] * (x.ndim - 1))
     return np.asarray(1.0 / ((largest * relative + 1.0) * (tolerance * tolerance) + largest * ROUNDING**2))
 
 
-def _resolved(problem: StepProblem, x: Array, new: Array, h: Any, resolution: Any, xp: Any) -> Array:
+def _resolved(problem: StepProblem, x: Array, new: Array, h: Any, resolution: Any) -> Array:
     """1 / admitted^2 by the resolution: a part of what the step changes in the joint, and rounding.
 
     What it changes is the sum of both of its changes, dq + h dv or dv + dq / h: one of the two may vanish for a moment.
     """
     change = (new - x) * (new - x)
-    largest = xp.where(xp.less(x * x, new * new), new * new, x * x)
+    largest = np.where(x * x < new * new, new * new, x * x)
     inverse: Array = np.zeros_like(change)
     for q, v in problem.joints:
         size = change[q].sum(axis=0) + change[v].sum(axis=0) * (h * h)
