@@ -19,7 +19,6 @@ from twolink.effects.sensors import Forces
 from twolink.effects.switching import JointLock, Stop, SwitchingEffect
 from twolink.errors import SceneError
 from twolink.integrate.core.motion import Motion, again, driven
-from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import make_equations, sampled
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress
@@ -112,15 +111,11 @@ class SteppedMotion(Motion):
         progress: Progress | None = None,
     ) -> None:
         self._stepper, self._t, self._plans, self._track, self._progress = stepper, t, plans, track, progress
-        stepper.record, numbers = Record(), stepper.equations.layout.numbers_at(t)
+        self.equations, stepper.record = stepper.equations, Record()
+        numbers = self.equations.layout.numbers_at(t)
         self._numbers = np.repeat(numbers[:, None], len(plans), axis=1)
         self._x: Array | None = None
         self.states = [StepEnd(*stepper.begin)] * len(plans)
-
-    @property
-    def equations(self) -> Equations:
-        """The equations without contacts."""
-        return self._stepper.equations
 
     @property
     def t(self) -> float:

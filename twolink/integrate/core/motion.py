@@ -52,10 +52,7 @@ class Motion(ABC):
     has the same bits as what does not save, and as what restores it.
     """
 
-    @property
-    @abstractmethod
-    def equations(self) -> Equations:
-        """The equations of motion, in the first mode where there are several."""
+    equations: Equations  # of all modes; where contacts are stepped, without them
 
     @property
     @abstractmethod

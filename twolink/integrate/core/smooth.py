@@ -83,7 +83,7 @@ class SmoothMotion(Motion):
         lose: bool = False,
     ) -> None:
         self._nearer, self._too_far = nearer, math.inf
-        self._equations, self._by = by.equations, by
+        self.equations, self._by = by.equations, by
         self.columns = Columns(by, t, end, setting, perturbations, progress, lose=lose)
         self.track, self._companions, self._steps = track, companions, 0
         self._unseen: list[Block] = []  # at whose samples of the solutions beside the first no one has looked
@@ -93,11 +93,6 @@ class SmoothMotion(Motion):
         self._tables = [(at, x) for at, x in by.equations.layout.rows_of_tables() if not isinstance(x, Slot)]
 
     @property
-    def equations(self) -> Equations:
-        """The equations of motion."""
-        return self._equations
-
-    @property
     def t(self) -> float:
         """The time, s."""
         return self.columns.time
@@ -105,7 +100,7 @@ class SmoothMotion(Motion):
     @property
     def x(self) -> Array:
         """The states."""
-        return self.columns.x[: self._equations.moving]
+        return self.columns.x[: self.equations.moving]
 
     @property
     def steps(self) -> int:
@@ -153,7 +148,7 @@ class SmoothMotion(Motion):
     def _pass(self, block: Block, *, looks: bool) -> None:
         """Take note of steps. looks: whether those beside the run are looked at."""
         if self.track is not None and block.worlds[0] == 0:
-            self.track.add(block.t[1:, 0], block.states[1:, : self._equations.space.size, 0])
+            self.track.add(block.t[1:, 0], block.states[1:, : self.equations.space.size, 0])
         if looks and self._companions is not None:
             self._look(self._companions, block)
 
@@ -168,7 +163,7 @@ class SmoothMotion(Motion):
             return False
         ticks, taken, block = found
         if self.track is not None:
-            self.track.change(block.states[0, : self._equations.space.size, 0])
+            self.track.change(block.states[0, : self.equations.space.size, 0])
         self._pass(block, looks=self._companions is not None)
         while self._checks[self._looked] <= block.t[-1].min():
             self._looked += 1
@@ -221,7 +216,7 @@ class SmoothMotion(Motion):
         """The forces at states (size, n)."""
         from twolink.integrate.forces_seen import forces_seen  # which scenes without sensors do not load
 
-        return forces_seen(self._equations, t, x)
+        return forces_seen(self.equations, t, x)
 
     def save(self) -> SavedColumns:
         """The columns, and what is to come."""

@@ -26,14 +26,9 @@ class LocatedMotion(Motion):
     """Solutions with modes. endless: what they pass is not kept."""
 
     def __init__(self, engines: Sequence[Engine], *, endless: bool = False) -> None:
-        self.engines, self._endless, whole = engines, endless, engines[0].whole
-        self._rows = whole.layout.rows_of_slots()
-        self._x = np.repeat(whole.start[:, None], len(engines), axis=1)
-
-    @property
-    def equations(self) -> Equations:
-        """The equations of all modes."""
-        return self.engines[0].whole
+        self.engines, self._endless, self.equations = engines, endless, engines[0].whole
+        self._rows = self.equations.layout.rows_of_slots()
+        self._x = np.repeat(self.equations.start[:, None], len(engines), axis=1)
 
     @property
     def t(self) -> float:
