@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -64,20 +65,9 @@ class SplicedSolution:
         a, tau = (np.concatenate([first, second[1:]]) for first, second in parts)
         return a, tau
 
-    def contacts(self) -> Marks:
-        """Points and forces by pair."""
-        return self._joined(self.located.contacts(), self.stepped.contacts())
-
-    def contact_slips(self) -> Marks:
-        """Points and slips by pair."""
-        return self._joined(self.located.contact_slips(), self.stepped.contact_slips())
-
-    def forces_on_links(self) -> Marks:
-        """Points and forces by effect on a link, of the located part."""
-        return self._joined(self.located.forces_on_links(), self.stepped.forces_on_links())
-
-    def _joined(self, *parts: Marks) -> Marks:
-        """Marks of both parts; NaN where one has none."""
+    def marks(self, what: Literal["contacts", "contact_slips", "forces_on_links"]) -> Marks:
+        """As `DenseOutput.marks`, of both parts; NaN where one has none."""
+        parts = self.located.marks(what), self.stepped.marks(what)
         first = len(self.located.t)
         found: dict[str, tuple[Array, Array]] = {}
         for name in {**parts[0], **parts[1]}:

@@ -93,17 +93,10 @@ class SteppedSolution:
         states = np.concatenate([self.q, self.v, self.numbers], axis=1).T
         return self.a, accelerations_and_joint_torques(self.segments[0].equations, self.t, states)[1].T + self.held
 
-    def forces_on_links(self) -> dict[str, tuple[Array, Array]]:
-        """None: steps have no equations of motion."""
-        return {}
-
-    def contacts(self) -> dict[str, tuple[Array, Array]]:
-        """As `DenseOutput.contacts`: points (n, k, 3) and forces (n, k, 3) by pair, means over the step before."""
-        return {pair: (rows[0], rows[1]) for pair, rows in self._rows.items()}
-
-    def contact_slips(self) -> dict[str, tuple[Array, Array]]:
-        """As `contacts`, with slips of the first body on the second, m/s, in place of forces."""
-        return {pair: (rows[0], rows[2]) for pair, rows in self._rows.items()}
+    def marks(self, what: str) -> dict[str, tuple[Array, Array]]:
+        """As `DenseOutput.marks`: forces are means over the step before; none on links, for steps have no equations."""
+        values = {"contacts": 1, "contact_slips": 2}.get(what)
+        return {} if values is None else {pair: (rows[0], rows[values]) for pair, rows in self._rows.items()}
 
     @functools.cached_property
     def _rows(self) -> dict[str, Array]:

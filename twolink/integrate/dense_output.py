@@ -6,19 +6,14 @@ end of one of the solution's own steps, by the method of the solution. At an eve
 
 import collections
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from twolink.errors import AccuracyError
-from twolink.integrate.joint_forces import (
-    accelerations_and_joint_torques,
-    contact_slips,
-    contacts,
-    forces_on_links,
-)
+from twolink.integrate.joint_forces import MARKS, accelerations_and_joint_torques
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Impulse, Segment
@@ -30,7 +25,6 @@ from twolink.integrate.steps.step_map import step_map
 # A SciPy solver begins at low order and with a guessed step: between samples its tolerance is divided by this, so that
 # the step from a stored state adds nothing to that state's error.
 FINER_BETWEEN = 100.0
-Forces = Callable[[Equations, Array, Array], list[tuple[str, Array, Array]]]  # names, points and forces at some states
 
 
 class _Group(NamedTuple):
@@ -128,26 +122,16 @@ class DenseOutput:
             a[group.places], tau[group.places] = at_group[0].T, at_group[1].T
         return a, tau
 
-    def contacts(self) -> dict[str, tuple[Array, Array]]:
-        """Of each pair of bodies that touch at some stored time, its points (n, k, 3), m, and forces (n, k, 3), N.
+    def marks(self, what: Literal["contacts", "contact_slips", "forces_on_links"]) -> dict[str, tuple[Array, Array]]:
+        """By name the points (n, k, 3) where something acts at some stored time, m, and vectors (n, k, 3); NaN if less.
 
-        The forces are those on the first body. Where fewer than k points touch, the rest are NaN.
+        what: the contacts of each pair of bodies with the forces on the first, N, or with its slips on the second, m/s;
+        or the forces of each effect on a link, N.
         """
-        return self._by_name(contacts)
-
-    def contact_slips(self) -> dict[str, tuple[Array, Array]]:
-        """As `contacts`, with slips of the first body on the second, m/s, in place of forces."""
-        return self._by_name(contact_slips)
-
-    def forces_on_links(self) -> dict[str, tuple[Array, Array]]:
-        """Of each effect that acts on a link, points and forces as `contacts` gives them."""
-        return self._by_name(forces_on_links)
-
-    def _by_name(self, forces_of: Forces) -> dict[str, tuple[Array, Array]]:
         found: dict[str, list[Array]] = {}
         for group in self._groups(self.t):
             count = collections.Counter[str]()
-            for pair, point, force in forces_of(group.equations, group.t, group.stored_x):
+            for pair, point, force in MARKS[what](group.equations, group.t, group.stored_x):
                 columns = found.setdefault(pair, [])
                 if count[pair] == len(columns):
                     columns.append(np.full((2, len(self.t), 3), np.nan))

@@ -128,6 +128,9 @@ def forces_on_links(equations: Equations, t: Array, x: Array) -> list[tuple[str,
     return found
 
 
+MARKS = {"contacts": contacts, "contact_slips": contact_slips, "forces_on_links": forces_on_links}
+
+
 def _full(equations: Equations, x: Array) -> Array:
     """States (size, n) with the numbers of the segment behind (q, v)."""
     return np.concatenate([x, np.repeat(equations.start[len(x) :, None], x.shape[1], axis=1)])

@@ -228,11 +228,11 @@ class Trajectory(BaseResult, Plotted):
         """Points [m] and forces [N] of effects by effect and link, (n, k, 3) each, NaN where none acts."""
         return self._at_samples("forces_on_links", self.recorded_forces)
 
-    def _at_samples(self, what: str, recorded: tables.Contacts | None) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    def _at_samples(self, what: Any, recorded: tables.Contacts | None) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         if self.solution is None:
             return dict(recorded or {})
         kept = np.searchsorted(self.solution.t, self.t)
-        return {name: (points[kept], forces[kept]) for name, (points, forces) in getattr(self.solution, what)().items()}
+        return {name: (points[kept], forces[kept]) for name, (points, forces) in self.solution.marks(what).items()}
 
     @functools.cached_property
     def _accelerations_and_torques(self) -> tuple[np.ndarray, np.ndarray]:
@@ -246,18 +246,13 @@ class Trajectory(BaseResult, Plotted):
                              remedy="simulate it again with its scene", code="no-equations")  # fmt: skip
         return self.solution
 
-    @property
-    def _samples(self) -> tables.TrajectorySamples:
-        is_solved = self.solution is not None and bool(np.isin(self.t, self.solution.t).all())  # t may be replaced
-        parts, tau = (self.t, self.q, self.v, self.energy), self.tau if is_solved else self.recorded_tau
-        return tables.TrajectorySamples(self.robot, *parts, self.error, states=self.states, tau=tau)
-
     def columns(self) -> dict[str, np.ndarray]:
         """The samples by name: t, q.JOINT, v.JOINT, tau.JOINT (numbered for joints of several), z.STATE, energy, error.
 
         Torques are not among those of a trajectory that was loaded from a file without them.
         """
-        return tables.columns(self._samples)
+        is_solved = self.solution is not None and bool(np.isin(self.t, self.solution.t).all())  # t may be replaced
+        return tables.columns(self, self.tau if is_solved else self.recorded_tau)
 
     def to_xarray(self) -> Any:
         """The samples as an xarray.Dataset.
@@ -277,14 +272,14 @@ class Trajectory(BaseResult, Plotted):
         attributes: dict[str, Any] = {"robot": self.robot.name, **known}
         if self.cost is not None:
             attributes |= {"method": self.cost.method, "setting": self.cost.setting}
-        return tables.as_dataset(self._samples, attributes)
+        return tables.as_dataset(self, attributes)
 
     def to_pandas(self) -> Any:
         """The samples as a pandas.DataFrame: the columns of `columns()`, with t as the index.
 
         Raises MissingExtraError where pandas is not installed.
         """
-        return tables.as_frame(self._samples)
+        return tables.as_frame(self.columns())
 
     def to_dict(self) -> dict[str, Any]:
         """The summary of the run for JSON; its samples are in `columns()`.
@@ -362,10 +357,8 @@ class Trajectory(BaseResult, Plotted):
         SceneError
             The robot is another one, or the file is not a trajectory.
         """
-        read = tables.read_samples(Path(path), robot)
-        return cls(read.robot, read.t, read.q, read.v, read.error, None, read.events, accuracy=read.accuracy,
-                   title=read.title, estimated=read.estimated, recorded_energy=read.energy, states=read.states,
-                   recorded_contacts=read.contacts, recorded_forces=read.forces, recorded_tau=read.tau)  # fmt: skip
+        run: Trajectory = tables.read_run(Path(path), robot, cls)
+        return run
 
     @overload
     def plot(self, *, joints: str | Sequence[str] = ...) -> Figure: ...
@@ -399,7 +392,7 @@ class Trajectory(BaseResult, Plotted):
     def _figure(self, joints: Sequence[str] = ()) -> Figure:
         from twolink.show.motion_plots import plot_trajectory
 
-        curves, energy = tables.drawn_curves(self._samples, self.at if self.solution else None, self.robots)
+        curves, energy = tables.drawn_curves(self)
         events = [(event.t, event.kind) for event in self.events if event.t > 0.0]
         return plot_trajectory(self.robot, self.title or f"{self.robot.name}: {self.end:g} s", curves, energy,
                                (self.t, self.error), estimated=self.estimated, events=events,
@@ -503,7 +496,7 @@ class Trajectory(BaseResult, Plotted):
         """
         from twolink.show.video import write_video
 
-        options |= {"curves": tables.chosen_columns(self._samples, curves) if curves else None}
+        options |= {"curves": tables.chosen_columns(self.columns(), curves) if curves else None}
         options |= {"contacts": self.contacts if contacts else None, "forces": self.forces_on_links if forces else None}
         return write_video(*self._motion, path_to_write(path), speed=self._speed(speed), **options)
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -19,32 +19,11 @@ EXTRA = "sweeps"  # of twolink, which installs xarray and pandas
 # Before the names of contacts and of forces on links, for columns (n, 6 k); the names of notes.
 CONTACT, FORCE, EVENTS, ACCURACY = "contact ", "force ", "events", "accuracy"
 Contacts = Mapping[str, tuple[np.ndarray, np.ndarray]]  # of pairs, see Trajectory.contacts; also of forces on links
+Run = Any  # a Trajectory, whose module imports this one
 SMOOTH = 400  # times that make a smooth curve
 Curves = tuple[np.ndarray, np.ndarray, np.ndarray]
-At = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 UNITS = {"t": "s", "q": "rad or m", "v": "rad/s or m/s", "tau": "N m or N", "z": "SI units", "energy": "J",
          "error": "rad or m"}  # fmt: skip
-
-
-class TrajectorySamples(NamedTuple):
-    """t (n,), q (n, nq), v (n, nv), energy (n,) and error (n,) or None, of a robot; the title of its scene, whether
-    the error is an estimate and no bound, events, contacts and forces on links, None where a file does not say, and
-    the states of effects (n,) by name."""
-
-    robot: Robot
-    t: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    energy: np.ndarray
-    error: np.ndarray | None
-    title: str = ""
-    estimated: bool = False
-    events: tuple[Event, ...] = ()
-    contacts: Contacts | None = None
-    forces: Contacts | None = None
-    states: Mapping[str, np.ndarray] = {}
-    tau: np.ndarray | None = None  # (n, nv)
-    accuracy: float | None = None  # that was asked for
 
 
 def coordinate_names(robot: Robot, letter: str) -> list[str]:
@@ -60,26 +39,26 @@ def largest_error(error: np.ndarray | None, robot: Robot, since: str | None) -> 
     return f"{words}, estimated{since}" if since is not None else f"at most {words}" if error.any() else words
 
 
-def columns(samples: TrajectorySamples) -> dict[str, np.ndarray]:
-    """The samples by name: t, q.JOINT, v.JOINT, tau.JOINT, z.STATE, energy, error.
+def columns(run: Run, tau: np.ndarray | None) -> dict[str, np.ndarray]:
+    """The samples by name: t, q.JOINT, v.JOINT, tau.JOINT, z.STATE, energy, error; the torques (n, nv) are passed.
 
     Raises
     ------
     SceneError
         Two columns have the same name; code "column-twice".
     """
-    table = {"t": samples.t}
-    torques = () if samples.tau is None else (("tau", samples.tau),)
-    for letter, values in (("q", samples.q), ("v", samples.v), *torques):
-        for (column, joint), numbers in zip(joint_columns(samples.robot.joints, letter), values.T, strict=True):
+    table = {"t": run.t}
+    torques = () if tau is None else (("tau", tau),)
+    for letter, values in (("q", run.q), ("v", run.v), *torques):
+        for (column, joint), numbers in zip(joint_columns(run.robot.joints, letter), values.T, strict=True):
             if column in table:
                 raise SceneError(f"two columns are named {column!r}", where=f"joint {joint!r}",
                                  remedy="rename the joint in the URDF", code="column-twice")  # fmt: skip
             table[column] = numbers
-    table |= {f"z.{name}": values for name, values in samples.states.items()}
-    table["energy"] = samples.energy
-    if samples.error is not None:
-        table["error"] = samples.error
+    table |= {f"z.{name}": values for name, values in run.states.items()}
+    table["energy"] = run.energy
+    if run.error is not None:
+        table["error"] = run.error
     return table
 
 
@@ -95,16 +74,15 @@ def mark_notes(events: Sequence[Event], accuracy: float | None) -> dict[str, str
             for name, value in ((EVENTS, list(events)), (ACCURACY, accuracy))}  # fmt: skip
 
 
-def chosen_columns(samples: TrajectorySamples, names: Sequence[str]) -> dict[str, np.ndarray]:
+def chosen_columns(table: Mapping[str, np.ndarray], names: Sequence[str]) -> dict[str, np.ndarray]:
     """Some columns by name and unit. Raises SceneError for a name that is none, with the nearest right one."""
-    table = columns(samples)
     for name in names:
         require_known(name, table, SceneError, "there is no column {!r}", where="curves")
     return {f"{name} ({UNITS[name.partition('.')[0]]})": table[name] for name in names}
 
 
-def read_samples(path: Path, robot: Robot | None) -> TrajectorySamples:
-    """The samples of a saved trajectory, of the robot that the file names, or of the one passed. Raises SceneError."""
+def read_run(path: Path, robot: Robot | None, make: Callable[..., Run]) -> Run:
+    """A saved trajectory, of the robot that the file names, or of the one passed. Raises SceneError."""
     label = str(path)
     content, notes = read_table(path)
     robot = find_robot(notes, label) if robot is None else require_same(robot, notes, label)
@@ -115,12 +93,13 @@ def read_samples(path: Path, robot: Robot | None) -> TrajectorySamples:
     states = {name.removeprefix("z."): np.empty(n) for name in table if name.startswith("z.")}
     has_tau = not is_bag(path) and any(name.startswith("tau.") for name in table)
     contacts, forces = (_forces(marks, kind, n, label) if EVENTS in notes else None for kind in (CONTACT, FORCE))
-    samples = TrajectorySamples(robot, np.empty(n), np.empty((n, robot.nq)), np.empty((n, robot.nv)), np.empty(n),
-                                error, notes.get("title", ""), notes.get("bound") == "estimated",
-                                _noted(notes, EVENTS, "[]", tuple[Event, ...], label), contacts, forces, states,
-                                np.empty((n, robot.nv)) if has_tau else None,
-                                _noted(notes, ACCURACY, "null", float | None, label))  # fmt: skip
-    wanted = columns(samples)
+    tau = np.empty((n, robot.nv)) if has_tau else None
+    run = make(robot, np.empty(n), np.empty((n, robot.nq)), np.empty((n, robot.nv)), error, None,
+               _noted(notes, EVENTS, "[]", tuple[Event, ...], label),
+               accuracy=_noted(notes, ACCURACY, "null", float | None, label), recorded_energy=np.empty(n),
+               title=notes.get("title", ""), estimated=notes.get("bound") == "estimated", recorded_contacts=contacts,
+               recorded_forces=forces, states=states, recorded_tau=tau)  # fmt: skip
+    wanted = columns(run, tau)
     if is_bag(path):
         known = wanted if "robot" in notes else {name: place for name, place in wanted.items() if name != "energy"}
         table = {name: x for name, x in table.items() if name in known or ("robot" in notes and name[:4] != "tau.")}
@@ -133,11 +112,11 @@ def read_samples(path: Path, robot: Robot | None) -> TrajectorySamples:
     for name, place in wanted.items():
         place[:] = table[name]
     if "energy" not in wanted:
-        samples.energy[:] = np.sum(robot.energy(samples.q, samples.v), axis=0)
-    if np.any(np.diff(samples.t) <= 0):
-        row = int(np.argmax(np.diff(samples.t) <= 0)) + 1
+        run.energy[:] = np.sum(robot.energy(run.q, run.v), axis=0)
+    if np.any(np.diff(run.t) <= 0):
+        row = int(np.argmax(np.diff(run.t) <= 0)) + 1
         raise SceneError(f"t does not increase at sample {row}", where=label, remedy="sort its samples by time")
-    return samples
+    return run
 
 
 def _noted(notes: Mapping[str, str], name: str, left_out: str, kind: Any, label: str) -> Any:
@@ -178,52 +157,46 @@ def _numbers(content: Mapping[str, np.ndarray], label: str) -> dict[str, np.ndar
     return table
 
 
-def as_dataset(samples: TrajectorySamples, attributes: Mapping[str, Any]) -> Any:
+def as_dataset(run: Run, attributes: Mapping[str, Any]) -> Any:
     """An xarray.Dataset with dimensions time, q_name and v_name. Raises MissingExtraError."""
     xarray = import_extra("xarray", EXTRA)
     variables = {
-        "q": (("time", "q_name"), samples.q, {"units": UNITS["q"]}),
-        "v": (("time", "v_name"), samples.v, {"units": UNITS["v"]}),
-        "energy": ("time", samples.energy, {"units": UNITS["energy"]}),
+        "q": (("time", "q_name"), run.q, {"units": UNITS["q"]}),
+        "v": (("time", "v_name"), run.v, {"units": UNITS["v"]}),
+        "energy": ("time", run.energy, {"units": UNITS["energy"]}),
     }
-    variables |= {f"z.{name}": ("time", values, {"units": UNITS["z"]}) for name, values in samples.states.items()}
-    if samples.error is not None:
-        variables["error"] = ("time", samples.error, {"units": UNITS["error"]})
+    variables |= {f"z.{name}": ("time", values, {"units": UNITS["z"]}) for name, values in run.states.items()}
+    if run.error is not None:
+        variables["error"] = ("time", run.error, {"units": UNITS["error"]})
     coordinates = {
-        "time": ("time", samples.t, {"units": UNITS["t"]}),
-        "q_name": coordinate_names(samples.robot, "q"),
-        "v_name": coordinate_names(samples.robot, "v"),
+        "time": ("time", run.t, {"units": UNITS["t"]}),
+        "q_name": coordinate_names(run.robot, "q"),
+        "v_name": coordinate_names(run.robot, "v"),
     }
     return xarray.Dataset(variables, coordinates, dict(attributes))
 
 
-def as_frame(samples: TrajectorySamples) -> Any:
+def as_frame(table: Mapping[str, np.ndarray]) -> Any:
     """A pandas.DataFrame with the columns by name and t as its index. Raises MissingExtraError."""
-    return import_extra("pandas", EXTRA).DataFrame(columns(samples)).set_index("t")
+    return import_extra("pandas", EXTRA).DataFrame(table).set_index("t")
 
 
-def drawn_curves(
-    samples: TrajectorySamples, at: At | None, robots: Sequence[tuple[Robot, int]]
-) -> tuple[Curves, tuple[np.ndarray, np.ndarray]]:
-    """(t, q, v), and times with energies.
-
-    at: the solution (q, v) at times, if it is kept. robots: those of the samples, in order; where they change, the
-    energies are those at the samples.
-    """
-    t, q, v = _states(samples, at)
-    if t is samples.t or len(robots) > 1:
-        return (t, q, v), (samples.t, samples.energy)
-    robot = robots[0][0] if robots else samples.robot
+def drawn_curves(run: Run) -> tuple[Curves, tuple[np.ndarray, np.ndarray]]:
+    """(t, q, v), and times with energies: where the robots of the samples change, the energies at the samples."""
+    t, q, v = _states(run)
+    if t is run.t or len(run.robots) > 1:
+        return (t, q, v), (run.t, run.energy)
+    robot = run.robots[0][0] if run.robots else run.robot
     return (t, q, v), (t, np.sum(robot.energy(q, v), axis=0))
 
 
-def _states(samples: TrajectorySamples, at: At | None) -> Curves:
-    """(t, q, v), between few samples by the solution itself."""
-    own = samples.t, samples.q, samples.v
-    if at is None or len(samples.t) >= SMOOTH:
+def _states(run: Run) -> Curves:
+    """(t, q, v), between few samples by the solution itself, if it is kept."""
+    own = run.t, run.q, run.v
+    if run.solution is None or len(run.t) >= SMOOTH:
         return own
-    times = np.union1d(samples.t, np.linspace(samples.t[0], samples.t[-1], SMOOTH))
+    times = np.union1d(run.t, np.linspace(run.t[0], run.t[-1], SMOOTH))
     try:
-        return times, *at(times)
+        return times, *run.at(times)
     except AccuracyError:
         return own
