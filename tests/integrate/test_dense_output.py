@@ -110,16 +110,6 @@ def test_friction_that_holds_gives_the_torque_against_the_load() -> None:
     assert np.abs(run.tau).max() < 1e-12
 
 
-def test_a_loaded_trajectory_has_no_equations(tmp_path) -> None:
-    run = tl.simulate(tl.load_scene("arm-swing"), 0.1)
-    loaded = tl.Trajectory.load(run.save(tmp_path / "run.npz"))
-    for ask in (lambda: loaded.at(0.05), lambda: loaded.acceleration):
-        with pytest.raises(SceneError, match="simulate it again with its scene") as caught:
-            ask()
-        assert caught.value.code == "no-equations"
-    np.testing.assert_array_equal(loaded.energy, run.energy)
-
-
 def test_tables_of_other_libraries() -> None:
     run = tl.simulate(tl.load_scene("arm-swing"), 0.1)
     data, frame = run.to_xarray(), run.to_pandas()

@@ -76,11 +76,13 @@ def test_the_accuracy_asked_for_is_kept(run: tl.Trajectory, ending: str, tmp_pat
     assert (without.accuracy, without.trusted_until) == (None, None)
 
 
-@pytest.mark.parametrize("name", ["acceleration", "sensors", "contact_forces"])
+@pytest.mark.parametrize("name", ["at", "acceleration", "sensors", "contact_forces"])
 def test_a_loaded_run_names_what_it_has_not(run: tl.Trajectory, name: str, tmp_path: Path) -> None:
     again = tl.Trajectory.load(run.save(tmp_path / "x.csv"), run.robot)
-    with pytest.raises(SceneError, match=rf"Trajectory\.{name}: a loaded trajectory has no equations"):
-        getattr(again, name)
+    with pytest.raises(SceneError, match=rf"Trajectory\.{name}: a loaded trajectory has no equations") as caught:
+        getattr(again, name)(0.005)  # a property raises before it would be called
+    assert caught.value.code == "no-equations"
+    assert "simulate it again with its scene" in caught.value.remedy
 
 
 def test_columns_are_named_by_joint() -> None:
