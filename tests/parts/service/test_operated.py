@@ -10,7 +10,8 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ import pytest
 import uvicorn
 
 from tests.command import call, call_process, one_line
-from tests.parts.service.serving import serving, wait_until
+from tests.parts.service.serving import Served, serving, wait_until
 from tests.parts.service.test_jobs import SLOW, SWING, ended
 from tests.parts.service.test_restart import assert_gone
 from tests.parts.service.test_store import add_done, opened
@@ -203,42 +204,40 @@ def test_a_disk_that_fails_is_a_clear_state_that_passes(tmp_path: Path) -> None:
         assert http.post("/v1/simulations", json={**SWING, "duration": 0.7}).json()["state"] == "done"
 
 
+def refused_at_the_end(served: Served, ask: Callable[[httpx.Client], httpx.Response], measured: str) -> None:
+    """Ask, and have the service end when its metrics say that it is at it: who waits is told."""
+    with served.client() as http, served.client() as other, ThreadPoolExecutor(1) as thread:
+        waiting = thread.submit(ask, http)
+        wait_until(lambda: measured in other.get("/metrics").text)
+        served.process.send_signal(signal.SIGTERM)
+        answer = waiting.result(120)
+    served.process.wait(120)
+    assert (answer.status_code, answer.json()["code"]) == (503, "ending")
+    assert answer.headers["retry-after"]
+    assert "Traceback" not in served.log
+
+
 @pytest.mark.slow
 def test_sigterm_tells_who_waits_and_leaves_the_job_to_the_next_start(tmp_path: Path) -> None:
-    answers: list[httpx.Response] = []
     job = {**SLOW, "duration": 40.0, "wait": 30}
-    with serving(tmp_path / "data") as served, served.client() as http:
-        waiter = threading.Thread(target=lambda: answers.append(http.post("/v1/simulations", json=job)))
-        waiter.start()
-        with served.client() as other:
-            wait_until(lambda: "twolink_jobs_running 1.0" in other.get("/metrics").text)
-            (key,) = (job["id"] for job in other.get("/v1/simulations").json())
-        served.process.send_signal(signal.SIGTERM)
-        waiter.join(120)
-        served.process.wait(120)
-    assert (answers[0].status_code, answers[0].json()["code"]) == (503, "ending")
-    assert answers[0].headers["retry-after"]
-    assert "Traceback" not in served.log
+    with serving(tmp_path / "data") as served:
+        refused_at_the_end(served, lambda http: http.post("/v1/simulations", json=job), "twolink_jobs_running 1.0")
     with serving(tmp_path / "data") as second, second.client() as http:
+        (key,) = (job["id"] for job in http.get("/v1/simulations").json())
         assert ended(http, f"/v1/simulations/{key}")["state"] == "done"
 
 
 @pytest.mark.slow
 def test_sigterm_waits_for_no_worker_that_hangs(tmp_path: Path) -> None:
-    answers: list[httpx.Response] = []
+    def upload(http: httpx.Client) -> httpx.Response:
+        return http.post("/v1/robots?root=free", content=pendulum())
+
     with serving(tmp_path / "data") as served, served.client() as http:
         assert http.post("/v1/robots", content=pendulum()).status_code == 201
         stopped = served.workers()
         for process in stopped:
             os.kill(process, signal.SIGSTOP)
-        waiter = threading.Thread(target=lambda: answers.append(http.post("/v1/robots?root=free", content=pendulum())))
-        waiter.start()
-        wait_until(lambda: "twolink_requests_under_way 2.0" in http.get("/metrics").text)
-        served.process.send_signal(signal.SIGTERM)
-        waiter.join(120)
-        served.process.wait(120)
-    assert (answers[0].status_code, answers[0].json()["code"]) == (503, "ending")
-    assert "Traceback" not in served.log
+        refused_at_the_end(served, upload, "twolink_requests_under_way 2.0")
     assert_gone(stopped)
 
 
