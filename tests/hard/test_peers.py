@@ -1,21 +1,33 @@
-"""Peers of the hard cases: shared coordinates, what they are not given, and what ends a run."""
+"""Peers of the hard cases and of scripts/benchmarks/peers.py: what they share, what they lack, what ends a run."""
 
+import functools
 import importlib.util
 import time
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import twolink as tl
+from scripts.benchmarks.peers import (
+    INTERVALS,
+    Entry,
+    compared_scenes,
+    error_of,
+    largest_difference,
+    largest_growth,
+    print_scene,
+)
 from tests.effects.bodies import ball
 from tests.urdf_text import joint, link, robot_of
 from twolink import effects as fx
 from twolink.hard import SimulationCase, select_cases
 from twolink.hard.attempts import run_peers
 from twolink.hard.case import MET
-from twolink.hard.peers import mujoco_peer, peer_module, task
-from twolink.hard.peers.task import PeerError, PeerRun, Setting, UnsupportedError, from_peer, task_of, to_peer
+from twolink.hard.peers import mujoco_peer, peer_module, scipy_peer, task
+from twolink.hard.peers.task import PeerError, PeerRun, PeerTask, Setting, UnsupportedError, from_peer, task_of, to_peer
+from twolink.hard.truths import extended_reference
 
 TIMES = np.linspace(0.0, 0.5, 6)
 TIGHT = {"scipy": Setting("DOP853", "tol 1e-12", 1e-12), "mujoco": Setting("RK4", "1 ms", step=1e-3)}
@@ -152,3 +164,64 @@ def test_mujoco_sees_a_convex_shape_as_the_box_that_it_is() -> None:
         ends.append(peer_module("mujoco").prepare(task_of(scene, TIMES), Setting("Euler", "1 ms", step=1e-3))().track.q)
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-3)
     assert np.abs(ends[0][-1, :3] - ends[0][0, :3]).max() > 0.05
+
+
+@functools.cache
+def asked(name: str) -> PeerTask:
+    """What the peers are asked to do in a scene."""
+    scene, end = compared_scenes()[name]
+    return task_of(scene, np.linspace(0, end, INTERVALS + 1))
+
+
+@pytest.mark.parametrize("name", compared_scenes())
+def test_mujocos_models_accelerate_as_pinocchio_says(name: str) -> None:
+    aba, forward = scipy_peer.accelerations(asked(name)), mujoco_peer.accelerations(asked(name))
+    assert largest_difference(asked(name), forward, aba) < 1e-12
+
+
+def test_effects_that_the_scene_lacks_are_off_in_mujoco() -> None:
+    model = mujoco_peer.build(asked("panda"))
+    assert not model.dof_damping.any()
+    assert not model.dof_armature.any()
+    assert not model.jnt_limited.any()
+    for name in ("CONTACT", "LIMIT", "CONSTRAINT", "SPRING", "DAMPER"):
+        if flag := getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}", 0):
+            assert model.opt.disableflags & flag, name
+
+
+def test_the_reference_is_close_to_every_peer() -> None:
+    scene, _ = compared_scenes()["arm-swing"]
+    swing = asked("arm-swing")
+    reference, doubt = extended_reference(scene, swing.times)
+    assert reference.shape == (INTERVALS + 1, 2)
+    assert np.array_equal(reference[0], scene.q)
+    assert doubt[-1] < 1e-15
+    assert largest_growth(scene, swing.times, reference) < 100
+    settings = [Setting(method, "tol 1e-8", 1e-8) for method in scipy_peer.METHODS if method != "Radau"]
+    errors = {s.method: error_of(scipy_peer.prepare(swing, s)().track.q, reference) for s in settings}
+    runge_kutta = [s for s in mujoco_peer.all_settings(swing, coarse=True) if s.method == "RK4"][6]
+    errors["MuJoCo RK4"] = error_of(mujoco_peer.prepare(swing, runge_kutta)().track.q, reference)
+    assert max(errors.values()) < 1e-5, errors
+
+
+def test_settings_go_from_rough_to_fine() -> None:
+    for module in (scipy_peer, mujoco_peer):
+        coarse, fine = (module.all_settings(asked("ur5"), coarse) for coarse in (True, False))
+        assert len(fine) > 1.8 * len(coarse)
+        for method in {s.method for s in fine}:
+            values = [s.tolerance or s.step for s in fine if s.method == method]
+            assert values == sorted(values, reverse=True)
+
+
+def test_the_summary_says_what_is_met(capsys: pytest.CaptureFixture[str]) -> None:
+    def entry(who: str, error: float, seconds: float) -> Entry:
+        return Entry("arm-swing", who, "accuracy 1e-03", error, seconds, None, 3)
+
+    peers = [entry("SciPy RK45", 1e-4, 0.5), entry("Drake radau3", 1e-7, 1.0)]
+    print_scene([*peers, entry("twolink", 1e-7, 0.02), entry("twolink, verified", 1e-7, 0.05)], doubt=1e-17)
+    lines = capsys.readouterr().out.splitlines()
+    verdicts = {line.split()[0]: line for line in lines if line.strip().startswith("1e-")}
+    assert verdicts["1e-03"].endswith("25.0 20x met")
+    assert verdicts["1e-06"].endswith("50.0 40x met")
+    assert verdicts["1e-09"].endswith("50x missed")
+    assert lines[-1].endswith("1e-03 2.50; bar 3x met")

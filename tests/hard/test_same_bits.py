@@ -1,11 +1,13 @@
-"""Over random scenes: a run has the same bits alone, as any column, in every width, and from the first run on."""
+"""The same scene gives the same bits: again, in a new process, alone, as any column, in a batch, with any threads."""
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import twolink as tl
+from tests.command import printed_by
 from tests.hard.random_scenes import random_effects, random_robot, random_state
 from twolink.errors import TwolinkError
 from twolink.integrate.motion.scene_equations import equations_of
@@ -13,6 +15,89 @@ from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.step_control import initial_state
 from twolink.integrate.steps.step_map import step_map
 from twolink.native import programs
+
+NAMES = ("auto", "dop853", "rk45", "taylor", "rk4", "esdirk43", "scipy-dop853")
+SCENES = ("arm-swing", "spinning-top", "four-bar", pytest.param("panda-hold", marks=pytest.mark.slow))
+_BATCH = """
+import numpy as np, twolink as tl, hashlib
+q = np.random.default_rng(4).uniform(-1, 1, (130, 2))
+w = tl.simulate_many(tl.load_scene("arm-swing"), q=q, duration=1.0)
+a = tl.load_robot("ur5").forward_dynamics(*np.random.default_rng(1).uniform(-1, 1, (3, 5000, 6)))
+print(hashlib.sha256(w.q.tobytes() + w.v.tobytes() + w.error.tobytes() + a.tobytes()).hexdigest())
+"""
+
+
+def bits(run: tl.Trajectory) -> str:
+    assert run.error is not None
+    return hashlib.sha256(run.q.tobytes() + run.v.tobytes() + run.error.tobytes()).hexdigest()
+
+
+@pytest.mark.some(1)
+@pytest.mark.parametrize("name", SCENES)
+def test_the_same_scene_twice(name: str) -> None:
+    first, second = (bits(tl.simulate(tl.load_scene(name), 0.5, accuracy=1e-6)) for _ in range(2))
+    assert first == second
+
+
+@pytest.mark.parametrize("method", NAMES)
+def test_every_method_twice(method: str) -> None:
+    first, second = (bits(tl.simulate(tl.load_scene("arm-swing"), 0.5, accuracy=1e-5, method=method)) for _ in range(2))
+    assert first == second
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_the_first_run_of_a_new_process_without_kernels(method: str, tmp_path: Path) -> None:
+    """Runs have the same bits from the first on, in every process."""
+    code = f"""
+import hashlib, twolink as tl
+for _ in range(3):
+    print(hashlib.sha256(tl.simulate(tl.load_scene("arm-swing"), 0.5, method={method!r}).q.tobytes()).hexdigest())
+"""
+    known = set()
+    for number in range(2):
+        known.update(printed_by(code, TWOLINK_CACHE=str(tmp_path / str(number))).split())
+    assert len(known) == 1
+
+
+@pytest.mark.slow
+def test_threads_and_processes_do_not_change_bits() -> None:
+    assert len({printed_by(_BATCH, TWOLINK_THREADS=threads) for threads in ("1", "2", "3")}) == 1
+
+
+@pytest.mark.parametrize("verify", [False, True])
+def test_a_world_is_the_same_in_a_batch_of_any_size(verify: bool) -> None:
+    scene, q = tl.load_scene("arm-swing"), np.random.default_rng(4).uniform(-1, 1, (65, 2))
+    whole = tl.simulate_many(scene, q=q, duration=1.0, verify=verify)
+    for part in (slice(0, 1), slice(7, 8), slice(0, 3), slice(1, 9), slice(5, 21), slice(31, 65)):
+        few = tl.simulate_many(scene, q=q[part], duration=1.0, verify=verify)
+        assert np.array_equal(few.q, whole.q[part])
+        assert np.array_equal(few.v, whole.v[part])
+        if verify:
+            assert np.array_equal(few.error, whole.error[part])
+
+
+@pytest.mark.some(1)
+@pytest.mark.parametrize("rate", [0, 20])
+def test_worlds_of_a_scene_with_loops_are_the_same_in_any_batch(rate: int) -> None:
+    scene = tl.load_scene("crankshaft")
+    v = np.zeros((9, scene.robot.nv))
+    whole = tl.simulate_many(scene, v=v, duration=0.3, samples_per_second=rate, verify=False)
+    alone = tl.simulate_many(scene, v=v[:1], duration=0.3, samples_per_second=rate, verify=False)
+    assert all(np.array_equal(whole.q[k], alone.q[0]) for k in range(9))
+
+
+def test_queries_do_not_depend_on_the_size_of_the_batch() -> None:
+    """Compiled batches of any size are the same bits; Pinocchio's single answers differ by rounding only."""
+    robot = tl.load_robot("ur5")
+    q, v, tau = np.random.default_rng(1).uniform(-1, 1, (3, 1000, 6))
+    compiled = robot.compiled()
+    whole = compiled.forward_dynamics(q, v, tau)
+    for part in (slice(0, 1), slice(3, 12), slice(500, 517), slice(100, 1000)):
+        assert np.array_equal(compiled.forward_dynamics(q[part], v[part], tau[part]), whole[part])
+    single = np.array([robot.forward_dynamics(*row) for row in zip(q[:50], v[:50], tau[:50], strict=True)])
+    np.testing.assert_allclose(single, whole[:50], rtol=0, atol=1e-9 * np.abs(whole[:50]).max())
+
 
 SCENES, COLUMNS, DURATION = 200, 23, 0.2
 PARTS = (slice(4, 5), slice(0, 2), slice(3, 7), slice(9, 18), slice(2, 21))  # widths 1, 4, 4, 8 and 8 with a rest

@@ -1,4 +1,4 @@
-"""Texts from files, and the numbers and names in them."""
+"""Texts from files, the numbers and names in them, and tables: alignment, records, HTML."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import pytest
 
 from twolink.errors import QueryError, SceneError
 from twolink.io.tables import parse_csv
-from twolink.io.text import kebab_case, parse_number, read_text
+from twolink.io.text import Table, kebab_case, parse_number, read_text
 
 
 @pytest.mark.parametrize(("text", "value"), [("1.5", 1.5), (" -2e-3 ", -2e-3), ("0.1", 0.1), ("1e400", float("inf"))])
@@ -47,3 +47,32 @@ def test_csv_errors_count_the_lines_of_the_text_not_the_rows() -> None:
 @pytest.mark.parametrize(("name", "kebab"), [("JointSpring", "joint-spring"), ("JointPD", "joint-pd")])
 def test_kebab_case(name: str, kebab: str) -> None:
     assert kebab_case(name) == kebab
+
+
+TABLE = Table(("name", "nq", "mass"), (("arm", 2, 4.0), ("talos<", None, 90.123456789)))
+
+
+def test_columns_are_aligned_and_numbers_are_right_aligned() -> None:
+    assert str(TABLE) == repr(TABLE) == "name    nq     mass\narm      2        4\ntalos<      90.1235"
+
+
+def test_iterating_yields_rows_as_dictionaries() -> None:
+    assert len(TABLE) == 2
+    assert TABLE.to_records() == list(TABLE)
+    assert list(TABLE)[1] == {"name": "talos<", "nq": None, "mass": 90.123456789}
+
+
+def test_select_keeps_the_rows_and_the_order_asked_for() -> None:
+    assert TABLE.select("mass", "name") == Table(("mass", "name"), ((4.0, "arm"), (90.123456789, "talos<")))
+
+
+def test_html_escapes_the_cells() -> None:
+    assert "<td>talos&lt;</td>" in TABLE._repr_html_()
+
+
+def test_an_empty_table_prints_its_columns() -> None:
+    assert str(Table(("name", "nq"), ())) == "name  nq"
+
+
+def test_booleans_and_sequences_are_words() -> None:
+    assert str(Table(("a", "b"), ((True, ("x", 1.5)), (False, ())))) == "a    b\nyes  x, 1.5\nno"

@@ -1,4 +1,4 @@
-"""Angles, lengths, speeds and efforts by joint in effects as texts with a unit."""
+"""Values of effects: from the URDF they act as those given by joint, and texts with a unit are read as numbers."""
 
 import math
 from pathlib import Path
@@ -7,8 +7,10 @@ import pytest
 
 import twolink as tl
 from tests.effects.cases import E
+from twolink import effects as fx
 from twolink.effects.effect import Effect
 from twolink.errors import SceneError
+from twolink.lagrange.check import arm_urdf
 
 ANGLE = math.radians(30.0)
 READ: dict[str, tuple[Effect, Effect]] = {
@@ -56,3 +58,38 @@ def test_scene_files_take_them_and_saved_ones_have_numbers(tmp_path: Path) -> No
 
 def test_efforts_of_queries_take_them() -> None:
     assert tl.load_robot("two_link").by_joint("tau", {"elbow": "3 N m"}).tolist() == [0.0, 3.0]
+
+
+def arm(friction: float, effort: float) -> tl.Robot:
+    """Two rods; friction [N m] and effort limits [N m] of both joints in the URDF."""
+    joint = f'<dynamics friction="{friction}"/></joint>'
+    return tl.load_robot(arm_urdf(1, 1, 1, 1).replace('effort="1000"', f'effort="{effort}"').replace("</joint>", joint))
+
+
+def pd(effort: object) -> fx.JointPD:
+    return fx.JointPD({"elbow": 1.0}, {"elbow": 50.0}, {"elbow": 1.0}, effort=effort)
+
+
+CASES = {
+    "smooth friction": (fx.SmoothFriction(scale=0.1),
+                        lambda f, _: fx.SmoothFriction({"shoulder": f, "elbow": f}, 0.1)),
+    "dry friction": (fx.DryFriction(), lambda f, _: fx.DryFriction({"shoulder": f, "elbow": f})),
+    "dry friction, stuck": (fx.DryFriction(static={"elbow": 9.0}),
+                            lambda f, _: fx.DryFriction({"shoulder": f, "elbow": f}, {"elbow": 9.0})),
+    "effort": (pd("urdf"), lambda _, effort: pd({"elbow": effort})),
+}  # fmt: skip
+
+
+@pytest.mark.some(2)
+@pytest.mark.parametrize("case", CASES)
+def test_values_of_the_urdf_act_as_those_given_by_joint(case: str) -> None:
+    from_urdf, by_joint = CASES[case]
+    for friction, effort in ((0.5, 5.0), (3.0, 2.0)):
+        robot = arm(friction, effort)
+        runs = [
+            tl.simulate(
+                tl.Scene(robot, [0.5, 0.2], effects=[fx.Gravity(), effect]), 0.5, accuracy=1e-8, method="dop853"
+            )
+            for effect in (from_urdf, by_joint(friction, effort))
+        ]
+        assert abs(runs[0].q - runs[1].q).max() <= runs[0].error.max() + runs[1].error.max()
