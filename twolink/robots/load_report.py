@@ -130,6 +130,13 @@ def summary(tree: Tree, model: pin.Model, size: int) -> Finding:
 _NOT_APPLIED = "forward dynamics does not apply it, inverse dynamics with losses=True only"
 _DAMPING = f"joint damping (in robot.model.damping; {_NOT_APPLIED})"
 _FRICTION = f"joint friction (in robot.model; {_NOT_APPLIED})"
+_LIMITS = "joint limits (in robot.model; forward and inverse dynamics do not enforce them)"
+_RATE_LIMITS = "limits of acceleration, deceleration and jerk (not in robot.model either)"
+_MERGED = "fixed joints: these links are merged into the body they are fixed to, and stay as frames"
+_ALONG_X = "joints without <axis> turn or slide along x"
+_HOLLOWS = "hollows of collision meshes (bodies touch at the convex hulls)"
+_BESIDE = "what <collision> has beside a shape and its origin"
+_LIMIT_OF_0 = "limits without lower or upper: taken as 0"
 _NO_LOSSES = "joints without damping and friction: losses=True adds 0 there"
 
 
@@ -151,43 +158,25 @@ def content_findings(
     ignored = {
         _DAMPING: [j.name for j in moving if j.damping != 0],
         _FRICTION: [j.name for j in moving if j.friction != 0],
-        "joint limits (in robot.model; forward and inverse dynamics do not enforce them)": [
-            j.name for j in moving if j.limits is not None and min(map(abs, j.limits)) < NO_LIMIT
-        ],
+        _LIMITS: [j.name for j in moving if j.limits is not None and min(map(abs, j.limits)) < NO_LIMIT],
         "mimic (these joints move independently; mimic=True couples them)": () if mimic else mimics,
         "mimic of a joint that does not exist": [name for name, target in mimics.items() if target not in joint_names],
-        "limits of acceleration, deceleration and jerk (not in robot.model either)": [
-            j.name for j in moving if j.rate_limits
-        ],
+        _RATE_LIMITS: [j.name for j in moving if j.rate_limits],
         **_of_collisions({link.name: list(link.element.all("collision")) for link in links}),
         **missing,
     }
-    repaired = {
-        "axes that were not of length 1 are normalised": [
-            j.name for j in moving if j.axis is not None and abs(math.hypot(*j.axis) - 1) > 1e-6
-        ]
-    }
+    stretched = [j.name for j in moving if j.axis is not None and abs(math.hypot(*j.axis) - 1) > 1e-6]
     assumed = {
-        "fixed joints: these links are merged into the body they are fixed to, and stay as frames": [
-            j.child for j in tree.joints if j.type == "fixed"
-        ],
+        _MERGED: [j.child for j in tree.joints if j.type == "fixed"],
         "links without <inertial> have no mass": [k.name for k in links if not (k.has_inertial or k.name in massless)],
-        "joints without <axis> turn or slide along x": [
-            j.name for j in moving if j.axis is None and j.type not in ("floating", "spherical")
-        ],
+        _ALONG_X: [j.name for j in moving if j.axis is None and j.type not in ("floating", "spherical")],
         _NO_LOSSES: [j.name for j in moving if j.damping == j.friction == 0],
-        "limits without lower or upper: taken as 0": [
-            j.name for j in moving if j.limits is not None and _lacks_limit(j.element)
-        ],
+        _LIMIT_OF_0: [j.name for j in moving if j.limits is not None and _lacks_limit(j.element)],
         f"inertias that no real body has, taken as they are{sound}": odd_inertias,
     }
-    return [
-        *said,
-        *findings("ignored", ignored),
-        *_foreign_findings(tree.foreign),
-        *findings("repaired", repaired),
-        *findings("assumed", assumed),
-    ]
+    repaired = findings("repaired", {"axes that were not of length 1 are normalised": stretched})
+    found = findings("ignored", ignored) + _foreign_findings(tree.foreign) + repaired
+    return [*said, *found, *findings("assumed", assumed)]
 
 
 def _of_collisions(collisions: Mapping[str, Sequence[Element]]) -> dict[str, list[str]]:
@@ -199,14 +188,11 @@ def _of_collisions(collisions: Mapping[str, Sequence[Element]]) -> dict[str, lis
     def holds_more(body: Element) -> bool:
         return not {child.tag for child in body.children} <= {"origin", "geometry"}
 
+    every = collisions.items()
     return {
-        "collision shapes (bodies touch by effects.Contact)": [link for link, found in collisions.items() if found],
-        "hollows of collision meshes (bodies touch at the convex hulls)": [
-            link for link, found in collisions.items() if any(map(meshed, found))
-        ],
-        "what <collision> has beside a shape and its origin": [
-            link for link, found in collisions.items() if any(map(holds_more, found))
-        ],
+        "collision shapes (bodies touch by effects.Contact)": [link for link, found in every if found],
+        _HOLLOWS: [link for link, found in every if any(map(meshed, found))],
+        _BESIDE: [link for link, found in every if any(map(holds_more, found))],
     }
 
 
