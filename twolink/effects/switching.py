@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -162,6 +162,7 @@ class Trigger:
         return self.drops or self.begins or self.catch is not None or self.state is not None
 
 
+_D = TypeVar("_D", JointLock, Stop, ContactPoint, ContactPair, Trigger)
 Declared = JointLock | Stop | ContactPoint | ContactPair | Trigger
 
 
@@ -265,17 +266,11 @@ def switching_of(base: Robot, robot: Robot, effects: Sequence[Effect]) -> Switch
     if not own:
         return None
     declared = [(place, item) for place, effect in own for item in effect.modes(robot)]
-    stops = [(place, item) for place, item in declared if isinstance(item, Stop)]
-    return Switching(
-        base,
-        robot,
-        tuple(effects),
-        (
-            *((place, item) for place, item in declared if isinstance(item, JointLock)),
-            *((place, stop.lock) for place, stop in stops),
-        ),
-        tuple(stop for _, stop in stops),
-        tuple((place, item) for place, item in declared if isinstance(item, ContactPoint)),
-        tuple((place, item) for place, item in declared if isinstance(item, ContactPair)),
-        tuple((place, item) for place, item in declared if isinstance(item, Trigger)),
-    )
+
+    def those(kind: type[_D]) -> tuple[tuple[int, _D], ...]:
+        return tuple((place, item) for place, item in declared if isinstance(item, kind))
+
+    stops = those(Stop)
+    locks = (*those(JointLock), *((place, stop.lock) for place, stop in stops))
+    return Switching(base, robot, tuple(effects), locks, tuple(stop for _, stop in stops), those(ContactPoint),
+                     those(ContactPair), those(Trigger))  # fmt: skip
