@@ -37,6 +37,7 @@ def robot_record(robot: Robot) -> dict[str, Any]:
         mass [kg] of its body, without those that it carries; links (names), and those fixed to the ground; report (the
         load report).
     """
+    links = [robot.model.frames[i] for i in link_frames(robot)]
     return {
         "name": robot.name,
         "nq": robot.nq,
@@ -46,9 +47,7 @@ def robot_record(robot: Robot) -> dict[str, Any]:
         "neutral": robot.neutral.tolist(),
         "joints": [_joint(robot, i) for i in range(len(robot.joints))],
         "links": list(robot.frame_names),
-        "fixed_links": [
-            robot.model.frames[i].name for i in link_frames(robot) if not robot.model.frames[i].parentJoint
-        ],
+        "fixed_links": [frame.name for frame in links if not frame.parentJoint],
         "report": robot.report.to_dict(),
     }
 

@@ -19,15 +19,8 @@ import pinocchio as pin
 KERNEL_FORMAT = 1
 PACKAGE = Path(__file__).parents[1]
 LIBRARIES = ("pin", "numpy", "scipy", "example-robot-data")  # which results depend on
-TRACED_ROOMS = (
-    "algorithms",
-    "contact",
-    "dynamics",
-    "effects",
-    "geometry",
-    "integrate",
-    "native",
-)  # whose code is in kernels
+# Whose code is in kernels.
+TRACED_ROOMS = ("algorithms", "contact", "dynamics", "effects", "geometry", "integrate", "native")
 # What a URDF says of joints beside their inertias: effects may act by it.
 OF_JOINTS = ("damping", "friction", "effortLimit", "velocityLimit", "lowerPositionLimit", "upperPositionLimit",
              "rotorInertia", "rotorGearRatio")  # fmt: skip

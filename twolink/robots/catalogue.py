@@ -18,16 +18,8 @@ from twolink.robots.xml import MAX_BYTES
 
 Root = Literal["fixed", "free"]
 
-_SINGLE_BODIES = (
-    "ball",
-    "box",
-    "can",
-    "heavy_top",
-    "plank",
-    "rattleback",
-    "spinning_box",
-    "tippe_top",
-)  # without a joint: fixed to the world they do not move
+# Without a joint: fixed to the world they do not move.
+_SINGLE_BODIES = ("ball", "box", "can", "heavy_top", "plank", "rattleback", "spinning_box", "tippe_top")
 _NOT_URDF = {
     "cassie": "example-robot-data describes Cassie in SDF only (it has closed loops, which URDF cannot hold)",
     "talos_legs": "it is not a file: the former loader cut it out of Talos in code",

@@ -71,18 +71,16 @@ def left_out(mjcf: Mjcf) -> dict[str, list[str]]:
            ("limits", "LIMIT"), ("equality constraints", "EQUALITY"), ("gravity", "GRAVITY"),
            ("constraints", "CONSTRAINT")) if mjcf.is_off(flag)]  # fmt: skip
     geoms, tendons = mjcf.names("geom"), mjcf.names("tendon")
+    idle = [name for k, name in enumerate(mjcf.names("eq")) if not m.eq_active0[k]]
+    moved = [name for k, name in enumerate(mjcf.bodies) if m.body_mocapid[k] >= 0]
     found = {
         "what the file's flags disable": off,
         "actuators (no command is given, none acts)": mjcf.names("actuator"),
         "tendons (they exert no force by themselves; their limits are left out)": tendons,
-        "equality constraints that are not active": [
-            name for k, name in enumerate(mjcf.names("eq")) if not m.eq_active0[k]
-        ],
+        "equality constraints that are not active": idle,
         "shapes that a URDF has not": [geoms[k] for k in sorted(unknown)],
         "contact pairs (their friction and softness are their own)": mjcf.names("pair"),
-        "bodies that a program moves (mocap): they stay": [
-            name for k, name in enumerate(mjcf.bodies) if m.body_mocapid[k] >= 0
-        ],
+        "bodies that a program moves (mocap): they stay": moved,
         "sensors": mjcf.names("sensor"),
         "plugins": mjcf.names("plugin") if m.nplugin else [],
         "skins": mjcf.names("skin"),
@@ -124,17 +122,11 @@ def excluded(mjcf: Mjcf) -> frozenset[frozenset[str]]:
 def effects_of(mjcf: Mjcf) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Springs, gravity compensation and loops, by type and arguments as in scene files."""
     m = mjcf.model
-    sprung = {
-        name: k for k, name in enumerate(mjcf.joints) if m.jnt_stiffness[k] and m.jnt_type[k] not in (_FREE, _BALL)
-    }
+    sprung = [k for k in range(m.njnt) if m.jnt_stiffness[k] and m.jnt_type[k] not in (_FREE, _BALL)]
     if sprung and not mjcf.is_off("SPRING"):
-        yield (
-            "joint-spring",
-            {
-                "stiffness": {name: float(m.jnt_stiffness[k]) for name, k in sprung.items()},
-                "rest": {name: float(m.qpos_spring[m.jnt_qposadr[k]]) for name, k in sprung.items()},
-            },
-        )
+        stiffness = {mjcf.joints[k]: float(m.jnt_stiffness[k]) for k in sprung}
+        rest = {mjcf.joints[k]: float(m.qpos_spring[m.jnt_qposadr[k]]) for k in sprung}
+        yield "joint-spring", {"stiffness": stiffness, "rest": rest}
     for k in map(int, np.flatnonzero(m.body_gravcomp * (m.body_weldid > 0))):
         if not mjcf.is_off("GRAVITY"):
             force = -m.opt.gravity * m.body_mass[k] * m.body_gravcomp[k]

@@ -53,22 +53,17 @@ class UrdfScene(Scene):
     def report(self) -> LoadReport:
         """The report of what was taken from the file, what was not, and what was assumed."""
         robot, model = self.base, self.base.model
+        stopped = [joint.name for joint, ends in limited_joints(robot) if np.isfinite(ends).any()]
+        loops = [one for one in self.effects if isinstance(one, (PointLoop, WeldLoop))]
+        springs = [one for one in self.effects if isinstance(one, JointSpring)]
         names = {
             "damping (JointDamping)": _joints(robot, model.damping),
             "friction (DryFriction, which holds joints at rest)": _joints(robot, model.friction),
-            "limits of position (JointStops, without restitution)": [
-                joint.name for joint, ends in limited_joints(robot) if np.isfinite(ends).any()
-            ],
-            "mimic joints (Coupling)": [effect.joint for effect in self.effects if isinstance(effect, Coupling)],
-            "loops (PointLoop, WeldLoop; rigid)": [
-                f"{effect.a} to {effect.b}" for effect in self.effects if isinstance(effect, (PointLoop, WeldLoop))
-            ],
-            "springs (JointSpring)": [
-                joint for effect in self.effects if isinstance(effect, JointSpring) for joint in effect.stiffness
-            ],
-            "gravity compensation (FrameWrench)": [
-                effect.frame for effect in self.effects if isinstance(effect, FrameWrench)
-            ],
+            "limits of position (JointStops, without restitution)": stopped,
+            "mimic joints (Coupling)": [one.joint for one in self.effects if isinstance(one, Coupling)],
+            "loops (PointLoop, WeldLoop; rigid)": [f"{loop.a} to {loop.b}" for loop in loops],
+            "springs (JointSpring)": [joint for spring in springs for joint in spring.stiffness],
+            "gravity compensation (FrameWrench)": [one.frame for one in self.effects if isinstance(one, FrameWrench)],
         }
         effort = [name for name, limit in limits_by_joint(robot, model.upperEffortLimit).items() if limit > 0]
         ignored = {

@@ -151,15 +151,11 @@ def robot_data(model: Any, visuals: Any, nodes: Sequence[Node], place: Callable[
         if id(node.object) not in numbers:
             numbers[id(node.object)] = len(objects)
             objects.append(node.object)
-        pieces.append(
-            {
-                "name": node.name,
-                "link": link,
-                "placement": pin.SE3ToXYZQUAT(placement).tolist(),
-                "box": [*node.corners.min(axis=0).tolist(), *node.corners.max(axis=0).tolist()],
-                "object": numbers[id(node.object)],
-            }
-        )
+        pieces.append({
+            "name": node.name, "link": link, "placement": pin.SE3ToXYZQUAT(placement).tolist(),
+            "box": [*node.corners.min(axis=0).tolist(), *node.corners.max(axis=0).tolist()],
+            "object": numbers[id(node.object)],
+        })  # fmt: skip
     return {"objects": objects, "pieces": pieces, "tips": _tips(model), "direction": _front(model)}
 
 
