@@ -60,19 +60,16 @@ def test_a_free_body_is_put_anywhere() -> None:
     assert q == pytest.approx(np.array([1.0, 2.0, 3.0, 0.0, 0.0, np.sign(q[5]), 0.0]), abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("given", "part"),
-    [
-        ({}, "got neither"),
-        ({"position": [0.0, 0.0]}, "(..., 3)"),
-        ({"position": [0.0, np.nan, 0.0]}, "finite"),
-        ({"rotation": 2 * np.eye(3)}, "R R^T"),
-        ({"rotation": -np.eye(3)}, "det"),
-        ({"rotation": np.eye(2)}, "(..., 3, 3)"),
-        ({"position": np.zeros((2, 3)), "rotation": np.zeros((3, 3, 3)) + np.eye(3)}, "broadcast"),
-        ({"position": np.zeros(3), "q0": np.zeros((2, 2))}, "one configuration"),
-    ],
-)
+@pytest.mark.parametrize(("given", "part"), [
+    ({}, "got neither"),
+    ({"position": [0.0, 0.0]}, "(..., 3)"),
+    ({"position": [0.0, np.nan, 0.0]}, "finite"),
+    ({"rotation": 2 * np.eye(3)}, "R R^T"),
+    ({"rotation": -np.eye(3)}, "det"),
+    ({"rotation": np.eye(2)}, "(..., 3, 3)"),
+    ({"position": np.zeros((2, 3)), "rotation": np.zeros((3, 3, 3)) + np.eye(3)}, "broadcast"),
+    ({"position": np.zeros(3), "q0": np.zeros((2, 2))}, "one configuration"),
+])  # fmt: skip
 def test_what_cannot_be_a_target_is_refused(given: dict[str, object], part: str) -> None:
     robot = tl.load_robot("two_link")
     with pytest.raises(QueryError) as caught:

@@ -195,13 +195,10 @@ def test_errors_name_the_argument_expected_and_got(case: str) -> None:
 
 
 @pytest.mark.parametrize("batch", [(), (70,)])
-@pytest.mark.parametrize(
-    ("name", "entry", "words"),
-    [
-        ("anymal", slice(3, 7), "quaternion (x, y, z, w) of joint 'root_joint', entries 3:7"),
-        ("kinova", slice(0, 2), "(cos, sin) of joint 'j2s6s200_joint_1', entries 0:2"),
-    ],
-)
+@pytest.mark.parametrize(("name", "entry", "words"), [
+    ("anymal", slice(3, 7), "quaternion (x, y, z, w) of joint 'root_joint', entries 3:7"),
+    ("kinova", slice(0, 2), "(cos, sin) of joint 'j2s6s200_joint_1', entries 0:2"),
+])  # fmt: skip
 def test_units_are_required_and_normalize_gives_them(name: str, entry: slice, words: str, batch: tuple) -> None:
     robot = tl.load_robot(name, root="free" if name == "anymal" else "fixed")
     q = np.tile(robot.neutral, (*batch, 1))

@@ -63,20 +63,17 @@ def test_a_file_of_another_robot_needs_it(tmp_path: Path, monkeypatch: pytest.Mo
             tl.Trajectory.load(write_table(tmp_path / "forged.npz", columns, forged))
 
 
-@pytest.mark.parametrize(
-    ("changed", "part"),
-    [
-        ({"digest": "0" * 32}, "joints, masses or placements differ"),
-        ({"lock": "{"}, "are damaged"),
-        ({"lock": "[" * 100_000}, "are damaged"),
-        ({"lock": "[1]"}, "pass the robot"),
-        ({"lock": '{"elbow": 0.2}'}, "nq = 2, 'two_link' has 1"),
-        ({"gravity": "[1]"}, "are damaged"),
-        ({"gravity": '{"a": 1}'}, "are damaged"),
-        ({"robot": "two_lnk"}, "two_lnk"),
-        ({"catalogue": "false"}, "is not known by name"),
-    ],
-)
+@pytest.mark.parametrize(("changed", "part"), [
+    ({"digest": "0" * 32}, "joints, masses or placements differ"),
+    ({"lock": "{"}, "are damaged"),
+    ({"lock": "[" * 100_000}, "are damaged"),
+    ({"lock": "[1]"}, "pass the robot"),
+    ({"lock": '{"elbow": 0.2}'}, "nq = 2, 'two_link' has 1"),
+    ({"gravity": "[1]"}, "are damaged"),
+    ({"gravity": '{"a": 1}'}, "are damaged"),
+    ({"robot": "two_lnk"}, "two_lnk"),
+    ({"catalogue": "false"}, "is not known by name"),
+])  # fmt: skip
 def test_notes_that_do_not_fit(changed: dict[str, str], part: str, tmp_path: Path) -> None:
     run = still(tl.load_robot("two_link"))
     path = write_table(tmp_path / "x.npz", run.columns(), {**robot_notes(run.robot), **changed})

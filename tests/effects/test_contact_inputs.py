@@ -56,18 +56,15 @@ def body(tmp_path: Path, *collisions: str) -> tl.Robot:
     return tl.load_robot(path, root="free")
 
 
-@pytest.mark.parametrize(
-    ("collision", "part"),
-    [
-        ('<geometry><box size="1 1 1"/><sphere radius="3"/></geometry>', "it has 2 shapes, expected one"),
-        ('<geometry><box size="1 1 1"/></geometry><geometry><sphere radius="3"/></geometry>', "2 shapes"),
-        ('<origin xyz="0 0 1"/><origin xyz="0 0 2"/><geometry><box size="1 1 1"/></geometry>', "it has 2 origins"),
-        ('<origin xzy="0 0 1"/><geometry><box size="1 1 1"/></geometry>', "'xzy'; did you mean 'xyz'"),
-        ('<geometry><sphere radius="1" length="2"/></geometry>', "unknown attribute 'length'"),
-        ('<geometry><sphere radius="0"/></geometry>', "radius is 0"),
-        ("<geometry/>", "it has no shape"),
-    ],
-)
+@pytest.mark.parametrize(("collision", "part"), [
+    ('<geometry><box size="1 1 1"/><sphere radius="3"/></geometry>', "it has 2 shapes, expected one"),
+    ('<geometry><box size="1 1 1"/></geometry><geometry><sphere radius="3"/></geometry>', "2 shapes"),
+    ('<origin xyz="0 0 1"/><origin xyz="0 0 2"/><geometry><box size="1 1 1"/></geometry>', "it has 2 origins"),
+    ('<origin xzy="0 0 1"/><geometry><box size="1 1 1"/></geometry>', "'xzy'; did you mean 'xyz'"),
+    ('<geometry><sphere radius="1" length="2"/></geometry>', "unknown attribute 'length'"),
+    ('<geometry><sphere radius="0"/></geometry>', "radius is 0"),
+    ("<geometry/>", "it has no shape"),
+])  # fmt: skip
 def test_collisions_that_mean_more_than_is_read_are_refused(tmp_path: Path, collision: str, part: str) -> None:
     robot = body(tmp_path, f'<collision name="c">{collision}</collision>')
     with pytest.raises(tl.errors.SceneError) as caught:

@@ -50,34 +50,31 @@ def test_what_is_declared_is_taken() -> None:
     check_fields(Declared(or_none={"flight": 1.0}), ROBOT)
 
 
-@pytest.mark.parametrize(
-    ("field", "value", "place", "what"),
-    [
-        ("above", 0.0, "above", "expected a number above 0"),
-        ("above", "x", "above", "expected a finite number"),
-        ("least", -1.0, "least", "of at least 0"),
-        ("way", (0.0, 0.0, 0.0), "way", "expected a direction"),
-        ("way", (0.0, 1.0), "way", "expected three"),
-        ("link", "forarm", "link", "forearm"),
-        ("link", GROUND, "link", "does not move"),
-        ("place", "forarm", "place", "forearm"),
-        ("joint", "elbo", "joint", "elbow"),
-        ("single", "flight", "single", "one degree of freedom"),
-        ("coordinate", "flight", "coordinate", "one degree of freedom"),
-        ("each", {}, "each", "it names no joint"),
-        ("each", {"elbo": 1.0}, "each", "elbow"),
-        ("each", {"elbow": 0.0}, "each.elbow", "above 0"),
-        ("each", 1.0, "each", "values by joint"),
-        ("some", (), "some", "it names no joint"),
-        ("some", ("elbow", "flight"), "some", "one degree of freedom"),
-        ("or_none", {"elbo": 1.0}, "or_none", "elbow"),
-        ("or_none", {}, "or_none", "it names no joint"),
-        ("beside", {"shoulder": 1.0}, "beside", "joint with an each 'shoulder'"),
-        ("beside", {"elbow": -1.0}, "beside.elbow", "of at least 0"),
-        ("with_all", {"shoulder": 1.0}, "with_all", "joint with an each"),
-        ("with_all", {}, "with_all", "no with_all for joint 'elbow'"),
-    ],
-)
+@pytest.mark.parametrize(("field", "value", "place", "what"), [
+    ("above", 0.0, "above", "expected a number above 0"),
+    ("above", "x", "above", "expected a finite number"),
+    ("least", -1.0, "least", "of at least 0"),
+    ("way", (0.0, 0.0, 0.0), "way", "expected a direction"),
+    ("way", (0.0, 1.0), "way", "expected three"),
+    ("link", "forarm", "link", "forearm"),
+    ("link", GROUND, "link", "does not move"),
+    ("place", "forarm", "place", "forearm"),
+    ("joint", "elbo", "joint", "elbow"),
+    ("single", "flight", "single", "one degree of freedom"),
+    ("coordinate", "flight", "coordinate", "one degree of freedom"),
+    ("each", {}, "each", "it names no joint"),
+    ("each", {"elbo": 1.0}, "each", "elbow"),
+    ("each", {"elbow": 0.0}, "each.elbow", "above 0"),
+    ("each", 1.0, "each", "values by joint"),
+    ("some", (), "some", "it names no joint"),
+    ("some", ("elbow", "flight"), "some", "one degree of freedom"),
+    ("or_none", {"elbo": 1.0}, "or_none", "elbow"),
+    ("or_none", {}, "or_none", "it names no joint"),
+    ("beside", {"shoulder": 1.0}, "beside", "joint with an each 'shoulder'"),
+    ("beside", {"elbow": -1.0}, "beside.elbow", "of at least 0"),
+    ("with_all", {"shoulder": 1.0}, "with_all", "joint with an each"),
+    ("with_all", {}, "with_all", "no with_all for joint 'elbow'"),
+])  # fmt: skip
 def test_what_is_not_is_refused_at_its_place(field: str, value: Any, place: str, what: str) -> None:
     with pytest.raises(SceneError, match=what) as caught:
         check_fields(Declared(**{field: value}), ROBOT)

@@ -162,21 +162,18 @@ def test_unknown_keys(kind: str, tmp_path: Path) -> None:
         scene_of(f'type = "{kind}"\ncolour = 1\n{FILES[kind][0]}', tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("text", "parts"),
-    [
-        ('type = "joint-dampin"', ["effects[0]", "did you mean 'joint-damping'"]),
-        ('type = "air-drag"\nframe = "tpi"\narea = 1', ["effects[0].frame", "did you mean 'tip'"]),
-        ('type = "air-drag"\narea = 1', ["effects[0]", "missing required field `frame`"]),
-        ('type = "payload"\nframe = "tip"\nmass = "heavy"', ["effects[0].mass", "float"]),
-        ('type = "torque"\ninputs = {elbow = {kind = "sampeld"}}', ["effects[0].inputs", "sampeld"]),
-        ('type = "torque"\ninputs = {elbow = {kind = "sampled", file = "none.csv"}}',
-         ["effects[0].inputs", "No such file"]),
-        ('type = "torque"\ninputs = {elbow = {kind = "sampled", knots = [1]}}', ["effects[0].inputs", "`knots`"]),
-        ('type = "joint-spring"\nstiffness = {elbow = nan}', ["effects[0].stiffness.elbow", "nan"]),
-        ('type = "spring-between"\nfirst = "world"\nsecond = "tip"', ["effects[0].first", "'world'"]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "parts"), [
+    ('type = "joint-dampin"', ["effects[0]", "did you mean 'joint-damping'"]),
+    ('type = "air-drag"\nframe = "tpi"\narea = 1', ["effects[0].frame", "did you mean 'tip'"]),
+    ('type = "air-drag"\narea = 1', ["effects[0]", "missing required field `frame`"]),
+    ('type = "payload"\nframe = "tip"\nmass = "heavy"', ["effects[0].mass", "float"]),
+    ('type = "torque"\ninputs = {elbow = {kind = "sampeld"}}', ["effects[0].inputs", "sampeld"]),
+    ('type = "torque"\ninputs = {elbow = {kind = "sampled", file = "none.csv"}}',
+     ["effects[0].inputs", "No such file"]),
+    ('type = "torque"\ninputs = {elbow = {kind = "sampled", knots = [1]}}', ["effects[0].inputs", "`knots`"]),
+    ('type = "joint-spring"\nstiffness = {elbow = nan}', ["effects[0].stiffness.elbow", "nan"]),
+    ('type = "spring-between"\nfirst = "world"\nsecond = "tip"', ["effects[0].first", "'world'"]),
+])  # fmt: skip
 def test_errors_name_the_place(text: str, parts: list[str], tmp_path: Path) -> None:
     with pytest.raises(SceneError) as caught:
         scene_of(text, tmp_path)

@@ -39,30 +39,27 @@ def refused(effect: tl.effects.Effect) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("formula", "instead"),
-    [
-        (lambda m: m.q[0] ** 3, "q * q * q"),
-        (lambda m: 2.0 ** m.q[0], "q * q * q"),
-        (lambda m: np.sin(m.q[0]), "write motion.xp.sin"),
-        (lambda m: np.sqrt(m.q[0]), "write motion.xp.sqrt"),
-        (lambda m: np.log(m.q[0]), "motion.xp's sin, cos"),
-        (lambda m: np.exp(m.q[0]), "write motion.xp.exp"),
-        (lambda m: math.cos(m.q[0]), "motion.xp.NAME"),
-        (lambda m: -1.0 if m.q[0] > 0 else 1.0, "motion.xp.where"),
-        (lambda m: 1.0 if m.q[0] == 0 else 0.0, "motion.xp.where"),
-        (lambda m: m.q[0] or 1.0, "motion.xp.where"),
-        (lambda m: max(m.q[0], m.q[1]), "motion.xp.where"),
-        (lambda m: np.maximum(m.q[0], 0.0), "motion.xp.where"),
-        (lambda m: abs(m.q[0]), "motion.xp.sqrt"),
-        (lambda m: m.q[0] % 6.28, "sines and cosines"),
-        (lambda m: m.xp.log(m.q[0]), "motion.xp has sin"),
-        (lambda m: m.q[m.coordinate("elbw")[0]], "did you mean 'elbow'"),
-        (lambda m: m.position("tp")[0], "did you mean 'tip'"),
-        (lambda m: m.velocities[0], "AttributeError"),
-        (lambda _: np.array([1.0, 2.0]) * 3.0, "act fails at line"),
-    ],
-)
+@pytest.mark.parametrize(("formula", "instead"), [
+    (lambda m: m.q[0] ** 3, "q * q * q"),
+    (lambda m: 2.0 ** m.q[0], "q * q * q"),
+    (lambda m: np.sin(m.q[0]), "write motion.xp.sin"),
+    (lambda m: np.sqrt(m.q[0]), "write motion.xp.sqrt"),
+    (lambda m: np.log(m.q[0]), "motion.xp's sin, cos"),
+    (lambda m: np.exp(m.q[0]), "write motion.xp.exp"),
+    (lambda m: math.cos(m.q[0]), "motion.xp.NAME"),
+    (lambda m: -1.0 if m.q[0] > 0 else 1.0, "motion.xp.where"),
+    (lambda m: 1.0 if m.q[0] == 0 else 0.0, "motion.xp.where"),
+    (lambda m: m.q[0] or 1.0, "motion.xp.where"),
+    (lambda m: max(m.q[0], m.q[1]), "motion.xp.where"),
+    (lambda m: np.maximum(m.q[0], 0.0), "motion.xp.where"),
+    (lambda m: abs(m.q[0]), "motion.xp.sqrt"),
+    (lambda m: m.q[0] % 6.28, "sines and cosines"),
+    (lambda m: m.xp.log(m.q[0]), "motion.xp has sin"),
+    (lambda m: m.q[m.coordinate("elbw")[0]], "did you mean 'elbow'"),
+    (lambda m: m.position("tp")[0], "did you mean 'tip'"),
+    (lambda m: m.velocities[0], "AttributeError"),
+    (lambda _: np.array([1.0, 2.0]) * 3.0, "act fails at line"),
+])  # fmt: skip
 def test_what_cannot_be_compiled_is_refused_with_what_to_write(formula: Formula, instead: str) -> None:
     assert instead in refused(of_shoulder(formula))
 
@@ -162,17 +159,14 @@ class TwoNumbers(E.Effect, frozen=True):
         loads.force("tip", (1.0, 0.0))
 
 
-@pytest.mark.parametrize(
-    ("effect", "part"),
-    [
-        (NamesAJoint(), "motion.coordinate('shoulder')"),
-        (NoSuchDof(), "the robot has 0 to 1"),
-        (OtherArguments(), "write def act(self, motion, loads)"),
-        (OtherCheck(), "write def check(self, robot)"),
-        (Returns(), "act returns a value; add torques by loads.torque"),
-        (TwoNumbers(), "test_own_effects.py: IndexError"),
-    ],
-)
+@pytest.mark.parametrize(("effect", "part"), [
+    (NamesAJoint(), "motion.coordinate('shoulder')"),
+    (NoSuchDof(), "the robot has 0 to 1"),
+    (OtherArguments(), "write def act(self, motion, loads)"),
+    (OtherCheck(), "write def check(self, robot)"),
+    (Returns(), "act returns a value; add torques by loads.torque"),
+    (TwoNumbers(), "test_own_effects.py: IndexError"),
+])  # fmt: skip
 def test_wrong_calls_are_refused_with_the_right_ones(effect: tl.effects.Effect, part: str) -> None:
     assert part in refused(effect)
 

@@ -168,17 +168,14 @@ def test_files(tmp_path: Path) -> None:
         E.Sampled((0.0,), (1.0,), file="x.csv")
 
 
-@pytest.mark.parametrize(
-    ("table", "where", "part"),
-    [
-        (E.Sampled((0.0, 1.0), (1.0,)), "inputs.axle", "as many values as times"),
-        (E.Sampled((0.0, 1.0, 1.0), (1.0, 2.0, 3.0)), "inputs.axle.times", "increase; at 2 1 follows 1"),
-        (E.Sampled((0.0, float("nan")), (1.0, 2.0)), "inputs.axle.times", "finite"),
-        (E.Sampled((0.0,), (float("inf"),)), "inputs.axle.values", "finite"),
-        (E.Sampled((0.0,), (1.0,), interpolation="cubik"), "inputs.axle.interpolation", "mean 'cubic'"),
-        (E.Sampled((0.0,), (1.0,), beyond="none"), "inputs.axle.beyond", "'none' is unknown"),
-    ],
-)
+@pytest.mark.parametrize(("table", "where", "part"), [
+    (E.Sampled((0.0, 1.0), (1.0,)), "inputs.axle", "as many values as times"),
+    (E.Sampled((0.0, 1.0, 1.0), (1.0, 2.0, 3.0)), "inputs.axle.times", "increase; at 2 1 follows 1"),
+    (E.Sampled((0.0, float("nan")), (1.0, 2.0)), "inputs.axle.times", "finite"),
+    (E.Sampled((0.0,), (float("inf"),)), "inputs.axle.values", "finite"),
+    (E.Sampled((0.0,), (1.0,), interpolation="cubik"), "inputs.axle.interpolation", "mean 'cubic'"),
+    (E.Sampled((0.0,), (1.0,), beyond="none"), "inputs.axle.beyond", "'none' is unknown"),
+])  # fmt: skip
 def test_tables_that_are_refused(table: E.Sampled, where: str, part: str) -> None:
     assert_refused(wheel(), E.Torque({"axle": table}), where, part)
 

@@ -59,18 +59,15 @@ def test_collada_comes_in_metres() -> None:
 
 
 @pytest.mark.parametrize("suffix", [*SUFFIXES, ".fbx", ""])
-@pytest.mark.parametrize(
-    "raw",
-    [
-        b"",
-        b"garbage",
-        b"\x00" * 200,
-        b"v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n",
-        b"f 1 2 9\n",
-        b"v 0 0\nv 1 0\nv 0 1\nf 1 2 1\n",
-        b"v 0 0 0\nf 1 2 99999999999999999999\n",
-    ],
-)
+@pytest.mark.parametrize("raw", [
+    b"",
+    b"garbage",
+    b"\x00" * 200,
+    b"v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n",
+    b"f 1 2 9\n",
+    b"v 0 0\nv 1 0\nv 0 1\nf 1 2 1\n",
+    b"v 0 0 0\nf 1 2 99999999999999999999\n",
+])  # fmt: skip
 def test_what_is_no_mesh_is_refused(raw: bytes, suffix: str) -> None:
     with pytest.raises(ValueError, match=r"\w"):
         read_triangles(raw, suffix)

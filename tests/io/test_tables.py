@@ -22,21 +22,18 @@ def test_any_name_and_every_digit_survive(suffix: str, tmp_path: Path) -> None:
     assert notes == ({} if suffix.lower() == ".csv" else {"note": "yes, \u00e4"})
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "part"),
-    [
-        ("x.csv", b"t,t\n0,0\n", "column 't' is there twice"),
-        ("x.csv", b"t,q\n0\n", "line 2: it has 1 cells, the header has 2"),
-        ("x.csv", b"t\n" + b"0" * 200_000 + b"\n", "field larger"),
-        ("x.csv", b"t\n1_0\n", "line 2: not a row of numbers"),
-        ("x.csv", b"", "it is empty, expected a header"),
-        ("x.csv", b"\xff\xfe", "cannot be read"),
-        ("x.npz", b"\x93NUMPY", "cannot be read"),
-        ("x.npz", b"PK\x03\x04", "cannot be read"),
-        ("x.parquet", b"PAR1PAR1", "cannot be read"),
-        ("x.json", json.dumps({}).encode(), "'.json' is not a format we know"),
-    ],
-)
+@pytest.mark.parametrize(("name", "content", "part"), [
+    ("x.csv", b"t,t\n0,0\n", "column 't' is there twice"),
+    ("x.csv", b"t,q\n0\n", "line 2: it has 1 cells, the header has 2"),
+    ("x.csv", b"t\n" + b"0" * 200_000 + b"\n", "field larger"),
+    ("x.csv", b"t\n1_0\n", "line 2: not a row of numbers"),
+    ("x.csv", b"", "it is empty, expected a header"),
+    ("x.csv", b"\xff\xfe", "cannot be read"),
+    ("x.npz", b"\x93NUMPY", "cannot be read"),
+    ("x.npz", b"PK\x03\x04", "cannot be read"),
+    ("x.parquet", b"PAR1PAR1", "cannot be read"),
+    ("x.json", json.dumps({}).encode(), "'.json' is not a format we know"),
+])  # fmt: skip
 def test_damaged_files_give_one_error_of_one_line(name: str, content: bytes, part: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(content)
     with pytest.raises(TwolinkError, match=part) as failure:

@@ -124,19 +124,16 @@ def test_the_check_fails_when_the_printed_equations_are_right(monkeypatch: pytes
     assert [row.quantity for row in report.rows if not row.right] == ["C21", "C22"]
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"corrected": np.nan},
-        {"derived": np.nan},
-        {"derived": 1e-11},
-        {"corrected_minus_derived": "l1"},
-        {"printed": 1.0},
-        {"printed": np.nan},
-        {"printed_minus_derived": "l1"},
-        {"printed_minus_derived": "l1", "printed": 1.0},
-    ],
-)
+@pytest.mark.parametrize("change", [
+    {"corrected": np.nan},
+    {"derived": np.nan},
+    {"derived": 1e-11},
+    {"corrected_minus_derived": "l1"},
+    {"printed": 1.0},
+    {"printed": np.nan},
+    {"printed_minus_derived": "l1"},
+    {"printed_minus_derived": "l1", "printed": 1.0},
+])  # fmt: skip
 def test_each_column_of_a_row_counts(report: CheckReport, change: dict[str, Any]) -> None:
     row = dataclasses.replace(report.rows[0], **change)
     assert not dataclasses.replace(report, rows=(row, *report.rows[1:])).passed
@@ -152,14 +149,11 @@ def test_each_energy_counts(report: CheckReport, model: str, largest: float) -> 
     assert not dataclasses.replace(report, energies=energies).passed
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"n": 0}, "n: expected a whole number from 1, got 0"),
-        ({"horizon": 0.0}, "horizon: expected a number above 0, got 0"),
-        ({"horizon": np.inf}, "horizon: expected a number above 0"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    ({"n": 0}, "n: expected a whole number from 1, got 0"),
+    ({"horizon": 0.0}, "horizon: expected a number above 0, got 0"),
+    ({"horizon": np.inf}, "horizon: expected a number above 0"),
+])  # fmt: skip
 def test_bad_arguments_are_refused(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(QueryError, match=message):
         check(**arguments)

@@ -145,34 +145,28 @@ def test_normal_modes_about_hanging() -> None:
     assert_allclose(np.sqrt(squares), [2.6801140122533753, 7.1886708702877137], rtol=1e-13)
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"lengths": (1, -1)}, r"l2: expected a positive number, got -1"),
-        ({"lengths": (0, 1)}, r"l1: expected a positive number, got 0"),
-        ({"masses": (3, [1, np.nan])}, r"m2: expected finite numbers, got nan at index \(1,\)"),
-        ({"g": np.inf}, r"g: expected finite numbers, got inf"),
-        ({"masses": (3, "heavy")}, r"m2: expected numbers, got .*'heavy'"),
-        ({"lengths": 1}, r"lengths: expected the pair \(l1, l2\), got 1"),
-        ({"lengths": ([1, 2], [1, 2, 3])}, r"batch shapes do not broadcast: l1 \(2,\), l2 \(3,\)"),
-        ({"variant": "prnted"}, r"variant: .* got 'prnted'; did you mean 'printed'\?"),
-    ],
-)
+@pytest.mark.parametrize(("given", "message"), [
+    ({"lengths": (1, -1)}, r"l2: expected a positive number, got -1"),
+    ({"lengths": (0, 1)}, r"l1: expected a positive number, got 0"),
+    ({"masses": (3, [1, np.nan])}, r"m2: expected finite numbers, got nan at index \(1,\)"),
+    ({"g": np.inf}, r"g: expected finite numbers, got inf"),
+    ({"masses": (3, "heavy")}, r"m2: expected numbers, got .*'heavy'"),
+    ({"lengths": 1}, r"lengths: expected the pair \(l1, l2\), got 1"),
+    ({"lengths": ([1, 2], [1, 2, 3])}, r"batch shapes do not broadcast: l1 \(2,\), l2 \(3,\)"),
+    ({"variant": "prnted"}, r"variant: .* got 'prnted'; did you mean 'printed'\?"),
+])  # fmt: skip
 def test_bad_arms_are_refused_by_name(given: dict[str, Any], message: str) -> None:
     with pytest.raises(QueryError, match=message):
         two_link(**{"lengths": (1, 1), "masses": (3, 1), **given})
 
 
-@pytest.mark.parametrize(
-    ("theta", "dtheta", "message"),
-    [
-        ([0, 0, 0], [0, 0], r"theta: expected shape \(..., 2\), got \(3,\); the last axis is"),
-        (0.0, [0, 0], r"theta: expected shape \(..., 2\), got \(\)"),
-        ([0, 0], [0, np.inf], r"dtheta: expected finite numbers, got inf at index \(1,\)"),
-        ([[0, 0]] * 3, [[0, 0]] * 2, r"dtheta: batch shapes do not broadcast: .*theta \(3,\), dtheta \(2,\)"),
-        ([[0], [0, 1]], [0, 0], r"theta: expected a rectangular array"),
-    ],
-)
+@pytest.mark.parametrize(("theta", "dtheta", "message"), [
+    ([0, 0, 0], [0, 0], r"theta: expected shape \(..., 2\), got \(3,\); the last axis is"),
+    (0.0, [0, 0], r"theta: expected shape \(..., 2\), got \(\)"),
+    ([0, 0], [0, np.inf], r"dtheta: expected finite numbers, got inf at index \(1,\)"),
+    ([[0, 0]] * 3, [[0, 0]] * 2, r"dtheta: batch shapes do not broadcast: .*theta \(3,\), dtheta \(2,\)"),
+    ([[0], [0, 1]], [0, 0], r"theta: expected a rectangular array"),
+])  # fmt: skip
 def test_bad_states_are_refused_by_name(theta: Any, dtheta: Any, message: str) -> None:
     with pytest.raises(QueryError, match=message):
         two_link((1, 1), (3, 1)).bias(theta, dtheta)

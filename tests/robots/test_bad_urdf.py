@@ -182,20 +182,17 @@ def test_urdfs_with_too_many_bytes_are_refused(monkeypatch: pytest.MonkeyPatch, 
         tl.load_robot(tmp_path / "big.urdf")
 
 
-@pytest.mark.parametrize(
-    ("source", "part"),
-    [
-        ("two_lnk", "did you mean 'two_link'"),
-        ("/no/such.urdf", "No such file"),
-        ("", "empty"),
-        ("cassie", "SDF only"),
-        (".", "no robot of this name"),
-        ("/tmp", "directory"),
-        ("x\0.urdf", "cannot be read"),
-        ("a" * 5_000, "no robot of this name"),
-        ("/dev/zero", "the limit is"),
-    ],
-)
+@pytest.mark.parametrize(("source", "part"), [
+    ("two_lnk", "did you mean 'two_link'"),
+    ("/no/such.urdf", "No such file"),
+    ("", "empty"),
+    ("cassie", "SDF only"),
+    (".", "no robot of this name"),
+    ("/tmp", "directory"),
+    ("x\0.urdf", "cannot be read"),
+    ("a" * 5_000, "no robot of this name"),
+    ("/dev/zero", "the limit is"),
+])  # fmt: skip
 def test_sources_that_name_no_robot(source: str, part: str) -> None:
     with pytest.raises(RobotError, match=part):
         tl.load_robot(source)
@@ -214,22 +211,19 @@ def test_binary_files_are_refused(tmp_path: Path) -> None:
         tl.load_robot(path)
 
 
-@pytest.mark.parametrize(
-    ("options", "part"),
-    [
-        ({"root": "flying"}, "'flying' is unknown"),
-        ({"gravity": (0, 0)}, "expected 3 finite numbers"),
-        ({"gravity": (0, 0, math.nan)}, "expected 3 finite numbers"),
-        ({"gravity": "down"}, "expected 3 finite numbers"),
-        ({"lock": {"hing": 0.0}}, "did you mean 'hinge'"),
-        ({"lock": {"hinge": math.inf}}, "expected 1 finite number"),
-        ({"lock": {"hinge": "shut"}}, "expected 1 finite number"),
-        ({"unphysical": "ignore"}, "'ignore' is unknown"),
-        ({"lock": ["hinge"]}, "expected joints with their configurations"),
-        ({"lock": {1: 0.0}}, "no moving joint 1"),
-        ({"package_dirs": 5}, "expected folders"),
-    ],
-)
+@pytest.mark.parametrize(("options", "part"), [
+    ({"root": "flying"}, "'flying' is unknown"),
+    ({"gravity": (0, 0)}, "expected 3 finite numbers"),
+    ({"gravity": (0, 0, math.nan)}, "expected 3 finite numbers"),
+    ({"gravity": "down"}, "expected 3 finite numbers"),
+    ({"lock": {"hing": 0.0}}, "did you mean 'hinge'"),
+    ({"lock": {"hinge": math.inf}}, "expected 1 finite number"),
+    ({"lock": {"hinge": "shut"}}, "expected 1 finite number"),
+    ({"unphysical": "ignore"}, "'ignore' is unknown"),
+    ({"lock": ["hinge"]}, "expected joints with their configurations"),
+    ({"lock": {1: 0.0}}, "no moving joint 1"),
+    ({"package_dirs": 5}, "expected folders"),
+])  # fmt: skip
 def test_bad_options_are_refused(options: dict[str, object], part: str) -> None:
     with pytest.raises(RobotError, match=part):
         tl.load_robot(GOOD, **options)

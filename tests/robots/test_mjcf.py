@@ -97,17 +97,14 @@ LOOPS = """<mujoco><worldbody>
 <equality>{}</equality></mujoco>"""
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        '<connect body1="c" body2="b" anchor=".1 .2 .3"/>',
-        '<connect site1="s" site2="t"/>',
-        '<weld body1="c" body2="b" relpose=".1 .2 .3 .5 .5 .5 .5" anchor=".1 0 .3"/>',
-        '<weld site1="s" site2="t"/>',
-        '<weld body1="c"/>',
-        '<joint joint1="p" joint2="q" polycoef=".1 .5 0 0 0"/>',
-    ],
-)
+@pytest.mark.parametrize("text", [
+    '<connect body1="c" body2="b" anchor=".1 .2 .3"/>',
+    '<connect site1="s" site2="t"/>',
+    '<weld body1="c" body2="b" relpose=".1 .2 .3 .5 .5 .5 .5" anchor=".1 0 .3"/>',
+    '<weld site1="s" site2="t"/>',
+    '<weld body1="c"/>',
+    '<joint joint1="p" joint2="q" polycoef=".1 .5 0 0 0"/>',
+])  # fmt: skip
 def test_loops_are_as_far_open_as_mujocos(text: str) -> None:
     robot, model = tl.load_robot(LOOPS.format(text)), mujoco.MjModel.from_xml_string(LOOPS.format(text))
     scene, data = tl.scene_of(robot), mujoco.MjData(model)

@@ -134,16 +134,13 @@ def test_angles_of_a_quaternion_give_its_matrix_near_and_at_every_singular_pitch
             np.testing.assert_allclose(matrix, pin.Quaternion(quaternion).matrix(), rtol=0, atol=2e-15)
 
 
-@pytest.mark.parametrize(
-    ("origin", "part"),
-    [
-        ('rpy="0 0 0" quat_xyzw="0 0 0 1"', "both rpy and quat_xyzw"),
-        ('quat_xyzw="1 1 1 1"', "has length 2, expected 1"),
-        ('quat_xyzw="0 0 0 0"', "has length 0, expected 1"),
-        ('quat_xyzw="0 0 1"', "expected 4 numbers, got 3"),
-        ('quat_xyzw="0 0 0 nan"', "not finite"),
-    ],
-)
+@pytest.mark.parametrize(("origin", "part"), [
+    ('rpy="0 0 0" quat_xyzw="0 0 0 1"', "both rpy and quat_xyzw"),
+    ('quat_xyzw="1 1 1 1"', "has length 2, expected 1"),
+    ('quat_xyzw="0 0 0 0"', "has length 0, expected 1"),
+    ('quat_xyzw="0 0 1"', "expected 4 numbers, got 3"),
+    ('quat_xyzw="0 0 0 nan"', "not finite"),
+])  # fmt: skip
 def test_quaternions_that_are_no_orientation_are_refused(origin: str, part: str) -> None:
     for text in (robot_text(origin, ""), robot_text("", origin), robot_text("", "", origin)):
         with pytest.raises(RobotError, match=part) as caught:

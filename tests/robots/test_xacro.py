@@ -44,16 +44,13 @@ def test_arguments_and_packages(folder: Path) -> None:
     assert tl.load_robot(away, package_dirs=[folder / "checkout"]).mass == 2
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("$(arg mass)", "$(arg mess)", ["arm.urdf.xacro:5", "mess"]),
-        ("my_arm", "my_leg", ["arm.urdf.xacro:3", "'my_leg' is not found", "package_dirs"]),
-        ("${mass * 0.1}", "${mas * 0.1}", ["link.xacro:3", "mas"]),
-        ("</robot>", "</rbot>", ["arm.urdf.xacro:7"]),
-        ('name="hinge"', 'name="hinge" armature="1"', ["joint 'hinge'", "armature="]),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("$(arg mass)", "$(arg mess)", ["arm.urdf.xacro:5", "mess"]),
+    ("my_arm", "my_leg", ["arm.urdf.xacro:3", "'my_leg' is not found", "package_dirs"]),
+    ("${mass * 0.1}", "${mas * 0.1}", ["link.xacro:3", "mas"]),
+    ("</robot>", "</rbot>", ["arm.urdf.xacro:7"]),
+    ('name="hinge"', 'name="hinge" armature="1"', ["joint 'hinge'", "armature="]),
+])  # fmt: skip
 def test_errors_name_file_and_line(folder: Path, old: str, new: str, words: list[str]) -> None:
     for path in folder.rglob("*.xacro"):
         path.write_text(path.read_text().replace(old, new))

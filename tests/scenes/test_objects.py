@@ -125,20 +125,17 @@ def test_a_dropped_object_falls_and_rests() -> None:
     np.testing.assert_allclose(run.q[-1, :3], [0, 0, 0.1], atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ({"source": "can", "mass": 1.0}, "masses of its own"),
-        ({"source": fx.Sphere(0.1), "mass": -1.0}, "it is -1.0 kg"),
-        ({"source": fx.Sphere(0.0), "mass": 1.0}, "has no volume"),
-        ({"source": fx.Convex(((0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0))), "mass": 1.0}, "span no volume"),
-        ({"source": "can", "name": "world"}, "the name 'world' is taken; such as 'world_2'"),
-        ({"source": "can", "pose": (0, 0)}, "expected 3 or 7 finite numbers"),
-        ({"source": "can", "pose": (0, 0, 0, 0, 0, 0, 0)}, "expected 3 or 7 finite numbers"),
-        ({"source": "cann"}, "did you mean 'can'"),
-        ({"source": fx.Sphere(0.1), "root": "free"}, "no-inertia|cannot be accelerated"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "said"), [
+    ({"source": "can", "mass": 1.0}, "masses of its own"),
+    ({"source": fx.Sphere(0.1), "mass": -1.0}, "it is -1.0 kg"),
+    ({"source": fx.Sphere(0.0), "mass": 1.0}, "has no volume"),
+    ({"source": fx.Convex(((0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0))), "mass": 1.0}, "span no volume"),
+    ({"source": "can", "name": "world"}, "the name 'world' is taken; such as 'world_2'"),
+    ({"source": "can", "pose": (0, 0)}, "expected 3 or 7 finite numbers"),
+    ({"source": "can", "pose": (0, 0, 0, 0, 0, 0, 0)}, "expected 3 or 7 finite numbers"),
+    ({"source": "cann"}, "did you mean 'can'"),
+    ({"source": fx.Sphere(0.1), "root": "free"}, "no-inertia|cannot be accelerated"),
+])  # fmt: skip
 def test_what_cannot_be_is_refused(arguments: dict, said: str) -> None:
     with pytest.raises(TwolinkError, match=said):
         EMPTY.with_object(**arguments)

@@ -134,14 +134,11 @@ def test_the_table_of_bundled_scenes_says_what_they_show() -> None:
         assert row["effects"] == tuple(dict.fromkeys(type(e).__struct_config__.tag for e in scene.effects))
 
 
-@pytest.mark.parametrize(
-    "effect",
-    [
-        tl.effects.Payload("forearm", 1.0),
-        tl.effects.Rotor({"elbow": 1e-4}, ratio={"elbow": 50.0}),
-        tl.effects.Gear(tl.effects.Torque({"elbow": 1.0}), {"elbow": 50.0}, inertia={"elbow": 1e-4}),
-    ],
-)
+@pytest.mark.parametrize("effect", [
+    tl.effects.Payload("forearm", 1.0),
+    tl.effects.Rotor({"elbow": 1e-4}, ratio={"elbow": 50.0}),
+    tl.effects.Gear(tl.effects.Torque({"elbow": 1.0}), {"elbow": 50.0}, inertia={"elbow": 1e-4}),
+])  # fmt: skip
 def test_no_effect_changes_a_robot_twice(effect: tl.effects.Effect) -> None:
     """scene.robot has the payload and the rotors already: with the effects of the scene they would count twice."""
     scene = tl.Scene(tl.load_robot("two_link"), effects=[tl.effects.Gravity(), effect])
