@@ -9,10 +9,10 @@ import pytest
 import twolink as tl
 from tests.effects.bodies import free_bodies
 from tests.effects.cases import assert_refused
+from tests.urdf_text import joint, link
 
 E = tl.effects
 BALL = {"a": (E.Sphere(0.1),)}
-BODY = '<inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>'
 # Two walls, whose convex hull is a box of 2 m.
 WALLS = [(low, high) for low, high in (((-1, -1, -1), (-0.5, 1, 1)), ((0.5, -1, -1), (1, 1, 1)))]
 SIDES = [(1, 2, 4, 3), (5, 6, 8, 7), (1, 2, 6, 5), (3, 4, 8, 7), (1, 3, 7, 5), (2, 4, 8, 6)]
@@ -52,7 +52,7 @@ def test_points_that_span_no_volume_touch_planes_alone() -> None:
 
 def body(tmp_path: Path, *collisions: str) -> tl.Robot:
     path = tmp_path / "r.urdf"
-    path.write_text(f'<robot name="r"><link name="l">{BODY}{"".join(collisions)}</link></robot>')
+    path.write_text(f'<robot name="r">{link("l", more="".join(collisions))}</robot>')
     return tl.load_robot(path, root="free")
 
 
@@ -103,12 +103,10 @@ def test_shapes_stand_in_for_a_mesh_that_is_missing_which_the_report_names(tmp_p
 
 def test_a_links_name_goes_before_a_shapes() -> None:
     box, ball = '<box size="1 1 1"/>', '<sphere radius="0.1"/>'
-    robot = tl.load_robot(
-        f'<robot name="r"><link name="a">{BODY}<collision name="b"><geometry>{box}</geometry></collision></link>'
-        f'<link name="b">{BODY}<collision><geometry>{ball}</geometry></collision></link>'
-        '<joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>',
-        root="free",
-    )
+    first = link("a", more=f'<collision name="b"><geometry>{box}</geometry></collision>')
+    second = link("b", more=f"<collision><geometry>{ball}</geometry></collision>")
+    hinge = joint("j", "continuous", "a", "b")
+    robot = tl.load_robot(f'<robot name="r">{first}{second}{hinge}</robot>', root="free")
     (pair,) = E.Contact((("b", "ground"),)).selected(robot).chosen
     assert pair.first.link == "b"
 

@@ -9,6 +9,7 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import free_bodies
+from tests.urdf_text import joint, link
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
@@ -136,17 +137,13 @@ def test_formulas_of_features_have_the_rates_of_their_points() -> None:
     assert kinds == {("FaceGap", False), ("FaceGap", True), ("EdgeGap", False)}
 
 
-ROD = '<inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>'
-LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
-
-
 def chain(radii: list[float]) -> tl.Robot:
     """Links l0, l1, ... 1 m apart along x on hinges, each with a sphere."""
-    links = [f'<link name="l{k}">{ROD}<collision><geometry><sphere radius="{r}"/></geometry></collision></link>'
+    parts = [link(f"l{k}", 1.0, 0.1, more=f'<collision><geometry><sphere radius="{r}"/></geometry></collision>')
              for k, r in enumerate(radii)]  # fmt: skip
-    joints = [f'<joint name="j{k}" type="revolute"><origin xyz="1 0 0"/><parent link="l{k - 1}"/><child link="l{k}"/>'
-              f'<axis xyz="0 1 0"/>{LIMIT}</joint>' for k in range(1, len(radii))]  # fmt: skip
-    return tl.load_robot(f'<robot name="chain">{"".join(links + joints)}</robot>', root="free")
+    parts += [joint(f"j{k}", "revolute", f"l{k - 1}", f"l{k}", "0 1 0", more='<origin xyz="1 0 0"/>')
+              for k in range(1, len(radii))]  # fmt: skip
+    return tl.load_robot(f'<robot name="chain">{"".join(parts)}</robot>', root="free")
 
 
 def test_self_leaves_out_adjacent_links_and_those_that_overlap_at_rest() -> None:
@@ -184,7 +181,7 @@ def test_the_shapes_of_a_urdf_are_read_with_their_places() -> None:
     names = ["", ' name="foot"', "", ""]
     collisions = "".join(f"<collision{name}>{origin}<geometry>{shape}</geometry></collision>"
                          for name, shape in zip(names, shapes, strict=True))  # fmt: skip
-    robot = tl.load_robot(f'<robot name="r" version="1.2"><link name="l">{ROD}{collisions}</link></robot>', root="free")
+    robot = tl.load_robot(f'<robot name="r" version="1.2">{link("l", more=collisions)}</robot>', root="free")
     assert [solid.name for solid in robot.solids] == ["l_0", "foot", "l_2", "l_3"]
     place = {"point": (0.1, 0.2, 0.3), "rpy": (0.4, 0.5, 0.6)}
     assert [solid.shape for solid in robot.solids] == [
@@ -199,10 +196,10 @@ def test_a_mesh_is_its_convex_hull(tmp_path) -> None:
     (tmp_path / "cube.obj").write_text("\n".join(corners + inside + faces))
     mesh = '<collision><geometry><mesh filename="cube.obj" scale="1 2 3"/></geometry></collision>'
     path = tmp_path / "r.urdf"
-    path.write_text(f'<robot name="r"><link name="l">{ROD}{mesh}</link></robot>')
+    path.write_text(f'<robot name="r">{link("l", more=mesh)}</robot>')
     (solid,) = tl.load_robot(path, root="free").solids
     assert sorted(solid.shape.vertices) == sorted((x, 2 * y, 3 * z) for x in (0, 1) for y in (0, 1) for z in (0, 1))
-    path.write_text(f'<robot name="r"><link name="l">{ROD}{mesh.replace("cube", "other")}</link></robot>')
+    path.write_text(f'<robot name="r">{link("l", more=mesh.replace("cube", "other"))}</robot>')
     robot = tl.load_robot(path, root="free")
     with pytest.raises(tl.errors.RobotError, match=r"other\.obj"):
         _ = robot.solids

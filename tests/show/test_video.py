@@ -9,16 +9,15 @@ from PIL import Image, ImageSequence
 
 import twolink as tl
 from tests.command import call, one_line
+from tests.urdf_text import joint, link, robot_of
 from twolink.errors import SceneError, ShowError
 from twolink.show.meshcat_scene import look_at, poses
 from twolink.show.raycasting import CONTACT_COLOUR, DOT, FORCE_COLOUR, Arrows, Camera, Picture
 from twolink.show.surfaces import surfaces
 from twolink.simulation import Trajectory
 
-BALL = """<robot name="ball"><link name="base"><inertial><mass value="1"/>
-<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
-<visual><geometry><sphere radius="0.1"/></geometry><material name="r"><color rgba="1 0 0 1"/></material></visual>
-</link></robot>"""
+RED = '<material name="r"><color rgba="1 0 0 1"/></material>'
+BALL = link("base", more=f'<visual><geometry><sphere radius="0.1"/></geometry>{RED}</visual>')
 SIZE = (160, 120)
 G = 9.81
 AT_REST = np.array([[0.0, 0, 0, 0, 0, 0, 1]])
@@ -32,7 +31,7 @@ def run() -> Trajectory:
 @pytest.fixture(scope="module")
 def ball() -> tuple[tl.Robot, Any, list[Any]]:
     """A ball, its visuals and what is drawn of them."""
-    robot = tl.load_robot(BALL, root="free")
+    robot = tl.load_robot(f'<robot name="ball">{BALL}</robot>', root="free")
     visuals = robot.visual_model()
     drawn, skipped = surfaces(visuals)
     assert not skipped
@@ -107,12 +106,9 @@ def test_refusals_name_the_option(run: Trajectory, tmp_path: Path, options: dict
 @pytest.fixture(scope="module")
 def dropped() -> Trajectory:
     """A box of 2 kg on a slider that falls on the ground, and rests there from 0.15 s on."""
-    robot = tl.load_robot(
-        '<robot name="box"><link name="rail"/><joint name="z" type="prismatic"><parent link="rail"/><child link="box"/>'
-        '<axis xyz="0 0 1"/><limit lower="-9" upper="9" effort="9" velocity="9"/></joint><link name="box"><inertial>'
-        '<mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial><visual><geometry>'
-        '<box size="0.2 0.2 0.2"/></geometry></visual><collision><geometry><box size="0.2 0.2 0.2"/></geometry>'
-        "</collision></link></robot>")  # fmt: skip
+    shape = '<geometry><box size="0.2 0.2 0.2"/></geometry>'
+    box = link("box", 2.0, more=f"<visual>{shape}</visual><collision>{shape}</collision>")
+    robot = tl.load_robot(robot_of(box, joint("z", "prismatic", "ground", "box")))
     effects = [tl.effects.Gravity(), tl.effects.Contact("ground")]
     return tl.simulate(tl.Scene(robot, [0.1 + G * 0.15**2 / 2], effects=effects), 0.4, accuracy=1e-6)
 
@@ -163,7 +159,7 @@ def test_points_are_placed_where_the_rays_of_their_pixels_go(camera: Camera) -> 
 
 
 def test_what_has_no_surface_is_refused(tmp_path: Path) -> None:
-    bare = tl.load_robot(BALL[: BALL.index("<visual>")] + "</link></robot>", root="free")
+    bare = tl.load_robot(f'<robot name="bare">{link("base")}</robot>', root="free")
     run = tl.simulate(tl.Scene(bare), 0.1, verify=False)
     with pytest.raises(ShowError, match="the robot has nothing to draw"):
         run.video(tmp_path / "a.png")

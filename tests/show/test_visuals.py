@@ -9,6 +9,7 @@ import pytest
 
 import twolink as tl
 from tests.show.pieces import box_stl
+from tests.urdf_text import joint, link, robot_of
 from twolink.errors import ShowError
 from twolink.show import meshcat_shapes, playback
 from twolink.show import surfaces as surfaces_module
@@ -20,11 +21,10 @@ RED, BLUE = '<color rgba="1 0 0 1"/>', '<color rgba="0 0 1 1"/>'
 
 def urdf(*visuals: str) -> str:
     """Two links in a row, each with one of the visuals."""
-    body = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-    links = "".join(f'<link name="b{i}">{body}<visual>{visual}</visual></link>' for i, visual in enumerate(visuals))
-    joints = "".join(f'<joint name="j{i}" type="continuous"><parent link="b{i - 1}"/><child link="b{i}"/>'
-                     '<axis xyz="0 1 0"/></joint>' for i in range(len(visuals)))  # fmt: skip
-    return f'<robot name="x"><link name="b-1"/>{links}{joints}</robot>'
+    parents = ("ground", *(f"b{i}" for i in range(len(visuals))))
+    return robot_of(*(
+        link(f"b{i}", more=f"<visual>{visual}</visual>") + joint(f"j{i}", "continuous", parents[i], f"b{i}", "0 1 0")
+        for i, visual in enumerate(visuals)))  # fmt: skip
 
 
 def mesh(name: object, colour: str = "") -> str:

@@ -197,15 +197,13 @@ def _certify(network: Network, path: Path) -> None:
 
 def _given(node: Any, onnx: Any) -> dict[str, Any]:
     """The attributes of a node that its operation needs."""
-    values = {one.name: onnx.helper.get_attribute_value(one) for one in node.attribute}
-    plain = {name: one.decode() if isinstance(one, bytes) else one for name, one in values.items()}
-    plain = {name: _double(onnx.numpy_helper.to_array(one)) if hasattr(one, "raw_data") else one
-             for name, one in plain.items()}  # fmt: skip
-    return {
-        name: one
-        for name, one in plain.items()
-        if name != "hidden_size" and (name not in _PLAIN or _PLAIN[name] != one)
-    }
+    found = {}
+    for attribute in node.attribute:
+        name, one = attribute.name, onnx.helper.get_attribute_value(attribute)
+        one = one.decode() if isinstance(one, bytes) else one
+        if name != "hidden_size" and (name not in _PLAIN or _PLAIN[name] != one):
+            found[name] = _double(onnx.numpy_helper.to_array(one)) if hasattr(one, "raw_data") else one
+    return found
 
 
 def _refused(nodes: Sequence[_Node]) -> list[str]:
