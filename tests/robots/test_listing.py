@@ -3,6 +3,7 @@
 import pytest
 
 import twolink as tl
+from tests.urdf_text import joint, link, robot_of
 from twolink.dynamics.robot_record import robot_record
 from twolink.robots import catalogue_names, robots
 from twolink.robots.joint_layout import urdf_kind
@@ -40,9 +41,7 @@ def test_a_load_report_prints_its_statements_by_kind() -> None:
 
 
 def test_links_of_no_mass_with_an_inertia_are_reported_and_count() -> None:
-    text = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="0"/>
-    <inertia ixx="1" iyy="1" izz="2" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="continuous">
-    <parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>"""
+    text = robot_of(link("b", 0.0, (1.0, 1.0, 2.0)), joint("j", "continuous", "ground", "b"))
     rotor = tl.load_robot(text, unphysical="report")
     said = [f for f in rotor.report.assumed if "inertias that no real body has" in f.what]
     assert [f.names for f in said] == [("b",)]

@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
+from tests.urdf_text import joint, link, robot_of
 from twolink.robots import catalogue_names
 from twolink.robots.catalogue import catalogue_entry, examples_share
 from twolink.robots.checks import compare
@@ -69,19 +70,13 @@ def test_refused_robots_load_with_the_remedy_their_error_names() -> None:
     assert tl.load_robot("romeo_small", unphysical="report").nv > 20
 
 
-MASSLESS = """<robot name="r"><link name="base"/><link name="a">{a}</link>
-<joint name="j" type="{kind}"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
-<limit lower="-9" upper="9" effort="1" velocity="1"/></joint></robot>"""
-SOLID = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-
-
 @pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic", "spherical", "planar", "floating"])
 def test_what_holds_a_massless_link_is_taken(kind: str) -> None:
     with pytest.raises(tl.errors.RobotError, match="lock=") as caught:
-        tl.load_robot(text := MASSLESS.format(kind=kind, a=""))
+        tl.load_robot(text := robot_of('<link name="a"/>', joint("j", kind, "ground", "a")))
     assert tl.load_robot(text, lock=eval(caught.value.remedy.split("lock=")[1])).nv == 0
     with pytest.raises(tl.errors.RobotError, match=r'or load it with root="fixed"$'):
-        tl.load_robot(text := MASSLESS.format(kind=kind, a=SOLID), root="free")
+        tl.load_robot(text := robot_of(link("a"), joint("j", kind, "ground", "a")), root="free")
     assert tl.load_robot(text, root="fixed").nv > 0
 
 
@@ -180,17 +175,15 @@ def test_free_root_and_locked_joints() -> None:
 
 @pytest.mark.parametrize("name", ["a", "b"])
 def test_joints_that_have_the_names_of_links_can_be_locked(name: str) -> None:
-    part = """<inertial><origin xyz="0.1 0 0.3"/><mass value="1"/>
-    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
-    <visual><geometry><sphere radius="1"/></geometry></visual>"""
-    text = f"""<robot name="r"><link name="base"/><link name="a">{part}</link><link name="b">{part}</link>
-    <joint name="a" type="continuous"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/></joint>
-    <joint name="b" type="continuous"><origin xyz="0 0 1"/><parent link="a"/><child link="b"/>
-    <axis xyz="0 1 0"/></joint></robot>"""
+    ball = '<visual><geometry><sphere radius="1"/></geometry></visual>'
+    text = robot_of(
+        link("a", at="0.1 0 0.3", more=ball), joint("a", "continuous", "ground", "a", "0 1 0"),
+        link("b", at="0.1 0 0.3", more=ball),
+        joint("b", "continuous", "a", "b", "0 1 0", more='<origin xyz="0 0 1"/>'))  # fmt: skip
     same = tl.load_robot(text, lock={name: 0.5})
     other = tl.load_robot(text.replace('joint name="', 'joint name="turn_'), lock={f"turn_{name}": 0.5})
     q = [np.cos(0.3), np.sin(0.3)]
-    assert same.frame_names == other.frame_names == ("base", "a", "b")
+    assert same.frame_names == other.frame_names == ("ground", "a", "b")
     for query in ("mass_matrix", "gravity_torque"):
         np.testing.assert_array_equal(getattr(same, query)(q), getattr(other, query)(q))
     np.testing.assert_array_equal(same.frame_pose(q, "b")[1], other.frame_pose(q, "b")[1])
@@ -231,14 +224,11 @@ def test_blanks_around_numbers_do_not_matter() -> None:
 @pytest.mark.parametrize(("axis", "movable"), [("1 0 0", True), ("0 0 1", False)])
 def test_what_a_mimic_joint_moves_counts_for_the_joint_it_follows(axis: str, movable: bool) -> None:
     """J1 moves no mass; J3 mimics it and turns L3 on the planar joint J2, which can turn L3 about z itself."""
-    limit = '<limit lower="-9" upper="9" effort="1" velocity="1"/>'
-    text = f"""<robot name="r"><link name="L0"/><link name="L1"/><link name="L2"/><link name="L3"><inertial>
-    <origin xyz="0.3 0.1 0.2"/><mass value="1"/><inertia ixx="0.1" iyy="0.12" izz="0.15" ixy="0" ixz="0" iyz="0"/>
-    </inertial></link>
-    <joint name="J1" type="revolute"><parent link="L0"/><child link="L1"/><axis xyz="1 0 0"/>{limit}</joint>
-    <joint name="J2" type="planar"><parent link="L0"/><child link="L2"/><axis xyz="0 0 1"/></joint>
-    <joint name="J3" type="revolute"><parent link="L2"/><child link="L3"/><axis xyz="{axis}"/>{limit}
-    <mimic joint="J1" multiplier="1.5"/></joint></robot>"""
+    follows = '<mimic joint="J1" multiplier="1.5"/>'
+    text = robot_of(
+        '<link name="L1"/><link name="L2"/>', link("L3", 1.0, (0.1, 0.12, 0.15), "0.3 0.1 0.2"),
+        joint("J1", "revolute", "ground", "L1", "1 0 0"), joint("J2", "planar", "ground", "L2"),
+        joint("J3", "revolute", "L2", "L3", axis, more=follows))  # fmt: skip
     if movable:
         assert tl.load_robot(text, mimic=True).nv == 4
     else:
