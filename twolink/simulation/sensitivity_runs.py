@@ -113,7 +113,7 @@ class SensitivityRun:
 def along_solutions(
     run: Trajectory, equations: Equations, wanted: Wanted, tolerance: float, samples: np.ndarray
 ) -> list[tuple[NominalSolution, np.ndarray]]:
-    """The solution of a run and second ones, each with S (n, 2 nv, k) at some samples of the run, else 0.
+    """The solution of a run and second ones, each with S (n, tangent, k) at some samples of the run, else 0.
 
     samples: their numbers (m,). Raises AccuracyError where a second solution has other segments.
     """
@@ -136,6 +136,7 @@ def along_solutions(
 
 def with_states(run: Trajectory, nominal: NominalSolution) -> Trajectory:
     """The run with the states of a second solution at its samples."""
-    states = nominal.dense.states(np.minimum(run.t, nominal.edges[-1][1]))
-    q, v = nominal.dense.segments[0].equations.space.rows(states)
-    return replace(run, q=q, v=v, error=None, precise=None, recorded_energy=None, solution=nominal.dense)
+    x, space = nominal.dense.states(np.minimum(run.t, nominal.edges[-1][1])), nominal.dense.segments[0].equations.space
+    q, v = space.rows(x)
+    states = dict(zip(space.states, x[space.z_rows], strict=True))
+    return replace(run, q=q, v=v, states=states, error=None, precise=None, recorded_energy=None, solution=nominal.dense)

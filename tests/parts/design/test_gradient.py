@@ -6,7 +6,8 @@ import pytest
 import twolink as tl
 from tests.simulation.test_sensitivities import CONSTANTS, EVENTS, GRAVITY, differences, moved
 from twolink.errors import AccuracyError, SceneError
-from twolink.scenes.parameters import scene_with
+from twolink.parts.design.objectives import NotFollowedError, named_objective, variation_by
+from twolink.scenes.parameters import named_parameters, scene_with
 
 EIGHT = {1: 4 / 5, -1: -4 / 5, 2: -1 / 5, -2: 1 / 5, 3: 4 / 105, -3: -4 / 105, 4: -1 / 280, -4: 1 / 280}
 
@@ -96,6 +97,42 @@ def test_what_the_objective_itself_takes_from_constants_counts() -> None:
     for name in found.by:
         ends = [tl.simulate(scene_with(scene, {name: v}), 0.01).energy[0] for v in (1.1, 0.9)]
         assert found.by[name][0] == pytest.approx((ends[0] - ends[1]) / 0.2, abs=1e-7)
+
+
+HELD = tl.effects.JointPD({"elbow": 0.2}, kp={"elbow": 30.0}, kd={"elbow": 2.0})
+STATES = {
+    "integral": tl.effects.PID({"elbow": 0.2}, kp={"elbow": 30.0}, ki={"elbow": 50.0}, kd={"elbow": 2.0}),
+    "current": tl.effects.DCMotor(HELD, resistance={"elbow": 1.2}, inductance={"elbow": 0.05}, constant={"elbow": 0.5}),
+}
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("objective", ["effort", "state", "early"])
+def test_states_of_effects_move_with_the_start(state: str, objective: str) -> None:
+    """By differences of runs: a torque and a state change with the start by way of the states of effects, too."""
+    sample = {"state": -1, "early": 40}
+    function = named_objective("effort", tl.load_robot("two_link")) if objective == "effort" else (
+        lambda run: float(run.states[f"elbow.{state}"][sample[objective]]))  # fmt: skip
+
+    def scene(shift: float) -> tl.Scene:
+        return tl.Scene(tl.load_robot("two_link"), [1.2, 0.5 + shift], [0.3, -0.2], [GRAVITY, STATES[state]], 0.5)
+
+    found = tl.gradient(scene(0.0), objective=function, wrt=["q.elbow"])
+    ends = [function(tl.simulate(scene(k * 1e-3), accuracy=1e-11)) for k in EIGHT]
+    truth = float(np.array(list(EIGHT.values())) @ ends) / 1e-3
+    assert abs(truth) > 0.01
+    assert abs(found.by["q.elbow"][0] - truth) <= found.error["q.elbow"][0] + 1e-7 * (1.0 + abs(truth))
+
+
+def test_states_of_effects_that_are_not_known_are_no_numbers() -> None:
+    """Sensitivities have none: an optimization then takes differences of runs."""
+    scene = tl.Scene(tl.load_robot("two_link"), [1.2, 0.5], effects=[GRAVITY, STATES["current"]], duration=0.1)
+    s = tl.sensitivities(scene, wrt=["q.elbow"])
+    variation = variation_by(s, scene, named_parameters(scene, ["q.elbow"], "wrt")[0])
+    for asked in (lambda run: run.tau[-1, 1], lambda run: run.states["elbow.current"][-1]):
+        with pytest.raises(NotFollowedError):
+            variation.derivative([asked])
+    assert variation.derivative([lambda run: run.q[-1, 1]]) == pytest.approx(s.q["q.elbow"][-1, 1], abs=1e-9)
 
 
 def test_what_is_not_followed_is_named() -> None:

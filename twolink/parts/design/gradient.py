@@ -134,8 +134,8 @@ def gradient(
     Raises
     ------
     SceneError
-        As `sensitivities`; the objective asks for more of a run than samples, energy, torques and accelerations, or
-        they change with a parameter in a way that is not followed (code "gradient-objective").
+        As `sensitivities`; the objective asks for more of a run than samples, energy, torques, accelerations and
+        states of effects, or they change with a parameter in a way that is not followed (code "gradient-objective").
     AccuracyError
         As `sensitivities`.
 
@@ -192,20 +192,21 @@ def _by_columns(
     run: Trajectory, s: np.ndarray, wanted: Wanted, function: Objective, slopes: Slopes | None,
     constants: dict[str, float], change: float,
 ) -> np.ndarray:  # fmt: skip
-    """The derivatives (k,) of a function along S (n, 2 nv, k). constants: those that it uses besides, with steps."""
+    """The derivatives (k,) of a function along S (n, tangent, k). constants: those that it uses besides, with steps."""
     nv, total, names = run.v.shape[1], np.zeros(s.shape[2]), wanted.variation.names
     if slopes is not None:
         given = [np.asarray(rows, dtype=float) for rows in slopes(run)]
         if any(rows.shape != run.v.shape for rows in given):
             raise SceneError(f"expected two arrays of shape {run.v.shape}, got {[rows.shape for rows in given]}",
                              argument="slopes", remedy="return dF/dq and dF/dv by the samples")  # fmt: skip
-        total, s = np.einsum("nx,nxk->k", np.concatenate(given, axis=1), s[:, : 2 * nv]), np.zeros_like(s)
+        total, s = np.einsum("nx,nxk->k", np.concatenate(given, axis=1), s[:, : 2 * nv]), s.copy()
+        s[:, : 2 * nv] = 0.0  # what is left are the states of effects
     for k, column in enumerate(s.transpose(2, 0, 1)):
         weights = dict(zip(names, wanted.start[len(wanted.start) - len(names) :, k], strict=True))
         own = {name: weights[name] for name in constants if weights[name]}
         if own or column.any():
             largest = min((constants[name] for name in own), default=np.inf)
-            variation = RunVariation(run, column[:, :nv], column[:, nv : 2 * nv], own)
+            variation = RunVariation(run, column[:, :nv], column[:, nv : 2 * nv], own, dz=column[:, 2 * nv :])
             total[k] += variation.derivative([function], largest, change)[0]
     return total
 
@@ -213,8 +214,9 @@ def _by_columns(
 def _depends_on_earlier(run: Trajectory, function: Objective) -> bool:
     """True if a function depends on other samples than the last."""
     dq, dv = STEP * np.random.default_rng(0).uniform(-1.0, 1.0, (2, *run.v.shape))
-    dq[-1] = dv[-1] = 0.0
-    return value_of(function, beside(run, dq, dv, {})) != value_of(function, run)
+    dz = STEP * np.random.default_rng(1).uniform(-1.0, 1.0, (len(run.t), len(run.states)))
+    dq[-1] = dv[-1] = dz[-1] = 0.0
+    return value_of(function, beside(run, dq, dv, {}, dz=dz)) != value_of(function, run)
 
 
 def _constants(run: Trajectory, wanted: Wanted, function: Objective) -> dict[str, float]:
@@ -222,13 +224,13 @@ def _constants(run: Trajectory, wanted: Wanted, function: Objective) -> dict[str
 
     Raises SceneError, code "gradient-objective", where constants that it uses change with a parameter indirectly.
     """
-    variation, still, own = wanted.variation, np.zeros_like(run.v), value_of(function, run)
+    variation, own = wanted.variation, value_of(function, run)
     segments = run.solution.segments if run.solution else ()
     steps = {name: SHARE * max(abs(nominal_value(segments[0].equations, name)), SMALL) for name in variation.constants}
     direct = {name: step for name, step in steps.items() if name in variation.names}
 
     def used(changes: dict[str, float]) -> bool:
-        return bool(changes) and value_of(function, beside(run, still, still, changes)) != own
+        return bool(changes) and value_of(function, _with_constants(run, changes)) != own
 
     indirect = {name: step for name, step in steps.items() if name not in direct}
     if used(indirect) or (variation.has_friction and _uses_torques(run, function)):
@@ -240,9 +242,14 @@ def _constants(run: Trajectory, wanted: Wanted, function: Objective) -> dict[str
 
 def _uses_torques(run: Trajectory, function: Objective) -> bool:
     """True if a function asks for torques or accelerations."""
-    still = np.zeros_like(run.v)
     try:
-        function(replace(beside(run, still, still, {}), solution=Unknown("a torque")))  # type: ignore[arg-type]
+        function(replace(_with_constants(run, {}), solution=Unknown("a torque")))  # type: ignore[arg-type]
     except NotFollowedError:
         return True
     return False
+
+
+def _with_constants(run: Trajectory, changes: dict[str, float]) -> Trajectory:
+    """The samples of a run, with other constants by name."""
+    still = np.zeros_like(run.v)
+    return beside(run, still, still, changes, dz=np.zeros((len(run.t), len(run.states))))

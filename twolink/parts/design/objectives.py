@@ -1,10 +1,11 @@
 """Objectives and constraints by name: functions of a run as texts, and their derivatives along the run's sensitivities.
 
-dF/dp = lim (F(run + h S) - F(run - h S)) / 2 h,   S = d(q, v)/dp
+dF/dp = lim (F(run + h S) - F(run - h S)) / 2 h,   S = d(q, v, z)/dp
 
-run + h S is the run to first order beside it: q moved along the tangent direction h dq/dp, v by h dv/dp; energy,
-torques and accelerations are those of the moved states. A run that an event ends has another end: with the guard g that
-passes 0 there, it comes dt = -(g_x S + g_p) / g' later, and the state at the end moves by S + x' dt.
+run + h S is the run to first order beside it: q moved along the tangent direction h dq/dp, v by h dv/dp, states of
+effects by h dz/dp; energy, torques and accelerations are those of the moved states. A run that an event ends has
+another end: with the guard g that passes 0 there, it comes dt = -(g_x S + g_p) / g' later, and the state at the end
+moves by S + x' dt.
 
 Integrals are by Simpson's rule over the samples; the error that an `Optimum` states includes that of the rule.
 """
@@ -63,7 +64,7 @@ class _Beside(Unknown):
 
     def accelerations_and_torques(self) -> tuple[np.ndarray, np.ndarray]:
         """As `DenseOutput.accelerations_and_torques`."""
-        x = np.concatenate([self._run.q, self._run.v], axis=1).T
+        x = np.concatenate([self._run.q.T, self._run.v.T, *(z[None] for z in self._run.states.values())])
         a, tau = np.empty_like(self._run.v), np.empty_like(self._run.v)
         solution = self._base.solution
         pieces = solution.by_segment(self._base.t) if isinstance(solution, DenseOutput) else ()
@@ -80,7 +81,7 @@ class RunVariation:
     """The runs beside a run along a parameter, to first order.
 
     dq, dv (n, nv): derivatives of the samples. constants: those of constants that functions of the run use besides, by
-    name. later: that of the end, s.
+    name. later: that of the end, s. dz (n, states): of the states of effects; None: not known.
     """
 
     run: Trajectory
@@ -88,20 +89,24 @@ class RunVariation:
     dv: np.ndarray
     constants: Mapping[str, float]
     later: float = 0.0
+    dz: np.ndarray | None = None
 
     def derivative(self, functions: Sequence[Objective], largest: float = np.inf, change: float = STEP) -> np.ndarray:
         """The derivatives (m,) of functions of the run. Raises NotFollowedError.
 
         largest: change of the parameter; change: of a sample, rad, m, per second.
         """
-        size = max(float(np.abs(rows).max(initial=0.0)) for rows in (self.dq, self.dv))
+        largest_z = [max(1.0, float(np.abs(z).max())) for z in self.run.states.values()]  # A, J or a share
+        dz = np.zeros(0) if self.dz is None else self.dz / largest_z
+        size = max(float(np.abs(rows).max(initial=0.0)) for rows in (self.dq, self.dv, dz))
         step = min(largest, change / size if size else np.inf)
         return np.asarray(derivative(lambda k: np.array([f(self.at(k * step)) for f in functions], dtype=float), step))
 
     def at(self, h: float) -> Trajectory:
         """The run where the parameter is h more."""
         changes = {name: h * rate for name, rate in self.constants.items()}
-        return beside(self.run, h * self.dq, h * self.dv, changes, h * self.later)
+        dz = None if self.dz is None else h * self.dz
+        return beside(self.run, h * self.dq, h * self.dv, changes, h * self.later, dz)
 
 
 def variation_by(s: Sensitivities, scene: Scene, parameter: Parameter) -> RunVariation:
@@ -140,9 +145,13 @@ def _end_shift(
 
 
 def beside(
-    run: Trajectory, dq: np.ndarray, dv: np.ndarray, changes: dict[str, float], later: float = 0.0
-) -> Trajectory:
-    """The run moved by (dq, dv) (n, nv), with other constants by name, which ends so much later [s]."""
+    run: Trajectory, dq: np.ndarray, dv: np.ndarray, changes: dict[str, float], later: float = 0.0,
+    dz: np.ndarray | None = None,
+) -> Trajectory:  # fmt: skip
+    """The run moved by (dq, dv) (n, nv), with other constants by name, which ends so much later [s].
+
+    dz (n, states): the change of the states of effects; None: not known.
+    """
 
     def moved(robot: Robot) -> Robot:
         def change(model: Any) -> None:
@@ -151,9 +160,12 @@ def beside(
 
         return robot.changed(change) if physical(changes) else robot
 
+    states: Any = Unknown("a state of an effect") if run.states and dz is None else run.states
+    if dz is not None:
+        states = {name: z + by for (name, z), by in zip(states.items(), dz.T, strict=True)}
     q, rows = run.q.copy(), dq.any(axis=1)
     q[rows] = run.robot.integrate(run.q[rows], dq[rows])
-    other = replace(run, t=np.append(run.t[:-1], run.t[-1] + later), q=q, v=run.v + dv,
+    other = replace(run, t=np.append(run.t[:-1], run.t[-1] + later), q=q, v=run.v + dv, states=states,
                     robot=moved(run.robot), error=None, cost=None, precise=None, recorded_energy=None,
                     robots=[(moved(robot), count) for robot, count in run.robots],
                     events=Unknown("what happens"))  # type: ignore[arg-type]  # fmt: skip
