@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet
 import pytest
+from scipy.integrate import solve_ivp
 
 import twolink as tl
 from tests.command import call
@@ -241,6 +242,60 @@ def test_a_robot_starts_where_its_log_does(tmp_path: Path) -> None:
     path = run.save(tmp_path / "log.csv")
     assert call("judge", "two_link", str(path)).returncode == 0
     assert call("judge", "two_link", str(path), "--start", "scene", "--seconds", "1").returncode == 1
+
+
+KNOTS = np.linspace(0.0, 1.0, 21)
+
+
+def by_table(gravity: float, dt: float, *, hold: bool = False) -> Log:
+    """The arm under a table of torques at the elbow, by DOP853 from knot to knot with NumPy's interpolation."""
+    robot, values, times = ARM.robot.with_gravity([0, 0, -gravity]), 3 * np.sin(7 * KNOTS), np.arange(0.0, 1.0, dt)
+    rows, x = [np.array([[1.2, 0.5, 0.0, 0.0]])], np.array([1.2, 0.5, 0.0, 0.0])
+
+    def rate(t: float, x: np.ndarray, held: float) -> np.ndarray:
+        torque = held if hold else float(np.interp(t, KNOTS, values))
+        return np.concatenate([x[2:], robot.forward_dynamics(x[:2], x[2:], [0.0, torque], engine="pinocchio")])
+
+    for k in range(20):
+        inside = times[(times > KNOTS[k]) & (times <= KNOTS[k + 1])]
+        done = solve_ivp(rate, KNOTS[k : k + 2], x, "DOP853", t_eval=np.union1d(inside, KNOTS[k + 1]), rtol=1e-11,
+                         atol=1e-11, args=(values[k],))  # fmt: skip
+        rows.append(done.y[:, : len(inside)].T)
+        x = done.y[:, -1]
+    out = np.concatenate(rows)
+    return times, out[:, :2], out[:, 2:]
+
+
+@pytest.mark.parametrize("dt", [0.005, 0.03, 0.12])
+@pytest.mark.parametrize("kind", ["linear", "hold"])
+def test_tables_act_at_all_times(kind: str, dt: float) -> None:
+    """Also where some of their knots are between two samples."""
+    table = fx.Sampled(tuple(KNOTS), tuple(3 * np.sin(7 * KNOTS)), interpolation=kind)
+    scene = tl.Scene(ARM.robot, [1.2, 0.5], effects=[fx.Gravity(), fx.Torque({"elbow": table})], duration=1.0)
+    verdict = tl.judge(scene, by_table(9.81, dt, hold=kind == "hold"))
+    assert verdict.right, str(verdict)
+    assert verdict.defect < 1e-6
+    if dt == 0.005:
+        assert blamed(by_table(9.7, dt, hold=kind == "hold"), scene).startswith("gravity differs [m/s^2]: z +0.11")
+
+
+def test_the_energy_of_a_released_payload_is_the_same_on_both_sides() -> None:
+    effects = [fx.Gravity(), fx.Release(fx.Payload("forearm", 2.0, (0.3, 0.0, 0.0)), at=0.5)]
+    scene = tl.Scene(ARM.robot, [1.2, 0.5], effects=effects, duration=1.0)
+    run = tl.simulate(scene, accuracy=1e-9)
+    assert tl.judge(scene, run).energy < 1e-5
+    faster = tl.judge(scene, (run.t, run.q, run.v * 1.01), seconds=0.1).energy
+    held, bare = (robot.energy(run.q, run.v)[0] for robot in (scene.robot, ARM.robot))
+    kinetic = np.where(run.t > 0.5, bare, held)
+    assert faster == pytest.approx((1.01**2 - 1.0) * kinetic.max(), rel=1e-6)
+
+
+def test_a_kick_is_no_local_defect() -> None:
+    kick = fx.Watch("kick", at=0.503, then=lambda q, v: (q, v + 1.0))
+    scene = tl.Scene(ARM.robot, [1.2, 0.5], effects=[fx.Gravity(), kick], duration=1.0)
+    verdict = tl.judge(scene, tl.simulate(scene, accuracy=1e-9))
+    assert verdict.right
+    assert verdict.defect is None
 
 
 def test_a_cause_that_leaves_more_than_a_percent_is_not_named() -> None:

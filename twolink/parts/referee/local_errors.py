@@ -7,6 +7,7 @@ defect. The same with other laws of motion, or by the steps of another method.
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -98,13 +99,15 @@ Flow = Callable[[TrajectoryLog, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def intervals_of(scene: Scene, log: TrajectoryLog, check: Check) -> Intervals | None:
-    """Some intervals without an event; None where the scene has other events than of stops and dry friction, or states
-    beside q and v, or the log no velocities."""
+    """Some intervals without an event; None where the scene has other events than of stops and dry friction that change
+    its motion, or states beside q and v, or the log no velocities."""
     if not log.has_velocities:
         return None
     switching = [effect for effect in scene.effects if isinstance(effect, SwitchingEffect)]
     sampled = any(effect.sampled is not None for effect in scene.effects)
-    if sampled or not all(isinstance(effect, DryFriction | JointStops | Watch) for effect in switching):
+    known = (isinstance(effect, DryFriction | JointStops) or (isinstance(effect, Watch) and effect.then is None)
+             for effect in switching)  # fmt: skip
+    if sampled or not all(known):
         return None
     if _smooth_equations(scene).space.states:
         return None
@@ -126,24 +129,38 @@ def intervals_of(scene: Scene, log: TrajectoryLog, check: Check) -> Intervals | 
 
 
 def flow_of(scene: Scene, stepper: str = "", substeps: int = EXACT, check: Check = lambda _: None) -> Flow:
-    """The motion by a scene's smooth equations: exact, or by steps of another method."""
+    """The motion by a scene's smooth equations: exact, from break to break; or by steps of another method."""
     equations = _smooth_equations(scene)
     space, tableau, law = equations.space, STEPPERS[stepper], functools.partial(rate, equations)
 
     def flow(start: TrajectoryLog, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        numbers = np.repeat(equations.start[space.moving :, None], len(h), axis=1)
-        t, x, small = start.t, np.concatenate([start.q.T, start.v.T, numbers]), h / substeps
-        implicit = functools.partial(_implicit_rate, scene, equations, stepper == IMPLICIT, small)
-        for _ in range(substeps):
-            check(0.0)
-            if tableau is None:
-                x = semi_implicit_step(space, law if stepper == EULER else implicit, t, x, small)[0]
-            else:
-                x = explicit_step(tableau, law, t, x, small)[0]
-            t = t + small
+        end, numbers = start.t + h, np.repeat(equations.start[space.moving :, None], len(h), axis=1)
+        x, edges = np.concatenate([start.q.T, start.v.T, numbers]), [start.t, end]
+        if not stepper:
+            edges[1:1] = _breaks_between(equations, start.t, end)
+        for begin, until in itertools.pairwise(edges):
+            t, small = begin, (until - begin) / substeps
+            implicit = functools.partial(_implicit_rate, scene, equations, stepper == IMPLICIT, small)
+            for _ in range(substeps):
+                check(0.0)
+                if equations.layout.tables:  # by their middle: an end may round to the other side of a knot
+                    x[space.moving :] = np.array([equations.layout.numbers_at(s) for s in t + small / 2]).T
+                if tableau is None:
+                    x = semi_implicit_step(space, law if stepper == EULER else implicit, t, x, small)[0]
+                else:
+                    x = explicit_step(tableau, law, t, x, small)[0]
+                t = t + small
         return space.rows(space.normalized(x, Numbers))
 
     return flow
+
+
+def _breaks_between(equations: Equations, start: Array, end: Array) -> list[Array]:
+    """The first, second, ... break of the equations in each interval (n,); its end where it has fewer."""
+    breaks = np.append(equations.breaks(float(end.max())), np.inf)
+    first = np.searchsorted(breaks, start, side="right")
+    most = int((np.searchsorted(breaks, end) - first).max())
+    return [np.minimum(breaks[np.minimum(first + k, len(breaks) - 1)], end) for k in range(most)]
 
 
 def _implicit_rate(scene: Scene, equations: Equations, whole: bool, h: Array, t: Any, x: Array) -> Array:

@@ -214,7 +214,8 @@ def verdict_of(scene: Scene, log: TrajectoryLog, run: Trajectory, tolerance: flo
     if log.has_velocities:
         velocity, most_v, fine_v = _of_velocities(scene, log, run, bar, digits[1], tolerance, accuracy)
         fine, most = fine & fine_v, most or most_v
-        energy = float(np.abs(np.sum(scene.robot.energy(log.q, log.v), axis=0) - run.energy).max())
+        theirs = dataclasses.replace(run, q=log.q, v=log.v, recorded_energy=None).energy  # with what the run held then
+        energy = float(np.abs(theirs - run.energy).max())
     wrong = bool(most or units)
     unknown = not wrong and (not fine.all() or len(run.t) < whole)
     since = float(run.t[-1] if fine.all() else run.t[np.argmin(fine)]) if unknown else None
