@@ -204,7 +204,12 @@ class Switching:
     @property
     def times(self) -> tuple[float, ...]:
         """The times at which something happens."""
-        return tuple(float(trigger.at) for _, trigger in self.triggers if trigger.at is not None)
+        return tuple(float(trigger.at) for trigger in self.timed if trigger.at is not None)
+
+    @property
+    def timed(self) -> tuple[Trigger, ...]:
+        """Its triggers at a time."""
+        return tuple(trigger for _, trigger in self.triggers if trigger.at is not None)
 
     @property
     def conditions(self) -> tuple[Condition, ...]:

@@ -75,6 +75,38 @@ def test_without_equilibria() -> None:
     assert caught.value.code == "depends-on-time"
 
 
+SPRING = E.JointSpring({"shoulder": 50.0}, rest={"shoulder": 1.0})
+
+
+def test_what_waits_for_a_condition_does_not_act() -> None:
+    """The arm rests where it hangs and stands; from a guess on the condition itself the forces have no derivatives."""
+    effects = [E.Gravity(), E.Engage(SPRING, when=E.JointReaches("elbow", 2.0))]
+    found = tl.equilibria(tl.Scene(ARM, effects=effects), starts=16)
+    assert len(found) == 4
+    np.testing.assert_allclose(np.cos([one.q[0] for one in found]), 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.sin([one.q[1] for one in found]), 0.0, atol=1e-9)
+    (near,) = tl.equilibria(tl.Scene(ARM, effects=effects), [1.5, 0.1])
+    np.testing.assert_allclose(near.q, [np.pi / 2, 0.0], atol=1e-9)
+    begun = [E.Gravity(), E.Engage(E.Torque({"elbow": 1.0}), when=E.JointReaches("elbow", 0.0))]
+    with pytest.raises(SceneError) as caught:
+        tl.equilibria(tl.Scene(ARM, effects=begun), [1.5, 0.1])
+    assert caught.value.code == "not-differentiable"
+
+
+def test_what_begins_or_ceases_at_a_time_leaves_no_equilibrium() -> None:
+    for timed in (E.Engage(SPRING, at=9.0), E.Release(SPRING, at=9.0)):
+        with pytest.raises(SceneError) as caught:
+            tl.equilibria(tl.Scene(ARM, effects=[E.Gravity(), timed]))
+        assert caught.value.code == "depends-on-time"
+
+
+def test_one_on_a_limit_of_effort_does_not_end_the_search() -> None:
+    """Compensated gravity leaves an equilibrium wherever the torque is within its limit."""
+    found = tl.equilibria(tl.Scene(ARM, effects=[E.Gravity(), E.GravityCompensation(effort={"elbow": 3.0})]))
+    assert len(found) > 10
+    assert max(abs(ARM.gravity_torque(one.q)[1]) for one in found) < 3.0
+
+
 def test_damping_of_one_of_two_uncoupled_sliders_is_stable() -> None:
     """The other one oscillates for ever: its eigenvalues are imaginary."""
     text = robot_text(link("a"), link("b"), joint("x", "prismatic", "ground", "a", "1 0 0"),

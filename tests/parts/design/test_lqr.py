@@ -98,10 +98,12 @@ def test_what_cannot_be_regulated_is_named() -> None:
     with pytest.raises(SceneError) as caught:
         tl.lqr(tl.Scene(ARM, UP, effects=[E.Gravity()]), [0.0, 0.0, 0.0, 0.0], 1.0)
     assert caught.value.code == "not-detectable"
-    moving = tl.Scene(ARM, UP, effects=[E.Gravity(), E.Torque({"elbow": E.Sine(1.0, 1.0)})])
-    with pytest.raises(SceneError) as caught:
-        tl.lqr(moving, 1.0, 1.0)
-    assert caught.value.code == "depends-on-time"
+    load = E.Payload("forearm", 2.0, (0.3, 0.0, 0.0))
+    for effect in (E.Torque({"elbow": E.Sine(1.0, 1.0)}), E.Release(load, at=0.1),
+                   E.Engage(E.Torque({"elbow": 1.0}), at=0.1)):  # fmt: skip
+        with pytest.raises(SceneError) as caught:
+            tl.lqr(tl.Scene(ARM, UP, effects=[E.Gravity(), effect]), 1.0, 1.0)
+        assert caught.value.code == "depends-on-time"
 
 
 @pytest.mark.parametrize(("Q", "R", "argument"), [

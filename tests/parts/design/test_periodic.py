@@ -110,5 +110,35 @@ def test_what_has_no_periodic_motion_is_named(pendulum_urdf: str) -> None:
     assert caught.value.argument == "vary"
 
 
+HINGE = {"hinge": 2.0}
+ONCE = {
+    "a torque begins": E.Engage(E.Torque(HINGE), at=0.5),
+    "a torque ceases": E.Release(E.Torque(HINGE), at=9.0),
+    "a kick": E.Watch("kick", at=0.5, then=lambda q, v: (q, v + 1.0)),
+}
+
+
+@pytest.mark.parametrize("what", ONCE)
+def test_what_happens_at_a_time_does_not_repeat(pendulum_urdf: str, what: str) -> None:
+    scene = tl.Scene(tl.load_robot(pendulum_urdf), [0.5], effects=[E.Gravity(), ONCE[what]])
+    with pytest.raises(SceneError, match="once") as caught:
+        tl.periodic_motion(scene, 1.5)
+    assert caught.value.code == "depends-on-time"
+
+
+def test_a_motion_that_an_event_ends_has_no_period(pendulum_urdf: str) -> None:
+    """One that is watched and goes on has that of the pendulum."""
+    robot = tl.load_robot(pendulum_urdf)
+    plain = tl.Scene(robot, [0.5], effects=[E.Gravity()])
+    reached = {"name": "reached", "when": E.JointReaches("hinge", 0.3)}
+    free, watched = (tl.periodic_motion(scene, 1.4, [], accuracy=1e-8)
+                     for scene in (plain, plain.with_effects([E.Gravity(), E.Watch(**reached)])))  # fmt: skip
+    assert abs(free.period - watched.period) <= free.period_error + watched.period_error
+    for stop in (E.Watch(**reached, stop=True), E.Watch("end", at=1.0, stop=True)):
+        with pytest.raises(AccuracyError, match="ends the motion") as caught:
+            tl.periodic_motion(plain.with_effects([E.Gravity(), stop]), 1.4)
+        assert caught.value.code == "no-periodic-motion"
+
+
 def test_multipliers_are_drawn(tmp_path, bouncing: tl.PeriodicMotion) -> None:
     assert bouncing.plot(tmp_path / "m.svg").read_text("utf-8").startswith("<?xml")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.dynamics.arguments import array, configuration, instance, whole
-from twolink.errors import SceneError
+from twolink.errors import CertificationError, SceneError
 from twolink.integrate.motion.assembly import assembled
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import accelerations, unbalanced_forces
@@ -133,14 +133,10 @@ def equilibria(
     -----
     All that were found are listed, which need not be all there are. Where equilibria form a line or a surface
     (dr/dq is singular), single points of it are listed, each of unknown stability. Joints that stops, dry friction or
-    contacts hold at rest are not looked for.
+    contacts hold at rest are not looked for, and those where forces have no derivatives, as on a limit of effort, are
+    left out.
     """
-    equations = driven(instance(scene, Scene, "scene", SceneError), (), np.zeros(0))
-    require_no_states(equations, "equilibria")
-    if depends_on_time(equations):
-        raise SceneError("its forces depend on time: it has no equilibrium", where="scene", code="depends-on-time",
-                         remedy="leave out effects with functions of time")  # fmt: skip
-    robot = scene.robot
+    equations, robot = _equations_at_rest(instance(scene, Scene, "scene", SceneError)), scene.robot
     if q is None:
         starts = whole(starts, "starts", SceneError, "such as 64", most=MOST)
         drawn = robot.random_state(max(starts, DRAWN), seed)[0]
@@ -150,14 +146,43 @@ def equilibria(
         guesses = configuration("q", array("q", q, robot.nq), robot.nq, robot.joints).reshape(-1, robot.nq)
     points, could = _closed(equations, guesses)
     points, good = _newton(equations, points[could])
-    distinct = _distinct(equations, points[good])
-    if q is not None and not len(distinct):
+    found = _linearized(scene, _distinct(equations, points[good]), inputs, search=q is None)
+    if q is not None and not found:
         raise SceneError("Newton's method finds no equilibrium from there", argument="q", code="no-equilibrium",
                          remedy="give a nearer guess, or none: then it begins from many")  # fmt: skip
-    found = [linearize(scene, point, inputs=inputs) for point in distinct]
-    found = [each for each in found if each.is_equilibrium]
     found.sort(key=lambda each: float(robot.energy(each.q, each.v)[1]))
     return Equilibria(tuple(found), len(guesses), len(guesses) - int(good.sum()))
+
+
+def _equations_at_rest(scene: Scene) -> Equations:
+    """The equations of the effects that act from the start. Raises SceneError."""
+    equations = driven(scene, (), np.zeros(0))
+    require_no_states(equations, "equilibria")
+    if depends_on_time(equations):
+        raise SceneError("its forces depend on time: it has no equilibrium", where="scene",
+                         remedy="leave out effects with functions of time, or that begin or cease at a time",
+                         code="depends-on-time")  # fmt: skip
+    waiting = equations.switching.waiting if equations.switching else frozenset[int]()
+    acting = [effect for place, effect in enumerate(scene.effects) if place not in waiting]
+    return driven(scene.with_effects(acting), (), np.zeros(0)) if waiting else equations
+
+
+def _linearized(scene: Scene, points: Sequence[Array], inputs: Sequence[str], *, search: bool) -> list[Linearization]:
+    """The linearizations at those of the points that are equilibria.
+
+    search: a point where forces have no derivatives, as on a limit of effort, is left out; else it is an error.
+    """
+    found = []
+    for point in points:
+        try:
+            found.append(linearize(scene, point, inputs=inputs))
+        except CertificationError:  # differences see a limit of effort that derivatives do not
+            if not (search and driven(scene, (), np.zeros(0)).effort_limits):
+                raise
+        except SceneError as error:
+            if not (search and error.code == "not-differentiable"):
+                raise
+    return [each for each in found if each.is_equilibrium]
 
 
 def _closed(equations: Equations, q: Array) -> tuple[Array, Array]:

@@ -73,7 +73,8 @@ def lqr(
     require_no_states(equations, "lqr")
     if depends_on_time(equations):
         raise SceneError("its forces depend on time; a regulator holds a robot at rest in constant ones", where="scene",
-                         remedy="leave out effects with functions of time", code="depends-on-time")  # fmt: skip
+                         remedy="leave out effects with functions of time, or that begin or cease at a time",
+                         code="depends-on-time")  # fmt: skip
     at_rest = linearized_at_rest(scene, q, inputs)
     nv, m = scene.robot.nv, len(at_rest.inputs)
     state, control = _weight(Q, len(at_rest.A), "Q"), _weight(R, m, "R", positive=True)

@@ -16,7 +16,7 @@ import numpy as np
 
 from twolink.dynamics.arguments import Positive, instance, positive, whole
 from twolink.errors import AccuracyError, SceneError
-from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.equations import SAME_TIME, Equations
 from twolink.integrate.motion.pinocchio_rate import rate
 from twolink.integrate.motion.scene_equations import equations_of, require_no_states
 from twolink.integrate.motion.state import Array
@@ -162,7 +162,12 @@ class Shooting:
         return Shots(starts, period, motions, gaps)
 
     def _shoot(self, start: Array, duration: float) -> Sensitivities:
-        return sensitivities(self.scene_from(start, duration), duration, accuracy=self.accuracy)
+        s = sensitivities(self.scene_from(start, duration), duration, accuracy=self.accuracy)
+        if s.run.end < duration * (1.0 - SAME_TIME):
+            raise AccuracyError(f"an event ends the motion at {s.run.end:.6g} s, before a period is over",
+                                where="scene", remedy="leave the effect that ends it out",
+                                code="no-periodic-motion")  # fmt: skip
+        return s
 
     def scene_from(self, start: Array, duration: float) -> Scene:
         """The scene with another start and duration."""
@@ -289,7 +294,8 @@ def periodic_motion(
     Raises
     ------
     SceneError
-        An argument does not fit, or forces depend on time and do not repeat after the period.
+        An argument does not fit; forces depend on time and do not repeat after the period, or something happens at a
+        time (code "depends-on-time").
     AccuracyError
         There is no periodic motion near (code "no-periodic-motion"); or as `sensitivities`.
 
@@ -306,6 +312,11 @@ def periodic_motion(
     equations, accuracy = equations_of(instance(scene, Scene, "scene", SceneError)), accuracy_of(accuracy)
     equations.require_motion()
     require_no_states(equations, "periodic_motion")
+    for trigger in equations.switching.timed if equations.switching else ():
+        if trigger.changes:
+            raise SceneError(f"{trigger.name!r} happens once, at {trigger.at:g} s: no motion repeats itself",
+                             where="effects", remedy="leave it out: scene.without(index)",
+                             code="depends-on-time")  # fmt: skip
     autonomous = not depends_on_time(equations)
     segments = whole(segments, "segments", SceneError, "such as 4", 1, 1000)
     if not autonomous:
