@@ -189,7 +189,7 @@ def _of_duals(name: str, slope: Callable[[Any, Scalar, Scalar], Scalar]) -> Call
 
 
 class DualNamespace:
-    """The functions of another namespace, of duals."""
+    """The functions of another namespace, of duals with so many directions."""
 
     sin = _of_duals("sin", lambda xp, x, _: xp.cos(x))
     cos = _of_duals("cos", lambda xp, x, _: negative(xp.sin(x)))
@@ -197,8 +197,8 @@ class DualNamespace:
     exp = _of_duals("exp", lambda _, __, value: value)
     tanh = _of_duals("tanh", lambda _, __, value: minus(1.0, times(value, value)))
 
-    def __init__(self, xp: Any) -> None:
-        self.xp = xp
+    def __init__(self, xp: Any, directions: int = 1) -> None:
+        self.xp, self._directions = xp, directions
         self.both = xp.both
 
     def value_of(self, x: Any) -> Any:
@@ -227,8 +227,8 @@ class DualNamespace:
         """The one or the other, with its derivatives."""
         chosen = self.xp.where(condition, self.value_of(yes), self.value_of(no))
         count = max(len(x.tangents) for x in (yes, no, Dual(0.0, ())) if isinstance(x, Dual))
-        if not count:
-            return chosen
+        if not count:  # an array is no entry beside duals
+            return Dual(chosen, [0.0] * self._directions) if isinstance(chosen, np.ndarray) else chosen
         pairs = zip(_tangents(yes, count), _tangents(no, count), strict=True)
         return Dual(chosen, [0.0 if is_zero(a) and is_zero(b) else self.xp.where(condition, a, b) for a, b in pairs])
 

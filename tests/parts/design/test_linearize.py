@@ -1,6 +1,7 @@
 """linearize: against closed forms, differences in long double precision, and sensitivities along a motion."""
 
 from collections.abc import Callable
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -129,6 +130,30 @@ def test_what_inputs_reach() -> None:
     found = tl.linearize(weightless, inputs=["elbow"]).controllability
     assert (found.rank, found.size) == (2, 4)  # without gravity the whole arm's angle is not moved on its own
     assert found.dropped <= found.tolerance < found.kept
+
+
+class Step(E.Effect, frozen=True):
+    """A constant torque on either side of an angle."""
+
+    analytic: ClassVar[bool] = False
+    below: float = 0.0
+    above: float = 50.0
+
+    def act(self, motion: Any, loads: Any) -> None:
+        loads.torque(0, motion.xp.where(motion.xp.less(motion.q[0], 0.0), self.below, self.above))
+
+
+@pytest.mark.parametrize(("angle", "torque"), [(-0.4, -3.0), (0.4, 50.0)])
+def test_branches_that_are_constants_are_constant_torques(angle: float, torque: float) -> None:
+    def scene(effect: E.Effect) -> tl.Scene:
+        return tl.Scene(tl.load_robot("two_link"), [angle, 0.5], [0.3, -0.2], [E.Gravity(), effect])
+
+    ours, constant = (tl.linearize(scene(effect)) for effect in (Step(below=-3.0), E.Torque({"shoulder": torque})))
+    np.testing.assert_allclose(ours.A, constant.A, rtol=0, atol=ours.error + constant.error)
+    np.testing.assert_allclose(ours.a, constant.a, rtol=1e-12)
+    with_step = tl.equilibria(scene(Step(below=0.0)))
+    assert len(with_step) == 2  # where it hangs, and beside it with the elbow turned
+    np.testing.assert_allclose([one.q[0] for one in with_step], -np.pi / 2, atol=1e-9)
 
 
 def test_arguments() -> None:

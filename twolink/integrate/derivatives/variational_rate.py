@@ -113,7 +113,7 @@ def traced_variation(equations: Equations, width: int, driven: int, rows: Array,
     whole = np.empty(len(state), dtype=object)
     whole[:] = state
     try:
-        out = traced_rate(equations, t, whole, DualNamespace(xp), constants)[:moving]
+        out = traced_rate(equations, t, whole, DualNamespace(xp, changes.shape[1]), constants)[:moving]
     except TypeError as error:  # a number that is used as a constant
         raise SceneError(f"one of {', '.join(equations.parameters)} is used as a constant", argument="wrt",
                          remedy="leave it out", code="sensitivities-constant") from error  # fmt: skip
