@@ -11,7 +11,7 @@ from twolink.effects.conditions import JointReaches
 from twolink.errors import AccuracyError, CertificationError, SceneError
 from twolink.integrate.derivatives.variational_rate import certify_variation, variational_rate
 from twolink.integrate.motion.scene_equations import equations_of
-from twolink.scenes.parameters import effect_numbers, with_number
+from twolink.scenes.parameters import effect_numbers, named_parameters, with_number
 
 CART = """<robot name="cart"><link name="rail"/><link name="cart"><inertial><mass value="2"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -178,6 +178,25 @@ def test_numbers_of_effects_agree_with_scenes_that_have_others(case: str) -> Non
 
 
 @pytest.mark.slow
+def test_moments_of_a_point_mass_count_as_those_of_its_link() -> None:
+    """No body has one principal moment alone, and yet the derivative by it is that by the link's own."""
+    effects = [tl.effects.Gravity(), tl.effects.Payload("forearm", 1.0, (0.2, 0.0, 0.1))]
+    scene = tl.Scene(tl.load_robot("two_link"), [1.2, 0.5], [0.3, -1.0], effects, 0.5)
+    s = tl.sensitivities(scene, wrt=["effects.1.inertia.3", "forearm.inertia.yy"], accuracy=1e-9)
+    ours, links = (s.v[name] for name in s.q)
+    assert np.abs(links).max() > 0.1
+    assert np.abs(ours - links).max() <= 2e-9 * np.abs(links).max()
+
+
+def test_values_are_those_of_the_link_without_what_it_releases() -> None:
+    effects = [tl.effects.Gravity(), tl.effects.Release(tl.effects.Payload("forearm", 1.0, (0.2, 0.0, 0.1)), at=0.4)]
+    scene = tl.Scene(tl.load_robot("two_link"), effects=effects, duration=0.1)
+    names = ["forearm.mass", "forearm.com.x", "forearm.inertia.yy", "gravity.z"]
+    nominal = {one.name: one.nominal for one in named_parameters(scene, names, "wrt")}
+    assert tl.sensitivities(scene, wrt=names).values == nominal
+    assert nominal["forearm.mass"] == 1.0
+
+
 def test_loops_are_differentiated_along_what_they_allow() -> None:
     scene = tl.load_scene("crank-spring")
     s = tl.sensitivities(scene, wrt=["q", "v"], duration=1.0, accuracy=1e-8, samples_per_second=20)

@@ -76,7 +76,8 @@ class Payload(Effect, frozen=True):
     def change(self, model: pin.Model) -> None:
         """Put the sum of both bodies into the model."""
         frame = model.frames[model.getFrameId(self.frame, pin.FrameType.BODY)]
-        body = pin.Inertia(float(self.mass), np.array(self.com, dtype=float), _matrix(self.inertia))
+        body = pin.Inertia(float(self.mass), np.array(self.com, dtype=float), np.zeros((3, 3)))
+        body.inertia = _matrix(self.inertia)  # unchecked: derivatives move the entries of a point mass from 0
         model.inertias[frame.parentJoint] = model.inertias[frame.parentJoint] + frame.placement.act(body)
 
 

@@ -53,7 +53,7 @@ class ParameterVariation:
 
     def __init__(self, scene: Scene, names: Sequence[str]) -> None:
         self.equations, self.names = equations_of(scene), tuple(names)
-        model, numbers = self.equations.robot.model, effect_numbers(scene)
+        model, numbers = scene.robot.model, effect_numbers(scene)  # without what is released
         self.values = [numbers[name] if name in numbers else nominal(model, name) for name in self.names]
         self._own = self.equations.switching or Switching(scene.base, scene.robot, scene.effects)
         self._kept: dict[tuple[int, float], Switching] = {}
