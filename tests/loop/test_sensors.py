@@ -75,6 +75,29 @@ def test_noise_has_its_size_and_a_walk_grows() -> None:
     assert np.diff(drift).std() == pytest.approx(0.3 * np.sqrt(1e-3), rel=0.05)
 
 
+def test_sensors_feel_what_is_held_until_it_is_released_with_a_controller_or_without() -> None:
+    """A payload, then gravity itself: the wrench in a free elbow, and the specific force, by Pinocchio's models."""
+    arm, payload = tl.load_robot("two_link"), E.Payload("forearm", 2.0, (0.3, 0.0, 0.0))
+    idle = E.Controller(lambda _, y, s: (0.0 * y.v, s), period=0.1)
+    for released, beside in ((payload, [E.Gravity()]), (E.Gravity(), [payload])):
+        held = tl.Scene(arm, q=[1.2, 0.5], effects=[*beside, released]).robot
+        effects = [*beside, E.Release(released, at=0.45), E.ForceTorque(joint="elbow", period=0.1),
+                   E.Imu("forearm", period=0.1)]  # fmt: skip
+        for loop in ([], [idle]):
+            run = tl.simulate(tl.Scene(arm, q=[1.2, 0.5], effects=[*effects, *loop]), 0.8, samples_per_second=10)
+            for k, (t, wrench) in enumerate(zip(run.t, run.sensors["force_torque"].values, strict=True)):
+                model = (held if t < 0.45 else tl.Scene(arm, effects=beside).robot).model
+                data, link = model.createData(), model.getFrameId("forearm")
+                a = pin.aba(model, data, run.q[k], run.v[k], np.zeros(2))
+                pin.rnea(model, data, run.q[k], run.v[k], a)
+                assert wrench == pytest.approx(data.f[model.getJointId("elbow")].vector, abs=1e-6)
+                pin.forwardKinematics(model, data, run.q[k], run.v[k], a)
+                pin.updateFramePlacements(model, data)
+                moving = pin.getFrameClassicalAcceleration(model, data, link, pin.LOCAL).linear
+                felt = moving - data.oMf[link].rotation.T @ model.gravity.linear
+                assert run.sensors["imu"].values[k, 3:] == pytest.approx(felt, abs=1e-6)
+
+
 def test_resolution_and_delay_reach_the_controller() -> None:
     """q = t: read at 0.1 k with steps of 0.25, known 0.05 later, and asked for at 0.1 k."""
     seen = []

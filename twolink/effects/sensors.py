@@ -27,9 +27,11 @@ Array = np.ndarray[Any, np.dtype[Any]]
 class Forces:
     """Of n states: accelerations and joint torques of effects (n, nv), and by state the external wrenches by body.
 
+    robots: by state, with the constants that hold in its mode: what is released, such as a payload, changes them.
     on (link) -> (n, 3): the contact forces on a link along the world's axes, N.
     """
 
+    robots: Sequence[Robot]
     a: Array
     tau: Array
     wrenches: Sequence[Sequence[pin.Force]]
@@ -39,7 +41,8 @@ class Forces:
 class Seen:
     """The input of sensors: states of a robot, q (n, nq) and v (n, nv), and of effects, by name z (n,); and forces.
 
-    look: computes the forces when they are needed.
+    robot: its joints and links; its constants are those of `forces.robots`. look: computes the forces when they are
+    needed.
     """
 
     def __init__(self, robot: Robot, q: Array, v: Array, z: Mapping[str, Array], look: Callable[[], Forces]) -> None:
@@ -55,9 +58,10 @@ class Seen:
 
     def by_pinocchio(self, of: Callable[[pin.Model, pin.Data, int], Array]) -> Array:
         """(n, m): `of` each state, after the recursive Newton-Euler algorithm with its accelerations and wrenches."""
-        model, forces = self.robot.model, self.forces
-        data, rows = model.createData(), []
-        for i, (q, v, a) in enumerate(zip(self.q, self.v, forces.a, strict=True)):
+        forces, rows = self.forces, []
+        memory = {robot: robot.model.createData() for robot in forces.robots}
+        for i, (robot, q, v, a) in enumerate(zip(forces.robots, self.q, self.v, forces.a, strict=True)):
+            model, data = robot.model, memory[robot]
             pin.rnea(model, data, q, v, a, list(forces.wrenches[i]))
             pin.forwardKinematics(model, data, q, v, a)
             rows.append(of(model, data, i))

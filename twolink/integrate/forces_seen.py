@@ -32,4 +32,4 @@ def forces_seen(equations: Equations, t: float | Array, x: Array) -> Forces:
             total += (int(first == link) - int(second == link)) * force.T
         return total
 
-    return Forces(a.T, tau.T, [[pin.Force(one) for one in row] for row in felt], on)
+    return Forces([equations.robot] * count, a.T, tau.T, [[pin.Force(one) for one in row] for row in felt], on)

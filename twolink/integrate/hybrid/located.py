@@ -89,6 +89,7 @@ class LocatedMotion(Motion):
         states = [engine.run.mode_state for engine in self.engines]
         each = [forces_seen(one.own.equations, one.t, one.full_state()[:, None]) for one in states]
         return Forces(
+            [robot for one in each for robot in one.robots],
             np.concatenate([one.a for one in each]),
             np.concatenate([one.tau for one in each]),
             [row for one in each for row in one.wrenches],
