@@ -6,6 +6,7 @@ from typing import Literal
 from xml.etree import ElementTree
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -18,6 +19,7 @@ from tests.command import answer
 from twolink import effects as fx
 from twolink.errors import SceneError, TwolinkError
 from twolink.io.bags import message, stamp
+from twolink.simulation.recording import _wrenches
 
 TYPES = get_typestore(Stores.ROS2_HUMBLE)
 CLOCK = 1_763_900_000_123_456_789  # ns
@@ -222,3 +224,26 @@ def test_parameters_are_found_from_a_bag(tmp_path: Path) -> None:
     found = {entry["parameter"]: entry["value"] for entry in answer("identify", "two_link", str(path))["found"]}
     body = tl.load_robot("two_link").model.inertias[2]
     assert found["forearm.first_moment.x"] == pytest.approx(body.mass * body.lever[0], rel=1e-6)
+
+
+def test_wrenches_of_effects_move_the_robot_as_they_do(tmp_path: Path) -> None:
+    """Their moments about the world's origin give the joint torques that the motion takes, also when read again."""
+    arm = tl.load_robot("two_link")
+    pressing = fx.CompliantContact("forearm", 2000.0, 0.2, friction=0.5, patch=0.02, rolling=0.01, radius=0.3,
+                                   height=0.65)  # fmt: skip
+    effects = [pressing, fx.FrameWrench("forearm", moment=(0.0, 5.0, 0.0)),
+               fx.FrameWrench("forearm", force=(0.0, 0.0, 2.0), moment=(0.0, 5.0, 0.0), axes="frame",
+                              point=(0.3, 0.0, 0.0))]  # fmt: skip
+    run = tl.simulate(tl.Scene(arm, q=[1.2, 0.5], v=[0.4, 2.0], effects=effects, duration=0.2), samples_per_second=20)
+    read = tl.Trajectory.load(run.save(tmp_path / "a.npz"), arm)
+    for one in (run, read):
+        found = _wrenches(one, {})
+        assert sorted(found) == ["/forces/compliant_contact_on_forearm", "/forces/frame_wrench_on_forearm"]
+        wrench = sum(found.values())
+        model, data = run.robot.model, run.robot.model.createData()
+        for k, q in enumerate(run.q):
+            rows = pin.computeFrameJacobian(model, data, q, model.getFrameId("forearm"), pin.LOCAL_WORLD_ALIGNED)
+            moment = wrench[k, 3:] - np.cross(arm.frame_pose(q, "forearm")[1], wrench[k, :3])
+            taken = pin.rnea(model, data, q, run.v[k], run.acceleration[k])
+            np.testing.assert_allclose(rows.T @ np.append(wrench[k, :3], moment), taken, atol=1e-9)
+    assert np.abs(found["/forces/compliant_contact_on_forearm"]).max() > 1.0

@@ -17,7 +17,7 @@ from twolink.integrate.solution import Impulse, Segment
 from twolink.scenes import Scene
 
 NEAR = 10.0  # of a displacement: the gaps of what counts as touching
-Marks = Mapping[str, tuple[Array, Array]]  # points and vectors (n, k, 3) by name
+Marks = Mapping[str, tuple[Array, ...]]  # points and vectors (n, k, 3) by name
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,19 +65,19 @@ class SplicedSolution:
         a, tau = (np.concatenate([first, second[1:]]) for first, second in parts)
         return a, tau
 
-    def marks(self, what: Literal["contacts", "contact_slips", "forces_on_links"]) -> Marks:
+    def marks(self, what: Literal["contacts", "contact_slips", "wrenches_on_links"]) -> Marks:
         """As `DenseOutput.marks`, of both parts; NaN where one has none."""
         parts = self.located.marks(what), self.stepped.marks(what)
         first = len(self.located.t)
-        found: dict[str, tuple[Array, Array]] = {}
-        for name in {**parts[0], **parts[1]}:
+        found: dict[str, tuple[Array, ...]] = {}
+        for name, vectors in {**parts[0], **parts[1]}.items():
             most = max(part[name][0].shape[1] for part in parts if name in part)
-            rows = np.full((2, len(self.t), most, 3), np.nan)
+            rows = np.full((len(vectors), len(self.t), most, 3), np.nan)
             for part, place, skipped in zip(parts, (slice(first), slice(first, None)), (0, 1), strict=True):
                 if name in part:
                     own = np.stack(part[name])[:, skipped:]
                     rows[:, place, : own.shape[2]] = own
-            found[name] = rows[0], rows[1]
+            found[name] = tuple(rows)
         return found
 
 

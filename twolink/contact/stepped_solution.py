@@ -93,7 +93,7 @@ class SteppedSolution:
         states = np.concatenate([self.q, self.v, self.numbers], axis=1).T
         return self.a, accelerations_and_joint_torques(self.segments[0].equations, self.t, states)[1].T + self.held
 
-    def marks(self, what: str) -> dict[str, tuple[Array, Array]]:
+    def marks(self, what: str) -> dict[str, tuple[Array, ...]]:
         """As `DenseOutput.marks`: forces are means over the step before; none on links, for steps have no equations."""
         values = {"contacts": 1, "contact_slips": 2}.get(what)
         return {} if values is None else {pair: (rows[0], rows[values]) for pair, rows in self._rows.items()}

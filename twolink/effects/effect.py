@@ -5,13 +5,13 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import msgspec
 import numpy as np
 
 from twolink.algorithms.motion import KinematicState, placed
-from twolink.algorithms.spatial import ZERO, Scalar, Vec, add, cross, inward, plus
+from twolink.algorithms.spatial import ZERO, Scalar, Vec, add, cross, force_to_parent, inward, plus
 from twolink.errors import SceneError, require_known
 from twolink.io.text import kebab_case
 
@@ -89,11 +89,20 @@ class Loads:
         """Add torques (nv) of all degrees of freedom."""
         self.tau = [plus(own, value) for own, value in zip(self.tau, values, strict=True)]
 
-    def force(self, frame: str, force: Vec, moment: Vec = ZERO, point: Vec = ZERO) -> None:
-        """Add a force [N] at a point of a frame, and a moment [N m], both along the world's axes."""
+    def force(self, frame: str, force: Vec, moment: Vec = ZERO, point: Vec = ZERO, *, lever: Vec = ZERO,
+              axes: Literal["world", "frame"] = "world") -> None:  # fmt: skip
+        """Add a force [N] at a point of a frame, and a moment [N m], both along the world's axes, or the frame's.
+
+        lever: along the same axes, from the point to where the force acts, m.
+        """
         i, place = self._motion.frame(frame)
         if i == 0:
             return  # on the ground
+        if lever is not ZERO:
+            moment = add(moment, cross(lever, force))
+        if axes == "frame":
+            self.wrench(i, *force_to_parent(place, (force, add(moment, cross(point, force)))))
+            return
         body = self._motion.body(i)
         own, turning = inward(body, force), inward(body, moment)
         turning = add(turning, cross(placed(place, point), own))

@@ -3,14 +3,11 @@
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal
 
-from twolink.algorithms.functions import frame_pose
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import (
     Vec,
     add,
-    cross,
     dot,
-    force_to_parent,
     minus,
     negative,
     plus,
@@ -238,11 +235,7 @@ class FrameWrench(Effect, frozen=True):
     def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add f and n, moved to the joint that carries the link."""
         force, moment, point = _value(self.force, motion), _value(self.moment, motion), floats(self.point)
-        if self.axes == "world":
-            loads.force(self.frame, force, moment, point)
-            return
-        body, place = frame_pose(motion.model, self.frame)
-        loads.wrench(body, *force_to_parent(place, (force, add(moment, cross(point, force)))))
+        loads.force(self.frame, force, moment, point, axes=self.axes)
 
 
 def _value(vector: Three, motion: KinematicState) -> Vec:

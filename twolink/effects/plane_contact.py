@@ -14,7 +14,6 @@ from twolink.algorithms.spatial import (
     Vec,
     add,
     constant,
-    cross,
     dot,
     minus,
     plus,
@@ -213,7 +212,7 @@ class CompliantContact(Effect, frozen=True):
             share = times(-number(self.rolling), normal) / self._length(xp, *rolls)
             moment = add(moment, *(scale(times(share, w), t) for w, t in zip(rolls, tangents_, strict=True)))
         lever = add(near.first.position(motion), scale(-1.0, motion.position(self.frame, floats(self.point))))
-        loads.force(self.frame, force, add(moment, cross(lever, force)), floats(self.point))
+        loads.force(self.frame, force, moment, floats(self.point), lever=lever)
 
     def _length(self, xp: Any, *parts: Scalar) -> Scalar:
         """The smoothed length of a vector."""

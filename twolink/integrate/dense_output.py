@@ -122,20 +122,20 @@ class DenseOutput:
             a[group.places], tau[group.places] = at_group[0].T, at_group[1].T
         return a, tau
 
-    def marks(self, what: Literal["contacts", "contact_slips", "forces_on_links"]) -> dict[str, tuple[Array, Array]]:
+    def marks(self, what: Literal["contacts", "contact_slips", "wrenches_on_links"]) -> dict[str, tuple[Array, ...]]:
         """By name the points (n, k, 3) where something acts at some stored time, m, and vectors (n, k, 3); NaN if less.
 
         what: the contacts of each pair of bodies with the forces on the first, N, or with its slips on the second, m/s;
-        or the forces of each effect on a link, N.
+        or the forces of each effect on a link, N, with the moments about the points, N m.
         """
         found: dict[str, list[Array]] = {}
         for group in self._groups(self.t):
             count = collections.Counter[str]()
-            for pair, point, force in MARKS[what](group.equations, group.t, group.stored_x):
+            for pair, *vectors in MARKS[what](group.equations, group.t, group.stored_x):
                 columns = found.setdefault(pair, [])
                 if count[pair] == len(columns):
-                    columns.append(np.full((2, len(self.t), 3), np.nan))
-                columns[count[pair]][:, group.places] = point.T, force.T
+                    columns.append(np.full((len(vectors), len(self.t), 3), np.nan))
+                columns[count[pair]][:, group.places] = [vector.T for vector in vectors]
                 count[pair] += 1
         return {pair: tuple(np.stack(columns, axis=2)) for pair, columns in found.items()}
 

@@ -1,12 +1,13 @@
 """Along a solution: accelerations, torques of effects, friction and locks, forces on links, contact forces."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
-from twolink.algorithms.spatial import ZERO, Scalar, Vec, outward
+from twolink.algorithms.spatial import ZERO, Scalar, Vec, add, outward
 from twolink.effects.effect import Loads
 from twolink.integrate.hybrid.force_share import within_laws
 from twolink.integrate.hybrid.snapshot import Evaluator
@@ -89,46 +90,50 @@ def _rows(vector: Vec, count: int) -> Array:
     return np.array([np.broadcast_to(entry, count) for entry in vector])
 
 
-class _ForcesOnLinks(Loads):
-    """Loads that note each force on a link, and where it acts."""
+class _WrenchesOnLinks(Loads):
+    """Loads that note each force on a link, where it acts, and the moment about that point, along the world's axes."""
 
     def __init__(self, motion: KinematicState, sides: Sequence[Scalar] | None) -> None:
         super().__init__(motion, sides)
-        self.noted: list[tuple[str, Vec, Vec]] = []
+        self.noted: list[tuple[str, Vec, Vec, Vec]] = []
 
-    def force(self, frame: str, force: Vec, moment: Vec = ZERO, point: Vec = ZERO) -> None:
-        """Note a force at a point of a frame."""
-        del moment
-        if self._motion.frame(frame)[0] > 0:
-            self.noted.append((frame, self._motion.position(frame, point), force))
+    def force(self, frame: str, force: Vec, moment: Vec = ZERO, point: Vec = ZERO, *, lever: Vec = ZERO,
+              axes: Literal["world", "frame"] = "world") -> None:  # fmt: skip
+        """Note a force and a moment at a point of a frame."""
+        motion = self._motion
+        if motion.frame(frame)[0] == 0:
+            return
+        if axes == "frame":
+            force, moment, lever = (motion.direction(frame, one) for one in (force, moment, lever))
+        self.noted.append((frame, add(motion.position(frame, point), lever), force, moment))
 
     def wrench(self, body: int, force: Vec, moment: Vec) -> None:
-        """Note a force at the origin of a body's joint, along the body's axes."""
-        del moment
+        """Note a force and a moment at the origin of a body's joint, which are along the body's axes."""
         place = self._motion.body(body)
-        self.noted.append((self._motion.model.names[body], place.origin, outward(place, force)))
+        self.noted.append((self._motion.model.names[body], place.origin, outward(place, force), outward(place, moment)))
 
 
-def forces_on_links(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array, Array]]:
-    """The forces of effects on links at states x (nq + nv, n) of one segment, without gravity, contacts and loops.
+def wrenches_on_links(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array, Array, Array]]:
+    """The wrenches of effects on links at states x (nq + nv, n) of one segment, without gravity, contacts and loops.
 
     Returns
     -------
-    list of (str, ndarray (3, n), ndarray (3, n))
-        Of each, the effect and the link, the point where it acts, m, and the force, N; world's axes.
+    list of (str, ndarray (3, n), ndarray (3, n), ndarray (3, n))
+        Of each, the effect and the link, the point where it acts, m, the force, N, and the moment about the point, N m;
+        world's axes.
     """
-    states, found = _full(equations, x), list[tuple[str, Array, Array]]()
+    states, found = _full(equations, x), list[tuple[str, Array, Array, Array]]()
     motion = motion_of(equations, equations.mechanism, t, states, Numbers)
     for effect in equations.layout.with_numbers(equations.effects, list(states[equations.moving :])):
-        loads = _ForcesOnLinks(motion, equations.sides)
+        loads = _WrenchesOnLinks(motion, equations.sides)
         effect.act(motion, loads)
-        for link, point, force in loads.noted:
+        for link, point, force, moment in loads.noted:
             name = f"{kebab_case(type(effect).__name__)} on {link}"
-            found.append((name, _rows(point, len(t)), _rows(force, len(t))))
+            found.append((name, _rows(point, len(t)), _rows(force, len(t)), _rows(moment, len(t))))
     return found
 
 
-MARKS = {"contacts": contacts, "contact_slips": contact_slips, "forces_on_links": forces_on_links}
+MARKS = {"contacts": contacts, "contact_slips": contact_slips, "wrenches_on_links": wrenches_on_links}
 
 
 def _full(equations: Equations, x: Array) -> Array:

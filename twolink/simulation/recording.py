@@ -35,7 +35,7 @@ def save_run(run: Any, path: Path) -> Path:
              **tables.mark_notes(run.events or (), run.accuracy)}  # fmt: skip
     if suffix in bags.BAGS:
         return _save_bag(run, path, notes)
-    return write_table(path, {**run.columns(), **tables.mark_columns(run.contacts, run.forces_on_links)}, notes)
+    return write_table(path, {**run.columns(), **tables.mark_columns(run.contacts, run.wrenches_on_links)}, notes)
 
 
 def log_skipped(names: list[str]) -> None:
@@ -131,9 +131,10 @@ def _numbers(run: Any) -> dict[str, tuple[str, np.ndarray]]:
 def _wrenches(run: Any, taken: Mapping[str, Any]) -> dict[str, np.ndarray]:
     """Forces and moments about the world's origin (n, 6) by topic, of contacts and of effects on links."""
     found: dict[str, np.ndarray] = {}
-    for kind, marks in (("contacts", run.contacts), ("forces", run.forces_on_links)):
-        for name, (points, forces) in marks.items():
-            wrench = np.concatenate([np.nansum(forces, axis=1), np.nansum(np.cross(points, forces), axis=1)], axis=1)
+    for kind, marks in (("contacts", run.contacts), ("forces", run.wrenches_on_links)):
+        for name, (points, forces, *own) in marks.items():
+            moments = sum(own, np.cross(points, forces))
+            wrench = np.concatenate([np.nansum(forces, axis=1), np.nansum(moments, axis=1)], axis=1)
             found[topic_of(f"{kind}.{name}", {**found, **taken})] = wrench
     return found
 

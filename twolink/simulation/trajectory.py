@@ -75,8 +75,8 @@ class Trajectory(BaseResult, Plotted):
         The error is an estimate and no bound: contacts were stepped; where there is an event "stepped" from there on.
     recorded_contacts : mapping of str to (ndarray (n, k, 3), ndarray (n, k, 3)), or None
         Contact points, m, and forces, N, by pair, of a run without its solution: they are shown.
-    recorded_forces : as recorded_contacts
-        Those of effects on links, by effect and link.
+    recorded_wrenches : as recorded_contacts
+        Those of effects on links, by effect and link, with the moments about the points, N m.
     certificate : Certificate or None
         The laws checked along a run with located events, up to an event "stepped": what, worst value, when. None for a
         smooth, a stepped or a loaded one.
@@ -103,8 +103,8 @@ class Trajectory(BaseResult, Plotted):
     recorded_energy: np.ndarray | None = None
     title: str = ""
     estimated: bool = False
-    recorded_contacts: tables.Contacts | None = None
-    recorded_forces: tables.Contacts | None = None
+    recorded_contacts: tables.Marks | None = None
+    recorded_wrenches: tables.Marks | None = None
     certificate: Certificate | None = None
     scene: Scene | None = None
     states: Mapping[str, np.ndarray] = field(default_factory=dict)
@@ -223,16 +223,21 @@ class Trajectory(BaseResult, Plotted):
         """Points [m] and forces [N] by pair, (n, k, 3) each, NaN where it is apart."""
         return self._at_samples("contacts", self.recorded_contacts)
 
-    @functools.cached_property
+    @property
     def forces_on_links(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Points [m] and forces [N] of effects by effect and link, (n, k, 3) each, NaN where none acts."""
-        return self._at_samples("forces_on_links", self.recorded_forces)
+        return {name: (points, forces) for name, (points, forces, _) in self.wrenches_on_links.items()}
 
-    def _at_samples(self, what: Any, recorded: tables.Contacts | None) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    @functools.cached_property
+    def wrenches_on_links(self) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """As `forces_on_links`, with the moments about the points [N m], along the world's axes like the forces."""
+        return self._at_samples("wrenches_on_links", self.recorded_wrenches)
+
+    def _at_samples(self, what: Any, recorded: tables.Marks | None) -> dict[str, Any]:
         if self.solution is None:
             return dict(recorded or {})
         kept = np.searchsorted(self.solution.t, self.t)
-        return {name: (points[kept], forces[kept]) for name, (points, forces) in self.solution.marks(what).items()}
+        return {name: tuple(one[kept] for one in rows) for name, rows in self.solution.marks(what).items()}
 
     @functools.cached_property
     def _accelerations_and_torques(self) -> tuple[np.ndarray, np.ndarray]:

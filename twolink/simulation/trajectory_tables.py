@@ -16,9 +16,10 @@ from twolink.io.tables import read_table
 from twolink.robots.joint_layout import joint_columns, unit_of, without_angles
 
 EXTRA = "sweeps"  # of twolink, which installs xarray and pandas
-# Before the names of contacts and of forces on links, for columns (n, 6 k); the names of notes.
-CONTACT, FORCE, EVENTS, ACCURACY = "contact ", "force ", "events", "accuracy"
-Contacts = Mapping[str, tuple[np.ndarray, np.ndarray]]  # of pairs, see Trajectory.contacts; also of forces on links
+# Before the names of contacts, for columns (n, 6 k), and of wrenches on links, (n, 9 k), which older files have without
+# moments; the names of notes.
+CONTACT, WRENCH, FORCE, EVENTS, ACCURACY = "contact ", "wrench ", "force ", "events", "accuracy"
+Marks = Mapping[str, tuple[np.ndarray, ...]]  # see Trajectory.contacts and wrenches_on_links
 Run = Any  # a Trajectory, whose module imports this one
 SMOOTH = 400  # times that make a smooth curve
 Curves = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -62,10 +63,10 @@ def columns(run: Run, tau: np.ndarray | None) -> dict[str, np.ndarray]:
     return table
 
 
-def mark_columns(contacts: Contacts, forces: Contacts) -> dict[str, np.ndarray]:
-    """Contacts and forces on links as columns (n, 6 k): of each of k points its place and the force."""
-    return {kind + name: np.concatenate(both, axis=2).reshape(len(both[0]), -1)
-            for kind, found in ((CONTACT, contacts), (FORCE, forces)) for name, both in found.items()}  # fmt: skip
+def mark_columns(contacts: Marks, wrenches: Marks) -> dict[str, np.ndarray]:
+    """Contacts and wrenches on links as columns: of each of k points its place and the force, and the moment."""
+    return {kind + name: np.concatenate(rows, axis=2).reshape(len(rows[0]), -1)
+            for kind, found in ((CONTACT, contacts), (WRENCH, wrenches)) for name, rows in found.items()}  # fmt: skip
 
 
 def mark_notes(events: Sequence[Event], accuracy: float | None) -> dict[str, str]:
@@ -86,19 +87,19 @@ def read_run(path: Path, robot: Robot | None, make: Callable[..., Run]) -> Run:
     label = str(path)
     content, notes = read_table(path)
     robot = find_robot(notes, label) if robot is None else require_same(robot, notes, label)
-    marks = {name: content.pop(name) for name in list(content) if name.startswith((CONTACT, FORCE))}
+    marks = {name: content.pop(name) for name in list(content) if name.startswith((CONTACT, WRENCH, FORCE))}
     table = without_angles(_numbers(content, label), robot.joints)
     n = len(table["t"]) if "t" in table else 0
     error = np.empty(n) if "error" in table else None
     states = {name.removeprefix("z."): np.empty(n) for name in table if name.startswith("z.")}
     has_tau = not is_bag(path) and any(name.startswith("tau.") for name in table)
-    contacts, forces = (_forces(marks, kind, n, label) if EVENTS in notes else None for kind in (CONTACT, FORCE))
+    contacts, wrenches = _marks(marks, n, label) if EVENTS in notes else (None, None)
     tau = np.empty((n, robot.nv)) if has_tau else None
     run = make(robot, np.empty(n), np.empty((n, robot.nq)), np.empty((n, robot.nv)), error, None,
                _noted(notes, EVENTS, "[]", tuple[Event, ...], label),
                accuracy=_noted(notes, ACCURACY, "null", float | None, label), recorded_energy=np.empty(n),
                title=notes.get("title", ""), estimated=notes.get("bound") == "estimated", recorded_contacts=contacts,
-               recorded_forces=forces, states=states, recorded_tau=tau)  # fmt: skip
+               recorded_wrenches=wrenches, states=states, recorded_tau=tau)  # fmt: skip
     wanted = columns(run, tau)
     if is_bag(path):
         known = wanted if "robot" in notes else {name: place for name, place in wanted.items() if name != "energy"}
@@ -127,17 +128,17 @@ def _noted(notes: Mapping[str, str], name: str, left_out: str, kind: Any, label:
         raise SceneError(f"its note of {name} is damaged: {error}", where=label, remedy="save it again") from None
 
 
-def _forces(columns: Mapping[str, np.ndarray], kind: str, n: int, label: str) -> Contacts:
-    """Points and forces (n, k, 3) by name, of contacts or on links."""
-    found = {}
-    for name, values in columns.items():
-        if not name.startswith(kind):
-            continue
-        if values.dtype.kind != "f" or values.ndim != 2 or len(values) != n or values.shape[1] % 6:
-            raise SceneError(f"column {name!r} is not a table of forces", where=label, remedy="save it again")
-        both = values.reshape(n, -1, 6)
-        found[name.removeprefix(kind)] = both[..., :3], both[..., 3:]
-    return found
+def _marks(columns: Mapping[str, np.ndarray], n: int, label: str) -> tuple[Marks, Marks]:
+    """Points and forces (n, k, 3) of contacts by name, and with moments those on links."""
+    found: dict[str, dict[str, tuple[np.ndarray, ...]]] = {CONTACT: {}, WRENCH: {}, FORCE: {}}
+    for column, values in columns.items():
+        kind, vectors = next((one, 3 if one == WRENCH else 2) for one in found if column.startswith(one))
+        if values.dtype.kind != "f" or values.ndim != 2 or len(values) != n or values.shape[1] % (3 * vectors):
+            raise SceneError(f"column {column!r} is not a table of forces", where=label, remedy="save it again")
+        rows = tuple(np.moveaxis(values.reshape(n, -1, vectors, 3), 2, 0))
+        found[kind][column.removeprefix(kind)] = rows
+    older = {name: (points, forces, np.zeros_like(forces)) for name, (points, forces) in found[FORCE].items()}
+    return found[CONTACT], older | found[WRENCH]
 
 
 def _numbers(content: Mapping[str, np.ndarray], label: str) -> dict[str, np.ndarray]:
