@@ -99,6 +99,23 @@ def test_rows_are_answered_as_alone(tmp_path: Path, kind: str) -> None:
             np.testing.assert_allclose(one[0], y[i], rtol=0, atol=1e-14)
 
 
+def test_the_angle_of_a_continuous_joint_is_that_of_a_revolute_one(tmp_path: Path) -> None:
+    """tau = -3 q - v, by a network, of one pendulum that a URDF has with both types of joint."""
+    file = written(tmp_path / "pd.onnx", [("MatMul", "x w", "y", {})], {"w": [[-3.0], [-1.0]]}, {"x": [1, 2]},
+                   {"y": [1, 1]})  # fmt: skip
+    text = """<robot name="p"><link name="w"/><link name="a"><inertial><origin xyz="0.3 0 0"/><mass value="1"/>
+      <inertia ixx=".01" iyy=".02" izz=".03" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="axle" type="{}">
+      <parent link="w"/><child link="a"/><axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="9" velocity="9"/>
+      </joint></robot>"""
+    runs = [tl.simulate(tl.Scene(tl.load_robot(text.format(kind)), q={"axle": 2.0}, duration=1.0,
+                                 effects=[fx.Gravity(), fx.Policy(str(file), period=0.02)]))
+            for kind in ("revolute", "continuous")]  # fmt: skip
+    revolute, continuous = runs[0].q[:, 0], np.arctan2(runs[1].q[:, 1], runs[1].q[:, 0])
+    np.testing.assert_allclose([run.tau[0, 0] for run in runs], -6.0)
+    np.testing.assert_allclose(continuous, revolute, atol=1e-5)
+    assert np.ptp(revolute) > 1.0
+
+
 def arm(policy: Any, **fields: Any) -> tl.Scene:
     damping = fx.JointDamping({"shoulder": 0.5, "elbow": 0.5})
     return tl.Scene(

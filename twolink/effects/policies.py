@@ -30,9 +30,9 @@ class Observed(msgspec.Struct, frozen=True):
     Parameters
     ----------
     name : str
-        "joint_pos", "joint_vel" (rad, m and their rates), "base_lin_vel", "base_ang_vel" (of a base that floats, along
-        its own axes), "projected_gravity" (the unit vector down, along these axes), "last_action" (as the network gave
-        it), "command" (constants), or a sensor of the scene.
+        "joint_pos" (rad, m; of a continuous joint the angle from -pi to pi), "joint_vel" (per second), "base_lin_vel",
+        "base_ang_vel" (of a base that floats, along its own axes), "projected_gravity" (the unit vector down, along
+        these axes), "last_action" (as the network gave it), "command" (constants), or a sensor of the scene.
     joints : tuple of str
         Of joint_pos and joint_vel, in the policy's order; by default the outputs.
     offset, scale : float or tuple of float
@@ -60,7 +60,7 @@ class PolicyLaw:
 
     def __init__(self, policy: "Policy", joints: Sequence[str], robot: Robot) -> None:
         self.network, self.policy, self._joints = policy.network, policy, joints
-        self._places = {one.name: (one.q.start, one.v.start) for one in robot.joints}
+        self._places = {one.name: (one.q, one.v) for one in robot.joints}
         self._scale, self._offset = np.asarray(policy.scale), np.asarray(policy.offset)
 
     def __deepcopy__(self, _: Any) -> "PolicyLaw":
@@ -87,7 +87,9 @@ class PolicyLaw:
     def _seen(self, one: Observed, y: Any, last: Array) -> Any:
         if one.name in OF_JOINTS:
             kind = OF_JOINTS.index(one.name)
-            return y[STATE[kind]][:, [self._places[joint][kind] for joint in one.joints or self._joints]]
+            values = y[STATE[kind]]
+            rows = [values[:, self._places[joint][kind]].T for joint in one.joints or self._joints]
+            return np.stack([x[0] if len(x) == 1 else np.arctan2(x[1], x[0]) for x in rows], axis=1)
         if one.name in OF_BASE:
             return y.v[:, OF_BASE[one.name]]
         if one.name == "projected_gravity":
