@@ -144,6 +144,7 @@ def test_poses_are_inputs_of_controllers() -> None:
         [E.Imu("road")],
         [E.ForceTorque("road")],
         [E.ForceTorque("rail"), E.PlaneContact("cart")],
+        [E.ForceTorque("rail"), E.Release(E.PointLoop("cart"), at=5.0)],
     ],
 )
 def test_sensors_that_do_not_fit_are_refused(effects: list) -> None:

@@ -17,6 +17,7 @@ from twolink.effects.effect import Effect, JointName, LinkName, NotNegative, Sin
 from twolink.effects.loops import HingeLoop, PointLoop, WeldLoop
 from twolink.effects.plane_contact import PlaneContact
 from twolink.effects.sampled_control import check_clock
+from twolink.effects.switching import SwitchingEffect
 from twolink.errors import SceneError, shown
 from twolink.io.text import kebab_case
 
@@ -281,7 +282,8 @@ class ForceTorque(Sensor, frozen=True):
         """Require that no link bears forces that no joint transmits."""
         del robot
         joining = Contact, PlaneContact, PointLoop, HingeLoop, WeldLoop
-        other = next((one for one in effects if isinstance(one, joining)), None)
+        switched = [one for e in effects if isinstance(e, SwitchingEffect) for one in e.acting()]
+        other = next((one for one in (*effects, *switched) if isinstance(one, joining)), None)
         if other is not None:
             raise SceneError(f"it leaves the forces of {type(other).__name__} out", where="joint",
                              remedy="TorqueSensor, TouchSensor or run.contact_forces", code="not-seen")  # fmt: skip
