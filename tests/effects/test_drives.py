@@ -149,6 +149,17 @@ def test_gear_without_losses_is_its_ratio() -> None:
     assert np.abs(runs[0].q - runs[1].q).max() < 1e-10
 
 
+def test_what_a_drive_refuses_is_right_beside_it() -> None:
+    """Gravity's torque beside a gear is that of Pinocchio; and a rotor counts as N^2 of its inertia before a spring."""
+    arm = tl.load_robot("two_link")
+    geared = fx.Gear(fx.Torque({"elbow": 0.1}), {"elbow": 10.0})
+    run = tl.simulate(tl.Scene(arm, q=[1.2, 0.5], effects=[fx.Gravity(), fx.GravityCompensation(), geared]), 0.01)
+    assert run.tau[0] - [0.0, 1.0] == pytest.approx(arm.gravity_torque([1.2, 0.5]))
+    motor = fx.ElasticJoint(fx.Gear(fx.Torque(of_all(0.0)), of_all(10.0)), of_all(50.0), of_all(0.1 + 10.0**2 * 2e-3))
+    turning = np.sqrt(50.0 * (1 / I + 1 / 0.3))
+    assert np.sort(np.abs(tl.linearize(scene(motor)).eigenvalues.imag))[-2:] == pytest.approx(turning, rel=1e-9)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["effects.1.of.of.kp.axle", "effects.1.efficiency.axle", "effects.1.inertia.axle", "q"]
@@ -359,6 +370,9 @@ def test_what_does_not_follow_states_refuses() -> None:
     (fx.ActuatorLag(fx.Torque(of_all(1.0)), of_all(0.0)), "time.axle"),
     (fx.Gear(fx.Torque(of_all(1.0)), of_all(0.0)), "ratio.axle"),
     (fx.Gear(fx.Torque(of_all(1.0)), of_all(9.0), of_all(1.2)), "efficiency.axle"),
+    (fx.Gear(fx.GravityCompensation(), of_all(9.0)), "of"),
+    (fx.Gear(fx.ActuatorLag(fx.ComputedTorque(of_all(1.0), 1.0, 1.0), of_all(0.1)), of_all(9.0)), "of"),
+    (fx.ElasticJoint(fx.Gear(fx.Torque(of_all(1.0)), of_all(9.0), inertia=of_all(9.0)), of_all(9.0), {J: 9.0}), "of"),
     (fx.DCMotor(resistance=of_all(1.0), inductance=of_all(1.0)), "constant"),
     (fx.ElasticJoint(fx.Torque(of_all(1.0)), of_all(9.0)), "inertia"),
     (fx.Backlash(fx.Torque(of_all(1.0)), of_all(9.0), of_all(1.0)), "gap"),

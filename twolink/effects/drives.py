@@ -17,6 +17,7 @@ from twolink.algorithms.spatial import Scalar, minus, negative, plus, times
 from twolink.dynamics import Robot
 from twolink.effects.checks import above_zero, check_effect, check_joints, errors_inside
 from twolink.effects.constants import Rotor
+from twolink.effects.controllers import ComputedTorque, GravityCompensation
 from twolink.effects.effect import AboveZero, Effect, Effort, Gap, Loads, NotNegative, finite, inverse, number, of
 from twolink.effects.inputs import Input, value_at
 from twolink.effects.loops import Loop
@@ -233,7 +234,8 @@ class Gear(Drive, frozen=True):
     Parameters
     ----------
     of : Effect
-        What drives it, such as a motor: its angles, speeds and torques are those of the motor.
+        What drives it, such as a motor: its angles, speeds and torques are those of the motor. What computes torques
+        of the links, such as `GravityCompensation`, stands beside the gear.
     ratio : mapping of joint to float
         N, not 0. Joints with one coordinate.
     efficiency : mapping of joint to float
@@ -262,8 +264,14 @@ class Gear(Drive, frozen=True):
         return bool(self.inertia) or super().changes
 
     def check(self, robot: Robot) -> None:
-        """Require ratios, and efficiencies of at most 1."""
+        """Require ratios, efficiencies of at most 1, and nothing inside that computes torques of the links."""
         self.check_inside(robot, self.ratio, "ratio")
+        inside = self.of
+        while isinstance(inside, Drive):
+            inside = inside.of
+        if isinstance(inside, (GravityCompensation, ComputedTorque)):
+            raise SceneError(f"{type(inside).__name__} would take the motor's angles for those of the links",
+                             where="of", remedy="make it an effect beside the gear")  # fmt: skip
         above_zero({joint: abs(ratio) for joint, ratio in self.ratio.items()}, "ratio")
         for name in ("efficiency", "backward"):
             above_zero(getattr(self, name), name)
@@ -308,8 +316,11 @@ class MotorOnSpring(Drive, frozen=True):
     damping: Annotated[Mapping[str, NotNegative], of("stiffness")] = {}
 
     def check(self, robot: Robot) -> None:
-        """Require an inertia for each spring."""
+        """Require an inertia for each spring, and no rotor inside: it would be added to the link, past the spring."""
         self.check_inside(robot, self.stiffness, "stiffness")
+        if self.of.changes:
+            raise SceneError(f"{type(self.of).__name__} changes the inertia of the link, not of the motor on a spring",
+                             where="of", remedy="add N^2 times the rotor's inertia to `inertia`")  # fmt: skip
         above_zero(self.inertia, "inertia")
 
     def seen_inside(self, motion: KinematicState) -> KinematicState:
