@@ -28,6 +28,9 @@ SCENES = {
     "a limited motor, friction and stops": lambda: tl.Scene(slider(), duration=4.0, effects=[
         fx.JointPD({"x": fx.Sine(2.0, 1.5)}, {"x": 30.0}, {"x": 0.5}, effort={"x": 3.0}), fx.DryFriction({"x": 0.7}),
         fx.JointStops({"x": (-1.0, 0.8)}, restitution=0.4)]),
+    "kicks beside stops": lambda: arm(
+        fx.JointStops({"elbow": (-0.2, 1.0)}, 0.6), fx.Watch("kick", at=0.5, then=lambda q, v: (q, v + 1.0)),
+        fx.Watch("jump", at=0.9, then=lambda q, v: (q - 0.1, 0.5 * v))),
     "a limited motor": lambda: arm(fx.JointPD({"shoulder": 0.0}, {"shoulder": 90.0}, effort={"shoulder": 30.0})),
     "a ball that bounces, slides and rolls": lambda: tl.Scene(
         ball(), [0, 0, 0.3, 0, 0, 0, 1], [3, 1, 0, 5, -20, 7], duration=2.0,
@@ -71,6 +74,15 @@ def test_the_book_closes_whatever_the_samples_are(name: str) -> None:
     run = tl.simulate(scene, accuracy=1e-9, t_eval=[0.0, scene.duration])
     book = tl.energy_book(scene, run)
     assert np.abs(book.residual).max() < 1e-8 * max(1.0, np.abs([*book.work.values()]).max())
+
+
+def test_a_book_begins_with_the_samples() -> None:
+    """What impacts and kicks have taken before the first sample is no loss of the part that the samples show."""
+    scene, t = SCENES["kicks beside stops"](), np.linspace(0.0, 2.0, 21)
+    whole, part = (tl.energy_book(scene, tl.simulate(scene, t_eval=own, accuracy=1e-9)) for own in (t, t[6:]))
+    assert whole.lost[6] > 1.0
+    np.testing.assert_allclose(part.lost, whole.lost[6:] - whole.lost[6], atol=1e-7)
+    assert np.abs(part.residual).max() < 1e-8
 
 
 def test_damping_alone_takes_what_is_lost() -> None:

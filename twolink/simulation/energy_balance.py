@@ -145,7 +145,7 @@ def energy_book(scene: Scene, run: Trajectory | None = None) -> EnergyBalance:
     for name, values in power.items():
         parts = (values[at].reshape(-1, NODES) * weights).sum(axis=1) * half
         work[name] = np.concatenate([[0.0], np.cumsum(parts)])[kept]
-    lost = np.array([sum(event.energy for event in run.events if event.t <= t) for t in run.t])
+    lost = np.array([sum(event.energy for event in run.events if run.t[0] < event.t <= t) for t in run.t])
     return EnergyBalance(run, run.t, run.energy, work, lost)
 
 

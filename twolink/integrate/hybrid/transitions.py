@@ -288,14 +288,11 @@ def _act(run: RunState, n: int, direction: int = 0) -> None:
             run.x[catch.entry] = catch.position
             run.apply_impact(catch_touch(run.system, catch, v), trigger.kind)
         return
-    energy = 0.0
+    before = run.stored_energy() if trigger.changes else 0.0
     if trigger.begins:
         run.mode = run.mode.beginning(place)
     if trigger.drops:
-        energy = run.stored_energy()
-        run.mode = run.mode.without(place)
-        energy -= run.stored_energy()  # a payload takes its own along
-    run.note(trigger.kind, trigger.name, energy=energy, effect=place, direction=direction)
+        run.mode = run.mode.without(place)  # a payload takes its energy along
     run.ended |= trigger.ends
     if trigger.state is not None:
         nq, v_rows = run.system.nq, run.system.whole.space.v_rows
@@ -304,6 +301,8 @@ def _act(run: RunState, n: int, direction: int = 0) -> None:
         run.sides.pop(("trigger", n), None)  # its value may be on any side then
         run.fired.clear()
         run.require_room(f"`then` of {trigger.name!r}")
+    energy = before - run.stored_energy() if trigger.changes else 0.0
+    run.note(trigger.kind, trigger.name, energy=energy, effect=place, direction=direction)
 
 
 def _checked(changed: Any, nq: int, nv: int, name: str) -> Array:
