@@ -314,10 +314,12 @@ def _crossing(a: Hull, b: Hull, apart: Separation, reach: float) -> list[TouchPo
     ends = [hull.edges[number].tolist() for hull, number in zip((a, b), apart.feature, strict=True)]
     (p, p_end), (q, q_end) = a.vertices[ends[0]], b.vertices[ends[1]]
     u, w = p_end - p, q_end - q
-    s, t, _ = np.linalg.solve(np.stack([u, -w, -apart.normal], axis=1), q - p)
-    x, y = p + np.clip(s, 0.0, 1.0) * u, q + np.clip(t, 0.0, 1.0) * w
-    if apart.gap >= 0.0 and np.linalg.norm(x - y) >= reach:
-        return []
+    across_u, across_w = np.cross(u, apart.normal), np.cross(w, apart.normal)
+    with np.errstate(all="ignore"):  # of bodies that steps too long have thrown away
+        s, t = (q - p) @ across_w / (u @ across_w), (p - q) @ across_u / (w @ across_u)
+        x, y = p + np.clip(s, 0.0, 1.0) * u, q + np.clip(t, 0.0, 1.0) * w
+        if not (apart.gap < 0.0 or np.linalg.norm(x - y) < reach):
+            return []
     return [TouchPoint((_edge(False, *ends[0]), _edge(True, *ends[1])), apart.gap, apart.normal, 0.5 * (x + y))]
 
 
