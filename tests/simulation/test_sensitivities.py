@@ -11,7 +11,7 @@ from twolink.effects.conditions import JointReaches
 from twolink.errors import AccuracyError, CertificationError, SceneError
 from twolink.integrate.derivatives.variational_rate import certify_variation, variational_rate
 from twolink.integrate.motion.scene_equations import equations_of
-from twolink.scenes.parameters import effect_numbers, named_parameters, with_number
+from twolink.scenes.parameters import effect_numbers, named_parameters, parameters_of, scene_with, with_number
 
 CART = """<robot name="cart"><link name="rail"/><link name="cart"><inertial><mass value="2"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -195,6 +195,29 @@ def test_values_are_those_of_the_link_without_what_it_releases() -> None:
     nominal = {one.name: one.nominal for one in named_parameters(scene, names, "wrt")}
     assert tl.sensitivities(scene, wrt=names).values == nominal
     assert nominal["forearm.mass"] == 1.0
+
+
+SWING = """<robot name="swing"><link name="ground"/><link name="arm"><inertial><origin xyz="0.3 0 0"/><mass value="1"/>
+<inertia ixx=".01" iyy=".02" izz=".03" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="axle" type="revolute"><parent link="ground"/><child link="arm"/><axis xyz="0 1 0"/>
+<dynamics damping="0.1"/><limit lower="-9" upper="9" effort="5" velocity="5"/></joint></robot>"""
+
+
+def test_damping_of_the_urdf_does_not_act_and_is_no_nominal_value() -> None:
+    """Another value of JOINT.damping acts as a JointDamping does."""
+    name, gravity = "axle.damping", tl.effects.Gravity()
+    scene = tl.Scene(tl.load_robot(SWING), [1.2], effects=[gravity], duration=0.8)
+    plain = tl.simulate(scene, accuracy=1e-10).q[-1]
+    nominal = parameters_of(scene)[name].nominal
+    np.testing.assert_allclose(tl.simulate(scene_with(scene, {name: nominal}), accuracy=1e-10).q[-1], plain, atol=2e-10)
+    worlds = tl.simulate_many(scene, parameters={name: [0.0, 0.1]}, accuracy=1e-11)
+    damped = scene.with_effects([gravity, tl.effects.JointDamping({"axle": 0.1})])
+    ends = np.array([plain, tl.simulate(damped, accuracy=1e-10).q[-1]])
+    np.testing.assert_allclose(worlds.q, ends, atol=2e-10)
+    assert abs(ends[1] - ends[0]) > 0.01
+    s = tl.sensitivities(damped, wrt=[name, "effects.1.damping.axle"], accuracy=1e-9)
+    assert s.values == {name: nominal, "effects.1.damping.axle": 0.1}
+    np.testing.assert_allclose(s.q[name], s.q["effects.1.damping.axle"], atol=2e-9)
 
 
 def test_loops_are_differentiated_along_what_they_allow() -> None:

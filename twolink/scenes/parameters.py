@@ -3,6 +3,7 @@
     q.JOINT, v.JOINT          the initial state; q.JOINT.2, ... where a joint has several coordinates
     LINK.mass, gravity.z, ... physical constants of the robot (`algorithms.mechanism.parameter_names`), and moments of a
                               link about its joint (`algorithms.mechanism.moments`)
+    JOINT.damping             beside what effects damp: 0, whatever the URDF says, for that does not act by itself
     effects.1.damping.elbow   a number of an effect: its place in the scene, then fields, keys and positions
 
 Keys are names of joints and links, which may have dots, so that a name is read along the effect (`path_of`).
@@ -27,8 +28,8 @@ from twolink.scenes.scene import Scene
 
 PREFIX = "effects."
 Kind = Literal["q", "v", "constant", "effect", "table", "switch", "accuracy", "robot"]
-_DAMPING = ".damping"
-_NOT_NEGATIVE = (".mass", ".armature", _DAMPING, ".inertia.xx", ".inertia.yy", ".inertia.zz")
+DAMPING = ".damping"
+_NOT_NEGATIVE = (".mass", ".armature", DAMPING, ".inertia.xx", ".inertia.yy", ".inertia.zz")
 _UNITS = {"mass": "kg", "com": "m", "inertia": "kg m^2", "origin": "m", "gravity": "m/s^2",
           "first_moment": "kg m", "origin_inertia": "kg m^2"}  # fmt: skip
 
@@ -60,7 +61,8 @@ class Parameter:
 
 def parameters_of(scene: Scene) -> dict[str, Parameter]:
     """The parameters of a scene by name, without moments of links and values of tables."""
-    constants = _constants(nominal_values(scene.robot.model), acts=True)
+    values = nominal_values(scene.robot.model)
+    constants = _constants({name: 0.0 if name.endswith(DAMPING) else x for name, x in values.items()}, acts=True)
     found = [*coordinates_of(scene), *constants, *_numbers(scene.effects)]
     return {parameter.name: parameter for parameter in found}
 
@@ -100,8 +102,8 @@ def scene_with(scene: Scene, values: Mapping[str, float]) -> Scene:
             of_state[name].put(q, v, value)
         elif name.startswith(PREFIX):
             effects = with_effect_number(effects, name, value)
-        elif name.endswith(_DAMPING):
-            damping[name.removesuffix(_DAMPING)] = value
+        elif name.endswith(DAMPING):
+            damping[name.removesuffix(DAMPING)] = value
         else:
             constants[name] = value
     if damping:

@@ -124,6 +124,19 @@ def test_states_of_effects_move_with_the_start(state: str, objective: str) -> No
     assert abs(found.by["q.elbow"][0] - truth) <= found.error["q.elbow"][0] + 1e-7 * (1.0 + abs(truth))
 
 
+@pytest.mark.parametrize("effect", [tl.effects.Torque({"elbow": 2.0}), tl.effects.JointDamping({"elbow": 0.3})])
+def test_the_torque_of_a_joints_damping_counts(effect: tl.effects.Effect) -> None:
+    scene = tl.Scene(tl.load_robot("two_link"), [1.2, 0.5], [0.3, -0.2], [GRAVITY, effect], 0.5)
+    found = tl.gradient(scene, objective="effort", wrt=["elbow.damping"])
+    ends = [named_objective("effort", scene.robot)(tl.simulate(scene_with(scene, {"elbow.damping": 1.0 + k * 1e-2}),
+                                                               accuracy=1e-11)) for k in EIGHT]  # fmt: skip
+    damped = scene_with(scene, {"elbow.damping": 1.0})
+    truth = float(np.array(list(EIGHT.values())) @ ends) / 1e-2
+    there = tl.gradient(damped, objective="effort", wrt=["elbow.damping"])
+    assert abs(there.by["elbow.damping"][0] - truth) <= there.error["elbow.damping"][0] + 1e-7 * (1.0 + abs(truth))
+    assert abs(found.by["elbow.damping"][0]) > 0.1
+
+
 def test_states_of_effects_that_are_not_known_are_no_numbers() -> None:
     """Sensitivities have none: an optimization then takes differences of runs."""
     scene = tl.Scene(tl.load_robot("two_link"), [1.2, 0.5], effects=[GRAVITY, STATES["current"]], duration=0.1)

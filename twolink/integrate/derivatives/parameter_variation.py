@@ -24,12 +24,11 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.motion.state import Array
 from twolink.scenes import Scene
-from twolink.scenes.parameters import PREFIX, effect_numbers, part_of, with_effect_number
+from twolink.scenes.parameters import DAMPING, PREFIX, named_parameters, part_of, with_effect_number
 
 STEP = 1e-3  # of differences by a parameter, relative; their error is its fourth power
 SMALL = 1e-2  # SI units: a number of an effect below it, or a length, is moved as if it were this
 NOTHING = 1e-5  # SI units: by which a physical constant is moved that is 0
-DAMPING = ".damping"
 NO_SLIP: Mapping[int, float] = {}
 
 
@@ -53,8 +52,7 @@ class ParameterVariation:
 
     def __init__(self, scene: Scene, names: Sequence[str]) -> None:
         self.equations, self.names = equations_of(scene), tuple(names)
-        model, numbers = scene.robot.model, effect_numbers(scene)  # without what is released
-        self.values = [numbers[name] if name in numbers else nominal(model, name) for name in self.names]
+        self.values = [parameter.nominal for parameter in named_parameters(scene, self.names, "wrt")]
         self._own = self.equations.switching or Switching(scene.base, scene.robot, scene.effects)
         self._kept: dict[tuple[int, float], Switching] = {}
         released = any(isinstance(effect, SwitchingEffect) and any(inner.changes for inner in effect.acting())
@@ -145,6 +143,9 @@ class ParameterVariation:
 def shifted(equations: Equations, values: Mapping[str, float]) -> Equations:
     """The equations with other values of physical constants and of numbers of what acts, by name."""
     constants, equations = physical(values), with_effect_numbers(equations, values)
+    damping = {name.removesuffix(DAMPING): constants.pop(name) for name in list(constants) if name.endswith(DAMPING)}
+    if damping:  # that of the model acts on nothing
+        equations = replace(equations, effects=(*equations.effects, JointDamping(damping)))
     if not constants:
         return equations
 

@@ -16,7 +16,7 @@ import numpy as np
 from twolink.algorithms.dual_numbers import Dual, DualNamespace, derivative
 from twolink.algorithms.spatial import plus, times
 from twolink.errors import CertificationError, SceneError
-from twolink.integrate.motion.effect_numbers import nominal_vector, physical
+from twolink.integrate.motion.effect_numbers import nominal_vector
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import traced_rate
 from twolink.integrate.motion.pinocchio_rate import rate as rate_by_pinocchio
@@ -66,10 +66,8 @@ def variational_rate(equations: Equations, directions: int, numbers: int) -> Var
 
 
 def parameter_values(equations: Equations) -> Array:
-    """The values (p, 1) of the parameters. A joint's damping is beside what damps it already."""
-    damping = [name for name in physical(dict.fromkeys(equations.parameters)) if name.endswith(".damping")]
-    values = zip(equations.parameters, nominal_vector(equations), strict=True)
-    return np.array([0.0 if name in damping else value for name, value in values]).reshape(-1, 1)
+    """The values (p, 1) of the parameters."""
+    return np.array(nominal_vector(equations)).reshape(-1, 1)
 
 
 def constant_rows(equations: Equations) -> Array:

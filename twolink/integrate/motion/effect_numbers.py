@@ -11,7 +11,7 @@ from twolink.algorithms.mechanism import nominal, nominal_values
 from twolink.effects.inputs import Slot
 from twolink.effects.switching import Switching
 from twolink.integrate.motion.equations import Equations
-from twolink.scenes.parameters import PREFIX, number_at, numbers_of, path_of, with_number
+from twolink.scenes.parameters import DAMPING, PREFIX, number_at, numbers_of, path_of, with_number
 
 
 def with_effect_numbers(equations: Equations, values: Mapping[str, Any]) -> Equations:
@@ -36,12 +36,14 @@ def physical(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def nominal_value(equations: Equations, name: str) -> float:
-    """The value that a parameter has in the equations, SI units; 0 of an effect that does not act.
+    """The value that a parameter has in the equations, SI units; 0 of an effect that does not act, and of a joint's
+    damping, which is beside what damps it already.
 
     Raises QueryError for an unknown physical constant.
     """
     if not name.startswith(PREFIX):
-        return nominal(equations.robot.model, name)
+        value = nominal(equations.robot.model, name)
+        return 0.0 if name.endswith(DAMPING) else value
     found = _found(equations, name)
     if found is None:
         return 0.0
@@ -52,7 +54,8 @@ def nominal_value(equations: Equations, name: str) -> float:
 def nominal_vector(equations: Equations) -> list[float]:
     """The values that the parameters of the equations have in them, SI units."""
     constants = nominal_values(equations.robot.model)
-    return [constants[name] if name in constants else nominal_value(equations, name) for name in equations.parameters]
+    return [constants[name] if name in constants and not name.endswith(DAMPING) else nominal_value(equations, name)
+            for name in equations.parameters]  # fmt: skip
 
 
 def _found(equations: Equations, name: str) -> tuple[int, tuple[str, ...]] | None:
