@@ -258,6 +258,25 @@ def test_parameters_are_those_of_the_scene(folder: Path) -> None:
         fmu["energy"] = 1.0
 
 
+def test_states_of_effects_begin_by_the_scenes_start(tmp_path: Path) -> None:
+    """The filter of a PID begins at the velocity: with another one the importer sets it, as the description says."""
+    pid = tl.effects.PID({"shoulder": 0.3}, {"shoulder": 20.0}, {"shoulder": 5.0}, {"shoulder": 2.0},
+                         filter={"shoulder": 0.05})  # fmt: skip
+    scene = tl.Scene(tl.load_robot("two_link"), [1.2, 0.5], [0.3, -0.2], [tl.effects.Gravity(), pid], T)
+    faster = scene_with(scene, {"v.shoulder": 2.0})
+    run = tl.simulate(faster, accuracy=1e-10)
+    path = str(scene.export_fmu(tmp_path / "pid.fmu", []))
+    chosen = {"v.shoulder": 2.0}
+    assert abs(_end(path, chosen) - run.q[-1, 0]) > 1e-3
+    chosen |= {f"z.{name}": float(z[0]) for name, z in run.states.items()}
+    assert abs(_end(path, chosen) - run.q[-1, 0]) < 1e-7
+
+
+def _end(path: str, start: dict[str, float]) -> float:
+    rows = fmpy.simulate_fmu(path, start_values=start, stop_time=T, output_interval=T, relative_tolerance=1e-9)
+    return float(rows["q.shoulder"][-1])
+
+
 def test_inputs_are_torques_held_within_a_step(folder: Path) -> None:
     scene, fmu = SCENES["free_body"](), Fmu("free_body", folder, tolerance=1e-9).started()
     sim, random = tl.Simulation(scene, accuracy=1e-9), np.random.default_rng(1)

@@ -209,7 +209,10 @@ def _variables(
     states = [
         *((name, f"configuration of {name[2:]}", unit) for name, unit in zip(names["q"], units["q"], strict=True)),
         *((name, f"velocity of {name[2:]}", f"{unit}/s") for name, unit in zip(names["v"], units["v"], strict=True)),
-        *((f"z.{name}", f"state of an effect: {name}", "") for name in space.states),
+        *(
+            (f"z.{name}", f"state of an effect: {name}; its start is that of the scene's own q and v", "")
+            for name in space.states
+        ),
     ]
     count = len(states)
     rows = {0: 0} | {1 + sizes[1] - inputs + i: 1 + 2 * count + i for i in range(inputs)}
