@@ -124,6 +124,19 @@ def test_states_of_effects_move_with_the_start(state: str, objective: str) -> No
     assert abs(found.by["q.elbow"][0] - truth) <= found.error["q.elbow"][0] + 1e-7 * (1.0 + abs(truth))
 
 
+def test_slopes_leave_states_of_effects_to_differences() -> None:
+    scene = tl.Scene(tl.load_robot("two_link"), [1.2, 0.5], [0.3, -0.2], [GRAVITY, STATES["current"]], 0.3)
+
+    def mixed(run: tl.Trajectory) -> float:
+        return float((run.q**2).sum() + (run.states["elbow.current"] ** 2).sum())
+
+    asked = {"objective": mixed, "wrt": ["q", "v.elbow"], "samples_per_second": 40}
+    plain, given = (tl.gradient(scene, **asked, slopes=slopes) for slopes in (None, lambda run: (2 * run.q, 0 * run.v)))
+    for name in plain.by:
+        apart = np.abs(plain.by[name] - given.by[name])
+        assert (apart <= plain.error[name] + given.error[name] + 1e-8 * (1.0 + np.abs(plain.by[name]))).all()
+
+
 @pytest.mark.parametrize("effect", [tl.effects.Torque({"elbow": 2.0}), tl.effects.JointDamping({"elbow": 0.3})])
 def test_the_torque_of_a_joints_damping_counts(effect: tl.effects.Effect) -> None:
     scene = tl.Scene(tl.load_robot("two_link"), [1.2, 0.5], [0.3, -0.2], [GRAVITY, effect], 0.5)

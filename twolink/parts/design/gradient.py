@@ -122,8 +122,8 @@ def gradient(
     t_eval, samples_per_second : optional
         The samples, as in `simulate`, which the objective sees; the start and the end are among them.
     slopes : callable, optional
-        (dF/dq (n, nv) in the tangent space, dF/dv (n, nv)) of a run. Without it derivatives are differences of F along
-        the sensitivities, which take 4 calls of F a number.
+        (dF/dq (n, nv) in the tangent space, dF/dv (n, nv)) of a run, its states of effects being held. Without it, and
+        along those states, derivatives are differences of F along the sensitivities: 4 calls of F a number.
     progress : callable, optional
         Called now and then with what is done, the total and a label; here simulated seconds.
 
