@@ -1,7 +1,7 @@
 """Along a solution: accelerations, torques of effects, friction and locks, forces on links, contact forces."""
 
-from collections.abc import Sequence
-from typing import Literal
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
 
 import numpy as np
 
@@ -133,7 +133,10 @@ def wrenches_on_links(equations: Equations, t: Array, x: Array) -> list[tuple[st
     return found
 
 
-MARKS = {"contacts": contacts, "contact_slips": contact_slips, "wrenches_on_links": wrenches_on_links}
+Acting = Sequence[tuple[Any, ...]]  # of each its name, point and vectors (3, n)
+MARKS: dict[str, Callable[[Equations, Array, Array], Acting]] = {
+    "contacts": contacts, "contact_slips": contact_slips, "wrenches_on_links": wrenches_on_links,
+}  # fmt: skip
 
 
 def _full(equations: Equations, x: Array) -> Array:
