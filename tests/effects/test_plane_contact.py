@@ -29,6 +29,18 @@ def test_a_bouncing_point_comes_to_rest_when_the_series_ends(accuracy: float) ->
     assert sum(e.energy for e in run.events) == pytest.approx(G, abs=10 * accuracy)
 
 
+def test_pairs_are_named_as_those_of_contact() -> None:
+    """The ground bears the ball's weight, and takes its impulse; the same scene by `Contact` has the same names."""
+    planes = E.PlaneContact("ball", radius=R, friction=0.3), E.Contact(["ground"], 0.3, shapes={"ball": (E.Sphere(R),)})
+    for plane in planes:
+        scene = tl.Scene(ball(), [0, 0, R + 0.2, 0, 0, 0, 1], effects=[E.Gravity(), plane], duration=0.5)
+        forces = tl.simulate(scene, accuracy=1e-9).contact_forces
+        assert list(forces) == list(forces.slips) == list(forces.impulses) == ["ball - ground"]
+        assert forces.on("ball")[-1] == pytest.approx([0.0, 0.0, 2.0 * G], abs=1e-9)
+        assert forces.on("ground")[-1] == pytest.approx([0.0, 0.0, -2.0 * G], abs=1e-9)
+        assert forces.impulses["ball - ground"].p.sum(axis=0)[2] == pytest.approx(2.0 * math.sqrt(2 * G * 0.2))
+
+
 def test_an_elastic_ball_bounces_for_ever() -> None:
     scene = tl.Scene(planar(), [0, 10.0, 0], effects=[E.Gravity(), E.PlaneContact("body", restitution=1.0)])
     run = tl.simulate(scene, 200.0, accuracy=1e-6, samples_per_second=10)

@@ -128,7 +128,8 @@ class PlaneContact(SwitchingEffect, frozen=True):
     def modes(self, robot: Robot) -> list[ContactPoint]:
         """The gap to the plane."""
         del robot
-        return [contact_point(self.frame, gap_to_plane(self), float(self.friction), float(self.restitution))]
+        name = f"{self.frame} - ground"
+        return [contact_point(name, gap_to_plane(self), float(self.friction), float(self.restitution))]
 
 
 class CompliantContact(Effect, frozen=True):
