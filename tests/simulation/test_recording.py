@@ -1,5 +1,6 @@
 """Bags of ROS 2: what others' libraries read in them, and what is read back, also from bags of other programs."""
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Literal
@@ -224,6 +225,20 @@ def test_parameters_are_found_from_a_bag(tmp_path: Path) -> None:
     found = {entry["parameter"]: entry["value"] for entry in answer("identify", "two_link", str(path))["found"]}
     body = tl.load_robot("two_link").model.inertias[2]
     assert found["forearm.first_moment.x"] == pytest.approx(body.mass * body.lever[0], rel=1e-6)
+
+
+def test_a_loaded_run_keeps_its_torques_in_a_bag(tmp_path: Path) -> None:
+    """Efforts are the torques that the motion takes, by Pinocchio."""
+    arm = tl.load_robot("two_link")
+    effects = [fx.Gravity(), fx.JointPD({"elbow": 0.2}, {"elbow": 30.0}, {"elbow": 2.0})]
+    run = tl.simulate(tl.Scene(arm, q=[1.2, 0.5], effects=effects, duration=0.2), samples_per_second=20)
+    read = tl.Trajectory.load(run.save(tmp_path / "a.npz"), arm)
+    rows = contents(read.save(tmp_path / "a.mcap"))["/joint_states"]
+    taken = [pin.rnea(arm.model, arm.model.createData(), *state)
+             for state in zip(run.q, run.v, run.acceleration, strict=True)]  # fmt: skip
+    np.testing.assert_allclose([decoded.effort for _, _, decoded in rows], taken, atol=1e-9)
+    bare = contents(dataclasses.replace(read, recorded_tau=None).save(tmp_path / "b.mcap"))["/joint_states"]
+    assert not any(len(decoded.effort) for _, _, decoded in bare)
 
 
 def test_wrenches_of_effects_move_the_robot_as_they_do(tmp_path: Path) -> None:

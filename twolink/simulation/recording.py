@@ -104,7 +104,8 @@ def _joint_states(run: Any) -> tuple[list[str], *tuple[np.ndarray, ...]]:
          else run.q[:, j.q.start] for j in joints]  # fmt: skip
     columns = [joint.v.start for joint in joints]
     n = len(run.t)
-    tau = np.empty((n, 0)) if run.solution is None else run.tau[:, columns]
+    known = run.solution is not None or run.recorded_tau is not None
+    tau = run.tau[:, columns] if known else np.empty((n, 0))
     rows = (np.column_stack([np.empty((n, 0)), *q]), run.v[:, columns], tau)
     return [j.name for j in joints], *map(np.ascontiguousarray, rows)
 
