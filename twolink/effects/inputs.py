@@ -48,7 +48,7 @@ class Sampled(
         "hold": each value until the next time. "cubic": the spline with continuous second derivative (not-a-knot, as
         SciPy's CubicSpline).
     beyond : {"hold", "zero", "error"}
-        Before the first and after the last time: the value there, 0, or a refusal.
+        Before the first time, and from the last one on where the run goes on: the value there, 0, or a refusal.
 
     Notes
     -----
