@@ -147,7 +147,7 @@ def test_up_to_24_corners_of_pairs_of_hulls_are_located_and_more_are_stepped(nam
 
 @pytest.mark.parametrize("far", [1e10, 1e20, 1e200])
 def test_bodies_that_steps_have_thrown_away_are_no_error(far: float) -> None:
-    """Worlds of the gripper ended in NumPy's error of a singular matrix: so far away, boxes have edges without length."""
+    """Worlds of the gripper ended in an error of NumPy: so far away, a box has edges without length."""
     cube = hull_of(E.Box((SIDE, SIDE, SIDE)))
     for turned in np.random.default_rng(0).uniform(-2, 2, (20, 3)):
         one, other = cube.placed(np.eye(3), np.zeros(3)), cube.placed(pin.exp3(turned), far * turned)

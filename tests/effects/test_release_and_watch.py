@@ -162,6 +162,17 @@ def test_a_release_and_an_impact() -> None:
     assert times(run, "impact") == pytest.approx([0.5 + math.sqrt(2 / G)], abs=1e-10)
 
 
+@pytest.mark.parametrize("by", [1.0, 3.0])
+def test_a_kick_says_what_energy_it_takes_or_gives(by: float) -> None:
+    arm = tl.load_robot("two_link")
+    scene = tl.Scene(arm, [1.2, 0.5], [1.0, 0.0], [E.Watch("kick", at=0.0, then=lambda q, v: (q, by * v - 0.5))])
+    (event,) = tl.simulate(scene, 0.01).events
+    mass = arm.mass_matrix([1.2, 0.5])
+    before, after = (0.5 * np.array(v) @ mass @ v for v in ([1.0, 0.0], [by - 0.5, -0.5]))
+    assert event.energy == pytest.approx(before - after, abs=1e-12)
+    assert str(event).endswith(f"{abs(event.energy):.6g} J {'lost' if by == 1.0 else 'gained'}")
+
+
 def test_a_sample_at_an_event_has_the_state_after_it() -> None:
     """As `at` has, so that its torques are those of inverse dynamics and its energy that of the book."""
     arm = tl.load_robot("two_link")

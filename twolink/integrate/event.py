@@ -23,8 +23,8 @@ class Event:
     "assembled", "watch", "ambiguous-tick" (of a controller: solutions of the error bar got different answers),
     "unstable-loop" (of controllers: from here on errors grow at an exponential rate) or "stepped" (contacts that could
     not be located any further: from here on the error is an estimate). what: the joint, link or effect.
-    detail: in words. energy: lost at once, J. effect: the place among the scene's effects of what is watched, released
-    or engaged; None of other events.
+    detail: in words. energy: lost at once, J; below 0 what a kick gives. effect: the place among the scene's effects of
+    what is watched, released or engaged; None of other events.
     direction: of a watch by a condition or a function, 1 where its value rises through 0, -1 where it falls.
     """
 
@@ -37,7 +37,7 @@ class Event:
     direction: int = 0
 
     def __str__(self) -> str:
-        lost = f", {self.energy:.6g} J lost" if self.energy else ""
+        lost = f", {abs(self.energy):.6g} J {'lost' if self.energy > 0.0 else 'gained'}" if self.energy else ""
         return f"t = {self.t:.12g} s: {self.kind} {self.what}{': ' if self.detail else ''}{self.detail}{lost}"
 
 

@@ -216,5 +216,5 @@ export class Results {
 
 /** An event in a line: {kind, what, detail, energy} -> "impact: ball, at 2 m/s, 0.3 J lost" */
 function wordsOf({ kind, what, detail, energy }) {
-  return `${kind}: ${what}${detail && `, ${detail}`}${energy ? `, ${short(energy, 6)} J lost` : ""}`;
+  return `${kind}: ${what}${detail && `, ${detail}`}${energy ? `, ${short(Math.abs(energy), 6)} J ${energy > 0 ? "lost" : "gained"}` : ""}`;
 }
