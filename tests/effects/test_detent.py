@@ -104,3 +104,8 @@ def test_the_bundled_scene_holds_breaks_away_and_is_caught() -> None:
     assert run.events[0].t == pytest.approx((5.0 - moment) / 0.5, abs=1e-9)
     assert run.q[-1, 0] == 0.0
     assert run.error[-1] <= 1e-8
+
+
+def test_one_joint_is_named() -> None:
+    with pytest.raises(tl.errors.SceneError, match="expected the name of a joint"):
+        tl.Scene(tl.load_robot("two_link"), effects=[tl.effects.Detent({"elbow": 1.0}, 2.0)])

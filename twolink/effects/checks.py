@@ -218,6 +218,9 @@ def check_joints(values: Any, robot: Robot, field: str, *, dofs: bool = False, c
 
 def check_joint(joint: str, robot: Robot, field: str, *, dofs: bool = True, coordinate: bool = False) -> None:
     """Require a joint that moves: with one degree of freedom, or with one coordinate. Raises SceneError."""
+    if not isinstance(joint, str):
+        raise SceneError(f"expected the name of a joint, got {joint!r:.60}", where=field,
+                         remedy=f"such as {next(iter(robot.joint_names), 'elbow')!r}")  # fmt: skip
     if joint in robot.visuals.lock:
         raise SceneError(f"joint {joint!r} is locked", where=field, remedy="leave it out, or load the robot without")
     check_name(joint, robot.joint_names, field, "joint")

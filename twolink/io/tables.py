@@ -207,7 +207,8 @@ def _read_mat(path: Path) -> tuple[Columns, dict[str, str]]:
     columns: Columns = {}
     for name, values in arrays.items():
         joints = np.atleast_1d(arrays.get(f"{name}_names", []))
-        table = np.asarray(values).reshape(-1, max(1, len(joints)))
+        values = np.atleast_1d(values)  # one sample is a number
+        table = values.reshape(-1, max(1, len(joints)))
         if not name.endswith("_names"):
-            columns |= {f"{name}.{joint}": table[:, k] for k, joint in enumerate(joints)} or {name: np.asarray(values)}
+            columns |= {f"{name}.{joint}": table[:, k] for k, joint in enumerate(joints)} or {name: values}
     return columns, notes

@@ -165,6 +165,8 @@ def test_a_run_for_matlab_is_read_again(tmp_path: Path) -> None:
         np.testing.assert_array_equal(again.q, run.q)
         np.testing.assert_array_equal(again.error, run.error)
         assert tl.judge(scene, path).right
+    one = tl.simulate(scene, 0.1, t_eval=[0.1])
+    np.testing.assert_array_equal(tl.Trajectory.load(one.save(tmp_path / "one.mat")).q, one.q)
 
 
 @pytest.mark.slow

@@ -48,6 +48,22 @@ def test_a_change_is_found(old: str, new: str, what: str) -> None:
     assert what in {d.what for d in tl.compare_models(robot, text.replace(old, new, 1)).differences}
 
 
+def test_damping_of_a_free_body_and_couplings_are_written(tmp_path: Path) -> None:
+    """MuJoCo's free joint has the damping; a URDF has a coupling as <mimic>."""
+    text = """<mujoco><worldbody><body name="b"><joint name="j" type="free" damping="0.7"/><geom size=".1"/></body>
+    </worldbody></mujoco>"""
+    robot = tl.load_robot(text)
+    assert robot.model.damping.tolist() == [0.7] * 6
+    written = mjcf_text(robot)
+    assert tl.load_robot(written).model.damping.tolist() == [0.7] * 6
+    assert mujoco.MjModel.from_xml_string(written).dof_damping.tolist() == [0.7] * 6
+    coupled = tl.load_robot(LOOP)
+    again = tl.load_robot(coupled.export_urdf(tmp_path / "r.urdf"))
+    whats = {d.what for d in tl.compare_models(coupled, again).differences}
+    assert "weld-loop" in whats
+    assert "mimic" not in whats
+
+
 def test_gravity_compensation_has_the_number_of_the_file() -> None:
     """The force is multiplied and divided by mass and gravity again, and rounds on the way."""
     text = """<mujoco><option gravity="{} {} -9.81"/><worldbody><body name="a" gravcomp="{}"><joint axis="0 1 0"/>

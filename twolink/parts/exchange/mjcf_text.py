@@ -29,7 +29,8 @@ _SHAPES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "leng
 def export_mjcf(robot: Robot, path: str | os.PathLike[str]) -> Path:
     """Write a robot as an MJCF: bodies merged as in `export_urdf`, and the springs and loops of its own file.
 
-    `tl.compare_models` finds it equal but for limits of velocity, which an MJCF has not. Meshes are left out.
+    `tl.compare_models` finds it equal but for limits of velocity, which an MJCF has not, and continuous joints, which are
+    hinges without limits there. Meshes, height fields and exclusions of contact are left out.
 
     Raises
     ------
@@ -103,12 +104,12 @@ def _joint(robot: Robot, index: int, seen: pin.SE3, chain: list[int]) -> ET.Elem
     if kind not in _TYPES or (kind == "free-flyer" and not (base and len(chain) == 1)):
         raise RobotError(f"an MJCF has no such {kind} joint", where=f"joint {name!r}", code="no-mjcf",
                          remedy="split it into joints of one axis; hang free bodies on the world's origin")  # fmt: skip
-    if kind == "free-flyer":
-        return ET.Element("freejoint", name=name)
     q, v = model.idx_qs[index], model.idx_vs[index]
     joint = ET.Element("joint", name=name, type=_TYPES[kind], pos=written(seen.translation))
     numbers = {"damping": model.damping[v], "armature": model.armature[v]}
-    if kind != "spherical":
+    if kind == "free-flyer":
+        joint.attrib.pop("pos")
+    elif kind != "spherical":
         joint.set("axis", written(seen.rotation @ np.array(mechanism.axis, dtype=float)))
         numbers["frictionloss"] = model.upperDryFrictionLimit[v]
         effort = float(model.upperEffortLimit[v])

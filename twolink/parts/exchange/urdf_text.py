@@ -17,6 +17,7 @@ from twolink.dynamics import Robot
 from twolink.errors import RobotError
 from twolink.io.files import path_to_write, write_atomic
 from twolink.io.tables import require_format
+from twolink.parts.exchange.law_comparison import couplings
 from twolink.robots.joint_layout import NO_LIMIT
 from twolink.scenes.urdf_scene import urdf_tree
 
@@ -27,7 +28,8 @@ _TYPES = {"revolute": "revolute", "continuous": "continuous", "prismatic": "pris
 def export_urdf(robot: Robot, path: str | os.PathLike[str]) -> Path:
     """Write a robot as a URDF in one form: bodies merged, locked joints fixed, inertias about centres of mass.
 
-    Links stay as frames; `tl.compare_models` finds it equal. Meshes are named by their full paths.
+    Links stay as frames; `tl.compare_models` finds it equal, but for what an MJCF says and a URDF has not: gravity,
+    springs, loops and compensated weights are left out. Meshes are named by their full paths.
 
     Raises
     ------
@@ -65,7 +67,7 @@ def urdf_text(robot: Robot) -> str:
             _joint(root, f"{frame.name}_fixed", "fixed", kept[j], frame.name, frame.placement)
     for j in range(1 + free, model.njoints):
         _moving_joint(root, robot, j, kept[model.parents[j]], kept[j])
-    mimics = {joint.name: joint.mimic for joint in said.moving if joint.mimic}
+    mimics = couplings(robot) | {joint.name: joint.mimic for joint in said.moving if joint.mimic}
     for joint in root.iter("joint"):
         mimic = mimics.get(joint.get("name", ""))
         if mimic is not None and mimic.joint in model.names:
