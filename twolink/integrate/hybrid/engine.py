@@ -143,11 +143,26 @@ class Engine:
         elif self._open is not None or not self._parts:
             self._parts.append(self._opened().solution(run.t, run.x.copy()))
             self._open = None
+        self._end_after_events()
         solution = joined(self._parts)
         if run.ended and not (len(solution.t) and solution.t[-1] == run.t):
             solution = _with_sample(solution, run.t, run.x)
         events = tuple(sorted(run.events, key=lambda event: event.t))
         return replace(solution, events=events, impulses=tuple(run.impulses))
+
+    def _end_after_events(self) -> None:
+        """Let a last sample at events have the state after them, in a segment of its own, as samples between have."""
+        run, last = self.run, self._parts[-1]
+        if run.t == self.end and not any(event.t == run.t > last.segments[-1].begin for event in run.events):
+            return
+        if len(last.t) and last.t[-1] == run.t:
+            if run.t < self.end:  # it has been ended, or goes on
+                return
+            segment = replace(last.segments[-1], samples=last.segments[-1].samples - 1)
+            self._parts[-1] = replace(last, t=last.t[:-1], x=last.x[:, :-1], segments=(segment,))
+        if np.searchsorted(self.times, run.t) < np.searchsorted(self.times, run.t, side="right"):
+            self._parts.append(self._opened().solution(run.t, run.x.copy()))
+            self._open = None
 
     def forget(self) -> None:
         """Keep no more than the present, for a run whose solution is not asked for."""

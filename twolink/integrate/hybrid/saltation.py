@@ -62,6 +62,9 @@ class RecordingEngine(Engine):
         self.jumps: list[Jump] = []
         self.begun = _copy(self.run)
 
+    def _end_after_events(self) -> None:
+        """Leave the last sample in the segment before: derivatives at the end are those before what happens there."""
+
     def _transit(self, hit: Hit | None, begin: float, stop: float) -> None:
         before = _copy(self.run)
         if not same_time(before.t, begin):
