@@ -187,3 +187,47 @@ def test_a_sample_at_an_event_has_the_state_after_it() -> None:
     seen = tl.simulate(ball, 1.0, t_eval=[hit - 1e-6, hit, 1.0], accuracy=1e-10)
     speed = G * hit
     assert seen.v[:2, 0] == pytest.approx([-speed, 0.6 * speed], abs=2e-5)
+
+
+@pytest.mark.parametrize("at", [0.5, 1.0, 2.0])
+def test_energies_have_what_is_held_and_books_close(at: float) -> None:
+    """Also where it is let go at the end, or never."""
+    arm, load = tl.load_robot("two_link"), E.Payload("forearm", 1.0)
+    scene = tl.Scene(arm, [1.2, 0.5], effects=[E.Gravity(), E.Release(load, at=at)], duration=1.0)
+    run = tl.simulate(scene, accuracy=1e-9)
+    assert run.energy[0] == pytest.approx(tl.simulate(scene.with_effects([E.Gravity(), load])).energy[0], abs=1e-9)
+    assert np.abs(tl.energy_book(scene, run).residual).max() < 1e-7
+
+
+@pytest.mark.parametrize("kick", [{"at": 1.0}, {"at": 0.5, "stop": True}])
+def test_a_state_that_changes_at_the_end_is_the_last_one(kick: dict) -> None:
+    """A log of a longer run that is cut there is right, its energy too."""
+    arm = tl.load_robot("two_link")
+    watch = E.Watch("kick", then=lambda q, v: (q, 0.5 * v), **kick)
+    scene = tl.Scene(arm, [1.2, 0.5], effects=[E.Gravity(), watch], duration=1.0)
+    run = tl.simulate(scene, accuracy=1e-9)
+    assert run.v[-1] == pytest.approx(run.at(run.end)[1], abs=1e-12)
+    assert run.v[-1] == pytest.approx(0.5 * run.at(run.end - 1e-7)[1], abs=1e-4)
+    assert np.abs(tl.energy_book(scene, run).residual).max() < 1e-7
+    verdict = tl.judge(scene, run)
+    assert verdict.right
+    assert verdict.energy < 1e-9
+
+
+def test_an_error_at_a_tick_on_an_event_keeps_the_sample_there() -> None:
+    def law(t: float, _: object, state: object) -> tuple[list[float], object]:
+        return [1.0 / (0.5 - t) if t == 0.5 else 0.0, 0.0], state
+
+    effects = [E.Gravity(), E.Watch("look", at=0.5), E.Controller(law, period=0.05)]
+    with pytest.raises(tl.errors.ControllerError) as caught:
+        tl.simulate(tl.Scene(tl.load_robot("two_link"), [1.2, 0.5], effects=effects), 1.0, t_eval=[0.0, 0.5, 1.0])
+    assert caught.value.run.t.tolist() == [0.0, 0.5]
+
+
+@pytest.mark.parametrize("kind", [E.Release, E.Engage])
+def test_a_controller_with_states_may_be_the_only_force(kind: type) -> None:
+    held = E.PID({"x": 0.4}, kp={"x": 20.0}, ki={"x": 10.0}, kd={"x": 1.0})
+    run, beside = (tl.simulate(tl.Scene(slider(), [0.1], effects=[*more, kind(held, at=0.3)]), 0.6, accuracy=1e-9)
+                   for more in ([], [E.JointDamping({"x": 0.0})]))  # fmt: skip
+    assert np.abs(run.q - beside.q).max() < 1e-8
+    assert abs(run.q[-1, 0] - 0.1) > 0.01

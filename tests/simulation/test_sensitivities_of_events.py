@@ -149,3 +149,14 @@ def test_what_has_no_derivative_is_named() -> None:
     with pytest.raises(SceneError) as refused:
         tl.sensitivities(tl.load_scene("crank-spring"), wrt=["effects.0.point_a.0"], duration=0.1)
     assert refused.value.code == "sensitivities-lengths"
+
+
+@pytest.mark.parametrize(("at", "stop", "what"), [(0.0, False, "start"), (0.5, True, "end"), (1.0, False, "end")])
+def test_a_state_that_changes_at_the_start_or_the_end_has_no_derivatives(at: float, stop: bool, what: str) -> None:
+    """They would be those of the state before `then`, beside the run's state after it: 10.06 for 7.77."""
+    kick = tl.effects.Watch("kick", at=at, then=lambda q, v: (q, 0.5 * v + q[0]), stop=stop)
+    scene = tl.Scene(tl.load_robot("two_link"), [1.2, 0.5], effects=[tl.effects.Gravity(), kick], duration=1.0)
+    for ask in (tl.sensitivities, lambda scene: tl.gradient(scene, objective=lambda run: float(run.v[-1, 0]))):
+        with pytest.raises(tl.errors.AccuracyError, match=f"at the {what} of the run") as caught:
+            ask(scene)
+        assert caught.value.code == "sensitivity-undefined"

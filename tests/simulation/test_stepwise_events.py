@@ -113,3 +113,14 @@ def test_a_curve_ends_a_simulation() -> None:
         with pytest.raises(tl.errors.SceneError, match="a curve ends at 0"):
             ask()
     assert sim.t == 0.5
+
+
+def test_an_event_before_the_end_of_a_curve_is_found() -> None:
+    curve = E.Bezier((0.0, 0.0, 0.0, 2.0, 2.0, 2.0), 1.0)
+    scene = tl.Scene(ARM, effects=[E.Torque({"elbow": curve})], duration=1.0)
+    sim = tl.Simulation(scene)
+    assert sim.run_until(lambda state: state.t - 0.95, 10.0)
+    assert sim.t == pytest.approx(0.95, abs=1e-9)
+    with pytest.raises(tl.errors.SceneError, match="a curve ends at 1 s"):
+        sim.run_until(lambda state: state.t - 1.5, 10.0)
+    assert sim.t == 1.0

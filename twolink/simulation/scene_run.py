@@ -314,7 +314,7 @@ def _trajectory(
         solution.interrupted,
         accuracy=None if error is None else accuracy,
         precise=None if solution.precise is None else decimals(solution.precise[kept]),
-        robots=_robots(solution, kept),
+        robots=_robots(solution, kept, scene.robot),
         solution=dense,
         title=scene.title,
         scene=scene,
@@ -324,10 +324,10 @@ def _trajectory(
     )
 
 
-def _robots(solution: Solution, kept: np.ndarray) -> list[tuple[Robot, int]]:
-    """The robot of each segment and its number of kept samples; empty where it is the same robot throughout."""
+def _robots(solution: Solution, kept: np.ndarray, own: Robot) -> list[tuple[Robot, int]]:
+    """The robot of each segment and its number of kept samples; empty where it is the run's own throughout."""
     robots = [segment.equations.robot for segment in solution.segments]
-    if all(robot is robots[0] for robot in robots):
+    if all(robot is own for robot in robots):
         return []
     parts = np.split(kept, np.cumsum([segment.samples for segment in solution.segments])[:-1])
     return [(robot, int(part.sum())) for robot, part in zip(robots, parts, strict=True)]

@@ -235,6 +235,7 @@ def refined(
             if not excess:
                 raise
             break
+        _require_no_jump(equations, run)
         result, excess = attempt(equations, run, sought / margin)
         if excess <= 1.0:
             return result
@@ -242,6 +243,17 @@ def refined(
     raise AccuracyError(f"{accuracy:g} cannot be kept: the error bar is {excess:.1e} times as large",
                         argument="accuracy", remedy="ask for less accuracy, or a shorter duration",
                         code="accuracy-limit", run=run, trusted_until=0.0, precision="")  # fmt: skip
+
+
+def _require_no_jump(equations: Equations, run: Trajectory) -> None:
+    """Require that nothing changes the state at the start and at the end: derivatives there are those of one side."""
+    changing = {place for place, one in equations.switching.triggers if one.state} if equations.switching else set()
+    for event in run.events:
+        if event.effect in changing and event.t in (0.0, run.end):
+            what, remedy = ("end", "another duration") if event.t else ("start", "the state after it as the start")
+            raise AccuracyError(f"`then` of {event.what!r} changes the state at the {what} of the run",
+                                where=f"t = {event.t:.6g} s", remedy=f"give {remedy}",
+                                code="sensitivity-undefined", t=event.t)  # fmt: skip
 
 
 def _with_bars(found: SensitivityRun, accuracy: float) -> tuple[Sensitivities, float]:

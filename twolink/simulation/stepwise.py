@@ -284,8 +284,9 @@ class Simulation:
         limit, missing = positive(limit, "limit", SceneError, "a time in s"), self._distance(event)
         end, value = self.t + limit, missing(self.state)
         while self.t < end * (1.0 - SAME_TIME):
-            before = self.save()
-            self.step(min(end - self.t, limit / LOOKS), tau)
+            before, to_curves_end = self.save(), self._curves_end - self.t
+            ahead = to_curves_end if to_curves_end > SAME_TIME * self.t else math.inf  # an event may come before
+            self.step(min(end - self.t, limit / LOOKS, ahead), tau)
             now = missing(self.state)
             if value * now < 0.0 or now == 0.0:
                 self._back_to(before, self.t, missing, tau)

@@ -38,7 +38,7 @@ def _accelerations(equations: Equations, t: Any, q: Array, v: Array, behind: Arr
     """
     layout, constraints = equations.layout, equations.constraints
     bound = constraints is not None or bool(layout.lockable)
-    if not equations.effects and not bound:
+    if not (equations.effects or equations.space.states or bound):
         with contextlib.suppress(QueryError):  # one state that overflows: the others are answered one by one
             rows, tau = slice(None) if len(q) > 1 else 0, np.zeros(v.shape[1])  # one state is answered without checks
             return equations.robot.forward_dynamics(q[rows], v[rows], tau, engine="pinocchio").reshape(v.shape).T

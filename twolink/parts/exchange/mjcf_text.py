@@ -29,8 +29,8 @@ _SHAPES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "leng
 def export_mjcf(robot: Robot, path: str | os.PathLike[str]) -> Path:
     """Write a robot as an MJCF: bodies merged as in `export_urdf`, and the springs and loops of its own file.
 
-    `tl.compare_models` finds it equal but for limits of velocity, which an MJCF has not, and for continuous joints: they
-    are hinges without limits there. Meshes, height fields and exclusions of contact are left out.
+    `tl.compare_models` finds it equal but for limits of velocity, which an MJCF has not, and for continuous joints,
+    which are hinges there. Meshes, height fields and exclusions of contact are left out.
 
     Raises
     ------

@@ -173,7 +173,7 @@ class VectorEnvironment(gymnasium.vector.VectorEnv[Array, Array, Array]):
         if equations.constraints is not None or equations.has_events:
             raise SceneError("worlds with loops or events are not solved in a batch", where="effects",
                              remedy="several Environment", code="not-step-by-step")  # fmt: skip
-        equations.require(0.0, math.ceil(scene.duration / self.task.period - 1e-9) * self.task.period)
+        equations.require(0.0, max(1, math.ceil(scene.duration / self.task.period - 0.5 - 1e-9)) * self.task.period)
         self._map = step_map(equations, METHOD)
         x = np.repeat(equations.start[:, None], num_envs, axis=1)
         self._state, self._limit = start_state(self._map, x, 0.0, scene.duration,
