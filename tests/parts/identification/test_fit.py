@@ -137,6 +137,18 @@ def test_a_stated_noise_counts_until_the_residuals_contradict_it() -> None:
     assert wrong.half_width[0] > 0.5 * stated.half_width[0]
 
 
+@pytest.mark.parametrize("slow", [0.0, NOISE / 20])
+@pytest.mark.parametrize("method", ["weighted", "robust"])
+def test_small_residuals_that_follow_each_other_do_not_refute_a_stated_noise(slow: float, method: str) -> None:
+    """The half-width is that of white noise of this size, by the slopes of two runs. It was 0.4 of it, and 5e-7."""
+    name, step, times = "effects.1.damping.elbow", 1e-3, np.linspace(0.0, 1.0, 51)
+    more, less = (motion_of(scene_with(SCENE, {name: 0.2 + change}), times)[0] for change in (step, -step))
+    by_hand = 1.96 * NOISE / np.linalg.norm((more - less) / (2 * step))
+    q = motion_of(SCENE, times)[0] + slow * np.sin(5 * times + 1)[:, None] * [1, -1]
+    found = tl.fit(scene_with(SCENE, {name: 0.25}), {"t": times, "q": q}, [name], sigma=NOISE, method=method)
+    assert found.half_width[0] == pytest.approx(by_hand, rel=0.02)
+
+
 @pytest.mark.slow
 def test_a_common_factor_of_all_masses_cannot_be_told_and_is_not_fitted() -> None:
     """M q'' + h = 0 under gravity alone is the same motion for any factor of all inertias."""

@@ -98,7 +98,7 @@ def fit(
     length = correlation_length(residuals / noise)
     ends = np.asarray(blocks if blocks is not None else _block_ends(len(y), length))
     covariance, by_blocks, slow = _covariance(
-        scaled, residuals, weights, noise, full, sure / lengths, ends, length, runs or (len(y),)
+        scaled, residuals, weights, noise, full, sure / lengths, ends, length, runs or (len(y),), sigma
     )
     correlated = length > 0
     singular = np.linalg.svd(_triangle(scaled * weights[..., None]), compute_uv=False)
@@ -168,13 +168,14 @@ def _total(columns: np.ndarray, y: np.ndarray, error: np.ndarray, first: np.ndar
 
 def _covariance(
     columns: np.ndarray, residuals: np.ndarray, weights: np.ndarray, noise: np.ndarray, full: np.ndarray,
-    sure: np.ndarray, ends: np.ndarray, length: int, runs: Sequence[int],
+    sure: np.ndarray, ends: np.ndarray, length: int, runs: Sequence[int], sigma: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray] | None]:  # fmt: skip
     """The covariance A^-1 B A^-1 of x, the same by blocks, and variances with what drifts.
 
     A = sum of w^2 G^T G over residuals of full weight, and the prior's information, which B has too. B = sum of w^4
     s_k^2 G^T G for independent residuals of joint k; for correlated ones, or some of less weight, the long-run
-    covariance of the scores w^2 G^T e (Newey and West 1987).
+    covariance of the scores w^2 G^T e (Newey and West 1987). Where sigma is stated it is no less, in any direction,
+    than that of independent residuals of this size: small residuals do not refute it.
     """
     n, dofs, r = columns.shape
     # Scores are taken in coordinates in which A is 1: forming A would square the condition number.
@@ -190,6 +191,9 @@ def _covariance(
         middle = flat.T @ flat
     else:
         middle = _long_run(score, length) * n * dofs / (n * dofs - r)
+        if sigma is not None:
+            flat = (columns * (weights**2 * sigma)[..., None]).reshape(-1, r)
+            middle = _wider(flat.T @ flat, middle)
     of_prior, count = inverse.T @ np.diag(sure**2) @ inverse, max(len(ends) - 1, 1)
     first, second = (inverse @ (part + of_prior) @ inverse.T for part in (middle, sums.T @ sums * count / len(ends)))
     few = np.where(full, residuals, np.clip(residuals, -HUBER * noise, HUBER * noise))
@@ -197,6 +201,12 @@ def _covariance(
     seen = slow is not None and (length > 0 or slow[2])
     drifting = (slow[0] + np.diag(inverse @ of_prior @ inverse.T), slow[1]) if slow is not None and seen else None
     return (first + first.T) / 2, (second + second.T) / 2, drifting
+
+
+def _wider(least: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """A covariance that is no less than either of two, in any direction: least + the positive part of the rest."""
+    sizes, along = np.linalg.eigh(other - least)
+    return np.asarray(least + (along * np.maximum(sizes, 0.0)) @ along.T)
 
 
 def _left_out(block: np.ndarray, score: np.ndarray) -> np.ndarray:

@@ -55,7 +55,7 @@ def fit(
         numbers of effects ("effects.1.damping.elbow"); the initial state ("q", "v", "q.elbow").
     sigma : float, mapping of channels to float, or array_like (c,), optional
         Standard deviations of the measurements. By default the residuals tell them. Where residuals are clearly larger
-        than sigma, they count.
+        than sigma, they count; where they are smaller, the intervals are those of sigma.
     method : {"weighted", "robust"}
         Robust: outliers count less (Huber).
     segments : int, optional
