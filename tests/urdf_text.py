@@ -14,11 +14,11 @@ def link(
 
 def joint(
     name: str, kind: str, parent: str, child: str, axis: str = "0 0 1",
-    *, upper: float = 99.0, effort: float = 1000.0, more: str = "",
+    *, lower: float = -99.0, upper: float = 99.0, effort: float = 1000.0, more: str = "",
 ) -> str:  # fmt: skip
     """A joint with wide limits."""
     return (f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><axis xyz="{axis}"/>'
-            f'<limit lower="-99" upper="{upper}" effort="{effort}" velocity="100"/>{more}</joint>')  # fmt: skip
+            f'<limit lower="{lower:g}" upper="{upper}" effort="{effort}" velocity="100"/>{more}</joint>')  # fmt: skip
 
 
 def robot_of(*parts: str) -> str:

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
+from tests.urdf_text import joint, link, robot_of
 from twolink.errors import QueryError
 from twolink.identification import exciting_motion, identify
 
@@ -27,6 +28,20 @@ def test_it_keeps_the_limits_and_is_better_than_random_motions(name: str) -> Non
     found = identify(robot, motion.t, motion.q, motion.v, robot.inverse_dynamics(motion.q, motion.v, motion.a),
                      a=motion.a)  # fmt: skip
     assert found.condition == pytest.approx(motion.condition, rel=0.1)
+
+
+WIDE = [("revolute", 0.5, 7.0), ("prismatic", 0.0, 8.0), ("revolute", 1.0, 1e30), ("prismatic", -1e30, -2.0)]
+
+
+@pytest.mark.parametrize(("kind", "lower", "upper"), WIDE)
+def test_wide_ranges_and_limits_on_one_side_are_kept(kind: str, lower: float, upper: float) -> None:
+    """Such ranges were taken as -pi to pi. 0.9 of half a turn to each side is used, as near to 0 as the limits allow."""
+    text = robot_of(link("body", at="0.1 0.2 0"), joint("axis", kind, "ground", "body", lower=lower, upper=upper))
+    q = exciting_motion(tl.load_robot(text), 40.0, ["body.mass", "body.origin_inertia.zz"], steps=0).q
+    assert lower <= q.min() < q.max() <= upper
+    assert np.ptp(q) == pytest.approx(0.9 * 2 * np.pi, rel=0.01)
+    nearest = lower if lower > -1e9 else upper
+    assert np.abs(q - nearest).min() == pytest.approx(0.1 * np.pi, rel=0.05)
 
 
 def test_it_starts_and_ends_at_rest_and_its_rates_are_its_own(tmp_path: Path) -> None:

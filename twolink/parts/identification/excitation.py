@@ -35,7 +35,7 @@ _LESS, _LEAST = 0.8, 0.08  # of a joint's range, until torques and collisions al
 _WHOLE = np.ones(1)
 _TRIED = 5  # random motions beside the one that was improved
 _STARTS = 20  # random coefficients of which the best is improved
-_USUAL = (np.pi, 2.0)  # half a range [rad, m] and a speed [rad/s, m/s] for joints without limits
+_USUAL = (np.pi, 2.0)  # the most of half a range [rad, m]; a speed [rad/s, m/s] for joints without limits
 
 
 @dataclass(frozen=True)
@@ -216,14 +216,17 @@ def _series(sines: np.ndarray, cosines: np.ndarray, w: np.ndarray, t: np.ndarray
 
 
 def _limits(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The middle and half of the range that is used of each joint (nv,), and its speed."""
+    """The middle and half of the range that is used of each joint (nv,), and its speed.
+
+    A range wider than the usual one is used about 0, or as near to 0 as its limits allow.
+    """
     model = robot.model
     middle, reach = np.zeros(robot.nv), np.full(robot.nv, _USUAL[0])
     for joint in robot.joints:
         if joint.kind == "vector":
             low, high = joint.lower[0], joint.upper[0]
-            if high - low < 2 * _USUAL[0]:
-                middle[joint.v.start], reach[joint.v.start] = (low + high) / 2, (high - low) / 2
+            half = min((high - low) / 2, _USUAL[0])
+            middle[joint.v.start], reach[joint.v.start] = min(max(0.0, low + half), high - half), half
     speed = np.array(model.velocityLimit)
     speed = np.where((speed > 0) & (speed < 1e3), speed, _USUAL[1])
     return middle, _SHARE * reach, _SHARE * speed
