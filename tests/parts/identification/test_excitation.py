@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
-from tests.urdf_text import joint, link, robot_of
+from tests import urdf_text
 from twolink.errors import QueryError
 from twolink.identification import exciting_motion, identify
 
@@ -35,8 +35,11 @@ WIDE = [("revolute", 0.5, 7.0), ("prismatic", 0.0, 8.0), ("revolute", 1.0, 1e30)
 
 @pytest.mark.parametrize(("kind", "lower", "upper"), WIDE)
 def test_wide_ranges_and_limits_on_one_side_are_kept(kind: str, lower: float, upper: float) -> None:
-    """Such ranges were taken as -pi to pi. 0.9 of half a turn to each side is used, as near to 0 as the limits allow."""
-    text = robot_of(link("body", at="0.1 0.2 0"), joint("axis", kind, "ground", "body", lower=lower, upper=upper))
+    """Such ranges were taken as -pi to pi. 0.9 of a turn is used, as near to 0 as the limits allow."""
+    text = urdf_text.robot_of(
+        urdf_text.link("body", at="0.1 0.2 0"),
+        urdf_text.joint("axis", kind, "ground", "body", lower=lower, upper=upper),
+    )
     q = exciting_motion(tl.load_robot(text), 40.0, ["body.mass", "body.origin_inertia.zz"], steps=0).q
     assert lower <= q.min() < q.max() <= upper
     assert np.ptp(q) == pytest.approx(0.9 * 2 * np.pi, rel=0.01)

@@ -3,10 +3,12 @@
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import twolink as tl
 from tests.parts.identification.motions import FINGERS, motion, noisy
+from tests.urdf_text import joint, link, robot_of
 from twolink.errors import RobotError
 from twolink.identification import identify, write_urdf
 
@@ -21,6 +23,7 @@ def test_it_loads_as_the_robot_that_was_found_and_says_what_was(tmp_path: Path) 
     bodies = slice(0, 20)
     np.testing.assert_allclose(again.parameter_values[bodies], found.found.parameter_values[bodies], rtol=0, atol=1e-12)
     np.testing.assert_allclose(again.model.damping, found.found.model.damping, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(again.model.armature, found.found.model.armature, rtol=0, atol=1e-12)
     text = path.read_text()
     low, high = found.intervals["forearm.mass"]
     mass = f"forearm.mass = {found.values['forearm.mass']:.6g}, 95 % within {low:.6g} and {high:.6g}"
@@ -29,6 +32,22 @@ def test_it_loads_as_the_robot_that_was_found_and_says_what_was(tmp_path: Path) 
     assert "kept near its value: forearm.first_moment.y, forearm.origin_inertia.xx" in text
     original = (Path(__file__).parents[3] / "urdf" / "arm.urdf").read_text()
     assert text.partition("<robot")[0] == original.partition("<robot")[0]  # the comments at its head
+
+
+@pytest.mark.parametrize("own", ["", '<dynamics damping="0.5" armature="0.05"/>'])
+def test_the_armature_that_was_found_is_in_the_file(own: str, tmp_path: Path) -> None:
+    """A disc of 2 kg m^2 and a rotor of 0.25 turn by the torque 2.25 q'': the file had kept 0.05."""
+    text = robot_of(link("disc", moment=2.0), joint("axle", "revolute", "ground", "disc", more=own))
+    robot = tl.load_robot(text)
+    q = np.linspace(-1.0, 1.0, 50)[:, None]
+    a = np.sin(9 * q)
+    tau = 2.25 * a
+    found = identify(robot, np.arange(50) * 0.01, q, 0 * q, tau, ["axle.armature"], a=a)
+    path = write_urdf(found, text, tmp_path / "found.urdf")
+    again = tl.load_robot(path)
+    np.testing.assert_allclose(again.inverse_dynamics(q, 0 * q, a), tau, rtol=0, atol=1e-9)
+    assert again.model.damping[0] == robot.model.damping[0]
+    assert pin.buildModelFromUrdf(str(path)).nv == 1  # the parser that other programs have takes it
 
 
 def test_links_that_are_fixed_to_a_link_keep_their_own_values(tmp_path: Path) -> None:

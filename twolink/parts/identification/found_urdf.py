@@ -67,10 +67,13 @@ def write_urdf(found: Found, source: str | os.PathLike[str], path: str | os.Path
         if kinds:
             element = _named(root, "joint", joint, urdf.label)
             dof = model.idx_vs[model.getJointId(joint)]
-            values = {"damping": new.damping[dof], "friction": new.upperDryFrictionLimit[dof]}
-            for kind, value in values.items():  # URDF has no place for armature, which is in the comment
-                if kind in kinds:
-                    _child(element, "dynamics").set(kind, repr(float(value)))
+            values = {"damping": new.damping[dof], "friction": new.upperDryFrictionLimit[dof],
+                      "armature": new.armature[dof]}  # fmt: skip
+            dynamics = _child(element, "dynamics")
+            for kind in kinds:
+                dynamics.set(kind, repr(float(values[kind])))
+            if list(dynamics.keys()) == ["armature"]:  # which other programs leave out, and refuse what is empty then
+                dynamics.set("damping", "0.0")
             _comment(element, _remarks(found, joint))
     head = _HEAD.match(urdf.data.decode("utf-8-sig"))
     text = (head.group() if head else "") + ET.tostring(root, encoding="unicode") + "\n"
