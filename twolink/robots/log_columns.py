@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from twolink.errors import QueryError
 from twolink.io.tables import read_table
-from twolink.robots.joint_layout import JointLayout, column_forms
+from twolink.robots.joint_layout import JointLayout, column_forms, read_columns
 from twolink.robots.model import RobotModel
 from twolink.robots.xml import parse_xml
 
@@ -111,7 +111,7 @@ def _matrix(found: dict[str, Any], robot: RobotModel, letter: str) -> str:
             values = np.asarray(found.pop(name), dtype=float)
             listed = next((found[key] for key in _OF_COLUMNS if np.size(found.get(key, ())) == values.shape[1]), None)
             if name in _OF_MUJOCO:
-                found[letter] = _of_mujoco(values, robot, letter, name, found)
+                found |= _by_joint(_of_mujoco(values, robot, letter, name, found), robot.joints, letter)
                 return f"{name} as {letter}, in MuJoCo's order and conventions"
             if listed is not None:
                 names = list(map(str, listed))
@@ -125,9 +125,18 @@ def _matrix(found: dict[str, Any], robot: RobotModel, letter: str) -> str:
             if not _is_single(robot.joints):
                 raise QueryError(f"conventions of free bodies and ball joints in {name!r} are not known", argument=name,
                                  remedy="give q and v as twolink has them", code="column-missing")  # fmt: skip
-            found[letter] = values
+            found |= _by_joint(values, robot.joints, letter)
             return f"{name} as {letter}, joints in the order {', '.join(robot.joint_names)}"
     return ""
+
+
+def _by_joint(values: np.ndarray, joints: Sequence[JointLayout], letter: str) -> dict[str, np.ndarray]:
+    """The matrix by its letter; with angles of continuous joints in it, by joint, as their unit is not known here."""
+    forms = [column_forms(joint, letter) for joint in joints]
+    names = [name for form in forms for name in (form[2] if len(form) > 2 else form[0])]
+    if values.shape[1] != len(names) or all(len(form) == 2 for form in forms):
+        return {letter: values}
+    return dict(zip(names, values.T, strict=True))
 
 
 def _columns(found: dict[str, Any], joints: Sequence[JointLayout], letter: str) -> str:
@@ -191,7 +200,7 @@ def joint_order(robot: RobotModel, breadth: bool = False) -> list[str]:
 
 
 def _of_mujoco(values: np.ndarray, robot: RobotModel, letter: str, name: str, found: Table) -> np.ndarray:
-    """qpos or qvel as our q or v, of the same samples."""
+    """qpos or qvel as our q or v, of the same samples; of continuous joints their angles."""
     by_name = {joint.name: joint for joint in robot.joints}
     joints = [by_name[each] for each in joint_order(robot)]
     other = next((joint for joint in joints if joint.kind not in _WIDTHS), None)
@@ -200,20 +209,17 @@ def _of_mujoco(values: np.ndarray, robot: RobotModel, letter: str, name: str, fo
         what = f"{name} has {values.shape[1]} columns, this robot {sum(widths)} in MuJoCo"
         raise QueryError(f"{name} has no place for the {other.kind} joint {other.name!r}" if other else what,
                          argument=name, remedy="give q and v as twolink has them", code="column-missing")  # fmt: skip
-    ours = np.empty((len(values), robot.nq if letter == "q" else robot.nv))
+    ours: dict[str, np.ndarray] = {}
     for joint, end, width in zip(joints, np.cumsum(widths), widths, strict=True):
         own = values[:, end - width : end]
-        if letter == "q" and joint.kind == "cos-sin":
-            ours[:, joint.q] = np.column_stack([np.cos(own), np.sin(own)])
-        elif letter == "q":  # the quaternion, if there is one, ends with w
-            ours[:, joint.q] = own if width == 1 else np.column_stack([own[:, :-4], own[:, -3:], own[:, -4]])
+        if letter == "q":  # the quaternion, if there is one, ends with w
+            own = own if width == 1 else np.column_stack([own[:, :-4], own[:, -3:], own[:, -4]])
         elif joint.kind == "free-flyer":
-            q = np.asarray(found.get("q"), dtype=float)
+            q = np.asarray(read_columns(found, robot.joints, "q")[0], dtype=float)
             if q.shape != (len(values), robot.nq):
                 raise QueryError("qvel of a free body needs its qpos", argument=name, code="column-missing",
                                  remedy="give qpos, or v as twolink has it")  # fmt: skip
             turns = [pin.Quaternion(row).normalized().matrix() for row in q[:, joint.q][:, 3:]]
-            ours[:, joint.v] = np.column_stack([np.einsum("nji,nj->ni", turns, own[:, :3]), own[:, 3:]])
-        else:
-            ours[:, joint.v] = own
-    return ours
+            own = np.column_stack([np.einsum("nji,nj->ni", turns, own[:, :3]), own[:, 3:]])
+        ours[joint.name] = own
+    return np.column_stack([ours[name] for name in robot.joint_names])

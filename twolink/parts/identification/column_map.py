@@ -116,7 +116,9 @@ def convert(robot: Robot, found: dict[str, np.ndarray], unit: str) -> None:
                 if letter != "q" or joint.kind == "vector":  # other coordinates are no angles: cos, sin, quaternions
                     start = joint.q.start if letter == "q" else joint.v.start
                     scale[[start + k for k in angular_dofs(joint)]] = factor
-            found[letter] = np.asarray(found[letter]) * scale
+            values = np.asarray(found[letter])
+            if scale.size == 1 or values.shape[1:] == scale.shape:  # other shapes are refused where they are read
+                found[letter] = values * scale
             continue
         else:
             names = [name for joint in robot.joints for name in _angles(joint, letter)]
