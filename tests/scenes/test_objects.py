@@ -151,6 +151,28 @@ def test_changed_constants_are_not_lost_in_silence() -> None:
         tl.Scene(arm.changed(heavier)).with_object("can")
 
 
+@pytest.mark.parametrize("name", ["armature", "damping", "upperDryFrictionLimit", "upperPositionLimit"])
+@pytest.mark.parametrize("is_part", [False, True])
+def test_changed_numbers_of_joints_are_not_lost_in_silence(name: str, is_part: bool) -> None:
+    """An export has them: what is joined from it moves as the changed robot alone."""
+    arm = tl.load_robot("two_link")
+    robot = arm.changed(lambda model: setattr(model, name, np.array([2.0, 5.0])))
+    first, second = (arm, robot) if is_part else (robot, arm)
+    with pytest.raises(RobotError, match="joint 'shoulder': its constants were changed after it was loaded"):
+        tl.Scene(first).with_object(second, (9, 0, 0, 0, 0.6, 0, 0.8), name="o")
+
+
+def test_a_moved_joint_is_not_lost_in_silence(tmp_path: Path) -> None:
+    moved = tl.load_robot("two_link").changed(
+        lambda model: model.jointPlacements.__setitem__(2, pin.SE3(np.eye(3), np.array([0.9, 0.1, 0.0])))
+    )
+    with pytest.raises(RobotError, match="joint 'elbow': its constants were changed"):
+        EMPTY.with_object(moved)
+    joined = EMPTY.with_object(tl.load_robot(moved.export_urdf(tmp_path / "moved.urdf")), (1, 0, 0)).base
+    q, v, tau = [0.3, -0.4], [0.5, 0.6], [1.0, -1.0]
+    np.testing.assert_allclose(joined.forward_dynamics(q, v, tau), moved.forward_dynamics(q, v, tau), rtol=1e-9)
+
+
 def test_errors_of_files_name_the_object(tmp_path: Path) -> None:
     path = tmp_path / "a.toml"
     path.write_text('robot = "world"\n[[objects]]\nsource = "can"\nposse = [0.0, 0.0, 0.0]')

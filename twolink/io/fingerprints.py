@@ -8,7 +8,7 @@ import functools
 import hashlib
 import platform
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
@@ -93,6 +93,37 @@ def model_digest(model: pin.Model) -> str:
         digest.update(f"{largest:.9g}".encode())
         digest.update(np.ascontiguousarray(scaled, dtype="<f8").tobytes())
     return digest.hexdigest()[:32]
+
+
+def changed_joint(
+    model: pin.Model, other: pin.Model, names: Mapping[str, str] | None = None, at: pin.SE3 | None = None
+) -> str:
+    """The first joint whose body, placement, armature, losses or limits are others in another model; "" if none.
+
+    names: those of joints there, where they are others; joints that the other model lacks do not count. at: the pose of
+    this model's ground in that one.
+    """
+    for j in range(1, model.njoints):
+        name = str(model.names[j])
+        k = other.getJointId((names or {}).get(name, name))
+        if k == other.njoints:
+            continue  # such as a base that is fixed there
+        place = at * model.jointPlacements[j] if at is not None and not other.parents[k] else model.jointPlacements[j]
+        ours, theirs = _of_joint(model, j), _of_joint(other, k)
+        if (ours.shape != theirs.shape or not np.allclose(ours, theirs, rtol=1e-12, atol=1e-15)
+                or not place.isApprox(other.jointPlacements[k], 1e-9)):  # fmt: skip
+            return name
+    return ""
+
+
+def _of_joint(model: pin.Model, j: int) -> np.ndarray:
+    """The numbers of a joint and its body, without the placement."""
+    q, v = (slice(starts[j], starts[j] + sizes[j])
+            for starts, sizes in ((model.idx_qs, model.nqs), (model.idx_vs, model.nvs)))  # fmt: skip
+    is_free = model.joints[j].shortname() == "JointModelFreeFlyer"  # whose limits Pinocchio sets, in two ways
+    of_joint = [getattr(model, name)[q if "Position" in name else v] for name in ("armature", *OF_JOINTS)
+                if not (is_free and name.endswith("Limit"))]  # fmt: skip
+    return np.concatenate([model.inertias[j].toDynamicParameters(), *of_joint])
 
 
 def kernel_key(model: pin.Model, parts: Sequence[str]) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.errors import RobotError
+from twolink.io.fingerprints import changed_joint
 from twolink.io.text import kebab_case
 from twolink.robots.collisions import Convex, Shape
 from twolink.robots.hull_files import hull_file
@@ -157,8 +158,11 @@ def joined(robot: R, parts: Sequence[tuple[RobotModel, str, pin.SE3, bool]]) -> 
     out = load_model(type(robot), root.to_xml(), lock=lock, gravity=robot.gravity.tolist(), unphysical="report",
                      mimic=any(one.has_mimic for one in everyone), foreign="report",
                      meshes=MeshFolders((), None, tuple(folders)))  # fmt: skip
-    for one, names in zip(everyone, renamed, strict=True):
-        _require_unchanged(one, out, names)
+    grounds = [None, *(None if free else pose for *_, pose, free in parts)]
+    for one, names, ground in zip(everyone, renamed, grounds, strict=True):
+        if joint := changed_joint(one.model, out.model, names, ground):
+            raise RobotError("its constants were changed after it was loaded", where=f"joint {joint!r}",
+                             code="robot-differs", remedy="load what robot.export_urdf(...) writes")  # fmt: skip
     placed = {name: tuple(pin.SE3ToXYZQUAT(pose).tolist()) for _, name, pose, free in parts if free}
     apart = frozenset(
         frozenset(names.get(link, link) for link in pair)
@@ -170,18 +174,6 @@ def joined(robot: R, parts: Sequence[tuple[RobotModel, str, pin.SE3, bool]]) -> 
                                   placed={**robot.visuals.placed, **placed})  # fmt: skip
     label = f"{robot.report.source.removesuffix(BESIDE)}{BESIDE}"
     return type(robot)(robot.name, out.model, LoadReport(label, tuple(findings)), visuals)
-
-
-def _require_unchanged(part: RobotModel, whole: RobotModel, names: dict[str, str]) -> None:
-    """Require that the joints of a part move in the whole what they moved alone."""
-    for joint in part.joints:
-        there = whole.model.getJointId(names.get(joint.name, joint.name))
-        if there == whole.model.njoints:
-            continue  # a base that is fixed now
-        ours, theirs = part.model.inertias[joint.index], whole.model.inertias[there]
-        if not np.allclose(ours.toDynamicParameters(), theirs.toDynamicParameters(), rtol=1e-12, atol=1e-15):
-            raise RobotError("its constants were changed after it was loaded", where=f"joint {joint.name!r}",
-                             code="robot-differs", remedy="load what robot.export_urdf(...) writes")  # fmt: skip
 
 
 def _element(robot: RobotModel) -> Element:

@@ -17,8 +17,11 @@ from twolink.effects import TYPES, Effect, effect_class
 from twolink.effects.effect import plain
 from twolink.errors import SceneError
 from twolink.io.files import write_atomic
+from twolink.io.fingerprints import changed_joint, model_digest
 from twolink.io.text import kebab_case
 from twolink.robots.collisions import AnyShape
+from twolink.robots.load import load_model
+from twolink.robots.model import RobotModel
 
 JointValues = dict[str, float | str | list[float]]
 
@@ -140,7 +143,22 @@ def _robot_entry(robot: Robot, path: Path) -> tuple[RobotEntry, Path | None]:
             raise SceneError("another file is there", where=str(places[1]), remedy=remedy, code="file-exists")
         beside = free[0]
         source = beside.name
-    return RobotEntry(source, "free" if notes["root"] == "free" else "fixed", json.loads(notes["lock"])), beside
+    entry = RobotEntry(source, "free" if notes["root"] == "free" else "fixed", json.loads(notes["lock"]))
+    _require_as_loaded(robot, robot.visuals.text if beside else robot.name, entry)
+    return entry, beside
+
+
+def _require_as_loaded(robot: Robot, source: str, entry: RobotEntry) -> None:
+    """Require that what a scene file says of a robot gives its numbers."""
+    if robot.has_mimic:
+        raise SceneError("a scene file has no joints that follow others", where=f"robot {robot.name!r}",
+                         code="mimic-joints", remedy="load it without mimic=True, and add Coupling")  # fmt: skip
+    again = load_model(RobotModel, source, root=entry.root, lock=entry.lock, purpose="kinematics",
+                       unphysical="report", foreign="report")  # fmt: skip
+    if (joint := changed_joint(robot.model, again.model)) or model_digest(robot.model) != model_digest(again.model):
+        raise SceneError("the robot's constants were changed after it was loaded: the file would not have them",
+                         where=f"joint {joint!r}" if joint else f"robot {robot.name!r}", code="robot-differs",
+                         remedy="make the scene with load_robot(robot.export_urdf(...))")  # fmt: skip
 
 
 def _by_joint(robot: Robot, values: np.ndarray, neutral: np.ndarray, name: str) -> JointValues:

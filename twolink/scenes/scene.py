@@ -246,7 +246,8 @@ class Scene:
         Raises
         ------
         SceneError
-            The path ends otherwise, an effect holds a function, or other files have these names.
+            The path ends otherwise, an effect holds a function, or other files have these names; the robot's constants
+            were changed after it was loaded (code "robot-differs"), or its joints follow others (mimic=True).
         """
         return save_scene(path_to_write(path), self.base, self.q, self.v, self.effects, self.duration, self.title)
 
