@@ -242,3 +242,55 @@ def test_a_robot_without_shapes_touches_nothing() -> None:
     scene = tl.scene_of(tl.load_robot(urdf, root="free"), contact=True)
     assert scene.effects == (fx.Gravity(),)
     assert "no shapes collide" in str(scene.report)
+
+
+MIMIC = """<robot name="{0}"><link name="{0}w"/><link name="{0}a"><inertial><origin xyz="0.3 0 0"/><mass value="1"/>
+  <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="{0}b"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
+  <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="{0}1" type="revolute"><parent link="{0}w"/><child link="{0}a"/><axis xyz="0 1 0"/>
+  <limit lower="-3" upper="3" effort="9" velocity="9"/></joint>
+  <joint name="{0}2" type="revolute"><parent link="{0}a"/><child link="{0}b"/><axis xyz="0 1 0"/>
+  <limit lower="-3" upper="3" effort="9" velocity="9"/><mimic joint="{0}1" multiplier="-2" offset="0.3"/></joint>
+  </robot>"""
+
+
+@pytest.mark.parametrize("first_follows", [True, False])
+def test_joints_follow_beside_others_only_where_they_did_alone(first_follows: bool) -> None:
+    first = tl.load_robot(MIMIC.format("j"), mimic=first_follows)
+    second = tl.load_robot(MIMIC.format("k"), mimic=not first_follows)
+    both = tl.Scene(first).with_object(second, (0, 1, 0), name="o").base
+    assert both.nq == 3
+    assert "scene_of couples none" in str(both.report)
+    q, v, tau = np.array([0.2, 0.3, -0.4]), np.array([0.5, -0.6, 0.7]), np.array([1.0, 2.0, -3.0])
+    a = both.forward_dynamics(q, v, tau)
+    alone = [one.forward_dynamics(*(x[part] for x in (q, v, tau)))
+             for one, part in ((first, slice(first.nq)), (second, slice(first.nq, 3)))]  # fmt: skip
+    np.testing.assert_allclose(a, np.concatenate(alone), rtol=1e-9)
+
+
+SPRUNG = """<mujoco><worldbody><body name="p" gravcomp="0.4"><joint name="h" axis="0 1 0" stiffness="7" springref="10"
+  range="-60 60"/><geom size=".1" pos=".3 0 0"/>
+  <body name="r" pos=".5 0 0"><joint name="e" axis="0 1 0" stiffness="2"/><geom size=".08" pos=".2 0 0"/></body></body>
+  <body name="s" pos="0 1 0"><joint name="f" axis="0 1 0"/><geom size=".1" pos=".2 0 0"/></body></worldbody>
+  <equality><joint joint1="f" joint2="h" polycoef="0.1 0.5 0 0 0"/></equality></mujoco>"""
+
+
+def test_a_joined_part_keeps_the_laws_of_its_file_and_what_its_report_says() -> None:
+    """Springs, loops and gravity compensation act on it beside another one as they do alone."""
+    pytest.importorskip("mujoco")
+    alone = tl.load_robot(SPRUNG)
+    both = tl.Scene(alone).with_object(alone, (0.5, 2, 1), name="o").base
+    assert [type(effect).__name__ for effect in tl.scene_of(both).effects].count("JointSpring") == 2
+    assert "o: options of MuJoCo's simulation" in str(both.report)
+    run, twice = (tl.simulate(tl.scene_of(robot), 0.5, accuracy=1e-9) for robot in (alone, both))
+    assert np.abs(run.q[-1] - run.q[0]).max() > 0.1
+    np.testing.assert_allclose(twice.q[-1], np.tile(run.q[-1], 2), atol=1e-7)
+
+
+def test_laws_that_do_not_fit_the_whole_are_named() -> None:
+    pytest.importorskip("mujoco")
+    alone = tl.load_robot(SPRUNG)
+    moon = tl.Scene(tl.load_robot("two_link", gravity=(0, 0, -1.6))).with_object(alone, name="o").base
+    assert "o: gravity compensation (its gravity is another one): p" in str(moon.report)
+    assert "FrameWrench" not in str(tl.scene_of(moon).effects)

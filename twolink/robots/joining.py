@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -19,8 +19,9 @@ from twolink.robots.collisions import Convex, Shape
 from twolink.robots.hull_files import hull_file
 from twolink.robots.load import load_model
 from twolink.robots.load_report import Finding, LoadReport
+from twolink.robots.load_report import findings as findings_about
 from twolink.robots.meshes import MeshFile, MeshFolders, set_mesh
-from twolink.robots.model import ROOT, RobotModel
+from twolink.robots.model import ROOT, FileLaws, RobotModel
 from twolink.robots.urdf import roll_pitch_yaw
 from twolink.robots.xml import Element, parse_xml
 
@@ -120,7 +121,7 @@ def joined(robot: R, parts: Sequence[tuple[RobotModel, str, pin.SE3, bool]]) -> 
     Returns
     -------
     RobotModel
-        The robot. Its load report lists the parts, and what was renamed.
+        The robot, with the laws of their files. Its load report lists the parts, what was renamed, and what theirs say.
 
     Raises
     ------
@@ -135,13 +136,17 @@ def joined(robot: R, parts: Sequence[tuple[RobotModel, str, pin.SE3, bool]]) -> 
         base = free_name("world", _names(root))
         root.children += [Element("link", {"name": base}, 0),
                           _joint(ROOT, "floating", base, first, pin.SE3.Identity())]  # fmt: skip
-    findings = list(robot.report.findings)
+    findings, laws, coupled = list(robot.report.findings), robot.visuals.laws, any(one.has_mimic for one in everyone)
+    if coupled:
+        findings += _let_go(robot, root, "")
     for part, name, pose, free in parts:
         element, taken = _element(part), _names(root)
         if name in taken:
             raise RobotError(
                 f"the name {name!r} is taken", argument="name", remedy=f"such as {free_name(name, taken)!r}"
             )
+        if coupled:
+            findings += _let_go(part, element, f"{name}: ")
         names = _new_names(element, name, taken)
         _rename(element, names, name)
         prefixed = f", its names as {name}_..." if len(names) > 1 else ""
@@ -153,10 +158,12 @@ def joined(robot: R, parts: Sequence[tuple[RobotModel, str, pin.SE3, bool]]) -> 
         renamed.append(names)
         at = f"{'free' if free else 'fixed'}, at {_written(pose.translation)} m"
         findings.append(Finding("read", f"joined {part.name!r} as {name!r}, {at}{prefixed}"))
+        laws, said = _with_laws(laws, part, name, names, np.allclose(part.gravity, robot.gravity))
+        findings += said
     folders = {mesh.root for one in everyone for meshes in (one.visuals.meshes, one.visuals.collision_meshes)
                for mesh in meshes.values()}  # fmt: skip
     out = load_model(type(robot), root.to_xml(), lock=lock, gravity=robot.gravity.tolist(), unphysical="report",
-                     mimic=any(one.has_mimic for one in everyone), foreign="report",
+                     mimic=coupled, foreign="report",
                      meshes=MeshFolders((), None, tuple(folders)))  # fmt: skip
     grounds = [None, *(None if free else pose for *_, pose, free in parts)]
     for one, names, ground in zip(everyone, renamed, grounds, strict=True):
@@ -164,16 +171,57 @@ def joined(robot: R, parts: Sequence[tuple[RobotModel, str, pin.SE3, bool]]) -> 
             raise RobotError("its constants were changed after it was loaded", where=f"joint {joint!r}",
                              code="robot-differs", remedy="load what robot.export_urdf(...) writes")  # fmt: skip
     placed = {name: tuple(pin.SE3ToXYZQUAT(pose).tolist()) for _, name, pose, free in parts if free}
-    apart = frozenset(
+    srdf = dataclasses.replace(robot.visuals.srdf, apart=_apart(everyone, renamed))
+    visuals = dataclasses.replace(out.visuals, laws=laws, srdf=srdf,
+                                  placed={**robot.visuals.placed, **placed})  # fmt: skip
+    label = f"{robot.report.source.removesuffix(BESIDE)}{BESIDE}"
+    return type(robot)(robot.name, out.model, LoadReport(label, tuple(findings)), visuals)
+
+
+def _apart(everyone: Sequence[RobotModel], renamed: Sequence[Mapping[str, str]]) -> frozenset[frozenset[str]]:
+    """The pairs of links that do not touch, by their new names."""
+    return frozenset(
         frozenset(names.get(link, link) for link in pair)
         for one, names in zip(everyone, renamed, strict=True)
         for pair in one.visuals.srdf.apart
     )
-    srdf = dataclasses.replace(robot.visuals.srdf, apart=apart)
-    visuals = dataclasses.replace(out.visuals, laws=robot.visuals.laws, srdf=srdf,
-                                  placed={**robot.visuals.placed, **placed})  # fmt: skip
-    label = f"{robot.report.source.removesuffix(BESIDE)}{BESIDE}"
-    return type(robot)(robot.name, out.model, LoadReport(label, tuple(findings)), visuals)
+
+
+def _let_go(part: RobotModel, element: Element, prefix: str) -> list[Finding]:
+    """Take <mimic> out of a part whose joints move independently, beside one whose joints follow others."""
+    if part.has_mimic:
+        return []
+    names = [joint.attributes["name"] for joint in element.all("joint") if joint.first("mimic")]
+    for joint in element.all("joint"):
+        joint.children[:] = [child for child in joint.children if child.tag != "mimic"]
+    what = f"{prefix}mimic (beside a robot with mimic=True these joints move independently, and scene_of couples none)"
+    return findings_about("ignored", {what: names})
+
+
+def _with_laws(
+    laws: FileLaws, part: RobotModel, name: str, names: dict[str, str], same_gravity: bool
+) -> tuple[FileLaws, list[Finding]]:
+    """The laws of the whole with those of a part's file, and what its report says of the part."""
+
+    def renamed(value: object) -> object:
+        if isinstance(value, Mapping):
+            return {names.get(key, key): renamed(one) for key, one in value.items()}
+        return names.get(value, value) if isinstance(value, str) else value
+
+    own = part.visuals.laws
+    taken = [one for one in own.effects if one[0] != "frame-wrench" or same_gravity]
+    lost = {
+        "height fields": [f"{len(own.fields)} of them"] * bool(own.fields),
+        "gravity compensation (its gravity is another one)": [
+            str(given["frame"]) for kind, given in own.effects if kind == "frame-wrench" and not same_gravity],
+    }  # fmt: skip
+    read = {f"{name}: laws of its file (scene_of makes them effects)": dict.fromkeys(kind for kind, _ in taken)}
+    said = [*findings_about("read", read), *findings_about("ignored", {f"{name}: {k}": x for k, x in lost.items()})]
+    said += [dataclasses.replace(one, what=f"{name}: {one.what}", names=tuple(names.get(x, x) for x in one.names))
+             for one in part.report.findings if one.kind in ("suspicious", "ignored", "repaired")]  # fmt: skip
+    effects = [(kind, {key: renamed(value) for key, value in given.items()}) for kind, given in taken]
+    start = {names.get(joint, joint): q for joint, q in own.start.items()}
+    return dataclasses.replace(laws, effects=(*laws.effects, *effects), start={**laws.start, **start}), said
 
 
 def _element(robot: RobotModel) -> Element:
