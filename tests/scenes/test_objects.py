@@ -162,6 +162,17 @@ def test_changed_numbers_of_joints_are_not_lost_in_silence(name: str, is_part: b
         tl.Scene(first).with_object(second, (9, 0, 0, 0, 0.6, 0, 0.8), name="o")
 
 
+@pytest.mark.parametrize("kind", [{"root": "free"}, {"lock": {"elbow_joint": 0.4}}, {"gravity": (0.0, 0.0, -1.0)}])
+@pytest.mark.parametrize("pose", [(1e4, 2, 5, 0, 0.5**0.5, 0, 0.5**0.5), (1, 2, 3, 0.5, 0.5, 0.5, 0.5)])
+def test_a_robot_is_joined_however_it_was_loaded(kind: dict, pose: tuple, tmp_path: Path) -> None:
+    """Free and fixed ones, at poses whose roll, pitch and yaw are not unique."""
+    arm = tl.load_robot("ur5", **kind)
+    scene = tl.Scene(arm).with_object(arm, pose, name="p", root="fixed").with_object(arm, (1, 2, 3), name="o")
+    again = tl.load_scene(scene.save(tmp_path / "a.toml")).base
+    assert again.joint_names == scene.base.joint_names
+    np.testing.assert_allclose(again.mass_matrix(scene.q), scene.base.mass_matrix(scene.q), rtol=1e-12, atol=1e-9)
+
+
 def test_a_moved_joint_is_not_lost_in_silence(tmp_path: Path) -> None:
     moved = tl.load_robot("two_link").changed(
         lambda model: model.jointPlacements.__setitem__(2, pin.SE3(np.eye(3), np.array([0.9, 0.1, 0.0])))

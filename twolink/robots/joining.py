@@ -167,7 +167,7 @@ def joined(robot: R, parts: Sequence[tuple[RobotModel, str, pin.SE3, bool]]) -> 
                      meshes=MeshFolders((), None, tuple(folders)))  # fmt: skip
     grounds = [None, *(None if free else pose for *_, pose, free in parts)]
     for one, names, ground in zip(everyone, renamed, grounds, strict=True):
-        if joint := changed_joint(one.model, out.model, names, ground):
+        if joint := changed_joint(one.model, out.model, names if ground is None else {ROOT: "", **names}, ground):
             raise RobotError("its constants were changed after it was loaded", where=f"joint {joint!r}",
                              code="robot-differs", remedy="load what robot.export_urdf(...) writes")  # fmt: skip
     placed = {name: tuple(pin.SE3ToXYZQUAT(pose).tolist()) for _, name, pose, free in parts if free}
