@@ -218,7 +218,8 @@ def _accurate(scene: Scene) -> Trajectory:
 
 def _no_segments() -> SceneError:
     return SceneError("a run with stepped contacts has no smooth segments", where="run", argument="run",
-                      remedy='give energy_book the run of tl.simulate(scene, contact="located")', code="stepped")  # fmt: skip
+                      remedy='give energy_book the run of tl.simulate(scene, contact="located")',
+                      code="stepped")  # fmt: skip
 
 
 def _dense(run: Trajectory) -> DenseOutput:
