@@ -149,3 +149,19 @@ def test_robots_of_the_catalogue_survive() -> None:
         again = pickle.loads(pickle.dumps(robot))
         assert_same(robot.model, again.model)
         assert again.report == robot.report
+
+
+def test_the_armature_of_a_follower_acts_on_its_leader() -> None:
+    """M = G^T M_free G and the kinetic energy; the report names losses that the model has not."""
+    rotor = '<dynamics damping="{}" friction="{}" armature="{}"/>'
+    joints = [("revolute", rotor.format(0.3, 0.1, 0.05)), ("revolute", rotor.format(0.2, 0.4, 0.7)),
+              ("revolute", mimic("j1", -2.0, 0.3) + rotor.format(0.6, 0.25, 0.5))]  # fmt: skip
+    coupled, free = tl.load_robot(chain(*joints), mimic=True), tl.load_robot(chain(*joints))
+    G, q, v = np.array([[1.0, 0], [0, 1], [-2, 0]]), [0.4, -0.6], np.array([0.7, 0.9])
+    q_free = G @ q + [0, 0, 0.3]
+    for one in (coupled, pickle.loads(pickle.dumps(coupled))):
+        np.testing.assert_allclose(one.mass_matrix(q), G.T @ free.mass_matrix(q_free) @ G, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(one.energy(q, v), free.energy(q_free, G @ v), rtol=0, atol=1e-12)
+    named = {finding.what[:14]: finding.names for finding in coupled.report.ignored}
+    assert named["joint damping "] == named["joint friction"] == ("j1", "j2")
+    assert named["damping and fr"] == ("j3",)

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Literal, TypeVar, get_args
 
+import numpy as np
 import pinocchio as pin
 
 from twolink.errors import RobotError, require_known
@@ -167,14 +168,21 @@ def build(tree: Tree, label: str, root: str, mimic: bool) -> pin.Model:
 
 
 def _completed(model: pin.Model, tree: Tree) -> pin.Model:
-    """The model with what Pinocchio's parser leaves out: ball joints, armature, and damping of joints of many axes."""
+    """The model with what Pinocchio's parser leaves out: ball joints, armature, and damping of joints of many axes.
+
+    The armature of a joint that follows another at k times its rate is k^2 times as large at that one.
+    """
     balls = [joint.name for joint in tree.moving if joint.type == "spherical"]
     model = _with_balls(model, balls) if balls else model
-    armature, damping = model.armature.copy(), model.damping.copy()
+    armature, damping, followers = np.zeros(model.nv), model.damping.copy(), set(model.mimicking_joints)
     for joint in tree.moving:
         index = model.getJointId(joint.name)
-        dofs = slice(model.idx_vs[index], model.idx_vs[index] + model.nvs[index])
-        armature[dofs], damping[dofs] = joint.armature, joint.damping
+        if joint.mimic and index in followers:
+            armature[model.idx_vs[index]] += joint.mimic.multiplier**2 * joint.armature
+        else:
+            dofs = slice(model.idx_vs[index], model.idx_vs[index] + model.nvs[index])
+            armature[dofs] += joint.armature
+            damping[dofs] = joint.damping
     model.armature, model.damping = armature, damping
     return model
 

@@ -130,6 +130,7 @@ def summary(tree: Tree, model: pin.Model, size: int) -> Finding:
 _NOT_APPLIED = "forward dynamics does not apply it, inverse dynamics with losses=True only"
 _DAMPING = f"joint damping (in robot.model.damping; {_NOT_APPLIED})"
 _FRICTION = f"joint friction (in robot.model; {_NOT_APPLIED})"
+_OF_FOLLOWERS = "damping and friction of joints that follow others (not in robot.model)"
 _LIMITS = "joint limits (in robot.model; forward and inverse dynamics do not enforce them)"
 _RATE_LIMITS = "limits of acceleration, deceleration and jerk (not in robot.model either)"
 _MERGED = "fixed joints: these links are merged into the body they are fixed to, and stay as frames"
@@ -154,10 +155,12 @@ def content_findings(
     massless = {name for one in said if one.rule == "no-inertial" for name in one.names}
     mimics = {j.name: j.mimic.joint for j in moving if j.mimic is not None}
     joint_names = {j.name for j in tree.joints}
+    apart = [j for j in moving if not (mimic and j.mimic)]
     sound = " (the bodies they are fixed to are sound)" if unphysical == "refuse" else ""
     ignored = {
-        _DAMPING: [j.name for j in moving if j.damping != 0],
-        _FRICTION: [j.name for j in moving if j.friction != 0],
+        _DAMPING: [j.name for j in apart if j.damping != 0],
+        _FRICTION: [j.name for j in apart if j.friction != 0],
+        _OF_FOLLOWERS: [j.name for j in moving if j not in apart and (j.damping != 0 or j.friction != 0)],
         _LIMITS: [j.name for j in moving if j.limits is not None and min(map(abs, j.limits)) < NO_LIMIT],
         "mimic (these joints move independently; mimic=True couples them)": () if mimic else mimics,
         "mimic of a joint that does not exist": [name for name, target in mimics.items() if target not in joint_names],
