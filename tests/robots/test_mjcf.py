@@ -1,5 +1,6 @@
 """MJCF: the same accelerations, places and loops as MuJoCo's own, and refusals that name the element."""
 
+import dataclasses
 import sys
 from pathlib import Path
 
@@ -284,7 +285,8 @@ def test_meshes_that_give_no_mass_and_no_size_are_not_read(tmp_path: Path) -> No
         box.export(tmp_path / "parts" / name)
     path.write_text(MESHED.format(**GEOMS))
     source = open_source(path)
-    by_mujoco = read_mjcf(mujoco.MjModel.from_xml_path(str(path)), source, "refuse").robot
+    model = mujoco.MjModel.from_xml_path(str(path))
+    by_mujoco = read_mjcf(dataclasses.replace(compiled_mjcf(source), model=model), source, "refuse").robot
     (tmp_path / "parts" / "given.stl").unlink()
     np.testing.assert_allclose(numbers(read_mjcf(compiled_mjcf(source), source, "refuse").robot), numbers(by_mujoco),
                                atol=1e-14)  # fmt: skip
@@ -312,4 +314,44 @@ def test_the_mass_of_an_attached_model_is_that_of_its_own_compiler(name: str, tm
                     "</mujoco>")  # fmt: skip
     model = mujoco.MjModel.from_xml_path(str(path))
     assert model.body_mass[2] == pytest.approx(48.0)
-    assert compiled_mjcf(open_source(path)).body_mass == pytest.approx(model.body_mass)
+    assert compiled_mjcf(open_source(path)).model.body_mass == pytest.approx(model.body_mass)
+
+
+WEDGE = ((0, 0, 0), (0.3, 0, 0), (0, 0.2, 0), (0, 0, 0.1))
+TURN = 'refquat=".8 .2 -.3 .4" '
+
+
+@pytest.mark.parametrize("mesh", ["", TURN, 'scale="2 1 -1"', TURN + 'scale="-2 -2 -2"'])
+def test_meshes_with_a_reference_stand_where_mujoco_has_them(mesh: str, tmp_path: Path) -> None:
+    faces = ((1, 3, 2), (1, 2, 4), (1, 4, 3), (2, 3, 4))
+    lines = [*(f"v {x} {y} {z}" for x, y, z in WEDGE), *(f"f {i} {j} {k}" for i, j, k in faces)]
+    (tmp_path / "w.obj").write_text("\n".join(lines))
+    path = tmp_path / "robot.xml"
+    path.write_text(f"""<mujoco><asset><mesh name="w" file="w.obj" refpos=".05 .1 .15" {mesh}/></asset>
+        <worldbody><body><joint axis="0 1 0"/><geom type="mesh" mesh="w" pos=".1 .2 .3" euler="10 20 30"/></body>
+        </worldbody></mujoco>""")
+    model = mujoco.MjModel.from_xml_path(str(path))
+    state = mujoco.MjData(model)
+    mujoco.mj_forward(model, state)
+    expected = model.mesh_vert @ state.geom_xmat[0].reshape(3, 3).T + state.geom_xpos[0]
+    (solid,) = tl.load_robot(path).solids
+    place = solid.shape.placement
+    corners = np.asarray(solid.shape.vertices) @ place.rotation.T + place.translation  # type: ignore[union-attr]
+    for point in corners:
+        assert np.linalg.norm(expected - point, axis=1).min() < 1e-6
+    assert len(corners) == len(expected)
+
+
+def test_meshes_that_a_urdf_cannot_name_are_in_the_report(tmp_path: Path) -> None:
+    vertices = " ".join(str(x) for corner in WEDGE for x in corner)
+    text = f"""<mujoco><asset><mesh name="w" vertex="{vertices}"/></asset><worldbody><body><freejoint/>
+        <geom name="inline" type="mesh" mesh="w"/></body></worldbody></mujoco>"""
+    (finding,) = (one for one in tl.load_robot(text).report.ignored if one.names == ("inline",))
+    assert "meshes of no file" in finding.what
+    trimesh.creation.box((0.2, 0.4, 0.6)).export(tmp_path / "box.stl")
+    path = tmp_path / "robot.xml"
+    path.write_text(text.replace(f'vertex="{vertices}"', f'file="box.stl" scale="2 1 1" {TURN}'))
+    robot = tl.load_robot(path)
+    (finding,) = (one for one in robot.report.ignored if one.names == ("inline",))
+    assert "refquat" in finding.what
+    assert not robot.solids

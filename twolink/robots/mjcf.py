@@ -16,6 +16,7 @@ from twolink.errors import RobotError
 from twolink.robots.catalogue import Source
 from twolink.robots.joint_layout import NO_LIMIT
 from twolink.robots.load_report import Finding
+from twolink.robots.load_report import findings as load_findings
 from twolink.robots.mjcf_laws import effects_of, excluded, height_fields, left_out, options_of, without_counterpart
 from twolink.robots.mjcf_model import SHAPES, Mjcf, pose
 from twolink.robots.model import FileLaws
@@ -41,7 +42,7 @@ class Description:
     srdf: Srdf = field(default_factory=Srdf)
 
 
-def read_mjcf(model: Any, source: Source, foreign: str) -> Description:
+def read_mjcf(mjcf: Mjcf, source: Source, foreign: str) -> Description:
     """Describe the robot of a compiled MJCF.
 
     Raises
@@ -49,8 +50,7 @@ def read_mjcf(model: Any, source: Source, foreign: str) -> Description:
     RobotError
         Code "no-counterpart": parts change the motion that twolink has not, unless foreign is "report".
     """
-    mjcf = Mjcf(model)
-    missing = without_counterpart(mjcf)
+    model, missing = mjcf.model, without_counterpart(mjcf)
     if missing and foreign == "refuse":
         what, names = next(iter(missing.items()))
         more = f" (and {len(missing) - 1} more kinds of parts)" if len(missing) > 1 else ""
@@ -64,6 +64,7 @@ def read_mjcf(model: Any, source: Source, foreign: str) -> Description:
     gravity = tuple(0.0 if mjcf.is_off("GRAVITY") else float(g) for g in model.opt.gravity)
     changed = {f"{what} (changes the motion in MuJoCo)": names for what, names in missing.items()}
     findings = [Finding("ignored", what, tuple(names)) for what, names in (changed | left_out(mjcf)).items()]
+    findings += load_findings("ignored", _meshes_left_out(mjcf, folder))
     laws, apart = (
         FileLaws(tuple(effects_of(mjcf)), start, options_of(mjcf), tuple(height_fields(mjcf).values())),
         excluded(mjcf),
@@ -179,11 +180,10 @@ def _shapes(mjcf: Mjcf, body: int, folder: Path | None) -> Iterator[Element]:
     m, first = mjcf.model, int(mjcf.model.body_geomadr[body])
     for k in range(first, first + int(m.body_geomnum[body])):
         shape, place = _shape(m, k, folder), pose(m.geom_pos[k], m.geom_quat[k])
-        if shape is None:
+        own = mjcf.mesh_placement(int(m.geom_dataid[k])) if shape and shape.tag == "mesh" else pin.SE3.Identity()
+        if shape is None or own is None:
             continue
-        if shape.tag == "mesh":  # compiled meshes lie along their principal axes
-            mesh = m.geom_dataid[k]
-            place = place * pose(m.mesh_pos[mesh], m.mesh_quat[mesh]).inverse()
+        place = place * own
         parts = [_origin(place), Element("geometry", {}, 0, [shape])]
         if m.geom_group[k] < DRAWN_GROUPS:
             rgba = m.geom_rgba[k] if m.geom_matid[k] < 0 else m.mat_rgba[m.geom_matid[k]]
@@ -191,6 +191,20 @@ def _shapes(mjcf: Mjcf, body: int, folder: Path | None) -> Iterator[Element]:
             yield Element("visual", {}, 0, [*parts, colour])
         if m.geom_contype[k] or m.geom_conaffinity[k]:
             yield Element("collision", {}, 0, parts)
+
+
+def _meshes_left_out(mjcf: Mjcf, folder: Path | None) -> dict[str, list[str]]:
+    """Shapes whose mesh a URDF cannot name, by why not: they are neither drawn nor touched."""
+    m, names = mjcf.model, mjcf.names("geom")
+    meshes = [k for k in range(m.ngeom) if SHAPES.get(int(m.geom_type[k])) == "mesh"]
+    without = [k for k in meshes if _shape(m, k, folder) is None]
+    askew = [k for k in meshes if k not in without and mjcf.mesh_placement(int(m.geom_dataid[k])) is None]
+    return {
+        "meshes of no file, or of a model given as text (write them as files, and load the model by its path)":
+            [names[k] for k in without],
+        "meshes with refquat and a scale that is not the same along all axes (turn the vertices in the file)":
+            [names[k] for k in askew],
+    }  # fmt: skip
 
 
 def _shape(m: Any, geom: int, folder: Path | None) -> Element | None:

@@ -1,7 +1,8 @@
 """A compiled MJCF: names, flags and arrays of mujoco.MjModel."""
 
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import PurePath
 from typing import Any
@@ -15,8 +16,8 @@ from twolink.robots.catalogue import Source
 SHAPES = {2: "sphere", 3: "capsule", 5: "cylinder", 6: "box", 7: "mesh"}  # of mjtGeom
 
 
-def compiled_mjcf(source: Source) -> Any:
-    """The mujoco.MjModel of an MJCF. Raises RobotError (code "mjcf") in MuJoCo's words.
+def compiled_mjcf(source: Source) -> "Mjcf":
+    """The compiled model of an MJCF. Raises RobotError (code "mjcf") in MuJoCo's words.
 
     Reading the meshes of a robot takes MuJoCo seconds. It reads a tetrahedron in place of those that give no body its
     mass and no shape its size, so that they may also be missing, as those of a URDF.
@@ -25,10 +26,11 @@ def compiled_mjcf(source: Source) -> Any:
     try:
         spec = specs.from_string(source.data.decode()) if source.path is None else specs.from_file(str(source.path))
         spec.assets = {**spec.assets, **_stand_ins(spec)}
-        return spec.compile()
+        model = spec.compile()
     except ValueError as error:
         raise RobotError(f"MuJoCo refuses it: {' '.join(str(error).split())}", where=source.label, code="mjcf",
                          remedy="correct what it names; what others include is not a model") from None  # fmt: skip
+    return Mjcf(model, {mesh.id: pose(mesh.refpos, mesh.refquat) for mesh in spec.meshes})
 
 
 def _stand_ins(spec: Any) -> dict[str, bytes]:
@@ -67,9 +69,26 @@ def _tetrahedra() -> dict[str, bytes]:
 
 @dataclass(frozen=True)
 class Mjcf:
-    """A compiled model, and names for its bodies and joints, which MJCF may leave out."""
+    """A compiled model, and names for its bodies and joints, which MJCF may leave out.
+
+    references: refpos and refquat of meshes, by number, which a compiled model does not hold.
+    """
 
     model: Any
+    references: Mapping[int, pin.SE3] = field(default_factory=dict)
+
+    def mesh_placement(self, mesh: int) -> pin.SE3 | None:
+        """The pose of a mesh file, scaled, in the axes of the compiled mesh; None where no pose takes it there.
+
+        MuJoCo's vertices are S R^T (x - t), of those x of the file, the scale S, and the reference t, R; and then along
+        the principal axes.
+        """
+        m, reference = self.model, self.references.get(mesh, pin.SE3.Identity())
+        scale, turn = np.asarray(m.mesh_scale[mesh], dtype=float), reference.rotation
+        if not np.allclose(turn * scale, scale[:, None] * turn, rtol=0.0, atol=1e-6 * np.abs(scale).max()):
+            return None
+        moved = pin.SE3(turn, scale * reference.translation)
+        return pose(m.mesh_pos[mesh], m.mesh_quat[mesh]).inverse() * moved.inverse()
 
     def names(self, kind: str, shown: str = "") -> list[str]:
         """The names of all elements of a kind, such as "sensor", in MuJoCo's order; a number where there is none.
