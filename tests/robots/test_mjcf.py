@@ -237,6 +237,37 @@ def test_bodies_whose_contact_the_file_excludes_do_not_touch() -> None:
         assert ("do not touch" in str(robot.report)) == bool(text)
 
 
+def test_bodies_whose_masks_differ_do_not_touch_as_in_mujoco() -> None:
+    """MuJoCo's own contacts of bodies that all overlap name the pairs."""
+    masks = {"a": (1, 1), "c": (2, 2), "d": (0, 2), "e": (0, 1), "f": (1, 2)}
+    bodies = "".join(
+        f'<body name="{name}" pos="0 0 {1 + k / 100}"><freejoint/><geom name="g{name}" size=".1" '
+        f'contype="{c}" conaffinity="{d}"/></body>'
+        for k, (name, (c, d)) in enumerate(masks.items())
+    )
+    for more in ("", '<contact><pair geom1="gd" geom2="ge"/></contact>'):
+        text = f'<mujoco><worldbody><geom type="box" size="1 1 1"/>{bodies}</worldbody>{more}</mujoco>'
+        model = mujoco.MjModel.from_xml_string(text)
+        state = mujoco.MjData(model)
+        mujoco.mj_forward(model, state)
+        pairs = {frozenset(model.body(model.geom_bodyid[geom]).name for geom in contact.geom)
+                 for contact in state.contact}  # fmt: skip
+        robot = tl.load_robot(text)
+        chosen = fx.Contact("self").selected(robot).chosen
+        assert {frozenset(pair.name.split(" - ")) for pair in chosen} == pairs
+    assert not any("masks" in finding.what for finding in robot.report.ignored)
+
+
+def test_masks_of_some_shapes_or_of_the_ground_and_ranges_of_balls_are_in_the_report() -> None:
+    text = """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body name="a">
+        <joint name="j" type="ball" range="0 30"/><geom size=".1"/>
+        <geom size=".1" contype="2" conaffinity="2"/></body><body name="b" pos="0 0 1"><freejoint/>
+        <geom size=".1"/></body></worldbody></mujoco>"""
+    found = {finding.what.partition(" ")[0]: finding.names for finding in tl.load_robot(text).report.ignored}
+    assert found["masks"] == ("a", "b")
+    assert found["limits"] == ("j",)
+
+
 def test_a_height_field_is_the_ground_of_a_scene_and_has_mujocos_heights(tmp_path: Path) -> None:
     """MuJoCo's rays from above say the heights at the corners, whose rows lie along y."""
     data = " ".join(map(str, [0, 0.2, 0.1, 0.7, 1, 0.3]))

@@ -2,7 +2,8 @@
 what twolink has not, by whether it changes the motion.
 """
 
-from collections.abc import Iterator, Mapping
+import itertools
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ _FREE, _BALL = 0, 1  # mjtJoint
 _CONNECT, _WELD, _JOINT = 0, 1, 2  # mjtEq
 _EQUALITIES = ("connect", "weld", "joint", "tendon", "flex", "flexvert", "flexstrain", "distance")
 _SITE = 6  # mjtObj
-_FIELD = 1  # mjtGeom
+_PLANE, _FIELD = 0, 1  # mjtGeom
 _OPTIONS = ("timestep", "integrator", "cone", "solver", "impratio", "iterations", "ls_iterations", "tolerance",
             "ls_tolerance", "noslip_iterations", "noslip_tolerance", "disableflags", "enableflags")  # fmt: skip
 
@@ -80,6 +81,10 @@ def left_out(mjcf: Mjcf) -> dict[str, list[str]]:
         "equality constraints that are not active": idle,
         "shapes that a URDF has not": [geoms[k] for k in sorted(unknown)],
         "contact pairs (their friction and softness are their own)": mjcf.names("pair"),
+        "masks of contact of single shapes, or of the ground (these bodies touch with all shapes)": _unlike(mjcf),
+        "limits of ball joints (they turn freely)": [
+            name for k, name in enumerate(mjcf.joints) if m.jnt_type[k] == _BALL and m.jnt_limited[k]
+        ],
         "bodies that a program moves (mocap): they stay": moved,
         "sensors": mjcf.names("sensor"),
         "plugins": mjcf.names("plugin") if m.nplugin else [],
@@ -114,9 +119,52 @@ def height_fields(mjcf: Mjcf) -> dict[int, Mapping[str, Any]]:
 
 
 def excluded(mjcf: Mjcf) -> frozenset[frozenset[str]]:
-    """Pairs of bodies that do not touch; a signature holds the number of one in its upper 16 bits."""
-    signatures = map(int, mjcf.model.exclude_signature)
-    return frozenset(frozenset((mjcf.bodies[s >> 16], mjcf.bodies[s & 0xFFFF])) for s in signatures)
+    """Pairs of bodies that do not touch, by <exclude> or by the masks of all their shapes.
+
+    A signature of <exclude> holds the number of one body in its upper 16 bits. Shapes of a <pair> touch by any mask.
+    """
+    m = mjcf.model
+    signatures, owners = map(int, m.exclude_signature), m.geom_bodyid
+    paired = {frozenset(map(int, owners[[m.pair_geom1[k], m.pair_geom2[k]]])) for k in range(m.npair)}
+    apart = [frozenset(pair) for pair, some, _ in _masked(mjcf, _colliding(mjcf, SHAPES)) if not some]
+    found = [(s >> 16, s & 0xFFFF) for s in signatures] + [tuple(pair) for pair in apart if pair not in paired]
+    return frozenset(frozenset((mjcf.bodies[a], mjcf.bodies[b])) for a, b in found)
+
+
+def _colliding(mjcf: Mjcf, kinds: Collection[int]) -> dict[int, frozenset[tuple[int, int]]]:
+    """The masks (contype, conaffinity) of the shapes of some kinds that collide, by body."""
+    m, found = mjcf.model, dict[int, set[tuple[int, int]]]()
+    for k in map(int, np.flatnonzero(m.geom_contype | m.geom_conaffinity)):
+        if int(m.geom_type[k]) in kinds:
+            found.setdefault(int(m.geom_bodyid[k]), set()).add((int(m.geom_contype[k]), int(m.geom_conaffinity[k])))
+    return {body: frozenset(masks) for body, masks in found.items()}
+
+
+def _masked(
+    mjcf: Mjcf,
+    masks: Mapping[int, frozenset[tuple[int, int]]],
+    others: Mapping[int, frozenset[tuple[int, int]]] | None = None,
+) -> Iterator[tuple[tuple[int, int], bool, bool]]:
+    """Pairs of bodies that move against each other; whether some pairs of their shapes touch, and whether all do."""
+    known, welded = dict[Any, tuple[bool, bool]](), mjcf.model.body_weldid
+    for a, b in itertools.combinations(masks, 2) if others is None else itertools.product(masks, others):
+        if welded[a] != welded[b]:
+            key = masks[a], (masks if others is None else others)[b]
+            if key not in known:
+                touching = [bool(c & f or d & e) for (c, d), (e, f) in itertools.product(*key)]
+                known[key] = any(touching), all(touching)
+            yield (a, b), *known[key]
+
+
+def _unlike(mjcf: Mjcf) -> list[str]:
+    """Bodies with masks that cannot be kept: some of their shapes touch one body, or not a plane or a field of heights.
+
+    Bodies touch others, and the ground, with all their shapes.
+    """
+    shapes, ground = _colliding(mjcf, SHAPES), _colliding(mjcf, (_PLANE, _FIELD))
+    mixed = {body for pair, some, every in _masked(mjcf, shapes) if some and not every for body in pair}
+    mixed |= {pair[0] for pair, _, every in _masked(mjcf, shapes, ground) if not every}
+    return [mjcf.bodies[body] for body in sorted(mixed)]
 
 
 def effects_of(mjcf: Mjcf) -> Iterator[tuple[str, Mapping[str, Any]]]:
