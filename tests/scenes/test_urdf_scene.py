@@ -78,3 +78,14 @@ def test_starts_of_the_catalogue_are_within_limits_and_off_equilibrium() -> None
         assert not scene.notes(), name
         torque = scene.robot.gravity_torque(scene.q)
         assert np.any(np.abs(torque) > scene.robot.model.friction) or scene.v.any(), name
+
+
+@pytest.mark.parametrize(("kind", "lock"), [("revolute", {"p": 0.3}), ("continuous", {})])
+def test_mimic_joints_that_are_not_coupled_are_named(kind: str, lock: dict[str, float]) -> None:
+    text = ARM.format(axis="0 1 0").replace('type="revolute"', f'type="{kind}"')
+    scene = tl.scene_of(tl.load_robot(text, lock=lock))
+    assert not any(isinstance(effect, fx.Coupling) for effect in scene.effects)
+    (finding,) = (one for one in scene.report.ignored if one.what.startswith("mimic"))
+    assert finding.names == ("m = 2 p + 0.1",)
+    coupled = tl.scene_of(tl.load_robot(ARM.format(axis="0 1 0")))
+    assert not any(one.what.startswith("mimic") for one in coupled.report.ignored)

@@ -69,6 +69,8 @@ class UrdfScene(Scene):
         ignored = {
             'limits of effort (no controller acts; controllers take effort="urdf")': effort,
             "limits of velocity (a result beyond them says so)": list(limits_by_joint(robot, model.velocityLimit)),
+            "mimic (these joints move freely: a Coupling takes joints of one coordinate that are not locked; lock both "
+            "at such positions, or give both limits)": _not_coupled(robot),
         }
         g = ", ".join(f"{x:g}" for x in robot.gravity)
         said = [one for one in robot.report.assumed if one.rule or "frees its base" in one.what]
@@ -218,6 +220,14 @@ def _couplings(robot: Robot) -> list[Coupling]:
         return 0 if name not in found or name in seen else 1 + depth(found[name].other, (*seen, name))
 
     return sorted(found.values(), key=lambda coupling: depth(coupling.joint))
+
+
+def _not_coupled(robot: Robot) -> list[str]:
+    """The joints that follow others by the URDF, but neither in the robot nor by `_couplings`, each with its law."""
+    coupled = {coupling.joint for coupling in _couplings(robot)}
+    free = {joint.name for joint in robot.joints if joint.kind != "mimic"} - coupled
+    return [f"{joint.name} = {joint.mimic.multiplier:g} {joint.mimic.joint} + {joint.mimic.offset:g}"
+            for joint in urdf_tree(robot).moving if joint.mimic and joint.name in free]  # fmt: skip
 
 
 def _effect(robot: Robot, kind: str, given: Mapping[str, Any]) -> Effect | None:
