@@ -129,11 +129,12 @@ def assert_same(one: pin.Model, other: pin.Model, seed: int = 0) -> None:
         assert str(other.joints[index].extract()) == str(one.joints[index].extract())
 
 
-@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+@pytest.mark.parametrize("kind", ["revolute", "prismatic", "continuous"])
 @pytest.mark.parametrize("axis", ["1 0 0", "0 1 0", "0 0 -1", "0 0.6 0.8"])
 @pytest.mark.parametrize("multiplier", [1.0, -2.0])
 def test_mimic_joints_survive(kind: str, axis: str, multiplier: float) -> None:
-    text = chain(("revolute", ""), (kind, mimic("j1", multiplier, 0.2)), ("revolute", ""), axis=axis)
+    leader = kind if kind == "continuous" else "revolute"
+    text = chain((leader, ""), (kind, mimic("j1", multiplier, 0.2)), ("revolute", ""), axis=axis)
     for root in ("fixed", "free"):
         robot = tl.load_robot(text, mimic=True, root=root)
         again = pickle.loads(pickle.dumps(robot))

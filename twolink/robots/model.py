@@ -53,13 +53,23 @@ def reduce_model(model: pin.Model) -> tuple[Any, ...]:
     return (restore_model, (*plain[1:3], mimics)) if mimics else plain
 
 
+def _joint(kind: str, axis: tuple[float, ...]) -> Any:
+    """A joint model of a type; of its axis, where the type does not say it."""
+    if kind != "JointModelRevoluteUnboundedUnaligned":
+        return getattr(pin, kind)(*([np.array(axis)] if kind.endswith("Unaligned") else []))
+    along = " ".join(map(repr, axis))  # Pinocchio 4.1 makes this type from a URDF only
+    text = f"""<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="continuous">
+        <parent link="a"/><child link="b"/><axis xyz="{along}"/></joint></robot>"""
+    return pin.buildModelFromXML(text).joints[1].extract()
+
+
 def restore_model(arguments: tuple[Any, ...], state: Any, mimics: list[_Mimic]) -> pin.Model:
     """The model that `reduce_model` has taken apart."""
     model = pin.Model(*arguments)
     model.__setstate__(state)
     for index, followed, kind, axis, scaling, offset in mimics:
         leader = model.joints[followed]
-        joint = getattr(pin, kind)(*([np.array(axis)] if kind.endswith("Unaligned") else []))
+        joint = _joint(kind, axis)
         joint.setIndexes(followed, leader.idx_q, leader.idx_v, leader.idx_vExtended)
         mimic = pin.JointModelMimic(joint, scaling, offset)
         mimic.setIndexes(index, leader.idx_q, leader.idx_v, model.idx_vExtendeds[index])
