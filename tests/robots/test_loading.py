@@ -87,6 +87,17 @@ def test_yourdfpy_reads_the_same_robot(name: str) -> None:
     assert second["mass"] < 1e-9
 
 
+@pytest.mark.parametrize("more", ['armature="0.5"', 'armature="0.5" mu_viscous="1"', 'armature="0.5" friction="0.2"'])
+def test_dynamics_without_damping_is_read(more: str) -> None:
+    """M = I + m r^2 + armature, and the shapes are read too."""
+    shape = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
+    body = link("a", 2.0, 0.3, "0.5 0 0", more=shape)
+    robot = tl.load_robot(robot_of(body, joint("j", "revolute", "ground", "a", more=f"<dynamics {more}/>")))
+    assert robot.mass_matrix([0.3])[0, 0] == pytest.approx(0.3 + 2.0 * 0.25 + 0.5, rel=1e-14)
+    assert len(robot.solids) == 1
+    assert compare(robot)["agree"]
+
+
 def test_name_path_and_text_give_the_same_robot() -> None:
     path = TOP / "urdf" / "two_link.urdf"
     models = [tl.load_robot(s).model for s in ("two_link", path, str(path), path.read_text())]

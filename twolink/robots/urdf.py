@@ -115,6 +115,8 @@ def read_joint(reader: Reader, element: Element) -> UrdfJoint:
         if armature < 0 or (armature and kind in ("floating", "planar")):
             what = f"armature {armature} of a {kind} joint"
             raise reader.error(dynamics, owner, what, "give 0 or more, of a joint that turns or slides")
+        if "friction" not in dynamics.attributes:  # Pinocchio's parser wants one of the two
+            dynamics.attributes.setdefault("damping", "0")
     limits = _limits(reader, element, owner, kind)
     rates, mimic = _rate_limits(reader, element, owner), _mimic(reader, element, owner)
     where = reader.where(element, owner)
