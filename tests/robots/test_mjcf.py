@@ -367,7 +367,7 @@ def test_meshes_with_a_reference_stand_where_mujoco_has_them(mesh: str, tmp_path
     expected = model.mesh_vert @ state.geom_xmat[0].reshape(3, 3).T + state.geom_xpos[0]
     (solid,) = tl.load_robot(path).solids
     place = solid.shape.placement
-    corners = np.asarray(solid.shape.vertices) @ place.rotation.T + place.translation  # type: ignore[union-attr]
+    corners = np.asarray(solid.shape.vertices) @ place.rotation.T + place.translation
     for point in corners:
         assert np.linalg.norm(expected - point, axis=1).min() < 1e-6
     assert len(corners) == len(expected)
