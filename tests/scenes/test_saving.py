@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import twolink as tl
@@ -118,27 +117,6 @@ def test_the_schema_says_what_each_field_of_an_effect_is() -> None:
     bare = [f"{part['title']}.{name}" for part in effects for name, field in part["properties"].items()
             if name != "type" and not field.get("description")]  # fmt: skip
     assert bare == []
-
-
-@pytest.mark.parametrize("change", [
-    lambda model: model.inertias.__setitem__(2, pin.Inertia(2.0, model.inertias[2].lever, model.inertias[2].inertia)),
-    lambda model: setattr(model, "armature", np.array([0.0, 5.0])),
-    lambda model: setattr(model, "damping", np.array([0.0, 5.0])),
-    lambda model: model.jointPlacements.__setitem__(2, pin.SE3(np.eye(3), np.array([0.9, 0.0, 0.0]))),
-])  # fmt: skip
-@pytest.mark.parametrize("source", ["two_link", arm_urdf(1, 2, 3, 4)])
-def test_changed_constants_are_not_saved_as_the_old_ones(tmp_path: Path, source: str, change: Callable) -> None:
-    """An export of the robot has them: the saved scene moves as the one in memory."""
-    robot, motion = tl.load_robot(source).changed(change), {"q": [1.2, 0.5], "duration": 0.3}
-    effects = [tl.effects.Gravity(), *[tl.effects.JointDamping()] * bool(robot.model.damping.any())]
-    scene = tl.Scene(robot, effects=effects, **motion)
-    with pytest.raises(SceneError, match="constants were changed") as caught:
-        scene.save(tmp_path / "scene.toml")
-    assert caught.value.code == "robot-differs"
-    assert not list(tmp_path.iterdir())
-    exported = tl.load_robot(robot.export_urdf(tmp_path / "changed.urdf"))
-    saved = tl.load_scene(tl.Scene(exported, effects=effects, **motion).save(tmp_path / "scene.toml"))
-    np.testing.assert_allclose(tl.simulate(saved).q[-1], tl.simulate(scene).q[-1], rtol=1e-6)
 
 
 def test_joints_that_follow_others_are_not_saved_as_free_ones(tmp_path: Path) -> None:

@@ -96,12 +96,13 @@ def model_digest(model: pin.Model) -> str:
 
 
 def changed_joint(
-    model: pin.Model, other: pin.Model, names: Mapping[str, str] | None = None, at: pin.SE3 | None = None
-) -> str:
+    model: pin.Model, other: pin.Model, names: Mapping[str, str] | None = None, at: pin.SE3 | None = None,
+    near: float = 1e-12,
+) -> str:  # fmt: skip
     """The first joint whose body, placement, armature, losses or limits are others in another model; "" if none.
 
     names: those of joints there, where they are others; joints that the other model lacks do not count. at: the pose of
-    this model's ground in that one.
+    this model's ground in that one. near: relative: numbers that are the same.
     """
     for j in range(1, model.njoints):
         name = str(model.names[j])
@@ -110,7 +111,7 @@ def changed_joint(
             continue  # such as a base that is fixed there
         place = at * model.jointPlacements[j] if at is not None and not other.parents[k] else model.jointPlacements[j]
         ours, theirs = _of_joint(model, j), _of_joint(other, k)
-        if (ours.shape != theirs.shape or not np.allclose(ours, theirs, rtol=1e-12, atol=1e-15)
+        if (ours.shape != theirs.shape or not np.allclose(ours, theirs, rtol=near, atol=1e-3 * near)
                 or not place.isApprox(other.jointPlacements[k], 1e-9)):  # fmt: skip
             return name
     return ""

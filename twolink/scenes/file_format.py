@@ -4,6 +4,7 @@ import functools
 import inspect
 import json
 import operator
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -23,6 +24,7 @@ from twolink.robots.collisions import AnyShape
 from twolink.robots.load import load_model
 from twolink.robots.model import RobotModel
 
+EXPORTED = 1e-9  # relative: inertias that were turned and moved
 JointValues = dict[str, float | str | list[float]]
 
 
@@ -107,10 +109,10 @@ def save_scene(
     if path.suffix != ".toml":
         what = f"{path.suffix or 'no suffix'} is no format for scenes"
         raise SceneError(what, where=str(path), remedy="use .toml", code="unknown-format")
-    entry, beside = _robot_entry(robot, path)
+    entry, beside, urdf = _robot_entry(robot, path)
     text = msgspec.toml.encode(scene_content(entry, robot, q, v, effects, duration, title))
     if beside is not None:
-        write_atomic(beside, lambda file: file.write(robot.visuals.text.encode("utf-8")))
+        write_atomic(beside, lambda file: file.write(urdf))
     return write_atomic(path, lambda file: file.write(text))
 
 
@@ -130,35 +132,47 @@ def scene_content(
     )
 
 
-def _robot_entry(robot: Robot, path: Path) -> tuple[RobotEntry, Path | None]:
-    """The robot by its name in the catalogue; any other one by the name of a URDF beside the scene, and that file."""
-    notes = robot_notes(robot)
-    source, beside = robot.name, None
-    if notes["catalogue"] != "true":
-        content = robot.visuals.text.encode("utf-8")
-        places = (path.with_suffix(".urdf"), path.with_name(f"{path.stem}-robot.urdf"))  # the first may be the original
-        free = [place for place in places if not place.exists() or place.read_bytes() == content]
-        if not free:
-            remedy = "save the scene under another name"
-            raise SceneError("another file is there", where=str(places[1]), remedy=remedy, code="file-exists")
-        beside = free[0]
-        source = beside.name
-    entry = RobotEntry(source, "free" if notes["root"] == "free" else "fixed", json.loads(notes["lock"]))
-    _require_as_loaded(robot, robot.visuals.text if beside else robot.name, entry)
-    return entry, beside
+def _robot_entry(robot: Robot, path: Path) -> tuple[RobotEntry, Path | None, bytes]:
+    """The robot by its name in the catalogue; any other one by the name of a URDF beside the scene, with its content.
 
-
-def _require_as_loaded(robot: Robot, source: str, entry: RobotEntry) -> None:
-    """Require that what a scene file says of a robot gives its numbers."""
+    One whose constants were changed is written as it is now, by `export_urdf`.
+    """
     if robot.has_mimic:
         raise SceneError("a scene file has no joints that follow others", where=f"robot {robot.name!r}",
                          code="mimic-joints", remedy="load it without mimic=True, and add Coupling")  # fmt: skip
+    notes, text = robot_notes(robot), robot.visuals.text
+    entry = RobotEntry(robot.name, "free" if notes["root"] == "free" else "fixed", json.loads(notes["lock"]))
+    named = notes["catalogue"] == "true"
+    if not _is_as_loaded(robot, robot.name if named else text, entry):
+        named, text, entry = False, _exported(robot), RobotEntry(robot.name, entry.root)
+        if robot.visuals.srdf.apart or not _is_as_loaded(robot, text, entry, EXPORTED):
+            raise SceneError("the robot's constants were changed, and a URDF has not all of it, such as exclusions",
+                             where=f"robot {robot.name!r}", code="robot-differs",
+                             remedy="make the scene with load_robot(robot.export_urdf(...))")  # fmt: skip
+    if named:
+        return entry, None, b""
+    content = text.encode("utf-8")
+    places = (path.with_suffix(".urdf"), path.with_name(f"{path.stem}-robot.urdf"))  # the first may be the original
+    free = [place for place in places if not place.exists() or place.read_bytes() == content]
+    if not free:
+        remedy = "save the scene under another name"
+        raise SceneError("another file is there", where=str(places[1]), remedy=remedy, code="file-exists")
+    return RobotEntry(free[0].name, entry.root, entry.lock), free[0], content
+
+
+def _is_as_loaded(robot: Robot, source: str, entry: RobotEntry, near: float = 0.0) -> bool:
+    """True if what a scene file says of a robot gives its numbers. near: relative; 0: to the bit."""
     again = load_model(RobotModel, source, root=entry.root, lock=entry.lock, purpose="kinematics",
                        unphysical="report", foreign="report")  # fmt: skip
-    if (joint := changed_joint(robot.model, again.model)) or model_digest(robot.model) != model_digest(again.model):
-        raise SceneError("the robot's constants were changed after it was loaded: the file would not have them",
-                         where=f"joint {joint!r}" if joint else f"robot {robot.name!r}", code="robot-differs",
-                         remedy="make the scene with load_robot(robot.export_urdf(...))")  # fmt: skip
+    if near:
+        return not changed_joint(robot.model, again.model, near=near)
+    return not changed_joint(robot.model, again.model) and model_digest(robot.model) == model_digest(again.model)
+
+
+def _exported(robot: Robot) -> str:
+    """The URDF of a robot as it is now."""
+    with tempfile.TemporaryDirectory() as folder:
+        return robot.export_urdf(Path(folder) / "robot.urdf").read_text("utf-8")
 
 
 def _by_joint(robot: Robot, values: np.ndarray, neutral: np.ndarray, name: str) -> JointValues:

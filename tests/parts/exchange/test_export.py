@@ -6,13 +6,17 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import twolink as tl
 from tests.command import TOP
+from twolink.errors import SceneError
+from twolink.lagrange.check import arm_urdf
 
 ROBOTS = ("two_link", "panda", "ur5", "kinova", "z1", "double_pendulum_continuous", "solo12", "go1", "anymal", "bowler")
 SIMILAR = ("ur5", "z1", "go1", "solo12", "bowler")  # to others of these
@@ -209,3 +213,28 @@ def test_what_is_not_written_is_refused(thing: str, name: str, said: str, tmp_pa
     given = {"robot": tl.load_robot("arm"), "scene": tl.load_scene("arm-swing"), "text": "arm"}[thing]
     with pytest.raises(tl.errors.QueryError, match=said):
         tl.export(given, tmp_path / name)
+
+
+@pytest.mark.parametrize("change", [
+    lambda model: model.inertias.__setitem__(2, pin.Inertia(2.0, model.inertias[2].lever, model.inertias[2].inertia)),
+    lambda model: setattr(model, "armature", np.array([0.0, 5.0])),
+    lambda model: setattr(model, "damping", np.array([0.0, 5.0])),
+    lambda model: model.jointPlacements.__setitem__(2, pin.SE3(np.eye(3), np.array([0.9, 0.0, 0.0]))),
+])  # fmt: skip
+@pytest.mark.parametrize("source", ["two_link", arm_urdf(1, 2, 3, 4)])
+def test_changed_constants_are_not_saved_as_the_old_ones(tmp_path: Path, source: str, change: Callable) -> None:
+    """The URDF beside the scene has them: the saved scene moves as the one in memory."""
+    robot, motion = tl.load_robot(source).changed(change), {"q": [1.2, 0.5], "duration": 0.3}
+    effects = [tl.effects.Gravity(), *[tl.effects.JointDamping()] * bool(robot.model.damping.any())]
+    scene = tl.Scene(robot, effects=effects, **motion)
+    saved = tl.load_scene(scene.save(tmp_path / "scene.toml"))
+    np.testing.assert_allclose(tl.simulate(saved).q[-1], tl.simulate(scene).q[-1], rtol=1e-6)
+
+
+def test_what_a_urdf_has_not_is_not_lost(tmp_path: Path) -> None:
+    """Rotors' own inertia is no number of a URDF."""
+    robot = tl.load_robot("two_link").changed(lambda model: setattr(model, "rotorInertia", np.array([0.0, 5.0])))
+    with pytest.raises(SceneError, match="constants were changed") as caught:
+        tl.Scene(robot).save(tmp_path / "scene.toml")
+    assert caught.value.code == "robot-differs"
+    assert not list(tmp_path.iterdir())
