@@ -149,6 +149,7 @@ def test_gear_without_losses_is_its_ratio() -> None:
     assert np.abs(runs[0].q - runs[1].q).max() < 1e-10
 
 
+@pytest.mark.parts
 def test_what_a_drive_refuses_is_right_beside_it() -> None:
     """Gravity's torque beside a gear is that of Pinocchio; and a rotor counts as N^2 of its inertia before a spring."""
     arm = tl.load_robot("two_link")

@@ -200,6 +200,7 @@ def test_energies_have_what_is_held_and_books_close(at: float) -> None:
 
 
 @pytest.mark.parametrize("kick", [{"at": 1.0}, {"at": 0.5, "stop": True}])
+@pytest.mark.parts
 def test_a_state_that_changes_at_the_end_is_the_last_one(kick: dict) -> None:
     """A log of a longer run that is cut there is right, its energy too."""
     arm = tl.load_robot("two_link")

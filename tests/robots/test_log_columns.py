@@ -31,6 +31,7 @@ def branched(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.parts
 def test_a_log_of_mujoco_is_read_in_its_order_and_conventions(branched: Path, tmp_path: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(branched))
     data, rows = mujoco.MjData(model), []

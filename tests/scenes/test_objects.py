@@ -173,6 +173,7 @@ def test_a_robot_is_joined_however_it_was_loaded(kind: dict, pose: tuple, tmp_pa
     np.testing.assert_allclose(again.mass_matrix(scene.q), scene.base.mass_matrix(scene.q), rtol=1e-12, atol=1e-9)
 
 
+@pytest.mark.parts
 def test_a_moved_joint_is_not_lost_in_silence(tmp_path: Path) -> None:
     moved = tl.load_robot("two_link").changed(
         lambda model: model.jointPlacements.__setitem__(2, pin.SE3(np.eye(3), np.array([0.9, 0.1, 0.0])))

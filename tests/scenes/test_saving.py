@@ -76,6 +76,7 @@ def test_a_controller_in_python_is_named_as_the_cause_and_saves_its_run(tmp_path
 
 
 @pytest.mark.parametrize("path", [None, 3])
+@pytest.mark.parts
 def test_what_is_no_path_is_refused_by_all_that_write(path: Any) -> None:
     scene = tl.load_scene("arm-swing")
     run = tl.simulate(scene, 0.01)

@@ -35,6 +35,7 @@ def test_all_that_the_urdf_says_acts_and_is_listed() -> None:
     assert np.array_equal(tl.scene_of(scene.base).q, scene.q)
 
 
+@pytest.mark.parts
 def test_a_coupling_moves_as_a_robot_with_mimic_joints_which_no_run_takes() -> None:
     q, v = np.array([0.5, 1.1]), np.array([0.3, 0.6])
     text = ARM.format(axis="0 1 0")

@@ -152,6 +152,7 @@ def test_what_has_no_derivative_is_named() -> None:
 
 
 @pytest.mark.parametrize(("at", "stop", "what"), [(0.0, False, "start"), (0.5, True, "end"), (1.0, False, "end")])
+@pytest.mark.parts
 def test_a_state_that_changes_at_the_start_or_the_end_has_no_derivatives(at: float, stop: bool, what: str) -> None:
     """They would be those of the state before `then`, beside the run's state after it: 10.06 for 7.77."""
     kick = tl.effects.Watch("kick", at=at, then=lambda q, v: (q, 0.5 * v + q[0]), stop=stop)

@@ -90,6 +90,7 @@ def test_a_quadruped_stands_the_same_with_its_controller_outside_and_inside() ->
 
 
 @pytest.mark.parametrize("kind", [E.Release, E.Engage])
+@pytest.mark.parts
 def test_what_is_timed_before_the_start_has_happened(kind: type) -> None:
     """Begun behind the time, the motion is that of the scene without the trigger: with the effect, or without it."""
     own = E.Payload("forearm", 3.0, (0.5, 0.0, 0.0)) if kind is E.Release else E.Torque({"elbow": 5.0})
@@ -104,6 +105,7 @@ def test_what_is_timed_before_the_start_has_happened(kind: type) -> None:
     assert tl.linearize(scene, run.q, run.v, t=run.t).a[1] == pytest.approx(run.acceleration[1], abs=1e-9)
 
 
+@pytest.mark.parts
 def test_a_curve_ends_a_simulation() -> None:
     curve = E.Bezier((0.0, 0.0, 0.0, 2.0, 2.0, 2.0), 0.5)
     scene = tl.Scene(ARM, effects=[E.Torque({"elbow": curve})], duration=0.5)
