@@ -8,9 +8,8 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
-from tests.urdf_text import joint, link, robot_of
+from tests.urdf_text import joint, link
 from twolink.errors import QueryError
-from twolink.identification import identify, read_log
 from twolink.robots.joint_layout import read_columns
 from twolink.robots.log_columns import in_our_names, joint_order
 
@@ -89,29 +88,6 @@ def test_columns_are_found_by_their_names(name: str) -> None:
     assert "t" in found or "time" in found
 
 
-CONTINUOUS = robot_of(link("upper"), joint("first", "continuous", "ground", "upper"),
-                      link("lower"), joint("second", "revolute", "upper", "lower", axis="0 1 0"),
-                      link("tool"), joint("third", "continuous", "lower", "tool", axis="1 0 0"))  # fmt: skip
-
-
-@pytest.mark.parametrize("letter_names", [("qpos", "qvel"), ("joint_pos", "joint_vel")])
-@pytest.mark.parametrize("unit", ["rad", "deg"])
-def test_angles_of_continuous_joints_have_the_unit_of_the_log(
-    letter_names: tuple[str, str], unit: str, tmp_path: Path
-) -> None:
-    """The cosine was taken of degrees; three columns of joint_pos were taken as the five of q."""
-    robot, size = tl.load_robot(CONTINUOUS), {"rad": 1.0, "deg": 180 / np.pi}[unit]
-    angles = RANDOM.uniform(-3.0, 3.0, (9, 3))
-    given = dict(zip(letter_names, (size * angles, size * angles[::-1]), strict=True))
-    np.savez(tmp_path / "log.npz", t=np.arange(9) * 0.1, joint_torque=angles, **given)
-    read = read_log(robot, tmp_path / "log.npz", units=[unit]).table
-    first, second, third = angles.T
-    wanted = np.column_stack([np.cos(first), np.sin(first), second, np.cos(third), np.sin(third)])
-    np.testing.assert_allclose(read["q"], wanted, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(read["v"], angles[::-1], rtol=0, atol=1e-13)
-    np.testing.assert_array_equal(read["tau"], angles)
-
-
 def test_a_free_body_with_a_continuous_joint_is_read_as_mujoco_has_it() -> None:
     """The velocity of the base turns with its quaternion, and q has the cosine and sine of the joint's angle."""
     parts = link("base"), link("upper"), joint("axis", "continuous", "base", "upper")
@@ -124,13 +100,6 @@ def test_a_free_body_with_a_continuous_joint_is_read_as_mujoco_has_it() -> None:
     table = in_our_names({"t": np.arange(N), "qpos": np.tile(qpos, (N, 1)), "qvel": np.tile(qvel, (N, 1))}, robot)[0]
     np.testing.assert_allclose(read_columns(table, robot.joints, "q")[0], np.tile(q, (N, 1)), rtol=0, atol=1e-14)
     np.testing.assert_allclose(table["v"], np.tile(v, (N, 1)), rtol=0, atol=1e-14)
-
-
-def test_a_matrix_of_another_width_is_refused_in_words(tmp_path: Path) -> None:
-    np.savez(tmp_path / "log.npz", t=np.arange(9) * 0.1, tau=np.ones((9, 2)), joint_pos=np.ones((9, 4)))
-    robot = tl.load_robot("two_link")
-    with pytest.raises(QueryError, match="2"):
-        identify(robot, [read_log(robot, tmp_path / "log.npz", units=["deg"]).table])
 
 
 def test_our_own_names_stay_and_others_are_left_alone() -> None:

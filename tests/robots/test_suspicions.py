@@ -78,6 +78,7 @@ def test_a_link_without_mass_is_no_longer_listed_beside_the_base() -> None:
     assert [f.names for f in report.assumed if "<inertial>" in f.what] == [("base",)]
 
 
+@pytest.mark.parts
 def test_a_link_between_joints_is_taken_as_massless_and_a_note(tmp_path: Path) -> None:
     text = re.sub('(<link name="l2">)<visual>.*?</visual>', r"\1", without_inertial("l2"))
     report = tl.load_robot(text).report
