@@ -16,7 +16,6 @@ import typer
 from typer import Argument, Option
 from typer.core import TyperCommand
 
-from twolink.accuracy import Study
 from twolink.cli.wording import spoken
 from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.arguments import by_joint
@@ -149,8 +148,8 @@ def write(paths: Sequence[Path], write_one: Callable[[Path], object]) -> tuple[l
     return written, failures
 
 
-def write_by_ending(result: Trajectory | Study, path: Path) -> None:
-    """Write a run or a study into a file by its ending."""
+def write_by_ending(result: Any, path: Path) -> None:
+    """Write a run, or another result, into a file by its ending."""
     suffix = path.suffix.lower()
     if suffix == ".html" and isinstance(result, Trajectory):
         result.playback(path, on_skipped=print_not_drawn)

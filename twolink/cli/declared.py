@@ -1,6 +1,7 @@
 """Commands that functions are: options, defaults and their texts are those of the signature and docstring."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
@@ -11,7 +12,17 @@ from typer.core import TyperGroup
 from typer.main import get_command_from_info
 from typer.models import CommandInfo
 
-from twolink.cli.common import Command, Files, Json, SceneName, deliver, require_writable, scene_from, vector_of
+from twolink.cli.common import (
+    Command,
+    Files,
+    Json,
+    SceneName,
+    deliver,
+    require_writable,
+    scene_from,
+    vector_of,
+    write_by_ending,
+)
 from twolink.io.docstrings import texts_of
 from twolink.io.progress import progress_bar
 from twolink.io.text import parse_numbers
@@ -67,11 +78,7 @@ def callback_of(declared: Declared) -> Callable[..., None]:
         arguments = {name: _read(made, name, kinds[name], value) for name, value in given.items()}
         with progress_bar() as report:
             found = function(made, **arguments, **({"progress": report} if "progress" in kinds else {}))
-
-        def write_one(path: Path) -> None:
-            (found.plot if path.suffix.lower() in FORMATS else found.save)(path)
-
-        deliver({"scene": scene, **as_data(found)}, found.text(), out, write_one, as_json)
+        deliver({"scene": scene, **as_data(found)}, found.text(), out, partial(write_by_ending, found), as_json)
 
     options = [Parameter(one.name, Parameter.KEYWORD_ONLY, default=one.default,
                          annotation=_option(kinds[one.name], texts.get(one.name, "")))

@@ -221,7 +221,7 @@ class Switching:
         """The places of effects that do not act at first."""
         return frozenset(place for place, trigger in self.triggers if trigger.begins)
 
-    def over(self, t: float) -> tuple[frozenset[int], frozenset[int]]:
+    def idle_at(self, t: float) -> tuple[frozenset[int], frozenset[int]]:
         """The places of effects that have ceased to act before a time, and of those that do not act until it."""
         dropped, waiting = set[int](), set(self.waiting)
         for place, trigger in self.triggers:

@@ -50,7 +50,7 @@ class Trajectory(BaseResult, Plotted):
     q : ndarray (n, nq)
         Configurations, rad or m.
     v : ndarray (n, nv)
-        Velocities, rad/s or m/s; at an event before the end those after it, as of `at`, `tau` and forces.
+        Velocities, rad/s or m/s; at an event those after it, as of `at`, `tau` and forces.
     error : ndarray (n,) or None
         Bound on the global error at each sample, max |difference(q, q_exact)|, rad or m; None: not verified.
     cost : Cost or None

@@ -151,16 +151,18 @@ class Engine:
         return replace(solution, events=events, impulses=tuple(run.impulses))
 
     def _end_after_events(self) -> None:
-        """Let a last sample at events have the state after them, in a segment of its own, as samples between have."""
+        """Give a sample at the last events the state after them, in a segment of its own, as samples between have."""
         run, last = self.run, self._parts[-1]
-        if run.t == self.end and not any(event.t == run.t > last.segments[-1].begin for event in run.events):
+        segment, is_sampled = last.segments[-1], len(last.t) > 0 and last.t[-1] == run.t
+        if run.t < self.end and is_sampled:  # by a segment that was open
             return
-        if len(last.t) and last.t[-1] == run.t:
-            if run.t < self.end:  # it has been ended, or goes on
+        if run.t == self.end:
+            if segment.begin == run.t or not any(event.t == run.t for event in run.events):
                 return
-            segment = replace(last.segments[-1], samples=last.segments[-1].samples - 1)
-            self._parts[-1] = replace(last, t=last.t[:-1], x=last.x[:, :-1], segments=(segment,))
-        if np.searchsorted(self.times, run.t) < np.searchsorted(self.times, run.t, side="right"):
+            if is_sampled:  # before the events
+                segment = replace(segment, samples=segment.samples - 1)
+                self._parts[-1] = replace(last, t=last.t[:-1], x=last.x[:, :-1], segments=(segment,))
+        if run.t in self.times:
             self._parts.append(self._opened().solution(run.t, run.x.copy()))
             self._open = None
 

@@ -44,7 +44,7 @@ class RunState:
         self.x = np.array(equations.start[: equations.moving])
         self.t = t
         free: tuple[ContactMode, ...] = tuple("free" for _ in self.system.contacts)
-        dropped, waiting = self.system.switching.over(t)
+        dropped, waiting = self.system.switching.idle_at(t)
         self.mode = Mode(free, ((0.0, 0.0),) * len(free), dropped=dropped, waiting=waiting)
         self.events: list[Event] = []
         self.impulses: list[Impulse] = []

@@ -36,9 +36,9 @@ def physical(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def nominal_value(equations: Equations, name: str) -> float:
-    """The value that a parameter has in the equations, SI units; 0 of an effect that does not act, and of a joint's
-    damping, which is beside what damps it already.
+    """The value that a parameter has in the equations, SI units.
 
+    It is 0 of an effect that does not act, and of a joint's damping, which is beside what damps it already.
     Raises QueryError for an unknown physical constant.
     """
     if not name.startswith(PREFIX):

@@ -74,8 +74,10 @@ def equations_at(equations: Equations, t: float, q: Array, v: Array) -> Equation
 
 
 def depends_on_time(equations: Equations) -> bool:
-    """True if accelerations depend on time for a given state: by tables or formulas of time, or by effects that begin
-    or cease to act at a time."""
+    """True if accelerations depend on time for a given state.
+
+    They do by tables or formulas of time, and by effects that begin or cease to act at a time.
+    """
     timed = [] if equations.switching is None else equations.switching.timed
     if equations.layout.tables or any(trigger.drops or trigger.begins for trigger in timed):
         return True

@@ -7,7 +7,17 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
-from twolink.cli.common import FAILED, Duration, Files, Json, SceneName, deliver, require_writable, scene_from
+from twolink.cli.common import (
+    FAILED,
+    Duration,
+    Files,
+    Json,
+    SceneName,
+    deliver,
+    require_writable,
+    scene_from,
+    write_by_ending,
+)
 from twolink.io.progress import progress_bar
 from twolink.io.text import parse_numbers
 from twolink.scenes.urdf_scene import UrdfScene
@@ -58,7 +68,7 @@ def judge(
                           progress=report)  # fmt: skip
     first, *more = many.verdicts.values()
     found = many if more else first
-    deliver(found.to_dict(), found, out, partial(_written, found), as_json)
+    deliver(found.to_dict(), found, out, partial(write_by_ending, found), as_json)
     answers = {verdict.answer for verdict in many.verdicts.values()}
     if answers != {"right"}:
         raise typer.Exit(FAILED if "wrong" in answers else NOT_KNOWN)
@@ -123,12 +133,7 @@ def steps(
         found = step_table(scene_from(model, ground=ground), peer, duration=duration, log=log, seconds=seconds,
                            steps=STEPS if lengths is None else parse_numbers("steps", lengths),
                            progress=report)  # fmt: skip
-    deliver(found.to_dict(), found, out, partial(_written, found), as_json)
-
-
-def _written(found: Any, path: Path) -> Path:
-    """A result as the figure, page or data that the ending asks for."""
-    return (found.plot if path.suffix in FORMATS else found.save)(path)  # type: ignore[no-any-return]
+    deliver(found.to_dict(), found, out, partial(write_by_ending, found), as_json)
 
 
 COMMANDS = judge, compare, steps
