@@ -14,6 +14,7 @@ from twolink.contact.stepped_solution import SteppedSolution, SteppedTrack
 from twolink.contact.stepping import ContactStepper
 from twolink.contact.steps import Record, StepEnd, plan_steps, twice_as_many
 from twolink.effects.contact import Contact
+from twolink.effects.inputs import SAME_TIME
 from twolink.effects.loops import Loop
 from twolink.effects.sensors import Forces
 from twolink.effects.switching import JointLock, Stop, SwitchingEffect
@@ -22,7 +23,6 @@ from twolink.integrate.core.motion import Motion, again, driven
 from twolink.integrate.motion.scene_equations import make_equations, sampled
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress
-from twolink.loop.clock import SAME_TIME
 from twolink.native.contact import StepPlan
 from twolink.scenes import Scene
 

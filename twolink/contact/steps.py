@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twolink.contact.impulses import Impulses
+from twolink.effects.inputs import SAME_TIME
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
-from twolink.loop.clock import SAME_TIME, Clock
+from twolink.loop.clock import Clock
 from twolink.native.contact import StepPlan
 
 SAMPLED, FIRST = 1, 2  # marks of steps: a sample is at the end; the first, whose means stand at the first sample

@@ -158,7 +158,7 @@ def _read(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 _E = TypeVar("_E", bound=Effect)
-SAME_TIME = 1e-12  # relative: an end that differs by rounding
+SAME_TIME = 1e-12  # relative: times that differ by less are one: ticks, breaks, samples, ends of curves and of runs
 
 
 class Polynomial(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="polynomial"):

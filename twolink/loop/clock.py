@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from twolink.effects.inputs import SAME_TIME
 from twolink.effects.sampled_control import Controller, exact
 from twolink.effects.sensors import Sensor
 
 Array = np.ndarray[Any, np.dtype[Any]]
-SAME_TIME = 1e-12  # relative: a time this near to a tick is that tick
 PARTS = 2**16  # of a jitter
 BLOCK = 1024  # ticks whose random numbers are drawn at once
 READ, ARRIVE, UPDATE, ACT = range(4)  # of a sensor, then of a controller; in order at one instant

@@ -5,8 +5,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from twolink.effects.inputs import SAME_TIME
 from twolink.effects.sensors import Sensor
-from twolink.loop.clock import SAME_TIME, Random
+from twolink.loop.clock import Random
 
 Array = np.ndarray[Any, np.dtype[Any]]
 AMPLIFIED = 4.0  # of a solution's distance from the run, where its reading is rounded

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.dynamics.arguments import array, instance, positive
+from twolink.effects.inputs import SAME_TIME
 from twolink.errors import SceneError
 from twolink.scenes import Scene
 from twolink.scenes.scene import duration_of
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from twolink.simulation.trajectory import Trajectory
 
 MAX_SAMPLES = 20_000_000
-ROUNDED = 1e-12  # of the duration: by which the last of t_eval may be above it
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 
 
@@ -52,7 +52,7 @@ def _checked_times(t_eval: ArrayLike, duration: float, limit: float) -> np.ndarr
     if times.ndim > 1 or not times.size or (np.diff(times) <= 0.0).any():
         raise SceneError("expected times that increase", argument="t_eval", code="times",
                          remedy="such as np.linspace(0, duration, 101)")  # fmt: skip
-    if times[0] < 0.0 or times[-1] > duration * (1.0 + ROUNDED):
+    if times[0] < 0.0 or times[-1] > duration * (1.0 + SAME_TIME):
         raise SceneError(f"{times[0]:g} to {times[-1]:g} s are not within 0 and {duration:g} s", argument="t_eval",
                          remedy="ask for times of the run, or a longer duration", code="times")  # fmt: skip
     if len(times) > limit:

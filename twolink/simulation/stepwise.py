@@ -15,9 +15,9 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.contact.choice import choose_contact_method
 from twolink.dynamics.arguments import array, configuration, positive
 from twolink.effects.conditions import Condition, FrameReaches, JointReaches, check_condition
-from twolink.effects.inputs import Sampled, curve_end, require_curves
+from twolink.effects.inputs import SAME_TIME, Sampled, curve_end, require_curves
 from twolink.errors import QueryError, SceneError
-from twolink.integrate.core.motion import SAME_TIME, Motion, drive, loop_of
+from twolink.integrate.core.motion import Motion, drive, loop_of
 from twolink.integrate.core.smooth import SmoothMotion
 from twolink.integrate.event import Event, events_of
 from twolink.integrate.motion.equations import Equations

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twolink.integrate.core.motion import SAME_TIME
+from twolink.effects.inputs import SAME_TIME
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress
 from twolink.integrate.steps.outcomes import FINE, Block, failure_of, outcome_of

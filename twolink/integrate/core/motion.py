@@ -12,6 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from twolink.effects.inputs import SAME_TIME
 from twolink.errors import ControllerError
 from twolink.integrate.event import Event
 from twolink.integrate.motion.equations import Equations
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from twolink.effects.sensors import Forces
     from twolink.loop.sampled_loop import SampledLoop, Sampling
 
-SAME_TIME = 1e-12  # relative: what separates two times by less is no time
 LATER = 1.0 + SAME_TIME
 S = TypeVar("S")
 Solve = TypeVar("Solve", bound=Callable[..., Any])

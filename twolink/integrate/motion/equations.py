@@ -17,7 +17,7 @@ import numpy as np
 from twolink.algorithms.mechanism import Mechanism
 from twolink.dynamics import Robot
 from twolink.effects import Effect
-from twolink.effects.inputs import Slot, require_curves
+from twolink.effects.inputs import SAME_TIME, Slot, require_curves
 from twolink.effects.switching import Switching
 from twolink.errors import SceneError
 from twolink.integrate.motion.constraints import Constraints
@@ -26,8 +26,6 @@ from twolink.integrate.motion.state import Array, StateSpace
 
 if TYPE_CHECKING:
     from twolink.loop.sampled_loop import Sampling
-
-SAME_TIME = 1e-14  # relative: breaks nearer to each other than this are one, for no step resolves them
 
 
 @dataclass(frozen=True, eq=False)

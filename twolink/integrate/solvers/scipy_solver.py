@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from twolink.effects.inputs import SAME_TIME
 from twolink.integrate.motion.causes import cause
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.pinocchio_rate import rate as rate_by_pinocchio
@@ -28,7 +29,6 @@ E_FOLDS = 1.0  # of what does not decay, in a step
 # that of implicit methods is set at the start.
 RESOLVING = ("RK45", "LSODA", "Radau")
 EXPLICIT = ("RK45", "DOP853")
-SAME_TIME = 1e-12  # relative
 SMALLEST_TOLERANCE = 2.3e-14  # 100 times the rounding unit, below which SciPy does not go
 
 

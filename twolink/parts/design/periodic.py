@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from twolink.dynamics.arguments import Positive, instance, positive, whole
+from twolink.effects.inputs import SAME_TIME
 from twolink.errors import AccuracyError, SceneError
-from twolink.integrate.motion.equations import SAME_TIME, Equations
+from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.pinocchio_rate import rate
 from twolink.integrate.motion.scene_equations import equations_of, require_no_states
 from twolink.integrate.motion.state import Array
