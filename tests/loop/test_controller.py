@@ -175,6 +175,14 @@ def test_first_order_hold_goes_on_at_the_last_rate() -> None:
     assert run.v[:, 0] == pytest.approx([0.0, v], abs=1e-12)
 
 
+def test_what_goes_on_at_a_rate_stays_within_the_limit_until_a_late_tick() -> None:
+    """Ticks are up to a period and the jitter apart."""
+    control = E.Controller(lambda t, _, s: ([2.5 * np.sin(30.0 * t)], s), period=0.02, jitter=0.018, hold="first",
+                           limit={"rail": 2.0})  # fmt: skip
+    run = tl.simulate(tl.Scene(slider(), effects=[control]), 1.0, samples_per_second=5000, verify=False)
+    assert np.abs(run.tau).max() == pytest.approx(2.0, rel=1e-12)
+
+
 def test_a_threshold_that_falls_differently_is_named_and_widens_the_bar() -> None:
     """q reaches 0.5 at a tick, on one side or the other by rounding alone."""
     law = E.Controller(lambda _, y, s: ([0.0 if y.q[0] < 0.5 else -1.0], s), period=0.1)

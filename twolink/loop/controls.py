@@ -82,9 +82,9 @@ class HeldControl:
         if self.slopes is not None:
             slope, x[self.since] = np.zeros_like(u), t
             if self.last is not None:
-                bounds, period = self.limits, float(self.controller.period)
+                bounds, longest = self.limits, float(self.controller.period + self.controller.jitter)  # until the next
                 slope = (u - self.last[1]) / (t - self.last[0])
-                slope = np.clip(slope, (-bounds - u) / period, (bounds - u) / period)
+                slope = np.clip(slope, (-bounds - u) / longest, (bounds - u) / longest)
             x[self.slopes], self.last = slope, (t, u)
 
 
