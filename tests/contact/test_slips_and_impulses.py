@@ -8,6 +8,7 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import G, ball, ball_over_ball, planar, sliders_in_a_row
+from tests.urdf_text import link
 
 E = tl.effects
 BLOCK = {"body": (E.Box((1.0, 0.3, 0.2)),)}
@@ -58,6 +59,7 @@ def test_the_impulses_of_a_ball_that_bounces(way: dict[str, object]) -> None:
     found, fall = run.contact_forces.impulses["ball - ground"], math.sqrt(2 * height / G)
     assert found.t == pytest.approx([fall, fall * (1 + 2 * e)], abs=1e-6)
     assert found.p[:, 2] == pytest.approx(mass * (1 + e) * G * fall * np.array([1.0, e]), abs=1e-6)
+    assert run.contact_forces.on("ball").shape == (len(run.t), 3)  # though it presses at no sample
     assert np.abs(found.p[:, :2]).max() < 1e-12
 
 
@@ -115,3 +117,12 @@ def test_a_saved_run_has_forces_and_neither_slips_nor_impulses(tmp_path: Path) -
         with pytest.raises(tl.errors.SceneError) as caught:
             getattr(forces, name)
         assert caught.value.code == "no-equations"
+
+
+def test_a_body_whose_name_has_the_sign_of_pairs() -> None:
+    """It rests with its weight on the ground."""
+    text = f'<robot name="r">{link("a - b", 2.0, 0.008)}</robot>'
+    effects = [E.Gravity(), E.Contact("ground", shapes={"a - b": SPHERE["ball"]})]
+    run = tl.simulate(tl.Scene(tl.load_robot(text, root="free"), [0, 0, 0.1, 0, 0, 0, 1], effects=effects), 0.1)
+    for body, sign in (("a - b", 1.0), ("ground", -1.0)):
+        assert run.contact_forces.on(body)[-1] == pytest.approx([0, 0, sign * 2.0 * G])

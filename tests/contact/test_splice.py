@@ -92,3 +92,10 @@ def test_controllers_and_sensors_are_stepped_throughout() -> None:
     assert not any(event.kind == "stepped" for event in run.events)
     assert "stepped, for located" in run.cost.why
     assert run.bound == "estimated"
+
+
+def test_what_cannot_be_stepped_keeps_the_reason_and_the_run_so_far() -> None:
+    with pytest.raises(tl.errors.AccuracyError) as refused:
+        tl.simulate(box(E.Watch("w", at=0.05)), END, samples_per_second=20)
+    assert refused.value.code == "indeterminate-forces"
+    assert refused.value.run.t[-1] == pytest.approx(HIT, rel=1e-5)

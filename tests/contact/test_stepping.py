@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -404,3 +405,47 @@ def test_damping_is_stable_in_any_step_and_of_second_order(controlled: bool) -> 
     assert end(1e4, 0.025) == pytest.approx((124 / 126) ** 8, rel=1e-9)
     off = [abs(end(5.0, h) - np.exp(-1.0)) for h in (0.025, 0.0125)]
     assert off[0] / off[1] == pytest.approx(4.0, rel=0.05)
+
+
+def test_accelerations_are_rates_of_velocities_along_axes_that_turn() -> None:
+    """A free body that spins about y falls: v' = R^T g - omega x v, and no force is left over."""
+    effects = [E.Gravity(), E.Contact("ground", 0.3, shapes={"ball": (E.Sphere(0.1),)})]
+    for robot in (ball(), free_bodies("a", "ball")):
+        count = robot.nv // 6
+        scene = tl.Scene(robot, [0, 0, 5, 0, 0, 0, 1] * count, [3.0, 0, 0, 0, 4, 0] * count, effects)
+        run = stepped(scene, 0.5, 0.01)
+        for q, v, a in zip(run.q, run.v, run.acceleration, strict=True):
+            turn = np.asarray(pin.Quaternion(q[3:7]).toRotationMatrix())
+            assert a[:3] == pytest.approx(turn.T @ [0, 0, -G] - np.cross(v[3:6], v[:3]))
+            assert robot.inverse_dynamics(q, v, a) == pytest.approx(np.zeros(robot.nv), abs=1e-9)
+
+
+def test_sensors_read_the_ends_of_steps_not_lines_between_samples() -> None:
+    """A ball on a parabola that is sampled twice."""
+    sensor = E.PoseSensor("ball", period=0.05)
+    effects = [E.Gravity(), E.Contact("ground", shapes={"ball": (E.Sphere(0.1),)}), sensor]
+    run = tl.simulate(tl.Scene(ball(), [0, 0, 5, 0, 0, 0, 1], effects=effects), 0.5, t_eval=[0, 0.5], contact="stepped")
+    t, values = run.sensors["pose_sensor"]
+    assert values[:, 2] == pytest.approx(5 - 0.5 * G * t**2, abs=1e-6)
+
+
+def test_forces_on_links_are_shown_of_steps_too() -> None:
+    push = E.FrameWrench("ball", force=(2.0, 0, 0), moment=(0, 0, 1.0))
+    effects = [E.Gravity(), push, E.Contact("ground", 0.3, shapes={"ball": (E.Sphere(0.1),)})]
+    scene = tl.Scene(ball(), [0, 0, 0.3, 0, 0, 0, 1], effects=effects)
+    located, steps = (tl.simulate(scene, 0.15, contact=way, accuracy=None) for way in ("located", "stepped"))
+    assert located.wrenches_on_links.keys() == steps.wrenches_on_links.keys() != set()
+    for one, other in zip(located.wrenches_on_links.values(), steps.wrenches_on_links.values(), strict=True):
+        assert np.array(one) == pytest.approx(np.array(other), abs=1e-6)
+
+
+def test_a_pair_has_one_law() -> None:
+    shapes = {"ball": (E.Sphere(0.1),)}
+    every, own = E.Contact("ground", 0.1, shapes=shapes), E.Contact((("ball", "ground"),), 0.3, shapes=shapes)
+    with pytest.raises(tl.errors.SceneError, match=r"another Contact has ball - ground too; exclude="):
+        tl.Scene(ball(), effects=[every, own])
+    apart = (
+        E.Contact("ground", 0.1, shapes={"a": shapes["ball"]}),
+        E.Contact("ground", 0.3, shapes={"b": shapes["ball"]}),
+    )
+    tl.Scene(free_bodies("a", "b"), effects=apart)

@@ -54,6 +54,13 @@ class Multibody:
             v[lin] = (rotation.T if sign > 0 else rotation) @ w[lin]
         return v
 
+    def to_local_acceleration(self, q: Array, w: Array, change: Array) -> Array:
+        """v' of w and its rate w': along axes that turn, R^T w' - omega x v."""
+        v, a = self.to_local_velocity(q, w), self.to_local_velocity(q, change)
+        for lin, _ in self._axes(q):
+            a[lin] -= _turning(v, lin)
+        return a
+
     def turning(self, w: Array, forces: Array) -> Array:
         """omega x tau (nv,) of free joints' torques: their rate along axes that turn with the body, if they do not."""
         out = np.zeros_like(forces)
@@ -226,6 +233,12 @@ class FreeBodies(Multibody):
         turned = rotations.swapaxes(1, 2) if sign > 0 else rotations
         v[self.v + LIN] = np.einsum("nij,nj->ni", turned, w[self.v + LIN])
         return v
+
+    def to_local_acceleration(self, q: Array, w: Array, change: Array) -> Array:
+        """v' of w and its rate w'."""
+        v, a = self.to_local_velocity(q, w), self.to_local_velocity(q, change)
+        a[self.v + LIN] -= cross(v[self.v + ANG], v[self.v + LIN])
+        return a
 
     def moved(self, q: Array, change: Array) -> Array:
         """The configuration after a time in which w adds up to a change (nv,)."""

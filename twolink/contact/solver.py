@@ -16,13 +16,14 @@ from twolink.contact.steps import Record, StepEnd, plan_steps, twice_as_many
 from twolink.effects.contact import Contact
 from twolink.effects.inputs import SAME_TIME
 from twolink.effects.loops import Loop
-from twolink.effects.sensors import Forces
+from twolink.effects.sensors import Forces, Sensor
 from twolink.effects.switching import JointLock, Stop, SwitchingEffect
 from twolink.errors import SceneError
 from twolink.integrate.core.motion import Motion, again, driven
 from twolink.integrate.motion.scene_equations import make_equations, sampled
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress
+from twolink.loop.sampled_loop import Sampling
 from twolink.native.contact import StepPlan
 from twolink.scenes import Scene
 
@@ -67,6 +68,9 @@ def _stepper_of(scene: Scene) -> ContactStepper:
                          argument="contact", remedy='contact="located", or leave them out',
                          code="not-stepped")  # fmt: skip
     sampling, every = sampled(scene)
+    sensors = {i: one for i, one in enumerate(every) if isinstance(one, Sensor) and not one.of_forces}
+    if sampling is None and sensors:  # what they read is known at the ends of steps
+        sampling = Sampling(scene.robot, {}, sensors)
     smooth = [(place, effect) for place, effect in enumerate(every) if not isinstance(effect, SwitchingEffect)]
     with_loops = equations = replace(make_equations(scene.robot, scene.q, scene.v, smooth), sampling=sampling)
     if with_loops.constraints is not None:

@@ -12,7 +12,7 @@ import pinocchio as pin
 from twolink.contact.stepping import ContactStepper
 from twolink.contact.steps import SAMPLED, Record, Step, TakenSteps
 from twolink.geometry.points import pair_of
-from twolink.integrate.joint_forces import accelerations_and_joint_torques
+from twolink.integrate.joint_forces import accelerations_and_joint_torques, wrenches_on_links
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Code, Impulse, Segment
 from twolink.loop.sampled_loop import SampledLoop
@@ -90,13 +90,23 @@ class SteppedSolution:
 
     def accelerations_and_torques(self) -> tuple[Array, Array]:
         """Mean accelerations over the step before each sample (n, nv), and applied joint torques (n, nv)."""
-        states = np.concatenate([self.q, self.v, self.numbers], axis=1).T
+        states = self._states_with_numbers
         return self.a, accelerations_and_joint_torques(self.segments[0].equations, self.t, states)[1].T + self.held
 
     def marks(self, what: str) -> dict[str, tuple[Array, ...]]:
-        """As `DenseOutput.marks`: forces are means over the step before; none on links, for steps have no equations."""
-        values = {"contacts": 1, "contact_slips": 2}.get(what)
-        return {} if values is None else {pair: (rows[0], rows[values]) for pair, rows in self._rows.items()}
+        """As `DenseOutput.marks`; forces of contacts are means over the step before."""
+        if what == "wrenches_on_links":
+            every: dict[str, list[Array]] = {}
+            for link, *vectors in wrenches_on_links(self.segments[0].equations, self.t, self._states_with_numbers):
+                every.setdefault(link, []).append(np.array(vectors).swapaxes(1, 2))
+            return {link: tuple(np.stack(vectors, axis=2)) for link, vectors in every.items()}
+        values = {"contacts": 1, "contact_slips": 2}[what]
+        return {pair: (rows[0], rows[values]) for pair, rows in self._rows.items()}
+
+    @property
+    def _states_with_numbers(self) -> Array:
+        """(size, n)."""
+        return np.concatenate([self.q, self.v, self.numbers], axis=1).T
 
     @functools.cached_property
     def _rows(self) -> dict[str, Array]:
@@ -138,13 +148,14 @@ class SteppedTrack:
         stepper, plan, local = self._stepper, self._plan, self._stepper.bodies.to_local_velocity
         if first == 0:
             one = steps[0]
-            self._states[0] = (*self._states[0][:2], *_means(stepper, one), plan.numbers[0].copy(), 0.0)
+            (q, w, _), v = stepper.begin, self._states[0][1]
+            self._states[0] = (q, v, *_means(stepper, one, q, w), plan.numbers[0].copy(), 0.0)
             self._pressing[0] = _pressing(stepper, one)
         for j in np.flatnonzero(plan.mark[first : first + len(steps)] & SAMPLED).tolist():
             one = steps[j]
             self._pressing.append(_pressing(stepper, one))
-            now = plan.numbers[plan.piece[first + j]].copy()
-            self._states.append((one.q, local(one.q, one.v), *_means(stepper, one), now, one.memory.unfollowed))
+            now, means = plan.numbers[plan.piece[first + j]].copy(), _means(stepper, one, one.q, one.v)
+            self._states.append((one.q, local(one.q, one.v), *means, now, one.memory.unfollowed))
             self._overlap = max(self._overlap, stepper.overlap(one.q)[0] if one.overlap is None else one.overlap)
         # What repeats or rests has no impacts.
         self._impulses += _impulses(stepper, float(plan.t[first]), steps[len(steps) - 1])
@@ -159,9 +170,12 @@ class SteppedTrack:
                                tuple(self._impulses), "" if self._stepper.native is None else "steps")  # fmt: skip
 
 
-def _means(stepper: ContactStepper, one: Step) -> tuple[Array, Array]:
-    """The mean acceleration over a step (nv,), and the mean torques of joints' stops and dry friction (nv,)."""
-    mean = stepper.bodies.to_local_velocity(one.q, one.mean)
+def _means(stepper: ContactStepper, one: Step, q: Array, w: Array) -> tuple[Array, Array]:
+    """The mean acceleration over a step (nv,), and the mean torques of joints' stops and dry friction (nv,).
+
+    q, w: of the sample, along whose axes it is.
+    """
+    mean = stepper.bodies.to_local_acceleration(q, w, one.mean)
     return mean, np.zeros_like(mean) if one.joints is None else one.joints / one.h
 
 

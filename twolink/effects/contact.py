@@ -12,7 +12,7 @@ from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import Scalar, Vec, add, minus, plus, scale, times
 from twolink.dynamics import Robot
 from twolink.effects.contact_pairs import Body, Pairs, hollow_notes, select_pairs, solids_of
-from twolink.effects.effect import NotNegative
+from twolink.effects.effect import Effect, NotNegative
 from twolink.effects.inputs import Slot
 from twolink.effects.joint_switches import check_restitution
 from twolink.effects.loops import Loop
@@ -188,6 +188,18 @@ class Contact(SwitchingEffect, frozen=True):
             raise SceneError(f"it is {self.concavity:g} m", where="concavity",
                              remedy="give a length above 0, or leave it out for the hulls")  # fmt: skip
         self.selected(robot)
+
+    def check_beside(self, effects: Sequence[Effect], robot: Robot) -> None:
+        """No pair has two laws."""
+        others = [one for one in effects if isinstance(one, Contact)]
+        if len(others) < 2 or others[0] is self:
+            return
+        before = others[: next(k for k, one in enumerate(others) if one is self)]
+        known = {frozenset(pair[1:]) for one in before for pair in one.selected(robot).chosen}
+        twice = next((pair.name for pair in self.selected(robot).chosen if frozenset(pair[1:]) in known), None)
+        if twice is not None:
+            raise SceneError(f"another Contact has {twice} too", where="pairs", code="pair-twice",
+                             remedy="exclude=((FIRST, SECOND),) there")  # fmt: skip
 
     def pieces(self) -> list[pin.GeometryObject]:
         """The height fields that bodies may touch."""

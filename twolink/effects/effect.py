@@ -150,6 +150,9 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
         `checks` has checked before that the fields have their declared types, with finite numbers.
         """
 
+    def check_beside(self, effects: Sequence[Effect], robot: Robot) -> None:
+        """Raise SceneError where the effect does not fit the effects of its scene."""
+
     def change(self, model: pin.Model) -> None:
         """Change the constants of a model that belongs to the scene alone."""
 

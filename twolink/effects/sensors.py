@@ -93,6 +93,7 @@ class Sensor(Effect, frozen=True, kw_only=True):
     """
 
     is_sensor: ClassVar[bool] = True
+    of_forces: ClassVar[bool] = False  # whether it needs the forces at an instant, which steps of contacts have not
 
     name: str = ""
     period: NotNegative = 1e-3
@@ -109,9 +110,6 @@ class Sensor(Effect, frozen=True, kw_only=True):
         super().__init_subclass__(**options)
         shared = (Sensor.__doc__ or "").partition("----------\n")[2].rstrip()
         cls.__doc__ = f"{(cls.__doc__ or '').rstrip()}\n{shared}\n"
-
-    def check_beside(self, effects: Sequence[Effect], robot: Robot) -> None:
-        """Require that the sensor sees all that it measures in a scene with these effects. Raises SceneError."""
 
     @property
     def label(self) -> str:
@@ -211,6 +209,8 @@ class TorqueSensor(_OfJoints, frozen=True):
         Joints with one degree of freedom, in the order of the values.
     """
 
+    of_forces: ClassVar[bool] = True
+
     def read(self, seen: Seen) -> Array:
         """The torques (n, m)."""
         return seen.forces.tau[:, self.dofs(seen.robot)]
@@ -236,6 +236,8 @@ class Imu(_OfLink, frozen=True):
     link : str
         A link that moves.
     """
+
+    of_forces: ClassVar[bool] = True
 
     def read(self, seen: Seen) -> Array:
         """Angular velocities and specific forces (n, 6)."""
@@ -276,6 +278,8 @@ class ForceTorque(Sensor, frozen=True):
         Of a robot without kinematic loops and contacts.
     """
 
+    of_forces: ClassVar[bool] = True
+
     joint: JointName
 
     def check_beside(self, effects: Sequence[Effect], robot: Robot) -> None:
@@ -302,6 +306,8 @@ class TouchSensor(_OfLink, frozen=True):
     link : str
         A link that moves.
     """
+
+    of_forces: ClassVar[bool] = True
 
     def read(self, seen: Seen) -> Array:
         """The forces (n, 3)."""

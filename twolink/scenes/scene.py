@@ -351,8 +351,7 @@ def _checked(effects: Sequence[Effect], robot: Robot) -> tuple[Effect, ...]:
                          argument="effects")  # fmt: skip
 
     def beside_others(effect: Effect) -> None:
-        if effect.is_sensor:
-            effect.check_beside(effects, robot)  # type: ignore[attr-defined]
+        effect.check_beside(effects, robot)
         if effect.sampled is not None:
             effect.sampled.check_inputs([*robot.frame_names, *names])
 

@@ -29,6 +29,8 @@ class ContactForces(dict[str, np.ndarray]):
     # run: a Trajectory, whose module imports this one.
     def __init__(self, run: Any) -> None:
         super().__init__((pair, np.nansum(forces, axis=1)) for pair, (_, forces) in run.contacts.items())
+        for _, pair, _ in () if run.solution is None else run.solution.impulses:  # what presses at no sample
+            self.setdefault(pair, np.zeros((len(run.t), 3)))
         self._run = run
 
     @functools.cached_property
@@ -65,9 +67,15 @@ class ContactForces(dict[str, np.ndarray]):
         Raises SceneError for a name that no pair has; "ground" is one.
         """
         signed = [(name, sign * force) for pair, force in self.items()
-                  for name, sign in zip(pair.split(" - "), (1.0, -1.0), strict=True)]  # fmt: skip
+                  for name, sign in zip(self._bodies(pair), (1.0, -1.0), strict=True)]  # fmt: skip
         require_known(body, dict.fromkeys(name for name, _ in signed), SceneError, argument="body")
         return np.asarray(np.sum([force for name, force in signed if name == body], axis=0))
+
+    def _bodies(self, pair: str) -> tuple[str, str]:
+        """The two bodies of a pair: a name may have the same sign in itself."""
+        parts = pair.split(" - ")
+        every = [(" - ".join(parts[:k]), " - ".join(parts[k:])) for k in range(1, len(parts))]
+        return next((two for two in every if self._run.robot.model.existFrame(two[0])), every[0])
 
     def __repr__(self) -> str:
         if not self:

@@ -22,11 +22,10 @@ if TYPE_CHECKING:
 
 
 def readings_of(scene: Scene | None, solution: Solved) -> dict[str, Readings]:
-    """The readings of a scene's sensors by name: those of its controllers, or read afterwards."""
-    kept = solution.segments[0].readings
-    if kept is not None or scene is None:
-        return dict(kept or {})
-    return {name: _read_along(sensor, solution) for name, sensor in scene.sensors.items()}
+    """The readings of a scene's sensors by name: those of the run, else read afterwards."""
+    kept = solution.segments[0].readings or {}
+    sensors = {} if scene is None else scene.sensors
+    return kept | {name: _read_along(sensor, solution) for name, sensor in sensors.items() if name not in kept}
 
 
 def _read_along(sensor: Sensor, solution: Solved) -> Readings:

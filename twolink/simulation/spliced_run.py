@@ -55,7 +55,14 @@ def beyond_located(
             return _spliced(scene, times, error, first, stepped)
         except (AccuracyError, SceneError):
             pass  # what cannot be stepped from there, such as bodies that overlap by a rounding
-    return with_reason(stepped(scene, times), f"stepped, for located at {error.where}: {error.what}")
+    try:
+        run = stepped(scene, times)
+    except SceneError as other:
+        if other.code != "not-stepped":
+            raise
+        error.run = error.run or first
+        raise error from None
+    return with_reason(run, f"stepped, for located at {error.where}: {error.what}")
 
 
 def _located(error: AccuracyError, located: Run, times: np.ndarray) -> Trajectory | None:
