@@ -179,6 +179,36 @@ def test_mujocos_models_accelerate_as_pinocchio_says(name: str) -> None:
     assert largest_difference(asked(name), forward, aba) < 1e-12
 
 
+TWICE = {
+    "torques": ([fx.Torque({"elbow": 2.0}), fx.Torque({"elbow": fx.Sine(3.0, 1.0)})], set()),
+    "springs": ([fx.JointSpring({"elbow": 20.0}), fx.JointSpring({"elbow": 30.0}, {"elbow": 1.0})], set()),
+    "damping": ([fx.JointDamping({"elbow": 1.0}), fx.JointDamping({"elbow": 2.0})], set()),
+    "friction": ([fx.DryFriction({"elbow": 1.0}), fx.DryFriction({"elbow": 1.5})], {"scipy"}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", TWICE)
+def test_effects_of_one_kind_add_up(kind: str) -> None:
+    effects, lacks = TWICE[kind]
+    scene = tl.Scene(tl.load_robot("two_link"), [1.2, 0.5], effects=[fx.Gravity(), *effects])
+    ours, task = tl.simulate(scene, t_eval=TIMES), task_of(scene, TIMES)
+    for name, setting in (("scipy", Setting("DOP853", "", 1e-10)), ("mujoco", Setting("Euler", "", step=1e-4))):
+        if name not in lacks:
+            run = peer_module(name).prepare(task, setting)()
+            off = {"scipy": 1e-7, "mujoco": 1e-2 if kind == "friction" else 3e-3}  # whose friction is soft
+            np.testing.assert_allclose(run.track.q, ours.q, atol=off[name])
+
+
+def test_a_free_body_is_damped_in_all_its_directions() -> None:
+    """v' = -d v / m, and the spin about a main axis decays by d / I."""
+    scene = tl.Scene(ball(2.0, 0.5), v=[1.0, 0, 0, 0, 0, 3.0], effects=[fx.JointDamping({"root_joint": 0.7})])
+    expected = np.array([np.exp(-0.35 * TIMES), 3.0 * np.exp(-1.4 * TIMES)]).T
+    for name, setting in (("scipy", Setting("DOP853", "", 1e-10)), ("mujoco", Setting("Euler", "", step=1e-4))):
+        v = peer_module(name).prepare(task_of(scene, TIMES), setting)().track.v
+        speeds = np.array([np.linalg.norm(v[:, :3], axis=1), v[:, 5]]).T
+        np.testing.assert_allclose(speeds, expected, atol=1e-3 if name == "mujoco" else 1e-8)
+
+
 def test_effects_that_the_scene_lacks_are_off_in_mujoco() -> None:
     model = mujoco_peer.build(asked("panda"))
     assert not model.dof_damping.any()

@@ -103,6 +103,9 @@ def test_torques_of_a_log_act_and_its_first_row_is_the_start(tmp_path: Path) -> 
     log.write_text("t,q.hinge\n0,0\n1,0\n")
     with pytest.raises(SceneError, match=r"u\.csv: it has no times or no torques"):
         tl.step_table(pendulum(), log=log)
+    log.write_text("t,tau.hing,tau.hinge\n0,1,0\n1,1,0\n")
+    with pytest.raises(SceneError, match=r"its column 'tau\.hing' drives no joint of one coordinate"):
+        tl.step_table(pendulum(), log=log)
 
 
 GIMBAL = """<mujoco><worldbody><body pos="0 0 1" euler="20 0 0"><joint name="x" type="slide" axis="1 0 0"/>

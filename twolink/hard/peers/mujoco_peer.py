@@ -169,7 +169,10 @@ def _add_body(task: PeerTask, parent: Any, chain: Chain) -> Any:
         inertia=np.maximum(moments, SMALLEST_MOMENT),
     )  # fmt: skip
     if joint.kind == "free":
-        body.add_freejoint(name=joint.name)
+        if task.model.armature[joint.v].any():
+            raise UnsupportedError("armature of a free joint is not modelled for MuJoCo")
+        damping = [task.damping.get(joint.name, 0.0), 0.0, 0.0]
+        body.add_joint(name=joint.name, type=mujoco.mjtJoint.mjJNT_FREE, damping=damping)
         return body
     for one, place in zip(chain, places, strict=True):
         _add_joint(task, body, one, places[-1].actInv(place))
@@ -229,6 +232,6 @@ def _advance(task: PeerTask, model: Any, data: Any, v_at: np.ndarray, t: float, 
     for k in range(steps):
         for joint in task.joints:
             if joint.name in task.torques:
-                value = value_at(task.torques[joint.name], t + k * model.opt.timestep, np)
-                data.qfrc_applied[v_at[joint.v]] = value
+                now = t + k * model.opt.timestep
+                data.qfrc_applied[v_at[joint.v]] = sum(value_at(one, now, np) for one in task.torques[joint.name])
         mujoco.mj_step(model, data)

@@ -115,8 +115,8 @@ def _torque(task: PeerTask) -> Rate | None:
         return None
     nq, joints = task.model.nq, {joint.name: joint for joint in task.joints}
     springs = [(joints[n].q.start, joints[n].v.start, *spring) for n, spring in task.springs.items()]
-    dampers = [(joints[n].v.start, d) for n, d in task.damping.items()]
-    inputs: list[tuple[int, Any]] = [(joints[n].v.start, value) for n, value in task.torques.items()]
+    dampers = [(k, d) for n, d in task.damping.items() for k in range(joints[n].v.start, joints[n].v.stop)]
+    inputs: list[tuple[int, Any]] = [(joints[n].v.start, one) for n, every in task.torques.items() for one in every]
 
     def torque(t: float, x: np.ndarray) -> np.ndarray:
         tau = np.zeros(task.model.nv)

@@ -105,7 +105,8 @@ PeerContact = tuple[PeerSolid, PeerSolid, float]
 class PeerTask:
     """A robot under gravity that is solved from (q, v) for the `times` (n,) [s], equally spaced from 0.
 
-    springs: (stiffness, rest position) by joint. damping: by joint. torques: inputs in time by joint. friction: dry, by
+    springs: (stiffness, rest position) by joint. damping: by joint, of
+    all its degrees of freedom. torques: inputs in time by joint, which add up. friction: dry, by
     joint. stops: (lower, upper) by joint. couplings: (joint, other, ratio, offset). options: of MuJoCo, by the robot's
     own file. SI units.
     """
@@ -117,7 +118,7 @@ class PeerTask:
     joints: tuple[PeerJoint, ...]
     springs: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     damping: Mapping[str, float] = field(default_factory=dict)
-    torques: Mapping[str, Any] = field(default_factory=dict)
+    torques: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
     loops: tuple[Loop, ...] = ()
     contacts: tuple[PeerContact, ...] = ()
     friction: Mapping[str, float] = field(default_factory=dict)
@@ -159,17 +160,20 @@ def task_of(scene: Scene, times: np.ndarray) -> PeerTask:
     """The task of a scene. Raises UnsupportedError for effects and joints that are not modelled for any peer."""
     springs: dict[str, tuple[float, float]] = {}
     damping: dict[str, float] = {}
-    torques: dict[str, Any] = {}
+    torques: dict[str, tuple[Any, ...]] = {}
     loops: list[Loop] = []
     contacts: list[PeerContact] = []
     softened: list[Any] = []
     for effect in scene.effects:
         if isinstance(effect, fx.JointSpring):
-            springs |= {name: (k, float(effect.rest.get(name, 0.0))) for name, k in effect.stiffness.items()}
+            for name, k in effect.stiffness.items():  # several springs are one
+                before, rest = springs.get(name, (0.0, 0.0))
+                moment = before * rest + k * float(effect.rest.get(name, 0.0))
+                springs[name] = before + k, moment / ((before + k) or 1.0)
         elif isinstance(effect, fx.JointDamping):
-            damping |= effect.damping or {j.name: scene.robot.model.damping[j.v.start] for j in scene.robot.joints}
+            damping |= {name: damping.get(name, 0.0) + d for name, d in effect.viscosity(scene.robot).items()}
         elif isinstance(effect, fx.Torque):
-            torques |= effect.inputs
+            torques |= {name: (*torques.get(name, ()), one) for name, one in effect.inputs.items()}
         elif isinstance(effect, fx.PointLoop | fx.HingeLoop):
             loops += _point_pairs(scene.robot, effect)
         elif isinstance(effect, fx.Contact):
@@ -197,15 +201,18 @@ def _softened(robot: Robot, effects: Sequence[Any]) -> dict[str, Any]:
         if isinstance(effect, fx.Coupling):
             couplings.append((effect.joint, effect.other, effect.ratio, effect.offset))
         elif isinstance(effect, fx.DryFriction):
-            friction |= {names[hold.dof]: hold.kinetic for hold in effect.modes(robot)}
-            if any(hold.greatest > hold.kinetic for hold in effect.modes(robot)):
-                raise UnsupportedError("static friction above the kinetic one is not modelled for peers")
+            for hold in effect.modes(robot):
+                name = names[hold.dof]
+                if hold.greatest > hold.kinetic:
+                    raise UnsupportedError("static friction above the kinetic one is not modelled for peers")
+                friction[name] = friction.get(name, 0.0) + hold.kinetic
         elif effect.restitution:
             raise UnsupportedError("stops with restitution are not modelled for peers")
         else:
             for stop in effect.modes(robot):
                 lower, upper = stops.get(stop.name, (-np.inf, np.inf))
-                stops[stop.name] = (stop.position, upper) if stop.side > 0 else (lower, stop.position)
+                nearer = (max(lower, stop.position), upper) if stop.side > 0 else (lower, min(upper, stop.position))
+                stops[stop.name] = nearer
     return {"friction": friction, "stops": stops, "couplings": tuple(couplings)}
 
 

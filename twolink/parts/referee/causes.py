@@ -154,8 +154,9 @@ def _offsets(robot: Robot) -> Iterator[ParameterOffset]:
     yield ParameterOffset("gravity differs [m/s^2]", ("x", "y", "z"), _pull, _with_gravity)
     names = robot.parameter_names
     single = [joint.name for joint in robot.joints if joint.v.stop - joint.v.start == 1]
-    for kind, unit, change in (("damping", "N m s or N s/m", _with_damping), ("friction", "N m or N", _with_friction),
-                               ("armature", "kg m^2 or kg", _with_armature)):  # fmt: skip
+    laws = (("damping", "N m s or N s/m", _with_damping), ("friction", "N m or N", _with_friction),
+            ("armature", "kg m^2 or kg", _with_armature))  # fmt: skip
+    for kind, unit, change in laws if single else ():
         own = [names.index(f"{joint}.{kind}") for joint in single]
         yield ParameterOffset(f"{kind} differs [{unit}]", tuple(single), functools.partial(_regressor, own),
                               functools.partial(change, single))  # fmt: skip

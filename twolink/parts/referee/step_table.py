@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +23,7 @@ from twolink.io.progress import Report
 from twolink.io.text import Table
 from twolink.parts.referee.comparison import installed_peer, refusing
 from twolink.parts.referee.referee import ESTIMATED, best_run, scene_from
-from twolink.robots.joint_layout import read_columns, unit_of
+from twolink.robots.joint_layout import column_forms, read_columns, unit_of
 from twolink.robots.log_columns import in_our_names, read_log_table
 from twolink.scenes import Scene
 from twolink.scenes.scene import fall_notes
@@ -309,16 +310,20 @@ def _driven(scene: Scene, path: Path) -> tuple[Scene, tuple[str, ...]]:
     table, guessed = in_our_names(read_log_table(path), scene.robot)
     times = np.asarray(table.get("t", ()), dtype=float)
     table |= {f"tau{k}": column for k, column in enumerate(np.transpose(table.get("tau", ())))}
-    names = {joint.name: (f"tau.{joint.name}", f"tau{joint.v.start}") for joint in scene.robot.joints}
-    torques = {joint: np.asarray(table[column], dtype=float)
-               for joint, columns in names.items() for column in columns if column in table}  # fmt: skip
-    if len(times) < 2 or not torques:
-        raise SceneError("it has no times or no torques", where=str(path), argument="log",
-                         remedy="give columns t and tau.JOINT")  # fmt: skip
+    left = [column for column in table if re.fullmatch(r"tau(\..+|\d+)", column) and np.any(table[column])]
+    torques: dict[str, Array] = {}
+    for joint in scene.robot.joints:
+        for form in column_forms(joint, "tau"):
+            if len(form) == 1 and form[0] in table:
+                torques[joint.name] = np.asarray(table[form[0]], dtype=float)
+                left = [column for column in left if column != form[0]]
+    if len(times) < 2 or not torques or left:
+        lacks = f"its column {left[0]!r} drives no joint of one coordinate" if left else "it has no times or no torques"
+        raise SceneError(lacks, where=str(path), argument="log", remedy="give columns t and tau.JOINT")
     held = {joint: Sampled(tuple(times - times[0]), tuple(tau), interpolation="hold") for joint, tau in torques.items()}
     q, v = (read_columns(table, scene.robot.joints, name)[0] for name in ("q", "v"))
-    q, v = (scene.q, scene.v) if q is None or v is None else (
-        scene.robot.normalize(np.asarray(q, dtype=float))[0], np.asarray(v, dtype=float)[0])  # fmt: skip
+    q = scene.q if q is None else scene.robot.normalize(np.asarray(q, dtype=float))[0]
+    v = scene.v if v is None else np.asarray(v, dtype=float)[0]
     effects, end = [*scene.effects, Torque(held)], float(times[-1] - times[0])
     return Scene(scene.base, q, v, effects, end, scene.title), guessed
 
