@@ -420,6 +420,18 @@ def test_accelerations_are_rates_of_velocities_along_axes_that_turn() -> None:
             assert robot.inverse_dynamics(q, v, a) == pytest.approx(np.zeros(robot.nv), abs=1e-9)
 
 
+def test_a_tables_time_that_differs_from_a_samples_by_rounding_makes_no_step() -> None:
+    """A ball that rests under a growing load: what presses at samples is its mean over whole steps."""
+    table, times = tuple(k / 10 for k in range(11)), np.append(np.arange(10) * 0.1, 1.0)
+    assert (times != table).any()
+    push = E.FrameWrench("ball", (0.0, 0.0, E.Sampled(table, tuple(-10.0 * t for t in table))))
+    effects = [E.Gravity(), push, E.Contact("ground", shapes={"ball": (E.Sphere(0.1),)})]
+    scene = tl.Scene(ball(), [0, 0, 0.1, 0, 0, 0, 1], effects=effects)
+    run = tl.simulate(scene, 1.0, t_eval=times, contact="stepped", step=0.01, verify=False)
+    assert run.contact_forces["ball - ground"][1:, 2] == pytest.approx(2.0 * G + 10.0 * (times[1:] - 0.005))
+    assert run.cost.steps == 100
+
+
 def test_sensors_read_the_ends_of_steps_not_lines_between_samples() -> None:
     """A ball on a parabola that is sampled twice."""
     sensor = E.PoseSensor("ball", period=0.05)

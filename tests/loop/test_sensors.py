@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
+from tests.effects.bodies import ball
 from tests.loop.loops import slider
 from twolink.effects.sampled_control import exact
 from twolink.errors import SceneError
@@ -114,6 +115,13 @@ def test_resolution_and_delay_reach_the_controller() -> None:
 def test_a_period_may_be_a_fraction_as_that_of_a_controller() -> None:
     (sensor,) = tl.Scene(tl.load_robot("arm"), effects=[E.Encoder(("elbow",), period=Fraction(1, 3))]).effects
     assert exact(sensor.period) == Fraction(1, 3)
+
+
+def test_touch_feels_a_compliant_plane() -> None:
+    """k s of a ball that is pressed in by s, at the start."""
+    soft = E.CompliantContact("ball", stiffness=1e4, radius=0.1)
+    scene = tl.Scene(ball(), [0, 0, 0.099, 0, 0, 0, 1], effects=[E.Gravity(), soft, E.TouchSensor("ball", period=0.05)])
+    assert tl.simulate(scene, 0.1).sensors["touch_sensor"].values[0] == pytest.approx([0, 0, 10.0])
 
 
 def test_touch_is_the_weight_of_what_rests_on_the_ground() -> None:

@@ -23,12 +23,12 @@ def plan_steps(equations: Equations, times: Array, step: float, halvings: int) -
 
     halvings: how often the steps between two of those are doubled in number (`twice_as_many`).
     """
-    breaks, sampling = np.array(equations.breaks(float(times[-1])), dtype=float), equations.sampling
-    grid = np.union1d(times, breaks[breaks > times[0]])
-    if sampling is not None:
-        ticks = np.array(Clock({**sampling.controllers, **sampling.sensors}).until(float(times[-1])))
-        near = grid[np.minimum(np.searchsorted(grid, ticks * (1.0 - SAME_TIME)), len(grid) - 1)]
-        grid = np.union1d(grid, ticks[np.abs(ticks - near) > SAME_TIME * near])
+    grid, sampling, end = times, equations.sampling, float(times[-1])
+    breaks = [t for t in equations.breaks(end) if t > times[0]]
+    ticks = [] if sampling is None else Clock({**sampling.controllers, **sampling.sensors}).until(end)
+    for more in (np.array(breaks), np.array(ticks)):
+        near = grid[np.minimum(np.searchsorted(grid, more * (1.0 - SAME_TIME)), len(grid) - 1)]
+        grid = np.union1d(grid, more[np.abs(more - near) > SAME_TIME * near])
     count = np.maximum(1, np.ceil(np.diff(grid) / step - 1e-9).astype(int))
     for _ in range(halvings):
         count = twice_as_many(count)

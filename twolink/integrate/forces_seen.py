@@ -4,11 +4,13 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.namespaces import Numbers
+from twolink.effects.plane_contact import CompliantContact
 from twolink.effects.sensors import Forces
-from twolink.integrate.joint_forces import accelerations_and_joint_torques, contacts
+from twolink.integrate.joint_forces import accelerations_and_joint_torques, contacts, wrenches_on_links
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import effect_loads, motion_of
 from twolink.integrate.motion.state import Array
+from twolink.io.text import kebab_case
 
 
 def forces_seen(equations: Equations, t: float | Array, x: Array) -> Forces:
@@ -30,6 +32,7 @@ def forces_seen(equations: Equations, t: float | Array, x: Array) -> Forces:
         for pair, _, force in contacts(equations, times, states):
             first, second = nearest[pair].first.frame, nearest[pair].second.frame
             total += (int(first == link) - int(second == link)) * force.T
-        return total
+        pressed = f"{kebab_case(CompliantContact.__name__)} on {link}"
+        return total + sum(force.T for name, _, force, _ in wrenches_on_links(equations, times, x) if name == pressed)
 
     return Forces([equations.robot] * count, a.T, tau.T, [[pin.Force(one) for one in row] for row in felt], on)
