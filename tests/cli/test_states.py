@@ -105,6 +105,16 @@ def test_a_table_keeps_what_was_not_read_and_says_what_is_beyond_a_limit(tmp_pat
     assert np.array_equal(table["given.tau.elbow_joint"], table["tau.elbow_joint"])
 
 
+def test_columns_are_named_by_joints_where_they_are_of_joints(tmp_path: Path) -> None:
+    """A velocity of a link has six numbers as an UR5 has joints."""
+    out = tmp_path / "out.csv"
+    given = "--q", "0 -1 1 0 0 0", "--v", "1 0 0 0 0 0"
+    call("query", "ur5", "frame-velocity", *given, "--frame", "tool0", "--out", str(out))
+    assert out.read_text().splitlines()[0].split(",")[12:] == [f"velocity.{k}" for k in range(6)]
+    call("query", "ur5", "bias", *given, "--out", str(out))
+    assert "h.elbow_joint" in out.read_text().splitlines()[0].split(",")
+
+
 def test_limits_of_0_are_none() -> None:
     """Of URDFs that give <limit lower="0" upper="0" effort="0" velocity="0"/>."""
     done = call("query", "double_pendulum", "inverse-dynamics", "--q", "1 1", "--a", "3 3")

@@ -61,6 +61,15 @@ def test_the_run_keeps_the_limits_and_the_coupling_and_says_where_it_is_too_fast
     assert notes == [] or f"{speed:.4g} at most" in notes[0]
 
 
+def test_notes_on_limits_look_between_samples_and_at_what_is_farthest() -> None:
+    """It passes its lower limit of 0.2 at 0.2 s, and goes on towards 0."""
+    robot = tl.load_robot(ARM.format(axis="0 0 1"))
+    scene = tl.Scene(robot, [0.3, 0.6], [-0.5, -0.5], [])
+    for t_eval in ([0.0, 0.5], [0.5]):
+        first, *_ = limit_notes(tl.simulate(scene, 0.5, t_eval=t_eval))
+        assert first == "p is beyond its limit of 0.2 rad from 0.201 s on: 0.05 at least"
+
+
 def test_a_robot_that_gravity_does_not_move_starts_with_a_speed() -> None:
     scene = tl.scene_of(tl.load_robot(ARM.format(axis="0 0 1")))
     assert scene.v.tolist() == [0.5, 1.0]

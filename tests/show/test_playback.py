@@ -94,6 +94,15 @@ def test_speed_decides_on_the_frames(arm: Robot, tmp_path: Path) -> None:
     np.testing.assert_allclose(shown["motion"]["t"], np.linspace(1.0, 3.0, 241))
 
 
+def test_few_samples_are_played_as_the_solution_between_them(tmp_path: Path) -> None:
+    scene = tl.Scene(tl.load_robot("two_link"), effects=[tl.effects.Gravity()])
+    few, many = (
+        film(tl.simulate(scene, 2.0, t_eval=t).playback(tmp_path / "a.html"))["motion"]
+        for t in ([0.0, 2.0], np.linspace(0.0, 2.0, 400))
+    )
+    np.testing.assert_allclose(few["poses"], many["poses"], atol=1e-3)
+
+
 def test_frames_are_capped_and_the_page_says_so(arm: Robot, tmp_path: Path) -> None:
     t = np.linspace(0.0, 100.0, 11)
     page = write_playback(*arm, t, np.column_stack([t, t]) / 50, tmp_path / "a.html", max_frames=201)

@@ -75,6 +75,14 @@ def test_a_film_has_the_pictures_of_its_length(run: Trajectory, tmp_path: Path, 
     assert (pictures, seconds) == (6, pytest.approx(0.6, abs=0.05))
 
 
+@pytest.mark.parametrize("rate", [7, 21])
+def test_a_gif_plays_as_long_as_the_motion(run: Trajectory, tmp_path: Path, rate: float) -> None:
+    """Its pictures last whole hundredths of a second."""
+    with Image.open(run.video(tmp_path / "a.gif", size=(64, 64), rate=rate, speed=1.0)) as film:
+        seconds = [1e-3 * picture.info["duration"] for picture in ImageSequence.Iterator(film)]
+    assert sum(seconds) == pytest.approx(len(seconds) / rate, abs=0.005)
+
+
 def test_a_picture_of_a_moment_by_the_command(run: Trajectory, tmp_path: Path) -> None:
     saved = run.save(tmp_path / "run.npz")
     moments = [str(tmp_path / f"{k}.png") for k in range(3)]

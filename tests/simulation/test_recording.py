@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import twolink as tl
 from tests.command import answer
+from tests.urdf_text import joint, link, robot_of
 from twolink import effects as fx
 from twolink.errors import SceneError, TwolinkError
 from twolink.io.bags import message, stamp
@@ -96,6 +97,27 @@ def test_angles_of_continuous_joints_go_on_beyond_a_turn(tmp_path: Path) -> None
     speeds = np.array([decoded.velocity for _, _, decoded in rows])
     steps = 0.5 * (speeds[1:] + speeds[:-1]) * np.diff(run.t)[:, None]
     np.testing.assert_allclose(np.diff(angles, axis=0), steps, atol=2e-3)
+
+
+def test_turns_between_few_samples_are_those_of_the_speed(tmp_path: Path) -> None:
+    """A wheel at 20 rad/s, ten seconds from sample to sample: in a bag, and in the figures of a run and of worlds."""
+    text = robot_of(link("rotor", 1.0, 0.1), joint("axle", "continuous", "ground", "rotor", "0 0 1"))
+    scene = tl.Scene(tl.load_robot(text), v=[20.0])
+    run = tl.simulate(scene, 100.0, t_eval=np.linspace(0.0, 100.0, 11))
+    rows = contents(run.save(tmp_path / "x.mcap"))["/joint_states"]
+    assert [decoded.position[0] for _, _, decoded in rows] == pytest.approx(20.0 * run.t)
+    line = run.plot().axes[0].get_lines()[0]
+    assert line.get_ydata() == pytest.approx(20.0 * line.get_xdata())
+    worlds = tl.simulate_many(scene, 100.0, v=[[20.0], [-30.0]], t_eval=run.t)
+    curves = worlds.plot().axes[0].collections[0].get_segments()
+    assert [curve[-1, 1] for curve in curves] == pytest.approx([2000.0, -3000.0])
+
+
+def test_events_after_the_last_sample_are_in_the_bag(tmp_path: Path) -> None:
+    effects = [fx.Gravity(), fx.JointStops({"elbow": (-0.2, 1.0)}, restitution=0.6)]
+    run = tl.simulate(tl.Scene(tl.load_robot("two_link"), [1.2, 0.5], effects=effects), 0.8, t_eval=[0.0, 0.1])
+    seen = [round(at * 1e-9, 6) for _, at, _ in contents(run.save(tmp_path / "x.mcap"))["/rosout"]]
+    assert seen == [round(event.t, 6) for event in run.events] != []
 
 
 @pytest.mark.slow

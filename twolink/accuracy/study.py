@@ -155,10 +155,6 @@ def accuracy_study(
     ------
     SceneError, AccuracyError
         An argument does not fit, or the motion cannot be solved.
-
-    Notes
-    -----
-    A complete study of all methods is kept, so that simulate's method="auto" chooses by it.
     """
     began, end = time.perf_counter(), duration_for(scene, duration)
     chosen, aims = _methods(methods), _tolerances(tolerances)

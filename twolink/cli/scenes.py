@@ -47,6 +47,7 @@ from twolink.io.files import write_atomic
 from twolink.io.progress import progress_bar
 from twolink.io.text import parse_numbers
 from twolink.robots.catalogue import catalogue_names
+from twolink.robots.joint_layout import JointLayout
 from twolink.scenes import bundled_scenes
 from twolink.scenes import scenes as scene_table
 from twolink.scenes.file import bundled_text
@@ -54,6 +55,7 @@ from twolink.scenes.file_format import RobotEntry
 from twolink.scenes.template import scene_template
 from twolink.scenes.urdf_scene import UrdfScene, limited_joints, limits_by_joint, scene_of
 from twolink.simulation.trajectory import Trajectory
+from twolink.simulation.trajectory_tables import states
 
 SHOWN_EVENTS = 20
 
@@ -240,8 +242,8 @@ def accuracy(
     """Measure what accuracy costs on a scene.
 
     Each method is run at several settings. Errors are measured against a reference of 31 digits, whose own error
-    is printed. Ctrl-C keeps what is done. A complete study of all methods is stored; `twolink run` then chooses its
-    method by it. --out writes a figure (.png .svg .pdf), the study (.json) or its rows (.csv .parquet .npz).
+    is printed. Ctrl-C keeps what is done. --out writes a figure (.png .svg .pdf), the study (.json) or its rows (.csv
+    .parquet .npz).
 
     \b
     twolink accuracy arm-swing --out cost.png            all methods; about a minute
@@ -273,24 +275,23 @@ def methods(as_json: Json = False) -> None:
 
 def limit_notes(run: Trajectory) -> list[str]:
     """Notes on a run beyond the URDF's limits of velocity or position, one line a joint."""
-    robot, notes = run.robot, []
-    for joint, (lower, upper) in limited_joints(robot):
-        q, unit = run.q[:, joint.q.start], joint.unit
-        for value, beyond in ((lower, q < lower - 1e-6), (upper, q > upper + 1e-6)):
-            notes += _note(run, joint.name, q, beyond, f"{value:.4g} {unit}")
+    robot, notes, (t, q, v) = run.robot, list[str](), states(run, whole=True)
+
+    def note(joint: JointLayout, unit: str, values: np.ndarray, limit: float, sign: float = 1.0) -> None:
+        beyond = sign * (values - limit)
+        if beyond[most := int(beyond.argmax())] > 1e-6:
+            since, end = t[np.argmax(beyond > 1e-6)], "at most" if sign > 0 else "at least"
+            notes.append(f"{joint.name} is beyond its limit of {limit:.4g} {unit} from {since:.3g} s on: "
+                         f"{values[most]:.4g} {end}")  # fmt: skip
+
+    for joint, ends in limited_joints(robot):
+        for limit, sign in zip(ends, (-1.0, 1.0), strict=True):
+            note(joint, joint.unit, q[:, joint.q.start], limit, sign)
     limits = limits_by_joint(robot, robot.model.velocityLimit)
     for joint in robot.joints:
         if joint.name in limits:
-            speed, unit = np.abs(run.v[:, joint.v]).max(axis=1), f"{joint.unit}/s"
-            notes += _note(run, joint.name, speed, speed > limits[joint.name], f"{limits[joint.name]:.4g} {unit}")
+            note(joint, f"{joint.unit}/s", np.abs(v[:, joint.v]).max(axis=1), limits[joint.name])
     return notes
-
-
-def _note(run: Trajectory, joint: str, values: np.ndarray, beyond: np.ndarray, limit: str) -> list[str]:
-    if not beyond.any():
-        return []
-    largest = values[beyond][np.argmax(np.abs(values[beyond]))]
-    return [f"{joint} is beyond its limit of {limit} from {run.t[np.argmax(beyond)]:.3g} s on: {largest:.4g} at most"]
 
 
 def energy() -> Callable[..., Any]:

@@ -51,22 +51,23 @@ def table_of(
     A column of the states or the others that has the name of one of the answers gets "given." before it. Numbers of one
     state are the same in all rows.
     """
-    answers = dict(_columns(robot, result, {name: len(shape) for name, (shape, _) in what.results.items()}))
-    given = {**others, **dict(_columns(robot, arguments, dict.fromkeys(arguments, 1)))}
+    answers = dict(_columns(robot, result, {name: shape for name, (shape, _) in what.results.items()}))
+    given = {**others, **dict(_columns(robot, arguments, dict.fromkeys(arguments, ("nv",))))}
     columns = {f"given.{name}" if name in answers else name: values for name, values in given.items()} | answers
     count = max(len(values) for values in columns.values())
     return {name: np.broadcast_to(values, count) for name, values in columns.items()}
 
 
-def _columns(robot: Robot, arrays: Mapping[str, Any], axes: Mapping[str, int]) -> Iterator[tuple[str, np.ndarray]]:
-    """Columns (n,) of arrays with so many axes for one state."""
+def _columns(
+    robot: Robot, arrays: Mapping[str, Any], shapes: Mapping[str, tuple[Any, ...]]
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Columns (n,) of arrays with these shapes for one state; by joint where those say so."""
     for name, values in arrays.items():
         array = np.asarray(values, dtype=float)
-        array = array.reshape(-1, *array.shape[array.ndim - axes[name] :])
+        array = array.reshape(-1, *array.shape[array.ndim - len(shapes[name]) :])
         names = [column for column, _ in joint_columns(robot.joints, name)]
         for place in np.ndindex(array.shape[1:]):
-            by_joint = len(place) == 1 and len(names) == array.shape[1]
-            column = names[place[0]] if by_joint else ".".join([name, *map(str, place)])
+            column = names[place[0]] if shapes[name] == ("nv",) else ".".join([name, *map(str, place)])
             yield column, array[(slice(None), *place)]
 
 

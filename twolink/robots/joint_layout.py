@@ -105,6 +105,16 @@ def joint_columns(joints: Iterable[JointLayout], letter: str) -> list[tuple[str,
     return columns
 
 
+def counted_on(angle: np.ndarray, t: np.ndarray | None = None, w: np.ndarray | None = None) -> np.ndarray:
+    """Angles (n, ...) that go on beyond a turn: between samples by the turns nearest to the mean of the speeds.
+
+    t (n,), w (n, ...): of the samples, s and rad/s. Without them a joint turns by less than half a turn between two.
+    """
+    passed = 0.0 if t is None or w is None else (0.5 * np.diff(t) * (w[1:] + w[:-1]).T).T
+    turns = np.round((passed - np.diff(angle, axis=0)) / (2.0 * np.pi))
+    return angle + 2.0 * np.pi * np.concatenate([np.zeros((1, *angle.shape[1:])), np.cumsum(turns, axis=0)])
+
+
 def column_forms(joint: JointLayout, letter: str) -> list[list[str]]:
     """The ways to name the columns of a joint's "q", "v", "tau" or "a" in a table, each the whole of them.
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from twolink.errors import ShowError, nearest
-from twolink.robots.joint_layout import JointLayout, unit_of
+from twolink.robots.joint_layout import JointLayout, counted_on, unit_of
 from twolink.robots.model import RobotModel
 from twolink.show.figure import COLOURS, label_right, new_figure, plain
 from twolink.show.figure import WIDTH as LETTER
@@ -104,7 +104,7 @@ def plot_trajectory(
     """
     t, q, v = curves
     chosen = _chosen(robot, joints)
-    drawn = [curve for curve in curves_of(robot, q, v) if curve.joint in chosen]
+    drawn = [curve for curve in curves_of(robot, q, v, t) if curve.joint in chosen]
     most = those_that_move_most(drawn)
     colours = dict(zip(most, JOINT_COLOURS, strict=False))
     panels, still = _panels([c for c in drawn if c.joint in colours], *error)
@@ -151,19 +151,21 @@ def _chosen(robot: RobotModel, wanted: Sequence[str]) -> set[str]:
     return {name for pattern in wanted or ["*"] for name in fnmatch.filter(names, pattern)}
 
 
-def curves_of(robot: RobotModel, q: np.ndarray, v: np.ndarray) -> Iterator[JointCurve]:
-    """Every joint's coordinates and velocities; the angle, counted on, where q has its cosine and sine."""
+def curves_of(robot: RobotModel, q: np.ndarray, v: np.ndarray, t: np.ndarray | None = None) -> Iterator[JointCurve]:
+    """Every joint's coordinates and velocities; the angle, counted on (at times t), where q has its cosine and sine."""
     for joint in robot.joints:
-        for panel, entry, values in (*_positions(joint, q[:, joint.q]), *_velocities(joint, v[:, joint.v])):
+        own = q[:, joint.q], v[:, joint.v]
+        for panel, entry, values in (*_positions(joint, *own, t), *_velocities(joint, own[1])):
             yield JointCurve(panel, joint.name, entry, values)
 
 
-def _positions(joint: JointLayout, q: np.ndarray) -> list[tuple[str, str, np.ndarray]]:
-    if joint.kind == "cos-sin":
-        return [("angle", "", np.unwrap(np.arctan2(q[:, 1], q[:, 0])))]
-    if joint.kind == "planar":
-        place = [("position", name, q[:, i]) for i, name in enumerate("xy")]
-        return [*place, ("angle", "", np.unwrap(np.arctan2(q[:, 3], q[:, 2])))]
+def _positions(
+    joint: JointLayout, q: np.ndarray, v: np.ndarray, t: np.ndarray | None
+) -> list[tuple[str, str, np.ndarray]]:
+    if joint.kind in ("cos-sin", "planar"):
+        c, s = q.T[-2:]
+        place = [("position", name, q[:, i]) for i, name in enumerate("xy"[: q.shape[1] - 2])]
+        return [*place, ("angle", "", counted_on(np.arctan2(s, c), t, v[:, -1]))]
     if joint.kind == "vector":
         return [("angle" if joint.unit == "rad" else "position", "", q[:, 0])]
     place = [("position", name, q[:, i]) for i, name in enumerate("xyz")] if joint.kind == "free-flyer" else []
@@ -289,7 +291,7 @@ def plot_sensitivities(
     Path or Figure
     """
     t, q, v = motion
-    drawn, widths = list(curves_of(robot, q, v)), tube(robot, q, v, *along)
+    drawn, widths = list(curves_of(robot, q, v, t)), tube(robot, q, v, *along)
     joints = those_that_move_most(drawn)
     colours = dict(zip(joints, JOINT_COLOURS, strict=False))
     panels = [name for name in PANELS if any(c.panel == name and c.joint in colours for c in drawn)]

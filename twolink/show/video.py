@@ -191,7 +191,8 @@ def _save(images: Iterable[Image], file: BinaryIO, rate: float, kind: str) -> No
         return
     palette = _palette([first, *rest])
     frames = [image.quantize(palette=palette, dither=Pillow.Dither.NONE) for image in (first, *rest)]
-    frames[0].save(file, "GIF", save_all=True, append_images=frames[1:], duration=round(1000 / rate), loop=0)
+    ends = np.round(100 * np.arange(len(frames) + 1) / rate)  # whole hundredths of a second
+    frames[0].save(file, "GIF", save_all=True, append_images=frames[1:], duration=(10 * np.diff(ends)).tolist(), loop=0)
 
 
 def _palette(images: Sequence[Any]) -> Any:

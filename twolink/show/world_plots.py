@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twolink.robots.joint_layout import unit_of
+from twolink.robots.joint_layout import counted_on, unit_of
 from twolink.robots.model import RobotModel
 from twolink.show.figure import COLOURS, new_figure, plain
 from twolink.show.motion_plots import curves_of, those_that_move_most
@@ -26,6 +26,7 @@ def plot_worlds(
     title: str,
     t: np.ndarray,
     q: np.ndarray,
+    v: np.ndarray,
     varied: Mapping[str, np.ndarray],
     error: np.ndarray | None,
 ) -> Figure:
@@ -39,8 +40,9 @@ def plot_worlds(
         The title of the figure.
     t : (m,)
         Times, s.
-    q : (m, n, nq)
-        Configurations, drawn over time; of one time over the first quantity that differs, or the world's number.
+    q, v : (m, n, nq), (m, n, nv)
+        Configurations, drawn over time; of one time over the first quantity that differs, or the world's number. And
+        velocities.
     varied : mapping of str to (n,)
         What differs between the worlds; the first one gives the colours.
     error : (n,) or None
@@ -53,7 +55,7 @@ def plot_worlds(
     count = q.shape[1]
     name, values = next(iter(varied.items()), ("number of the world", np.arange(count, dtype=float)))
     some = np.unique(np.linspace(0, count - 1, MAX_CURVES).astype(int)) if len(q) > 1 else np.arange(count)
-    panels = _panels(robot, q[:, some])
+    panels = _panels(robot, t, q[:, some], v[:, some])
     figure, axes = new_figure(len(panels) + (error is not None), size=(9, 1.2 + 1.7 * len(panels)))
     shades: Any = None
     for axis, (label, curves) in zip(axes[:, 0], panels.items(), strict=False):
@@ -76,19 +78,20 @@ def plot_worlds(
     return figure
 
 
-def _panels(robot: RobotModel, q: np.ndarray) -> dict[str, np.ndarray]:
+def _panels(robot: RobotModel, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> dict[str, np.ndarray]:
     """The coordinates (m, n) that move the most, by name and unit; angles where q has cosine and sine."""
     m, n, _ = q.shape
     flat = np.nan_to_num(q.transpose(1, 0, 2).reshape(n * m, -1))
     found = [c for c in curves_of(robot, flat, np.zeros((n * m, robot.model.nv))) if c.panel in UNITS]
     joints = those_that_move_most(found)[:MAX_PANELS]
     lost = ~np.isfinite(q).all(axis=2)
-    turning = {joint.name for joint in robot.joints if joint.kind in ("cos-sin", "planar")}
+    turning = {joint.name: joint.v.stop - 1 for joint in robot.joints if joint.kind in ("cos-sin", "planar")}
     panels = {}
     for curve in [c for c in found if c.joint in joints][:MAX_PANELS]:
         values = curve.values.reshape(n, m).T.copy()
         if curve.joint in turning and curve.panel == "angle":  # counted on in each world by itself
-            values = np.unwrap((values + np.pi) % (2.0 * np.pi) - np.pi, axis=0)
+            speeds = np.nan_to_num(v[:, :, turning[curve.joint]])
+            values = counted_on((values + np.pi) % (2.0 * np.pi) - np.pi, t, speeds)
         values[lost] = np.nan
         panels[f"{curve.joint} {curve.entry}".rstrip() + f"\n({UNITS[curve.panel]})"] = values
     return panels

@@ -176,11 +176,12 @@ class Worlds(BaseResult, Plotted):
 
         before = self.samples_t < self.t
         t = np.append(self.samples_t[before], self.t)
-        q = np.concatenate([self.samples_q[before], self.q[None]])
-        q[-1, self.ends < self.t] = np.nan  # of an earlier time
-        at_end = None if len(self.samples_t) else self.q
-        return plot_worlds(self.robot, self.scene.title or self.robot.name, t, q if at_end is None else self.q[None],
-                           self.varied(), self.error)  # fmt: skip
+        q, v = (np.concatenate([samples[before], end[None]])
+                for samples, end in ((self.samples_q, self.q), (self.samples_v, self.v)))  # fmt: skip
+        if len(self.samples_t):
+            q[-1, self.ends < self.t] = np.nan  # of an earlier time
+        title = self.scene.title or self.robot.name
+        return plot_worlds(self.robot, title, t, q, v, self.varied(), self.error)
 
     def __repr__(self) -> str:
         met = self.within_accuracy

@@ -4,6 +4,7 @@ RViz know unaided.
 
 import json
 import logging
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from twolink.errors import SceneError
 from twolink.io import bags
 from twolink.io.bags import message, stamp, topic_of
 from twolink.io.tables import SUFFIXES, require_format, write_table
-from twolink.robots.joint_layout import JointLayout
+from twolink.robots.joint_layout import JointLayout, counted_on
 from twolink.simulation import trajectory_tables as tables
 
 SAVED = (*SUFFIXES, ".mat", *bags.BAGS, ".rrd")
@@ -75,12 +76,18 @@ def _messages(run: Any, times: list[int], notes: Mapping[str, str]) -> Iterator[
     yield times[0], bags.DESCRIPTION, message(bags.TEXT, run.robot.visuals.text)
     events = [(round(event.t * 1e9), event) for event in run.events or ()]
     states, places, wrenches = _joint_states(run), link_poses(run.robot, run.q), _wrenches(run, numbers)
+    frames = [run.robot.model.frames[k] for k in reversed(link_frames(run.robot))]
+    bodies = {topic: {f.parentJoint: f.name for f in frames}[joint.index] for topic, joint in free.items()}
     links, ground = run.robot.frame_names, "universe" if "world" in run.robot.frame_names else "world"
-    for k, t in enumerate(times):
+
+    def until(t: float) -> Iterator[tuple[int, str, Any]]:
         while events and events[0][0] <= t:
             at, event = events.pop(0)
             text = f"{event.what}{': ' if event.detail else ''}{event.detail}"
             yield at, "/rosout", message("rcl_interfaces/msg/Log", stamp(at), INFO, event.kind, text, "", "", 0)
+
+    for k, t in enumerate(times):
+        yield from until(t)
         header = message("std_msgs/msg/Header", stamp(t), ground)
         if states[0]:
             yield t, bags.STATES, message(bags.JOINTS, header, states[0], *(values[k] for values in states[1:]))
@@ -89,19 +96,20 @@ def _messages(run: Any, times: list[int], notes: Mapping[str, str]) -> Iterator[
                     message("geometry_msgs/msg/Transform", _vector(pose[:3]), _quaternion(pose[3:])))
             for link, pose in zip(links, places[k], strict=True)])  # fmt: skip
         for topic, joint in free.items():
-            yield t, topic, _odometry(header, joint, run.q[k, joint.q], run.v[k, joint.v])
+            yield t, topic, _odometry(header, bodies[topic], run.q[k, joint.q], run.v[k, joint.v])
         for topic, (_, values) in numbers.items():
             yield t, topic, message(bags.NUMBER, float(values[k]))
         for topic, values in wrenches.items():
             wrench = message("geometry_msgs/msg/Wrench", _vector(values[k, :3]), _vector(values[k, 3:]))
             yield t, topic, message("geometry_msgs/msg/WrenchStamped", header, wrench)
+    yield from until(math.inf)
 
 
 def _joint_states(run: Any) -> tuple[list[str], *tuple[np.ndarray, ...]]:
     """Names, positions, velocities and torques of the joints with one degree of freedom; angles go on beyond a turn."""
     joints = [joint for joint in run.robot.joints if joint.kind in ("vector", "cos-sin")]
-    q = [np.unwrap(np.arctan2(run.q[:, j.q.stop - 1], run.q[:, j.q.start])) if j.kind == "cos-sin"
-         else run.q[:, j.q.start] for j in joints]  # fmt: skip
+    q = [counted_on(np.arctan2(run.q[:, j.q.stop - 1], run.q[:, j.q.start]), run.t, run.v[:, j.v.start])
+         if j.kind == "cos-sin" else run.q[:, j.q.start] for j in joints]  # fmt: skip
     columns = [joint.v.start for joint in joints]
     n = len(run.t)
     known = run.solution is not None or run.recorded_tau is not None
@@ -140,11 +148,11 @@ def _wrenches(run: Any, taken: Mapping[str, Any]) -> dict[str, np.ndarray]:
     return found
 
 
-def _odometry(header: Any, joint: JointLayout, q: np.ndarray, v: np.ndarray) -> Any:
+def _odometry(header: Any, link: str, q: np.ndarray, v: np.ndarray) -> Any:
     pose = message("geometry_msgs/msg/Pose", message("geometry_msgs/msg/Point", *q[:3].tolist()), _quaternion(q[3:]))
     twist = message("geometry_msgs/msg/Twist", _vector(v[:3]), _vector(v[3:]))
     unknown = np.zeros(36)
-    return message(bags.BODY, header, joint.name, message("geometry_msgs/msg/PoseWithCovariance", pose, unknown),
+    return message(bags.BODY, header, link, message("geometry_msgs/msg/PoseWithCovariance", pose, unknown),
                    message("geometry_msgs/msg/TwistWithCovariance", twist, unknown))  # fmt: skip
 
 

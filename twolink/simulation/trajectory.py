@@ -294,7 +294,7 @@ class Trajectory(BaseResult, Plotted):
         dict
             scene, robot, joints (names); duration [s], samples (a count); error (the largest error bar, rad or m; None
             when the run is not verified), bound ("verified", "estimated" or ""), accuracy,
-            trusted_until [s]; energy_drift: the range of the energy [J]; q, v at the end;
+            trusted_until [s]; energy_drift: the range of the energy along the run [J]; q, v at the end;
             cost: the fields of `Cost`, or None; events: dictionaries with the fields of `Event`; interrupted.
             states: those of effects at the end, by name, where there are some.
             contacts: of stepped contacts `Trajectory.contact_record`. contact_forces: of runs with contacts the forces
@@ -305,8 +305,8 @@ class Trajectory(BaseResult, Plotted):
             "scene": self.title, "robot": self.robot.name, "joints": list(self.robot.joint_names),
             "duration": self.end, "samples": len(self.t), "error": None if self.error is None else self.error.max(),
             "bound": self.bound, "accuracy": self.accuracy, "trusted_until": self.trusted_until,
-            "energy_drift": np.ptp(self.energy), "q": self.q[-1], "v": self.v[-1], "cost": self.cost,
-            "events": self.events, "interrupted": self.interrupted,
+            "energy_drift": np.ptp(tables.drawn_curves(self, whole=True)[1][1]), "q": self.q[-1], "v": self.v[-1],
+            "cost": self.cost, "events": self.events, "interrupted": self.interrupted,
         }  # fmt: skip
         if self.states:
             record["states"] = {name: values[-1] for name, values in self.states.items()}
@@ -454,7 +454,17 @@ class Trajectory(BaseResult, Plotted):
 
     @property
     def _motion(self) -> tuple[Any, Any, np.ndarray, np.ndarray]:
-        return self.robot.model, (self.scene or self.robot).visual_model(tree=False), self.t, self.q
+        """The robot, and where it is drawn, between few samples too."""
+        t, q, _ = tables.states(self)
+        return self.robot.model, (self.scene or self.robot).visual_model(tree=False), t, q
+
+    @property
+    def _marks(self) -> dict[str, dict[str, tuple[np.ndarray, ...]]]:
+        """The contacts and forces on links that are drawn with it, those of the sample before."""
+        rows = np.searchsorted(self.t, tables.states(self)[0], side="right") - 1
+        kinds = {"contacts": self.contacts, "forces": self.forces_on_links}
+        return {kind: {name: tuple(part[rows] for part in parts) for name, parts in found.items()}
+                for kind, found in kinds.items()}  # fmt: skip
 
     @property
     def _told(self) -> dict[str, Any]:
@@ -463,8 +473,7 @@ class Trajectory(BaseResult, Plotted):
             (event.t, f"{event.kind} {event.what}{': ' if event.detail else ''}{event.detail}")
             for event in self.events or ()
         ]
-        drawn = {"contacts": self.contacts, "forces": self.forces_on_links}
-        return {"title": self.title or self.robot.name, "events": events, **drawn}
+        return {"title": self.title or self.robot.name, "events": events, **self._marks}
 
     def video(
         self, path: str | os.PathLike[str], *, curves: Sequence[str] = (), speed: float | None = None,
@@ -501,9 +510,11 @@ class Trajectory(BaseResult, Plotted):
         """
         from twolink.show.video import write_video
 
-        options |= {"curves": tables.chosen_columns(self.columns(), curves) if curves else None}
-        options |= {"contacts": self.contacts if contacts else None, "forces": self.forces_on_links if forces else None}
-        return write_video(*self._motion, path_to_write(path), speed=self._speed(speed), **options)
+        motion, marks = self._motion, self._marks
+        chosen = tables.chosen_columns(self.columns(), curves) if curves else {}
+        options |= {"curves": {name: np.interp(motion[2], self.t, values) for name, values in chosen.items()}}
+        options |= {"contacts": marks["contacts"] if contacts else None, "forces": marks["forces"] if forces else None}
+        return write_video(*motion, path_to_write(path), speed=self._speed(speed), **options)
 
     def play(
         self,

@@ -182,21 +182,25 @@ def as_frame(table: Mapping[str, np.ndarray]) -> Any:
     return import_extra("pandas", EXTRA).DataFrame(table).set_index("t")
 
 
-def drawn_curves(run: Run) -> tuple[Curves, tuple[np.ndarray, np.ndarray]]:
+def drawn_curves(run: Run, *, whole: bool = False) -> tuple[Curves, tuple[np.ndarray, np.ndarray]]:
     """(t, q, v), and times with energies: where the robots of the samples change, the energies at the samples."""
-    t, q, v = _states(run)
+    t, q, v = states(run, whole=whole)
     if t is run.t or len(run.robots) > 1:
         return (t, q, v), (run.t, run.energy)
     robot = run.robots[0][0] if run.robots else run.robot
     return (t, q, v), (t, np.sum(robot.energy(q, v), axis=0))
 
 
-def _states(run: Run) -> Curves:
-    """(t, q, v), between few samples by the solution itself, if it is kept."""
+def states(run: Run, *, whole: bool = False) -> Curves:
+    """(t, q, v), between few samples by the solution itself, if it is kept and not stepped.
+
+    whole: from the start of the solution, not from the first sample on.
+    """
     own = run.t, run.q, run.v
-    if run.solution is None or len(run.t) >= SMOOTH:
+    if run.solution is None or len(run.t) >= SMOOTH or run.contact_record is not None:
         return own
-    times = np.union1d(run.t, np.linspace(run.t[0], run.t[-1], SMOOTH))
+    begin = run.solution.t[0] if whole else run.t[0]
+    times = np.union1d(run.t, np.linspace(begin, run.t[-1], SMOOTH))
     try:
         return times, *run.at(times)
     except AccuracyError:

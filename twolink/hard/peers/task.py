@@ -178,7 +178,7 @@ def task_of(scene: Scene, times: np.ndarray) -> PeerTask:
             loops += _point_pairs(scene.robot, effect)
         elif isinstance(effect, fx.Contact):
             contacts += _contacts(scene.robot, effect)
-        elif isinstance(effect, fx.PlaneContact):
+        elif isinstance(effect, fx.PlaneContact) and effect.radius > 0.0:
             plane, shape = fx.Plane(effect.normal, effect.height), fx.Sphere(effect.radius, effect.point)
             ball = fx.Contact(((effect.frame, plane),), effect.friction, effect.restitution,
                               shapes={effect.frame: (shape,)})  # fmt: skip
