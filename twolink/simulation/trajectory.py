@@ -459,21 +459,13 @@ class Trajectory(BaseResult, Plotted):
         return self.robot.model, (self.scene or self.robot).visual_model(tree=False), t, q
 
     @property
-    def _marks(self) -> dict[str, dict[str, tuple[np.ndarray, ...]]]:
-        """The contacts and forces on links that are drawn with it, those of the sample before."""
-        rows = np.searchsorted(self.t, tables.states(self)[0], side="right") - 1
-        kinds = {"contacts": self.contacts, "forces": self.forces_on_links}
-        return {kind: {name: tuple(part[rows] for part in parts) for name, parts in found.items()}
-                for kind, found in kinds.items()}  # fmt: skip
-
-    @property
     def _told(self) -> dict[str, Any]:
         """Contents of a page about the run beside its motion."""
         events = [
             (event.t, f"{event.kind} {event.what}{': ' if event.detail else ''}{event.detail}")
             for event in self.events or ()
         ]
-        return {"title": self.title or self.robot.name, "events": events, **self._marks}
+        return {"title": self.title or self.robot.name, "events": events, **tables.drawn_marks(self)}
 
     def video(
         self, path: str | os.PathLike[str], *, curves: Sequence[str] = (), speed: float | None = None,
@@ -510,7 +502,7 @@ class Trajectory(BaseResult, Plotted):
         """
         from twolink.show.video import write_video
 
-        motion, marks = self._motion, self._marks
+        motion, marks = self._motion, tables.drawn_marks(self)
         chosen = tables.chosen_columns(self.columns(), curves) if curves else {}
         options |= {"curves": {name: np.interp(motion[2], self.t, values) for name, values in chosen.items()}}
         options |= {"contacts": marks["contacts"] if contacts else None, "forces": marks["forces"] if forces else None}

@@ -191,6 +191,14 @@ def drawn_curves(run: Run, *, whole: bool = False) -> tuple[Curves, tuple[np.nda
     return (t, q, v), (t, np.sum(robot.energy(q, v), axis=0))
 
 
+def drawn_marks(run: Run) -> dict[str, Marks]:
+    """The contacts and forces on links at the times of `states`, those of the sample before."""
+    rows = np.searchsorted(run.t, states(run)[0], side="right") - 1
+    kinds = {"contacts": run.contacts, "forces": run.forces_on_links}
+    return {kind: {name: tuple(part[rows] for part in parts) for name, parts in found.items()}
+            for kind, found in kinds.items()}  # fmt: skip
+
+
 def states(run: Run, *, whole: bool = False) -> Curves:
     """(t, q, v), between few samples by the solution itself, if it is kept and not stepped.
 
