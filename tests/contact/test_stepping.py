@@ -420,6 +420,22 @@ def test_accelerations_are_rates_of_velocities_along_axes_that_turn() -> None:
             assert robot.inverse_dynamics(q, v, a) == pytest.approx(np.zeros(robot.nv), abs=1e-9)
 
 
+@pytest.mark.parametrize("plate", ["cylinder", "convex"])
+def test_nothing_passes_through_a_thin_plate(plate: str) -> None:
+    """A disc, and a plate that lies askew in its own axes, 2 mm thick, under a small box at 60 m/s."""
+    turn, height = pin.rpy.rpyToMatrix(0.7, 0.6, 0.3), 0.91
+    corners = np.array(list(itertools.product((-0.5, 0.5), (-0.5, 0.5), (-0.001, 0.001)))) @ turn.T
+    askew = tuple(pin.Quaternion(turn.T).coeffs())
+    shape, pose = {"cylinder": (E.Cylinder(0.5, 0.002), (0, 0, 0)),
+                   "convex": (E.Convex(tuple(map(tuple, corners))), (0, 0, 0, *askew))}[plate]  # fmt: skip
+    base = tl.Scene(tl.load_robot("world"), effects=[]).with_object(shape, pose, name="plate")
+    both = base.with_object(E.Box((0.01,) * 3), (0.1, 0.05, height), name="box", mass=0.1)
+    effects = [E.Gravity(), E.Contact((("box", "plate"),), 0.3)]
+    scene = tl.Scene(both.base, both.q, [0, 0, -60.0, 0, 0, 0], effects)
+    run = tl.simulate(scene, 2 * height / 60, contact="stepped", t_eval=[0, 2 * height / 60])
+    assert run.q[-1, 2] >= 0.006 - 1e-6
+
+
 def test_a_tables_time_that_differs_from_a_samples_by_rounding_makes_no_step() -> None:
     """A ball that rests under a growing load: what presses at samples is its mean over whole steps."""
     table, times = tuple(k / 10 for k in range(11)), np.append(np.arange(10) * 0.1, 1.0)

@@ -435,3 +435,20 @@ def test_a_small_ball_bounces_and_turns_as_a_large_one() -> None:
     large, small = runs
     assert (np.abs(large.q[:, 3:] - small.q[:, 3:]).max(axis=1) <= large.error + small.error).all()
     assert (np.abs(1.5e-3 * large.q[:, :3] - small.q[:, :3]).max(axis=1) <= large.error + small.error).all()
+
+
+@pytest.mark.parametrize("friction", [0.1, 0.6])
+def test_a_slip_that_turns_where_the_arm_is_stretched_goes_on(friction: float) -> None:
+    """No forces let the tip roll there, where its tangent direction is lost for an instant; steps agree."""
+    arm = tl.load_robot(robot_of(
+        link("a", 0.5, 0.006, "0.2 0 0"), link("b", 0.5, 0.006, "0.2 0 0"),
+        joint("d", "revolute", "ground", "a", "0 1 0"),
+        joint("e", "revolute", "a", "b", "0 1 0", more='<origin xyz="0.4 0 0"/>')))  # fmt: skip
+    drive = E.JointPD({"d": 0.6, "e": 0.3}, kp={"d": 8.0, "e": 2.0}, kd={"d": 0.5, "e": 0.1})
+    ball = {"b": (E.Sphere(0.05, (0.4, 0, 0)),)}
+    floor = E.Contact((("b", E.Plane(height=-0.5)),), friction, 0.3, shapes=ball)
+    scene = tl.Scene(arm, [0.1, 0.05], [0.2, 0.1], [E.Gravity(), floor, drive])
+    run = tl.simulate(scene, 1.5, contact="located")
+    assert run.bound == "verified"
+    steps = tl.simulate(scene, 1.5, contact="stepped", step=1e-3, verify=False)
+    np.testing.assert_allclose(run.q, steps.q, atol=2e-3)  # of first order in the step

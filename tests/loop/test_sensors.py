@@ -9,6 +9,7 @@ import pytest
 import twolink as tl
 from tests.effects.bodies import ball
 from tests.loop.loops import slider
+from tests.urdf_text import joint, link, robot_of
 from twolink.effects.sampled_control import exact
 from twolink.errors import SceneError
 
@@ -115,6 +116,25 @@ def test_resolution_and_delay_reach_the_controller() -> None:
 def test_a_period_may_be_a_fraction_as_that_of_a_controller() -> None:
     (sensor,) = tl.Scene(tl.load_robot("arm"), effects=[E.Encoder(("elbow",), period=Fraction(1, 3))]).effects
     assert exact(sensor.period) == Fraction(1, 3)
+
+
+def test_touch_tells_links_apart_whose_shapes_have_the_same_names() -> None:
+    """Two feet of 1 and 3 kg with a toe and a heel each; and what pairs and sums are called."""
+    shape = '<collision name="{}"><origin xyz="{} 0 0"/><geometry><sphere radius="0.1"/></geometry></collision>'
+    both = shape.format("toe", 0.2) + shape.format("heel", -0.2)
+    feet = {"L": 1.0, "R": 3.0}
+    robot = tl.load_robot(robot_of(*(link(foot, mass, 0.01, more=both) + joint(f"j{foot}", "prismatic", "ground", foot)
+                                     for foot, mass in feet.items())))  # fmt: skip
+    touch = [E.TouchSensor(foot, name=foot, period=0.05) for foot in feet]
+    run = tl.simulate(tl.Scene(robot, [0.1, 0.1], effects=[E.Gravity(), E.Contact("ground"), *touch]), 0.2)
+    assert list(run.contact_forces) == [f"{foot} {name} - ground" for foot in feet for name in ("toe", "heel")]
+    for foot, mass in feet.items():
+        assert run.sensors[foot].values[-1] == pytest.approx([0, 0, 9.81 * mass])
+        assert run.contact_forces.on(foot)[-1] == pytest.approx([0, 0, 9.81 * mass])
+        assert run.contact_forces.on(f"{foot} toe")[-1] == pytest.approx([0, 0, 9.81 * mass / 2])
+    assert run.contact_forces.on("ground")[-1] == pytest.approx([0, 0, -9.81 * 4])
+    alone = E.Contact((("L toe", "ground"),))
+    assert [pair.name for pair in alone.selected(robot).chosen] == ["L toe - ground"]
 
 
 def test_touch_feels_a_compliant_plane() -> None:

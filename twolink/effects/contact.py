@@ -184,6 +184,9 @@ class Contact(SwitchingEffect, frozen=True):
         if self.static is not None and self.static < self.friction:
             raise SceneError(f"it is {self.static:g}, below the friction {self.friction:g}", where="static",
                              remedy="static friction is the larger one")  # fmt: skip
+        if self.static and not self.friction:
+            raise SceneError(f"it is {self.static:g}, and the friction 0", where="static",
+                             remedy="give a friction above 0, such as 1e-9")  # fmt: skip
         if self.concavity is not None and not self.concavity > 0.0:
             raise SceneError(f"it is {self.concavity:g} m", where="concavity",
                              remedy="give a length above 0, or leave it out for the hulls")  # fmt: skip

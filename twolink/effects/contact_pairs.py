@@ -68,7 +68,7 @@ def select_pairs(
                          remedy="add <collision> elements to the URDF, or objects first, or give shapes=",
                          code="no-shapes")  # fmt: skip
     chosen: dict[tuple[int, object], Pair] = {}
-    alone = _counts(solids)
+    labels = labels_of(solids)
     excluded: list[tuple[str, str]] = []
     if not isinstance(asked, (tuple, list)):
         raise SceneError(f"expected pairs of bodies, {SELF!r} or {GROUND!r}, got {asked!r:.60}", where="pairs",
@@ -78,7 +78,7 @@ def select_pairs(
             allowed, not_allowed = _own_pairs(robot, solids, margin)
             excluded += not_allowed
         elif item == GROUND:
-            allowed = [_pair(alone, solid, LEVEL) for solid in solids if _body(robot, solid)]
+            allowed = [_pair(labels, solid, LEVEL) for solid in solids if _body(robot, solid)]
         else:
             allowed = _named_pairs(robot, solids, item, f"pairs[{i}]")
         for pair in allowed:
@@ -132,7 +132,7 @@ def _own_pairs(robot: Robot, solids: Sequence[Solid], margin: float) -> tuple[li
     """
     model, allowed, excluded = robot.model, list[Pair](), list[tuple[str, str]]()
     geometry, poses = collision_model(model, solids).geometryObjects, joint_poses(model, robot.neutral)
-    bodies, alone = [_body(robot, solid) for solid in solids], _counts(solids)
+    bodies, labels = [_body(robot, solid) for solid in solids], labels_of(solids)
     free = {body: [j for j in model.supports[body] if _is_free(model, j)] for body in set(bodies)}
     for i, k in itertools.combinations(range(len(solids)), 2):
         a, b = bodies[i], bodies[k]
@@ -141,7 +141,7 @@ def _own_pairs(robot: Robot, solids: Sequence[Solid], margin: float) -> tuple[li
         if frozenset((solids[i].link, solids[k].link)) in robot.visuals.srdf.apart:
             excluded.append((f"{solids[i].link} - {solids[k].link}", f"by {robot.visuals.srdf.file}"))
             continue
-        pair, separate = _pair(alone, solids[i], solids[k]), free[a] != free[b]
+        pair, separate = _pair(labels, solids[i], solids[k]), free[a] != free[b]
         if not separate and len(_joints_between(model, a, b)) == 1:
             excluded.append((pair.name, "adjacent"))
         elif not separate and _overlap(geometry, poses, i, k, margin):
@@ -176,8 +176,8 @@ def _named_pairs(robot: Robot, solids: Sequence[Solid], item: object, where: str
              if _body(robot, a) != (0 if isinstance(b, World) else _body(robot, b))]  # fmt: skip
     if not pairs:
         raise SceneError("the two bodies do not move against each other", where=where, remedy="name links that do")
-    alone = _counts(solids)
-    return [_pair(alone, a, b) for a, b in pairs]
+    labels = labels_of(solids)
+    return [_pair(labels, a, b) for a, b in pairs]
 
 
 def _named(robot: Robot, solids: Sequence[Solid], body: Body, where: str) -> list[Solid] | World:
@@ -194,20 +194,31 @@ def _named(robot: Robot, solids: Sequence[Solid], body: Body, where: str) -> lis
                          where=where, remedy='such as ("foot", "ground")')  # fmt: skip
     if body == GROUND and not any(GROUND in (solid.link, solid.name) for solid in solids):
         return LEVEL
-    found = [solid for solid in solids if solid.link == body] or [solid for solid in solids if solid.name == body]
+    labels = labels_of(solids)
+    kinds = [[one.link for one in solids], [one.name for one in solids], [labels[s.link, s.name] for s in solids]]
+    found = next(
+        ([one for one, name in zip(solids, names, strict=True) if name == body] for names in kinds if body in names), []
+    )
     if not found:
-        names = dict.fromkeys((*(solid.link for solid in solids), *(solid.name for solid in solids), GROUND))
+        names = dict.fromkeys((*kinds[0], *kinds[1], GROUND))
         check_name(body, names, where, "link with a collision shape")
     return found
 
 
-def _counts(solids: Sequence[Solid]) -> Counter[str]:
-    """The number of solids of each link; the parts of a mesh are one."""
-    return Counter(link for link, _ in {(solid.link, solid.name) for solid in solids})
+def labels_of(solids: Sequence[Solid]) -> dict[tuple[str, str], str]:
+    """The name in pairs of each solid, by its link and its own name; the parts of a mesh are one.
+
+    It is that of the link, where the link has no other; else its own; with the link's before it where that is the name
+    of something else too.
+    """
+    every = dict.fromkeys((solid.link, solid.name) for solid in solids)
+    count, names = Counter(link for link, _ in every), Counter(name for _, name in every)
+    return {(link, name): link if count[link] == 1 else name if names[name] == 1 and name not in count
+            else f"{link} {name}" for link, name in every}  # fmt: skip
 
 
-def _pair(alone: Mapping[str, int], a: Solid, b: Solid | World) -> Pair:
-    """The pair of two bodies. alone: how many solids each link has; one of them has the link's name."""
+def _pair(labels: Mapping[tuple[str, str], str], a: Solid, b: Solid | World) -> Pair:
+    """The pair of two bodies, whose names are among the labels."""
     if isinstance(b, Solid):
         a, b = sorted((a, b), key=_roundness)
 
@@ -216,7 +227,7 @@ def _pair(alone: Mapping[str, int], a: Solid, b: Solid | World) -> Pair:
             return "field"
         if isinstance(solid, Plane):
             return GROUND if solid == LEVEL else "plane"
-        return solid.link if alone[solid.link] == 1 else solid.name
+        return labels[solid.link, solid.name]
 
     return Pair(f"{name(a)} - {name(b)}", a, b)
 

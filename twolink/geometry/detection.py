@@ -247,5 +247,6 @@ def _inner(shape: AnyShape) -> float:
     if isinstance(shape, Box):
         return 0.5 * float(min(shape.size))
     if isinstance(shape, Convex):
-        return 0.5 * float(np.ptp(np.array(shape.vertices), axis=0).min())
-    return float(shape.radius)
+        hull = hull_of(shape)
+        return 0.5 * float((hull.heights - (hull.vertices @ hull.normals.T).min(axis=0)).min())
+    return float(min(shape.radius, 0.5 * shape.length) if isinstance(shape, Cylinder) else shape.radius)

@@ -1,5 +1,7 @@
 """The forces that sensors feel."""
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 
@@ -27,11 +29,10 @@ def forces_seen(equations: Equations, t: float | Array, x: Array) -> Forces:
 
     def on(link: str) -> Array:
         total, touching = np.zeros((count, 3)), equations.constraints.touching if equations.constraints else []
-        nearest = {loop.pair: loop.gap.nearest(motion)  # type: ignore[attr-defined]
-                   for loop in equations.layout.with_numbers(touching, list(states[equations.moving :]))}  # fmt: skip
-        for pair, _, force in contacts(equations, times, states):
-            first, second = nearest[pair].first.frame, nearest[pair].second.frame
-            total += (int(first == link) - int(second == link)) * force.T
+        loops: list[Any] = list(equations.layout.with_numbers(touching, list(states[equations.moving :])))
+        for loop, (_, _, force) in zip(loops, contacts(equations, times, states), strict=True):
+            nearest = loop.gap.nearest(motion)
+            total += (int(nearest.first.frame == link) - int(nearest.second.frame == link)) * force.T
         pressed = f"{kebab_case(CompliantContact.__name__)} on {link}"
         return total + sum(force.T for name, _, force, _ in wrenches_on_links(equations, times, x) if name == pressed)
 

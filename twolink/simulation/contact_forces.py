@@ -64,18 +64,25 @@ class ContactForces(dict[str, np.ndarray]):
     def on(self, body: str) -> np.ndarray:
         """The sum of the forces on a body that touches others (n, 3), N, along the world's axes.
 
-        Raises SceneError for a name that no pair has; "ground" is one.
+        body: the name of a link, of all its shapes; of one of these as pairs have it; or "ground". Raises SceneError
+        for what no pair has.
         """
-        signed = [(name, sign * force) for pair, force in self.items()
-                  for name, sign in zip(self._bodies(pair), (1.0, -1.0), strict=True)]  # fmt: skip
-        require_known(body, dict.fromkeys(name for name, _ in signed), SceneError, argument="body")
-        return np.asarray(np.sum([force for name, force in signed if name == body], axis=0))
+        from twolink.effects.contact import Contact  # which runs without contacts do not load
+        from twolink.effects.contact_pairs import labels_of, solids_of
 
-    def _bodies(self, pair: str) -> tuple[str, str]:
-        """The two bodies of a pair: a name may have the same sign in itself."""
-        parts = pair.split(" - ")
-        every = [(" - ".join(parts[:k]), " - ".join(parts[k:])) for k in range(1, len(parts))]
-        return next((two for two in every if self._run.robot.model.existFrame(two[0])), every[0])
+        robot, effects = self._run.robot, [] if self._run.scene is None else self._run.scene.effects
+        shapes = [solids_of(robot, one.shapes) for one in effects if isinstance(one, Contact)] or [robot.solids]
+        links = {label: link for solids in shapes for (link, _), label in labels_of(solids).items()}
+        known, total = dict[str, None](), np.zeros((len(self._run.t), 3))
+        for pair, force in self.items():
+            parts = pair.split(" - ")  # which names may have in themselves
+            every = [(" - ".join(parts[:k]), " - ".join(parts[k:])) for k in range(1, len(parts))]
+            two = next((two for two in every if two[0] in links or robot.model.existFrame(two[0])), every[0])
+            for name, sign in zip(two, (1.0, -1.0), strict=True):
+                known |= dict.fromkeys((name, links.get(name, name)))
+                total += sign * force * (body in (name, links.get(name)))
+        require_known(body, known, SceneError, argument="body")
+        return total
 
     def __repr__(self) -> str:
         if not self:

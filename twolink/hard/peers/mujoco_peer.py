@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from twolink.effects.inputs import value_at
+from twolink.effects.inputs import SAME_TIME, value_at
 from twolink.hard.peers.task import (
     PeerError,
     PeerJoint,
@@ -232,6 +232,6 @@ def _advance(task: PeerTask, model: Any, data: Any, v_at: np.ndarray, t: float, 
     for k in range(steps):
         for joint in task.joints:
             if joint.name in task.torques:
-                now = t + k * model.opt.timestep
+                now = (t + k * model.opt.timestep) * (1.0 + SAME_TIME)  # not before a knot by rounding
                 data.qfrc_applied[v_at[joint.v]] = sum(value_at(one, now, np) for one in task.torques[joint.name])
         mujoco.mj_step(model, data)
