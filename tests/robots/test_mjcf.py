@@ -348,6 +348,33 @@ def test_the_mass_of_an_attached_model_is_that_of_its_own_compiler(name: str, tm
     assert compiled_mjcf(open_source(path)).model.body_mass == pytest.approx(model.body_mass)
 
 
+@pytest.mark.parametrize("seen", ["part.obj", "./part.obj", "other/part.obj"])
+def test_a_mass_is_read_from_its_own_mesh_beside_another_of_that_file(seen: str, tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    for file in ("part.obj", "other/part.obj"):
+        trimesh.creation.box((0.1, 0.2, 0.3)).export(tmp_path / file)
+    path = tmp_path / "robot.xml"
+    path.write_text(f"""<mujoco><asset><mesh name="body" file="part.obj"/><mesh name="seen" file="{seen}"
+        scale="2 2 2"/></asset><worldbody><geom type="mesh" mesh="seen" contype="0" conaffinity="0"/><body>
+        <joint axis="0 1 0"/><geom type="mesh" mesh="body"/></body></worldbody></mujoco>""")
+    assert tl.load_robot(path).mass == pytest.approx(1000 * 0.1 * 0.2 * 0.3)
+
+
+def test_meshes_of_a_model_are_beside_it_however_its_path_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "robots" / "meshes").mkdir(parents=True)
+    trimesh.creation.box((0.1, 0.2, 0.3)).export(tmp_path / "robots" / "meshes" / "part.obj")
+    path = tmp_path / "robots" / "one.xml"
+    path.write_text("""<mujoco><compiler meshdir="meshes"/><asset><mesh name="m" file="part.obj"/></asset><worldbody>
+        <body><joint axis="0 1 0"/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>""")
+    for folder, written in ((tmp_path, "robots/one.xml"), (tmp_path / "robots", "one.xml"), (Path("/"), str(path)),
+                            (tmp_path / "robots" / "meshes", "../one.xml")):  # fmt: skip
+        monkeypatch.chdir(folder)
+        (solid,) = tl.load_robot(written).solids
+        assert np.ptp(np.asarray(solid.shape.vertices), axis=0) == pytest.approx([0.1, 0.2, 0.3])
+
+
 WEDGE = ((0, 0, 0), (0.3, 0, 0), (0, 0.2, 0), (0, 0, 0.1))
 TURN = 'refquat=".8 .2 -.3 .4" '
 

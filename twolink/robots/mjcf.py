@@ -57,7 +57,7 @@ def read_mjcf(mjcf: Mjcf, source: Source, foreign: str) -> Description:
         raise RobotError(f"{what} changes the motion and has no counterpart{more}", where=f"{source.label}, {names[0]}",
                          code="no-counterpart", remedy='leave it out with foreign="report"')  # fmt: skip
     robot = Element("robot", {"name": model.names.split(b"\0")[0].decode() or source.label, "version": "1.1"}, 0)
-    folder = None if source.path is None else source.path.resolve().parent
+    folder = None if source.path is None else Path.cwd()  # MuJoCo's paths are from there, if the model's is
     for body in range(model.nbody):
         robot.children += _elements(mjcf, body, folder)
     start = {name: _configuration(model, k) for k, name in enumerate(mjcf.joints)}

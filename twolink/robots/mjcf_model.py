@@ -34,16 +34,21 @@ def compiled_mjcf(source: Source) -> "Mjcf":
 
 
 def _stand_ins(spec: Any) -> dict[str, bytes]:
-    """A tetrahedron by the names of the files of meshes that nothing is computed from."""
+    """A tetrahedron by the names of the files of meshes that nothing is computed from.
+
+    MuJoCo tells the contents of two files of one name in two folders not apart.
+    """
     needed = {geom.meshname for geom in spec.geoms if geom.meshname and _computes(geom)}
-    found = {}
+    found, kept = dict[str, bytes](), set[str]()
     for mesh in spec.meshes:
         file = PurePath(mesh.file)
         content = _tetrahedra().get(file.suffix.lower())
         # A mesh without a name has that of its file, behind the prefix of a model that is attached.
-        if content is not None and mesh.name not in needed and not any(name.endswith(file.stem) for name in needed):
+        if mesh.name in needed or any(name.endswith(file.stem) for name in needed):
+            kept.add(file.name)
+        elif content is not None:
             found[file.name if spec.strippath else os.path.join(spec.meshdir, mesh.file)] = content
-    return found
+    return {file: content for file, content in found.items() if PurePath(file).name not in kept}
 
 
 def _computes(geom: Any) -> bool:
