@@ -158,7 +158,7 @@ def joined(robot: R, parts: Sequence[tuple[RobotModel, str, pin.SE3, bool]]) -> 
         renamed.append(names)
         at = f"{'free' if free else 'fixed'}, at {_written(pose.translation)} m"
         findings.append(Finding("read", f"joined {part.name!r} as {name!r}, {at}{prefixed}"))
-        laws, said = _with_laws(laws, part, name, names, np.allclose(part.gravity, robot.gravity))
+        laws, said = _with_laws(laws, part, name, names)
         findings += said
     folders = {mesh.root for one in everyone for meshes in (one.visuals.meshes, one.visuals.collision_meshes)
                for mesh in meshes.values()}  # fmt: skip
@@ -198,9 +198,7 @@ def _let_go(part: RobotModel, element: Element, prefix: str) -> list[Finding]:
     return findings_about("ignored", {what: names})
 
 
-def _with_laws(
-    laws: FileLaws, part: RobotModel, name: str, names: dict[str, str], same_gravity: bool
-) -> tuple[FileLaws, list[Finding]]:
+def _with_laws(laws: FileLaws, part: RobotModel, name: str, names: dict[str, str]) -> tuple[FileLaws, list[Finding]]:
     """The laws of the whole with those of a part's file, and what its report says of the part."""
 
     def renamed(value: object) -> object:
@@ -209,17 +207,12 @@ def _with_laws(
         return names.get(value, value) if isinstance(value, str) else value
 
     own = part.visuals.laws
-    taken = [one for one in own.effects if one[0] != "frame-wrench" or same_gravity]
-    lost = {
-        "height fields": [f"{len(own.fields)} of them"] * bool(own.fields),
-        "gravity compensation (its gravity is another one)": [
-            str(given["frame"]) for kind, given in own.effects if kind == "frame-wrench" and not same_gravity],
-    }  # fmt: skip
-    read = {f"{name}: laws of its file (scene_of makes them effects)": dict.fromkeys(kind for kind, _ in taken)}
+    lost = {"height fields": [f"{len(own.fields)} of them"] * bool(own.fields)}
+    read = {f"{name}: laws of its file (scene_of makes them effects)": dict.fromkeys(kind for kind, _ in own.effects)}
     said = [*findings_about("read", read), *findings_about("ignored", {f"{name}: {k}": x for k, x in lost.items()})]
     said += [dataclasses.replace(one, what=f"{name}: {one.what}", names=tuple(names.get(x, x) for x in one.names))
              for one in part.report.findings if one.kind in ("suspicious", "ignored", "repaired")]  # fmt: skip
-    effects = [(kind, {key: renamed(value) for key, value in given.items()}) for kind, given in taken]
+    effects = [(kind, {key: renamed(value) for key, value in given.items()}) for kind, given in own.effects]
     start = {names.get(joint, joint): q for joint, q in own.start.items()}
     return dataclasses.replace(laws, effects=(*laws.effects, *effects), start={**laws.start, **start}), said
 

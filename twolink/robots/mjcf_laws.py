@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.robots.mjcf_model import SHAPES, Mjcf, pose
+from twolink.robots.model import COMPENSATION
 
 _FREE, _BALL = 0, 1  # mjtJoint
 _CONNECT, _WELD, _JOINT = 0, 1, 2  # mjtEq
@@ -177,8 +178,8 @@ def effects_of(mjcf: Mjcf) -> Iterator[tuple[str, Mapping[str, Any]]]:
         yield "joint-spring", {"stiffness": stiffness, "rest": rest}
     for k in map(int, np.flatnonzero(m.body_gravcomp * (m.body_weldid > 0))):
         if not mjcf.is_off("GRAVITY"):
-            force = -m.opt.gravity * m.body_mass[k] * m.body_gravcomp[k]
-            yield "frame-wrench", {"frame": mjcf.bodies[k], "force": _three(force), "point": _three(m.body_ipos[k])}
+            yield COMPENSATION, {"frame": mjcf.bodies[k], "mass": float(m.body_mass[k] * m.body_gravcomp[k]),
+                                 "point": _three(m.body_ipos[k])}  # fmt: skip
     for equality in range(m.neq):
         if m.eq_active0[equality] and _has_loop(m, equality) and not mjcf.is_off("EQUALITY", "CONSTRAINT"):
             yield _loop(mjcf, equality)

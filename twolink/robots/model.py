@@ -25,6 +25,7 @@ from twolink.robots.load_report import LoadReport
 from twolink.robots.meshes import MeshFile, VisualModel, set_mesh, without_meshes
 from twolink.robots.srdf import Srdf
 
+COMPENSATION = "gravity-compensation"
 _Mimic = tuple[int, int, str, tuple[float, ...], float, float]
 
 
@@ -85,9 +86,10 @@ copyreg.pickle(pin.Model, reduce_model)
 
 @dataclass(frozen=True)
 class FileLaws:
-    """Parts of a scene in a robot's file that a URDF cannot hold: effects, by type and arguments as in scene files, and
-    the configuration at the start, by joint. options: by which MuJoCo would step it, as its mjOption has them. fields:
-    height fields that are fixed to the world, as in scene files."""
+    """Parts of a scene in a robot's file that a URDF cannot hold: effects, by type and arguments as in scene files; the
+    mass at a point of a frame whose weight is compensated, under any gravity; and the configuration at the start, by
+    joint. options: by which MuJoCo would step it, as its mjOption has them. fields: height fields that are fixed to the
+    world, as in scene files."""
 
     effects: tuple[tuple[str, Mapping[str, Any]], ...] = ()
     start: Mapping[str, tuple[float, ...]] = field(default_factory=dict)

@@ -27,6 +27,7 @@ from twolink.robots.catalogue import FILES, catalogue_entry, catalogue_names
 from twolink.robots.collisions import collision_model
 from twolink.robots.joint_layout import NO_LIMIT, JointLayout
 from twolink.robots.load_report import Finding, LoadReport, findings
+from twolink.robots.model import COMPENSATION
 from twolink.robots.tree import Tree, read_tree
 from twolink.robots.xml import parse_xml
 from twolink.scenes.file import bundled_scenes, load_scene
@@ -237,6 +238,9 @@ def _effect(robot: Robot, kind: str, given: Mapping[str, Any]) -> Effect | None:
                  for name, values in given.items()}  # fmt: skip
         if not given["stiffness"]:
             return None
+    if kind == COMPENSATION:
+        force = tuple((-given["mass"] * robot.gravity).tolist())
+        return FrameWrench(given["frame"], force, point=given["point"])
     made: Effect = effect_class(kind)(**given)
     return made
 

@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.dynamics import Robot
+from twolink.robots.model import COMPENSATION
 from twolink.robots.urdf import Mimic
 
 Law = tuple[str, tuple[str, ...]]
@@ -36,10 +37,10 @@ def _laws(robot: Robot) -> dict[Law, np.ndarray]:
         if kind == "joint-spring":
             found |= {(kind, (joint,)): np.array([k, given["rest"].get(joint, 0.0)])
                       for joint, k in given["stiffness"].items()}  # fmt: skip
-        elif kind == "frame-wrench":
+        elif kind == COMPENSATION:
             joint, _, point = _placed(robot, given["frame"], given["point"])
             key = (kind, (joint,))
-            found[key] = found.get(key, 0.0) + np.concatenate([given["force"], np.cross(point, given["force"])])
+            found[key] = found.get(key, 0.0) + given["mass"] * np.append(point, 1.0)
         elif kind != "coupling":
             key, numbers = _loop(robot, kind, given)
             found[key] = np.append(found.get(key, ()), numbers)  # two bodies may have several

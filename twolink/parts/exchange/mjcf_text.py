@@ -18,6 +18,7 @@ from twolink.errors import RobotError
 from twolink.parts.exchange.law_comparison import couplings
 from twolink.parts.exchange.urdf_text import write_robot, written
 from twolink.robots.joint_layout import NO_LIMIT, urdf_limits
+from twolink.robots.model import COMPENSATION
 from twolink.robots.tree import Tree
 from twolink.robots.xml import Element, Reader
 from twolink.scenes.urdf_scene import urdf_tree
@@ -167,7 +168,7 @@ def _equalities(root: ET.Element, robot: Robot, said: Tree) -> Iterator[ET.Eleme
                 _named(root, robot, given[end]).append(ET.Element("site", {"name": f"{end}{number}", **_pose(place)}))
             kind = "connect" if effect == "point-loop" else "weld"
             yield ET.Element(kind, site1=f"a{number}", site2=f"b{number}")
-        elif effect == "frame-wrench":
+        elif effect == COMPENSATION:
             _compensate(root, robot, given)
 
 
@@ -184,17 +185,15 @@ def _named(root: ET.Element, robot: Robot, link: str) -> ET.Element:
 
 
 def _compensate(root: ET.Element, robot: Robot, given: Mapping[str, Any]) -> None:
-    """Let a body's gravity compensation be a constant force; it has to act at the body's centre of mass."""
+    """Write a body's gravity compensation; it has to act at the body's centre of mass."""
     frame = robot.model.frames[robot.model.getFrameId(given["frame"], pin.FrameType.BODY)]
-    inertia, gravity = robot.model.inertias[frame.parentJoint], robot.gravity
+    inertia = robot.model.inertias[frame.parentJoint]
     away = np.abs(frame.placement.act(np.array(given["point"])) - inertia.lever).max()
     links = _links(robot, frame.parentJoint)
-    if away > 1e-9 or not gravity.any():
-        raise RobotError("a constant force that acts elsewhere than at a body's centre of mass", code="no-mjcf",
+    if away > 1e-9:
+        raise RobotError("gravity compensation that acts elsewhere than at a body's centre of mass", code="no-mjcf",
                          where=f"robot {robot.name!r}, link {frame.name!r}", remedy="use its own file")  # fmt: skip
-    k = int(np.abs(gravity).argmax())
-    share = _shortest(-float(given["force"][k]) / float(inertia.mass * gravity[k]))
-    _named(root, robot, links[0].name).set("gravcomp", repr(share))
+    _named(root, robot, links[0].name).set("gravcomp", repr(_shortest(given["mass"] / float(inertia.mass))))
 
 
 def _shortest(value: float) -> float:
