@@ -117,7 +117,8 @@ def test_the_step_is_the_method_of_its_order(tmp_path: Path) -> None:
 
 def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
     robot = tl.load_robot("two_link")
-    for functions in ([], "energy", ["energy", "energy"], ["centre_of_mass"], ["step:radau"], ["step:gauss4"]):
+    for functions in ([], "energy", ["energy", "energy"], ["centre_of_mass"], ["step:radau"], ["step:gauss4"],
+                      ["step_euler"], ["stepper"]):  # fmt: skip
         with pytest.raises(tl.errors.TwolinkError):
             robot.export_c(tmp_path / "x.c", functions)
     with pytest.raises(tl.errors.QueryError, match="no joint moves"):

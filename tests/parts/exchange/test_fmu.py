@@ -6,6 +6,7 @@ import zipfile
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
+from typing import ClassVar
 
 import fmpy
 import numpy as np
@@ -18,6 +19,8 @@ from scipy.integrate import solve_ivp
 
 import twolink as tl
 from twolink import effects as fx
+from twolink.algorithms.motion import KinematicState
+from twolink.effects.effect import Loads
 from twolink.scenes.parameters import scene_with
 
 T = 1.0
@@ -256,6 +259,42 @@ def test_parameters_are_those_of_the_scene(folder: Path) -> None:
     assert fmu["energy"] == pytest.approx(run.energy[-1], abs=1e-6)
     with pytest.raises(FMICallException):
         fmu["energy"] = 1.0
+
+
+def test_a_rotor_is_the_armature_of_its_joint(tmp_path: Path) -> None:
+    """A gear's ratio and inertia are in the robot when the FMU is written; what is inside the gear is a parameter."""
+    gear = fx.Gear(fx.Torque({"elbow": 1.0}), ratio={"elbow": 3.0}, inertia={"elbow": 0.01})
+    scene = tl.Scene(tl.load_robot("two_link"), [1.2, 0.5], effects=[fx.Gravity(), gear], duration=T)
+    path = str(scene.export_fmu(tmp_path / "gear.fmu"))
+    names = {v.name for v in fmpy.read_model_description(path).modelVariables}
+    assert {"effects.1.ratio.elbow", "effects.1.inertia.elbow"}.isdisjoint(names)
+    chosen = {"effects.1.inertia.elbow": 0.013, "effects.1.of.inputs.elbow": 1.4}
+    run = tl.simulate(scene_with(scene, chosen), accuracy=1e-10)
+    chosen["elbow.armature"] = 3.0**2 * chosen.pop("effects.1.inertia.elbow")
+    assert abs(_end(path, chosen) - run.q[-1, 0]) < 1e-7
+    with pytest.raises(tl.errors.SceneError, match=r"effects\.1\.ratio\.elbow.*armature"):
+        scene.export_fmu(tmp_path / "gear.fmu", ["effects.1.ratio.elbow"])
+
+
+class Drag(fx.Effect, frozen=True):
+    """A torque -v (1 + v^2)^1.5 on the shoulder, more where q > 0.5; powers: written as one, or by a root."""
+
+    analytic: ClassVar[bool] = False
+    powers: bool = True
+
+    def act(self, motion: KinematicState, loads: Loads) -> None:
+        xp, base = motion.xp, 1.0 + motion.v[0] * motion.v[0]
+        size = motion.v[0] * (xp.power(base, 1.5) if self.powers else base * xp.sqrt(base))
+        after = xp.less_equal(motion.q[0], 0.5) if self.powers else 1.0 - xp.less(0.5, motion.q[0])
+        loads.torque(0, xp.where(after, -size, (-0.5 - motion.q[0]) * size))
+
+
+def test_own_effects_have_powers_and_all_comparisons(tmp_path: Path) -> None:
+    scene = tl.Scene(tl.load_robot("two_link"), [0.9, 0.5], effects=[fx.Gravity(), Drag()], duration=T)
+    path = str(scene.export_fmu(tmp_path / "drag.fmu", []))
+    run = tl.simulate(scene.with_effects([fx.Gravity(), Drag(powers=False)]), accuracy=1e-9)
+    assert run.q[:, 0].min() < 0.5 < run.q[0, 0]
+    assert abs(_end(path, {}) - run.q[-1, 0]) < 1e-6
 
 
 def test_states_of_effects_begin_by_the_scenes_start(tmp_path: Path) -> None:

@@ -23,7 +23,8 @@ from twolink.parts.exchange.traced_functions import VECTORS, Traced, function_of
 
 _C = {"+": "{0} + {1}", "-": "{0} - {1}", "*": "{0} * {1}", "/": "{0} / {1}", "neg": "-{0}",
       "sin": "SIN({0})", "cos": "COS({0})", "sqrt": "SQRT({0})", "exp": "EXP({0})", "tanh": "TANH({0})",
-      "atan2": "ATAN2({0}, {1})", "less": "{0} < {1}", "where": "{0} != 0 ? {1} : {2}"}  # fmt: skip
+      "atan2": "ATAN2({0}, {1})", "power": "POW({0}, {1})", "less": "{0} < {1}", "less_equal": "{0} <= {1}",
+      "where": "{0} != 0 ? {1} : {2}"}  # fmt: skip
 
 
 def export_c(
@@ -66,7 +67,7 @@ def export_c(
     prefix = identifier(target.stem)
     traced, certificates, tests = [], [], []
     for name in functions:
-        one, told, vectors = (step_of if name.startswith("step") else function_of)(robot, name)
+        one, told, vectors = (step_of if name.partition(":")[0] == "step" else function_of)(robot, name)
         traced.append(one)
         certificates.append(told)
         tests.append(_test(prefix, one, *vectors))
@@ -184,6 +185,7 @@ _SOURCE = """{about}
 #define EXP expf
 #define TANH tanhf
 #define ATAN2 atan2f
+#define POW powf
 #else
 #define SIN sin
 #define COS cos
@@ -191,6 +193,7 @@ _SOURCE = """{about}
 #define EXP exp
 #define TANH tanh
 #define ATAN2 atan2
+#define POW pow
 #endif
 #define K(x) ((real)(x))
 

@@ -28,10 +28,11 @@ from twolink.integrate.motion.formulas import projected, traced_rate
 from twolink.integrate.motion.scene_equations import equations_of, structure_of, with_parameters
 from twolink.integrate.motion.state import Array
 from twolink.integrate.steps.step_certificate import AGREEMENT, STATES, certify_projection, certify_rate
+from twolink.io.fingerprints import changed_joint
 from twolink.parts.exchange.traced_functions import Traced
 from twolink.robots.joint_layout import JointLayout, joint_columns
 from twolink.scenes import Scene
-from twolink.scenes.parameters import named_parameters, parameters_of
+from twolink.scenes.parameters import PREFIX, named_parameters, parameters_of, with_effect_number
 
 
 @dataclass(frozen=True)
@@ -101,12 +102,15 @@ def _equations(scene: Scene, parameters: Sequence[str] | None) -> tuple[Equation
         place, name = equations.effort_limits[0]
         raise _refused(f"its limit makes events ({name})", scene, place)
     equations.require(0.0, 0.0)
-    usual = structure_of(equations)[0].parameters
+    usual = tuple(name for name in structure_of(equations)[0].parameters if not _changes_robot(scene, name))
     if parameters is None:
         return with_parameters(equations, usual), len(names)
     named_parameters(scene, parameters, "parameters")
     known = {*usual, *_numbers(scene)}
     for name in parameters:
+        if _changes_robot(scene, name):
+            raise SceneError(f"{name!r} changes the robot when the FMU is written", argument="parameters",
+                             code="no-fmu", remedy="take the armature of its joint, as in JOINT.armature")  # fmt: skip
         if name not in known:
             raise SceneError(f"{name!r} is no number of the equations", argument="parameters", code="no-fmu",
                              remedy=nearest(name, sorted(known)))  # fmt: skip
@@ -117,6 +121,15 @@ def _refused(why: str, scene: Scene, place: int) -> SceneError:
     what = f"{type(scene.effects[place]).__name__} cannot be in an FMU: {why}"
     return SceneError(what, where=f"effects[{place}]", code="no-fmu",
                       remedy=f"scene.without({place}): torques in its place are inputs of the FMU")  # fmt: skip
+
+
+def _changes_robot(scene: Scene, name: str) -> bool:
+    """True of numbers of an effect that acts beside changing the robot's constants: a ratio of a gear with a rotor."""
+    if not name.startswith(PREFIX):
+        return False
+    place = int(name.split(".")[1])
+    both = scene.effects[place], with_effect_number(scene.effects, name, 0.0)[place]
+    return both[0].changes and bool(changed_joint(*(scene.base.changed(one.change).model for one in both)))
 
 
 def _numbers(scene: Scene) -> list[str]:

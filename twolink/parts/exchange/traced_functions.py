@@ -101,7 +101,7 @@ class _Shaped:
 
 def step_of(robot: Robot, name: str) -> tuple[Traced, str, Vectors]:
     """One step of an explicit method under torques that stay, certified against Pinocchio's accelerations."""
-    method = method_named(name.partition(":")[2] or "rk4", "functions")
+    method = method_named(name.partition(":")[2], "functions")
     if not isinstance(method.tableau, Tableau) or any(method.tableau.diagonal):
         raise QueryError(f"{method.name} has no explicit steps", argument="functions", remedy='such as "step:rk4"')
     space, tape = StateSpace(robot), Tape()
