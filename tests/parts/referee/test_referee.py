@@ -105,6 +105,32 @@ def test_delays_starts_and_units_are_named() -> None:
     assert blamed(exact(other, LAW, 2.0, 0.01)).startswith("it starts elsewhere, q by 0.1")
 
 
+def test_a_log_in_degrees_is_wrong_for_other_causes_too() -> None:
+    """Its units do not hide what is wrong in SI units: gravity, as of the same log in radians."""
+    scene = tl.Scene(ARM.base, [1.2, 0.5], effects=[fx.Gravity()], duration=0.5)
+    run = tl.simulate(scene.with_effects([fx.Gravity((0, 0, -12.0))]), accuracy=1e-9)
+    (plain, *_), (turned, *_) = (tl.judge(scene, (run.t, scale * run.q, scale * run.v)).causes
+                                 for scale in (1.0, 180 / np.pi))  # fmt: skip
+    assert plain.what.startswith("gravity differs [m/s^2]: z -2.19")
+    assert turned.what == f"q and v are in degrees, and {plain.what}"
+
+
+@pytest.mark.parametrize("also", [False, True])
+def test_lengths_of_a_log_in_degrees_are_metres(also: bool) -> None:
+    body = """<inertial><origin xyz="0.3 0 0"/><mass value="1"/><inertia ixx=".01" iyy=".02" izz=".03" ixy="0" ixz="0"
+        iyz="0"/></inertial>"""
+    limit = '<limit lower="-9" upper="9" effort="9" velocity="9"/>'
+    robot = tl.load_robot(f"""<robot name="slider"><link name="w"/><link name="a">{body}</link><link name="b">{body}
+        </link><joint name="h" type="revolute"><parent link="w"/><child link="a"/><axis xyz="0 1 0"/>{limit}</joint>
+        <joint name="s" type="prismatic"><parent link="a"/><child link="b"/>{limit}</joint></robot>""")
+    scene = tl.Scene(robot, [0.5, 0.2], effects=[fx.Gravity(), fx.JointSpring({"s": 200.0})], duration=0.5)
+    run, degrees = tl.simulate(scene, accuracy=1e-9), np.array([180 / np.pi, 1.0])
+    verdict = tl.judge(scene, (run.t, run.q * degrees, run.v * degrees if also else run.v))
+    assert verdict.causes[0].what == ("q and v are in degrees" if also else "q is in degrees")
+    assert verdict.distance.max() < 1e-9
+    assert verdict.excess == 0.0
+
+
 def test_a_run_beyond_its_stops_is_told() -> None:
     scene = ARM.with_effects([fx.Gravity(), fx.JointStops({"shoulder": (0.0, 1.0)})])
     verdict = tl.judge(scene, exact(scene, law_of(scene.robot), 1.0, 0.01))

@@ -36,10 +36,11 @@ def explained(verdict: Verdict, scene: Scene, log: TrajectoryLog, run: Trajector
     if progress is not None:
         progress(0.0, 1.0, verdict.summary)
     few, wrong = None, verdict.answer == "wrong"
+    off = verdict.excess > 0.0  # in SI units
     limit = TimeLimit(seconds if wrong else min(seconds, GLANCE), time.process_time, from_now=True)
-    found = [Cause(units, 0.0)] if units else []
+    found = [Cause(units, 0.0)] if units and not off else []
     missed: tuple[str, ...] = ()
-    if wrong and not units:
+    if off:
         looks: list[Look] = [("a shift in time", lambda: _shifted(log, run, offset))]
         if verdict.beyond:  # not only its velocities are wrong
             looks += [("another start", lambda: _started(scene, log, offset, limit)),
@@ -52,10 +53,14 @@ def explained(verdict: Verdict, scene: Scene, log: TrajectoryLog, run: Trajector
     except (OutOfTime, KeyboardInterrupt):
         missed = (*missed, "local defects, and causes that they show") if wrong else ()
     defect = None if few is None or not len(few.h) else float(np.abs(few.exact[:, scene.robot.nv :]).max())
-    if wrong and not units and few is not None and len(few.h) > 2 and not missed and not is_clear(found):
+    if off and few is not None and len(few.h) > 2 and not missed and not is_clear(found):
         more, missed = look_for(looks_at(few), progress)
         found += more
+    if units and off:
+        found = [dataclasses.replace(cause, what=f"{units}, and {cause.what}") for cause in found]
     causes, nearest = named(found)
+    if units and not causes and nearest is None:
+        nearest = Cause(units, 1.0)
     return dataclasses.replace(verdict, defect=defect, causes=causes, nearest=nearest, not_looked_at=missed)
 
 

@@ -15,7 +15,7 @@ from twolink.dynamics.arguments import Positive, positive
 from twolink.errors import AccuracyError, SceneError, TwolinkError, require_known
 from twolink.io.progress import Report
 from twolink.parts.referee.reasons import explained, violations
-from twolink.parts.referee.trajectory_log import Array, Given, TrajectoryLog, in_si, read_log
+from twolink.parts.referee.trajectory_log import BOTH, Array, Given, TrajectoryLog, in_radians, in_si, read_log
 from twolink.parts.referee.verdict import Answer, Verdict, Verdicts
 from twolink.robots.joint_layout import unit_of
 from twolink.scenes import Scene, bundled_scenes, load_scene
@@ -131,13 +131,11 @@ def judge_many(
 
 def _in_radians(log: TrajectoryLog, run: Trajectory) -> tuple[TrajectoryLog, str]:
     """The trajectory in radians, where it follows the solution in degrees from a start that is 0 in both."""
-    degrees, count = math.pi / 180, len(run.t)
     if any(joint.normalized is not None for joint in run.robot.joints):
         return log, ""
-    apart, converted = (np.linalg.norm(scale * log.q[:count] - run.q) for scale in (1.0, degrees))
-    if converted < 1e-2 * apart and apart > 1e-3 * math.sqrt(count):
-        return TrajectoryLog(log.t, log.q * degrees, log.v * degrees), "q and v are in degrees"
-    return log, ""
+    count, turned = len(run.t), in_radians(log, run.robot)
+    apart, converted = (np.linalg.norm(one.q[:count] - run.q) for one in (log, turned))
+    return (turned, BOTH) if converted < 1e-2 * apart and apart > 1e-3 * math.sqrt(count) else (log, "")
 
 
 def scene_from(given: Scene | Robot | str | os.PathLike[str]) -> tuple[Scene, bool]:

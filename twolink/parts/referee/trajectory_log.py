@@ -21,6 +21,8 @@ from twolink.simulation.trajectory import Trajectory
 Array = np.ndarray
 Given = Trajectory | Mapping[str, ArrayLike] | Sequence[ArrayLike] | str | os.PathLike[str]
 FULL = 15  # significant digits, from which on a number is as exact as a double
+DEGREE = math.pi / 180
+BOTH = "q and v are in degrees"
 ENOUGH = 10  # different numbers, which show to how many digits a log was written
 
 
@@ -140,20 +142,44 @@ def _no_trajectory(what: str, label: str) -> SceneError:
 
 def in_si(log: TrajectoryLog, robot: Robot, start: Array) -> tuple[TrajectoryLog, str]:
     """The trajectory in seconds and radians, and which units it had, "" for those. start (nq,): of the scene."""
-    degrees = math.pi / 180
-    unit_free = all(joint.normalized is None for joint in robot.joints)
+    unit_free = all(joint.normalized is None for joint in robot.joints)  # where entries of q are those of v
+    turns = _angles(robot)
     if log.has_velocities:
         rates, means = robot.difference(log.q[:-1], log.q[1:]) / np.diff(log.t)[:, None], 0.5 * (log.v[1:] + log.v[:-1])
-        moving = float(np.vdot(means, means))
-        slope = float(np.vdot(rates, means)) / moving if moving > 0 else 1.0
-        follows = moving > 0 and np.linalg.norm(rates - slope * means) < 0.2 * np.linalg.norm(rates)
-        if follows and abs(slope / 1e-3 - 1) < 0.1:
+        if abs(_slope(rates, means) / 1e-3 - 1) < 0.1:
             return TrajectoryLog(log.t / 1e3, log.q, log.v), "t is in milliseconds"
-        if follows and unit_free and abs(slope * degrees - 1) < 0.1:
-            return TrajectoryLog(log.t, log.q * degrees, log.v), "q is in degrees"
-        if follows and abs(slope / degrees - 1) < 0.1:
-            return TrajectoryLog(log.t, log.q, log.v * degrees), "v is in degrees per second"
+        slope = _slope(rates[:, turns], means[:, turns])
+        if unit_free and abs(slope * DEGREE - 1) < 0.1:
+            return TrajectoryLog(log.t, _turned(log.q, turns), log.v), "q is in degrees"
+        if abs(slope / DEGREE - 1) < 0.1:
+            return TrajectoryLog(log.t, log.q, _turned(log.v, turns)), "v is in degrees per second"
     away = np.abs(robot.difference(start, log.q[0])).max()
-    if unit_free and away > 1e-3 and np.abs(log.q[0] * degrees - start).max() < 1e-2 * away:
-        return TrajectoryLog(log.t, log.q * degrees, log.v * degrees), "q and v are in degrees"
+    if unit_free and away > 1e-3 and np.abs(_turned(log.q[0], turns) - start).max() < 1e-2 * away:
+        return in_radians(log, robot), BOTH
     return log, ""
+
+
+def in_radians(log: TrajectoryLog, robot: Robot) -> TrajectoryLog:
+    """The trajectory of a robot whose entries of q are those of v, in radians for degrees; lengths stay."""
+    turns = _angles(robot)
+    return TrajectoryLog(log.t, _turned(log.q, turns), _turned(log.v, turns))
+
+
+def _angles(robot: Robot) -> Array:
+    """Flags, true of the entries of v that are angles a second (nv,)."""
+    found = np.ones(robot.nv, dtype=bool)
+    for joint in robot.joints:
+        whole = joint.v.stop - joint.v.start if joint.unit == "m" else 0
+        found[joint.v.start :][: {"free-flyer": 3, "planar": 2}.get(joint.kind, whole)] = False
+    return found
+
+
+def _turned(values: Array, turns: Array) -> Array:
+    return np.where(turns, values * DEGREE, values)
+
+
+def _slope(rates: Array, means: Array) -> float:
+    """Rates of q as a multiple of v; 1 where they do not follow v at all."""
+    moving = float(np.vdot(means, means))
+    slope = float(np.vdot(rates, means)) / moving if moving > 0 else 1.0
+    return slope if np.linalg.norm(rates - slope * means) < 0.2 * np.linalg.norm(rates) else 1.0
