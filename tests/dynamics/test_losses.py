@@ -65,3 +65,20 @@ def test_the_command_offers_them(tmp_path: Path) -> None:
     asked = ("query", str(tmp_path / "arm.urdf"), "inverse-dynamics", "--states", str(tmp_path / "states.json"))
     with_losses, without = answer(*asked, "--losses")["tau"], answer(*asked)["tau"]
     np.testing.assert_allclose(np.subtract(with_losses, without), [[0, 0], [-0.7 - 1.5, 0]], atol=1e-12)
+
+
+@pytest.mark.parametrize(("kind", "axis"), [("planar", "0 0 1"), ("floating", ""), ("spherical", ""),
+                                            ("continuous", "0 0 1")])  # fmt: skip
+def test_the_report_says_which_friction_is_applied(kind: str, axis: str) -> None:
+    """Damping acts in every degree of freedom; friction only in joints of one, and the report says so."""
+    along = f'<axis xyz="{axis}"/>' if axis else ""
+    text = LOSSY.replace("</robot>", f"""<link name="more"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"
+        ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="more" type="{kind}"><parent link="forearm"/>
+        <child link="more"/>{along}<dynamics damping="2" friction="3"/></joint></robot>""")  # fmt: skip
+    robot = tl.load_robot(text)
+    (q,), (v,) = robot.random_state(1, seed=2)
+    lost = robot.inverse_dynamics(q, v, 0 * v, losses=True) - robot.inverse_dynamics(q, v, 0 * v)
+    rubbed = kind == "continuous"
+    np.testing.assert_allclose(lost[2:], 2 * v[2:] + 3 * rubbed * np.sign(v[2:]), atol=1e-12)
+    (said,) = [one.what for one in robot.report.ignored if "friction" in one.what and "more" in one.names]
+    assert ("not applied" in said) == (not rubbed)

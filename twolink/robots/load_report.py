@@ -130,6 +130,8 @@ def summary(tree: Tree, model: pin.Model, size: int) -> Finding:
 _NOT_APPLIED = "forward dynamics does not apply it, inverse dynamics with losses=True only"
 _DAMPING = f"joint damping (in robot.model.damping; {_NOT_APPLIED})"
 _FRICTION = f"joint friction (in robot.model; {_NOT_APPLIED})"
+_NO_FRICTION = "friction of joints of several degrees of freedom (not in robot.model, it is not applied)"
+_MANY = ("planar", "floating", "spherical")
 _OF_FOLLOWERS = "damping and friction of joints that follow others (not in robot.model)"
 _LIMITS = "joint limits (in robot.model; forward and inverse dynamics do not enforce them)"
 _RATE_LIMITS = "limits of acceleration, deceleration and jerk (not in robot.model either)"
@@ -159,7 +161,8 @@ def content_findings(
     sound = " (the bodies they are fixed to are sound)" if unphysical == "refuse" else ""
     ignored = {
         _DAMPING: [j.name for j in apart if j.damping != 0],
-        _FRICTION: [j.name for j in apart if j.friction != 0],
+        _FRICTION: [j.name for j in apart if j.friction != 0 and j.type not in _MANY],
+        _NO_FRICTION: [j.name for j in apart if j.friction != 0 and j.type in _MANY],
         _OF_FOLLOWERS: [j.name for j in moving if j not in apart and (j.damping != 0 or j.friction != 0)],
         _LIMITS: [j.name for j in moving if j.limits is not None and min(map(abs, j.limits)) < NO_LIMIT],
         "mimic (these joints move independently; mimic=True couples them)": () if mimic else mimics,
