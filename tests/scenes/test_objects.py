@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 
 import twolink as tl
 from twolink.errors import RobotError, SceneError, TwolinkError
@@ -51,6 +52,24 @@ def test_a_mesh_has_the_centre_and_moments_of_what_it_encloses(tmp_path: Path) -
     (tmp_path / "inside.obj").write_text(turned.replace("f 2 3 4", "f 2 4 3").replace("f 3 1 4", "f 3 4 1"))
     with pytest.raises(RobotError, match="encloses no volume"):
         EMPTY.with_object(tmp_path / "inside.obj", mass=2.0)
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply"])
+def test_a_mesh_that_encloses_nothing_has_no_inertia(suffix: str, tmp_path: Path) -> None:
+    """Away from the origin its volume is that of what it encloses with the origin, and its centre is off."""
+    box = trimesh.creation.box((0.2, 0.3, 0.4))
+    box.apply_translation([1.0, 0.5, 0.3])
+    faces = np.array(box.faces)
+    flipped = np.concatenate([faces[:1, ::-1], faces[1:]])
+    for name, part in {"open": faces[2:], "tube": faces[4:], "flipped": flipped}.items():
+        path = tmp_path / f"{name}{suffix}"
+        trimesh.Trimesh(box.vertices, part, process=False).export(path)
+        with pytest.raises(RobotError, match=r"not closed|encloses no volume"):
+            EMPTY.with_object(path, mass=2.0)
+    box.export(tmp_path / f"whole{suffix}")
+    body = EMPTY.with_object(tmp_path / f"whole{suffix}", mass=2.0).base.model.inertias[1]
+    np.testing.assert_allclose(body.lever, [1.0, 0.5, 0.3], rtol=1e-6)
+    np.testing.assert_allclose(np.diag(body.inertia), [2 / 12 * x for x in (0.25, 0.2, 0.13)], rtol=1e-5)
 
 
 def test_two_robots_move_as_each_would_alone() -> None:

@@ -140,6 +140,16 @@ def read_triangles(raw: bytes, suffix: str, parts: Sequence[Part] | None = None)
     return vertices, faces
 
 
+def is_closed(vertices: Floats, faces: Faces) -> bool:
+    """True if each edge lies in as many faces one way as the other; corners within 1e-6 of the size are one."""
+    low, size = vertices.min(axis=0), np.ptp(vertices, axis=0).max()
+    x, y, z = np.rint((vertices - low) * (2**20 / max(size, 1e-300))).astype(np.int64).T
+    places = np.unique((x << 42) | (y << 21) | z, return_inverse=True)[1].reshape(-1)[faces]
+    start, end = places.reshape(-1), np.roll(places, -1, axis=1).reshape(-1)
+    ways = [np.sort((a << 32) | b) for a, b in ((start, end), (end, start))]
+    return bool(np.array_equal(*ways))
+
+
 def _read_obj(raw: bytes) -> tuple[Floats, Faces]:
     """The vertices of a Wavefront OBJ, and its polygons as fans of triangles.
 

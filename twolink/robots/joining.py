@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from twolink.errors import RobotError
 from twolink.io.fingerprints import changed_joint
+from twolink.io.mesh_files import is_closed, read_triangles
 from twolink.io.text import kebab_case
 from twolink.robots.collisions import Convex, Shape
 from twolink.robots.hull_files import hull_file
@@ -69,6 +70,8 @@ def body_of(kind: type[R], shape: Shape | Path, mass: float | None, colour: int)
         drawn = Element(name, {key: _written(np.atleast_1d(value)) for key, value in sizes.items()}, 0)
     place = pin.SE3.Identity() if isinstance(shape, Path) else shape.placement
     if mass is not None:
+        if isinstance(mesh, Path) and not is_closed(*read_triangles(mesh.read_bytes(), mesh.suffix.lower())):
+            raise _no_volume(mesh, "is not closed, so that its centre and inertia are not known")
         density = mass / solid.computeVolume()
         inertia = place.rotation @ (density * solid.computeMomentofInertiaRelatedToCOM()) @ place.rotation.T
         moments = {f"i{'xyz'[i]}{'xyz'[k]}": repr(float(inertia[i, k])) for i in range(3) for k in range(i, 3)}
@@ -95,9 +98,13 @@ def _solid_of_mesh(path: Path) -> coal.CollisionGeometry:
     item = pin.GeometryObject(path.name, 0, pin.SE3.Identity(), coal.Sphere(1.0))
     set_mesh(item, MeshFile(path.resolve(), path.resolve().parent, "1 1 1"))
     if not item.geometry.computeVolume() > 0:
-        raise RobotError(f"the mesh {path.name!r} encloses no volume", argument="source", code="flat-shape",
-                         remedy="close it, with its faces turned outwards")  # fmt: skip
+        raise _no_volume(path, "encloses no volume")
     return item.geometry
+
+
+def _no_volume(path: Path, what: str) -> RobotError:
+    return RobotError(f"the mesh {path.name!r} {what}", argument="source", code="flat-shape",
+                      remedy="close it, with all its faces turned outwards")  # fmt: skip
 
 
 def free_name(wanted: str, taken: Collection[str]) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 import twolink as tl
 from tests.command import TOP, call
@@ -133,6 +134,19 @@ def test_a_seeded_defect_is_found_by_its_rule_with_its_cause(case: str) -> None:
     if rule not in ("xml", "mesh-scale"):
         assert all(one.line > 0 for one in hits)
         assert {one.name for one in hits} <= {"right_lower", "right_lower_joint", "left_lower", "left_lower_joint"}
+
+
+def test_an_open_mesh_has_no_density(tmp_path: Path) -> None:
+    """A box of 0.017 kg/m^3; without a side its signed volume is that of something else."""
+    box = trimesh.creation.box((4, 5, 6))
+    box.apply_translation([1.0, 2.0, 3.0])
+    (tmp_path / "robot.urdf").write_text("""<robot name="r"><link name="a"><inertial><origin xyz="1 2 3"/>
+        <mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial><collision><geometry>
+        <mesh filename="box.stl"/></geometry></collision></link></robot>""")
+    for faces, count in ((box.faces, 1), (box.faces[2:], 0)):
+        trimesh.Trimesh(box.vertices, faces, process=False).export(tmp_path / "box.stl")
+        found = [one for one in tl.lint(tmp_path / "robot.urdf").defects if one.rule == "mass-shape"]
+        assert len(found) == count
 
 
 def test_all_defects_are_found_at_once() -> None:

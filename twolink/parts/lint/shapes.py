@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from twolink.io.mesh_files import read_triangles
+from twolink.io.mesh_files import is_closed, read_triangles
 from twolink.robots.meshes import MeshFolders
 from twolink.robots.xml import Element
 
@@ -107,10 +107,10 @@ class Shapes:
 
 def _together(shapes: Iterable[Extent]) -> Extent:
     """The extent of several shapes; the volume is that of all, or not known."""
-    each = [Extent(np.empty((0, 3)), 0.0, True), *shapes]
-    whole = all(one.whole for one in each)
-    volume = sum(one.volume for one in each) if whole else 0.0
-    return Extent(np.concatenate([one.points for one in each]), volume, whole)
+    each = list(shapes)
+    whole, known = all(one.whole for one in each), all(one.volume > 0 or not one for one in each)
+    volume = sum(one.volume for one in each) if whole and known else 0.0
+    return Extent(np.concatenate([np.empty((0, 3)), *(one.points for one in each)]), volume, whole)
 
 
 def placement(element: Element) -> pin.SE3:
@@ -152,7 +152,7 @@ def _size_of(raw: bytes, suffix: str) -> Size | None:
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     corners = vertices[faces]
     volume = abs(float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6))
-    return (low + high) / 2 + _CUBE * (high - low), volume
+    return (low + high) / 2 + _CUBE * (high - low), volume * is_closed(vertices, faces)
 
 
 def meshes(link: Element) -> Iterator[Element]:
