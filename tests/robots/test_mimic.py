@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
-from twolink.errors import RobotError
+from twolink.errors import QueryError, RobotError
 
 LIMIT = '<limit lower="-9" upper="9" effort="1" velocity="1"/>'
 INERTIAL = """<inertial><origin xyz="0.1 0.2 0.3"/><mass value="1"/>
@@ -67,6 +67,43 @@ def test_a_joint_beside_the_coupled_ones_can_be_locked() -> None:
     text = chain(("revolute", ""), ("revolute", ""), ("revolute", mimic("j1", 2.0, 0.3)))
     locked, whole = tl.load_robot(text, mimic=True, lock={"j2": 0.4}), tl.load_robot(text, mimic=True)
     np.testing.assert_allclose(locked.mass_matrix([0.2]), whole.mass_matrix([0.2, 0.4])[:1, :1], rtol=0, atol=1e-12)
+
+
+def narrow(multiplier: float, offset: float, limits: tuple[float, float]) -> str:
+    """A joint j1 within +-9, and j2 that follows it, within other limits."""
+    text = chain(("revolute", ""), ("revolute", mimic("j1", multiplier, offset)), axis="0 1 0")
+    first, _, last = text.rpartition(LIMIT)
+    return f'{first}<limit lower="{limits[0]}" upper="{limits[1]}" effort="1" velocity="1"/>{last}'
+
+
+@pytest.mark.parametrize(("multiplier", "offset"), [(1.0, 0.0), (-2.0, 0.3)])
+def test_a_follower_keeps_its_limits(multiplier: float, offset: float) -> None:
+    """Random states, inverse kinematics and runs of the scene of the file; beyond them no configuration is found."""
+    text, (lower, upper) = narrow(multiplier, offset, (-0.5, 0.7)), (-0.5, 0.7)
+    robot, free = tl.load_robot(text, mimic=True), tl.load_robot(text)
+    q = robot.random_state(100, seed=1)[0][:, 0]
+    followed = multiplier * q + offset
+    assert lower - 1e-12 <= followed.min() < 0.1 < followed.max() <= upper + 1e-12
+    assert "narrowed to those of these: j1" in str(robot.report)
+    for end in (lower + 0.01, upper - 0.01):
+        leader = (end - offset) / multiplier
+        pose = free.frame_pose([leader, end], "l2")[1]
+        np.testing.assert_allclose(robot.inverse_kinematics("l2", pose), [leader], atol=1e-8)
+    leader = (upper + 0.5 - offset) / multiplier
+    with pytest.raises(QueryError, match="within the joints' limits"):
+        robot.inverse_kinematics("l2", free.frame_pose([leader, upper + 0.5], "l2")[1])
+    run = tl.simulate(tl.scene_of(text), 2.0)
+    assert lower - 1e-6 <= run.q[:, 1].min()
+    assert run.q[:, 1].max() <= upper + 1e-6
+    np.testing.assert_allclose(run.q[:, 1], multiplier * run.q[:, 0] + offset, atol=1e-7)
+    assert min(run.q[:, 1].min() - lower, upper - run.q[:, 1].max()) < 1e-6  # it comes to an end
+
+
+def test_limits_of_a_follower_that_leave_no_room_are_named() -> None:
+    text = narrow(-1.0, 0.0, (20.0, 30.0))
+    for one in (tl.load_robot(text, mimic=True), tl.scene_of(text)):
+        assert "which leave those no room: j2" in str(one.report)
+    assert tl.load_robot(text, mimic=True).joints[0].upper == (9.0,)
 
 
 REFUSED = {

@@ -146,8 +146,8 @@ def is_closed(vertices: Floats, faces: Faces) -> bool:
     x, y, z = np.rint((vertices - low) * (2**20 / max(size, 1e-300))).astype(np.int64).T
     places = np.unique((x << 42) | (y << 21) | z, return_inverse=True)[1].reshape(-1)[faces]
     start, end = places.reshape(-1), np.roll(places, -1, axis=1).reshape(-1)
-    ways = [np.sort((a << 32) | b) for a, b in ((start, end), (end, start))]
-    return bool(np.array_equal(*ways))
+    there, back = (np.sort((a << 32) | b) for a, b in ((start, end), (end, start)))
+    return bool(np.array_equal(there, back))
 
 
 def _read_obj(raw: bytes) -> tuple[Floats, Faces]:

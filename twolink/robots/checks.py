@@ -194,8 +194,8 @@ def check_agreement(model: pin.Model, tree: Tree, label: str, root: str) -> None
                 raise RobotError(what, where=joint.where, remedy=remedy)
 
 
-def check_mimic(tree: Tree, uncoupled: pin.Model) -> None:
-    """Require that every mimic joint can follow its joint.
+def check_mimic(tree: Tree, uncoupled: pin.Model, lock: Mapping[str, object]) -> None:
+    """Require that every mimic joint can follow its joint, and that none of both is locked.
 
     Parameters
     ----------
@@ -203,6 +203,8 @@ def check_mimic(tree: Tree, uncoupled: pin.Model) -> None:
         The robot.
     uncoupled : pin.Model
         Its model, in which mimic joints move on their own.
+    lock : mapping
+        The joints that are locked.
 
     Raises
     ------
@@ -221,6 +223,10 @@ def check_mimic(tree: Tree, uncoupled: pin.Model) -> None:
             remedy = f"let {joint.mimic.joint!r} mimic {joint.name!r} by the inverse relation, {_APART}"
         if what:
             raise RobotError(what, where=joint.where, remedy=remedy, code="mimic-joints")
+        if not {joint.name, joint.mimic.joint}.isdisjoint(lock):
+            what = f"it mimics {joint.mimic.joint!r}, and one of them is locked"
+            remedy = "load it with mimic=False and lock both"
+            raise RobotError(what, where=joint.where, argument="lock", remedy=remedy, code="mimic-joints")
 
 
 def mimic_fault(joint: UrdfJoint, mimic: Mimic, joints: Mapping[str, UrdfJoint]) -> tuple[str, str]:
@@ -253,15 +259,6 @@ def _chain(joint: UrdfJoint, mimic: Mimic, joints: Mapping[str, UrdfJoint]) -> t
         return f"joints mimic one another in a circle: {', '.join(map(repr, sorted(seen)))}", "let one of them lead"
     relation = f'<mimic joint="{mimic.joint}" multiplier="{mimic.multiplier!r}" offset="{mimic.offset!r}"/>'
     return f"it mimics a joint that mimics {mimic.joint!r} itself", f"write {relation}, {_APART}"
-
-
-def check_lock(tree: Tree, lock: Mapping[str, object]) -> None:
-    """Require that no coupled joint is locked. Raises RobotError (code "mimic-joints")."""
-    for joint in tree.moving:
-        if joint.mimic is not None and not {joint.name, joint.mimic.joint}.isdisjoint(lock):
-            what = f"it mimics {joint.mimic.joint!r}, and one of them is locked"
-            remedy = "load it with mimic=False and lock both"
-            raise RobotError(what, where=joint.where, argument="lock", remedy=remedy, code="mimic-joints")
 
 
 def compare(robot: RobotModel, configurations: int = 5) -> dict[str, Any]:

@@ -19,13 +19,19 @@ from twolink.robots.catalogue import catalogue_entry, catalogue_names, examples_
 from twolink.robots.checks import (
     check_agreement,
     check_bodies,
-    check_lock,
     check_mimic,
     weightless_joints,
     without_inertia,
 )
 from twolink.robots.formats import describe
-from twolink.robots.joint_layout import Lock, beyond_limits, gravity_field, lock_configuration, without_joints
+from twolink.robots.joint_layout import (
+    Lock,
+    beyond_limits,
+    gravity_field,
+    lock_configuration,
+    urdf_limits,
+    without_joints,
+)
 from twolink.robots.load_report import LoadReport
 from twolink.robots.meshes import MeshFolders, drawable_urdf, mesh_folders, missing_meshes
 from twolink.robots.model import RobotModel, Visuals
@@ -48,6 +54,7 @@ _OF_JOINTS = ("lowerEffortLimit", "upperEffortLimit", "lowerVelocityLimit", "upp
               "damping")  # as pin.Model.addJoint takes them  # fmt: skip
 _STACK_BYTES = 64 * 2**20
 _stack_size_lock = threading.Lock()
+_NO_ROOM = "limits of joints that follow others, which leave those no room"
 EARTH = (0.0, 0.0, -9.81)  # m/s^2
 COLUMNS = ("name", "from", "root", "nq", "nv", "mass", "refused")
 
@@ -95,10 +102,10 @@ def load_model(
     said = describe(urdf, foreign, root, xacro_arguments or {}, packages, trusted=meshes is None, xacro=xacro)
     tree = read_tree(said.robot, urdf.label, foreign, xacro)
     if mimic:
-        check_mimic(tree, build(tree, urdf.label, root, mimic=False))
-        check_lock(tree, lock or {})
+        check_mimic(tree, build(tree, urdf.label, root, mimic=False), lock or {})
     full = _small(build(tree, urdf.label, root, mimic), urdf.label)
     check_agreement(full, tree, urdf.label, root)
+    narrowed = _narrowed(full, tree) if mimic else []
     locked, reference = lock_configuration(full, lock or {})
     model = without_joints(full, locked, reference)
     model.gravity.linear = gravity_field(gravity if gravity is not None else said.gravity or EARTH, RobotError)
@@ -113,7 +120,7 @@ def load_model(
         *load_report.content_findings(tree, mimic=mimic, odd_inertias=odd_inertias, unphysical=unphysical,
                                       missing=missing,
                                       said=[*suspicious(tree, full), *between_joints(tree, full)]),
-        *said.findings,
+        *said.findings, *narrowed,
         *load_report.findings("read", {"pairs that do not touch, and states": [srdf.file] * bool(srdf.file)}),
         *load_report.findings("assumed", {"joints that move no inertia: dynamics is refused": weightless}),
         *load_report.choice_findings(tree, root=root, usual_root=urdf.entry.usual_root if urdf.entry else None,
@@ -124,6 +131,24 @@ def load_model(
     robot = kind(urdf.entry.name if urdf.entry else tree.name or urdf.label, model, report, visuals)
     robot.weightless = weightless
     return robot
+
+
+def _narrowed(model: pin.Model, tree: Tree) -> list[load_report.Finding]:
+    """Narrow the limits of joints that others follow: which ones, and followers that leave these no room."""
+    narrowed, crowded = list[str](), list[str]()
+    for joint in tree.moving:
+        if joint.mimic is None or joint.limits is None:
+            continue
+        entry = model.idx_qs[model.getJointId(joint.mimic.joint)]
+        limits = urdf_limits(model, entry)
+        ends = joint.mimic.within(limits, joint.limits)
+        if ends is None:
+            crowded.append(joint.name)
+        elif ends != limits:
+            narrowed.append(joint.mimic.joint)
+            model.lowerPositionLimit[entry], model.upperPositionLimit[entry] = ends
+    said = {"limits of joints that others follow, narrowed to those of these": list(dict.fromkeys(narrowed))}
+    return load_report.findings("assumed", said) + load_report.findings("ignored", {_NO_ROOM: crowded})
 
 
 def _require_words(**given: str) -> None:

@@ -22,6 +22,7 @@ _PARTS = {
 }
 _LIMITED = ("revolute", "prismatic")
 _RATES = ("acceleration", "deceleration", "jerk")
+Ends = tuple[float, float]  # lower and upper
 _WITH_AXIS = ("revolute", "continuous", "prismatic", "planar")
 
 
@@ -43,6 +44,14 @@ class Mimic(NamedTuple):
     joint: str
     multiplier: float
     offset: float
+
+    def within(self, limits: Ends, own: Ends) -> Ends | None:
+        """The other joint's limits, narrowed so that this one keeps its own; None where that leaves it no room."""
+        if self.multiplier == 0.0 or not own[0] < own[1]:
+            return limits
+        first, last = sorted((end - self.offset) / self.multiplier for end in own)
+        lower, upper = max(limits[0], first), min(limits[1], last)
+        return (lower, upper) if lower < upper else None
 
 
 @dataclass(frozen=True)

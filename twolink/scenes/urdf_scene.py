@@ -29,6 +29,7 @@ from twolink.robots.joint_layout import NO_LIMIT, JointLayout
 from twolink.robots.load_report import Finding, LoadReport, findings
 from twolink.robots.model import COMPENSATION
 from twolink.robots.tree import Tree, read_tree
+from twolink.robots.urdf import Ends, Mimic
 from twolink.robots.xml import parse_xml
 from twolink.scenes.file import bundled_scenes, load_scene
 from twolink.scenes.scene import Scene
@@ -38,6 +39,7 @@ SHARE = 0.6  # of the range between its limits, towards which it is moved
 STARTING_SPEED = 0.5  # rad/s or m/s, of a robot that would stay at rest
 FRICTION = 0.8  # of bodies that touch: rubber on a floor
 ABOVE = 1e-3  # m: how far the lowest point of a robot with a free base is above the ground at the start
+FREE = (-np.inf, np.inf)
 AT_REST = 1e-6  # N m, N: joint torques of gravity and friction below which a robot would
 
 
@@ -54,20 +56,26 @@ class UrdfScene(Scene):
     def report(self) -> LoadReport:
         """The report of what was taken from the file, what was not, and what was assumed."""
         robot, model = self.base, self.base.model
-        stopped = [joint.name for joint, ends in limited_joints(robot) if np.isfinite(ends).any()]
+        couplings = [one for one in self.effects if isinstance(one, Coupling)]
+        limits, crowded = _limits(robot, _couplings(robot))
+        stopped = [name for name, ends in limits.items() if np.isfinite(ends).any()]
+        led = [joint.name for joint, ends in limited_joints(robot)
+               if np.isfinite(ends).any() and joint.name not in (*limits, *crowded)]  # fmt: skip
         loops = [one for one in self.effects if isinstance(one, (PointLoop, WeldLoop))]
         springs = [one for one in self.effects if isinstance(one, JointSpring)]
         names = {
             "damping (JointDamping)": _joints(robot, model.damping),
             "friction (DryFriction, which holds joints at rest)": _joints(robot, model.friction),
             "limits of position (JointStops, without restitution)": stopped,
-            "mimic joints (Coupling)": [one.joint for one in self.effects if isinstance(one, Coupling)],
+            "limits of joints that follow others (as JointStops of these)": led,
+            "mimic joints (Coupling)": [one.joint for one in couplings],
             "loops (PointLoop, WeldLoop; rigid)": [f"{loop.a} to {loop.b}" for loop in loops],
             "springs (JointSpring)": [joint for spring in springs for joint in spring.stiffness],
             "gravity compensation (FrameWrench)": [one.frame for one in self.effects if isinstance(one, FrameWrench)],
         }
         effort = [name for name, limit in limits_by_joint(robot, model.upperEffortLimit).items() if limit > 0]
         ignored = {
+            "limits of joints that follow others, which leave those no room": crowded,
             'limits of effort (no controller acts; controllers take effort="urdf")': effort,
             "limits of velocity (a result beyond them says so)": list(limits_by_joint(robot, model.velocityLimit)),
             "mimic (these joints move freely: a Coupling takes joints of one coordinate that are not locked; lock both "
@@ -142,8 +150,8 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 2.0, *, co
         effects.append(JointDamping())
     if model.friction.any():
         effects.append(DryFriction())
-    stops = {joint.name: ends for joint, ends in limited_joints(loaded)
-             if joint.name not in followers and np.isfinite(ends).any()}  # fmt: skip
+    limits = _limits(loaded, couplings)[0]
+    stops = {name: ends for name, ends in limits.items() if np.isfinite(ends).any()}
     if stops:
         effects.append(JointStops(stops if followers else "urdf"))
     fields = [HeightField(**one) for one in loaded.visuals.laws.fields]
@@ -159,7 +167,7 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 2.0, *, co
     looped = any(isinstance(effect, Loop) for effect in others)
     for joint in loaded.joints:
         home = np.array(starts.get(joint.name, q[joint.q]))
-        q[joint.q] = home if looped else _start(joint, home)
+        q[joint.q] = home if looped else _start(joint, home, limits.get(joint.name))
         if len(state := named.get(joint.name, ())) in (1, joint.q.stop - joint.q.start):
             q[joint.q] = joint.entries("q", state)
     entries = {joint.name: joint for joint in loaded.joints}
@@ -245,13 +253,24 @@ def _effect(robot: Robot, kind: str, given: Mapping[str, Any]) -> Effect | None:
     return made
 
 
-def _start(joint: JointLayout, home: np.ndarray) -> np.ndarray:
+def _limits(robot: Robot, couplings: Sequence[Coupling]) -> tuple[dict[str, Ends], list[str]]:
+    """The limits of joints that follow no others, narrowed to those of their followers; those that leave no room."""
+    limits, crowded = {joint.name: ends for joint, ends in limited_joints(robot)}, list[str]()
+    for one in reversed(couplings):
+        own, leader = limits.pop(one.joint), limits.get(one.other, FREE)
+        ends = Mimic(one.other, one.ratio, one.offset).within(leader, own)
+        crowded += [one.joint] * (ends is None)
+        limits[one.other] = ends or leader
+    return limits, crowded
+
+
+def _start(joint: JointLayout, home: np.ndarray, limits: Ends | None) -> np.ndarray:
     """The configuration of a joint at the start, near the one that its file gives, or zero."""
     if joint.kind == "cos-sin":
         return joint.entries("q", OFFSET)
     if joint.kind != "vector":
         return home
-    lower, upper = joint.lower[0], joint.upper[0]
+    lower, upper = limits or (joint.lower[0], joint.upper[0])
     if not np.isfinite([lower, upper]).all():
         away = OFFSET if joint.unit == "rad" else 0.0
         return np.clip(home + away, lower, upper)
