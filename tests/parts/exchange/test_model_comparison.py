@@ -101,3 +101,33 @@ def test_limbs_that_one_sign_keeps_from_mirroring_are_named() -> None:
     assert len(faulty) == 1
     assert "(b)" in faulty[0]
     assert "sign of ixy" in found.differences[0].cause
+
+
+BODY = """<inertial><origin xyz="0.1 0.02 0.03"/><mass value="1.5"/><inertia ixx=".01" iyy=".02" izz=".025" ixy="0.001"
+ixz="0" iyz="0"/></inertial>"""
+
+
+def coupled(leader: str, multiplier: float, offset: float = 0.1, axes: tuple[int, int, int] = (1, 1, 1)) -> str:
+    """A chain of joints j1, j2, j3, of which j3 follows another; axes: 1 or -1 along y."""
+    mimic = f'<mimic joint="{leader}" multiplier="{multiplier!r}" offset="{offset!r}"/>'
+    joints = [f"""<joint name="j{k}" type="revolute"><parent link="l{k - 1}"/><child link="l{k}"/>
+        <origin xyz="0.2 0.1 0" rpy="0.3 0.2 0.1"/><axis xyz="0 {axis} 0"/>{mimic * (k == 3)}
+        <limit lower="-3" upper="3" effort="1" velocity="1"/></joint>""" for k, axis in enumerate(axes, 1)]  # fmt: skip
+    links = "".join(f'<link name="l{k}">{BODY}</link>' for k in range(4))
+    return f'<robot name="r">{links}{"".join(joints)}</robot>'
+
+
+@pytest.mark.parametrize(("other", "differs"), [
+    (coupled("j2", 50.0), True), (coupled("j1", 50.0004), True), (coupled("j1", 50.0), False),
+    (coupled("j1", -50.0, axes=(-1, 1, 1)), False), (coupled("j1", -50.0, -0.1, axes=(1, 1, -1)), False),
+    (coupled("j1", -50.0, 0.1, axes=(1, 1, -1)), True),
+])  # fmt: skip
+def test_followers_of_another_joint_or_by_another_relation_are_found(other: str, differs: bool) -> None:
+    """An axis that points the other way turns the relation, too."""
+    whats = [one.what for one in tl.compare_models(coupled("j1", 50.0), other).differences]
+    assert ("mimic" in whats) == differs
+
+
+def test_a_small_difference_of_gravity_is_named() -> None:
+    one, other = (tl.load_robot("two_link", gravity=(0, 0, g)) for g in (-9.81, -9.81009))
+    assert [each.what for each in tl.compare_models(one, other).differences] == ["gravity"]

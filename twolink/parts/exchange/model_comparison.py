@@ -29,6 +29,7 @@ from twolink.parts.exchange.matching import (
 )
 from twolink.robots.joint_layout import NO_LIMIT, urdf_kind
 from twolink.robots.tree import Tree
+from twolink.robots.urdf import Mimic
 from twolink.scenes.urdf_scene import urdf_tree
 from twolink.simulation.text import BaseResult
 
@@ -188,11 +189,21 @@ class _Comparison:
         followed = [{j.name: j.mimic for j in tree.moving if j.mimic and j.mimic.joint in robot.model.names}
                     | couplings(robot)
                     for tree, robot in zip(self.trees, self.robots, strict=True)]  # fmt: skip
+        ours = {self.a.model.names[m.a]: m for m in self.matches}
         for m in self.matches:
             x, y = followed[0].get(self.a.model.names[m.a]), followed[1].get(self.b.model.names[m.b])
-            if (x is None) != (y is None) or (x and y and not np.allclose(x[1:], y[1:], atol=self.tolerance)):
+            if (x is None) != (y is None) or (x and y and not self._same_mimic(m, ours.get(x.joint), x, y)):
                 cause = "left out in b" if y is None else "not in a" if x is None else "another relation"
                 yield Difference("mimic", self._joint(m, "<mimic>"), x, y, cause)
+
+    def _same_mimic(self, m: Match, leader: Match | None, x: Mimic, y: Mimic) -> bool:
+        """True if a joint follows the same one by the same relation: as written, or in the coordinates of a."""
+        if leader is None or self.b.model.names[leader.b] != y.joint:
+            return False
+        ratio = m.sign * leader.sign * y.multiplier
+        mapped = ratio, m.sign * y.offset + m.offset - ratio * leader.offset
+        near = {"rtol": self.tolerance, "atol": self.tolerance}
+        return any(np.allclose(x[1:], other, **near) for other in (y[1:], mapped))
 
     def _place(self, m: Match) -> Iterator[Difference]:
         """The joint's axis and place, its zero, and the frames of its links."""
@@ -279,7 +290,7 @@ class _Comparison:
 
     def _gravity(self) -> list[Difference]:
         ours, theirs = (np.array(side.model.gravity.linear) for side in (self.a, self.b))
-        equal = np.allclose(ours, theirs, atol=self.tolerance)
+        equal = np.allclose(ours, theirs, rtol=self.tolerance, atol=self.tolerance)
         return [] if equal else [Difference("gravity", self.labels[1], ours, theirs, "another field")]
 
     def _joint(self, m: Match, attribute: str) -> str:
