@@ -239,3 +239,14 @@ def test_what_a_urdf_has_not_is_not_lost(tmp_path: Path) -> None:
         tl.Scene(robot).save(tmp_path / "scene.toml")
     assert caught.value.code == "robot-differs"
     assert not list(tmp_path.iterdir())
+
+
+def test_damping_of_a_floating_joint_is_written(tmp_path: Path) -> None:
+    """A thrown body of 2 kg, without gravity: v = v0 exp(-d t / m)."""
+    robot = tl.load_robot("""<robot name="thrown"><link name="a"/><link name="b"><inertial><mass value="2"/>
+        <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="f" type="floating">
+        <parent link="a"/><child link="b"/><dynamics damping="0.4"/></joint></robot>""")
+    again = tl.load_robot(robot.export_urdf(tmp_path / "thrown.urdf"), gravity=(0, 0, 0))
+    assert tl.compare_models(robot.with_gravity((0, 0, 0)), again).equal
+    run = tl.simulate(tl.Scene(again, v=[3, 0, 0, 0, 0, 0], effects=[tl.effects.JointDamping()]), 1.0)
+    assert run.v[-1, 0] == pytest.approx(3 * np.exp(-0.4 / 2), rel=1e-7)

@@ -64,6 +64,26 @@ def test_damping_of_a_free_body_and_couplings_are_written(tmp_path: Path) -> Non
     assert "mimic" not in whats
 
 
+def test_a_limit_on_one_side_holds_in_mujoco_too() -> None:
+    """A slider without gravity comes to its end one way, and moves on the other."""
+    robot = tl.load_robot("""<robot name="s"><link name="a"/><link name="b"><inertial><mass value="2"/>
+        <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="s" type="prismatic">
+        <parent link="a"/><child link="b"/><limit lower="-.5" upper="1e31" effort="9" velocity="3"/></joint></robot>""",
+        gravity=(0, 0, 0))  # fmt: skip
+    written = mjcf_text(robot)
+    (again,) = tl.load_robot(written).joints
+    assert (again.lower, again.upper) == ((-0.5,), (np.inf,))
+    model = mujoco.MjModel.from_xml_string(written)
+    ends = []
+    for speed in (3.0, -3.0):
+        data = mujoco.MjData(model)
+        data.qvel[:] = speed
+        mujoco.mj_step(model, data, round(2.0 / model.opt.timestep))
+        ends.append(float(data.qpos[0]))
+    assert ends[0] == pytest.approx(6.0)
+    assert ends[1] > -0.6
+
+
 def test_gravity_compensation_has_the_number_of_the_file() -> None:
     """The force is multiplied and divided by mass and gravity again, and rounds on the way."""
     text = """<mujoco><option gravity="{} {} -9.81"/><worldbody><body name="a" gravcomp="{}"><joint axis="0 1 0"/>

@@ -16,7 +16,7 @@ from twolink.algorithms.mechanism import single_bodies
 from twolink.dynamics import Robot
 from twolink.errors import RobotError
 from twolink.parts.exchange.law_comparison import couplings
-from twolink.parts.exchange.urdf_text import write_robot, written
+from twolink.parts.exchange.urdf_text import as_limit, write_robot, written
 from twolink.robots.joint_layout import NO_LIMIT, urdf_limits
 from twolink.robots.model import COMPENSATION
 from twolink.robots.tree import Tree
@@ -119,8 +119,8 @@ def _joint(robot: Robot, index: int, seen: pin.SE3, chain: list[int]) -> ET.Elem
         for effect, given in robot.visuals.laws.effects:
             if effect == "joint-spring" and name in given["stiffness"]:
                 numbers |= {"stiffness": given["stiffness"][name], "springref": given["rest"].get(name, 0.0)}
-    if kind in ("revolute", "prismatic") and np.isfinite(limits := urdf_limits(model, q)).all():
-        joint.set("range", written(limits))
+    if kind in ("revolute", "prismatic") and np.isfinite(limits := urdf_limits(model, q)).any():
+        joint.set("range", written([*map(as_limit, limits)]))
     for key, value in numbers.items():
         if value:
             joint.set(key, repr(float(value)))

@@ -108,22 +108,21 @@ def _moving_joint(root: ET.Element, robot: Robot, index: int, parent: str, child
         raise RobotError(f"a URDF has no {kind} joints", where=f"joint {model.names[index]!r}", code="no-urdf",
                          remedy="split it into joints of one axis")  # fmt: skip
     joint = _joint(root, model.names[index], _TYPES[kind], parent, child, model.jointPlacements[index])
-    if kind == "free-flyer":
-        return
     q, v = model.idx_qs[index], model.idx_vs[index]
-    axis = (0.0, 0.0, 1.0) if kind == "planar" else single_bodies(model).joints[index].axis
-    ET.SubElement(joint, "axis", xyz=written(np.array(axis, dtype=float)))
-    limits = {"effort": model.upperEffortLimit[v], "velocity": model.velocityLimit[v]}
-    if kind in ("revolute", "prismatic"):
-        limits |= {"lower": model.lowerPositionLimit[q], "upper": model.upperPositionLimit[q]}
-    ET.SubElement(joint, "limit", {name: repr(_finite(float(x))) for name, x in limits.items()})
+    if kind != "free-flyer":
+        axis = (0.0, 0.0, 1.0) if kind == "planar" else single_bodies(model).joints[index].axis
+        ET.SubElement(joint, "axis", xyz=written(np.array(axis, dtype=float)))
+        limits = {"effort": model.upperEffortLimit[v], "velocity": model.velocityLimit[v]}
+        if kind in ("revolute", "prismatic"):
+            limits |= {"lower": model.lowerPositionLimit[q], "upper": model.upperPositionLimit[q]}
+        ET.SubElement(joint, "limit", {name: repr(as_limit(float(x))) for name, x in limits.items()})
     numbers = {"damping": model.damping[v], "friction": model.upperDryFrictionLimit[v]}
     if model.armature[v]:
         numbers["armature"] = model.armature[v]  # which other programs leave out
     ET.SubElement(joint, "dynamics", {key: repr(float(value)) for key, value in numbers.items()})
 
 
-def _finite(limit: float) -> float:
+def as_limit(limit: float) -> float:
     """A limit; of none, a number that every reader takes as none."""
     return limit if abs(limit) < NO_LIMIT else math.copysign(NO_LIMIT, limit)
 
