@@ -39,6 +39,9 @@ def test_arguments_and_packages(folder: Path) -> None:
     path = folder / "checkout" / "urdf" / "arm.urdf.xacro"
     assert tl.load_robot(path).mass == 2
     assert tl.load_robot(path, xacro_arguments={"mass": 5}).mass == 5
+    with pytest.raises(RobotError, match=r"no argument 'mas'.*did you mean 'mass'") as caught:
+        tl.load_robot(path, xacro_arguments={"mas": 5})
+    assert (caught.value.code, caught.value.argument) == ("xacro", "xacro_arguments")
     away = folder / "away.urdf.xacro"
     away.write_text(TEXT)
     assert tl.load_robot(away, package_dirs=[folder / "checkout"]).mass == 2

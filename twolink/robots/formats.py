@@ -5,7 +5,7 @@ import threading
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from twolink.errors import RobotError, import_extra
+from twolink.errors import RobotError, import_extra, nearest
 from twolink.io.files import confining_roots
 from twolink.robots.catalogue import Source
 from twolink.robots.mjcf import Description, read_mjcf
@@ -88,13 +88,29 @@ def _other_format(name: str, label: str) -> RobotError:
                       code="other-format")  # fmt: skip
 
 
+class _Arguments(dict[str, str]):
+    """Arguments of a xacro, and the names that it asks for."""
+
+    def __init__(self, given: Mapping[str, str]) -> None:
+        super().__init__(given)
+        self.asked: set[str] = set()
+
+    def __contains__(self, name: object) -> bool:
+        self.asked.add(str(name))
+        return super().__contains__(name)
+
+    def __getitem__(self, name: str) -> str:
+        self.asked.add(name)
+        return super().__getitem__(name)
+
+
 def _expanded(path: Path, label: str, arguments: Mapping[str, object], folders: Sequence[Path]) -> Element:
     """The <robot> that a xacro file stands for. Raises RobotError (code "xacro") with file and line."""
     xacro, names = import_extra("xacro", "xacro"), import_extra("xacro.substitution_args", "xacro")
     with _xacro_lock:
         found, names._eval_find = names._eval_find, lambda package: _package(package, folders)
         try:
-            mappings = {name: str(value) for name, value in arguments.items()}
+            mappings = _Arguments({name: str(value) for name, value in arguments.items()})
             text = xacro.process_file(str(path), mappings=mappings).toxml()
         except Exception as error:  # xacro raises errors of any type
             files = [macro.history[-1][-1] for macro in reversed(xacro.macrostack or [])] + xacro.filestack[::-1]
@@ -106,6 +122,10 @@ def _expanded(path: Path, label: str, arguments: Mapping[str, object], folders: 
                              where=_place(what, files, getattr(error, "lineno", None))) from None  # fmt: skip
         finally:
             names._eval_find = found
+    for name in arguments:
+        if name not in mappings.asked:
+            raise RobotError(f"the xacro has no argument {name!r}", where=label, argument="xacro_arguments",
+                             remedy=nearest(name, sorted(mappings.asked)), code="xacro")  # fmt: skip
     return _unplaced(parse_xml(text.encode(), label, "utf-8"))
 
 

@@ -189,10 +189,10 @@ class _Comparison:
         followed = [{j.name: j.mimic for j in tree.moving if j.mimic and j.mimic.joint in robot.model.names}
                     | couplings(robot)
                     for tree, robot in zip(self.trees, self.robots, strict=True)]  # fmt: skip
-        ours = {self.a.model.names[m.a]: m for m in self.matches}
+        matched = {self.a.model.names[m.a]: m for m in self.matches}
         for m in self.matches:
             x, y = followed[0].get(self.a.model.names[m.a]), followed[1].get(self.b.model.names[m.b])
-            if (x is None) != (y is None) or (x and y and not self._same_mimic(m, ours.get(x.joint), x, y)):
+            if (x is None) != (y is None) or (x and y and not self._same_mimic(m, matched.get(x.joint), x, y)):
                 cause = "left out in b" if y is None else "not in a" if x is None else "another relation"
                 yield Difference("mimic", self._joint(m, "<mimic>"), x, y, cause)
 
@@ -202,8 +202,8 @@ class _Comparison:
             return False
         ratio = m.sign * leader.sign * y.multiplier
         mapped = ratio, m.sign * y.offset + m.offset - ratio * leader.offset
-        near = {"rtol": self.tolerance, "atol": self.tolerance}
-        return any(np.allclose(x[1:], other, **near) for other in (y[1:], mapped))
+        near = self.tolerance
+        return any(np.allclose(x[1:], other, rtol=near, atol=near) for other in (y[1:], mapped))
 
     def _place(self, m: Match) -> Iterator[Difference]:
         """The joint's axis and place, its zero, and the frames of its links."""
