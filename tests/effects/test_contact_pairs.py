@@ -30,6 +30,23 @@ def test_an_srdf_beside_the_urdf_leaves_its_pairs_out_of_self() -> None:
     assert "panda.srdf" in str(panda.report)
 
 
+def test_links_that_an_srdf_leaves_out_by_default(tmp_path: Path) -> None:
+    """As in MoveIt: a link touches no other but those that are enabled, of which some are disabled again."""
+    links = "".join(f"""<link name="{name}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0"
+        iyz="0"/></inertial><collision><geometry><sphere radius="0.1"/></geometry></collision></link>"""
+        for name in "abcd")  # fmt: skip
+    joints = "".join(f"""<joint name="{name}" type="prismatic"><parent link="w"/><child link="{name}"/>
+        <origin xyz="{k} 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>"""
+        for k, name in enumerate("abcd"))  # fmt: skip
+    (tmp_path / "r.urdf").write_text(f'<robot name="r"><link name="w"/>{links}{joints}</robot>')
+    (tmp_path / "r.srdf").write_text("""<robot name="r"><disable_default_collisions link="a"/>
+        <enable_collisions link1="a" link2="b"/><enable_collisions link1="c" link2="a"/>
+        <disable_collisions link1="a" link2="c"/></robot>""")
+    chosen, excluded = named(tl.Scene(tl.load_robot(tmp_path / "r.urdf"), effects=[fx.Contact(("self",))]))
+    assert {frozenset(name.split(" - ")) for name in chosen} == set(map(frozenset, ("ab", "bc", "bd", "cd")))
+    assert {frozenset(name.split(" - ")) for name in excluded} == set(map(frozenset, ("ac", "ad")))
+
+
 def test_joined_robots_keep_what_their_srdfs_say() -> None:
     panda = tl.load_robot("panda")
     one, _ = named(tl.Scene(panda, effects=[fx.Contact(("self",))]))

@@ -113,7 +113,7 @@ def load_model(
     if (weightless := weightless_joints(model)) and purpose == "dynamics":
         raise without_inertia(tree, model, weightless)
     folders = meshes or mesh_folders(packages, urdf.path, examples_share())
-    srdf = said.srdf if said.srdf.file else srdf_beside(urdf.path if meshes is None else None)
+    srdf = said.srdf if said.srdf.file else srdf_beside(urdf.path if meshes is None else None, tree.links)
     missing, beyond = missing_meshes(tree.element, folders), beyond_limits(full, locked, reference)
     report = LoadReport(urdf.label, (
         load_report.summary(tree, model, len(urdf.data)),

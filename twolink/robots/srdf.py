@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -23,10 +23,11 @@ class Srdf:
     file: str = ""
 
 
-def srdf_beside(urdf: Path | None) -> Srdf:
+def srdf_beside(urdf: Path | None, links: Iterable[str]) -> Srdf:
     """The SRDF of a URDF: the file in `../srdf` or beside it with whose stem that of the URDF begins, the longest.
 
-    Raises RobotError for a file that is not XML, or a state that is no number.
+    links: of the URDF, for what is said of a link and all others. Raises RobotError for a file that is not XML, or a
+    state that is no number.
     """
     if urdf is None:
         return Srdf()
@@ -37,7 +38,12 @@ def srdf_beside(urdf: Path | None) -> Srdf:
         return Srdf()
     path = max(found, key=lambda each: len(each.stem))
     root = parse_xml(read_bytes(path, RobotError, MAX_BYTES), path.name)
-    pairs = [one.attributes for one in root.all("disable_collisions")]
+    alone = {one.attributes.get("link", "") for one in root.all("disable_default_collisions")}
+    usual = {frozenset((one, other)) for one in alone for other in links if one != other}
+    off_pairs, on_pairs = (
+        {frozenset((one.attributes.get("link1", ""), one.attributes.get("link2", ""))) for one in root.all(tag)}
+        for tag in ("disable_collisions", "enable_collisions")
+    )
     states = dict[str, dict[str, tuple[float, ...]]]()
     for state in root.all("group_state"):
         values = states.setdefault(state.attributes.get("name", ""), {})
@@ -47,5 +53,4 @@ def srdf_beside(urdf: Path | None) -> Srdf:
             except (KeyError, ValueError):
                 raise RobotError("a joint of a state has no name or no numbers", where=f"{path.name}:{joint.line}",
                                  remedy="correct it, or move the SRDF away", code="xml") from None  # fmt: skip
-    apart = frozenset(frozenset((pair.get("link1", ""), pair.get("link2", ""))) for pair in pairs)
-    return Srdf(apart, states, path.name)
+    return Srdf(frozenset((usual - on_pairs) | off_pairs), states, path.name)

@@ -153,7 +153,10 @@ def srdf_defects(source: Source) -> Iterator[Defect]:
                 what = f"the pair {pair[0]!r}, {pair[1]!r} stands twice, or is one link"
                 yield defect("srdf", pair[0], element.line, what, "leave it out")
             seen.add(frozenset(pair))
+        if element.tag in ("disable_collisions", "enable_collisions"):
             yield from _unknown(element, "link", pair, known)
+        if element.tag == "disable_default_collisions":
+            yield from _unknown(element, "link", [element.attributes.get("link", "")], known)
         for part in element.children:
             if part.tag in ("joint", "link"):
                 yield from _unknown(part, part.tag, [part.attributes.get("name", "")], known)
