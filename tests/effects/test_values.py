@@ -58,6 +58,8 @@ def test_scene_files_take_them_and_saved_ones_have_numbers(tmp_path: Path) -> No
 
 def test_efforts_of_queries_take_them() -> None:
     assert tl.load_robot("two_link").by_joint("tau", {"elbow": "3 N m"}).tolist() == [0.0, 3.0]
+    with pytest.raises(tl.errors.QueryError, match="expected values by joint"):
+        tl.load_robot("two_link").by_joint("tau", [1.0, 2.0])
 
 
 def arm(friction: float, effort: float) -> tl.Robot:

@@ -108,6 +108,9 @@ def by_joint(
         There is no such joint (code "unknown-joint"), or the values are not the joint's.
     """
     argument = argument or letter
+    if not isinstance(values, Mapping):
+        raise error(f"expected values by joint, got {values!r:.60}", argument=argument, code="schema",
+                    remedy='such as {"elbow": 0.5}')  # fmt: skip
     if others is None:
         state = np.array(robot.neutral if letter == "q" else np.zeros(robot.nv))
         values = dict(robot.visuals.placed if letter == "q" else {}) | dict(values)

@@ -128,6 +128,16 @@ def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_frames_alone_of_a_robot_without_inertia_are_written(tmp_path: Path) -> None:
+    robot = tl.load_robot("""<robot name="r"><link name="w"/><link name="a"/><joint name="j" type="prismatic">
+        <parent link="w"/><child link="a"/><limit lower="0" upper="2" effort="1" velocity="1"/></joint></robot>""",
+        purpose="kinematics")  # fmt: skip
+    source, _ = robot.export_c(tmp_path / "r.c", ["frame_pose:a"])
+    assert call(library(source).r_frame_pose_a, 12, 0.7)[9:] == pytest.approx([0.7, 0.0, 0.0])
+    with pytest.raises(tl.errors.QueryError, match="move no inertia"):
+        robot.export_c(tmp_path / "r.c", ["frame_pose:a", "forward_dynamics"])
+
+
 def test_no_name_ends_a_comment(tmp_path: Path) -> None:
     text = (tl.load_robot("two_link").visuals.text).replace('"two_link"', '"two*/link é"', 1)
     source, _ = tl.load_robot(text).export_c(tmp_path / "1arm.c")

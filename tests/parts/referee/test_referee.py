@@ -131,6 +131,11 @@ def test_lengths_of_a_log_in_degrees_are_metres(also: bool) -> None:
     assert verdict.excess == 0.0
 
 
+def test_a_run_of_one_sample_is_no_trajectory() -> None:
+    with pytest.raises(tl.errors.SceneError, match="expected two samples or more, got 1"):
+        tl.judge(ARM, tl.simulate(ARM, 0.5, t_eval=[0.5]))
+
+
 def test_a_run_beyond_its_stops_is_told() -> None:
     scene = ARM.with_effects([fx.Gravity(), fx.JointStops({"shoulder": (0.0, 1.0)})])
     verdict = tl.judge(scene, exact(scene, law_of(scene.robot), 1.0, 0.01))

@@ -64,6 +64,8 @@ def export_c(
     if robot.nv == 0:
         raise QueryError("no joint moves", where=f"robot {robot.name!r}", code="nothing-moves",
                          remedy='free its base: load_robot(..., root="free")')  # fmt: skip
+    if not all(name.startswith("frame_") for name in functions):
+        robot.require_inertia()
     prefix = identifier(target.stem)
     traced, certificates, tests = [], [], []
     for name in functions:

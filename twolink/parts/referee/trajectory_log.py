@@ -94,6 +94,8 @@ def read_log(given: Given, robot: Robot) -> TrajectoryLog:
     """The trajectory as arrays. Raises SceneError (code "not-a-trajectory")."""
     label = "trajectory"
     if isinstance(given, Trajectory):
+        if len(given.t) < 2:
+            raise _no_trajectory(f"expected two samples or more, got {len(given.t)}", label)
         return TrajectoryLog(given.t, given.q, given.v)
     if isinstance(given, str | os.PathLike):
         label = os.fspath(given)
