@@ -134,6 +134,19 @@ def test_report_names_what_is_ignored_repaired_and_assumed() -> None:
     assert report.to_dict()["source"] == "URDF text"
 
 
+@pytest.mark.parametrize(("kind", "limits", "said"), [
+    ("continuous", 'lower="-1" upper="1"', True), ("continuous", 'lower="0" upper="0"', False),
+    ("planar", 'lower="0" upper="0"', True), ("floating", 'lower="-1"', True), ("revolute", 'lower="-1"', False),
+])  # fmt: skip
+def test_limits_that_no_joint_has_are_reported(kind: str, limits: str, said: bool) -> None:
+    robot = tl.load_robot(f"""<robot name="r"><link name="base"/><link name="a"><inertial><mass value="1"/>
+        <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="{kind}">
+        <parent link="base"/><child link="a"/><axis xyz="0 0 1"/><limit {limits} effort="5" velocity="3"/></joint>
+        </robot>""")
+    lost = [one.names for one in robot.report.ignored if "turn without end" in one.what]
+    assert lost == [("j",)] * said
+
+
 def test_ignored_damping_has_no_effect_on_accelerations() -> None:
     """Damping of the double pendulum, 0.05 N m s/rad, takes no part in its accelerations."""
     robot = tl.load_robot("double_pendulum")

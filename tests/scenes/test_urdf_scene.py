@@ -99,3 +99,17 @@ def test_mimic_joints_that_are_not_coupled_are_named(kind: str, lock: dict[str, 
     assert finding.names == ("m = 2 p + 0.1",)
     coupled = tl.scene_of(tl.load_robot(ARM.format(axis="0 1 0")))
     assert not any(one.what.startswith("mimic") for one in coupled.report.ignored)
+
+
+@pytest.mark.parametrize("lock", [{"p": 0.3}, {"m": 0.7}])
+def test_couplings_with_a_locked_joint_are_named(lock: dict[str, float]) -> None:
+    """Of a URDF and of an MJCF: the other joint moves freely, as alone."""
+    mjcf = """<mujoco><worldbody><body name="a"><joint name="p" axis="0 1 0"/><geom size="0.1" pos="0 0 -.5"/>
+        <body name="b" pos="0 0 -1"><joint name="m" axis="0 1 0"/><geom size="0.1" pos="0 0 -.5"/></body></body>
+        </worldbody><equality><joint joint1="m" joint2="p" polycoef=".1 2 0 0 0"/></equality></mujoco>"""
+    for text in (ARM.format(axis="0 1 0"), mjcf):
+        scene = tl.scene_of(tl.load_robot(text, lock=lock))
+        assert not any(isinstance(effect, fx.Coupling) for effect in scene.effects)
+        (finding,) = (one for one in scene.report.ignored if one.what.startswith("mimic"))
+        assert finding.names == ("m = 2 p + 0.1",)
+        assert tl.simulate(scene, 0.1).error is not None

@@ -12,6 +12,7 @@ import pinocchio as pin
 from twolink.io.text import facts_html
 from twolink.robots.joint_layout import NO_LIMIT
 from twolink.robots.tree import Tree
+from twolink.robots.urdf import UrdfJoint
 from twolink.robots.xml import Element, Foreign
 
 Kind = Literal["suspicious", "read", "ignored", "repaired", "assumed"]
@@ -134,6 +135,7 @@ _NO_FRICTION = "friction of joints of several degrees of freedom (not in robot.m
 _MANY = ("planar", "floating", "spherical")
 _OF_FOLLOWERS = "damping and friction of joints that follow others (not in robot.model)"
 _LIMITS = "joint limits (in robot.model; forward and inverse dynamics do not enforce them)"
+_NO_LIMITS = "limits of joints that turn without end, or of several coordinates (not in robot.model)"
 _RATE_LIMITS = "limits of acceleration, deceleration and jerk (not in robot.model either)"
 _MERGED = "fixed joints: these links are merged into the body they are fixed to, and stay as frames"
 _ALONG_X = "joints without <axis> turn or slide along x"
@@ -165,6 +167,7 @@ def content_findings(
         _NO_FRICTION: [j.name for j in apart if j.friction != 0 and j.type in _MANY],
         _OF_FOLLOWERS: [j.name for j in moving if j not in apart and (j.damping != 0 or j.friction != 0)],
         _LIMITS: [j.name for j in moving if j.limits is not None and min(map(abs, j.limits)) < NO_LIMIT],
+        _NO_LIMITS: [j.name for j in moving if _has_lost_limits(j)],
         "mimic (these joints move independently; mimic=True couples them)": () if mimic else mimics,
         "mimic of a joint that does not exist": [name for name, target in mimics.items() if target not in joint_names],
         _RATE_LIMITS: [j.name for j in moving if j.rate_limits],
@@ -200,6 +203,12 @@ def _of_collisions(collisions: Mapping[str, Sequence[Element]]) -> dict[str, lis
         _HOLLOWS: [link for link, found in every if any(map(meshed, found))],
         _BESIDE: [link for link, found in every if any(map(holds_more, found))],
     }
+
+
+def _has_lost_limits(joint: UrdfJoint) -> bool:
+    """True if the file limits a coordinate that has no limits; those of effort and velocity stay in one coordinate."""
+    limit, keys = joint.element.first("limit"), ("lower", "upper", *["effort", "velocity"] * (joint.type in _MANY))
+    return joint.limits is None and limit is not None and any(float(limit.attributes.get(key, "0")) for key in keys)
 
 
 def _lacks_limit(joint: Element) -> bool:

@@ -79,7 +79,7 @@ class UrdfScene(Scene):
             'limits of effort (no controller acts; controllers take effort="urdf")': effort,
             "limits of velocity (a result beyond them says so)": list(limits_by_joint(robot, model.velocityLimit)),
             "mimic (these joints move freely: a Coupling takes joints of one coordinate that are not locked; lock both "
-            "at such positions, or give both limits)": _not_coupled(robot),
+            "at such positions, or give both limits)": _not_coupled(robot, couplings),
         }
         g = ", ".join(f"{x:g}" for x in robot.gravity)
         said = [one for one in robot.report.assumed if one.rule or "frees its base" in one.what]
@@ -231,12 +231,14 @@ def _couplings(robot: Robot) -> list[Coupling]:
     return sorted(found.values(), key=lambda coupling: depth(coupling.joint))
 
 
-def _not_coupled(robot: Robot) -> list[str]:
-    """The joints that follow others by the URDF, but neither in the robot nor by `_couplings`, each with its law."""
-    coupled = {coupling.joint for coupling in _couplings(robot)}
-    free = {joint.name for joint in robot.joints if joint.kind != "mimic"} - coupled
-    return [f"{joint.name} = {joint.mimic.multiplier:g} {joint.mimic.joint} + {joint.mimic.offset:g}"
-            for joint in urdf_tree(robot).moving if joint.mimic and joint.name in free]  # fmt: skip
+def _not_coupled(robot: Robot, couplings: Sequence[Coupling]) -> list[str]:
+    """The joints that follow others by the file, but neither in the robot nor by couplings, each with its law."""
+    coupled = {joint.name for joint in robot.joints if joint.kind == "mimic"} | {one.joint for one in couplings}
+    laws = {one.name: one.mimic for one in urdf_tree(robot).moving if one.mimic}
+    laws |= {given["joint"]: Mimic(given["other"], given["ratio"], given["offset"])
+             for kind, given in robot.visuals.laws.effects if kind == "coupling"}  # fmt: skip
+    return [f"{name} = {law.multiplier:g} {law.joint} + {law.offset:g}" for name, law in laws.items()
+            if name not in coupled and not {name, law.joint}.isdisjoint(robot.joint_names)]  # fmt: skip
 
 
 def _effect(robot: Robot, kind: str, given: Mapping[str, Any]) -> Effect | None:
@@ -246,6 +248,8 @@ def _effect(robot: Robot, kind: str, given: Mapping[str, Any]) -> Effect | None:
                  for name, values in given.items()}  # fmt: skip
         if not given["stiffness"]:
             return None
+    if kind == "coupling" and not {given["joint"], given["other"]} <= set(robot.joint_names):
+        return None
     if kind == COMPENSATION:
         force = tuple((-given["mass"] * robot.gravity).tolist())
         return FrameWrench(given["frame"], force, point=given["point"])
