@@ -186,7 +186,8 @@ class Detector:
     def __init__(self, robot: Robot, pairs: Sequence[Pair]) -> None:
         self.names = [pair.name for pair in pairs]
         solids = {id(s): s for pair in pairs for s in (pair.first, pair.second) if isinstance(s, Solid)}
-        inner = {key: _inner(solid.shape) for key, solid in solids.items()}
+        paired = {id(s) for pair in pairs if isinstance(pair.second, Solid) for s in (pair.first, pair.second)}
+        inner = {key: _inner(solid.shape) for key, solid in solids.items() if key in paired}
         self.thickness = np.array([
             inner[id(pair.first)] + inner[id(pair.second)] if isinstance(pair.second, Solid) else np.inf
             for pair in pairs
@@ -243,7 +244,7 @@ def _kind(pair: Pair) -> tuple[type[Group], str]:
 
 
 def _inner(shape: AnyShape) -> float:
-    """Half of the smallest extent, m."""
+    """Half of the smallest extent, m; of a hull, of those along the normals of its faces."""
     if isinstance(shape, Box):
         return 0.5 * float(min(shape.size))
     if isinstance(shape, Convex):
