@@ -53,6 +53,17 @@ f 4 1 5
     assert enclosed(vertices, faces) == pytest.approx(4.0)
 
 
+def test_an_obj_counts_back_from_the_face_and_not_from_the_end_of_the_file() -> None:
+    def box(side: float, height: float) -> str:
+        made = trimesh.creation.box((side, side, side))
+        corners = "".join(f"v {x} {y} {z + height}\n" for x, y, z in made.vertices)
+        return corners + "".join("f {} {} {}\n".format(*(face - 8)) for face in made.faces)
+
+    vertices, faces = read_triangles((box(0.2, 0.0) + box(0.4, 1.0)).encode(), ".obj")
+    assert enclosed(vertices, faces) == pytest.approx(0.2**3 + 0.4**3)
+    assert (vertices[faces][..., 2].min(), vertices[faces][..., 2].max()) == (-0.1, 1.2)
+
+
 def test_collada_comes_in_metres() -> None:
     vertices, _ = read_triangles(DAE.encode(), ".dae")
     np.testing.assert_allclose(np.ptp(vertices, axis=0), [0.5, 0.5, 0.0], atol=1e-12)
@@ -67,6 +78,8 @@ def test_collada_comes_in_metres() -> None:
     b"f 1 2 9\n",
     b"v 0 0\nv 1 0\nv 0 1\nf 1 2 1\n",
     b"v 0 0 0\nf 1 2 99999999999999999999\n",
+    b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n",
+    b"v 0 0 0\nv 1 0 0\nf -3 -2 -1\nv 0 1 0\n",
 ])  # fmt: skip
 def test_what_is_no_mesh_is_refused(raw: bytes, suffix: str) -> None:
     with pytest.raises(ValueError, match=r"\w"):

@@ -155,22 +155,27 @@ def _read_obj(raw: bytes) -> tuple[Floats, Faces]:
 
     Not by trimesh, which takes ten times as long for large ones and ends no line at a carriage return.
     """
-    # A line that ends in \ goes on; of vertex/texture/normal the first counts, from 1 on, or back from the last vertex.
+    # A line that ends in \ goes on; of vertex/texture/normal the first counts, from 1 on, or back from the last vertex
+    # before the face.
     text = b"\n" + raw.replace(b"\\\r\n", b"").replace(b"\\\n", b"").replace(b"\r", b"\n")
-    places = [place.split(None, 3)[:3] for place in re.findall(rb"\n[ \t]*v[ \t]([^\n]*)", text)]
+    lines = re.findall(rb"\n[ \t]*([vf])[ \t]([^\n]*)", text)
+    places = [rest.split(None, 3)[:3] for kind, rest in lines if kind == b"v"]
     if any(len(place) < 3 for place in places):
         raise ValueError("a vertex has fewer than 3 coordinates")
-    corners = b"\n".join(re.findall(rb"\n[ \t]*f[ \t]([^\n]*)", text))
-    polygons = [polygon.split() for polygon in re.sub(rb"/\S*", b"", corners).splitlines()]
+    is_face = np.array([kind == b"f" for kind, _ in lines], bool)
+    before = np.cumsum(~is_face)[is_face]
+    corners = re.sub(rb"/\S*", b"", b"\n".join(rest for kind, rest in lines if kind == b"f"))
+    polygons = [polygon.split() for polygon in corners.split(b"\n")]
+    sizes = np.array([len(polygon) for polygon in polygons])
     fans = [np.empty((0, 3), np.int64)]
-    for size in sorted({len(polygon) for polygon in polygons}):
+    for size in np.unique(sizes[sizes > 0]):
         try:
             alike = np.array([polygon for polygon in polygons if len(polygon) == size], np.int64)
         except OverflowError:
             raise ValueError("a face names a vertex that is not there") from None
+        alike = np.where(alike < 0, alike + before[sizes == size, None], alike - 1)
         fans += [alike[:, [0, k, k + 1]] for k in range(1, size - 1)]
-    faces = np.concatenate(fans)
-    return np.array(places, float).reshape(-1, 3), np.where(faces > 0, faces - 1, faces + len(places))
+    return np.array(places, float).reshape(-1, 3), np.concatenate(fans)
 
 
 def _by_trimesh(raw: bytes, suffix: str) -> tuple[Floats, Faces]:
