@@ -63,6 +63,18 @@ def test_coupled_joints_move_as_the_free_robot_along_the_coupling(case: str) -> 
     np.testing.assert_allclose(coupled.energy(q, v), free.energy(q_free, G @ v), **exact)
 
 
+@pytest.mark.parametrize("case", COUPLED)
+def test_followers_keep_their_limits_of_speed(case: str) -> None:
+    """The free robot along the coupling is at a limit of speed."""
+    leader, follower, multiplier, offset = COUPLED[case]
+    text = chain((leader, ""), (follower, mimic("j1", multiplier, offset)))
+    coupled, free = tl.load_robot(text, mimic=True), tl.load_robot(text)
+    start, end = (coupled.joints[0].entries("q", angle) for angle in (0.0, 1.0))
+    motion = tl.trapezoidal_motion(coupled, start, end, acceleration=50.0)
+    limits = np.ravel([joint.velocity_limit for joint in free.joints])
+    assert (np.abs(motion.v * [1.0, multiplier]).max(axis=0) / limits).max() == pytest.approx(1.0)
+
+
 def test_a_joint_beside_the_coupled_ones_can_be_locked() -> None:
     text = chain(("revolute", ""), ("revolute", ""), ("revolute", mimic("j1", 2.0, 0.3)))
     locked, whole = tl.load_robot(text, mimic=True, lock={"j2": 0.4}), tl.load_robot(text, mimic=True)

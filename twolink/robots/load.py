@@ -101,11 +101,12 @@ def load_model(
     urdf, packages = open_source(source), _folders(package_dirs)
     said = describe(urdf, foreign, root, xacro_arguments or {}, packages, trusted=meshes is None, xacro=xacro)
     tree = read_tree(said.robot, urdf.label, foreign, xacro)
-    if mimic:
-        check_mimic(tree, build(tree, urdf.label, root, mimic=False), lock or {})
+    apart = build(tree, urdf.label, root, mimic=False) if mimic else None
+    if apart is not None:
+        check_mimic(tree, apart, lock or {})
     full = _small(build(tree, urdf.label, root, mimic), urdf.label)
     check_agreement(full, tree, urdf.label, root)
-    narrowed = _narrowed(full, tree) if mimic else []
+    narrowed = [] if apart is None else _narrowed(full, tree, apart)
     locked, reference = lock_configuration(full, lock or {})
     model = without_joints(full, locked, reference)
     model.gravity.linear = gravity_field(gravity if gravity is not None else said.gravity or EARTH, RobotError)
@@ -133,13 +134,25 @@ def load_model(
     return robot
 
 
-def _narrowed(model: pin.Model, tree: Tree) -> list[load_report.Finding]:
-    """Narrow the limits of joints that others follow: which ones, and followers that leave these no room."""
-    narrowed, crowded = list[str](), list[str]()
+def _narrowed(model: pin.Model, tree: Tree, apart: pin.Model) -> list[load_report.Finding]:
+    """Narrow the limits of joints that others follow: which ones, and followers that leave these no room.
+
+    apart: the model in which followers move on their own.
+    """
+    narrowed, crowded, speed = list[str](), list[str](), model.velocityLimit
     for joint in tree.moving:
-        if joint.mimic is None or joint.limits is None:
+        if joint.mimic is None:
             continue
-        entry = model.idx_qs[model.getJointId(joint.mimic.joint)]
+        leader = model.getJointId(joint.mimic.joint)
+        entry, dof = model.idx_qs[leader], model.idx_vs[leader]
+        if joint.mimic.multiplier:
+            own = float(apart.velocityLimit[apart.idx_vs[apart.getJointId(joint.name)]])
+            speed[dof] = min(
+                (x for x in (float(speed[dof]), own / abs(joint.mimic.multiplier)) if x > 0.0), default=0.0
+            )
+            narrowed += [joint.mimic.joint] if speed[dof] * abs(joint.mimic.multiplier) == own else []
+        if joint.limits is None:
+            continue
         limits = urdf_limits(model, entry)
         ends = joint.mimic.within(limits, joint.limits)
         if ends is None:
@@ -147,6 +160,7 @@ def _narrowed(model: pin.Model, tree: Tree) -> list[load_report.Finding]:
         elif ends != limits:
             narrowed.append(joint.mimic.joint)
             model.lowerPositionLimit[entry], model.upperPositionLimit[entry] = ends
+    model.lowerVelocityLimit = -speed  # Pinocchio's parser has the old speed here, and locks no joint where it is above
     said = {"limits of joints that others follow, narrowed to those of these": list(dict.fromkeys(narrowed))}
     return load_report.findings("assumed", said) + load_report.findings("ignored", {_NO_ROOM: crowded})
 
