@@ -146,11 +146,10 @@ def _narrowed(model: pin.Model, tree: Tree, apart: pin.Model) -> list[load_repor
         leader = model.getJointId(joint.mimic.joint)
         entry, dof = model.idx_qs[leader], model.idx_vs[leader]
         if joint.mimic.multiplier:
-            own = float(apart.velocityLimit[apart.idx_vs[apart.getJointId(joint.name)]])
-            speed[dof] = min(
-                (x for x in (float(speed[dof]), own / abs(joint.mimic.multiplier)) if x > 0.0), default=0.0
-            )
-            narrowed += [joint.mimic.joint] if speed[dof] * abs(joint.mimic.multiplier) == own else []
+            own = apart.velocityLimit[apart.idx_vs[apart.getJointId(joint.name)]] / abs(joint.mimic.multiplier)
+            if own > 0.0 and not 0.0 < speed[dof] <= own:
+                speed[dof] = own
+                narrowed.append(joint.mimic.joint)
         if joint.limits is None:
             continue
         limits = urdf_limits(model, entry)
