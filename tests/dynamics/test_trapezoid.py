@@ -23,6 +23,20 @@ def test_a_joint_is_at_its_limit_and_none_beyond(speed: float) -> None:
         assert motion.t[-1] == pytest.approx(2.0)
 
 
+@pytest.mark.parametrize("speed", [50.0, 2.0, 1.0], ids=["triangle", "no time of coasting", "coasts"])
+@pytest.mark.parametrize("acceleration", [4.0, 1.0 / 0.3**2], ids=["peak at 0.5 s", "peak at 0.3 s"])
+def test_a_sample_at_a_jump_has_the_acceleration_after_it(speed: float, acceleration: float) -> None:
+    """That is the one by which the speed goes on to the next sample, where no jump is between them."""
+    robot = tl.load_robot("two_link")
+    motion = tl.trapezoidal_motion(robot, [0.0, 0.0], [1.0, 0.0], speed=speed, acceleration=acceleration,
+                                   samples_per_second=1000)  # fmt: skip
+    gained = np.diff(motion.v[:, 0]) / np.diff(motion.t)
+    between = np.any(np.abs(gained[:, None] / acceleration - [-1.0, 0.0, 1.0]) < 1e-6, axis=1)
+    assert motion.a[:-1, 0][between] == pytest.approx(gained[between], abs=1e-6)
+    assert between.sum() >= len(gained) - 2
+    assert speed < 50.0 or np.abs(motion.a[:, 0]) == pytest.approx(acceleration)
+
+
 @pytest.mark.parametrize(("name", "root"), [("two_link", "fixed"), ("solo12", "free")])
 def test_the_work_of_the_torques_is_the_energy_gained(name: str, root: str) -> None:
     """Also of a floating base that turns: tau v integrates to the energy at every sample of the constant speed."""

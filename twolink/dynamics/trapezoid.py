@@ -3,7 +3,8 @@
     q(t) = q_0 + s(t) d,   d = q_1 - q_0,   |s''| = A or 0,   0 <= s' <= V
 
 A = min_i a_i / |d_i|, V = min_i v_i / |d_i|: every joint keeps its limits, and one of them is at its own. Where V is
-not reached the trapezoid is a triangle. Source: Siciliano et al.: Robotics, 2009, section 4.2.
+not reached the trapezoid is a triangle. A sample at a jump of s'' has the value after it.
+Source: Siciliano et al.: Robotics, 2009, section 4.2.
 """
 
 from typing import Any, NamedTuple
@@ -99,7 +100,7 @@ def trapezoidal_motion(
     s = np.where(t < rise, 0.5 * most_a * t**2, np.where(left < rise, 1.0 - 0.5 * most_a * left**2,
                                                          peak * (t - 0.5 * rise)))  # fmt: skip
     rates = most_a * np.minimum(np.minimum(t, left), rise)
-    second = most_a * ((t < rise).astype(float) - (left < rise))
+    second = most_a * np.select([t < rise, left <= rise + 1e-12 * whole], [1.0, -1.0], 0.0)
     along = robot.integrate(np.broadcast_to(ends[0], (len(t), robot.nq)), s[:, None] * way)
     return PlannedMotion(t, along, rates[:, None] * way, second[:, None] * way)
 
