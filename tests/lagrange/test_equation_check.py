@@ -113,6 +113,24 @@ def test_the_limit_is_a_billionth() -> None:
     assert wrong_entries(tl.check_equations(mass, lambda q, v: bias(q, v) * (1 + 1e-7), ARM)).keys() == {"h[0]", "h[1]"}
 
 
+@pytest.mark.parametrize("factor", [2.0, 1 + 1e-7])
+def test_a_mistake_of_a_light_joint_beside_a_heavy_one_is_found(factor: float) -> None:
+    """An upright flywheel of I = 1e-8 kg m^2 on a heavy arm: by hand, M = diag(J, I) and h[1] = 0."""
+    urdf = robot_of(
+        link("arm", 1000.0, (0.0, 250.0, 250.0), "0.5 0 0"), joint("shoulder", "revolute", "ground", "arm", "0 -1 0"),
+        link("wheel", 1e-3, 1e-8), joint("spin", "revolute", "arm", "wheel", "0 0 1"),
+    )  # fmt: skip
+
+    def check(own: float, product: float = 0.0) -> dict[str, dict[str, float]]:
+        return wrong_entries(tl.check_equations(
+            lambda _: [[500 + 1e-8, 0], [0, own]], lambda q, v: [500 * G * np.cos(q[0]), product * v[0] * v[1]], urdf
+        ))  # fmt: skip
+
+    assert check(1e-8) == check(1e-8 * (1 + 1e-12)) == {}
+    assert check(1e-8 * factor) == {"M[1,1]": {"": pytest.approx(1 / factor)}}
+    assert check(1e-8, 1e-8) == {"h[1]": {"the term of v[0] v[1]": 0.0}}
+
+
 def absolute(sine: Callable[[float], float], sign: float = 1.0) -> tuple[Callable, Callable]:
     """The double pendulum of textbooks: both angles from one direction, along which `sine` is 0 or 1."""
 
@@ -224,6 +242,20 @@ def test_a_cart_with_a_pole_and_a_robot_without_weight() -> None:
     assert tl.check_equations(M, lambda x, v: h(x, v) * np.array([1, 0]), afloat).right
 
 
+@pytest.mark.parametrize("tilt", [0.0, np.pi / 4, 0.01, np.pi / 2])
+def test_a_chain_that_is_tilted_at_0_has_no_angles_from_a_vertical_by_name(tilt: float) -> None:
+    """By hand h = m g l sin x from the downward vertical, of a rod that is `tilt` below the horizontal at q = 0."""
+    place = f"{float(np.cos(tilt))} 0 {float(-np.sin(tilt))}"
+    urdf = robot_of(link("rod", 1.0, 0.1, place), joint("pin", "revolute", "ground", "rod", "0 -1 0"))
+    by_hand = lambda _: [[1.1]], lambda x, _: [G * np.sin(x[0])]
+    assert tl.check_equations(*by_hand, urdf, to=[[1.0, tilt - np.pi / 2]]).right
+    if tilt == 0.0:
+        assert tl.check_equations(*by_hand, urdf, to="hanging").right
+    else:
+        with pytest.raises(QueryError, match="not horizontal at q = 0; give a matrix"):
+            tl.check_equations(*by_hand, urdf, to="hanging")
+
+
 def raising(*_: Array) -> Array:
     raise KeyError("l1")
 
@@ -245,6 +277,7 @@ BAD = {
     "takes too few": ((mass, mass), {}, r"h: it raised TypeError: .*it is called as h\(q, v\) -> \(nv,\)"),
     "name": ((mass, bias), {"to": "absolut"}, "to: 'absolut' is unknown; did you mean 'absolute'"),
     "matrix": ((mass, bias), {"to": [[1.0, 0.0]]}, r"to: expected shape \(2, 2\) or \(2, 3\), got \(1, 2\)"),
+    "no matrix": ((mass, bias), {"to": 5}, r"to: expected shape \(2, 2\) or \(2, 3\), got \(\)"),
     "no inverse": ((mass, bias), {"to": np.ones((2, 2))}, "to: the matrix has no inverse"),
     "not planar": ((mass, bias), {"to": "absolute", "robot": "ur5"}, "to: robot 'ur5' is no planar chain"),
     "no vertical": ((mass, bias), {"to": "vertical", "robot": tl.load_robot("two_link", gravity=(0, 0, 0))},

@@ -20,11 +20,12 @@ from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.queries import Array
 from twolink.errors import QueryError
 from twolink.io.text import Table
-from twolink.lagrange.check import largest, largest_error
 from twolink.lagrange.equation_coordinates import CoordinateChange, coordinate_changes
 from twolink.simulation.text import BaseResult
 
-LIMIT = 1e-9  # relative: equations typed with all digits of the constants agree to 1e-13
+# Relative: of M[i,k] to s_i s_k, where s_i^2 is the largest M[i,i]; of h[i] to s_i times the largest h[k] / s_k. So
+# units do not matter, nor does a heavy joint beside a light one. Equations with all digits typed agree to 1e-13.
+LIMIT = 1e-9
 STATES, SEED, SPEED = 20, 0, 3.0
 Parts = dict[str, Array]
 _SPEEDS = "the velocity terms"
@@ -160,8 +161,10 @@ def check_equations(
     whole, parts = bias(v), _parts(bias, nv)
     checks = []
     for change in changes:
-        of_mass = _mass_checks(mass, change.mass_matrix(loaded, x))
-        of_bias = _bias_checks(change, loaded, x, v, whole, parts)
+        right = change.mass_matrix(loaded, x)
+        sizes = np.sqrt(np.diagonal(right, axis1=1, axis2=2).max(axis=0))
+        sizes[sizes == 0.0] = 1.0  # of what moves no mass
+        of_mass, of_bias = _mass_checks(mass, right, sizes), _bias_checks(change, loaded, (x, v), whole, parts, sizes)
         words = f"{change.words}; the robot has {change.formula}"
         checks.append(EquationCheck(loaded.name, words, len(changes) > 1, STATES, (*of_mass, *of_bias)))
     return min(checks, key=lambda one: (len(one.wrong), sum(not entry.mended for entry in one.wrong)))
@@ -233,12 +236,12 @@ def _summed(parts: Parts, v: Array) -> Array:
     return np.asarray(sum(part * product[:, None] for part, product in zip(parts.values(), products, strict=True)))
 
 
-def _mass_checks(ours: Array, right: Array) -> list[EntryCheck]:
+def _mass_checks(ours: Array, right: Array, sizes: Array) -> list[EntryCheck]:
     """The entries of M."""
-    scale, limit, checks = _not_zero(largest(right)), LIMIT * float(np.abs(right).max()), []
+    limits, checks = LIMIT * np.outer(sizes, sizes), []
     for i, k in np.ndindex(right.shape[1:]):
-        mine, truth = ours[:, i, k], right[:, i, k]
-        is_right = largest_error(mine, truth, scale[:, 0]) <= LIMIT
+        mine, truth, limit = ours[:, i, k], right[:, i, k], float(limits[i, k])
+        is_right = bool(np.abs(mine - truth).max() <= limit)
         found = _NO_MEND if is_right else _mended({"": mine}, {"": truth}, limit)
         if not is_right and not found.mended and float(np.ptp(truth - mine)) <= limit:
             found = Mend({}, f"plus {_number(float(np.mean(truth - mine)))}", True)
@@ -247,22 +250,23 @@ def _mass_checks(ours: Array, right: Array) -> list[EntryCheck]:
 
 
 def _bias_checks(
-    change: CoordinateChange, robot: Robot, x: Array, v: Array, ours: Array, our_parts: Parts
+    change: CoordinateChange, robot: Robot, state: tuple[Array, Array], ours: Array, our_parts: Parts, sizes: Array
 ) -> list[EntryCheck]:
     """The entries of h."""
+    x, v = state
     right, parts = change.bias(robot, x, v), _parts(lambda speeds: change.bias(robot, x, speeds), robot.nv)
     gravity = parts["the gravity term"]
-    scale = _not_zero(largest(np.abs(gravity) + np.abs(right - gravity)))
-    limit = LIMIT * max(float(np.abs(part).max()) for part in parts.values())
+    limits = LIMIT * sizes * float(((np.abs(gravity) + np.abs(right - gravity)) / sizes).max() or 1.0)
+    of_parts = LIMIT * sizes * max(float((np.abs(part) / sizes).max()) for part in parts.values())
     rest, checks = np.abs(ours - _summed(our_parts, v)), []
-    for i in range(robot.nv):
-        is_right = largest_error(ours[:, i], right[:, i], scale[:, 0]) <= LIMIT
+    for i, limit in enumerate(limits):
+        is_right = bool(np.abs(ours[:, i] - right[:, i]).max() <= limit)
         found = _NO_MEND
-        if not is_right and rest[:, i].max() > LIMIT * scale.max():
+        if not is_right and rest[:, i].max() > limit:
             found = Mend({}, "it holds more than gravity and products of two speeds (friction?)", False)
         elif not is_right:
             mine, truth = ({name: part[:, i] for name, part in of.items()} for of in (our_parts, parts))
-            found = _mended(mine, truth, limit)
+            found = _mended(mine, truth, float(of_parts[i]))
         checks.append(_entry(f"h[{i}]", ours[:, i], right[:, i], is_right, found))
     return checks
 
@@ -321,8 +325,3 @@ def _number(x: float) -> str:
     """A number, as a fraction where it is a simple one."""
     near = Fraction(x).limit_denominator(48)
     return str(near) if abs(float(near) - x) <= 1e-12 * abs(x) else f"{x:.6g}"
-
-
-def _not_zero(scale: Array) -> Array:
-    """Scales, 1 where they are 0, as where there is no gravity and no speed."""
-    return np.where(scale > 0, scale, 1.0)

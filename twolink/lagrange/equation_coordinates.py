@@ -1,6 +1,7 @@
 """Changes of coordinates q = T x + c, between the angles x of equations that somebody derived and those of a robot."""
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,7 @@ WORDS = {"absolute": "absolute angles", "hanging": "angles from the downward ver
          "upright": "angles from the upward vertical"}  # fmt: skip
 NAMES = ("own", "absolute", "vertical", "hanging", "upright")
 _QUARTER = np.pi / 2
+_TILT = 1e-6  # rad that digits of a file may make
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +79,9 @@ def coordinate_changes(robot: Robot, to: Any) -> list[CoordinateChange]:
         ways = (False, True) if signs is not None and robot.nv > 1 else (False,)
         verticals = ("", *_verticals(robot, signs)) if signs is not None else ("",)
         return [_named(robot, absolute, vertical) for vertical in verticals for absolute in ways]
-    if isinstance(to, str) or (not isinstance(to, np.ndarray) and all(isinstance(name, str) for name in to)):
+    if isinstance(to, Iterable) and not isinstance(to, str | np.ndarray):
+        to = list(to)
+    if isinstance(to, str) or (isinstance(to, list) and all(isinstance(name, str) for name in to)):
         names = re.findall(r"[\w-]+", to) if isinstance(to, str) else list(to)
         for name in names:
             require_known(name, NAMES, QueryError, argument="to")
@@ -135,9 +139,11 @@ def _signs(robot: Robot) -> Array | None:
 
 def _verticals(robot: Robot, signs: Array) -> dict[str, float]:
     """The shifts by a quarter turn from q = 0 that let the robot hang, or stand upright; empty where neither does."""
-    roots = np.where(_parents(robot) < 0, signs, 0.0)
-    heights = {c: robot.energy(robot.integrate(robot.neutral, c * roots), np.zeros(robot.nv))[1]
-               for c in (_QUARTER, -_QUARTER)}  # fmt: skip
+    roots, still = np.where(_parents(robot) < 0, signs, 0.0), np.zeros(robot.nv)
+    turned = {c: robot.integrate(robot.neutral, c * roots) for c in (_QUARTER, -_QUARTER)}
+    heights = {c: robot.energy(q, still)[1] for c, q in turned.items()}
     low, high = sorted(heights, key=lambda c: float(heights[c]))
     weight = robot.mass * float(np.linalg.norm(robot.gravity))
-    return {"hanging": low, "upright": high} if heights[high] - heights[low] > 1e-9 * weight else {}
+    torque = max(float(np.abs(robot.gravity_torque(q) * roots).max()) for q in turned.values())
+    least = max(1e-9 * weight, torque / _TILT)  # hanging and upright, no torque turns it
+    return {"hanging": low, "upright": high} if heights[high] - heights[low] > least else {}
