@@ -11,7 +11,7 @@ import twolink as tl
 from tests.command import call, one_line
 from tests.urdf_text import joint, link, robot_of
 from twolink.errors import SceneError, ShowError
-from twolink.show.meshcat_scene import look_at, poses
+from twolink.show.meshcat_scene import look_at, picture_axes, poses
 from twolink.show.raycasting import CONTACT_COLOUR, DOT, FORCE_COLOUR, Arrows, Camera, Picture
 from twolink.show.surfaces import surfaces
 from twolink.simulation import Trajectory
@@ -129,6 +129,27 @@ def test_a_film_of_a_dropped_box_shows_the_contacts_once_it_touches(dropped: Tra
     coloured = [int((np.abs(image - CONTACT_COLOUR).max(axis=2) < 60).sum()) for image in pictures]
     assert coloured[:2] == [0, 0]
     assert min(coloured[2:]) > 20
+
+
+@pytest.mark.parametrize("arrows", [True, False])
+def test_the_floor_of_a_film_is_where_bodies_touch_it(
+    dropped: Trajectory, run: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arrows: bool
+) -> None:
+    """By the scenes the ground is at z = 0; below an arm, which touches nothing, it is below all that moves."""
+    floors = []
+
+    def seen(*arguments: Any, **options: Any) -> Any:
+        floors.append(look_at(*arguments, **options))
+        return floors[-1]
+
+    monkeypatch.setattr("twolink.show.video.look_at", seen)
+    on_slider = tl.load_robot(robot_of(BALL, joint("z", "prismatic", "ground", "base")))
+    plane = tl.effects.PlaneContact("base", radius=0.1, restitution=0.5)
+    bouncing = tl.simulate(tl.Scene(on_slider, [0.2], effects=[tl.effects.Gravity(), plane]), 0.3, accuracy=1e-6)
+    for motion in (dropped, bouncing, run):
+        motion.video(tmp_path / "a.png", size=(64, 64), contacts=arrows)
+    assert [view.floor for view in floors[:2]] == pytest.approx([0.0, 0.0], abs=0.004)  # half of a sample's way
+    assert floors[2].floor < (floors[2].centre + floors[2].seen @ picture_axes(floors[2].direction))[:, 2].min() - 0.01
 
 
 def test_an_arrow_goes_from_its_point_along_its_force(camera: Camera) -> None:

@@ -170,7 +170,9 @@ class View:
         return float(np.max(near + np.maximum(up, right / aspect) / slope))
 
 
-def look_at(nodes: Sequence[PosedPiece], placed: Floats, towards: ArrayLike | None = None) -> View:
+def look_at(
+    nodes: Sequence[PosedPiece], placed: Floats, towards: ArrayLike | None = None, *, touches: bool = False
+) -> View:
     """The view of a motion: square at its plane when there is one, else from the front right and above.
 
     Parameters
@@ -181,6 +183,8 @@ def look_at(nodes: Sequence[PosedPiece], placed: Floats, towards: ArrayLike | No
         Their poses along the motion, as from `meshcat_scene.poses`.
     towards : array_like (3,), optional
         The direction from the bodies to the camera, in place of that.
+    touches : bool
+        Bodies touch the floor: there is no gap between it and the lowest point, as there is below others that move.
     """
     points = _reached(nodes, placed[:: max(1, len(placed) // _SAMPLES)])
     given = _plane_direction(points) if towards is None else _given(towards)
@@ -190,7 +194,7 @@ def look_at(nodes: Sequence[PosedPiece], placed: Floats, towards: ArrayLike | No
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
     size = max(float(np.max(np.abs(seen - middle)[:, :2])), 1e-3)
     lowest = points[..., 2].min(axis=(1, 2))
-    floor = lowest.min() - (0.04 * size if np.ptp(lowest) > 1e-6 else 0.0)  # a gap below what goes up and down
+    floor = lowest.min() - (0.04 * size if np.ptp(lowest) > 1e-6 and not touches else 0.0)
     cells = 10.0 ** np.floor(np.log10(size / 2.5)) * np.array([1.0, 2.0, 5.0])
     return View(axes.T @ middle, direction, seen - middle, float(floor), float(cells[cells <= size / 2.5][-1]))
 

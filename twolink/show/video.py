@@ -44,6 +44,7 @@ def write_video(
     curves: Mapping[str, Floats] | None = None,
     contacts: Contacts | None = None,
     forces: Contacts | None = None,
+    touches: bool = False,
     progress: Report | None = None,
     on_skipped: Callable[[list[str]], None] | None = None,
 ) -> Path:
@@ -73,6 +74,8 @@ def write_video(
         Quantities to draw over time beside the picture.
     contacts, forces : mapping of name to (points, forces), (n, k, 3) each, optional
         Forces to draw as arrows, m and N at the times t, NaN where none acts: of contacts, and of others.
+    touches : bool
+        Bodies touch the ground, which is then drawn at the lowest point of the motion, and otherwise below.
     progress : callable, optional
         Called now and then with what is done, the total and a label; here pictures.
     on_skipped : callable, optional
@@ -98,7 +101,7 @@ def write_video(
     rate = min(rate, GIF_RATE) if kind == ".gif" else rate
     shown = _moments(times, speed, rate, at, kind)
     along = resample(model, times, configurations, np.unique(np.concatenate([shown, times[:: len(times) // 300 + 1]])))
-    camera = Camera(look_at(drawn, poses(model, visuals, along, drawn), direction), size)
+    camera = Camera(look_at(drawn, poses(model, visuals, along, drawn), direction, touches=touches), size)
     picture = Picture(model, visuals, drawn, camera)
     arrows = Arrows(camera, times, shown, contacts or {}, forces or {})
     beside = _curves(times, curves, size[1]) if curves else None

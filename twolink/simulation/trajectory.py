@@ -506,6 +506,7 @@ class Trajectory(BaseResult, Plotted):
         chosen = tables.chosen_columns(self.columns(), curves) if curves else {}
         options |= {"curves": {name: np.interp(motion[2], self.t, values) for name, values in chosen.items()}}
         options |= {"contacts": marks["contacts"] if contacts else None, "forces": marks["forces"] if forces else None}
+        options |= {"touches": bool(marks["contacts"]) or any(event.kind == "impact" for event in self.events)}
         return write_video(*motion, path_to_write(path), speed=self._speed(speed), **options)
 
     def play(
