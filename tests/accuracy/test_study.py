@@ -176,6 +176,7 @@ def test_a_free_body_is_compared_on_its_manifold() -> None:
 
 REFUSED = {
     "unknown": ({"methods": ["dop583"]}, "did you mean 'dop853'"),
+    "no names": ({"methods": 5}, "methods: expected texts, got 5"),
     "empty": ({"methods": []}, "no method is named"),
     "auto": ({"methods": ["auto"]}, "'auto' chooses a method"),
     "tolerance": ({"tolerances": [-1]}, "expected a number above 0, got -1"),
@@ -200,4 +201,6 @@ def test_what_is_no_scene_and_what_cannot_move() -> None:
     still = tl.Scene(tl.load_robot("two_link", lock={"shoulder": 0.0, "elbow": 0.0}))
     with pytest.raises(SceneError, match="nothing moves"):
         tl.accuracy_study(still)
+    with pytest.raises(TwolinkError, match="expected the path of a file, got 3"):
+        tl.Study.load(3)
     assert accuracy_study.MAX_SAMPLES > 0

@@ -133,6 +133,20 @@ def test_columns_that_are_not_read_are_named(tmp_path: Path) -> None:
     assert out.read_text().splitlines()[0] == "time,load,q.shoulder,q.elbow,M.0.0,M.0.1,M.1.0,M.1.1"
 
 
+def test_a_saved_run_answers_every_question(tmp_path: Path) -> None:
+    """Its velocities and torques are passed over where they do not matter, and kept in the table of answers."""
+    run = tl.simulate(tl.load_scene("arm-swing"), 0.1)
+    path, out = run.save(tmp_path / "run.csv"), tmp_path / "m.csv"
+    assert call("query", "two_link", "mass-matrix", "--states", str(path), "--out", str(out)).returncode == 0
+    table = np.genfromtxt(out, delimiter=",", names=True, deletechars="")
+    asked = np.array([[table[f"M.{i}.{k}"] for k in range(2)] for i in range(2)]).transpose(2, 0, 1)
+    np.testing.assert_array_equal(asked, run.robot.mass_matrix(run.q))
+    np.testing.assert_array_equal(table["v.elbow"], run.v[:, 1])
+    np.testing.assert_array_equal(table["tau.elbow"], run.tau[:, 1])
+    done = call("query", "two_link", "mass-matrix", "--q", "0 0", "--v", "1 1")
+    assert "mass-matrix takes no v" in done.stderr
+
+
 @pytest.mark.parametrize(("options", "words"), [
     (("--speed", "1"), "speed: it is of a motion"), (("--to", "1 1"), "acceleration: it is not given"),
     (("--to", "0 0", "--acceleration", "1"), "--to: it is where the motion begins"),

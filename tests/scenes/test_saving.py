@@ -34,6 +34,7 @@ def test_a_saved_scene_is_read_again_unchanged(tmp_path: Path) -> None:
     q, v = np.linspace(0.1, 0.7, 7) / 3, np.full(7, 0.2)
     scene = tl.Scene(robot, q=q, v=v, effects=effects, duration=1.5, title='a "b"')
     same(scene, tl.load_scene(scene.save(tmp_path / "scene.toml")))
+    same(scene, tl.load_scene(scene.save(tmp_path / "other.TOML")))
 
 
 def test_a_robot_outside_the_catalogue_is_saved_beside_the_scene(tmp_path: Path) -> None:

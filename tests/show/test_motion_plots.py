@@ -11,7 +11,7 @@ import pytest
 
 import twolink as tl
 from tests.simulation.test_trajectory import run_of_names
-from twolink.errors import SceneError
+from twolink.errors import SceneError, ShowError
 from twolink.show.figure import COLOURS
 from twolink.show.motion_plots import tube
 
@@ -117,6 +117,26 @@ def test_events_are_lines_in_every_panel_and_named_where_there_is_room() -> None
     assert 2 <= len(names) <= len(times)
     assert all(a.x0 < b.x0 for a, b in itertools.pairwise(places))
     assert "error of q: at most" in figure.get_suptitle()
+
+
+def test_events_before_the_first_sample_are_not_marked() -> None:
+    run = tl.simulate(tl.load_scene("bouncing-ball"), t_eval=np.linspace(0.6, 1.0, 50))
+    figure = run.plot()
+    within = [event.t for event in run.events if 0.6 <= event.t <= 1.0]
+    marked = [line.get_xdata()[0] for line in figure.axes[0].get_lines() if line.get_label() == "_event"]
+    assert 0 < len(within) < len(run.events)
+    assert marked == within
+    figure.draw_without_rendering()
+    left = figure.axes[0].get_window_extent().x0
+    assert all(text.get_window_extent().x0 >= left for text in figure.axes[0].texts if text.get_text() == "impact")
+
+
+def test_a_joint_whose_name_is_a_pattern_of_another_ones_is_drawn() -> None:
+    run = tl.simulate(tl.Scene(tl.load_robot(run_of_names("j1", "j[1]")), v=[1.0, 2.0]), 0.05)
+    for joints, drawn in (("j[1]", ["j[1]"]), ("j1", ["j1"]), ("j*", ["j1", "j[1]"]), ((), ["j1", "j[1]"])):
+        assert list(curves(run.plot(joints=joints).axes[0])) == drawn
+    with pytest.raises(ShowError, match="joints: expected texts, got 3"):
+        run.plot(joints=3)
 
 
 def test_what_stays_has_no_panel_and_the_title_says_so() -> None:

@@ -91,6 +91,12 @@ def test_a_picture_of_a_moment_by_the_command(run: Trajectory, tmp_path: Path) -
     first, second, again = (np.asarray(Image.open(path)).astype(int) for path in moments)
     assert np.abs(first - second).max() > 100
     np.testing.assert_array_equal(second, again)
+    assert call("video", str(saved), moments[0], "--size", "160x120", "--curves", "q.elbow, energy").returncode == 0
+    run.video(moments[1], size=SIZE, curves=["q.elbow", "energy"])
+    run.video(moments[2], size=SIZE, curves="energy")
+    named, listed, one = (np.asarray(Image.open(path)) for path in moments)
+    np.testing.assert_array_equal(named, listed)
+    assert one.shape == listed.shape
     one_line(call("video", str(saved), "a.avi"), 2, "is not a format we know")
     one_line(call("video", str(saved), "a.png", "--size", "big"), 2, "expected WIDTHxHEIGHT, got 'big'")
     one_line(call("video", str(saved), "a.png", "--camera", "a b c"), 2, "is not a list of numbers")
@@ -98,11 +104,15 @@ def test_a_picture_of_a_moment_by_the_command(run: Trajectory, tmp_path: Path) -
 
 @pytest.mark.parametrize(("options", "error", "part"), [
     ({"size": (161, 120)}, ShowError, "size is 161x120, expected even numbers from 64 to 4096"),
-    ({"rate": 0.0}, ShowError, "rate is 0, expected a number above 0"),
-    ({"at": 2.0}, ShowError, "at is 2 s, expected a time from 0 to 1 s"),
+    ({"rate": 0.0}, ShowError, "rate is 0.0, expected a number above 0"),
+    ({"at": 2.0}, ShowError, "at is 2.0 s, expected a time from 0 to 1 s"),
     ({"direction": [1.0, 2.0]}, ShowError, "expected three numbers"),
     ({"direction": (0, 0, 0)}, ShowError, "expected three numbers that are not all 0"),
     ({"curves": ["q.elbw"]}, SceneError, "did you mean 'q.elbow'"),
+    ({"curves": 3}, ShowError, "curves: expected texts, got 3"),
+    ({"at": "1"}, ShowError, "at is 1 s, expected a time"),
+    ({"rate": "x"}, ShowError, "rate is x, expected a number"),
+    ({"direction": "x"}, ShowError, "direction is 'x', expected three numbers"),
     ({"speed": -1.0}, ShowError, "speed is -1.0"),
 ])  # fmt: skip
 def test_refusals_name_the_option(run: Trajectory, tmp_path: Path, options: dict, error: type, part: str) -> None:

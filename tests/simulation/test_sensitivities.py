@@ -355,6 +355,8 @@ def test_names_that_mean_nothing_are_named() -> None:
     assert caught.value.code == "unknown-parameter"
     with pytest.raises(SceneError, match="names nothing"):
         tl.sensitivities(scene, wrt=[], duration=1.0)
+    with pytest.raises(SceneError, match="wrt: expected texts, got 5"):
+        tl.sensitivities(scene, wrt=5, duration=1.0)
 
 
 def test_steep_friction_is_differentiable() -> None:

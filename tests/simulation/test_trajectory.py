@@ -141,6 +141,13 @@ def test_files_that_are_none(run: tl.Trajectory, name: str, content: bytes, part
         tl.Trajectory.load(tmp_path / f"none-{name}", run.robot)
 
 
+def test_what_is_no_path_and_no_robot_is_refused(run: tl.Trajectory, tmp_path: Path) -> None:
+    with pytest.raises(TwolinkError, match="expected the path of a file, got 3"):
+        tl.Trajectory.load(3)
+    with pytest.raises(SceneError, match="robot: expected a Robot, got str"):
+        tl.Trajectory.load(run.save(tmp_path / "x.csv"), "two_link")
+
+
 @pytest.mark.parametrize(
     ("name", "values", "part"),
     [
@@ -232,6 +239,9 @@ def test_a_playback_takes_events_trails_and_a_second_run(run: tl.Trajectory, tmp
     assert (shown["ghost"]["title"], shown["ghost"]["visuals"]) == ("mirrored", None)
     assert len(shown["ghost"]["motion"]["t"]) == len(shown["motion"]["t"])
     assert film(run.playback(tmp_path / "x.html"))["trails"] is None
+    assert film(run.playback(tmp_path / "x.html", trails="forearm"))["trails"] == ["forearm"]
+    with pytest.raises(ShowError, match="beside: expected a Trajectory, got Robot"):
+        run.playback(tmp_path / "x.html", beside=run.robot)
     with pytest.raises(ShowError, match="no moving link 'elbow'"):
         run.playback(tmp_path / "x.html", trails=["elbow"])
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from twolink.accuracy.measuring import StudyRun, count, first_reference, measure_method
 from twolink.accuracy.study_data import Row, StudyData, plot_study, study_text, with_front
-from twolink.dynamics.arguments import Positive, positive, whole
+from twolink.dynamics.arguments import Positive, positive, texts, whole
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.steps.methods import METHODS, Method, method_named
@@ -53,7 +53,7 @@ class Study(StudyData, BaseResult, Plotted):
     def load(cls, path: str | os.PathLike[str]) -> Study:
         """Read a study saved as .json. Raises TwolinkError for what is not one."""
         try:
-            return msgspec.json.decode(Path(path).read_bytes(), type=cls)
+            return msgspec.json.decode(path_to_write(path).read_bytes(), type=cls)
         except OSError as error:
             raise TwolinkError(f"cannot be read: {error.strerror or error}", where=str(path), remedy="check the path",
                                code="not-readable") from None  # fmt: skip
@@ -206,7 +206,7 @@ def _sorted(measurements: StudyRun) -> list[Row]:
 def _methods(names: Sequence[str] | None) -> list[Method]:
     if names is None:
         return list(METHODS.values())
-    names = [names] if isinstance(names, str) else list(names)
+    names = texts(names, "methods", SceneError, "such as ['dop853']")
     if not names:
         raise SceneError("no method is named", argument="methods", remedy=f"such as {', '.join(list(METHODS)[2:6])}")
     if "auto" in names:

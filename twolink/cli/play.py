@@ -119,7 +119,7 @@ def video(
     with progress_bar() as report:
         written = run.video(
             out, size=_size(size), rate=rate, speed=speed, at=at, direction=towards, forces=forces,
-            curves=[] if curves is None else curves.split(","),
+            curves=[] if curves is None else [name.strip() for name in curves.split(",")],
             progress=report, on_skipped=print_not_drawn,
         )  # fmt: skip
     typer.echo(f"wrote {written}")

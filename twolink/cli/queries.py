@@ -65,9 +65,8 @@ def query(
     if motion is not None:
         others = {"t": motion.t}
         arguments |= {name: getattr(motion, name) for name in ("q", "v", "a") if name in taken}
-    unused = dict[str, Any]()
-    if given["tau"] is None and "tau" not in taken and "tau" in arguments:  # a saved run has them for all queries
-        unused = {"tau": arguments.pop("tau")}
+    unused = {name: arguments.pop(name) for name in ("v", "tau")  # a saved run has them for all queries
+              if given[name] is None and name not in taken and name in arguments}  # fmt: skip
     result = answer_query(loaded, what, arguments, **options)
     for note in (*beyond_range(loaded, arguments["q"]), *beyond_effort(loaded, result, others.get("t"))):
         typer.echo(f"note: {note}", err=True)

@@ -5,7 +5,7 @@ numbers above 0; and external wrenches on named frames.
 import functools
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -37,6 +37,14 @@ def instance(value: Any, kind: type[Kind], name: str, error: type[TwolinkError] 
         raise error(f"expected a {kind.__name__}, got {type(value).__name__}", argument=name,
                     remedy=_MADE_BY[kind.__name__])  # fmt: skip
     return value
+
+
+def texts(value: Any, name: str, error: type[TwolinkError], remedy: str) -> list[str]:
+    """`value`, one text or several, as a list. Raises the error, which names the argument."""
+    given = [value] if isinstance(value, str) else list(value) if isinstance(value, Iterable) else [value]
+    if not all(isinstance(text, str) for text in given):
+        raise error(f"expected texts, got {value!r:.60}", argument=name, remedy=remedy)
+    return given
 
 
 def positive(

@@ -132,7 +132,7 @@ def load_scene(source: str | os.PathLike[str]) -> Scene:
     if name.endswith(".urdf"):
         remedy = f"tl.scene_of({name!r}); `twolink new` begins a scene file"
         raise SceneError("a URDF is a robot, not a scene", where=name, remedy=remedy, argument="source")
-    if isinstance(source, os.PathLike) or name.endswith(".toml") or os.sep in name:
+    if isinstance(source, os.PathLike) or name.lower().endswith(".toml") or os.sep in name:
         path = Path(name)
         text = read_text(path, SceneError, MAX_BYTES, "keep samples in files of their own")
         try:

@@ -106,7 +106,7 @@ def save_scene(
     path: Path, robot: Robot, q: np.ndarray, v: np.ndarray, effects: Sequence[Effect], duration: float, title: str
 ) -> Path:
     """Write the parts of a scene to a .toml file; see `Scene.save`."""
-    if path.suffix != ".toml":
+    if path.suffix.lower() != ".toml":
         what = f"{path.suffix or 'no suffix'} is no format for scenes"
         raise SceneError(what, where=str(path), remedy="use .toml", code="unknown-format")
     entry, beside, urdf = _robot_entry(robot, path)

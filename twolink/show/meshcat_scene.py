@@ -208,7 +208,10 @@ def picture_axes(direction: Floats) -> Floats:
 
 def _given(towards: ArrayLike) -> Floats:
     """A direction as a unit vector, not quite along z, where up would have no place in the picture."""
-    direction = np.asarray(towards, float)
+    try:
+        direction = np.asarray(towards, float)
+    except (TypeError, ValueError):
+        direction = np.empty(0)
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
         what = f"direction is {towards!r}, expected three numbers that are not all 0"
         raise ShowError(what, where="camera", remedy="such as (0, -1, 0.3): from the front, a little above")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from twolink.dynamics.arguments import texts
 from twolink.errors import ShowError, nearest
 from twolink.robots.joint_layout import JointLayout, counted_on, unit_of
 from twolink.robots.model import RobotModel
@@ -61,7 +62,7 @@ def plot_trajectory(
     events: Sequence[tuple[float, str]] = (),
     note: str = "",
     asked: float | None = None,
-    joints: Sequence[str] = (),
+    joints: str | Sequence[str] = (),
 ) -> Figure:
     """Draw coordinates, velocities, energy and the error bar over time, one above the other.
 
@@ -90,7 +91,7 @@ def plot_trajectory(
         Stands below the title.
     asked : float, optional
         The accuracy asked for, rad or m, which stands behind the note.
-    joints : sequence of str
+    joints : str or sequence of str
         Names of joints to draw, or patterns of them; all where none is given.
 
     Returns
@@ -119,7 +120,7 @@ def plot_trajectory(
     _draw_error(axes[-1, 0], *error, f"{what}\n({unit_of(robot.joints)})")
     figure.align_ylabels(axes[:, 0])
     axes[-1, 0].set_xlim(t[0], t[-1] if t[-1] > t[0] else None)
-    moving = len({c.joint for c in drawn})
+    moving, events = len({c.joint for c in drawn}), [event for event in events if t[0] <= event[0] <= t[-1]]
     few = [f"the {len(most)} of {moving} joints that move the most"] if len(most) < moving else []
     if still:
         few.append(f"constant, and left out: {', '.join(PANELS[name].partition(chr(10))[0] for name in still)}")
@@ -142,13 +143,16 @@ def _panels(curves: Sequence[JointCurve], _: np.ndarray, bar: np.ndarray | None)
     return (moving, still) if moving else (still, [])
 
 
-def _chosen(robot: RobotModel, wanted: Sequence[str]) -> set[str]:
-    """The joints that names or patterns mean. Raises ShowError where one means none."""
-    names = [joint.name for joint in robot.joints]
-    for name in wanted:
-        if not fnmatch.filter(names, name):
+def _chosen(robot: RobotModel, joints: str | Sequence[str]) -> set[str]:
+    """The joints that names, or else patterns, mean. Raises ShowError where one means none."""
+    wanted = texts(joints, "joints", ShowError, "such as 'elbow' or ['LF_*']")
+    names, chosen = [joint.name for joint in robot.joints], set[str]()
+    for name in wanted or ["*"]:
+        fits = [name] if name in names else fnmatch.filter(names, name)
+        if wanted and not fits:
             raise ShowError(f"no joint of {robot.name} fits {name!r}", argument="joints", remedy=nearest(name, names))
-    return {name for pattern in wanted or ["*"] for name in fnmatch.filter(names, pattern)}
+        chosen.update(fits)
+    return chosen
 
 
 def curves_of(robot: RobotModel, q: np.ndarray, v: np.ndarray, t: np.ndarray | None = None) -> Iterator[JointCurve]:

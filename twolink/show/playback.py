@@ -22,6 +22,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from twolink.dynamics.arguments import texts
 from twolink.errors import ShowError
 from twolink.io.files import path_to_write, write_atomic
 from twolink.io.tables import require_format
@@ -88,7 +89,7 @@ def playback_page(
     events: Sequence[tuple[float, str]] = (),
     contacts: Contacts | None = None,
     forces: Contacts | None = None,
-    trails: Sequence[str] | None = None,
+    trails: str | Sequence[str] | None = None,
     beside: Run | None = None,
     beside_title: str = "compared run",
     on_skipped: Callable[[list[str]], None] | None = None,
@@ -121,7 +122,7 @@ def playback_page(
         apart.
     forces : mapping, optional
         In the same form, other forces by name.
-    trails : sequence of str, optional
+    trails : str or sequence of str, optional
         Links that draw a trail at first; by default the last link, where there is one.
     beside : (model, visuals, t, q), optional
         A motion to lay over this one as a ghost, with the title `beside_title`.
@@ -180,13 +181,14 @@ def _ghost(beside: Run, model: pin.Model, frames: int) -> Json:
     return {"motion": motion, "visuals": None if other is model else _robot(other, visuals)[0]}
 
 
-def _known(trails: Sequence[str], frames: Sequence[Json]) -> list[str]:
+def _known(trails: str | Sequence[str], frames: Sequence[Json]) -> list[str]:
     names = [frame["name"] for frame in frames]
-    for name in trails:
+    chosen = texts(trails, "trails", ShowError, "give the names of links")
+    for name in chosen:
         if name not in names:
             what = f"there is no moving link {name!r}"
             raise ShowError(what, where="playback", remedy=f"choose among {', '.join(names)}", argument="trails")
-    return list(trails)
+    return chosen
 
 
 def choose_frames(t: Floats, speed: float, max_frames: int) -> tuple[Floats, str]:

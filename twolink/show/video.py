@@ -124,8 +124,8 @@ def _check(size: tuple[int, int], rate: float) -> None:
     if len(size) != 2 or not all(SMALLEST <= side <= LARGEST and side % 2 == 0 for side in size):
         what = f"size is {'x'.join(map(str, size))}, expected even numbers from {SMALLEST} to {LARGEST}"
         raise ShowError(what, where="video", remedy="such as 960x720", argument="size")
-    if not 0.0 < rate <= 240.0:
-        what = f"rate is {rate:g}, expected a number above 0, and up to 240"
+    if not (isinstance(rate, float | int | np.number) and 0.0 < rate <= 240.0):
+        what = f"rate is {rate!s:.60}, expected a number above 0, and up to 240"
         raise ShowError(what, where="video", remedy="30 pictures a second are usual", argument="rate")
 
 
@@ -133,8 +133,8 @@ def _moments(t: Floats, speed: float, rate: float, at: float | None, kind: str) 
     """The times of the pictures, s."""
     if kind == ".png":
         moment = float(t[0]) if at is None else at
-        if not t[0] <= moment <= t[-1]:
-            what = f"at is {moment:g} s, expected a time from {t[0]:g} to {t[-1]:g} s"
+        if not (isinstance(moment, float | int | np.number) and t[0] <= moment <= t[-1]):
+            what = f"at is {moment!s:.60} s, expected a time from {t[0]:g} to {t[-1]:g} s"
             raise ShowError(what, where="video", remedy="choose a time of the run", argument="at")
         return np.array([moment])
     if at is not None:

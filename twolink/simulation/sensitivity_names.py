@@ -9,6 +9,7 @@ from typing import cast
 import numpy as np
 
 from twolink.algorithms.dual_numbers import derivative
+from twolink.dynamics.arguments import texts
 from twolink.effects.loops import Loop
 from twolink.errors import SceneError
 from twolink.integrate.derivatives.parameter_variation import ParameterVariation
@@ -43,7 +44,7 @@ class Wanted:
 
 def wanted_of(scene: Scene, wrt: Sequence[str]) -> Wanted:
     """Sensitivities that the names ask for. Raises SceneError: codes "unknown-parameter", "sensitivity-undefined"."""
-    names = list(dict.fromkeys([wrt] if isinstance(wrt, str) else wrt))
+    names = list(dict.fromkeys(texts(wrt, "wrt", SceneError, 'such as ["q", "v"]')))
     if not names:
         raise SceneError("it names nothing", argument="wrt", remedy='such as ["q", "v"]')
     nv, equations, of_state = scene.robot.nv, equations_of(scene), _of_state(scene)

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
-from twolink.dynamics.arguments import array
-from twolink.errors import SceneError
+from twolink.dynamics.arguments import array, instance
+from twolink.errors import SceneError, ShowError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.event import UNSTABLE, Event, estimated_since
 from twolink.io.files import path_to_write
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from twolink.contact.spliced import Solved
     from twolink.show.playback import InlinePage
 
+Names = str | Sequence[str]
 Skipped = Callable[[list[str]], None] | None
 SHOWN_EVENTS = 5  # in notebooks
 
@@ -362,16 +363,16 @@ class Trajectory(BaseResult, Plotted):
         SceneError
             The robot is another one, or the file is not a trajectory.
         """
-        run: Trajectory = tables.read_run(Path(path), robot, cls)
+        run: Trajectory = tables.read_run(path_to_write(path), robot, cls)
         return run
 
     @overload
-    def plot(self, *, joints: str | Sequence[str] = ...) -> Figure: ...
+    def plot(self, *, joints: Names = ...) -> Figure: ...
 
     @overload
-    def plot(self, path: str | os.PathLike[str], *, joints: str | Sequence[str] = ...) -> Path: ...
+    def plot(self, path: str | os.PathLike[str], *, joints: Names = ...) -> Path: ...
 
-    def plot(self, path: str | os.PathLike[str] | None = None, *, joints: str | Sequence[str] = ()) -> Path | Figure:
+    def plot(self, path: str | os.PathLike[str] | None = None, *, joints: Names = ()) -> Path | Figure:
         """Draw coordinates, velocities, energy and the error bar over time, with the events.
 
         Parameters
@@ -392,9 +393,9 @@ class Trajectory(BaseResult, Plotted):
         ShowError
             No joint fits, the file's ending is another one, or it cannot be written.
         """
-        return self._drawn(path, joints=[joints] if isinstance(joints, str) else joints)
+        return self._drawn(path, joints=joints)
 
-    def _figure(self, joints: Sequence[str] = ()) -> Figure:
+    def _figure(self, joints: Names = ()) -> Figure:
         from twolink.show.motion_plots import plot_trajectory
 
         curves, energy = tables.drawn_curves(self)
@@ -404,16 +405,16 @@ class Trajectory(BaseResult, Plotted):
                                note=f"error of q: {self.error_text}", asked=self.accuracy, joints=joints)  # fmt: skip
 
     @overload
-    def playback(self, *, speed: float | None = ..., trails: Sequence[str] | None = ...,
+    def playback(self, *, speed: float | None = ..., trails: Names | None = ...,
                  beside: Trajectory | None = ..., on_skipped: Skipped = ...) -> InlinePage: ...  # fmt: skip
 
     @overload
-    def playback(self, path: str | os.PathLike[str], *, speed: float | None = ..., trails: Sequence[str] | None = ...,
+    def playback(self, path: str | os.PathLike[str], *, speed: float | None = ..., trails: Names | None = ...,
                  beside: Trajectory | None = ..., on_skipped: Skipped = ...) -> Path: ...  # fmt: skip
 
     def playback(
         self, path: str | os.PathLike[str] | None = None, *, speed: float | None = None,
-        trails: Sequence[str] | None = None, beside: Trajectory | None = None, on_skipped: Skipped = None,
+        trails: Names | None = None, beside: Trajectory | None = None, on_skipped: Skipped = None,
     ) -> Path | InlinePage:  # fmt: skip
         """Make a standalone page that plays the motion in 3D in any browser, offline.
 
@@ -426,7 +427,7 @@ class Trajectory(BaseResult, Plotted):
             A .html file.
         speed : float, optional
             Simulated seconds per second of playing; by default 1, and less for a motion below 1 s.
-        trails : sequence of str, optional
+        trails : str or sequence of str, optional
             Links that draw a trail at first; by default the last one of a robot with one tip.
         beside : Trajectory, optional
             Another run, laid over this one as a ghost.
@@ -447,7 +448,8 @@ class Trajectory(BaseResult, Plotted):
 
         options = {"speed": self._speed(speed), "trails": trails, "on_skipped": on_skipped, **self._told}
         if beside is not None:
-            options |= {"beside": beside._motion, "beside_title": beside.title or beside.robot.name}
+            other = instance(beside, Trajectory, "beside", ShowError)
+            options |= {"beside": other._motion, "beside_title": other.title or other.robot.name}
         if path is None:
             return InlinePage(playback_page(*self._motion, **options))
         return write_playback(*self._motion, path_to_write(path), **options)
@@ -468,7 +470,7 @@ class Trajectory(BaseResult, Plotted):
         return {"title": self.title or self.robot.name, "events": events, **tables.drawn_marks(self)}
 
     def video(
-        self, path: str | os.PathLike[str], *, curves: Sequence[str] = (), speed: float | None = None,
+        self, path: str | os.PathLike[str], *, curves: Names = (), speed: float | None = None,
         contacts: bool = True, forces: bool = False, **options: Any,
     ) -> Path:  # fmt: skip
         """Write a film (.mp4 .webm .gif), or a picture of a moment (.png), without a display.
@@ -477,7 +479,7 @@ class Trajectory(BaseResult, Plotted):
         ----------
         path : str or path
             The file; .mp4 and .webm need pip install "twolink[video]".
-        curves : sequence of str
+        curves : str or sequence of str
             Columns of `columns()` to draw beside it, such as "q.elbow" or "energy".
         speed : float, optional
             As of `playback`.

@@ -8,8 +8,9 @@ import msgspec
 import numpy as np
 
 from twolink.dynamics import Robot
+from twolink.dynamics.arguments import instance, texts
 from twolink.dynamics.robot_record import find_robot, require_same
-from twolink.errors import AccuracyError, SceneError, import_extra, require_known
+from twolink.errors import AccuracyError, SceneError, ShowError, import_extra, require_known
 from twolink.integrate.event import Event
 from twolink.io.bags import is_bag
 from twolink.io.tables import read_table
@@ -75,8 +76,9 @@ def mark_notes(events: Sequence[Event], accuracy: float | None) -> dict[str, str
             for name, value in ((EVENTS, list(events)), (ACCURACY, accuracy))}  # fmt: skip
 
 
-def chosen_columns(table: Mapping[str, np.ndarray], names: Sequence[str]) -> dict[str, np.ndarray]:
+def chosen_columns(table: Mapping[str, np.ndarray], given: str | Sequence[str]) -> dict[str, np.ndarray]:
     """Some columns by name and unit. Raises SceneError for a name that is none, with the nearest right one."""
+    names = texts(given, "curves", ShowError, "such as 'energy' or ['q.elbow']")
     for name in names:
         require_known(name, table, SceneError, "there is no column {!r}", where="curves")
     return {f"{name} ({UNITS[name.partition('.')[0]]})": table[name] for name in names}
@@ -86,7 +88,8 @@ def read_run(path: Path, robot: Robot | None, make: Callable[..., Run]) -> Run:
     """A saved trajectory, of the robot that the file names, or of the one passed. Raises SceneError."""
     label = str(path)
     content, notes = read_table(path)
-    robot = find_robot(notes, label) if robot is None else require_same(robot, notes, label)
+    own = None if robot is None else instance(robot, Robot, "robot", SceneError)
+    robot = find_robot(notes, label) if own is None else require_same(own, notes, label)
     marks = {name: content.pop(name) for name in list(content) if name.startswith((CONTACT, WRENCH, FORCE))}
     table = without_angles(_numbers(content, label), robot.joints)
     n = len(table["t"]) if "t" in table else 0

@@ -161,6 +161,8 @@ def test_arguments() -> None:
     with pytest.raises(SceneError, match="elbw") as caught:
         tl.linearize(scene, inputs=["elbw"])
     assert caught.value.argument == "inputs"
+    with pytest.raises(SceneError, match="inputs: expected texts, got 5"):
+        tl.linearize(scene, inputs=5)
     with pytest.raises(SceneError, match="no equilibrium"):
         _ = tl.linearize(scene).stability
     with pytest.raises(tl.errors.QueryError, match="shape"):

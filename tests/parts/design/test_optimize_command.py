@@ -28,9 +28,10 @@ def test_the_best_scene_is_written_and_gives_the_best_value(tmp_path: Path) -> N
     assert record["simulations"] >= len(record["history"])
 
 
-def test_the_table_is_for_people() -> None:
-    done = call(*ARGUMENTS, "--objective", "rest:elbow=0.1")
+def test_the_table_is_for_people(tmp_path: Path) -> None:
+    done = call(*ARGUMENTS, "--objective", "rest:elbow=0.1", "--out", str(tmp_path / "best.TOML"))
     assert done.returncode == 0
+    assert tl.load_scene(tmp_path / "best.TOML").robot.name == "two_link"
     assert "objective" in done.stdout
     assert "v.elbow" in done.stdout
     assert "start 1: " in done.stdout

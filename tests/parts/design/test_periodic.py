@@ -108,6 +108,8 @@ def test_what_has_no_periodic_motion_is_named(pendulum_urdf: str) -> None:
     with pytest.raises(SceneError, match="mass") as caught:
         tl.periodic_motion(damped, 1.0, ["bob.mass"])
     assert caught.value.argument == "vary"
+    with pytest.raises(SceneError, match="vary: expected texts, got 5"):
+        tl.periodic_motion(damped, 1.0, 5)
 
 
 HINGE = {"hinge": 2.0}

@@ -68,7 +68,7 @@ def test_own_columns_and_motors_that_move_several_joints() -> None:
 @pytest.mark.parametrize(("option", "wrong", "part"), [
     ("joint_model", "viscos", "did you mean 'viscous'"), ("joint_model", {"elbw": "viscous"}, "'elbow'"),
     ("joint_model", "stribeck:-1", "expected a velocity"), ("joint_model", 3, "expected words"),
-    ("find", ["dealy"], "did you mean 'delay'"),
+    ("find", ["dealy"], "did you mean 'delay'"), ("find", 5, "find: expected texts, got 5"),
 ])  # fmt: skip
 def test_models_and_parts_of_the_setup_that_do_not_exist_are_refused(option: str, wrong: object, part: str) -> None:
     with pytest.raises(QueryError, match=part):

@@ -119,7 +119,7 @@ def optimize(
                      out=keep, progress=report)  # fmt: skip
 
     def write_one(path: Path) -> None:
-        if path.suffix == ".toml":
+        if path.suffix.lower() == ".toml":
             found.scene.save(path)
         else:
             write_by_ending(found.run, path)

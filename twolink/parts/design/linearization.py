@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
-from twolink.dynamics.arguments import array, batch_shape, configuration, instance
+from twolink.dynamics.arguments import array, batch_shape, configuration, instance, texts
 from twolink.effects.checks import check_joints, single_joints
 from twolink.effects.forces import Torque
 from twolink.errors import SceneError
@@ -285,7 +285,7 @@ def _inputs(scene: Scene, inputs: Sequence[str] | None) -> tuple[str, ...]:
     """The actuated joints."""
     if inputs is None:
         return tuple(single_joints(scene.robot))
-    joints = (inputs,) if isinstance(inputs, str) else tuple(inputs)
+    joints = texts(inputs, "inputs", SceneError, "give the names of joints")
     try:
         if joints:
             check_joints(joints, scene.robot, "inputs", dofs=True)

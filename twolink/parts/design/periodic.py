@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from twolink.dynamics.arguments import Positive, instance, positive, whole
+from twolink.dynamics.arguments import Positive, instance, positive, texts, whole
 from twolink.effects.inputs import SAME_TIME
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.equations import Equations
@@ -359,7 +359,7 @@ def _result(shooting: Shooting, shots: Shots, change: float) -> PeriodicMotion:
 
 def _directions(scene: Scene, vary: Sequence[str]) -> Array:
     """The directions (2 nv, k) of the start that `vary` names."""
-    states, names = 2 * scene.robot.nv, [vary] if isinstance(vary, str) else list(vary)
+    states, names = 2 * scene.robot.nv, texts(vary, "vary", SceneError, 'such as ["q"] or ["q.elbow", "v"]')
     if not names:
         return np.zeros((states, 0))
     try:

@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.dynamics import Robot
+from twolink.dynamics.arguments import texts
 from twolink.errors import QueryError, require_known
 from twolink.parts.identification.base_parameters import regressor
 from twolink.parts.identification.filtering import Recording
@@ -86,7 +87,7 @@ def names_of(robot: Robot) -> tuple[str, ...]:
 def setup_of(robot: Robot, find: Sequence[str]) -> Setup:
     """A setup whose words, names or patterns are looked for. Raises QueryError (code "unknown-parameter")."""
     known, names = names_of(robot), dict[str, None]()
-    for text in [find] if isinstance(find, str) else find:
+    for text in texts(find, "find", QueryError, "such as 'delay' or ['zero', 'delay']"):
         fitting = [name for name in known if fnmatchcase(name, WORDS.get(text, text))]
         if not fitting:
             require_known(text, [*WORDS, *known], QueryError, "nothing of the setup is called {!r}", argument="find",
