@@ -15,7 +15,7 @@ from twolink.effects.effect import Effect, Loads, NotNegative, all_finite, finit
 from twolink.effects.inputs import Slot
 from twolink.effects.sampled_control import STATE, Controller, Seconds
 from twolink.errors import SceneError
-from twolink.io.networks import Network, read_network
+from twolink.io.networks import Network, file_digest, read_network
 
 Array = np.ndarray[Any, np.dtype[Any]]
 Numbers = Any  # a float, or a tuple of floats
@@ -134,6 +134,8 @@ class Policy(Effect, frozen=True, dict=True):
         s, as those of `Controller`, whose offset is the start.
     seed : int
         Of the jitter.
+    content : str
+        The SHA-256 of the file: another content is refused. Empty: any; sweeps note what they began with.
     inputs : tuple of str or Observed
         The observation, part by part.
     outputs : tuple of str
@@ -172,11 +174,16 @@ class Policy(Effect, frozen=True, dict=True):
     delay: Seconds = 0.0
     jitter: Seconds = 0.0
     seed: int = 0
+    content: str = ""
 
     @functools.cached_property
     def network(self) -> Network:
         """The network of the file. Raises as `read_network`."""
-        return read_network(self.file)
+        return read_network(self.file, self.content)
+
+    def pinned(self) -> "Policy":
+        """The policy with the content that its file has now."""
+        return msgspec.structs.replace(self, content=file_digest(self.file))
 
     @property
     def observed(self) -> list[Observed]:

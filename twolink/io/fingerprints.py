@@ -70,7 +70,7 @@ def joint_poses(model: pin.Model, q: np.ndarray) -> list[pin.SE3]:
     return poses
 
 
-def model_digest(model: pin.Model) -> str:
+def model_digest(model: pin.Model, *, whole: bool = False) -> str:
     """A digest of what moves, for files that name a robot; gravity does not count.
 
     Numbers count to nine digits of the largest entry of their array, so that another build of the URDF parser gives
@@ -80,6 +80,8 @@ def model_digest(model: pin.Model) -> str:
     ----------
     model : pin.Model
         Joints count by name, type, axis and placement, bodies by their inertia.
+    whole : bool
+        Losses and limits of joints, mimic joints and frames count too: effects may act by them.
 
     Returns
     -------
@@ -87,11 +89,15 @@ def model_digest(model: pin.Model) -> str:
         32 hexadecimal digits.
     """
     digest = hashlib.sha256(_structure(model).encode())
-    for values in _constants(model):
+    frames = [frame.placement.homogeneous for frame in model.frames] if whole else []
+    for values in (*_constants(model), *frames):
         largest = float(np.abs(values).max(initial=0.0))
         scaled = np.round(values / largest, 9) + 0.0 if largest > 0 else np.zeros_like(values)  # + 0.0: no -0.0
         digest.update(f"{largest:.9g}".encode())
         digest.update(np.ascontiguousarray(scaled, dtype="<f8").tobytes())
+    if whole:
+        of_joints = [getattr(model, name).tolist() for name in OF_JOINTS]
+        digest.update(repr((of_joints, _mimics(model), [(f.name, f.parentJoint) for f in model.frames])).encode())
     return digest.hexdigest()[:32]
 
 
@@ -145,10 +151,15 @@ def kernel_key(model: pin.Model, parts: Sequence[str]) -> str:
     digest = hashlib.sha256(repr((_environment(), tuple(parts), _structure(model))).encode())
     for values in (*_constants(model), *(getattr(model, name) for name in OF_JOINTS), model.gravity.linear):
         digest.update(np.ascontiguousarray(values).tobytes())
-    mimics = [joint.extract() for joint in model.joints if "Mimic" in joint.shortname()]
-    digest.update(repr([(repr(joint), joint.scaling, joint.offset) for joint in mimics]).encode())
+    digest.update(repr(_mimics(model)).encode())
     digest.update(repr([(f.name, f.parentJoint, f.placement.homogeneous.tolist()) for f in model.frames]).encode())
     return digest.hexdigest()[:40]
+
+
+def _mimics(model: pin.Model) -> list[tuple[str, float, float]]:
+    """The mimic joints: what they follow, by which multiplier and offset."""
+    mimics = [joint.extract() for joint in model.joints if "Mimic" in joint.shortname()]
+    return [(repr(joint), joint.scaling, joint.offset) for joint in mimics]
 
 
 def _structure(model: pin.Model) -> str:

@@ -4,6 +4,7 @@ A file is a list of operations on named arrays. Rows are independent inputs: one
 means float32, whose answers are steps of 1e-7; in double the same network is smooth, which an error bar calls for.
 """
 
+import hashlib
 import importlib.util
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -133,8 +134,13 @@ class Network(NamedTuple):
         return tuple(np.zeros((rows, *shape[:axis], *shape[axis + 1 :])) for shape, axis in self.memory)
 
 
-def read_network(path: Path | str) -> Network:
-    """Read a network from an ONNX file.
+def file_digest(path: Path | str) -> str:
+    """The SHA-256 of a file."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def read_network(path: Path | str, content: str = "") -> Network:
+    """Read a network from an ONNX file. content: its SHA-256, where it must not be another one.
 
     Its first input and output are the rows; further ones are what it keeps, in the same order. Where onnxruntime is
     installed, its answers to random inputs are compared.
@@ -151,6 +157,9 @@ def read_network(path: Path | str) -> Network:
     onnx, path = import_extra("onnx", "onnx"), Path(path)
     if not may_be_read(path):
         raise SceneError("this file may not be read", where=str(path), code="network")
+    if content and path.is_file() and (found := file_digest(path)) != content:
+        raise SceneError(f"it is another network: its SHA-256 is {found:.12} and not {content:.12}", where=str(path),
+                         remedy="give the file that was meant, or leave `content` out", code="network")  # fmt: skip
     try:
         model = onnx.load(str(path))
     except Exception as error:  # of protobuf any

@@ -94,6 +94,65 @@ def test_another_sweep_is_refused_and_the_difference_is_named(tmp_path: Path) ->
         assert part in str(caught.value)
 
 
+BAR = """<robot name="bar"><link name="w"/><link name="a"><inertial><origin xyz="0.3 0 0"/><mass value="1"/>
+    <inertia ixx="0.01" iyy="0.02" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><origin xyz="0.6 0 0"/><geometry><sphere radius="0.1"/></geometry></collision></link>
+    <joint name="j" type="revolute"><parent link="w"/><child link="a"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="2" effort="9" velocity="9"/><dynamics damping="0.5"/></joint><link name="tool"/>
+    <joint name="t" type="fixed"><parent link="a"/><child link="tool"/><origin xyz="0.5 0 0"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("edit", ["damping", "stop", "tool", "shape"])
+def test_a_robot_file_that_was_edited_is_another_sweep(edit: str, tmp_path: Path) -> None:
+    effect, old, new = {
+        "damping": (effects.JointDamping(), 'damping="0.5"', 'damping="5"'),
+        "stop": (effects.JointStops(restitution=0.5), 'upper="2"', 'upper="0.6"'),
+        "tool": (effects.FrameWrench("tool", force=(0.0, 0.0, 3.0)), 'xyz="0.5', 'xyz="1.5'),
+        "shape": (effects.Contact("ground", restitution=0.9), 'radius="0.1"', 'radius="0.5"'),
+    }[edit]
+    high = BAR.replace('<parent link="w"/>', '<parent link="w"/><origin xyz="0 0 1"/>')
+    scenes = [
+        tl.Scene(tl.load_robot(text), effects=[effects.Gravity(), effect]) for text in (high, high.replace(old, new))
+    ]
+    ends = [tl.simulate(scene, 0.6).q[-1, 0] for scene in scenes]
+    assert abs(ends[1] - ends[0]) > 0.05
+    swept(tmp_path / "x.zarr", {"v.j": [0.0]}, scenes[0], duration=0.6)
+    with pytest.raises(SceneError, match=r"scene\.robot\.content was"):
+        swept(tmp_path / "x.zarr", {"v.j": [0.0, 0.1]}, scenes[1], duration=0.6)
+
+
+class Push:
+    """A law whose torque is a state of its object."""
+
+    def __init__(self, torque: float) -> None:
+        self.torque = torque
+
+    def law(self, _t: float, _y: object, state: object) -> tuple[np.ndarray, object]:
+        return np.array([self.torque, 0.0]), state
+
+
+def test_a_controller_that_was_changed_is_another_sweep(tmp_path: Path) -> None:
+    weak, strong = (tl.Scene(ARM.base, effects=[effects.Controller(Push(x).law, 0.05)]) for x in (1.0, 2.0))
+    first = swept(tmp_path / "x.zarr", {"v.elbow": [0.0]}, weak, duration=0.2)
+    again = swept(tmp_path / "x.zarr", {"v.elbow": [0.0]}, tl.Scene(weak.base, effects=weak.effects), duration=0.2)
+    assert again.equals(first)
+    with pytest.raises(SceneError, match=r"effects\[0\]\.update\.content was"):
+        swept(tmp_path / "x.zarr", {"v.elbow": [0.0, 0.1]}, strong, duration=0.2)
+
+
+def test_a_network_that_was_trained_again_is_another_sweep(tmp_path: Path) -> None:
+    written, ends, file = pytest.importorskip("tests.effects.test_policies").written, [], tmp_path / "x.onnx"
+    for push in (1.0, 2.0):
+        weights = {"w": np.zeros((4, 2)), "b": [push, 0.0]}
+        written(file, [("Gemm", "x w b", "y", {})], weights, {"x": [1, 4]}, {"y": [1, 2]})
+        scene = tl.Scene(ARM.base, effects=[effects.Policy(str(file), 0.05)])
+        ends.append(swept(tmp_path / f"{push}.zarr", {"v.elbow": [0.0]}, scene, duration=0.2).q.values[0])
+        assert ends[-1] == pytest.approx(tl.simulate(scene, 0.2).q[-1], abs=1e-9)
+    assert abs(ends[1] - ends[0]).max() > 1e-3
+    with pytest.raises(SceneError, match=r"effects\[0\]\.content was"):
+        swept(tmp_path / "1.0.zarr", {"v.elbow": [0.0, 0.1]}, scene, duration=0.2)
+
+
 def test_a_larger_grid_computes_the_new_runs_only(tmp_path: Path) -> None:
     swept(tmp_path / "x.zarr", chunk=2)
     done: list[int] = []

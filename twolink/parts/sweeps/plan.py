@@ -2,6 +2,7 @@
 
 import functools
 import hashlib
+import inspect
 import json
 import math
 import pickle
@@ -16,12 +17,14 @@ import msgspec
 from twolink._version import __version__
 from twolink.dynamics.arguments import whole
 from twolink.dynamics.robot_record import robot_notes
-from twolink.effects.effect import plain
+from twolink.effects.effect import Effect, plain
+from twolink.effects.policies import Policy
 from twolink.errors import SceneError
-from twolink.io.fingerprints import processor, versions
+from twolink.io.fingerprints import model_digest, processor, versions
 from twolink.parts.sweeps.design import OF_VARIANTS, Block, Design, block_shape
-from twolink.parts.sweeps.outputs import OutputVariable, Request, variables
+from twolink.parts.sweeps.outputs import OutputVariable, Request, function_of, variables
 from twolink.parts.sweeps.runs import Columns, SweepTask, ways
+from twolink.robots.collisions import read_solids
 from twolink.scenes import Scene
 
 LIBRARIES = ("pin", "numpy", "scipy", "zarr", "xarray")
@@ -60,7 +63,8 @@ class SweepPlan:
         request, design = self.request, self.design
         return {"scene": scene_record(self.scene), "design": design.kind, "vary": sorted(design.values),
                 "seed": design.seed, "duration": request.duration, "accuracy": request.accuracy,
-                "outputs": list(request.outputs), "t_eval": list(request.t_eval), "verify": request.verify}  # fmt: skip
+                "outputs": list(request.outputs), "functions": [_content(function_of(x)) for x in request.functions],
+                "t_eval": list(request.t_eval), "verify": request.verify}  # fmt: skip
 
     @functools.cached_property
     def _scene(self) -> tuple[str, bytes]:
@@ -101,6 +105,9 @@ def make_plan(scene: Scene, design: Design, request: Request, chunk: int | None)
         chunk = max(1, min(most, max(least, -(-design.runs // PARTS)), MAX_NUMBERS // numbers))
     else:
         chunk = whole(chunk, "chunk", SceneError, "such as 1000", 1)
+    effects = tuple(map(_pinned, scene.effects))
+    if any(pinned is not effect for pinned, effect in zip(effects, scene.effects, strict=True)):
+        scene = scene.with_effects(effects)
     return SweepPlan(scene, design, request, block_shape(design.shape, chunk))
 
 
@@ -122,24 +129,60 @@ def _ways(scene: Scene, request: Request, design: Design, runs: int) -> dict[str
 
 
 def scene_record(scene: Scene) -> dict[str, Any]:
-    """A scene as plain data: its robot's notes, its state and its effects. Functions are named by their module.
+    """A scene as plain data: its robot's notes and content, its state and its effects.
 
-    Raises SceneError for a function that has no name to be found by.
+    Functions are named by their module, with a digest of their text and of the object whose methods they are. Raises
+    SceneError for a function that has no name to be found by.
     """
-    effects = [msgspec.to_builtins(effect, enc_hook=_named) for effect in scene.effects]
-    return {"robot": robot_notes(scene.base), "q": scene.q.tolist(), "v": scene.v.tolist(),
-            "effects": json.loads(json.dumps(effects))}  # fmt: skip
+    robot, visuals = scene.base, scene.base.visuals
+    shapes = read_solids(visuals.text, visuals.collision_meshes, ""), sorted(map(sorted, visuals.srdf.apart))
+    notes = robot_notes(robot) | {"content": _digest(model_digest(robot.model, whole=True), repr(shapes))}
+    return {"robot": notes, "q": scene.q.tolist(), "v": scene.v.tolist(),
+            "effects": json.loads(json.dumps([_effect_record(effect) for effect in scene.effects]))}  # fmt: skip
+
+
+def _pinned(effect: Effect) -> Effect:
+    """The effect, whose network must not become another one while it is run."""
+    if isinstance(effect, Policy):
+        return effect.pinned()
+    inner = getattr(effect, "of", None)
+    return msgspec.structs.replace(effect, of=_pinned(inner)) if isinstance(inner, Effect) else effect
+
+
+def _effect_record(effect: Effect) -> dict[str, Any]:
+    """An effect as plain data, with the text of its class where that is not of twolink."""
+    table: dict[str, Any] = msgspec.to_builtins(effect, enc_hook=_named)
+    if not type(effect).__module__.startswith("twolink."):
+        table["class"] = _named(type(effect))
+    if isinstance(inner := getattr(effect, "of", None), Effect):
+        table["of"] = _effect_record(inner)
+    return table
 
 
 def _named(value: Any) -> Any:
-    """NumPy's numbers as Python's, and functions by module and name."""
+    """NumPy's numbers as Python's, and functions by module and name, with a digest of what they are."""
     name = getattr(value, "__qualname__", "")
     if callable(value):
         if not name or "<" in name:
             raise SceneError("a function in an effect has no name that workers find it by", argument="scene",
                              remedy="define it in a module")  # fmt: skip
-        return f"{value.__module__}:{name}"
+        return {"name": f"{value.__module__}:{name}", "content": _content(value)}
     return plain(value)
+
+
+def _content(function: Any) -> str:
+    """A digest of the text of a function or class; of a method that of its object's class, and the object's state."""
+    own = function.__self__ if inspect.ismethod(function) else None
+    try:
+        text = inspect.getsource(function if own is None else type(own))
+    except (OSError, TypeError):  # typed in, or compiled
+        text = ""
+    return _digest(text, pickle.dumps(own))
+
+
+def _digest(*parts: str | bytes) -> str:
+    """A digest of texts and bytes."""
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
 
 
 def difference(old: Any, new: Any, path: str = "") -> str:
