@@ -59,7 +59,8 @@ class Worlds(BaseResult, Plotted):
         The velocities there.
     events : tuple of tuple of Event
         What happened in each world, where the scene has events. A world that an event ended has its state at that event
-        in q and v, and NaN in the samples behind it.
+        in q and v, and NaN in the samples behind it. Of worlds in a batch there are none: when limits of effort are
+        reached is told by `simulate`, and by sweeps that are asked for events.
     ends : ndarray (n,)
         When each world ended, s: t, or before it at an event.
     scene : Scene

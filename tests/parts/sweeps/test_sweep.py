@@ -203,6 +203,19 @@ def test_a_function_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert (open_sweep(tmp_path / "z.zarr").status == 0).all()
 
 
+def test_limits_of_effort_are_events_as_simulate_has_them(tmp_path: Path) -> None:
+    limited = effects.PID({"elbow": 0.2}, kp={"elbow": 30.0}, effort={"elbow": 2.0})
+    scene = tl.Scene(ARM.base, effects=[effects.Gravity(), limited], duration=0.4)
+    data = swept(tmp_path / "x.zarr", {"q.elbow": ELBOWS}, scene, duration=0.4, outputs=["final", "events"])
+    for i, elbow in enumerate(ELBOWS):
+        run = tl.simulate(tl.Scene(ARM.base, {"elbow": elbow}, effects=scene.effects), 0.4)
+        np.testing.assert_allclose(data.q.values[i], run.q[-1], atol=2e-6)
+        times = [event["t"] for event in json.loads(str(data.events.values[i]))]
+        np.testing.assert_allclose(times, [event.t for event in run.events], atol=1e-5)
+        assert data.event_count.values[i] == len(times)
+    assert data.event_count.values.sum() > 2
+
+
 def test_runs_are_reproducible_from_the_first_one_on(tmp_path: Path) -> None:
     data = swept(tmp_path / "x.zarr", {"q.elbow": [0.1]}, outputs=["tests.parts.sweeps.run_functions:reproducible"])
     assert data.reproducible.values.tolist() == [1.0]
