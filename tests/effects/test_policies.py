@@ -114,6 +114,8 @@ def test_the_angle_of_a_continuous_joint_is_that_of_a_revolute_one(tmp_path: Pat
     np.testing.assert_allclose([run.tau[0, 0] for run in runs], -6.0)
     np.testing.assert_allclose(continuous, revolute, atol=1e-5)
     assert np.ptp(revolute) > 1.0
+    with pytest.raises(SceneError, match="kp: joint 'axle' is continuous"):  # its first coordinate is no angle
+        tl.Scene(tl.load_robot(text.format("continuous")), effects=[fx.Policy(str(file), 0.02, kp={"axle": 10.0})])
 
 
 def arm(policy: Any, **fields: Any) -> tl.Scene:
@@ -203,6 +205,8 @@ def test_a_quadruped_walks_on_its_observations(tmp_path: Path) -> None:
     ({"scale": (1.0, 2.0, 3.0)}, "expected 2 numbers, got 3"), ({"kp": {"knee": 1.0}}, "knee"),
     ({"inputs": ("joint_pos", "joint_vel", "lastaction")}, "lastaction"),
     ({"inputs": ("joint_pos", "joint_vel", "base_lin_vel")}, "base is fixed"), ({"period": 0.0}, "above 0 s"),
+    ({"kp": {"shoulder": 1.0}}, "no kp for joint 'elbow'"), ({"kd": {"elbow": 1.0}}, "no kp for joint 'shoulder'"),
+    ({"content": "0" * 64}, "another network"),
 ])  # fmt: skip
 def test_what_does_not_fit_is_refused_by_name(tmp_path: Path, fields: Any, words: str) -> None:
     given = {"period": 0.02, "inputs": ("joint_pos", "joint_vel", "last_action")} | fields

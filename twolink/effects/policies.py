@@ -9,7 +9,7 @@ import numpy as np
 
 from twolink.algorithms.motion import KinematicState
 from twolink.dynamics import Robot
-from twolink.effects.checks import check_joints, check_subset, single_joints
+from twolink.effects.checks import check_effect, check_joints, check_subset, single_joints
 from twolink.effects.controllers import JointPD, Limits
 from twolink.effects.effect import Effect, Loads, NotNegative, all_finite, finite
 from twolink.effects.inputs import Slot
@@ -145,7 +145,7 @@ class Policy(Effect, frozen=True, dict=True):
     clip : (float, float) or None
         Of the actions, before they are scaled.
     kp, kd : mapping of joint to float
-        N m/rad or N/m, and N m s/rad or N s/m.
+        N m/rad or N/m, of all driven joints, which are not continuous; and N m s/rad or N s/m, 0 by default.
     limit : mapping of joint to float, "urdf" or None
         Of the torques, N m or N.
 
@@ -207,10 +207,10 @@ class Policy(Effect, frozen=True, dict=True):
         """Require a network that fits the observation and the joints."""
         self.sampled.check(robot)
         joints = self.sampled.joints(robot)
-        for name in ("kp", "kd"):
-            check_subset(getattr(self, name), joints, name, "driven joint")
-        if self.kp:
-            JointPD(dict.fromkeys(joints, 0.0), self.kp, self.kd, effort=self.limit).check(robot)
+        if self.kp or self.kd:
+            check_subset(self.kp, joints, "kp", "driven joint")
+            check_joints(joints, robot, "kp", coordinates=True)  # the angle of a continuous joint would jump at pi
+            check_effect(JointPD(dict.fromkeys(joints, 0.0), self.kp, self.kd, effort=self.limit), robot)
         for name in ("scale", "offset"):
             _check_size(getattr(self, name), len(joints), name)
         sizes = [_size(one, robot, len(joints), f"inputs[{i}]") for i, one in enumerate(self.observed)]
