@@ -152,6 +152,16 @@ def test_a_function_of_what_a_variable_moves_unseen_is_found_out() -> None:
     assert (vz - np.sqrt(vz**2 - 2 * G * 0.1)) / G == pytest.approx(0.03, abs=1e-4)
 
 
+def test_a_file_of_another_function_of_the_same_name_is_refused(tmp_path: Path) -> None:
+    asked = {"duration": 0.3, "wrt": {"v.elbow": (-1.0, 1.0)}, "starts": 1, "curvature": False}
+    first, out = tl.optimize(arm(), objective=lambda run: run.q[-1, 0], **asked), tmp_path / "search.json"
+    for _ in range(2):  # written, and gone on from
+        assert tl.optimize(arm(), objective=lambda run: run.q[-1, 0], out=out, **asked).values == first.values
+    with pytest.raises(SceneError, match="its functions give") as caught:
+        tl.optimize(arm(), objective=lambda run: run.q[-1, 1] ** 2 + 3.0, out=out, **asked)
+    assert caught.value.code == "another-search"
+
+
 @pytest.mark.slow
 def test_a_search_goes_on_from_its_file_with_the_same_result(tmp_path: Path) -> None:
     scene, wrt, out = thrown(), {"v.x": (0.5, 3.0), "v.z": (0.5, 3.0)}, tmp_path / "search.json"

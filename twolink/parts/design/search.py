@@ -182,6 +182,18 @@ class MultiStart:
             self.known[x.tobytes()] = Evaluation(x, values, gradients, row["by"], row["simulations"], row["seconds"])
             self.evaluate.simulations += row["simulations"]
             self.earlier += row["seconds"]
+        if self.known:
+            self._require_same(min(self.known.values(), key=lambda one: self.sign * one.values[0]), path)
+
+    def _require_same(self, one: Evaluation, path: Path) -> None:
+        """Require that the functions still give what a file has: their names do not tell what they compute."""
+        evaluate, scene = self.evaluate, self.evaluate.variables.scene_at(one.x)
+        run = evaluate.along(scene, evaluate.variables.names)[0] if one.by == BY_SENSITIVITIES else evaluate.run(scene)
+        now = evaluate.values_of(run)
+        if not np.abs(now - one.values).max() <= 10.0 * evaluate.accuracy * (1.0 + np.abs(one.values)).max():
+            raise SceneError(f"it holds another search: its functions give {one.values.tolist()} where these give "
+                             f"{now.tolist()}", argument="out", where=str(path), remedy="give another file",
+                             code="another-search")  # fmt: skip
 
 
 def starting_points(own: np.ndarray, count: int, seed: int) -> np.ndarray:
