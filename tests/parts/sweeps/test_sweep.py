@@ -164,6 +164,18 @@ def test_a_larger_grid_computes_the_new_runs_only(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".x") and path.suffix != ".lock"] == []
 
 
+def test_a_grid_goes_on_in_another_order_of_what_varies(tmp_path: Path) -> None:
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    swept(tmp_path / "x.zarr", chunk=1, progress=stop)
+    turned = dict(reversed(GRID.items()))
+    more = turned | {"q.elbow": [*ELBOWS, 0.6]}
+    whole, data = (swept(tmp_path / "x.zarr", vary, chunk=1) for vary in (turned, more))
+    assert whole.equals(swept(tmp_path / "y.zarr"))
+    assert data.equals(swept(tmp_path / "z.zarr", dict(reversed(more.items()))))
+
+
 def test_another_machine_that_goes_on_is_in_the_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def stop(*_: object) -> None:
         raise KeyboardInterrupt

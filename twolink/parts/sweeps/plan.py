@@ -1,5 +1,6 @@
 """The plan of a sweep: what is run, in which blocks, and the record by which a store knows its sweep and its origin."""
 
+import dataclasses
 import functools
 import hashlib
 import inspect
@@ -8,7 +9,7 @@ import math
 import pickle
 import platform
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,6 +79,12 @@ class SweepPlan:
     def task_of(self, values: Columns) -> SweepTask:
         """Runs with these values (n,) by name."""
         return SweepTask(*self._scene, self.request, self.design.quantities, values)
+
+    def ordered(self, names: Sequence[str]) -> "SweepPlan":
+        """The plan with the dimensions of its grid in the order of these names."""
+        values, sizes = self.design.values, dict(zip(self.design.values, self.sizes, strict=True))
+        design = dataclasses.replace(self.design, values={name: values[name] for name in names})
+        return dataclasses.replace(self, design=design, sizes=tuple(sizes[name] for name in names))
 
     @property
     def first(self) -> SweepTask:

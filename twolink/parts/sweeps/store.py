@@ -123,6 +123,8 @@ def open_store(path: Path, plan: SweepPlan) -> SweepStore:
     if text:
         raise SceneError(f"it belongs to another sweep: {text}", where=str(path), code="another-sweep",
                          remedy="give another path, or the same scene and settings")  # fmt: skip
+    if plan.design.kind == "grid":
+        plan = plan.ordered(group["status"].metadata.dimension_names)
     find = _places if plan.design.kind == "grid" else _first_places
     places = [find(path, name, np.asarray(group[name][:]), new) for name, new in plan.design.values.items()]
     places = places[: len(plan.design.shape)]
