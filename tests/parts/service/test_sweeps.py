@@ -221,3 +221,13 @@ def test_sweeps_are_sent_to_a_cluster_and_go_on_after_it_was_lost(tmp_path: Path
         after = marks(tmp_path / "data")
         assert {file: after[file] for file in before} == before
         assert len(after) > len(before)
+
+
+def test_samples_are_drawn_in_the_order_that_was_given(served: Served, tmp_path: Path) -> None:
+    asked = {"vary": {"v.shoulder": {"uniform": [0.0, 1.0]}, "q.elbow": {"normal": [0.0, 1.0]}}, "design": "random",
+             "count": 4, "seed": 3, "duration": 0.1}  # fmt: skip
+    there = tl.connect(served.url).sweep("arm-swing", out=tmp_path / "x.zarr", **asked)
+    here = tl.sweep(tl.load_scene("arm-swing"), out=tmp_path / "y.zarr", executor=ThreadPoolExecutor(1), **asked)
+    for name in asked["vary"]:
+        assert np.array_equal(there[name], here[name]), name
+    np.testing.assert_allclose(there.q, here.q, atol=1e-6)

@@ -167,7 +167,7 @@ JOB_KINDS = {
 
 
 class JobRequest(msgspec.Struct, frozen=True):
-    """A request for a job as the service keeps it. content: its JSON without `wait`, fields in order.
+    """A request for a job as the service keeps it. content: its JSON without `wait`.
 
     key: the id of the job, which depends on the content alone and on what computes its result (`version_key`).
     """
@@ -188,7 +188,7 @@ def prepare(*, kind: str, body: bytes, ids: str = "") -> JobRequest:
     request = decode_unique(body, JOB_KINDS[kind].request)
     fields = msgspec.to_builtins(request)
     del fields["wait"]
-    content = msgspec.json.encode(fields, order="sorted")
+    content = msgspec.json.encode(fields)  # in the order that was given: samples are drawn in that of `vary`
     digest = hashlib.sha256((version_key() + ids).encode() + content).hexdigest()
     return JobRequest(f"{kind}-{digest[:20]}", request.wait, content)
 
