@@ -117,6 +117,18 @@ def test_a_curve_ends_a_simulation() -> None:
     assert sim.t == 0.5
 
 
+def test_a_curve_beside_events_is_followed_and_ends() -> None:
+    torque = E.Torque({"elbow": E.Bezier((0.0, 0.0, 0.0, 2.0, 2.0, 2.0), 0.5)})
+    scene = tl.Scene(ARM, effects=[torque, E.JointStops({"elbow": (-0.1, 0.05)}, restitution=0.5)], duration=0.5)
+    sim, run = tl.Simulation(scene, accuracy=1e-9), tl.simulate(scene, accuracy=1e-9)
+    for _ in range(5):
+        state = sim.step(0.1)
+    assert [event.kind for event in sim.events] == [event.kind for event in run.events] != []
+    np.testing.assert_allclose(state.q, run.q[-1], atol=1e-7)
+    with pytest.raises(tl.errors.SceneError, match=r"a curve ends at 0\.5 s, the run at 0\.6"):
+        sim.step(0.1)
+
+
 def test_an_event_before_the_end_of_a_curve_is_found() -> None:
     curve = E.Bezier((0.0, 0.0, 0.0, 2.0, 2.0, 2.0), 1.0)
     scene = tl.Scene(ARM, effects=[E.Torque({"elbow": curve})], duration=1.0)

@@ -81,7 +81,8 @@ class Engine:
     def _begin(self) -> list[float]:
         """Find the mode at the start. Returns the times at which segments end."""
         run = self.run
-        self.whole.require(run.t, self.end)
+        if self.end < math.inf:  # else who asks for a step says how far
+            self.whole.require(run.t, self.end)
         run.require_room("the start")
         run.resolve_mode()
         run.events.clear()  # the mode at the start is no event
