@@ -193,6 +193,11 @@ class Simulation:
         return self._motion.t
 
     @property
+    def ended(self) -> bool:
+        """Whether an event has ended the motion."""
+        return bool(self._motion.ended)
+
+    @property
     def events(self) -> Sequence[Event]:
         """The located events so far, and with `verify` ambiguous ticks and from when a loop is unstable."""
         loop = self._loop if self._verify else None
@@ -247,7 +252,7 @@ class Simulation:
             motion.hold(x)
         if not (isinstance(dt, float | int | np.number) and 0.0 < dt < math.inf):
             dt = positive(dt, "dt", SceneError, "a time in s")
-        if motion.ended:
+        if self.ended:
             raise SceneError("an event has ended the motion", where=f"t = {motion.t:.9g} s", code="motion-ended",
                              remedy="look at events; then restore, or set_state")  # fmt: skip
         end = float(motion.t + dt)

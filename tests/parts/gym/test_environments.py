@@ -58,6 +58,26 @@ def test_a_world_that_ends_early_says_so() -> None:
     assert any(env.step(np.zeros(2))[2] for _ in range(100))
 
 
+def test_an_event_that_ends_the_motion_is_terminal() -> None:
+    fx = tl.effects
+    fallen = fx.Watch("fallen", when=fx.JointReaches("shoulder", -0.5), stop=True)
+    scene = tl.Scene(SWING.base, SWING.q, SWING.v, [*SWING.effects, fallen], duration=2.0)
+    env, end = Environment(scene, reward, period=0.05), tl.simulate(scene).t[-1]
+    for _ in range(2):
+        env.reset(seed=0)
+        ends = [env.step(np.zeros(2)) for _ in range(int(end / 0.05) + 1)]
+        assert [one[2] for one in ends] == [False] * (len(ends) - 1) + [True]
+        assert ends[-1][4]["t"] == pytest.approx(end, abs=1e-5)
+        assert ends[-1][0][0] == pytest.approx(-0.5, abs=1e-6)
+
+
+def test_a_free_base_has_the_limits_of_joints_without_effort() -> None:
+    robot = tl.load_robot("go1", root="free")
+    env = Environment(tl.Scene(robot, effects=[tl.effects.Gravity()]), reward)
+    np.testing.assert_array_equal(env.action_space.high[:6], 1.0)
+    assert (np.abs(env.action_space.sample()) <= env.action_space.high).all()
+
+
 def test_events_are_located_in_one_environment_and_refused_in_a_batch() -> None:
     ball = tl.load_scene("bouncing-ball")
     env = Environment(ball, reward, period=0.6)
@@ -102,6 +122,12 @@ def test_unknown_options_and_seeds_that_do_not_fit_are_refused() -> None:
         Environment(SWING, reward).reset(options={"p": 1})
     with pytest.raises(tl.errors.SceneError, match="3 seeds for 2 worlds"):
         VectorEnvironment(SWING, reward, 2).reset(seed=[1, 2, 3])
+    worlds = VectorEnvironment(SWING, reward, 2)
+    worlds.reset(seed=[1, None])
+    with pytest.raises(tl.errors.SceneError, match=r"expected shape \(2, 2\), got \(2,\)"):
+        worlds.step(np.zeros(2))
+    with pytest.raises(tl.errors.SceneError, match=r"expected shape \(2,\), got \(3,\)"):
+        Environment(SWING, reward).step(np.zeros(3))
 
 
 @pytest.mark.parametrize("accuracy", [1e-6, 1e-9])

@@ -47,7 +47,8 @@ class Task:
     observe : callable, optional
         state -> array; by default q and v.
     terminated : callable, optional
-        state -> bool, whether the episode ends there; by default it does not before the scene's duration.
+        state -> bool, whether the episode ends there, as it does at an event that ends the motion; by default it does
+        not before the scene's duration.
     start : callable, optional
         random generator -> (q, v); by default the scene's own start.
     limit : array_like (nv,), optional
@@ -75,7 +76,7 @@ class Task:
         self.terminated = terminated or (lambda _: False)
         self.start = start or (lambda _: (scene.q, scene.v))
         effort, nv = np.asarray(scene.robot.model.effortLimit), scene.robot.nv
-        self.limit = np.where(np.isfinite(effort) & (effort > 0.0), effort, EFFORT)
+        self.limit = np.where((effort > 0.0) & (effort < np.finfo(float).max), effort, EFFORT)  # that of a free base
         if limit is not None:
             self.limit = one("limit", np.full(nv, limit) if np.ndim(limit) == 0 else limit, nv)
             positive(self.limit.min(initial=np.inf) if nv else 1.0, "limit", SceneError, "largest torques, N m or N")
@@ -93,9 +94,13 @@ class Task:
         chosen = dict(zip("qv", self.start(random), strict=True)) | dict(options or {})
         return chosen["q"], chosen["v"]
 
-    def torques(self, action: Any) -> Array:
-        """The torques of actions, within their limits."""
-        tau: Array = np.minimum(np.maximum(np.asarray(action, dtype=float), -self.limit), self.limit)
+    def torques(self, action: Any, *worlds: int) -> Array:
+        """The torques of actions (nv,), or (worlds, nv), within their limits. Raises SceneError for another shape."""
+        given, shape = np.asarray(action, dtype=float), (*worlds, *self.limit.shape)
+        if given.shape != shape:
+            raise SceneError(f"expected shape {shape}, got {given.shape}", argument="action",
+                             remedy="a torque of each degree of freedom")  # fmt: skip
+        tau: Array = np.minimum(np.maximum(given, -self.limit), self.limit)
         return tau
 
     def outcome(self, state: State, action: Array) -> tuple[Array, float, bool, bool]:
@@ -145,10 +150,11 @@ class Environment(gymnasium.Env[Array, Array]):
         return np.asarray(self.task.observe(self.simulation.state), dtype=float), {}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Act for a period."""
+        """Act for a period. An event that ends the motion is terminal."""
         tau = self.task.torques(action)
         state = self.simulation.step(self.task.period, tau)
-        return *self.task.outcome(state, tau), {"t": state.t}
+        seen, reward, terminated, truncated = self.task.outcome(state, tau)
+        return seen, reward, terminated or self.simulation.ended, truncated, {"t": state.t}
 
 
 class VectorEnvironment(gymnasium.vector.VectorEnv[Array, Array, Array]):
@@ -193,7 +199,7 @@ class VectorEnvironment(gymnasium.vector.VectorEnv[Array, Array, Array]):
         """
         if seed is not None:
             seeds = seed + np.arange(self.num_envs) if np.ndim(seed) == 0 else seed
-            self._random = [gymnasium.utils.seeding.np_random(int(one))[0] for one in seeds]
+            self._random = [gymnasium.utils.seeding.np_random(one if one is None else int(one))[0] for one in seeds]
         if len(self._random) != self.num_envs:
             raise SceneError(f"{len(self._random)} seeds for {self.num_envs} worlds", argument="seed",
                              remedy="one, or one of each")  # fmt: skip
@@ -202,7 +208,7 @@ class VectorEnvironment(gymnasium.vector.VectorEnv[Array, Array, Array]):
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Act for a period in every world."""
-        state, rows, tau = self._state, self._map.rows, self.task.torques(actions)
+        state, rows, tau = self._state, self._map.rows, self.task.torques(actions, self.num_envs)
         again = np.flatnonzero(self._ended)
         state[self._torques], state[rows.end] = tau.T, state[rows.time] + self.task.period
         state[rows.end, again], before = state[rows.time, again], state[rows.step].copy()
