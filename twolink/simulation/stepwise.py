@@ -194,7 +194,7 @@ class Simulation:
 
     @property
     def ended(self) -> bool:
-        """Whether an event has ended the motion."""
+        """True if an event has ended the motion."""
         return bool(self._motion.ended)
 
     @property
