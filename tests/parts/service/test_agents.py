@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.urdf_text import joint, link, robot_of
 from twolink.dynamics.queries import QUERIES
 
 
@@ -93,6 +94,24 @@ def test_simulate_has_a_bar_progress_and_files(tmp_path: Path) -> None:
                        ("judge", {"scene": "pendulum-friction", "log": "a.mcap"}))  # fmt: skip
     assert data(again)["data"]["right"] is True
     assert wrong.structured_content["code"] == "not-a-trajectory"
+
+
+def test_a_file_that_was_edited_is_read_anew(tmp_path: Path) -> None:
+    given, server = {"robot": "x.urdf", "what": "gravity-torque", "arguments": {"q": [0.0]}}, server_of(tmp_path)
+    for mass in (1.0, 5.0):
+        text = robot_of(link("a", mass), joint("x", "prismatic", "ground", "a", "0 0 1"))
+        (tmp_path / "x.urdf").write_text(text)
+        found, loaded = ask(tmp_path, ("query", given), ("load_robot", {"robot": "x.urdf"}), server=server)
+        assert data(found)["data"]["results"]["g"] == pytest.approx([9.81 * mass])
+        assert data(loaded)["data"]["mass"] == mass
+
+
+def test_a_judge_says_that_a_stepped_solution_is_an_estimate(tmp_path: Path) -> None:
+    run = tl.simulate(tl.load_scene("box-stack"), 0.1)
+    run.save(tmp_path / "x.csv")
+    answer = data(ask(tmp_path, ("judge", {"scene": "box-stack", "log": "x.csv"}))[0])
+    assert answer["bound"] == run.bound == "estimated"
+    assert answer["data"]["right"]
 
 
 @pytest.mark.slow

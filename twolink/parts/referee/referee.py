@@ -220,7 +220,7 @@ def verdict_of(scene: Scene, log: TrajectoryLog, run: Trajectory, tolerance: flo
     answer: Answer = "wrong" if wrong else "not known" if unknown else "right"
     verdict = Verdict(answer, since, most, run.t, distance, bar, float(digits[0].max()), beyond, velocity, None, energy,
                       violations(scene, log), (), None, (), scene.title or scene.robot.name,
-                      unit=unit_of(scene.robot.joints))  # fmt: skip
+                      unit=unit_of(scene.robot.joints), bound=run.bound)  # fmt: skip
     return explained(verdict, scene, log, run, offset, units, seconds, progress)
 
 

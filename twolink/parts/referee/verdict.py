@@ -65,6 +65,8 @@ class Verdict(Plotted, BaseResult):
         Which columns of the log were taken for t, q and v, where they have other names.
     unit : str
         Of distances: "rad", "m", or "rad or m".
+    bound : {"verified", "estimated", ""}
+        Of the solution's bar, as of its run.
     """
 
     answer: Answer
@@ -85,6 +87,7 @@ class Verdict(Plotted, BaseResult):
     scene: str
     guessed: tuple[str, ...] = ()
     unit: str = "rad or m"
+    bound: str = ""
 
     @property
     def right(self) -> bool:

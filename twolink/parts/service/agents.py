@@ -162,7 +162,7 @@ class Tools:
         verdict = judge(asked, self._path(log), start=begin, tolerance=tolerance)
         data = {name: value for name, value in verdict.to_dict().items() if name not in ("t", "distance", "bar")}
         data |= {"farthest": float(verdict.distance.max())}
-        return Answer(str(verdict), data, float(verdict.bar.max()), "verified")
+        return Answer(str(verdict), data, float(verdict.bar.max()), verdict.bound)
 
     def call(self, function: Function, arguments: dict[str, Any]) -> Answer:
         """Call another function, such as equilibria with {"scene": "arm-swing", "starts": 8}.
@@ -212,9 +212,9 @@ class Tools:
         return answer
 
     def _robot(self, source: str, root: Root) -> Robot:
-        given = source if source in catalogue_names() or "<" in source else self._path(source)
+        kept = source in catalogue_names() or "<" in source  # what a file holds may be another robot next time
         with confined(self.folder, *catalogue_folders()):
-            return self._robots(given, root=root)
+            return self._robots(source, root=root) if kept else load_robot(self._path(source), root=root)
 
     def _scene(self, source: Any) -> Scene:
         if not isinstance(source, str):
