@@ -87,7 +87,7 @@ class Verdict(Plotted, BaseResult):
     scene: str
     guessed: tuple[str, ...] = ()
     unit: str = "rad or m"
-    bound: str = ""
+    bound: Literal["verified", "estimated", ""] = ""
 
     @property
     def right(self) -> bool:
