@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import twolink as tl
 from tests.command import TOP
 from tests.show.browser import Browser
 from tests.show.pieces import URDF
@@ -147,6 +148,24 @@ def test_a_configuration_between_samples_is_interpolated(arm: tuple[Any, Any], n
     t, q = motion(1.0)
     expected = [np.interp(now, t, q[:, i]) for i in range(2)]
     np.testing.assert_allclose(resample(arm[0], t, q, np.array([now]))[0], expected, atol=1e-12)
+
+
+def test_velocities_make_cubics_between_samples_but_across_jumps() -> None:
+    robot = tl.load_robot("go1", root="free")
+    q, v = robot.random_state(1, seed=3)
+    run = tl.simulate(tl.Scene(robot, q[0], v[0], [tl.effects.Gravity()]), 0.4, samples_per_second=20)
+    at = np.linspace(0.0, 0.4, 31)
+    lines, cubics = (resample(robot.model, run.t, run.q, at, given) for given in (None, run.v))
+    apart = [np.abs(robot.difference(run.at(at)[0], x)).max() for x in (lines, cubics)]
+    assert apart[0] > 1e-3
+    assert apart[1] < 1e-6
+    ball = tl.simulate(tl.load_scene("bouncing-ball"), samples_per_second=10)
+    at = np.linspace(0.0, ball.t[-1], 300)
+    bounced = resample(ball.robot.model, ball.t, ball.q, at, ball.v, [event.t for event in ball.events])
+    exact, hops = ball.at(at)[0], np.searchsorted([event.t for event in ball.events], ball.t)
+    free = (hops[1:] == hops[:-1])[np.clip(np.searchsorted(ball.t, at, side="right") - 1, 0, len(ball.t) - 2)]
+    np.testing.assert_allclose(bounced[free], exact[free], atol=1e-9)  # parabolas
+    assert np.abs(bounced - exact).max() < 0.2
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ Typed arrays are {"$array": JavaScript's class, "base64": bytes, little-endian};
 it is below the next one that no number before it has reached.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Container, Mapping, Sequence
 from typing import Any
@@ -78,7 +79,9 @@ def usual_speed(seconds: float) -> float:
     return max(factor * power for factor in (1.0, 2.0, 5.0) if factor * power <= seconds / 2.0)
 
 
-def resample(model: Any, t: Floats, q: Floats, at: Floats) -> Floats:
+def resample(
+    model: Any, t: Floats, q: Floats, at: Floats, v: Floats | None = None, jumps: Sequence[float] = ()
+) -> Floats:  # fmt: skip
     """Interpolate configurations on the manifold.
 
     Parameters
@@ -89,6 +92,10 @@ def resample(model: Any, t: Floats, q: Floats, at: Floats) -> Floats:
         The samples; t in s, increasing.
     at : array (m,)
         Times in s. Before the first sample and after the last one the motion stands still.
+    v : array (n, nv), optional
+        The velocities there: then by cubics (de Casteljau's construction), else along straight lines.
+    jumps : sequence of float
+        Times in s at which the velocity jumps: straight lines across them.
 
     Returns
     -------
@@ -97,12 +104,22 @@ def resample(model: Any, t: Floats, q: Floats, at: Floats) -> Floats:
     left = np.clip(np.searchsorted(t, at, side="right") - 1, 0, max(len(t) - 2, 0))
     if len(t) == 1:
         return np.repeat(q, len(at), axis=0)
-    share = np.clip((at - t[left]) / (t[left + 1] - t[left]), 0.0, 1.0)
+    steps, straight = np.diff(t), set(np.searchsorted(t, jumps) - 1)
+    share = np.clip((at - t[left]) / steps[left], 0.0, 1.0)
     # Quaternions from a file with few digits are not quite of unit length, so normalise what is interpolated.
     unit = {i: pin.normalize(model, q[i]) for i in {*left.tolist(), *(left + 1).tolist()}}
-    return np.array(
-        [pin.interpolate(model, unit[i], unit[i + 1], s) for i, s in zip(left.tolist(), share, strict=True)]
-    )
+
+    def between(i: int, s: float) -> Floats:
+        points = [unit[i], unit[i + 1]]
+        if v is not None and i not in straight:
+            points[1:1] = [
+                pin.integrate(model, unit[k], sign * steps[i] / 3.0 * v[k]) for k, sign in ((i, 1), (i + 1, -1))
+            ]
+        while len(points) > 1:
+            points = [pin.interpolate(model, a, b, s) for a, b in itertools.pairwise(points)]
+        return np.asarray(points[0])
+
+    return np.array([between(i, s) for i, s in zip(left.tolist(), share, strict=True)])
 
 
 _SAMPLES = 12  # configurations that tell whether a robot moves in a plane

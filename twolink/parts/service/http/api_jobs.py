@@ -181,7 +181,9 @@ async def motion(service: Shared, job: FromPath[str], frames: Frames = 600) -> R
     """{"t": [s], "links": [name], "poses": [[[x, y, z, qx, qy, qz, qw], ...a link], ...a frame]}.
 
     With "centre_of_mass": [[x, y, z], ...a frame], "direction": from a motion in a plane to the camera, else null, and
-    "contacts": [{"pair", "points" [m], "forces" [N]}], three numbers a frame, NaN where the pair is apart.
+    "contacts": [{"pair", "points" [m], "forces" [N]}], three numbers a frame, NaN where the pair is apart. Between the
+    run's samples the motion is a cubic by their velocities; it is a straight line across events, and all along where
+    contacts are stepped, nothing is verified, or the run is another simulator's.
     """
     await service.jobs.views.require_done("simulation", job)
     return await service.answer("motion", folder=str(service.store.result_folder(job)), frames=frames)

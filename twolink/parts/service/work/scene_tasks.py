@@ -240,7 +240,10 @@ def _motion(run: Trajectory, frames: int, quotas: Quotas) -> dict[str, Any]:
         what = f"{count} poses take more than {quotas.answer_mb:g} MB"
         raise Refusal(413, what, where="query: frames", remedy="ask for fewer frames")
     times = np.linspace(run.t[0], run.t[-1], frames)
-    q = run.robot.normalize(resample(run.robot.model, run.t, run.q, times))
+    known = not run.estimated and (run.error is not None or run.solution is not None)  # when v jumps: at its events
+    v = run.v if known else None
+    q = resample(run.robot.model, run.t, run.q, times, v, [event.t for event in run.events])
+    q = run.robot.normalize(q)
     poses = link_poses(run.robot, q)
     return {
         "t": times.tolist(),
