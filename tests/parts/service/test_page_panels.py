@@ -8,6 +8,7 @@ import pytest
 import twolink as tl
 from tests.parts.service.page_driver import Page
 from tests.parts.service.test_client import measured
+from twolink.scenes.parameters import parameters_of
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -26,6 +27,12 @@ def test_a_tube_shows_what_one_per_cent_of_a_mass_does(page: Page) -> None:
     for name, text in zip(names, shown, strict=True):
         assert float(text.replace("−", "-")) == pytest.approx(np.abs(found.q[name]).max(), rel=2e-3)
     assert page.colours("#sense-result canvas") > 20
+    mass = next(name for name in names if name.endswith(".mass"))
+    row = f"[...document.querySelectorAll('#sense-result tbody tr')].find(x => x.innerText.startsWith('{mass}'))"
+    change, moved = page.evaluate(f"[...{row}.children].slice(1, 3).map(x => x.innerText)")
+    assert change == f"± 1 % of {mass}"
+    least = 0.01 * np.abs(found.q[mass]).max() * parameters_of(scene)[mass].nominal
+    assert float(moved) == pytest.approx(least, rel=1e-2)
 
 
 def test_eigenvalues_tell_the_raised_arm_from_the_hanging_one(page: Page) -> None:

@@ -9,6 +9,7 @@ import httpx
 import numpy as np
 import pytest
 
+import twolink as tl
 from tests.parts.service.page_driver import READY, Page
 from tests.parts.service.serving import serving
 from tests.parts.service.test_page import VERIFIED
@@ -26,6 +27,17 @@ def test_every_control_has_a_name(page: Page) -> None:
     assert [node for node in named if node[0] in kinds and not node[1].strip()] == []
     assert len([node for node in named if node[0] == "image"]) >= 5  # the robot and four plots say what they show
     assert page.evaluate("document.querySelectorAll('h1').length") == 1
+
+
+def test_a_scene_has_its_objects(page: Page) -> None:
+    page.open("#scene=arm-pushes-box")
+    assert page.text("#scene-problem") == ""
+    page.choose("#duration", "0.2")
+    page.run()
+    job = page.evaluate("location.hash.match(/run=([^&]+)/)[1]")
+    end = httpx.get(f"{page.url}/v1/simulations/{job}", trust_env=False).json()["result"]["q"]
+    run = tl.simulate(tl.load_scene("arm-pushes-box"), 0.2)
+    np.testing.assert_allclose(end, run.q[-1], atol=1e-5)
 
 
 def test_the_plots_zoom_hide_and_move_the_robot(page: Page) -> None:

@@ -172,7 +172,8 @@ async function showStart() {
   const { robot } = robots;
   let q = robot.neutral;
   try {
-    q = (await post("/v1/scenes/validate", { scene: editor.current() })).q;
+    const { q: start } = await post("/v1/scenes/validate", { scene: editor.current() });
+    q = start.slice(0, robot.nq); // behind it are the objects
   } catch {
     /* explain says what is wrong with it */
   }

@@ -66,7 +66,7 @@ export class SceneEditor {
   set(content, robot, id, changes = {}) {
     Object.assign(this, { id, robot, base: content });
     const scene = { ...content, ...changes };
-    this.about = { robot: scene.robot, title: scene.title ?? "" };
+    this.about = { robot: scene.robot, title: scene.title ?? "", objects: scene.objects ?? [] };
     this.q = { ...scene.q };
     this.v = { ...scene.v };
     const off = new Set(changes.off ?? []);
@@ -110,7 +110,7 @@ export class SceneEditor {
       v: this.v,
       effects: this.effects.map(effect => effect.content),
     };
-    const first = { title: "", duration: 10, q: {}, v: {}, effects: [], ...this.base };
+    const first = { title: "", objects: [], duration: 10, q: {}, v: {}, effects: [], ...this.base };
     const changed = Object.entries(now).filter(([name, value]) => canonical(value) !== canonical(first[name]));
     const off = this.effects.flatMap((effect, i) => (effect.on ? [] : [i]));
     const controls = Object.entries(CONTROLS).filter(([name, value]) => byId(name).value !== value);

@@ -99,13 +99,17 @@ export class Sensitivity {
 
   /** How far a quantity is moved: one per cent, or 0.01 at the start and where it is 0. */
   #step(name) {
-    const { kind, value } = this.#rowOf(name);
-    return kind === "parameter" && value ? Math.abs(SHARE * value) : START;
+    const { value } = this.#rowOf(name);
+    return this.#byShare(name) ? Math.abs(SHARE * value) : START;
   }
 
   #change(name) {
-    const { kind, value, unit } = this.#rowOf(name);
-    return kind === "parameter" && value ? `± 1 % of ${name}` : `± ${START} ${unit} of ${name}`;
+    return this.#byShare(name) ? `± 1 % of ${name}` : `± ${START} ${this.#rowOf(name).unit} of ${name}`;
+  }
+
+  #byShare(name) {
+    const { kind, value } = this.#rowOf(name);
+    return !["q", "v"].includes(kind) && value;
   }
 
   #rowOf(name) {

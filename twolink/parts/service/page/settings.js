@@ -1,9 +1,10 @@
 // Settings of a run: the scene with its accuracy, method and precision. Two of them are compared by what they mean.
 
-const SCENE = { title: "", duration: 10, q: {}, v: {}, effects: [] }; // what a scene leaves out
+const SCENE = { title: "", objects: [], duration: 10, q: {}, v: {}, effects: [] }; // what a scene leaves out
 const RUN = { accuracy: 1e-6, method: "auto", precision: "auto", simulator: "twolink" };
 const WORDS = {
   robot: "robot",
+  objects: "objects",
   duration: "duration",
   q: "start",
   v: "start velocities",
