@@ -338,3 +338,9 @@ def test_data_that_cannot_be_used_are_refused_with_what_is_wrong(case: str) -> N
     assert caught.value.code == code
     assert isinstance(caught.value, SceneError if code == "unknown-parameter" else QueryError)
     assert caught.value.remedy
+
+
+def test_two_samples_that_no_mass_explains_are_refused_in_words() -> None:
+    swing = tl.Scene(tl.load_robot("two_link"), [1.2, 0.5], effects=[E.Gravity()], duration=0.4)
+    with pytest.raises(QueryError, match=r"do not depend on forearm\.mass"):
+        tl.fit(swing, {"t": [0.0, 0.1], "q": [[0.0, 0.0], [1.0, 1.0]]}, ["forearm.mass"])

@@ -81,6 +81,19 @@ def test_names_and_decades_keep_their_places_on_the_axes(tmp_path: Path) -> None
     np.testing.assert_allclose(_edges(np.array([0.0, 1.0, 2.0])), [-0.5, 0.5, 1.5, 2.5])
 
 
+def test_robots_in_a_list_have_places_and_one_run_has_no_figure(store: Path, tmp_path: Path) -> None:
+    vary = {"robot": ["two_link", "double_pendulum", "two_link"], "accuracy": [1e-3, 1e-4, 1e-6]}
+    data = tl.sweep(ARM, vary=vary, design="list", out=tmp_path / "x.zarr", duration=0.1, executor=HERE,
+                    outputs=["cost"])  # fmt: skip
+    (axis, _) = plot_sweep(data, variable="steps").axes
+    across = axis.get_xlabel() == "robot"
+    labels = axis.get_xticklabels() if across else axis.get_yticklabels()
+    assert [label.get_text() for label in labels] == ["two_link", "double_pendulum"]
+    np.testing.assert_array_equal(axis.collections[0].get_offsets()[:, 0 if across else 1], [0, 1, 0])
+    with pytest.raises(ShowError, match="nothing varies"):
+        plot_sweep(open_sweep(store).isel({"q.elbow": 0, "forearm.mass": 0, "accuracy": 0}))
+
+
 def test_a_few_extreme_values_do_not_take_the_colours_of_the_others() -> None:
     values = np.append(np.linspace(-1.0, 1.0, 999), 100.0)
     low, high, beyond = _colours(values)

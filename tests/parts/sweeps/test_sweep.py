@@ -208,6 +208,10 @@ def test_a_function_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.syspath_prepend(tmp_path)
     data = swept(tmp_path / "x.zarr", {"q.elbow": [0.1, 0.2]}, outputs=["own_module:change"])
     assert (np.abs(data.change) < 1e-5).all()
+    (tmp_path / "own_names.py").write_text("def t(run):\n    return 0.0\n\nq_name = run = status = t\n")
+    for name in ("t", "q_name", "run", "status"):
+        with pytest.raises(SceneError, match=f"two arrays of the store would be called '{name}'"):
+            swept(tmp_path / "w.zarr", outputs=["final", f"own_names:{name}"])
     with pytest.raises(SceneError, match="cannot be imported"):
         swept(tmp_path / "y.zarr", outputs=["no_such:thing"])
     with pytest.raises(SceneError, match="cannot be imported"):

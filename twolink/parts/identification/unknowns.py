@@ -111,7 +111,10 @@ class Unknowns:
             own = slice(first, first := first + len(part))
             if group.to_body is None:
                 continue
-            matrices = [pseudo_inertia(group.to_body(part + 1j * _STEP * e)) for e in np.eye(len(part))]
+            with np.errstate(over="ignore", invalid="ignore"):
+                matrices = [pseudo_inertia(group.to_body(part + 1j * _STEP * e)) for e in np.eye(len(part))]
+            if not np.isfinite(matrices).all():  # a step too far: there is no such motion either
+                continue
             found, vectors = np.linalg.eigh(matrices[0].real)
             least = np.linalg.eigvalsh(pseudo_inertia(group.to_body(np.zeros(len(part)))))[0]
             margin = min(_MARGIN * found[-1], 0.5 * least)

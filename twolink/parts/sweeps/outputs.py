@@ -1,6 +1,7 @@
 """Outputs that are kept of every run, as the variables of the store."""
 
 import importlib
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -74,11 +75,15 @@ def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:
             what, best = f"there is no output {shown(name)}", nearest(str(name), OUTPUTS)
             raise SceneError(what, argument="outputs", code="unknown-output",
                              remedy=f"{best} (a function of the run is module:function)")  # fmt: skip
-    columns = [column_of(name) for name in names if ":" in name]
-    if len(set(columns)) < len(columns) or set(columns) & {"status", "reason", "error"}:
-        raise SceneError(f"the functions' names are not distinct: {columns}", argument="outputs", code="unknown-output",
-                         remedy="rename one")  # fmt: skip
     return names
+
+
+def check_names(names: Sequence[str]) -> None:
+    """Require that the store's arrays have names of their own. Raises SceneError, code "unknown-output"."""
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise SceneError(f"two arrays of the store would be called {twice[0]!r}", argument="outputs",
+                         code="unknown-output", remedy="rename the function of the run")  # fmt: skip
 
 
 def column_of(function: str) -> str:

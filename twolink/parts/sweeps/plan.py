@@ -22,8 +22,8 @@ from twolink.effects.effect import Effect, plain
 from twolink.effects.policies import Policy
 from twolink.errors import SceneError
 from twolink.io.fingerprints import model_digest, processor, versions
-from twolink.parts.sweeps.design import OF_VARIANTS, Block, Design, block_shape
-from twolink.parts.sweeps.outputs import OutputVariable, Request, function_of, variables
+from twolink.parts.sweeps.design import OF_VARIANTS, RUN, Block, Design, block_shape
+from twolink.parts.sweeps.outputs import OutputVariable, Request, check_names, coordinates, function_of, variables
 from twolink.parts.sweeps.runs import Columns, SweepTask, ways
 from twolink.robots.collisions import read_solids
 from twolink.scenes import Scene
@@ -105,10 +105,12 @@ def make_plan(scene: Scene, design: Design, request: Request, chunk: int | None)
         if "/" in name or name.startswith("__") or len(name.encode()) > LONGEST_NAME:  # of a folder
             raise SceneError("a store cannot have an array of this name", where=f"vary[{name[:80]!r}]", argument="vary",
                              remedy="rename the joint or link in the URDF")  # fmt: skip
+    kept = variables(scene.robot, request)
+    check_names([*design.values, RUN, *coordinates(scene.robot, request), *(variable.name for variable in kept)])
     if chunk is None:
         in_batches = all(text.startswith("in batches") for text in _ways(scene, request, design, 1))
         least, most = (LEAST_BATCH, BATCH) if in_batches else (1, SINGLE)
-        numbers = sum(math.prod(variable.shape) for variable in variables(scene.robot, request))
+        numbers = sum(math.prod(variable.shape) for variable in kept)
         chunk = max(1, min(most, max(least, -(-design.runs // PARTS)), MAX_NUMBERS // numbers))
     else:
         chunk = whole(chunk, "chunk", SceneError, "such as 1000", 1)

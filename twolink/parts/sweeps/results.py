@@ -194,7 +194,7 @@ def plot_sweep(
     Raises
     ------
     ShowError
-        More than two quantities vary, or the file cannot be written.
+        None or more than two quantities vary, or the file cannot be written.
     SceneError
         There is no such variable.
     """
@@ -225,6 +225,8 @@ def _axes(data: Any) -> list[tuple[str, np.ndarray]]:
     dims = run_dims(data)
     names = list(dims) if dims != ("run",) else [str(n) for n in data.coords if data[n].dims == dims and n != "run"]
     varied = [name for name in names if data[name].size > 1] or names[:1]
+    if not varied:
+        raise ShowError("it is one run, in which nothing varies", argument="data", remedy="give the sweep's Dataset")
     if len(varied) > 2:
         raise ShowError(f"{len(varied)} quantities vary: {', '.join(varied)}", argument="data",
                         remedy="select values of the others: data.sel(...)")  # fmt: skip
@@ -260,8 +262,9 @@ def _positions(axis: Any, x: np.ndarray) -> np.ndarray:
     """Values as positions on an axis: names are numbered, and written beside their ticks."""
     if x.dtype.kind in "fiub":
         return x.astype(float)
-    axis.set_ticks(np.arange(len(x)), [plain(str(name)) for name in x], fontsize=6)
-    return np.arange(len(x), dtype=float)
+    names = list(dict.fromkeys(x.tolist()))
+    axis.set_ticks(np.arange(len(names)), [plain(str(name)) for name in names], fontsize=6)
+    return np.array([names.index(name) for name in x.tolist()], dtype=float)
 
 
 def _scale(x: np.ndarray) -> str:
@@ -299,8 +302,8 @@ def _map(
     kept = np.where(shown, values, np.nan)
     low, high, beyond = _colours(kept)
     limits = {"vmin": low, "vmax": high}
+    x, y = _positions(axis.xaxis, x), _positions(axis.yaxis, y)
     if values.squeeze().ndim == 2:
-        x, y = _positions(axis.xaxis, x), _positions(axis.yaxis, y)
         order = np.ix_(np.argsort(y), np.argsort(x))
         kept, status = kept.reshape(len(y), len(x))[order], status.reshape(len(y), len(x))[order]
         x, y = np.sort(x), np.sort(y)
