@@ -206,7 +206,8 @@ def test_a_quadruped_walks_on_its_observations(tmp_path: Path) -> None:
     ({"inputs": ("joint_pos", "joint_vel", "lastaction")}, "lastaction"),
     ({"inputs": ("joint_pos", "joint_vel", "base_lin_vel")}, "base is fixed"), ({"period": 0.0}, "above 0 s"),
     ({"kp": {"shoulder": 1.0}}, "no kp for joint 'elbow'"), ({"kd": {"elbow": 1.0}}, "no kp for joint 'shoulder'"),
-    ({"content": "0" * 64}, "another network"),
+    ({"content": "0" * 64}, "another network"), ({"clip": (1.0, -1.0)}, "low < high"), ({"clip": (1.0,)}, "low < high"),
+    ({"inputs": (fx.Observed("joint_pos", clip=(2.0, 1.0)), "joint_vel", "last_action")}, r"inputs\[0\].clip"),
 ])  # fmt: skip
 def test_what_does_not_fit_is_refused_by_name(tmp_path: Path, fields: Any, words: str) -> None:
     given = {"period": 0.02, "inputs": ("joint_pos", "joint_vel", "last_action")} | fields

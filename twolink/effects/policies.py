@@ -211,6 +211,7 @@ class Policy(Effect, frozen=True, dict=True):
             check_subset(self.kp, joints, "kp", "driven joint")
             check_joints(joints, robot, "kp", coordinates=True)  # the angle of a continuous joint would jump at pi
             check_effect(JointPD(dict.fromkeys(joints, 0.0), self.kp, self.kd, effort=self.limit), robot)
+        _check_clip(self.clip, "clip")
         for name in ("scale", "offset"):
             _check_size(getattr(self, name), len(joints), name)
         sizes = [_size(one, robot, len(joints), f"inputs[{i}]") for i, one in enumerate(self.observed)]
@@ -247,9 +248,17 @@ def _size(one: Observed, robot: Robot, count: int, where: str) -> int | None:
         size = count if one.name == "last_action" else len(one.values)
     if one.history < 1:
         raise SceneError(f"expected a whole number above 0, got {one.history}", where=f"{where}.history")
+    _check_clip(one.clip, f"{where}.clip")
     for name in ("offset", "scale"):
         _check_size(getattr(one, name), size, f"{where}.{name}")
     return size and one.history * size
+
+
+def _check_clip(clip: Any, where: str) -> None:
+    """Require None, or two numbers that increase. Raises SceneError."""
+    if clip is not None and not (isinstance(clip, tuple | list) and len(clip) == 2 and clip[0] < clip[1]):
+        raise SceneError(f"expected (low, high) with low < high, got {clip!r:.60}", where=where,
+                         remedy="such as (-1.0, 1.0)")  # fmt: skip
 
 
 def _check_size(values: Numbers, size: int | None, where: str) -> None:
