@@ -58,3 +58,12 @@ def test_objects_of_a_scene_are_joined_once_and_read_no_files() -> None:
         scene_tasks.scene_of(SceneFile("world", objects=[ObjectEntry("a.stl", mass=1.0)]), "")
     with pytest.raises(SceneError, match="201 objects, the limit is 200"):
         scene_tasks.scene_of(SceneFile("world", objects=entries[:1] * 201), "")
+
+
+def test_kept_results_are_of_the_simulators_of_now(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert package.is_dir()
+    keys = []
+    for number in ("3.3.0", "3.4.0"):
+        monkeypatch.setattr(requests, "versions", lambda names, number=number: dict.fromkeys(names, number))
+        keys.append(key(b'{"scene": "arm-swing", "simulator": "mujoco"}'))
+    assert keys[0] != keys[1]

@@ -11,7 +11,7 @@ import msgspec
 import twolink as tl
 from twolink.dynamics.arguments import Positive
 from twolink.dynamics.queries import Numbers
-from twolink.io.fingerprints import code_key, files_digest
+from twolink.io.fingerprints import code_key, files_digest, versions
 from twolink.parts.service.problems import Refusal, decode_unique
 from twolink.parts.service.work.bodies import body_of_call, words
 from twolink.robots.catalogue import our_urdfs
@@ -24,6 +24,7 @@ SIMULATOR = Annotated[
     Literal["twolink", "mujoco", "drake", "scipy"],
     msgspec.Meta(description="The simulator whose run it is; others run at their default setting, as in `compare`."),
 ]
+SIMULATORS = ("mujoco", "drake")  # whose runs are kept, too; the first one reads MJCF
 CSV = Annotated[str, msgspec.Meta(description="The text of a CSV file, as `twolink identify` takes it.")]
 COLUMNS = dict[str, Numbers]  # of measurements: t, q.JOINT, v.JOINT; or whole arrays t, q, v
 
@@ -179,8 +180,8 @@ class JobRequest(msgspec.Struct, frozen=True):
 
 @cache
 def version_key() -> str:
-    """A digest of what computes results: our code, scenes and robots, and the versions of libraries."""
-    return code_key() + files_digest(our_urdfs().glob("*.urdf"))
+    """A digest of what computes results: our code, scenes and robots, and the versions of libraries and simulators."""
+    return f"{code_key()}{files_digest(our_urdfs().glob('*.urdf'))}{versions(SIMULATORS)}"
 
 
 def prepare(*, kind: str, body: bytes, ids: str = "") -> JobRequest:
