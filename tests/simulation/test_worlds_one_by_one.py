@@ -36,6 +36,7 @@ def test_each_world_has_events_of_its_own() -> None:
         assert [event.kind for event in worlds.events[i]] == [event.kind for event in alone.events]
         np.testing.assert_allclose([event.t for event in worlds.events[i]], [event.t for event in alone.events],
                                    rtol=0, atol=1e-5)  # fmt: skip
+        assert [event["t"] for event in worlds.to_dict()["events"][i]] == [event.t for event in worlds.events[i]]
         np.testing.assert_allclose(worlds.samples_q[:, i], np.array([alone.at(t)[0] for t in worlds.samples_t]),
                                    rtol=0, atol=2e-6)  # fmt: skip
 
@@ -146,6 +147,7 @@ def test_worlds_of_many_contacts_are_stepped_as_one_run_is() -> None:
     alone = tl.simulate(scene, 0.05, samples_per_second=20)
     assert alone.bound == "estimated"
     assert worlds.estimated
+    assert worlds.to_dict()["bound"] == "estimated"
     assert "by estimates" in repr(worlds)
     np.testing.assert_array_equal(worlds.q, np.stack([alone.q[-1]] * 2))
 

@@ -31,8 +31,9 @@ class Observed(msgspec.Struct, frozen=True):
     ----------
     name : str
         "joint_pos" (rad, m; of a continuous joint the angle from -pi to pi), "joint_vel" (per second), "base_lin_vel",
-        "base_ang_vel" (of a base that floats, along its own axes), "projected_gravity" (the unit vector down, along
-        these axes), "last_action" (as the network gave it), "command" (constants), or a sensor of the scene.
+        "base_ang_vel" (of a base that floats, along its own axes), "projected_gravity" (the world's -z, whatever the
+        field, along these axes), "last_action" (as the network gave it), "command" (constants), or a sensor of the
+        scene.
     joints : tuple of str
         Of joint_pos and joint_vel, in the policy's order; by default the outputs.
     offset, scale : float or tuple of float

@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -95,6 +95,11 @@ class Worlds(BaseResult, Plotted):
     estimated: bool = False
 
     @property
+    def bound(self) -> Literal["verified", "estimated", ""]:
+        """Kind of errors, as of `Trajectory.bound`."""
+        return "" if self.error is None else "estimated" if self.estimated else "verified"
+
+    @property
     def within_accuracy(self) -> np.ndarray | None:
         """True where a world's error bar is below the accuracy asked for (n,); None where it is not verified."""
         return None if self.error is None else self.error <= self.accuracy
@@ -164,8 +169,9 @@ class Worlds(BaseResult, Plotted):
         return import_extra("pandas", EXTRA).DataFrame(self.columns())
 
     def to_dict(self) -> dict[str, Any]:
-        """The columns and what they have in common, for JSON."""
-        common = {"scene": self.scene, "robot": self.robot, "duration": self.t, "accuracy": self.accuracy}
+        """The columns, the events of each world and what they have in common, for JSON; samples are left out."""
+        common = {"scene": self.scene, "robot": self.robot, "duration": self.t, "accuracy": self.accuracy,
+                  "bound": self.bound, "events": self.events}  # fmt: skip
         return {**as_data({**common, "cost": self.cost}), "columns": as_data(self.columns())}
 
     def save(self, path: str | os.PathLike[str]) -> Path:

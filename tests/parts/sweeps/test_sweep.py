@@ -219,6 +219,15 @@ def test_a_function_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert (open_sweep(tmp_path / "z.zarr").status == 0).all()
 
 
+def test_errors_of_stepped_contacts_are_called_estimates(tmp_path: Path) -> None:
+    scene = tl.load_scene("box-stack")
+    data = swept(tmp_path / "x.zarr", {"accuracy": [1e-3]}, scene, duration=0.02)
+    assert tl.simulate(scene, 0.02, accuracy=1e-3).bound == "estimated"
+    assert data.status.values.tolist() == [1]
+    assert "errors are estimates" in data.attrs["how"]
+    assert "or of stepped contacts an estimate" in data.error.attrs["long_name"]
+
+
 def test_limits_of_effort_are_events_as_simulate_has_them(tmp_path: Path) -> None:
     limited = effects.PID({"elbow": 0.2}, kp={"elbow": 30.0}, effort={"elbow": 2.0})
     scene = tl.Scene(ARM.base, effects=[effects.Gravity(), limited], duration=0.4)

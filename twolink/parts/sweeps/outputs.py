@@ -108,7 +108,11 @@ def function_of(name: str) -> Callable[[Trajectory], float]:
 def variables(robot: Any, request: Request) -> list[OutputVariable]:
     """The variables for what is asked for; `status` is the last one, and is written last."""
     states, count = (("q", "configuration", robot.nq), ("v", "velocity", robot.nv)), len(request.t_eval)
-    found = [OutputVariable("error", "bound on the global error of q at the end", UNITS["error"])]
+    found = [
+        OutputVariable(
+            "error", "bound on the global error of q at the end, or of stepped contacts an estimate", UNITS["error"]
+        )
+    ]
     if "final" in request.outputs:
         found += [OutputVariable("t", "time of the end, or of the event that ended the run", "s"),
                   *(OutputVariable(letter, f"{what} at the end", UNITS[letter], "f8", (f"{letter}_name",), (size,))

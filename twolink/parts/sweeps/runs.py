@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from twolink.contact.choice import choose_contact_method
 from twolink.dynamics.threads import one_thread
 from twolink.errors import AccuracyError, SceneError, TwolinkError
 from twolink.integrate.motion.scene_equations import equations_of
@@ -130,6 +131,8 @@ def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Para
     """True if runs of a variant are solved in batches, with the reason. scene: without the effects that are off."""
     if of.robot:
         return False, "one by one: robots differ"
+    if choose_contact_method(scene, None).method == "stepped":
+        return False, "one by one: contacts are stepped, and errors are estimates"
     if request.functions:
         return False, f"one by one: {request.functions[0]} needs the whole run"
     varied = (name for name, what in quantities.items() if what.kind not in ("q", "v", *OF_VARIANTS))

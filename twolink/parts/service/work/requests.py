@@ -129,7 +129,7 @@ OPERATIONS: dict[str, dict[str, Any]] = {
     "lqr": {},
     "optimize": {"without": ("constraints", "out")},
     "periodic_motion": {},
-    "simulate_many": {"contact": CONTACT},
+    "simulate_many": {"contact": CONTACT, "without": ("t_eval", "samples_per_second")},  # samples are not in its record
     "step_table": {"without": ("log",)},
     "trapezoidal_motion": {},
 }
