@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import twolink as tl
@@ -198,6 +199,13 @@ def test_a_quadruped_walks_on_its_observations(tmp_path: Path) -> None:
     np.testing.assert_array_equal(seen[0][0, :6], np.concatenate([2.0 * v[:3], 0.25 * v[3:6]]))
     run = tl.simulate(tl.Scene(robot, q, effects=[fx.Gravity(), policy], duration=0.3))
     assert run.error[-1] < 1e-6
+    turn = pin.Quaternion(*np.array([0.8, 0.3, -0.4, 0.33]) / np.linalg.norm([0.8, 0.3, -0.4, 0.33]))
+    tilted = q.copy()  # all of the world is turned about the origin, gravity too
+    tilted[:3], tilted[3:7] = turn.matrix() @ q[:3], (turn * pin.Quaternion(q[3:7])).coeffs()
+    gravity = fx.Gravity(tuple(turn.matrix() @ [0.0, 0.0, -9.81]))
+    other = tl.simulate(tl.Scene(robot, tilted, effects=[gravity, policy], duration=0.3))
+    np.testing.assert_allclose(other.q[-1, 7:], run.q[-1, 7:], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(other.v[-1], run.v[-1], rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize(("fields", "words"), [

@@ -31,9 +31,9 @@ class Observed(msgspec.Struct, frozen=True):
     ----------
     name : str
         "joint_pos" (rad, m; of a continuous joint the angle from -pi to pi), "joint_vel" (per second), "base_lin_vel",
-        "base_ang_vel" (of a base that floats, along its own axes), "projected_gravity" (the world's -z, whatever the
-        field, along these axes), "last_action" (as the network gave it), "command" (constants), or a sensor of the
-        scene.
+        "base_ang_vel" (of a base that floats, along its own axes), "projected_gravity" (the direction of the scene's
+        gravity, without it that of -z, along these axes), "last_action" (as the network gave it), "command"
+        (constants), or a sensor of the scene.
     joints : tuple of str
         Of joint_pos and joint_vel, in the policy's order; by default the outputs.
     offset, scale : float or tuple of float
@@ -62,6 +62,8 @@ class PolicyLaw:
     def __init__(self, policy: "Policy", joints: Sequence[str], robot: Robot) -> None:
         self.network, self.policy, self._joints = policy.network, policy, joints
         self._places = {one.name: (one.q, one.v) for one in robot.joints}
+        size = np.linalg.norm(robot.gravity)
+        self._down = robot.gravity / size if size else np.array([0.0, 0.0, -1.0])
         self._scale, self._offset = np.asarray(policy.scale), np.asarray(policy.offset)
 
     def __deepcopy__(self, _: Any) -> "PolicyLaw":
@@ -94,8 +96,8 @@ class PolicyLaw:
         if one.name in OF_BASE:
             return y.v[:, OF_BASE[one.name]]
         if one.name == "projected_gravity":
-            i, j, k, w = y.q[:, 3:7].T
-            return np.stack([2.0 * (w * j - i * k), -2.0 * (w * i + j * k), 2.0 * (i * i + j * j) - 1.0], axis=1)
+            turned = 2.0 * np.cross(self._down, y.q[:, 3:6])  # by the inverse of the base's quaternion
+            return self._down + y.q[:, 6:7] * turned + np.cross(turned, y.q[:, 3:6])
         if one.name == "command":
             return np.tile(one.values, (len(last), 1))
         return last if one.name == "last_action" else y[one.name].reshape(len(last), -1)
