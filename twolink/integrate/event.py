@@ -36,9 +36,14 @@ class Event:
     effect: int | None = None
     direction: int = 0
 
+    @property
+    def text(self) -> str:
+        """The joint, link or effect, with the detail."""
+        return f"{self.what}{': ' if self.detail else ''}{self.detail}"
+
     def __str__(self) -> str:
         lost = f", {abs(self.energy):.6g} J {'lost' if self.energy > 0.0 else 'gained'}" if self.energy else ""
-        return f"t = {self.t:.12g} s: {self.kind} {self.what}{': ' if self.detail else ''}{self.detail}{lost}"
+        return f"t = {self.t:.12g} s: {self.kind} {self.text}{lost}"
 
 
 def ambiguous_events(found: Sequence[tuple[float, str]]) -> list[Event]:

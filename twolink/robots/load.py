@@ -101,12 +101,7 @@ def load_model(
     urdf, packages = open_source(source), _folders(package_dirs)
     said = describe(urdf, foreign, root, xacro_arguments or {}, packages, trusted=meshes is None, xacro=xacro)
     tree = read_tree(said.robot, urdf.label, foreign, xacro)
-    apart = build(tree, urdf.label, root, mimic=False) if mimic else None
-    if apart is not None:
-        check_mimic(tree, apart, lock or {})
-    full = _small(build(tree, urdf.label, root, mimic), urdf.label)
-    check_agreement(full, tree, urdf.label, root)
-    narrowed = [] if apart is None else _narrowed(full, tree, apart)
+    full, narrowed = _whole(tree, urdf.label, root, lock or {}, mimic)
     locked, reference = lock_configuration(full, lock or {})
     model = without_joints(full, locked, reference)
     model.gravity.linear = gravity_field(gravity if gravity is not None else said.gravity or EARTH, RobotError)
@@ -132,6 +127,16 @@ def load_model(
     robot = kind(urdf.entry.name if urdf.entry else tree.name or urdf.label, model, report, visuals)
     robot.weightless = weightless
     return robot
+
+
+def _whole(tree: Tree, label: str, root: str, lock: Lock, mimic: bool) -> tuple[pin.Model, list[load_report.Finding]]:
+    """The model with all joints, and the limits that were narrowed. Raises RobotError."""
+    apart = build(tree, label, root, mimic=False) if mimic else None
+    if apart is not None:
+        check_mimic(tree, apart, lock)
+    full = _small(build(tree, label, root, mimic), label)
+    check_agreement(full, tree, label, root)
+    return full, [] if apart is None else _narrowed(full, tree, apart)
 
 
 def _narrowed(model: pin.Model, tree: Tree, apart: pin.Model) -> list[load_report.Finding]:

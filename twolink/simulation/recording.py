@@ -83,8 +83,7 @@ def _messages(run: Any, times: list[int], notes: Mapping[str, str]) -> Iterator[
     def until(t: float) -> Iterator[tuple[int, str, Any]]:
         while events and events[0][0] <= t:
             at, event = events.pop(0)
-            text = f"{event.what}{': ' if event.detail else ''}{event.detail}"
-            yield at, "/rosout", message("rcl_interfaces/msg/Log", stamp(at), INFO, event.kind, text, "", "", 0)
+            yield at, "/rosout", message("rcl_interfaces/msg/Log", stamp(at), INFO, event.kind, event.text, "", "", 0)
 
     for k, t in enumerate(times):
         yield from until(t)

@@ -463,10 +463,7 @@ class Trajectory(BaseResult, Plotted):
     @property
     def _told(self) -> dict[str, Any]:
         """Contents of a page about the run beside its motion."""
-        events = [
-            (event.t, f"{event.kind} {event.what}{': ' if event.detail else ''}{event.detail}")
-            for event in self.events or ()
-        ]
+        events = [(event.t, f"{event.kind} {event.text}") for event in self.events or ()]
         return {"title": self.title or self.robot.name, "events": events, **tables.drawn_marks(self)}
 
     def video(
