@@ -92,8 +92,9 @@ def test_a_picture_of_a_moment_by_the_command(run: Trajectory, tmp_path: Path) -
     assert np.abs(first - second).max() > 100
     np.testing.assert_array_equal(second, again)
     assert call("video", str(saved), moments[0], "--size", "160x120", "--curves", "q.elbow, energy").returncode == 0
-    run.video(moments[1], size=SIZE, curves=["q.elbow", "energy"])
-    run.video(moments[2], size=SIZE, curves="energy")
+    loaded = Trajectory.load(saved)
+    loaded.video(moments[1], size=SIZE, curves=["q.elbow", "energy"])
+    loaded.video(moments[2], size=SIZE, curves="energy")
     named, listed, one = (np.asarray(Image.open(path)) for path in moments)
     np.testing.assert_array_equal(named, listed)
     assert one.shape == listed.shape

@@ -24,6 +24,7 @@ UNIT_TOLERANCE = 1e-8
 Axes = Literal["frame", "world"]
 AXES = ("frame", "world")
 Positive = Annotated[float, msgspec.Meta(gt=0)]
+Names = str | Sequence[str]
 
 
 Kind = TypeVar("Kind")
@@ -39,7 +40,7 @@ def instance(value: Any, kind: type[Kind], name: str, error: type[TwolinkError] 
     return value
 
 
-def texts(value: Any, name: str, error: type[TwolinkError], remedy: str) -> list[str]:
+def texts(value: Names, name: str, error: type[TwolinkError], remedy: str) -> list[str]:
     """`value`, one text or several, as a list. Raises the error, which names the argument."""
     given = [value] if isinstance(value, str) else list(value) if isinstance(value, Iterable) else [value]
     if not all(isinstance(text, str) for text in given):

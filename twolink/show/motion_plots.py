@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from twolink.dynamics.arguments import texts
+from twolink.dynamics.arguments import Names, texts
 from twolink.errors import ShowError, nearest
 from twolink.robots.joint_layout import JointLayout, counted_on, unit_of
 from twolink.robots.model import RobotModel
@@ -62,7 +62,7 @@ def plot_trajectory(
     events: Sequence[tuple[float, str]] = (),
     note: str = "",
     asked: float | None = None,
-    joints: str | Sequence[str] = (),
+    joints: Names = (),
 ) -> Figure:
     """Draw coordinates, velocities, energy and the error bar over time, one above the other.
 
@@ -143,7 +143,7 @@ def _panels(curves: Sequence[JointCurve], _: np.ndarray, bar: np.ndarray | None)
     return (moving, still) if moving else (still, [])
 
 
-def _chosen(robot: RobotModel, joints: str | Sequence[str]) -> set[str]:
+def _chosen(robot: RobotModel, joints: Names) -> set[str]:
     """The joints that names, or else patterns, mean. Raises ShowError where one means none."""
     wanted = texts(joints, "joints", ShowError, "such as 'elbow' or ['LF_*']")
     names, chosen = [joint.name for joint in robot.joints], set[str]()

@@ -22,7 +22,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from twolink.dynamics.arguments import texts
+from twolink.dynamics.arguments import Names, texts
 from twolink.errors import ShowError
 from twolink.io.files import path_to_write, write_atomic
 from twolink.io.tables import require_format
@@ -89,7 +89,7 @@ def playback_page(
     events: Sequence[tuple[float, str]] = (),
     contacts: Contacts | None = None,
     forces: Contacts | None = None,
-    trails: str | Sequence[str] | None = None,
+    trails: Names | None = None,
     beside: Run | None = None,
     beside_title: str = "compared run",
     on_skipped: Callable[[list[str]], None] | None = None,
@@ -181,7 +181,7 @@ def _ghost(beside: Run, model: pin.Model, frames: int) -> Json:
     return {"motion": motion, "visuals": None if other is model else _robot(other, visuals)[0]}
 
 
-def _known(trails: str | Sequence[str], frames: Sequence[Json]) -> list[str]:
+def _known(trails: Names, frames: Sequence[Json]) -> list[str]:
     names = [frame["name"] for frame in frames]
     chosen = texts(trails, "trails", ShowError, "give the names of links")
     for name in chosen:

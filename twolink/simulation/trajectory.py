@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
-from twolink.dynamics.arguments import array, instance
+from twolink.dynamics.arguments import Names, array, instance
 from twolink.errors import SceneError, ShowError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.event import UNSTABLE, Event, estimated_since
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from twolink.contact.spliced import Solved
     from twolink.show.playback import InlinePage
 
-Names = str | Sequence[str]
 Skipped = Callable[[list[str]], None] | None
 SHOWN_EVENTS = 5  # in notebooks
 
@@ -502,8 +501,7 @@ class Trajectory(BaseResult, Plotted):
         from twolink.show.video import write_video
 
         motion, marks = self._motion, tables.drawn_marks(self)
-        chosen = tables.chosen_columns(self.columns(), curves) if curves else {}
-        options |= {"curves": {name: np.interp(motion[2], self.t, values) for name, values in chosen.items()}}
+        options |= {"curves": tables.chosen_columns(self.columns(), curves, motion[2]) if curves else None}
         options |= {"contacts": marks["contacts"] if contacts else None, "forces": marks["forces"] if forces else None}
         options |= {"touches": bool(marks["contacts"]) or any(event.kind == "impact" for event in self.events)}
         return write_video(*motion, path_to_write(path), speed=self._speed(speed), **options)

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from twolink.dynamics import Robot
-from twolink.dynamics.arguments import instance, texts
+from twolink.dynamics.arguments import Names, instance, texts
 from twolink.dynamics.robot_record import find_robot, require_same
 from twolink.errors import AccuracyError, SceneError, ShowError, import_extra, require_known
 from twolink.integrate.event import Event
@@ -76,12 +76,12 @@ def mark_notes(events: Sequence[Event], accuracy: float | None) -> dict[str, str
             for name, value in ((EVENTS, list(events)), (ACCURACY, accuracy))}  # fmt: skip
 
 
-def chosen_columns(table: Mapping[str, np.ndarray], given: str | Sequence[str]) -> dict[str, np.ndarray]:
-    """Some columns by name and unit. Raises SceneError for a name that is none, with the nearest right one."""
+def chosen_columns(table: Mapping[str, np.ndarray], given: Names, t: np.ndarray) -> dict[str, np.ndarray]:
+    """Some columns by name and unit, at times t (m,). Raises SceneError for a name that is none, with the nearest."""
     names = texts(given, "curves", ShowError, "such as 'energy' or ['q.elbow']")
     for name in names:
         require_known(name, table, SceneError, "there is no column {!r}", where="curves")
-    return {f"{name} ({UNITS[name.partition('.')[0]]})": table[name] for name in names}
+    return {f"{name} ({UNITS[name.partition('.')[0]]})": np.interp(t, table["t"], table[name]) for name in names}
 
 
 def read_run(path: Path, robot: Robot | None, make: Callable[..., Run]) -> Run:
