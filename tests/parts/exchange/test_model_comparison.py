@@ -131,3 +131,18 @@ def test_followers_of_another_joint_or_by_another_relation_are_found(other: str,
 def test_a_small_difference_of_gravity_is_named() -> None:
     one, other = (tl.load_robot("two_link", gravity=(0, 0, g)) for g in (-9.81, -9.81009))
     assert [each.what for each in tl.compare_models(one, other).differences] == ["gravity"]
+
+
+@pytest.mark.parametrize("what", ["damping", "friction", "armature"])
+def test_small_losses_are_compared_by_their_own_size(what: str) -> None:
+    """Of small joints they are small: 5e-7 N m s is not 0."""
+
+    def with_loss(value: float) -> str:
+        numbers = {"damping": 0.0, "friction": 0.0, "armature": 0.0, what: value}
+        dynamics = " ".join(f'{key}="{x!r}"' for key, x in numbers.items())
+        return coupled("j1", 2.0).replace("<axis", f"<dynamics {dynamics}/><axis", 1)
+
+    assert tl.compare_models(with_loss(5e-7), with_loss(5e-7)).equal
+    for other in (5.0001e-7, 0.0):
+        found = tl.compare_models(with_loss(5e-7), with_loss(other))
+        assert [each.what for each in found.differences] == [what]

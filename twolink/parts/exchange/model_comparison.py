@@ -283,7 +283,7 @@ class _Comparison:
             mapped |= dict(zip(("lower limit", "upper limit"), ends[:: int(m.sign)], strict=True))
         for what in _ATTRIBUTES:
             x, y = ours.get(what, 0.0), theirs.get(what, 0.0)
-            near = self.tolerance * max(1.0, abs(x))
+            near = self.tolerance * max(abs(x), abs(y), 1.0 if "limit" in what else 0.0)  # 1: zeros may be displaced
             # Limits that are as written although the joint's zero or sign is another one are no second fault.
             if not any(x == z or abs(x - z) <= near for z in (y, mapped.get(what, 0.0))):
                 yield Difference(what, self._joint(m, _ATTRIBUTES[what]), x, y, _number_cause(x, y))
