@@ -118,9 +118,10 @@ def test_the_step_is_the_method_of_its_order(tmp_path: Path) -> None:
 def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
     robot = tl.load_robot("two_link")
     for functions in ([], "energy", ["energy", "energy"], ["centre_of_mass"], ["step:radau"], ["step:gauss4"],
-                      ["step_euler"], ["stepper"]):  # fmt: skip
-        with pytest.raises(tl.errors.TwolinkError):
+                      ["step_euler"], ["stepper"], ["step:auto"]):  # fmt: skip
+        with pytest.raises(tl.errors.TwolinkError) as caught:
             robot.export_c(tmp_path / "x.c", functions)
+        assert "did you mean 'auto'" not in str(caught.value)
     with pytest.raises(tl.errors.QueryError, match="no joint moves"):
         tl.load_robot("heavy_top").export_c(tmp_path / "x.c")
     with pytest.raises(tl.errors.TwolinkError):

@@ -14,9 +14,9 @@ from twolink.algorithms.references import ModelState
 from twolink.algorithms.tape import Symbol, Tape
 from twolink.dynamics import Robot
 from twolink.dynamics.certificates import BOUND, certify
-from twolink.errors import CertificationError, QueryError
+from twolink.errors import CertificationError, QueryError, nearest, shown
 from twolink.integrate.motion.state import Array, StateSpace
-from twolink.integrate.steps.methods import method_named
+from twolink.integrate.steps.methods import ELSEWHERE, METHODS
 from twolink.integrate.steps.step_formulas import explicit_step
 from twolink.integrate.steps.tableau import Tableau
 
@@ -101,9 +101,12 @@ class _Shaped:
 
 def step_of(robot: Robot, name: str) -> tuple[Traced, str, Vectors]:
     """One step of an explicit method under torques that stay, certified against Pinocchio's accelerations."""
-    method = method_named(name.partition(":")[2], "functions")
-    if not isinstance(method.tableau, Tableau) or any(method.tableau.diagonal):
-        raise QueryError(f"{method.name} has no explicit steps", argument="functions", remedy='such as "step:rk4"')
+    wanted = name.partition(":")[2]
+    tableaux = {key: method.tableau for key, method in METHODS.items()}
+    explicit = {key: one for key, one in tableaux.items() if isinstance(one, Tableau) and not any(one.diagonal)}
+    if (ours := ELSEWHERE.get(wanted, wanted)) not in explicit:
+        raise QueryError(f"{shown(wanted)} has no explicit steps", argument="functions", remedy=nearest(ours, explicit))
+    tableau = explicit[ours]
     space, tape = StateSpace(robot), Tape()
     forward = function(robot.model, "forward_dynamics")
     mech, nq = mechanism(robot.model), robot.nq
@@ -117,12 +120,12 @@ def step_of(robot: Robot, name: str) -> tuple[Traced, str, Vectors]:
         return np.concatenate([space.rate(x[:nq], x[nq:]), np.array(a, dtype=object)])
 
     x = np.array([*symbols["q"], *symbols["v"]], dtype=object)
-    after = space.normalized(explicit_step(method.tableau, traced_rate, 0.0, x, symbols["h"][0])[0], tape)
-    about = f"{name}: q and v, one step of {method.name} of h seconds later; tau stays."
+    after = space.normalized(explicit_step(tableau, traced_rate, 0.0, x, symbols["h"][0])[0], tape)
+    about = f"{name}: q and v, one step of {ours} of h seconds later; tau stays."
     traced = Traced(name, about, tuple(symbols.items()), list(after), tape)
     arguments = _states(robot, ["q", "v", "tau"])
     columns = [*arguments.values(), np.full((VECTORS, 1), 1e-3)]
-    expected = np.stack([_pinocchio_step(robot, space, method.tableau, *(c[i] for c in columns))
+    expected = np.stack([_pinocchio_step(robot, space, tableau, *(c[i] for c in columns))
                          for i in range(VECTORS)])  # fmt: skip
     scale = np.maximum(1.0, np.abs(expected).max(axis=1))
     worst = float((np.abs(traced(columns) - expected).max(axis=1) / scale).max())
