@@ -50,6 +50,9 @@ def test_export_writes_c_and_urdf(tmp_path: Path) -> None:
     answer("export", "panda", str(tmp_path / "p.urdf"), "--lock", "panda_joint1=0.3")
     assert call("diff", "panda", str(tmp_path / "p.urdf")).returncode == 1
     assert call("export", "two_link", str(tmp_path / "arm.c"), "--functions", "none").returncode == 2
+    done = call("export", "two_link", str(tmp_path / "moon.urdf"), "--gravity", "0,0,-1.6")
+    assert (done.returncode, "a URDF has no gravity" in done.stderr) == (2, True)
+    assert not (tmp_path / "moon.urdf").exists()
 
 
 def test_export_writes_an_fmu_of_a_scene(tmp_path: Path) -> None:

@@ -102,6 +102,8 @@ def export(
     if fmu is not None or file is None:
         raise Misuse("one file is written", remedy="give a FILE, of a scene FILE.fmu")
     require_writable([file], (".c", ".urdf", ".xml", ".fmu"))
+    if gravity and file.suffix.lower() == ".urdf":
+        raise Misuse("a URDF has no gravity", remedy="leave --gravity out, or write an .xml")
     loaded = robot_from(robot, root, lock, gravity)
     of_c = file.suffix.lower() == ".c"
     written = [write(loaded, file, **({"functions": _names(functions)} if of_c else {}))]
