@@ -93,6 +93,13 @@ class StepLaw:
         felt = ~self.of_joints[pressing] & (sizes > FELT * sizes[hits].max())
         return 0.5 * self.h - float(self.late[first]), pressing[felt], blows[felt]
 
+    def apart(self, pressing: Array) -> float:
+        """The longest time between bounces of one pair at points (k,), of the step."""
+        bounces = pressing[self.bounces[pressing]]
+        spans = [np.ptp(self.late[bounces[self.points.pair[bounces] == pair]]) for pair in
+                 np.unique(self.points.pair[bounces])]  # fmt: skip
+        return float(max(spans, default=0.0)) / self.h
+
     def unfollowed(self, rows: Any, response: Array, active: Array, p: Array) -> float:
         """By how much the bounces that are not followed would move a joint at most, rad or m.
 

@@ -20,7 +20,8 @@ first order in h, and of second order where impacts are single and between them:
 normal without friction, for what acts behind an impact acts at the velocity there. Stops and dry friction of joints are
 points of the same problem (`joints`); loops leave it fewer motions (`loops`).
 
-A step whose impulses do not obey the laws is taken as two halves, and refused where these are too small.
+A step whose impulses do not obey the laws is taken as two, and refused where these are too small. So is one within
+which points of a pair bounce one after the other: as one impact they would leave in another way.
 """
 
 from __future__ import annotations
@@ -55,6 +56,8 @@ from twolink.native.contact import StepPlan
 DEEPEST = 0.25  # of half the bodies' thickness: a step that brings bodies deeper into each other is taken as two
 FARTHEST = 0.5  # of it: so is one half of which they move farther against each other, for they could pass through
 HALVINGS = 10
+FIRST_PART = 0.45  # of a step that is taken as two: halves of long steps would be the steps of a finer run
+APART, APART_HALVINGS = 1e-6, 20  # of a step within which points of a pair bounce one after the other: it is halved
 UNSEEN, UNSEEN_HALVINGS = 0.01, 6  # of the reach of a step: one after which hulls overlap by so much more is halved
 POINTS_IN_PYTHON, IN_PYTHON = 10.0, 100.0  # times as long: steps whose points Python finds; those of NumPy
 
@@ -182,21 +185,23 @@ class ContactStepper:
         So it does where velocities are not finite.
         """
         step = self.step(t, h, q, v, numbers, memory)
-        if step is not None:
+        apart = step is not None and step.apart > APART and depth < APART_HALVINGS
+        if step is not None and not apart:
             _require_finite(step.v, t, h)
             step = self._checked(step, memory, halve=depth < UNSEEN_HALVINGS)
-        if step is not None:
+        if step is not None and not apart:
             self.record.add(step.impulses)
             self.record.softened += step.softened
             return step
-        if depth == HALVINGS:
+        if not apart and depth >= HALVINGS:
             raise AccuracyError("no impulses obey the laws of contact and friction within a step, at speeds up to "
                                 f"{np.abs(v).max():.3g}", where=f"t = {t:.6g} s", code="contact-not-solved", t=t,
                                 remedy="smaller steps, for forces may be too stiff for these; less friction; or shapes "
                                        "that do not start overlapping")  # fmt: skip
         self.record.halved += 1
-        half = self.advance(t, h / 2, q, v, numbers, memory, depth + 1)
-        return half.with_next(self.advance(t + h / 2, h / 2, half.q, half.v, numbers, half.memory, depth + 1))
+        first = FIRST_PART * h
+        one = self.advance(t, first, q, v, numbers, memory, depth + 1)
+        return one.with_next(self.advance(t + first, h - first, one.q, one.v, numbers, one.memory, depth + 1))
 
     def _checked(self, step: Step, memory: Memory, *, halve: bool) -> Step | None:
         """The step with what hulls overlap at its end; None where it is to be halved for a contact that it has missed.
@@ -301,7 +306,7 @@ class ContactStepper:
                                               rows[rows_of(blow[1])].T @ blow[2].ravel()),)  # fmt: skip
         return Step(h, self.bodies.moved(middle, move), ends, mean, passed, points.key[chosen], points.position[chosen],
                     along(p, axes[chosen]), impulses, joints=joints, slips=along(u[chosen, :2], axes[chosen, :2]),
-                    blows=blows, rows=pressed, softened=law.share < 1.0)  # fmt: skip
+                    blows=blows, rows=pressed, softened=law.share < 1.0, apart=law.apart(active[pressing]))  # fmt: skip
 
     def _of_joints(self, rows: Any, law: StepLaw, chosen: Array, p: Array) -> tuple[Array | None, Array, Array]:
         """The impulses on joints (nv,) of points with impulses, and what are points of bodies, with theirs."""

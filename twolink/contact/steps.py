@@ -165,7 +165,8 @@ class Step:
     the residuals of the laws. overlap: the largest at the end, m; None where it is not known. joints (nv,): impulses of
     stops and of dry friction; None without. slips (n, 3): at the end, of the first body on the second, m/s. blows:
     what impacts did, where there are some. rows: J of the points that pressed, at the middle of the (last) step.
-    softened: whether bodies bounce with less than their restitution.
+    softened: whether bodies bounce with less than their restitution. apart: of the step, the longest time between
+    bounces of one pair in it.
     """
 
     h: float
@@ -183,6 +184,7 @@ class Step:
     blows: tuple[Blow, ...] = ()
     rows: Any = None
     softened: bool = False
+    apart: float = 0.0
 
     def with_next(self, after: Step) -> Step:
         """This step and the next one as one: the impulses of both at each point, where it was last."""

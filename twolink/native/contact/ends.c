@@ -189,6 +189,19 @@ static int blow(ending *e, tl_ended *out) {
   return TL_FINE;
 }
 
+/* The longest time between bounces of one pair, whose points follow each other, of the step. */
+static double apart(const ending *e) {
+  const tl_law *law = e->law;
+  double first = 0.0, last = 0.0, most = 0.0;
+  for (int k = 0, pair = -1; k < law->n; k++) {
+    if (!presses(e, k) || !law->bounces[k]) continue;
+    if (law->points[k].pair != pair) pair = law->points[k].pair, first = last = law->late[k];
+    first = tl_larger(first, law->late[k]), last = -tl_larger(-last, -law->late[k]);
+    most = tl_larger(most, first - last);
+  }
+  return most / law->h;
+}
+
 /* Impulses on bodies at points that press, and on joints. */
 static int tell(ending *e, tl_ended *out) {
   const tl_law *law = e->law;
@@ -278,6 +291,6 @@ int tl_end_of_step(tl_scene *s, const tl_task *task, tl_law *law, const double *
   code = remember(&e, out);
   if (!code) code = blow(&e, out);
   if (!code) code = tell(&e, out);
-  out->rests = !code && rests(&e, out);
+  out->rests = !code && rests(&e, out), out->apart = apart(&e);
   return code;
 }

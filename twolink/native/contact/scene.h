@@ -132,9 +132,10 @@ typedef struct {
   double steps, halved, softened, newton, proximal, feasibility, complementarity;
 } tl_record;
 
-/* The end of a step. touches: whether there was a contact problem. places, on_first, slips (count, 3). joints: or NULL. */
+/* The end of a step. touches: whether there was a contact problem. places, on_first, slips (count, 3). joints: or NULL.
+apart: of the step, the longest time between bounces of one pair in it. */
 typedef struct {
-  double h, *q, *v, *mean, *joints, *places, *on_first, *slips, feasibility, complementarity, residual;
+  double h, *q, *v, *mean, *joints, *places, *on_first, *slips, feasibility, complementarity, residual, apart;
   tl_memory memory;
   int touches, solver, softened, count, rests;
   int64_t *keys;

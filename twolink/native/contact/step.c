@@ -6,8 +6,10 @@ sources, is contact/stepping.py. */
 #include <stdlib.h>
 
 #define DEEPEST 0.25 /* of half the bodies' thickness: a step that brings bodies deeper into each other is taken as two */
+#define APART 1e-6   /* of a step in which two points of a pair bounce one after the other: it is taken as two */
+#define FIRST_PART 0.45 /* of a step that is taken as two, see contact/stepping.py */
 #define UNSEEN 0.01  /* of the reach of a step: one after which hulls overlap by so much more is halved */
-enum { UNSEEN_HALVINGS = 6 };
+enum { UNSEEN_HALVINGS = 6, APART_HALVINGS = 20 };
 
 int tl_is_finite(const double *x, int n) {
   for (int i = 0; i < n; i++)
@@ -194,17 +196,19 @@ static int join(tl_scene *s, const tl_ended *first, const tl_ended *second, tl_e
 /* One step, or where its laws are not reached two halves; TL_NO_STEP where these are too small. */
 int tl_advance(tl_scene *s, const tl_task *task, int depth, tl_ended *out) {
   int code = tl_step(s, task, out);
-  if (!code) code = checked(s, task, depth < UNSEEN_HALVINGS, out);
-  if (!code) count_step(&s->record, out);
-  if (code != TL_HALVE) return code;
-  if (depth == TL_HALVINGS) return TL_NO_STEP;
+  const int apart = !code && depth < APART_HALVINGS && out->apart > APART;
+  if (!code && !apart) code = checked(s, task, depth < UNSEEN_HALVINGS, out);
+  if (!code && !apart) count_step(&s->record, out);
+  if (code != TL_HALVE && !apart) return code;
+  if (!apart && depth >= TL_HALVINGS) return TL_NO_STEP;
   s->record.halved += 1;
   tl_ended first, second;
-  tl_task half = *task;
-  half.h = task->h / 2;
-  code = tl_advance(s, &half, depth + 1, &first);
+  tl_task part = *task;
+  part.h = FIRST_PART * task->h;
+  code = tl_advance(s, &part, depth + 1, &first);
   if (code) return code;
-  half.t = task->t + task->h / 2, half.q = first.q, half.v = first.v, half.memory = &first.memory;
-  code = tl_advance(s, &half, depth + 1, &second);
+  part.t = task->t + part.h, part.h = task->h - part.h;
+  part.q = first.q, part.v = first.v, part.memory = &first.memory;
+  code = tl_advance(s, &part, depth + 1, &second);
   return code ? code : join(s, &first, &second, out);
 }
