@@ -37,7 +37,9 @@ _ATTRIBUTES = {"origin": {"xyz", "rpy"}, "sphere": {"radius"}, "box": {"size"}, 
                "cylinder": {"radius", "length"}, "capsule": {"radius", "length"}}  # fmt: skip
 
 
-class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag=kebab_case):
+class Shape(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, tag_field="kind", tag=kebab_case
+):
     """A shape in a link's axes; `point` and `rpy` (fixed axes x y z) place it, as URDF's <origin> does."""
 
     @property

@@ -32,8 +32,16 @@ def test_every_control_has_a_name(page: Page) -> None:
 def test_a_scene_has_its_objects(page: Page) -> None:
     page.open("#scene=arm-pushes-box")
     assert page.text("#scene-problem") == ""
+    starts = "[...document.querySelectorAll('#sliders input[type=number]')].map(x => [x.ariaLabel, Number(x.value)])"
+    shown = {name.split(",")[0]: value for name, value in page.evaluate(starts)}  # in q the box is the first
+    assert (shown["shoulder"], shown["elbow"], shown["box x"]) == (1.2, -2.4, 0.31)
+    page.choose("[aria-label='box y, exactly, m']", "0.001")
+    assert page.evaluate("JSON.parse(document.getElementById('scene-json').value).q.box[1]") == 0.001
+    page.choose("[aria-label='box y, exactly, m']", "0")
     page.choose("#duration", "0.2")
     page.run()
+    assert page.text("#stale-what") == ""
+    assert {"shoulder", "elbow", "box x"} <= set(page.text("#plots").split("\n"))
     job = page.evaluate("location.hash.match(/run=([^&]+)/)[1]")
     end = httpx.get(f"{page.url}/v1/simulations/{job}", trust_env=False).json()["result"]["q"]
     run = tl.simulate(tl.load_scene("arm-pushes-box"), 0.2)

@@ -26,10 +26,11 @@ import { loadMeshcat } from "./viewer_script.js";
 
 const FIRST = "arm-swing";
 const FRAMES = 600;
+const NOT_DRAWN = "The objects of the scene are not drawn.";
 
 const viewer = new Viewer(byId("stage"), { onTime: t => results.cursor(t) });
 const robots = new Robots(useRobot);
-const editor = new SceneEditor({ onPick: pickScene, onChange: noteChange, pose: () => ({ q: sliders.q, ...placed }) });
+const editor = new SceneEditor({ onPick: pickScene, onChange: noteChange, pose: () => ({ q: ownPart(sliders.q), ...placed }) });
 const sliders = new Sliders(byId("sliders"), (q, joint) => {
   viewer.timeline.unload();
   editor.move(joint.name, sliders.part(joint));
@@ -43,7 +44,7 @@ const results = new Results(
       viewer.seek(t);
     }
   },
-  () => comparison.keep(results.job, robots.robot.joints),
+  () => comparison.keep(results.job, whole.joints),
 );
 const comparison = new Comparison(results, () => {
   remember();
@@ -63,7 +64,7 @@ const preview = new Preview({
     outdate();
   },
 });
-const query = new QueryForm(() => sliders.q);
+const query = new QueryForm(() => ownPart(sliders.q));
 const run = new Job(
   "simulations",
   {
@@ -92,11 +93,12 @@ const sweep = new Sweep(() => editor.request, runCell);
 const sensitivity = new Sensitivity(() => editor.request);
 new Linear(
   () => editor.request,
-  () => ({ q: sliders.q, v: speedsOf(robots.robot, editor.v) }),
+  () => ({ q: sliders.q, v: speedsOf(whole, editor.v) }),
 );
 new Identify(() => robots.robot);
 
 let running = null; // id of the run that the address names
+let whole = null; // the robot with the objects of the scene, in whatever order their joints are
 let drawn = null; // id of the robot in the 3D view
 let placed = {}; // where the links are at the start: {frames, poses}
 let turn = 0; // counts picks: an answer to an earlier pick is dropped
@@ -153,8 +155,9 @@ async function arrange(content, robot, id, changes = {}) {
   comparison.clear();
   const scene = await content;
   if (thisTurn !== turn) return;
-  editor.set(scene, robot, id, changes);
+  whole = robot;
   sliders.set(robot, robot.neutral);
+  editor.set(scene, robot, id, changes);
   query.set(robot);
   robots.look(robot.id).catch(() => {}); // asked for while the start is found; draw says what is wrong with it
   drawing = showStart().then(() => draw(robot));
@@ -172,13 +175,14 @@ async function showStart() {
   const { robot } = robots;
   let q = robot.neutral;
   try {
-    const { q: start } = await post("/v1/scenes/validate", { scene: editor.current() });
-    q = start.slice(0, robot.nq); // behind it are the objects
+    const start = await post("/v1/scenes/validate", { scene: editor.current() });
+    if (robot !== robots.robot) return;
+    [q, whole] = [start.q, start.robot];
   } catch {
-    /* explain says what is wrong with it */
+    whole = robot; // explain says what is wrong with the scene
   }
-  sliders.set(robot, q);
-  listSpeeds(byId("speeds"), robot, editor.v, (joint, value) => editor.push(joint, value));
+  sliders.set(whole, q);
+  listSpeeds(byId("speeds"), whole, editor.v, (joint, value) => editor.push(joint, value));
   await poseAt(q);
 }
 
@@ -192,6 +196,8 @@ async function draw(robot) {
       drawn = robot.id;
       await poseAt(sliders.q);
     }
+    if (whole.links.length !== robot.links.length) viewer.note.textContent = NOT_DRAWN;
+    else if (viewer.note.textContent === NOT_DRAWN) viewer.note.textContent = "";
     viewer.fit();
   } catch (failure) {
     viewer.note.textContent = `It cannot be drawn: ${failure.message}`;
@@ -259,7 +265,7 @@ async function restore() {
     if (job) await showAgain(job);
     else if (id) byId("run-status").textContent = "The run of this address is not kept here. Press Run.";
     for (const other of await Promise.all(compared.map(each => finished(each).catch(() => null)))) {
-      if (other?.state === "done") await comparison.keep(other, robots.robot.joints);
+      if (other?.state === "done") await comparison.keep(other, whole.joints);
     }
   });
   remember();
@@ -278,10 +284,16 @@ addEventListener("popstate", () => restore());
 
 // The 3D robot ----------------------------------------------------------------------------------------------------
 
+/** The part of q of the scene that is the robot's. */
+function ownPart(q) {
+  const places = new Map(whole.joints.map(joint => [joint.name, joint.q]));
+  return whole.nq === robots.robot.nq ? q : robots.robot.joints.flatMap(({ name }) => q.slice(...places.get(name)));
+}
+
 let nextQ = null,
   posing = null;
 
-/** Pose the robot at q. While a request is under way only the newest q waits. */
+/** Pose the robot at q of the scene. While a request is under way only the newest q waits. */
 function poseAt(q) {
   nextQ = [...q];
   posing ??= posedAll().finally(() => {
@@ -293,7 +305,7 @@ function poseAt(q) {
 async function posedAll() {
   try {
     while (nextQ) {
-      const [id, sentQ] = [robots.robot.id, nextQ];
+      const [id, sentQ] = [robots.robot.id, ownPart(nextQ)];
       nextQ = null;
       const { frames, poses } = await post(`/v1/robots/${encodeURIComponent(id)}/kinematics`, { q: sentQ });
       if (id !== robots.robot.id) continue;
@@ -354,7 +366,7 @@ async function showRun(job) {
     byId("run-status").textContent = "Done, but another robot was picked meanwhile: see Earlier runs.";
     return;
   }
-  results.show(job, robots.robot.joints, columns);
+  results.show(job, whole.joints, columns);
   outdate();
   comparison.refresh();
   viewer.play({ ...loaded, events: results.events });
@@ -372,7 +384,7 @@ function motionOf(job) {
 function showLook({ result, columns, motion }, request, rests) {
   live.stop();
   running = null;
-  results.show({ id: null, request, result }, robots.robot.joints, columns);
+  results.show({ id: null, request, result }, whole.joints, columns);
   comparison.drop(besides);
   rememberSoon();
   if (!rests) return;
@@ -385,7 +397,7 @@ function showLook({ result, columns, motion }, request, rests) {
 async function showVerified(job, isLate) {
   const [motion, columns] = await Promise.all([motionOf(job), columnsOf(job)]);
   if (isLate()) return;
-  results.show(job, robots.robot.joints, columns);
+  results.show(job, whole.joints, columns);
   outdate();
   comparison.refresh();
   byId("run-status").textContent = "The error bar is there.";
@@ -408,7 +420,7 @@ const beside = new Job(
   { ...jobControls("besides", "").parts, status: byId("beside-status"), problem: byId("beside-problem") },
   async job => {
     byId("beside-status").textContent = "";
-    await comparison.keep(job, robots.robot.joints);
+    await comparison.keep(job, whole.joints);
   },
 );
 
@@ -478,7 +490,7 @@ async function openPast(job) {
 
 wireTabs(document.querySelector("[role=tablist]"), id => {
   if (["tab-sense", "tab-sweep"].includes(id)) learnQuantities();
-  if (id === "tab-past") listPast(openPast, job => comparison.keep(job, robots.robot.joints), () => robots.robot);
+  if (id === "tab-past") listPast(openPast, job => comparison.keep(job, whole.joints), () => robots.robot);
 });
 
 const relearn = debounce(() => {
@@ -489,7 +501,7 @@ const relearn = debounce(() => {
 async function learnQuantities() {
   try {
     const rows = await post("/v1/scenes/quantities", { scene: editor.current() });
-    sensitivity.set(rows, robots.robot);
+    sensitivity.set(rows, whole);
     sweep.set(rows);
   } catch (failure) {
     showProblem(byId("scene-problem"), failure);
