@@ -7,6 +7,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -490,5 +491,8 @@ def test_corners_that_bounce_one_after_the_other_are_not_one_impact(tilt: float)
     run = tl.simulate(scene, 0.3, contact="stepped", step=0.005)
     assert (np.abs(run.q - located.q).max(axis=1) <= run.error + located.error).all()
     assert run.error.max() < 0.01
+    plastic = tl.Scene(scene.base, q, effects=[E.Gravity(), msgspec.structs.replace(cube, restitution=0.0)])
+    still, steps = (tl.simulate(plastic, 0.3, **way) for way in ({}, {"contact": "stepped", "step": 0.005}))
+    assert (np.abs(still.q - steps.q).max(axis=1) <= steps.error + still.error).all()
     flat = tl.Scene(scene.base, [0, 0, 0.3, 0, 0, 0, 1], effects=scene.effects)
     assert tl.simulate(flat, 0.3, contact="stepped", step=0.005).v[-1, 3:] == pytest.approx(np.zeros(3), abs=1e-9)

@@ -29,7 +29,8 @@ class StepLaw:
     impulses act before the middle of the step: as the gap is g = g_0 - u s - b s^2 / 2 bodies meet after s with the
     approach u + b s, and what presses after that does so for h - s. share: of the restitution that bodies bounce by.
     sums (n, 3): U- + U+ of an impact but for U at the end of the step. lasting (n, 3): impulses of the forces before.
-    heights (n,): of bounces that are over before the step is, and are not followed, m.
+    heights (n,): that are not followed, m: of bounces that are over before the step is, and by which what does not
+    bounce is farther off than what meets first.
     """
 
     def __init__(self, laws: Laws, points: Points, before: Array, after: Array, h: float, memory: Memory) -> None:
@@ -61,6 +62,10 @@ class StepLaw:
         )
         low = ~bounces & (w > STILL) & (b > 0.0)
         self.heights = np.where(low, w * w / (2.0 * np.where(low, b, 1.0)), 0.0)
+        # What meets later in the step than the first point of its pair does so as if at once.
+        least, once = np.full(len(laws.names), np.inf), self.hits & ~bounces
+        np.minimum.at(least, points.pair[self.hits], start[self.hits])
+        self.heights[once] = np.maximum(self.heights, start - least[points.pair])[once]
         self.sums = before + np.where(bounces, 2.0 * s / h - 1.0, 0.0)[:, None] * (after - before)
         self.given, self.of_joints = h * laws.pressing[points.pair], laws.of_joints[points.pair]
         self.rests = self.given == 0.0
@@ -101,7 +106,7 @@ class StepLaw:
         return float(max(spans, default=0.0)) / self.h
 
     def unfollowed(self, rows: Any, response: Array, active: Array, p: Array) -> float:
-        """By how much the bounces that are not followed would move a joint at most, rad or m.
+        """By how much the heights that are not followed would move a joint at most, rad or m.
 
         The normal impulse that raises a point by a height z moves the joints by M^-1 J_n^T z / G_nn.
 

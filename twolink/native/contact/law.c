@@ -64,8 +64,8 @@ static int activate_lowest(tl_law *law, double limit, int none_of_active) {
   return fresh;
 }
 
-/* When in the step a point meets, and what impulses there do. still: it was, and counts as closed. */
-static void meet(const tl_scene *s, tl_law *law, int k, int still) {
+/* When in the step a point meets, and what impulses there do; its gap at the begin. still: it was, and counts as closed. */
+static double meet(const tl_scene *s, tl_law *law, int k, int still) {
   const double *before = law->before + 3 * k, *after = law->after + 3 * k, h = law->h, gap = law->points[k].gap;
   const int pair = law->points[k].pair;
   const double e = s->restitution[pair], b = (before[2] - after[2]) / h, approach = -before[2];
@@ -88,6 +88,7 @@ static void meet(const tl_scene *s, tl_law *law, int k, int still) {
   law->late[k] = law->hits[k] ? late : 0.0;
   law->slower[k] = s->friction[pair];
   law->mu[k] = law->stuck[k] ? s->fixed[pair] : law->slower[k];
+  return start;
 }
 
 /* The laws of the scene's points in a step that begins with v and would end with `free` without impulses. guess: impulses to
@@ -107,14 +108,19 @@ int tl_new_law(tl_scene *s, double h, const double *v, const double *free, tl_ro
     for (int i = 0; i < 3; i++) law->guess[3 * k + i] = law->lasting[3 * k + i] = h * memory->forces[3 * place + i];
   }
   if (guess) memcpy(law->guess, guess, 3 * (size_t)law->n * sizeof(double));
+  double *begins = law->ends; /* until they are needed */
   for (int first = 0, end; first < law->n; first = end) {
     int count = 0;
+    double least = INFINITY;
     end = end_of_pair(law, first);
     for (int k = first; k < end; k++) count += still[k];
     for (int k = first; k < end; k++) { /* of a face's corners, not all motions that their gaps ask for are possible */
       const double gap = law->points[k].gap;
-      meet(s, law, k, (still[k] && (count > 1 || gap < TL_TOUCHING)) || gap < TL_CLOSED);
+      begins[k] = meet(s, law, k, (still[k] && (count > 1 || gap < TL_TOUCHING)) || gap < TL_CLOSED);
+      if (law->hits[k] && begins[k] < least) least = begins[k];
     }
+    for (int k = first; k < end; k++) /* what meets later in the step than the first, as if at once */
+      if (law->hits[k] && !law->bounces[k]) law->heights[k] = tl_larger(law->heights[k], begins[k] - least);
   }
   for (int k = 0; k < law->n; k++) {
     law->ends[k] = law->points[k].gap + 0.5 * h * law->after[3 * k + 2];
@@ -139,7 +145,7 @@ int tl_missed(tl_scene *s, tl_law *law, const tl_solution *found) {
   return changed + activate_lowest(law, -TL_CLOSED, 1);
 }
 
-/* By how much the bounces that are not followed would move a joint at most, rad or m: M^-1 J_n^T z / G_nn of a height z. */
+/* By how much the heights that are not followed would move a joint at most, rad or m: M^-1 J_n^T z / G_nn of a height z. */
 int tl_unfollowed(tl_scene *s, const tl_law *law, const tl_solution *found, double *out) {
   static const double NORMAL[3] = {0, 0, 1};
   double *x = tl_take(&s->work, (size_t)s->nv, sizeof(double));
