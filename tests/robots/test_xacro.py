@@ -42,6 +42,9 @@ def test_arguments_and_packages(folder: Path) -> None:
     with pytest.raises(RobotError, match=r"no argument 'mas'.*did you mean 'mass'") as caught:
         tl.load_robot(path, xacro_arguments={"mas": 5})
     assert (caught.value.code, caught.value.argument) == ("xacro", "xacro_arguments")
+    hand = '<xacro:if value="0"><xacro:arg name="finger" default="1"/></xacro:if></robot>'
+    path.write_text(path.read_text().replace("</robot>", hand))
+    assert tl.load_robot(path, xacro_arguments={"mass": 5, "finger": 2}).mass == 5  # of a part that is not there
     away = folder / "away.urdf.xacro"
     away.write_text(TEXT)
     assert tl.load_robot(away, package_dirs=[folder / "checkout"]).mass == 2

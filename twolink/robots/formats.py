@@ -2,7 +2,7 @@
 
 import re
 import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 
 from twolink.errors import RobotError, import_extra, nearest
@@ -76,7 +76,8 @@ def describe(
         if confining_roots() is not None:
             raise RobotError("it is xacro, which can hold code", where=source.label, code="not-allowed",
                              remedy='xacro="ignore", or expand it: xacro FILE > robot.urdf')  # fmt: skip
-        element = _expanded(source.path, source.label, xacro_arguments, [*folders, *source.path.resolve().parents])
+        parents, declared = source.path.resolve().parents, set(_declared(element))
+        element = _expanded(source.path, source.label, xacro_arguments, [*folders, *parents], declared)
     elif xacro_arguments:
         what = "no xacro is expanded that could take arguments"
         raise RobotError(what, where=source.label, argument="xacro_arguments", remedy="leave them out")
@@ -104,7 +105,17 @@ class _Arguments(dict[str, str]):
         return super().__getitem__(name)
 
 
-def _expanded(path: Path, label: str, arguments: Mapping[str, object], folders: Sequence[Path]) -> Element:
+def _declared(element: Element) -> Iterator[str]:
+    """The arguments that a xacro file declares, those of conditions that do not hold too."""
+    if element.tag == "xacro:arg":
+        yield element.attributes.get("name", "")
+    for child in element.children:
+        yield from _declared(child)
+
+
+def _expanded(
+    path: Path, label: str, arguments: Mapping[str, object], folders: Sequence[Path], declared: Set[str]
+) -> Element:
     """The <robot> that a xacro file stands for. Raises RobotError (code "xacro") with file and line."""
     xacro, names = import_extra("xacro", "xacro"), import_extra("xacro.substitution_args", "xacro")
     with _xacro_lock:
@@ -122,10 +133,11 @@ def _expanded(path: Path, label: str, arguments: Mapping[str, object], folders: 
                              where=_place(what, files, getattr(error, "lineno", None))) from None  # fmt: skip
         finally:
             names._eval_find = found
+    known = mappings.asked | declared
     for name in arguments:
-        if name not in mappings.asked:
-            raise RobotError(f"the xacro has no argument {name!r}", where=label, argument="xacro_arguments",
-                             remedy=nearest(name, sorted(mappings.asked)), code="xacro")  # fmt: skip
+        if name not in known:
+            raise RobotError(f"the xacro asks for no argument {name!r}", where=label, argument="xacro_arguments",
+                             remedy=nearest(name, sorted(known)), code="xacro")  # fmt: skip
     return _unplaced(parse_xml(text.encode(), label, "utf-8"))
 
 
