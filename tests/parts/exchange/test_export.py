@@ -113,6 +113,8 @@ def test_the_step_is_the_method_of_its_order(tmp_path: Path) -> None:
             x = call(step, 4, x[:2], x[2:], np.zeros(2), 0.5 / n)
         errors.append(np.abs(x - np.concatenate([truth.q[-1], truth.v[-1]])).max())
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.3)
+    usual, start = library(robot.export_c(tmp_path / "bar.c", ["step"])[0]).bar_step, (q, v, np.zeros(2), 0.01)
+    assert np.array_equal(call(usual, 4, *start), call(step, 4, *start))
 
 
 def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:

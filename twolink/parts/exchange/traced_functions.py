@@ -101,7 +101,7 @@ class _Shaped:
 
 def step_of(robot: Robot, name: str) -> tuple[Traced, str, Vectors]:
     """One step of an explicit method under torques that stay, certified against Pinocchio's accelerations."""
-    wanted = name.partition(":")[2]
+    wanted = name.partition(":")[2] or "rk4"
     tableaux = {key: method.tableau for key, method in METHODS.items()}
     explicit = {key: one for key, one in tableaux.items() if isinstance(one, Tableau) and not any(one.diagonal)}
     if (ours := ELSEWHERE.get(wanted, wanted)) not in explicit:
