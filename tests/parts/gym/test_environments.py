@@ -1,5 +1,7 @@
 """Environments of Gymnasium: its own checks, the motion of tl.simulate, and worlds in a batch as one by one."""
 
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
@@ -76,6 +78,15 @@ def test_a_free_base_has_the_limits_of_joints_without_effort() -> None:
     env = Environment(tl.Scene(robot, effects=[tl.effects.Gravity()]), reward)
     np.testing.assert_array_equal(env.action_space.high[:6], 1.0)
     assert (np.abs(env.action_space.sample()) <= env.action_space.high).all()
+
+
+def test_joints_of_a_file_that_limits_no_effort_have_actions_of_1(tmp_path: Path) -> None:
+    text = """<robot name="rod"><link name="w"/><link name="a"><inertial><mass value="1"/>
+        <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <joint name="j" type="continuous"><parent link="w"/><child link="a"/></joint></robot>"""
+    robot = tl.load_robot(text)
+    for one in (robot, tl.load_robot(robot.export_urdf(tmp_path / "rod.urdf"))):
+        np.testing.assert_array_equal(Environment(tl.Scene(one), reward).action_space.high, 1.0)
 
 
 def test_events_are_located_in_one_environment_and_refused_in_a_batch() -> None:

@@ -14,6 +14,7 @@ from twolink.integrate.steps.outcomes import FINE
 from twolink.integrate.steps.perturbation import NO_PERTURBATION
 from twolink.integrate.steps.step_map import step_map
 from twolink.integrate.steps.stepping import BLOCK, advance, start_state
+from twolink.robots.joint_layout import NO_LIMIT
 from twolink.scenes import Scene
 from twolink.simulation.motion_error import METHOD
 from twolink.simulation.sampling import duration_for
@@ -76,7 +77,7 @@ class Task:
         self.terminated = terminated or (lambda _: False)
         self.start = start or (lambda _: (scene.q, scene.v))
         effort, nv = np.asarray(scene.robot.model.effortLimit), scene.robot.nv
-        self.limit = np.where((effort > 0.0) & (effort < np.finfo(float).max), effort, EFFORT)  # that of a free base
+        self.limit = np.where((effort > 0.0) & (effort < NO_LIMIT), effort, EFFORT)
         if limit is not None:
             self.limit = one("limit", np.full(nv, limit) if np.ndim(limit) == 0 else limit, nv)
             positive(self.limit.min(initial=np.inf) if nv else 1.0, "limit", SceneError, "largest torques, N m or N")
