@@ -2,6 +2,8 @@
 
 import importlib
 import json
+import os
+import subprocess
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -125,7 +127,7 @@ class Push:
     """A law whose torque is a state of its object."""
 
     def __init__(self, torque: float) -> None:
-        self.torque = torque
+        self.torque, self.names = torque, {"shoulder", "elbow", "wrist", "hand"}
 
     def law(self, _t: float, _y: object, state: object) -> tuple[np.ndarray, object]:
         return np.array([self.torque, 0.0]), state
@@ -138,6 +140,28 @@ def test_a_controller_that_was_changed_is_another_sweep(tmp_path: Path) -> None:
     assert again.equals(first)
     with pytest.raises(SceneError, match=r"effects\[0\]\.update\.content was"):
         swept(tmp_path / "x.zarr", {"v.elbow": [0.0, 0.1]}, strong, duration=0.2)
+
+
+def test_a_controller_with_a_set_is_the_same_in_another_process() -> None:
+    code = "from tests.parts.sweeps.test_sweep import Push; from twolink.parts.sweeps.plan import _content; "
+    code += "print(_content(Push(1.0).law))"
+    found = {
+        subprocess.run([sys.executable, "-c", code], env={**os.environ, "PYTHONHASHSEED": seed}, text=True, check=True,
+                       capture_output=True).stdout
+        for seed in "123"
+    }  # fmt: skip
+    assert len(found) == 1
+
+
+def test_a_store_of_an_earlier_version_is_refused_in_words(tmp_path: Path) -> None:
+    swept(tmp_path / "x.zarr")
+    group, record = store.read_record(tmp_path / "x.zarr")
+    del record["plan"]["functions"], record["plan"]["scene"]["robot"]["content"]
+    group.attrs["twolink"] = json.dumps(record)
+    with pytest.raises(SceneError, match="an earlier version did not note the content") as caught:
+        swept(tmp_path / "x.zarr")
+    assert caught.value.code == "another-sweep"
+    assert (open_sweep(tmp_path / "x.zarr").status == 1).all()
 
 
 def test_a_network_that_was_trained_again_is_another_sweep(tmp_path: Path) -> None:
@@ -239,6 +263,10 @@ def test_limits_of_effort_are_events_as_simulate_has_them(tmp_path: Path) -> Non
         np.testing.assert_allclose(times, [event.t for event in run.events], atol=1e-5)
         assert data.event_count.values[i] == len(times)
     assert data.event_count.values.sum() > 2
+    assert "limits of effort" in data.attrs["how"]
+    stops = tl.Scene(ARM.base, effects=[effects.Gravity(), effects.JointStops({"elbow": (-1.0, 1.0)})])
+    other = swept(tmp_path / "y.zarr", {"q.elbow": [0.1]}, stops, outputs=["events"])
+    assert "limits of effort" not in other.attrs["how"]
 
 
 def test_runs_are_reproducible_from_the_first_one_on(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import hashlib
 import inspect
+import io
 import json
 import math
 import pickle
@@ -186,7 +187,17 @@ def _content(function: Any) -> str:
         text = inspect.getsource(function if own is None else type(own))
     except (OSError, TypeError):  # typed in, or compiled
         text = ""
-    return _digest(text, pickle.dumps(own))
+    state = io.BytesIO()
+    _Pickler(state).dump(own)
+    return _digest(text, state.getvalue())
+
+
+class _Pickler(pickle.Pickler):
+    """A pickler of sets in an order of their own: Python's is another one in each process."""
+
+    def persistent_id(self, value: Any) -> list[str] | None:
+        """The elements of a set in order, in place of it."""
+        return sorted(map(repr, value)) if isinstance(value, set | frozenset) else None
 
 
 def _digest(*parts: str | bytes) -> str:

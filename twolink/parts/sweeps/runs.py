@@ -141,10 +141,10 @@ def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Para
         return False, "one by one: the energy depends on each run's parameters"
     if request.verify and not can_be_finer(METHODS["dop853"], of.accuracy):
         return False, f"one by one: {of.accuracy:g} is below what batches can verify"
-    if "events" in request.outputs and equations_of(scene, ticks=True).has_events:
-        return False, "one by one: batches do not tell when limits of effort are reached"
     if differs_beyond_numbers(scene, names):
         return False, "one by one: the scene has events, or loops or constants that differ by run"
+    if "events" in request.outputs and equations_of(scene, ticks=True).has_events:
+        return False, "one by one: batches do not tell when limits of effort are reached"
     return True, "in batches: the scene is smooth, and runs differ in numbers only"
 
 

@@ -119,7 +119,8 @@ def open_store(path: Path, plan: SweepPlan) -> SweepStore:
     if not path.exists():
         return SweepStore(path, plan, _create(zarr, path, plan))
     group, record = read_record(path)
-    text = difference(record["plan"], plan.record)
+    earlier = "functions" not in record["plan"] and "an earlier version did not note the content of files and functions"
+    text = earlier or difference(record["plan"], plan.record)
     if text:
         raise SceneError(f"it belongs to another sweep: {text}", where=str(path), code="another-sweep",
                          remedy="give another path, or the same scene and settings")  # fmt: skip
