@@ -75,6 +75,14 @@ def test_followers_keep_their_limits_of_speed(case: str) -> None:
     assert (np.abs(motion.v * [1.0, multiplier]).max(axis=0) / limits).max() == pytest.approx(1.0)
 
 
+def test_a_follower_without_limits_leaves_its_leader_without() -> None:
+    """A velocity of 1e30 is no limit: exported URDFs have it."""
+    text = chain(("continuous", ""), ("continuous", mimic("j1", 2.0))).replace('velocity="1"', 'velocity="1e30"')
+    robot = tl.load_robot(text, mimic=True)
+    assert robot.joints[0].velocity_limit == tl.load_robot(text).joints[0].velocity_limit == (np.inf,)
+    assert "narrowed" not in str(robot.report)
+
+
 def test_a_joint_beside_the_coupled_ones_can_be_locked() -> None:
     text = chain(("revolute", ""), ("revolute", ""), ("revolute", mimic("j1", 2.0, 0.3)))
     locked, whole = tl.load_robot(text, mimic=True, lock={"j2": 0.4}), tl.load_robot(text, mimic=True)

@@ -25,6 +25,7 @@ from twolink.robots.checks import (
 )
 from twolink.robots.formats import describe
 from twolink.robots.joint_layout import (
+    NO_LIMIT,
     Lock,
     beyond_limits,
     gravity_field,
@@ -151,9 +152,10 @@ def _narrowed(model: pin.Model, tree: Tree, apart: pin.Model) -> list[load_repor
         leader = model.getJointId(joint.mimic.joint)
         entry, dof = model.idx_qs[leader], model.idx_vs[leader]
         if joint.mimic.multiplier:
-            own = apart.velocityLimit[apart.idx_vs[apart.getJointId(joint.name)]] / abs(joint.mimic.multiplier)
-            if own > 0.0 and not 0.0 < speed[dof] <= own:
-                speed[dof] = own
+            own = apart.velocityLimit[apart.idx_vs[apart.getJointId(joint.name)]]
+            most = own / abs(joint.mimic.multiplier)
+            if 0.0 < own < NO_LIMIT and not 0.0 < speed[dof] <= most:
+                speed[dof] = most
                 narrowed.append(joint.mimic.joint)
         if joint.limits is None:
             continue
