@@ -177,3 +177,17 @@ def test_what_is_asked_of_a_motion_is_refused_where_nothing_moves(ask: Callable[
     scene = tl.Scene(tl.load_robot("heavy_top"), effects=[E.Gravity()], duration=1.0)
     with pytest.raises(SceneError, match="nothing moves"):
         ask(scene)
+
+
+def test_a_loop_that_was_released_holds_no_longer() -> None:
+    """From the release on it is the scene without it: q was moved onto the loop, A was of what that left to move."""
+    free = tl.Scene(tl.load_robot("arm"), [0.3, 0.5], effects=[E.Gravity()])
+    elbow = tuple(free.robot.frame_pose(free.q, "forearm")[1].tolist())
+    held = free.with_effects([E.Gravity(), E.Release(E.PointLoop("forearm", point_b=elbow), at=0.5)])
+    run = tl.simulate(held, t_eval=[0.0, 0.25, 0.8])
+    before, after = (tl.linearize(held, run.q[i], run.v[i], t=run.t[i]) for i in (1, 2))
+    assert before.A.shape == (2, 2)
+    np.testing.assert_array_equal(after.q, run.q[2])
+    np.testing.assert_allclose(after.A, tl.linearize(free, run.q[2], run.v[2]).A, rtol=1e-12)
+    with pytest.raises(SceneError, match="released"):
+        tl.linearize(held, run.q, run.v, t=run.t)

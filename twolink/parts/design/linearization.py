@@ -240,6 +240,9 @@ def linearize(
         groups.setdefault(own.content, []).append(i)
     nv, x = scene.robot.nv, np.array([own.start for own in here]).T
     tangent, states_of_effects = equations.space.tangent, equations.space.states
+    if len({own.constraints and own.constraints.loops for own in here}) > 1:
+        raise SceneError("loops hold at some of these states, and are released at others", argument="t",
+                         remedy="ask for those before and after the release apart")  # fmt: skip
     independent, lift = freedom(here[0], times, x)
     rows_of_rates = equations.space.moving - equations.space.nq
     derivatives = np.empty((len(times), rows_of_rates, tangent + len(joints)))
@@ -259,7 +262,7 @@ def linearize(
     q, v = equations.space.rows(x)
     names = (*state_names(scene.robot), *(f"z.{name}" for name in states_of_effects))
     return Linearization(
-        scene.robot, shaped(q), shaped(v), shaped(times), torques, shaped(whole[:, rows, :tangent] @ lift),
+        here[0].robot, shaped(q), shaped(v), shaped(times), torques, shaped(whole[:, rows, :tangent] @ lift),
         shaped(whole[:, rows, tangent:]), shaped(a), tuple(names[k] for k in rows), joints,
         error * float(np.abs(lift).sum(axis=1).max(initial=1.0)), independent, shaped(lift),
     )  # fmt: skip

@@ -51,8 +51,9 @@ def equations_at(equations: Equations, t: float, q: Array, v: Array) -> Equation
     """
     equations.require(t, t)
     x = np.concatenate([q, v])
-    if equations.constraints is not None:
-        x = assembled(equations.constraints, x)
+    held = RunState(equations, t).mode_state.own.equations if equations.has_events else equations  # loops at that time
+    if held.constraints is not None:
+        x = assembled(held.constraints, x)
     x = with_starting_states(equations, x)
     if not equations.has_events:
         return replace(equations, start=np.concatenate([x, equations.layout.numbers_at(t)]))
