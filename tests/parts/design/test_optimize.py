@@ -208,6 +208,7 @@ def test_a_search_goes_on_from_its_file_with_the_same_result(tmp_path: Path) -> 
     ({"forearm.inertia.yy": (-0.1, 9.0)}, "energy", "impossible-body", "forearm.inertia: no body has"),
     ({"v.elbow": (0, 1)}, "energie", "unknown-objective", "energy"),
     ({"v.elbow": (0, 1)}, "max-v:elbw", "scene", "there is no joint 'elbw' with one coordinate"),
+    ({"v.elbow": (0, 1)}, "rest:elbw=0", "scene", "there is no joint 'elbw' with one coordinate"),
     ({"v.elbow": (0, 1)}, "x:hand", "scene", "there is no frame 'hand'"),
     ({"v.elbow": (0, 1)}, lambda run: run.q, "objective", "expected a finite number"),
     ({"v.elbow": (0, 1)}, lambda run: 0.0 * run.t[0] + float("nan"), "objective", "nan"),

@@ -364,7 +364,8 @@ def named_objective(text: str, robot: Robot, argument: str = "objective") -> Obj
     if kind == "rest" and rest:
         pairs = [pair.partition("=") for pair in rest.split(",")]
         for name, _, _ in pairs:
-            require_known(name.strip(), robot.joint_names, SceneError, "there is no joint {!r}", argument=argument)
+            require_known(name.strip(), [joint.name for joint in robot.joints if joint.v.stop - joint.v.start == 1],
+                          SceneError, "there is no joint {!r} with one coordinate", argument=argument)  # fmt: skip
         values = _numbers([value for _, _, value in pairs], text, argument)
         return StateDistance(tuple((name.strip(), value) for (name, _, _), value in zip(pairs, values, strict=True)))
     if head in ("max", "min") and axis in ("q", "v", "a", "tau"):
