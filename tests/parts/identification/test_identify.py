@@ -8,6 +8,7 @@ import pytest
 
 import twolink as tl
 from tests.parts.identification.motions import motion, noisy
+from tests.urdf_text import joint, link, robot_of
 from twolink.errors import QueryError
 from twolink.identification import Identification, identify
 
@@ -174,6 +175,29 @@ def test_found_robot_has_the_friction_and_armature_that_were_found() -> None:
     np.testing.assert_allclose(found.armature, [0.05, 0.02], rtol=1e-6)
     np.testing.assert_allclose(found.damping, [0.4, 0.2], rtol=1e-6)
     np.testing.assert_allclose(found.upperDryFrictionLimit, [0.3, 0.15], rtol=1e-6)
+
+
+def test_a_robot_whose_joints_follow_others() -> None:
+    """Torques are those of the chain in which nothing follows, G^T tau(G q): identify refused what it found."""
+    text = robot_of(
+        link("a", 2.0, 0.1, "0.1 0 -0.3"),
+        link("b", 1.5, 0.1, "0.2 0.1 0"),
+        link("c", 1.0, 0.1, "0.3 0 0"),
+        joint("j1", "revolute", "ground", "a", "0 1 0"),
+        joint("j2", "revolute", "a", "b", "1 0.2 0"),
+        joint("f", "revolute", "b", "c", "0 1 0", more='<mimic joint="j2" multiplier="-1.5"/>'),
+    )
+    whole, robot = tl.load_robot(text), tl.load_robot(text, mimic=True)
+    t, *states = motion(robot)
+    follow = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, -1.5]])
+    tau = whole.inverse_dynamics(*(x @ follow.T for x in states)) @ follow
+    found = identify(robot, t, states[0], states[1], noisy(tau, 0.01), a=states[2])
+    true = dict(zip(robot.parameter_names, robot.parameter_values, strict=True))
+    off = found.estimate - found.matrix @ [true.get(name, 0.0) for name in found.parameters]
+    assert np.mean(np.abs(off) < found.half_width) > 0.8
+    for text, at in (("zero", robot), ("gravity", ARM.with_gravity((0.0, 0.0, 0.0)))):
+        with pytest.raises(QueryError, match=f"nothing of this robot's setup is called '{text}'"):
+            identify(at, t, states[0], states[1], tau, a=states[2], find=[text])
 
 
 REFUSED = {

@@ -80,8 +80,9 @@ class Setup:
 def names_of(robot: Robot) -> tuple[str, ...]:
     """Names of all that can be looked for of a robot's setup."""
     single = single_joints(robot)
+    zeros = () if robot.has_mimic else single  # Pinocchio has no derivatives where joints follow others
     tilt = ("gravity.tilt_x", "gravity.tilt_y") if np.any(robot.gravity) else ()
-    return ("delay", *(f"{name}.zero" for name in single), *tilt, *(f"{name}.motor_constant" for name in single))
+    return ("delay", *(f"{name}.zero" for name in zeros), *tilt, *(f"{name}.motor_constant" for name in single))
 
 
 def setup_of(robot: Robot, find: Sequence[str]) -> Setup:
@@ -90,7 +91,7 @@ def setup_of(robot: Robot, find: Sequence[str]) -> Setup:
     for text in texts(find, "find", QueryError, "such as 'delay' or ['zero', 'delay']"):
         fitting = [name for name in known if fnmatchcase(name, WORDS.get(text, text))]
         if not fitting:
-            require_known(text, [*WORDS, *known], QueryError, "nothing of the setup is called {!r}", argument="find",
+            require_known(text, known, QueryError, "nothing of this robot's setup is called {!r}", argument="find",
                           code="unknown-parameter")  # fmt: skip
         names |= dict.fromkeys(fitting)
     return Setup(robot, tuple(names), np.array([float(name.endswith("constant")) for name in names]))
