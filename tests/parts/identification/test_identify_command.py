@@ -9,6 +9,7 @@ import pytest
 import twolink as tl
 from tests.command import answer, call, one_line
 from tests.parts.identification.motions import motion, noisy
+from tests.simulation.test_sensitivities import FREE
 from twolink.errors import QueryError
 from twolink.identification import read_log
 from twolink.io.tables import write_table
@@ -141,6 +142,22 @@ def test_motors_that_move_several_joints_are_read_as_joints(tmp_path: Path) -> N
     read = read_log(ARM, tmp_path / "motors.npz", {"coupling": matrix.tolist()}).table
     np.testing.assert_allclose(read["q"], Q, atol=1e-12)
     np.testing.assert_allclose(read["tau"], TAU, atol=1e-12)
+
+
+def test_means_of_samples_take_a_quaternion_and_its_negative_for_the_same(tmp_path: Path) -> None:
+    """They are those of the log in which no quaternion changes its sign; a coupling is not of (cos, sin)."""
+    robot = tl.load_robot(FREE, root="free")
+    q = robot.integrate(robot.neutral, np.sin(np.outer(T, np.arange(1.0, 8.0)) / 3))
+    signed = q.copy()
+    signed[::2, 3:7] *= -1.0
+    for name, rows in (("same", q), ("signs", signed)):
+        np.savez(tmp_path / f"{name}.npz", t=T, q=rows, tau=np.outer(np.sin(T), np.ones(7)))
+    same, signs = (read_log(robot, tmp_path / f"{name}.npz", decimate=4).table["q"] for name in ("same", "signs"))
+    np.testing.assert_allclose(robot.difference(same, signs), 0.0, atol=1e-12)
+    middle = robot.normalize(q.reshape(-1, 4, robot.nq).mean(axis=1))
+    np.testing.assert_allclose(robot.difference(middle, same), 0.0, atol=1e-3)
+    with pytest.raises(QueryError, match=r"cos, sin.* do not add up"):
+        read_log(robot, tmp_path / "same.npz", {"coupling": np.eye(7).tolist()})
 
 
 def test_an_exciting_motion_for_the_robot_to_play(tmp_path: Path) -> None:

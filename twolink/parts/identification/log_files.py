@@ -8,6 +8,7 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array
+from twolink.errors import QueryError
 from twolink.parts.identification.column_map import convert, map_of, mapped_columns
 from twolink.parts.identification.measurements import GAP, measurements_of
 from twolink.robots.log_columns import read_log_table
@@ -64,6 +65,9 @@ def read_log(
     table = {name: np.array(x, dtype=float) for name, x in read.items() if x is not None}
     if coupling is not None:
         matrix = array("coupling", coupling, robot.nv)
+        if robot.nq != robot.nv:
+            raise QueryError("a joint of this robot has (cos, sin) or several coordinates, which do not add up",
+                             argument="coupling", remedy="couple the columns of the log before")  # fmt: skip
         table |= {name: table[name] @ matrix.T for name in ("q", "v", "a") if name in table}
         table["tau"] = table["tau"] @ np.linalg.inv(matrix)
     if "run" in found:
@@ -74,6 +78,10 @@ def read_log(
     if decimate > 1:
         count = len(table["t"]) // decimate
         blocks = {k: x[: count * decimate].reshape(count, decimate, *x.shape[1:]) for k, x in table.items()}
+        for joint in robot.joints:  # a quaternion and its negative are the same
+            if joint.kind in ("quaternion", "free-flyer"):
+                part = blocks["q"][..., joint.normalized]
+                part *= np.where(np.sum(part * part[:, :1], axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
         within = np.ptp(blocks.get("run", np.zeros((count, 1))), axis=1) == 0  # one run
         table = {k: x[within].mean(axis=1) for k, x in blocks.items()}
         table["q"] = np.asarray(robot.normalize(table["q"]))
