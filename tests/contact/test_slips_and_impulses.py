@@ -60,6 +60,7 @@ def test_the_impulses_of_a_ball_that_bounces(way: dict[str, object]) -> None:
     assert found.t == pytest.approx([fall, fall * (1 + 2 * e)], abs=1e-6)
     assert found.p[:, 2] == pytest.approx(mass * (1 + e) * G * fall * np.array([1.0, e]), abs=1e-6)
     assert run.contact_forces.on("ball").shape == (len(run.t), 3)  # though it presses at no sample
+    assert run.contact_forces.keys() == run.contact_forces.slips.keys() == run.contact_forces.impulses.keys()
     assert np.abs(found.p[:, :2]).max() < 1e-12
 
 

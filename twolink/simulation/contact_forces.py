@@ -22,8 +22,8 @@ class ContactForces(dict[str, np.ndarray]):
 
         m (v(t2) - v(t1)) = integral F dt + sum p     of a body, F with its weight and other forces
 
-    A pair is named "FIRST - SECOND", such as "foot - ground"; the second body has the opposite force. `slips` and
-    `impulses` have the same pairs, axes and signs.
+    A pair is named "FIRST - SECOND", such as "foot - ground"; the second body has the opposite force. `slips` have the
+    same pairs, `impulses` those of them that hit; axes and signs are the same.
     """
 
     # run: a Trajectory, whose module imports this one.
@@ -40,11 +40,13 @@ class ContactForces(dict[str, np.ndarray]):
             c = (1 - n n^T) (v_a - v_b),   T . c <= 0
 
         v_a, v_b: velocities of the two bodies at the point of contact; n: the normal there; T: friction on the first
-        body. Points are those of `Trajectory.contacts`, NaN where they are apart. At the samples; at an event after it.
+        body. Points are those of `Trajectory.contacts`, NaN where they are apart; of pairs that touch at no
+        sample there are none, (n, 0, 3). At the samples; at an event after it.
         Raises SceneError (code "no-equations") for a loaded trajectory.
         """
         self._run._solution("contact_forces.slips")
-        return {pair: slips for pair, (_, slips) in self._run._at_samples("contact_slips", None).items()}
+        found, none = self._run._at_samples("contact_slips", None), np.empty((len(self._run.t), 0, 3))
+        return {pair: found[pair][1] if pair in found else none for pair in self}
 
     @functools.cached_property
     def impulses(self) -> dict[str, PairImpulses]:
