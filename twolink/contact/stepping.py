@@ -180,9 +180,9 @@ class ContactStepper:
 
     @np.errstate(over="ignore", invalid="ignore")  # what steps that are too long give is refused ("step-too-large")
     def advance(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory, depth: int = 0) -> Step:
-        """One step, or where its laws are not reached two halves. Raises AccuracyError where these are too small.
+        """One step, or two, where its laws are not reached or a pair bounces at two times within it.
 
-        So it does where velocities are not finite.
+        Raises AccuracyError where steps are too small for their laws, or velocities are not finite.
         """
         step = self.step(t, h, q, v, numbers, memory)
         apart = step is not None and step.apart > APART and depth < APART_HALVINGS

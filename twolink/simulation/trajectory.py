@@ -538,8 +538,9 @@ class Trajectory(BaseResult, Plotted):
 
         overlap: the largest of bodies at a sample, m. feasibility: the largest approach and excess of friction, m/s.
         complementarity: the largest product of impulse and opening or slip that must vanish, J. steps: their number.
-        halved: those that were taken as two, because the laws were not reached. softened: impacts with less than their
-        restitution, with which they would have created energy. solvers: how many steps each one solved.
+        halved: those that were taken as two, because the laws were not reached, or points of a pair bounced one after
+        the other. softened: impacts with less than their restitution, with which they would have created energy.
+        solvers: how many steps each one solved.
         """
         if self.solution is None or isinstance(self.solution, DenseOutput):
             return None
