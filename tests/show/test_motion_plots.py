@@ -11,6 +11,8 @@ import pytest
 
 import twolink as tl
 from tests.simulation.test_trajectory import run_of_names
+from tests.urdf_text import joint as joint_of
+from tests.urdf_text import link, robot_of
 from twolink.errors import SceneError, ShowError
 from twolink.show.figure import COLOURS
 from twolink.show.motion_plots import tube
@@ -117,6 +119,15 @@ def test_events_are_lines_in_every_panel_and_named_where_there_is_room() -> None
     assert 2 <= len(names) <= len(times)
     assert all(a.x0 < b.x0 for a, b in itertools.pairwise(places))
     assert "error of q: at most" in figure.get_suptitle()
+
+
+def test_worlds_without_a_coordinate_to_draw_show_their_error_bars() -> None:
+    """A body on a ball joint has a quaternion alone."""
+    text = robot_of(link("body", 1.0, 0.1), joint_of("ball", "spherical", "ground", "body"))
+    scene = tl.Scene(tl.load_robot(text), v=[1.0, 2.0, 3.0])
+    for verify, rows in ((True, ["error bar\n(rad or m)"]), (False, [""])):
+        worlds = tl.simulate_many(scene, 0.05, v=[scene.v, 2.0 * scene.v], samples_per_second=100, verify=verify)
+        assert [axis.get_ylabel() for axis in worlds.plot().axes] == rows
 
 
 def test_events_before_the_first_sample_are_not_marked() -> None:

@@ -56,7 +56,7 @@ def plot_worlds(
     name, values = next(iter(varied.items()), ("number of the world", np.arange(count, dtype=float)))
     some = np.unique(np.linspace(0, count - 1, MAX_CURVES).astype(int)) if len(q) > 1 else np.arange(count)
     panels = _panels(robot, t, q[:, some], v[:, some])
-    figure, axes = new_figure(len(panels) + (error is not None), size=(9, 1.2 + 1.7 * len(panels)))
+    figure, axes = new_figure(len(panels) + (error is not None) or 1, size=(9, 1.2 + 1.7 * len(panels)))
     shades: Any = None
     for axis, (label, curves) in zip(axes[:, 0], panels.items(), strict=False):
         axis.set_ylabel(plain(label))
@@ -64,7 +64,7 @@ def plot_worlds(
             shades = _lines(axis, t, curves, values[some])
         else:
             axis.plot(values[some], curves[0], ".", color=COLOURS[0], markersize=3)
-    if len(q) > 1:
+    if len(q) > 1 and panels:
         axes[len(panels) - 1, 0].set_xlabel("time t (s)")
         figure.colorbar(shades, ax=list(axes[: len(panels), 0]), label=plain(name))
     if error is not None:
