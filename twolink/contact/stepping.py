@@ -179,13 +179,16 @@ class ContactStepper:
         return OneStep(at_rest(self.bodies, plan, first, q, v, step, memory))
 
     @np.errstate(over="ignore", invalid="ignore")  # what steps that are too long give is refused ("step-too-large")
-    def advance(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory, depth: int = 0) -> Step:
+    def advance(
+        self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory, depth: int = 0, bounces: int = 0
+    ) -> Step:
         """One step, or two, where its laws are not reached or a pair bounces at two times within it.
 
+        depth, bounces: how often a longer step was taken as two for the one reason, and for the other.
         Raises AccuracyError where steps are too small for their laws, or velocities are not finite.
         """
         step = self.step(t, h, q, v, numbers, memory)
-        apart = step is not None and step.apart > APART and depth < APART_HALVINGS
+        apart = step is not None and step.apart > APART and bounces < APART_HALVINGS
         if step is not None and not apart:
             _require_finite(step.v, t, h)
             step = self._checked(step, memory, halve=depth < UNSEEN_HALVINGS)
@@ -193,15 +196,15 @@ class ContactStepper:
             self.record.add(step.impulses)
             self.record.softened += step.softened
             return step
-        if not apart and depth >= HALVINGS:
+        if not apart and depth == HALVINGS:
             raise AccuracyError("no impulses obey the laws of contact and friction within a step, at speeds up to "
                                 f"{np.abs(v).max():.3g}", where=f"t = {t:.6g} s", code="contact-not-solved", t=t,
                                 remedy="smaller steps, for forces may be too stiff for these; less friction; or shapes "
                                        "that do not start overlapping")  # fmt: skip
         self.record.halved += 1
-        first = FIRST_PART * h
-        one = self.advance(t, first, q, v, numbers, memory, depth + 1)
-        return one.with_next(self.advance(t + first, h - first, one.q, one.v, numbers, one.memory, depth + 1))
+        first, counts = FIRST_PART * h, (depth + (not apart), bounces + apart)
+        one = self.advance(t, first, q, v, numbers, memory, *counts)
+        return one.with_next(self.advance(t + first, h - first, one.q, one.v, numbers, one.memory, *counts))
 
     def _checked(self, step: Step, memory: Memory, *, halve: bool) -> Step | None:
         """The step with what hulls overlap at its end; None where it is to be halved for a contact that it has missed.

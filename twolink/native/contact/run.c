@@ -141,7 +141,7 @@ static int step_whole(tl_scene *s, const tl_task *task, tl_ended *out) {
   const tl_record before = s->record;
   for (;;) {
     s->record = before, s->ended->used = 0, s->work.wanted = s->ended->wanted = 0;
-    const int code = tl_advance(s, task, 0, out);
+    const int code = tl_advance(s, task, 0, 0, out);
     if (code) s->record = before;
     if (code != TL_NO_MEMORY) return code;
     if (!s->work.wanted && !s->ended->wanted) return code;

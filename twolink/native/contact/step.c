@@ -193,22 +193,23 @@ static int join(tl_scene *s, const tl_ended *first, const tl_ended *second, tl_e
   return join_points(s, halves, out);
 }
 
-/* One step, or where its laws are not reached two halves; TL_NO_STEP where these are too small. */
-int tl_advance(tl_scene *s, const tl_task *task, int depth, tl_ended *out) {
+/* One step, or two, see `ContactStepper.advance`; TL_NO_STEP where these are too small. */
+int tl_advance(tl_scene *s, const tl_task *task, int depth, int bounces, tl_ended *out) {
   int code = tl_step(s, task, out);
-  const int apart = !code && depth < APART_HALVINGS && out->apart > APART;
+  const int apart = !code && bounces < APART_HALVINGS && out->apart > APART;
   if (!code && !apart) code = checked(s, task, depth < UNSEEN_HALVINGS, out);
   if (!code && !apart) count_step(&s->record, out);
   if (code != TL_HALVE && !apart) return code;
-  if (!apart && depth >= TL_HALVINGS) return TL_NO_STEP;
+  if (!apart && depth == TL_HALVINGS) return TL_NO_STEP;
   s->record.halved += 1;
+  depth += !apart, bounces += apart;
   tl_ended first, second;
   tl_task part = *task;
   part.h = FIRST_PART * task->h;
-  code = tl_advance(s, &part, depth + 1, &first);
+  code = tl_advance(s, &part, depth, bounces, &first);
   if (code) return code;
   part.t = task->t + part.h, part.h = task->h - part.h;
   part.q = first.q, part.v = first.v, part.memory = &first.memory;
-  code = tl_advance(s, &part, depth + 1, &second);
+  code = tl_advance(s, &part, depth, bounces, &second);
   return code ? code : join(s, &first, &second, out);
 }

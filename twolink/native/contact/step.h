@@ -50,6 +50,6 @@ int tl_end_of_step(tl_scene *s, const tl_task *task, tl_law *law, const double *
 int tl_new_memory(tl_scene *s, int count, tl_memory *out);
 void tl_pass_change(const tl_scene *s, const tl_memory *memory, const double *mean, int smooth, tl_memory *out);
 int tl_step(tl_scene *s, const tl_task *task, tl_ended *out);
-int tl_advance(tl_scene *s, const tl_task *task, int depth, tl_ended *out);
+int tl_advance(tl_scene *s, const tl_task *task, int depth, int bounces, tl_ended *out);
 int tl_is_finite(const double *x, int n);
 #endif
