@@ -69,7 +69,7 @@ def _stepper_of(scene: Scene) -> ContactStepper:
                          code="not-stepped")  # fmt: skip
     sampling, every = sampled(scene)
     sensors = {i: one for i, one in enumerate(every) if isinstance(one, Sensor) and not one.of_forces}
-    if sampling is None and sensors:  # what they read is known at the ends of steps
+    if sampling is None and sensors:  # which are read afterwards, at the ends of steps
         sampling = Sampling(scene.robot, {}, sensors)
     smooth = [(place, effect) for place, effect in enumerate(every) if not isinstance(effect, SwitchingEffect)]
     with_loops = equations = replace(make_equations(scene.robot, scene.q, scene.v, smooth), sampling=sampling)
@@ -225,5 +225,6 @@ def solve_stepped(
 
     track = SteppedTrack(stepper, plan, times)
     motion = SteppedMotion(stepper, float(times[0]), [planned], track=track, progress=progress)
-    return driven(motion, float(times[-1]), equations.sampling,
+    sampling = equations.sampling if equations.sampling and equations.sampling.controllers else None
+    return driven(motion, float(times[-1]), sampling,
                   lambda loop, interrupted, _: [track.solution(loop, interrupted=interrupted)])[0]  # fmt: skip

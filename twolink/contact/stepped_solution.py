@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.contact.stepping import ContactStepper
-from twolink.contact.steps import SAMPLED, Record, Step, TakenSteps
+from twolink.contact.steps import SAMPLED, SEEN, Record, Step, TakenSteps
 from twolink.geometry.points import pair_of
 from twolink.integrate.joint_forces import accelerations_and_joint_torques, wrenches_on_links
 from twolink.integrate.motion.state import Array
@@ -23,7 +23,7 @@ Pressing = dict[str, list[tuple[Array, Array, Array]]]  # by pair points, m, for
 
 @dataclass(frozen=True, eq=False)
 class SteppedSolution:
-    """States at samples, and between them by interpolation.
+    """States at samples and where sensors are read, and between them by interpolation.
 
     Parameters
     ----------
@@ -58,6 +58,8 @@ class SteppedSolution:
         Those of impacts.
     compiled : {"steps", ""}
         Whether the steps were native.
+    ends : tuple of ndarray (m,), (m, nq), (m, nv)
+        Times, configurations and velocities at samples, and at ticks of sensors that are read afterwards.
     """
 
     segments: tuple[Segment, ...]
@@ -72,20 +74,20 @@ class SteppedSolution:
     overlap: float
     step: float
     unfollowed: Array
+    ends: tuple[Array, Array, Array]
     interrupted: bool = False
     loop: SampledLoop | None = None
     impulses: tuple[Impulse, ...] = ()
     compiled: Code = ""
 
     def states(self, times: Array) -> Array:
-        """The states (nq + nv, m) at times (m,), interpolated between samples."""
-        model = self.segments[0].equations.robot.model
-        after = np.clip(np.searchsorted(self.t, times, side="left"), 1, max(1, len(self.t) - 1))
-        out = np.empty((self.q.shape[1] + self.v.shape[1], len(times)))
-        for k, (i, t) in enumerate(zip(np.minimum(after, len(self.t) - 1).tolist(), times.tolist(), strict=True)):
-            share = (t - self.t[i - 1]) / (self.t[i] - self.t[i - 1]) if i else 0.0
-            q = pin.interpolate(model, self.q[i - 1], self.q[i], share)
-            out[:, k] = np.concatenate([q, self.v[i - 1] + share * (self.v[i] - self.v[i - 1])])
+        """The states (nq + nv, m) at times (m,), interpolated between the known ones."""
+        model, (ends, q, v) = self.segments[0].equations.robot.model, self.ends
+        after = np.clip(np.searchsorted(ends, times, side="left"), 1, max(1, len(ends) - 1))
+        out = np.empty((q.shape[1] + v.shape[1], len(times)))
+        for k, (i, t) in enumerate(zip(np.minimum(after, len(ends) - 1).tolist(), times.tolist(), strict=True)):
+            share = (t - ends[i - 1]) / (ends[i] - ends[i - 1]) if i else 0.0
+            out[:, k] = np.append(pin.interpolate(model, q[i - 1], q[i], share), v[i - 1] + share * (v[i] - v[i - 1]))
         return out
 
     def accelerations_and_torques(self) -> tuple[Array, Array]:
@@ -139,6 +141,7 @@ class SteppedTrack:
         q, v = equations.space.rows(equations.start)
         none = np.zeros_like(v)
         self._states = [(q, v, none, none, plan.numbers[0], 0.0)]
+        self._ends = [(float(times[0]), q, v)]
         self._pressing: list[Pressing] = [{}]
         self._impulses: list[Impulse] = []
         self._overlap = stepper.overlap_at_begin[0]
@@ -151,11 +154,16 @@ class SteppedTrack:
             (q, w, _), v = stepper.begin, self._states[0][1]
             self._states[0] = (q, v, *_means(stepper, one, q, w), plan.numbers[0].copy(), 0.0)
             self._pressing[0] = _pressing(stepper, one)
-        for j in np.flatnonzero(plan.mark[first : first + len(steps)] & SAMPLED).tolist():
-            one = steps[j]
+        marks = plan.mark[first : first + len(steps)]
+        for j in np.flatnonzero(marks & (SAMPLED | SEEN)).tolist():
+            one, t = steps[j], plan.t[first + j] + plan.h[first + j]
+            sampled = marks[j] & SAMPLED
+            self._ends.append((self._times[len(self._states)] if sampled else t, one.q, local(one.q, one.v)))
+            if not sampled:
+                continue
             self._pressing.append(_pressing(stepper, one))
             now, means = plan.numbers[plan.piece[first + j]].copy(), _means(stepper, one, one.q, one.v)
-            self._states.append((one.q, local(one.q, one.v), *means, now, one.memory.unfollowed))
+            self._states.append((*self._ends[-1][1:], *means, now, one.memory.unfollowed))
             self._overlap = max(self._overlap, stepper.overlap(one.q)[0] if one.overlap is None else one.overlap)
         # What repeats or rests has no impacts.
         self._impulses += _impulses(stepper, float(plan.t[first]), steps[len(steps) - 1])
@@ -165,9 +173,12 @@ class SteppedTrack:
         plan, n = self._plan, len(self._states)
         q, v, a, held, numbers, unfollowed = (np.array(column) for column in zip(*self._states, strict=True))
         segment = Segment(self._stepper.equations, float(self._times[0]), n, readings=loop and loop.readings)
+        times, *states = zip(*self._ends, strict=True)
+        ends = np.array(times), np.array(states[0]), np.array(states[1])
         return SteppedSolution((segment,), self._times[:n], q, v, a, held, numbers, self._pressing[:n],
-                               self._stepper.record, self._overlap, float(plan.h.max()), unfollowed, interrupted, loop,
-                               tuple(self._impulses), "" if self._stepper.native is None else "steps")  # fmt: skip
+                               self._stepper.record, self._overlap, float(plan.h.max()), unfollowed, ends, interrupted,
+                               loop, tuple(self._impulses),
+                               "" if self._stepper.native is None else "steps")  # fmt: skip
 
 
 def _means(stepper: ContactStepper, one: Step, q: Array, w: Array) -> tuple[Array, Array]:

@@ -15,7 +15,8 @@ from twolink.integrate.motion.state import Array
 from twolink.loop.clock import Clock
 from twolink.native.contact import StepPlan
 
-SAMPLED, FIRST = 1, 2  # marks of steps: a sample is at the end; the first, whose means stand at the first sample
+# Marks of steps: a sample is at the end; the first, whose means stand at the first sample; a sensor is read at the end.
+SAMPLED, FIRST, SEEN = 1, 2, 4
 
 
 def plan_steps(equations: Equations, times: Array, step: float, halvings: int) -> StepPlan:
@@ -39,6 +40,8 @@ def plan_steps(equations: Equations, times: Array, step: float, halvings: int) -
     plan.t[:] = grid[piece] + (np.arange(len(piece)) - (after - count)[piece]) * plan.h
     plan.mark[after - 1] = np.where(np.isin(grid[1:], times), SAMPLED, 0)
     plan.mark[:1] |= FIRST
+    if sampling is not None and not sampling.controllers:
+        plan.mark[after - 1] |= np.where(np.isin(grid[1:], ticks), SEEN, 0)
     return plan
 
 
