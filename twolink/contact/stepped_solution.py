@@ -107,7 +107,7 @@ class SteppedSolution:
 
     @property
     def _states_with_numbers(self) -> Array:
-        """(size, n)."""
+        """The states with the numbers that held (size, n)."""
         return np.concatenate([self.q, self.v, self.numbers], axis=1).T
 
     @functools.cached_property

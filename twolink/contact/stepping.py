@@ -192,10 +192,10 @@ class ContactStepper:
         if step is not None and not apart:
             _require_finite(step.v, t, h)
             step = self._checked(step, memory, halve=depth < UNSEEN_HALVINGS)
-        if step is not None and not apart:
-            self.record.add(step.impulses)
-            self.record.softened += step.softened
-            return step
+            if step is not None:
+                self.record.add(step.impulses)
+                self.record.softened += step.softened
+                return step
         if not apart and depth == HALVINGS:
             raise AccuracyError("no impulses obey the laws of contact and friction within a step, at speeds up to "
                                 f"{np.abs(v).max():.3g}", where=f"t = {t:.6g} s", code="contact-not-solved", t=t,

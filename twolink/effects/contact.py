@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import ClassVar, Literal
 
@@ -194,10 +195,10 @@ class Contact(SwitchingEffect, frozen=True):
 
     def check_beside(self, effects: Sequence[Effect], robot: Robot) -> None:
         """No pair has two laws."""
-        others = [one for one in effects if isinstance(one, Contact)]
-        if len(others) < 2 or others[0] is self:
+        others = (one for one in effects if isinstance(one, Contact))
+        before = list(itertools.takewhile(lambda one: one is not self, others))
+        if not before:
             return
-        before = others[: next(k for k, one in enumerate(others) if one is self)]
         known = {frozenset(pair[1:]) for one in before for pair in one.selected(robot).chosen}
         twice = next((pair.name for pair in self.selected(robot).chosen if frozenset(pair[1:]) in known), None)
         if twice is not None:

@@ -77,7 +77,7 @@ def _messages(run: Any, times: list[int], notes: Mapping[str, str]) -> Iterator[
     events = [(round(event.t * 1e9), event) for event in run.events or ()]
     states, places, wrenches = _joint_states(run), link_poses(run.robot, run.q), _wrenches(run, numbers)
     frames = [run.robot.model.frames[k] for k in reversed(link_frames(run.robot))]
-    bodies = {topic: {f.parentJoint: f.name for f in frames}[joint.index] for topic, joint in free.items()}
+    carried = {frame.parentJoint: frame.name for frame in frames}  # the first link of each joint
     links, ground = run.robot.frame_names, "universe" if "world" in run.robot.frame_names else "world"
 
     def until(t: float) -> Iterator[tuple[int, str, Any]]:
@@ -95,7 +95,7 @@ def _messages(run: Any, times: list[int], notes: Mapping[str, str]) -> Iterator[
                     message("geometry_msgs/msg/Transform", _vector(pose[:3]), _quaternion(pose[3:])))
             for link, pose in zip(links, places[k], strict=True)])  # fmt: skip
         for topic, joint in free.items():
-            yield t, topic, _odometry(header, bodies[topic], run.q[k, joint.q], run.v[k, joint.v])
+            yield t, topic, _odometry(header, carried[joint.index], run.q[k, joint.q], run.v[k, joint.v])
         for topic, (_, values) in numbers.items():
             yield t, topic, message(bags.NUMBER, float(values[k]))
         for topic, values in wrenches.items():
