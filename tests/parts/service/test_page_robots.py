@@ -108,6 +108,18 @@ def test_sliders_move_the_robot(page: Page) -> None:
     assert page.moves(moved)
 
 
+def test_objects_of_a_scene_are_drawn_and_their_sliders_move_them(page: Page) -> None:
+    page.open("#scene=box-stack")
+    page.wait_for("document.getElementById('play')?.classList.contains('playing')")
+    page.click("#play")
+    coloured = np.ptp(page.robot().astype(int), axis=-1) > 60
+    assert coloured.mean() > 0.03  # arrows of forces alone: below 0.01
+    assert page.text("#view-note") == ""
+    before = page.robot()
+    page.choose("#sliders input[type=range]", "0.3")
+    assert page.moves(before)
+
+
 def test_a_bad_urdf_is_explained_where_it_was_given(page: Page, tmp_path: Path) -> None:
     (tmp_path / "bad.urdf").write_text(BAD)
     page.open()

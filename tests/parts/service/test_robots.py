@@ -168,6 +168,24 @@ def test_visuals_with_the_links_poses_are_where_pinocchio_draws_them(http: httpx
         assert at.isApprox(expected[piece["name"]], 1e-6)
 
 
+def test_a_scene_is_drawn_with_its_objects_where_they_are(http: httpx.Client) -> None:
+    objects = [{"name": "low", "source": {"kind": "box", "size": [0.2, 0.4, 0.6]}, "pose": [1, 2, 3], "mass": 1.0},
+               {"name": "top", "source": {"kind": "sphere", "radius": 0.5}, "pose": [0, 0, 1]}]  # fmt: skip
+    scene = {"robot": "two_link", "objects": objects, "q": {"shoulder": 0.4, "low": [1.5, 2, 3, 0, 0, 0, 1]}}
+    drawn = http.post("/v1/scenes/visuals", json={"scene": scene}).json()
+    start = http.post("/v1/scenes/validate", json={"scene": scene}).json()
+    robot = http.get("/v1/robots/two_link/visuals").json()
+    poses = dict(zip(start["frames"], start["poses"], strict=True))
+    pieces = {piece["link"]: piece for piece in drawn["pieces"]}
+    assert set(pieces) >= {"low", "top", *(piece["link"] for piece in robot["pieces"])}
+    np.testing.assert_allclose(pieces["low"]["box"], [-0.1, -0.2, -0.3, 0.1, 0.2, 0.3])
+    np.testing.assert_allclose(poses["low"][:3], [1.5, 2.0, 3.0])
+    np.testing.assert_allclose(np.array(poses["top"][:3]) + pieces["top"]["placement"][:3], [0.0, 0.0, 1.0])
+    arm = http.post("/v1/robots/two_link/kinematics", json={"q": [0.4, 0.0]}).json()
+    for name, pose in zip(arm["frames"], arm["poses"], strict=True):
+        np.testing.assert_allclose(poses[name], pose, atol=1e-15, err_msg=name)
+
+
 def test_large_answers_are_compressed_for_those_who_take_that(http: httpx.Client) -> None:
     plain = http.get("/v1/robots/two_link/visuals", headers={"Accept-Encoding": "identity"})
     packed = http.get("/v1/robots/two_link/visuals", headers={"Accept-Encoding": "gzip"})

@@ -110,7 +110,7 @@ class MethodAbout(msgspec.Struct):
 
 
 class UnderstoodScene(msgspec.Struct):
-    """A scene as it is understood, the fields of its effects included."""
+    """A scene as it is understood, the fields of its effects included, and where its links are at the start."""
 
     title: str
     robot: RobotAbout
@@ -118,6 +118,8 @@ class UnderstoodScene(msgspec.Struct):
     q: Vector
     v: Vector
     effects: list[Object]
+    frames: list[str]
+    poses: list[Vector]
 
 
 class ExplainedScene(msgspec.Struct):

@@ -274,8 +274,17 @@ async def list_methods() -> list[dict[str, Any]]:
 
 @post("/v1/scenes/validate", tags=["scenes"], summary="Check a scene", status_code=200)
 async def validate(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
-    """The scene as it is understood: robot, q, v, effects with all their fields. A problem says what is wrong."""
+    """The scene as it is understood: robot, q, v, effects with all their fields, poses of the links at the start.
+
+    A problem says what is wrong.
+    """
     return await service.answer("validate", body=await request.body())
+
+
+@post("/v1/scenes/visuals", tags=["scenes"], summary="What a scene looks like", status_code=200)
+async def scene_visuals(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
+    """Shapes by link as for robots, of the scene's robot with the objects beside it."""
+    return await service.answer("draw_scene", body=await request.body())
 
 
 @post("/v1/scenes/explain", tags=["scenes"], summary="What a scene costs", status_code=200)

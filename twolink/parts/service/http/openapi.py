@@ -34,6 +34,7 @@ _ANSWERS: dict[str, Any] = {  # in JSON, by method and path
     "get /v1/scene-schema": answers.Object,
     "get /v1/methods": list[answers.MethodAbout],
     "post /v1/scenes/validate": answers.UnderstoodScene,
+    "post /v1/scenes/visuals": answers.Object,
     "post /v1/scenes/explain": answers.ExplainedScene,
     "post /v1/scenes/preview": answers.Preview,
     "post /v1/scenes/quantities": list[answers.QuantityAbout],
@@ -67,6 +68,7 @@ def _bodies() -> dict[str, Any]:
     """The types of bodies by path, of the functions' signatures."""
     return {
         "/v1/scenes/validate": requests.SceneRequest,
+        "/v1/scenes/visuals": requests.SceneRequest,
         "/v1/scenes/quantities": requests.SceneRequest,
         "/v1/scenes/explain": requests.explain_request(),
         "/v1/scenes/preview": requests.preview_request(),

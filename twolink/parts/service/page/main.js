@@ -26,7 +26,6 @@ import { loadMeshcat } from "./viewer_script.js";
 
 const FIRST = "arm-swing";
 const FRAMES = 600;
-const NOT_DRAWN = "The objects of the scene are not drawn.";
 
 const viewer = new Viewer(byId("stage"), { onTime: t => results.cursor(t) });
 const robots = new Robots(useRobot);
@@ -99,7 +98,7 @@ new Identify(() => robots.robot);
 
 let running = null; // id of the run that the address names
 let whole = null; // the robot with the objects of the scene, in whatever order their joints are
-let drawn = null; // id of the robot in the 3D view
+let drawn = null; // what of the scene is in the 3D view: robot and objects
 let placed = {}; // where the links are at the start: {frames, poses}
 let turn = 0; // counts picks: an answer to an earlier pick is dropped
 let underWay = 0; // changes of what is shown that are under way: the address is written after them
@@ -188,16 +187,19 @@ async function showStart() {
 
 async function draw(robot) {
   try {
-    if (drawn !== robot.id && viewer.stage) {
+    const { objects } = editor.about;
+    const shown = JSON.stringify([robot.id, objects]);
+    if (drawn !== shown && viewer.stage) {
       viewer.note.textContent = "Drawing…";
-      const visuals = await robots.look(robot.id);
-      if (robots.robot.id !== robot.id) return;
+      const thisTurn = turn;
+      const visuals = await (objects.length
+        ? post("/v1/scenes/visuals", { scene: editor.about })
+        : robots.look(robot.id));
+      if (thisTurn !== turn) return;
       viewer.load(visuals);
-      drawn = robot.id;
+      drawn = shown;
       await poseAt(sliders.q);
     }
-    if (whole.links.length !== robot.links.length) viewer.note.textContent = NOT_DRAWN;
-    else if (viewer.note.textContent === NOT_DRAWN) viewer.note.textContent = "";
     viewer.fit();
   } catch (failure) {
     viewer.note.textContent = `It cannot be drawn: ${failure.message}`;
@@ -305,10 +307,13 @@ function poseAt(q) {
 async function posedAll() {
   try {
     while (nextQ) {
-      const [id, sentQ] = [robots.robot.id, ownPart(nextQ)];
+      const { about, q } = editor;
+      const asked = about.objects.length
+        ? post("/v1/scenes/validate", { scene: { ...about, q } })
+        : post(`/v1/robots/${encodeURIComponent(robots.robot.id)}/kinematics`, { q: ownPart(nextQ) });
       nextQ = null;
-      const { frames, poses } = await post(`/v1/robots/${encodeURIComponent(id)}/kinematics`, { q: sentQ });
-      if (id !== robots.robot.id) continue;
+      const { frames, poses } = await asked;
+      if (about !== editor.about) continue;
       placed = { frames, poses };
       if (!viewer.timeline.playing) viewer.pose(frames, poses);
     }

@@ -22,7 +22,7 @@ from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store.archives import read_robot, write_robot
 from twolink.parts.service.work.bodies import arguments_of
 from twolink.parts.service.work.requests import JOB_KINDS, SceneRequest, explain_request, preview_request
-from twolink.parts.service.work.robot_tasks import robot_by_id
+from twolink.parts.service.work.robot_tasks import robot_by_id, visuals_of
 from twolink.parts.service.work.worker import Report
 from twolink.robots.catalogue import catalogue_names
 from twolink.scenes import Scene, load_scene
@@ -93,8 +93,14 @@ def validate(*, body: bytes, robots: str) -> bytes:
     """A scene as it is understood, as JSON. body: a SceneRequest. robots: the folder of uploaded robots."""
     scene = scene_of(decode_unique(body, SceneRequest).scene, robots)
     content = {"title": scene.title, "robot": robot_record(scene.robot), "duration": scene.duration,
-               "q": scene.q.tolist(), "v": scene.v.tolist(), "effects": scene.effects}  # fmt: skip
+               "q": scene.q.tolist(), "v": scene.v.tolist(), "effects": scene.effects,
+               "frames": scene.robot.frame_names, "poses": link_poses(scene.robot, scene.q).tolist()}  # fmt: skip
     return msgspec.json.encode(content, enc_hook=np.generic.item)
+
+
+def draw_scene(*, body: bytes, robots: str) -> bytes:
+    """Draw a scene with its objects, as `visuals_of` a robot. body, robots: as for `validate`."""
+    return visuals_of(scene_of(decode_unique(body, SceneRequest).scene, robots).robot)
 
 
 def explain(*, body: bytes, robots: str, quotas: Quotas) -> bytes:

@@ -18,6 +18,7 @@ from twolink.parts.service.work.robot_tasks import draw, load, receive, robot_by
 from twolink.parts.service.work.scene_tasks import (
     ProgressOf,
     allowed,
+    draw_scene,
     explain,
     export,
     motion,
@@ -86,7 +87,7 @@ def identify(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
 
 
 _ABOUT_ROBOTS = (receive, load, draw, robot_scene)
-_ABOUT_SCENES = (validate, explain, preview, quantities, linearize, live)
+_ABOUT_SCENES = (validate, draw_scene, explain, preview, quantities, linearize, live)
 _JOBS = (prepare, pack_robot, simulate, study, sense, identify, sweep, operate)
 _RESULTS = (export, motion, export_sweep, sweep_columns, sweep_run)
 TASKS = {task.__name__: task for task in (*_ABOUT_ROBOTS, *_ABOUT_SCENES, *_JOBS, *_RESULTS)}
