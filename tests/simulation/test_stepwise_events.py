@@ -138,3 +138,13 @@ def test_an_event_before_the_end_of_a_curve_is_found() -> None:
     with pytest.raises(tl.errors.SceneError, match="a curve ends at 1 s"):
         sim.run_until(lambda state: state.t - 1.5, 10.0)
     assert sim.t == 1.0
+
+
+def test_a_search_ends_where_the_scene_ends_the_motion() -> None:
+    """The rail reaches 0.5 after 0.25 s at 2 m/s, and ends there, before the event that is looked for."""
+    end = E.Watch("end", when=E.JointReaches("rail", 0.5), stop=True)
+    sim = tl.Simulation(tl.Scene(slider(), [0.0], [2.0], effects=[end]))
+    assert not sim.run_until(E.JointReaches("rail", 0.6), 1.0)
+    assert (sim.ended, sim.t) == (True, pytest.approx(0.25))
+    with pytest.raises(tl.errors.SceneError, match="an event has ended the motion"):
+        sim.run_until(E.JointReaches("rail", 0.6), 1.0)

@@ -278,8 +278,8 @@ class Simulation:
         Returns
         -------
         bool
-            Whether the event came: the simulation stands at it, else at the limit. Of two events within a 64th of the
-            limit it may miss both.
+            Whether the event came: the simulation stands at it, else at the limit, or at an event of the scene that has
+            ended the motion. Of two events within a 64th of the limit it may miss both.
 
         Raises
         ------
@@ -296,6 +296,8 @@ class Simulation:
             if value * now < 0.0 or now == 0.0:
                 self._back_to(before, self.t, missing, tau)
                 return True
+            if self.ended:
+                break
             value = now
         return False
 
