@@ -1,5 +1,7 @@
 """The energy book closes, each effect's work is right by itself, and loops' forces are those of the whole system."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -154,3 +156,15 @@ def test_a_trajectory_without_equations_is_refused() -> None:
     run = tl.simulate(scene, 0.1)
     with pytest.raises(SceneError, match="has no equations of motion"):
         tl.loop_forces(scene, tl.Trajectory(run.robot, run.t, run.q, run.v, None, None))
+
+
+@pytest.mark.parametrize("book", [tl.energy_book, tl.loop_forces])
+def test_a_run_of_another_scene_is_refused(book: Callable[[tl.Scene, tl.Trajectory], object]) -> None:
+    """Works would stand under other effects' names; what is equal is no other scene."""
+    scene = tl.load_scene("arm-swing")
+    run = tl.simulate(scene, t_eval=[0.0, 0.1])
+    book(tl.load_scene("arm-swing"), run)
+    for effects in ((), (fx.JointDamping({"elbow": 1.0}), *scene.effects)):
+        other = tl.Scene(scene.robot, scene.q, scene.v, effects, 0.1)
+        with pytest.raises(tl.errors.SceneError, match="another robot or other effects"):
+            book(other, run)

@@ -121,10 +121,10 @@ def energy_book(scene: Scene, run: Trajectory | None = None) -> EnergyBalance:
     Raises
     ------
     SceneError
-        The run is a loaded trajectory, without equations of motion (code "no-equations"), or its contacts are stepped
-        (code "stepped").
+        The run is a loaded trajectory, without equations of motion (code "no-equations"), is of another scene (code
+        "other-scene"), or its contacts are stepped (code "stepped").
     """
-    run = _accurate(scene) if run is None else run
+    run = _accurate(scene) if run is None else _run_of(scene, run)
     edges = np.union1d(run.t, [event.t for event in run.events if event.t < run.t[-1]])
     edges = np.union1d(edges, equations_of(scene, ticks=True).breaks(float(run.t[-1])))
     edges = np.union1d(edges, np.concatenate([_dense(run).changes(), *_steps(run)]))
@@ -181,10 +181,11 @@ def loop_forces(scene: Scene, run: Trajectory) -> dict[str, np.ndarray]:
     Raises
     ------
     SceneError
-        The run is a loaded trajectory, without equations of motion (code "no-equations").
+        The run is a loaded trajectory, without equations of motion (code "no-equations"), or of another scene (code
+        "other-scene").
     """
-    names = effect_names(instance(scene, Scene, "scene", SceneError))
-    instance(run, Trajectory, "run", SceneError)
+    run = _run_of(scene, run)
+    names = effect_names(scene)
     tables: dict[str, np.ndarray] = {}
     for stretch in _stretches(run, run.t):
         constraints, motion = stretch.equations.constraints, _motion(stretch)
@@ -214,6 +215,16 @@ def _accurate(scene: Scene) -> Trajectory:
         return simulate(scene, accuracy=FINE)
     except AccuracyError:  # loops at singular positions, long chaotic motions
         return simulate(scene)
+
+
+def _run_of(scene: Scene, run: Trajectory) -> Trajectory:
+    """The run; raises SceneError for one of a scene with another robot or other effects."""
+    instance(scene, Scene, "scene", SceneError)
+    own = instance(run, Trajectory, "run", SceneError).scene
+    if own not in (None, scene) and (own.robot.model, own.effects) != (scene.robot.model, scene.effects):
+        raise SceneError("the run is of a scene with another robot or other effects", where="run", argument="run",
+                         remedy="give the scene that was simulated: run.scene", code="other-scene")  # fmt: skip
+    return run
 
 
 def _no_segments() -> SceneError:
