@@ -168,10 +168,10 @@ class Truth:
 
     def act(self, i: int, t: float, u: np.ndarray) -> None:
         """Take new torques."""
-        slope, period, bound = np.zeros(2), float(self.parts[i].period), self.bound(i)
-        if self.parts[i].hold == "first" and i in self.lines:
-            before, _, since = self.lines[i]
-            slope = np.clip((u - before) / (t - since), (-bound - u) / period, (bound - u) / period)
+        one, slope, bound = self.parts[i], np.zeros(2), self.bound(i)
+        if one.hold == "first" and i in self.lines:
+            (before, _, since), longest = self.lines[i], float(one.period + one.jitter)  # until the next
+            slope = np.clip((u - before) / (t - since), (-bound - u) / longest, (bound - u) / longest)
         self.lines[i] = (u, slope, t)
         values = sum(u.astype(self.number) - s.astype(self.number) * self.number(t) for u, s, t in self.lines.values())
         slopes = sum(s.astype(self.number) for _, s, _ in self.lines.values())
