@@ -6,8 +6,6 @@ mujoco_playground (Apache 2.0, 0.8 MB). Its maps are those of `play_go1_joystick
 
 from pathlib import Path
 
-import numpy as np
-
 import twolink as tl
 
 fx = tl.effects
@@ -15,20 +13,6 @@ LEGS, HOME = ("FR", "FL", "RR", "RL"), (0.1, 0.9, -1.8, -0.1, 0.9, -1.8) * 2
 JOINTS = tuple(f"{leg}_{part}_joint" for leg in LEGS for part in ("hip", "thigh", "calf"))
 FEET, RADIUS = tuple(f"{leg}_foot" for leg in LEGS), 0.023  # m
 KP, KD = 35.0, 0.5  # N m/rad, N m s/rad
-
-
-def without_split(source: Path, target: Path) -> Path:
-    """Write the file with a Slice in place of its Split, whose first half are the means and whose second is unused."""
-    import onnx
-
-    model = onnx.load(str(source))
-    for node in [one for one in model.graph.node if one.op_type == "Split"]:
-        numbers = {"starts": 0, "ends": len(JOINTS), "axes": 1}
-        model.graph.initializer.extend(onnx.numpy_helper.from_array(np.array([x]), f"half {name}")
-                                       for name, x in numbers.items())  # fmt: skip
-        node.CopyFrom(onnx.helper.make_node("Slice", [node.input[0], *(f"half {x}" for x in numbers)], node.output[:1]))
-    onnx.save(model, str(target))
-    return target
 
 
 def policy(path: Path, command: tuple[float, float, float], delay: float = 0.0) -> fx.Policy:

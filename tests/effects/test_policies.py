@@ -17,9 +17,16 @@ from twolink.loop.answers import Measured
 onnx = pytest.importorskip("onnx")
 fx = tl.effects
 SIZES = 6, 32, 16, 2
+# Operations on shapes and truth values, steps, and those that take more than one input here.
+WITHOUT_SLOPE = {
+    "And", "Constant", "ConstantOfShape", "Conv", "Equal", "Expand", "Floor", "GRU", "Gather", "Greater",
+    "GreaterOrEqual", "LSTM", "Less", "LessOrEqual", "Not", "Or", "Range", "Reshape", "Shape", "Sign", "Slice", "Tile",
+    "Unsqueeze", "Where",
+}  # fmt: skip
 
 
-def written(path: Path, nodes: list[Any], weights: dict[str, Any], ins: dict[str, Any], outs: dict[str, Any]) -> Path:
+def written(path: Path, nodes: list[Any], weights: dict[str, Any], ins: dict[str, Any], outs: dict[str, Any],
+            opset: int = 17) -> Path:  # fmt: skip
     """A file of nodes (kind, inputs, outputs, attributes)."""
     h, number = onnx.helper, onnx.TensorProto.FLOAT
     shapes = [[h.make_tensor_value_info(name, number, shape) for name, shape in one.items()] for one in (ins, outs)]
@@ -27,7 +34,7 @@ def written(path: Path, nodes: list[Any], weights: dict[str, Any], ins: dict[str
     arrays = [onnx.numpy_helper.from_array(np.asarray(x, dtype=np.int64 if np.asarray(x).dtype.kind == "i" else
                                                       np.float32), name) for name, x in weights.items()]  # fmt: skip
     graph = h.make_graph(made, "policy", *shapes, arrays)
-    onnx.save(h.make_model(graph, opset_imports=[h.make_opsetid("", 17)], ir_version=9), str(path))
+    onnx.save(h.make_model(graph, opset_imports=[h.make_opsetid("", opset)], ir_version=10), str(path))
     return path
 
 
@@ -76,12 +83,12 @@ def test_answers_are_those_of_onnxruntime(tmp_path: Path, monkeypatch: pytest.Mo
     asked, certify = [], networks._certify
     monkeypatch.setattr(networks, "_certify", lambda network, path: asked.append(certify(network, path)))
     kinds = {"Relu": {}, "Elu": {"alpha": 0.7}, "Tanh": {}, "Sigmoid": {}, "LeakyRelu": {"alpha": 0.2}, "Softplus": {},
-             "Selu": {}}  # fmt: skip
+             "Selu": {}, "Celu": {}, "Erf": {}, "HardSwish": {}, "Softsign": {}, "LogSoftmax": {}}  # fmt: skip
     for kind, given in kinds.items():
         read_network(mlp(tmp_path / "one.onnx", kind=kind, **given))
     for kind in ("LSTM", "GRU"):
         read_network(cell(tmp_path / "one.onnx", kind))
-    assert len(asked) == 9
+    assert len(asked) == 14
     wrong = read_network(mlp(tmp_path / "one.onnx"))
     wrong.constants["b0"][0] += 0.01
     with pytest.raises(tl.errors.CertificationError):
@@ -98,6 +105,43 @@ def test_rows_are_answered_as_alone(tmp_path: Path, kind: str) -> None:
         for i in range(4):
             one, alone[i] = network(at[i : i + 1], alone[i])
             np.testing.assert_allclose(one[0], y[i], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("kind", sorted({*networks._OPERATIONS, *networks._OF_ONNX}))
+def test_operations_are_computed_in_double(tmp_path: Path, kind: str) -> None:
+    """The slope over 1e-9, in which float32 has no step or a jump, is that over 1e-4."""
+    weights: dict[str, Any] = {"two": [[0.7, 1.3]], "ones": [1.0, 2.0], "square": [[0.3, -0.7], [0.4, 0.9]]}
+    inputs, given = {
+        **dict.fromkeys(("Add", "Sub", "Mul", "Div", "Pow", "Max", "Min", "Mean", "Sum", "PRelu"), ("x two", {})),
+        **dict.fromkeys(("Gemm", "MatMul"), ("x square", {})), "LayerNormalization": ("x ones", {}),
+        "BatchNormalization": ("x ones ones ones ones", {}), "Concat": ("x x", {"axis": 1}),
+        "Cast": ("x", {"to": onnx.TensorProto.FLOAT}), "Split": ("x", {"axis": 1, "num_outputs": 2}),
+    }.get(kind, ("x", {}))  # fmt: skip
+    nodes = [("Abs", "obs", "x", {}), (kind, inputs, "actions rest" if kind == "Split" else "actions", given)]
+    file = written(tmp_path / "one.onnx", nodes, weights, {"obs": [1, 2]}, {"actions": [1, 1 + (kind != "Split")]},
+                   opset=24 if kind == "Swish" else 20)  # fmt: skip
+    try:
+        network = read_network(file)
+    except SceneError:
+        assert kind in WITHOUT_SLOPE
+        return
+    if kind in WITHOUT_SLOPE:
+        return
+    x, along = np.array([[0.6180339, 1.4142136]]), np.array([[0.7, -0.4]])
+    fine, wide = ((network(x + h * along)[0] - network(x - h * along)[0]) / (2.0 * h) for h in (1e-9, 1e-4))
+    np.testing.assert_allclose(fine, wide, atol=1e-6)
+    assert np.abs(wide).max() > 1e-5
+
+
+def test_a_file_of_one_row_is_asked_for_each(tmp_path: Path) -> None:
+    """A sum over all numbers, and a shape that is written into the file."""
+    nodes = [("Reshape", "obs flat", "x", {}), ("ReduceSum", "x", "sum", {}), ("Mul", "obs sum", "actions", {}),
+             ("Neg", "actions", "value", {})]  # fmt: skip
+    file = written(tmp_path / "one.onnx", nodes, {"flat": [2]}, {"obs": [1, 2]}, {"actions": [1, 2], "value": [1, 2]})
+    network, x = read_network(file), np.random.default_rng(3).normal(size=(4, 2))
+    assert not network.together
+    np.testing.assert_allclose(network(x)[0], x * x.sum(axis=1, keepdims=True))  # the critic's value is not asked for
+    assert read_network(mlp(tmp_path / "two.onnx")).together
 
 
 def test_the_angle_of_a_continuous_joint_is_that_of_a_revolute_one(tmp_path: Path) -> None:
@@ -224,9 +268,9 @@ def test_what_does_not_fit_is_refused_by_name(tmp_path: Path, fields: Any, words
 
 
 def test_networks_that_are_not_known_are_refused_by_operator(tmp_path: Path) -> None:
-    nodes = [("Hardmax", "obs", "x", {}), ("Celu", "x", "actions", {})]
+    nodes = [("RandomNormalLike", "obs", "x", {}), ("Hardmax", "x", "actions", {})]
     file = written(tmp_path / "one.onnx", nodes, {}, {"obs": [1, 2]}, {"actions": [1, 2]})
-    with pytest.raises(SceneError, match="operations that are not known: Celu, Hardmax"):
+    with pytest.raises(SceneError, match="operations that are not known: Hardmax, RandomNormalLike"):
         read_network(file)
     (tmp_path / "two.onnx").write_bytes(b"no network")
     with pytest.raises(SceneError, match="there is no network"):

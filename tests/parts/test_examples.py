@@ -113,17 +113,16 @@ def test_a_cloned_policy_is_trusted_as_long_as_another_method_says(tmp_path: Pat
 
 
 def test_a_network_of_the_public_policys_operations_drives_go1(tmp_path: Path) -> None:
-    """One that ends in a Split, as the public file does; onnxruntime answers for the file as it was."""
+    """One that ends in a Split, as the public file does."""
     onnx, runtime = pytest.importorskip("onnx"), pytest.importorskip("onnxruntime")
     random, h, joints = np.random.default_rng(0), onnx.helper, policy_go1.JOINTS
     w = onnx.numpy_helper.from_array(random.normal(0, 0.05, (48, 24)).astype(np.float32), "w")
     shapes = [h.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [1, n]) for name, n in (("obs", 48), ("a", 12))]
     nodes = [h.make_node("MatMul", ["obs", "w"], ["x"]), h.make_node("Split", ["x"], ["mean", "rest"], axis=-1),
              h.make_node("Tanh", ["mean"], ["a"])]  # fmt: skip
-    graph, given = h.make_graph(nodes, "policy", shapes[:1], shapes[1:], [w]), tmp_path / "given.onnx"
-    onnx.save(h.make_model(graph, opset_imports=[h.make_opsetid("", 11)], ir_version=7), str(given))
-    path = policy_go1.without_split(given, tmp_path / "go1.onnx")
-    session, network = runtime.InferenceSession(str(given)), read_network(path)
+    graph, path = h.make_graph(nodes, "policy", shapes[:1], shapes[1:], [w]), tmp_path / "go1.onnx"
+    onnx.save(h.make_model(graph, opset_imports=[h.make_opsetid("", 11)], ir_version=7), str(path))
+    session, network = runtime.InferenceSession(str(path)), read_network(path)
     for x in random.normal(size=(20, 1, 48)):
         np.testing.assert_allclose(network(x)[0], session.run(None, {"obs": x.astype(np.float32)})[0], atol=1e-5)
     scene = policy_go1.scene(path)

@@ -2,17 +2,19 @@
 
 A file is a list of operations on named arrays. Rows are independent inputs: one call answers for all of them. The file
 means float32, whose answers are steps of 1e-7; in double the same network is smooth, which an error bar calls for.
+Operations that ticks call most are here; others are onnx's own in NumPy.
 """
 
+import functools
 import hashlib
 import importlib.util
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from twolink.errors import CertificationError, SceneError, import_extra
+from twolink.errors import CertificationError, SceneError, TwolinkError, import_extra
 from twolink.io.files import may_be_read
 
 Array = np.ndarray[Any, np.dtype[Any]]
@@ -20,10 +22,9 @@ AGREEMENT, QUESTIONS, SEED = 1e-4, 64, 0  # relative, of float32, with onnxrunti
 
 
 class _Node(NamedTuple):
-    kind: str
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
-    given: Mapping[str, Any]
+    run: Callable[..., Any]
 
 
 def _sigmoid(x: Array) -> Array:
@@ -39,18 +40,24 @@ def _gemm(a: Array, b: Array, c: Any = 0.0, **given: Any) -> Array:
     return np.asarray(given.get("alpha", 1.0) * (left @ right) + given.get("beta", 1.0) * c)
 
 
-def _reshaped(x: Array, shape: Array, *, allowzero: int = 0) -> Array:
-    wanted = [x.shape[i] if n == 0 and not allowzero else int(n) for i, n in enumerate(shape)]
-    if wanted and wanted[0] == 1 and len(x) > 1:  # a file of one row, asked for many
-        wanted[0] = len(x)
-    return x.reshape(wanted)
+def _erf(x: Array) -> Array:
+    from scipy.special import erf  # onnx's own is of float32
+
+    return np.asarray(erf(x))
 
 
-def _sliced(x: Array, starts: Array, ends: Array, axes: Any = None, steps: Any = None) -> Array:
-    for k, axis in enumerate(range(len(starts)) if axes is None else np.ravel(axes)):
-        chosen = slice(int(starts[k]), int(ends[k]), None if steps is None else int(steps[k]))
-        x = x[(slice(None),) * (int(axis) % x.ndim) + (chosen,)]
-    return x
+def _gelu(x: Array, approximate: str = "none") -> Array:
+    inner = np.tanh(np.sqrt(2.0 / np.pi) * (x + 0.044715 * x**3)) if approximate == "tanh" else _erf(x / np.sqrt(2.0))
+    return np.asarray(0.5 * x * (1.0 + inner))
+
+
+def _div(a: Array, b: Array) -> Array:
+    return a / b if a.dtype.kind == "f" else np.trunc(a / b).astype(a.dtype)  # of shapes
+
+
+def _cast(x: Array, to: int, **_: Any) -> Array:
+    wanted = np.dtype(import_extra("onnx", "onnx").helper.tensor_dtype_to_np_dtype(to))
+    return x.astype(wanted if wanted.kind in "biu" else float)
 
 
 def _by_gates(x: Array, w: Array, r: Array, b: Any, h: Any, c: Any, step: Callable[..., Any]) -> tuple[Array, ...]:
@@ -87,28 +94,31 @@ def _gru(x: Array, w: Array, r: Array, b: Any = None, _: Any = None, h: Any = No
 
 
 _OPERATIONS: dict[str, Callable[..., Any]] = {
-    "Gemm": _gemm, "MatMul": np.matmul, "Add": np.add, "Sub": np.subtract, "Mul": np.multiply, "Div": np.divide,
+    "Gemm": _gemm, "MatMul": np.matmul, "Add": np.add, "Sub": np.subtract, "Mul": np.multiply, "Div": _div,
     "Relu": lambda x: np.maximum(x, 0.0), "Elu": _elu, "Tanh": np.tanh, "Sigmoid": _sigmoid,
-    "LeakyRelu": lambda x, alpha=0.01: np.where(x > 0.0, x, alpha * x), "Softplus": lambda x: np.logaddexp(x, 0.0),
-    "Selu": lambda x, alpha=1.6732632423543772, gamma=1.0507009873554805: gamma * _elu(x, alpha),
-    "Identity": lambda x: x, "Clip": lambda x, low=None, high=None, min=None, max=None: np.clip(
+    "Softplus": lambda x: np.logaddexp(x, 0.0), "Clip": lambda x, low=None, high=None, min=None, max=None: np.clip(
         x, min if low is None else low, max if high is None else high),
-    "Concat": lambda *x, axis: np.concatenate(x, axis), "Constant": lambda **given: next(iter(given.values())),
-    "Flatten": lambda x, axis=1: x.reshape(int(np.prod(x.shape[:axis])), -1), "Reshape": _reshaped, "Slice": _sliced,
-    "Gather": lambda x, k, axis=0: np.take(x, k.astype(int), axis), "Transpose": lambda x, perm=None: x.transpose(perm),
-    "Squeeze": lambda x, k=None, axes=None: x.squeeze(tuple(np.ravel(axes if k is None else k).astype(int))),
-    "Unsqueeze": lambda x, k=None, axes=None: np.expand_dims(x, tuple(np.ravel(axes if k is None else k).astype(int))),
+    "Concat": lambda *x, axis: np.concatenate(x, axis), "Cast": _cast, "Erf": _erf, "Gelu": _gelu,
     "LSTM": _lstm, "GRU": _gru,
 }  # fmt: skip
-# Attributes with these values change nothing; others would, and are refused.
-_PLAIN = {"direction": "forward", "layout": 0}
+# Of the others those that onnx computes in double, and that have no chance in them.
+_OF_ONNX = {
+    "Abs", "And", "BatchNormalization", "Celu", "Constant", "ConstantOfShape", "Conv", "Cos", "Equal", "Exp",
+    "Expand", "Flatten", "Floor", "Gather", "Greater", "GreaterOrEqual", "HardSigmoid", "HardSwish",
+    "Identity", "LayerNormalization", "LeakyRelu", "Less", "LessOrEqual", "Log", "LogSoftmax", "Max", "Mean", "Min",
+    "Mish", "Neg", "Not", "Or", "PRelu", "Pow", "Range", "Reciprocal", "ReduceL2", "ReduceMax", "ReduceMean",
+    "ReduceMin", "ReduceSum", "Reshape", "Selu", "Shape", "Sign", "Sin", "Slice", "Softmax", "Softsign", "Split",
+    "Sqrt", "Squeeze", "Sum", "Swish", "Tile", "Transpose", "Unsqueeze", "Where",
+}  # fmt: skip
+# Attributes of cells with these values change nothing; others would, and are refused.
+_PLAIN = {"direction": "forward", "layout": 0, "input_forget": 0}
 
 
 class Network(NamedTuple):
     """A network: (x, memory) -> (y, memory), of rows x (n, inputs).
 
     inputs, outputs: how many. memory: the shapes of what a recurrent one keeps, with 1 in place of the rows, and their
-    axes.
+    axes. together: whether it answers rows at once as alone; files of one row may not, and are asked for each.
     """
 
     nodes: tuple[_Node, ...]
@@ -117,13 +127,18 @@ class Network(NamedTuple):
     inputs: int
     outputs: int
     memory: tuple[tuple[tuple[int, ...], int], ...]
+    together: bool = True
 
     def __call__(self, x: Array, memory: Sequence[Array] = ()) -> tuple[Array, tuple[Array, ...]]:
         """The outputs (n, outputs) of rows (n, inputs), and what it keeps."""
+        if not self.together and len(x) > 1:
+            each = [self(x[i : i + 1], [one[i : i + 1] for one in memory]) for i in range(len(x))]
+            after = zip(*(rows for _, rows in each), strict=True)
+            return np.concatenate([y for y, _ in each]), tuple(np.concatenate(rows) for rows in after)
         kept = [np.moveaxis(one, 0, axis) for one, (_, axis) in zip(memory, self.memory, strict=True)]
         known: dict[str, Any] = {**self.constants, **dict(zip(self.names[0], (x, *kept), strict=True)), "": None}
         for node in self.nodes:
-            made = _OPERATIONS[node.kind](*(known[name] for name in node.inputs), **node.given)
+            made = node.run(*(known[name] for name in node.inputs))
             known.update(zip(node.outputs, made if isinstance(made, tuple) else (made,), strict=False))
         y, *kept = (known[name] for name in self.names[1])
         return np.asarray(y).reshape(len(x), -1), tuple(
@@ -165,28 +180,81 @@ def read_network(path: Path | str, content: str = "") -> Network:
     except Exception as error:  # of protobuf any
         raise SceneError(f"there is no network: {error}", where=str(path), remedy="export the policy to ONNX",
                          code="network") from error  # fmt: skip
-    graph, array = model.graph, onnx.numpy_helper.to_array
-    nodes = tuple(_Node(one.op_type, tuple(one.input), tuple(one.output), _given(one, onnx)) for one in graph.node)
-    if unknown := sorted({one.kind for one in nodes} - {*_OPERATIONS}) + _refused(nodes):
-        raise SceneError(f"operations that are not known: {', '.join(unknown)}", where=str(path), code="network",
-                         remedy=f"one of {', '.join(_OPERATIONS)}")  # fmt: skip
-    constants = {one.name: _double(array(one)) for one in graph.initializer}
+    graph, where = model.graph, str(path)
+    constants = {one.name: _double(onnx.numpy_helper.to_array(one)) for one in graph.initializer}
     ins = {one.name: _shape(one) for one in graph.input if one.name not in constants}
     outs = {one.name: _shape(one) for one in graph.output}
+    if len(ins) == 1:  # a critic's value is not asked for
+        outs = dict([*outs.items()][:1])
     if len(ins) != len(outs) or not ins or max(ins[next(iter(ins))][-1:], default=0) < 1:
-        raise SceneError(f"a network with the inputs {ins} and outputs {outs}", where=str(path), code="network",
+        raise SceneError(f"a network with the inputs {ins} and outputs {outs}", where=where, code="network",
                          remedy="one input (n, size), then what it keeps, and the same of the outputs")  # fmt: skip
     (_, first), *kept = ins.items()
     memory = tuple((shape, max(0, len(shape) - 2)) for _, shape in kept)
-    network = Network(nodes, constants, (tuple(ins), tuple(outs)), first[-1], 0, memory)
     try:
-        y, _ = network(np.zeros((1, first[-1])), network.start(1))
-    except Exception as error:  # of NumPy any
-        raise SceneError(f"the network gives no answer: {error}", where=str(path), code="network") from error
-    network = network._replace(outputs=y.shape[1])
-    if importlib.util.find_spec("onnxruntime") is not None:
-        _certify(network, path)
+        nodes = _folded(_nodes(model, onnx, outs, where), constants)
+        network = Network(nodes, constants, (tuple(ins), tuple(outs)), first[-1], 0, memory)
+        y, _ = network(np.random.default_rng(SEED).normal(size=(1, first[-1])), network.start(1))
+        network = network._replace(outputs=y.shape[1], together=_answers_together(network))
+        if importlib.util.find_spec("onnxruntime") is not None:
+            _certify(network, path)
+    except TwolinkError:
+        raise
+    except Exception as error:  # of NumPy and onnx any
+        raise SceneError(f"the network gives no answer: {error}", where=where, code="network") from error
     return network
+
+
+def _nodes(model: Any, onnx: Any, outs: Collection[str], where: str) -> list[_Node]:
+    """The operations that the outputs need. Raises SceneError for those that are not known."""
+    needed, found = set(outs), list[int]()
+    for k, one in reversed([*enumerate(model.graph.node)]):
+        if needed & set(one.output):
+            needed |= set(one.input)
+            found.insert(0, k)
+    used = [model.graph.node[k] for k in found]
+    kinds = {f"{one.domain}.{one.op_type}".removeprefix("ai.onnx.").removeprefix(".") for one in used}
+    if unknown := sorted(kinds - {*_OPERATIONS} - _OF_ONNX) + sorted(
+        {name for one in used for name in _refused(one, onnx)}
+    ):
+        raise SceneError(f"operations that are not known: {', '.join(unknown)}", where=where, code="network",
+                         remedy=f"one of {', '.join(sorted([*_OPERATIONS, *_OF_ONNX]))}")  # fmt: skip
+    theirs = (
+        import_extra("onnx.reference", "onnx").ReferenceEvaluator(model).rt_nodes_ if kinds - {*_OPERATIONS} else ()
+    )
+    runs = [functools.partial(_OPERATIONS[one.op_type], **_given(one, onnx)) if one.op_type in _OPERATIONS
+            else functools.partial(_in_double, theirs[k].run) for k, one in zip(found, used, strict=True)]  # fmt: skip
+    return [_Node(tuple(one.input), tuple(one.output), run) for one, run in zip(used, runs, strict=True)]
+
+
+def _in_double(run: Callable[..., Any], *given: Any) -> tuple[Array, ...]:
+    """The results of an operation of onnx."""
+    return tuple(_double(np.asarray(one)) for one in run(*given))
+
+
+def _folded(nodes: Sequence[_Node], constants: dict[str, Array]) -> tuple[_Node, ...]:
+    """The operations on what is no constant; the results of the others become constants."""
+    left = []
+    for node in nodes:
+        if all(name in constants for name in node.inputs if name):
+            made = node.run(*(constants.get(name) for name in node.inputs))
+            constants.update(zip(node.outputs, made if isinstance(made, tuple) else (made,), strict=False))
+        else:
+            left.append(node)
+    return tuple(left)
+
+
+def _answers_together(network: Network) -> bool:
+    """Whether rows that are asked at once have the answers that they have alone."""
+    random = np.random.default_rng(SEED)
+    x, *kept = (random.normal(size=size) for size in ((3, network.inputs), *(one.shape for one in network.start(3))))
+    y, after = network._replace(together=False)(x, kept)
+    try:
+        found, left = network(x, kept)
+    except ValueError:  # of shapes
+        return False
+    return all(np.allclose(one, other, rtol=1e-9, atol=1e-9)
+               for one, other in zip((y, *after), (found, *left), strict=True))  # fmt: skip
 
 
 def _certify(network: Network, path: Path) -> None:
@@ -206,19 +274,18 @@ def _certify(network: Network, path: Path) -> None:
 
 def _given(node: Any, onnx: Any) -> dict[str, Any]:
     """The attributes of a node that its operation needs."""
-    found = {}
-    for attribute in node.attribute:
-        name, one = attribute.name, onnx.helper.get_attribute_value(attribute)
-        one = one.decode() if isinstance(one, bytes) else one
-        if name != "hidden_size" and (name not in _PLAIN or _PLAIN[name] != one):
-            found[name] = _double(onnx.numpy_helper.to_array(one)) if hasattr(one, "raw_data") else one
-    return found
+    found = {one.name: onnx.helper.get_attribute_value(one) for one in node.attribute if one.name != "hidden_size"}
+    found = {name: one.decode() if isinstance(one, bytes) else one for name, one in found.items()}
+    return {name: one for name, one in found.items() if name not in _PLAIN or _PLAIN[name] != one}
 
 
-def _refused(nodes: Sequence[_Node]) -> list[str]:
-    """Attributes that ask for what is not known."""
-    return sorted({f"{one.kind} with {name}" for one in nodes for name in one.given
-                   if name in {**_PLAIN, "activations": 0, "clip": 0, "input_forget": 0}})  # fmt: skip
+def _refused(node: Any, onnx: Any) -> list[str]:
+    """Attributes of a cell that ask for what is not known."""
+    if node.op_type not in ("LSTM", "GRU"):
+        return []
+    return [
+        f"{node.op_type} with {name}" for name in _given(node, onnx) if name in {**_PLAIN, "activations": 0, "clip": 0}
+    ]
 
 
 def _double(x: Array) -> Array:
