@@ -79,6 +79,24 @@ def test_computed_torque_errors_fall_as_in_theory(path: str) -> None:
     assert np.abs(reference.T - run.q - expected).max() < 2e-9
 
 
+def test_damping_disturbs_computed_torque_also_where_it_is_a_parameter() -> None:
+    """e'' + (kd + d/M) e' + kp e = 0 of one joint, whose M is constant: e and its slope by d in closed form."""
+    arm = tl.load_robot("two_link", lock={"elbow": 0.0})
+    inertia, kp, kd, e0 = float(arm.mass_matrix([0.0])[0, 0]), 25.0, 2.0, 0.3
+    scene = tl.Scene(arm, [e0], effects=[E.Gravity(), E.ComputedTorque({"shoulder": 0.0}, kp, kd)], duration=1.0)
+
+    def end(d: np.ndarray) -> np.ndarray:
+        half = (kd + d / inertia) / 2
+        w = np.sqrt(kp - half**2)
+        return e0 * np.exp(-half) * (np.cos(w) + half / w * np.sin(w))
+
+    damping = np.array([0.0, 2.0, 9.0])
+    worlds = tl.simulate_many(scene, parameters={"shoulder.damping": damping}, accuracy=1e-9)
+    assert np.abs(worlds.q[:, 0] - end(damping)).max() < 1e-9
+    slope = tl.sensitivities(scene, wrt=["shoulder.damping"], accuracy=1e-7).q["shoulder.damping"][-1].item()
+    assert slope == pytest.approx(np.diff(end(np.array([-1e-5, 1e-5])))[0] / 2e-5, rel=1e-6)
+
+
 def test_a_joint_follows_the_paths_of_others() -> None:
     """A third joint keeps the sum of the angles: with paths of degree 5, and the error's own equation off the path."""
     feeding, (a, b) = tl.load_robot("feeding_arm"), ((0.6, -2.1), (1.3, -1.5))

@@ -1,5 +1,6 @@
 """Controllers: torques of joints by what the robot does, within limits of effort."""
 
+import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal
@@ -281,7 +282,8 @@ class ComputedTorque(_Limited, frozen=True):
             wanted[dof] = plus(
                 a, times(number(self.kd), minus(v, motion.v[dof])), times(number(self.kp), minus(q, motion.q[entry]))
             )
-        torques = newton_euler(motion.mech, motion.own(), motion.v, wanted, None)
+        undamped = dataclasses.replace(motion.mech, damping=(0.0,) * motion.mech.nv)  # a disturbance, as all friction
+        torques = newton_euler(undamped, motion.own(), motion.v, wanted, None)
         for joint in paths:
             dof = motion.dofs(joint)[0]
             loads.torque(dof, clamped(torques[dof], joint, self.effort, motion, loads))
