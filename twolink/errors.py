@@ -152,7 +152,7 @@ def nearest(name: str, known: Iterable[str], usual: Mapping[str, str] | None = N
     """A remedy for an unknown name: the nearest right one, or the list when it is short. usual: of other names."""
     if usual and name in usual:
         return f"did you mean {usual[name]!r}?"
-    names = list(known)
+    names = list(map(str, known))
     inside = [one for one in names if len(name) > 2 and name.lower() in one.lower()]  # jacobian of frame-jacobian
     # 200: longer ones are none, and take long to compare.
     close = inside or difflib.get_close_matches(name[:200], names, n=1, cutoff=0.6 if len(name) > 3 else 0.5)

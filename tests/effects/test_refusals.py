@@ -120,6 +120,8 @@ BAD = [
     (E.Release(3.0, at=1.0), "of", "cannot be released"),
     (E.Watch("a"), "at", "neither"),
     (E.Watch("a", at=NAN), "at", "finite"),
+    (E.Watch("a", at=1.0, direction=2), "direction", "2 is unknown; known: -1, 0, 1"),
+    (E.Watch("a", at=1.0, direction="up"), "direction", "'up' is unknown; known: -1, 0, 1"),
     (E.Watch("a", when=E.JointReaches("elbow", NAN)), "when.value", "finite"),
     (E.Watch("a", when=E.JointReaches("elbow", 1.0, of="speed")), "when.of", "unknown"),
     (E.Watch("a", when=E.FrameReaches("tp", 1.0)), "when.frame", "did you mean 'tip'"),

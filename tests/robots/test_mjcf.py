@@ -176,6 +176,22 @@ def test_what_changes_the_motion_and_has_no_counterpart_is_refused_or_reported(c
     tl.load_robot(arm())
 
 
+def test_laws_that_queries_do_not_apply_are_in_the_report() -> None:
+    """MuJoCo's accelerations have the spring, the weightless body and the equality; those of queries have not."""
+    text = """<mujoco><worldbody><body><joint name="a" axis="0 1 0" stiffness="2" springref="30"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -0.5" size="0.02"/><body name="b" pos="0 0 -.5" gravcomp="1">
+        <joint name="k" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -0.5" size="0.02"/></body></body>
+        </worldbody><equality><joint joint1="k" joint2="a"/></equality></mujoco>"""
+    model, robot = mujoco.MjModel.from_xml_string(text), tl.load_robot(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert np.abs(data.qacc - robot.forward_dynamics([0.0, 0.0], [0.0, 0.0], [0.0, 0.0])).max() > 1.0
+    (finding,) = (one for one in robot.report.ignored if "scene_of makes them effects" in one.what)
+    assert finding.names == ("joint-spring", "gravity-compensation", "coupling")
+    joined = tl.Scene(tl.load_robot("world")).with_object(robot, name="arm").base.report.ignored
+    assert dataclasses.replace(finding, what=f"arm: {finding.what}") in joined
+
+
 def test_disabled_laws_do_not_act() -> None:
     parts = {"joint": ' damping="1" stiffness="2" range="-1 1" limited="true"'}
     flags = '<option><flag spring="disable" damper="disable" limit="disable" gravity="disable"/></option>'

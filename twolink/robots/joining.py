@@ -215,8 +215,7 @@ def _with_laws(laws: FileLaws, part: RobotModel, name: str, names: dict[str, str
 
     own = part.visuals.laws
     lost = {"height fields": [f"{len(own.fields)} of them"] * bool(own.fields)}
-    read = {f"{name}: laws of its file (scene_of makes them effects)": dict.fromkeys(kind for kind, _ in own.effects)}
-    said = [*findings_about("read", read), *findings_about("ignored", {f"{name}: {k}": x for k, x in lost.items()})]
+    said = findings_about("ignored", {f"{name}: {k}": x for k, x in lost.items()})
     said += [dataclasses.replace(one, what=f"{name}: {one.what}", names=tuple(names.get(x, x) for x in one.names))
              for one in part.report.findings if one.kind in ("suspicious", "ignored", "repaired")]  # fmt: skip
     effects = [(kind, {key: renamed(value) for key, value in given.items()}) for kind, given in own.effects]

@@ -23,6 +23,7 @@ from twolink.robots.model import FileLaws
 from twolink.robots.srdf import Srdf
 from twolink.robots.xml import Element
 
+_NOT_APPLIED = "laws beside the bodies (forward and inverse dynamics do not apply them; scene_of makes them effects)"
 _JOINTS = ("floating", "spherical", "prismatic", "revolute")  # in the order of mjtJoint
 DRAWN_GROUPS = 3  # MuJoCo's viewer draws groups 0 to 2 unless told otherwise
 
@@ -64,11 +65,10 @@ def read_mjcf(mjcf: Mjcf, source: Source, foreign: str) -> Description:
     gravity = tuple(0.0 if mjcf.is_off("GRAVITY") else float(g) for g in model.opt.gravity)
     changed = {f"{what} (changes the motion in MuJoCo)": names for what, names in missing.items()}
     findings = [Finding("ignored", what, tuple(names)) for what, names in (changed | left_out(mjcf)).items()]
+    effects, apart = tuple(effects_of(mjcf)), excluded(mjcf)
+    findings += load_findings("ignored", {_NOT_APPLIED: dict.fromkeys(kind for kind, _ in effects)})
     findings += load_findings("ignored", _meshes_left_out(mjcf, folder))
-    laws, apart = (
-        FileLaws(tuple(effects_of(mjcf)), start, options_of(mjcf), tuple(height_fields(mjcf).values())),
-        excluded(mjcf),
-    )
+    laws = FileLaws(effects, start, options_of(mjcf), tuple(height_fields(mjcf).values()))
     return Description(robot, gravity, laws, tuple(findings), Srdf(apart, file=source.label if apart else ""))
 
 
