@@ -69,6 +69,15 @@ def test_one_array_may_stand_for_several_arguments() -> None:
     assert np.array_equal(robot.compiled().bias(columns, columns), robot.compiled().bias(columns, columns.copy()))
 
 
+def test_fields_of_packed_records_are_read_rightly() -> None:
+    """Rows 20 bytes apart, of numbers whose misread bytes are numbers too."""
+    robot = tl.load_robot("two_link")
+    q = states(robot, 500)[0].astype(np.float32).astype(float)
+    records = np.zeros(500, [("id", np.int32), ("q", float, 2)])
+    records["q"] = q
+    close(robot.mass_matrix(records["q"]), robot.mass_matrix(q, engine="pinocchio"))
+
+
 def test_batches_of_every_size_give_the_same_bits() -> None:
     """Chunks, remainders of the vector width and threads do not change an answer."""
     robot = tl.load_robot("ur5")

@@ -242,7 +242,7 @@ def _are_rows(arrays: Sequence[Any], sizes: tuple[int, ...]) -> TypeGuard[Sequen
 
 def shaped(name: str, value: ArrayLike, size: int) -> Array:
     """`value` as float64 of shape (..., size); the kernel's guard checks its entries."""
-    if isinstance(value, np.ndarray) and value.dtype == np.float64 and value.ndim and value.shape[-1] == size:
+    if type(value) is np.ndarray and value.dtype == np.float64 and value.ndim and value.shape[-1] == size:
         return value
     return array(name, value, size)
 

@@ -121,6 +121,7 @@ class Program:
 
         width: how many columns run side by side; by default as many as pay.
         """
+        inputs = [a if a.flags.aligned else np.array(a) for a in inputs]  # the library counts strides in doubles
         if self.handle is None:
             x = np.concatenate([a.T for a in inputs]) if len(inputs) > 1 else inputs[0].T
             found, begin = _by_numpy(self.arrays, self._constants, self._constant_at, x), 0
