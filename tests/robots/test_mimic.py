@@ -63,6 +63,18 @@ def test_coupled_joints_move_as_the_free_robot_along_the_coupling(case: str) -> 
     np.testing.assert_allclose(coupled.energy(q, v), free.energy(q_free, G @ v), **exact)
 
 
+def test_a_joint_follows_behind_and_before_ball_joints() -> None:
+    """M = G^T M_free G, and the frame at the end; whose coordinates balls have moved, also pickled."""
+    text = chain(("spherical", ""), ("revolute", ""), ("revolute", mimic("j2", 2.0, 0.3)), ("spherical", ""))
+    coupled, free = tl.load_robot(text, mimic=True), tl.load_robot(text)
+    G = np.insert(np.eye(7), 4, 2.0 * np.eye(7)[3], axis=0)
+    q = coupled.random_state(1, seed=3)[0][0]
+    q_free = np.insert(q, 5, 2.0 * q[4] + 0.3)
+    for one in (coupled, pickle.loads(pickle.dumps(coupled))):
+        np.testing.assert_allclose(one.mass_matrix(q), G.T @ free.mass_matrix(q_free) @ G, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(one.frame_pose(q, "l4")[1], free.frame_pose(q_free, "l4")[1], rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("case", COUPLED)
 def test_followers_keep_their_limits_of_speed(case: str) -> None:
     """The free robot along the coupling is at a limit of speed."""

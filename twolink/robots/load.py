@@ -35,7 +35,7 @@ from twolink.robots.joint_layout import (
 )
 from twolink.robots.load_report import LoadReport
 from twolink.robots.meshes import MeshFolders, drawable_urdf, mesh_folders, missing_meshes
-from twolink.robots.model import RobotModel, Visuals
+from twolink.robots.model import RobotModel, Visuals, mimic_joint, mimics
 from twolink.robots.srdf import srdf_beside
 from twolink.robots.suspicions import between_joints, suspicious
 from twolink.robots.tree import Tree, canonical, read_tree
@@ -236,6 +236,7 @@ def _with_balls(model: pin.Model, balls: Sequence[str]) -> pin.Model:
     """The model with ball joints in place of some free ones."""
     out = pin.Model()
     out.name = model.name
+    followers = {one[0]: one[1:] for one in mimics(model)}
     for j in range(1, model.njoints):
         place = (model.jointPlacements[j], model.names[j])
         if model.names[j] in balls:
@@ -244,7 +245,8 @@ def _with_balls(model: pin.Model, balls: Sequence[str]) -> pin.Model:
             q = slice(model.idx_qs[j], model.idx_qs[j] + model.nqs[j])
             v = slice(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])
             numbers = [getattr(model, name)[q if "osition" in name else v] for name in _OF_JOINTS]
-            out.addJoint(model.parents[j], model.joints[j], *place, *numbers)
+            joint = mimic_joint(out, *followers[j]) if j in followers else model.joints[j]
+            out.addJoint(model.parents[j], joint, *place, *numbers)
     out.inertias[0] = model.inertias[0]
     for j in range(1, model.njoints):
         out.inertias[j] = model.inertias[j]

@@ -29,8 +29,10 @@ COMPENSATION = "gravity-compensation"
 _Mimic = tuple[int, int, str, tuple[float, ...], float, float]
 
 
-def _mimics(model: pin.Model) -> list[_Mimic]:
+def mimics(model: pin.Model) -> list[_Mimic]:
     """Of each mimic joint: its index, the index of the joint it follows, its type, axis, multiplier and offset."""
+    if not len(model.mimicking_joints):
+        return []
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     found = []
@@ -50,8 +52,8 @@ def _mimics(model: pin.Model) -> list[_Mimic]:
 def reduce_model(model: pin.Model) -> tuple[Any, ...]:
     """Pickle a model, for `copyreg.pickle`: the function that restores it, with its arguments."""
     plain = model.__reduce__()
-    mimics = _mimics(model) if len(model.mimicking_joints) else []
-    return (restore_model, (*plain[1:3], mimics)) if mimics else plain
+    found = mimics(model)
+    return (restore_model, (*plain[1:3], found)) if found else plain
 
 
 def _joint(kind: str, axis: tuple[float, ...]) -> Any:
@@ -64,15 +66,20 @@ def _joint(kind: str, axis: tuple[float, ...]) -> Any:
     return pin.buildModelFromXML(text).joints[1].extract()
 
 
-def restore_model(arguments: tuple[Any, ...], state: Any, mimics: list[_Mimic]) -> pin.Model:
+def mimic_joint(model: pin.Model, followed: int, kind: str, axis: tuple[float, ...], scaling: float, offset: float,
+                ) -> Any:  # fmt: skip
+    """A joint that follows joint number `followed` of a model."""
+    leader, joint = model.joints[followed], _joint(kind, axis)
+    joint.setIndexes(followed, leader.idx_q, leader.idx_v, leader.idx_vExtended)
+    return pin.JointModelMimic(joint, scaling, offset)
+
+
+def restore_model(arguments: tuple[Any, ...], state: Any, followers: list[_Mimic]) -> pin.Model:
     """The model that `reduce_model` has taken apart."""
     model = pin.Model(*arguments)
     model.__setstate__(state)
-    for index, followed, kind, axis, scaling, offset in mimics:
-        leader = model.joints[followed]
-        joint = _joint(kind, axis)
-        joint.setIndexes(followed, leader.idx_q, leader.idx_v, leader.idx_vExtended)
-        mimic = pin.JointModelMimic(joint, scaling, offset)
+    for one in followers:
+        mimic, index, leader = mimic_joint(model, *one[1:]), one[0], model.joints[one[1]]
         mimic.setIndexes(index, leader.idx_q, leader.idx_v, model.idx_vExtendeds[index])
         model.joints[index] = pin.JointModel(mimic)
     return model
