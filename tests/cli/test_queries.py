@@ -100,6 +100,14 @@ def test_query_of_a_saved_trajectory(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.add(record["kinetic"], record["potential"]), run.energy, rtol=0, atol=1e-12)
 
 
+def test_a_robot_with_one_coordinate_has_one_column_a_letter() -> None:
+    """A pendulum's table with the columns q and v."""
+    table, robot = "t,q,v\n0,0.5,1\n1,-0.2,0\n2,1.5,-2\n", tl.load_robot("friction_pendulum")
+    q, v = np.array([[0.5], [-0.2], [1.5]]), np.array([[1.0], [0.0], [-2.0]])
+    record = answer("query", "friction_pendulum", "inverse-dynamics", "--states", "-", "--losses", stdin=table)
+    assert np.array_equal(record["tau"], robot.inverse_dynamics(q, v, 0.0 * v, losses=True))
+
+
 def test_query_with_a_wrench() -> None:
     robot = tl.load_robot("two_link")
     record = answer("query", "two_link", "inverse-dynamics", "--q", "0 0", "--f-ext", '{"tip": [0, 0, 1, 0, 0, 0]}')

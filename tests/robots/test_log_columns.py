@@ -118,3 +118,16 @@ def test_two_columns_of_one_name_are_none() -> None:
     robot = tl.load_robot("two_link")
     table = {"t": np.arange(N), "elbow_pos": Q[:, 1], "elbow.pos": Q[:, 0], "shoulder_pos": Q[:, 0]}
     assert in_our_names(table, robot) == (table, ())
+
+
+@pytest.mark.parts
+def test_logs_of_one_joint_may_have_columns_q_v_and_tau() -> None:
+    """A pendulum's log is judged right, and its driving torques give its first moment back."""
+    robot = tl.load_robot("friction_pendulum")
+    drive = tl.effects.Torque({"axle": tl.effects.Sine(2.0, 0.7)})
+    scene = tl.Scene(robot, q=[1.0], effects=[tl.effects.Gravity(), drive], duration=4.0)
+    run = tl.simulate(scene)
+    log = {"t": run.t, "q": run.q[:, 0], "v": run.v[:, 0], "tau": run.tau[:, 0]}
+    assert tl.judge(scene, log).answer == "right"
+    moment = tl.identify(robot, log).values["pendulum.first_moment.z"]
+    assert moment == pytest.approx(-0.5, abs=1e-5)  # 1 kg at 0.5 m

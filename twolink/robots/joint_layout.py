@@ -182,7 +182,8 @@ def read_columns(
     """
     wanted = columns_to_read(table, joints, letter)
     if wanted == [letter]:
-        return np.asarray(table[letter]), []
+        whole = np.asarray(table[letter])
+        return whole[:, None] if whole.ndim == 1 else whole, []  # a column of a robot with one coordinate
     lacking = [column for column in wanted if column not in table]
     if lacking:
         return None, lacking
