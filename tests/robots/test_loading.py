@@ -98,6 +98,19 @@ def test_dynamics_without_damping_is_read(more: str) -> None:
     assert compare(robot)["agree"]
 
 
+def test_limits_that_are_equal_are_none_and_the_reports_say_so() -> None:
+    """The joint swings past them; one that lacks a limit of its two has 0 there."""
+    text = robot_of(link("a", at="0.5 0 0"), joint("j", "revolute", "ground", "a", "0 1 0", lower=0.5, upper=0.5))
+    equal, half = tl.load_robot(text), tl.load_robot(text.replace('lower="0.5" ', ""))
+    scene = tl.scene_of(equal)
+    assert tl.simulate(scene).q.max() > 1.0
+    assert half.joints[0].lower + half.joints[0].upper == (0.0, 0.5)
+    for report, said in ((equal.report, "equal"), (scene.report, "equal"), (half.report, "without lower or upper")):
+        (finding,) = (one for one in report.findings if one.names == ("j",) and "limits" in one.what and
+                      one.kind == "assumed")  # fmt: skip
+        assert said in finding.what
+
+
 def test_name_path_and_text_give_the_same_robot() -> None:
     path = TOP / "urdf" / "two_link.urdf"
     models = [tl.load_robot(s).model for s in ("two_link", path, str(path), path.read_text())]
@@ -127,7 +140,7 @@ def test_report_names_what_is_ignored_repaired_and_assumed() -> None:
                  "package://nowhere/a.stl", "limits"):  # fmt: skip
         assert part in said["ignored"], part
     assert "normalised: j" in said["repaired"]
-    for part in ("merged into the body", "without <inertial>", "turn or slide along x: k", "taken as 0: j",
+    for part in ("merged into the body", "without <inertial>", "turn or slide along x: k", "taken as no limits: j",
                  "fixed to the world", "gravity (0, 0, -9.81)"):  # fmt: skip
         assert part in said["assumed"], part
     assert said["read"] in str(report)

@@ -309,6 +309,33 @@ def test_a_height_field_is_the_ground_of_a_scene_and_has_mujocos_heights(tmp_pat
     assert tl.simulate(scene, contact="stepped", step=5e-3, verify=False).q[-1, 2] > 0.0
 
 
+def test_planes_of_the_world_are_the_ground_of_a_scene_where_they_lie() -> None:
+    """One that is turned and raised is as far from a ball as MuJoCo says; below that a ball rests on the lowest."""
+    text = """<mujoco><worldbody><geom type="plane" size="1 1 1" pos="0 0 -.5"/>
+        <body pos="0 0 -2" euler="20 30 0"><geom type="plane" size="1 1 1" pos=".1 .2 .3" euler="0 10 5"/></body>
+        <body name="ball" pos="{}"><freejoint/><geom size=".1"/></body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text.format("0 0 1"))
+    state = mujoco.MjData(model)
+    mujoco.mj_forward(model, state)
+    scene = tl.scene_of(text.format("0 0 1"), 1.0, contact=True)
+    (contact,) = (effect for effect in scene.effects if isinstance(effect, fx.Contact))
+    assert [pair[0] for pair in contact.pairs[1:]] == ["ball", "ball"]
+    for number, (_, plane) in enumerate(contact.pairs[1:]):  # type: ignore[str-unpack]
+        gap = np.dot(plane.normal, scene.q[:3]) - plane.height - 0.1
+        assert gap == pytest.approx(mujoco.mj_geomDistance(model, state, number, 2, 9.0, None), abs=1e-12)
+    falling = tl.scene_of(text.format("5 0 1"), 1.0, contact=True)
+    assert tl.simulate(falling).q[-1, 2] == pytest.approx(-0.4, abs=1e-8)
+    said = {one.what.partition(" ")[0]: one.names for one in scene.base.report.ignored}
+    assert said["ground"] == ("plane",)
+    assert "shapes" not in said
+
+
+def test_the_load_report_names_laws_of_the_file_that_queries_leave_out() -> None:
+    ignored = {one.what.partition(" ")[0]: one.names for one in tl.load_robot(EVERYTHING).report.ignored}
+    assert ignored["laws"] == ("joint-spring", "gravity-compensation")
+    assert "laws" not in str(tl.load_robot("two_link").report)
+
+
 # A mesh of a body whose mass is given; one of a body without; one that gives a box its size.
 MESHED = """<mujoco><compiler meshdir="parts"/><asset><mesh file="given.stl" refpos=".1 0 0" scale="2 1 1"/>
 <mesh name="massive" file="b.obj"/><mesh name="sized" file="c.obj"/></asset><worldbody><body name="a"><freejoint/>

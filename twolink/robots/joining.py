@@ -214,9 +214,7 @@ def _with_laws(laws: FileLaws, part: RobotModel, name: str, names: dict[str, str
         return names.get(value, value) if isinstance(value, str) else value
 
     own = part.visuals.laws
-    lost = {"height fields": [f"{len(own.fields)} of them"] * bool(own.fields)}
-    said = findings_about("ignored", {f"{name}: {k}": x for k, x in lost.items()})
-    said += [dataclasses.replace(one, what=f"{name}: {one.what}", names=tuple(names.get(x, x) for x in one.names))
+    said = [dataclasses.replace(one, what=f"{name}: {one.what}", names=tuple(names.get(x, x) for x in one.names))
              for one in part.report.findings if one.kind in ("suspicious", "ignored", "repaired")]  # fmt: skip
     effects = [(kind, {key: renamed(value) for key, value in given.items()}) for kind, given in own.effects]
     start = {names.get(joint, joint): q for joint, q in own.start.items()}

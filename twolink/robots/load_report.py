@@ -142,6 +142,7 @@ _ALONG_X = "joints without <axis> turn or slide along x"
 _HOLLOWS = "hollows of collision meshes (bodies touch at the convex hulls)"
 _BESIDE = "what <collision> has beside a shape and its origin"
 _LIMIT_OF_0 = "limits without lower or upper: taken as 0"
+_EQUAL_LIMITS = "lower and upper limits that are equal: taken as no limits"
 _NO_LOSSES = "joints without damping and friction: losses=True adds 0 there"
 
 
@@ -160,6 +161,7 @@ def content_findings(
     mimics = {j.name: j.mimic.joint for j in moving if j.mimic is not None}
     joint_names = {j.name for j in tree.joints}
     apart = [j for j in moving if not (mimic and j.mimic)]
+    equal = tuple(j.name for j in moving if j.limits is not None and j.limits[0] == j.limits[1])
     sound = " (the bodies they are fixed to are sound)" if unphysical == "refuse" else ""
     ignored = {
         _DAMPING: [j.name for j in apart if j.damping != 0],
@@ -180,11 +182,12 @@ def content_findings(
         "links without <inertial> have no mass": [k.name for k in links if not (k.has_inertial or k.name in massless)],
         _ALONG_X: [j.name for j in moving if j.axis is None and j.type not in ("floating", "spherical")],
         _NO_LOSSES: [j.name for j in moving if j.damping == j.friction == 0],
-        _LIMIT_OF_0: [j.name for j in moving if j.limits is not None and _lacks_limit(j.element)],
+        _LIMIT_OF_0: [j.name for j in moving if j.limits and j.name not in equal and _lacks_limit(j.element)],
         f"inertias that no real body has, taken as they are{sound}": odd_inertias,
     }
     repaired = findings("repaired", {"axes that were not of length 1 are normalised": stretched})
     found = findings("ignored", ignored) + _foreign_findings(tree.foreign) + repaired
+    found += [Finding("assumed", _EQUAL_LIMITS, equal, "unreachable-limits")] if equal else []
     return [*said, *found, *findings("assumed", assumed)]
 
 

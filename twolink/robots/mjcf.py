@@ -17,7 +17,7 @@ from twolink.robots.catalogue import Source
 from twolink.robots.joint_layout import NO_LIMIT
 from twolink.robots.load_report import Finding
 from twolink.robots.load_report import findings as load_findings
-from twolink.robots.mjcf_laws import effects_of, excluded, height_fields, left_out, options_of, without_counterpart
+from twolink.robots.mjcf_laws import effects_of, excluded, grounds, left_out, options_of, without_counterpart
 from twolink.robots.mjcf_model import SHAPES, Mjcf, pose
 from twolink.robots.model import FileLaws
 from twolink.robots.srdf import Srdf
@@ -64,12 +64,14 @@ def read_mjcf(mjcf: Mjcf, source: Source, foreign: str) -> Description:
     start = {name: _configuration(model, k) for k, name in enumerate(mjcf.joints)}
     gravity = tuple(0.0 if mjcf.is_off("GRAVITY") else float(g) for g in model.opt.gravity)
     changed = {f"{what} (changes the motion in MuJoCo)": names for what, names in missing.items()}
-    findings = [Finding("ignored", what, tuple(names)) for what, names in (changed | left_out(mjcf)).items()]
-    effects, apart = tuple(effects_of(mjcf)), excluded(mjcf)
-    findings += load_findings("ignored", {_NOT_APPLIED: dict.fromkeys(kind for kind, _ in effects)})
-    findings += load_findings("ignored", _meshes_left_out(mjcf, folder))
-    laws = FileLaws(effects, start, options_of(mjcf), tuple(height_fields(mjcf).values()))
-    return Description(robot, gravity, laws, tuple(findings), Srdf(apart, file=source.label if apart else ""))
+    laws = FileLaws(tuple(effects_of(mjcf)), start, options_of(mjcf), tuple(grounds(mjcf).values()))
+    ignored = {
+        _NOT_APPLIED: dict.fromkeys(kind for kind, _ in laws.effects),
+        "ground (scene_of of the file has it with contact=True)": dict.fromkeys(kind for kind, _ in laws.grounds),
+        **changed, **left_out(mjcf), **_meshes_left_out(mjcf, folder),
+    }  # fmt: skip
+    findings, apart = tuple(load_findings("ignored", ignored)), excluded(mjcf)
+    return Description(robot, gravity, laws, findings, Srdf(apart, file=source.label if apart else ""))
 
 
 def _configuration(model: Any, joint: int) -> tuple[float, ...]:

@@ -68,7 +68,7 @@ def without_counterpart(mjcf: Mjcf) -> dict[str, list[str]]:
 def left_out(mjcf: Mjcf) -> dict[str, list[str]]:
     """Parts without effect on the answers: names of elements by what they are."""
     m = mjcf.model
-    unknown = {k for k in range(m.ngeom) if int(m.geom_type[k]) not in SHAPES} - set(height_fields(mjcf))
+    unknown = {k for k in range(m.ngeom) if int(m.geom_type[k]) not in SHAPES} - set(grounds(mjcf))
     off = [name for name, flag in (("springs", "SPRING"), ("damping", "DAMPER"), ("joint friction", "FRICTIONLOSS"),
            ("limits", "LIMIT"), ("equality constraints", "EQUALITY"), ("gravity", "GRAVITY"),
            ("constraints", "CONSTRAINT")) if mjcf.is_off(flag)]  # fmt: skip
@@ -104,19 +104,27 @@ def options_of(mjcf: Mjcf) -> dict[str, float]:
     return {name: float(getattr(mjcf.model.opt, name)) for name in _OPTIONS}
 
 
-def height_fields(mjcf: Mjcf) -> dict[int, Mapping[str, Any]]:
-    """The height fields that lie level in the world, by their geoms, as in scene files."""
-    m, found = mjcf.model, dict[int, Mapping[str, Any]]()
-    for k in map(int, np.flatnonzero((m.geom_type == _FIELD) & (m.body_weldid[m.geom_bodyid] == 0))):
-        place, one = mjcf.placed(k), int(m.geom_dataid[k])
-        if not np.allclose(place.rotation, np.eye(3), atol=1e-9) or not (m.geom_contype[k] or m.geom_conaffinity[k]):
-            continue
-        rows, columns, (x, y, high, _) = int(m.hfield_nrow[one]), int(m.hfield_ncol[one]), m.hfield_size[one].tolist()
-        first = int(m.hfield_adr[one])
-        heights = high * m.hfield_data[first : first + rows * columns].astype(float).reshape(rows, columns).T
-        found[k] = {"heights": heights.tolist(), "cell": (2 * x / (columns - 1), 2 * y / (rows - 1)),
-                    "point": _three(place.translation - [x, y, 0.0])}  # fmt: skip
+def grounds(mjcf: Mjcf) -> dict[int, tuple[str, Mapping[str, Any]]]:
+    """Planes, and height fields that lie level, which the world has: by their geoms, with types as in scene files."""
+    m, found = mjcf.model, dict[int, tuple[str, Mapping[str, Any]]]()
+    collides = (m.geom_contype | m.geom_conaffinity) != 0
+    for k in map(int, np.flatnonzero((m.geom_type <= _FIELD) & (m.body_weldid[m.geom_bodyid] == 0) & collides)):
+        place = mjcf.placed(k)
+        normal = place.rotation[:, 2]
+        if m.geom_type[k] == _PLANE:
+            found[k] = "plane", {"normal": _three(normal), "height": float(normal @ place.translation)}
+        elif np.allclose(place.rotation, np.eye(3), atol=1e-9):
+            found[k] = "height-field", _height_field(m, int(m.geom_dataid[k]), place.translation)
     return found
+
+
+def _height_field(m: Any, one: int, middle: np.ndarray) -> Mapping[str, Any]:
+    """A height field, as in scene files. middle: of its ground."""
+    rows, columns, (x, y, high, _) = int(m.hfield_nrow[one]), int(m.hfield_ncol[one]), m.hfield_size[one].tolist()
+    first = int(m.hfield_adr[one])
+    heights = high * m.hfield_data[first : first + rows * columns].astype(float).reshape(rows, columns).T
+    return {"heights": heights.tolist(), "cell": (2 * x / (columns - 1), 2 * y / (rows - 1)),
+            "point": _three(middle - [x, y, 0.0])}  # fmt: skip
 
 
 def excluded(mjcf: Mjcf) -> frozenset[frozenset[str]]:

@@ -95,13 +95,13 @@ copyreg.pickle(pin.Model, reduce_model)
 class FileLaws:
     """Parts of a scene in a robot's file that a URDF cannot hold: effects, by type and arguments as in scene files; the
     mass at a point of a frame whose weight is compensated, under any gravity; and the configuration at the start, by
-    joint. options: by which MuJoCo would step it, as its mjOption has them. fields: height fields that are fixed to the
-    world, as in scene files."""
+    joint. options: by which MuJoCo would step it, as its mjOption has them. grounds: planes and height fields that are
+    fixed to the world, by type and arguments too."""
 
     effects: tuple[tuple[str, Mapping[str, Any]], ...] = ()
     start: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     options: Mapping[str, float] = field(default_factory=dict)
-    fields: tuple[Mapping[str, Any], ...] = ()
+    grounds: tuple[tuple[str, Mapping[str, Any]], ...] = ()
 
 
 @dataclass(frozen=True)

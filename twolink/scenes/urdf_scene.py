@@ -23,6 +23,7 @@ from twolink.effects.joint_switches import DryFriction, JointStops
 from twolink.effects.loops import Coupling, Loop, PointLoop, WeldLoop
 from twolink.errors import SceneError, require_known
 from twolink.geometry.fields import HeightField
+from twolink.geometry.pairs import Plane
 from twolink.robots.catalogue import FILES, catalogue_entry, catalogue_names
 from twolink.robots.collisions import collision_model
 from twolink.robots.joint_layout import NO_LIMIT, JointLayout
@@ -40,6 +41,7 @@ STARTING_SPEED = 0.5  # rad/s or m/s, of a robot that would stay at rest
 FRICTION = 0.8  # of bodies that touch: rubber on a floor
 ABOVE = 1e-3  # m: how far the lowest point of a robot with a free base is above the ground at the start
 FREE = (-np.inf, np.inf)
+_GROUNDS: Mapping[str, type[Plane | HeightField]] = {"plane": Plane, "height-field": HeightField}
 AT_REST = 1e-6  # N m, N: joint torques of gravity and friction below which a robot would
 
 
@@ -122,9 +124,10 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 2.0, *, co
     duration : float
         Time to simulate, s.
     contact : bool
-        Its links touch each other and the ground, or the height fields of an MJCF, with their own collision shapes and
-        a friction of 0.8; not where no link has such a shape. A robot of the catalogue that is meant to move about has
-        a free base then, and starts just above the ground; one with an SRDF in its state "standing", else in the first.
+        Its links touch each other and the ground, or the planes and height fields of an MJCF, with their own collision
+        shapes and a friction of 0.8; not where no link has such a shape. A robot of the catalogue that is meant to move
+        about has a free base then, and starts just above the ground; one with an SRDF in its state "standing", else in
+        the first.
 
     Returns
     -------
@@ -154,12 +157,13 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 2.0, *, co
     stops = {name: ends for name, ends in limits.items() if np.isfinite(ends).any()}
     if stops:
         effects.append(JointStops(stops if followers else "urdf"))
-    fields = [HeightField(**one) for one in loaded.visuals.laws.fields]
+    grounds = [_GROUNDS[kind](**given) for kind, given in loaded.visuals.laws.grounds]
     contact = contact and bool(loaded.solids)
     if contact:
         moved = dict.fromkeys(solid.link for solid in loaded.solids if frame_pose(model, solid.link)[0])
-        ground = tuple((link, field) for link in moved for field in fields)
-        effects.append(Contact(("self", *(ground or ("ground",))), FRICTION))
+        pairs = [(link, one) for link in moved for one in grounds if one != Plane()]
+        level = ["ground"] if not grounds or Plane() in grounds else []
+        effects.append(Contact(("self", *level, *pairs), FRICTION))
     laws, q, starts = loaded.visuals.laws, loaded.neutral, {**loaded.visuals.laws.start, **loaded.visuals.placed}
     others = [effect for kind, given in laws.effects if (effect := _effect(loaded, kind, given))]
     states = loaded.visuals.srdf.states if contact else {}
@@ -175,7 +179,7 @@ def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 2.0, *, co
         q[entries[coupling.joint].q] = coupling.ratio * q[entries[coupling.other].q] + coupling.offset
     effects += [*couplings, *others]
     if contact and loaded.root == "free":
-        q[2] += ABOVE - _lowest(loaded, q) + max((np.max(one.heights) + one.point[2] for one in fields), default=0.0)
+        q[2] += ABOVE - _lowest(loaded, q)
     weight = np.concatenate([pin.computeGeneralizedGravity(tree.model, data, q[tree.q])
                              for tree, data in zip(loaded.trees, loaded.tree_data, strict=True)])  # fmt: skip
     still = np.all(np.abs(weight) <= np.maximum(model.friction, AT_REST))
