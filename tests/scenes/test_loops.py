@@ -60,6 +60,34 @@ def test_a_weld_loop_is_a_fixed_joint() -> None:
         np.testing.assert_allclose(column(run, name), tree.q[:, 0], rtol=0, atol=1e-10)
 
 
+@pytest.mark.parametrize(("axis", "angle"), [((0, 0, 1), 0.4), ((0, 0, 1), np.pi), ((1, 0, 0), np.pi), ((0, 1, 0), 2.0),
+                                             ((-1, -1, -1), 2 * np.pi / 3)])  # fmt: skip
+def test_a_weld_has_the_orientation_that_it_says_or_is_refused(axis: tuple[float, ...], angle: float) -> None:
+    """Its rows are 0 also at half a turn about an axis, and at a third of a turn about all three."""
+    scene = tl.Scene(tl.load_robot("two_link"), {"shoulder": 0.3}, effects=[E.Gravity()])
+    scene = scene.with_object("box", (3.0, 0.0, 0.5))
+    scene = scene.with_effects([E.WeldLoop("box", "forearm", point_b=(0.5, 0.0, 0.0), rpy=(0.2, 0.1, 0.0))])
+    wanted = pin.rpy.rpyToMatrix(0.2, 0.1, 0.0)
+
+    def turned(start: tl.Scene) -> np.ndarray:
+        """R of the box as the forearm sees it, where a run begins."""
+        q = tl.simulate(start, 0.01).q[0]
+        return start.base.frame_pose(q, "forearm")[0].T @ start.base.frame_pose(q, "box")[0]
+
+    q, (rotation, position) = scene.q.copy(), scene.base.frame_pose(scene.q, "forearm")
+    start = rotation @ wanted @ pin.exp3(angle * np.array(axis) / np.linalg.norm(axis))
+    box = next(joint.q for joint in scene.base.joints if joint.name == "box")
+    q[box] = [*(position + rotation @ [0.5, 0.0, 0.0]), *pin.Quaternion(start).coeffs()]
+    if angle < 1.0:
+        np.testing.assert_allclose(turned(scene.with_start(q, scene.v)), wanted, rtol=0, atol=1e-9)
+        return
+    with pytest.raises(SceneError, match="turned by 1[28]0 degrees from the rpy of its weld") as caught:
+        tl.simulate(scene.with_start(q, scene.v), 0.01)
+    rpy = tuple(map(float, str(caught.value).rpartition("rpy=(")[2].rstrip(")").split(",")))
+    other = scene.with_effects([E.WeldLoop("box", "forearm", point_b=(0.5, 0.0, 0.0), rpy=rpy)])
+    np.testing.assert_allclose(turned(other.with_start(q, scene.v)), pin.rpy.rpyToMatrix(*rpy), rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize("ratio", [-2.5, 1.0])
 def test_coupled_masses(ratio: float) -> None:
     """q_one = r q_two + c with a force on one: q_two'' = r f / (m_two + r^2 m_one)."""

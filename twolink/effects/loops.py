@@ -1,8 +1,10 @@
 """Loops: constraints g(q) = 0 or b(q) v = 0 between places of a robot, besides its joints."""
 
+import math
 from collections.abc import Sequence
 from typing import ClassVar
 
+import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.motion import GROUND, KinematicState
@@ -34,6 +36,9 @@ class Loop(Effect, frozen=True):
     def rows(self, motion: KinematicState) -> list[Scalar]:
         """g(q), m and (of directions) 1: what stays 0."""
         raise NotImplementedError
+
+    def require_closed(self, motion: KinematicState) -> None:
+        """Require of a motion by numbers, where the rows are 0, the place that they mean. Raises SceneError."""
 
     def velocity_rows(self, motion: KinematicState) -> list[Scalar]:
         """b(q) v, m/s: what stays 0 of velocities alone, as rolling does. Linear in v."""
@@ -125,6 +130,7 @@ class HingeLoop(Loop, frozen=True):
 
 
 _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+MEANT = 2.0  # a_1 . b_1 + a_2 . b_2 + a_3 . b_3, which is 3; 0 or -1 at other zeros of the rows
 
 
 class WeldLoop(_CommonPoint, frozen=True):
@@ -145,11 +151,26 @@ class WeldLoop(_CommonPoint, frozen=True):
     def rows(self, motion: KinematicState) -> list[Scalar]:
         """x_a - x_b, and for axes a_i of a and b_i of b: a_2 . b_3, a_3 . b_1, a_1 . b_2."""
         motion = motion.seen_from(self.carrier(motion))
-        turned = pin.rpy.rpyToMatrix(*self.rpy).T.tolist()  # its rows: a's axes as b sees them
-        theirs = [motion.direction(self.b, tuple(axis)) for axis in turned]
-        ours = [motion.direction(self.a, axis) for axis in _AXES]
+        theirs, ours = self._axes(motion)
         turns = [dot(ours[i], theirs[j]) for i, j in ((1, 2), (2, 0), (0, 1))]
         return [*apart(motion, self.a, self.point_a, self.b, self.point_b), *turns]
+
+    def _axes(self, motion: KinematicState) -> tuple[list[Vec], list[Vec]]:
+        """The axes of b, turned by rpy, and those of a, which are to be the same."""
+        turned = pin.rpy.rpyToMatrix(*self.rpy).T.tolist()  # its rows: a's axes as b sees them
+        theirs = [motion.direction(self.b, tuple(axis)) for axis in turned]
+        return theirs, [motion.direction(self.a, axis) for axis in _AXES]
+
+    def require_closed(self, motion: KinematicState) -> None:
+        """Require equal axes: the rows are 0 too where a is turned by 180 degrees about one, or by 120 about all."""
+        theirs, ours = (np.array(axes, dtype=float) for axes in self._axes(motion))
+        cosines = ours @ theirs.T
+        if np.trace(cosines) < MEANT:
+            rpy = ", ".join(f"{x:.6g}" for x in pin.rpy.matrixToRpy(pin.rpy.rpyToMatrix(*self.rpy) @ cosines.T))
+            angle = math.degrees(math.acos(max(-1.0, 0.5 * (float(np.trace(cosines)) - 1.0))))
+            raise SceneError(f"the nearest position has {self.a!r} turned by {angle:.0f} degrees from the rpy of its weld",
+                             where="effects", remedy=f"start nearer to that orientation, or give rpy=({rpy})",
+                             code="loops-open")  # fmt: skip
 
 
 class Coupling(Loop, frozen=True):

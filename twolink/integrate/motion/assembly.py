@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
+from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.errors import SceneError
 from twolink.integrate.motion.constraints import Constraints
@@ -25,7 +26,7 @@ BETTER = 1.01  # how much larger the smallest singular value must become for an 
 def assembled(constraints: Constraints, x: Array) -> Array:
     """The nearest state (nq + nv,) that fulfils the constraints; what is behind it stays.
 
-    Raises SceneError with the residual where there is none near.
+    Raises SceneError where there is none near, with the residual, or where it is not the one that is meant.
     """
     nq, v_rows = constraints.space.nq, constraints.space.v_rows
     (q,), (residual,) = _closed(constraints, x[None, :nq])
@@ -33,6 +34,9 @@ def assembled(constraints: Constraints, x: Array) -> Array:
         raise SceneError(f"the loops cannot be closed: {residual:.2e} m or rad is left", where="effects",
                          remedy="check their points and axes, or start nearer to a closed position",
                          code="loops-open", residual=float(residual))  # fmt: skip
+    motion = KinematicState(constraints.model, constraints.mech, q.tolist(), [0.0] * constraints.space.nv, 0.0, Numbers)
+    for loop in constraints.loops:
+        loop.require_closed(motion)
     jacobian = constraints.jacobian_at(q, constraints.all_rows)
     v = x[v_rows] - np.linalg.lstsq(jacobian, jacobian @ x[v_rows], rcond=RANK)[0]
     return np.concatenate([q, v, x[v_rows.stop :]])
