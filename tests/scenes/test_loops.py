@@ -81,7 +81,7 @@ def test_a_weld_has_the_orientation_that_it_says_or_is_refused(axis: tuple[float
     if angle < 1.0:
         np.testing.assert_allclose(turned(scene.with_start(q, scene.v)), wanted, rtol=0, atol=1e-9)
         return
-    with pytest.raises(SceneError, match="turned by 1[28]0 degrees from the rpy of its weld") as caught:
+    with pytest.raises(SceneError, match=r"turned by 1[28]0 degrees from the rpy of its weld") as caught:
         tl.simulate(scene.with_start(q, scene.v), 0.01)
     rpy = tuple(map(float, str(caught.value).rpartition("rpy=(")[2].rstrip(")").split(",")))
     other = scene.with_effects([E.WeldLoop("box", "forearm", point_b=(0.5, 0.0, 0.0), rpy=rpy)])

@@ -168,9 +168,9 @@ class WeldLoop(_CommonPoint, frozen=True):
         if np.trace(cosines) < MEANT:
             rpy = ", ".join(f"{x:.6g}" for x in pin.rpy.matrixToRpy(pin.rpy.rpyToMatrix(*self.rpy) @ cosines.T))
             angle = math.degrees(math.acos(max(-1.0, 0.5 * (float(np.trace(cosines)) - 1.0))))
-            raise SceneError(f"the nearest position has {self.a!r} turned by {angle:.0f} degrees from the rpy of its weld",
-                             where="effects", remedy=f"start nearer to that orientation, or give rpy=({rpy})",
-                             code="loops-open")  # fmt: skip
+            what = f"the nearest position has {self.a!r} turned by {angle:.0f} degrees from the rpy of its weld"
+            raise SceneError(what, where="effects", code="loops-open",
+                             remedy=f"start nearer to that orientation, or give rpy=({rpy})")  # fmt: skip
 
 
 class Coupling(Loop, frozen=True):
