@@ -252,6 +252,27 @@ def test_a_quadruped_walks_on_its_observations(tmp_path: Path) -> None:
     np.testing.assert_allclose(other.v[-1], run.v[-1], rtol=0, atol=1e-5)
 
 
+def test_a_policy_observes_the_base_that_carries_its_joints(tmp_path: Path) -> None:
+    """The entries of an object whose name comes before that of the base's joint are the first ones of q and v."""
+    alone = tl.load_robot("anymal", root="free")
+    joints = tuple(one.name for one in alone.joints[1:])
+    copy = [("Gemm", "obs w", "actions", {"transB": 1})]
+    file = written(tmp_path / "one.onnx", copy, {"w": np.eye(12, 9)}, {"obs": [1, 9]}, {"actions": [1, 12]})
+    policy = fx.Policy(str(file), 0.02, ("base_lin_vel", "base_ang_vel", "projected_gravity"), joints)
+    start = np.array([0.0, 0.0, 1.0, *pin.Quaternion(pin.rpy.rpyToMatrix(0.3, 0.2, 0.1)).coeffs()])
+    moving = np.arange(1.0, 7.0)
+    scene = tl.Scene(alone, {"root_joint": start}, {"root_joint": moving}, [fx.Gravity(), policy], 0.01)
+    beside = scene.with_object("ball", (3.0, 0.0, 0.5))
+    assert beside.base.joint_names[0] == "ball"
+    tau = tl.simulate(beside).tau[0, 12:21]
+    np.testing.assert_allclose(tau[:6], moving, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(tau[6:], -pin.rpy.rpyToMatrix(0.3, 0.2, 0.1)[2], rtol=0, atol=1e-12)
+    arm_beside = tl.Scene(tl.load_robot("two_link")).with_object("ball", (3.0, 0.0, 0.5))
+    with pytest.raises(SceneError, match="base is fixed"):  # the ball's is no base of the arm
+        arm_beside.with_effects([fx.Policy(str(mlp(tmp_path / "two.onnx", (3, 8, 2))), 0.02, ("base_lin_vel",),
+                                           ("shoulder", "elbow"))])  # fmt: skip
+
+
 @pytest.mark.parametrize(("fields", "words"), [
     ({"inputs": ("joint_pos",)}, "6 inputs, here are 2"), ({"outputs": ("elbow",)}, "inputs, here are"),
     ({"scale": (1.0, 2.0, 3.0)}, "expected 2 numbers, got 3"), ({"kp": {"knee": 1.0}}, "knee"),

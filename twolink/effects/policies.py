@@ -16,11 +16,12 @@ from twolink.effects.inputs import Slot
 from twolink.effects.sampled_control import STATE, Controller, Seconds
 from twolink.errors import SceneError
 from twolink.io.networks import Network, file_digest, read_network
+from twolink.robots.joint_layout import JointLayout
 
 Array = np.ndarray[Any, np.dtype[Any]]
 Numbers = Any  # a float, or a tuple of floats
 OF_JOINTS = "joint_pos", "joint_vel"
-OF_BASE = {"base_lin_vel": slice(0, 3), "base_ang_vel": slice(3, 6)}  # of v of a robot that floats
+OF_BASE = {"base_lin_vel": slice(0, 3), "base_ang_vel": slice(3, 6)}  # of v of a base that floats
 OTHERS = "projected_gravity", "last_action", "command"
 
 
@@ -54,6 +55,14 @@ class Observed(msgspec.Struct, frozen=True):
     values: tuple[float, ...] = ()
 
 
+def base_of(robot: Robot, joint: str) -> JointLayout | None:
+    """The joint of the free base that carries a joint; None where there is none. An object beside it has another."""
+    i = robot.model.getJointId(joint)
+    while robot.model.parents[i]:
+        i = robot.model.parents[i]
+    return next((one for one in robot.joints if one.name == robot.model.names[i] and one.kind == "free-flyer"), None)
+
+
 class PolicyLaw:
     """The law of a policy, of rows: it observes, asks the network, and maps its answer."""
 
@@ -62,6 +71,7 @@ class PolicyLaw:
     def __init__(self, policy: "Policy", joints: Sequence[str], robot: Robot) -> None:
         self.network, self.policy, self._joints = policy.network, policy, joints
         self._places = {one.name: (one.q, one.v) for one in robot.joints}
+        self._base = base_of(robot, joints[0])
         size = np.linalg.norm(robot.gravity)
         self._down = robot.gravity / size if size else np.array([0.0, 0.0, -1.0])
         self._scale, self._offset = np.asarray(policy.scale), np.asarray(policy.offset)
@@ -93,11 +103,12 @@ class PolicyLaw:
             values = y[STATE[kind]]
             rows = [values[:, self._places[joint][kind]].T for joint in one.joints or self._joints]
             return np.stack([x[0] if len(x) == 1 else np.arctan2(x[1], x[0]) for x in rows], axis=1)
-        if one.name in OF_BASE:
-            return y.v[:, OF_BASE[one.name]]
-        if one.name == "projected_gravity":
-            turned = 2.0 * np.cross(self._down, y.q[:, 3:6])  # by the inverse of the base's quaternion
-            return self._down + y.q[:, 6:7] * turned + np.cross(turned, y.q[:, 3:6])
+        if self._base is not None and one.name in OF_BASE:
+            return y.v[:, self._base.v][:, OF_BASE[one.name]]
+        if self._base is not None and one.name == "projected_gravity":
+            u, w = np.split(y.q[:, self._base.q][:, 3:], [3], axis=1)
+            turned = 2.0 * np.cross(self._down, u)  # by the inverse of the base's quaternion
+            return self._down + w * turned + np.cross(turned, u)
         if one.name == "command":
             return np.tile(one.values, (len(last), 1))
         return last if one.name == "last_action" else y[one.name].reshape(len(last), -1)
@@ -217,7 +228,7 @@ class Policy(Effect, frozen=True, dict=True):
         _check_clip(self.clip, "clip")
         for name in ("scale", "offset"):
             _check_size(getattr(self, name), len(joints), name)
-        sizes = [_size(one, robot, len(joints), f"inputs[{i}]") for i, one in enumerate(self.observed)]
+        sizes = [_size(one, robot, joints, f"inputs[{i}]") for i, one in enumerate(self.observed)]
         observed = None if None in sizes else sum(x or 0 for x in sizes)  # of sensors it is not known yet
         network = self.network
         for what, found, wanted in (("inputs", observed, network.inputs), ("outputs", len(joints), network.outputs)):
@@ -236,19 +247,19 @@ class _Asking(Controller, frozen=True):
         return msgspec.structs.replace(self, update=PolicyLaw(self.policy, self.joints(robot), robot))
 
 
-def _size(one: Observed, robot: Robot, count: int, where: str) -> int | None:
+def _size(one: Observed, robot: Robot, joints: Sequence[str], where: str) -> int | None:
     """The number of numbers that a part has; None of a sensor. Raises SceneError."""
     size: int | None = None
     if one.name in OF_JOINTS:
         check_joints(one.joints or single_joints(robot), robot, f"{where}.joints", dofs=True)
-        size = len(one.joints) or count
+        size = len(one.joints or joints)
     elif one.name in OF_BASE or one.name == "projected_gravity":
         size = 3
-        if not robot.joints or robot.joints[0].v.stop != 6:
+        if base_of(robot, joints[0]) is None:
             raise SceneError(f"{one.name!r} of a robot whose base is fixed", where=where,
                              remedy='load_robot(..., root="free")')  # fmt: skip
     elif one.name in OTHERS:
-        size = count if one.name == "last_action" else len(one.values)
+        size = len(joints if one.name == "last_action" else one.values)
     if one.history < 1:
         raise SceneError(f"expected a whole number above 0, got {one.history}", where=f"{where}.history")
     _check_clip(one.clip, f"{where}.clip")
