@@ -207,6 +207,15 @@ def test_a_policy_is_the_law_that_it_says(tmp_path: Path, gains: Any, delay: flo
         np.testing.assert_allclose(run.q, 2.0 * fine - coarse, rtol=0, atol=1e-5)
 
 
+@pytest.mark.parametrize("late", [{"delay": 0.05}, {"start": 0.05}])
+def test_positions_are_the_offset_until_the_first_answer_acts(tmp_path: Path, late: dict[str, float]) -> None:
+    gains = {"kp": {"shoulder": 40.0, "elbow": 20.0}, "kd": {"shoulder": 4.0, "elbow": 2.0}}
+    policy = fx.Policy(str(mlp(tmp_path / "one.onnx", (4, 8, 2))), 0.02, offset=(0.3, 0.2), **gains, **late)
+    held = fx.JointPD({"shoulder": 0.3, "elbow": 0.2}, **gains)
+    run, meant = (tl.simulate(arm([one]), 0.05, accuracy=1e-9) for one in (policy, held))
+    np.testing.assert_allclose(run.q, meant.q, rtol=0, atol=1e-9)
+
+
 def test_a_policy_reads_an_encoder_and_stands_beside_events(tmp_path: Path) -> None:
     encoder = fx.Encoder(("shoulder", "elbow"), period=0.01, quantum=1e-5)
     policy = fx.Policy(str(mlp(tmp_path / "one.onnx", (4, 16, 2))), 0.02, ("encoder", "joint_vel"), scale=4.0)

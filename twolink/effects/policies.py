@@ -8,10 +8,11 @@ import msgspec
 import numpy as np
 
 from twolink.algorithms.motion import KinematicState
+from twolink.algorithms.spatial import plus
 from twolink.dynamics import Robot
 from twolink.effects.checks import check_effect, check_joints, check_subset, single_joints
 from twolink.effects.controllers import JointPD, Limits
-from twolink.effects.effect import Effect, Loads, NotNegative, all_finite, finite
+from twolink.effects.effect import Effect, Loads, NotNegative, all_finite, finite, number
 from twolink.effects.inputs import Slot
 from twolink.effects.sampled_control import STATE, Controller, Seconds
 from twolink.errors import SceneError
@@ -74,7 +75,7 @@ class PolicyLaw:
         self._base = base_of(robot, joints[0])
         size = np.linalg.norm(robot.gravity)
         self._down = robot.gravity / size if size else np.array([0.0, 0.0, -1.0])
-        self._scale, self._offset = np.asarray(policy.scale), np.asarray(policy.offset)
+        self._scale, self._offset = np.asarray(policy.scale), 0.0 if policy.kp else np.asarray(policy.offset)
 
     def __deepcopy__(self, _: Any) -> "PolicyLaw":
         """Itself: nothing of it changes."""
@@ -115,11 +116,15 @@ class PolicyLaw:
 
 
 class HeldPositions(Effect, frozen=True):
-    """PD control to positions that are constant from tick to tick: tau = kp (position - q) - kd v, within limits."""
+    """PD control to positions that are constant from tick to tick: tau = kp (position - q) - kd v, within limits.
+
+    values: position less offset, 0 until the first answer acts.
+    """
 
     analytic: ClassVar[bool] = False
 
     values: Mapping[str, Slot]
+    offset: Mapping[str, float]
     kp: Mapping[str, NotNegative]
     kd: Mapping[str, NotNegative]
     limit: Limits = None
@@ -130,7 +135,8 @@ class HeldPositions(Effect, frozen=True):
 
     def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add the torques."""
-        JointPD(self.values, self.kp, self.kd, effort=self.limit).act(motion, loads)  # type: ignore[arg-type]
+        positions = {joint: plus(value, number(self.offset[joint])) for joint, value in self.values.items()}
+        JointPD(positions, self.kp, self.kd, effort=self.limit).act(motion, loads)
 
 
 class Policy(Effect, frozen=True, dict=True):
@@ -138,7 +144,8 @@ class Policy(Effect, frozen=True, dict=True):
 
         a_k = network(observation at k period),   u_k = offset + scale a_k
 
-    Without kp, tau = u_k; with it, tau = kp (u_k - q) - kd v at all times: u_k are positions.
+    Without kp, tau = u_k; with it, tau = kp (u_k - q) - kd v at all times: u_k are positions. Until the first answer acts,
+    after a start or a delay, the torques are 0; with kp the actions are 0, so that the positions are the offset.
 
     Parameters
     ----------
@@ -215,7 +222,9 @@ class Policy(Effect, frozen=True, dict=True):
     def held(self, robot: Robot, place: int) -> Effect:
         """The effect between ticks: held torques, or a PD control to held positions."""
         torques = self.sampled.held(robot, place)
-        return HeldPositions(torques.values, self.kp, self.kd, self.limit) if self.kp else torques
+        joints = self.sampled.joints(robot)
+        offset = dict(zip(joints, np.broadcast_to(self.offset, len(joints)).tolist(), strict=True))
+        return HeldPositions(torques.values, offset, self.kp, self.kd, self.limit) if self.kp else torques
 
     def check(self, robot: Robot) -> None:
         """Require a network that fits the observation and the joints."""
