@@ -144,8 +144,8 @@ class Policy(Effect, frozen=True, dict=True):
 
         a_k = network(observation at k period),   u_k = offset + scale a_k
 
-    Without kp, tau = u_k; with it, tau = kp (u_k - q) - kd v at all times: u_k are positions. Until the first answer acts,
-    after a start or a delay, the torques are 0; with kp the actions are 0, so that the positions are the offset.
+    Without kp, tau = u_k; with it, tau = kp (u_k - q) - kd v at all times: u_k are positions. Until the first answer
+    acts, after a start or a delay, the torques are 0; with kp the actions are 0, so that the positions are the offset.
 
     Parameters
     ----------
