@@ -149,6 +149,17 @@ def test_gear_without_losses_is_its_ratio() -> None:
     assert np.abs(runs[0].q - runs[1].q).max() < 1e-10
 
 
+def test_gears_in_a_row_are_one_gear() -> None:
+    """Of ratios 5 and 4, where the motor's rotor turns 20 times as fast as the joint, and the wheel between 4 times."""
+    inner = fx.Gear(fx.Torque(of_all(0.05)), of_all(5.0), inertia=of_all(1e-3))
+    row = scene(fx.Gravity(), fx.Gear(fx.ActuatorLag(inner, of_all(0.1)), of_all(4.0), inertia=of_all(5e-3)))
+    one = scene(fx.Gravity(), fx.ActuatorLag(fx.Torque(of_all(1.0)), of_all(0.1)),
+                fx.Rotor(of_all(1.0), {"axle": np.sqrt(20.0**2 * 1e-3 + 4.0**2 * 5e-3)}))  # fmt: skip
+    assert row.robot.model.armature == pytest.approx(0.48)
+    runs = [tl.simulate(each, accuracy=1e-10) for each in (row, one)]
+    assert np.abs(runs[0].q - runs[1].q).max() < 1e-9
+
+
 @pytest.mark.parts
 def test_what_a_drive_refuses_is_right_beside_it() -> None:
     """Gravity's torque beside a gear is that of Pinocchio; and a rotor counts as N^2 of its inertia before a spring."""

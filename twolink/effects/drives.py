@@ -16,7 +16,6 @@ from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import Scalar, minus, negative, plus, times
 from twolink.dynamics import Robot
 from twolink.effects.checks import above_zero, check_effect, check_joints, errors_inside
-from twolink.effects.constants import Rotor
 from twolink.effects.controllers import ComputedTorque, GravityCompensation
 from twolink.effects.effect import AboveZero, Effect, Effort, Gap, Loads, NotNegative, finite, inverse, number, of
 from twolink.effects.inputs import Input, value_at
@@ -243,7 +242,7 @@ class Gear(Drive, frozen=True):
     backward : mapping of joint to float
         e_b, the same from the joint to the motor; e by default.
     inertia : mapping of joint to float
-        Of the rotor, kg m^2: N^2 times it is added to the joint's armature.
+        Of the rotor, kg m^2: N^2 times it is added to the joint's armature. Of a gear inside it counts with both N.
     power : float
         P, W, above 0: the power at which the loss has three quarters of its size; below it the gear creeps.
 
@@ -281,9 +280,15 @@ class Gear(Drive, frozen=True):
                                      remedy="0.8 loses a fifth of the power")  # fmt: skip
 
     def change(self, model: pin.Model) -> None:
-        """Add N^2 times the rotor's inertia to the armature."""
+        """Add N^2 times the rotor's inertia to the armature, and of rotors inside, which turn as fast as the motor."""
+        outside = np.array(model.armature)
+        model.armature = np.zeros(model.nv)
         super().change(model)
-        Rotor(self.inertia, self.ratio).change(model)
+        own = np.array(model.armature)
+        for joint, ratio in self.ratio.items():
+            dof = model.idx_vs[model.getJointId(joint)]
+            own[dof] = float(ratio) ** 2 * (own[dof] + self.inertia.get(joint, 0.0))
+        model.armature = outside + own
 
     def seen_inside(self, motion: KinematicState) -> KinematicState:
         """N q and N v."""
