@@ -15,7 +15,7 @@ import pytest
 from tests.parts.service.serving import Served, serving, wait_until
 from tests.parts.service.urdfs import pendulum, zipped
 from twolink.errors import TwolinkError
-from twolink.parts.service.http.messages import Rates
+from twolink.parts.service.http.messages import AccessControl, Rates
 from twolink.parts.service.problems import Refusal
 from twolink.parts.service.settings import Quotas, Settings
 from twolink.parts.service.store.data_folder import size_of, to_remove
@@ -67,6 +67,17 @@ def test_an_owner_has_so_many_requests_a_second(monkeypatch: pytest.MonkeyPatch)
     with pytest.raises(Refusal) as refused:
         rates.take("ann")
     assert (refused.value.status, refused.value.retry_after) == (429, 0.5)
+
+
+def test_a_request_that_is_checked_twice_counts_once_and_is_refused_twice() -> None:
+    access = AccessControl(Settings(data="x", tokens=("ann:secret",), quotas=Quotas(owner_rate=1)))
+    headers = [(b"host", b"localhost"), (b"authorization", b"Bearer secret")]
+    taken, refused = ({"method": "POST", "path": "/v1/robots", "headers": headers} for _ in range(2))
+    access.check(taken)
+    access.check(taken)
+    for _ in range(2):
+        with pytest.raises(Refusal, match="requests a second"):
+            access.check(refused)
 
 
 class Clock:

@@ -223,8 +223,9 @@ class AccessControl:
         is_open = scope["method"] == "OPTIONS" or path in _OPEN_PATHS or path.startswith(_OPEN_PREFIX)
         if self._tokens.asked and not is_open and OWNER not in scope:
             sent = headers.get(b"authorization") or _offered_token(scope.get("subprotocols", ()))
-            scope[OWNER] = self._tokens.owner(sent)
-            self._rates.take(scope[OWNER])
+            owner = self._tokens.owner(sent)
+            self._rates.take(owner)
+            scope[OWNER] = owner  # a request that goes on by another way is checked again, and counts once
         return foreign
 
     def _check_host(self, host: bytes) -> None:
