@@ -45,6 +45,14 @@ def test_a_client_may_hold_as_much_as_stays_free() -> None:
     assert not shares.take("c", 4)
 
 
+@pytest.mark.parametrize("limit", [1, 2, 3, 4])
+def test_as_many_clients_as_there_are_units_have_one_each(limit: int) -> None:
+    shares = Shares(limit)
+    assert [shares.take(f"client {k}") for k in range(limit + 1)] == [True] * limit + [False]
+    shares.give("client 0")
+    assert shares.take("another")
+
+
 def test_networks_of_64_bits_are_one_client() -> None:
     assert client_of("2001:db8::1") == client_of("2001:db8::ffff:2%eth0") != client_of("2001:db8:0:1::1")
     assert client_of("10.0.0.1") != client_of("10.0.0.2")

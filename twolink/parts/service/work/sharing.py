@@ -42,8 +42,9 @@ class KeyedLocks:
 class Shares:
     """`limit` units of something that clients take and give back.
 
-    A client may hold at most as many as stay free. One alone gets half of them, two get a third each, and a newcomer
-    always finds some: the dynamic threshold of Choudhury and Hahne, IEEE/ACM Transactions on Networking 6 (1998) 130.
+    A client may hold at most as many as stay free, or the last one. One alone gets half of them, two get a third each,
+    and a newcomer always finds some: the dynamic threshold of Choudhury and Hahne, IEEE/ACM Transactions on Networking
+    6 (1998) 130.
     """
 
     def __init__(self, limit: float) -> None:
@@ -55,7 +56,8 @@ class Shares:
         """Take some for a client. False, and nothing is taken, when that is more than its share."""
         with self._lock:
             own = self._by_client.get(client, 0) + amount
-            if own > self.limit - self.taken - amount:
+            left = self.limit - self.taken - amount
+            if left < 0 or own > max(1, left):
                 return False
             self._by_client[client] = own
             self.taken += amount
