@@ -114,6 +114,16 @@ def test_a_judge_says_that_a_stepped_solution_is_an_estimate(tmp_path: Path) -> 
     assert answer["data"]["right"]
 
 
+def test_both_ways_to_judge_a_robot_begin_at_the_first_sample_of_its_log(tmp_path: Path) -> None:
+    whole = tl.scene_of("two_link")
+    run = tl.simulate(tl.Scene(whole.base, [0.9, -0.4], [0.3, 0.2], whole.effects, 0.5), accuracy=1e-9)
+    run.save(tmp_path / "x.npz")
+    log = {"t": run.t.tolist(), "q": run.q.tolist(), "v": run.v.tolist()}
+    called = {"function": "judge", "arguments": {"scene": "two_link", "trajectory": log}}
+    by_tool, by_call = ask(tmp_path, ("judge", {"scene": "two_link", "log": "x.npz"}), ("call", called))
+    assert data(by_tool)["data"]["right"] is data(by_call)["data"]["right"] is True
+
+
 @pytest.mark.slow
 def test_the_other_tools(tmp_path: Path) -> None:
     found = ask(tmp_path, ("catalogue", {}), ("load_robot", {"robot": "panda"}), ("explain", {"scene": "four-bar"}),

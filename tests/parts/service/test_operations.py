@@ -107,6 +107,21 @@ def test_what_is_no_number_and_what_is_not_sent_is_refused_before_the_job() -> N
             requests.prepare(kind="operation", body=body)
 
 
+def test_a_robot_is_judged_from_the_first_sample_of_its_log_as_by_the_function() -> None:
+    whole = tl.scene_of("two_link")
+    elsewhere = tl.Scene(whole.base, [0.9, -0.4], [0.3, 0.2], whole.effects, 0.5)
+    run = tl.simulate(elsewhere, accuracy=1e-9)
+    log = {"t": run.t.tolist(), "q": run.q.tolist(), "v": run.v.tolist()}
+    assert answer("judge", scene="two_link", trajectory=log)["answer"] == tl.judge("two_link", log).answer == "right"
+    assert answer("judge", scene="two_link", trajectory=log, start="scene")["answer"] == "wrong"
+    settings = {"duration": 0.1, "steps": [0.01], "methods": ["Euler"]}
+    (_, row), (_, expected) = (answer("step_table", model="two_link", **settings)["rows"],
+                               tl.step_table("two_link", **settings).rows)  # fmt: skip
+    assert row["error"] == expected.error
+    with pytest.raises(SceneError, match="too long"):
+        answer("step_table", model="two_link", **settings | {"duration": 1e6})
+
+
 def test_an_answer_that_is_too_large_is_refused() -> None:
     body = msgspec.json.encode({"operation": "judge", **CALLS["judge"]})
     with pytest.raises(SceneError, match="the answer takes") as caught:

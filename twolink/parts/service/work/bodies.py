@@ -51,9 +51,9 @@ def arguments_of(request: Any, *without: str) -> dict[str, Any]:
 
 
 def sent_as(function: Callable[..., Any], kind: type) -> list[str]:
-    """The parameters that are scenes, or robots, and come as names, ids or contents."""
+    """The parameters that may be scenes, or robots, and come as names, ids or contents."""
     hints = get_type_hints(function)
-    return [name for name, hint in hints.items() if name != "return" and _ours(_parts(hint)) is kind]
+    return [name for name, hint in hints.items() if name != "return" and kind in _parts(hint)]
 
 
 def words(known: Sequence[str]) -> Any:
@@ -67,7 +67,7 @@ def json_type(hint: Any) -> Any:
     Raises TypeError where nothing is left to send.
     """
     parts = _parts(hint)
-    if (ours := _ours(parts)) is not None:
+    if ours := next((kind for kind in _SENT if kind in parts), None):
         return _SENT[ours]
     found: list[Any] = []
     if set(parts) >= _ARRAY:
@@ -85,8 +85,3 @@ def json_type(hint: Any) -> Any:
 
 def _parts(hint: Any) -> tuple[Any, ...]:
     return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
-
-
-def _ours(parts: tuple[Any, ...]) -> type | None:
-    """Scene, or Robot, if a parameter takes it."""
-    return next((kind for kind in _SENT if kind in parts), None)

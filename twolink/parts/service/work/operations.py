@@ -11,12 +11,15 @@ from twolink.dynamics import Robot
 from twolink.effects.effect import Effect
 from twolink.errors import SceneError
 from twolink.parts.service.settings import Quotas
+from twolink.parts.service.store.data_folder import UPLOADED
 from twolink.parts.service.work.bodies import NOT_SENT, arguments_of, sent_as
 from twolink.parts.service.work.requests import JOB_KINDS
 from twolink.parts.service.work.robot_tasks import robot_by_id
 from twolink.parts.service.work.scene_tasks import require_allowed, scene_of, told
 from twolink.parts.service.work.worker import Report
 from twolink.scenes import Scene
+from twolink.scenes.urdf_scene import is_robot
+from twolink.scenes.urdf_scene import scene_of as scene_of_robot
 from twolink.simulation.text import as_data
 
 
@@ -29,14 +32,20 @@ def answer_of_call(
     """
     function = getattr(tl, request.__struct_config__.tag)
     given = arguments_of(request)
-    given |= {name: scene_from(given[name]) for name in sent_as(function, Scene)}
-    given |= {name: robot_from(given[name]) for name in sent_as(function, Robot)}
+    scenes, robots = sent_as(function, Scene), sent_as(function, Robot)
+    for name in {*scenes, *robots}:  # which may be the same: a robot stays one, as the function means it otherwise
+        is_of_robot = name in robots and (name not in scenes or _names_robot(given[name]))
+        given[name] = (robot_from if is_of_robot else scene_from)(given[name])
     titles = [one.title or one.robot.name if isinstance(one, Scene) else one.name
               for one in given.values() if isinstance(one, Scene | Robot)]  # fmt: skip
     taken = inspect.signature(function).parameters
     found = function(**given, **{name: own[name] for name in NOT_SENT if name in taken and name in own})
     record = msgspec.to_builtins(found) if isinstance(found, Effect) else as_data(found)
     return {"title": ", ".join(titles), "text": str(found), **record}
+
+
+def _names_robot(asked: Any) -> bool:
+    return isinstance(asked, str) and bool(is_robot(asked) or UPLOADED.fullmatch(asked))
 
 
 def operate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
@@ -53,8 +62,13 @@ def operate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Re
             require_allowed(request, scene, quotas)
         return scene
 
-    record = answer_of_call(request, scene_from, lambda key: robot_by_id(key, robots), progress=told(report),
-                            patience=quotas.job_seconds)  # fmt: skip
+    def robot_from(key: str) -> Robot:
+        robot = robot_by_id(key, robots)
+        if hasattr(request, "duration"):
+            require_allowed(request, scene_of_robot(robot), quotas)
+        return robot
+
+    record = answer_of_call(request, scene_from, robot_from, progress=told(report), patience=quotas.job_seconds)
     size = len(msgspec.json.encode(record))
     if size > quotas.answer_mb * 2**20:
         what = f"the answer takes {size / 2**20:.0f} MB, more than {quotas.answer_mb:g}"
