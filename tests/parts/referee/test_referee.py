@@ -144,6 +144,24 @@ def test_a_run_beyond_its_stops_is_told() -> None:
     assert tl.judge(scene, tl.simulate(scene, 1.0, accuracy=1e-9)).right
 
 
+def test_a_log_that_goes_on_behind_the_end_of_the_motion_is_held_against_it_until_then() -> None:
+    """The log is by SciPy, to 12 digits; the scene ends between two of its samples."""
+    t, q, v = RIGHT
+    place, between = 60, 0.5 * (q[60, 0] + q[61, 0])
+    end = fx.Watch("low", when=fx.JointReaches("shoulder", float(between)), stop=True)
+    scene = ARM.with_effects([*ARM.effects, end])
+    assert t[place] < tl.simulate(scene).t[-1] < t[place + 1]
+    for digits in (None, 6):
+        log = (t, *(x if digits is None else np.round(x, digits) for x in (q, v)))
+        for start in ("scene", "log"):
+            assert tl.judge(ARM, log, start=start).right
+            verdict = tl.judge(scene, log, start=start)
+            assert (verdict.answer, verdict.unknown_from) == ("not known", pytest.approx(t[place]))
+            assert tl.judge(scene, tuple(x[: place + 1] for x in log), start=start).right
+    with pytest.raises(tl.errors.SceneError, match="before the second sample"):
+        tl.judge(scene, (t[::100], q[::100], v[::100]))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["pendulum-friction", "four-bar", "panda-hold"])
 def test_our_own_runs_of_bundled_scenes_are_right(name: str) -> None:

@@ -176,20 +176,28 @@ def _spread(scene: Scene, log: TrajectoryLog) -> Pair:
         step = size * np.eye(nv)[k % nv]
         q = scene.robot.integrate(scene.q, step) if k < nv else scene.q
         other = run(q, scene.v + (step if k >= nv else 0.0))
-        total[0] += np.abs(scene.robot.difference(plain.q, other.q)).max(axis=1)
-        total[1] += np.abs(plain.v - other.v).max(axis=1)
+        both = np.isin(log.t, plain.t) & np.isin(log.t, other.t)  # an event may end one of them
+        rows, total[:, ~both] = np.flatnonzero(both), np.inf
+        total[0, rows] += np.abs(scene.robot.difference(plain.q[rows], other.q[rows])).max(axis=1)
+        total[1, rows] += np.abs(plain.v[rows] - other.v[rows]).max(axis=1)
     return SPREAD * total[0], SPREAD * total[1]
 
 
 def best_run(scene: Scene, t: Array, accuracy: float) -> Trajectory:
-    """The solution at the samples, as accurate as can be kept."""
+    """The solution at the samples, as accurate as can be kept; of a motion that an event ends, at those before it."""
     try:
-        return simulate(scene, float(t[-1]), accuracy=accuracy, t_eval=t)
+        run: Trajectory = simulate(scene, float(t[-1]), accuracy=accuracy, t_eval=t)
     except AccuracyError as error:
         if error.run is None:
             raise
-        best: Trajectory = error.run
-        return best
+        run = error.run
+    reached = int(np.searchsorted(t, run.t[-1], side="right"))
+    if reached == len(run.t):
+        return run
+    if not t[:reached].any():
+        raise SceneError(f"the scene ends at {run.t[-1]:.4g} s, before the second sample", argument="trajectory",
+                         remedy="give samples before that", code="not-a-trajectory")  # fmt: skip
+    return best_run(scene, t[:reached], accuracy)
 
 
 def verdict_of(scene: Scene, log: TrajectoryLog, run: Trajectory, tolerance: float, *, units: str = "",
@@ -245,6 +253,8 @@ def _of_velocities(
     try:
         other = simulate(scene, float(run.t[-1]), accuracy=COARSER * accuracy, verify=False, t_eval=run.t)
     except TwolinkError:  # the solution was hard to get, and a coarser one is none
+        return largest, 0.0, fine
+    if len(other.t) < len(run.t):  # an event ends it before
         return largest, 0.0, fine
     q, v = (np.maximum.accumulate(np.abs(x).max(axis=1))
             for x in (scene.robot.difference(run.q, other.q), run.v - other.v))  # fmt: skip
