@@ -90,6 +90,8 @@ def test_other_peers_do_not_soften() -> None:
         assert caught.value.code == "no-peer"
     with pytest.raises(SceneError, match="mujoco"):
         compare(sliders((9, 0.1, 0.1)), "mujocco", 0.1)
+    with pytest.raises(SceneError, match="duration"):
+        compare(tl.load_scene("arm-swing"), "scipy", -1.0)
     assert compare(tl.load_scene("arm-swing"), "scipy", 0.5).peer.startswith("SciPy")
 
 

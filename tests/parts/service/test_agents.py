@@ -149,6 +149,7 @@ def test_the_other_tools(tmp_path: Path) -> None:
     ("query", {"robot": "two_link", "what": "no-such", "arguments": {"q": [0, 0]}}, "query"),
     ("query", {"robot": "two_link", "what": "energy", "arguments": {"q": [0, 0, 0]}}, "query"),
     ("export", {"robot": "two_link", "file": "x.exe"}, "unknown-format"),
+    ("export", {"robot": "two_link", "file": "x.urdf", "functions": ["forward_dynamics"]}, "query"),
 ])  # fmt: skip
 def test_refusals_are_data(tool: str, given: dict, code: str, tmp_path: Path) -> None:
     (result,) = ask(tmp_path, (tool, given))

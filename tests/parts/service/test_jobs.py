@@ -57,6 +57,14 @@ def test_a_short_simulation_is_answered_at_once(swing: dict[str, Any]) -> None:
     assert swing["result"]["samples"] == 201
 
 
+@pytest.mark.parametrize(
+    ("name", "value"), [("step", 1e-4), ("tolerance", 1e-9), ("contact", "stepped"), ("t_eval", [0.5])]
+)
+def test_settings_of_ours_are_refused_for_another_simulator(http: httpx.Client, name: str, value: object) -> None:
+    answer = http.post("/v1/simulations", json={**SWING, "simulator": "scipy", name: value})
+    assert (answer.status_code, answer.json()["where"]) == (422, name)
+
+
 def test_the_same_request_is_answered_from_the_store(http: httpx.Client, swing: dict[str, Any]) -> None:
     again = http.post("/v1/simulations", json={**SWING, "wait": 0})
     assert again.status_code == 200

@@ -21,6 +21,7 @@ from twolink.parts.referee.trajectory_log import TrajectoryLog
 from twolink.parts.referee.verdict import Verdict
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted
+from twolink.simulation.sampling import duration_for
 from twolink.simulation.text import BaseResult
 from twolink.simulation.trajectory import Trajectory
 
@@ -105,7 +106,7 @@ def compare(scene: Scene, peer: str = "mujoco", duration: float | None = None, *
     MissingExtraError
         It is not installed.
     """
-    end = scene.duration if duration is None else duration
+    end = duration_for(scene, duration)
     step = scene.base.visuals.laws.options.get("timestep", INTERVAL)
     interval = step * max(1, round(INTERVAL / step))
     times = interval * np.arange(max(3, round(end / interval)) + 1)

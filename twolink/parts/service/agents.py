@@ -183,6 +183,8 @@ class Tools:
         """Write a robot as .urdf, .xml (MJCF) or .c. functions: of C, such as ["forward_dynamics", "step:rk4"]."""
         loaded, path = self._robot(robot, root), self._path(file)
         of_c = path.suffix == ".c"
+        if functions and not of_c:
+            raise QueryError("functions are written as .c", argument="functions", remedy="leave it out, or name a .c")
         written = [write(loaded, path, **({"functions": functions or ["forward_dynamics"]} if of_c else {}))]
         written += [path.with_suffix(".h")] if of_c else []
         return Answer(f"wrote {', '.join(map(str, written))}", {}, files=[str(path) for path in written])

@@ -171,9 +171,10 @@ def _peers_run(request: Any, scene: Scene, duration: float, folder: Path) -> dic
     """Run the scene in another simulator: `setting` says which one and how."""
     from twolink.parts.referee.comparison import peer_log  # few services are asked for it
 
-    if request.t_eval is not None:
-        what = "another simulator has samples at equal distances only"
-        raise SceneError(what, argument="t_eval", remedy="give samples_per_second instead")
+    for name in ("t_eval", "tolerance", "step", "contact"):
+        if getattr(request, name) is not None:
+            what = "another simulator runs at its default setting, and has samples at equal distances only"
+            raise SceneError(what, argument=name, remedy="leave it out")
     times = np.linspace(0.0, duration, max(3, round(samples_of(request, duration)) + 1))
     found = peer_log(scene, request.simulator, times)
     found.log.save(folder / SAMPLES)
