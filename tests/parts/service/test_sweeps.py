@@ -42,6 +42,18 @@ def job(served: Served, store: Any) -> str:
         return next(f"/v1/sweeps/{job['id']}" for job in http.get("/v1/sweeps").json() if job["state"] == "done")
 
 
+def test_a_run_of_a_stepped_sweep_is_simulated_alone_as_in_the_sweep(http: httpx.Client) -> None:
+    vary = {"v.domino_1.0": [0.0, 0.1]}
+    asked = http.post("/v1/sweeps", json={"scene": "dominoes", "duration": 0.05, "vary": vary, "wait": 30}).json()
+    path = f"/v1/sweeps/{asked['id']}"
+    assert ended(http, path)["result"]["done"] == 2
+    columns = http.get(f"{path}/result").json()["columns"]
+    for number, end in enumerate(columns["end.q.domino_1.0"]["values"]):
+        alone = http.get(f"{path}/runs/{number}").json()["simulation"]
+        run = http.post("/v1/simulations", json={**alone, "t_eval": [0, 0.05], "wait": 30}).json()["result"]
+        assert run["q"][0] == end
+
+
 def test_results_are_those_of_the_library(store: Any, tmp_path: Path) -> None:
     scene = tl.load_scene("arm-swing")
     here = tl.sweep(scene, vary=GRID, out=tmp_path / "x.zarr", duration=1.0, outputs=["final", "cost"],

@@ -57,6 +57,27 @@ def test_bits_do_not_depend_on_the_engine_the_workers_or_the_chunks(tmp_path: Pa
             assert np.array_equal(first[name], other[name]), name
 
 
+def test_where_no_accuracy_is_asked_for_contacts_are_stepped_as_well_as_by_simulate(tmp_path: Path) -> None:
+    scene, duration = tl.load_scene("dominoes"), 0.1
+    data = swept(tmp_path / "x.zarr", {"v.domino_1.0": [0.0, 0.1]}, scene, duration=duration)
+    assert data.status.values.tolist() == [1, 1]
+    for speed, q, error in zip([0.0, 0.1], data.q.values, data.error.values, strict=True):
+        run = tl.simulate(scene.with_start(scene.q, [speed, *scene.v[1:]]), duration, t_eval=[0.0, duration])
+        assert error == run.error[-1] < 1e-4
+        assert np.array_equal(run.q[-1], q)
+    asked = swept(tmp_path / "y.zarr", {"v.domino_1.0": [0.1]}, scene, duration=duration, accuracy=1e-3)
+    assert asked.error[0] <= 1e-3
+    assert asked.status[0] == 1
+
+
+def test_a_smooth_sweep_without_an_accuracy_is_that_of_1e_6(tmp_path: Path) -> None:
+    swept(tmp_path / "x.zarr")
+    again = swept(tmp_path / "x.zarr", accuracy=1e-6)  # goes on with it
+    assert (again.error <= 1e-6).all()
+    with pytest.raises(SceneError, match="accuracy was 1e-06 and is now 1e-08"):
+        swept(tmp_path / "x.zarr", accuracy=1e-8)
+
+
 def test_a_run_that_fails_is_a_row_with_its_reason(tmp_path: Path) -> None:
     data = swept(tmp_path / "x.zarr", {"forearm.mass": [1.0, -1.0, 2.0]})
     assert data.status.values.tolist() == [1, 3, 1]

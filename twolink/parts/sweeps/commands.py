@@ -34,7 +34,7 @@ Source = Annotated[
 ]
 Vary = Annotated[list[str] | None, Option(metavar="NAME=VALUES", help="What varies, as above; repeatable.")]
 Bound = Annotated[
-    float | None, Option(help="Bound on the global error of q, rad or m.", show_default="1e-6, or the study's")
+    float | None, Option(help="Bound on the global error of q, rad or m.", show_default="as of run, or the study's")
 ]
 Design = Annotated[
     str | None,

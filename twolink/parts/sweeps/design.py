@@ -71,12 +71,13 @@ def as_values(asked: Parameter, values: Any) -> np.ndarray:
 class RunInputs:
     """Runs of one variant of a scene, which differ in numbers.
 
-    scene: without the effects that are off. accuracy: of all. q (n, nq), v (n, nv): the starts. parameters: values (n,)
+    scene: without the effects that are off. accuracy: of all, None as in
+    `simulate`. q (n, nq), v (n, nv): the starts. parameters: values (n,)
     by name, in the numbering of the variant's effects.
     """
 
     scene: Scene
-    accuracy: float
+    accuracy: float | None
     q: np.ndarray
     v: np.ndarray
     parameters: dict[str, np.ndarray]
@@ -103,7 +104,7 @@ def renamed(name: str, off: tuple[int, ...]) -> str | None:
 
 
 def run_inputs(
-    scene: Scene, off: tuple[int, ...], accuracy: float, quantities: Mapping[str, Parameter],
+    scene: Scene, off: tuple[int, ...], accuracy: float | None, quantities: Mapping[str, Parameter],
     values: Mapping[str, np.ndarray],
 ) -> RunInputs:  # fmt: skip
     """The runs with these values (n,) by name of a variant of a scene, without the effects that are `off`."""

@@ -44,12 +44,12 @@ class OutputVariable:
 class Request:
     """The request to every run.
 
-    duration, s; accuracy, rad or m, where it does not vary; outputs: of OUTPUTS, or "module:function"; t_eval: times of
-    the samples, s; verify: whether there are error bars.
+    duration, s; accuracy, rad or m, where it does not vary, None as in `simulate`; outputs: of OUTPUTS, or
+    "module:function"; t_eval: times of the samples, s; verify: whether there are error bars.
     """
 
     duration: float
-    accuracy: float
+    accuracy: float | None
     outputs: tuple[str, ...]
     t_eval: tuple[float, ...]
     verify: bool

@@ -17,6 +17,7 @@ from typing import Any
 import msgspec
 
 from twolink._version import __version__
+from twolink.contact.choice import choose_contact_method
 from twolink.dynamics.arguments import whole
 from twolink.dynamics.robot_record import robot_notes
 from twolink.effects.effect import Effect, plain
@@ -28,6 +29,7 @@ from twolink.parts.sweeps.outputs import OutputVariable, Request, check_names, c
 from twolink.parts.sweeps.runs import Columns, SweepTask, ways
 from twolink.robots.collisions import read_solids
 from twolink.scenes import Scene
+from twolink.simulation.scene_run import ACCURACY
 
 LIBRARIES = ("pin", "numpy", "scipy", "zarr", "xarray")
 BATCH, SINGLE = 4096, 64  # runs of a block at most
@@ -63,8 +65,10 @@ class SweepPlan:
     def record(self) -> dict[str, Any]:
         """A record of all that the results depend on beside the values that vary, as plain data."""
         request, design = self.request, self.design
+        stepped = choose_contact_method(self.scene).method == "stepped"
+        accuracy = request.accuracy or (None if stepped else ACCURACY)
         return {"scene": scene_record(self.scene), "design": design.kind, "vary": sorted(design.values),
-                "seed": design.seed, "duration": request.duration, "accuracy": request.accuracy,
+                "seed": design.seed, "duration": request.duration, "accuracy": accuracy,
                 "outputs": list(request.outputs), "functions": [_content(function_of(x)) for x in request.functions],
                 "t_eval": list(request.t_eval), "verify": request.verify}  # fmt: skip
 

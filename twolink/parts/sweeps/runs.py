@@ -34,6 +34,7 @@ from twolink.scenes import Scene
 from twolink.scenes.parameters import Parameter, scene_with
 from twolink.simulation.event_worlds import runs_of
 from twolink.simulation.sampling import sample_times
+from twolink.simulation.scene_run import ACCURACY
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.world_solving import can_be_finer
 from twolink.simulation.worlds import differs_beyond_numbers, simulate_many
@@ -109,11 +110,13 @@ class _Variant(NamedTuple):
     """Settings that a group of runs shares: places of effects that are off, accuracy, and robot ("": the scene's)."""
 
     off: tuple[int, ...]
-    accuracy: float
+    accuracy: float | None
     robot: str
 
 
-def groups(accuracy: float, quantities: dict[str, Parameter], values: Columns) -> Iterator[tuple[_Variant, np.ndarray]]:
+def groups(
+    accuracy: float | None, quantities: dict[str, Parameter], values: Columns
+) -> Iterator[tuple[_Variant, np.ndarray]]:
     """The runs by variant, and their rows. accuracy: where it does not vary."""
     chosen = [name for name, what in quantities.items() if what.kind in OF_VARIANTS]
     table = np.zeros((len(next(iter(values.values()))), len(chosen)), dtype=int)
@@ -123,8 +126,8 @@ def groups(accuracy: float, quantities: dict[str, Parameter], values: Columns) -
     for codes in np.unique(table, axis=0):
         own = {name: known[name][code] for name, code in zip(chosen, codes, strict=True)}
         off = sorted(quantities[n].entries[0] for n, on in own.items() if quantities[n].kind == "switch" and not on)
-        shared = _Variant(tuple(off), float(own.get("accuracy", accuracy)), str(own.get("robot", "")))
-        yield shared, np.flatnonzero((table == codes).all(axis=1))
+        asked = float(own["accuracy"]) if "accuracy" in own else accuracy
+        yield _Variant(tuple(off), asked, str(own.get("robot", ""))), np.flatnonzero((table == codes).all(axis=1))
 
 
 def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Parameter]) -> tuple[bool, str]:
@@ -139,8 +142,8 @@ def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Para
     names = tuple(new for name in varied if (new := renamed(name, of.off)) is not None)
     if "energy" in request.outputs and names:
         return False, "one by one: the energy depends on each run's parameters"
-    if request.verify and not can_be_finer(METHODS["dop853"], of.accuracy):
-        return False, f"one by one: {of.accuracy:g} is below what batches can verify"
+    if request.verify and not can_be_finer(METHODS["dop853"], bound := of.accuracy or ACCURACY):
+        return False, f"one by one: {bound:g} is below what batches can verify"
     if differs_beyond_numbers(scene, names):
         return False, "one by one: the scene has events, or loops or constants that differ by run"
     if "events" in request.outputs and equations_of(scene, ticks=True).has_events:
@@ -198,7 +201,7 @@ def _batch(group: _VariantRuns, some: np.ndarray) -> None:
     good = np.isfinite(worlds.q).all(axis=1)
     error_bar = np.full(len(some), np.nan) if worlds.error is None else worlds.error
     good &= np.isfinite(error_bar) | (worlds.error is None)
-    late = good & ~(error_bar <= own.accuracy) & asked.verify
+    late = good & ~(error_bar <= (own.accuracy or ACCURACY)) & asked.verify
     status = np.where(late, INACCURATE, np.where(good, DONE, FAILED))
     reasons = np.array(["", BEYOND, LOST], dtype=object)[status - DONE]
     group.put(some, status=status, reason=reasons, error=error_bar,
@@ -266,8 +269,8 @@ def _put_samples(group: _VariantRuns, i: int, run: Trajectory) -> None:
 
 
 def run_scene(
-    scene: Scene, design: Design, accuracy: float, duration: float, number: int
-) -> tuple[Scene, float, dict[str, Any]]:
+    scene: Scene, design: Design, accuracy: float | None, duration: float, number: int
+) -> tuple[Scene, float | None, dict[str, Any]]:
     """The scene of one run, its accuracy, and what varies.
 
     Parameters
@@ -276,7 +279,7 @@ def run_scene(
         That of the sweep.
     design : Design
         Its runs, of `make_design`.
-    accuracy, duration : float
+    accuracy, duration : float or None, float
         Of the sweep: rad or m, s.
     number : int
         The run in C order: the last dimension changes fastest.

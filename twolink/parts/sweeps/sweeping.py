@@ -41,7 +41,7 @@ def sweep(
     *,
     vary: Mapping[str, Any],
     out: str | os.PathLike[str],
-    accuracy: Positive = 1e-6,
+    accuracy: Positive | None = None,
     t_eval: ArrayLike | None = None,
     samples_per_second: Positive = 200.0,
     design: str = "grid",
@@ -72,8 +72,8 @@ def sweep(
         spaced values; samples have {"uniform": [low, high]} or {"normal": [mean, standard deviation]}.
     out : path-like
         The store, a folder; by custom it ends in .zarr.
-    accuracy : float
-        Bound on the global error of q in every run, rad or m.
+    accuracy : float, optional
+        Bound on the global error of q in every run, rad or m; by default as in `simulate`.
     t_eval, samples_per_second : optional
         The samples, as in `simulate`, of the output "samples".
     design : {"grid", "list", "random", "sobol", "latin-hypercube"}
@@ -126,7 +126,7 @@ def sweep(
     if t_eval is not None and "samples" not in kept:
         raise SceneError("samples are not among the outputs", argument="t_eval", remedy='outputs=["final", "samples"]')
     samples = tuple(times.tolist()) if "samples" in kept else ()
-    request = Request(end, accuracy_of(accuracy), kept, samples, bool(verify))
+    request = Request(end, None if accuracy is None else accuracy_of(accuracy), kept, samples, bool(verify))
     plan = make_plan(scene, make_design(scene, vary, design, count, seed), request, chunk)
     path = Path(out)
     with locked(path):
@@ -196,7 +196,7 @@ class SweepStudy(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     scene: str
     vary: dict[str, Any]
     title: str = ""
-    accuracy: float = 1e-6
+    accuracy: float | None = None
     duration: float | None = None
     design: str = "grid"
     count: int | None = None
