@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.urdf_text import joint, link, robot_of
 from twolink import effects
 from twolink.errors import MissingExtraError, SceneError, TwolinkError
 from twolink.parts.sweeps import store
@@ -68,6 +69,25 @@ def test_where_no_accuracy_is_asked_for_contacts_are_stepped_as_well_as_by_simul
     asked = swept(tmp_path / "y.zarr", {"v.domino_1.0": [0.1]}, scene, duration=duration, accuracy=1e-3)
     assert asked.error[0] <= 1e-3
     assert asked.status[0] == 1
+
+
+def test_a_robot_whose_file_was_edited_is_another_one(tmp_path: Path) -> None:
+    def written(name: str, mass: float) -> str:
+        text = robot_of(link("a", mass), joint("x", "prismatic", "ground", "a", "0 0 1"))
+        (tmp_path / name).write_text(text)
+        return str(tmp_path / name)
+
+    def energy(*robots: str, out: str = "x.zarr") -> list[float]:
+        scene, vary = ARM.with_effects([effects.Gravity()]), {"robot": list(robots)}
+        return swept(tmp_path / out, vary, scene, outputs=["energy"]).energy.values.tolist()
+
+    light, heavy = written("light.urdf", 1.0), written("heavy.urdf", 3.0)
+    (one,) = energy(light)
+    assert energy(light, heavy, "two_link")[:2] == pytest.approx([one, 3 * one])  # goes on with it
+    written("light.urdf", 2.0)
+    with pytest.raises(SceneError, match=r"robot '.*light.urdf' is another one now"):
+        energy(light, heavy, "two_link")
+    assert energy(light, heavy, out="y.zarr") == pytest.approx([2 * one, 3 * one])  # workers that live have not kept it
 
 
 def test_a_smooth_sweep_without_an_accuracy_is_that_of_1e_6(tmp_path: Path) -> None:

@@ -18,15 +18,17 @@ import msgspec
 
 from twolink._version import __version__
 from twolink.contact.choice import choose_contact_method
+from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.arguments import whole
 from twolink.dynamics.robot_record import robot_notes
 from twolink.effects.effect import Effect, plain
 from twolink.effects.policies import Policy
-from twolink.errors import SceneError
+from twolink.errors import RobotError, SceneError
 from twolink.io.fingerprints import model_digest, processor, versions
 from twolink.parts.sweeps.design import OF_VARIANTS, RUN, Block, Design, block_shape
 from twolink.parts.sweeps.outputs import OutputVariable, Request, check_names, coordinates, function_of, variables
 from twolink.parts.sweeps.runs import Columns, SweepTask, ways
+from twolink.robots.catalogue import catalogue_names
 from twolink.robots.collisions import read_solids
 from twolink.scenes import Scene
 from twolink.simulation.scene_run import ACCURACY
@@ -73,9 +75,20 @@ class SweepPlan:
                 "t_eval": list(request.t_eval), "verify": request.verify}  # fmt: skip
 
     @functools.cached_property
+    def robots(self) -> dict[str, str]:
+        """Digests of the robots that vary and are files, by path; empty where there is none, which its runs say."""
+        found = {}
+        for name in set(self.design.values.get("robot", ())) - set(catalogue_names()):
+            try:
+                found[name] = _robot_content(load_robot(name))
+            except RobotError:
+                found[name] = ""
+        return found
+
+    @functools.cached_property
     def _scene(self) -> tuple[str, bytes]:
         content = pickle.dumps(self.scene)
-        return hashlib.sha256(content).hexdigest(), content
+        return _digest(content, repr(sorted(self.robots.items()))), content
 
     def task(self, block: Block) -> SweepTask:
         """The runs of a block."""
@@ -148,11 +161,16 @@ def scene_record(scene: Scene) -> dict[str, Any]:
     Functions are named by their module, with a digest of their text and of the object whose methods they are. Raises
     SceneError for a function that has no name to be found by.
     """
-    robot, visuals = scene.base, scene.base.visuals
-    shapes = read_solids(visuals.text, visuals.collision_meshes, ""), sorted(map(sorted, visuals.srdf.apart))
-    notes = robot_notes(robot) | {"content": _digest(model_digest(robot.model, whole=True), repr(shapes))}
+    notes = robot_notes(scene.base) | {"content": _robot_content(scene.base)}
     return {"robot": notes, "q": scene.q.tolist(), "v": scene.v.tolist(),
             "effects": json.loads(json.dumps([_effect_record(effect) for effect in scene.effects]))}  # fmt: skip
+
+
+def _robot_content(robot: Robot) -> str:
+    """A digest of what moves and touches."""
+    visuals = robot.visuals
+    shapes = read_solids(visuals.text, visuals.collision_meshes, ""), sorted(map(sorted, visuals.srdf.apart))
+    return _digest(model_digest(robot.model, whole=True), repr(shapes))
 
 
 def _pinned(effect: Effect) -> Effect:

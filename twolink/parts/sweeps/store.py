@@ -119,8 +119,13 @@ def open_store(path: Path, plan: SweepPlan) -> SweepStore:
     if not path.exists():
         return SweepStore(path, plan, _create(zarr, path, plan))
     group, record = read_record(path)
-    earlier = "functions" not in record["plan"] and "an earlier version did not note the content of files and functions"
-    text = earlier or difference(record["plan"], plan.record)
+    now, known = plan.robots, record.get("robots")
+    if "functions" not in record["plan"] or (now and known is None):
+        text = "an earlier version did not note the content of files and functions"
+    else:
+        text = difference(record["plan"], plan.record)
+    changed = [name for name, content in (known or {}).items() if now.get(name, content) != content]
+    text = text or (f"robot {changed[0]!r} is another one now" if changed else "")
     if text:
         raise SceneError(f"it belongs to another sweep: {text}", where=str(path), code="another-sweep",
                          remedy="give another path, or the same scene and settings")  # fmt: skip
@@ -170,7 +175,7 @@ def _fill_new(zarr: Any, path: Path, plan: SweepPlan, before: Mapping[str, Any] 
     """A store without results. before: the record of the store whose results it will have."""
     design, robot = plan.design, plan.scene.robot
     path.parent.mkdir(parents=True, exist_ok=True)
-    record = {**origin(), **(before or {}), "format": FORMAT, "plan": plan.record}
+    record = {**origin(), **(before or {}), "format": FORMAT, "plan": plan.record, "robots": plan.robots}
     names = " ".join(design.values) if design.kind != "grid" else ""
     about = {"title": plan.scene.title or robot.name, "how": "; ".join(plan.ways), "twolink": json.dumps(record)}
     about |= {"coordinates": names} if names else {}
