@@ -65,7 +65,10 @@ def test_figures_of_one_and_two_quantities(store: Path, tmp_path: Path) -> None:
     assert "9 runs; grey: 33.3%" in page
     assert "end.q.shoulder" in page
     for options, kind, part in (({"data": data}, ShowError, "3 quantities vary"),
-                                ({"data": few, "variable": "erro"}, SceneError, "did you mean 'error'")):  # fmt: skip
+                                ({"data": few, "variable": "erro"}, SceneError, "did you mean 'error'"),
+                                ({"data": few, "variable": "reason"}, SceneError, "the sweep has no number 'reason'"),
+                                ({"data": few, "variable": "error", "turns": True}, SceneError, "is no angle"),
+                                ({"data": few, "variable": "end.v.elbow", "turns": True}, SceneError, "is no angle")):  # fmt: skip
         with pytest.raises(kind, match=part):
             plot_sweep(**{"path": tmp_path / "no.svg", **options})
 

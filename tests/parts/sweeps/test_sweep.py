@@ -395,6 +395,12 @@ def test_nothing_is_computed_where_a_library_is_missing(library: str, tmp_path: 
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("workers", [0, -1, 1.5])
+def test_a_number_of_workers_that_cannot_be_is_refused(workers: float, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="workers"):
+        swept(tmp_path / "x.zarr", executor=None, workers=workers)
+
+
 def test_no_store_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="no store"):
         open_sweep(tmp_path)

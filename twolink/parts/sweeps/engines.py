@@ -12,8 +12,9 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any
 
+from twolink.dynamics.arguments import whole
 from twolink.dynamics.threads import thread_count
-from twolink.errors import TwolinkError, import_extra
+from twolink.errors import SceneError, TwolinkError, import_extra
 from twolink.parts.sweeps.runs import Columns, SweepTask, compute
 
 AT_ONCE = 64  # blocks given to an executor that does not say how many it takes
@@ -52,7 +53,7 @@ class LocalProcesses(BlockEngine):
     """Processes of this machine, one thread each. They end with this one, however it ends."""
 
     def __init__(self, workers: int | None = None) -> None:
-        self.width = workers or thread_count()
+        self.width = thread_count() if workers is None else whole(workers, "workers", SceneError, "such as 4", 1)
         self._begin()
 
     def _begin(self) -> None:

@@ -83,7 +83,6 @@ def sweep_status(path: str | os.PathLike[str]) -> SweepStatus:
 
 
 SUFFIXES = (".csv", ".parquet")
-OWN = ("q_name", "v_name", "time")  # dimensions of one run
 END = {"q": "q_name", "v": "v_name"}
 
 
@@ -198,7 +197,11 @@ def plot_sweep(
     SceneError
         There is no such variable.
     """
-    name = variable or next(n for n in column_names(data) if data.get(n) is None or data[n].dtype.kind == "f")
+    numbers = [each for each in column_names(data) if column(data, each).dtype.kind in "fiu"]
+    angles = [each for each in numbers if each.startswith("end.q.") and each.replace(".q.", ".v.", 1) in numbers]
+    name = variable or next(each for each in numbers if column(data, each).dtype.kind == "f")
+    what = "{!r} is no angle, which has turns" if turns else "the sweep has no number {!r}"
+    require_known(name, angles if turns else numbers, SceneError, what, argument="variable")
     values = np.asarray(column(data, name).values, dtype=float)
     status, bar = data["status"].values, data["error"].values
     shown = np.isfinite(values) & np.isin(status, (DONE, INACCURATE))
