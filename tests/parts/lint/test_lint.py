@@ -353,6 +353,25 @@ def test_only_what_is_certain_is_written(tmp_path: Path) -> None:
     assert fix(after) == ()
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "iso-8859-1"])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_a_fix_keeps_the_encoding_and_the_ends_of_lines(tmp_path: Path, encoding: str, end: str) -> None:
+    path, axis = tmp_path / "arm.urdf", '<axis xyz="0 0 2"/>'
+    head = f'<?xml version="1.0" encoding="{encoding}"?>\n<!-- Gelenk für Ellbogen, Å -->\n'
+    text = re.sub(r"^<\?xml.*\n", "", SEEDED["axis not of length 1"][0]()).replace('<axis xyz="0 1 1"/>', axis)
+    data = (head + text).replace("\n", end).encode(encoding)
+    path.write_bytes(data)
+    assert len(fix(tl.lint(path))) == 1
+    assert path.read_bytes() == data.replace(axis.encode(), b'<axis xyz="0 0 1"/>')
+
+
+def test_a_fix_leaves_alone_what_a_xacro_computes(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf.xacro"
+    path.write_text(SEEDED["axis not of length 1"][0]().replace('<axis xyz="0 1 1"/>', '<axis xyz="0 ${1} ${1}"/>'))
+    assert "axis-not-unit" in {one.rule for one in tl.lint(path).defects}
+    assert fix(tl.lint(path)) == ()
+
+
 def test_the_command_has_formats_and_exit_codes(tmp_path: Path) -> None:
     files = {case: tmp_path / f"{k}.urdf" for k, case in enumerate(SEEDED)}
     for case, file in files.items():

@@ -33,7 +33,8 @@ def axes(reading: Reading) -> Iterator[Defect]:
         if abs(length - 1) > _ROUNDING and joint.axis is not None:
             axis = " ".join(f"{x / length:.12g}" for x in joint.axis)
             element = raw.get(joint.name)
-            fix = Fix("axis", "xyz", element.attributes["xyz"], axis) if element is not None else None
+            written = "$" if element is None else element.attributes["xyz"]
+            fix = None if "$" in written else Fix("axis", "xyz", written, axis)  # no number for what a xacro computes
             yield defect("axis-not-unit", joint.name, reading.line(element, joint.name),
                          f"an axis of length {length:.6g}", f'give "{axis}"', fix=fix,
                          severity="note" if abs(length - 1) < UNIT_TOLERANCE else None)  # fmt: skip

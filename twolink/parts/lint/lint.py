@@ -119,22 +119,22 @@ def _suspicious(reading: Reading) -> Iterator[Defect]:
 
 def fix(findings_of: Findings) -> tuple[Path, ...]:
     """Write the corrections that are certain into the files. Returns the files that changed."""
-    texts: dict[Path, str] = {}
+    files: dict[Path, bytes] = {}  # as bytes: in whatever encoding, with whatever ends of lines
     for one in findings_of.defects:
         if one.fix is not None and one.line:
-            lines = texts.setdefault(Path(one.file), Path(one.file).read_text("utf-8")).splitlines(keepends=True)
-            texts[Path(one.file)] = "".join(lines[: one.line - 1]) + _fixed("".join(lines[one.line - 1 :]), one.fix)
-    changed = tuple(path for path, text in texts.items() if text != path.read_text("utf-8"))
+            lines = files.setdefault(Path(one.file), Path(one.file).read_bytes()).splitlines(keepends=True)
+            files[Path(one.file)] = b"".join(lines[: one.line - 1]) + _fixed(b"".join(lines[one.line - 1 :]), one.fix)
+    changed = tuple(path for path, data in files.items() if data != path.read_bytes())
     for path in changed:
-        data = texts[path].encode()
-        write_atomic(path, lambda stream, data=data: stream.write(data))  # type: ignore[misc]
+        write_atomic(path, lambda stream, path=path: stream.write(files[path]))  # type: ignore[misc]
     return changed
 
 
-def _fixed(text: str, change: Fix) -> str:
-    """The text with the first such attribute corrected."""
+def _fixed(data: bytes, change: Fix) -> bytes:
+    """The content with the first such attribute corrected."""
     pattern = rf"(<{change.tag}\b[^<>]*?\s{change.key}\s*=\s*)(['\"]){re.escape(change.old)}\2"
-    return re.sub(pattern, lambda found: f"{found[1]}{found[2]}{change.new}{found[2]}", text, count=1)
+    new = change.new.encode()
+    return re.sub(pattern.encode(), lambda found: found[1] + found[2] + new + found[2], data, count=1)
 
 
 def srdf_defects(source: Source) -> Iterator[Defect]:
