@@ -68,7 +68,7 @@ def test_figures_of_one_and_two_quantities(store: Path, tmp_path: Path) -> None:
                                 ({"data": few, "variable": "erro"}, SceneError, "did you mean 'error'"),
                                 ({"data": few, "variable": "reason"}, SceneError, "the sweep has no number 'reason'"),
                                 ({"data": few, "variable": "error", "turns": True}, SceneError, "is no angle"),
-                                ({"data": few, "variable": "t", "turns": True}, SceneError, "is no angle")):  # fmt: skip
+                                ({"data": few, "variable": "t", "turns": True}, SceneError, "no angle")):  # fmt: skip
         with pytest.raises(kind, match=part):
             plot_sweep(**{"path": tmp_path / "no.svg", **options})
 
