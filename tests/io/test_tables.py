@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from twolink.errors import MissingExtraError, TwolinkError
@@ -27,6 +28,7 @@ def test_any_name_and_every_digit_survive(suffix: str, tmp_path: Path) -> None:
     ("x.csv", b"t,q\n0\n", "line 2: it has 1 cells, the header has 2"),
     ("x.csv", b"t\n" + b"0" * 200_000 + b"\n", "field larger"),
     ("x.csv", b"t\n1_0\n", "line 2: not a row of numbers"),
+    ("x.csv", b"0,0,1\n0.1,0,1\n", "its first line has numbers; give the columns names there"),
     ("x.csv", b"", "it is empty, expected a header"),
     ("x.csv", b"\xff\xfe", "cannot be read"),
     ("x.npz", b"\x93NUMPY", "cannot be read"),
@@ -46,6 +48,15 @@ def test_a_single_array_is_no_archive(tmp_path: Path) -> None:
     (tmp_path / "x.npy").rename(tmp_path / "x.npz")
     with pytest.raises(TwolinkError, match="one array"):
         read_table(tmp_path / "x.npz")
+
+
+def test_dates_are_seconds_since_the_first(tmp_path: Path) -> None:
+    times = np.array(["2026-11-29T10:00:00", "2026-11-29T10:00:00.25", "2026-11-29T10:01:00"], "datetime64[ns]")
+    pd.DataFrame({"t": times, "since": times - times[0], "q": [0.0, 1.0, 2.0]}).to_parquet(tmp_path / "x.parquet")
+    table = read_table(tmp_path / "x.parquet")[0]
+    for name in ("t", "since"):
+        np.testing.assert_array_equal(table[name], [0.0, 0.25, 60.0])
+    np.testing.assert_array_equal(table["q"], [0.0, 1.0, 2.0])
 
 
 def test_the_byte_order_mark_of_spreadsheets_is_skipped(tmp_path: Path) -> None:

@@ -245,7 +245,7 @@ def _folded(nodes: Sequence[_Node], constants: dict[str, Array]) -> tuple[_Node,
 
 
 def _answers_together(network: Network) -> bool:
-    """Whether rows that are asked at once have the answers that they have alone."""
+    """True if rows that are asked at once have the answers that they have alone."""
     random = np.random.default_rng(SEED)
     x, *kept = (random.normal(size=size) for size in ((3, network.inputs), *(one.shape for one in network.start(3))))
     y, after = network._replace(together=False)(x, kept)

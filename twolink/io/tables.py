@@ -52,6 +52,9 @@ def parse_csv(text: str, where: str, error: type[TwolinkError] = TwolinkError, r
     if len(header) == 1 and (other := re.search("[;\t]", header[0])):
         raise error(f"the cells of the header are separated by {other[0]!r}", where=where,
                     remedy="save it with commas between cells, and points in numbers", code="csv")  # fmt: skip
+    if all(_is_number(name) for name in header):
+        raise error("its first line has numbers", where=where, remedy="give the columns names there, such as t,q0,q1",
+                    code="csv")  # fmt: skip
     repeated = first_repeated(header)
     if repeated is not None:
         raise error(f"column {repeated!r} is there twice", where=where, remedy="keep one", code="csv")
@@ -66,6 +69,14 @@ def parse_csv(text: str, where: str, error: type[TwolinkError] = TwolinkError, r
             what, remedy = f"not a row of numbers: {failure}", "check the numbers and their decimal points"
             raise error(what, where=f"{where}, line {line}", remedy=remedy, code="csv") from None
     return dict(zip(header, values.T, strict=True))
+
+
+def _is_number(text: str) -> bool:
+    try:
+        parse_number(text)
+    except ValueError:
+        return False
+    return True
 
 
 def csv_rows(text: str, where: str, error: type[TwolinkError]) -> Iterator[tuple[int, list[str]]]:
@@ -107,6 +118,8 @@ def write_table(path: Path, columns: Columns, notes: Mapping[str, str]) -> Path:
 def read_table(path: Path) -> tuple[Columns, dict[str, str]]:
     """The columns and notes of a file that `write_table` wrote, or the joint states of a bag (see `read_bag`).
 
+    Columns of dates are seconds since the first of them.
+
     Raises
     ------
     TwolinkError
@@ -116,13 +129,21 @@ def read_table(path: Path) -> tuple[Columns, dict[str, str]]:
     reader = read_bag if is_bag(path) else readers[require_format(path, (*readers, *BAGS))]
     try:
         path.stat()  # pyarrow's own error for a missing file says less
-        return reader(path)
+        columns, notes = reader(path)
+        return {name: in_seconds(values) for name, values in columns.items()}, notes
     except TwolinkError:
         raise
     except Exception as error:  # whatever a library raises for a damaged file
         detail = " ".join((getattr(error, "strerror", None) or str(error)).split()) or type(error).__name__
         remedy = "check the path, or save it again"
         raise TwolinkError(f"cannot be read: {detail}", where=str(path), remedy=remedy, code="not-readable") from None
+
+
+def in_seconds(values: np.ndarray) -> np.ndarray:
+    """Dates as seconds since the first of them, and spans of time in seconds; other values as they are."""
+    if values.dtype.kind == "M":
+        values = values - values[:1]
+    return values / np.timedelta64(1, "s") if values.dtype.kind == "m" else values
 
 
 def require_format(path: Path, suffixes: Iterable[str] = SUFFIXES, error: type[TwolinkError] = TwolinkError) -> str:

@@ -116,6 +116,13 @@ def test_numbers_do_not_fill_up_names_where_joints_have_several_entries() -> Non
     assert not {"q1", "q2"} & set(wanted)
 
 
+def test_matrices_with_samples_in_columns_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "log.npz"
+    np.savez(path, t=T, q=Q.T, tau=TAU.T)
+    with pytest.raises(QueryError, match="'q' has 2 rows, 't' has 100; give a row for each sample"):
+        read_log(ARM, path)
+
+
 def test_units_of_angles_leave_lengths_and_cosines(tmp_path: Path) -> None:
     robot = tl.load_robot("panda")
     rng = np.random.default_rng(0)

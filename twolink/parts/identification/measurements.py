@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
 from twolink.errors import QueryError
-from twolink.io.tables import read_table
+from twolink.io.tables import in_seconds, read_table
 from twolink.parts.identification.base_parameters import Selection
 from twolink.parts.identification.filtering import Filter, Recording, states
 from twolink.parts.identification.units import check_units
@@ -239,10 +239,10 @@ def table_columns(measurements: Any) -> dict[str, np.ndarray]:
     if isinstance(measurements, str | Path):
         return dict(read_table(Path(measurements))[0])
     if isinstance(measurements, Mapping):
-        return {str(name): np.asarray(values) for name, values in measurements.items()}
+        return {str(name): in_seconds(np.asarray(values)) for name, values in measurements.items()}
     columns = getattr(measurements, "columns", None)  # of a DataFrame of any library
     if columns is not None and not callable(columns) and hasattr(measurements, "__getitem__"):
-        return {str(name): np.asarray(measurements[name]) for name in columns}
+        return {str(name): in_seconds(np.asarray(measurements[name])) for name in columns}
     raise QueryError(f"expected a table, got {type(measurements).__name__}", argument="measurements",
                      remedy='give a DataFrame, a path, or {"t": ..., "q.elbow": ...}')  # fmt: skip
 
@@ -260,6 +260,10 @@ def measurements_of(robot: Robot, content: Mapping[str, np.ndarray], where: str)
             raise _missing(where, lacking[0], list(content))
     if out["t"] is None:
         raise _missing(where, "t", list(content))
+    for name, values in out.items():
+        if values is not None and len(values) != len(out["t"]):
+            raise QueryError(f"{name!r} has {len(values)} rows, 't' has {len(out['t'])}", where=where,
+                             remedy="give a row for each sample", code="column-missing")  # fmt: skip
     return out
 
 
