@@ -31,6 +31,15 @@ def test_a_stepped_scene_is_refused_only_for_an_accuracy_that_was_asked_for() ->
     assert answer("run", "quadruped-stands")["error"] > 1e-6
 
 
+def test_a_run_without_an_energy_balance_is_printed_and_written_and_says_why(tmp_path: Path) -> None:
+    out = tmp_path / "x.csv"
+    done = call("run", "box-stack", "--duration", "0.02", "--step", "0.002", "--book", "--out", str(out))
+    assert done.returncode == 1
+    assert "q(end) = " in done.stdout
+    assert out.exists()
+    assert done.stderr.endswith("has no smooth segments; a run with --contact located has, where contacts can be\n")
+
+
 def test_run_refuses_endings_before_it_simulates(tmp_path: Path) -> None:
     out = ("--out", str(tmp_path / "x.npz"), "--out", str(tmp_path / "x.doc"))
     one_line(call("run", "arm-swing", "--duration", "1e4", *out), 2, "'.doc' is not a format we know")

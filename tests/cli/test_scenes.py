@@ -74,6 +74,12 @@ def test_a_robot_that_moves_about_stands_on_the_ground_unless_it_is_asked_not_to
     assert (len(record["q"]), record["cost"]["method"] == "stepped") == (size, stepped)
 
 
+def test_explain_says_what_run_will_do_with_a_robot_that_moves_about() -> None:
+    explained, panda = answer("explain", "solo12"), answer("explain", "panda")
+    assert (explained["method"], explained["states"]) == ("stepped", 37)
+    assert (panda["method"], panda["states"]) == ("dop853", 18)
+
+
 @pytest.mark.some(1)
 @pytest.mark.parametrize(("words", "found"), [("run pend", "pendulum-friction"), ("inspect pand", "panda")])
 def test_the_shell_completes_names(words: str, found: str) -> None:

@@ -160,14 +160,16 @@ def write_by_ending(result: Any, path: Path) -> None:
 def deliver(
     record: Mapping[str, Any], text: object, paths: Sequence[Path] | None, write_one: Callable[[Path], object],
     as_json: bool, *, interrupted: bool = False, listed: str = "written", line: str = "wrote",
+    lacking: Sequence[TwolinkError] = (),
 ) -> None:  # fmt: skip
     """Write a result into each file, print it with them, and end the command as `finish` does.
 
-    listed: the key of the files in the record. line: what stands before each in the text.
+    listed: the key of the files in the record. line: what stands before each in the text. lacking: why parts of the
+    result are not there.
     """
     written, failures = write(paths or [], write_one)
     show({**record, listed: written}, "\n".join([str(text), *(f"{line} {path}" for path in written)]), as_json)
-    finish(failures, interrupted)
+    finish([*failures, *lacking], interrupted)
 
 
 def finish(failures: Sequence[TwolinkError], interrupted: bool) -> None:
@@ -323,17 +325,18 @@ def scene_from(source: str, load: RobotLoader | None = None, *, ground: bool | N
 
     ground: the robot's links touch each other and the ground; None: those of a robot that is meant to move about.
     """
+    load = load or functools.partial(robot_from, root="fixed")
     if is_robot(source):
         usual = catalogue_entry(source).usual_root if source in catalogue_names() else ""
-        if load and load.keywords["root"] == "fixed":
+        if load.keywords["root"] == "fixed":
             ground = usual == "free" if ground is None else ground
             load = functools.partial(load, root=usual or "fixed") if ground else load
-        return scene_of(load(source) if load else source, contact=bool(ground))
+        return scene_of(load(source), contact=bool(ground))
     scene = named_scene(source)
     if ground:
         raise Misuse("it is for robots, and this is a scene, which has its own contacts", where="ground",
                      remedy="leave it out")  # fmt: skip
-    for name in chosen_of(load) if load else ():
+    for name in chosen_of(load):
         raise Misuse("it is for robots, and this is a scene, which has its own", where=name,
                      remedy=f"change the scene: twolink scenes {source} prints a bundled one")  # fmt: skip
     return scene

@@ -42,13 +42,14 @@ from twolink.cli.common import (
     write_by_ending,
 )
 from twolink.cli.wording import REPORTED, spoken
+from twolink.errors import TwolinkError
 from twolink.integrate.steps.methods import methods as method_table
 from twolink.io.files import write_atomic
 from twolink.io.progress import progress_bar
 from twolink.io.text import parse_numbers
 from twolink.robots.catalogue import catalogue_names
 from twolink.robots.joint_layout import JointLayout
-from twolink.scenes import bundled_scenes
+from twolink.scenes import Scene, bundled_scenes
 from twolink.scenes import scenes as scene_table
 from twolink.scenes.file import bundled_text
 from twolink.scenes.file_format import RobotEntry
@@ -123,13 +124,14 @@ def explain(
     contact: ContactWay = None,
     as_json: Json = False,
 ) -> None:
-    """Say what a scene computes and what a run will take.
+    """Say what a scene computes and what `twolink run` will take.
 
     That is: its effects, the operations each one costs, the method, and an estimate of the seconds.
     """
     from twolink.simulation.explanation import explain as explain_scene
 
-    explanation = explain_scene(scene_from(scene), duration, accuracy=accuracy, method=method, contact=contact)
+    asked = scene_from(scene, ground=None)
+    explanation = explain_scene(asked, duration, accuracy=accuracy, method=method, contact=contact)
     show(dataclasses.asdict(explanation), explanation, as_json)
 
 
@@ -190,14 +192,21 @@ def run(
         record |= {"report": loaded.report.to_dict(), "beyond_limits": limit_notes(result)}
         beyond = (f"  beyond   {note}" for note in record["beyond_limits"])
         text = "\n".join([text, *beyond, spoken(str(loaded.report), REPORTED)])
-    if book:
-        from twolink.simulation.energy_balance import energy_book
+    balance, lacking = _book(loaded, result, record) if book else ("", [])
+    deliver(record, text + balance, out, partial(write_by_ending, result), as_json, interrupted=result.interrupted,
+            line="  wrote   ", lacking=lacking)  # fmt: skip
 
-        balance = energy_book(loaded, result)
-        record["book"] = balance.to_dict()
-        text += f"\nenergy balance\n{balance}"
-    deliver(record, text, out, partial(write_by_ending, result), as_json, interrupted=result.interrupted,
-            line="  wrote   ")  # fmt: skip
+
+def _book(scene: Scene, run: Trajectory, record: dict[str, Any]) -> tuple[str, list[TwolinkError]]:
+    """The energy balance as text, and in the record; or why there is none."""
+    from twolink.simulation.energy_balance import energy_book
+
+    try:
+        balance = energy_book(scene, run)
+    except TwolinkError as error:
+        return "", [error]
+    record["book"] = balance.to_dict()
+    return f"\nenergy balance\n{balance}", []
 
 
 def _text(scene: str, run: Trajectory, record: dict[str, Any]) -> str:

@@ -229,7 +229,7 @@ def _run_of(scene: Scene, run: Trajectory) -> Trajectory:
 
 def _no_segments() -> SceneError:
     return SceneError("a run with stepped contacts has no smooth segments", where="run", argument="run",
-                      remedy='give energy_book the run of tl.simulate(scene, contact="located")',
+                      remedy='a run with contact="located" has, where contacts can be',
                       code="stepped")  # fmt: skip
 
 
