@@ -8,25 +8,11 @@ from typing import Any, TypeVar
 
 import pinocchio as pin
 
+from twolink.algorithms import spatial as sp
 from twolink.algorithms.functions import frame_pose
 from twolink.algorithms.mechanism import Mechanism
 from twolink.algorithms.recursions import STILL, poses
-from twolink.algorithms.spatial import (
-    AT_PARENT,
-    ZERO,
-    Pose,
-    Scalar,
-    Scalars,
-    Spatial,
-    Vec,
-    add,
-    compose,
-    cross,
-    motion_to_child,
-    outward,
-    single_turn,
-    spatial_add,
-)
+from twolink.algorithms.spatial import AT_PARENT, ZERO, Pose, Scalar, Scalars, Spatial, Vec
 
 T = TypeVar("T")
 GROUND = "universe"  # the world, whose points are given in its coordinates; Pinocchio's name for it
@@ -111,14 +97,14 @@ class KinematicState:
     def body(self, i: int) -> Pose:
         """The pose of body i in the world."""
         if i not in self._world:
-            self._world[i] = single_turn(compose(self.body(self.mech.parents[i]), self.own()[i]))
+            self._world[i] = sp.single_turn(sp.compose(self.body(self.mech.parents[i]), self.own()[i]))
         return self._world[i]
 
     def body_velocity(self, i: int) -> Spatial:
         """(linear, angular) velocity of body i at its joint's origin, along its own axes."""
         if i not in self._velocity:
-            before = motion_to_child(self.own()[i], self.body_velocity(self.mech.parents[i]))
-            self._velocity[i] = spatial_add(before, self.mech.joints[i].motion(self.v))
+            before = sp.motion_to_child(self.own()[i], self.body_velocity(self.mech.parents[i]))
+            self._velocity[i] = sp.spatial_add(before, self.mech.joints[i].motion(self.v))
         return self._velocity[i]
 
     def position(self, frame: str, point: Vec = ZERO) -> Vec:
@@ -129,18 +115,18 @@ class KinematicState:
     def direction(self, frame: str, axis: Vec) -> Vec:
         """A direction that is fixed in the frame, along the world's axes."""
         i, place = self.frame(frame)
-        return outward(self.body(i), outward(place, axis))
+        return sp.outward(self.body(i), sp.outward(place, axis))
 
     def velocity(self, frame: str, point: Vec = ZERO) -> Vec:
         """The velocity of a point of the frame, along the world's axes, m/s."""
         i, place = self.frame(frame)
         linear, angular = self.body_velocity(i)
-        return outward(self.body(i), add(linear, cross(angular, placed(place, point))))
+        return sp.outward(self.body(i), sp.add(linear, sp.cross(angular, placed(place, point))))
 
     def angular_velocity(self, frame: str) -> Vec:
         """The angular velocity of the frame's body, along the world's axes, rad/s."""
         i, _ = self.frame(frame)
-        return outward(self.body(i), self.body_velocity(i)[1])
+        return sp.outward(self.body(i), self.body_velocity(i)[1])
 
     def coordinate(self, joint: str) -> tuple[int, int]:
         """The entries of q and v that belong to a joint with one of each: an angle or a length."""
@@ -155,4 +141,4 @@ class KinematicState:
 
 def placed(pose: Pose, point: Vec) -> Vec:
     """R x + r."""
-    return add(pose.origin, outward(pose, point))
+    return sp.add(pose.origin, sp.outward(pose, point))

@@ -353,6 +353,12 @@ def inertial_force(body: Inertia, a: Vec, u: Mat) -> Spatial:
     return force, add(cross(body.first, a), turned)
 
 
+def vec(values: Any) -> Vec:
+    """Three floats, which formulas fold as constants."""
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
 def unit(direction: Vec, field: str) -> Vec:
     """A direction scaled to length 1. Raises SceneError where it has no length."""
     length = sum(float(x) ** 2 for x in direction) ** 0.5

@@ -18,7 +18,7 @@ import numpy as np
 
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Array
-from twolink.algorithms.spatial import IDENTITY, Scalar, Vec, constant, cross, dot, scale
+from twolink.algorithms.spatial import IDENTITY, Scalar, Vec, constant, cross, dot, scale, vec
 from twolink.geometry.gaps import Ball, Gap, Nearest, Place, PlaneGap, sub, tangents
 from twolink.geometry.hulls import edge_sides, hull_of, separation
 from twolink.robots.collisions import Box, Convex, Solid
@@ -246,17 +246,17 @@ class _Body:
 
     def corner(self, i: int) -> Ball:
         """A corner, as a ball without a radius."""
-        return Ball(self.link, _vec(self.corners[i]), 0.0)
+        return Ball(self.link, vec(self.corners[i]), 0.0)
 
     def edge(self, i: int) -> Edge:
         """An edge."""
-        return Edge(self.link, _vec(self.middles[i]), _vec(self.halves[i]))
+        return Edge(self.link, vec(self.middles[i]), vec(self.halves[i]))
 
     def face_gap(self, i: int, corner: Ball, *, second: bool) -> FaceGap:
         """From a corner to a face."""
         hull, own = self.hull, self.hull.sides_of(i)
-        sides = tuple((_vec(way), float(depth)) for way, depth in zip(hull.inward[own], hull.depths[own], strict=True))
-        return FaceGap(corner, self.link, _vec(hull.normals[i]), float(hull.heights[i]), sides, second)
+        sides = tuple((vec(way), float(depth)) for way, depth in zip(hull.inward[own], hull.depths[own], strict=True))
+        return FaceGap(corner, self.link, vec(hull.normals[i]), float(hull.heights[i]), sides, second)
 
 
 class _Crossings:
@@ -320,8 +320,3 @@ def _back(x: Array, r: Array, p: Array) -> Array:
 
 def _units(vectors: Array) -> Array:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
-
-
-def _vec(values: Array) -> Vec:
-    x, y, z = (float(value) for value in values)
-    return x, y, z

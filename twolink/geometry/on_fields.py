@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from twolink.algorithms.namespaces import Array
+from twolink.algorithms.spatial import across
 from twolink.geometry.fields import FARTHER, LEVEL, SAME, FieldSurface
 from twolink.geometry.hulls import Hull, TouchPoint, hull_of
 from twolink.robots.collisions import AnyShape, Box, Capsule, Convex, Cylinder, Sphere
@@ -148,7 +149,7 @@ def _of_rims(
             seen.append(n)
             down = (n @ out) * out - n
             size = float(np.linalg.norm(down))
-            down = down / size if size > SAME else _across(out)
+            down = down / size if size > SAME else np.array(across(tuple(out))[0])
             side = np.cross(out, down)
             for number, way in enumerate((down, side, -side, -down)):
                 yield from _of_rim_point(
@@ -215,9 +216,3 @@ def _of_rim_on_ridges(
                 yield TouchPoint(
                     ("rim on ridge", end, number, *np.round(ridges[k].mean(axis=0), 6)), gap, n, 0.5 * (x + p)
                 )
-
-
-def _across(u: Array) -> Array:
-    """A unit vector across another."""
-    across = np.cross(u, np.eye(3)[np.abs(u).argmin()])
-    return np.asarray(across / np.linalg.norm(across))

@@ -11,7 +11,7 @@ import numpy as np
 
 from twolink.algorithms.motion import GROUND
 from twolink.algorithms.namespaces import Array
-from twolink.algorithms.spatial import ZERO, Vec, unit
+from twolink.algorithms.spatial import ZERO, Vec, unit, vec
 from twolink.errors import SceneError
 from twolink.geometry.features import HullFeatures
 from twolink.geometry.fields import HeightField
@@ -72,7 +72,7 @@ def gaps_of(pair: Pair) -> Sequence[Gap]:
         return _capsule_on_hull(a, b)
     if ball and isinstance(b.shape, Cylinder):
         radius, half = float(b.shape.radius), 0.5 * float(b.shape.length)
-        return [CylinderGap(_middle(a), b.link, _vec(b.shape.point), _axes(b)[2], radius, half)]
+        return [CylinderGap(_middle(a), b.link, vec(b.shape.point), _axes(b)[2], radius, half)]
     kinds = " and ".join(type(solid.shape).__name__.lower() for solid in (a, b))
     raise _no_formula(pair, f"there is no formula for {kinds}")
 
@@ -110,33 +110,33 @@ def points_of(pair: Pair) -> int:
 def _capsule_on_hull(capsule: Solid, solid: Solid) -> list[Gap]:
     """Both ends against the box or mesh, and the segment between them against its edges."""
     ball, half = _middle(capsule), _half(capsule)
-    ends = (Ball(ball.frame, _vec(np.array(ball.point) + side * np.array(half)), ball.radius) for side in (-1.0, 1.0))
+    ends = (Ball(ball.frame, vec(np.array(ball.point) + side * np.array(half)), ball.radius) for side in (-1.0, 1.0))
     gap = _box_gap if isinstance(solid.shape, Box) else _hull_gap
     edges = [np.array(edge, dtype=float) for edge in _edges(solid)]
     return [*(gap(end, solid) for end in ends),
-            *(RoundGap(ball, Ball(solid.link, _vec(0.5 * (a + b)), 0.0), half, _vec(0.5 * (b - a)))
+            *(RoundGap(ball, Ball(solid.link, vec(0.5 * (a + b)), 0.0), half, vec(0.5 * (b - a)))
               for a, b in edges)]  # fmt: skip
 
 
 def _hull_gap(ball: Ball, solid: Solid) -> HullGap:
     hull = hull_of(solid.shape)
-    corners = [_vec(corner) for corner in _placed(solid, hull.vertices)]
+    corners = [vec(corner) for corner in _placed(solid, hull.vertices)]
     return HullGap(ball, solid.link, _edges(solid), tuple(tuple(corners[i] for i in face) for face in hull.faces))
 
 
 def _edges(solid: Solid) -> tuple[tuple[Vec, Vec], ...]:
     """The ends of the edges of a box or mesh, in the link's axes."""
     hull = hull_of(solid.shape)
-    corners = [_vec(corner) for corner in _placed(solid, hull.vertices)]
+    corners = [vec(corner) for corner in _placed(solid, hull.vertices)]
     return tuple((corners[i], corners[k]) for i, k in hull.edges)
 
 
 def _half_edges(solid: Solid) -> Vec:
-    return _vec(0.5 * float(edge) for edge in solid.shape.size)  # type: ignore[union-attr]
+    return vec(0.5 * float(edge) for edge in solid.shape.size)  # type: ignore[union-attr]
 
 
 def _box_gap(ball: Ball, solid: Solid) -> BoxGap:
-    return BoxGap(ball, solid.link, _vec(solid.shape.point), _axes(solid), _half_edges(solid))
+    return BoxGap(ball, solid.link, vec(solid.shape.point), _axes(solid), _half_edges(solid))
 
 
 def _on_plane(solid: Solid, frame: str, normal: Vec, height: float) -> list[Gap]:
@@ -167,7 +167,7 @@ def _cylinder_on_plane(solid: Solid, shape: Cylinder, frame: str, normal: Vec, h
     for z in (-0.5 * float(shape.length), 0.5 * float(shape.length)):
         angles = np.arange(STANDS_ON) * 2.0 * np.pi / STANDS_ON
         rim = [(0.0, 0.0, z), *((r * np.cos(a), r * np.sin(a), z) for a in angles)]
-        centre, *stands = map(_vec, _placed(solid, rim))
+        centre, *stands = map(vec, _placed(solid, rim))
         gaps.append(RimGap(solid.link, centre, axis, r, frame, normal, height))
         gaps += [StandGap(Ball(solid.link, point, 0.0), frame, normal, height, axis) for point in stands]
     return gaps
@@ -175,19 +175,19 @@ def _cylinder_on_plane(solid: Solid, shape: Cylinder, frame: str, normal: Vec, h
 
 def _middle(solid: Solid) -> Ball:
     """The ball about the middle of a sphere or capsule."""
-    return Ball(solid.link, _vec(solid.shape.point), float(getattr(solid.shape, "radius", 0.0)))
+    return Ball(solid.link, vec(solid.shape.point), float(getattr(solid.shape, "radius", 0.0)))
 
 
 def _half(solid: Solid) -> Vec:
     """From the middle of a capsule to the centre of an end, in the link's axes; 0 for a sphere."""
     if not isinstance(solid.shape, Capsule):
         return ZERO
-    return _vec(0.5 * float(solid.shape.length) * np.array(_axes(solid)[2]))
+    return vec(0.5 * float(solid.shape.length) * np.array(_axes(solid)[2]))
 
 
 def _axes(solid: Solid) -> tuple[Vec, Vec, Vec]:
     """The shape's own x, y and z in the link's axes."""
-    x, y, z = (_vec(column) for column in solid.shape.placement.rotation.T)
+    x, y, z = (vec(column) for column in solid.shape.placement.rotation.T)
     return x, y, z
 
 
@@ -195,9 +195,3 @@ def _placed(solid: Solid, points: Any) -> Array:
     """Points (n, 3) of the shape's own axes in the link's."""
     place = solid.shape.placement
     return np.asarray(np.array(points, float) @ place.rotation.T + place.translation)
-
-
-def _vec(values: object) -> Vec:
-    """Three floats, which formulas fold as constants."""
-    x, y, z = (float(value) for value in values)  # type: ignore[attr-defined]
-    return x, y, z

@@ -11,7 +11,7 @@ import numpy as np
 from twolink.algorithms.tape import Symbol, Tape
 from twolink.errors import TwolinkError
 from twolink.native.assembly import assemble
-from twolink.native.instructions import OPERATIONS, QUADS, Assembled
+from twolink.native.instructions import OPERATIONS, QUADS, WITH_SCALAR, Assembled
 from twolink.native.library import Handle, Pool, address, level, library, require
 
 Array = np.ndarray[Any, np.dtype[Any]]
@@ -36,7 +36,6 @@ _NUMPY: dict[str, Callable[..., Any]] = {
 _OPERANDS = {"SQRT": 1, "NEG": 1, "EXP": 1, "TANH": 1, "COPY": 1, "FMA": 3, "FMS": 3, "FNMA": 3, "FMA_K": 3, "FMS_K": 3,
              "WHERE": 3, "DOT2": 4, "DOT2_MINUS": 4, "E_DOT2": 5, "E_DOT2_MINUS": 5, "E_MINUS_DOT2": 5, "E_DOT3": 7,
              "E_DOT4": 9}  # fmt: skip
-_WITH_SCALAR = {"ADD_K", "K_SUB", "MUL_K", "K_DIV", "POWER", "FMA_K", "FMS_K"}
 
 
 def trace(formula: Callable[[Array, Tape], Iterable[Any]], inputs: int) -> Assembled:
@@ -216,7 +215,7 @@ def _by_numpy(arrays: Assembled, constants: Array, constant_at: Array, x: Array)
                 continue
             operands = (
                 [registers[i] for i in row[1 : 1 + _OPERANDS.get(what, 2)]]
-                if what not in _WITH_SCALAR
+                if what not in WITH_SCALAR
                 else [registers[row[1]], scalars[row[2]], *(registers[i] for i in row[3 : 1 + _OPERANDS.get(what, 2)])]
             )
             registers[row[0]] = _NUMPY[what](*operands)

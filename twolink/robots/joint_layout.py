@@ -254,17 +254,12 @@ def _limits(values: np.ndarray) -> tuple[float, ...]:
     return tuple(float(x) if abs(x) < NO_LIMIT else math.copysign(math.inf, x) for x in values)
 
 
-def _numbers(value: Any) -> np.ndarray:
-    """A value as an array of one axis or more; an empty one when it holds no numbers."""
-    try:
-        return np.atleast_1d(np.asarray(value, dtype=float))
-    except (TypeError, ValueError, OverflowError):
-        return np.empty(0)
-
-
 def gravity_field(value: Any, error: type[TwolinkError]) -> np.ndarray:
     """A gravity field as an array (3,) [m/s^2]. Raises the error unless it has 3 finite numbers."""
-    field = _numbers(value)
+    try:
+        field = np.asarray(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        field = np.empty(0)
     if field.shape != (3,) or not np.isfinite(field).all():
         remedy = "give m/s^2 in the world's axes, such as (0, 0, -9.81)"
         raise error(f"expected 3 finite numbers, got {value!r:.60}", argument="gravity", remedy=remedy)

@@ -98,7 +98,8 @@ def load_model(
     RobotError
         The URDF is refused, or an argument is wrong; it names the file, line, link or joint, and what to do.
     """
-    _require_words(root=root, unphysical=unphysical, foreign=foreign, purpose=purpose, xacro=xacro)
+    for name, word in zip(_WORDS, (root, unphysical, foreign, xacro, purpose), strict=True):
+        require_known(word, _WORDS[name], RobotError, argument=name)
     urdf, packages = open_source(source), _folders(package_dirs)
     said = describe(urdf, foreign, root, xacro_arguments or {}, packages, trusted=meshes is None, xacro=xacro)
     tree = read_tree(said.robot, urdf.label, foreign, xacro)
@@ -169,12 +170,6 @@ def _narrowed(model: pin.Model, tree: Tree, apart: pin.Model) -> list[load_repor
     model.lowerVelocityLimit = -speed  # Pinocchio's parser has the old speed here, and locks no joint where it is above
     said = {"limits of joints that others follow, narrowed to those of these": list(dict.fromkeys(narrowed))}
     return load_report.findings("assumed", said) + load_report.findings("ignored", {_NO_ROOM: crowded})
-
-
-def _require_words(**given: str) -> None:
-    """Require words that the options have."""
-    for name, word in given.items():
-        require_known(word, _WORDS[name], RobotError, argument=name)
 
 
 def _small(model: pin.Model, label: str) -> pin.Model:

@@ -160,9 +160,7 @@ def _largest_force(m: Any, actuator: int) -> float:
     gear = abs(m.actuator_gear[actuator, 0])
     if m.actuator_forcelimited[actuator]:
         return float(gear * np.abs(m.actuator_forcerange[actuator]).max())
-    plain = (
-        m.actuator_gaintype[actuator] == 0 and m.actuator_biastype[actuator] == 0 and m.actuator_ctrllimited[actuator]
-    )
+    plain = m.actuator_gaintype[actuator] == m.actuator_biastype[actuator] == 0 and m.actuator_ctrllimited[actuator]
     command = np.abs(m.actuator_ctrlrange[actuator]).max() * abs(m.actuator_gainprm[actuator, 0])
     return float(gear * command) if plain else NO_LIMIT
 

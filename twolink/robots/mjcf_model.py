@@ -61,10 +61,8 @@ def _computes(geom: Any) -> bool:
 @cache
 def _tetrahedra() -> dict[str, bytes]:
     """A tetrahedron as the content of mesh files, by their endings."""
-    corners, faces = (
-        np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
-        np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
-    )
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     triangles = np.zeros(len(faces), np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")]))
     triangles["corners"] = corners[faces]
     lines = [*(f"v {x} {y} {z}" for x, y, z in corners), *(f"f {i} {j} {k}" for i, j, k in faces + 1)]
@@ -123,11 +121,8 @@ class Mjcf:
 
     def placed(self, geom: int) -> pin.SE3:
         """The pose of a geom whose body is fixed to the world."""
-        m, place, body = (
-            self.model,
-            pose(self.model.geom_pos[geom], self.model.geom_quat[geom]),
-            int(self.model.geom_bodyid[geom]),
-        )
+        m, body = self.model, int(self.model.geom_bodyid[geom])
+        place = pose(m.geom_pos[geom], m.geom_quat[geom])
         while body:
             place, body = pose(m.body_pos[body], m.body_quat[body]) * place, int(m.body_parentid[body])
         return place

@@ -33,13 +33,9 @@ def suspicious(tree: Tree, model: pin.Model) -> list[Finding]:
         statements.setdefault((rule, what), []).append(name)
     missing = ("no mass, though they move, are visible and have no <inertial>: their inertia is missing; give them "
                'one, or <mass value="0"/> where that is meant')  # fmt: skip
-    statements[("no-inertial", missing)] = visible_without_mass(tree, model)
+    bodies = _without_inertial(tree, model).values()
+    statements[("no-inertial", missing)] = [link.name for links in bodies for link in links if _has_shape(link)]
     return [Finding("suspicious", what, tuple(names), rule) for (rule, what), names in statements.items() if names]
-
-
-def visible_without_mass(tree: Tree, model: pin.Model) -> list[str]:
-    """The links that move, have a shape but no <inertial>, and are fixed to nothing that has a mass."""
-    return [link.name for links in _without_inertial(tree, model).values() for link in links if _has_shape(link)]
 
 
 def between_joints(tree: Tree, model: pin.Model) -> list[Finding]:

@@ -152,9 +152,8 @@ class Reader:
 
     def where(self, element: Element, owner: str = "") -> str:
         """The place of an element, for errors. `owner` is the link or joint it belongs to."""
-        return (
-            self.source + (f":{element.line}" if self.lines and element.line else "") + (f", {owner}" if owner else "")
-        )
+        line = f":{element.line}" if self.lines and element.line else ""
+        return self.source + line + (f", {owner}" if owner else "")
 
     def error(self, element: Element, owner: str, what: str, remedy: str) -> RobotError:
         """An error at an element."""
