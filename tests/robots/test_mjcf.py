@@ -284,6 +284,22 @@ def test_masks_of_some_shapes_or_of_the_ground_and_ranges_of_balls_are_in_the_re
     assert found["limits"] == ("j",)
 
 
+def test_margins_at_which_mujoco_keeps_bodies_and_joints_are_in_the_report() -> None:
+    """A ball of 0.1 m rests at 0.12 m there, and a joint stops 0.1 rad before its limit; here at 0.1 m and there."""
+    text = """<mujoco><option timestep="0.005"/><worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 .12">
+        <freejoint/><geom name="g" size=".1" {0}/></body><body pos="9 0 9"><joint name="j" axis="0 1 0" range="0 20"
+        damping="1" {1}/><geom size=".1" pos="1 0 0"/></body></worldbody></mujoco>"""
+    with_margins = text.format('margin="0.02"', 'margin="0.1"')
+    model = mujoco.MjModel.from_xml_string(with_margins)
+    state = mujoco.MjData(model)
+    mujoco.mj_step(model, state, 1000)
+    assert state.qpos[2] == pytest.approx(0.12, abs=1e-3)
+    assert state.qpos[7] == pytest.approx(np.deg2rad(20) - 0.1, abs=2e-3)
+    found = {one.what.partition(" ")[0]: one.names for one in tl.load_robot(with_margins).report.ignored}
+    assert found["margins"] == ("g", "j")
+    assert "margins" not in str(tl.load_robot(text.format("", "")).report)
+
+
 def test_a_height_field_is_the_ground_of_a_scene_and_has_mujocos_heights(tmp_path: Path) -> None:
     """MuJoCo's rays from above say the heights at the corners, whose rows lie along y."""
     data = " ".join(map(str, [0, 0.2, 0.1, 0.7, 1, 0.3]))

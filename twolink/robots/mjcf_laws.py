@@ -86,6 +86,10 @@ def left_out(mjcf: Mjcf) -> dict[str, list[str]]:
         "limits of ball joints (they turn freely)": [
             name for k, name in enumerate(mjcf.joints) if m.jnt_type[k] == _BALL and m.jnt_limited[k]
         ],
+        "margins (bodies touch, and joints stop, without the distance that MuJoCo keeps)": [
+            *(geoms[k] for k in np.flatnonzero(m.geom_margin * (m.geom_contype | m.geom_conaffinity))),
+            *(mjcf.joints[k] for k in np.flatnonzero(m.jnt_margin * m.jnt_limited)),
+        ],
         "bodies that a program moves (mocap): they stay": moved,
         "sensors": mjcf.names("sensor"),
         "plugins": mjcf.names("plugin") if m.nplugin else [],
