@@ -6,7 +6,7 @@ on the motor; inside a motor, torques are its voltages.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -27,7 +27,14 @@ from twolink.errors import SceneError
 class Drive(Effect, frozen=True):
     """A drive: an effect that acts on the torques of another one, `of`."""
 
+    of_motor: ClassVar[bool] = False  # whether the commands inside are other quantities than the joint's
+
     of: Any = None  # an Effect: scene files read it by its type
+
+    @property
+    def inmost(self) -> Any:
+        """The innermost effect, which is no drive."""
+        return self.of.inmost if isinstance(self.of, Drive) else self.of
 
     @property
     def analytic(self) -> bool:
@@ -58,6 +65,10 @@ class Drive(Effect, frozen=True):
                              remedy="give a controller, a motor or tl.effects.Torque")  # fmt: skip
         with errors_inside():
             check_effect(self.of, robot)
+        limits = getattr(self.inmost, "effort", None), getattr(self.inmost, "limit", None)
+        if self.of_motor and "urdf" in limits:
+            raise SceneError("the URDF's limits of effort are of joints, not of motors or voltages", where="of",
+                             remedy="give limits by joint, of the torque before a gear or of the voltage")  # fmt: skip
 
     def change(self, model: pin.Model) -> None:
         """Change the robot as the effect inside does."""
@@ -181,6 +192,8 @@ class DCMotor(Drive, frozen=True):
     Siciliano et al., Robotics, 2009, section 5.2.1.
     """
 
+    of_motor: ClassVar[bool] = True
+
     resistance: Mapping[str, NotNegative] = {}
     inductance: Annotated[Mapping[str, NotNegative], of("resistance", each=True)] = {}
     constant: Annotated[Mapping[str, float], of("resistance", each=True)] = {}
@@ -251,6 +264,8 @@ class Gear(Drive, frozen=True):
     Siciliano et al., Robotics, 2009, section 5.1.1.
     """
 
+    of_motor: ClassVar[bool] = True
+
     ratio: Mapping[str, float] = {}
     efficiency: Annotated[Mapping[str, NotNegative], of("ratio")] = {}
     backward: Annotated[Mapping[str, NotNegative], of("efficiency")] = {}
@@ -265,11 +280,8 @@ class Gear(Drive, frozen=True):
     def check(self, robot: Robot) -> None:
         """Require ratios, efficiencies of at most 1, and nothing inside that computes torques of the links."""
         self.check_inside(robot, self.ratio, "ratio")
-        inside = self.of
-        while isinstance(inside, Drive):
-            inside = inside.of
-        if isinstance(inside, (GravityCompensation, ComputedTorque)):
-            raise SceneError(f"{type(inside).__name__} would take the motor's angles for those of the links",
+        if isinstance(self.inmost, (GravityCompensation, ComputedTorque)):
+            raise SceneError(f"{type(self.inmost).__name__} would take the motor's angles for those of the links",
                              where="of", remedy="make it an effect beside the gear")  # fmt: skip
         above_zero({joint: abs(ratio) for joint, ratio in self.ratio.items()}, "ratio")
         for name in ("efficiency", "backward"):
