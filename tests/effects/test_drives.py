@@ -395,6 +395,11 @@ def test_what_does_not_follow_states_refuses() -> None:
     (fx.LuGreFriction(of_all(9.0), of_all(1.0), of_all(2.0)), "stribeck"),
     (fx.PID(of_all(1.0), of_all(0.0), of_all(1.0), effort=of_all(1.0)), "tracking.axle"),
     (fx.Muscle("m", of_all(0.1), 9.0, 0.1, 1.5), "excitation"),
+    (fx.Muscle("m", of_all(0.1), 9.0, 0.1, 0.5, start=-0.1), "start"),
+    (fx.Muscle("m", of_all(0.1), 9.0, 0.1, fx.Sampled((0.0, 0.5), (0.0, 80.0))), "excitation"),  # in percent
+    (fx.Muscle("m", of_all(0.1), 9.0, 0.1, fx.Sine(0.5, 3.0, mean=0.4)), "excitation"),
+    (fx.Muscle("m", of_all(0.1), 9.0, 0.1, fx.Bezier((0.0, 0.5, 1.2), 1.0)), "excitation"),
+    (fx.Muscle("m", of_all(0.1), 9.0, 0.1, fx.Polynomial((-0.2, 1.0))), "excitation"),
 ])  # fmt: skip
 def test_refusals(effect: fx.Effect, where: str) -> None:
     with pytest.raises(tl.errors.SceneError) as caught:

@@ -242,6 +242,16 @@ def value_at(signal: AnySignal, t: Scalar, xp: Any) -> Scalar:
     return _polynomial(*_series(signal, t))
 
 
+def values_met(signal: AnySignal) -> list[float]:
+    """Values that an input has at some time, among them the least and the greatest of a sine or a table."""
+    if isinstance(signal, Sine):
+        return [signal.mean - abs(signal.amplitude), signal.mean + abs(signal.amplitude)]
+    if isinstance(signal, Bezier):
+        return [signal.points[0], signal.points[-1]]
+    values: Any = signal.values if isinstance(signal, Sampled) else _series(signal, 0.0)[0][:1]
+    return list(values)
+
+
 def derivatives_at(signal: AnySignal, t: Scalar, xp: Any) -> tuple[Scalar, Scalar, Scalar]:
     """The input and its first and second derivatives at time t."""
     if isinstance(signal, Sine):
