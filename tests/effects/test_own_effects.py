@@ -159,6 +159,24 @@ class TwoNumbers(E.Effect, frozen=True):
         loads.force("tip", (1.0, 0.0))
 
 
+class OtherStates(E.Effect, frozen=True):
+    def states(self) -> Any:  # type: ignore[override]
+        return {}
+
+
+class Hydraulic(E.Effect, frozen=True):
+    """p' = 1 - p, by the rates of some names."""
+
+    rated: tuple[str, ...]
+
+    def states(self, _motion: Any) -> Any:
+        return {"pressure": 0.2}
+
+    def act(self, motion: Any, loads: Any) -> None:
+        loads.torque(0, motion.states["pressure"])
+        loads.rates.update(dict.fromkeys(self.rated, 1.0 - motion.states["pressure"]))
+
+
 @pytest.mark.parametrize(("effect", "part"), [
     (NamesAJoint(), "motion.coordinate('shoulder')"),
     (NoSuchDof(), "the robot has 0 to 1"),
@@ -166,9 +184,17 @@ class TwoNumbers(E.Effect, frozen=True):
     (OtherCheck(), "write def check(self, robot)"),
     (Returns(), "act returns a value; add torques by loads.torque"),
     (TwoNumbers(), "test_own_effects.py: IndexError"),
+    (OtherStates(), "write def states(self, motion)"),
+    (Hydraulic(()), "no rate of 'pressure'"),
+    (Hydraulic(("pressure", "presure")), "the rate of 'presure'; states and loads.rates have the same names: pressure"),
 ])  # fmt: skip
 def test_wrong_calls_are_refused_with_the_right_ones(effect: tl.effects.Effect, part: str) -> None:
     assert part in refused(effect)
+
+
+def test_a_state_follows_its_rate() -> None:
+    run = tl.simulate(tl.Scene(robot("arm"), effects=[Hydraulic(("pressure",))]), 1.0, accuracy=1e-9)
+    assert run.states["pressure"][-1] == pytest.approx(1.0 - 0.8 * math.exp(-1.0), abs=1e-9)
 
 
 def test_what_is_no_effect_is_told_how_to_become_one() -> None:

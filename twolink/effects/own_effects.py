@@ -49,7 +49,7 @@ def is_own(effect: Effect) -> bool:
 
 def check_own_methods(effect: Effect) -> None:
     """Require methods with the arguments that they are called with. Raises SceneError."""
-    for name in ("act", "change", "check", "breaks"):
+    for name in ("act", "change", "check", "breaks", "states"):
         base, own = (list(inspect.signature(getattr(kind, name)).parameters) for kind in (Effect, type(effect)))
         if len(own) != len(base):
             remedy = f"write def {name}({', '.join(base)})"
@@ -136,6 +136,11 @@ def _outputs(effect: Effect, motion: KinematicState, read: Callable[[Any], str])
         what = f"act fails at line {last.lineno} of {last.filename}: {type(error).__name__}: {error}"
         remedy = "write formulas with + - * / and the functions of motion.xp"
         raise SceneError(what, where="act", remedy=remedy, code="own-effect") from error
+    odd = sorted(set(loads.rates) ^ set(motion.states))
+    if odd:
+        what = f"act gives {'the' if odd[0] in loads.rates else 'no'} rate of {odd[0]!r}"
+        remedy = f"states and loads.rates have the same names: {', '.join(motion.states) or 'none'}"
+        raise SceneError(what, where="act", remedy=remedy, code="own-effect")
     if returned is not None:
         remedy = "add torques by loads.torque(dof, value)"
         raise SceneError("act returns a value", where="act", remedy=remedy, code="own-effect")
