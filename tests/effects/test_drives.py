@@ -228,6 +228,37 @@ def test_backlash_has_the_exact_solution() -> None:
     assert np.abs(momentum - torque * run.t).max() < 1e-8
 
 
+def test_limits_of_effort_and_play_of_one_joint_are_located_each() -> None:
+    """A controller at its limit behind a gap: flanks and limits meet and part where SciPy says."""
+    limit, k, inertia, half = 0.6, 60.0, 0.05, 0.02
+    pd = fx.JointPD(of_all(0.2), of_all(6.0), of_all(0.3), effort=of_all(limit))
+    drive = fx.Backlash(pd, of_all(k), of_all(inertia), damping=of_all(2.0), gap=of_all(2 * half))
+
+    def wanted(x: Sequence[float]) -> float:
+        return 6.0 * (0.2 - x[2]) - 0.3 * x[3]
+
+    def rate(_t: float, x: Sequence[float]) -> list[float]:
+        twist = x[2] - x[0]
+        pressed = twist - np.clip(twist, -half, half)
+        force = k * pressed + 2.0 * abs(pressed) * (x[3] - x[1])
+        return [x[1], (force - WEIGHT * np.sin(x[0])) / I, x[3], (np.clip(wanted(x), -limit, limit) - force) / inertia]
+
+    guards = [lambda _, x: x[2] - x[0] - half, lambda _, x: x[2] - x[0] + half,
+              lambda _, x: wanted(x) - limit, lambda _, x: wanted(x) + limit]  # fmt: skip
+    exact = solve_ivp(rate, (0.0, 1.5), [0.0, 1.5, 0.0, 1.5], "DOP853", rtol=1e-11, atol=1e-12, events=guards,
+                      max_step=1e-3)  # fmt: skip
+    moving = scene(fx.Gravity(), drive, v=1.5, duration=1.5)
+    run = tl.simulate(moving, accuracy=1e-8)
+    times = np.sort(np.concatenate(exact.t_events))
+    assert min(len(np.concatenate(exact.t_events[:2])), len(np.concatenate(exact.t_events[2:]))) >= 2
+    assert [event.t for event in run.events] == pytest.approx(times, abs=1e-6)
+    assert run.q[-1, 0] == pytest.approx(exact.y[0, -1], abs=1e-7)
+    ends = [tl.simulate(scene(fx.Gravity(), drive, v=1.5 + d, duration=1.5), accuracy=1e-10).q[-1, 0]
+            for d in (-1e-5, 1e-5)]  # fmt: skip
+    slope = tl.sensitivities(moving, wrt=["v.axle"]).q["v.axle"][-1].item()
+    assert slope == pytest.approx((ends[1] - ends[0]) / 2e-5, rel=1e-4, abs=1e-5)
+
+
 def test_backlash_makes_a_limit_cycle() -> None:
     """Integral control by the load's side hunts; by the motor's side the load rests (Nordin, Gutman 2002)."""
     hunting = {}

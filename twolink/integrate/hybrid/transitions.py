@@ -170,7 +170,8 @@ def _trigger_value(run: RunState, n: int) -> Value | None:
 def _limit_value(run: RunState, i: int) -> Value | None:
     """The distance to the i-th limit of effort of all effects; None where its effect does not act."""
     limits, own = run.system.whole.effort_limits, run.mode_state.own.equations.effort_limits
-    return partial(_row, "limits", own.index(limits[i]), 1.0, 0.0) if limits[i] in own else None
+    same = [row for row, limit in enumerate(own) if limit == limits[i]]  # as of a controller with play behind it
+    return partial(_row, "limits", same[limits[:i].count(limits[i])], 1.0, 0.0) if same else None
 
 
 def _is_over(run: RunState, place: int, trigger: Trigger) -> bool:
