@@ -52,6 +52,19 @@ def test_true_values_are_those_of_pinocchio() -> None:
         assert read["force_torque"][k] @ model.joints[1].createData().S.ravel() == pytest.approx(wanted[0], abs=1e-9)
 
 
+def test_a_link_may_have_the_name_of_another_ones_joint() -> None:
+    """An IMU on the upper link reads the same, whatever the lower link's joint is called."""
+    read = []
+    for name in ("upper", "elbow"):
+        robot = tl.load_robot(robot_of(
+            link("upper"), link("lower"), joint("shoulder", "revolute", "ground", "upper", "0 1 0"),
+            joint(name, "revolute", "upper", "lower", "0 1 0")))  # fmt: skip
+        effects = [E.Gravity(), E.Imu("upper", name="imu", period=0.1)]
+        read.append(tl.simulate(tl.Scene(robot, [0.3, 0.4], [1.0, 2.0], effects), 0.2).sensors["imu"].values)
+    assert np.array_equal(*read)
+    assert np.abs(read[0]).max() > 1.0
+
+
 def test_readings_are_the_same_with_and_without_a_controller() -> None:
     """Noise by seed, name and tick; two seeds differ."""
     names = tl.load_scene("arm-swing").robot.joint_names

@@ -193,7 +193,8 @@ class StateSensor(Sensor, frozen=True):
     def check_beside(self, effects: Sequence[Effect], robot: Robot) -> None:
         """Require states that the effects have."""
         start = KinematicState(robot.model, mechanism(robot.model), list(robot.neutral), [0.0] * robot.nv, 0.0, Numbers)
-        check_subset(self.names, [name for one in effects for name in one.states(start)], "names", "state")
+        every = [part for one in effects for part in (one.acting() if isinstance(one, SwitchingEffect) else (one,))]
+        check_subset(self.names, [name for one in every for name in one.states(start)], "names", "state")
 
     def read(self, seen: Seen) -> Array:
         """The states (n, m)."""
@@ -241,7 +242,7 @@ class Imu(_OfLink, frozen=True):
 
     def read(self, seen: Seen) -> Array:
         """Angular velocities and specific forces (n, 6)."""
-        frame = seen.robot.model.getFrameId(self.link)
+        frame = seen.robot.model.getFrameId(self.link, pin.FrameType.BODY)  # a joint may have its name
 
         def of(model: pin.Model, data: pin.Data, i: int) -> Array:
             del i
