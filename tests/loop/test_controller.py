@@ -229,6 +229,7 @@ def test_a_controller_that_fails_is_named_with_its_time(update: object, code: st
         ({"inputs": ("q", "elephant")}, "inputs"),
         ({"outputs": "rail"}, "outputs"),
         ({"outputs": ("road",)}, "outputs"),
+        ({"outputs": ("rail", "rail")}, "outputs"),
         ({"limit": {"road": 1.0}}, "limit"),
         ({"hold": "second"}, "hold"),
     ],
@@ -237,6 +238,27 @@ def test_fields_that_do_not_fit_are_refused(fields: dict, where: str) -> None:
     with pytest.raises(SceneError) as refused:
         tl.Scene(slider(), effects=[E.Controller(**{"update": pd, **fields})])
     assert refused.value.where == f"effects[0].{where}"
+
+
+class Ramp:
+    """An open loop: u = t."""
+
+    def __call__(self, t: float, *_: object) -> tuple[list[float], None]:
+        return [t], None
+
+
+@pytest.mark.parametrize("vectorized", [False, True])
+@pytest.mark.parametrize("law", [lambda t, _, s: (t, s), lambda t, _, s: ([t if t < 9.0 else 0.0], s), Ramp()])
+def test_an_open_loop_needs_no_inputs(law: object, *, vectorized: bool) -> None:
+    """u = t, held for 0.1 s, in a program, in rows and in calls for each: q after n ticks is a sum of parabolas."""
+    if vectorized:
+        law = lambda t, y, s: (np.full((len(y.q), 1), t), s)  # noqa: E731
+    scene = tl.Scene(slider(), effects=[E.Controller(law, period=0.1, inputs=(), vectorized=vectorized)])
+    q = sum(0.1 * k * (0.1 * (1.0 - 0.1 * (k + 1)) + 0.005) for k in range(10))
+    assert tl.simulate(scene, 1.0).q[-1, 0] == pytest.approx(q, abs=1e-12)
+    assert tl.simulate_many(scene, 1.0, q=[[0.0], [1.0]]).q[:, 0] == pytest.approx([q, 1.0 + q], abs=1e-12)
+    steps = tl.Simulation(scene)
+    assert steps.step(1.0).q[0] == pytest.approx(q, abs=1e-12)
 
 
 @pytest.mark.parametrize("periods", [0, 3])
@@ -371,6 +393,17 @@ def test_a_controller_inside_a_geared_motor_is_exact(delay: float) -> None:
     assert np.abs(run.states["rail.current"] - exact[:, 2]).max() < 1e-10
     assert run.sensors["current"].values[50, 0] == pytest.approx(exact[1, 2], abs=1e-10)
     assert {share.effect: share.operations for share in tl.explain(scene).shares}["state-sensor"] == 0
+
+
+@pytest.mark.parametrize("switch", [E.Engage, E.Release])
+def test_a_sensor_reads_states_of_what_begins_or_ends(switch: type) -> None:
+    """The integral of a constant error, 0.5 a second, while it acts: from 0.4 s on, or until then."""
+    pid = E.PID({"rail": 1.0}, {"rail": 0.0}, {"rail": 0.5})
+    sensor = E.StateSensor(("rail.integral",), name="integral", period=0.2)
+    heavy = E.Payload("cart", 1e9)  # so that it hardly moves
+    run = tl.simulate(tl.Scene(slider(), effects=[switch(pid, at=0.4), sensor, heavy]), 1.0)
+    acted = np.clip(np.arange(6) * 0.2 - 0.4, 0.0, None) if switch is E.Engage else np.clip(np.arange(6) * 0.2, 0, 0.4)
+    assert run.sensors["integral"].values[:, 0] == pytest.approx(0.5 * acted, abs=1e-6)
 
 
 def test_a_state_that_no_effect_has_is_refused() -> None:

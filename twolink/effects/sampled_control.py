@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import Any, ClassVar, Literal
 
+import msgspec
 import numpy as np
 
 from twolink.algorithms.motion import KinematicState
@@ -94,7 +95,7 @@ class Controller(Effect, frozen=True):
         At the start; it is copied for each solution. Controllers whose updates are methods of one object keep it in
         common.
     inputs : tuple of str
-        Of y: "q", "v", links, sensors.
+        Of y: "q", "v", links, sensors; empty: the first two.
     outputs : tuple of str
         The joints that are driven, with one degree of freedom each; empty: all of these.
     hold : {"zero", "first"}
@@ -167,13 +168,15 @@ class Controller(Effect, frozen=True):
                 raise SceneError(
                     "expected names, got one text", where=name, remedy=f'such as ("{getattr(self, name)}",)'
                 )
+        if len({*self.outputs}) < len(self.outputs):
+            raise SceneError(f"a joint is named twice in {self.outputs}", where="outputs", remedy="name each once")
         check_joints(self.joints(robot), robot, "outputs", dofs=True)
         check_limits(self.limit, self.joints(robot), robot, "limit")
 
     def on(self, robot: Robot) -> "Controller":
         """The controller on a robot, whose law may depend on it."""
         del robot
-        return self
+        return self if self.inputs else msgspec.structs.replace(self, inputs=STATE)  # so that laws see how many ask
 
     def joints(self, robot: Robot) -> tuple[str, ...]:
         """The driven joints."""
