@@ -45,7 +45,7 @@ MEASURED = {"seconds", "cost", "text", "title"}  # of results: they differ from 
 
 def answer(function: str, **arguments: Any) -> dict[str, Any]:
     body = msgspec.json.encode({"operation": function, **arguments})
-    return operate(body=body, robots="", quotas=Quotas(), folder="", report=lambda _: None)
+    return operate(body=body, robots="", quotas=Quotas(), report=lambda _: None)
 
 
 @pytest.mark.parametrize("name", requests.OPERATIONS)
@@ -125,7 +125,7 @@ def test_a_robot_is_judged_from_the_first_sample_of_its_log_as_by_the_function()
 def test_an_answer_that_is_too_large_is_refused() -> None:
     body = msgspec.json.encode({"operation": "judge", **CALLS["judge"]})
     with pytest.raises(SceneError, match="the answer takes") as caught:
-        operate(body=body, robots="", quotas=Quotas(answer_mb=1e-4), folder="", report=lambda _: None)
+        operate(body=body, robots="", quotas=Quotas(answer_mb=1e-4), report=lambda _: None)
     assert caught.value.code == "too-large"
 
 

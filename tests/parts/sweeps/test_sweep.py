@@ -85,7 +85,7 @@ def test_a_robot_whose_file_was_edited_is_another_one(tmp_path: Path) -> None:
     (one,) = energy(light)
     assert energy(light, heavy, "two_link")[:2] == pytest.approx([one, 3 * one])  # goes on with it
     written("light.urdf", 2.0)
-    with pytest.raises(SceneError, match=r"robot '.*light.urdf' is another one now"):
+    with pytest.raises(SceneError, match=r"another sweep: robots\..*light\.urdf was"):
         energy(light, heavy, "two_link")
     assert energy(light, heavy, out="y.zarr") == pytest.approx([2 * one, 3 * one])  # workers that live have not kept it
 

@@ -1,16 +1,15 @@
 """Output of the service to stderr: a line for each request, and what its operator must know; as text or as JSON."""
 
 import contextlib
-import functools
 import itertools
 import logging
 import os
 import re
 import secrets
 import threading
-import time
 from collections import deque
 from contextvars import ContextVar
+from datetime import UTC, datetime
 from typing import Literal
 
 import msgspec
@@ -49,12 +48,7 @@ class Answered(msgspec.Struct):
 
 def _stamp(seconds: float) -> str:
     """A time in UTC, as RFC 3339 writes it."""
-    return f"{_whole_seconds(int(seconds))}.{int(seconds % 1 * 1000):03d}Z"
-
-
-@functools.lru_cache(4)
-def _whole_seconds(seconds: int) -> str:
-    return time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(seconds))
+    return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 class _Text(logging.Formatter):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -15,6 +15,7 @@ from twolink.io.tables import require_format
 from twolink.parts.sweeps.outputs import ABANDONED, DONE, FAILED, INACCURATE, PENDING, STATUS
 from twolink.parts.sweeps.store import read_record
 from twolink.show.figure import COLOURS, new_figure, plain, save_figure
+from twolink.simulation.text import BaseResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,7 +24,7 @@ RECENT = 20  # blocks, from whose times the rate is told
 
 
 @dataclass(frozen=True, repr=False)
-class SweepStatus:
+class SweepStatus(BaseResult):
     """The runs of a sweep by their status.
 
     total; pending, done, inaccurate, failed, abandoned: numbers of runs. rate, 1/s: of the last blocks; seconds_left:
@@ -38,10 +39,6 @@ class SweepStatus:
     abandoned: int
     rate: float | None
     seconds_left: float | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """The numbers by name."""
-        return asdict(self)
 
     def __repr__(self) -> str:
         finished = self.total - self.pending

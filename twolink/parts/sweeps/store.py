@@ -119,13 +119,11 @@ def open_store(path: Path, plan: SweepPlan) -> SweepStore:
     if not path.exists():
         return SweepStore(path, plan, _create(zarr, path, plan))
     group, record = read_record(path)
-    now, known = plan.robots, record.get("robots")
-    if "functions" not in record["plan"] or (now and known is None):
-        text = "an earlier version did not note the content of files and functions"
-    else:
-        text = difference(record["plan"], plan.record)
-    changed = [name for name, content in (known or {}).items() if now.get(name, content) != content]
-    text = text or (f"robot {changed[0]!r} is another one now" if changed else "")
+    known = record.get("robots", None if plan.robots else {})
+    text = "an earlier version did not note the content of files and functions"
+    if "functions" in record["plan"] and known is not None:
+        now = {name: plan.robots.get(name, content) for name, content in known.items()}
+        text = difference(record["plan"], plan.record) or difference(known, now, "robots")
     if text:
         raise SceneError(f"it belongs to another sweep: {text}", where=str(path), code="another-sweep",
                          remedy="give another path, or the same scene and settings")  # fmt: skip

@@ -48,12 +48,11 @@ def _names_robot(asked: Any) -> bool:
     return isinstance(asked, str) and bool(is_robot(asked) or UPLOADED.fullmatch(asked))
 
 
-def operate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
+def operate(*, body: bytes, robots: str, quotas: Quotas, report: Report) -> dict[str, Any]:
     """Call the function that a request names, and return the record of its result, which is all of it.
 
     body: a request for an operation.
     """
-    del folder
     request = msgspec.json.decode(body, type=JOB_KINDS["operation"].request)
 
     def scene_from(asked: Any) -> Scene:

@@ -78,9 +78,10 @@ class RequestMemory:
     client: who shares. owner: of the robots and jobs that it may list and end; sees: the same, None for those of all.
     """
 
-    def __init__(self, shares: Shares, client: str, owner: str = "", *, admin: bool = False) -> None:
+    def __init__(self, shares: Shares, client: str, owner: str = "") -> None:
         self.client, self._shares, self._bytes = client, shares, 0
-        self.owner, self.sees = owner, None if admin else owner
+        self.owner: str = owner
+        self.sees: str | None = owner
 
     def add(self, count: float) -> None:
         """Take more memory. Raises Refusal: 413 when no client could ever have that much, 503 when others hold it."""

@@ -52,9 +52,8 @@ def linearize(*, body: bytes, robots: str) -> bytes:
     return msgspec.json.encode(found.to_dict(), enc_hook=np.generic.item)
 
 
-def sense(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
+def sense(*, body: bytes, robots: str, quotas: Quotas, report: Report) -> dict[str, Any]:
     """Derivatives of a motion, as a record. body: a request for sensitivities. Its result is all in the record."""
-    del folder
     request = msgspec.json.decode(body, type=JOB_KINDS["sensitivity"].request)
     found = sensitivities(**arguments_of(request) | allowed(request, robots, quotas), progress=ProgressOf(2, report))
     if sum(q.size + v.size for q, v in zip(found.q.values(), found.v.values(), strict=True)) * _NUMBER_BYTES > (
@@ -69,13 +68,12 @@ def sense(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Repo
     return {"title": run.title, **run.to_dict(), **samples, "sensitivities": names}
 
 
-def identify(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
+def identify(*, body: bytes, robots: str) -> dict[str, Any]:
     """Parameters from measurements, as a record. body: a request for an identification."""
     # Its linear algebra takes half as long to import as all else of a worker: only where it is asked for.
     from twolink.parts.identification.identify import identify as identify_robot
     from twolink.parts.identification.measurements import measurements_of
 
-    del quotas, folder, report
     request = msgspec.json.decode(body, type=JOB_KINDS["identification"].request)
     robot = robot_by_id(request.robot, robots)
     samples = measurements_of(robot, parse_csv(request.data, "data", QueryError), "data")
