@@ -101,6 +101,11 @@ def test_every_operation_says_what_it_answers(http: httpx.Client) -> None:
 
 
 @pytest.mark.slow
+def test_all_fields_of_an_explanation_are_described(http: httpx.Client) -> None:
+    described = http.get("/openapi.json").json()["components"]["schemas"]["ExplainedScene"]["properties"]
+    assert http.post("/v1/scenes/explain", json={"scene": "arm-swing"}).json().keys() == described.keys()
+
+
 def test_answers_of_jobs_are_as_described(http: httpx.Client) -> None:
     """Those that take longer than made-up requests run."""
     jsonschema: Any = importlib.import_module("jsonschema")

@@ -85,6 +85,7 @@ class RobotAbout(msgspec.Struct):
     report: Object
     id: str = ""
     origin: str = ""
+    root: str = ""
     owner: str = ""
 
 
@@ -120,23 +121,6 @@ class UnderstoodScene(msgspec.Struct):
     effects: list[Object]
     frames: list[str]
     poses: list[Vector]
-
-
-class ExplainedScene(msgspec.Struct):
-    """The computation of a scene, and its cost."""
-
-    scene: str
-    effects: list[str]
-    notes: list[str]
-    formulation: str
-    operations: int | None
-    shares: list[Object]
-    method: str
-    why: str
-    accuracy: float
-    duration: float
-    expected_seconds: float | None
-    text: str
 
 
 class QuantityAbout(msgspec.Struct):

@@ -1,11 +1,12 @@
 """The API's description, OpenAPI 3.1: Litestar's, with the types of all bodies and answers, and with the queries."""
 
 import functools
-from typing import Any
+from typing import Any, get_type_hints
 
 import msgspec
 from litestar import Litestar
 
+import twolink as tl
 from twolink.parts.service.http import answers
 from twolink.parts.service.http.api_jobs import MEDIA
 from twolink.parts.service.http.components import PREFIX
@@ -35,7 +36,6 @@ _ANSWERS: dict[str, Any] = {  # in JSON, by method and path
     "get /v1/methods": list[answers.MethodAbout],
     "post /v1/scenes/validate": answers.UnderstoodScene,
     "post /v1/scenes/visuals": answers.Object,
-    "post /v1/scenes/explain": answers.ExplainedScene,
     "post /v1/scenes/preview": answers.Preview,
     "post /v1/scenes/quantities": list[answers.QuantityAbout],
     "post /v1/scenes/linearize": answers.Linearized,
@@ -77,6 +77,12 @@ def _bodies() -> dict[str, Any]:
     }
 
 
+def _explained() -> Any:
+    """The type of an explanation as it is answered: its fields and its text."""
+    kind = get_type_hints(tl.explain)["return"]
+    return msgspec.defstruct("ExplainedScene", [*get_type_hints(kind).items(), ("text", str)])
+
+
 def _jobs() -> dict[str, Any]:
     """The types of what is answered about jobs, by method and path."""
     found: dict[str, Any] = {}
@@ -94,7 +100,7 @@ def openapi_document(app: Litestar) -> Json:
     """The document of an application. It takes a second at first, as it imports the functions."""
     document = app.openapi_schema.to_schema()
     asked: Json = {what: body_of(query) for what, query in QUERIES.items()}
-    bodies, answered = _bodies(), _ANSWERS | _jobs()
+    bodies, answered = _bodies(), _ANSWERS | _jobs() | {"post /v1/scenes/explain": _explained()}
     types = [*asked.values(), *bodies.values(), *answered.values(), Problem, RobotOptions]
     schemas, components = msgspec.json.schema_components(types, ref_template="#/components/schemas/{name}")
     document.setdefault("components", {}).setdefault("schemas", {}).update(components)
