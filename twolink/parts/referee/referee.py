@@ -214,7 +214,11 @@ def verdict_of(scene: Scene, log: TrajectoryLog, run: Trajectory, tolerance: flo
     offset = scene.robot.difference(run.q, log.q)
     distance = np.abs(offset).max(axis=1)
     excess, fine = distance - bar - digits[0], (distance + bar <= tolerance + digits[0]) & (moved[0] <= COARSE)
-    beyond = {f"{limit:g}": _since(run.t, excess > limit) for limit in (*DISTANCES, tolerance) if excess.max() > limit}
+    beyond = {
+        f"{limit:g}": float(run.t[np.argmax(excess > limit)])
+        for limit in (*DISTANCES, tolerance)
+        if excess.max() > limit
+    }
     velocity = energy = None
     most = float(excess.max()) if excess.max() > tolerance else 0.0
     if log.has_velocities:
@@ -261,7 +265,3 @@ def _of_velocities(
     ratio = np.divide(v, q, out=np.zeros_like(v), where=q > 0)
     excess = np.where(near, 0.0, apart - SPREAD * np.maximum.accumulate(bar) * np.maximum(ratio, 1.0))
     return largest, float(excess.max()) if excess.max() > allowed else 0.0, fine
-
-
-def _since(t: Array, beyond: Array) -> float:
-    return float(t[np.argmax(beyond)])

@@ -68,6 +68,12 @@ class Refusal(TwolinkError):
         self.status, self.retry_after = status, retry_after
 
 
+def ending() -> Refusal:
+    """The refusal of all that is asked of a service that ends."""
+    remedy = "ask again in some seconds: it takes its jobs up when it starts"
+    return Refusal(503, "the service is ending", code="ending", where="request", remedy=remedy, retry_after=5)
+
+
 @contextlib.contextmanager
 def kept(what: str, remedy: str) -> Iterator[None]:
     """A part that reads what the service has written: that it cannot is the service's fault, not the request's.

@@ -132,13 +132,12 @@ class Design:
     """The runs of a sweep.
 
     kind: one of DESIGNS. quantities: what varies, by name. values (n,): of each; in a grid each has a dimension of its
-    own, else all share the dimension "run". count and seed: of samples, else None.
+    own, else all share the dimension "run". seed: of samples, else None.
     """
 
     kind: str
     quantities: dict[str, Parameter]
     values: dict[str, np.ndarray]
-    count: int | None = None
     seed: int | None = None
 
     @property
@@ -206,7 +205,7 @@ def make_design(scene: Scene, vary: Mapping[str, Any], kind: str, count: int | N
                          remedy=f'up to {MOST_DIMENSIONS}, or design="list"')  # fmt: skip
     quantities = named_quantities(scene, map(str, vary))
     if kind in SAMPLERS:
-        return Design(kind, quantities, _samples(quantities, vary, kind, count, seed), count, seed)
+        return Design(kind, quantities, _samples(quantities, vary, kind, count, seed), seed)
     if count is not None:
         raise SceneError(f"a {kind} has the number of runs that its values give", argument="count",
                          remedy='leave it out, or design="sobol"')  # fmt: skip

@@ -1,5 +1,6 @@
 """The plan of a sweep: what is run, in which blocks, and the record by which a store knows its sweep and its origin."""
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
@@ -76,13 +77,11 @@ class SweepPlan:
 
     @functools.cached_property
     def robots(self) -> dict[str, str]:
-        """Digests of the robots that vary and are files, by path; empty where there is none, which its runs say."""
+        """Digests of the robots that vary and are files, by path."""
         found = {}
         for name in set(self.design.values.get("robot", ())) - set(catalogue_names()):
-            try:
+            with contextlib.suppress(RobotError):  # its runs say what is wrong with it
                 found[name] = _robot_content(load_robot(name))
-            except RobotError:
-                found[name] = ""
         return found
 
     @functools.cached_property

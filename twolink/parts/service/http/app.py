@@ -33,7 +33,7 @@ from twolink.parts.service.http.messages import (
 )
 from twolink.parts.service.http.outgoing import Outgoing
 from twolink.parts.service.logs import REQUEST_ID, AccessLog, Answered, request_id
-from twolink.parts.service.problems import JSON, Refusal, answer_of
+from twolink.parts.service.problems import JSON, Refusal, answer_of, ending
 from twolink.parts.service.settings import Settings, ip_address
 from twolink.parts.service.work.query_requests import QUERIES
 from twolink.parts.service.work.sharing import OWNER, REQUEST, RequestMemory, Shares, client_of_scope, this_request
@@ -124,7 +124,7 @@ class Shell:
         except asyncio.CancelledError:  # the service ends, and does not wait for the answer any more
             if entry.status or not self.service.ending:
                 raise
-            status, headers, body = answer_of(self.service.ending_refusal())
+            status, headers, body = answer_of(ending())
             await send_answer(send_noted, status, [*headers, DENY_ALL], body)
         finally:
             mine.keep(0)

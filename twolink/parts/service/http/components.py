@@ -27,7 +27,7 @@ from twolink.dynamics.queries import Query
 from twolink.dynamics.threads import thread_count
 from twolink.errors import TwolinkError, nearest
 from twolink.parts.service.http.messages import UNSPECIFIED, body_limit, header, media_type, read_body, while_connected
-from twolink.parts.service.problems import JSON, Refusal
+from twolink.parts.service.problems import JSON, Refusal, ending
 from twolink.parts.service.settings import Settings
 from twolink.parts.service.store.archives import NPZ, RobotCache, read_robot
 from twolink.parts.service.store.data_folder import PARTS
@@ -205,14 +205,10 @@ class Service:
         self.ending = True
         await self.jobs.close()
 
-    def ending_refusal(self) -> Refusal:
-        """The refusal of all that is asked of a service that ends."""
-        return Refusal(503, "the service is ending", code="ending", remedy="ask again in some seconds", retry_after=5)
-
     async def require_ready(self) -> None:
         """Raise Refusal (503) while the service ends, or sqlite3.Error or OSError while its data folder fails."""
         if self.ending:
-            raise self.ending_refusal()
+            raise ending()
         async with self.locks("ready"):
             if time.monotonic() - self._checked > _CHECK_EACH:
                 await self.store.run(self.store.check, self.settings.quotas.result_mb * 2**20)

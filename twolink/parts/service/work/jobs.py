@@ -17,7 +17,7 @@ from typing import Any
 
 import msgspec
 
-from twolink.parts.service.problems import Problem, Refusal, error_from, problem_of
+from twolink.parts.service.problems import Problem, Refusal, ending, error_from, problem_of
 from twolink.parts.service.settings import Settings
 from twolink.parts.service.store.store import RESUMED, Store
 from twolink.parts.service.work.budget import Budget
@@ -122,7 +122,7 @@ class Jobs:
 
     def _start(self, key: str, kind: str, client: str | None = None, *, claimed: bool = False) -> None:
         if self.views.closing:
-            raise self._ending()
+            raise ending()
         running = self.running[key] = Running(kind, client, claimed=claimed)
         running.task = asyncio.create_task(self._run(key, running), name=key)
 
@@ -217,14 +217,9 @@ class Jobs:
         if key in self.running:
             await asyncio.wait([self.running[key].task], timeout=seconds or 0.001)
             if self.views.closing:
-                raise self._ending()
+                raise ending()
         while self._store.shared and time.monotonic() < end and await self.views.active(key) is not None:
             await asyncio.sleep(LOOK)
-
-    @staticmethod
-    def _ending() -> Refusal:
-        what, remedy = "the service is ending", "ask again: it takes the job up when it starts"
-        return Refusal(503, what, code="ending", where="request", remedy=remedy, retry_after=5)
 
     async def cancel(self, kind: str, key: str) -> View:
         """Cancel a job that waits or runs."""
