@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import twolink as tl
@@ -90,3 +91,19 @@ def test_a_rest_of_other_lengths_has_the_same_forces() -> None:
     for one, step in steps:
         assert isinstance(step, Step)
         assert step.on_first / step.h == pytest.approx(one.on_first / one.h, rel=1e-12)
+
+
+def test_a_first_estimate_that_is_small_by_chance_is_held_against_a_next_one() -> None:
+    """A block slides to rest: two step sizes place its stop alike by chance, 1.3e-5 m off, and agree to 2e-7 m."""
+    slope, mu, g, speed = np.arcsin(0.06096217687101231), 0.787, 9.75, 1.43
+    normal, along = np.array([np.sin(slope), 0.0, np.cos(slope)]), np.array([np.cos(slope), 0.0, -np.sin(slope)])
+    turned = pin.Quaternion(pin.rpy.rpyToMatrix(0.0, slope, 0.0)).coeffs()
+    scene = tl.Scene(tl.load_robot("world")).with_object(E.Box((0.4, 0.4, 0.1)), mass=1.0, name="block")
+    scene = scene.with_effects([E.Gravity((0.0, 0.0, -g)), E.Contact((("block", E.Plane(tuple(normal))),), mu)])
+    scene = scene.with_start([*(0.05 * normal), *turned], [-speed, *np.zeros(5)])
+    run = tl.simulate(scene, 1.092, contact="stepped", samples_per_second=60 / 1.092)
+    slowing = g * (mu * np.cos(slope) + np.sin(slope))
+    t = np.minimum(run.t, speed / slowing)
+    exact = 0.05 * normal - np.outer(speed * t - 0.5 * slowing * t**2, along)
+    assert (np.abs(run.q[:, :3] - exact).max(axis=1) <= run.error + 1e-12).all()
+    assert run.error[-1] < 1e-6
