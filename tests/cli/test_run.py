@@ -135,6 +135,16 @@ def test_play_writes_a_page(tmp_path: Path) -> None:
     assert call("video", str(table), str(tmp_path / "c.png"), "--robot", "two_link").returncode == 0
 
 
+@pytest.mark.parametrize("scene", ["geared-motor", "can-on-table"])
+def test_runs_of_robots_that_their_scenes_change_are_drawn_by_the_scenes_name(scene: str, tmp_path: Path) -> None:
+    saved, page = tl.simulate(tl.load_scene(scene), 0.1).save(tmp_path / "run.npz"), tmp_path / "run.html"
+    refused = call("play", str(saved), "--html", str(page))
+    one_line(refused, 1, "pass the robot of its scene: --robot")
+    assert call("play", str(saved), "--html", str(page), "--robot", scene).returncode == 0
+    file = tl.load_scene(scene).save(tmp_path / "mine.toml")
+    assert call("video", str(saved), str(tmp_path / "x.png"), "--robot", str(file)).returncode == 0
+
+
 def test_play_says_where_and_ends_with_ctrl_c(tmp_path: Path) -> None:
     saved = tl.simulate(tl.load_scene("arm-swing"), 0.1).save(tmp_path / "run.npz")
     command = [*TWOLINK, "play", str(saved), "--no-browser"]

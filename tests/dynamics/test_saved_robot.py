@@ -59,7 +59,7 @@ def test_a_file_of_another_robot_needs_it(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.chdir(tmp_path)
     for name in (str(tmp_path / "mine.urdf"), "mine.urdf", "../mine", "<robot/>"):
         forged = {**notes, "robot": name, "catalogue": "true"}
-        with pytest.raises(SceneError, match=r"its robot .*; pass the robot: robot="):
+        with pytest.raises(SceneError, match=r"its robot .*; pass the robot of its scene: robot="):
             tl.Trajectory.load(write_table(tmp_path / "forged.npz", columns, forged))
 
 

@@ -14,16 +14,18 @@ from twolink.cli.common import (
     RobotLoader,
     print_not_drawn,
     require_writable,
+    scene_from,
     show_motion,
     with_robot_options,
 )
-from twolink.dynamics import Robot
 from twolink.dynamics.arguments import positive
 from twolink.errors import QueryError
 from twolink.io.progress import progress_bar
+from twolink.robots.catalogue import FILES, catalogue_names
 from twolink.simulation.trajectory import Trajectory
 
 ACCURACIES = (1e-3, 1e-6, 1e-9, 1e-12)
+SavedRobot = Annotated[str | None, Option(help=f"Of a file that does not name it; or the run's scene. {ROBOT_HELP}")]
 
 
 def demo(html: Html = None, no_browser: NoBrowser = False) -> None:
@@ -65,7 +67,7 @@ def play(
     ] = None,
     html: Html = None,
     no_browser: NoBrowser = False,
-    robot: Annotated[str | None, Option(help=f"Of a file that does not name it (.csv). {ROBOT_HELP}")] = None,
+    robot: SavedRobot = None,
     *,
     load: RobotLoader,
 ) -> None:
@@ -78,7 +80,7 @@ def play(
     require_writable([] if html is None else [html], (".html",))
     if speed is not None:
         positive(speed, "speed", QueryError, "1 is true speed")
-    run = _saved(file, None if robot is None else load(robot))
+    run = _saved(file, robot, load)
     show_motion(run, html, no_browser, speed)
 
 
@@ -97,7 +99,7 @@ def video(
     ] = None,
     forces: Annotated[bool, Option("--forces", help="Draw forces on links, not of contacts alone.")] = False,
     curves: Annotated[str | None, Option(help="Quantities to draw beside it, such as q.elbow,energy.")] = None,
-    robot: Annotated[str | None, Option(help=f"Of a file that does not name it. {ROBOT_HELP}")] = None,
+    robot: SavedRobot = None,
     *,
     load: RobotLoader,
 ) -> None:
@@ -115,7 +117,7 @@ def video(
 
     require_writable([out], FORMATS)
     towards = None if camera is None else parse_numbers("camera", camera)
-    run = _saved(file, None if robot is None else load(robot))
+    run = _saved(file, robot, load)
     with progress_bar() as report:
         written = run.video(
             out, size=_size(size), rate=rate, speed=speed, at=at, direction=towards, forces=forces,
@@ -125,12 +127,15 @@ def video(
     typer.echo(f"wrote {written}")
 
 
-def _saved(file: Path, robot: Robot | None = None) -> Trajectory:
-    """The run in a file; the name of a scene is refused with the command that makes one."""
+def _saved(file: Path, robot: str | None, load: RobotLoader) -> Trajectory:
+    """The run in a file; the name of a scene is refused with the command that makes one. robot: its scene's, too."""
     if not file.suffix and not file.exists():
         remedy = f"make one: twolink run {file} --out {file.name}.npz"
         raise Misuse("expected the file of a saved run", where=str(file), remedy=remedy)
-    return Trajectory.load(file, robot)
+    if robot is None:
+        return Trajectory.load(file)
+    named = robot in catalogue_names() or robot.endswith(FILES)
+    return Trajectory.load(file, load(robot) if named else scene_from(robot, load).robot)
 
 
 def _size(text: str) -> tuple[int, int]:

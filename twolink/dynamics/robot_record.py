@@ -19,7 +19,7 @@ from twolink.errors import RobotError, SceneError
 from twolink.io.fingerprints import model_digest
 from twolink.robots.catalogue import FILES, catalogue_entry
 
-PASS_IT = "pass the robot: robot=..."
+PASS_IT = "pass the robot of its scene: robot=..."
 
 
 def robot_record(robot: Robot) -> dict[str, Any]:
@@ -172,7 +172,7 @@ def require_same(robot: Robot, notes: Mapping[str, str], label: str) -> Robot:
         remedy = "pass the robot with the same root and locked joints: robot=..."
     elif digest is not None and digest != model_digest(robot.model):
         what = f"its robot {notes.get('robot', '')!r} is not this {robot.name!r}: joints, masses or placements differ"
-        remedy = "pass the robot it was made with: robot=..."
+        remedy = PASS_IT
     if what:
         raise SceneError(what, where=label, remedy=remedy, argument="robot", code="robot-differs")
     if "gravity" not in notes:
