@@ -30,8 +30,6 @@ from twolink.scenes import Scene
 from twolink.show.figure import FORMATS
 from twolink.simulation.text import RESULT_FILES, as_data
 
-NOT_ASKED = "scene", "progress"  # the command's argument, and its own
-
 
 class Declared(NamedTuple):
     """A function of a scene as a command, which has the name and the help of `load`.
@@ -83,7 +81,7 @@ def callback_of(declared: Declared) -> Callable[..., None]:
     options = [Parameter(one.name, Parameter.KEYWORD_ONLY, default=one.default,
                          annotation=_option(kinds[one.name], texts.get(one.name, "")))
                for one in signature(function).parameters.values()
-               if one.name not in (*NOT_ASKED, *declared.without)]  # fmt: skip
+               if one.name not in ("scene", "progress", *declared.without)]  # fmt: skip
     common = {"scene": (SceneName, Parameter.empty), "out": (Files, None), "as_json": (Json, False)}
     for name, (kind, default) in common.items():
         options.append(Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind))

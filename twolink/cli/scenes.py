@@ -261,11 +261,11 @@ def accuracy(
     require_writable(out or [], STUDY_ENDINGS)
     names = None if methods is None else [name.strip() for name in methods.split(",") if name.strip()]
     values = None if tolerances is None else parse_numbers("tolerances", tolerances)
-    settings: dict[str, Any] = {"samples_per_second": samples_per_second, "repeats": repeats, "budget": budget}
     with progress_bar() as report:
-        loaded = scene_from(scene)
-        study = accuracy_study(loaded, duration, methods=names, tolerances=values, t_eval=sample_times_of(t_eval),
-                               progress=report, **settings)  # fmt: skip
+        study = accuracy_study(
+            scene_from(scene), duration, methods=names, tolerances=values, t_eval=sample_times_of(t_eval),
+            samples_per_second=samples_per_second, repeats=repeats, budget=budget, progress=report,
+        )  # fmt: skip
     deliver({"scene": scene, **study.to_dict()}, study.text() + "\n" * bool(out), out, partial(write_by_ending, study),
             as_json, interrupted=study.interrupted)  # fmt: skip
 

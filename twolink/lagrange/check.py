@@ -94,12 +94,6 @@ def pinocchio_answers(samples: ArmSamples) -> dict[str, np.ndarray]:
     return out
 
 
-def pinocchio_energy(model: pin.Model, theta: np.ndarray, dtheta: np.ndarray) -> np.ndarray:
-    """The mechanical energy [J] of states (n, 2), zero at rest in the horizontal, by Pinocchio."""
-    data, states = model.createData(), zip(theta, dtheta, strict=True)
-    return np.array([pin.computeMechanicalEnergy(model, data, q, v) for q, v in states])
-
-
 LIMIT = 1e-12
 MEASURE = (
     "error = largest difference from Pinocchio over all samples, relative to the largest magnitude in the\n"
@@ -268,7 +262,7 @@ def check(n: int = 10_000, seed: int = 0, horizon: float = 10.0) -> CheckReport:
     equations = _by_hand(samples, "corrected"), _by_sympy(samples), _by_hand(samples, "printed")
     rows = []
     for name, values in expected.items():
-        errors = [largest_error(columns[name], values, scale[name]) for columns in equations]
+        errors = [float(np.max(np.abs(columns[name] - values) / scale[name])) for columns in equations]
         rows.append(QuantityComparison(name, errors[0], errors[1], errors[2], *differences.get(name, ())))
     condition = float(np.linalg.cond(answers["A"]).max())
     return CheckReport(n, seed, condition, tuple(rows), horizon, energies(horizon))
@@ -308,8 +302,9 @@ def _energy(name: str, acceleration: Callable[..., np.ndarray], model: pin.Model
     run = solve_ivp(rate, (0, horizon), np.zeros(4), method="DOP853", rtol=TOLERANCE, atol=TOLERANCE)
     if not run.success:
         raise AccuracyError(f"DOP853 stopped at t = {run.t[-1]:g} s: {run.message}", where=f"{name} motion")
-    energy = pinocchio_energy(model, run.y[:2].T, run.y[2:].T)
-    return Energy(name, float(energy[-1]), float(np.max(np.abs(energy))))
+    data = model.createData()
+    energy = [pin.computeMechanicalEnergy(model, data, x[:2], x[2:]) for x in run.y.T]  # J, 0 at rest in the horizontal
+    return Energy(name, energy[-1], float(np.max(np.abs(energy))))
 
 
 def _scales(answers: Columns, samples: ArmSamples) -> Columns:
@@ -349,11 +344,6 @@ def _columns(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, *motion
     entries = np.hstack([matrix.reshape(len(matrix), -1) for matrix in (a, b, c, d)])[..., None]
     named = dict(zip(derive.ENTRIES, np.moveaxis(entries, 1, 0), strict=True))
     return named | dict(zip((*ACCELERATIONS, TORQUE), motion, strict=True))
-
-
-def largest_error(found: np.ndarray, expected: np.ndarray, scale: np.ndarray) -> float:
-    """The largest difference over all samples, relative to a scale that broadcasts."""
-    return float(np.max(np.abs(found - expected) / scale))
 
 
 def largest(values: np.ndarray) -> np.ndarray:

@@ -74,10 +74,11 @@ def draw_beyond(swing: FirstSwing, motion: ArmMotion, axes: Any) -> None:
     place.set(xscale="log", yscale="log", xlabel="l2 / l1", ylabel="m1 / m2",
               title="grey: $\\theta_1$ passes $-\\pi$ in the first swing")  # fmt: skip
     for axis in (place.xaxis, place.yaxis):
-        axis.set_major_locator(_ticks())
+        axis.set_ticks([0.25, 0.5, 1, 2, 4, 8, 16])
         axis.set_major_formatter("{x:g}")
         axis.minorticks_off()
-    marked = (1.0, MASSES[0] / MASSES[1], "as drawn in Figs. 6 to 13"), (*_proportions(motion), "shown on the right")
+    other = motion.ratio, motion.masses[0] / motion.masses[1], "shown on the right"
+    marked = (1.0, MASSES[0] / MASSES[1], "as drawn in Figs. 6 to 13"), other
     for ratio, mass, name in marked:
         place.plot(ratio, mass, "o", color="#D55E00", markersize=6)
         place.annotate(name, (ratio, mass), xytext=(8, 4), textcoords="offset points", fontsize=8)
@@ -87,14 +88,3 @@ def draw_beyond(swing: FirstSwing, motion: ArmMotion, axes: Any) -> None:
     time.set(xlabel="time t (s)", ylabel="$\\theta_1$ (rad)", ylim=(-3.8, 5.0))
     time.set_title("Fig. 6's jump: m1 : m2 = {:g} : {:g}, l2 = {:g} l1".format(*motion.masses, motion.ratio))
     time.legend(loc="upper left", ncols=2, frameon=False)
-
-
-def _proportions(motion: ArmMotion) -> tuple[float, float]:
-    """l2 / l1 and m1 / m2."""
-    return motion.ratio, motion.masses[0] / motion.masses[1]
-
-
-def _ticks() -> Any:
-    from matplotlib.ticker import FixedLocator
-
-    return FixedLocator([0.25, 0.5, 1, 2, 4, 8, 16])

@@ -70,7 +70,9 @@ def scene_template(entry: RobotEntry, scene: Scene) -> str:
     v = "".join(("" if any(part := scene.v[slice(*joint["v"])].tolist()) else "# ") + _line(joint, part)
                 for joint in joints)  # fmt: skip
     effects = "".join(_effect(scene, effect) for effect in scene.effects)
-    return _HEAD + head + _STATE.format(q=q, v=v, effects=effects) + _commented(_others(scene, joints, starts))
+    others = _others(scene, joints, starts).splitlines(keepends=True)
+    commented = "".join(f"# {line}" if line.strip() else line for line in others)
+    return _HEAD + head + _STATE.format(q=q, v=v, effects=effects) + commented
 
 
 def _effect(scene: Scene, effect: Effect) -> str:
@@ -132,10 +134,6 @@ def _line(joint: dict[str, Any], values: list[float], note: str = "") -> str:
 def _key(name: str) -> str:
     """A name as a key of TOML."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else msgspec.json.encode(name).decode()
-
-
-def _commented(text: str) -> str:
-    return "".join(f"# {line}" if line.strip() else line for line in text.splitlines(keepends=True))
 
 
 def _value(value: Any) -> str:

@@ -106,9 +106,6 @@ class UrdfScene(Scene):
     def __repr__(self) -> str:
         return f"{super().__repr__()}\n{self.report}"
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return UrdfScene, (self.base, self.q, self.v, self.effects, self.duration, self.title)
-
 
 def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 2.0, *, contact: bool = False) -> UrdfScene:
     """A scene with gravity and all that a robot's file says: damping, friction, stops, mimic joints; of an MJCF also
@@ -194,10 +191,9 @@ def named_scene(source: str) -> Scene:
 
     Raises SceneError, code "unknown-scene".
     """
-    known, robots = bundled_scenes(), catalogue_names()
     if not Path(source).suffix and os.sep not in source:
-        require_known(source, (*known, *robots), SceneError, "there is no bundled scene or robot {!r}",
-                      code="unknown-scene")  # fmt: skip
+        require_known(source, (*bundled_scenes(), *catalogue_names()), SceneError,
+                      "there is no bundled scene or robot {!r}", code="unknown-scene")  # fmt: skip
     return scene_of(source) if is_robot(source) else load_scene(source)
 
 

@@ -229,8 +229,7 @@ def _run_of(scene: Scene, run: Trajectory) -> Trajectory:
 
 def _no_segments() -> SceneError:
     return SceneError("a run with stepped contacts has no smooth segments", where="run", argument="run",
-                      remedy='a run with contact="located" has, where contacts can be',
-                      code="stepped")  # fmt: skip
+                      remedy='a run with contact="located" has, where contacts can be', code="stepped")  # fmt: skip
 
 
 def _dense(run: Trajectory) -> DenseOutput:
