@@ -29,7 +29,7 @@ FLAT = 1e-9  # of unit normals and, in m, of distances: triangles that are so al
 PARALLEL = 1e-6  # the sine between edges below which they count as parallel
 FACE_FIRST = 1e-6  # m by which edges must be farther apart, so that faces that lie on each other keep their points
 WITHIN = 1e-9  # m: a point so far outside of a prism is within
-MANY, VERSION = 200, 1  # vertices of hulls that are kept, and the kind of what is
+MANY, VERSION = 200, 2  # vertices of hulls that are kept, and the kind of what is
 FEW = 3000  # pairs of edges: of more, those are looked at that look at each other
 SLAB = 1e-3  # of a hull's height: so deep below its farthest corner features look that way
 Name = tuple[object, ...]
@@ -76,7 +76,7 @@ class Hull:
         sides = np.repeat(self.starts[faces] - starts, sizes) + np.arange(sizes.sum())
         return Hull(self.vertices, tuple(self.faces[face] for face in faces.tolist()), self.normals[faces],
                     self.heights[faces], self.edges[kept], np.searchsorted(faces, self.sides[kept]), self.ways[kept],
-                    self.inward[sides], self.depths[sides], starts, np.flatnonzero(top))  # fmt: skip
+                    self.inward[sides], self.depths[sides], starts, self.corners[top[self.corners]])  # fmt: skip
 
     def sides_of(self, face: int) -> slice:
         """The numbers of a face's sides."""
@@ -142,7 +142,7 @@ def _hull_of_points(cloud: Array) -> Hull:
     return Hull(cloud, faces, normals, np.einsum("ni,ni->n", normals, cloud[[face[0] for face in faces]]), edges,
                 np.array([(owner[i, k], owner[k, i]) for i, k in edges.tolist()]),
                 ways / np.linalg.norm(ways, axis=1)[:, None], inward, np.einsum("ni,ni->n", inward, ends),
-                starts, np.arange(len(cloud)))  # fmt: skip
+                starts, np.unique(edges))  # fmt: skip
 
 
 class Separation(NamedTuple):
