@@ -1,5 +1,7 @@
 """Convex hulls that touch when stepped: their separation is Coal's, and what they overlap is of second order."""
 
+import itertools
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -134,6 +136,39 @@ def test_the_hull_of_many_corners_is_kept_by_its_content(monkeypatch: pytest.Mon
     again = hull_of.__wrapped__(shape)
     assert np.array_equal(first.normals, again.normals)
     assert [face.tolist() for face in first.faces] == [face.tolist() for face in again.faces]
+
+
+def grid_of_a_cube(seed: int) -> Convex:
+    """The corners of a cube of 0.2 m, and points of its faces and edges, in any order."""
+    across = np.linspace(-0.1, 0.1, 5)
+    grid = np.array([x for x in itertools.product(across, across, across) if np.abs(x).max() > 0.09])
+    return Convex(tuple(map(tuple, np.random.default_rng(seed).permutation(grid).tolist())))
+
+
+def test_points_inside_of_faces_change_no_touch() -> None:
+    """Flat and turned a little, on a larger cube."""
+    random, ground = np.random.default_rng(3), hull_of(Box((0.3, 0.3, 0.3)))
+    for seed, turn in enumerate((0.0, 1e-9, 1e-3, 0.3)):
+        bodies, rotation = (
+            (hull_of(grid_of_a_cube(seed)), hull_of(Box((0.2,) * 3))),
+            pin.exp3(turn * random.normal(size=3)),
+        )
+        for origin in random.uniform(0.2, 0.26, (9, 3)) * [0.3, 0.3, 1.0]:
+            found, expected = (sorted([*one.middle, one.gap] for one in touching(body, ground, 0.2))
+                               for body in (one.placed(rotation, origin) for one in bodies))  # fmt: skip
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+def test_points_inside_of_faces_change_no_run() -> None:
+    """Cubes that fall flat on a box, slide and turn with it."""
+    ends = []
+    q, v = [0, 0, 0.25, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1], [0.3, 0.1, 0, 0, 0, 0.5, 0, 0, 0, 0, 0, 0]
+    held = E.FrameWrench("b", (0.0, 0.0, 3.0), axes="world")
+    for shape in (Box((0.2,) * 3), *map(grid_of_a_cube, range(6))):
+        contact = E.Contact((("a", "b"),), 0.5, shapes={"a": (shape,), "b": (Box((1.0, 1.0, 0.2)),)})
+        scene = tl.Scene(free_bodies("a", "b"), q, v, [E.Gravity((0.0, 0.0, -3.0)), held, contact], 0.5)
+        ends.append(tl.simulate(scene, contact="stepped", step=5e-3, verify=False).q[-1])
+    np.testing.assert_allclose(ends, [ends[0]] * 7, rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize(("names", "way"), [("ab", "located"), ("abc", "located"), ("abcd", "stepped")])

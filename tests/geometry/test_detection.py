@@ -1,7 +1,5 @@
 """Points of all pairs at once: gaps, normals and places are those of the formulas, and of Coal where cores overlap."""
 
-import itertools
-
 import coal
 import numpy as np
 import pinocchio as pin
@@ -18,7 +16,6 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.effects.contact_pairs import select_pairs, solids_of
 from twolink.geometry.detection import Detector
 from twolink.geometry.distance import distance, separation_along
-from twolink.geometry.hulls import hull_of, touching
 from twolink.geometry.pairs import Pair, gaps_of
 from twolink.geometry.points import Places, Points
 from twolink.robots.collisions import AnyShape
@@ -119,20 +116,6 @@ def test_cylinders_that_overlap_by_much_do_so_by_no_more_than_along_any_way() ->
         bodies = list(zip(shapes, turns, origins, strict=True))
         least = max(separation_along(way / np.linalg.norm(way), *bodies) for way in ways)
         assert distance(*bodies)[0] > least - 1e-6
-
-
-def test_a_box_given_by_points_of_its_faces_touches_as_a_box() -> None:
-    """In any order of the points, flat and turned a little, on a larger box."""
-    random, across = np.random.default_rng(3), np.linspace(-0.1, 0.1, 5)
-    grid = np.array([x for x in itertools.product(across, across, across) if np.abs(x).max() > 0.09])
-    ground, plain = hull_of(E.Box((0.3, 0.3, 0.3))), hull_of(E.Box((0.2, 0.2, 0.2)))
-    for turn in (0.0, 1e-9, 1e-3, 0.3):
-        hull = hull_of(E.Convex(tuple(map(tuple, random.permutation(grid).tolist()))))
-        rotation = pin.exp3(turn * random.normal(size=3))
-        for origin in random.uniform(0.2, 0.26, (9, 3)) * [0.3, 0.3, 1.0]:
-            found, expected = (sorted([*one.middle, one.gap] for one in touching(body, ground, 0.2))
-                               for body in (one.placed(rotation, origin) for one in (hull, plain)))  # fmt: skip
-            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
 
 
 def test_boxes_whose_faces_all_but_touch_overlap_by_what_their_corners_say() -> None:

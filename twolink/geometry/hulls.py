@@ -76,7 +76,7 @@ class Hull:
         sides = np.repeat(self.starts[faces] - starts, sizes) + np.arange(sizes.sum())
         return Hull(self.vertices, tuple(self.faces[face] for face in faces.tolist()), self.normals[faces],
                     self.heights[faces], self.edges[kept], np.searchsorted(faces, self.sides[kept]), self.ways[kept],
-                    self.inward[sides], self.depths[sides], starts, self.corners[top[self.corners]])  # fmt: skip
+                    self.inward[sides], self.depths[sides], starts, np.flatnonzero(top))  # fmt: skip
 
     def sides_of(self, face: int) -> slice:
         """The numbers of a face's sides."""
@@ -131,6 +131,10 @@ def _hull_of_points(cloud: Array) -> Hull:
     normals = found.equations[np.unique(face_of, return_index=True)[1], :3]
     faces = tuple(np.array(_loop(border)) for border in borders)
     edges = np.array(sorted((i, k) for border in borders for i, k in border.items() if i < k))
+    sides = np.array([(owner[i, k], owner[k, i]) for i, k in edges.tolist()])
+    kept = np.unique(edges)  # no points inside of faces or of the body
+    cloud, edges = cloud[kept], np.searchsorted(kept, edges)
+    faces = tuple(np.searchsorted(kept, face) for face in faces)
     ways = cloud[edges[:, 1]] - cloud[edges[:, 0]]
     sizes = np.array([len(face) for face in faces])
     starts, corners = np.cumsum(sizes) - sizes, np.concatenate(faces)
@@ -140,9 +144,8 @@ def _hull_of_points(cloud: Array) -> Hull:
     inward = np.cross(np.repeat(normals, sizes, axis=0), after - ends)
     inward /= np.linalg.norm(inward, axis=1)[:, None]
     return Hull(cloud, faces, normals, np.einsum("ni,ni->n", normals, cloud[[face[0] for face in faces]]), edges,
-                np.array([(owner[i, k], owner[k, i]) for i, k in edges.tolist()]),
-                ways / np.linalg.norm(ways, axis=1)[:, None], inward, np.einsum("ni,ni->n", inward, ends),
-                starts, np.unique(edges))  # fmt: skip
+                sides, ways / np.linalg.norm(ways, axis=1)[:, None], inward, np.einsum("ni,ni->n", inward, ends),
+                starts, np.arange(len(cloud)))  # fmt: skip
 
 
 class Separation(NamedTuple):
