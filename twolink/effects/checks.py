@@ -238,14 +238,6 @@ def check_subset(values: Any, joints: Iterable[str], field: str, what: str) -> N
         check_name(joint, joints, field, what)
 
 
-def above_zero(values: Mapping[str, float], field: str) -> None:
-    """Require numbers above 0. Raises SceneError."""
-    for joint, value in values.items():
-        if not value > 0.0:
-            raise SceneError(f"expected a number above 0, got {value!r:.60}", where=f"{field}.{joint}",
-                             remedy="leave the joint out, or give a larger one")  # fmt: skip
-
-
 def check_values_or_urdf(values: Mapping[str, float | str] | None, urdf: Any, field: str, what: str = "") -> None:
     """Require values by joint; or None, and values (nv,) in the URDF, named `what`. Raises SceneError."""
     if values is None and not urdf.any():

@@ -15,9 +15,9 @@ import pinocchio as pin
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import Scalar, minus, negative, plus, times
 from twolink.dynamics import Robot
-from twolink.effects.checks import above_zero, check_effect, check_joints, errors_inside
+from twolink.effects.checks import check_effect, check_joints, errors_inside
 from twolink.effects.controllers import ComputedTorque, GravityCompensation
-from twolink.effects.effect import AboveZero, Effect, Effort, Gap, Loads, NotNegative, finite, inverse, number, of
+from twolink.effects.effect import AboveZero, Effect, Effort, Gap, Loads, NotNegative, inverse, number, of
 from twolink.effects.inputs import Input, value_at
 from twolink.effects.loops import Loop
 from twolink.effects.switching import SwitchingEffect
@@ -119,13 +119,12 @@ class ActuatorLag(Drive, frozen=True):
     Franklin, Powell, Emami-Naeini, Feedback Control of Dynamic Systems, 2019, section 3.3.
     """
 
-    time: Mapping[str, NotNegative] = {}
+    time: Mapping[str, AboveZero] = {}
     start: Annotated[Mapping[str, Effort], of("time")] = {}
 
     def check(self, robot: Robot) -> None:
-        """Require times above 0, and something inside."""
+        """Require something inside."""
         self.check_inside(robot, self.time, "time")
-        above_zero(self.time, "time")
 
     def states(self, motion: KinematicState) -> Mapping[str, Scalar]:
         """z of each joint."""
@@ -156,7 +155,7 @@ class Winding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         1/K: how the torque constant falls, as K (1 - magnet theta), 0 by default; 0.001 to 0.002 for magnets.
     """
 
-    capacity: NotNegative
+    capacity: AboveZero
     cooling: NotNegative
     copper: NotNegative = 0.00393
     magnet: NotNegative = 0.0
@@ -195,7 +194,7 @@ class DCMotor(Drive, frozen=True):
     of_motor: ClassVar[bool] = True
 
     resistance: Mapping[str, NotNegative] = {}
-    inductance: Annotated[Mapping[str, NotNegative], of("resistance", each=True)] = {}
+    inductance: Annotated[Mapping[str, AboveZero], of("resistance", each=True)] = {}
     constant: Annotated[Mapping[str, float], of("resistance", each=True)] = {}
     voltage: Annotated[Mapping[str, Input], of("resistance")] = {}
     start: Annotated[Mapping[str, float], of("resistance")] = {}
@@ -204,9 +203,6 @@ class DCMotor(Drive, frozen=True):
     def check(self, robot: Robot) -> None:
         """Require R, L and K of each motor."""
         self.check_inside(robot, self.resistance, "resistance", needed=False)
-        above_zero(self.inductance, "inductance")
-        if self.winding is not None:
-            finite(self.winding.capacity, "winding.capacity", least=np.finfo(float).tiny)
 
     def states(self, motion: KinematicState) -> Mapping[str, Scalar]:
         """The currents and temperatures."""
@@ -267,8 +263,8 @@ class Gear(Drive, frozen=True):
     of_motor: ClassVar[bool] = True
 
     ratio: Mapping[str, float] = {}
-    efficiency: Annotated[Mapping[str, NotNegative], of("ratio")] = {}
-    backward: Annotated[Mapping[str, NotNegative], of("efficiency")] = {}
+    efficiency: Annotated[Mapping[str, AboveZero], of("ratio")] = {}
+    backward: Annotated[Mapping[str, AboveZero], of("efficiency")] = {}
     inertia: Annotated[Mapping[str, NotNegative], of("ratio")] = {}
     power: AboveZero = 0.1
 
@@ -283,9 +279,9 @@ class Gear(Drive, frozen=True):
         if isinstance(self.inmost, (GravityCompensation, ComputedTorque)):
             raise SceneError(f"{type(self.inmost).__name__} would take the motor's angles for those of the links",
                              where="of", remedy="make it an effect beside the gear")  # fmt: skip
-        above_zero({joint: abs(ratio) for joint, ratio in self.ratio.items()}, "ratio")
+        for joint in (joint for joint, ratio in self.ratio.items() if not ratio):
+            raise SceneError("expected another number than 0", where=f"ratio.{joint}", remedy="leave the joint out")
         for name in ("efficiency", "backward"):
-            above_zero(getattr(self, name), name)
             for joint, value in getattr(self, name).items():
                 if value > 1.0:
                     raise SceneError(f"expected at most 1, got {value!r:.60}", where=f"{name}.{joint}",
@@ -328,7 +324,7 @@ class MotorOnSpring(Drive, frozen=True):
     """A motor with a coordinate of its own, theta and its speed w, in the joint's units: J w' = tau - f."""
 
     stiffness: Mapping[str, NotNegative] = {}
-    inertia: Annotated[Mapping[str, NotNegative], of("stiffness", each=True)] = {}
+    inertia: Annotated[Mapping[str, AboveZero], of("stiffness", each=True)] = {}
     cubic: Annotated[Mapping[str, NotNegative], of("stiffness")] = {}
     damping: Annotated[Mapping[str, NotNegative], of("stiffness")] = {}
 
@@ -338,7 +334,6 @@ class MotorOnSpring(Drive, frozen=True):
         if self.of.changes:
             raise SceneError(f"{type(self.of).__name__} changes the inertia of the link, not of the motor on a spring",
                              where="of", remedy="add N^2 times the rotor's inertia to `inertia`")  # fmt: skip
-        above_zero(self.inertia, "inertia")
 
     def seen_inside(self, motion: KinematicState) -> KinematicState:
         """theta and w; at the start q and v."""

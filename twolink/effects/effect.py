@@ -38,9 +38,10 @@ def quantity(letter: str, **bounds: float) -> msgspec.Meta:
 
 Place = Annotated[float | str, quantity("q")]
 Gap = Annotated[float | str, quantity("q", minimum=0.0)]
-Speed = Annotated[float | str, quantity("v", minimum=0.0)]
+Speed = Annotated[float | str, quantity("v", exclusiveMinimum=0.0)]
 Effort = Annotated[float | str, quantity("tau")]
 Load = Annotated[float | str, quantity("tau", minimum=0.0)]  # an effort without a sign
+SomeLoad = Annotated[float | str, quantity("tau", exclusiveMinimum=0.0)]
 
 
 def of(field: str, *, each: bool = False) -> msgspec.Meta:

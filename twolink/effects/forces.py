@@ -4,19 +4,9 @@ from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal
 
 from twolink.algorithms.motion import KinematicState
-from twolink.algorithms.spatial import (
-    Vec,
-    add,
-    dot,
-    minus,
-    negative,
-    plus,
-    reciprocal,
-    scale,
-    times,
-)
+from twolink.algorithms.spatial import Vec, add, dot, minus, negative, plus, reciprocal, scale, times
 from twolink.dynamics import Robot
-from twolink.effects.checks import above_zero, check_frame, check_values_or_urdf, floats, values_by_dof
+from twolink.effects.checks import check_frame, check_values_or_urdf, floats, values_by_dof
 from twolink.effects.effect import (
     AboveZero,
     CoordinateJoint,
@@ -29,6 +19,7 @@ from twolink.effects.effect import (
     Place,
     PlaceName,
     SingleJoint,
+    SomeLoad,
     Speed,
     inverse,
     number,
@@ -168,20 +159,14 @@ class LuGreFriction(Effect, frozen=True):
     Canudas de Wit, Olsson, Åström, Lischinsky 1995, IEEE Transactions on Automatic Control 40(3), 419-425.
     """
 
-    stiffness: Mapping[SingleJoint, NotNegative]
-    coulomb: Annotated[Mapping[str, Load], of("stiffness", each=True)]
+    stiffness: Mapping[SingleJoint, AboveZero]
+    coulomb: Annotated[Mapping[str, SomeLoad], of("stiffness", each=True)]
     static: Annotated[Mapping[str, Load], of("stiffness")] = {}
     stribeck: Annotated[Mapping[str, Speed], of("static", each=True)] = {}
     damping: Annotated[Mapping[str, NotNegative], of("stiffness")] = {}
     viscous: Annotated[Mapping[str, NotNegative], of("stiffness")] = {}
 
     analytic: ClassVar[bool] = False  # where v passes 0
-
-    def check(self, robot: Robot) -> None:
-        """Require k, c and w above 0."""
-        del robot
-        for name in ("stiffness", "coulomb", "stribeck"):
-            above_zero(getattr(self, name), name)
 
     def states(self, motion: KinematicState) -> Mapping[str, float]:
         """k z."""

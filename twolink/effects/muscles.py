@@ -7,17 +7,7 @@ from typing import Annotated, Any
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.dynamics import Robot
-from twolink.effects.effect import (
-    AboveZero,
-    CoordinateJoint,
-    Effect,
-    Loads,
-    NotNegative,
-    Place,
-    inverse,
-    number,
-    of,
-)
+from twolink.effects.effect import AboveZero, CoordinateJoint, Effect, Loads, NotNegative, Place, inverse, number, of
 from twolink.effects.inputs import Input, value_at, values_met
 from twolink.errors import SceneError
 

@@ -13,7 +13,6 @@ from twolink.dynamics import Robot
 from twolink.effects.checks import check_effect, check_joints, check_subset, single_joints
 from twolink.effects.controllers import JointPD, Limits
 from twolink.effects.effect import Effect, Loads, NotNegative, all_finite, finite, number
-from twolink.effects.inputs import Slot
 from twolink.effects.sampled_control import STATE, Controller, Seconds
 from twolink.errors import SceneError
 from twolink.io.networks import Network, file_digest, read_network
@@ -115,28 +114,20 @@ class PolicyLaw:
         return last if one.name == "last_action" else y[one.name].reshape(len(last), -1)
 
 
-class HeldPositions(Effect, frozen=True):
+class HeldPositions(JointPD, frozen=True):
     """PD control to positions that are constant from tick to tick: tau = kp (position - q) - kd v, within limits.
 
-    values: position less offset, 0 until the first answer acts.
+    target: slots, of the positions less their offset: 0 until the first answer acts.
     """
 
     analytic: ClassVar[bool] = False
 
-    values: Mapping[str, Slot]
-    offset: Mapping[str, float]
-    kp: Mapping[str, NotNegative]
-    kd: Mapping[str, NotNegative]
-    limit: Limits = None
-
-    def viscosity(self, robot: Robot) -> Mapping[str, float]:  # noqa: ARG002 what all effects are given
-        """kd by joint."""
-        return self.kd
+    offset: Mapping[str, float] = {}
 
     def act(self, motion: KinematicState, loads: Loads) -> None:
         """Add the torques."""
-        positions = {joint: plus(value, number(self.offset[joint])) for joint, value in self.values.items()}
-        JointPD(positions, self.kp, self.kd, effort=self.limit).act(motion, loads)
+        positions = {joint: plus(value, number(self.offset[joint])) for joint, value in self.target.items()}
+        JointPD.act(msgspec.structs.replace(self, target=positions), motion, loads)
 
 
 class Policy(Effect, frozen=True, dict=True):
@@ -222,9 +213,10 @@ class Policy(Effect, frozen=True, dict=True):
     def held(self, robot: Robot, place: int) -> Effect:
         """The effect between ticks: held torques, or a PD control to held positions."""
         torques = self.sampled.held(robot, place)
-        joints = self.sampled.joints(robot)
-        offset = dict(zip(joints, np.broadcast_to(self.offset, len(joints)).tolist(), strict=True))
-        return HeldPositions(torques.values, offset, self.kp, self.kd, self.limit) if self.kp else torques
+        offset = dict(zip(torques.values, np.broadcast_to(self.offset, len(torques.values)).tolist(), strict=True))
+        if not self.kp:
+            return torques
+        return HeldPositions(torques.values, self.kp, self.kd, {}, self.limit, offset)  # type: ignore[arg-type]
 
     def check(self, robot: Robot) -> None:
         """Require a network that fits the observation and the joints."""

@@ -13,15 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from twolink.algorithms.factors import (
-    elimination_order,
-    factored,
-    ldlt,
-    ldlt_apply,
-    ldlt_inward,
-    ldlt_outward,
-    solved,
-)
+from twolink.algorithms.factors import elimination_order, factored, ldlt, ldlt_apply, ldlt_inward, ldlt_outward, solved
 from twolink.algorithms.spatial import Matrix, Scalar, is_zero, minus, plus, times
 
 
