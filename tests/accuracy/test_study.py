@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.loop.loops import slider
 from twolink.accuracy import measuring
 from twolink.accuracy import study as accuracy_study
 from twolink.accuracy.study_data import Reference, Row, with_front
@@ -147,12 +148,35 @@ def test_without_the_native_library(arm: tl.Scene, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(measuring, "library", lambda: None)
     done = tl.accuracy_study(arm, 0.5, methods=["rk45", "taylor", "scipy-dop853"], tolerances=[1e-3, 1e-14], repeats=1,
                              budget=60.0)  # fmt: skip
-    assert "SciPy's DOP853" in done.reference.how
+    assert "scipy-dop853" in done.reference.how
     assert {row.method for row in done.rows} == {"rk45", "scipy-dop853"}
     assert done.failures[0].method == "taylor"
     assert any(not row.resolved for row in done.rows)
     assert "within the reference's own error" in done.text()
     assert done.cheapest(1e-3).error < 1e-3
+
+
+def test_a_motion_with_events_is_compared_with_one_that_locates_them() -> None:
+    """A mass on a rail that bounces once, by its closed form; Taylor's method says that it locates none."""
+    fx, fall = tl.effects, np.sqrt(2.0 / 9.81)
+    scene = tl.Scene(slider(), [1.0], effects=[fx.Torque({"rail": -9.81}), fx.JointStops({"rail": (0.0, 9.0)}, 0.5)])
+    done = tl.accuracy_study(scene, 0.7, methods=["dop853", "taylor"], tolerances=[1e-6], repeats=1)
+    later = 0.7 - fall
+    assert done.reference.q_end[0] == pytest.approx(0.5 * 9.81 * fall * later - 9.81 * later**2 / 2, abs=1e-12)
+    assert done.reference.error < 1e-10
+    assert [row.method for row in done.rows] == ["dop853"]
+    assert "does not locate events" in done.failures[0].reason
+    ended = scene.with_effects([*scene.effects, fx.Watch("low", when=fx.JointReaches("rail", 0.5), stop=True)])
+    with pytest.raises(AccuracyError, match="an event ends the motion at"):
+        tl.accuracy_study(ended, 0.7)
+
+
+def test_a_limit_of_effort_is_located_in_the_reference(arm: tl.Scene) -> None:
+    limited = tl.effects.JointPD({"elbow": 1.0}, {"elbow": 20.0}, effort={"elbow": 1.0})
+    scene = arm.with_effects([*arm.effects, limited])
+    done = tl.accuracy_study(scene, 0.5, methods=["rk4"], tolerances=[1e-6], repeats=1)
+    assert done.reference.error < 1e-10
+    assert done.reference.q_end == pytest.approx(tl.simulate(scene, 0.5, accuracy=1e-10).q[-1], abs=2e-10)
 
 
 def test_ctrl_c_keeps_what_is_done(arm: tl.Scene) -> None:

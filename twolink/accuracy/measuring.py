@@ -2,7 +2,7 @@
 measured against, and its own error.
 
 The reference is Taylor's method in numbers of 31 digits, verified as every run is. They are kept as sums of two
-doubles, q + rest.
+doubles, q + rest. With events it is Dormand and Prince's of order 8.
 """
 
 import importlib
@@ -95,10 +95,12 @@ class ReferenceSolution:
 def first_reference(equations: Equations, times: Array) -> ReferenceSolution:
     """The quickest good reference at the samples `times` (n,). Raises AccuracyError where the motion cannot be solved.
 
-    Without the native library it is SciPy's at its tightest tolerance.
+    Without the native library it is SciPy's at its tightest tolerance; with events it is one that locates them.
     """
+    if equations.has_events:
+        return _in_doubles(equations, times, "dop853", "it locates events")
     if library() is None:
-        return _by_scipy(equations, times, NO_LIBRARY)
+        return _in_doubles(equations, times, "scipy-dop853", NO_LIBRARY)
     return by_taylor(equations, times)
 
 
@@ -108,9 +110,9 @@ def by_taylor(equations: Equations, times: Array, precision: Precision = "extend
     return _verified(equations, times, MethodChoice(METHODS["taylor"], FINEST[precision], how, precision))
 
 
-def _by_scipy(equations: Equations, times: Array, why: str) -> ReferenceSolution:
-    how = f"SciPy's DOP853 in double precision, as {why},"
-    return _verified(equations, times, MethodChoice(METHODS["scipy-dop853"], FINEST["double"], how))
+def _in_doubles(equations: Equations, times: Array, method: str, why: str) -> ReferenceSolution:
+    how = f"{method} in double precision, as {why},"
+    return _verified(equations, times, MethodChoice(METHODS[method], FINEST["double"], how))
 
 
 def _verified(equations: Equations, times: Array, choice: MethodChoice) -> ReferenceSolution:
@@ -121,6 +123,9 @@ def _verified(equations: Equations, times: Array, choice: MethodChoice) -> Refer
         raise KeyboardInterrupt
     if not np.isfinite(run.solution.x).all():
         raise AccuracyError("the reference is not finite", where="reference", remedy="a shorter duration")
+    if run.solution.t[-1] < times[-1]:
+        raise AccuracyError(f"an event ends the motion at {run.solution.t[-1]:.6g} s", where="reference",
+                            remedy="a shorter duration")  # fmt: skip
     q, rest = _parts(run.solution, space)
     # Two solutions may agree by chance, or be the start itself.
     error = digits_error = max(float((run.truncation + run.rounding).max()), EPSILON[choice.precision])
