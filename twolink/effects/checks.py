@@ -154,6 +154,9 @@ def _check_declared(value: Any, said: Mapping[str, Any], field: str, robot: Robo
     elif said.get("format") == "joint":
         freedom = said.get("freedom")
         check_joint(value, robot, field, dofs=freedom is not None, coordinate=freedom == "coordinate")
+    if "maximum" in said and value > said["maximum"]:
+        raise SceneError(f"expected a number from 0 to {said['maximum']:g}, got {value!r:.60}", where=field,
+                         remedy="more would create energy")  # fmt: skip
 
 
 def _check_tuple(value: Any, kinds: tuple[Any, ...], field: str, robot: Robot) -> None:

@@ -13,9 +13,8 @@ from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import Scalar, Vec, add, minus, plus, scale, times
 from twolink.dynamics import Robot
 from twolink.effects.contact_pairs import Body, Pairs, hollow_notes, select_pairs, solids_of
-from twolink.effects.effect import Effect, NotNegative
+from twolink.effects.effect import Effect, NotNegative, Share
 from twolink.effects.inputs import Slot
-from twolink.effects.joint_switches import check_restitution
 from twolink.effects.loops import Loop
 from twolink.effects.switching import ContactPair, ContactPoint, SwitchingEffect
 from twolink.errors import SceneError
@@ -170,7 +169,7 @@ class Contact(SwitchingEffect, frozen=True):
 
     pairs: str | tuple[str | tuple[Body, Body], ...] = ("self", "ground")
     friction: NotNegative = 0.0
-    restitution: NotNegative = 0.0
+    restitution: Share = 0.0
     static: NotNegative | None = None
     impacts: Literal["newton", "reflections"] = "newton"
     shapes: Mapping[str, tuple[AnyShape, ...]] = {}
@@ -181,7 +180,6 @@ class Contact(SwitchingEffect, frozen=True):
 
     def check(self, robot: Robot) -> None:
         """Names exist, and at least one pair may touch."""
-        check_restitution(self.restitution)
         if self.static is not None and self.static < self.friction:
             raise SceneError(f"it is {self.static:g}, below the friction {self.friction:g}", where="static",
                              remedy="static friction is the larger one")  # fmt: skip

@@ -17,7 +17,7 @@ from twolink.algorithms.spatial import Scalar, minus, negative, plus, times
 from twolink.dynamics import Robot
 from twolink.effects.checks import check_effect, check_joints, errors_inside
 from twolink.effects.controllers import ComputedTorque, GravityCompensation
-from twolink.effects.effect import AboveZero, Effect, Effort, Gap, Loads, NotNegative, inverse, number, of
+from twolink.effects.effect import AboveZero, Effect, Effort, Gap, Loads, NotNegative, SomeShare, inverse, number, of
 from twolink.effects.inputs import Input, value_at
 from twolink.effects.loops import Loop
 from twolink.effects.switching import SwitchingEffect
@@ -263,8 +263,8 @@ class Gear(Drive, frozen=True):
     of_motor: ClassVar[bool] = True
 
     ratio: Mapping[str, float] = {}
-    efficiency: Annotated[Mapping[str, AboveZero], of("ratio")] = {}
-    backward: Annotated[Mapping[str, AboveZero], of("efficiency")] = {}
+    efficiency: Annotated[Mapping[str, SomeShare], of("ratio")] = {}
+    backward: Annotated[Mapping[str, SomeShare], of("efficiency")] = {}
     inertia: Annotated[Mapping[str, NotNegative], of("ratio")] = {}
     power: AboveZero = 0.1
 
@@ -274,18 +274,13 @@ class Gear(Drive, frozen=True):
         return bool(self.inertia) or super().changes
 
     def check(self, robot: Robot) -> None:
-        """Require ratios, efficiencies of at most 1, and nothing inside that computes torques of the links."""
+        """Require ratios, and nothing inside that computes torques of the links."""
         self.check_inside(robot, self.ratio, "ratio")
         if isinstance(self.inmost, (GravityCompensation, ComputedTorque)):
             raise SceneError(f"{type(self.inmost).__name__} would take the motor's angles for those of the links",
                              where="of", remedy="make it an effect beside the gear")  # fmt: skip
         for joint in (joint for joint, ratio in self.ratio.items() if not ratio):
             raise SceneError("expected another number than 0", where=f"ratio.{joint}", remedy="leave the joint out")
-        for name in ("efficiency", "backward"):
-            for joint, value in getattr(self, name).items():
-                if value > 1.0:
-                    raise SceneError(f"expected at most 1, got {value!r:.60}", where=f"{name}.{joint}",
-                                     remedy="0.8 loses a fifth of the power")  # fmt: skip
 
     def change(self, model: pin.Model) -> None:
         """Add N^2 times the rotor's inertia to the armature, and of rotors inside, which turn as fast as the motor."""

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 # Types of fields. What they say beside the type is for JSON Schema, of which forms are made, and for `checks`.
 NotNegative = Annotated[float, msgspec.Meta(extra_json_schema={"minimum": 0.0})]
 AboveZero = Annotated[float, msgspec.Meta(extra_json_schema={"exclusiveMinimum": 0.0})]
+Share = Annotated[float, msgspec.Meta(extra_json_schema={"minimum": 0.0, "maximum": 1.0})]
+SomeShare = Annotated[float, msgspec.Meta(extra_json_schema={"exclusiveMinimum": 0.0, "maximum": 1.0})]
 Direction = Annotated[tuple[float, float, float], msgspec.Meta(extra_json_schema={"format": "direction"})]
 LinkName = Annotated[str, msgspec.Meta(extra_json_schema={"format": "link"})]  # of a link that moves
 PlaceName = Annotated[str, msgspec.Meta(extra_json_schema={"format": "link", "ground": True})]  # of a link, or GROUND

@@ -7,7 +7,7 @@ from typing import Literal
 from twolink.dynamics import Robot
 from twolink.effects.checks import check_values_or_urdf
 from twolink.effects.conditions import JointReaches
-from twolink.effects.effect import CoordinateJoint, Load, NotNegative, Place, SingleJoint, check_name, number
+from twolink.effects.effect import CoordinateJoint, Load, NotNegative, Place, Share, SingleJoint, check_name, number
 from twolink.effects.switching import Catch, JointLock, Stop, SwitchingEffect, Trigger
 from twolink.errors import SceneError
 from twolink.robots.joint_layout import urdf_limits
@@ -29,11 +29,10 @@ class JointStops(SwitchingEffect, frozen=True):
     """
 
     limits: Mapping[CoordinateJoint, tuple[Place, Place]] | Literal["urdf"] = "urdf"
-    restitution: NotNegative = 0.0
+    restitution: Share = 0.0
 
     def check(self, robot: Robot) -> None:
         """The lower stop is below the upper one."""
-        check_restitution(self.restitution)
         if self.limits != "urdf":
             for joint, ends in self.limits.items():
                 pair = isinstance(ends, Sequence) and len(ends) == 2 and all(isinstance(x, (int, float)) for x in ends)
@@ -61,13 +60,6 @@ class JointStops(SwitchingEffect, frozen=True):
             lower, upper = self.limits.get(joint, (-math.inf, math.inf))
             return float(lower), float(upper)
         return urdf_limits(robot.model, entry)
-
-
-def check_restitution(value: float) -> None:
-    """Require a coefficient of restitution of at most 1. Raises SceneError."""
-    if value > 1:
-        raise SceneError(f"expected a number from 0 to 1, got {value:g}", where="restitution",
-                         remedy="above 1 an impact would create energy")  # fmt: skip
 
 
 class DryFriction(SwitchingEffect, frozen=True):

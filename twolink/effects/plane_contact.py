@@ -25,8 +25,7 @@ from twolink.algorithms.spatial import (
 from twolink.dynamics import Robot
 from twolink.effects.checks import floats
 from twolink.effects.contact import contact_point
-from twolink.effects.effect import AboveZero, Direction, Effect, LinkName, Loads, NotNegative, number
-from twolink.effects.joint_switches import check_restitution
+from twolink.effects.effect import AboveZero, Direction, Effect, LinkName, Loads, NotNegative, Share, number
 from twolink.effects.switching import ContactPoint, SwitchingEffect
 from twolink.errors import SceneError
 from twolink.geometry.gaps import Ball, Gap, Nearest, Place, PlaneGap, tangents
@@ -115,15 +114,14 @@ class PlaneContact(SwitchingEffect, frozen=True):
     radius: NotNegative = 0.0
     normal: Direction = (0.0, 0.0, 1.0)
     height: float = 0.0
-    restitution: NotNegative = 0.0
+    restitution: Share = 0.0
     friction: NotNegative = 0.0
     radii: tuple[AboveZero, AboveZero, AboveZero] | None = None
 
     def check(self, robot: Robot) -> None:
-        """Require one shape and a restitution from 0 to 1."""
+        """Require one shape."""
         del robot
         check_one_shape(self)
-        check_restitution(self.restitution)
 
     def modes(self, robot: Robot) -> list[ContactPoint]:
         """The gap to the plane."""
