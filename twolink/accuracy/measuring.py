@@ -54,16 +54,6 @@ def adaptive_settings(method: Method, tolerances: tuple[float, ...] | None) -> l
     return sorted({max(t, smallest_tolerance(method)) for t in wanted}, reverse=True)
 
 
-def steps_for(equations: Equations, method: Method, tolerances: tuple[float, ...], longest: float) -> list[float]:
-    """Step sizes [s] that aim at tolerances, from rough to accurate."""
-    return sorted({min(longest, first_setting(equations, method, t)) for t in tolerances}, reverse=True)
-
-
-def step_factor(method: Method) -> float:
-    """From one step size to the next: a decade of error where the method keeps its order."""
-    return float(min(MAX_FACTOR, 10.0 ** (1 / method.order)))
-
-
 def why_not_here(method: Method) -> str | None:
     """Why a method cannot run here; None when it can."""
     if method.kind == "scipy":
@@ -263,8 +253,10 @@ def measure_method(
     if not method.adaptive and tolerances is None:
         _measure_step_sizes(progression, min(longest, first_setting(equations, method, ROUGH)), longest)
         return
-    settings = (adaptive_settings(method, tolerances) if method.adaptive
-                else steps_for(equations, method, tolerances or (), longest))  # fmt: skip
+    if method.adaptive:
+        settings = adaptive_settings(method, tolerances)
+    else:  # steps that aim at the tolerances, from rough to accurate
+        settings = sorted({min(longest, first_setting(equations, method, t)) for t in tolerances or ()}, reverse=True)
     for setting in settings:
         progression.measure(setting)
         if progression.ended:
@@ -273,7 +265,7 @@ def measure_method(
 
 def _measure_step_sizes(progression: _Progression, start: float, longest: float) -> None:
     """Longer steps from the start while the error is well below ROUGH, then shorter ones, a decade of error each."""
-    factor, step = step_factor(progression.method), start
+    factor, step = min(MAX_FACTOR, 10.0 ** (1 / progression.method.order)), start  # where it keeps its order
     row = progression.measure(step)
     while row is not None and row.error < ROUGH / 3 and step * factor <= longest:
         if progression.ended or progression.number >= STEP_SIZES // 2:

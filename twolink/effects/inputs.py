@@ -248,8 +248,7 @@ def values_met(signal: AnySignal) -> list[float]:
         return [signal.mean - abs(signal.amplitude), signal.mean + abs(signal.amplitude)]
     if isinstance(signal, Bezier):
         return [signal.points[0], signal.points[-1]]
-    values: Any = signal.values if isinstance(signal, Sampled) else _series(signal, 0.0)[0][:1]
-    return list(values)
+    return list(signal.values if isinstance(signal, Sampled) else _series(signal, 0.0)[0][:1])
 
 
 def derivatives_at(signal: AnySignal, t: Scalar, xp: Any) -> tuple[Scalar, Scalar, Scalar]:

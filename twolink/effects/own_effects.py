@@ -42,11 +42,6 @@ _INSTEAD = {
 }
 
 
-def is_own(effect: Effect) -> bool:
-    """True if a user wrote the effect, and it acts on the moving robot."""
-    return not type(effect).__module__.startswith("twolink.") and type(effect).act is not Effect.act
-
-
 def check_own_methods(effect: Effect) -> None:
     """Require methods with the arguments that they are called with. Raises SceneError."""
     for name in ("act", "change", "check", "breaks", "states"):
@@ -58,7 +53,7 @@ def check_own_methods(effect: Effect) -> None:
 
 def check_own_formula(effect: Effect, robot: Robot) -> None:
     """Require a formula that can be compiled, the same each time. Raises SceneError that names what to write."""
-    if not is_own(effect):
+    if type(effect).__module__.startswith("twolink.") or type(effect).act is Effect.act:
         return
     tape, formulas = _trial(effect, robot.model)
     _require_repeatable(effect, robot, formulas)

@@ -1,5 +1,6 @@
 """Sensors: what a robot's own instruments would read of its motion, with their rates, delays and errors."""
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -48,14 +49,11 @@ class Seen:
 
     def __init__(self, robot: Robot, q: Array, v: Array, z: Mapping[str, Array], look: Callable[[], Forces]) -> None:
         self.robot, self.q, self.v, self.z, self._look = robot, q, v, z, look
-        self._forces: Forces | None = None
 
-    @property
+    @functools.cached_property
     def forces(self) -> Forces:
         """Accelerations and forces."""
-        if self._forces is None:
-            self._forces = self._look()
-        return self._forces
+        return self._look()
 
     def by_pinocchio(self, of: Callable[[pin.Model, pin.Data, int], Array]) -> Array:
         """(n, m): `of` each state, after the recursive Newton-Euler algorithm with its accelerations and wrenches."""

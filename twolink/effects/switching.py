@@ -216,14 +216,9 @@ class Switching:
         """The conditions of its triggers."""
         return tuple(trigger.condition for _, trigger in self.triggers if trigger.condition is not None)
 
-    @property
-    def waiting(self) -> frozenset[int]:
-        """The places of effects that do not act at first."""
-        return frozenset(place for place, trigger in self.triggers if trigger.begins)
-
     def idle_at(self, t: float) -> tuple[frozenset[int], frozenset[int]]:
         """The places of effects that have ceased to act before a time, and of those that do not act until it."""
-        dropped, waiting = set[int](), set(self.waiting)
+        dropped, waiting = set[int](), {place for place, trigger in self.triggers if trigger.begins}
         for place, trigger in self.triggers:
             if trigger.at is not None and trigger.at < t and not same_time(trigger.at, t):
                 dropped |= {place} if trigger.drops else set()

@@ -162,7 +162,7 @@ def _equations_at_rest(scene: Scene) -> Equations:
         raise SceneError("its forces depend on time: it has no equilibrium", where="scene",
                          remedy="leave out effects with functions of time, or that begin or cease at a time",
                          code="depends-on-time")  # fmt: skip
-    waiting = equations.switching.waiting if equations.switching else frozenset[int]()
+    waiting = equations.switching.idle_at(0.0)[1] if equations.switching else frozenset[int]()
     acting = [effect for place, effect in enumerate(scene.effects) if place not in waiting]
     return driven(scene.with_effects(acting), (), np.zeros(0)) if waiting else equations
 
