@@ -92,7 +92,7 @@ async def test_clients_have_turns_round_robin() -> None:
     many = [asyncio.create_task(task(turns, "d")) for _ in range(13)]
     ends = await asyncio.gather(*many, return_exceptions=True)
     assert [isinstance(end, Refusal) for end in ends] == [False] * 11 + [True] * 2  # one at work, ten that wait
-    assert turns.waiting == 0
+    assert turns._waiting.taken == 0
     await asyncio.wait_for(task(turns, "e"), 1)
     assert done[:6] == ["a1", "a2", "b1", "c1", "a4", "b2"]
 

@@ -30,7 +30,6 @@ _TYPES = {
 }
 _CLASSES = {name: kind for kind, name in _TYPES.items()}
 _NOT_DATA = ("self", "what", "status", "retry_after", "run")  # arguments of their own
-_STATUS: dict[type[TwolinkError], int] = {errors.MissingExtraError: 501}  # all others: 422
 _STORAGE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 _LONGEST = 2000  # letters
 _SEE_DOCS = "see the API's description: /docs"
@@ -99,7 +98,7 @@ def problem_of(error: BaseException) -> Problem:
         name, status, retry_after = failure.code, failure.status, failure.retry_after
     else:
         kind = next(kind for kind in type(failure).__mro__ if kind in _TYPES)
-        name, status, retry_after = _TYPES[kind], _STATUS.get(kind, 422), None
+        name, status, retry_after = _TYPES[kind], 501 if kind is errors.MissingExtraError else 422, None
     data = {key: value.item() if isinstance(value, np.generic) else value for key, value in failure.data.items()}
     return Problem(
         f"urn:twolink:{name}", HTTPStatus(status).phrase, status, _cut(failure.what), _cut(failure.where),

@@ -180,7 +180,7 @@ class RemoteRobot:
         try:
             if kind != media:
                 raise ValueError(f"it is {kind}")
-            values = _arrays(answer) if media == NPZ else msgspec.json.decode(answer)
+            values = dict(np.load(io.BytesIO(answer))) if media == NPZ else msgspec.json.decode(answer)
             found = tuple(np.asarray(values[name], float) for name in query.results)
             numbers = math.prod(batch) * query.numbers(self.nv, len(self._links))
             if sum(value.size for value in found) != numbers or any(v.shape[: len(batch)] != batch for v in found):
@@ -191,8 +191,3 @@ class RemoteRobot:
 
     def __repr__(self) -> str:
         return f"<RemoteRobot {self.name!r}: nq={self.nq}, nv={self.nv}, {self.mass:.4g} kg, at {self._transport.url}>"
-
-
-def _arrays(content: bytes) -> dict[str, Array]:
-    with np.load(io.BytesIO(content)) as loaded:
-        return dict(loaded)

@@ -9,7 +9,7 @@ import ssl
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, cast
 from urllib.parse import SplitResult, quote, urlsplit
 
 import msgspec
@@ -178,8 +178,7 @@ class _Connection(http.client.HTTPConnection):
         self.response_class = self._response  # type: ignore[assignment]  # it is called like the class
 
     def _response(self, sock: Any, **options: Any) -> http.client.HTTPResponse:
-        timed: Any = _Timed(sock, self._left)
-        return http.client.HTTPResponse(timed, **options)
+        return http.client.HTTPResponse(cast(Any, _Timed(sock, self._left)), **options)
 
     def request(self, method: str, url: str, body: Any = None, *arguments: Any, **options: Any) -> None:
         """As of http.client, with a small body in one packet with the head: two wake the service twice."""

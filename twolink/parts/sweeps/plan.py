@@ -103,11 +103,6 @@ class SweepPlan:
         design = dataclasses.replace(self.design, values={name: values[name] for name in names})
         return dataclasses.replace(self, design=design, sizes=tuple(sizes[name] for name in names))
 
-    @property
-    def first(self) -> SweepTask:
-        """The first run."""
-        return self.task(tuple(slice(0, 1) for _ in self.design.shape))
-
     @functools.cached_property
     def ways(self) -> dict[str, int]:
         """Counts of the first block's runs by the way they are solved, with its reason."""

@@ -43,15 +43,11 @@ class SweepStore:
             record["resumed"] = [*known[1:], here]
             self._group.attrs["twolink"] = json.dumps(record)
 
-    def blocks(self) -> Iterator[Block]:
-        """All blocks."""
-        return blocks(self.plan.design.shape, self.blocks_shape)
-
     def pending(self) -> Iterator[tuple[Block, np.ndarray]]:
         """The blocks with runs that are pending, and their numbers (n,) in the block, in C order."""
         marks = self.path / "status" / "c"
         marked = {file.relative_to(marks).parts for file in marks.rglob("*")}
-        for block in self.blocks():
+        for block in blocks(self.plan.design.shape, self.blocks_shape):
             index = self._index(block)
             if tuple(map(str, index)) not in marked:  # most blocks of a new sweep, which are not read
                 yield block, np.arange(math.prod(part.stop - part.start for part in block))
@@ -245,7 +241,7 @@ def _extended(
         source = np.full(size, -1)
         source[some] = np.arange(len(some))
         sources.append(source)
-    for block in store.blocks():
+    for block in blocks(plan.design.shape, store.blocks_shape):
         known = [source[part] for source, part in zip(sources, block, strict=True)]
         kept = [np.flatnonzero(some >= 0) for some in known]
         if not all(some.size for some in kept):

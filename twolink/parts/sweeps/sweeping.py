@@ -149,7 +149,7 @@ def _compile(plan: SweepPlan, engine: BlockEngine) -> None:
     Of batches here, by a part of the first run. Other runs need a whole one to meet all their modes; a worker takes it,
     as it may end the process.
     """
-    task = plan.first
+    task = plan.task(tuple(slice(0, 1) for _ in plan.design.shape))  # the first run
     request = dataclasses.replace(task.request, outputs=(), t_eval=())
     if all(text.startswith("in batches") for text in plan.ways):
         request = dataclasses.replace(request, duration=PART * request.duration)

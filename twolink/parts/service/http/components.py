@@ -115,10 +115,10 @@ class Queries:
         same, other = (JSON, NPZ) if sent == JSON else (NPZ, JSON)
         accept = header(scope, b"accept")
         reply = other if other.encode() in accept and same.encode() not in accept else same
-        if sent == JSON and reply == JSON and len(body) < _BODY_IN_LOOP:
-            robot = self._robots.loaded(key) or await self._robots.get(key)
-            answer = self._answer_if_small(robot, query, body)
-            if answer is not None:
+        if sent == JSON and len(body) < _BODY_IN_LOOP:
+            if self._robots.loaded(key) is None:
+                await self._robots.get(key)
+            if (answer := self.answer_now(scope, body, key, query)) is not None:
                 return 200, _HEADERS[JSON], answer
         await self._robots.require(key)
         work = self._workers.exchange(
@@ -135,10 +135,6 @@ class Queries:
         is_json = media_type(header(scope, b"content-type")) in (JSON, *UNSPECIFIED)
         if robot is None or not is_json or len(body) >= _BODY_IN_LOOP or NPZ.encode() in header(scope, b"accept"):
             return None
-        return self._answer_if_small(robot, query, body)
-
-    def _answer_if_small(self, robot: Robot, query: Query, body: bytes) -> bytes | None:
-        """The answer to a few states, else None."""
         arguments = arguments_from_json(query, body)
         count, numbers = count_of(robot, query, arguments)
         if count > STATES_IN_LOOP or numbers > _NUMBERS_IN_LOOP:

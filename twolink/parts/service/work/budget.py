@@ -33,13 +33,12 @@ class Budget:
             self.charge(owner, seconds)
             raise
 
-    async def left(self, owner: str) -> float:
-        """The seconds that an owner may still take today; infinite for one without a name."""
-        return self._seconds - await self._spent(owner) if owner and self._seconds < NO_LIMIT else math.inf
-
     async def require(self, owner: str) -> float:
-        """The seconds that are left. Raises Refusal (429) where none are."""
-        left = await self.left(owner)
+        """The seconds that an owner may still take today; infinite for one without a name.
+
+        Raises Refusal (429) where none are left.
+        """
+        left = self._seconds - await self._spent(owner) if owner and self._seconds < NO_LIMIT else math.inf
         if left <= 0:
             wait = _DAY - time.time() % _DAY
             what = f"{owner} has had the {self._seconds:g} s of processor time of this day"

@@ -86,10 +86,6 @@ class JobViews:
         state = job.ended or int(time.time() / _PARTS)
         return job.id in self.running or await asyncio.to_thread(self._store.copies.bring, job.id, state)
 
-    async def bring_parts(self, kind: str, key: str) -> None:
-        """Have the files here of what is done of a job. Raises Refusal (404)."""
-        await self.bring(await self.job(kind, key, whole=False))
-
     async def request(self, kind: str, key: str) -> bytes:
         """The request of a job, as JSON. Raises Refusal (404) when there is no such job."""
         return await asyncio.to_thread(upgraded, kind, bytes((await self.job(kind, key)).request))

@@ -42,7 +42,7 @@ _REPORT_EVERY = 0.1  # seconds
 
 
 def scene_of(scene: str | SceneFile, robots: str, robot: bytes = b"") -> Scene:
-    """The scene: a bundled one by name, or one in full. robots: the folder of uploaded robots. robot: that of `packed`.
+    """The scene: a bundled one by name, or one in full. robots: the folder of uploaded robots. robot: of `pack_robot`.
 
     Raises SceneError and RobotError whose `where` is the path in the request.
     """
@@ -61,11 +61,6 @@ def scene_of(scene: str | SceneFile, robots: str, robot: bytes = b"") -> Scene:
     except TwolinkError as error:
         where = f"scene.{error.where}" if error.where else "scene"
         raise error.at(where, argument=error.argument or "scene") from None
-
-
-def packed(scene: str | SceneFile, robots: str) -> bytes:
-    """The robot of a scene, for processes that shall not read what was uploaded; empty for a bundled scene."""
-    return b"" if isinstance(scene, str) else write_robot(scene_of(scene, robots).base)
 
 
 def _robot(robots: str, entry: RobotEntry) -> Robot:
@@ -248,9 +243,8 @@ def _motion(run: Trajectory, frames: int, quotas: Quotas) -> dict[str, Any]:
         raise Refusal(413, what, where="query: frames", remedy="ask for fewer frames")
     times = np.linspace(run.t[0], run.t[-1], frames)
     known = not run.estimated and (run.error is not None or run.solution is not None)  # when v jumps: at its events
-    v = run.v if known else None
-    q = resample(run.robot.model, run.t, run.q, times, v, [event.t for event in run.events])
-    q = run.robot.normalize(q)
+    v, breaks = run.v if known else None, [event.t for event in run.events]
+    q = run.robot.normalize(resample(run.robot.model, run.t, run.q, times, v, breaks))
     poses = link_poses(run.robot, q)
     return {
         "t": times.tolist(),

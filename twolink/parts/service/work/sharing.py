@@ -158,11 +158,6 @@ class Turns:
         self._free, self._waiting = slots, Shares(waiting)
         self._queues: OrderedDict[str, deque[asyncio.Future[None]]] = OrderedDict()
 
-    @property
-    def waiting(self) -> int:
-        """The number of tasks that wait."""
-        return self._waiting.taken
-
     @contextlib.asynccontextmanager
     async def turn(self) -> AsyncIterator[None]:
         """Wait for a turn, and have it. Raises Refusal (503) when the client has too many tasks that wait."""

@@ -15,10 +15,11 @@ import numpy as np
 from twolink.errors import SceneError, TwolinkError
 from twolink.parts.service.problems import Refusal, kept
 from twolink.parts.service.settings import Quotas
+from twolink.parts.service.store.archives import write_robot
 from twolink.parts.service.store.data_folder import size_of
 from twolink.parts.service.work.bodies import arguments_of
 from twolink.parts.service.work.requests import JOB_KINDS
-from twolink.parts.service.work.scene_tasks import allowed, packed, samples_of, told
+from twolink.parts.service.work.scene_tasks import allowed, samples_of, scene_of, told
 from twolink.parts.service.work.sharing import SweepThreads
 from twolink.parts.service.work.worker import Report
 from twolink.parts.sweeps.design import make_design, planned_runs
@@ -75,8 +76,12 @@ def use_pipes() -> None:
 
 
 def pack_robot(*, body: bytes, robots: str) -> bytes:
-    """The robot of a sweep, for `sweep` in a process that may use the network. body: the sweep's request."""
-    return packed(_request(body).scene, robots)
+    """The robot of a sweep, for `sweep` in a process that may use the network, and shall not read what was uploaded.
+
+    body: the sweep's request. Empty for a bundled scene.
+    """
+    scene = _request(body).scene
+    return b"" if isinstance(scene, str) else write_robot(scene_of(scene, robots).base)
 
 
 def sweep(

@@ -59,7 +59,9 @@ class TimeShares:
         turn = Turn(this_request().client)
         least = min((self._used[other.client] for other in self._running + self._waiting), default=0.0)
         self._used[turn.client] = max(self._used.get(turn.client, 0.0), least)  # idle time is no credit
-        await self._wait(turn)
+        self._waiting.append(turn)
+        self._next()
+        await self._ready(turn)
         try:
             yield turn
         finally:
@@ -78,11 +80,6 @@ class TimeShares:
             self._waiting.append(turn)
             self._stop(turn)
             await self._ready(turn)
-
-    async def _wait(self, turn: Turn) -> None:
-        self._waiting.append(turn)
-        self._next()
-        await self._ready(turn)
 
     async def _ready(self, turn: Turn) -> None:
         try:

@@ -86,13 +86,10 @@ class Workers:
     async def warm(self) -> None:
         """Start one process, so that the next task does not wait for it."""
         if all(each.task for each in self._idle):
-            worker = await self._start()
-            worker.is_busy = False
-            self._idle.append(worker)
-
-    async def _warm_again(self) -> None:
-        with contextlib.suppress(Refusal):  # it is tried again with the next task
-            await self.warm()
+            with contextlib.suppress(Refusal):  # it is tried again with the next task
+                worker = await self._start()
+                worker.is_busy = False
+                self._idle.append(worker)
 
     async def run(self, task: str, seconds: float, *, on_question: Reply | None = None, **arguments: Any) -> Any:
         """Run a task in a worker process, in at most `seconds` of processor time. Cancelling kills the process.
@@ -172,7 +169,7 @@ class Workers:
             worker = await self._start()
         worker.task = task
         if self._spare and not self._background and len(self._workers) < self._count:
-            starting = asyncio.create_task(self._warm_again())
+            starting = asyncio.create_task(self.warm())
             self._background.add(starting)
             starting.add_done_callback(self._background.discard)
         return worker
