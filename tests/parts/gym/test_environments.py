@@ -247,3 +247,17 @@ def test_swinging_up_is_learned() -> None:
     assert before.max() < -0.5
     assert after.mean() > 0.1
     assert (after > before + 0.5).all()
+
+
+@pytest.mark.parametrize("accuracy", [0.0, -1.0, np.nan, "x"])
+def test_an_accuracy_that_cannot_be_is_refused_of_one_world_and_of_many(accuracy: object) -> None:
+    for make in (lambda **given: Environment(SWING, reward, **given),
+                 lambda **given: VectorEnvironment(SWING, reward, 2, **given)):  # fmt: skip
+        with pytest.raises(tl.errors.AccuracyError, match="accuracy: expected a number above 0"):
+            make(accuracy=accuracy)
+
+
+@pytest.mark.parametrize("worlds", [0, -1, 2.5])
+def test_a_number_of_worlds_that_cannot_be_is_refused(worlds: float) -> None:
+    with pytest.raises(tl.errors.SceneError, match="num_envs"):
+        VectorEnvironment(SWING, reward, worlds)

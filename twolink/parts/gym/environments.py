@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from twolink.dynamics.arguments import positive
+from twolink.dynamics.arguments import positive, whole
 from twolink.errors import MissingExtraError, SceneError
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solvers.method_choice import first_tolerance
@@ -16,6 +16,7 @@ from twolink.integrate.steps.step_map import step_map
 from twolink.integrate.steps.stepping import BLOCK, advance, start_state
 from twolink.robots.joint_layout import NO_LIMIT
 from twolink.scenes import Scene
+from twolink.scenes.scene import accuracy_of
 from twolink.simulation.motion_error import METHOD
 from twolink.simulation.sampling import duration_for
 from twolink.simulation.stepwise import Saved, Simulation, State, equations_held, one, start_of, state_of
@@ -71,7 +72,7 @@ class Task:
         accuracy: float = 1e-6,
     ) -> None:
         duration_for(scene, None)  # raises SceneError for what is no scene
-        self.scene, self.reward, self.accuracy = scene, reward, accuracy
+        self.scene, self.reward, self.accuracy = scene, reward, accuracy_of(accuracy)
         self.period = positive(period, "period", SceneError, "a time in s")
         self.observe = observe or (lambda state: np.concatenate([state.q, state.v]))
         self.terminated = terminated or (lambda _: False)
@@ -171,7 +172,7 @@ class VectorEnvironment(gymnasium.vector.VectorEnv[Array, Array, Array]):
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012 Gymnasium's
 
     def __init__(self, scene: Scene, reward: Reward, num_envs: int, **task: Any) -> None:
-        self.task, self.num_envs = Task(scene, reward, **task), num_envs
+        self.task, self.num_envs = Task(scene, reward, **task), whole(num_envs, "num_envs", SceneError, "such as 8", 1)
         for i, effect in enumerate(scene.effects):
             if effect.sampled is not None:
                 raise SceneError("a sampled controller is not called in a batch", where=f"effects[{i}]",
