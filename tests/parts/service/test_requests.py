@@ -8,6 +8,7 @@ import pytest
 import twolink as tl
 from twolink.errors import SceneError
 from twolink.io import fingerprints
+from twolink.parts.service.store.archives import write_robot
 from twolink.parts.service.work import requests, scene_tasks
 from twolink.scenes.file_format import ObjectEntry, SceneFile
 
@@ -51,7 +52,7 @@ def test_objects_of_a_scene_are_joined_once_and_read_no_files() -> None:
     entries = [ObjectEntry("can", (0.0, 0.0, 1.0)), ObjectEntry(tl.effects.Box((1, 1, 0.1)), name="table")]
     asked = SceneFile("world", objects=entries)
     scene = scene_tasks.scene_of(asked, "")
-    again = scene_tasks.scene_of(asked, "", scene_tasks.packed(asked, ""))
+    again = scene_tasks.scene_of(asked, "", write_robot(scene.base))
     assert scene.base.frame_names == again.base.frame_names == ("world", "can", "table")
     assert scene.q.tolist() == again.q.tolist() == [0, 0, 1, 0, 0, 0, 1]
     with pytest.raises(SceneError, match=r"files are not read here: 'a\.stl'"):
