@@ -107,6 +107,18 @@ def test_what_is_no_number_and_what_is_not_sent_is_refused_before_the_job() -> N
             requests.prepare(kind="operation", body=body)
 
 
+def test_an_unknown_field_is_held_against_those_of_its_operation() -> None:
+    known = "known: scene, q, starts, seed, inputs, wait"
+    for name, wrong, right in (("equilibria", "guess", known), ("equilibria", "effort", known),
+                               ("lqr", "effrt", "did you mean 'effort'")):  # fmt: skip
+        with pytest.raises(Refusal, match=f"unknown field `{wrong}`") as caught:
+            requests.prepare(kind="operation", body=msgspec.json.encode({"operation": name, **CALLS[name], wrong: 1}))
+        assert right in caught.value.remedy
+    for body in (b'{"scene": "arm-swing"}', b'{"operation": 5}', b'{"operation": "equilibra"}', b"[]", b"{"):
+        with pytest.raises((Refusal, msgspec.DecodeError)):
+            requests.prepare(kind="operation", body=body)
+
+
 def test_a_robot_is_judged_from_the_first_sample_of_its_log_as_by_the_function() -> None:
     whole = tl.scene_of("two_link")
     elsewhere = tl.Scene(whole.base, [0.9, -0.4], [0.3, 0.2], whole.effects, 0.5)

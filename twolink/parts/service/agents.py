@@ -36,7 +36,7 @@ from twolink.parts.design.linearization import linearize
 from twolink.parts.exchange.export import export as write
 from twolink.parts.referee.referee import judge
 from twolink.parts.service.work.operations import answer_of_call
-from twolink.parts.service.work.requests import JOB_KINDS, OPERATIONS
+from twolink.parts.service.work.requests import OPERATIONS, operation_requests
 from twolink.robots.catalogue import FILES, catalogue_folders, catalogue_names
 from twolink.scenes import Scene, bundled_scenes, scenes
 from twolink.scenes.urdf_scene import UrdfScene
@@ -171,7 +171,7 @@ class Tools:
         """
         require_known(function, OPERATIONS, QueryError, argument="function")
         try:
-            request = msgspec.convert({"operation": function, **arguments}, kind := JOB_KINDS["operation"].request)
+            request = msgspec.convert({"operation": function, **arguments}, kind := operation_requests()[function])
         except msgspec.ValidationError as error:
             what, where, remedy = misfit(error, kind)
             raise QueryError(what, argument=where or "arguments",

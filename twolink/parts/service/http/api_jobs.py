@@ -212,8 +212,7 @@ async def result(
     and others by what was asked for. csv and parquet: a row a run. zip: the store, for Zarr's ZipStore.
     """
     if form == "json":
-        views = service.jobs.views
-        await views.bring(await views.job("sweep", job, whole=False))
+        await service.jobs.views.bring(await service.jobs.views.job("sweep", job, whole=False))
         folder = str(service.store.result_folder(job))
         return await service.answer("sweep_columns", folder=folder, names=variable or [])
     file = await result_file(service, "sweep", job, f"result.{form}", _TASK, variable="", turns=False)

@@ -52,7 +52,7 @@ class Session:
                 text = await self._socket.receive_text()
                 count += 1
                 if count > MESSAGES * (1.0 + loop.time() - start):
-                    self._problem = problem(busy(f"more than {MESSAGES} messages a second", "message"))
+                    self._problem = {"problem": problem_of(busy(f"more than {MESSAGES} messages a second", "message"))}
                     return
                 self._hear(text)
         except WebSocketDisconnect:
@@ -67,7 +67,7 @@ class Session:
                               remedy="send tau and drag alone")  # fmt: skip
             self._words = decode_unique(text.encode(), LiveWords)
         except Exception as error:
-            self._problem = problem(error)
+            self._problem = {"problem": problem_of(error)}
 
     async def reply(self, frame: dict[str, Any]) -> dict[str, Any]:
         """Show a frame, wait until its time is over, and tell what acts then."""
@@ -81,11 +81,6 @@ class Session:
         self._next = max(self._next, now - self._period) + self._period  # it is slow, and does not catch up
         await asyncio.sleep(self._next - now)
         return _END if self._gone else msgspec.to_builtins(self._words)
-
-
-def problem(error: BaseException) -> dict[str, Any]:
-    """The content of a message on a failure."""
-    return {"problem": problem_of(error)}
 
 
 async def send(socket: WebSocket[Any, Any, Any], message: dict[str, Any]) -> None:
@@ -104,7 +99,7 @@ async def live(socket: WebSocket[Any, Any, Any], service: Shared) -> None:
         except WebSocketDisconnect:
             raise
         except Exception as error:
-            await send(socket, problem(error))
+            await send(socket, {"problem": problem_of(error)})
         await socket.close()
 
 

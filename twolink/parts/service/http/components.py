@@ -182,6 +182,11 @@ class Service:
         self._pools = [*filter(None, (self._readers, self._computers, self._job_workers, senders))]
         may_pause = self._worker_memory.has_room
         self.jobs = Jobs(settings, self.store, self._job_workers, self.metrics, self.budget, senders, may_pause)
+        gauge, workers = self.metrics.gauge, self._worker_memory.workers
+        gauge("twolink_jobs_waiting", "Jobs that wait", lambda: self.jobs.count("queued"))
+        gauge("twolink_jobs_running", "Jobs that run", lambda: self.jobs.count("running"))
+        gauge("twolink_kept_bytes", "Bytes of results and uploaded robots", lambda: self.store.kept_bytes)
+        gauge("twolink_worker_bytes", "Memory of all worker processes", lambda: sum(each.memory() for each in workers))
 
     def _require_room(self) -> None:
         """Keep to the quota of the disk; raise TwolinkError rather than delete results without being told to."""
@@ -251,21 +256,12 @@ class Service:
             finally:
                 draft.unlink(missing_ok=True)
 
-    def _show_gauges(self) -> None:
-        gauge = self.metrics.gauge
-        gauge("twolink_jobs_waiting", "Jobs that wait", lambda: self.jobs.count("queued"))
-        gauge("twolink_jobs_running", "Jobs that run", lambda: self.jobs.count("running"))
-        gauge("twolink_kept_bytes", "Bytes of results and uploaded robots", lambda: self.store.kept_bytes)
-        workers = self._worker_memory.workers
-        gauge("twolink_worker_bytes", "Memory of all worker processes", lambda: sum(each.memory() for each in workers))
-
     @contextlib.asynccontextmanager
     async def running(self, _: object = None) -> AsyncIterator[None]:
         """The service while it runs."""
         gc.collect()
         gc.freeze()  # what is loaded stays: a collection that looks at it takes 100 ms
         _log.log(logging.INFO if self.protection.complete else logging.WARNING, "%s", self.protection)
-        self._show_gauges()
         watching = [self._worker_memory.watch(), _measure_lag(self.metrics), self.budget.note()]
         if self.store.shared:
             watching.append(Member(self.store, self.jobs).take_part())

@@ -34,18 +34,15 @@ def answer_of_call(
     given = arguments_of(request)
     scenes, robots = sent_as(function, Scene), sent_as(function, Robot)
     for name in {*scenes, *robots}:  # which may be the same: a robot stays one, as the function means it otherwise
-        is_of_robot = name in robots and (name not in scenes or _names_robot(given[name]))
-        given[name] = (robot_from if is_of_robot else scene_from)(given[name])
+        asked = given[name]
+        named = isinstance(asked, str) and bool(is_robot(asked) or UPLOADED.fullmatch(asked))
+        given[name] = (robot_from if name in robots and (named or name not in scenes) else scene_from)(asked)
     titles = [one.title or one.robot.name if isinstance(one, Scene) else one.name
               for one in given.values() if isinstance(one, Scene | Robot)]  # fmt: skip
     taken = inspect.signature(function).parameters
     found = function(**given, **{name: own[name] for name in NOT_SENT if name in taken and name in own})
     record = msgspec.to_builtins(found) if isinstance(found, Effect) else as_data(found)
     return {"title": ", ".join(titles), "text": str(found), **record}
-
-
-def _names_robot(asked: Any) -> bool:
-    return isinstance(asked, str) and bool(is_robot(asked) or UPLOADED.fullmatch(asked))
 
 
 def operate(*, body: bytes, robots: str, quotas: Quotas, report: Report) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import twolink as tl
 from twolink.dynamics.arguments import Positive
 from twolink.dynamics.queries import Numbers
 from twolink.io.fingerprints import code_key, files_digest, versions
-from twolink.parts.service.problems import Refusal, decode_unique
+from twolink.parts.service.problems import Refusal, decode_body, decode_unique
 from twolink.parts.service.work.bodies import body_of_call, words
 from twolink.robots.catalogue import our_urdfs
 from twolink.scenes.file_format import SceneFile
@@ -136,10 +136,19 @@ OPERATIONS: dict[str, dict[str, Any]] = {
 """Functions of `twolink` that are one kind of job: what of their signatures is left out or has a type of its own."""
 
 
+@cache
+def operation_requests() -> dict[str, Any]:
+    """The bodies of requests for operations, by the names of their functions."""
+    return {name: body_of_call(getattr(tl, name), f"{name.title().replace('_', '')}Request", tag=name, wait=WAIT,
+                               **changed) for name, changed in OPERATIONS.items()}  # fmt: skip
+
+
 def _operation() -> Any:
-    bodies = (body_of_call(getattr(tl, name), f"{name.title().replace('_', '')}Request", tag=name, wait=WAIT, **changed)
-              for name, changed in OPERATIONS.items())  # fmt: skip
-    return Union[tuple(bodies)]  # noqa: UP007  # of as many as there are
+    return Union[tuple(operation_requests().values())]  # noqa: UP007  # of as many as there are
+
+
+class _Named(msgspec.Struct):
+    operation: Any = ""
 
 
 @dataclass(frozen=True)
@@ -186,7 +195,10 @@ def version_key() -> str:
 
 def prepare(*, kind: str, body: bytes, ids: str = "") -> JobRequest:
     """Check the body of a request for a job. ids: what sets an owner's ids apart. Raises as `decode_unique`."""
-    request = decode_unique(body, JOB_KINDS[kind].request)
+    asked = JOB_KINDS[kind].request
+    if kind == "operation":  # what is wrong is told by the fields of that one
+        asked = operation_requests().get(str(decode_body(body, _Named).operation), asked)
+    request = decode_unique(body, asked)
     fields = msgspec.to_builtins(request)
     del fields["wait"]
     content = msgspec.json.encode(fields)  # in the order that was given: samples are drawn in that of `vary`
