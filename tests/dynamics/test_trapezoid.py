@@ -50,6 +50,15 @@ def test_the_work_of_the_torques_is_the_energy_gained(name: str, root: str) -> N
     assert done[-1] == pytest.approx(energy[-1] - energy[0], abs=2e-4 * np.ptp(energy))
 
 
+def test_a_joint_that_turns_without_end_takes_the_shorter_way() -> None:
+    """To 270 degrees it turns by 90 degrees the other way round, in pi/2 + 1/4 s at 1 rad/s and 4 rad/s^2."""
+    robot = tl.load_robot("double_pendulum_continuous")
+    to = robot.by_joint("q", {"joint1": "270 deg"})
+    motion = tl.trapezoidal_motion(robot, robot.neutral, to, speed=1.0, acceleration=4.0)
+    assert motion.v[:, 0].min() == pytest.approx(-1.0)
+    assert motion.t[-1] == pytest.approx(np.pi / 2 + 0.25)
+
+
 @pytest.mark.parametrize(("given", "words"), [
     ({"to": [0.0, 0.0]}, "where the motion begins"),
     ({"acceleration": 0.0}, "acceleration.*positive"),

@@ -50,6 +50,7 @@ def query(
     CSV:  a header with columns q0, q1, ..., v0, ..., tau0, ... or q.JOINT, v.JOINT, ...; one state a row. Others, such
           as t, are not read; --out keeps them.
     --to: the speed of all joints is one trapezoid in time; a number is for all of them, nv numbers one for each.
+          Joints that turn without end take the shorter way.
     """
     if given["q"] is None and states is None and what in QUERIES:
         raise Misuse("it is not given", where="q", remedy="give --q with a configuration, or --states with many")

@@ -47,7 +47,7 @@ def trapezoidal_motion(
     ----------
     robot : Robot
     q, to : array_like (nq,)
-        The configurations at its begin and its end, rad or m.
+        The configurations at its begin and its end, rad or m. A joint that turns without end takes the shorter way.
     acceleration, speed : float or array_like (nv,)
         Limits of each joint, rad/s^2 or m/s^2, rad/s or m/s. Without a speed, those of the robot's file, of which 0 is
         none.
