@@ -1,13 +1,14 @@
 """The paper's statements, held against laws and independent formulas; its figures by their numbers."""
 
 import functools
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import twolink as tl
-from tests.command import answer
+from tests.command import TOP, answer
 from twolink.lagrange import two_link
 from twolink.lagrange.check import arm_urdf
 from twolink.paper.beyond import LIKE_FIGURE_6, first_swing, wrapped
@@ -27,6 +28,12 @@ def three_cycles(scale: float = 1.0) -> ArmMotion:
 
 def by_text(claims: tuple[Claim, ...] | list[Claim]) -> dict[str, bool | None]:
     return {claim.text: claim.holds for claim in claims}
+
+
+def test_the_length_of_the_exercise_follows_from_the_cycle_that_it_gives() -> None:
+    text = (TOP / "docs" / "tutorials" / "paper_exercise.ipynb").read_text("utf-8")
+    given = float(re.search(r"With rods of 1 m it takes about ([\d.]+) s", text)[1])
+    assert (3.0 / given) ** 2 == pytest.approx((3.0 / CYCLE) ** 2, abs=1e-3)
 
 
 def test_figures_11_and_12_are_links_oriented_link_one_and_computerised_link_two(
