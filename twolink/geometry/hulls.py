@@ -26,10 +26,11 @@ from twolink.io import cache
 from twolink.robots.collisions import Box, Convex, no_volume
 
 FLAT = 1e-9  # of unit normals and, in m, of distances: triangles that are so alike are one face
+ROUNDED, SINGLE = 1e-5, 1e-7  # so alike are those of corners that STL files round, to this share of their coordinates
 PARALLEL = 1e-6  # the sine between edges below which they count as parallel
 FACE_FIRST = 1e-6  # m by which edges must be farther apart, so that faces that lie on each other keep their points
 WITHIN = 1e-9  # m: a point so far outside of a prism is within
-MANY, VERSION = 200, 2  # vertices of hulls that are kept, and the kind of what is
+MANY, VERSION = 200, 3  # vertices of hulls that are kept, and the kind of what is
 FEW = 3000  # pairs of edges: of more, those are looked at that look at each other
 SLAB = 1e-3  # of a hull's height: so deep below its farthest corner features look that way
 Name = tuple[object, ...]
@@ -117,9 +118,12 @@ def _hull_of_points(cloud: Array) -> Hull:
     from scipy.spatial import ConvexHull
 
     found = ConvexHull(cloud)
+    unlike = _unlike(found)
+    if ((unlike > FLAT) & (unlike < ROUNDED)).any():
+        found = ConvexHull(cloud, qhull_options=f"Qt C{SINGLE * np.abs(cloud).max():.3g}")
+        unlike = _unlike(found)
     # Triangles of one plane are one face; whose side an edge is on is told by order, which rounding does not change.
-    near = np.abs(found.equations[found.neighbors] - found.equations[:, None]).max(axis=2) < FLAT
-    triangle, side = np.nonzero(near)
+    triangle, side = np.nonzero(unlike < FLAT)
     size = len(found.simplices)
     joined = csr_array((np.ones(len(side)), (triangle, found.neighbors[triangle, side])), shape=(size, size))
     count, face_of = connected_components(joined, directed=False)
@@ -146,6 +150,14 @@ def _hull_of_points(cloud: Array) -> Hull:
     return Hull(cloud, faces, normals, np.einsum("ni,ni->n", normals, cloud[[face[0] for face in faces]]), edges,
                 sides, ways / np.linalg.norm(ways, axis=1)[:, None], inward, np.einsum("ni,ni->n", inward, ends),
                 starts, np.arange(len(cloud)))  # fmt: skip
+
+
+def _unlike(found: Any) -> Array:
+    """How far the planes of Qhull's triangles are from those of their neighbours (triangles, 3).
+
+    Where it is told to, it puts triangles of rounded corners into one plane. By their planes alone faces have holes.
+    """
+    return np.asarray(np.abs(found.equations[found.neighbors] - found.equations[:, None]).max(axis=2))
 
 
 class Separation(NamedTuple):
