@@ -133,19 +133,11 @@ _OF_STATES: dict[str, tuple[tuple[str, ...], Shape, tuple[Algorithm, ...], Refer
     "gravity_torque": (("q",), ("nv",), (recursions.gravity_torque,), references.gravity_torque),
     "mass_matrix": (("q",), ("nv", "nv"), (recursions.crba,), references.mass_matrix),
     "energy": (("q", "v"), (2,), (recursions.energy,), references.energy),
-    "forward_dynamics_derivatives": (
-        _FORWARD,
-        _MATRICES,
-        (forward_dynamics_derivatives,),
-        references.forward_derivatives,
-    ),
-    "inverse_dynamics_derivatives": (
-        _INVERSE,
-        _MATRICES,
-        (inverse_dynamics_derivatives,),
-        references.inverse_derivatives,
-    ),
-}
+    "forward_dynamics_derivatives":
+        (_FORWARD, _MATRICES, (forward_dynamics_derivatives,), references.forward_derivatives),
+    "inverse_dynamics_derivatives":
+        (_INVERSE, _MATRICES, (inverse_dynamics_derivatives,), references.inverse_derivatives),
+}  # fmt: skip
 # Shape, algorithm that takes body and placement by keyword, reference of (frame index, state).
 _OF_FRAMES: dict[str, tuple[Shape, Algorithm, Callable[..., Any]]] = {
     "frame_pose": ((12,), recursions.frame_placement, references.frame_pose),

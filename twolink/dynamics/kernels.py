@@ -104,9 +104,7 @@ class Kernel:
             result, guard = memory.outputs
             if not math.isfinite(sum(guard[:count, 0].tolist())):
                 return None
-            return (
-                np.array(result[:count]) if len(self.shape) == 1 else result[:count].reshape(count, *self.shape).copy()
-            )
+            return result[:count].reshape(count, *self.shape).copy()
         finally:
             pool.give(memory)
 
