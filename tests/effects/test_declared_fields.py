@@ -106,7 +106,10 @@ def test_arrays_and_numbers_of_numpy_are_taken_as_tuples_and_floats() -> None:
         fx, size = tl.effects, vector((0.1, 0.2, 0.3))
         return [fx.Gravity(vector((0.0, 0.0, -9.81))), fx.Payload("forearm", number(0.5), size),
                 fx.JointDamping({"elbow": whole(2)}), fx.Torque({"elbow": fx.Sine(number(1.0), vector(2.0))}),
-                fx.Contact(shapes={"forearm": (fx.Box(size),)})]  # fmt: skip
+                fx.Contact(shapes={"forearm": (fx.Box(size),)}),
+                fx.Engage(fx.FrameWrench("forearm", size, point=size), at=number(0.5)),
+                fx.Gear(fx.ActuatorLag(fx.Torque({"elbow": number(2.0)}), {"elbow": number(0.5)}), {"elbow": whole(3)}),
+                ]  # fmt: skip
 
     robot, plain = tl.load_robot("two_link"), tuple(effects(float, int, lambda x: x))
     for number in (np.float32, np.float64):

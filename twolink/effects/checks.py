@@ -32,9 +32,10 @@ Part = TypeVar("Part", bound=msgspec.Struct)
 def with_plain_numbers(part: Part) -> Part:
     """The effect, input, condition or shape with tuples and floats of Python in place of NumPy's and of fractions.
 
-    Fields that may be arrays or fractions keep them.
+    Fields that may be arrays or fractions keep them; an effect inside has its own fields.
     """
-    plain = {name: value for name in _without_arrays(type(part))
+    inside = ("of",) if isinstance(getattr(part, "of", None), Effect) else ()
+    plain = {name: value for name in (*_without_arrays(type(part)), *inside)
              if (value := _plain(before := getattr(part, name))) is not before}  # fmt: skip
     return msgspec.structs.replace(part, **plain) if plain else part
 
