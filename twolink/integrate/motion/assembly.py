@@ -45,9 +45,9 @@ def assembled(constraints: Constraints, x: Array) -> Array:
 @np.errstate(all="ignore")
 def independent(constraints: Constraints, q: np.ndarray) -> Constraints | None:
     """The constraints without redundant rows, here and along the motion; None where no row constrains anything."""
-    random = np.random.default_rng(3)
+    random, model = np.random.default_rng(3), constraints.model
     far = BESIDE_CONTACTS if constraints.touching else 1.0
-    near = [q, *(pin.integrate(constraints.model, q, far * s * random.standard_normal(constraints.space.nv))
+    near = [q, *(pin.integrate(model, q, far * s * random.standard_normal(constraints.space.nv))
                  for s in SPREADS)]  # fmt: skip
     places, jacobians = _with_rows(constraints, list(_closed(constraints, np.array(near))[0]))
     used = np.flatnonzero(np.max([np.abs(j).max(axis=1, initial=0.0) for j in jacobians], axis=0) > RANK)
@@ -58,7 +58,7 @@ def independent(constraints: Constraints, q: np.ndarray) -> Constraints | None:
     if not rank:
         return None
     kept = _chosen([j for j in jacobians if _rank(j) == rank], rank, used)
-    diagonals = [np.einsum("ij,ji->i", j, np.linalg.solve(_mass(constraints, x), j.T))
+    diagonals = [np.einsum("ij,ji->i", j, np.linalg.solve(pin.crba(model, model.createData(), x), j.T))
                  for x, j in zip(places, jacobians, strict=True)]  # fmt: skip
     # Powers of two are exact, and equal for other starts, so that compiled steps serve them too.
     scales = 2.0 ** np.round(-0.5 * np.log2(np.max(diagonals, axis=0)[kept]))
@@ -157,11 +157,6 @@ def _along_motion(constraints: Constraints, q: np.ndarray, random: np.random.Gen
         if not going:
             break
     return [*places[0], *places[1]]
-
-
-def _mass(constraints: Constraints, q: np.ndarray) -> np.ndarray:
-    """M(q), by Pinocchio."""
-    return np.asarray(pin.crba(constraints.model, constraints.model.createData(), q))
 
 
 def _closed(constraints: Constraints, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
