@@ -259,6 +259,28 @@ def test_limits_of_effort_and_play_of_one_joint_are_located_each() -> None:
     assert slope == pytest.approx((ends[1] - ends[0]) / 2e-5, rel=1e-4, abs=1e-5)
 
 
+def test_flanks_meet_where_the_controller_behind_them_has_no_limit_any_more() -> None:
+    """Released gravity takes the limit of its compensation along; the play is the same limit before and after."""
+    limit, k, inertia, half, end = 0.4 * WEIGHT, 60.0, 0.05, 0.02, 0.25
+    compensation = fx.GravityCompensation((J,), effort=of_all(limit))
+    drive = fx.Backlash(compensation, of_all(k), of_all(inertia), gap=of_all(2 * half))
+
+    def rate(t: float, x: Sequence[float]) -> list[float]:
+        twist, weight = x[2] - x[0], WEIGHT * (t < end)
+        force = k * (twist - np.clip(twist, -half, half))
+        return [x[1], (force - weight * np.sin(x[0])) / I, x[3],
+                (np.clip(weight * np.sin(x[2]), -limit, limit) - force) / inertia]  # fmt: skip
+
+    run = tl.simulate(scene(fx.Release(fx.Gravity(), at=end), drive, v=2.0, duration=1.0), accuracy=1e-8)
+    before = solve_ivp(rate, (0.0, end), [0.0, 2.0, 0.0, 2.0], "DOP853", rtol=1e-11, atol=1e-12, max_step=1e-3).y[:, -1]
+    guards = [lambda _, x: x[2] - x[0] - half, lambda _, x: x[2] - x[0] + half]
+    after = solve_ivp(rate, (end, 1.0), before, "DOP853", rtol=1e-11, atol=1e-12, max_step=1e-3, events=guards)
+    assert run.q[-1, 0] == pytest.approx(after.y[0, -1], abs=1e-7)
+    times = np.sort(np.concatenate(after.t_events))
+    assert len(times) >= 2
+    assert [event.t for event in run.events if event.t > end] == pytest.approx(times, abs=1e-6)
+
+
 def test_backlash_makes_a_limit_cycle() -> None:
     """Integral control by the load's side hunts; by the motor's side the load rests (Nordin, Gutman 2002)."""
     hunting = {}

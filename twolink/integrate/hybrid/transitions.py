@@ -171,7 +171,8 @@ def _limit_value(run: RunState, i: int) -> Value | None:
     """The distance to the i-th limit of effort of all effects; None where its effect does not act."""
     limits, own = run.system.whole.effort_limits, run.mode_state.own.equations.effort_limits
     same = [row for row, limit in enumerate(own) if limit == limits[i]]  # as of a controller with play behind it
-    return partial(_row, "limits", same[limits[:i].count(limits[i])], 1.0, 0.0) if same else None
+    k = len(same) - limits[i:].count(limits[i])  # from the end: what is inside comes first, and may have none in a mode
+    return partial(_row, "limits", same[k], 1.0, 0.0) if k >= 0 else None
 
 
 def _is_over(run: RunState, place: int, trigger: Trigger) -> bool:
