@@ -9,7 +9,7 @@ import numpy as np
 import twolink as tl
 from twolink.gym import VectorEnvironment
 
-LIMIT, SPEED = 8.0, 8.0  # N m: a third of what holds the arm straight out; rad/s
+LIMIT, SPEED = 8.0, 8.0  # N m: a quarter of what holds the arm straight out; rad/s
 WORLDS, KEPT, GENERATIONS = 96, 12, 40
 
 

@@ -9,7 +9,7 @@ import twolink as tl
 
 fx = tl.effects
 TOP = np.pi / 2  # the paper's arm is straight out at 0; its elbow is locked
-LIMIT = 8.0  # N m: a third of what holds it straight out
+LIMIT = 8.0  # N m: a quarter of what holds it straight out
 CATCH, GIVE_UP = 0.4, 0.8  # rad
 robot = tl.load_robot("two_link", lock={"elbow": 0.0})
 level = sum(robot.energy([TOP], [0.0]))  # J, at rest at the top
