@@ -1,5 +1,6 @@
 """explain: what a scene computes, and what each effect costs. It prices what it counts, and runs nothing."""
 
+import re
 import time
 
 import numpy as np
@@ -72,3 +73,13 @@ def test_no_program_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
     explained = tl.explain(tl.Scene(robot, effects=[tl.effects.Gravity(), damped]), 2.0)
     assert time.process_time() - begin < 2.0  # 0.1 s of a machine at rest
     assert 0 < explained.expected_seconds < 1.0
+
+
+def test_the_most_steps_that_it_says_are_those_of_a_run_without_an_accuracy(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = tl.load_scene("dominoes")
+    assert "at most 83,333 of them" in tl.explain(scene).why  # 3,000,000 by its 36 degrees of freedom
+    monkeypatch.setattr("twolink.simulation.stepped_run.WORK", 36 * 300)
+    assert "at most 300 of them" in tl.explain(scene).why
+    run = tl.simulate(scene, 0.4, t_eval=[0.4])
+    steps = [0.4 / float(h) for h in re.findall(r"([\d.e-]+) s: estimate", run.cost.why)]
+    assert 150 < max(steps) < 310  # the text has two digits of their lengths

@@ -133,10 +133,7 @@ class Explanation(BaseResult, Plotted):
         """The expected time, in words."""
         what = f"{self.expected_seconds:.2g} s for {self.duration:g} s"
         if self.method == "stepped":
-            from twolink.simulation.stepped_run import STEPS  # which other scenes do not load
-
-            return (f"{what} in such steps; a tenth of the error takes about ten times that, and without an accuracy "
-                    f"steps become smaller while that helps, at most {STEPS:,} of them")  # fmt: skip
+            return f"{what} in such steps; a tenth of the error takes about ten times that"
         later = " and later events" if self.formulation.startswith("events") else ""
         return f"{what} at accuracy {self.accuracy:g}, error bar{later} not included"
 
@@ -249,7 +246,7 @@ def _of_steps(scene: Scene, chosen: Choice, accuracy: float, length: float) -> E
         solve_stepped,
         stepper_of,  # which other scenes do not load
     )
-    from twolink.simulation.stepped_run import FIRST
+    from twolink.simulation.stepped_run import FIRST, most_steps
 
     stepper = stepper_of(scene)
     step = min(FIRST, length / 4)
@@ -271,7 +268,8 @@ def _of_steps(scene: Scene, chosen: Choice, accuracy: float, length: float) -> E
         None,
         "stepped",
         step,
-        "the first step, made smaller until the estimated error is below the accuracy",
+        "the first step, made smaller until the estimated error is below the accuracy; without one while that helps, "
+        f"at most {most_steps(scene, stepper):,.0f} of them",
         accuracy,
         length,
         expected,

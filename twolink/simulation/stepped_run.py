@@ -40,6 +40,11 @@ TOO_LONG = ("step-too-large", "contact-not-solved")  # codes of runs that smalle
 Solved = tuple[SteppedSolution, float]  # and the seconds it took
 
 
+def most_steps(scene: Scene, stepper: ContactStepper) -> float:
+    """The most steps of a run without an accuracy, as many on every machine."""
+    return min(STEPS, WORK / (stepper.price * max(1, scene.robot.nv)))
+
+
 def simulate_stepped(
     scene: Scene,
     times: np.ndarray,
@@ -61,11 +66,9 @@ def simulate_stepped(
     stepper = stepper or stepper_of(scene)
     solve = functools.partial(_solved, scene, stepper, times, progress)
     if step is None:
-        most = float(STEPS)
-        if accuracy is None:
-            most = min(most, WORK / (stepper.price * max(1, scene.robot.nv)))
         span, limit = float(times[-1] - times[0]), patience or math.inf
-        return _StepRefinement(scene, solve, span, accuracy, span / most, limit).run(verify=verify)
+        shortest = span / (most_steps(scene, stepper) if accuracy is None else STEPS)
+        return _StepRefinement(scene, solve, span, accuracy, shortest, limit).run(verify=verify)
     coarse, seconds = solve(step, 0)
     if not verify or coarse.interrupted:
         return _trajectory(scene, coarse, seconds)
