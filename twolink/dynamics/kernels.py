@@ -104,7 +104,7 @@ class Kernel:
             result, guard = memory.outputs
             if not math.isfinite(sum(guard[:count, 0].tolist())):
                 return None
-            return np.array(result[:count]).reshape(count, *self.shape)
+            return np.array(result[:count].reshape(count, *self.shape))
         finally:
             pool.give(memory)
 

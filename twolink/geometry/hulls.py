@@ -153,7 +153,7 @@ def _hull_of_points(cloud: Array) -> Hull:
 
 
 def _unlike(found: Any) -> Array:
-    """How far the planes of Qhull's triangles are from those of their neighbours (triangles, 3).
+    """Distances of the planes of Qhull's triangles from those of their neighbours, (triangles, 3).
 
     Where it is told to, it puts triangles of rounded corners into one plane. By their planes alone faces have holes.
     """
