@@ -155,9 +155,9 @@ def rounded_cube(across: int) -> Convex:
 
 def test_corners_in_single_precision_make_whole_faces() -> None:
     """A cube's triangles are six faces, and it stands on all of one, whatever points lie on its edges and faces."""
-    assert len(hull_of(rounded_cube(2)).faces) == 6
     ground, turn = hull_of(Box((1.0, 1.0, 0.2))), pin.rpy.rpyToMatrix(0.3, 0.5, 0.7)
     for across in (2, 3, 5, 9):
+        assert len(hull_of(rounded_cube(across)).faces) == 6
         points = touching(hull_of(rounded_cube(across)).placed(turn, np.array([0.0, 0.0, 0.2])), ground, 1e-6)
         middles = np.array([point.middle for point in points])
         np.testing.assert_allclose(np.ptp(middles, axis=0), [0.2, 0.2, 0.0], rtol=0, atol=1e-7)

@@ -26,11 +26,11 @@ from twolink.io import cache
 from twolink.robots.collisions import Box, Convex, no_volume
 
 FLAT = 1e-9  # of unit normals and, in m, of distances: triangles that are so alike are one face
-ROUNDED, SINGLE = 1e-5, 1e-7  # so alike are those of corners that STL files round, to this share of their coordinates
+ROUNDED, SINGLE = 1e-5, 2e-7  # so alike are those of corners that STL files round, to this share of their coordinates
 PARALLEL = 1e-6  # the sine between edges below which they count as parallel
 FACE_FIRST = 1e-6  # m by which edges must be farther apart, so that faces that lie on each other keep their points
 WITHIN = 1e-9  # m: a point so far outside of a prism is within
-MANY, VERSION = 200, 3  # vertices of hulls that are kept, and the kind of what is
+MANY, VERSION = 200, 4  # vertices of hulls that are kept, and the kind of what is
 FEW = 3000  # pairs of edges: of more, those are looked at that look at each other
 SLAB = 1e-3  # of a hull's height: so deep below its farthest corner features look that way
 Name = tuple[object, ...]
@@ -115,13 +115,9 @@ def hull_of(shape: Box | Convex) -> Hull:
 def _hull_of_points(cloud: Array) -> Hull:
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import ConvexHull
 
-    found = ConvexHull(cloud)
-    unlike = _unlike(found)
-    if ((unlike > FLAT) & (unlike < ROUNDED)).any():
-        found = ConvexHull(cloud, qhull_options=f"Qt C{SINGLE * np.abs(cloud).max():.3g}")
-        unlike = _unlike(found)
+    found = _triangles_of(cloud)
+    cloud, unlike = found.points, _unlike(found)
     # Triangles of one plane are one face; whose side an edge is on is told by order, which rounding does not change.
     triangle, side = np.nonzero(unlike < FLAT)
     size = len(found.simplices)
@@ -152,12 +148,35 @@ def _hull_of_points(cloud: Array) -> Hull:
                 starts, np.arange(len(cloud)))  # fmt: skip
 
 
-def _unlike(found: Any) -> Array:
-    """Distances of the planes of Qhull's triangles from those of their neighbours, (triangles, 3).
+def _triangles_of(cloud: Array) -> Any:
+    """Qhull's triangles of a cloud, of rounded corners in whole planes.
 
-    Where it is told to, it puts triangles of rounded corners into one plane. By their planes alone faces have holes.
+    Where it is told to, it puts triangles that nearly lie in one plane into one; by their planes faces have holes.
+    Corners on edges, which make triangles without height, are left out.
     """
+    from scipy.spatial import ConvexHull
+
+    found, rounding = ConvexHull(cloud), SINGLE * np.abs(cloud).max()
+    unlike, between = _unlike(found), _between(found, rounding)
+    if len(between) or ((unlike > FLAT) & (unlike < ROUNDED)).any():
+        found = ConvexHull(cloud, qhull_options=f"Qt C{rounding:.3g}")
+        while len(between := _between(found, rounding)):
+            found = ConvexHull(np.delete(found.points, between, axis=0), qhull_options=f"Qt C{rounding:.3g}")
+    return found
+
+
+def _unlike(found: Any) -> Array:
+    """Distances of the planes of Qhull's triangles from those of their neighbours, (triangles, 3)."""
     return np.asarray(np.abs(found.equations[found.neighbors] - found.equations[:, None]).max(axis=2))
+
+
+def _between(found: Any, least: float) -> Array:
+    """The corners of Qhull's triangles across from a side that they are no farther from than the least, m."""
+    x = found.points[found.simplices]
+    sides = np.linalg.norm(np.roll(x, -1, axis=1) - np.roll(x, -2, axis=1), axis=2)  # across from each corner
+    area = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
+    flat = np.flatnonzero(area <= least * sides.max(axis=1))
+    return np.unique(found.simplices[flat, sides[flat].argmax(axis=1)])
 
 
 class Separation(NamedTuple):
