@@ -25,15 +25,9 @@ _CONVERTERS = {
 
 
 def describe(
-    source: Source,
-    foreign: str,
-    root: str,
-    xacro_arguments: Mapping[str, object],
-    folders: Iterable[Path],
-    *,
-    trusted: bool = True,
-    xacro: str = "expand",
-) -> Description:
+    source: Source, foreign: str, root: str, xacro_arguments: Mapping[str, object], folders: Iterable[Path], *,
+    trusted: bool = True, xacro: str = "expand",
+) -> Description:  # fmt: skip
     """Describe a robot by the file of a source.
 
     Parameters

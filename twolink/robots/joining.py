@@ -231,10 +231,8 @@ def _root_link(element: Element) -> str:
 
 
 def _names(element: Element) -> set[str]:
-    return {one.attributes.get("name", "") for one in element.children if one.tag in ("link", "joint")} | {
-        ROOT,
-        "ground",
-    }
+    named = {one.attributes.get("name", "") for one in element.children if one.tag in ("link", "joint")}
+    return named | {ROOT, "ground"}
 
 
 def _new_names(element: Element, name: str, taken: Collection[str]) -> dict[str, str]:

@@ -16,6 +16,7 @@ _FREE, _BALL = 0, 1  # mjtJoint
 _CONNECT, _WELD, _JOINT = 0, 1, 2  # mjtEq
 _EQUALITIES = ("connect", "weld", "joint", "tendon", "flex", "flexvert", "flexstrain", "distance")
 _SITE = 6  # mjtObj
+Masks = Mapping[int, frozenset[tuple[int, int]]]  # contype and conaffinity of shapes, by body
 _PLANE, _FIELD = 0, 1  # mjtGeom
 _OPTIONS = ("timestep", "integrator", "cone", "solver", "impratio", "iterations", "ls_iterations", "tolerance",
             "ls_tolerance", "noslip_iterations", "noslip_tolerance", "disableflags", "enableflags")  # fmt: skip
@@ -144,7 +145,7 @@ def excluded(mjcf: Mjcf) -> frozenset[frozenset[str]]:
     return frozenset(frozenset((mjcf.bodies[a], mjcf.bodies[b])) for a, b in found)
 
 
-def _colliding(mjcf: Mjcf, kinds: Collection[int]) -> dict[int, frozenset[tuple[int, int]]]:
+def _colliding(mjcf: Mjcf, kinds: Collection[int]) -> Masks:
     """The masks (contype, conaffinity) of the shapes of some kinds that collide, by body."""
     m, found = mjcf.model, dict[int, set[tuple[int, int]]]()
     for k in map(int, np.flatnonzero(m.geom_contype | m.geom_conaffinity)):
@@ -153,11 +154,7 @@ def _colliding(mjcf: Mjcf, kinds: Collection[int]) -> dict[int, frozenset[tuple[
     return {body: frozenset(masks) for body, masks in found.items()}
 
 
-def _masked(
-    mjcf: Mjcf,
-    masks: Mapping[int, frozenset[tuple[int, int]]],
-    others: Mapping[int, frozenset[tuple[int, int]]] | None = None,
-) -> Iterator[tuple[tuple[int, int], bool, bool]]:
+def _masked(mjcf: Mjcf, masks: Masks, others: Masks | None = None) -> Iterator[tuple[tuple[int, int], bool, bool]]:
     """Pairs of bodies that move against each other; whether some pairs of their shapes touch, and whether all do."""
     known, welded = dict[Any, tuple[bool, bool]](), mjcf.model.body_weldid
     for a, b in itertools.combinations(masks, 2) if others is None else itertools.product(masks, others):
