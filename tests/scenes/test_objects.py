@@ -9,6 +9,7 @@ import trimesh
 
 import twolink as tl
 from twolink.errors import RobotError, SceneError, TwolinkError
+from twolink.scenes.scene import fall_notes
 
 fx = tl.effects
 EMPTY = tl.Scene(tl.load_robot("world"), effects=[fx.Gravity()], duration=1.0)
@@ -334,3 +335,9 @@ def test_a_weight_is_compensated_under_the_gravity_of_the_whole() -> None:
         run = tl.simulate(tl.Scene(robot, effects=effects), 1e-3)
         dofs = [robot.joint_names.index(name) for name in "hef"]  # in MuJoCo's order
         np.testing.assert_allclose(run.acceleration[0, dofs], state.qacc, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["ball", "zebra"])
+def test_what_falls_is_named_wherever_its_joint_stands(name: str) -> None:
+    scene = tl.Scene(tl.load_robot("two_link"), effects=[fx.Gravity()]).with_object("ball", (3.0, 0.0, 0.5), name=name)
+    assert [f"joint '{name}' is free and touches nothing" in note for note in fall_notes(scene)] == [True]

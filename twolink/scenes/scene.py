@@ -296,12 +296,12 @@ def _named(effect: Effect) -> str:
 
 
 def fall_notes(scene: Scene) -> list[str]:
-    """A note where gravity pulls a free base that nothing holds: such a motion may be a plain fall."""
-    robot = scene.robot
-    pulled = robot.model.gravity.linear.any() and any(joint.kind == "free-flyer" for joint in robot.joints[:1])
+    """A note where gravity pulls what is free and nothing holds: such a motion may be a plain fall."""
+    free = [joint.name for joint in scene.robot.joints if joint.kind == "free-flyer"]
     held = any(effect.touches or isinstance(effect, Loop) for effect in scene.effects)
-    what = "its base is free and touches nothing: but for forces of effects, it falls; a ground: --ground"
-    return [f"{what}, or scene_of(..., contact=True)"] if pulled and not held else []
+    what = "is free and touches nothing: but for forces of effects, it falls; a ground: --ground"
+    falls = free and not held and scene.robot.model.gravity.linear.any()
+    return [f"joint {free[0]!r} {what}, or scene_of(..., contact=True)"] if falls else []
 
 
 def _shown(state: np.ndarray) -> str:
