@@ -202,3 +202,10 @@ def test_limits_on_the_arm_against_small_steps() -> None:
     other = tl.simulate(scene, 2.0, method="scipy-dop853", tolerance=1e-10)
     assert len(times(run, "limit")) >= 2
     assert np.abs(run.q - other.q).max() < 1e-6
+
+
+@pytest.mark.parametrize("name", ["ball", "zebra"])
+def test_what_is_free_has_no_path_wherever_its_joint_stands(name: str) -> None:
+    scene = tl.Scene(tl.load_robot("two_link")).with_object("ball", (3.0, 0.0, 0.5), name=name)
+    with pytest.raises(SceneError, match=f"no path for '{name}'; JointPD, for what is free has no motor"):
+        scene.with_effects([tl.effects.ComputedTorque({"shoulder": 0.0, "elbow": 0.0}, kp=1.0, kd=1.0)])

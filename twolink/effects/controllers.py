@@ -261,8 +261,8 @@ class ComputedTorque(_Limited, frozen=True):
             check_subset(factors, self.path, f"following.{joint}", "joint with a path")
         missing = [joint for joint in robot.joint_names if joint not in {*self.path, *self.following}]
         if missing:
-            floating = robot.joints[0].kind == "free-flyer"
-            remedy = "give every joint a path" + (": the robot's free root has no motor" if floating else "")
+            floating = any(joint.kind == "free-flyer" for joint in robot.joints)
+            remedy = "JointPD, for what is free has no motor and no path" if floating else "give every joint a path"
             raise SceneError(f"it has no path for {', '.join(map(repr, missing))}", where="path", remedy=remedy)
         for joint, path in self.path.items():
             if isinstance(path, Sampled) and path.interpolation != "cubic":
