@@ -224,3 +224,16 @@ def test_bodies_that_steps_have_thrown_away_are_no_error(far: float) -> None:
         one, other = cube.placed(np.eye(3), np.zeros(3)), cube.placed(pin.exp3(turned), far * turned)
         found = touching(one, other, 1e9 * far)
         assert all(np.isinf(point.gap) or point.gap > 1e-3 * far for point in found)
+
+
+@pytest.mark.parametrize("count", [100, 150])
+def test_a_body_stands_on_a_face_of_many_corners(count: int) -> None:
+    """The native library keeps 128 corners of a face; on one of more a body fell through."""
+    ring = [(0.5 * np.cos(x), 0.5 * np.sin(x)) for x in np.arange(count) * 2 * np.pi / count]
+    disc = E.Convex(tuple((x, y, z) for z in (-0.1, 0.1) for x, y in ring))
+    body = E.Convex(((0.1, 0.0, -0.05), (-0.05, 0.09, -0.05), (-0.05, -0.09, -0.05), (0.0, 0.0, 0.15)))
+    scene = tl.Scene(tl.load_robot("world")).with_object(E.Box((0.01,) * 3), name="disc")
+    scene = scene.with_object(E.Box((0.05,) * 3), (0.1, 0.05, 0.16), mass=1.0, name="body")
+    contact = E.Contact((("disc", "body"),), 0.5, shapes={"disc": (disc,), "body": (body,)})
+    run = tl.simulate(scene.with_effects([E.Gravity(), contact]), 0.3, contact="stepped", step=2e-3)
+    np.testing.assert_allclose(run.q[-1, :3], [0.1, 0.05, 0.15], atol=1e-6)

@@ -30,6 +30,7 @@ from twolink.native.library import library
 
 KINDS = ("free-flyer", "spherical", "planar", "revolute", "continuous", "prismatic")
 GROUPS = (OnPlanes, RimsOnPlanes, ByFormula)  # and those of balls on fields, and of hulls with few edges
+CORNERS = 128  # of a face, half of MOST_CORNERS in `native/contact/hulls.c`
 ENDLESS = 1e300  # m: the thickness of what has none
 
 
@@ -63,7 +64,8 @@ def is_found_natively(group: Group) -> bool:
     if type(group) is OnFields:
         return all(body.is_ball for body in group.bodies)
     if type(group) is Hulls:
-        return all(_edges(group, a) * _edges(group, b) <= FEW for a, b in group.ends.tolist())
+        few = all(_edges(group, a) * _edges(group, b) <= FEW for a, b in group.ends.tolist())
+        return few and all(len(face) <= CORNERS for i in np.unique(group.ends) for face in group.hull(int(i)).faces)
     return type(group) in GROUPS
 
 
