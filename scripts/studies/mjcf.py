@@ -112,6 +112,8 @@ def outcome(path: Path, given: Any) -> tuple[str, str]:
         return "equal" if worst <= given.tolerance else "different", f"nv = {robot.nv}, worst {worst:.1e}"
     except TwolinkError as error:
         return ("no model" if error.code == "mjcf" else "refused"), str(error)
+    except ValueError as error:  # of MuJoCo, which reads all meshes
+        return "no model", f"MuJoCo: {' '.join(str(error).split())}"
 
 
 def main() -> bool:
