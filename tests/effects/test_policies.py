@@ -1,6 +1,7 @@
 """Policies: networks from ONNX files against onnxruntime, and loops with them against the same law in Python."""
 
 import itertools
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -214,6 +215,15 @@ def test_positions_are_the_offset_until_the_first_answer_acts(tmp_path: Path, la
     held = fx.JointPD({"shoulder": 0.3, "elbow": 0.2}, **gains)
     run, meant = (tl.simulate(arm([one]), 0.05, accuracy=1e-9) for one in (policy, held))
     np.testing.assert_allclose(run.q, meant.q, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["Relu", "Softsign"])
+def test_a_run_with_a_policy_can_be_pickled(tmp_path: Path, kind: str) -> None:
+    """Of networks of functions without a name here, and of onnx."""
+    run = tl.simulate(arm([fx.Policy(str(mlp(tmp_path / "one.onnx", (4, 8, 2), kind)), 0.02)]), 0.1)
+    again = pickle.loads(pickle.dumps(run))
+    np.testing.assert_array_equal(again.at(0.05)[0], run.at(0.05)[0])
+    tl.energy_book(run.scene, again)
 
 
 def test_a_policy_reads_an_encoder_and_stands_beside_events(tmp_path: Path) -> None:

@@ -69,6 +69,7 @@ class PolicyLaw:
     plain: ClassVar[bool] = True
 
     def __init__(self, policy: "Policy", joints: Sequence[str], robot: Robot) -> None:
+        self._given = policy, joints, robot
         self.network, self.policy, self._joints = policy.network, policy, joints
         self._places = {one.name: (one.q, one.v) for one in robot.joints}
         self._base = base_of(robot, joints[0])
@@ -79,6 +80,9 @@ class PolicyLaw:
     def __deepcopy__(self, _: Any) -> "PolicyLaw":
         """Itself: nothing of it changes."""
         return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), self._given
 
     def __call__(self, _: float, y: Any, state: Any) -> Any:
         """The numbers that hold (n, m), and (the last action, the histories, what the network keeps)."""

@@ -214,14 +214,12 @@ def _nodes(model: Any, onnx: Any, outs: Collection[str], where: str) -> list[_No
             found.insert(0, k)
     used = [model.graph.node[k] for k in found]
     kinds = {f"{one.domain}.{one.op_type}".removeprefix("ai.onnx.").removeprefix(".") for one in used}
-    if unknown := sorted(kinds - {*_OPERATIONS} - _OF_ONNX) + sorted(
-        {name for one in used for name in _refused(one, onnx)}
-    ):
+    refused = {name for one in used for name in _refused(one, onnx)}
+    if unknown := sorted(kinds - {*_OPERATIONS} - _OF_ONNX) + sorted(refused):
         raise SceneError(f"operations that are not known: {', '.join(unknown)}", where=where, code="network",
                          remedy=f"one of {', '.join(sorted([*_OPERATIONS, *_OF_ONNX]))}")  # fmt: skip
-    theirs = (
-        import_extra("onnx.reference", "onnx").ReferenceEvaluator(model).rt_nodes_ if kinds - {*_OPERATIONS} else ()
-    )
+    evaluator = import_extra("onnx.reference", "onnx").ReferenceEvaluator
+    theirs = evaluator(model).rt_nodes_ if kinds - {*_OPERATIONS} else ()
     runs = [functools.partial(_OPERATIONS[one.op_type], **_given(one, onnx)) if one.op_type in _OPERATIONS
             else functools.partial(_in_double, theirs[k].run) for k, one in zip(found, used, strict=True)]  # fmt: skip
     return [_Node(tuple(one.input), tuple(one.output), run) for one, run in zip(used, runs, strict=True)]
