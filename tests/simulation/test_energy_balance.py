@@ -1,6 +1,8 @@
 """The energy book closes, each effect's work is right by itself, and loops' forces are those of the whole system."""
 
+import pickle
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -168,3 +170,18 @@ def test_a_run_of_another_scene_is_refused(book: Callable[[tl.Scene, tl.Trajecto
         other = tl.Scene(scene.robot, scene.q, scene.v, effects, 0.1)
         with pytest.raises(tl.errors.SceneError, match="another robot or other effects"):
             book(other, run)
+
+
+class Law:
+    """A law that is another object in each copy."""
+
+    def __call__(self, t: float, y: Any, state: Any) -> tuple[Any, Any]:  # noqa: ARG002
+        """The torques."""
+        return -y.v, state
+
+
+def test_the_run_of_a_pickle_is_of_its_scene() -> None:
+    scene = tl.Scene(tl.load_robot("two_link"), effects=[fx.Gravity(), fx.Controller(Law(), 0.02, state=np.zeros(2))])
+    run = tl.simulate(scene, 0.1)
+    again = tl.energy_book(scene, pickle.loads(pickle.dumps(run)))
+    assert again.work.keys() == tl.energy_book(scene, run).work.keys()

@@ -221,7 +221,8 @@ def _run_of(scene: Scene, run: Trajectory) -> Trajectory:
     """The run; raises SceneError for one of a scene with another robot or other effects."""
     instance(scene, Scene, "scene", SceneError)
     own = instance(run, Trajectory, "run", SceneError).scene
-    if own not in (None, scene) and (own.robot.model, own.effects) != (scene.robot.model, scene.effects):
+    # Laws are not compared: those of a run from a pickle are other objects.
+    if own not in (None, scene) and (own.robot.model, effect_names(own)) != (scene.robot.model, effect_names(scene)):
         raise SceneError("the run is of a scene with another robot or other effects", where="run", argument="run",
                          remedy="give the scene that was simulated: run.scene", code="other-scene")  # fmt: skip
     return run
