@@ -107,3 +107,12 @@ def test_a_first_estimate_that_is_small_by_chance_is_held_against_a_next_one() -
     exact = 0.05 * normal - np.outer(speed * t - 0.5 * slowing * t**2, along)
     assert (np.abs(run.q[:, :3] - exact).max(axis=1) <= run.error + 1e-12).all()
     assert run.error[-1] < 1e-6
+
+
+def test_a_first_estimate_stands_where_there_is_no_time_for_a_next_one() -> None:
+    """The accuracy was kept, and the run was refused."""
+    scene = tl.Scene(tl.load_robot("world")).with_object(E.Box((0.4, 0.4, 0.1)), mass=1.0, name="block")
+    scene = scene.with_effects([E.Gravity(), E.Contact((("block", E.Plane((0.0, 0.0, 1.0))),), 0.5)])
+    scene = scene.with_start([0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 1.0], [1.0, *np.zeros(5)])
+    run = tl.simulate(scene, 1.0, contact="stepped", accuracy=1e-2, patience=1e-3)
+    assert 1e-6 < run.error[-1] < 1e-2

@@ -32,9 +32,7 @@ PARTING = 2.0  # of the distance to a run of much smaller steps: STEPPED covers 
 STRIDE = 32.0  # by which the step is made smaller at most before the error is looked at again
 SMALLER = 4.0  # by which it is where a run has failed
 ENOUGH = 1e-6  # rad, m: an estimate that is good enough where no accuracy is asked for
-SURE = (
-    1e-10  # rad, m: a first estimate between it and the accuracy may be small by chance, and is held against a next one
-)
+SURE = 1e-10  # rad, m: a first estimate above it may be small by chance, and is held against a next one
 HELPS = 0.9  # of the last estimate: smaller steps help below it
 TRIES = 2  # of smaller steps that do not help: chaotic motions have no smaller estimates
 BLOWN_UP = 1e3  # rad, m: distances above tell of steps that are too long for stiff forces
@@ -152,11 +150,12 @@ class _StepRefinement:
                     return self._ended(now, error)
                 step, halvings, coarse = now / SMALLER, 0, None
                 continue
-            if self.last <= (self.accuracy or ENOUGH) and (len(self.tried) > 1 or self.last < SURE):
+            kept = self.last <= (self.accuracy or ENOUGH)
+            if kept and (len(self.tried) > 1 or self.last < SURE):
                 return run
             wanted = self._wanted(fine[0].step, fine[1])
             if wanted is None:
-                return self._ended(now / 2)
+                return run if kept else self._ended(now / 2)
             coarse, halvings = fine, halvings + 1
             if wanted < now / 8:
                 step, halvings, coarse = max(wanted, now / 2 / STRIDE), 0, None
