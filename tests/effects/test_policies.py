@@ -307,6 +307,19 @@ def test_what_does_not_fit_is_refused_by_name(tmp_path: Path, fields: Any, words
         arm([fx.Policy(str(mlp(tmp_path / "one.onnx")), **given)])
 
 
+def test_the_content_of_a_file_is_that_of_its_weights_too(tmp_path: Path) -> None:
+    """PyTorch puts them beside it: the file is the same after more training."""
+    file = mlp(tmp_path / "one.onnx", (4, 8, 2))
+    onnx.save(onnx.load(str(file)), str(file), save_as_external_data=True, location="weights", size_threshold=0)
+    policy = fx.Policy(str(file), 0.02).pinned()
+    arm([policy])
+    weights = bytearray((tmp_path / "weights").read_bytes())
+    weights[0] ^= 1
+    (tmp_path / "weights").write_bytes(weights)
+    with pytest.raises(SceneError, match="another network"):
+        arm([fx.Policy(str(file), 0.02, content=policy.content)])
+
+
 def test_networks_that_are_not_known_are_refused_by_operator(tmp_path: Path) -> None:
     nodes = [("RandomNormalLike", "obs", "x", {}), ("Hardmax", "x", "actions", {})]
     file = written(tmp_path / "one.onnx", nodes, {}, {"obs": [1, 2]}, {"actions": [1, 2]})

@@ -151,7 +151,8 @@ class Policy(Effect, frozen=True, dict=True):
     seed : int
         Of the jitter.
     content : str
-        The SHA-256 of the file: another content is refused. Empty: any; sweeps note what they began with.
+        The SHA-256 of the file and of weights beside it: another content is refused. Empty: any; sweeps note what they
+        began with.
     inputs : tuple of str or Observed
         The observation, part by part.
     outputs : tuple of str

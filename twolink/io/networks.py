@@ -150,8 +150,11 @@ class Network(NamedTuple):
 
 
 def file_digest(path: Path | str) -> str:
-    """The SHA-256 of a file."""
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    """The SHA-256 of a file, with those of weights that it names."""
+    graph = import_extra("onnx", "onnx").load(str(path), load_external_data=False).graph
+    named = {entry.value for one in graph.initializer for entry in one.external_data if entry.key == "location"}
+    files = [Path(path), *(Path(path).parent / name for name in sorted(named))]
+    return hashlib.sha256(b"".join(one.read_bytes() for one in files)).hexdigest()
 
 
 def read_network(path: Path | str, content: str = "") -> Network:
@@ -172,14 +175,14 @@ def read_network(path: Path | str, content: str = "") -> Network:
     onnx, path = import_extra("onnx", "onnx"), Path(path)
     if not may_be_read(path):
         raise SceneError("this file may not be read", where=str(path), code="network")
-    if content and path.is_file() and (found := file_digest(path)) != content:
-        raise SceneError(f"it is another network: its SHA-256 is {found:.12} and not {content:.12}", where=str(path),
-                         remedy="give the file that was meant, or leave `content` out", code="network")  # fmt: skip
     try:
         model = onnx.load(str(path))
     except Exception as error:  # of protobuf any
         raise SceneError(f"there is no network: {error}", where=str(path), remedy="export the policy to ONNX",
                          code="network") from error  # fmt: skip
+    if content and (found := file_digest(path)) != content:
+        raise SceneError(f"it is another network: its SHA-256 is {found:.12} and not {content:.12}", where=str(path),
+                         remedy="give the file that was meant, or leave `content` out", code="network")  # fmt: skip
     graph, where = model.graph, str(path)
     constants = {one.name: _double(onnx.numpy_helper.to_array(one)) for one in graph.initializer}
     ins = {one.name: _shape(one) for one in graph.input if one.name not in constants}
@@ -281,9 +284,7 @@ def _refused(node: Any, onnx: Any) -> list[str]:
     """Attributes of a cell that ask for what is not known."""
     if node.op_type not in ("LSTM", "GRU"):
         return []
-    return [
-        f"{node.op_type} with {name}" for name in _given(node, onnx) if name in {**_PLAIN, "activations": 0, "clip": 0}
-    ]
+    return [f"{node.op_type} with {name}" for name in _given(node, onnx) if name in {*_PLAIN, "activations", "clip"}]
 
 
 def _double(x: Array) -> Array:

@@ -151,9 +151,8 @@ def energy_book(scene: Scene, run: Trajectory | None = None) -> EnergyBalance:
 
 def _steps(run: Trajectory) -> Iterator[np.ndarray]:
     """Times at which the run's steps ended, by segment, s."""
-    for segment, end in zip(
-        _dense(run).segments, [*(one.begin for one in _dense(run).segments[1:]), run.t[-1]], strict=True
-    ):
+    segments = _dense(run).segments
+    for segment, end in zip(segments, [*(one.begin for one in segments[1:]), run.t[-1]], strict=True):
         if segment.taken is not None:
             yield segment.taken[0]
         else:
