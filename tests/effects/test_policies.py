@@ -215,6 +215,7 @@ def test_positions_are_the_offset_until_the_first_answer_acts(tmp_path: Path, la
     held = fx.JointPD({"shoulder": 0.3, "elbow": 0.2}, **gains)
     run, meant = (tl.simulate(arm([one]), 0.05, accuracy=1e-9) for one in (policy, held))
     np.testing.assert_allclose(run.q, meant.q, rtol=0, atol=1e-9)
+    assert tl.explain(arm([policy])).shares[-1].operations > 0
 
 
 @pytest.mark.parametrize("kind", ["Relu", "Softsign"])

@@ -13,6 +13,7 @@ from twolink.dynamics import Robot
 from twolink.effects.checks import check_effect, check_joints, check_subset, single_joints
 from twolink.effects.controllers import JointPD, Limits
 from twolink.effects.effect import Effect, Loads, NotNegative, all_finite, finite, number
+from twolink.effects.inputs import Slot
 from twolink.effects.sampled_control import STATE, Controller, Seconds
 from twolink.errors import SceneError
 from twolink.io.networks import Network, file_digest, read_network
@@ -118,14 +119,15 @@ class PolicyLaw:
         return last if one.name == "last_action" else y[one.name].reshape(len(last), -1)
 
 
-class HeldPositions(JointPD, frozen=True):
+class HeldPositions(JointPD, frozen=True, kw_only=True):
     """PD control to positions that are constant from tick to tick: tau = kp (position - q) - kd v, within limits.
 
-    target: slots, of the positions less their offset: 0 until the first answer acts.
+    target: of the positions less their offset: 0 until the first answer acts.
     """
 
     analytic: ClassVar[bool] = False
 
+    target: Mapping[str, Slot]  # type: ignore[assignment]
     offset: Mapping[str, float] = {}
 
     def act(self, motion: KinematicState, loads: Loads) -> None:
@@ -221,7 +223,7 @@ class Policy(Effect, frozen=True, dict=True):
         offset = dict(zip(torques.values, np.broadcast_to(self.offset, len(torques.values)).tolist(), strict=True))
         if not self.kp:
             return torques
-        return HeldPositions(torques.values, self.kp, self.kd, {}, self.limit, offset)  # type: ignore[arg-type]
+        return HeldPositions(target=torques.values, kp=self.kp, kd=self.kd, effort=self.limit, offset=offset)
 
     def check(self, robot: Robot) -> None:
         """Require a network that fits the observation and the joints."""

@@ -157,17 +157,15 @@ class Controller(Effect, frozen=True):
     def check(self, robot: Robot) -> None:
         """Require a function, times, and joints with one degree of freedom."""
         if not callable(self.update):
-            raise SceneError(
-                f"expected a function, got {self.update!r:.60}", where="update", remedy="(t, y, state) -> (u, state)"
-            )
+            raise SceneError(f"expected a function, got {self.update!r:.60}", where="update",
+                             remedy="(t, y, state) -> (u, state)")  # fmt: skip
         check_clock(self.period, {"offset": self.offset, "delay": self.delay, "jitter": self.jitter}, self.seed)
         if self.jitter and self.jitter >= self.period:
             raise SceneError("ticks would change their order", where="jitter", remedy="below the period")
         for name in ("inputs", "outputs"):
             if isinstance(getattr(self, name), str):
-                raise SceneError(
-                    "expected names, got one text", where=name, remedy=f'such as ("{getattr(self, name)}",)'
-                )
+                raise SceneError("expected names, got one text", where=name,
+                                 remedy=f'such as ("{getattr(self, name)}",)')  # fmt: skip
         if len({*self.outputs}) < len(self.outputs):
             raise SceneError(f"a joint is named twice in {self.outputs}", where="outputs", remedy="name each once")
         check_joints(self.joints(robot), robot, "outputs", dofs=True)
