@@ -132,6 +132,8 @@ def test_play_writes_a_page(tmp_path: Path) -> None:
     table = run.save(tmp_path / "run.csv")
     assert "does not name its robot" in call("play", str(table)).stderr
     assert call("play", str(table), "--robot", "two_link", "--html", str(tmp_path / "c.html")).returncode == 0
+    (upper := tmp_path / "ARM.URDF").write_text(run.robot.visuals.text, "utf-8")
+    assert call("play", str(table), "--robot", str(upper), "--html", str(tmp_path / "c.html")).returncode == 0
     assert call("video", str(table), str(tmp_path / "c.png"), "--robot", "two_link").returncode == 0
 
 

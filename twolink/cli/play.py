@@ -21,7 +21,8 @@ from twolink.cli.common import (
 from twolink.dynamics.arguments import positive
 from twolink.errors import QueryError
 from twolink.io.progress import progress_bar
-from twolink.robots.catalogue import FILES, catalogue_names
+from twolink.robots.catalogue import catalogue_names
+from twolink.scenes import bundled_scenes
 from twolink.simulation.trajectory import Trajectory
 
 ACCURACIES = (1e-3, 1e-6, 1e-9, 1e-12)
@@ -134,8 +135,8 @@ def _saved(file: Path, robot: str | None, load: RobotLoader) -> Trajectory:
         raise Misuse("expected the file of a saved run", where=str(file), remedy=remedy)
     if robot is None:
         return Trajectory.load(file)
-    named = robot in catalogue_names() or robot.endswith(FILES)
-    return Trajectory.load(file, load(robot) if named else scene_from(robot, load).robot)
+    of_scene = robot.endswith(".toml") or (robot in bundled_scenes() and robot not in catalogue_names())
+    return Trajectory.load(file, scene_from(robot, load).robot if of_scene else load(robot))
 
 
 def _size(text: str) -> tuple[int, int]:

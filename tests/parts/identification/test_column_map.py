@@ -123,6 +123,12 @@ def test_matrices_with_samples_in_columns_are_refused(tmp_path: Path) -> None:
         read_log(ARM, path)
 
 
+@pytest.mark.parametrize("lone", ["t", "q", "tau"])
+def test_a_number_in_place_of_a_column_is_refused_by_name(lone: str) -> None:
+    with pytest.raises(QueryError, match=rf"'?{lone}'? has 1$|{lone}: expected shape|'t' has 1;"):
+        tl.identify(ARM, {"t": T, "q": Q, "tau": TAU, lone: 0.5})
+
+
 def test_units_of_angles_leave_lengths_and_cosines(tmp_path: Path) -> None:
     robot = tl.load_robot("panda")
     rng = np.random.default_rng(0)

@@ -261,8 +261,8 @@ def measurements_of(robot: Robot, content: Mapping[str, np.ndarray], where: str)
     if out["t"] is None:
         raise _missing(where, "t", list(content))
     for name, values in out.items():
-        if values is not None and len(values) != len(out["t"]):
-            raise QueryError(f"{name!r} has {len(values)} rows, 't' has {len(out['t'])}", where=where,
+        if np.ndim(values) and len(values) != np.size(out["t"]):
+            raise QueryError(f"{name!r} has {len(values)} rows, 't' has {np.size(out['t'])}", where=where,
                              remedy="give a row for each sample", code="column-missing")  # fmt: skip
     return out
 
