@@ -163,10 +163,11 @@ def test_a_trajectory_without_equations_is_refused() -> None:
 @pytest.mark.parametrize("book", [tl.energy_book, tl.loop_forces])
 def test_a_run_of_another_scene_is_refused(book: Callable[[tl.Scene, tl.Trajectory], object]) -> None:
     """Works would stand under other effects' names; what is equal is no other scene."""
-    scene = tl.load_scene("arm-swing")
+    scene = arm(fx.DryFriction({"elbow": 1.0}))
     run = tl.simulate(scene, t_eval=[0.0, 0.1])
-    book(tl.load_scene("arm-swing"), run)
-    for effects in ((), (fx.JointDamping({"elbow": 1.0}), *scene.effects)):
+    book(arm(fx.DryFriction({"elbow": 1.0})), run)
+    others = (fx.JointDamping({"elbow": 1.0}), *scene.effects), (fx.Gravity(), fx.DryFriction({"elbow": 2.0}))
+    for effects in ((), *others):
         other = tl.Scene(scene.robot, scene.q, scene.v, effects, 0.1)
         with pytest.raises(tl.errors.SceneError, match="another robot or other effects"):
             book(other, run)

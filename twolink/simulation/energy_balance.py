@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 
 from twolink.algorithms.motion import KinematicState
@@ -220,11 +221,19 @@ def _run_of(scene: Scene, run: Trajectory) -> Trajectory:
     """The run; raises SceneError for one of a scene with another robot or other effects."""
     instance(scene, Scene, "scene", SceneError)
     own = instance(run, Trajectory, "run", SceneError).scene
-    # Laws are not compared: those of a run from a pickle are other objects.
-    if own not in (None, scene) and (own.robot.model, effect_names(own)) != (scene.robot.model, effect_names(scene)):
+    if own not in (None, scene) and (own.robot.model, _content(own)) != (scene.robot.model, _content(scene)):
         raise SceneError("the run is of a scene with another robot or other effects", where="run", argument="run",
                          remedy="give the scene that was simulated: run.scene", code="other-scene")  # fmt: skip
     return run
+
+
+def _content(scene: Scene) -> list[Any]:
+    """The numbers of all effects. Of laws the types alone: those of a run from a pickle are other objects."""
+
+    def kind(law: Any) -> str:
+        return type(law).__qualname__
+
+    return [(type(effect), msgspec.to_builtins(effect, enc_hook=kind)) for effect in scene.effects]
 
 
 def _no_segments() -> SceneError:
