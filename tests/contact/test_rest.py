@@ -1,5 +1,6 @@
 """Bodies at rest: their steps are those of the contact problem, and end with the forces that held them."""
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from tests.effects.bodies import G, free_bodies, stepped
 from twolink.contact import stepping
 from twolink.contact.rest import RestingSteps
 from twolink.contact.steps import Step
+from twolink.simulation import stepped_run
 
 E = tl.effects
 MASS, EDGE, MU = 2.0, 0.2, 0.4
@@ -109,10 +111,20 @@ def test_a_first_estimate_that_is_small_by_chance_is_held_against_a_next_one() -
     assert run.error[-1] < 1e-6
 
 
-def test_a_first_estimate_stands_where_there_is_no_time_for_a_next_one() -> None:
-    """The accuracy was kept, and the run was refused."""
+def test_a_first_estimate_stands_where_no_next_one_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There is no time for it, or its run fails; the accuracy is kept."""
     scene = tl.Scene(tl.load_robot("world")).with_object(E.Box((0.4, 0.4, 0.1)), mass=1.0, name="block")
     scene = scene.with_effects([E.Gravity(), E.Contact((("block", E.Plane((0.0, 0.0, 1.0))),), 0.5)])
     scene = scene.with_start([0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 1.0], [1.0, *np.zeros(5)])
     run = tl.simulate(scene, 1.0, contact="stepped", accuracy=1e-2, patience=1e-3)
     assert 1e-6 < run.error[-1] < 1e-2
+    solve, calls = stepped_run.solve_stepped, itertools.count()
+
+    def failing(*given: Any) -> Any:
+        if next(calls) > 1:
+            raise tl.errors.AccuracyError("no", where="here", code="chaos")
+        return solve(*given)
+
+    monkeypatch.setattr(stepped_run, "solve_stepped", failing)
+    np.testing.assert_array_equal(tl.simulate(scene, 1.0, contact="stepped", accuracy=1e-2).q, run.q)
+    assert next(calls) == 3

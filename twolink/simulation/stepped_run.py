@@ -150,12 +150,11 @@ class _StepRefinement:
                     return self._ended(now, error)
                 step, halvings, coarse = now / SMALLER, 0, None
                 continue
-            kept = self.last <= (self.accuracy or ENOUGH)
-            if kept and (len(self.tried) > 1 or self.last < SURE):
+            if self.last <= (self.accuracy or ENOUGH) and (len(self.tried) > 1 or self.last < SURE):
                 return run
             wanted = self._wanted(fine[0].step, fine[1])
             if wanted is None:
-                return run if kept else self._ended(now / 2)
+                return self._ended(now / 2)
             coarse, halvings = fine, halvings + 1
             if wanted < now / 8:
                 step, halvings, coarse = max(wanted, now / 2 / STRIDE), 0, None
@@ -196,7 +195,7 @@ class _StepRefinement:
 
     def _ended(self, now: float, error: AccuracyError | None = None) -> Trajectory:
         """The best run; raises AccuracyError where there is none, or not of the accuracy. now: the smallest step, s."""
-        if self.accuracy is None and self.best is not None:
+        if self.best is not None and self.least <= (self.accuracy or math.inf):
             return self.best
         if error is None:
             raise self._too_many_steps(now, self.accuracy or ENOUGH)
