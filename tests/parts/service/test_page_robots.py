@@ -120,6 +120,24 @@ def test_objects_of_a_scene_are_drawn_and_their_sliders_move_them(page: Page) ->
     assert page.moves(before)
 
 
+def test_objects_are_drawn_though_a_scene_that_is_picked_meanwhile_cannot_be_had(page: Page) -> None:
+    page.open("#robot=two_link")
+    page.evaluate("""(() => {
+        const plain = window.fetch;
+        window.fetch = async (path, ...more) => {
+            if (String(path).endsWith("/bowl")) throw new TypeError("lost");
+            const answer = await plain(path, ...more);
+            if (String(path).endsWith("/scenes/visuals")) await new Promise(after => setTimeout(after, 2000));
+            return answer;
+        };
+    })()""")
+    page.choose("#scene-select", "box-stack")
+    page.wait_for("document.getElementById('view-note').textContent === 'Drawing…'")
+    page.choose("#scene-select", "bowl")
+    page.wait_for("document.querySelector('#scene-problem [role=alert]')")
+    page.wait_for("document.getElementById('view-note').textContent === ''")
+
+
 def test_a_bad_urdf_is_explained_where_it_was_given(page: Page, tmp_path: Path) -> None:
     (tmp_path / "bad.urdf").write_text(BAD)
     page.open()

@@ -187,15 +187,14 @@ async function showStart() {
 
 async function draw(robot) {
   try {
-    const { objects } = editor.about;
-    const shown = JSON.stringify([robot.id, objects]);
+    const { about } = editor;
+    const shown = JSON.stringify([robot.id, about.objects]);
     if (drawn !== shown && viewer.stage) {
       viewer.note.textContent = "Drawing…";
-      const thisTurn = turn;
-      const visuals = await (objects.length
-        ? post("/v1/scenes/visuals", { scene: editor.about })
+      const visuals = await (about.objects.length
+        ? post("/v1/scenes/visuals", { scene: about })
         : robots.look(robot.id));
-      if (thisTurn !== turn) return;
+      if (about !== editor.about || robot.id !== robots.robot.id) return;
       viewer.load(visuals);
       drawn = shown;
       await poseAt(sliders.q);
