@@ -121,6 +121,16 @@ def test_two_columns_of_one_name_are_none() -> None:
 
 
 @pytest.mark.parts
+def test_columns_of_other_lengths_are_refused_by_name() -> None:
+    table = {"t": np.arange(N), "q.shoulder": Q[:, 0], "q.elbow": Q[:, :1], "v.shoulder": V[:, 0], "v.elbow": V[:2, 1]}
+    robot = tl.load_robot("two_link")
+    assert np.array_equal(read_columns(table, robot.joints, "q")[0], Q[:, [0, 0]])
+    for call in (lambda: tl.judge(robot, table), lambda: tl.identify(robot, table)):
+        with pytest.raises(QueryError, match=r"'v\.shoulder' and 'v\.elbow' are not equally long"):
+            call()
+
+
+@pytest.mark.parts
 def test_logs_of_one_joint_may_have_columns_q_v_and_tau() -> None:
     """A pendulum's log is judged right, and its driving torques give its first moment back."""
     robot = tl.load_robot("friction_pendulum")

@@ -178,7 +178,7 @@ def read_columns(
 ) -> tuple[np.ndarray | None, list[str]]:
     """The values (n, k) of some joints in a table, and the columns that lack for them.
 
-    The values are None where columns lack. Raises QueryError as `columns_to_read` does.
+    The values are None where columns lack. Raises QueryError as `columns_to_read` does, and where lengths differ.
     """
     wanted = columns_to_read(table, joints, letter)
     if wanted == [letter]:
@@ -189,6 +189,9 @@ def read_columns(
         return None, lacking
     angles = {f"q.{joint.name}" for joint in joints if letter == "q" and joint.kind == "cos-sin"}
     values = [np.asarray(table[column]) for column in wanted]
+    for column, own in zip(wanted, values, strict=True):
+        if own.shape[:1] != values[0].shape[:1]:
+            raise QueryError(f"{wanted[0]!r} and {column!r} are not equally long", remedy="give a row for each sample")
     pairs = ((np.cos(x), np.sin(x)) if column in angles else (x,) for column, x in zip(wanted, values, strict=True))
     return np.column_stack([x for pair in pairs for x in pair]), []
 
