@@ -1,5 +1,6 @@
 """A scene does not change, survives pickling, and prints what a person wants to know."""
 
+import copy
 import pickle
 import re
 from pathlib import Path
@@ -113,6 +114,17 @@ def test_pickling_keeps_every_part_of_a_scene() -> None:
     assert np.array_equal(again.v, scene.v)
     assert again.base.gravity.tolist() == [0, 0, -1]
     assert again.robot.gravity.tolist() == [0, 0, -2]
+
+
+def test_a_scene_with_a_constructor_of_its_own_goes_to_other_processes() -> None:
+    class Pendulum(tl.Scene):
+        def __init__(self, angle: float) -> None:
+            super().__init__(tl.load_robot("friction_pendulum"), [angle])
+
+    made = Pendulum(0.3)
+    for again in (pickle.loads(pickle.dumps(made)), copy.deepcopy(made)):
+        assert type(again) is tl.Scene
+        assert again.q == made.q == [0.3]
 
 
 def test_a_scene_prints_its_robot_state_and_effects() -> None:

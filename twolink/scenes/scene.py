@@ -148,7 +148,7 @@ class Scene:
         super().__setattr__(name, value)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.base, self.q, self.v, self.effects, self.duration, self.title)
+        return Scene, (self.base, self.q, self.v, self.effects, self.duration, self.title)
 
     @property
     def sensors(self) -> dict[str, Sensor]:

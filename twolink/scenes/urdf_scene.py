@@ -106,6 +106,9 @@ class UrdfScene(Scene):
     def __repr__(self) -> str:
         return f"{super().__repr__()}\n{self.report}"
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return UrdfScene, super().__reduce__()[1]
+
 
 def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 2.0, *, contact: bool = False) -> UrdfScene:
     """A scene with gravity and all that a robot's file says: damping, friction, stops, mimic joints; of an MJCF also

@@ -114,9 +114,8 @@ class _Variant(NamedTuple):
     robot: str
 
 
-def groups(
-    accuracy: float | None, quantities: dict[str, Parameter], values: Columns
-) -> Iterator[tuple[_Variant, np.ndarray]]:
+def groups(accuracy: float | None, quantities: dict[str, Parameter], values: Columns,
+           ) -> Iterator[tuple[_Variant, np.ndarray]]:  # fmt: skip
     """The runs by variant, and their rows. accuracy: where it does not vary."""
     chosen = [name for name, what in quantities.items() if what.kind in OF_VARIANTS]
     table = np.zeros((len(next(iter(values.values()))), len(chosen)), dtype=int)
