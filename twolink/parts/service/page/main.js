@@ -26,6 +26,7 @@ import { loadMeshcat } from "./viewer_script.js";
 
 const FIRST = "arm-swing";
 const FRAMES = 600;
+const DRAWING = "Drawing…";
 
 const viewer = new Viewer(byId("stage"), { onTime: t => results.cursor(t) });
 const robots = new Robots(useRobot);
@@ -190,7 +191,7 @@ async function draw(robot) {
     const { about } = editor;
     const shown = JSON.stringify([robot.id, about.objects]);
     if (drawn !== shown && viewer.stage) {
-      viewer.note.textContent = "Drawing…";
+      viewer.note.textContent = DRAWING;
       const visuals = await (about.objects.length
         ? post("/v1/scenes/visuals", { scene: about })
         : robots.look(robot.id));
@@ -199,6 +200,7 @@ async function draw(robot) {
       drawn = shown;
       await poseAt(sliders.q);
     }
+    if (viewer.note.textContent === DRAWING) viewer.note.textContent = ""; // of one that was picked meanwhile
     viewer.fit();
   } catch (failure) {
     viewer.note.textContent = `It cannot be drawn: ${failure.message}`;
