@@ -143,14 +143,14 @@ class _StepRefinement:
                 fine = self.solve(step, halvings + 1)
                 if fine[0].interrupted:
                     return _trajectory(self.scene, *coarse)
-                run = self._estimated(coarse[0], *fine)
+                first, run = self.best is None, self._estimated(coarse[0], *fine)
             except AccuracyError as error:
                 self.tried.append(f"{now:.2g} s: {error.code}")
                 if error.code not in TOO_LONG or now / SMALLER < self._smallest(now, 0.0):
                     return self._ended(now, error)
                 step, halvings, coarse = now / SMALLER, 0, None
                 continue
-            if self.last <= (self.accuracy or ENOUGH) and (len(self.tried) > 1 or self.last < SURE):
+            if self.last <= (self.accuracy or ENOUGH) and (not first or self.last < SURE):
                 return run
             wanted = self._wanted(fine[0].step, fine[1])
             if wanted is None:
