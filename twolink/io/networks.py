@@ -172,18 +172,18 @@ def read_network(path: Path | str, content: str = "") -> Network:
     MissingExtraError
         onnx is not installed.
     """
-    onnx, path = import_extra("onnx", "onnx"), Path(path)
+    onnx, path, where = import_extra("onnx", "onnx"), Path(path), str(path)
     if not may_be_read(path):
-        raise SceneError("this file may not be read", where=str(path), code="network")
+        raise SceneError("this file may not be read", where=where, code="network")
     try:
-        model = onnx.load(str(path))
+        model = onnx.load(where)
     except Exception as error:  # of protobuf any
-        raise SceneError(f"there is no network: {error}", where=str(path), remedy="export the policy to ONNX",
+        raise SceneError(f"there is no network: {error}", where=where, remedy="export the policy to ONNX",
                          code="network") from error  # fmt: skip
     if content and (found := file_digest(path)) != content:
-        raise SceneError(f"it is another network: its SHA-256 is {found:.12} and not {content:.12}", where=str(path),
+        raise SceneError(f"it is another network: its SHA-256 is {found:.12} and not {content:.12}", where=where,
                          remedy="give the file that was meant, or leave `content` out", code="network")  # fmt: skip
-    graph, where = model.graph, str(path)
+    graph = model.graph
     constants = {one.name: _double(onnx.numpy_helper.to_array(one)) for one in graph.initializer}
     ins = {one.name: _shape(one) for one in graph.input if one.name not in constants}
     outs = {one.name: _shape(one) for one in graph.output}
@@ -221,8 +221,9 @@ def _nodes(model: Any, onnx: Any, outs: Collection[str], where: str) -> list[_No
     if unknown := sorted(kinds - {*_OPERATIONS} - _OF_ONNX) + sorted(refused):
         raise SceneError(f"operations that are not known: {', '.join(unknown)}", where=where, code="network",
                          remedy=f"one of {', '.join(sorted([*_OPERATIONS, *_OF_ONNX]))}")  # fmt: skip
-    evaluator = import_extra("onnx.reference", "onnx").ReferenceEvaluator
-    theirs = evaluator(model).rt_nodes_ if kinds - {*_OPERATIONS} else ()
+    theirs: Sequence[Any] = ()
+    if kinds - {*_OPERATIONS}:
+        theirs = import_extra("onnx.reference", "onnx").ReferenceEvaluator(model).rt_nodes_
     runs = [functools.partial(_OPERATIONS[one.op_type], **_given(one, onnx)) if one.op_type in _OPERATIONS
             else functools.partial(_in_double, theirs[k].run) for k, one in zip(found, used, strict=True)]  # fmt: skip
     return [_Node(tuple(one.input), tuple(one.output), run) for one, run in zip(used, runs, strict=True)]

@@ -71,9 +71,8 @@ def as_values(asked: Parameter, values: Any) -> np.ndarray:
 class RunInputs:
     """Runs of one variant of a scene, which differ in numbers.
 
-    scene: without the effects that are off. accuracy: of all, None as in
-    `simulate`. q (n, nq), v (n, nv): the starts. parameters: values (n,)
-    by name, in the numbering of the variant's effects.
+    scene: without the effects that are off. accuracy: of all, None as in `simulate`. q (n, nq), v (n, nv): the starts.
+    parameters: values (n,) by name, in the numbering of the variant's effects.
     """
 
     scene: Scene

@@ -141,7 +141,8 @@ def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Para
     names = tuple(new for name in varied if (new := renamed(name, of.off)) is not None)
     if "energy" in request.outputs and names:
         return False, "one by one: the energy depends on each run's parameters"
-    if request.verify and not can_be_finer(METHODS["dop853"], bound := of.accuracy or ACCURACY):
+    bound = of.accuracy or ACCURACY
+    if request.verify and not can_be_finer(METHODS["dop853"], bound):
         return False, f"one by one: {bound:g} is below what batches can verify"
     if differs_beyond_numbers(scene, names):
         return False, "one by one: the scene has events, or loops or constants that differ by run"
