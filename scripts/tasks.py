@@ -12,6 +12,8 @@ from scripts.runner import FINGERS, new_process, seconds_of
 
 FREE = ("anymal", "talos")  # in the air
 DAMPING = 0.1  # N m s/rad or N s/m: of the joints of robots that fall
+FEET = {"solo12": 0.0165, "anymal": 0.03}  # m, their radius
+GAINS = {"solo12": (5.0, 0.1), "anymal": (150.0, 4.0)}  # N m/rad, N m s/rad
 FACTORS = 10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01, 1e-3  # of the error: tolerances of SciPy
 RUNS = """
 import sys, time, twolink as tl
@@ -45,6 +47,30 @@ def falling(name: str, start: int = 0, root: str = "fixed", *, stops: bool = Fal
     effects = [fx.Gravity(), *([fx.JointDamping(damped)] if damped else [])]
     effects += [fx.JointStops()] if stops and fx.JointStops().modes(robot) else []
     return tl.Scene(robot, q[0], v[0], effects=effects, duration=2.0)
+
+
+def bent_legs(robot: tl.Robot) -> tuple[np.ndarray, dict[str, float]]:
+    """A quadruped's q with bent legs, whose hind ones bend the other way, and the targets of its joints."""
+    q, target = robot.neutral, dict[str, float]()
+    for joint in robot.joints[1:]:
+        side = -1.0 if "H" in joint.name[:2] else 1.0
+        q[joint.q] = target[joint.name] = side * {"HAA": 0.0, "HFE": 0.8, "KFE": -1.6}[joint.name[-3:]]
+    return q, target
+
+
+def on_feet(name: str) -> tuple[tl.Robot, np.ndarray, dict[str, float], tl.effects.Contact]:
+    """A quadruped 1 cm above the ground with bent legs; the targets of its joints; its feet on the ground."""
+    robot = tl.load_robot(name, root="free")
+    q, target = bent_legs(robot)
+    feet, radius = [name for name in robot.frame_names if name.endswith("FOOT")], FEET[name]
+    q[2] = radius + 0.01 - min(float(robot.frame_pose(q, foot)[1][2]) for foot in feet)
+    pairs = tuple((foot, "ground") for foot in feet)
+    return (
+        robot,
+        q,
+        target,
+        tl.effects.Contact(pairs, 0.6, shapes={foot: (tl.effects.Sphere(radius),) for foot in feet}),
+    )
 
 
 def scene_of(name: str) -> tl.Scene:

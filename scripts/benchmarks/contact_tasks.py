@@ -1,33 +1,45 @@
 """Tasks with contacts: what the first answer costs, one run by steps, and MuJoCo at its default and at the same error.
 
 Of each task a line for `simulate(scene)` without arguments, with its estimate beside its error; for one run with a step
-of 5 ms, the second one, without an estimate; for MuJoCo's default, Euler with 2 ms; and for MuJoCo's longest steps that
-are as exact as the run of 5 ms. Errors are of q at 20 samples a second, against a run with steps of 0.5 ms; in piles,
-whose motion depends on roundings, they say little. ms are of the processor, ratios to MuJoCo's default.
+of 5 ms, the second one, without an estimate; for MuJoCo's default, Euler with 2 ms; for MuJoCo's longest steps that are
+as exact as the run of 5 ms; and for Drake's usual settings, where it is installed. Errors are of q at 20 samples a
+second, against a run with steps of 0.5 ms; in piles, whose motion depends on roundings, they say little. ms are of the
+processor, ratios to MuJoCo's default.
 
-Bundled scenes are taken as they are; where their contacts are located by default, the run with an accuracy of 1e-8 is
-what errors are against, and a line has the second run.
+Where contacts are located by default, the run with an accuracy of 1e-8 is what errors are against, and a line has the
+second run. PD control in MuJoCo is springs and dampers in the joints, which its Euler method takes implicitly.
 
-    python -m scripts.benchmarks.contact_tasks [upright_box stack pile dominoes spheres quadruped newtons-cradle ...]
+    python -m scripts.benchmarks.contact_tasks [block upright_box stack pile dominoes spheres quadruped solo12 ...]
 """
 
+import contextlib
 import time
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import mujoco
 import numpy as np
 
 import twolink as tl
-from scripts.benchmarks.contact import balls, balls_by_mujoco, bent_legs
 from scripts.runner import Table, once, options
-from scripts.studies.scenes.robots import free_robot
-from twolink.hard.peers import mujoco_peer
+from scripts.studies.scenes.robots import body, free_robot, robot_of
+from scripts.tasks import GAINS, bent_legs, on_feet
+from twolink.hard.peers import mujoco_peer, peer_module
 from twolink.hard.peers.task import PeerError, Setting, UnsupportedError, task_of
 
 E = tl.effects
-GRAVITY = E.Gravity((0.0, 0.0, -9.75))
+G, RADIUS = 9.75, 0.05  # m, of balls
+GRAVITY = E.Gravity((0.0, 0.0, -G))
 Task = tuple[tl.Scene, float]  # and its duration, s
+
+
+def block() -> Task:
+    """A block slides to rest on its four corners."""
+    robot = robot_of(body("cart", 1e-3, 1e-6, "prismatic", "x", axis="1 0 0")
+                     + body("block", 1.0, 1e-6, "prismatic", "z", parent="cart"))  # fmt: skip
+    contact = E.Contact((("block", "ground"),), 0.3, shapes={"block": (E.Box((0.4, 0.3, 0.2)),)})
+    return tl.Scene(robot, [0.0, 0.1], [2.0, 0.0], [GRAVITY, contact]), 1.0
 
 
 def boxes(sizes: np.ndarray, places: np.ndarray, friction: float, *, v: np.ndarray | None = None) -> tl.Scene:
@@ -71,23 +83,63 @@ def dominoes() -> Task:
     return boxes(np.tile([0.02, 0.06, 0.12], (10, 1)), places, 0.4, v=v), 1.0
 
 
-def spheres(count: int = 50, side: int = 4) -> Task:
+def spheres(count: int = 50, side: int = 4, duration: float = 1.5) -> Task:
     """Spheres fall into a box, in layers of so many in a row."""
-    return balls(count, side, 9.75), 1.5
+    random, wide = np.random.default_rng(1), 1.2 * RADIUS * side
+    names = [f"s{k}" for k in range(count)]
+    robot = free_robot(*((name, 0.5, (0.4 * 0.5 * RADIUS**2,) * 3) for name in names))
+    places = np.array([(k % side, k // side % side, k // side**2) for k in range(count)], float) * 2.4 * RADIUS
+    places += [1.2 * RADIUS - wide, 1.2 * RADIUS - wide, 3 * RADIUS]
+    places += random.uniform(-0.1 * RADIUS, 0.1 * RADIUS, (count, 3))
+    q = np.concatenate([places, np.tile([0, 0, 0, 1.0], (count, 1))], axis=1).ravel()
+    pairs = ("self", "ground", *((name, wall) for name in names for wall in walls(side)))
+    contact = E.Contact(pairs, 0.3, shapes={name: (E.Sphere(RADIUS),) for name in names})
+    return tl.Scene(robot, q, effects=[GRAVITY, contact]), duration
+
+
+def walls(side: int) -> list[tl.effects.Plane]:
+    """The sides of the box."""
+    return [E.Plane((x, y, 0.0), -1.2 * RADIUS * side) for x, y in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))]
+
+
+def balls_by_mujoco(scene: tl.Scene, side: int, step: float) -> Any:
+    """MuJoCo's model of `spheres`: its own broad phase needs geoms that may touch, not pairs."""
+    spec = mujoco.MjSpec()
+    spec.option.timestep, spec.option.gravity, spec.memory = step, scene.robot.model.gravity.linear, 2**30
+    touching: dict[str, Any] = {"friction": [0.3, 0, 0], "condim": 3}
+    for plane in (E.Plane(), *walls(side)):
+        n = np.array(plane.normal)
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 1], pos=n * plane.height, zaxis=n,
+                                **touching)  # fmt: skip
+    for pose in scene.q.reshape(-1, 7):
+        body = spec.worldbody.add_body(pos=pose[:3])
+        body.add_freejoint()
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[RADIUS, 0, 0], mass=0.5, **touching)
+    return spec.compile()
+
+
+def sprung(robot: tl.Robot, q: np.ndarray, target: dict[str, float], contact: E.Contact, name: str) -> tl.Scene:
+    """A quadruped with springs and dampers in its joints."""
+    kp, kd = (dict.fromkeys(target, gain) for gain in GAINS[name])
+    return tl.Scene(robot, q, effects=[GRAVITY, E.JointSpring(kp, rest=target), E.JointDamping(kd), contact])
 
 
 def quadruped() -> Task:
-    """Solo on its own collision meshes falls 1 cm and stands, by springs and dampers in its joints."""
+    """Solo on its own collision meshes falls 1 cm and stands."""
     robot = tl.load_robot("solo12", root="free")
     q, target = bent_legs(robot)
     q[2] = 0.25
-    drives = [E.JointSpring(dict.fromkeys(target, 5.0), rest=target), E.JointDamping(dict.fromkeys(target, 0.1))]
-    return tl.Scene(robot, q, effects=[GRAVITY, *drives, E.Contact(("ground",), 0.6)]), 1.0
+    return sprung(robot, q, target, E.Contact(("ground",), 0.6), "solo12"), 1.0
+
+
+def standing(name: str) -> Task:
+    """A quadruped falls 1 cm on four spheres and stands."""
+    return sprung(*on_feet(name), name), 2.0
 
 
 TASKS: dict[str, Callable[[], Task]] = {
-    one.__name__: one for one in (upright_box, stack, pile, dominoes, spheres, quadruped)}  # fmt: skip
-TASKS["stack-20"] = partial(stack, 20)
+    **{one.__name__: one for one in (block, upright_box, stack, pile, dominoes, spheres, quadruped)},
+    **{name: partial(standing, name) for name in GAINS}, "stack-20": partial(stack, 20)}  # fmt: skip
 LARGE = {"spheres-200": (200, 6, 1.5), "spheres-500": (500, 8, 0.5)}  # spheres, in a row, and the time, s
 BUNDLED = ("arm-pushes-box", "bouncing-ball", "bowl", "can-on-table", "grasp", "newtons-cradle", "quadruped-stands",
            "quadruped-trots", "rattleback", "sphere-pile", "spinning-coin", "tippe-top")  # fmt: skip
@@ -114,8 +166,9 @@ def compare(name: str, table: Table) -> None:
     def located(accuracy: float | None = None) -> tl.Trajectory:
         return tl.simulate(scene, duration, t_eval=times, accuracy=accuracy)
 
-    def peer(step: float) -> tuple[float, np.ndarray]:
-        run = mujoco_peer.prepare(task_of(scene, times), Setting("Euler", "", step=step))
+    def peer(setting: Setting | float, module: Any = mujoco_peer) -> tuple[float, np.ndarray]:
+        known = setting if isinstance(setting, Setting) else Setting("Euler", "", step=setting)
+        run = module.prepare(task_of(scene, times), known)
         run()
         taken, answer = once(run, time.process_time)
         return taken, answer.track.q
@@ -155,6 +208,10 @@ def compare(name: str, table: Table) -> None:
     while off > least and (step := step / FINER) >= FINEST:
         taken, q = peer(step)
         off = line(f"MuJoCo, {1e3 * step:g} ms", taken, q)
+    with contextlib.suppress(ImportError):  # an extra
+        drake = peer_module("drake")
+        for setting in drake.usual_settings(task_of(scene, times)):
+            line(f"Drake, {setting}", *peer(setting, drake))
 
 
 def compare_large(name: str, table: Table) -> None:
@@ -172,7 +229,7 @@ def compare_large(name: str, table: Table) -> None:
 
 def main() -> None:
     given = options(__doc__, rest=(*TASKS, *BUNDLED, *LARGE))
-    table = Table("task <12 | way <18 | error >8.1e | ms >9.1f | ratio >7.1f | more <1")
+    table = Table("task <12 | way <33 | error >8.1e | ms >9.1f | ratio >7.1f | more <1")
     for name in given.rest:
         (compare_large if name in LARGE else compare)(name, table)
 

@@ -26,10 +26,9 @@ import mujoco
 import numpy as np
 
 import twolink as tl
-from scripts.benchmarks.contact import on_feet
 from scripts.mujoco_world import MujocoWorld
 from scripts.runner import Bars, Some, Table, many, options, print_bars, seconds_of
-from scripts.tasks import robot_of
+from scripts.tasks import on_feet, robot_of
 from twolink import effects as E
 from twolink.gym import Environment, VectorEnvironment
 from twolink.integrate.steps.methods import METHODS

@@ -26,9 +26,9 @@ import mujoco
 import numpy as np
 
 import twolink as tl
-from scripts.benchmarks.contact import GAINS, on_feet
 from scripts.mujoco_world import MujocoWorld
 from scripts.runner import FINGERS, Some, Table, options, print_bars, seconds_of
+from scripts.tasks import GAINS, on_feet
 
 Law = Callable[[float, Any, Any], tuple[np.ndarray, Any]]
 KP, KD = 30.0, 8.0

@@ -1,27 +1,32 @@
 """Are answers about bodies that touch ever wrong in silence? Random scenes with contacts, each simulated and judged.
 
-    python -m scripts.studies.contacts [--scenes 200] [--seed 0] [--first 0] [--laws] [--both] [--kinds ledge,plate]
+    python -m scripts.studies.contacts [--scenes 200] [--seed 0] [--first 0] [--laws]
+        [--ways auto,stepped,step,accuracy] [--kinds ledge,plate]
 
 Scenes: `scenes.contacts`. Three kinds have exact motions, and hulls on a large hull must move as on a plane; for the
-others the reference is a run that is 1,000 times more accurate, whose own error bar counts as its doubt. With --laws
-every answer is also held against the laws, by other code than the engine's: Coal's distances (no bodies overlap),
-contact forces on planes (no pull, within the cone of friction), energy (contacts and dampers only take some). A stepped
-run is so as long as its estimate is below 0.1 rad or m, and its energy may be off by the share that it estimates. With
---both each scene is stepped too, as far as STEPPING seconds allow, and held against the truth or the located answer.
+others the reference is a run that is 1,000 times more accurate, whose own error bar counts as its doubt. Ways: auto, as
+the scene asks for, by default; stepped as well as STEPPING seconds allow; stepped with a step of 1 to 10 ms, or with an
+accuracy of 1e-3 to 1e-2. With --laws every answer is also held against the laws, by other code than the engine's:
+Coal's distances (no bodies overlap), contact forces on planes (no pull, within the cone of friction), energy (contacts
+and dampers only take some). A stepped run is so as long as its estimate is below 0.1 rad or m, and its energy may be
+off by the share that it estimates.
 
 exact, agrees: no sample is farther from the truth, or from the reference, than the error bar. WRONG: one is, or a law
 is broken. beyond: a stepped one is farther than its estimate. refused: a named error, counted by code. unknown: no
-truth. HANG: no end after PATIENCE seconds of processor time. CRASH: an error that is none of twolink's. Rows go to
-out/contacts-SEED.csv. Ends 0 if nothing is wrong, hangs or crashes, and estimates cover 95 %.
+truth. HANG: no end after PATIENCE seconds of processor time. CRASH: an error that is none of twolink's. size: of the
+bar over the error, each the largest of its samples, the median. Rows go to out/contacts-SEED.csv. Ends 0 if nothing is
+wrong, hangs or crashes, and estimates cover 95 %.
 """
 
 import argparse
 import collections
+import functools
 import itertools
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import coal
 import numpy as np
@@ -53,44 +58,41 @@ BAD = ("WRONG", "HANG", "CRASH")
 
 @dataclass
 class Row(Judged):
-    """A scene, solved in a way, and what came of it."""
+    """A scene, solved in a way, and what came of it. size: the largest bar over the largest error."""
 
     way: str = ""
-    accuracy: float = 0.0
+    size: float = 0.0
     events: int = 0
 
 
-def check(number: int, seed: int, *, laws: bool, both: bool) -> Iterator[Row]:
-    """Simulate one scene, in one way or both, and judge the answers."""
-    one, located = case(number, seed), None
-    asked = Row(number, KINDS[number % len(KINDS)], one.what, way=one.way or "auto", accuracy=one.accuracy)
-    try:
-        with processor_time(PATIENCE):
-            located = _run(one, one.accuracy)
-        row, run = asked, located
-    except Exception as error:
-        row, run = replace(asked, **_failed(error)), None
-    yield _judged(row, one, run, laws=laws) if run else row
-    if not both:
-        return
-    row = replace(asked, way="stepped")
-    try:
-        with processor_time(PATIENCE):
-            run = tl.simulate(one.scene, one.duration, contact="stepped", patience=STEPPING,
-                              samples_per_second=SAMPLES / one.duration)  # fmt: skip
-    except Exception as error:
-        yield replace(row, **_failed(error))
-    else:
-        yield _judged(row, one, run, laws=laws, located=located)
+def check(number: int, given: argparse.Namespace) -> Iterator[Row]:
+    """Simulate one scene in some ways, and judge the answers."""
+    one, random = case(number, given.seed), np.random.default_rng([given.seed, number, 1])
+    asked = {way: float(10 ** random.uniform(-3, -2)) for way in ("step", "accuracy")}
+    options: dict[str, dict[str, Any]] = {
+        "auto": {"contact": one.way, "accuracy": one.accuracy}, "stepped": {"contact": "stepped", "patience": STEPPING},
+        **{way: {"contact": "stepped", way: value} for way, value in asked.items()}}  # fmt: skip
+    reference = functools.cache(functools.partial(run_of, one, contact=one.way,
+                                                  accuracy=max(1e-11, FINER * one.accuracy)))  # fmt: skip
+    for way in given.ways:
+        row, start = Row(number, KINDS[number % len(KINDS)], one.what, way=way), time.process_time()
+        try:
+            run = run_of(one, **options[way])
+        except Exception as error:
+            row = replace(row, **_failed(error))
+        else:
+            row = _judged(replace(row, events=len(run.events)), one, run, reference, laws=given.laws)
+        yield replace(row, seconds=round(time.process_time() - start, 2))
 
 
-def _run(one: Case, accuracy: float) -> tl.Trajectory:
-    return tl.simulate(one.scene, one.duration, accuracy=accuracy, samples_per_second=SAMPLES / one.duration,
-                       contact=one.way)  # fmt: skip
+def run_of(one: Case, **options: Any) -> tl.Trajectory:
+    """The run of a case. Raises OutOfTime."""
+    with processor_time(PATIENCE):
+        return tl.simulate(one.scene, one.duration, samples_per_second=SAMPLES / one.duration, **options)
 
 
 def _failed(error: Exception) -> dict[str, str]:
-    """The outcome of a run, or of a judgement, that ends in an error."""
+    """The outcome of a run that ends in an error."""
     if isinstance(error, OutOfTime):
         return {"outcome": "HANG"}
     if isinstance(error, TwolinkError):
@@ -99,31 +101,27 @@ def _failed(error: Exception) -> dict[str, str]:
     return {"outcome": "CRASH", "why": repr(error)[:200]}
 
 
-def _judged(row: Row, one: Case, run: tl.Trajectory, *, laws: bool, located: tl.Trajectory | None = None) -> Row:
-    row, start = replace(row, events=len(run.events)), time.process_time()
+def _judged(row: Row, one: Case, run: tl.Trajectory, reference: Callable[[], tl.Trajectory], *, laws: bool) -> Row:
     broken = broken_law(one, run) if laws else ""
     if broken:
         return replace(row, outcome="WRONG", why=broken)
     assert run.error is not None
-    bar, outcome = run.error + FLOOR * (row.way == "stepped"), "agrees"
+    bar, outcome = run.error + FLOOR * run.estimated, "agrees"
     try:
-        with processor_time(PATIENCE):
-            if one.truth is not None:
-                exact = one.truth(run.t)
-                error = np.abs(free_positions(run.q, exact.shape[1]) - exact).max(axis=1)
-                bar, outcome = bar + 4e-16 * np.abs(exact).max(), "exact"
-            elif row.way == "stepped" and located is None:
-                return replace(row, outcome="unknown", why="only stepped")
-            else:
-                fine = located if row.way == "stepped" else _run(one, max(1e-11, FINER * one.accuracy))
-                count = min(len(run.t), len(fine.t))
-                error, bar = distance(run.robot, run.q[:count], fine.q[:count]), bar[:count] + fine.error[:count]
-    except Exception as failure:
-        failed = _failed(failure)
-        return replace(row, outcome="unknown", why=failed.get("why", "HANG"))
+        if one.truth is not None:
+            exact = one.truth(run.t)
+            error = np.abs(free_positions(run.q, exact.shape[1]) - exact).max(axis=1)
+            bar, outcome = bar + 4e-16 * np.abs(exact).max(), "exact"
+        elif (fine := reference()).estimated:
+            return replace(row, outcome="unknown", why="only stepped")
+        else:
+            count = min(len(run.t), len(fine.t))
+            error, bar = distance(run.robot, run.q[:count], fine.q[:count]), bar[:count] + fine.error[:count]
+    except (TwolinkError, OutOfTime) as failure:
+        return replace(row, outcome="unknown", why=getattr(failure, "code", "HANG"))
     worst = float((error[1:] / np.maximum(bar[1:], 1e-300)).max())
-    outcome = outcome if worst <= 1.0 else "beyond" if row.way == "stepped" else "WRONG"
-    return replace(row, outcome=outcome, worst=worst, seconds=round(time.process_time() - start, 2))
+    outcome = outcome if worst <= 1.0 else "beyond" if run.estimated else "WRONG"
+    return replace(row, outcome=outcome, worst=worst, size=float(bar.max() / max(error.max(), FLOOR)))
 
 
 def broken_law(one: Case, run: tl.Trajectory) -> str:
@@ -173,27 +171,38 @@ def lowest_distance(robot: tl.Robot, pairs: tuple[Pair, ...], q: np.ndarray) -> 
     return float(lowest)
 
 
-def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
-    """Outcomes by kind, then refusals by code."""
-    table = Table("kind <16 | scenes >6 | " + "".join(f"{name} >8 | " for name in GOOD + BAD)
-                  + "events >8 | worst >7.2g | s/scene >8.2f")  # fmt: skip
-    ways = sorted({row.way == "stepped" for row in rows})
-    for kind, stepped in itertools.product((*KINDS, "all"), ways):
-        some = [row for row in rows if kind in (row.kind, "all") and (row.way == "stepped") == stepped]
+def show(rows: list[Row], given: argparse.Namespace) -> Bars:
+    """Outcomes by way and kind, then refusals by code."""
+    table = Table("way <9 | kind <9 | scenes >6 | " + "".join(f"{name} >8 | " for name in GOOD + BAD)
+                  + "events >8 | worst >7.2g | size >7.2g | s/scene >8.2f")  # fmt: skip
+    for way, kind in itertools.product(given.ways, (*given.kinds, "all")):
+        some = [row for row in rows if kind in (row.kind, "all") and row.way == way]
+        judged = [row for row in some if row.outcome in GOOD[:3]]
         counts = (sum(row.outcome == name for row in some) for name in GOOD + BAD)
-        table.add(f"{kind}{' stepped' * stepped}", len(some), *counts,
-                  sum(row.events for row in some), max((row.worst for row in some), default=0.0),
-                  float(np.mean([row.seconds for row in some] or [0.0])))  # fmt: skip
+        table.add(way, kind, len(some), *counts, sum(row.events for row in some),
+                  max((row.worst for row in judged), default=0.0), median(row.size for row in judged),
+                  mean(row.seconds for row in some))  # fmt: skip
     codes = collections.Counter(row.why for row in rows if row.outcome in ("refused", "unknown"))
     print("\nrefused: " + ", ".join(f"{count} {code}" for code, count in codes.most_common()))
-    bad = sum(row.fails for row in rows)
-    solved = {(row.scene, row.way == "stepped") for row in rows if row.outcome in GOOD and row.outcome != "refused"}
-    alone = sum(row.outcome == "refused" and (row.scene, row.way != "stepped") in solved for row in rows)
-    print(f"refused in one way and solved in the other: {alone}")
-    judged = [row.worst <= 1.0 for row in rows if row.way == "stepped" and row.outcome in GOOD[:3]]
-    covered = float(np.mean(judged or [True]))
-    return [(covered >= COVERED, f"estimates cover {covered:.1%} of {len(judged)} (bar: {COVERED:.0%})"),
-            (not bad, f"wrong in silence, hangs, crashes: {bad} of {len(rows)} (bar: none)")]  # fmt: skip
+    bad, bars = sum(row.fails for row in rows), Bars()
+    for way in (way for way in given.ways if way != "auto"):
+        judged = [row for row in rows if row.way == way and row.outcome in GOOD[:3]]
+        covered = sum(row.worst <= 1.0 for row in judged)
+        bars.append(
+            (
+                covered >= COVERED * len(judged),
+                f"{way}: estimates cover {covered} of {len(judged)} (bar: {COVERED:.0%})",
+            )
+        )
+    return [*bars, (not bad, f"wrong in silence, hangs, crashes: {bad} of {len(rows)} (bar: none)")]
+
+
+def median(values: Iterable[float]) -> float:
+    return float(np.median([*values] or [np.nan]))
+
+
+def mean(values: Iterable[float]) -> float:
+    return float(np.mean([*values] or [np.nan]))
 
 
 def numbers(given: argparse.Namespace) -> list[int]:
@@ -203,6 +212,5 @@ def numbers(given: argparse.Namespace) -> list[int]:
 
 
 if __name__ == "__main__":
-    raise SystemExit(study(__doc__, "contacts", Row,
-                           lambda n, given: check(n, given.seed, laws=given.laws, both=given.both), show, numbers,
-                           scenes=200, laws=False, both=False, kinds=Some(KINDS)))  # fmt: skip
+    raise SystemExit(study(__doc__, "contacts", Row, check, show, numbers, scenes=200, laws=False, ways=("auto",),
+                           kinds=Some(KINDS)))  # fmt: skip

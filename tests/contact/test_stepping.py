@@ -170,7 +170,7 @@ def test_without_an_accuracy_the_best_effort_is_returned_with_its_estimate() -> 
     """A rod whose error is of first order: steps become smaller while there is time.
 
     Where in a step the impact falls is chance, and so is the share of the estimate that the error has: 0.04 to 1.6 over
-    the steps that a time may lead to. `scripts.studies.estimates` counts them over many scenes.
+    the steps that a time may lead to. `scripts.studies.contacts` counts them over many scenes.
     """
     times = np.linspace(0.0, END, 9)
     run = simulate_stepped(rod(), times, None, None, None, verify=True, patience=4.0)

@@ -3,7 +3,7 @@
 billiard, spin, incline: with exact motions, see `motions`. Without:
 tumble    a block, capsule, cylinder or convex body that falls on the ground
 edges     a ball that falls on a fixed box, cylinder, capsule or ball
-arm       an arm of 2 or 3 joints that hits a table, or itself
+arm       an arm of 2 or 3 joints that hits a table, or itself; every other one has stops and dry friction
 bodies    two free bodies over the ground, which meet
 mixed     two free bodies of any shapes over the ground, which meet
 and of boxes and convex meshes that touch each other at corners, sides and edges:
@@ -16,6 +16,7 @@ plate     a plate that slides over the edge of a table, straight or at a slant
 import itertools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -120,6 +121,14 @@ def lowest(robot: tl.Robot, q: np.ndarray, shapes: dict) -> float:
     places = [robot.frame_pose(robot.normalize(q), name) for name in shapes]
     return min(float((p + r @ np.array(shape.point))[2]) - reach(shape)
                for (r, p), (shape,) in zip(places, shapes.values(), strict=True))  # fmt: skip
+
+
+def jointed(scene: tl.Scene, random: np.random.Generator) -> tl.Scene:
+    """The scene of an arm with stops and dry friction in its joints."""
+    stops = {f"j{k}": (x - uniform(random, 0.2, 1.0), x + uniform(random, 0.2, 1.0)) for k, x in enumerate(scene.q)}
+    friction = {name: uniform(random, 0.05, 0.5) for name in stops}
+    joints = [fx.JointStops(stops, float(random.choice([0.0, 0.5]))), fx.DryFriction(friction)]
+    return scene.with_effects([*scene.effects, *joints])
 
 
 def two_bodies(random: np.random.Generator, draw: Callable[[], tuple[AnyShape, Moments]]) -> tuple[tl.Robot, Any]:
@@ -275,4 +284,8 @@ KINDS = tuple(make.__name__ for make in MAKERS)
 
 def case(number: int, seed: int) -> Case:
     """The scene of this number, of kind KINDS[number % len(KINDS)]."""
-    return MAKERS[number % len(MAKERS)](np.random.default_rng([seed, number]))
+    make = MAKERS[number % len(MAKERS)]
+    one = make(np.random.default_rng([seed, number]))
+    if make is arm and number // len(MAKERS) % 2:
+        return replace(one, scene=jointed(one.scene, np.random.default_rng([seed, number, 2])))
+    return one

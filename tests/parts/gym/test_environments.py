@@ -18,7 +18,7 @@ from gymnasium.wrappers import vector as of_vectors
 
 import twolink as tl
 from docs.examples import learn_swing_up
-from scripts.benchmarks.contact import FEET, on_feet
+from scripts.tasks import FEET, on_feet
 from twolink.gym import Environment, VectorEnvironment
 from twolink.simulation.stepwise import State
 
