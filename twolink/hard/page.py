@@ -2,12 +2,10 @@
 over time of ours and of peers.
 """
 
-import math
 import platform
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from html import escape
-from itertools import groupby
+from itertools import cycle, groupby
 from pathlib import Path
 from string import Template
 
@@ -22,17 +20,15 @@ from twolink.hard.case import (
     WRONG,
     Attempt,
     CaseResult,
-    ErrorCurve,
     RefusalCase,
     SimulationCase,
 )
 from twolink.hard.peers import NAMES
 from twolink.io.files import write_atomic
 from twolink.io.fingerprints import versions
+from twolink.show.figure import COLOURS, figure_html, new_figure, plain
 
-WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 640, 230, 46, 12, 10, 26
-FLOOR, CEILING = 1e-17, 1e6
-MAX_POINTS = 240
+FLOOR, CEILING = 1e-17, 1e6  # of the errors drawn
 DOTS_UP_TO = 25  # points: a truth that is available at a few times only
 HEAD = f"{'case':<22}{'setting':<34}{'error':>10}{'bar':>10}{'seconds':>9}  verdict"
 FOLDER = Path(__file__).parent
@@ -41,83 +37,23 @@ STYLES = {MET: "met", SAID: "said", WRONG: "wrong", MISSED: "missed", INTERRUPTE
 
 
 def error_plot(result: CaseResult) -> str:
-    """The figure, or nothing where there is no curve."""
-    attempts = [(f"twolink, {a.setting}", f"own{k}", a) for k, a in enumerate(result.ours)]
-    attempts += [(f"{name}: {a.setting}", f"peer{k}", a) for k, (name, a) in enumerate(result.peers)]
-    series = [(label, style, thinned(a.curve)) for label, style, a in attempts if a.curve is not None]
-    if not series:
+    """The errors over time and, dashed, the reported error bars, as a picture; nothing where there is no curve."""
+    attempts = [*((f"twolink, {a.setting}", a) for a in result.ours),
+                *((f"{name}: {a.setting}", a) for name, a in result.peers)]  # fmt: skip
+    drawn = [(label, a.curve) for label, a in attempts if a.curve is not None]
+    if not drawn:
         return ""
-    values = np.concatenate([x for _, _, c in series for x in (c.error, c.bar) if x is not None])
-    values = values[(values > FLOOR) & (values < math.inf)]
-    low = math.floor(math.log10(values.min(initial=CEILING)))
-    high = max(low + 2, math.ceil(math.log10(min(values.max(initial=FLOOR), CEILING)) + 1e-9))
-    scale = _Scale(low, high, max(float(c.t[-1]) for _, _, c in series) or 1.0)
-    drawn = "".join(_drawn(scale, escape(label), style, curve) for label, style, curve in series)
-    legend = "".join(f'<li class="{style}"><span></span>{escape(label)}</li>' for label, style, _ in series)
-    return (f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="error over time">{_axes(scale)}{drawn}</svg>'
-            f'<ul class="legend">{legend}<li class="barkey"><span></span>reported error bars</li></ul>')  # fmt: skip
-
-
-def thinned(curve: ErrorCurve) -> ErrorCurve:
-    """The points with an error; of many, the largest of each interval, so that no peak is lost."""
-    keep = ~np.isnan(curve.error)
-    t, error, bar = curve.t[keep], curve.error[keep], None if curve.bar is None else curve.bar[keep]
-    if len(t) <= MAX_POINTS:
-        return ErrorCurve(t, error, bar)
-    begin = np.linspace(0, len(t), MAX_POINTS + 1).astype(int)[:-1]
-    last = np.append(begin[1:], len(t)) - 1
-    return ErrorCurve(t[last], np.maximum.reduceat(error, begin), None if bar is None else bar[last])
-
-
-@dataclass(frozen=True)
-class _Scale:
-    """From time [s] and error to the figure: 10^low to 10^high upwards, 0 to `end` to the right."""
-
-    low: int
-    high: int
-    end: float
-
-    def x(self, t: float) -> float:
-        return LEFT + (WIDTH - LEFT - RIGHT) * t / self.end
-
-    def y(self, error: float) -> float:
-        exponent = math.log10(min(max(error, 10.0**self.low), 10.0**self.high))
-        return TOP + (HEIGHT - TOP - BOTTOM) * (self.high - exponent) / (self.high - self.low)
-
-    def points(self, curve: ErrorCurve, values: np.ndarray) -> list[tuple[str, str]]:
-        pairs = zip(curve.t.tolist(), values.tolist(), strict=True)
-        return [(f"{self.x(t):.1f}", f"{self.y(error):.1f}") for t, error in pairs]
-
-
-def _drawn(scale: _Scale, label: str, style: str, curve: ErrorCurve) -> str:
-    """The error bar as a dashed line, the error as a line, with dots where the points are few."""
-    parts = []
-    if curve.bar is not None and curve.bar.max() > 0:
-        parts.append(_polyline(scale.points(curve, curve.bar), f"{style} bar", f"{label}: bar"))
-    points = scale.points(curve, curve.error)
-    few = len(points) <= DOTS_UP_TO
-    parts.append(_polyline(points, f"{style} thin" if few else style, label))
-    if few:
-        dots = "".join(f'<circle cx="{x}" cy="{y}" r="2.6"/>' for x, y in points)
-        parts.append(f'<g class="{style} dots">{dots}<title>{label}</title></g>')
-    return "".join(parts)
-
-
-def _polyline(points: list[tuple[str, str]], style: str, title: str) -> str:
-    path = " ".join(f"{x},{y}" for x, y in points)
-    return f'<polyline class="{style}" points="{path}"><title>{title}</title></polyline>'
-
-
-def _axes(scale: _Scale) -> str:
-    parts = []
-    for k in range(scale.low, scale.high + 1, max(1, (scale.high - scale.low + 5) // 6)):
-        y = scale.y(10.0**k)
-        parts.append(f'<line class="grid" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}"/>')
-        parts.append(f'<text x="{LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">1e{k}</text>')
-    for k, anchor in enumerate(("start", "middle", "middle", "middle", "end")):
-        t, unit = scale.end * k / 4, " s" if k == 4 else ""
-        parts.append(f'<text x="{scale.x(t):.1f}" y="{HEIGHT - 8}" text-anchor="{anchor}">{t:.3g}{unit}</text>')
-    return "".join(parts)
+    figure, axes = new_figure(1, size=(8.4, 3.0 + 0.1 * len(drawn)))
+    axis = axes[0, 0]
+    for colour, (label, curve) in zip(cycle(COLOURS), drawn, strict=False):
+        there = curve.error > FLOOR  # where it is known, too
+        axis.semilogy(curve.t[there], np.minimum(curve.error[there], CEILING), color=colour, label=plain(label),
+                      marker="." if there.sum() <= DOTS_UP_TO else "")  # fmt: skip
+        if curve.bar is not None:
+            axis.semilogy(curve.t[curve.bar > 0.0], curve.bar[curve.bar > 0.0], "--", color=colour, linewidth=1.0)
+    axis.set(xlabel="time t (s)", ylabel="error; dashed: error bar")
+    figure.legend(fontsize=8, loc="outside lower center", ncols=3)
+    return figure_html(figure)
 
 
 def lines(result: CaseResult) -> Iterator[str]:
