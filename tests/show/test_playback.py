@@ -139,14 +139,6 @@ def test_a_robot_with_large_meshes_fits_a_small_page(tmp_path: Path) -> None:
     assert len(visuals["objects"]) < len(visuals["pieces"]) == len(anymal.visual_model().geometryObjects)
 
 
-def test_quaternions_never_flip(arm: Robot) -> None:
-    q = np.column_stack([np.linspace(0, 30, 400), np.linspace(0, -50, 400)])
-    nodes, _ = scene_nodes(arm[1])
-    turns = poses(*arm, q, nodes)[..., 3:]
-    assert (turns[1:] * turns[:-1]).sum(axis=-1).min() > 0.9
-    np.testing.assert_allclose(np.linalg.norm(turns, axis=-1), 1.0, atol=1e-12)
-
-
 def test_a_floating_body_is_interpolated_on_its_manifold(tmp_path: Path) -> None:
     model = pin.Model()
     model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")

@@ -14,15 +14,15 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from twolink.errors import ShowError
-from twolink.io.mesh_files import Part
+from twolink.io.mesh_files import SUFFIXES
 from twolink.show.meshcat_shapes import (
     SHAPES,
-    SUFFIXES,
     Floats,
     Json,
-    file_object,
+    materials_object,
     mesh,
-    parts_read,
+    mesh_parts,
+    parts_object,
     phong,
     triangle_geometry,
     triangles,
@@ -61,7 +61,7 @@ def scene_nodes(visuals: Any) -> tuple[list[Node], list[str]]:
     for index, item in enumerate(visuals.geometryObjects):
         corners, same = _corners(item), _look(item) or index
         if same not in made:
-            made[same] = _draw(item, f"twolink-{index}", parts_read(visuals, item))
+            made[same] = _draw(visuals, item, f"twolink-{index}")
         drawn = made[same]
         if drawn is None or corners is None:
             skipped.append(item.name)
@@ -96,9 +96,7 @@ def poses(model: Any, visuals: Any, q: Floats, nodes: Sequence[PosedPiece]) -> F
     Returns
     -------
     array (n, len(nodes), 7)
-        Position (m) and unit quaternion (x y z w). The sign of a quaternion does not jump from one configuration to
-        the next: q and -q are one rotation, but a viewer that interpolates between them turns the body all the way
-        round.
+        Position (m) and unit quaternion (x y z w).
     """
     data, placed = model.createData(), pin.GeometryData(visuals)  # not shared: a pin.Data belongs to one thread
     result = np.empty((len(q), len(nodes), 7))
@@ -106,9 +104,6 @@ def poses(model: Any, visuals: Any, q: Floats, nodes: Sequence[PosedPiece]) -> F
         pin.updateGeometryPlacements(model, data, visuals, placed, configuration)
         for k, node in enumerate(nodes):
             result[i, k] = pin.SE3ToXYZQUAT(placed.oMg[node.index])
-    quaternions = result[..., 3:]
-    flips = np.where((quaternions[1:] * quaternions[:-1]).sum(axis=-1) < 0.0, -1.0, 1.0)
-    quaternions[1:] *= np.cumprod(flips, axis=0)[..., None]
     return result
 
 
@@ -118,14 +113,15 @@ def _look(item: Any) -> tuple[object, ...]:
     return (item.meshPath, item.overrideMaterial, *numbers) if Path(item.meshPath).suffix.lower() in SUFFIXES else ()
 
 
-def _draw(item: Any, uuid: str, parts: Sequence[Part]) -> Json | None:
-    """The three.js object of one pin.GeometryObject; None when there is no way to draw it. parts: as `file_object`."""
-    rgba = np.asarray(item.meshColor, float)
-    if Path(item.meshPath).suffix.lower() in SUFFIXES:
-        file_colours, scale = not item.overrideMaterial, np.diag([*np.asarray(item.meshScale, float), 1.0])
-        drawn = file_object(Path(item.meshPath), parts, file_colours=file_colours, rgba=rgba, uuid=uuid, scale=scale)
-        if drawn is not None:
-            return drawn
+def _draw(visuals: Any, item: Any, uuid: str) -> Json | None:
+    """The three.js object of one pin.GeometryObject; None when there is no way to draw it."""
+    rgba, path = np.asarray(item.meshColor, float), Path(item.meshPath)
+    file_colours, scale = not item.overrideMaterial, np.diag([*np.asarray(item.meshScale, float), 1.0])
+    drawn = materials_object(path, uuid, scale) if file_colours and path.suffix.lower() == ".obj" else None
+    if drawn is not None:
+        return drawn
+    if parts := mesh_parts(visuals, item):
+        return parts_object(parts, path.parent, file_colours=file_colours, rgba=rgba, uuid=uuid, scale=scale)
     kind = type(item.geometry).__name__
     if kind in SHAPES:
         geometry, matrix = SHAPES[kind](item.geometry)

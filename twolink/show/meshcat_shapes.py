@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twolink.io.files import read_confined
-from twolink.io.mesh_files import Part, read_collada, read_triangles
+from twolink.io.mesh_files import SUFFIXES, Part, read_collada, read_triangles
 from twolink.robots.meshes import LARGEST
 
 Floats = NDArray[np.float64]
@@ -49,7 +49,6 @@ _REPEAT = 1000  # three.js's number for a picture that repeats
 _STEPS = 4096  # of a mesh's longest side: corners are drawn on such a grid
 _UV_STEPS = 4096
 _CORNER = np.dtype([("position", "<u2", 3), ("normal", "i1", 3), ("uv", "<f4", 2)])
-SUFFIXES = (".dae", ".obj", ".stl")
 
 
 def packed(array: NDArray[Any], kind: str = "Float32Array") -> Json:
@@ -172,56 +171,27 @@ def shaded_triangles(vertices: Floats, faces: NDArray[np.integer]) -> tuple[Floa
     return corners, normals
 
 
-def parts_read(visuals: Any, item: Any) -> Sequence[Part]:
-    """The parts of a piece's Collada file that a pin.GeometryModel has from loading it; none of another one."""
-    read: dict[str, Sequence[Part]] = getattr(visuals, "parts", {})  # `robots.meshes.VisualModel` has them
-    return read.get(item.meshPath, ())
+def mesh_parts(visuals: Any, item: Any) -> Sequence[Part]:
+    """The parts of a piece's mesh file; none where it is missing or unreadable, or the piece has none.
 
-
-def file_object(
-    path: Path, parts: Sequence[Part] = (), *, file_colours: bool, rgba: Floats, uuid: str, scale: Floats
-) -> Json | None:
-    """The three.js object of a mesh file; None when it is missing or unreadable.
-
-    Parameters
-    ----------
-    path : Path
-        The mesh file.
-    parts : sequence of Part
-        Its parts, where they are read already.
-    file_colours : bool
-        Whether to use the colours that the file brings, and `rgba` only for parts without one.
-    rgba : array (4,)
-        The colour, 0 to 1.
-    uuid : str
-        The object's name, unlike any other in the scene.
-    scale : array (4, 4)
-        The transform from the file's coordinates into the node's.
+    Collada files are read once, where the pin.GeometryModel has their parts from loading it.
     """
-    if parts:
-        return _drawn(parts, path.parent, file_colours, rgba, uuid, scale)
+    read: dict[str, Sequence[Part]] = getattr(visuals, "parts", {})  # `robots.meshes.VisualModel` has them
+    path = Path(item.meshPath)
+    kind = path.suffix.lower()
+    if item.meshPath in read or kind not in SUFFIXES:
+        return read.get(item.meshPath, ())
     try:
         raw = read_confined(path.parent, path.name, LARGEST)
-    except OSError:
-        return None
-    kind = path.suffix.lower()
-    if not raw or kind not in SUFFIXES:
-        return None
-    if kind == ".obj" and file_colours:
-        drawn = _obj_with_materials(raw.decode("utf-8", errors="replace"), path.parent, uuid, scale)
-        if drawn is not None:
-            return drawn
-    parts = read_collada(raw) if kind == ".dae" else _one_part(raw, kind)
-    return _drawn(parts, path.parent, file_colours, rgba, uuid, scale) if parts else None
-
-
-def _one_part(raw: bytes, kind: str) -> tuple[Part, ...]:
-    """A file without colours of its own; nothing where it cannot be read."""
-    try:
-        corners, normals = shaded_triangles(*read_triangles(raw, kind))
-    except ValueError:
+        return read_collada(raw) if kind == ".dae" else (plain_part(*read_triangles(raw, kind)),)
+    except (OSError, ValueError):
         return ()
-    return (Part(corners.reshape(-1, 3), normals.reshape(-1, 3), np.zeros((corners.size // 3, 2)), None, None),)
+
+
+def plain_part(vertices: Floats, faces: NDArray[np.integer]) -> Part:
+    """Triangles without a colour of their own."""
+    corners, normals = shaded_triangles(vertices, faces)
+    return Part(corners.reshape(-1, 3), normals.reshape(-1, 3), np.zeros((corners.size // 3, 2)), None, None)
 
 
 def _picture(folder: Path, name: str) -> str:
@@ -234,8 +204,25 @@ def _picture(folder: Path, name: str) -> str:
     return f"data:{mime};base64,{base64.b64encode(raw).decode('ascii')}" if raw else _WHITE
 
 
-def _drawn(parts: Sequence[Part], folder: Path, file_colours: bool, rgba: Floats, uuid: str, scale: Floats) -> Json:
-    """One object of all parts, each a group with its own material."""
+def parts_object(
+    parts: Sequence[Part], folder: Path, *, file_colours: bool, rgba: Floats, uuid: str, scale: Floats
+) -> Json:
+    """One object of all parts, each a group with its own material.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+    folder : Path
+        Where their pictures are.
+    file_colours : bool
+        Whether to use the colours that the file brings, and `rgba` only for parts without one.
+    rgba : array (4,)
+        The colour, 0 to 1.
+    uuid : str
+        The object's name, unlike any other in the scene.
+    scale : array (4, 4)
+        The transform from the file's coordinates into the node's.
+    """
     pictures = sorted({part.picture for part in parts if part.picture}) if file_colours else []
     materials = []
     for part in parts:
@@ -293,11 +280,12 @@ def _on_a_grid(parts: Sequence[Part], textured: bool) -> tuple[Json, Floats]:
     return {"type": "BufferGeometry", "data": data}, metres
 
 
-def _obj_with_materials(text: str, folder: Path, uuid: str, scale: Floats) -> Json | None:
-    """An .obj file with the materials of a file beside it, which the viewer reads; None without such a file."""
+def materials_object(path: Path, uuid: str, scale: Floats) -> Json | None:
+    """An .obj file with the materials of a file beside it, which the viewer reads; None without such files."""
     try:
+        text = read_confined(path.parent, path.name, LARGEST).decode("utf-8", errors="replace")
         library = _LIBRARY.search(text)
-        raw = read_confined(folder, library[1].strip(), _LARGEST_LIBRARY) if library else b""
+        raw = read_confined(path.parent, library[1].strip(), _LARGEST_LIBRARY) if library else b""
     except OSError:
         raw = b""
     if not raw:
@@ -308,7 +296,7 @@ def _obj_with_materials(text: str, folder: Path, uuid: str, scale: Floats) -> Js
         if key.lower() in _PICTURE_OF:
             count = next((k for k, part in enumerate(parts) if not _OPTION.fullmatch(part)), len(parts))
             name = f"picture-{len(pictures)}"
-            pictures[name] = _picture(folder, " ".join(parts[count:]))
+            pictures[name] = _picture(path.parent, " ".join(parts[count:]))
             parts[count:] = [name]
         if key.lower() in (*_PICTURE_OF, *_PLAIN):
             lines.append(" ".join([key, *parts]))

@@ -1,7 +1,7 @@
 """The surfaces of a robot's visual geometry as triangles with normals and colours, for drawing without a viewer."""
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,10 @@ import trimesh
 from numpy.typing import NDArray
 
 from twolink.io.files import read_confined
-from twolink.io.mesh_files import SUFFIXES, Part, read_collada, read_triangles
+from twolink.io.mesh_files import SUFFIXES, Part
 from twolink.robots.meshes import LARGEST
 from twolink.show.meshcat_scene import box_corners
-from twolink.show.meshcat_shapes import parts_read, shaded_triangles, triangles
+from twolink.show.meshcat_shapes import mesh_parts, plain_part, triangles
 
 Floats = NDArray[np.float64]
 SEGMENTS = 64  # of round bodies
@@ -39,7 +39,7 @@ def surfaces(visuals: Any) -> tuple[list[TriangleMesh], list[str]]:
     """The surfaces of the pin.GeometryModel `visuals`, and the names of pieces that cannot be drawn."""
     drawn, skipped = [], []
     for index, item in enumerate(visuals.geometryObjects):
-        parts = list(_parts(item, parts_read(visuals, item)))
+        parts = list(_parts(visuals, item))
         if parts:
             drawn.append(TriangleMesh(index, *(np.concatenate(arrays) for arrays in zip(*parts, strict=True))))
         else:
@@ -47,31 +47,19 @@ def surfaces(visuals: Any) -> tuple[list[TriangleMesh], list[str]]:
     return drawn, skipped
 
 
-def _parts(item: Any, parts: Sequence[Part]) -> Iterator[tuple[Floats, Floats, Floats]]:
-    """Corners, normals and colours of one pin.GeometryObject; nothing where there is no way to draw it.
-
-    parts: of its Collada file, where they are read already.
-    """
+def _parts(visuals: Any, item: Any) -> Iterator[tuple[Floats, Floats, Floats]]:
+    """Corners, normals and colours of one pin.GeometryObject; nothing where there is no way to draw it."""
     rgb, path = np.asarray(item.meshColor, float)[:3], Path(item.meshPath)
-    suffix = path.suffix.lower()
-    if suffix in SUFFIXES:
-        try:
-            raw = b"" if parts else read_confined(path.parent, path.name, LARGEST)
-            parts = parts or (read_collada(raw) if suffix == ".dae" else ())
-            whole = None if parts else read_triangles(raw, suffix)
-        except (OSError, ValueError):
-            return
-        scale = np.asarray(item.meshScale, float)
-        for part in parts:
-            corners = (part.position * scale).reshape(-1, 3, 3)
-            normals = _units(part.normal / scale).reshape(-1, 3, 3)
-            yield corners, normals, _colours(part, path.parent, rgb, item.overrideMaterial)
-        if whole is not None:
-            yield _one_colour(*shaded_triangles(whole[0] * scale, whole[1]), rgb)
-        return
-    made = _primitive(item.geometry)
-    if made is not None:
-        yield _one_colour(*shaded_triangles(made.vertices, made.faces), rgb)
+    parts, scale = mesh_parts(visuals, item), np.asarray(item.meshScale, float)
+    if path.suffix.lower() not in SUFFIXES and (made := _primitive(item.geometry)) is not None:
+        parts, scale = (plain_part(made.vertices, made.faces),), np.ones(3)
+    for part in parts:
+        corners = (part.position * scale).reshape(-1, 3, 3)
+        yield (
+            corners,
+            _units(part.normal / scale).reshape(-1, 3, 3),
+            _colours(part, path.parent, rgb, item.overrideMaterial),
+        )
 
 
 def _primitive(shape: Any) -> trimesh.Trimesh | None:
@@ -94,17 +82,13 @@ def _primitive(shape: Any) -> trimesh.Trimesh | None:
     return None if faces is None else trimesh.Trimesh(*faces, process=False)
 
 
-def _one_colour(corners: Floats, normals: Floats, rgb: Floats) -> tuple[Floats, Floats, Floats]:
-    return corners, normals, np.broadcast_to(rgb, corners.shape)
-
-
 def _units(vectors: Floats) -> Floats:
     sizes = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(sizes > 0.0, sizes, 1.0)
 
 
 def _colours(part: Part, folder: Path, rgb: Floats, override: bool) -> Floats:
-    """The colours at the corners of a part of a Collada file: its picture's, its own, or the URDF's."""
+    """The colours at the corners of a part: its picture's, its own, or the URDF's."""
     shape = (len(part.position) // 3, 3, 3)
     picture = None if override or part.picture is None else _picture(folder, part.picture)
     if picture is None:
