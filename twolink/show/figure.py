@@ -9,7 +9,7 @@ import io
 import os
 import re
 import textwrap
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import cycle, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -175,29 +175,29 @@ def label_ends(
                       arrowprops=leader if abs(dx) + abs(dy) > 20 else None, **styles[name])  # fmt: skip
 
 
-def label_right(figure: Any, lines: Mapping[Any, Sequence[tuple[Any, str]]], size: float = 8) -> None:
-    """Write the name of each line beside its axis, at the height of the line's end, or as near as others leave room.
+def label_right(figure: Any, axes: Iterable[Any], size: float = 8) -> None:
+    """Write the label of each line beside its axis, at the height of the line's end, or as near as others leave room.
 
     Parameters
     ----------
     figure : matplotlib Figure
         Where to write.
-    lines : mapping of Axes to sequences of (Line2D, name)
-        The lines of each axis.
+    axes : iterable of Axes
+        Labels that begin with _ are not written, as in legends.
     size : float
         Font size in points.
     """
     figure.draw_without_rendering()  # computes the layout
-    for axis, named in lines.items():
+    for axis in axes:
+        lines = [line for line in axis.get_lines() if not line.get_label().startswith("_")]
         frame = axis.get_window_extent()
         gap = HEIGHT * size * figure.dpi / 72 / frame.height
         to_share = axis.transData + axis.transAxes.inverted()
-        ends = [float(to_share.transform((line.get_xdata()[-1], line.get_ydata()[-1]))[1]) for line, _ in named]
-        heights = _spread(ends, gap)
-        for (line, name), end, height in zip(named, ends, heights, strict=True):
+        ends = [float(to_share.transform((line.get_xdata()[-1], line.get_ydata()[-1]))[1]) for line in lines]
+        for line, end, height in zip(lines, ends, _spread(ends, gap), strict=True):
             style = {"color": line.get_color(), "transform": axis.transAxes, "clip_on": False}
             axis.plot([1.0, 1.012], [end, height], linewidth=0.6, alpha=0.7, **style)
-            axis.text(1.016, height, name, fontsize=size, va="center", **style)
+            axis.text(1.016, height, line.get_label(), fontsize=size, va="center", **style)
 
 
 def _spread(ends: Sequence[float], gap: float) -> list[float]:

@@ -107,19 +107,12 @@ def plot_trajectory(
     chosen = _chosen(robot, joints)
     drawn = [curve for curve in curves_of(robot, q, v, t) if curve.joint in chosen]
     most = those_that_move_most(drawn)
-    colours = dict(zip(most, JOINT_COLOURS, strict=False))
-    panels, still = _panels([c for c in drawn if c.joint in colours], *error)
-    heights = [2.2 if len(colours) > 3 else 1.6] * len(panels) + [1.4, 1.4]
-    figure, axes = new_figure(len(heights), size=(9, 0.9 + sum(heights)), sharex=True, height_ratios=heights)
-    for axis, name in zip(axes[:, 0], panels, strict=False):
-        here = [c for c in drawn if c.panel == name and c.joint in colours]
-        axis.set_ylabel(_label(name, here))
-        draw(axis, t, here, colours)
+    panels, still = _panels([c for c in drawn if c.joint in most], *error)
+    height = 2.2 if len(most) > 3 else 1.6
+    figure, axes, _ = _with_panels(t, drawn, most, panels, [*[height] * len(panels), 1.4, 1.4])
     _draw_energy(axes[-2, 0], *energy)
     what = "estimated error" if estimated else "error bar"
     _draw_error(axes[-1, 0], *error, f"{what}\n({unit_of(robot.joints)})")
-    figure.align_ylabels(axes[:, 0])
-    axes[-1, 0].set_xlim(t[0], t[-1] if t[-1] > t[0] else None)
     moving, events = len({c.joint for c in drawn}), [event for event in events if t[0] <= event[0] <= t[-1]]
     few = [f"the {len(most)} of {moving} joints that move the most"] if len(most) < moving else []
     if still:
@@ -129,9 +122,23 @@ def plot_trajectory(
     aim = "" if asked is None else f", asked for {asked:.0e}"
     figure.suptitle("\n".join(filter(None, [plain(title), "; ".join(few), note + aim])))
     _mark_events(list(axes[:, 0]), events)
-    label_right(figure, {axis: [(line, line.get_label()) for line in axis.get_lines() if line.get_label() != "_event"]
-                         for axis in axes[:-2, 0]})  # fmt: skip
+    label_right(figure, axes[:-2, 0])
     return figure
+
+
+def _with_panels(
+    t: np.ndarray, curves: Sequence[JointCurve], joints: Sequence[str], panels: Sequence[str], heights: Sequence[float]
+) -> tuple[Figure, np.ndarray, dict[str, str]]:
+    """A figure with the curves of some joints in panels, and axes below them; its axes, and the joints' colours."""
+    colours = dict(zip(joints, JOINT_COLOURS, strict=False))
+    figure, axes = new_figure(len(heights), size=(9, 0.9 + sum(heights)), sharex=True, height_ratios=heights)
+    for axis, name in zip(axes[:, 0], panels, strict=False):
+        here = [c for c in curves if c.panel == name and c.joint in colours]
+        axis.set_ylabel(_label(name, here))
+        draw(axis, t, here, colours)
+    figure.align_ylabels(axes[:, 0])
+    axes[-1, 0].set_xlim(t[0], t[-1] if t[-1] > t[0] else None)
+    return figure, axes, colours
 
 
 def _panels(curves: Sequence[JointCurve], _: np.ndarray, bar: np.ndarray | None) -> tuple[list[str], list[str]]:
@@ -297,23 +304,16 @@ def plot_sensitivities(
     t, q, v = motion
     drawn, widths = list(curves_of(robot, q, v, t)), tube(robot, q, v, *along)
     joints = those_that_move_most(drawn)
-    colours = dict(zip(joints, JOINT_COLOURS, strict=False))
-    panels = [name for name in PANELS if any(c.panel == name and c.joint in colours for c in drawn)]
-    heights = [2.0] * len(panels) + [1.8]
-    figure, axes = new_figure(len(heights), size=(9, 0.9 + sum(heights)), sharex=True, height_ratios=heights)
-    for axis, name in zip(axes[:, 0], panels, strict=False):
-        shown = [(c, w) for c, w in zip(drawn, widths, strict=True) if c.panel == name and c.joint in colours]
-        here = [curve for curve, _ in shown]
-        axis.set_ylabel(_label(name, here))
-        draw(axis, t, here, colours)
-        for curve, width in shown:
-            axis.fill_between(t, curve.values - width, curve.values + width, color=colours[curve.joint], alpha=0.25,
-                              linewidth=0)  # fmt: skip
+    panels = [name for name in PANELS if any(c.panel == name and c.joint in joints for c in drawn)]
+    figure, axes, colours = _with_panels(t, drawn, joints, panels, [*[2.0] * len(panels), 1.8])
+    for curve, width in zip(drawn, widths, strict=True):
+        if curve.joint in colours:
+            axes[panels.index(curve.panel), 0].fill_between(
+                t, curve.values - width, curve.values + width, color=colours[curve.joint], alpha=0.25, linewidth=0
+            )
     _draw_moves(axes[-1, 0], t, moves, unit_of(robot.joints))
-    figure.align_ylabels(axes[:, 0])
-    axes[-1, 0].set_xlim(t[0], t[-1] if t[-1] > t[0] else None)
     figure.suptitle(plain(title))
-    label_right(figure, {axis: [(line, line.get_label()) for line in axis.get_lines()] for axis in axes[:, 0]})
+    label_right(figure, axes[:, 0])
     return figure
 
 
