@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,21 +19,17 @@ from twolink.integrate.motion.state import Array, StateSpace
 from twolink.integrate.steps.methods import ELSEWHERE, METHODS
 from twolink.integrate.steps.step_formulas import explicit_step
 from twolink.integrate.steps.tableau import Tableau
+from twolink.native.machine import Program, assembled
 
 VECTORS = 4  # states of a test
 Vectors = tuple[list[np.ndarray], np.ndarray, np.ndarray]  # arguments, results and their scale, (VECTORS, ...)
-_NUMPY: dict[str, Callable[..., Any]] = {
-    "+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "neg": np.negative, "sin": np.sin, "cos": np.cos,
-    "sqrt": np.sqrt, "exp": np.exp, "tanh": np.tanh, "atan2": np.arctan2, "less": np.less, "less_equal": np.less_equal,
-    "where": np.where, "power": np.power,
-}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class Traced:
     """A function as operations on symbols. arguments: names, sizes and symbols; outputs: symbols and constants.
 
-    about: one line for people. operations counts them by kind.
+    about: one line for people. shape: of the results, a vector by default. operations counts them by kind.
     """
 
     name: str
@@ -41,6 +37,7 @@ class Traced:
     arguments: tuple[tuple[str, list[Symbol]], ...]
     outputs: list[Any]
     tape: Tape
+    shape: tuple[int, ...] = (-1,)
 
     @property
     def operations(self) -> dict[str, int]:
@@ -52,13 +49,10 @@ class Traced:
         return [(key, self.tape.operations[key]) for key in self.tape.needed(self.outputs)]
 
     def __call__(self, columns: Sequence[np.ndarray]) -> np.ndarray:
-        """The outputs (n, k) for arguments (n, size)."""
-        values = {symbol.key: column[:, i] for (_, symbols), column in zip(self.arguments, columns, strict=True)
-                  for i, symbol in enumerate(symbols)}  # fmt: skip
-        for key, (kind, *operands) in self.needed():
-            values[key] = _NUMPY[kind](*(x if isinstance(x, float) else values[x] for x in operands))
-        results = [values[x.key] if isinstance(x, Symbol) else np.full(len(columns[0]), x) for x in self.outputs]
-        return np.stack(results, axis=1)
+        """The results (n, *shape) for arguments (n, size)."""
+        inputs = [symbol for _, symbols in self.arguments for symbol in symbols]
+        program = Program(assembled(self.tape, inputs, self.outputs))
+        return program(np.concatenate(columns, axis=1).T).T.reshape(len(columns[0]), *self.shape)
 
 
 def function_of(robot: Robot, name: str) -> tuple[Traced, str, Vectors]:
@@ -73,30 +67,15 @@ def function_of(robot: Robot, name: str) -> tuple[Traced, str, Vectors]:
         symbols = {argument: [tape.variable() for _ in range(size)] for argument, size in of.arguments}
         outputs = formula(mechanism(robot.model), dict(symbols), tape)
         shape = " x ".join(map(str, of.shape)) or "1"
-        found.append(Traced(name, f"{name}: out has {shape} numbers.", tuple(symbols.items()), outputs, tape))
+        found.append(Traced(name, f"{name}: out has {shape} numbers.", tuple(symbols.items()), outputs, tape, of.shape))
     traced = min(found, key=lambda one: sum(one.operations.values()))
-    certificate = certify(robot, of, _Shaped(traced, of.shape))  # type: ignore[arg-type]
+    certificate = certify(robot, of, traced)  # type: ignore[arg-type]
     told = f"{name}: {certificate.states} states against the reference, "
     told += f"worst error {certificate.worst:.1e} of its scale"
     arguments = _states(robot, [argument for argument, _ in of.arguments])
     answers = [of.reference(ModelState(robot.model, {k: x[i] for k, x in arguments.items()})) for i in range(VECTORS)]
     expected = np.array([np.ravel(value) for value, _ in answers])
     return traced, told, (list(arguments.values()), expected, np.array([np.max(s) for _, s in answers]))
-
-
-@dataclass(frozen=True)
-class _Shaped:
-    """A traced function as the certification calls it."""
-
-    traced: Traced
-    shape: tuple[int, ...]
-
-    @property
-    def operations(self) -> dict[str, int]:
-        return self.traced.operations
-
-    def __call__(self, columns: Sequence[np.ndarray]) -> np.ndarray:
-        return self.traced(columns).reshape(-1, *self.shape)
 
 
 def step_of(robot: Robot, name: str) -> tuple[Traced, str, Vectors]:
