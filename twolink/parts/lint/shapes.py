@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -57,21 +56,17 @@ class Extent:
 
 @dataclass(frozen=True)
 class Shapes:
-    """The shapes of the links of a file, each measured once. folders: of its meshes."""
+    """The shapes of the links of a file, each mesh measured once. folders: of its meshes."""
 
     folders: MeshFolders
-    _extents: dict[tuple[int, tuple[str, ...]], Extent] = field(default_factory=dict)
     _meshes: dict[str, Size | None] = field(default_factory=dict)
-    _by_content: dict[bytes, Size | None] = field(default_factory=dict)  # legs have copies of one file
 
     def extent(self, link: Element, tags: tuple[str, ...]) -> Extent:
-        """The shapes of a link's collisions or visuals. The link is one that lives as long as this."""
-        key = (id(link), tags)
-        if key not in self._extents:
-            one, *more = tags
-            each = [self.extent(link, (tag,)) for tag in tags] if more else [self._of(body) for body in link.all(one)]
-            self._extents[key] = _together(each)
-        return self._extents[key]
+        """The shapes of a link's collisions or visuals, or both; the volume is that of all, or not known."""
+        each = [self._of(body) for tag in tags for body in link.all(tag)]
+        whole, known = all(one.whole for one in each), all(one.volume > 0 or not one for one in each)
+        volume = sum(one.volume for one in each) if whole and known else 0.0
+        return Extent(np.concatenate([np.empty((0, 3)), *(one.points for one in each)]), volume, whole)
 
     def _of(self, body: Element) -> Extent:
         """The shape of a visual or collision."""
@@ -87,30 +82,9 @@ class Shapes:
         name = mesh.attributes.get("filename", "")
         if name not in self._meshes:
             found = self.folders.find(name)
-            self._meshes[name] = None if found is None else self._measured(found[0])
+            self._meshes[name] = None if found is None else _measured(found[0])
         sized, scale = self._meshes[name], _numbers(mesh, "scale", 3, 1.0)
         return None if sized is None else (sized[0] * scale, abs(float(np.prod(scale))) * sized[1])
-
-    def _measured(self, path: Path) -> Size | None:
-        """The size of a mesh file; None for what is not read."""
-        try:
-            if path.suffix.lower() not in _READ or path.stat().st_size > _LARGEST:
-                return None
-            raw = path.read_bytes()
-        except OSError:
-            return None
-        key = hashlib.blake2b(raw, person=path.suffix.lower().encode()).digest()
-        if key not in self._by_content:
-            self._by_content[key] = _size_of(raw, path.suffix.lower())
-        return self._by_content[key]
-
-
-def _together(shapes: Iterable[Extent]) -> Extent:
-    """The extent of several shapes; the volume is that of all, or not known."""
-    each = list(shapes)
-    whole, known = all(one.whole for one in each), all(one.volume > 0 or not one for one in each)
-    volume = sum(one.volume for one in each) if whole and known else 0.0
-    return Extent(np.concatenate([np.empty((0, 3)), *(one.points for one in each)]), volume, whole)
 
 
 def placement(element: Element) -> pin.SE3:
@@ -143,11 +117,14 @@ def _plain(shape: Element) -> Size | None:
     return None
 
 
-def _size_of(raw: bytes, suffix: str) -> Size | None:
-    """The size of a mesh, its volume 0 where it is open; None where it is none."""
+def _measured(path: Path) -> Size | None:
+    """The size of a mesh file, its volume 0 where it is open; None for what is not read."""
+    suffix = path.suffix.lower()
     try:
-        vertices, faces = read_triangles(raw, suffix)
-    except ValueError:
+        if suffix not in _READ or path.stat().st_size > _LARGEST:
+            return None
+        vertices, faces = read_triangles(path.read_bytes(), suffix)
+    except (OSError, ValueError):
         return None
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     corners = vertices[faces]
