@@ -4,6 +4,7 @@ Pinocchio's parser drops what it cannot read (an inertia with a blank in a numbe
 stderr. It gets only numbers that `Reader` has read and written again.
 """
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ MAX_DEPTH = 1_000
 VERSIONS = {"1.0": (1, 0), "1.1": (1, 1), "1.2": (1, 2)}
 LEAVE_OUT = 'xacro="ignore" (--xacro ignore) leaves such elements out'
 _NOT_DYNAMICS = ("visual", "collision", "material")
+_SIDES = {"left": "right", "l": "r", "fl": "fr", "rl": "rr", "hl": "hr", "lf": "rf", "lh": "rh", "bl": "br", "lr": "rr"}
 
 
 @dataclass(frozen=True)
@@ -201,3 +203,14 @@ def _reduced(element: Element) -> Element:
         children = [] if tag in _NOT_DYNAMICS else element.all(tag)
         out.children += map(_reduced, children if URDF_ELEMENTS[tag].repeatable else children[:1])
     return out
+
+
+def other_side(name: str) -> str:
+    """The name of the right link or joint that a left one has; "" of one that has no side."""
+    parts = re.findall(r"left|[a-z]+|[A-Z]+(?![a-z])|[A-Z][a-z]*|[^a-zA-Z]+", name)
+    for k, part in enumerate(parts):
+        other = _SIDES.get(part.lower(), "")
+        if other:
+            parts[k] = other if part.islower() else other.upper() if part.isupper() else other.capitalize()
+            return "".join(parts)
+    return ""

@@ -22,6 +22,7 @@ from twolink.errors import RobotError
 from twolink.parts.lint.findings import SEVERITIES, rules
 from twolink.parts.lint.lint import fix
 from twolink.robots.catalogue import catalogue_entry
+from twolink.robots.tree import other_side
 
 # A box of a x b x c and m has m (b^2 + c^2) / 12 about its middle.
 LINK = """
@@ -165,6 +166,14 @@ def test_a_robot_without_inertials_has_one_warning_of_its_masses() -> None:
     assert tl.load_robot(text, purpose="kinematics").nv == 4
     beside = tl.lint(text.replace("<dynamics", "<dynamiks", 1)).defects
     assert {(each.rule, each.severity) for each in beside} == {("weightless", "warning"), ("unknown-name", "error")}
+
+
+@pytest.mark.parametrize(("left", "right"), [
+    ("left_hip", "right_hip"), ("panda_leftfinger", "panda_rightfinger"), ("LShoulderYaw", "RShoulderYaw"),
+    ("armLeft", "armRight"), ("FL_hip", "FR_hip"), ("lever", ""), ("right_hip", ""),
+])  # fmt: skip
+def test_a_left_name_has_a_right_one(left: str, right: str) -> None:
+    assert other_side(left) == right
 
 
 def test_a_circle_of_mimic_joints_is_an_error() -> None:

@@ -5,18 +5,16 @@ image for one wrong sign, which no check of a single body shows.
 from __future__ import annotations
 
 import itertools
-import re
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 import pinocchio as pin
 
-from twolink.robots.tree import Tree
+from twolink.robots.tree import Tree, other_side
 from twolink.robots.urdf import UrdfLink
 
 ENTRIES = {"ixy": (0, 1), "ixz": (0, 2), "iyz": (1, 2)}
-_SIDES = {"left": "right", "l": "r", "fl": "fr", "rl": "rr", "hl": "hr", "lf": "rf", "lh": "rh", "bl": "br", "lr": "rr"}
 _MIRROR = np.diag([1.0, -1.0, 1.0])
 
 
@@ -104,7 +102,7 @@ def mirror_faults(tree: Tree, model: pin.Model, tolerance: float) -> list[str]:
     poses = {f.name: data.oMf[k] for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
     links = {name: link_inertia(link) for name, link in tree.links.items() if link.mass > 0 and name in poses}
     found = []
-    for left, right in ((name, other) for name in links if (other := _other_side(name)) in links):
+    for left, right in ((name, other) for name in links if (other := other_side(name)) in links):
         a, b = links[left], links[right]
         near = tolerance * max(np.abs(a.inertia).max(), np.abs(b.inertia).max())
         wanted = _MIRROR @ poses[left].rotation @ a.inertia @ poses[left].rotation.T @ _MIRROR
@@ -117,14 +115,3 @@ def mirror_faults(tree: Tree, model: pin.Model, tolerance: float) -> list[str]:
             if flips and rest.max() <= near:
                 found.append(f"{left} and {right} would mirror each other but for the sign of {entry}")
     return found
-
-
-def _other_side(name: str) -> str:
-    """The name of a left link with its side changed to right; empty where it has none."""
-    parts = re.findall(r"[a-z]+|[A-Z]+(?![a-z])|[A-Z][a-z]*|[^a-zA-Z]+", name)
-    for k, part in enumerate(parts):
-        other = _SIDES.get(part.lower(), "")
-        if other:
-            parts[k] = other if part.islower() else other.upper() if part.isupper() else other.capitalize()
-            return "".join(parts)
-    return ""

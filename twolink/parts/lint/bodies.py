@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from collections.abc import Callable, Iterator, Mapping
 from decimal import Decimal
 
@@ -14,6 +13,7 @@ from twolink.parts.lint.findings import Defect, Severity, defect
 from twolink.parts.lint.reading import Reading, parts
 from twolink.parts.lint.shapes import Extent, placement
 from twolink.robots.checks import impossible_bodies, impossible_inertia, is_impossible
+from twolink.robots.tree import other_side
 from twolink.robots.urdf import UrdfLink
 from twolink.robots.xml import Element
 
@@ -33,9 +33,6 @@ _SMALLEST = 1e-3  # m: half the diagonal of shapes that say something about a bo
 _APART, _DIFFERENT = 1e-3, 0.05  # of both sides of a mirrored pair: a note, a warning
 _BOTH = ("visual", "collision")
 _TEMPLATE = 0.1  # kg m^2: a power of ten from here on is a template's, with a mass that does not go with it
-_SIDES = (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"), ("l", "r"), ("L", "R"), ("FL", "FR"), ("RL", "RR"),
-          ("HL", "HR"), ("LF", "RF"), ("LH", "RH"), ("LR", "RR"), ("fl", "fr"), ("rl", "rr"), ("lf", "rf"),
-          ("lh", "rh"))  # fmt: skip
 
 
 def inertial(link: UrdfLink) -> Element | None:
@@ -154,20 +151,10 @@ def _listed(values: np.ndarray) -> str:
     return ", ".join(f"{x:.4g}" for x in values)
 
 
-def opposite(name: str) -> str:
-    """The name of the right part that a left one has, or ""."""
-    for left, right in _SIDES:
-        whole = left if len(left) > 2 else rf"(?<![A-Za-z]){left}(?![A-Za-z])"
-        changed = re.sub(whole, right, name, count=1)
-        if changed != name:
-            return changed
-    return ""
-
-
 def mirrored_bodies(reading: Reading) -> Iterator[Defect]:
     """Links that have another mass or other moments than their counterpart on the other side."""
     for name, link in reading.links.items():
-        other = reading.links.get(opposite(name))
+        other = reading.links.get(other_side(name))
         if other is None or inertial(link) is None or inertial(other) is None:
             continue
         pairs = {"mass": [np.array([one.mass]) for one in (link, other)],

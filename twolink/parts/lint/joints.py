@@ -7,12 +7,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from twolink.parts.lint.bodies import opposite
 from twolink.parts.lint.findings import Defect, Fix, defect
 from twolink.parts.lint.reading import Reading, lost_mesh, parts
 from twolink.parts.lint.shapes import meshes, placement
 from twolink.robots.checks import mimic_fault
 from twolink.robots.meshes import missing_meshes
+from twolink.robots.tree import other_side
 from twolink.robots.urdf import UNIT_TOLERANCE, UrdfJoint
 from twolink.robots.xml import Element
 
@@ -105,7 +105,7 @@ def mirrored_joints(reading: Reading) -> Iterator[Defect]:
     """Joints with another range, effort or velocity than their counterpart on the other side."""
     joints = {joint.name: joint for joint in reading.moving}
     for name, joint in joints.items():
-        other = joints.get(opposite(name))
+        other = joints.get(other_side(name))
         if other is None or joint.limits is None or other.limits is None:
             continue
         ours, theirs = (np.array([each.limits[1] - each.limits[0], *_motor(each)]) for each in (joint, other))  # type: ignore[index]

@@ -18,7 +18,7 @@ from twolink.robots.catalogue import Source, examples_share
 from twolink.robots.formats import describe
 from twolink.robots.load import build
 from twolink.robots.meshes import mesh_folders
-from twolink.robots.tree import Tree, joined_tree
+from twolink.robots.tree import VERSIONS, Tree, joined_tree
 from twolink.robots.urdf import UrdfJoint, UrdfLink, read_joint, read_link
 from twolink.robots.xml import Element, Foreign, Reader, Vector, foreign_content, parse_xml
 
@@ -127,7 +127,7 @@ def read(source: Source, folders: list[Path], arguments: Mapping[str, object]) -
         macros = source.path is not None and source.path.suffix == ".xacro"
         return (defect("tree", "", 0, "it has no link", severity="note" if macros else None),)
     robot, label, wrong = said.robot, source.label, list[Defect]()
-    version = {"1.1": (1, 1), "1.2": (1, 2)}.get(robot.attributes.get("version", "1.0"), (1, 0))
+    version = VERSIONS.get(robot.attributes.get("version", "1.0"), VERSIONS["1.0"])
     robot.attributes["version"] = "1.2" if version == (1, 2) else "1.1"
     reader, unknown = CollectingReader(label, version), list[RobotError]()
     foreign = foreign_content(reader, robot, refused=unknown)
