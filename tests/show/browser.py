@@ -1,12 +1,13 @@
 """Pages of a headless Chromium for the tests, driven over its DevTools protocol. Every wait has a limit."""
 
-import asyncio
 import base64
+import contextlib
 import io
 import json
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import tempfile
 import time
@@ -16,8 +17,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import tornado.websocket
 from PIL import Image
+from websockets.sync.client import connect
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 _FLAGS = [
@@ -39,8 +40,7 @@ class Chromium:
     def __init__(self, executable: str) -> None:
         self._number = 0
         self._profile = tempfile.mkdtemp(prefix="twolink-browser-")
-        self._loop = asyncio.new_event_loop()
-        self._socket: Any = None
+        self._opened = contextlib.ExitStack()
         command = [executable, *_FLAGS, f"--user-data-dir={self._profile}", "about:blank"]
         silent = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
         self._process = subprocess.Popen(command, start_new_session=True, **silent)
@@ -63,30 +63,20 @@ class Chromium:
                 raise RuntimeError(f"Chromium did not start (exit code {self._process.poll()})")
             time.sleep(0.05)
         port, path = note.read_text().split()
-
-        async def connect() -> Any:
-            url = f"ws://127.0.0.1:{port}{path}"
-            return await tornado.websocket.websocket_connect(url, max_message_size=200_000_000)
-
-        self._socket = self._loop.run_until_complete(asyncio.wait_for(connect(), limit))
+        here = socket.create_connection(("127.0.0.1", port))
+        socket_to_it = connect(f"ws://127.0.0.1:{port}{path}", sock=here, max_size=None, max_queue=None)
+        self._socket: Any = self._opened.enter_context(socket_to_it)
 
     def call(self, message: dict[str, Any], note: Callable[[dict[str, Any]], None], limit: float) -> dict[str, Any]:
         """Send one DevTools command and return its result. note: is given each other message that comes before it."""
         self._number += 1
-        number = self._number
-
-        async def exchange() -> dict[str, Any]:
-            await self._socket.write_message(json.dumps({"id": number, **message}))
-            while True:
-                text = await self._socket.read_message()
-                if text is None:
-                    raise RuntimeError("the browser closed the connection")
-                answer: dict[str, Any] = json.loads(text)
-                if answer.get("id") == number:
-                    return answer
-                note(answer)
-
-        answer = self._loop.run_until_complete(asyncio.wait_for(exchange(), limit))
+        self._socket.send(json.dumps({"id": self._number, **message}))
+        end = time.monotonic() + limit
+        while True:
+            answer: dict[str, Any] = json.loads(self._socket.recv(end - time.monotonic()))
+            if answer.get("id") == self._number:
+                break
+            note(answer)
         if "error" in answer:
             raise RuntimeError(f"{message['method']}: {answer['error']}")
         result: dict[str, Any] = answer["result"]
@@ -94,19 +84,11 @@ class Chromium:
 
     def close(self) -> None:
         """End the browser and everything it started, and remove its profile."""
-        if self._socket is not None:
-            self._loop.run_until_complete(self._hang_up())
-            self._socket = None
+        self._opened.close()
         if self._process.poll() is None:
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait(timeout=10)
-        self._loop.close()
         shutil.rmtree(self._profile, ignore_errors=True)
-
-    async def _hang_up(self) -> None:
-        """Within the loop: other tests may have left this thread without one."""
-        self._socket.close()
-        await asyncio.sleep(0.05)
 
 
 class Browser:
