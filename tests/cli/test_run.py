@@ -110,20 +110,6 @@ def test_output_that_cannot_be_written(arguments: list[str]) -> None:
     assert done.stderr == "twolink: output: cannot be written: No space left on device; check the disk\n"
 
 
-@pytest.mark.slow
-def test_paper_answers_the_claims(tmp_path: Path) -> None:
-    done = answer("paper", "--out", str(tmp_path))
-    assert done["difference"] < 1e-8
-    verdicts = {c["text"]: c["holds"] for c in done["claims"]}
-    assert verdicts["theta1 stays below zero"]
-    assert verdicts["theta2 changes sign when theta1 = -pi/2, twice a cycle"]
-    assert not verdicts["the links' velocities oppose each other"]
-    assert verdicts["the motion nearly repeats with m1 : m2 = 3 : 1"]
-    assert not verdicts["the motion nearly repeats with m1 : m2 = 1 : 1"]
-    assert not verdicts["the C matrix as printed gives this motion"]
-    assert len(list(tmp_path.glob("*.png"))) == 4
-
-
 def test_play_writes_a_page(tmp_path: Path) -> None:
     run = tl.simulate(tl.load_scene("arm-swing"), 0.1)
     saved = run.save(tmp_path / "run.npz")

@@ -101,15 +101,6 @@ def test_a_loop_is_found_on_links_that_have_the_names_of_joints() -> None:
 
 
 @pytest.mark.skipif(not HAS_DRAKE, reason="needs the extra peers")
-def test_drake_gets_no_torques_in_time() -> None:
-    from twolink.hard.peers import drake_peer
-
-    moving = task_of(tl.Scene(tl.load_robot("two_link"), effects=[fx.Torque({"elbow": fx.Sine(1.0, 2.0)})]), TIMES)
-    with pytest.raises(UnsupportedError, match="torques"):
-        drake_peer.prepare(moving, drake_peer.usual_settings(moving)[0])
-
-
-@pytest.mark.skipif(not HAS_DRAKE, reason="needs the extra peers")
 def test_drakes_convex_integrator_stops_a_block_where_coulomb_does() -> None:
     rail = robot_of(
         joint("x", "prismatic", "ground", "cart", "1 0 0"), link("cart", 1e-3, 1e-3),

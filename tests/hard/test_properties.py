@@ -102,10 +102,13 @@ def simulated(scene: tl.Scene, accuracy: float, method: str, samples: float) -> 
     return run
 
 
-EXAMPLES: dict[Check, tuple[int, int]] = {
-    identities: (60, 5000), energy_rate_is_power: (40, 3000), portable_meets_its_accuracy: (0, 100),
-    compiled_is_portable: (1, 60),
-}  # fmt: skip
+FEW = ((identities, 60), (energy_rate_is_power, 40), (compiled_is_portable, 1))
+MANY = (
+    (identities, 5000),
+    (energy_rate_is_power, 3000),
+    (portable_meets_its_accuracy, 100),
+    (compiled_is_portable, 60),
+)
 MAX_REFUSED = 0.2  # the share of examples that may be refused
 
 
@@ -115,8 +118,10 @@ def _no_cache(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(os.environ, "TWOLINK_CACHE", "off")
 
 
-def check_examples(check: Check, examples: int) -> None:
-    """Run a check on random examples; few of them may be refused."""
+@pytest.mark.some(1)
+@pytest.mark.parametrize(("check", "examples"), [*FEW, *MANY])
+def test_physics_of_random_robots(check: Check, examples: int) -> None:
+    """On random examples, few of which may be refused."""
     refused: list[bool] = []
 
     @settings(max_examples=examples, deadline=None, derandomize=True, database=None,
@@ -128,15 +133,3 @@ def check_examples(check: Check, examples: int) -> None:
     run()
     assert len(refused) >= examples
     assert sum(refused) <= MAX_REFUSED * len(refused), f"{sum(refused)} of {len(refused)} are refused"
-
-
-@pytest.mark.some(1)
-@pytest.mark.parametrize("check", [identities, energy_rate_is_power, compiled_is_portable])
-def test_physics_of_random_robots(check: Check) -> None:
-    check_examples(check, EXAMPLES[check][0])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("check", EXAMPLES)
-def test_physics_of_many_random_robots(check: Check) -> None:
-    check_examples(check, EXAMPLES[check][1])

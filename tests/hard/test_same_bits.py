@@ -16,8 +16,8 @@ from twolink.integrate.steps.step_control import initial_state
 from twolink.integrate.steps.step_map import step_map
 from twolink.native import programs
 
-NAMES = ("auto", "dop853", "rk45", "taylor", "rk4", "esdirk43", "scipy-dop853")
-SCENES = ("arm-swing", "spinning-top", "four-bar", pytest.param("panda-hold", marks=pytest.mark.slow))
+METHODS_OF_RUNS = ("auto", "dop853", "rk45", "taylor", "rk4", "esdirk43", "scipy-dop853")
+OTHERS = [pytest.param(name, "auto", marks=pytest.mark.slow) for name in ("spinning-top", "four-bar", "panda-hold")]
 _BATCH = """
 import numpy as np, twolink as tl, hashlib
 q = np.random.default_rng(4).uniform(-1, 1, (130, 2))
@@ -32,16 +32,9 @@ def bits(run: tl.Trajectory) -> str:
     return hashlib.sha256(run.q.tobytes() + run.v.tobytes() + run.error.tobytes()).hexdigest()
 
 
-@pytest.mark.some(1)
-@pytest.mark.parametrize("name", SCENES)
-def test_the_same_scene_twice(name: str) -> None:
-    first, second = (bits(tl.simulate(tl.load_scene(name), 0.5, accuracy=1e-6)) for _ in range(2))
-    assert first == second
-
-
-@pytest.mark.parametrize("method", NAMES)
-def test_every_method_twice(method: str) -> None:
-    first, second = (bits(tl.simulate(tl.load_scene("arm-swing"), 0.5, accuracy=1e-5, method=method)) for _ in range(2))
+@pytest.mark.parametrize(("name", "method"), [*(("arm-swing", method) for method in METHODS_OF_RUNS), *OTHERS])
+def test_the_same_scene_twice(name: str, method: str) -> None:
+    first, second = (bits(tl.simulate(tl.load_scene(name), 0.5, accuracy=1e-5, method=method)) for _ in range(2))
     assert first == second
 
 

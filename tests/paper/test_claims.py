@@ -150,6 +150,12 @@ def test_the_command_says_what_each_statement_is_worth(tmp_path: Path) -> None:
     done = answer("paper", "--out", str(tmp_path))
     verdicts = {claim["text"]: claim["holds"] for claim in done["claims"]}
     assert len(verdicts) >= 35
+    assert done["difference"] < 1e-8
+    assert verdicts["theta2 changes sign when theta1 = -pi/2, twice a cycle"]
+    assert not verdicts["the links' velocities oppose each other"]
+    assert verdicts["the motion nearly repeats with m1 : m2 = 3 : 1"]
+    assert not verdicts["the motion nearly repeats with m1 : m2 = 1 : 1"]
+    assert not verdicts["the C matrix as printed gives this motion"]
     assert not verdicts["ode45 at its defaults draws these curves right"]
     assert verdicts["link one swings beyond -pi, and its angle changes suddenly"]
     assert verdicts["SimMechanics is convenient where deriving the equations is cumbersome"] is None

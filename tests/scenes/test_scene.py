@@ -50,11 +50,6 @@ def test_a_start_is_given_by_joint() -> None:
     assert floating.q[:3].tolist() == [1, 2, 3]
 
 
-def test_a_continuous_joint_starts_at_an_angle() -> None:
-    scene = tl.Scene(tl.load_robot(CONTINUOUS), {"turn": 0.4})
-    np.testing.assert_allclose(scene.q, [np.cos(0.4), np.sin(0.4)])
-
-
 def test_a_start_may_have_units(tmp_path: Path) -> None:
     """Of the joint's coordinate: degrees of angles, millimetres of ways; also in files, and of locked joints."""
     arm = tl.Scene(tl.load_robot("two_link"), {"shoulder": "90 deg", "elbow": "-1.5rad"}, {"elbow": "180 deg/s"})

@@ -136,13 +136,6 @@ def test_only_the_page_is_served(arm: tuple[Any, Any]) -> None:
         assert not answers(url + "started")  # an empty answer, which starts the time
 
 
-def test_the_motion_is_checked_first(arm: tuple[Any, Any]) -> None:
-    with pytest.raises(ShowError, match="q is not finite at sample 1"):
-        play_live(*arm, [0.0, 1.0], [[0.0, 0.0], [np.nan, 0.0]], open_browser=False)
-    with pytest.raises(ShowError, match="speed is 0"):
-        play_live(*arm, [0.0, 1.0], [[0.0, 0.0], [1.0, 0.0]], speed=0.0, open_browser=False)
-
-
 @pytest.mark.parametrize("now", [-1.0, 0.0, 0.005, 0.61, 1.0, 2.0])
 def test_a_configuration_between_samples_is_interpolated(arm: tuple[Any, Any], now: float) -> None:
     t, q = motion(1.0)

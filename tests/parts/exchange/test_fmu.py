@@ -184,16 +184,6 @@ def test_model_exchange_agrees_within_the_error_bar(name: str, folder: Path) -> 
     assert np.abs(found - states_of(run)[-1])[: run.q.shape[1]].max() <= run.error[-1] + 1e-9
 
 
-@pytest.mark.parametrize("name", ["arm", "tables"])
-def test_fmpy_simulates(name: str, folder: Path) -> None:
-    run = tl.simulate(SCENES[name](), T, accuracy=1e-8, t_eval=np.linspace(0, T, 11))
-    path, columns = str(exported(name, folder)), [f"q.{joint.name}" for joint in run.robot.joints]
-    for kind, bound in (("ModelExchange", 1e-6), ("CoSimulation", 1e-8)):
-        rows = fmpy.simulate_fmu(path, fmi_type=kind, stop_time=T, output_interval=T / 10, relative_tolerance=1e-9)
-        at = np.searchsorted(rows["time"], run.t - 1e-9)
-        assert np.abs(np.array([rows[c][at] for c in columns]).T - run.q).max() <= bound
-
-
 @pytest.mark.some(4)
 @pytest.mark.parametrize("name", ["arm", "free_body", "elastic", "top", "panda"])
 def test_directional_derivatives_are_those_of_differences(name: str, folder: Path) -> None:
@@ -221,17 +211,6 @@ def test_directional_derivatives_are_those_of_differences(name: str, folder: Pat
         fmu.fmu.setFMUState(state)
         found = np.array(fmu.fmu.getDirectionalDerivative(unknowns, knowns, list(seed)))
         assert np.abs(found - differences).max() <= 1e-7 * (1 + np.abs(found).max())
-
-
-def test_directional_derivatives_are_those_of_linearize(folder: Path) -> None:
-    scene = SCENES["arm"]()
-    a, b, _ = tl.linearize(scene)
-    fmu = Fmu("arm", folder, model_exchange=True).started()
-    inputs = [fmu.numbers[f"tau.{joint.name}"] for joint in scene.robot.joints]
-    for matrix, knowns in ((a, fmu.states), (b, inputs)):
-        for k, known in enumerate(knowns):
-            column = fmu.fmu.getDirectionalDerivative(fmu.rates, [known], [1.0])
-            np.testing.assert_allclose(column, matrix[:, k], atol=1e-8)
 
 
 def test_dependencies_are_true(folder: Path) -> None:
