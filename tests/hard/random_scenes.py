@@ -1,7 +1,5 @@
 """Random robots and scenes for the property tests: trees of all joint types, with effects and loops."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -2,8 +2,6 @@
 and off equilibrium.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """C99 code without dependencies or allocation, from the formulas that are compiled and certified here."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import os

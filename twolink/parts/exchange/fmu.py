@@ -1,7 +1,5 @@
 """A scene as an FMU 3.0: a description, C sources, and libraries built from them; no Python is inside."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib.util
 import os

@@ -5,8 +5,6 @@
 x = (q, v, states of effects). Every function takes z alone, which an instance of the FMU holds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -2,8 +2,6 @@
 image for one wrong sign, which no check of a single body shows.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 from functools import partial

@@ -5,8 +5,6 @@ of exponentials, Brockett 1984). Link frames, fixed joints, the order of joints 
 written leave no trace in them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """A robot as an MJCF: bodies with full inertias, joints, and the springs and loops that its own file said."""
 
-from __future__ import annotations
-
 import math
 import os
 import xml.etree.ElementTree as ET

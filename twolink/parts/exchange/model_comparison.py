@@ -1,7 +1,5 @@
 """compare_models: are two robots the same mechanism, and where not, which number differs and why."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterator, Mapping

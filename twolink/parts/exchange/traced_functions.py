@@ -1,7 +1,5 @@
 """Functions of a robot as lists of operations, which code can be written from: traced, and held against Pinocchio."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

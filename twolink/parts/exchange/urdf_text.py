@@ -1,7 +1,5 @@
 """A robot as a URDF in one form: merged bodies, locked joints fixed, inertias about centres of mass along link axes."""
 
-from __future__ import annotations
-
 import math
 import os
 import xml.etree.ElementTree as ET

@@ -1,7 +1,5 @@
 """Checks of masses, inertias and centres of mass, alone and beside the shapes of their links, and likely causes."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping

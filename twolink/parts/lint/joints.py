@@ -1,7 +1,5 @@
 """Checks of joints and meshes: axes, limits, damping, mimic joints, scales, and the unit of angles in an MJCF."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

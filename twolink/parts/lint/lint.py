@@ -1,7 +1,5 @@
 """lint: every defect of a robot's file at once."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence

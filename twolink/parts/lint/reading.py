@@ -1,7 +1,5 @@
 """A robot's file read to its end: what strict reading refuses is collected, and left out of what is read."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """The sizes of a link's shapes: their corners in the link's frame, and their volume."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field

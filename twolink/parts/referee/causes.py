@@ -4,8 +4,6 @@ A cause is another law of motion, or another way of stepping. What it leaves une
 defects, or of the distance, that remains with it.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Contacts, dry friction, stops, couplings and loops are soft in MuJoCo (its docum
 constraints"). A log of such a run is explained by no law of ours; it is by the run itself.
 """
 
-from __future__ import annotations
-
 import functools
 import importlib.util
 from collections.abc import Iterator

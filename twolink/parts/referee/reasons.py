@@ -1,7 +1,5 @@
 """Why a log is wrong: what is looked at, in which order, and what its local errors and constraints are."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import time

@@ -1,7 +1,5 @@
 """judge: how far a trajectory of any simulator is from the solution of a scene, since when, and why."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import os
