@@ -11,6 +11,7 @@ import pytest
 from tests.parts.service.fake_s3 import FakeS3, fake_s3
 from twolink.errors import TwolinkError
 from twolink.parts.service.problems import Refusal, problem_of
+from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store.data_folder import PARTS
 from twolink.parts.service.store.objects import NAMED_ROBOTS, Copies, Objects
 from twolink.parts.service.store.store import Store
@@ -95,7 +96,7 @@ def test_a_store_that_fails_is_the_failure_of_storage(tmp_path: Path, s3: type[F
 
 
 def test_robots_that_nobody_uploaded_are_not_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    store = Store(tmp_path / "data", objects=f"file://{tmp_path}/objects")
+    store = Store(tmp_path / "data", Quotas(), objects=f"file://{tmp_path}/objects")
     asked: list[str] = []
     monkeypatch.setattr(store.copies, "bring_robots", asked.extend)
     store._execute("INSERT INTO robots (id, created, used, bytes, description, owner) VALUES (?, 0, 0, 0, '{}', '')",

@@ -193,27 +193,27 @@ async def test_without_memory_nothing_that_has_begun_waits(monkeypatch: pytest.M
 
 def test_uploads_keep_their_room_while_they_load_and_take_none_from_results(tmp_path: Path) -> None:
     quotas = Quotas(disk_mb=3, result_mb=1, owner_disk_mb=0.4)  # 1 MB of uploads
-    store = Store(tmp_path)
+    store = Store(tmp_path, quotas)
     store.new_job("simulation-1", "simulation", b"{}")
     (store.begin_job("simulation-1")[0] / "result.npz").write_bytes(bytes(1_900_000))
-    store.end_job("simulation-1", quotas.results_mb * 2**20, state="done", ended=1.0)
+    store.end_job("simulation-1", state="done", ended=1.0)
     one, two = "u-" + "0" * 20, "u-" + "1" * 20
-    store.accounts.reserve(one, "", 600_000, quotas)
+    store.accounts.reserve(one, "", 600_000)
     with pytest.raises(Refusal, match="uploads would take more than the 1 MB"):
-        store.accounts.reserve(two, "", 600_000, quotas)
+        store.accounts.reserve(two, "", 600_000)
     with pytest.raises(Refusal, match="ann keeps would take more"):
-        store.accounts.reserve(two, "ann", 440_000, quotas)
+        store.accounts.reserve(two, "ann", 440_000)
     staged = store.stage(one, bytes(700_000))
-    store.add_robot(one, staged, {"id": one}, "", quotas)
+    store.add_robot(one, staged, {"id": one}, "")
     store.unstage(staged)
     lied = store.stage(two, bytes(700_000))  # more than was told
     with pytest.raises(Refusal, match="uploads would take"):
-        store.add_robot(two, lied, {"id": two}, "", quotas)
+        store.add_robot(two, lied, {"id": two}, "")
     store.unstage(lied)
     assert store.job("simulation-1") is not None
     assert size_of(tmp_path / "robots") == 700_000
     store.remove_robot(one)
-    store.accounts.reserve(two, "", 1_000_000, quotas)
+    store.accounts.reserve(two, "", 1_000_000)
     store.close()
 
 

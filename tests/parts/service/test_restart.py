@@ -19,6 +19,7 @@ from tests.parts.service.serving import Served, serving, wait_until
 from tests.parts.service.test_jobs import SLOW, SWING, ended, started
 from tests.parts.service.urdfs import pendulum
 from tests.robots.test_bad_urdf import joint, link, robot
+from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store.store import Store
 from twolink.parts.service.work.cluster import Member
 from twolink.parts.service.work.job_views import Running
@@ -60,7 +61,7 @@ def test_jobs_that_an_earlier_version_has_queued_are_run_or_say_what_they_lack(t
     """Theirs have `samples` where this version has `samples_per_second`."""
     folder, ids = tmp_path / "data", [f"simulation-{k:020x}" for k in range(2)]
     old = {"scene": "arm-swing", "duration": 1.5, "samples": 50.0}, {"scene": "arm-swing", "colour": "red"}
-    store = Store(folder)
+    store = Store(folder, Quotas())
     for key, request in zip(ids, old, strict=True):
         store.new_job(key, "simulation", json.dumps(request).encode())
     store.close()

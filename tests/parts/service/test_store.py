@@ -27,8 +27,8 @@ KEYS = [f"simulation-{k:020x}" for k in range(4)]
 ROBOT = "u-00000000000000000000"
 
 
-def opened(folder: Path) -> contextlib.closing[Store]:
-    return contextlib.closing(Store(folder))
+def opened(folder: Path, **quotas: float) -> contextlib.closing[Store]:
+    return contextlib.closing(Store(folder, Quotas(**quotas)))
 
 
 def jobs_of(store: Store, run: Any, **quotas: float) -> Jobs:
@@ -40,7 +40,7 @@ def jobs_of(store: Store, run: Any, **quotas: float) -> Jobs:
 def add_done(store: Store, key: str, size: int = 1000, request: Any = None) -> None:
     store.new_job(key, "simulation", msgspec.json.encode(request or {"scene": "arm-swing"}))
     (store.begin_job(key)[0] / "result.npz").write_bytes(bytes(size))
-    store.end_job(key, math.inf, state="done", ended=1.0, result={})
+    store.end_job(key, state="done", ended=1.0, result={})
 
 
 def names(folder: Path) -> set[str]:
@@ -77,7 +77,7 @@ def test_a_folder_of_somebody_else_is_refused_and_stays(part: str, tmp_path: Pat
     (tmp_path / part).mkdir()
     (tmp_path / part / "mine").write_text("precious")
     with pytest.raises(TwolinkError, match="not a data folder"):
-        Store(tmp_path)
+        Store(tmp_path, Quotas())
     assert names(tmp_path) == {"mine"}
 
 
@@ -103,12 +103,13 @@ def test_requests_files_and_drawings_count_and_the_oldest_go_first(tmp_path: Pat
     with opened(tmp_path) as store:
         for key in KEYS[:3]:  # two bytes a letter
             store.new_job(key, "simulation", msgspec.json.encode({"scene": "é" * 50_000}))
-            store.end_job(key, math.inf, state="failed", ended=1.0)
+            store.end_job(key, state="failed", ended=1.0)
         assert store.kept_bytes >= 300_000
         add_done(store, KEYS[3], 100_000)
         (store.result_folder(KEYS[3]) / "result.csv").write_bytes(bytes(70_000))
         store.visuals("panda.json").write_bytes(bytes(50_000))
-        store.measure(KEYS[3], 400_000)
+    with opened(tmp_path, disk_mb=0.38, result_mb=0.38) as store:
+        store.measure(KEYS[3])
         assert not store.visuals("panda.json").exists()
         assert [job.id for job in store.jobs("simulation", math.inf, 10)] == [KEYS[3], KEYS[2], KEYS[1]]
         assert store.shrink(0, keep=KEYS[3]) == 2
@@ -132,7 +133,7 @@ def test_a_start_on_a_full_disk_is_refused_in_one_line(tmp_path: Path, monkeypat
     with monkeypatch.context() as full:
         full.setattr(Store, "update_job", Mock(side_effect=sqlite3.OperationalError("database or disk is full")))
         with pytest.raises(TwolinkError, match="disk is full; check the folder and the disk"):
-            Store(tmp_path)
+            Store(tmp_path, Quotas())
     with opened(tmp_path) as store:
         job = store.job(KEYS[0])
         assert job is not None
@@ -188,7 +189,7 @@ def test_only_sweeps_keep_the_files_of_what_is_not_done(tmp_path: Path) -> None:
                 with (store.begin_job(key)[0] / "blocks").open("ab") as file:
                     file.write(bytes(1000))
                 if state != "interrupted":
-                    store.end_job(key, math.inf, state=state)
+                    store.end_job(key, state=state)
     with opened(tmp_path) as store:  # the last ones were interrupted
         assert {job.state for job in map(store.job, keys.values()) if job} == {"interrupted"}
         assert [path.stat().st_size for path in tmp_path.rglob("blocks")] == [4000]

@@ -54,7 +54,7 @@ async def result_file(service: Service, kind: str, key: str, name: str, task: st
     path = service.store.result_folder(key) / name
     with _removed_meanwhile(service, kind, key):
         await service.make(path, task, **arguments)
-    await service.store.run(service.store.measure, key, service.settings.quotas.results_mb * 2**20)
+    await service.store.run(service.store.measure, key)
     return path
 
 

@@ -187,12 +187,12 @@ async def _receive(service: Service, key: str, kind: str, options: RobotOptions,
 
     async def reserve(count: Any) -> dict[str, Any]:
         try:
-            await store.run(store.accounts.reserve, key, owner, max(0, int(count)), quotas)
+            await store.run(store.accounts.reserve, key, owner, max(0, int(count)))
         except Refusal as refusal:
             return msgspec.structs.asdict(problem_of(refusal))
         return {}
 
-    await store.run(store.accounts.reserve, key, owner, len(content), quotas)
+    await store.run(store.accounts.reserve, key, owner, len(content))
     staged = await store.run(store.stage, key, content)
     try:
         answer = await service.read("receive", on_question=reserve, folder=str(staged), kind=kind, options=options)
@@ -200,7 +200,7 @@ async def _receive(service: Service, key: str, kind: str, options: RobotOptions,
         about = {"id": key, "origin": "uploaded", **msgspec.to_builtins(options), "root": options.root}
         description = {**about, **loaded.description}
         await asyncio.to_thread(store.copies.keep, key)
-        await store.run(store.add_robot, key, staged, description, owner, quotas)
+        await store.run(store.add_robot, key, staged, description, owner)
     finally:
         await store.run(store.unstage, staged)
     service.robots.put(key, loaded.robot)
@@ -215,7 +215,7 @@ async def visuals(request: Request[Any, Any, Any], service: Shared, robot: FromP
     path = store.visuals(f"{version_key()[:20]}-{robot}.json.gz")
     await service.make(path, "draw", key=robot)
     content = await asyncio.to_thread(path.read_bytes)
-    await store.run(store.drop_drawings, service.settings.quotas.results_mb * 2**20)
+    await store.run(store.drop_drawings, store.most)
     if accepts_gzip(request.scope):
         return Response(content, media_type=MediaType.JSON, headers={"Content-Encoding": "gzip"})
     return Response(await asyncio.to_thread(gzip.decompress, content), media_type=MediaType.JSON)

@@ -154,7 +154,7 @@ class Service:
         self.settings = settings
         self.ending = False
         self._checked = -math.inf  # when the store was found well
-        self.store = Store(Path(settings.data), settings.database, settings.store)
+        self.store = Store(Path(settings.data), quotas, settings.database, settings.store)
         self.budget = Budget(self.store, quotas.owner_seconds)
         self.protection = protection()
         self._require_room()
@@ -212,7 +212,7 @@ class Service:
             raise ending()
         async with self.locks("ready"):
             if time.monotonic() - self._checked > _CHECK_EACH:
-                await self.store.run(self.store.check, self.settings.quotas.result_mb * 2**20)
+                await self.store.run(self.store.check)
                 await asyncio.to_thread(self.store.copies.check)
                 self._checked = time.monotonic()
 

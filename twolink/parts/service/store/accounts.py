@@ -10,17 +10,18 @@ _FORGOTTEN = 3600.0  # s after which an upload that loads has been lost with its
 
 
 class Accounts:
-    """The sums of a database. process: that reserves."""
+    """The sums of a database. process: that reserves. quotas: limits of the sums."""
 
-    def __init__(self, database: Database, process: str) -> None:
+    def __init__(self, database: Database, process: str, quotas: Quotas) -> None:
         self._execute, self._clock, self._process = database.execute, database.clock, process
+        self._quotas = quotas
 
     def by_owner(self, table: str) -> dict[str, int]:
         """Bytes of the robots, jobs or uploads that load."""
         rows = self._execute(f"SELECT owner, sum(bytes) FROM {table} GROUP BY owner")
         return {owner: int(size) for owner, size in rows}
 
-    def reserve(self, key: str, owner: str, more: int, quotas: Quotas) -> None:
+    def reserve(self, key: str, owner: str, more: int) -> None:
         """Keep so many bytes more for an upload while it loads, until they are given back.
 
         They are counted first and looked at then, so that of several at once none can take what is not there.
@@ -28,7 +29,7 @@ class Accounts:
         """
         self._count(key, owner, more)
         try:
-            self._require_room(owner, quotas)
+            self._require_room(owner)
         except BaseException:
             self._count(key, owner, -more)
             raise
@@ -41,7 +42,8 @@ class Accounts:
         self._execute(f"INSERT INTO loading (id, process, owner, bytes, beat) VALUES (?, ?, ?, ?, {self._clock}) {add}",
                       (key, self._process, owner, more))  # fmt: skip
 
-    def _require_room(self, owner: str, quotas: Quotas) -> None:
+    def _require_room(self, owner: str) -> None:
+        quotas = self._quotas
         loading, robots, jobs = map(self.by_owner, ("loading", "robots", "jobs"))
         if sum(loading.values()) + sum(robots.values()) > quotas.uploads_mb * 2**20:
             what = f"the service's uploads would take more than the {quotas.uploads_mb:g} MB of its disk quota"
@@ -50,11 +52,11 @@ class Accounts:
             what = f"what {owner} keeps would take more than {quotas.owner_disk_mb:g} MB"
             raise Refusal(413, what, where="body", remedy="delete some robots or results")
 
-    def require_place(self, owner: str, most: float) -> None:
+    def require_place(self, owner: str) -> None:
         """Raise Refusal (429) where an owner has so many jobs that wait or run."""
         active = "SELECT count(*) FROM jobs WHERE owner = ? AND state IN ('queued', 'running')"
         count = self._execute(active, (owner,))[0][0]
-        if count >= most:
+        if count >= self._quotas.queue + self._quotas.jobs:
             raise Refusal(429, f"{count} jobs of {owner} wait already", where="request",
                           remedy="wait until some are done", retry_after=10)  # fmt: skip
 

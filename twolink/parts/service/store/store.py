@@ -65,11 +65,13 @@ class JobRow(msgspec.Struct, frozen=True):
 class Store:
     """The folder and its database. Its methods wait for the disk; an event loop calls them through `run`.
 
-    database, objects: URLs of those that several services share; empty: all is in the folder.
+    quotas: limits of what is kept. database, objects: URLs of those that several services share; empty: all is in the
+    folder.
     """
 
-    def __init__(self, folder: Path, database: str = "", objects: str = "") -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, quotas: Quotas, database: str = "", objects: str = "") -> None:
+        self.folder, self._quotas = folder, quotas
+        self.most = quotas.results_mb * 2**20  # bytes of results and drawings
         self._lock = SQLite(data_folder.open_folder(folder))
         self._thread = ThreadPoolExecutor(1, "twolink-store")  # one: the order of calls is the order of changes
         try:
@@ -77,7 +79,7 @@ class Store:
             self.copies = Copies(folder, objects)
             self.shared, self._execute = self._database.shared, self._database.execute
             self.leases = Leases(self._database)
-            self.accounts = Accounts(self._database, self.leases.process)
+            self.accounts = Accounts(self._database, self.leases.process, quotas)
             if self.shared:
                 data_folder.tidy(folder, (), ())
             else:
@@ -118,13 +120,12 @@ class Store:
         call = functools.partial(method, *arguments, **options)
         return await asyncio.get_running_loop().run_in_executor(self._thread, call)
 
-    def check(self, free_bytes: float) -> None:
-        """Raise sqlite3.Error or OSError unless the database can be written and the disk has so much room."""
+    def check(self) -> None:
+        """Raise sqlite3.Error or OSError unless the database can be written and the disk has room for a result."""
         self._database.check()
-        free = shutil.disk_usage(self.folder).free
-        if free < free_bytes:
-            what = f"{free / 2**20:.0f} MB are free, a result may take {free_bytes / 2**20:.0f} MB"
-            raise OSError(errno.ENOSPC, what)
+        free, asked = shutil.disk_usage(self.folder).free / 2**20, self._quotas.result_mb
+        if free < asked:
+            raise OSError(errno.ENOSPC, f"{free:.0f} MB are free, a result may take {asked:.0f} MB")
 
     def close(self) -> None:
         """Let go of the database and its lock."""
@@ -147,12 +148,12 @@ class Store:
         self.accounts.give_back(staged.name)
         shutil.rmtree(staged, ignore_errors=True)
 
-    def add_robot(self, key: str, staged: Path, description: dict[str, Any], owner: str, quotas: Quotas) -> None:
+    def add_robot(self, key: str, staged: Path, description: dict[str, Any], owner: str) -> None:
         """Keep an uploaded robot, whose files are moved from the staging folder. Raises as `Accounts.reserve`."""
         content = msgspec.json.encode(description)
         size = size_of(staged) + len(content)
         self.accounts.give_back(key)
-        self.accounts.reserve(key, owner, size, quotas)  # whatever its worker has said
+        self.accounts.reserve(key, owner, size)  # whatever its worker has said
         target, now = self.folder / ROBOTS / key, time.time()
         shutil.rmtree(target, ignore_errors=True)  # left by a process that was killed just here
         staged.rename(target)
@@ -229,13 +230,13 @@ class Store:
         plain = len(JobRow.__struct_fields__) - len(_JOB_TEXTS)
         return [JobRow(*row[:plain], *(msgspec.Raw(text or "null") for text in row[plain:])) for row in rows]
 
-    def new_job(self, key: str, kind: str, content: bytes, owner: str = "", waiting: float = math.inf) -> None:
+    def new_job(self, key: str, kind: str, content: bytes, owner: str = "") -> None:
         """Note a job that waits, in place of an earlier attempt at the same. content: its request, as JSON.
 
         Raises Refusal (429) where a named owner has so many jobs that wait or run.
         """
         if owner and self.shared:
-            self.accounts.require_place(owner, waiting)
+            self.accounts.require_place(owner)
         cleared = ", ".join(f"{name} = NULL" for name in ("started", "ended", "progress", "problem", "result"))
         self._execute(
             "INSERT INTO jobs (id, kind, state, created, used, bytes, request, owner) VALUES (?, ?, 'queued', ?, ?, ?, "
@@ -256,7 +257,7 @@ class Store:
         request: str = self._execute("SELECT request FROM jobs WHERE id = ?", (key,))[0][0]
         return folder, request.encode()
 
-    def end_job(self, key: str, limit: float, own: float = math.inf, **values: Any) -> bool:
+    def end_job(self, key: str, **values: Any) -> bool:
         """Note how a job ended, and keep to the limits of bytes. Files stay of what is done, or can go on from them.
 
         Returns whether it was this process's to end, see `Leases`.
@@ -265,7 +266,7 @@ class Store:
             self._drop_unfinished(key)
         if is_ours := self.leases.end(key, plain(values)):
             self.copies.note(key, values.get("ended"))
-            self.measure(key, limit, own)
+            self.measure(key)
         return is_ours
 
     def update_job(self, key: str, **values: Any) -> None:
@@ -305,10 +306,10 @@ class Store:
         if key.partition("-")[0] not in RESUMED:
             shutil.rmtree(self.result_folder(key), ignore_errors=True)
 
-    def measure(self, key: str, limit: float, own: float = math.inf) -> None:
+    def measure(self, key: str) -> None:
         """Note the size of a job and its files (tables and figures are added on demand), and keep to the limits."""
         self._note_size(key)
-        self.shrink(limit, own, keep=key)
+        self.shrink(self.most, keep=key)
 
     def _note_size(self, key: str) -> None:
         texts, size = " + ".join(map(length, _JOB_TEXTS)), size_of(self.result_folder(key))
@@ -325,8 +326,8 @@ class Store:
     def _count(self) -> None:
         self.kept_bytes = self.used_bytes()
 
-    def shrink(self, limit: float, own: float = math.inf, keep: str = "") -> int:
-        """Remove results until all take at most `limit` bytes and a named owner's `own`, and jobs ended long ago.
+    def shrink(self, limit: float, keep: str = "") -> int:
+        """Remove results until all take at most `limit` bytes and named owners their part, and jobs ended long ago.
 
         Drawings go first, as they can be drawn again; then what was not used for longest, of the owner who has most.
         keep: a job that stays. Returns the number of jobs that were removed.
@@ -337,6 +338,7 @@ class Store:
         removed = [row[0] for row in self._execute(forgotten, (*ACTIVE, keep, ENDED_JOBS))]
         rows = self._execute(f"SELECT id, owner, bytes {ended} ORDER BY used DESC", (*ACTIVE, keep))
         sizes, robots = map(self.accounts.by_owner, ("jobs", "robots"))
+        own = self._quotas.owner_disk_mb * 2**20
         limits = {owner: own - robots.get(owner, 0) if owner else math.inf for owner in sizes}
         removed += to_remove(rows, sizes, limits, self.result_bytes() - limit)
         for key in removed:

@@ -52,7 +52,6 @@ class Jobs:
     ) -> None:  # fmt: skip
         self._quotas, self._store, self._workers, self._metrics = settings.quotas, store, workers, metrics
         self._budget, self._senders, self._dask = budget, senders, settings.dask  # processes that may reach the cluster
-        self._disk_bytes = settings.quotas.results_mb * 2**20, settings.quotas.owner_disk_mb * 2**20
         self.views = JobViews(store)
         self.running = self.views.running
         self._locks = KeyedLocks()
@@ -108,13 +107,13 @@ class Jobs:
         return await self.views.view(kind, key)
 
     async def _begin(self, key: str, kind: str, content: bytes, owner: str) -> None:
-        client, quotas = this_request().client, self._quotas
+        client = this_request().client
         await self._budget.require(owner)
         if not self._queue.take(client):
             what = f"{len(self.running)} jobs wait already"
             raise Refusal(429, what, where="request", remedy="wait until some are done", retry_after=10)
         try:
-            await self._store.run(self._store.new_job, key, kind, content, owner, quotas.queue + quotas.jobs)
+            await self._store.run(self._store.new_job, key, kind, content, owner)
             self._start(key, kind, client)
         except BaseException:
             self._queue.give(client)
@@ -203,7 +202,7 @@ class Jobs:
             try:
                 if end["state"] == "done" or key.partition("-")[0] in RESUMED:
                     await asyncio.to_thread(self._store.copies.keep, key)
-                if not await self._store.run(self._store.end_job, key, *self._disk_bytes, **end):
+                if not await self._store.run(self._store.end_job, key, **end):
                     _log.warning("job %s was no longer of this process when it ended here: its end is left out", key)
                 return
             except (sqlite3.Error, OSError) as error:
