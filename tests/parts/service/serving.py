@@ -9,8 +9,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import httpx
 
@@ -26,20 +26,30 @@ def wait_until(condition: Callable[[], object], seconds: float = 240.0) -> None:
         time.sleep(0.02)
 
 
-@dataclass
-class Served:
-    """url: where it is. process: to end it. log: what it wrote to stderr so far."""
+class Served(httpx.Client):
+    """A service, and a client of it. url: where it is. process: to end it. log: what it wrote to stderr so far."""
 
-    url: str
-    process: subprocess.Popen[str]
-    log_file: Path
+    def __init__(self, url: str, process: subprocess.Popen[str], log_file: Path, **more: Any) -> None:
+        super().__init__(base_url=url, timeout=120, **more)
+        self.url, self.process, self.log_file = url, process, log_file
 
     @property
     def log(self) -> str:
         return self.log_file.read_text()
 
-    def client(self, **more: object) -> httpx.Client:
-        return httpx.Client(base_url=self.url, timeout=120, **more)
+    def client(self, **more: object) -> "Served":
+        """Another client of it."""
+        return Served(self.url, self.process, self.log_file, **more)
+
+    def ask(self, path: str, body: object = None, status: int | None = None, **more: Any) -> Any:
+        """The JSON that is answered, or an answer that is none. body: to POST, as JSON unless it is text or bytes.
+
+        status: of the answer; else any of success.
+        """
+        sent = {"content" if isinstance(body, str | bytes) else "json": body}
+        answer = self.request("GET" if body is None else "POST", path, **sent, **more)
+        assert answer.is_success if status is None else answer.status_code == status, answer.text
+        return answer.json() if "json" in answer.headers.get("content-type", "") else answer
 
     def connect(self, source: str = "127.0.0.1") -> socket.socket:
         """A connection from an address of this machine."""
@@ -79,7 +89,8 @@ def serving(folder: Path, *options: str, environment: dict[str, str] | None = No
             process.kill()
             raise RuntimeError(log_file.read_text())
         try:
-            yield Served(address.group(), process, log_file)
+            with Served(address.group(), process, log_file) as served:
+                yield served
         finally:
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)

@@ -4,7 +4,6 @@ import json
 import os
 from pathlib import Path
 
-import httpx
 import pytest
 
 from tests.parts.service.serving import Served, serving
@@ -23,21 +22,21 @@ PATH = "/v1/robots/two_link/bias"
     ("evil@localhost", 421), ("localhost:80:80", 421), ("localhost:", 421), ("local host", 421), ("[::1", 421),
     ("[::1]x", 421),
 ])  # fmt: skip
-def test_only_known_hosts(http: httpx.Client, host: str, status: int) -> None:
-    for answer in (http.get("/health", headers={"Host": host}), http.post(PATH, json=BODY, headers={"Host": host})):
-        assert answer.status_code == status
+def test_only_known_hosts(http: Served, host: str, status: int) -> None:
+    for path, body in (("/health", None), (PATH, BODY)):
+        http.ask(path, body, status, headers={"Host": host})
 
 
-def test_pages_of_other_sites_may_not_call(served: Served, http: httpx.Client) -> None:
+def test_pages_of_other_sites_may_not_call(http: Served) -> None:
     for origin in ("https://evil.example", "null", "http://localhost:1", "http://["):
-        assert http.post(PATH, json=BODY, headers={"Origin": origin}).status_code == 403
+        http.ask(PATH, BODY, 403, headers={"Origin": origin})
         answer = http.options(PATH, headers={"Origin": origin, "Access-Control-Request-Method": "POST"})
         assert answer.status_code == 403
         assert "access-control-allow-origin" not in answer.headers
-    assert http.post(PATH, json=BODY, headers={"Origin": served.url}).status_code == 200
+    http.ask(PATH, BODY, headers={"Origin": http.url})
 
 
-def test_every_answer_carries_the_security_headers(http: httpx.Client) -> None:
+def test_every_answer_carries_the_security_headers(http: Served) -> None:
     answers = [http.get(path) for path in ("/", "/health", "/docs", "/nowhere", "/v1/robots")]
     answers += [http.post(PATH, json=BODY), http.post(PATH, content=b"{")]
     for answer in answers:
@@ -48,18 +47,15 @@ def test_every_answer_carries_the_security_headers(http: httpx.Client) -> None:
 
 def test_tokens_allowed_hosts_and_origins(tmp_path: Path) -> None:
     options = ["--token", "first", "--allow-host", "lab.example", "--allow-origin", "https://lab.example"]
-    with (
-        serving(tmp_path / "data", *options, environment={"TWOLINK_TOKEN": "second"}) as served,
-        served.client() as http,
-    ):
+    with serving(tmp_path / "data", *options, environment={"TWOLINK_TOKEN": "second"}) as http:
         for token in ("first", "second"):
-            assert http.post(PATH, json=BODY, headers={"Authorization": f"Bearer {token}"}).status_code == 200
+            http.ask(PATH, BODY, headers={"Authorization": f"Bearer {token}"})
         for authorization in ("Bearer third", "Bearer", "first", "Basic first", "Bearer first second"):
             answer = http.post(PATH, json=BODY, headers={"Authorization": authorization})
             assert (answer.status_code, answer.headers["www-authenticate"]) == (401, "Bearer")
         for path in ("/v1/robots", "/metrics", "/openapi.json", "/v1/simulations"):
-            assert http.get(path).status_code == 401
-        assert http.get("/health", headers={"Host": "lab.example"}).status_code == 200
+            http.ask(path, status=401)
+        http.ask("/health", headers={"Host": "lab.example"})
         headers = {"Origin": "https://lab.example", "Authorization": "Bearer first"}
         answer = http.post(PATH, json=BODY, headers=headers)
         assert answer.headers["access-control-allow-origin"] == "https://lab.example"
@@ -107,14 +103,13 @@ def test_a_file_of_settings_a_proxy_and_owners_in_the_log(tmp_path: Path) -> Non
 
 @pytest.mark.slow
 def test_requests_too_large_or_too_slow_are_ended(tmp_path: Path) -> None:
-    with serving(tmp_path / "data", "--quota", "body_mb=0.01", "--quota", "body_seconds=1") as served:
-        with served.client() as http:
-            for path in (PATH, "/v1/robots", "/v1/simulations"):
-                assert http.post(path, content=bytes(20_000)).status_code == 413
-                chunks = (bytes(1000) for _ in range(20))  # of no stated length
-                assert http.post(path, content=chunks).status_code == 413
+    with serving(tmp_path / "data", "--quota", "body_mb=0.01", "--quota", "body_seconds=1") as http:
+        for path in (PATH, "/v1/robots", "/v1/simulations"):
+            http.ask(path, bytes(20_000), 413)
+            chunks = (bytes(1000) for _ in range(20))  # of no stated length
+            assert http.post(path, content=chunks).status_code == 413
         for part in (b"", b"POST / HTTP", b"POST /v1/robots HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n{"):
-            with served.connect() as slow:
+            with http.connect() as slow:
                 slow.sendall(part)
                 assert slow.recv(1) == b""  # the service has closed it
 

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import httpx
 import numpy as np
 import pytest
 import uvicorn
@@ -226,8 +225,7 @@ def test_many_pipelined_requests_end_the_connection(small: Served) -> None:
         connection.sendall(b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n" * 3000)
         while connection.recv(2**16):
             pass
-    with small.client() as http:
-        assert http.get("/health").status_code == 200
+    small.ask("/health")
     assert "Traceback" not in small.log
 
 
@@ -235,19 +233,18 @@ def test_many_pipelined_requests_end_the_connection(small: Served) -> None:
 def test_bodies_that_do_not_arrive_are_limited_and_cut_off(small: Served) -> None:
     """Of a client at most half of the memory is kept for announced bodies, and not for long."""
     unfinished = HEAD + b"Content-Type: application/x-npz\r\nContent-Length: 7000000\r\n\r\nPK"
-    with contextlib.ExitStack() as stack, small.client() as http:
+    with contextlib.ExitStack() as stack:
         held = [stack.enter_context(small.connect()) for _ in range(2)]
         for connection in held:
             connection.sendall(unfinished)
         body = packed(q=np.zeros((200_000, 2)))
         media = {"Content-Type": "application/x-npz"}
-        wait_until(lambda: http.post(BIAS, content=body, headers=media).status_code == 503)
-        busy = http.post(BIAS, content=body, headers=media)
-        assert busy.json()["code"] == "busy"
-        assert int(busy.headers["retry-after"]) >= 1
-        assert http.post(BIAS, json={"q": [0, 0]}).status_code == 200
+        wait_until(lambda: small.post(BIAS, content=body, headers=media).status_code == 503)
+        busy = small.ask(BIAS, body, 503, headers=media)
+        assert (busy["code"], busy["retry_after"] >= 1) == ("busy", True)
+        small.ask(BIAS, {"q": [0, 0]})
         assert [answer(connection)[0] for connection in held] == [0, 0]  # before body_seconds are over
-        assert http.post(BIAS, content=body, headers=media).status_code == 200
+        small.ask(BIAS, body, headers=media)
 
 
 @pytest.mark.slow
@@ -255,29 +252,24 @@ def test_an_answer_that_is_not_read_is_given_up(small: Served) -> None:
     path, body = "/v1/robots/panda/mass-matrix", packed(q=np.zeros((18_000, 9)))
     head = f"POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/x-npz\r\n".encode()
 
-    def status() -> int:
-        with small.client() as http:
-            return http.post(path, content=body, headers={"Content-Type": "application/x-npz"}).status_code
+    def asked() -> None:
+        small.ask(path, body, headers={"Content-Type": "application/x-npz"})
 
     def in_flight() -> float:
         """The bytes of bodies and answers that the service has."""
-        with small.client() as http:
-            lines = http.get("/metrics").text.splitlines()
+        lines = small.get("/metrics").text.splitlines()
         return next(float(line.split()[1]) for line in lines if line.startswith("twolink_bytes_in_flight "))
 
-    assert status() == 200
+    asked()
     with small.connect() as deaf:
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         deaf.sendall(head + b"Content-Length: %d\r\n\r\n" % len(body) + body)
         wait_until(lambda: in_flight() > 10e6)
         wait_until(lambda: in_flight() == 0, 20)
-    assert status() == 200
+    asked()
 
 
 @pytest.mark.slow
 def test_json_has_a_limit_of_its_own(small: Served) -> None:
-    with small.client() as http:
-        refused = http.post(BIAS, content=b'{"q": [' + b"[0,0]," * 300_000 + b"[0,0]]}")
-        assert (refused.status_code, refused.json()["where"]) == (413, "body")
-        scene = httpx.Request("POST", f"{small.url}/v1/scenes/validate", content=b" " * 1_500_000)
-        assert http.send(scene).status_code == 413
+    assert small.ask(BIAS, b'{"q": [' + b"[0,0]," * 300_000 + b"[0,0]]}", 413)["where"] == "body"
+    small.ask("/v1/scenes/validate", b" " * 1_500_000, 413)

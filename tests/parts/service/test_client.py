@@ -4,11 +4,11 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import httpx
 import numpy as np
 import pytest
 
 import twolink as tl
+from tests.parts.service.serving import Served
 from tests.parts.service.urdfs import pendulum
 from tests.robots.test_mimic import chain, mimic
 from twolink.errors import QueryError, RobotError, SceneError, TwolinkError
@@ -111,17 +111,17 @@ def test_many_threads_share_a_client(client: Client) -> None:
 
 
 @pytest.mark.slow
-def test_quantities_are_what_can_be_varied_with_the_values_of_the_scene(http: httpx.Client) -> None:
-    scene = {**http.get("/v1/scenes/arm-human").json(), "q": {"shoulder": 0.3}, "v": {"elbow": 0.5}}
-    rows = {row["name"]: row for row in http.post("/v1/scenes/quantities", json={"scene": scene}).json()}
+def test_quantities_are_what_can_be_varied_with_the_values_of_the_scene(http: Served) -> None:
+    scene = {**http.ask("/v1/scenes/arm-human"), "q": {"shoulder": 0.3}, "v": {"elbow": 0.5}}
+    rows = {row["name"]: row for row in http.ask("/v1/scenes/quantities", {"scene": scene})}
     robot = tl.load_robot("arm")
     masses = dict(zip(robot.parameter_names, robot.parameter_values, strict=True))
     assert rows["q.shoulder"] == {**rows["q.shoulder"], "kind": "q", "unit": "rad", "value": 0.3}
     assert (rows["v.elbow"]["unit"], rows["v.elbow"]["value"]) == ("rad/s", 0.5)
     assert rows["forearm.mass"]["value"] == pytest.approx(masses["forearm.mass"], rel=1e-15)
     assert rows["effects.1.damping.elbow"]["value"] == scene["effects"][1]["damping"]["elbow"]
-    wrong = http.post("/v1/scenes/quantities", json={"scene": {**scene, "q": {"elbo": 1.0}}})
-    assert (wrong.status_code, wrong.json()["type"]) == (422, "urn:twolink:scene-error")
+    wrong = http.ask("/v1/scenes/quantities", {"scene": {**scene, "q": {"elbo": 1.0}}}, 422)
+    assert wrong["type"] == "urn:twolink:scene-error"
 
 
 def test_linearize_is_that_of_python(client: Client) -> None:

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import httpx
 import numpy as np
 import pytest
 
@@ -18,7 +17,7 @@ SWING = {"scene": "arm-swing", "duration": 1.0, "accuracy": 1e-8, "wait": 30}
 SLOW = {"scene": "arm-swing", "duration": 1000.0, "samples_per_second": 1, "method": "rk4", "step": 1e-4, "wait": 0}
 
 
-def events(http: httpx.Client, path: str) -> Iterator[tuple[str, dict[str, Any]]]:
+def events(http: Served, path: str) -> Iterator[tuple[str, dict[str, Any]]]:
     """The events of a job, as they come, until it ends."""
     with http.stream("GET", f"{path}/events") as answer:
         assert answer.headers["content-type"].startswith("text/event-stream")
@@ -30,23 +29,20 @@ def events(http: httpx.Client, path: str) -> Iterator[tuple[str, dict[str, Any]]
                 yield name, json.loads(line.removeprefix("data: "))
 
 
-def ended(http: httpx.Client, path: str) -> dict[str, Any]:
+def ended(http: Served, path: str) -> dict[str, Any]:
     """The job at its end."""
     assert [name for name, _ in events(http, path)][-1] == "end"
-    return http.get(path).json()
+    return http.ask(path)
 
 
-def started(http: httpx.Client, path: str) -> None:
+def started(http: Served, path: str) -> None:
     """Wait until a worker has reported progress of the job."""
     assert any((job["progress"] or {}).get("fraction", 0) > 0 for _, job in events(http, path))
 
 
 @pytest.fixture(scope="module")
-def swing(served: Any) -> dict[str, Any]:
-    with served.client() as http:
-        answer = http.post("/v1/simulations", json=SWING)
-        assert answer.status_code == 200, answer.text
-        return answer.json()
+def swing(served: Served) -> dict[str, Any]:
+    return served.ask("/v1/simulations", SWING, 200)
 
 
 def test_a_short_simulation_is_answered_at_once(swing: dict[str, Any]) -> None:
@@ -60,34 +56,29 @@ def test_a_short_simulation_is_answered_at_once(swing: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("name", "value"), [("step", 1e-4), ("tolerance", 1e-9), ("contact", "stepped"), ("t_eval", [0.5])]
 )
-def test_settings_of_ours_are_refused_for_another_simulator(http: httpx.Client, name: str, value: object) -> None:
-    answer = http.post("/v1/simulations", json={**SWING, "simulator": "scipy", name: value})
-    assert (answer.status_code, answer.json()["where"]) == (422, name)
+def test_settings_of_ours_are_refused_for_another_simulator(http: Served, name: str, value: object) -> None:
+    assert http.ask("/v1/simulations", {**SWING, "simulator": "scipy", name: value}, 422)["where"] == name
 
 
-def test_the_same_request_is_answered_from_the_store(http: httpx.Client, swing: dict[str, Any]) -> None:
-    again = http.post("/v1/simulations", json={**SWING, "wait": 0})
-    assert again.status_code == 200
-    assert again.json()["created"] == swing["created"]
-    other = http.post("/v1/simulations", json={**SWING, "duration": 0.5}).json()
+def test_the_same_request_is_answered_from_the_store(http: Served, swing: dict[str, Any]) -> None:
+    assert http.ask("/v1/simulations", {**SWING, "wait": 0}, 200)["created"] == swing["created"]
+    other = http.ask("/v1/simulations", {**SWING, "duration": 0.5})
     assert other["id"] != swing["id"]
-    assert {swing["id"], other["id"]} <= {job["id"] for job in http.get("/v1/simulations").json()}
+    assert {swing["id"], other["id"]} <= {job["id"] for job in http.ask("/v1/simulations")}
 
 
-def test_results_in_every_format(http: httpx.Client, swing: dict[str, Any], tmp_path: Path) -> None:
+def test_results_in_every_format(http: Served, swing: dict[str, Any], tmp_path: Path) -> None:
     path = f"/v1/simulations/{swing['id']}"
     run = tl.simulate(tl.load_scene("arm-swing"), 1.0, accuracy=1e-8)
-    table = http.get(f"{path}/result").json()
+    table = http.ask(f"{path}/result")
     joints = [f"{letter}.{joint}" for letter in ("q", "v", "tau") for joint in ("shoulder", "elbow")]
     assert list(table["columns"]) == ["t", *joints, "energy", "error"]
     np.testing.assert_allclose(table["columns"]["q.elbow"], run.q[:, 1], atol=2e-8)
-    thin = http.get(f"{path}/result?points=11").json()
+    thin = http.ask(f"{path}/result?points=11")
     assert (thin["points"], thin["columns"]["t"][0], thin["columns"]["t"][-1]) == (11, 0.0, 1.0)
     for form in ("csv", "parquet", "npz"):
-        answer = http.get(f"{path}/result?format={form}")
-        assert answer.status_code == 200
         file = tmp_path / f"run.{form}"
-        file.write_bytes(answer.content)
+        file.write_bytes(http.ask(f"{path}/result?format={form}").content)
         loaded = tl.Trajectory.load(file, tl.load_scene("arm-swing").robot)
         np.testing.assert_allclose(loaded.q, run.q, atol=2e-8)
     figure, played = http.get(f"{path}/figure?format=svg"), http.get(f"{path}/playback")
@@ -100,13 +91,13 @@ def test_results_in_every_format(http: httpx.Client, swing: dict[str, Any], tmp_
         assert "default-src 'none'" in answer.headers["content-security-policy"]
 
 
-def test_motion_says_where_the_links_are(http: httpx.Client, swing: dict[str, Any]) -> None:
-    moved = http.get(f"/v1/simulations/{swing['id']}/motion?frames=11").json()
+def test_motion_says_where_the_links_are(http: Served, swing: dict[str, Any]) -> None:
+    moved = http.ask(f"/v1/simulations/{swing['id']}/motion?frames=11")
     assert np.shape(moved["poses"]) == (11, len(moved["links"]), 7)
-    last = http.post("/v1/robots/two_link/kinematics", json={"q": swing["result"]["q"]}).json()
+    last = http.ask("/v1/robots/two_link/kinematics", {"q": swing["result"]["q"]})
     np.testing.assert_allclose(moved["poses"][-1], last["poses"], atol=1e-6)
-    coarse = http.post("/v1/simulations", json={**SWING, "samples_per_second": 20}).json()
-    few = http.get(f"/v1/simulations/{coarse['id']}/motion?frames=61").json()
+    coarse = http.ask("/v1/simulations", {**SWING, "samples_per_second": 20})
+    few = http.ask(f"/v1/simulations/{coarse['id']}/motion?frames=61")
     run = tl.simulate(tl.load_scene("arm-swing"), 1.0)
     for k, link in enumerate(few["links"]):  # between the samples too: straight lines are 9e-3 m off
         there = run.robot.frame_pose(run.at(few["t"])[0], link)[1]
@@ -114,48 +105,46 @@ def test_motion_says_where_the_links_are(http: httpx.Client, swing: dict[str, An
 
 
 @pytest.mark.slow
-def test_stepped_contacts_answer_with_an_estimate_where_no_accuracy_is_asked_for(http: httpx.Client) -> None:
-    job = http.post("/v1/simulations", json={"scene": "dominoes", "duration": 0.3, "wait": 30}).json()
+def test_stepped_contacts_answer_with_an_estimate_where_no_accuracy_is_asked_for(http: Served) -> None:
+    job = http.ask("/v1/simulations", {"scene": "dominoes", "duration": 0.3, "wait": 30})
     assert (job["state"], job["result"]["bound"], job["result"]["accuracy"]) == ("done", "estimated", None)
     assert 1e-6 < job["result"]["error"] < 0.1  # 1e-6 would be refused
 
 
-def test_explain_counts_operations_and_seconds(http: httpx.Client) -> None:
-    explained = http.post("/v1/scenes/explain", json={"scene": "arm-swing", "accuracy": 1e-9}).json()
+def test_explain_counts_operations_and_seconds(http: Served) -> None:
+    explained = http.ask("/v1/scenes/explain", {"scene": "arm-swing", "accuracy": 1e-9})
     assert explained["operations"] == tl.explain(tl.load_scene("arm-swing"), accuracy=1e-9).operations
     assert explained["expected_seconds"] > 0
 
 
-def test_a_long_simulation_is_a_job_with_progress_that_can_be_cancelled(http: httpx.Client) -> None:
+def test_a_long_simulation_is_a_job_with_progress_that_can_be_cancelled(http: Served) -> None:
     answer = http.post("/v1/simulations", json=SLOW)
     assert answer.status_code == 202
     path = answer.headers["location"]
-    assert http.get(f"{path}/result").status_code == 409
+    http.ask(f"{path}/result", status=409)
     started(http, path)
-    assert http.post(f"{path}/cancel").status_code == 202
+    http.ask(f"{path}/cancel", {}, 202)
     seen = list(events(http, path))
     assert seen[-1][0] == "end"
     assert seen[-1][1]["state"] == "cancelled"
-    again = http.post(f"{path}/run").json()
-    assert again["state"] in ("queued", "running")
-    assert http.delete(path).status_code == 204
-    assert http.get(path).status_code == 404
+    assert http.ask(f"{path}/run", {})["state"] in ("queued", "running")
+    http.delete(path).raise_for_status()
+    http.ask(path, status=404)
 
 
-def test_deleting_a_job_ends_its_streams(served: Served, http: httpx.Client) -> None:
+def test_deleting_a_job_ends_its_streams(http: Served) -> None:
     path = http.post("/v1/simulations", json={**SLOW, "duration": 1001.0}).headers["location"]
     names = []
-    with served.client() as other:
-        for name, job in events(http, path):
-            names.append((name, job["state"]))
-            if job["state"] == "running":
-                assert other.delete(path).status_code == 204
+    for name, job in events(http, path):
+        names.append((name, job["state"]))
+        if job["state"] == "running":
+            http.delete(path).raise_for_status()
     assert names[-1] in (("end", "deleted"), ("end", "cancelled"))
-    assert "Traceback" not in served.log
+    assert "Traceback" not in http.log
 
 
 @pytest.mark.slow
-def test_the_progress_of_a_job_rises_to_its_end(http: httpx.Client) -> None:
+def test_the_progress_of_a_job_rises_to_its_end(http: Served) -> None:
     asked = {"scene": "arm-swing", "duration": 40.0, "samples_per_second": 1, "method": "rk4", "step": 1e-4, "wait": 0}
     path = http.post("/v1/simulations", json=asked).headers["location"]
     seen = list(events(http, path))
@@ -166,13 +155,11 @@ def test_the_progress_of_a_job_rises_to_its_end(http: httpx.Client) -> None:
 
 
 @pytest.mark.slow
-def test_a_study_has_rows_tables_and_a_figure(http: httpx.Client) -> None:
+def test_a_study_has_rows_tables_and_a_figure(http: Served) -> None:
     asked = {"scene": "arm-swing", "duration": 0.5, "methods": ["rk4", "dop853"], "tolerances": [1e-3, 1e-6],
              "repeats": 1, "wait": 30}  # fmt: skip
-    answer = http.post("/v1/studies", json=asked)
-    job = answer.json() if answer.status_code == 200 else ended(http, answer.headers["location"])
-    assert {row["method"] for row in job["result"]["rows"]} == {"rk4", "dop853"}
-    path = f"/v1/studies/{job['id']}"
+    path = http.post("/v1/studies", json=asked).headers["location"]
+    assert {row["method"] for row in ended(http, path)["result"]["rows"]} == {"rk4", "dop853"}
     assert http.get(f"{path}/result?format=csv").text.startswith("method,")
     assert len(np.load(io.BytesIO(http.get(f"{path}/result?format=npz").content))["error"]) == 4
     assert "<svg" in http.get(f"{path}/figure").text
@@ -195,30 +182,27 @@ def test_a_study_has_rows_tables_and_a_figure(http: httpx.Client) -> None:
     ({"scene": "arm-swing", "method": "magic"}, 422, "method"),
     ({"scene": "arm-swing", "wait": 1e9}, 400, "wait"),
 ])  # fmt: skip
-def test_problems_of_simulations(http: httpx.Client, body: dict[str, Any], status: int, where: str) -> None:
-    answer = http.post("/v1/simulations", json={"wait": 30, **body})
-    assert answer.status_code == status, answer.text
-    assert answer.json()["where"].startswith(where), answer.text
+def test_problems_of_simulations(http: Served, body: dict[str, Any], status: int, where: str) -> None:
+    assert http.ask("/v1/simulations", {"wait": 30, **body}, status)["where"].startswith(where)
 
 
 @pytest.mark.slow
 def test_quotas_limit_results_queue_and_time(tmp_path: Path) -> None:
     quotas = ["jobs=1", "queue=1", "job_seconds=6", "disk_mb=0.05", "result_mb=0.03", "answer_mb=0.05"]
-    with serving(tmp_path / "data", *(x for q in quotas for x in ("--quota", q))) as served, served.client() as http:
+    with serving(tmp_path / "data", *(x for q in quotas for x in ("--quota", q))) as http:
         asked = [{**SWING, "duration": 1.0 + k / 100, "wait": 10} for k in range(6)]  # about 15 kB each
-        keys = [http.post("/v1/simulations", json=one).json()["id"] for one in asked]
-        assert http.get("/health").json()["bytes"] <= 0.05 * 2**20
-        assert http.get(f"/v1/simulations/{keys[0]}").status_code == 404  # the oldest went
-        assert http.get(f"/v1/simulations/{keys[-1]}").json()["state"] == "done"
+        keys = [http.ask("/v1/simulations", one)["id"] for one in asked]
+        assert http.ask("/health")["bytes"] <= 0.05 * 2**20
+        http.ask(f"/v1/simulations/{keys[0]}", status=404)  # the oldest went
+        assert http.ask(f"/v1/simulations/{keys[-1]}")["state"] == "done"
         last = f"/v1/simulations/{keys[-1]}"
         for path in (f"{last}/playback", f"{last}/motion?frames=3600", "/v1/robots/double_pendulum/visuals"):
-            assert http.get(path).status_code == 413, path
-        assert all(http.get(f"{last}/motion?frames={count}").status_code == 200 for count in (2, 3, 4))
+            http.ask(path, status=413)
+        for count in (2, 3, 4):
+            http.ask(f"{last}/motion?frames={count}")
         kept = {path.name for path in (tmp_path / "data").rglob("*") if path.is_file()}
         assert {name for name in kept if not name.startswith("twolink.sqlite")} == {"result.npz", "robot.pickle"}
-        large = http.post("/v1/simulations", json={**SWING, "samples_per_second": 5000})
-        assert large.status_code == 422
-        assert "0.03 MB" in large.json()["detail"]
+        assert "0.03 MB" in http.ask("/v1/simulations", {**SWING, "samples_per_second": 5000}, 422)["detail"]
         slow = [http.post("/v1/simulations", json={**SLOW, "duration": 3000.0 + k}) for k in range(3)]
         assert [answer.status_code for answer in slow] == [202, 202, 429]
         failed = ended(http, slow[0].headers["location"])

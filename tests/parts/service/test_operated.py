@@ -86,9 +86,9 @@ def test_a_smaller_quota_deletes_results_only_when_told_to(tmp_path: Path) -> No
     options = ["--data", str(tmp_path / "data"), "--quota", "disk_mb=0.15", "--quota", "result_mb=0.1"]
     one_line(call_process("serve", *options), 1, "--delete-results")
     assert len(list((tmp_path / "data" / "results").iterdir())) == 3
-    with serving(tmp_path / "data", *options[2:], "--delete-results") as served, served.client() as http:
-        assert [job["id"] for job in http.get("/v1/simulations").json()] == [keys[-1]]
-        assert "2 jobs and 0 robots were deleted" in served.log
+    with serving(tmp_path / "data", *options[2:], "--delete-results") as http:
+        assert [job["id"] for job in http.ask("/v1/simulations")] == [keys[-1]]
+        assert "2 jobs and 0 robots were deleted" in http.log
 
 
 @pytest.mark.slow
@@ -187,28 +187,28 @@ def test_no_lock_outlives_its_use() -> None:
 @pytest.mark.slow
 def test_a_disk_that_fails_is_a_clear_state_that_passes(tmp_path: Path) -> None:
     """The service's process may write no more bytes, and then again: as if its disk were full for a time."""
-    with serving(tmp_path / "data", "--log", "off") as served, served.client() as http:
-        assert http.get("/ready").json()["status"] == "ready"
-        done = http.post("/v1/simulations", json=SWING).json()
-        resource.prlimit(served.process.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
+    with serving(tmp_path / "data", "--log", "off") as http:
+        assert http.ask("/ready")["status"] == "ready"
+        done = http.ask("/v1/simulations", SWING)
+        resource.prlimit(http.process.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
         wait_until(lambda: http.get("/ready").status_code == 503)
-        for answer in (http.get("/ready"), http.post("/v1/simulations", json={**SWING, "duration": 0.7})):
-            assert (answer.status_code, answer.json()["code"]) == (503, "storage-failed")
-            assert answer.headers["retry-after"]
-            assert str(tmp_path) not in answer.text
-        assert http.get("/health").status_code == 200
-        assert http.post(BIAS, json={"q": [0, 0]}).status_code == 200
-        resource.prlimit(served.process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
+        for path, body in (("/ready", None), ("/v1/simulations", {**SWING, "duration": 0.7})):
+            problem = http.ask(path, body, 503)
+            assert (problem["code"], problem["retry_after"] > 0) == ("storage-failed", True)
+            assert str(tmp_path) not in str(problem)
+        http.ask("/health")
+        http.ask(BIAS, {"q": [0, 0]})
+        resource.prlimit(http.process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
         wait_until(lambda: http.get("/ready").status_code == 200)
-        assert http.get(f"/v1/simulations/{done['id']}").json()["result"] == done["result"]
-        assert http.post("/v1/simulations", json={**SWING, "duration": 0.7}).json()["state"] == "done"
+        assert http.ask(f"/v1/simulations/{done['id']}")["result"] == done["result"]
+        assert http.ask("/v1/simulations", {**SWING, "duration": 0.7})["state"] == "done"
 
 
-def refused_at_the_end(served: Served, ask: Callable[[httpx.Client], httpx.Response], measured: str) -> None:
+def refused_at_the_end(served: Served, ask: Callable[[Served], httpx.Response], measured: str) -> None:
     """Ask, and have the service end when its metrics say that it is at it: who waits is told."""
-    with served.client() as http, served.client() as other, ThreadPoolExecutor(1) as thread:
-        waiting = thread.submit(ask, http)
-        wait_until(lambda: measured in other.get("/metrics").text)
+    with ThreadPoolExecutor(1) as thread:
+        waiting = thread.submit(ask, served)
+        wait_until(lambda: measured in served.get("/metrics").text)
         served.process.send_signal(signal.SIGTERM)
         answer = waiting.result(120)
     served.process.wait(120)
@@ -222,26 +222,26 @@ def test_sigterm_tells_who_waits_and_leaves_the_job_to_the_next_start(tmp_path: 
     job = {**SLOW, "duration": 40.0, "wait": 30}
     with serving(tmp_path / "data") as served:
         refused_at_the_end(served, lambda http: http.post("/v1/simulations", json=job), "twolink_jobs_running 1.0")
-    with serving(tmp_path / "data") as second, second.client() as http:
-        (key,) = (job["id"] for job in http.get("/v1/simulations").json())
+    with serving(tmp_path / "data") as http:
+        (key,) = (job["id"] for job in http.ask("/v1/simulations"))
         assert ended(http, f"/v1/simulations/{key}")["state"] == "done"
 
 
 @pytest.mark.slow
 def test_sigterm_waits_for_no_worker_that_hangs(tmp_path: Path) -> None:
-    def upload(http: httpx.Client) -> httpx.Response:
+    def upload(http: Served) -> httpx.Response:
         return http.post("/v1/robots?root=free", content=pendulum())
 
-    with serving(tmp_path / "data") as served, served.client() as http:
-        assert http.post("/v1/robots", content=pendulum()).status_code == 201
-        stopped = served.workers()
+    with serving(tmp_path / "data") as http:
+        http.ask("/v1/robots", pendulum())
+        stopped = http.workers()
         for process in stopped:
             os.kill(process, signal.SIGSTOP)
-        refused_at_the_end(served, upload, "twolink_requests_under_way 2.0")
+        refused_at_the_end(http, upload, "twolink_requests_under_way 2.0")
     assert_gone(stopped)
 
 
-def test_head_answers_as_get_without_a_body(http: httpx.Client) -> None:
+def test_head_answers_as_get_without_a_body(http: Served) -> None:
     for path in ("/", "/health", "/v1/robots", "/v1/scenes/arm-swing"):
         head, get = http.head(path), http.get(path)
         assert (head.status_code, head.content) == (200, b"")
@@ -259,29 +259,26 @@ def test_head_answers_as_get_without_a_body(http: httpx.Client) -> None:
     ("/v1/robots/two_link/inverse-dynamics",
      '{"q": [0, 0], "f_ext": {"tip": [0, 0, 0, 0, 0, 0], "tip": [1, 0, 0, 0, 0, 0]}}', "tip"),
 ])  # fmt: skip
-def test_a_key_that_is_given_twice_is_refused(http: httpx.Client, path: str, body: str, key: str) -> None:
-    answer = http.post(path, content=body)
-    assert (answer.status_code, answer.json()["detail"]) == (400, f"the key '{key}' is given twice")
+def test_a_key_that_is_given_twice_is_refused(http: Served, path: str, body: str, key: str) -> None:
+    assert http.ask(path, body, 400)["detail"] == f"the key '{key}' is given twice"
 
 
 @pytest.mark.parametrize(("query", "status", "part"), [
     ("root=fixed&root=free", 400, "root is given twice"), ("lock=hinge:1&lock=hinge:2", 400, "'hinge' is given twice"),
     ("roott=free", 422, "'roott' is unknown"),
 ])  # fmt: skip
-def test_an_option_of_an_upload_is_not_dropped(http: httpx.Client, query: str, status: int, part: str) -> None:
-    answer = http.post(f"/v1/robots?{query}", content=pendulum(), headers={"Content-Type": "application/xml"})
-    assert answer.status_code == status
-    assert part in answer.json()["detail"]
+def test_an_option_of_an_upload_is_not_dropped(http: Served, query: str, status: int, part: str) -> None:
+    assert part in http.ask(f"/v1/robots?{query}", pendulum(), status)["detail"]
 
 
-def test_keys_that_look_alike_are_none(http: httpx.Client) -> None:
+def test_keys_that_look_alike_are_none(http: Served) -> None:
     sent = '{"q": [0, 0], "v": null, "frame\\u0073": ["hand", "hand"]}'
-    assert http.post("/v1/robots/arm/kinematics", content=sent.replace('"v": null, ', "")).status_code == 200
+    http.ask("/v1/robots/arm/kinematics", sent.replace('"v": null, ', ""))
     scene = '{"scene": {"robot": "arm", "title": "a \\"q\\" \\u0022q\\u0022", "q": {"elbow": 1}, "v": {"elbow": 1}}}'
-    assert http.post("/v1/scenes/validate", content=scene).json()["title"] == 'a "q" "q"'
+    assert http.ask("/v1/scenes/validate", scene)["title"] == 'a "q" "q"'
 
 
-def test_a_wrong_parameter_is_named_by_its_place(http: httpx.Client) -> None:
-    key = http.post("/v1/simulations", json=SWING).json()["id"]
-    assert http.get(f"/v1/simulations/{key}/motion?frames=0").json()["where"] == "query: frames"
-    assert http.get("/v1/simulations?limit=0").json()["where"] == "query: limit"
+def test_a_wrong_parameter_is_named_by_its_place(http: Served) -> None:
+    key = http.ask("/v1/simulations", SWING)["id"]
+    assert http.ask(f"/v1/simulations/{key}/motion?frames=0", status=400)["where"] == "query: frames"
+    assert http.ask("/v1/simulations?limit=0", status=400)["where"] == "query: limit"

@@ -6,12 +6,11 @@ import shutil
 import subprocess
 from pathlib import Path
 
-import httpx
 import pytest
 import yaml  # type: ignore[import-untyped]
 
 from tests.command import call, one_line
-from tests.parts.service.serving import TOP, wait_until
+from tests.parts.service.serving import TOP, Served, wait_until
 from twolink.errors import TwolinkError
 from twolink.parts.service.http.messages import AccessControl
 from twolink.parts.service.logs import Answered
@@ -80,7 +79,7 @@ def test_quotas_have_the_defaults_that_the_table_says() -> None:
     assert {name: getattr(Quotas(), name) for name, _ in rows} == {name: float(value) for name, value in rows}
 
 
-def test_the_metrics_are_those_of_the_table(http: httpx.Client) -> None:
+def test_the_metrics_are_those_of_the_table(http: Served) -> None:
     http.post("/v1/robots/two_link/bias", json={"q": [0, 0]})
     wait_until(lambda: "twolink_loop_lag_seconds_count 0.0" not in http.get("/metrics").text)
     text = http.get("/metrics").text

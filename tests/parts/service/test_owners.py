@@ -228,7 +228,7 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         yield running
 
 
-def client(served: Served, token: str) -> httpx.Client:
+def client(served: Served, token: str) -> Served:
     return served.client(headers={"Authorization": f"Bearer {token}"})
 
 
@@ -237,35 +237,35 @@ def client(served: Served, token: str) -> httpx.Client:
 def test_an_owner_lists_and_ends_its_own_and_an_administrator_all(shared: Served, what: str) -> None:
     with client(shared, "one") as ann, client(shared, "two") as bob, client(shared, "three") as eve:
 
-        def made(http: httpx.Client) -> str:
+        def made(http: Served) -> str:
             if what == "robot":
-                return http.post("/v1/robots", content=pendulum()).json()["id"]
-            return http.post("/v1/simulations", json=RUN).json()["id"]
+                return http.ask("/v1/robots", pendulum())["id"]
+            return http.ask("/v1/simulations", RUN)["id"]
 
         path = {"robot": "/v1/robots", "simulation": "/v1/simulations"}[what]
         first, second = made(ann), made(bob)
         assert first != second
         assert made(ann) == first
 
-        def listed(http: httpx.Client) -> set[str]:
-            return {each["id"] for each in http.get(path).json()} & {first, second}
+        def listed(http: Served) -> set[str]:
+            return {each["id"] for each in http.ask(path)} & {first, second}
 
         assert (listed(ann), listed(bob), listed(eve)) == ({first}, {second}, {first, second})
-        assert bob.get(f"{path}/{first}").status_code == 200  # who has the link may read
-        refused = bob.delete(f"{path}/{first}")
-        assert (refused.status_code, refused.json()["code"]) == (403, "forbidden")
+        bob.ask(f"{path}/{first}")  # who has the link may read
+        assert bob.delete(f"{path}/{first}").json()["code"] == "forbidden"
         if what == "simulation":
-            assert [bob.post(f"{path}/{first}/{verb}").status_code for verb in ("cancel", "run")] == [403, 403]
-            assert ann.get(f"{path}/{first}").json()["owner"] == "ann"
-        assert ann.delete(f"{path}/{first}").status_code == 204
-        assert eve.delete(f"{path}/{second}").status_code == 204
+            for verb in ("cancel", "run"):
+                bob.ask(f"{path}/{first}/{verb}", {}, 403)
+            assert ann.ask(f"{path}/{first}")["owner"] == "ann"
+        ann.delete(f"{path}/{first}").raise_for_status()
+        eve.delete(f"{path}/{second}").raise_for_status()
         assert listed(eve) == set()
 
 
 def test_the_disk_quota_holds_while_compressed_uploads_come_at_once(shared: Served) -> None:
     folder = shared.log_file.parent / "data"
     with client(shared, "one") as http:
-        kept = http.post("/v1/simulations", json=RUN).json()["id"]
+        kept = http.ask("/v1/simulations", RUN)["id"]
 
         def upload(number: int) -> httpx.Response:
             files = {"r.urdf": pendulum(name=f"r{number}"), "m.stl": bytes(2**21)}
@@ -279,17 +279,17 @@ def test_the_disk_quota_holds_while_compressed_uploads_come_at_once(shared: Serv
         assert {answer.status_code for answer in refused} <= {413, 503}
         assert any("its disk quota" in answer.text for answer in refused)
         assert size_of(folder) < 10 * 2**20
-        assert http.get(f"/v1/simulations/{kept}").status_code == 200
+        http.ask(f"/v1/simulations/{kept}")
         for key in taken:
-            assert http.delete(f"/v1/robots/{key}").status_code == 204
-        assert upload(0).status_code == 201
+            http.delete(f"/v1/robots/{key}").raise_for_status()
+        upload(0).raise_for_status()
 
 
 @pytest.mark.slow
 def test_an_owner_has_so_much_processor_time_a_day(tmp_path: Path) -> None:
     tokens = "--token", "ann:one", "--token", "bob:two"
     with serving(tmp_path / "data", *tokens, "--quota", "owner_seconds=0.2") as served, client(served, "one") as ann:
-        assert ann.post("/v1/scenes/validate", json={"scene": "arm-swing"}).status_code == 200
+        ann.ask("/v1/scenes/validate", {"scene": "arm-swing"})
 
         def refused() -> httpx.Response | None:
             body = {**RUN, "duration": 0.5 + len(answers) / 100}
@@ -302,18 +302,17 @@ def test_an_owner_has_so_much_processor_time_a_day(tmp_path: Path) -> None:
         assert (problem["code"], "ann has had the 0.2 s" in problem["detail"]) == ("no-time-left", True)
         assert 0 < int(answers[-1].headers["retry-after"]) <= 86_400
         with client(served, "two") as bob:
-            assert bob.post("/v1/simulations", json=RUN).json()["state"] == "done"
+            assert bob.ask("/v1/simulations", RUN)["state"] == "done"
     assert "Traceback" not in served.log
 
 
-def test_a_run_of_a_refused_sweep_is_refused_at_once_and_one_beyond_all_is_unknown(http: httpx.Client) -> None:
+def test_a_run_of_a_refused_sweep_is_refused_at_once_and_one_beyond_all_is_unknown(http: Served) -> None:
     vary = {"q.shoulder": {"range": [0.0, 1.0, 2_000_000]}}
     asked = {"scene": "arm-swing", "vary": vary, "duration": 0.5, "wait": 30}
-    assert http.post("/v1/sweeps", json=asked).status_code == 422
-    (key, *_) = (job["id"] for job in http.get("/v1/sweeps").json())
-    refused = http.get(f"/v1/sweeps/{key}/runs/0").json()
-    assert (refused["status"], refused["code"]) == (422, "too-large")
-    assert http.get(f"/v1/sweeps/{key}/runs/{10**20}").status_code == 400
+    http.ask("/v1/sweeps", asked, 422)
+    (key, *_) = (job["id"] for job in http.ask("/v1/sweeps"))
+    assert http.ask(f"/v1/sweeps/{key}/runs/0", status=422)["code"] == "too-large"
+    http.ask(f"/v1/sweeps/{key}/runs/{10**20}", status=400)
 
 
 EXTREME: list[tuple[str, dict[str, Any]]] = [
@@ -328,6 +327,6 @@ EXTREME: list[tuple[str, dict[str, Any]]] = [
 
 @pytest.mark.some(1)
 @pytest.mark.parametrize(("path", "body"), EXTREME)
-def test_extreme_numbers_are_no_fault_of_the_service(http: httpx.Client, path: str, body: dict[str, Any]) -> None:
+def test_extreme_numbers_are_no_fault_of_the_service(http: Served, path: str, body: dict[str, Any]) -> None:
     answer = http.post(f"/v1/scenes/{path}", json=body)
     assert answer.status_code in (200, 422), answer.text

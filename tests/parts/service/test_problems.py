@@ -3,7 +3,6 @@
 import contextlib
 from typing import Any
 
-import httpx
 import msgspec
 import numpy as np
 import pytest
@@ -44,12 +43,12 @@ def test_unexpected_failures_tell_no_details(caplog: pytest.LogCaptureFixture) -
     assert "secret" in caplog.text
 
 
-def test_an_accuracy_out_of_reach_has_the_trusted_time(served: Served, http: httpx.Client) -> None:
+def test_an_accuracy_out_of_reach_has_the_trusted_time(http: Served) -> None:
     asked = {"scene": "arm-swing", "duration": 1.0, "accuracy": 1e-15, "precision": "double", "wait": 30}
-    problem = http.post("/v1/simulations", json=asked).json()
+    problem = http.ask("/v1/simulations", asked, 422)
     assert problem["code"] == "accuracy-limit"
     assert 0 <= problem["data"]["trusted_until"] < 1.0
-    client = tl.connect(served.url)
+    client = tl.connect(http.url)
     with contextlib.closing(client), pytest.raises(AccuracyError) as caught:
         client.simulate("arm-swing", 1.0, accuracy=1e-15, precision="double")
     assert (caught.value.code, caught.value.data["tried"]) == ("accuracy-limit", problem["data"]["tried"])
@@ -60,27 +59,26 @@ def test_an_accuracy_out_of_reach_has_the_trusted_time(served: Served, http: htt
 @pytest.mark.parametrize("effect", [
     {"type": "joint-damping", "damping": {"nose": 1}}, {"type": "gravit"}, {"type": "gravity", "field": "down"},
 ])  # fmt: skip
-def test_a_wrong_effect_is_named_by_its_index(http: httpx.Client, effect: dict[str, Any]) -> None:
+def test_a_wrong_effect_is_named_by_its_index(http: Served, effect: dict[str, Any]) -> None:
     scene = {"robot": "two_link", "effects": [{"type": "joint-damping", "damping": {"elbow": 1}}, effect]}
-    problem = http.post("/v1/scenes/validate", json={"scene": scene}).json()
+    problem = http.ask("/v1/scenes/validate", {"scene": scene}, 422)
     assert problem["data"]["effect"] == 1
     assert problem["where"].startswith("scene.effects[1]")
 
 
 @pytest.mark.parametrize("value", [10**20, -(10**20), 10**400], ids=["1e20", "-1e20", "1e400"])
-def test_an_integer_beyond_64_bits_is_a_number_as_any_other(http: httpx.Client, value: int) -> None:
+def test_an_integer_beyond_64_bits_is_a_number_as_any_other(http: Served, value: int) -> None:
     effects = [{"type": "joint-damping", "damping": {"elbow": value}}]
-    answer = http.post("/v1/scenes/validate", json={"scene": {"robot": "two_link", "effects": effects}})
+    asked = "/v1/scenes/validate", {"scene": {"robot": "two_link", "effects": effects}}
     if value == 10**20:
-        assert answer.json()["effects"][0]["damping"] == {"elbow": 1e20}
+        assert http.ask(*asked)["effects"][0]["damping"] == {"elbow": 1e20}
     else:
-        assert answer.status_code == 422, answer.text
-        assert answer.json()["where"].startswith("scene.effects[0].damping")
+        assert http.ask(*asked, 422)["where"].startswith("scene.effects[0].damping")
 
 
-def test_events_of_a_run_are_records(http: httpx.Client) -> None:
-    job = http.post("/v1/simulations", json={"scene": "bouncing-ball", "duration": 1.0, "wait": 30}).json()
-    assert job.get("state") == "done", job
+def test_events_of_a_run_are_records(http: Served) -> None:
+    job = http.ask("/v1/simulations", {"scene": "bouncing-ball", "duration": 1.0, "wait": 30})
+    assert job["state"] == "done"
     run = tl.simulate(tl.load_scene("bouncing-ball"), 1.0)
     assert [event["kind"] for event in job["result"]["events"]] == [event.kind for event in run.events]
     assert job["result"]["events"][0]["t"] == pytest.approx(run.events[0].t, abs=1e-5)

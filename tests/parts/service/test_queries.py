@@ -7,7 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import httpx
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -34,7 +33,7 @@ def states(robot: tl.Robot, *batch: int) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("what", QUERIES)
 @pytest.mark.parametrize("name", [name if name != "ur5" else pytest.param(name, marks=pytest.mark.slow)
                                   for name in ROBOTS])  # fmt: skip
-def test_answers_are_those_of_the_robot(http: httpx.Client, name: str, what: str) -> None:
+def test_answers_are_those_of_the_robot(http: Served, name: str, what: str) -> None:
     robot = tl.load_robot(name)
     for batch in ((), (3,), (2, 40)):
         taken = {key: value for key, value in states(robot, *batch).items() if key in QUERIES[what].arguments}
@@ -42,9 +41,8 @@ def test_answers_are_those_of_the_robot(http: httpx.Client, name: str, what: str
         expected = QUERIES[what].answer(robot, taken, "pinocchio", **options)
         path = f"/v1/robots/{name}/{what}"
         if len(batch) < 2:
-            answer = http.post(path, json={key: value.tolist() for key, value in taken.items()} | options)
-            assert answer.status_code == 200, answer.text
-            got = {key: np.array(value) for key, value in answer.json().items()}
+            answer = http.ask(path, {key: value.tolist() for key, value in taken.items()} | options)
+            got = {key: np.array(value) for key, value in answer.items()}
             assert set(got) == set(expected)
             for key, value in expected.items():
                 assert np.array_equal(got[key], value), key  # to the last digit
@@ -57,35 +55,35 @@ def test_answers_are_those_of_the_robot(http: httpx.Client, name: str, what: str
             assert np.array_equal(loaded[key], value), key
 
 
-def test_arguments_left_out_are_zero_and_leading_axes_broadcast(http: httpx.Client) -> None:
+def test_arguments_left_out_are_zero_and_leading_axes_broadcast(http: Served) -> None:
     robot = tl.load_robot("two_link")
-    answer = http.post("/v1/robots/two_link/forward-dynamics", json={"q": [[0, 0], [1, 1]], "tau": [1, 0]}).json()
+    answer = http.ask("/v1/robots/two_link/forward-dynamics", {"q": [[0, 0], [1, 1]], "tau": [1, 0]})
     expected = robot.forward_dynamics([[0, 0], [1, 1]], [0, 0], [1, 0])
     np.testing.assert_allclose(answer["a"], expected, rtol=1e-12)
 
 
-def test_wrenches_and_methods(http: httpx.Client) -> None:
+def test_wrenches_and_methods(http: Served) -> None:
     robot = tl.load_robot("two_link")
     q, v, tau, push = [0.1, 0.2], [0.3, 0.4], [1.0, 2.0], [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
     path = "/v1/robots/two_link/forward-dynamics"
     for method in ("aba", "crba"):
         body = {"q": q, "v": v, "tau": tau, "f_ext": {"tip": push}, "method": method}
         expected = robot.forward_dynamics(q, v, tau, {"tip": push}, method)
-        np.testing.assert_allclose(http.post(path, json=body).json()["a"], expected, rtol=1e-12)
+        np.testing.assert_allclose(http.ask(path, body)["a"], expected, rtol=1e-12)
     answer = http.post(path, content=packed(q=q, v=v, tau=tau, **{"f_ext.tip": push}), headers=NPZ)
     np.testing.assert_allclose(np.load(io.BytesIO(answer.content))["a"], expected)
 
 
-def test_npz_is_answered_by_json_when_accepted(http: httpx.Client) -> None:
+def test_npz_is_answered_by_json_when_accepted(http: Served) -> None:
     headers = {**NPZ, "Accept": "application/json"}
-    answer = http.post("/v1/robots/two_link/bias", content=packed(q=np.zeros((2, 2))), headers=headers)
-    assert np.shape(answer.json()["h"]) == (2, 2)
+    answer = http.ask("/v1/robots/two_link/bias", packed(q=np.zeros((2, 2))), headers=headers)
+    assert np.shape(answer["h"]) == (2, 2)
 
 
-def test_kinematics_places_links_as_pinocchio_does(http: httpx.Client) -> None:
+def test_kinematics_places_links_as_pinocchio_does(http: Served) -> None:
     robot = tl.load_robot("kinova")
     q = states(robot, 4)["q"]
-    answer = http.post("/v1/robots/kinova/kinematics", json={"q": q.tolist()}).json()
+    answer = http.ask("/v1/robots/kinova/kinematics", {"q": q.tolist()})
     assert np.shape(answer["poses"]) == (4, len(answer["frames"]), 7)
     data = robot.model.createData()
     for row, poses in zip(q, answer["poses"], strict=True):
@@ -93,18 +91,18 @@ def test_kinematics_places_links_as_pinocchio_does(http: httpx.Client) -> None:
         for name, pose in zip(answer["frames"], poses, strict=True):
             at = data.oMf[robot.model.getFrameId(name, pin.FrameType.BODY)]
             assert pin.XYZQUATToSE3(np.array(pose)).isApprox(at, 1e-9)
-    one = http.post("/v1/robots/two_link/kinematics", json={"q": [0, 0], "frames": ["tip"]}).json()
+    one = http.ask("/v1/robots/two_link/kinematics", {"q": [0, 0], "frames": ["tip"]})
     np.testing.assert_allclose(one["poses"], [[2, 0, 0, 0, 0, 0, 1]], atol=1e-12)
-    none = http.post("/v1/robots/two_link/kinematics", json={"q": [0, 0], "frames": []}).json()
+    none = http.ask("/v1/robots/two_link/kinematics", {"q": [0, 0], "frames": []})
     assert none == {"frames": [], "poses": []}
 
 
 @pytest.mark.parametrize("third", ["tau", "a"])
-def test_derivatives_are_those_of_the_robot(http: httpx.Client, third: str) -> None:
+def test_derivatives_are_those_of_the_robot(http: Served, third: str) -> None:
     robot = tl.load_robot("ur5")
     taken = {key: value for key, value in states(robot).items() if key in ("q", "v", third)}
     body = {key: value.tolist() for key, value in taken.items()}
-    answer = http.post("/v1/robots/ur5/derivatives", json=body).json()
+    answer = http.ask("/v1/robots/ur5/derivatives", body)
     of, query = (("a", robot.forward_dynamics_derivatives) if third == "tau" else
                  ("tau", robot.inverse_dynamics_derivatives))  # fmt: skip
     for name, expected in zip(taken, query(*taken.values()), strict=True):
@@ -125,32 +123,28 @@ def test_derivatives_are_those_of_the_robot(http: httpx.Client, third: str) -> N
     ("derivatives", b'{"q": [0, 0], "tau": [0, 0], "a": [0, 0]}', 422, "a"),
     ("mass-matrix", b'{"q": [0, 0], "v": [0, 0]}', 400, "body"),
 ])  # fmt: skip
-def test_problems_name_the_place(http: httpx.Client, what: str, body: bytes, status: int, where: str) -> None:
-    answer = http.post(f"/v1/robots/two_link/{what}", content=body)
-    problem = answer.json()
-    assert answer.headers["content-type"] == "application/problem+json"
-    assert (answer.status_code, problem["status"]) == (status, status), problem
-    assert problem["where"].startswith(where), problem
+def test_problems_name_the_place(http: Served, what: str, body: bytes, status: int, where: str) -> None:
+    problem = http.ask(f"/v1/robots/two_link/{what}", body, status)
+    assert problem["status"] == status
+    assert problem["where"].startswith(where)
     assert problem["detail"]
     assert problem["remedy"]
-    assert "Traceback" not in answer.text
+    assert "Traceback" not in str(problem)
 
 
-def test_batches_too_large_are_refused_before_they_are_computed(http: httpx.Client) -> None:
+def test_batches_too_large_are_refused_before_they_are_computed(http: Served) -> None:
     rows, columns = np.zeros((2000, 1, 2)), np.zeros((1, 2000, 2))
-    answer = http.post("/v1/robots/two_link/bias", content=packed(q=rows, v=columns), headers=NPZ)
-    assert answer.status_code == 413
-    assert "4000000 states" in answer.json()["detail"]
+    problem = http.ask("/v1/robots/two_link/bias", packed(q=rows, v=columns), 413, headers=NPZ)
+    assert "4000000 states" in problem["detail"]
     many = {"q": [[0, 0]] * 1000, "frames": ["tip"] * 10_000}
-    assert http.post("/v1/robots/two_link/kinematics", json=many).status_code == 413
-    limit = int(answer.json()["remedy"].removeprefix("send up to ").removesuffix(" at once"))
+    http.ask("/v1/robots/two_link/kinematics", many, 413)
+    limit = int(problem["remedy"].removeprefix("send up to ").removesuffix(" at once"))
     for count, status in ((limit, 200), (limit + 1, 413)):
-        body = packed(q=np.zeros((count, 2)), v=np.zeros(2))
-        assert http.post("/v1/robots/two_link/bias", content=body, headers=NPZ).status_code == status
+        http.ask("/v1/robots/two_link/bias", packed(q=np.zeros((count, 2)), v=np.zeros(2)), status, headers=NPZ)
 
 
 @pytest.mark.parametrize(("count", "engine"), [(100, "pinocchio"), (50_000, "compiled")])
-def test_the_same_batch_has_the_same_bits_every_time(http: httpx.Client, count: int, engine: Any) -> None:
+def test_the_same_batch_has_the_same_bits_every_time(http: Served, count: int, engine: Any) -> None:
     robot = tl.load_robot("two_link")
     taken = {key: value for key, value in states(robot, count).items() if key != "a"}
     answers = set()
@@ -162,8 +156,8 @@ def test_the_same_batch_has_the_same_bits_every_time(http: httpx.Client, count: 
     a = np.load(io.BytesIO(answer))["a"]
     assert np.array_equal(a, robot.forward_dynamics(**taken, engine=engine))
     if count == 100:
-        by_json = http.post(DYNAMICS, json={key: value.tolist() for key, value in taken.items()})
-        assert np.array_equal(by_json.json()["a"], a)
+        by_json = http.ask(DYNAMICS, {key: value.tolist() for key, value in taken.items()})
+        assert np.array_equal(by_json["a"], a)
 
 
 def test_nothing_is_traced_for_batches_that_the_event_loop_answers(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -179,24 +173,22 @@ def test_nothing_is_traced_for_batches_that_the_event_loop_answers(monkeypatch: 
         answer_query(robot, query, arguments | options, STATES_IN_LOOP)
 
 
-def test_the_service_answers_while_it_computes_and_its_own_process_never_compiles(
-    served: Served, http: httpx.Client
-) -> None:
+def test_the_service_answers_while_it_computes_and_its_own_process_never_compiles(http: Served) -> None:
     http.post(DYNAMICS, content=packed(q=np.zeros((50_000, 2))), headers=NPZ)
-    robot = http.post("/v1/robots", content=chain(100, "revolute"), headers={"Content-Type": "application/xml"}).json()
+    robot = http.ask("/v1/robots", chain(100, "revolute"))
     body = io.BytesIO()
     np.savez_compressed(body, q=np.zeros((20_000, 100)))  # 20 kB
     path = f"/v1/robots/{robot['id']}/forward-dynamics"
-    with served.client() as other, ThreadPoolExecutor(1) as thread:
+    with http.client() as other, ThreadPoolExecutor(1) as thread:
         batch = thread.submit(other.post, path, content=body.getvalue(), headers=NPZ)
         answered = 0
         while not batch.done():
-            assert http.get("/health").status_code == 200
-            assert http.post(DYNAMICS, json={"q": [0, 0]}).status_code == 200
+            http.ask("/health")
+            http.ask(DYNAMICS, {"q": [0, 0]})
             answered += 1
     assert batch.result().status_code == 200, batch.result().text
     assert answered >= 20  # a second or more, in which an event loop that waits answers once or twice
-    libraries = Path(f"/proc/{served.process.pid}/maps").read_text()
+    libraries = Path(f"/proc/{http.process.pid}/maps").read_text()
     assert "pinocchio" in libraries
 
 
@@ -205,7 +197,7 @@ def test_the_service_answers_while_it_computes_and_its_own_process_never_compile
     (b'{"q": [0.1, 0.2], "w": [1, 2]}', b"400"),
     (b'{"q": [0.1]}', b"422"),
 ])  # fmt: skip
-def test_a_small_query_has_the_same_answer_however_it_arrives(http: httpx.Client, body: bytes, status: bytes) -> None:
+def test_a_small_query_has_the_same_answer_however_it_arrives(http: Served, body: bytes, status: bytes) -> None:
     def head(more: bytes) -> bytes:
         return f"POST {DYNAMICS} HTTP/1.1\r\nHost: localhost\r\nX-Request-ID: mine\r\n".encode() + more + b"\r\n\r\n"
 

@@ -35,7 +35,7 @@ def large_robot(count: int, name: str) -> str:
 
 @pytest.mark.slow
 def test_a_killed_worker_is_a_problem_and_the_service_goes_on(tmp_path: Path) -> None:
-    with serving(tmp_path / "data") as served, served.client() as http:
+    with serving(tmp_path / "data") as http:
         deadline, answers = time.monotonic() + 60, []
         while not any(answer.status_code == 422 for answer in answers) and time.monotonic() < deadline:
             text = large_robot(3000, f"r{len(answers)}")
@@ -43,12 +43,12 @@ def test_a_killed_worker_is_a_problem_and_the_service_goes_on(tmp_path: Path) ->
             request.start()
             staging = tmp_path / "data" / "staging"
             wait_until(lambda: any(staging.iterdir()) or not request.is_alive())  # noqa: B023
-            kill_workers(served)
+            kill_workers(http)
             request.join()
         died = next(answer for answer in answers if answer.status_code == 422)
         assert died.json()["type"] == "urn:twolink:worker-died"
-        assert http.post("/v1/robots", content=pendulum()).status_code == 201
-        assert http.get("/health").json()["status"] == "ok"
+        http.ask("/v1/robots", pendulum())
+        assert http.ask("/health")["status"] == "ok"
         assert "twolink_worker_deaths_total" in http.get("/metrics").text
 
 
@@ -65,33 +65,33 @@ def test_jobs_that_an_earlier_version_has_queued_are_run_or_say_what_they_lack(t
     for key, request in zip(ids, old, strict=True):
         store.new_job(key, "simulation", json.dumps(request).encode())
     store.close()
-    with serving(folder) as served, served.client() as http:
+    with serving(folder) as http:
         done, failed = (ended(http, f"/v1/simulations/{key}") for key in ids)
         assert done["state"] == "done"
-        assert len(http.get(f"/v1/simulations/{ids[0]}/result").json()["columns"]["t"]) == 76
+        assert len(http.ask(f"/v1/simulations/{ids[0]}/result")["columns"]["t"]) == 76
         assert (failed["state"], failed["problem"]["code"]) == ("failed", "other-version")
         assert "colour" in failed["problem"]["detail"]
 
 
 def test_a_killed_service_loses_nothing_that_was_done(tmp_path: Path) -> None:
     folder = tmp_path / "data"
-    with serving(folder, "--quota", "jobs=1") as first, first.client() as http:
-        done = http.post("/v1/simulations", json=SWING).json()
+    with serving(folder, "--quota", "jobs=1") as http:
+        done = http.ask("/v1/simulations", SWING)
         assert done["state"] == "done"
         path = http.post("/v1/simulations", json=SLOW).headers["location"]
         started(http, path)
         waiting = http.post("/v1/simulations", json={**SWING, "duration": 1.5, "wait": 0}).headers["location"]
-        left = first.workers()
-        first.kill()
-    with serving(folder) as second, second.client() as http:
-        job = http.get(path).json()
+        left = http.workers()
+        http.kill()
+    with serving(folder) as http:
+        job = http.ask(path)
         assert (job["state"], job["problem"]["code"]) == ("interrupted", "interrupted")
-        assert f"interrupted by the end of an earlier run: simulation {job['id']}" in second.log
-        assert http.get(waiting).json()["state"] in ("queued", "running", "done")
-        kept = http.get(f"/v1/simulations/{done['id']}").json()
+        assert f"interrupted by the end of an earlier run: simulation {job['id']}" in http.log
+        assert http.ask(waiting)["state"] in ("queued", "running", "done")
+        kept = http.ask(f"/v1/simulations/{done['id']}")
         assert kept["result"] == done["result"]
-        assert len(http.get(f"/v1/simulations/{done['id']}/result").json()["columns"]["t"]) == 201
-        assert http.post(f"{path}/run").json()["state"] in ("queued", "running")
+        assert len(http.ask(f"/v1/simulations/{done['id']}/result")["columns"]["t"]) == 201
+        assert http.ask(f"{path}/run", {})["state"] in ("queued", "running")
         http.post(f"{path}/cancel")
         assert ended(http, path)["state"] == "cancelled"
     assert_gone(left)
@@ -105,50 +105,50 @@ def assert_gone(processes: list[int]) -> None:
 @pytest.mark.slow
 def test_a_service_that_ends_leaves_its_job_to_the_next_and_no_process(tmp_path: Path) -> None:
     folder = tmp_path / "data"
-    with serving(folder) as first, first.client() as http:
+    with serving(folder) as http:
         path = http.post("/v1/simulations", json=SLOW).headers["location"]
         started(http, path)
-        left = first.workers()
-    assert first.process.returncode == 0
-    assert "Traceback" not in first.log
+        left = http.workers()
+    assert http.process.returncode == 0
+    assert "Traceback" not in http.log
     assert_gone(left)
-    with serving(folder) as second, second.client() as http:
+    with serving(folder) as http:
         started(http, path)
-        assert "interrupted" not in second.log
+        assert "interrupted" not in http.log
 
 
 @pytest.mark.slow
 def test_what_is_damaged_on_the_disk_is_no_fault_of_the_request(tmp_path: Path) -> None:
     """It was called the client's: "the body is not JSON". Deleted and sent again, it is whole."""
     folder = tmp_path / "data"
-    with serving(folder) as served, served.client() as http:
-        robot = http.post("/v1/robots", content=pendulum()).json()["id"]
+    with serving(folder) as http:
+        robot = http.ask("/v1/robots", pendulum())["id"]
         request = {"scene": {"robot": robot, "effects": [{"type": "gravity"}]}, "duration": 0.5, "wait": 30}
-        job = http.post("/v1/simulations", json=request).json()["id"]
+        job = http.ask("/v1/simulations", request)["id"]
     for path, content in (("robots/*/robot.urdf", b"<robot"), ("results/*/result.npz", b"\0"),
                           ("robots/*/options.json", b"{")):  # fmt: skip
         (damaged,) = folder.glob(path)
         damaged.write_bytes(content)
-        with serving(folder) as served, served.client() as http:
-            asked = {"robots": ("POST", f"/v1/robots/{robot}/mass-matrix", {"q": [0.0]}),
-                     "results": ("GET", f"/v1/simulations/{job}/motion", None)}  # fmt: skip
-            method, url, body = asked[path.partition("/")[0]]
-            answer = http.request(method, url, json=body)
-            assert (answer.status_code, answer.json()["code"]) == (500, "damaged-storage")
-            assert str(tmp_path) not in answer.text
-            assert "Traceback" in served.log
-            http.delete(f"/v1/robots/{robot}" if method == "POST" else f"/v1/simulations/{job}").raise_for_status()
-            assert http.post("/v1/robots", content=pendulum()).json()["id"] == robot
-            job = http.post("/v1/simulations", json=request).json()["id"]
-            assert http.request(method, url, json=body).status_code == 200
+        with serving(folder) as http:
+            asked = {"robots": (f"/v1/robots/{robot}/mass-matrix", {"q": [0.0]}),
+                     "results": (f"/v1/simulations/{job}/motion", None)}  # fmt: skip
+            url, body = asked[path.partition("/")[0]]
+            problem = http.ask(url, body, 500)
+            assert problem["code"] == "damaged-storage"
+            assert str(tmp_path) not in str(problem)
+            assert "Traceback" in http.log
+            http.delete(url.rpartition("/")[0]).raise_for_status()
+            assert http.ask("/v1/robots", pendulum())["id"] == robot
+            job = http.ask("/v1/simulations", request)["id"]
+            http.ask(url, body)
 
 
 def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:
     """Two services on one folder would each take the other's jobs for interrupted."""
-    with serving(tmp_path / "data") as served, served.client() as http:
+    with serving(tmp_path / "data") as http:
         http.post("/v1/simulations", json=SWING)
         one_line(call_process("serve", "--port", "0", "--data", str(tmp_path / "data")), 1, "--data")
-        assert http.get("/health").json()["status"] == "ok"
+        assert http.ask("/health")["status"] == "ok"
 
 
 @pytest.mark.slow
@@ -169,8 +169,8 @@ def test_jobs_of_version_1_can_be_run_again(tmp_path: Path) -> None:
                 NULL, NULL, '{{"events": ["t = 1 s: impact"]}}', 10, 0);
             PRAGMA user_version = 1;
         """)
-    with serving(folder) as served, served.client() as http:
-        assert [(job["id"], job["state"]) for job in http.get("/v1/simulations").json()] == [("s-1", "interrupted")]
+    with serving(folder) as http:
+        assert [(job["id"], job["state"]) for job in http.ask("/v1/simulations")] == [("s-1", "interrupted")]
         http.post("/v1/simulations/s-1/run")
         assert ended(http, "/v1/simulations/s-1")["result"]["samples"] == 201
 

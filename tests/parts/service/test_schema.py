@@ -75,7 +75,7 @@ def test_answers_are_as_described_and_none_is_a_fault(served: Served, count: int
     assert served.process.poll() is None
 
 
-def test_every_operation_says_what_it_answers(http: httpx.Client) -> None:
+def test_every_operation_says_what_it_answers(http: Served) -> None:
     text = http.get("/openapi.json").text
     document = json.loads(text)
     assert document["openapi"].startswith("3.1")
@@ -101,15 +101,15 @@ def test_every_operation_says_what_it_answers(http: httpx.Client) -> None:
 
 
 @pytest.mark.slow
-def test_all_fields_of_an_explanation_are_described(http: httpx.Client) -> None:
-    described = http.get("/openapi.json").json()["components"]["schemas"]["ExplainedScene"]["properties"]
-    assert http.post("/v1/scenes/explain", json={"scene": "arm-swing"}).json().keys() == described.keys()
+def test_all_fields_of_an_explanation_are_described(http: Served) -> None:
+    described = http.ask("/openapi.json")["components"]["schemas"]["ExplainedScene"]["properties"]
+    assert http.ask("/v1/scenes/explain", {"scene": "arm-swing"}).keys() == described.keys()
 
 
-def test_answers_of_jobs_are_as_described(http: httpx.Client) -> None:
+def test_answers_of_jobs_are_as_described(http: Served) -> None:
     """Those that take longer than made-up requests run."""
     jsonschema: Any = importlib.import_module("jsonschema")
-    document = http.get("/openapi.json").json()
+    document = http.ask("/openapi.json")
     scene = {"scene": "arm-swing", "duration": 0.5}
 
     def check(path: str, answer: httpx.Response) -> Any:
@@ -126,7 +126,7 @@ def test_answers_of_jobs_are_as_described(http: httpx.Client) -> None:
     check("/v1/sweeps/{job}/runs/{number}", http.get(f"/v1/sweeps/{key}/runs/1"))
     for what in ("validate", "explain", "quantities", "linearize"):
         check(f"/v1/scenes/{what}", http.post(f"/v1/scenes/{what}", json={"scene": "arm-swing"}))
-    for robot in ("two_link", http.post("/v1/robots", json={"source": "panda"}).json()["id"]):
+    for robot in ("two_link", http.ask("/v1/robots", {"source": "panda"})["id"]):
         check("/v1/robots/{robot}", http.get(f"/v1/robots/{robot}"))
     for path in ("/v1/robots", "/v1/scenes", "/v1/methods", "/v1/queries", "/v1/simulations", "/health", "/ready"):
         check(path, http.get(path))
@@ -151,7 +151,7 @@ def test_a_client_is_generated_and_used(served: Served, tmp_path: Path, monkeypa
         bias = part("models.bias").Bias(q=[0.0, 0.0])
         answer = part("api.queries.bias").sync(robot="two_link", client=client, body=bias)
         with served.client() as http:
-            assert answer.to_dict() == http.post("/v1/robots/two_link/bias", json={"q": [0.0, 0.0]}).json()
+            assert answer.to_dict() == http.ask("/v1/robots/two_link/bias", {"q": [0.0, 0.0]})
         request = part("models.simulation_request").SimulationRequest(scene="arm-swing", duration=0.5, wait=30.0)
         job = part("api.simulations.v1_simulations_begin").sync(client=client, body=request)
         assert (job.kind, job.state, job.result["robot"]) == ("simulation", "done", "two_link")

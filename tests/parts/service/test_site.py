@@ -5,7 +5,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import httpx
 import msgspec
 import pytest
 
@@ -32,13 +31,13 @@ def test_nothing_in_the_page_points_outside_or_stands_inline() -> None:
         assert set(re.findall(r'byId\("([^"]+)"\)', path.read_text("utf-8"))) <= ids, path.name
 
 
-def test_nothing_outside_the_page_is_served(http: httpx.Client) -> None:
+def test_nothing_outside_the_page_is_served(http: Served) -> None:
     for path in ("../app.py", "%2e%2e/app.py", "/etc/passwd", "..%2fapp.py", "nothing.js"):
-        assert http.get(f"/page/{path}").status_code == 404
+        http.ask(f"/page/{path}", status=404)
 
 
-def test_health(http: httpx.Client) -> None:
-    health = http.get("/health").json()
+def test_health(http: Served) -> None:
+    health = http.ask("/health")
     assert health["status"] == "ok"
     assert health["sandbox"] == msgspec.to_builtins(protection())
 
@@ -66,15 +65,15 @@ def test_a_taken_port_is_an_error_of_one_line(served: Served, tmp_path: Path) ->
 
 @pytest.mark.slow
 def test_it_may_be_below_a_path(tmp_path: Path) -> None:
-    with serving(tmp_path / "data", "--root-path", "/lab/twolink") as served, served.client() as http:
+    with serving(tmp_path / "data", "--root-path", "/lab/twolink") as http:
         moved = http.get("/lab/twolink")
         assert (moved.status_code, moved.headers["location"]) == (308, "/lab/twolink/")
         assert http.get("/lab/twolink/").text == http.get("/").text
         body = {"scene": "arm-swing", "duration": 0.5, "wait": 0}
         begun = http.post("/lab/twolink/v1/simulations", json=body)
         assert begun.headers["location"].startswith("/lab/twolink/v1/simulations/")
-        assert http.get(begun.headers["location"]).json()["id"] == begun.json()["id"]
+        assert http.ask(begun.headers["location"])["id"] == begun.json()["id"]
         assert http.post("/v1/simulations", json=body).headers["location"].startswith("/v1/simulations/")
-        assert http.get("/lab/twolinkx/health").status_code == 404
-        here = tl.connect(f"{served.url}/lab/twolink").robot("two_link")
+        http.ask("/lab/twolinkx/health", status=404)
+        here = tl.connect(f"{http.url}/lab/twolink").robot("two_link")
         assert here.mass_matrix([0.1, 0.2]).shape == (2, 2)

@@ -6,7 +6,6 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import httpx
 import numpy as np
 import pandas as pd
 import pytest
@@ -38,19 +37,18 @@ def store(served: Served, tmp_path_factory: pytest.TempPathFactory) -> Any:
 def job(served: Served, store: Any) -> str:
     """Its path."""
     assert store is not None
-    with served.client() as http:
-        return next(f"/v1/sweeps/{job['id']}" for job in http.get("/v1/sweeps").json() if job["state"] == "done")
+    return next(f"/v1/sweeps/{job['id']}" for job in served.ask("/v1/sweeps") if job["state"] == "done")
 
 
-def test_a_run_of_a_stepped_sweep_is_simulated_alone_as_in_the_sweep(http: httpx.Client) -> None:
+def test_a_run_of_a_stepped_sweep_is_simulated_alone_as_in_the_sweep(http: Served) -> None:
     vary = {"v.domino_1.0": [0.0, 0.1]}
-    asked = http.post("/v1/sweeps", json={"scene": "dominoes", "duration": 0.05, "vary": vary, "wait": 30}).json()
+    asked = http.ask("/v1/sweeps", {"scene": "dominoes", "duration": 0.05, "vary": vary, "wait": 30})
     path = f"/v1/sweeps/{asked['id']}"
     assert ended(http, path)["result"]["done"] == 2
-    columns = http.get(f"{path}/result").json()["columns"]
+    columns = http.ask(f"{path}/result")["columns"]
     for number, end in enumerate(columns["end.q.domino_1.0"]["values"]):
-        alone = http.get(f"{path}/runs/{number}").json()["simulation"]
-        run = http.post("/v1/simulations", json={**alone, "t_eval": [0, 0.05], "wait": 30}).json()["result"]
+        alone = http.ask(f"{path}/runs/{number}")["simulation"]
+        run = http.ask("/v1/simulations", {**alone, "t_eval": [0, 0.05], "wait": 30})["result"]
         assert run["q"][0] == end
 
 
@@ -71,10 +69,10 @@ def test_results_are_those_of_the_library(store: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_results_as_json_and_tables(http: httpx.Client, store: Any, job: str) -> None:
-    record = http.get(job).json()["result"]
+def test_results_as_json_and_tables(http: Served, store: Any, job: str) -> None:
+    record = http.ask(job)["result"]
     assert (record["runs"], record["done"], record["failed"]) == (6, 3, 3)
-    found = http.get(f"{job}/result").json()
+    found = http.ask(f"{job}/result")
     assert (found["dims"], found["shape"]) == (record["dims"], record["shape"])
     assert found["varied"]["q.elbow"] == {
         "units": "rad", "long_name": "configuration of joint elbow at the start", "values": GRID["q.elbow"]
@@ -84,9 +82,9 @@ def test_results_as_json_and_tables(http: httpx.Client, store: Any, job: str) ->
     np.testing.assert_array_equal(values, expected)
     assert [found["statuses"][i] for i in found["columns"]["status"]["values"]].count("failed") == 3
     assert set(found["columns"]) == set(record["columns"])
-    few = http.get(f"{job}/result?variable=error&variable=reason").json()
+    few = http.ask(f"{job}/result?variable=error&variable=reason")
     assert list(few["columns"]) == ["error", "reason"]
-    assert http.get(f"{job}/result?variable=eror").json()["remedy"] == "did you mean 'error'?"
+    assert http.ask(f"{job}/result?variable=eror", status=422)["remedy"] == "did you mean 'error'?"
     for form, read in (("csv", pd.read_csv), ("parquet", pd.read_parquet)):
         rows = read(io.BytesIO(http.get(f"{job}/result?format={form}").content))
         np.testing.assert_allclose(rows["end.q.elbow"], expected, rtol=1e-15)
@@ -95,39 +93,38 @@ def test_results_as_json_and_tables(http: httpx.Client, store: Any, job: str) ->
     assert "turns" not in two
 
 
-def test_one_run_of_a_sweep_can_be_seen(http: httpx.Client, job: str) -> None:
-    table = http.get(f"{job}/result").json()
+def test_one_run_of_a_sweep_can_be_seen(http: Served, job: str) -> None:
+    table = http.ask(f"{job}/result")
     number = next(i for i, status in enumerate(table["columns"]["status"]["values"]) if status == 1)
-    run = http.get(f"{job}/runs/{number}").json()
+    run = http.ask(f"{job}/runs/{number}")
     assert run["values"]["forearm.mass"] == 1.0
-    answer = http.post("/v1/simulations", json={**run["simulation"], "wait": 30}).json()
+    answer = http.ask("/v1/simulations", {**run["simulation"], "wait": 30})
     both = answer["result"]["error"] + table["columns"]["error"]["values"][number]
     assert abs(answer["result"]["q"][1] - table["columns"]["end.q.elbow"]["values"][number]) <= both
-    failed = http.get(f"{job}/runs/{table['columns']['status']['values'].index(3)}")
-    assert (failed.status_code, "-1" in failed.json()["detail"]) == (422, True)
-    assert http.get(f"{job}/runs/6").json()["remedy"] == "0 to 5"
+    assert "-1" in http.ask(f"{job}/runs/{table['columns']['status']['values'].index(3)}", status=422)["detail"]
+    assert http.ask(f"{job}/runs/6", status=422)["remedy"] == "0 to 5"
 
 
 @pytest.mark.slow
-def test_effects_accuracies_and_uploaded_robots_vary(served: Served, http: httpx.Client, tmp_path: Path) -> None:
+def test_effects_accuracies_and_uploaded_robots_vary(http: Served, tmp_path: Path) -> None:
     scene = tl.Scene(tl.load_robot(pendulum()), q=[0.4], duration=0.5,
                      effects=[tl.effects.Gravity(), tl.effects.JointDamping(damping={"hinge": 0.5})])  # fmt: skip
     vary = {"effects.1": [True, False], "effects.1.damping.hinge": [0.5, 1.0], "accuracy": [1e-3, 1e-6]}
-    data = tl.connect(served.url).sweep(scene, vary=vary, out=tmp_path / "x.zarr")
+    data = tl.connect(http.url).sweep(scene, vary=vary, out=tmp_path / "x.zarr")
     assert (data.status == 1).all()
     free = data.q.sel({"effects.1": False, "accuracy": 1e-6}).values
     assert np.ptp(free) == 0.0
-    job = max(http.get("/v1/sweeps").json(), key=lambda job: job["created"])["id"]
-    table = http.get(f"/v1/sweeps/{job}/result").json()
+    job = max(http.ask("/v1/sweeps"), key=lambda job: job["created"])["id"]
+    table = http.ask(f"/v1/sweeps/{job}/result")
     for number in (0, 5):
-        run = http.get(f"/v1/sweeps/{job}/runs/{number}").json()
-        answer = http.post("/v1/simulations", json={**run["simulation"], "wait": 30}).json()["result"]
+        run = http.ask(f"/v1/sweeps/{job}/runs/{number}")
+        answer = http.ask("/v1/simulations", {**run["simulation"], "wait": 30})["result"]
         assert run["simulation"]["accuracy"] == run["values"]["accuracy"]
         distance = abs(answer["q"][0] - table["columns"]["end.q.hinge"]["values"][number])
         assert distance <= answer["error"] + table["columns"]["error"]["values"][number]
 
 
-def begun(http: httpx.Client) -> str:
+def begun(http: Served) -> str:
     """The path of a long sweep, of which something is done."""
     path = http.post("/v1/sweeps", json=LONG).headers["location"]
     assert any((job["progress"] or {}).get("done", 0) > 0 for _, job in events(http, path))
@@ -142,20 +139,20 @@ def marks(folder: Path) -> dict[Path, int]:
 @pytest.mark.slow
 def test_a_sweep_goes_on_after_it_was_cancelled_and_the_service_killed(tmp_path: Path) -> None:
     folder = tmp_path / "data"
-    with serving(folder) as first, first.client() as http:
+    with serving(folder) as http:
         path = begun(http)
         http.post(f"{path}/cancel")
         assert ended(http, path)["state"] == "cancelled"
         before = marks(folder)
-        statuses = http.get(f"{path}/result?variable=status").json()["columns"]["status"]["values"]
+        statuses = http.ask(f"{path}/result?variable=status")["columns"]["status"]["values"]
         assert 0 < statuses.count(1) < len(statuses)
         http.post(f"{path}/run")
         assert any((job["progress"] or {}).get("done", 0) > statuses.count(1) for _, job in events(http, path))
-        first.kill()
+        http.kill()
     assert {file: at for file, at in marks(folder).items() if file in before} == before
-    with serving(folder) as second, second.client() as http:
-        assert http.get(path).json()["state"] == "interrupted"
-        assert http.get("/health").json()["bytes"] > 10_000
+    with serving(folder) as http:
+        assert http.ask(path)["state"] == "interrupted"
+        assert http.ask("/health")["bytes"] > 10_000
         before = marks(folder)
         http.post(f"{path}/run")
         job = ended(http, path)
@@ -186,16 +183,16 @@ def test_a_sweep_goes_on_after_it_was_cancelled_and_the_service_killed(tmp_path:
     ({"vary": {"q.elbow": [0.0]}, "design": "gird"}, 400, "did you mean 'grid'?"),
     ({"vary": {"q.elbow": [0.0]}, "outputs": ["final"] * 51}, 400, "length"),
 ])  # fmt: skip
-def test_refusals(http: httpx.Client, body: dict[str, Any], status: int, part: str) -> None:
-    answer = http.post("/v1/sweeps", json={"scene": "arm-swing", "wait": 30, **body})
-    assert (answer.status_code, part in answer.text) == (status, True), answer.text
-    assert "/results/" not in answer.text
+def test_refusals(http: Served, body: dict[str, Any], status: int, part: str) -> None:
+    problem = str(http.ask("/v1/sweeps", {"scene": "arm-swing", "wait": 30, **body}, status))
+    assert part in problem
+    assert "/results/" not in problem
 
 
-def test_nan_and_infinity_are_no_json(http: httpx.Client) -> None:
+def test_nan_and_infinity_are_no_json(http: Served) -> None:
     for number in ("NaN", "Infinity", "1e999"):
         body = f'{{"scene": "arm-swing", "vary": {{"q.elbow": {{"range": [0, {number}, 3]}}}}}}'
-        assert http.post("/v1/sweeps", content=body).status_code == 400
+        http.ask("/v1/sweeps", body, 400)
 
 
 def test_a_failed_sweep_raises_what_the_library_raises(served: Served, tmp_path: Path) -> None:
@@ -211,10 +208,10 @@ ONE = "n_workers=1, processes=False, protocol='tcp', scheduler_port={}"
 def test_sweeps_are_sent_to_a_cluster_and_go_on_after_it_was_lost(tmp_path: Path) -> None:
     first = contextlib.ExitStack()
     _, address = first.enter_context(dask_cluster(tmp_path, ONE.format(0)))
-    with first, serving(tmp_path / "data", "--dask", address) as served, served.client() as http:
+    with first, serving(tmp_path / "data", "--dask", address) as http:
         scene = tl.Scene(tl.load_robot(pendulum()), q=[0.4], effects=[tl.effects.Gravity()], duration=0.5)
         vary = {"q.hinge": [0.1, 0.2, 0.3]}
-        there = tl.connect(served.url).sweep(scene, vary=vary, out=tmp_path / "there.zarr")
+        there = tl.connect(http.url).sweep(scene, vary=vary, out=tmp_path / "there.zarr")
         here = tl.sweep(scene, vary=vary, out=tmp_path / "here.zarr", executor=ThreadPoolExecutor(1))
         for name in ("q", "v", "error", "status"):
             assert np.array_equal(there[name], here[name]), name
@@ -222,8 +219,8 @@ def test_sweeps_are_sent_to_a_cluster_and_go_on_after_it_was_lost(tmp_path: Path
         first.close()
         lost = ended(http, path)
         assert (lost["state"], lost["problem"]["code"]) == ("failed", "cluster-lost")
-        assert f"{address} cannot be reached" in served.log
-        assert "Traceback" not in served.log
+        assert f"{address} cannot be reached" in http.log
+        assert "Traceback" not in http.log
         before = marks(tmp_path / "data")
         assert before
         with dask_cluster(tmp_path, ONE.format(address.rpartition(":")[2])):
