@@ -28,7 +28,7 @@ from twolink.errors import RobotError, SceneError
 from twolink.io.fingerprints import model_digest, processor, versions
 from twolink.parts.sweeps.design import OF_VARIANTS, RUN, Block, Design, block_shape
 from twolink.parts.sweeps.outputs import OutputVariable, Request, check_names, coordinates, function_of, variables
-from twolink.parts.sweeps.runs import Columns, SweepTask, ways
+from twolink.parts.sweeps.runs import SweepTask, ways
 from twolink.robots.catalogue import catalogue_names
 from twolink.robots.collisions import read_solids
 from twolink.scenes import Scene
@@ -91,11 +91,7 @@ class SweepPlan:
 
     def task(self, block: Block) -> SweepTask:
         """The runs of a block."""
-        return self.task_of(self.design.in_block(block))
-
-    def task_of(self, values: Columns) -> SweepTask:
-        """Runs with these values (n,) by name."""
-        return SweepTask(*self._scene, self.request, self.design.quantities, values)
+        return SweepTask(*self._scene, self.request, self.design.quantities, self.design.in_block(block))
 
     def ordered(self, names: Sequence[str]) -> "SweepPlan":
         """The plan with the dimensions of its grid in the order of these names."""
@@ -104,8 +100,8 @@ class SweepPlan:
         return dataclasses.replace(self, design=design, sizes=tuple(sizes[name] for name in names))
 
     @functools.cached_property
-    def ways(self) -> dict[str, int]:
-        """Counts of the first block's runs by the way they are solved, with its reason."""
+    def ways(self) -> list[str]:
+        """The ways in which the first runs are solved, with the reasons."""
         return _ways(self.scene, self.request, self.design, WAYS_FROM)
 
 
@@ -144,7 +140,7 @@ def _check_robots(design: Design, request: Request) -> None:
                          remedy='such as ["cost", "energy"]')  # fmt: skip
 
 
-def _ways(scene: Scene, request: Request, design: Design, runs: int) -> dict[str, int]:
+def _ways(scene: Scene, request: Request, design: Design, runs: int) -> list[str]:
     first = tuple(slice(0, n) for n in block_shape(design.shape, runs))
     return ways(scene, request, design.quantities, design.in_block(first))
 

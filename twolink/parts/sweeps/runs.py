@@ -24,7 +24,6 @@ from twolink.parts.sweeps.outputs import (
     DONE,
     FAILED,
     INACCURATE,
-    OutputVariable,
     Request,
     column_of,
     function_of,
@@ -66,7 +65,7 @@ class SweepTask:
         """The number of runs."""
         return len(next(iter(self.values.values())))
 
-    def part(self, some: slice) -> "SweepTask":
+    def part(self, some: np.ndarray) -> "SweepTask":
         """Some of the runs."""
         return dataclasses.replace(self, values={name: numbers[some] for name, numbers in self.values.items()})
 
@@ -92,8 +91,7 @@ def _compute(scene: Scene, task: SweepTask) -> Columns:
     request, quantities, values = task.request, task.quantities, task.values
     for name in request.functions:
         function_of(name)  # a worker that lacks it fails, and not the runs
-    kinds = {v.name: v for v in variables(scene.robot, request)}
-    out = {name: kind.empty(task.runs) for name, kind in kinds.items()}
+    out = {variable.name: variable.empty(task.runs) for variable in variables(scene.robot, request)}
     for of, rows in groups(request.accuracy, quantities, values):
         some = {name: numbers[rows] for name, numbers in values.items()}
         try:
@@ -101,7 +99,7 @@ def _compute(scene: Scene, task: SweepTask) -> Columns:
         except TwolinkError as error:  # an effect does not fit the robot, or there is no such robot
             out["status"][rows], out["reason"][rows] = FAILED, str(error)[:LONGEST_REASON]
             continue
-        group = _VariantRuns(request, run_inputs(own, of.off, of.accuracy, quantities, some), kinds, out, rows)
+        group = _VariantRuns(request, run_inputs(own, of.off, of.accuracy, quantities, some), out, rows)
         (_batch if way(own, of, request, quantities)[0] else _one_by_one)(group, np.arange(len(rows)))
     return out
 
@@ -151,13 +149,11 @@ def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Para
     return True, "in batches: the scene is smooth, and runs differ in numbers only"
 
 
-def ways(scene: Scene, request: Request, quantities: dict[str, Parameter], values: Columns) -> dict[str, int]:
-    """Counts of the runs with these values by the way they are solved, with its reason."""
-    counts: dict[str, int] = {}
-    for of, rows in groups(request.accuracy, quantities, values):
-        text = way(scene if of.robot else variant(scene, of.off), of, request, quantities)[1]
-        counts[text] = counts.get(text, 0) + len(rows)
-    return counts
+def ways(scene: Scene, request: Request, quantities: dict[str, Parameter], values: Columns) -> list[str]:
+    """The ways in which runs with these values (n,) by name are solved, with the reasons."""
+    variants = (of for of, _ in groups(request.accuracy, quantities, values))
+    return [*dict.fromkeys(way(scene if of.robot else variant(scene, of.off), of, request, quantities)[1]
+                           for of in variants)]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +162,6 @@ class _VariantRuns:
 
     request: Request
     inputs: RunInputs
-    kinds: dict[str, OutputVariable]
     out: Columns
     rows: np.ndarray
 

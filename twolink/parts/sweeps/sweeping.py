@@ -24,7 +24,7 @@ from twolink.parts.sweeps.outputs import Request, check_outputs
 from twolink.parts.sweeps.plan import SweepPlan, make_plan
 from twolink.parts.sweeps.runs import compute
 from twolink.parts.sweeps.store import EXTRA, locked, open_store, read_record
-from twolink.parts.sweeps.working import engine_of, work
+from twolink.parts.sweeps.working import Work, engine_of
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.scenes.urdf_scene import named_scene
@@ -137,7 +137,7 @@ def sweep(
             try:
                 with engine_of(executor, workers) as engine:
                     _compile(plan, engine)
-                    work(store, engine, progress or (lambda *_: None))
+                    Work(store, engine, progress or (lambda *_: None)).all()
             except KeyboardInterrupt:
                 log.warning("interrupted: what is done is kept in %s", path)
     return open_sweep(path)

@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Collection, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,36 +28,33 @@ LOOK = 0.5  # s: between two looks at the engine
 
 @dataclass(eq=False)
 class _Part:
-    """A part of a block that is given to a worker: the runs (n,) of the block's pending ones, and tries in vain."""
-
-    block: "_PendingBlock"
-    rows: np.ndarray
-    tries: int = 0
-
-
-@dataclass(eq=False)
-class _PendingBlock:
-    """A block under way. some (n,): its runs that were pending; columns: their results so far; left: runs to come."""
+    """Runs of a block that are given to a worker: their numbers (n,) in the block, and tries in vain."""
 
     block: Block
     some: np.ndarray
     task: SweepTask
-    left: int
-    columns: Columns = field(default_factory=dict)
+    tries: int = 0
 
 
-class _Work:
-    """The blocks of a store on their way through an engine."""
+class Work:
+    """The pending runs of a store on their way through an engine."""
 
-    def __init__(self, store: SweepStore, engine: BlockEngine, report: Report, done: int) -> None:
+    def __init__(self, store: SweepStore, engine: BlockEngine, report: Report) -> None:
         self.store, self.engine, self.report = store, engine, report
         self.plan: SweepPlan = store.plan
-        self.done, self.begun, self.begin = done, done, time.monotonic()
+        self.done = self.begun = self.plan.design.runs - sum(len(some) for _, some in store.pending())
+        self.begin = time.monotonic()
         self.again: deque[_Part] = deque()  # to be tried again, one after the other
         self.under_way: dict[Any, _Part] = {}
 
     def all(self) -> None:
-        """Compute and write all that is pending."""
+        """Compute and write all that is pending.
+
+        Raises
+        ------
+        TwolinkError
+            The store cannot be written, or the cluster is gone (code "cluster-lost"). What was finished is kept.
+        """
         parts = self._parts()
         try:
             while self._fill(parts) or self.under_way:
@@ -70,10 +67,7 @@ class _Work:
 
     def _parts(self) -> Iterator[_Part]:
         for block, some in self.store.pending():
-            task = self.plan.task(block)
-            if len(some) < task.runs:
-                task = self.plan.task_of({name: numbers[some] for name, numbers in task.values.items()})
-            yield _Part(_PendingBlock(block, some, task, len(some)), np.arange(len(some)))
+            yield _Part(block, some, self.plan.task(block).part(some))
 
     def _fill(self, parts: Iterator[_Part]) -> bool:
         """Give tasks to the engine, those that are tried again one at a time: then it is known who ends a worker."""
@@ -89,13 +83,11 @@ class _Work:
         return True
 
     def _submit(self, part: _Part) -> None:
-        task = part.block.task
-        some = task if len(part.rows) == task.runs else task.part(slice(part.rows[0], part.rows[-1] + 1))
         try:
-            self.under_way[self.engine.submit(some)] = part
+            self.under_way[self.engine.submit(part.task)] = part
         except BrokenExecutor:  # a worker died while it had nothing to do
             self.engine.restart()
-            self.under_way[self.engine.submit(some)] = part
+            self.under_way[self.engine.submit(part.task)] = part
 
     def _take(self, finished: set[Any]) -> None:
         failed = list[tuple[_Part, BaseException]]()
@@ -129,8 +121,9 @@ class _Work:
         part.tries += 1
         if part.tries < TRIES:
             self.again.append(part)
-        elif len(part.rows) > 1:
-            self.again.extend(_Part(part.block, half, TRIES - 1) for half in np.array_split(part.rows, 2))
+        elif part.task.runs > 1:
+            self.again.extend(_Part(part.block, part.some[half], part.task.part(half), TRIES - 1)
+                              for half in np.array_split(np.arange(part.task.runs), 2))  # fmt: skip
         else:
             text = " ".join(f"given up after {TRIES} tries: {type(error).__name__}: {error}".split())
             columns = {v.name: v.empty(1) for v in self.plan.variables}
@@ -138,22 +131,9 @@ class _Work:
             self._put(part, columns)
 
     def _put(self, part: _Part, columns: Columns) -> None:
-        """Keep a part's results; write the block when it is complete."""
-        whole = part.block
-        if len(part.rows) == len(whole.some):
-            whole.columns = columns
-        else:
-            if not whole.columns:
-                whole.columns = {v.name: v.empty(len(whole.some)) for v in self.plan.variables}
-            for name, values in columns.items():
-                whole.columns[name][part.rows] = values
-        whole.left -= len(part.rows)
-        if whole.left == 0:
-            self.store.write(whole.block, whole.some, whole.columns)
-            self.done += len(whole.some)
-            self._tell()
-
-    def _tell(self) -> None:
+        """Write a part's results, and tell how far it is."""
+        self.store.write(part.block, part.some, columns)
+        self.done += part.task.runs
         total = self.plan.design.runs
         rate = (self.done - self.begun) / max(1e-9, time.monotonic() - self.begin)
         self.report(self.done, total, f"{rate:.4g} runs/s, {(total - self.done) / rate:.0f} s left")
@@ -167,19 +147,6 @@ def _finished(futures: Collection[Any]) -> set[Any]:
     if not done:
         time.sleep(LOOK)
     return done
-
-
-def work(store: SweepStore, engine: BlockEngine, report: Report) -> None:
-    """Compute and write all runs of a store that are pending.
-
-    Raises
-    ------
-    TwolinkError
-        The store cannot be written, or the cluster is gone (code "cluster-lost"). What was finished is kept.
-    """
-    pending = sum(len(some) for _, some in store.pending())
-    if pending:
-        _Work(store, engine, report, store.plan.design.runs - pending).all()
 
 
 @contextlib.contextmanager
