@@ -18,10 +18,8 @@ import pinocchio as pin
 
 from twolink.errors import RobotError, ShowError, nearest
 from twolink.io import cache
-from twolink.io.files import read_confined
 from twolink.io.mesh_files import Floats, read_triangles
 from twolink.io.text import kebab_case
-from twolink.robots.meshes import LARGEST
 from twolink.robots.xml import Element, Reader, parse_xml
 
 if TYPE_CHECKING:
@@ -48,9 +46,14 @@ class Shape(
         point, rpy = (np.array(getattr(self, name, (0.0, 0.0, 0.0)), float) for name in ("point", "rpy"))
         return pin.SE3(pin.rpy.rpyToMatrix(*rpy), point)
 
+    @property
+    def sizes(self) -> dict[str, Any]:
+        """The sizes, in the order that Coal takes them in."""
+        return {key: getattr(self, key) for key in ("size", "radius", "length") if hasattr(self, key)}
+
     def coal(self) -> Any:
-        """Coal's geometry."""
-        raise NotImplementedError
+        """Coal's geometry, whose class has the same name."""
+        return getattr(coal, type(self).__name__)(*map(float, np.hstack(list(self.sizes.values()))))
 
 
 class Sphere(Shape, frozen=True):
@@ -67,10 +70,6 @@ class Sphere(Shape, frozen=True):
     radius: Length
     point: Vector = (0.0, 0.0, 0.0)
 
-    def coal(self) -> Any:
-        """Coal's sphere."""
-        return coal.Sphere(float(self.radius))
-
 
 class Box(Shape, frozen=True):
     """A box.
@@ -86,10 +85,6 @@ class Box(Shape, frozen=True):
     size: tuple[Length, Length, Length]
     point: Vector = (0.0, 0.0, 0.0)
     rpy: Vector = (0.0, 0.0, 0.0)
-
-    def coal(self) -> Any:
-        """Coal's box."""
-        return coal.Box(*map(float, self.size))
 
 
 class Cylinder(Shape, frozen=True):
@@ -108,10 +103,6 @@ class Cylinder(Shape, frozen=True):
     point: Vector = (0.0, 0.0, 0.0)
     rpy: Vector = (0.0, 0.0, 0.0)
 
-    def coal(self) -> Any:
-        """Coal's cylinder."""
-        return coal.Cylinder(float(self.radius), float(self.length))
-
 
 class Capsule(Shape, frozen=True):
     """A cylinder about its own z axis with a half sphere at each end.
@@ -128,10 +119,6 @@ class Capsule(Shape, frozen=True):
     length: Length
     point: Vector = (0.0, 0.0, 0.0)
     rpy: Vector = (0.0, 0.0, 0.0)
-
-    def coal(self) -> Any:
-        """Coal's capsule."""
-        return coal.Capsule(float(self.radius), float(self.length))
 
 
 class Convex(Shape, frozen=True):
@@ -283,8 +270,7 @@ def _convex(
                          remedy="give package_dirs= to load_robot, or shapes= to Contact")  # fmt: skip
     scale = reader.numbers(element, "scale", owner, 3, (1.0, 1.0, 1.0))
     try:
-        raw = read_confined(mesh.root, mesh.path, LARGEST)
-        hull, hollow = _hull(raw, mesh.path.suffix.lower(), scale)
+        hull, hollow = _hull(*mesh.read(), scale)
     except (OSError, ValueError, ShowError) as error:
         what = f"the mesh {mesh.path.name!r} cannot be read: {str(error).splitlines()[0] if str(error) else error!r}"
         raise RobotError(what, where=reader.where(element, owner), code="mesh-not-readable",

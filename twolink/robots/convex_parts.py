@@ -15,10 +15,8 @@ import numpy as np
 
 from twolink.errors import RobotError, ShowError, require_extra
 from twolink.io import cache
-from twolink.io.files import read_confined
 from twolink.io.mesh_files import Floats, read_triangles
 from twolink.robots.collisions import Convex, Solid
-from twolink.robots.meshes import LARGEST
 
 VERSION = 1  # of parts that are kept
 
@@ -33,8 +31,7 @@ def convex_parts(solid: Solid, concavity: float) -> tuple[Solid, ...]:
     mesh = solid.mesh
     require_extra("coacd", "decomposition")
     try:
-        raw, scale = read_confined(mesh.root, mesh.path, LARGEST), tuple(map(float, mesh.scale.split()))
-        parts = _cut(raw, mesh.path.suffix.lower(), scale, concavity, version("coacd"))
+        parts = _cut(*mesh.read(), tuple(map(float, mesh.scale.split())), concavity, version("coacd"))
     except (OSError, ValueError, RuntimeError, ShowError) as error:
         raise RobotError(f"the mesh {mesh.path.name!r} cannot be cut into convex parts: {error}",
                          where=f"collision {solid.name!r}", code="mesh-not-readable",

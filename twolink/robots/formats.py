@@ -2,7 +2,7 @@
 
 import re
 import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
 from pathlib import Path
 
 from twolink.errors import RobotError, import_extra, nearest
@@ -70,7 +70,9 @@ def describe(
         if confining_roots() is not None:
             raise RobotError("it is xacro, which can hold code", where=source.label, code="not-allowed",
                              remedy='xacro="ignore", or expand it: xacro FILE > robot.urdf')  # fmt: skip
-        parents, declared = source.path.resolve().parents, set(_declared(element))
+        parents = source.path.resolve().parents
+        # Arguments that the file declares, those of conditions that do not hold too.
+        declared = {one.attributes.get("name", "") for one in element.inside() if one.tag == "xacro:arg"}
         element = _expanded(source.path, source.label, xacro_arguments, [*folders, *parents], declared)
     elif xacro_arguments:
         what = "no xacro is expanded that could take arguments"
@@ -97,14 +99,6 @@ class _Arguments(dict[str, str]):
     def __getitem__(self, name: str) -> str:
         self.asked.add(name)
         return super().__getitem__(name)
-
-
-def _declared(element: Element) -> Iterator[str]:
-    """The arguments that a xacro file declares, those of conditions that do not hold too."""
-    if element.tag == "xacro:arg":
-        yield element.attributes.get("name", "")
-    for child in element.children:
-        yield from _declared(child)
 
 
 def _expanded(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -23,7 +23,7 @@ from twolink.robots.load_report import Finding, LoadReport
 from twolink.robots.load_report import findings as findings_about
 from twolink.robots.meshes import MeshFile, MeshFolders, set_mesh
 from twolink.robots.model import ROOT, FileLaws, RobotModel
-from twolink.robots.urdf import roll_pitch_yaw
+from twolink.robots.urdf import joint_element, moments_written, roll_pitch_yaw, written
 from twolink.robots.xml import Element, parse_xml
 
 R = TypeVar("R", bound=RobotModel)
@@ -66,17 +66,15 @@ def body_of(kind: type[R], shape: Shape | Path, mass: float | None, colour: int)
         solid, drawn = _solid_of_mesh(mesh), Element("mesh", {"filename": str(mesh.resolve())}, 0)
     else:
         name, solid = kebab_case(type(mesh).__name__), _solid_of_shape(mesh)
-        sizes = {key: getattr(mesh, key) for key in ("size", "radius", "length") if hasattr(mesh, key)}
-        drawn = Element(name, {key: _written(np.atleast_1d(value)) for key, value in sizes.items()}, 0)
+        drawn = Element(name, {key: written(value) for key, value in mesh.sizes.items()}, 0)
     place = pin.SE3.Identity() if isinstance(shape, Path) else shape.placement
     if mass is not None:
         if isinstance(mesh, Path) and not is_closed(*read_triangles(mesh.read_bytes(), mesh.suffix.lower())):
             raise _no_volume(mesh, "is not closed, so that its centre and inertia are not known")
         density = mass / solid.computeVolume()
         inertia = place.rotation @ (density * solid.computeMomentofInertiaRelatedToCOM()) @ place.rotation.T
-        moments = {f"i{'xyz'[i]}{'xyz'[k]}": repr(float(inertia[i, k])) for i in range(3) for k in range(i, 3)}
         centre = _origin(pin.SE3(np.eye(3), place.act(np.asarray(solid.computeCOM()))))
-        body = [centre, Element("mass", {"value": repr(float(mass))}, 0), Element("inertia", moments, 0)]
+        body = [centre, Element("mass", {"value": written(mass)}, 0), Element("inertia", moments_written(inertia), 0)]
         link.children.append(Element("inertial", {}, 0, body))
     rgba = FIXED if mass is None else COLOURS[colour % len(COLOURS)]
     material = Element("material", {"name": f"colour {rgba}"}, 0, [Element("color", {"rgba": rgba}, 0)])
@@ -142,7 +140,7 @@ def joined(robot: R, parts: Sequence[tuple[RobotModel, str, pin.SE3, bool]]) -> 
     if robot.root == "free":
         base = free_name("world", _names(root))
         root.children += [Element("link", {"name": base}, 0),
-                          _joint(ROOT, "floating", base, first, pin.SE3.Identity())]  # fmt: skip
+                          joint_element(ROOT, "floating", base, first, _origin(pin.SE3.Identity()))]  # fmt: skip
     findings, laws, coupled = list(robot.report.findings), robot.visuals.laws, any(one.has_mimic for one in everyone)
     if coupled:
         findings += _let_go(robot, root, "")
@@ -161,9 +159,9 @@ def joined(robot: R, parts: Sequence[tuple[RobotModel, str, pin.SE3, bool]]) -> 
             names[ROOT] = name
         lock |= {names.get(joint, joint): q for joint, q in part.visuals.lock.items()}
         kind, place = ("floating", pin.SE3.Identity()) if free else ("fixed", pose)
-        root.children += [*element.children, _joint(name, kind, base, _root_link(element), place)]
+        root.children += [*element.children, joint_element(name, kind, base, _root_link(element), _origin(place))]
         renamed.append(names)
-        at = f"{'free' if free else 'fixed'}, at {_written(pose.translation)} m"
+        at = f"{'free' if free else 'fixed'}, at {written(pose.translation)} m"
         findings.append(Finding("read", f"joined {part.name!r} as {name!r}, {at}{prefixed}"))
         laws, said = _with_laws(laws, part, name, names)
         findings += said
@@ -254,15 +252,6 @@ def _rename(element: Element, names: dict[str, str], prefix: str) -> None:
         _rename(child, names, prefix)
 
 
-def _joint(name: str, kind: str, parent: str, child: str, place: pin.SE3) -> Element:
-    ends = [Element("parent", {"link": parent}, 0), Element("child", {"link": child}, 0)]
-    return Element("joint", {"name": name, "type": kind}, 0, [*ends, _origin(place)])
-
-
 def _origin(place: pin.SE3) -> Element:
     angles = roll_pitch_yaw(pin.Quaternion(place.rotation).coeffs())
-    return Element("origin", {"xyz": _written(place.translation), "rpy": _written(angles)}, 0)
-
-
-def _written(values: Iterable[float]) -> str:
-    return " ".join(repr(float(x)) for x in values)
+    return Element("origin", {"xyz": written(place.translation), "rpy": written(angles)}, 0)

@@ -2,7 +2,7 @@
 that are missing.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,10 @@ class MeshFile:
     path: Path
     root: Path
     scale: str
+
+    def read(self) -> tuple[bytes, str]:
+        """The content, and the ending of its name in lower case. Raises OSError as `read_confined`."""
+        return read_confined(self.root, self.path, LARGEST), self.path.suffix.lower()
 
 
 @dataclass(frozen=True)
@@ -103,40 +107,41 @@ def drawable_urdf(robot: Element, folders: MeshFolders) -> tuple[str, dict[str, 
     Visuals whose mesh is missing are left out; such collisions stay, for whoever asks for them. A material is defined
     where it first stands, for all visuals after it: one that stands in a visual that is left out moves up to the robot.
     """
-    kept = {id(visual): _located(visual, folders) for visual in _visuals(robot)}
     meshes: dict[str, MeshFile] = {}
     collision_meshes: dict[str, MeshFile] = {}
-    out = Element("robot", dict(robot.attributes), robot.line)
-    out.children = [c for c in robot.children if c.tag in ("joint", "material")]
+    lost, links = list[Element](), list[Element]()
     defined = {material.attributes.get("name", "") for material in robot.all("material")}
-    for visual in _visuals(robot):
-        material = visual.first("material")
-        name = "" if material is None else material.attributes.get("name", "")
-        if material is not None and material.children and name and name not in defined:
-            defined.add(name)
-            if kept[id(visual)] is None:
-                out.children.append(material)
     for link in robot.all("link"):
-        drawn = [found for visual in link.all("visual") if (found := kept[id(visual)]) is not None]
+        drawn = [(visual, _located(visual, folders)) for visual in link.all("visual")]
+        for visual, found in drawn:
+            material = visual.first("material")
+            name = "" if material is None else material.attributes.get("name", "")
+            if material is not None and material.children and name and name not in defined:
+                defined.add(name)
+                lost += [material] if found is None else []
+        shown = [found for _, found in drawn if found is not None]
         name = link.attributes.get("name", "")
-        meshes |= {f"{name}_{k}": mesh for k, (_, mesh) in enumerate(drawn) if mesh is not None}
+        meshes |= {f"{name}_{k}": mesh for k, (_, mesh) in enumerate(shown) if mesh is not None}
         solids = [_located(collision, folders) or (collision, None) for collision in link.all("collision")]
         collision_meshes |= {f"{name}_{k}": mesh for k, (_, mesh) in enumerate(solids) if mesh is not None}
-        parts = [*link.all("inertial"), *(visual for visual, _ in drawn), *(solid for solid, _ in solids)]
-        out.children.append(Element("link", link.attributes, link.line, parts))
+        parts = [*link.all("inertial"), *(body for body, _ in (*shown, *solids))]
+        links.append(Element("link", link.attributes, link.line, parts))
+    kept = [child for child in robot.children if child.tag in ("joint", "material")]
+    out = Element("robot", dict(robot.attributes), robot.line, [*kept, *lost, *links])
     return out.to_xml(), meshes, collision_meshes
 
 
-def _visuals(robot: Element) -> Iterator[Element]:
-    return (visual for link in robot.all("link") for visual in link.all("visual"))
+def _mesh_of(body: Element) -> Element | None:
+    """The <mesh> of a visual or collision."""
+    geometry = body.first("geometry")
+    return None if geometry is None else geometry.first("mesh")
 
 
 def _located(visual: Element, folders: MeshFolders) -> tuple[Element, MeshFile | None] | None:
     """A visual or collision with the full path of its mesh, and the mesh; None without a shape or a file."""
-    geometry = visual.first("geometry")
-    mesh = None if geometry is None else geometry.first("mesh")
-    if geometry is None or mesh is None:
-        return (visual, None) if geometry is not None else None
+    mesh = _mesh_of(visual)
+    if mesh is None:
+        return None if visual.first("geometry") is None else (visual, None)
     found = folders.find(mesh.attributes.get("filename", ""))
     if found is None:
         return None
@@ -159,16 +164,11 @@ def without_meshes(text: str) -> str:
     robot = parse_xml(text.encode(), "visuals", "utf-8")
     for link in robot.all("link"):
         link.children = [
-            _with_shape(child, Element("sphere", {"radius": "1"}, child.line)) if _has_mesh(child) else child
+            _with_shape(child, Element("sphere", {"radius": "1"}, child.line)) if _mesh_of(child) else child
             for child in link.children
             if child.tag != "collision"
         ]
     return robot.to_xml()
-
-
-def _has_mesh(visual: Element) -> bool:
-    geometry = visual.first("geometry")
-    return geometry is not None and geometry.first("mesh") is not None
 
 
 class VisualModel(pin.GeometryModel):  # type: ignore[misc]  # pin has no types
@@ -193,8 +193,7 @@ def set_mesh(item: Any, mesh: MeshFile, tree: bool = True, read: dict[str, tuple
         scale = tuple(parse_number(part) for part in mesh.scale.split())
         if len(scale) != 3 or not np.isfinite(scale).all():
             raise ValueError(f"its scale is {mesh.scale[:60]!r}, expected 3 numbers")
-        raw = read_confined(mesh.root, mesh.path, LARGEST)
-        suffix, read = mesh.path.suffix.lower(), {} if read is None else read
+        (raw, suffix), read = mesh.read(), {} if read is None else read
         if suffix == ".dae" and str(mesh.path) not in read:
             read[str(mesh.path)] = read_collada(raw)
         vertices, faces = read_triangles(raw, suffix, read.get(str(mesh.path)))

@@ -21,6 +21,7 @@ from twolink.robots.mjcf_laws import effects_of, excluded, grounds, left_out, op
 from twolink.robots.mjcf_model import SHAPES, Mjcf, pose
 from twolink.robots.model import FileLaws
 from twolink.robots.srdf import Srdf
+from twolink.robots.urdf import joint_element, written
 from twolink.robots.xml import Element
 
 _NOT_APPLIED = "laws beside the bodies (forward and inverse dynamics do not apply them; scene_of makes them effects)"
@@ -106,37 +107,29 @@ def _elements(mjcf: Mjcf, body: int, folder: Path | None) -> Iterator[Element]:
             place = place * pin.SE3(pin.AngleAxis(-q0, axis).toRotationMatrix(), np.zeros(3))
         is_body = k == joints[-1] and anchor.isIdentity(0.0)
         child = name if is_body else f"{name}/{mjcf.joints[k]}"
-        yield _joint(mjcf.joints[k], kind, parent, child, place, list(_properties(mjcf, k, kind)))
+        yield joint_element(mjcf.joints[k], kind, parent, child, _origin(place), *_properties(mjcf, k, kind))
         if not is_body:
             yield Element("link", {"name": child}, 0)
         parent, place = child, anchor.inverse()
     if parent != name:
-        yield _joint(f"{name}_fixed", "fixed", parent, name, place, [])
+        yield joint_element(f"{name}_fixed", "fixed", parent, name, _origin(place))
     yield link
 
 
-def _joint(name: str, kind: str, parent: str, child: str, place: pin.SE3, more: list[Element]) -> Element:
-    ends = [Element("parent", {"link": parent}, 0), Element("child", {"link": child}, 0)]
-    return Element("joint", {"name": name, "type": kind}, 0, [*ends, _origin(place), *more])
-
-
 def _origin(place: pin.SE3) -> Element:
-    return Element("origin", {"xyz": _text(place.translation), "rpy": _text(pin.rpy.matrixToRpy(place.rotation))}, 0)
-
-
-def _text(values: Any) -> str:
-    return " ".join(repr(float(x)) for x in np.atleast_1d(values))
+    angles = pin.rpy.matrixToRpy(place.rotation)
+    return Element("origin", {"xyz": written(place.translation), "rpy": written(angles)}, 0)
 
 
 def _properties(mjcf: Mjcf, joint: int, kind: str) -> Iterator[Element]:
     """Axis, limits, damping, friction and armature of a joint."""
     m, dof = mjcf.model, mjcf.model.jnt_dofadr[joint]
     if kind in ("revolute", "prismatic"):
-        yield Element("axis", {"xyz": _text(m.jnt_axis[joint])}, 0)
+        yield Element("axis", {"xyz": written(m.jnt_axis[joint])}, 0)
         limited = m.jnt_limited[joint] and not mjcf.is_off("LIMIT", "CONSTRAINT")
         lower, upper = m.jnt_range[joint] if limited else (-NO_LIMIT, NO_LIMIT)
         limits = {"lower": lower, "upper": upper, "effort": _effort(mjcf, joint), "velocity": NO_LIMIT}
-        yield Element("limit", {key: _text(value) for key, value in limits.items()}, 0)
+        yield Element("limit", {key: written(value) for key, value in limits.items()}, 0)
     one = kind in ("revolute", "prismatic")
     damping = m.dof_damping[dof] + mjcf.added_by_actuators("damping", joint) * one
     numbers = {
@@ -144,7 +137,7 @@ def _properties(mjcf: Mjcf, joint: int, kind: str) -> Iterator[Element]:
         "friction": 0.0 if mjcf.is_off("FRICTIONLOSS", "CONSTRAINT") or not one else m.dof_frictionloss[dof],
         "armature": m.dof_armature[dof] * (kind != "floating") + mjcf.added_by_actuators("armature", joint) * one,
     }
-    yield Element("dynamics", {key: _text(value) for key, value in numbers.items()}, 0)
+    yield Element("dynamics", {key: written(value) for key, value in numbers.items()}, 0)
 
 
 def _effort(mjcf: Mjcf, joint: int) -> float:
@@ -169,9 +162,9 @@ def _inertial(m: Any, body: int) -> Iterator[Element]:
     """Mass and inertia of a body, with the principal axes of MuJoCo."""
     if m.body_mass[body] > 0:
         moments = dict.fromkeys(("ixy", "ixz", "iyz"), "0.0")
-        moments |= dict(zip(("ixx", "iyy", "izz"), map(_text, m.body_inertia[body]), strict=True))
+        moments |= dict(zip(("ixx", "iyy", "izz"), map(written, m.body_inertia[body]), strict=True))
         parts = [_origin(pose(m.body_ipos[body], m.body_iquat[body])),
-                 Element("mass", {"value": _text(m.body_mass[body])}, 0), Element("inertia", moments, 0)]  # fmt: skip
+                 Element("mass", {"value": written(m.body_mass[body])}, 0), Element("inertia", moments, 0)]  # fmt: skip
         yield Element("inertial", {}, 0, parts)
 
 
@@ -187,7 +180,7 @@ def _shapes(mjcf: Mjcf, body: int, folder: Path | None) -> Iterator[Element]:
         parts = [_origin(place), Element("geometry", {}, 0, [shape])]
         if m.geom_group[k] < DRAWN_GROUPS:
             rgba = m.geom_rgba[k] if m.geom_matid[k] < 0 else m.mat_rgba[m.geom_matid[k]]
-            colour = Element("material", {"name": f"geom{k}"}, 0, [Element("color", {"rgba": _text(rgba)}, 0)])
+            colour = Element("material", {"name": f"geom{k}"}, 0, [Element("color", {"rgba": written(rgba)}, 0)])
             yield Element("visual", {}, 0, [*parts, colour])
         if m.geom_contype[k] or m.geom_conaffinity[k]:
             yield Element("collision", {}, 0, parts)
@@ -216,7 +209,7 @@ def _shape(m: Any, geom: int, folder: Path | None) -> Element | None:
         if at < 0 or folder is None:
             return None
         file = m.paths[at:].split(b"\0")[0].decode()
-        return Element("mesh", {"filename": str(folder / file), "scale": _text(m.mesh_scale[mesh])}, 0)
+        return Element("mesh", {"filename": str(folder / file), "scale": written(m.mesh_scale[mesh])}, 0)
     sizes = {"sphere": {"radius": size[0]}, "box": {"size": 2 * size}}
-    return None if kind is None else Element(kind, {key: _text(value) for key, value in sizes.get(
+    return None if kind is None else Element(kind, {key: written(value) for key, value in sizes.get(
         kind, {"radius": size[0], "length": 2 * size[1]}).items()}, 0)  # fmt: skip

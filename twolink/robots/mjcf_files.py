@@ -33,8 +33,8 @@ def require_readable(source: Source, element: Element) -> None:
     if source.path is None:
         return
     models = _models(source.path, source, element)
-    parts = [part for model in models.values() for part in _parts(model)]
-    folders = {"", *(part.attributes[name] for part in parts for name in _FOLDERS if name in part.attributes)}
+    folders = {"", *(part.attributes[name] for model in models.values() for part in (model, *model.inside())
+                     for name in _FOLDERS if name in part.attributes)}  # fmt: skip
     for name in {name for model in models.values() for _, name in _names(model)}:
         for base in {path.parent for path in models}:
             if not all(may_be_read(base / folder / name) for folder in folders):
@@ -59,16 +59,9 @@ def _models(path: Path, source: Source, element: Element) -> dict[Path, Element]
     return found
 
 
-def _parts(element: Element) -> Iterator[Element]:
-    """An element and all in it."""
-    yield element
-    for child in element.children:
-        yield from _parts(child)
-
-
 def _names(model: Element) -> Iterator[tuple[Element, str]]:
     """Names of files (attributes file, fileright, fileup and so on) and of the folders, each after its element."""
-    for part in _parts(model):
+    for part in (model, *model.inside()):
         for key, value in part.attributes.items():
             if key.startswith("file") or key in _FOLDERS:
                 yield part, value

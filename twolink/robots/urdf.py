@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from twolink.errors import nearest
 from twolink.robots.xml import Element, Reader, Vector
@@ -132,6 +133,22 @@ def read_joint(reader: Reader, element: Element) -> UrdfJoint:
     return UrdfJoint(name, where, element, kind, parent, child, axis, limits, damping, friction, rates, mimic, armature)
 
 
+def written(values: ArrayLike) -> str:
+    """Numbers as text, in their shortest exact form."""
+    return " ".join(repr(float(x)) for x in np.ravel(values))
+
+
+def moments_written(inertia: np.ndarray) -> dict[str, str]:
+    """The attributes of an <inertia> (3, 3)."""
+    return {f"i{'xyz'[i]}{'xyz'[k]}": written(inertia[i, k]) for i in range(3) for k in range(i, 3)}
+
+
+def joint_element(name: str, kind: str, parent: str, child: str, *more: Element) -> Element:
+    """A <joint> between two links, with an <origin> and other elements."""
+    ends = [Element("parent", {"link": parent}, 0), Element("child", {"link": child}, 0)]
+    return Element("joint", {"name": name, "type": kind}, 0, [*ends, *more])
+
+
 def roll_pitch_yaw(quaternion: np.ndarray) -> list[float]:
     """The angles [rad] of a unit quaternion (x, y, z, w), exact to rounding at pitch = 90 degrees too."""
     return [float(angle) for angle in pin.rpy.matrixToRpy(pin.Quaternion(quaternion).matrix())]
@@ -160,7 +177,7 @@ def quaternions_to_angles(reader: Reader, owner: Element, name: str) -> None:
                 what = f"quat_xyzw has length {length:.6g}, expected 1"
                 raise reader.error(element, name, what, "divide it by its length")
             del element.attributes["quat_xyzw"]
-            element.attributes["rpy"] = " ".join(map(repr, roll_pitch_yaw(np.divide(quaternion, length))))
+            element.attributes["rpy"] = written(roll_pitch_yaw(np.divide(quaternion, length)))
 
 
 def _orientation(reader: Reader, parent: Element, owner: str) -> np.ndarray:

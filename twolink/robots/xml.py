@@ -55,6 +55,12 @@ class Element:
         """The first child with this tag, or None."""
         return next((child for child in self.children if child.tag == tag), None)
 
+    def inside(self) -> Iterator[Element]:
+        """All elements in this one, depth first."""
+        for child in self.children:
+            yield child
+            yield from child.inside()
+
     def to_xml(self) -> str:
         """The element as XML text, without the text between elements (URDF has none)."""
         attributes = "".join(f" {escape(k)}={quoteattr(v)}" for k, v in self.attributes.items())

@@ -14,10 +14,11 @@ from twolink.algorithms.mechanism import single_bodies
 from twolink.dynamics import Robot
 from twolink.errors import RobotError
 from twolink.parts.exchange.law_comparison import couplings
-from twolink.parts.exchange.urdf_text import as_limit, write_robot, written
+from twolink.parts.exchange.urdf_text import as_limit, write_robot
 from twolink.robots.joint_layout import NO_LIMIT, urdf_limits
 from twolink.robots.model import COMPENSATION
 from twolink.robots.tree import Tree
+from twolink.robots.urdf import written
 from twolink.robots.xml import Element, Reader
 from twolink.scenes.urdf_scene import urdf_tree
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
 from twolink.algorithms.mechanism import single_bodies
 from twolink.dynamics import Robot
@@ -17,6 +16,7 @@ from twolink.io.files import path_to_write, write_atomic
 from twolink.io.tables import require_format
 from twolink.parts.exchange.law_comparison import couplings
 from twolink.robots.joint_layout import NO_LIMIT
+from twolink.robots.urdf import moments_written, written
 from twolink.scenes.urdf_scene import urdf_tree
 
 _TYPES = {"revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic", "planar": "planar",
@@ -86,8 +86,7 @@ def _link(root: ET.Element, name: str, body: pin.Inertia | None) -> None:
     inertial = ET.SubElement(link, "inertial")
     ET.SubElement(inertial, "origin", xyz=written(body.lever), rpy="0 0 0")
     ET.SubElement(inertial, "mass", value=repr(float(body.mass)))
-    moments = {f"i{'xyz'[i]}{'xyz'[j]}": repr(float(body.inertia[i, j])) for i in range(3) for j in range(i, 3)}
-    ET.SubElement(inertial, "inertia", moments)
+    ET.SubElement(inertial, "inertia", moments_written(body.inertia))
 
 
 def _joint(root: ET.Element, name: str, kind: str, parent: str, child: str, place: pin.SE3) -> ET.Element:
@@ -123,8 +122,3 @@ def _moving_joint(root: ET.Element, robot: Robot, index: int, parent: str, child
 def as_limit(limit: float) -> float:
     """A limit; of none, a number that every reader takes as none."""
     return limit if abs(limit) < NO_LIMIT else math.copysign(NO_LIMIT, limit)
-
-
-def written(values: ArrayLike) -> str:
-    """Numbers as XML has them, with all their digits."""
-    return " ".join(repr(float(x)) for x in np.ravel(values))

@@ -17,6 +17,7 @@ from twolink.parts.identification.result import Identification
 from twolink.robots.catalogue import open_source
 from twolink.robots.checks import is_impossible
 from twolink.robots.tree import Tree, read_tree
+from twolink.robots.urdf import moments_written, written
 from twolink.robots.xml import parse_xml
 
 Found = Identification | SceneFit
@@ -135,11 +136,10 @@ def _set_inertial(link: ET.Element, parameters: np.ndarray) -> None:
     """Write the ten parameters, the inertia about the centre of mass along the link's axes."""
     body = pin.Inertia.FromDynamicParameters(parameters)
     inertial = _child(link, "inertial")
-    entries = {f"i{'xyz'[i]}{'xyz'[j]}": repr(float(body.inertia[i, j])) for i in range(3) for j in range(i, 3)}
     for tag, values in (
-        ("origin", {"xyz": " ".join(repr(float(x)) for x in body.lever), "rpy": "0 0 0"}),
+        ("origin", {"xyz": written(body.lever), "rpy": "0 0 0"}),
         ("mass", {"value": repr(float(body.mass))}),
-        ("inertia", entries),
+        ("inertia", moments_written(body.inertia)),
     ):
         part = _child(inertial, tag)
         part.attrib.clear()

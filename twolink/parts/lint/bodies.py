@@ -8,7 +8,7 @@ from decimal import Decimal
 import numpy as np
 
 from twolink.parts.lint.findings import Defect, Severity, defect
-from twolink.parts.lint.reading import Reading, parts
+from twolink.parts.lint.reading import Reading
 from twolink.parts.lint.shapes import Extent, placement
 from twolink.robots.checks import impossible_bodies, impossible_inertia, is_impossible
 from twolink.robots.tree import other_side
@@ -64,7 +64,7 @@ def impossible(reading: Reading) -> Iterator[Defect]:
 
 def written_inertias(mujoco: Element) -> Iterator[Defect]:
     """Inertias of an MJCF, as they stand in it, that no body has."""
-    for body in parts(mujoco):
+    for body in mujoco.inside():
         for part in body.all("inertial") if body.tag == "body" else ():
             keys = ("mass", "pos", "diaginertia", "fullinertia")
             written = {key: part.attributes.get(key, "").split() for key in keys}

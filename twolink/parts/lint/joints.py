@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from twolink.parts.lint.findings import Defect, Fix, defect
-from twolink.parts.lint.reading import Reading, lost_mesh, parts
+from twolink.parts.lint.reading import Reading, lost_mesh
 from twolink.parts.lint.shapes import meshes, placement
 from twolink.robots.checks import mimic_fault
 from twolink.robots.meshes import missing_meshes
@@ -177,10 +177,10 @@ def ranges(reading: Reading) -> Iterator[Defect]:
     if reading.raw.tag != "mujoco":
         return
     compilers = [one.attributes.get("angle", "") for one in reading.raw.all("compiler")]
-    if any(part.tag == "include" for part in parts(reading.raw)) or "" in compilers:
+    if any(part.tag == "include" for part in reading.raw.inside()) or "" in compilers:
         return  # what is included may say it
     radians = "radian" in compilers
-    found = [(part, width) for part in parts(reading.raw) if part.tag == "joint"
+    found = [(part, width) for part in reading.raw.inside() if part.tag == "joint"
              and part.attributes.get("type", "hinge") == "hinge" and (width := _largest(part)) > 0]  # fmt: skip
     narrow = not radians and len(found) >= _FEW and max(width for _, width in found) < _NARROW
     for joint, width in found:

@@ -1,7 +1,7 @@
 """A robot's file read to its end: what strict reading refuses is collected, and left out of what is read."""
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -82,7 +82,7 @@ class Reading:
         """Places where each name first stands: by the name, and by patterns of those that macros make in part."""
         plain: dict[str, Place] = {}
         macros: list[tuple[re.Pattern[str], Place]] = []
-        for order, part in enumerate(parts(self.raw)):
+        for order, part in enumerate(self.raw.inside()):
             written = re.split(r"\$\{.*?\}", part.attributes.get("name", ""))
             if len(written) == 1:
                 plain.setdefault(written[0], (order, part.line))
@@ -94,13 +94,6 @@ class Reading:
     def moving(self) -> tuple[UrdfJoint, ...]:
         """The joints that move."""
         return tuple(joint for joint in self.joints if joint.type != "fixed")
-
-
-def parts(element: Element) -> Iterator[Element]:
-    """All elements in an element."""
-    for child in element.children:
-        yield child
-        yield from parts(child)
 
 
 def read(source: Source, folders: list[Path], arguments: Mapping[str, object]) -> Reading | tuple[Defect, ...]:
@@ -142,7 +135,7 @@ def read(source: Source, folders: list[Path], arguments: Mapping[str, object]) -
 def lost_mesh(mujoco: Element, path: str, severity: Severity) -> Defect:
     """The defect that a mesh of an MJCF, or a picture, is not there."""
     name = re.split(r"[\\/]", path)[-1]
-    lines = (part.line for part in parts(mujoco) if re.split(r"[\\/]", part.attributes.get("file", ""))[-1] == name)
+    lines = (part.line for part in mujoco.inside() if re.split(r"[\\/]", part.attributes.get("file", ""))[-1] == name)
     what = f"{name} is not there, and MuJoCo loads nothing without it"
     return defect("mesh-missing", "", next(lines, 0), what, "add the file", severity=severity)
 
