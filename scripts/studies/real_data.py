@@ -79,7 +79,7 @@ def by_hand(logs: Logs) -> Predict:
         return np.concatenate([robot.regressor(q, v, a) @ used, offsets], 2)
 
     systems = [filtered(robot, run, logs.fitted) for run in logs.runs]
-    left = np.concatenate([np.concatenate(columns(now.q, now.v, now.a)) for now, _ in systems])
+    left = np.concatenate([np.concatenate(columns(*now)) for now, _ in systems])
     found = np.linalg.lstsq(left, np.concatenate([tau.ravel() for _, tau in systems]), rcond=None)[0]
     return lambda q, v, a: columns(q, v, a) @ found
 
@@ -94,7 +94,7 @@ def figaroh(logs: Logs) -> Predict:
     builder = RegressorBuilder(SimpleNamespace(model=model, data=model.createData()), config)
     drives = {"act_idxv": range(n)}
     systems = [filtered(logs.robot, run, logs.fitted) for run in logs.runs]
-    left = np.vstack([builder.build_basic_regressor(now.q, now.v, now.a, drives) for now, _ in systems])
+    left = np.vstack([builder.build_basic_regressor(*now, drives) for now, _ in systems])
     used, by = np.flatnonzero(np.sum(left**2, axis=0) > 1e-6), QRDecomposer()
     tau = np.concatenate([tau.T.ravel() for _, tau in systems])  # joint by joint
     found = by.double_decomposition(tau, left[:, used], [str(k) for k in used])[3]
@@ -134,7 +134,7 @@ def _row(logs: Logs, way: str) -> tuple[str, str, float] | None:
     else:
         predict = tl.identify(logs.robot, [*map(table_of, logs.runs)], **OPTIONS.get(way, {})).predict
     now, tau = filtered(logs.robot, logs.held, logs.judged)
-    left = np.sqrt(np.mean((tau - predict(now.q, now.v, now.a)) ** 2, axis=0))
+    left = np.sqrt(np.mean((tau - predict(*now)) ** 2, axis=0))
     whole = 100 * float(np.linalg.norm(left)) / np.sqrt(np.mean(np.sum(tau**2, axis=1)))
     return " ".join(f"{x:.4g}" for x in left), f"{whole:.2f}", float(whole)
 
@@ -174,7 +174,7 @@ def simulated(logs: Logs) -> tuple[str, str, float]:
                for name, x in zip(names, tau.T, strict=True)}  # fmt: skip
     effects = [fx.Gravity(), fx.Torque(torques), fx.JointDamping(dict.fromkeys(names, 0.01)),
                fx.SmoothFriction(dict.fromkeys(names, 0.05), scale=0.1)]  # fmt: skip
-    q, v = ([np.interp(0.0, at, x) for x in columns.T] for columns in (now.q, now.v))
+    q, v = ([np.interp(0.0, at, x) for x in columns.T] for columns in now[:2])
     seen = (run.t >= begin) & (run.t <= begin + 1.0)
     unknown = [f"{link}.{part}" for link in ("Link1", "Link2") for part in ("first_moment.z", "origin_inertia.xx")]
     seconds, found = once(lambda: tl.fit(

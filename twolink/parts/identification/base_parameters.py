@@ -28,6 +28,11 @@ class Term:
     torque: Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
+def single_joints(robot: Robot) -> dict[str, int]:
+    """The degrees of freedom of the joints that have one, by name."""
+    return {joint.name: joint.v.start for joint in robot.joints if joint.v.stop - joint.v.start == 1}
+
+
 def direction(v: np.ndarray, width: np.ndarray) -> np.ndarray:
     """The direction of friction, tanh(v / width): sign(v) but for speeds that cannot be told from rest."""
     return np.where(width > 0.0, np.tanh(v / np.where(width > 0.0, width, 1.0)), np.sign(v))
@@ -42,7 +47,7 @@ def regressor(robot: Robot, q: np.ndarray, v: np.ndarray, a: np.ndarray, width: 
         out = np.zeros((len(q), robot.nv, len(robot.parameter_names)))
         for row, *state in zip(out, q, v, a, strict=True):
             row[:, :bodies] = pin.computeJointTorqueRegressor(model, data, *state)
-    dofs = [joint.v.start for joint in robot.joints if joint.v.stop - joint.v.start == 1]
+    dofs = [*single_joints(robot).values()]
     own = zip(JOINT_PARAMETERS, np.split(np.arange(bodies, out.shape[-1]), len(JOINT_PARAMETERS)), strict=True)
     values = {"armature": a, "damping": v, "friction": direction(v, width)}
     for kind, places in own:
@@ -182,6 +187,18 @@ class BaseParameters:
     def null_space(self) -> np.ndarray:
         """A basis (k, k - r) of the changes of the parameters that change no torque, orthonormal."""
         return np.asarray(scipy.linalg.null_space(self.matrix))
+
+    def beside(self, names: tuple[str, ...]) -> "BaseParameters":
+        """These, and others of which each counts alone."""
+        more = range(len(self.names), len(self.names) + len(names))
+        matrix = scipy.linalg.block_diag(self.matrix, np.eye(len(names)))
+        return BaseParameters((*self.names, *names), (*self.members, *more), matrix, self.unseen)
+
+    def within(self, columns: np.ndarray, error: np.ndarray | None = None) -> "BaseParameters":
+        """The part of these, or combinations of them, that columns (n, r) with these errors show."""
+        seen = independent(self.combinations, columns, error)
+        members = tuple(self.members[j] for j in seen.members)
+        return BaseParameters(self.names, members, seen.matrix @ self.matrix, ())
 
     def not_identifiable(self, what: str = "torque") -> tuple[str, ...]:
         """Parameters that cannot be told, in words: those that do not act, and sums of which only the whole acts."""

@@ -10,7 +10,7 @@ least squares problems", chapter 23.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import scipy.linalg
@@ -31,7 +31,12 @@ class Bounds(NamedTuple):
     least: np.ndarray
 
 
-Evaluated = tuple[np.ndarray, Callable[[], np.ndarray]]  # residuals and their Jacobian
+class Evaluated(NamedTuple):
+    """Residuals, a function that gives their Jacobian, and what they are of."""
+
+    residuals: np.ndarray
+    jacobian: Callable[[], np.ndarray]
+    of: Any
 
 
 class StepLimits(NamedTuple):
@@ -70,28 +75,32 @@ def _back(triangle: np.ndarray, rows: np.ndarray, least: np.ndarray) -> np.ndarr
 
 def least_squares(
     evaluate: Callable[[np.ndarray], Evaluated | None], size: int, limits: Callable[[np.ndarray], StepLimits], most: int
-) -> tuple[np.ndarray, bool]:
-    """The u (size,) whose residuals are least, from u = 0; and whether the search came to an end.
+) -> tuple[np.ndarray, Any, bool | None]:
+    """The u (size,) whose residuals are least, from u = 0, and what they are of; and whether that is the end.
 
-    evaluate: None where there is no answer, but at 0. limits: of the step from a u. most: evaluations.
+    evaluate: None where there is no answer, but at 0. limits: of the step from a u. most: evaluations. Ctrl-C ends it
+    with the best so far: None.
     """
     u, now = np.zeros(size), cast("Evaluated", evaluate(np.zeros(size)))
-    residuals, jacobian = now[0], now[1]()
+    residuals, jacobian = now.residuals, now.jacobian()
     scale, mu, grow = np.linalg.norm(jacobian, axis=0), FIRST, 2.0
-    for _ in range(1, most):
-        scale = np.maximum(scale, np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))
-        d = step_within(jacobian, residuals, np.sqrt(mu) * scale, limits(u))
-        cost = float(residuals @ residuals)
-        promised = cost - float(np.sum((residuals + jacobian @ d) ** 2))
-        if promised <= ENOUGH * cost or np.linalg.norm(d) <= SHORTEST * max(1.0, float(np.linalg.norm(u))):
-            break
-        after = evaluate(u + d)
-        gain = -1.0 if after is None else (cost - float(after[0] @ after[0])) / promised
-        if after is not None and gain > 0.0:
-            u, residuals, jacobian = u + d, after[0], after[1]()
-            mu, grow = mu * max(1 / 3, 1.0 - (2.0 * gain - 1.0) ** 3), 2.0
-        else:
-            mu, grow = mu * grow, 2.0 * grow
-    d = step_within(jacobian, residuals, np.sqrt(ENOUGH) * scale, limits(u))
-    left = float(residuals @ residuals) - float(np.sum((residuals + jacobian @ d) ** 2))
-    return u, left <= CLOSE * float(residuals @ residuals) or float(np.linalg.norm(d)) <= NEAR
+    try:
+        for _ in range(1, most):
+            scale = np.maximum(scale, np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))
+            d = step_within(jacobian, residuals, np.sqrt(mu) * scale, limits(u))
+            cost = float(residuals @ residuals)
+            promised = cost - float(np.sum((residuals + jacobian @ d) ** 2))
+            if promised <= ENOUGH * cost or np.linalg.norm(d) <= SHORTEST * max(1.0, float(np.linalg.norm(u))):
+                break
+            after = evaluate(u + d)
+            gain = -1.0 if after is None else (cost - float(after.residuals @ after.residuals)) / promised
+            if after is not None and gain > 0.0:
+                u, now, residuals, jacobian = u + d, after, after.residuals, after.jacobian()
+                mu, grow = mu * max(1 / 3, 1.0 - (2.0 * gain - 1.0) ** 3), 2.0
+            else:
+                mu, grow = mu * grow, 2.0 * grow
+        d = step_within(jacobian, residuals, np.sqrt(ENOUGH) * scale, limits(u))
+        left = float(residuals @ residuals) - float(np.sum((residuals + jacobian @ d) ** 2))
+        return u, now.of, left <= CLOSE * float(residuals @ residuals) or float(np.linalg.norm(d)) <= NEAR
+    except KeyboardInterrupt:
+        return u, now.of, None

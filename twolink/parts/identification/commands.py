@@ -108,10 +108,9 @@ def identify(
     of_setup = [*(_words(find) if find != "none" else []), *(["motor_constant"] if "A" in _words(units) else [])]
     logs, held_out = ([read_log(loaded, path, columns, _words(units), decimate) for path in paths]
                   for paths in (data, validate or []))  # fmt: skip
-    wanted = None if parameters is None else [name for text in parameters for name in _words(text)]
-    found = find_in(loaded, [log.table for log in logs], parameters=wanted, joint_model=joint_model,
-                    find=of_setup or (() if find else None),
-                    method=method, half_window=half_window, cutoff=cutoff, confidence=confidence,
+    found = find_in(loaded, [log.table for log in logs], parameters=parameters and _words(*parameters),
+                    joint_model=joint_model, find=of_setup or (() if find else None), method=method,
+                    half_window=half_window, cutoff=cutoff, confidence=confidence,
                     validate=[log.table for log in held_out] or None)  # fmt: skip
     notes = [note for log in (*logs, *held_out) for note in log.notes]
 
@@ -155,11 +154,10 @@ def excite(
     from twolink.parts.identification.excitation import exciting_motion
 
     require_writable(out or [], SUFFIXES)
-    wanted = None if parameters is None else [name for text in parameters for name in _words(text)]
     samples = round(positive(duration, "duration", QueryError, "such as 10") *
                     positive(rate, "rate", QueryError, "such as 100")) + 1  # fmt: skip
-    found = exciting_motion(load(robot), duration, wanted, samples=samples, steps=steps, seed=seed,
-                            acceleration=acceleration, ramps=True)  # fmt: skip
+    found = exciting_motion(load(robot), duration, parameters and _words(*parameters), samples=samples, steps=steps,
+                            seed=seed, acceleration=acceleration, ramps=True)  # fmt: skip
     table = found.intervals(noise)
     more = f" (with more, {found.limit})" if found.limit else ""
     head = (f"{found.t[-1]:.4g} s with ramps, {found.share:.0%} of the range{more}, condition {found.condition:.3g}; "
@@ -213,11 +211,10 @@ def fit(
 
     require_writable(out or [], ENDINGS)
     loaded = scene_from(scene)
-    names = [name.strip() for text in parameters for name in text.split(",")]
     with progress_bar() as report:
-        found = find(loaded, data, names, sigma=sigma, method=method, segments=segments, accuracy=accuracy,
-                     bounds=dict(bounds_of(text, "bounds") for text in bounds or []), patience=patience,
-                     confidence=confidence, progress=report)  # fmt: skip
+        found = find(loaded, data, _words(*parameters), sigma=sigma, method=method, segments=segments,
+                     accuracy=accuracy, bounds=dict(bounds_of(text, "bounds") for text in bounds or []),
+                     patience=patience, confidence=confidence, progress=report)  # fmt: skip
 
     def write_one(path: Path) -> Path:
         if path.suffix.lower() == ".toml":
@@ -230,9 +227,9 @@ def fit(
     deliver(record, found, out, write_one, as_json, interrupted=found.interrupted, listed="files")
 
 
-def _words(text: str) -> list[str]:
+def _words(*texts: str) -> list[str]:
     """The words of an option, which have commas between them."""
-    return [word.strip() for word in text.split(",") if word.strip()]
+    return [word.strip() for text in texts for word in text.split(",") if word.strip()]
 
 
 COMMANDS = identify, excite, fit

@@ -35,7 +35,8 @@ _WORSE = 1.0  # in the logarithm of the mean square: windows twice that much abo
 ALIKE = 0.02  # of windows that do as well as the best within this, the narrowest keeps most of the motion
 _PART = 2_000  # samples whose windows are in memory at once
 Source = Literal["q", "v"]
-System = Callable[["States", np.ndarray], tuple[np.ndarray, np.ndarray]]
+States = tuple[np.ndarray, np.ndarray, np.ndarray]  # q (m, nq), v, a (m, nv)
+System = Callable[[States, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -47,15 +48,6 @@ class Recording:
     v: np.ndarray | None
     a: np.ndarray | None
     tau: np.ndarray
-
-
-@dataclass(frozen=True)
-class States:
-    """q (m, nq), v, a (m, nv)."""
-
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -96,7 +88,8 @@ def states(robot: Robot, run: Recording, half: int, source: Source, at: np.ndarr
     source: "q" differentiates positions twice, "v" measured velocities once.
     """
     parts = [_states(robot, run, half, source, at[k : k + _PART]) for k in range(0, len(at), _PART)]
-    return States(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("q", "v", "a")))
+    q, v, a = (np.concatenate(of) for of in zip(*parts, strict=True))
+    return q, v, a
 
 
 def _states(robot: Robot, run: Recording, half: int, source: Source, at: np.ndarray) -> States:
@@ -105,7 +98,7 @@ def _states(robot: Robot, run: Recording, half: int, source: Source, at: np.ndar
     if source == "v" and run.v is not None:
         near = np.moveaxis(_windows(run.v, half)[at - half], -1, 1)
         v, a = (_weigh(weights[:, k], near) for k in range(2))
-    return States(np.asarray(robot.integrate(run.q[at], q)), v, a)
+    return np.asarray(robot.integrate(run.q[at], q)), v, a
 
 
 def choose(robot: Robot, runs: Sequence[Recording], system: System, half: int | None = None) -> Filter:
@@ -184,14 +177,8 @@ def smooth(robot: Robot, t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.n
     """Filtered positions (m, nq) alone, with velocities, accelerations (m, nv) and the half window.
 
     No torques are known here: the window is the widest whose residuals are the noise that the narrowest shows.
-
-    Raises
-    ------
-    QueryError
-        Code "too-few-samples".
     """
     widest = (len(t) - 1) // 2 - 1
-    require_samples(len(t), SMALLEST + 1)
     found, noise = _fit(robot, t, q, SMALLEST)
     limit = noise * (_EXCESS + 6 / np.sqrt(len(t)))
     for wider in np.unique(np.geomspace(SMALLEST, max(SMALLEST, widest // 4), 24).astype(int))[1:]:

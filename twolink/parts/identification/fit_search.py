@@ -1,10 +1,10 @@
 """The search for parameters by simulation: least squares over z and the starts of later segments."""
 
+import itertools
 import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 import scipy.linalg
@@ -90,8 +90,7 @@ def linearized(unknowns: Unknowns, point: Point, weights: np.ndarray) -> Condens
     weak = WEAK / STANDS_OUT / np.linalg.norm(values_by_z, axis=1)[members]
     lengths = np.linalg.norm(flat[:, members], axis=0)
     own = np.where(lengths > STANDS_OUT * weak, 1.0, 0.0) * flat[:, members]
-    seen = independent(possible.combinations, own, _diagonal(own, np.maximum(weak, bound[members])))
-    shown = BaseParameters(unknowns.names, tuple(members[j] for j in seen.members), seen.matrix @ possible.matrix, ())
+    shown = possible.within(own, _diagonal(own, np.maximum(weak, bound[members])))
     if not shown.members:
         raise QueryError(f"these measurements do not depend on {', '.join(unknowns.names[:6])}, beyond their noise",
                          argument="parameters", code="nothing-identifiable",
@@ -193,40 +192,30 @@ class LeastSquaresSearch:
         weights, now = point.weights(self.robust), self.at(point)
         basis, per_gap = now.basis, 1.0 / (gap * float(point.noise.min()))
         r = basis.shape[1]
-        shots: dict[bytes, Shot | None] = {np.zeros(r + nx * later).tobytes(): point.shot}
+        rows = np.concatenate([-weights.ravel(), np.full(nx * later, per_gap)])
+        tried = itertools.count(1)
 
         def moved(u: np.ndarray) -> tuple[np.ndarray, list[State]]:
             return self._moved(point, basis @ u[:r], list(u[r:].reshape(later, nx)))
 
-        def shot(u: np.ndarray) -> Shot | None:
-            key = u.tobytes()
-            if key not in shots:
-                self._report(point, len(shots))
-                try:
-                    shots[key] = point.shooting(*moved(u))
-                except TwolinkError:  # no such motion, or none so accurate: a step too far
-                    shots[key] = None
-            return shots[key]
-
-        rows = np.concatenate([-weights.ravel(), np.full(nx * later, per_gap)])
-
         def evaluate(u: np.ndarray) -> Evaluated | None:
-            found = shot(u)
-            if found is None:
-                return None
-            residuals = np.concatenate([(found.residuals * weights).ravel(), (found.gaps * per_gap).ravel()])
-            return residuals, lambda: found.jacobian(basis) * rows[:, None]
+            shot = point.shot
+            if u.any():
+                self._report(point, next(tried))
+                try:
+                    shot = point.shooting(*moved(u))
+                except TwolinkError:  # no such motion, or none so accurate: a step too far
+                    return None
+            residuals = np.concatenate([(shot.residuals * weights).ravel(), (shot.gaps * per_gap).ravel()])
+            return Evaluated(residuals, lambda: shot.jacobian(basis) * rows[:, None], shot)
 
-        try:
-            size = r + nx * later
-            best, converged = least_squares(evaluate, size, lambda u: self._limits(moved(u)[0], basis, nx * later),
-                                            SIMULATIONS)  # fmt: skip
-        except KeyboardInterrupt:
-            self.interrupted = True
-            tried = [np.frombuffer(key) for key, one in shots.items() if one is not None]
-            best, converged = min(tried, key=lambda u: float((cast("Evaluated", evaluate(u))[0] ** 2).sum())), False
+        def limits(u: np.ndarray) -> StepLimits:
+            return self._limits(moved(u)[0], basis, nx * later)
+
+        best, shot, converged = least_squares(evaluate, r + nx * later, limits, SIMULATIONS)
+        self.interrupted |= converged is None
         z, starts = moved(best)
-        return replace(point, z=z, starts=starts, shot=cast("Shot", shot(best)), converged=converged), r
+        return replace(point, z=z, starts=starts, shot=shot, converged=bool(converged)), r
 
     def _limits(self, z: np.ndarray, basis: np.ndarray, more: int = 0) -> StepLimits:
         """The limits of moves of z along a basis, with `more` unknowns that have no limits."""

@@ -18,13 +18,12 @@ from twolink.parts.identification.filtering import (
     Filter,
     Folds,
     Recording,
-    States,
     half_window_of,
     require_samples,
     states,
 )
 from twolink.parts.identification.joint_models import best_terms, explaining, joint_terms, with_width
-from twolink.parts.identification.measurements import filtered, recordings, wider
+from twolink.parts.identification.measurements import filtered, probability, recordings, wider
 from twolink.parts.identification.regression import METHODS
 from twolink.parts.identification.result import Identification
 from twolink.parts.identification.setup import setup_of
@@ -123,9 +122,7 @@ def identify(
     """
     instance(robot, Robot, "robot")
     one_of(METHODS, method, "method")
-    confidence = positive(confidence, "confidence", QueryError, "such as 0.95", expected="a probability")
-    if confidence >= 1.0:
-        raise QueryError(f"expected a probability, got {confidence!r}", argument="confidence", remedy="such as 0.95")
+    confidence = probability(confidence)
     if joint_model is None:
         joint_model = "auto" if parameters is None else "none"
     of_joints, terms = joint_terms(robot, joint_model, coupling)
@@ -207,7 +204,7 @@ def _unexplained(robot: Robot, run: Recording, scale: float, half: int) -> float
     step = max(1, len(run.t) // 800)
     if run.v is not None and run.a is not None:
         at = np.arange(0, len(run.t), step)
-        now = States(scale * run.q[at], scale * run.v[at], scale * run.a[at])
+        now = scale * run.q[at], scale * run.v[at], scale * run.a[at]
     else:
         at, v = np.arange(half, len(run.t) - half, step), None if run.v is None else scale * run.v
         now = states(robot, replace(run, q=scale * run.q, v=v), half, "q" if v is None else "v", at)

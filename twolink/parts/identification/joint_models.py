@@ -23,7 +23,14 @@ from twolink.dynamics.arguments import array
 from twolink.dynamics.regressors import JOINT_PARAMETERS
 from twolink.errors import QueryError, require_known
 from twolink.io.text import Table
-from twolink.parts.identification.base_parameters import Selection, Term, base_parameters, direction, select
+from twolink.parts.identification.base_parameters import (
+    Selection,
+    Term,
+    base_parameters,
+    direction,
+    select,
+    single_joints,
+)
 from twolink.parts.identification.filtering import ALIKE, Folds, Recording, States, System
 from twolink.parts.identification.measurements import Measurements, linear_system
 
@@ -70,11 +77,6 @@ def joint_terms(robot: Robot, model: Any, coupling: ArrayLike | None = None) -> 
                     own = f"{name}.{kind}" if coupling is None else f"{name}.motor_{kind}"
                     terms[own] = Term(own, _law(kind, speed, inverse, joints[name]))
     return list(parameters), tuple(terms.values())
-
-
-def single_joints(robot: Robot) -> dict[str, int]:
-    """The degrees of freedom of the joints that have one, by name."""
-    return {joint.name: joint.v.start for joint in robot.joints if joint.v.stop - joint.v.start == 1}
 
 
 def _words(given: Any) -> list[Any]:
@@ -153,7 +155,7 @@ def explaining(robot: Robot, runs: Sequence[Recording], chosen: Selection | None
     members = list(base_parameters(robot, every).members)
 
     def system(now: States, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        columns, known = every.system(robot, now.q, now.v, now.a)
+        columns, known = every.system(robot, *now)
         return columns[..., members], tau - known
 
     return system
@@ -169,8 +171,8 @@ def with_width(robot: Robot, chosen: Selection, data: Measurements) -> Selection
         widest = np.maximum(_TURNS * np.sqrt(np.mean(data.v**2, axis=0)), data.width)
         now = replace(chosen, width=np.minimum(factor * data.width, widest))
         tried.append((folds_of(data, *linear_system(robot, now, data)).left_out(), now.width))
-    scores, widths = (np.log(np.stack(x)) if k == 0 else np.stack(x) for k, x in enumerate(zip(*tried, strict=True)))
-    first = np.argmax(scores <= scores.min(axis=0) + ALIKE, axis=0)
+    scores, widths = (np.stack(x) for x in zip(*tried, strict=True))
+    first = np.argmax(np.log(scores) <= np.log(scores).min(axis=0) + ALIKE, axis=0)
     return replace(chosen, width=np.take_along_axis(widths, first[None], axis=0)[0])
 
 

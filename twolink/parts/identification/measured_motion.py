@@ -11,13 +11,16 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
 from twolink.errors import QueryError, require_known
 from twolink.parts.identification.measurements import checked_times, table_columns
-from twolink.parts.identification.units import DEGREE, beyond_reach, check_units, in_degrees, wrong_units
+from twolink.parts.identification.units import DEGREE, Guesses, beyond_reach, check_units, in_degrees, wrong_units
 from twolink.robots.joint_layout import joint_columns, read_columns
 from twolink.simulation.trajectory_tables import coordinate_names
 
-# By the ratio of what was measured to the scene's: the question, and the factor that would mend it.
-GUESSES = {1 / DEGREE: ("is it in degrees?", DEGREE), DEGREE: ("are the scene's angles in degrees?", None),
-           1e3: ("is it in millimetres?", 1e-3)}  # fmt: skip
+# By the ratio of what was measured to the scene's.
+GUESSES: Guesses = {
+    1 / DEGREE: ("is it in degrees?", "", DEGREE),
+    DEGREE: ("are the scene's angles in degrees?", "", None),
+    1e3: ("is it in millimetres?", "", 1e-3),
+}
 _ALIKE = 0.9  # correlation with the scene's motion from which a ratio of sizes tells units
 
 
@@ -45,13 +48,15 @@ class MeasuredMotion:
     @property
     def values(self) -> np.ndarray:
         """The measured values (n, c), positions from the neutral one on."""
-        off = self.robot.difference(self.robot.neutral, self.q)
-        return np.hstack([off[:, self.of_q], self.v[:, self.of_v]])
+        return self._taken(self.robot.difference(self.robot.neutral, self.q), self.v)
+
+    def _taken(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """The channels (n, c) of q, v (n, nv)."""
+        return np.hstack([q[:, self.of_q], v[:, self.of_v]])
 
     def residuals(self, q: np.ndarray, v: np.ndarray, rows: slice) -> np.ndarray:
         """Measured minus simulated (m, c) at some samples, positions in the tangent space."""
-        off = self.robot.difference(q, self.q[rows])
-        return np.hstack([off[:, self.of_q], (self.v[rows] - v)[:, self.of_v]])
+        return self._taken(self.robot.difference(q, self.q[rows]), self.v[rows] - v)
 
     def derivatives(self, q: np.ndarray, by: np.ndarray, rows: slice) -> np.ndarray:
         """Derivatives (m, c, k) of what is simulated there, of derivatives (m, 2 nv, k) of its state."""
@@ -65,18 +70,15 @@ class MeasuredMotion:
 
     def require_units(self, q: np.ndarray, v: np.ndarray) -> None:
         """Refuse a channel that is a multiple of the scene's own motion q, v. Raises QueryError (code "units")."""
-        ours = np.hstack([self.robot.difference(q[:1], q)[:, self.of_q], v[:, self.of_v]])
-        theirs = np.hstack([self.robot.difference(self.q[:1], self.q)[:, self.of_q], self.v[:, self.of_v]])
-        for name, x, y in zip(self.channels, (ours - ours.mean(axis=0)).T, (theirs - theirs.mean(axis=0)).T,
-                              strict=True):  # fmt: skip
+        pairs = ((self.robot.difference(x[:1], x), y) for x, y in ((q, v), (self.q, self.v)))
+        ours, theirs = ((x - x.mean(axis=0)).T for x in (self._taken(*pair) for pair in pairs))
+        for name, x, y in zip(self.channels, ours, theirs, strict=True):
             sizes = float(np.linalg.norm(x)), float(np.linalg.norm(y))
             ratio = sizes[1] / max(sizes[0], 1e-300)
             guess = any(abs(np.log(max(ratio, 1e-300) / scale)) < 0.5 for scale in GUESSES)
             if guess and x @ y > _ALIKE * sizes[0] * sizes[1]:
-                letter, _, joint = name.partition(".")
-                guesses = {scale: (question, letter, factor) for scale, (question, factor) in GUESSES.items()}
                 what = f"{name} moves {ratio:.4g} times as far as in the scene"
-                raise wrong_units(what, "measurements", ratio, joint, guesses)
+                raise wrong_units(what, "measurements", ratio, name, GUESSES)
         self._require_same_start(q[0])
 
     def _require_same_start(self, q: np.ndarray) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
-from twolink.dynamics.arguments import array, configuration
+from twolink.dynamics.arguments import array, configuration, positive
 from twolink.errors import QueryError
 from twolink.io.tables import in_seconds, read_table
 from twolink.parts.identification.base_parameters import Selection
@@ -156,7 +156,7 @@ def filtered(robot: Robot, runs: Sequence[Recording], by: Filter | None) -> Meas
     two = []
     for half in (by.half_window, wide):
         moved = [states(robot, run, half, by.source, rows) for run, rows in zip(runs, at, strict=True)]
-        parts = [(run.t[rows], s.q, s.v, s.a, y) for run, rows, s, y in zip(runs, at, moved, tau, strict=True)]
+        parts = [(run.t[rows], *state, y) for run, rows, state, y in zip(runs, at, moved, tau, strict=True)]
         two.append(_joined(parts, block // step))
     return replace(two[0], coarse=two[1])
 
@@ -208,6 +208,14 @@ def _joined(parts: Sequence[tuple[Any, ...]], block: int) -> Measurements:
     """The samples (t, q, v, a, tau) of all runs."""
     t, q, v, a, tau = (np.concatenate(x) for x in zip(*parts, strict=True))
     return Measurements(t, q, v, a, tau, tuple(np.cumsum([len(part[0]) for part in parts]).tolist()), block)
+
+
+def probability(confidence: Any) -> float:
+    """A confidence as a float above 0 and below 1. Raises QueryError."""
+    value = positive(confidence, "confidence", QueryError, "such as 0.95", expected="a probability")
+    if value >= 1.0:
+        raise QueryError(f"expected a probability, got {confidence!r}", argument="confidence", remedy="such as 0.95")
+    return value
 
 
 def wider(half: int) -> int:

@@ -28,13 +28,12 @@ class Fit:
     """x (r,) with its covariance (r, r).
 
     residuals (n, nv): y - G x. noise (nv,): their standard deviation by joint.
-    correlated: whether residuals follow each other in time, as unmodelled forces and filters make them; the covariance
-    then takes it in. condition: of the weighted regressor, its columns scaled to length 1.
+    condition: of the weighted regressor, its columns scaled to length 1.
     rounding (r,): a bound on the error of x from rounding.
     metric (r, r): the covariance of least squares, had the residuals been independent: the inverse of the information.
     by_blocks (r, r): the covariance from leaving out one block of time after the other (jackknife), with `blocks` - 1
     degrees of freedom: it assumes nothing of the correlation within them (Bell and McCaffrey 2002).
-    length: samples over which residuals follow each other.
+    length: samples over which residuals follow each other; the covariance takes it in.
     slow: variances (r,) that take in what drifts, with their degrees of freedom; None where residuals are white.
     share (n, nv): what the torques count, 1 but for those at rest.
     """
@@ -43,7 +42,6 @@ class Fit:
     covariance: np.ndarray
     residuals: np.ndarray
     noise: np.ndarray
-    correlated: bool
     condition: float
     rounding: np.ndarray
     metric: np.ndarray
@@ -52,6 +50,11 @@ class Fit:
     length: int
     slow: tuple[np.ndarray, np.ndarray] | None
     share: np.ndarray
+
+    @property
+    def correlated(self) -> bool:
+        """True if residuals follow each other in time, as unmodelled forces and filters make them."""
+        return self.length > 0
 
 
 def fit(
@@ -100,7 +103,6 @@ def fit(
     covariance, by_blocks, slow = _covariance(
         scaled, residuals, weights, noise, full, sure / lengths, ends, length, runs or (len(y),), sigma
     )
-    correlated = length > 0
     singular = np.linalg.svd(_triangle(scaled * weights[..., None]), compute_uv=False)
     information = _triangle(np.vstack([(scaled / noise[:, None]).reshape(-1, r), np.diag(sure / lengths)]))
     root = scipy.linalg.solve_triangular(information, np.eye(r))
@@ -109,7 +111,7 @@ def fit(
     left, size = np.linalg.norm(residuals * weights), np.linalg.norm(x * lengths)
     rounding = 4 * _EPSILON * (condition * size + condition**2 * left) / lengths
     sizes = np.outer(lengths, lengths)
-    return Fit(x, covariance / sizes, given[1] - given[0] @ x, noise, correlated, condition, rounding,
+    return Fit(x, covariance / sizes, given[1] - given[0] @ x, noise, condition, rounding,
                root @ root.T / sizes, by_blocks / sizes, len(ends), length,
                slow and (slow[0] / lengths**2, slow[1]), share)  # fmt: skip
 

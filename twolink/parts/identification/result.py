@@ -121,9 +121,8 @@ class Estimate(BaseResult, Plotted):
 
     def short_table(self) -> str:
         """The table for people: long sums by what leads them, without the errors that make the interval."""
-        columns = ("parameter", "value", "low", "high")
-        rows = zip(self.combinations, self.estimate.tolist(), self.intervals.values(), strict=True)
-        return str(Table(columns, tuple((_short(name), x, *span) for name, x, span in rows)))
+        whole = self.table().select("parameter", "value", "low", "high")
+        return str(Table(whole.columns, tuple((_short(name), *row) for name, *row in whole.rows)))
 
     def _record(self, noise_of: Iterable[str]) -> dict[str, Any]:
         """The entries that `to_dict` has of both kinds. noise_of: the names of the noise."""
@@ -211,11 +210,11 @@ class Identification(Estimate):
     metric: np.ndarray
     filter: Filter | None
     torques: np.ndarray
-    validation: Validation | None
+    validation: Validation | None = None
     setup: Setup
     block_covariance: np.ndarray
-    model_errors: tuple[ModelError, ...]
-    joint_models: Table | None
+    model_errors: tuple[ModelError, ...] = ()
+    joint_models: Table | None = None
     mirrored: np.ndarray
 
     @property

@@ -1,6 +1,7 @@
 """fit: parameters of a scene from measured motions, by simulation with sensitivities."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from twolink.parts.identification.base_parameters import BaseParameters, not_sho
 from twolink.parts.identification.fit_result import SceneFit
 from twolink.parts.identification.fit_search import METHODS, CondensedProblem, LeastSquaresSearch, Point
 from twolink.parts.identification.measured_motion import MeasuredMotion, measured_motion
+from twolink.parts.identification.measurements import probability
 from twolink.parts.identification.shooting import can_be_cut, segment_counts
 from twolink.parts.identification.unknowns import unknowns_of
 from twolink.scenes import Scene
@@ -105,8 +107,7 @@ def fit(
     parameterization of rigid-body inertia", IEEE Robotics and Automation Letters 7.
     """
     one_of(METHODS, method, "method")
-    if positive(confidence, "confidence", QueryError, "such as 0.95", expected="a probability") >= 1.0:
-        raise QueryError(f"expected a probability, got {confidence!r}", argument="confidence", remedy="such as 0.95")
+    confidence = probability(confidence)
     data = measured_motion(instance(scene, Scene, "scene").robot, measurements)
     unknowns, noise = unknowns_of(scene, parameters), _noise_of(sigma, data)
     seconds = positive(patience, "patience", QueryError, "such as 60")
@@ -135,8 +136,7 @@ def _unexplained(search: LeastSquaresSearch, point: Point) -> float:
 def _result(search: LeastSquaresSearch, point: Point, method: str, confidence: float) -> SceneFit:
     """Values, covariance and numerical errors at the end of a search."""
     unknowns, data, shooting = search.unknowns, search.data, point.shooting
-    fine = Point(shooting, point.z, point.starts, shooting(point.z, point.starts, search.accuracy / _FINER),
-                 point.noise)  # fmt: skip
+    fine = replace(point, shot=shooting(point.z, point.starts, search.accuracy / _FINER))
     now = search.at(fine)
     found = search.statistics(fine, now)
     numerical = np.abs(found.x) + found.rounding + _from_bars(now, fine, found.noise)

@@ -19,9 +19,8 @@ import pinocchio as pin
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import texts
 from twolink.errors import QueryError, require_known
-from twolink.parts.identification.base_parameters import regressor
+from twolink.parts.identification.base_parameters import regressor, single_joints
 from twolink.parts.identification.filtering import Recording
-from twolink.parts.identification.joint_models import single_joints
 from twolink.parts.identification.measurements import Measurements
 
 WORDS = {"delay": "delay", "zero": "*.zero", "gravity": "gravity.*", "motor_constant": "*.motor_constant"}
@@ -35,22 +34,26 @@ class Setup:
     names: tuple[str, ...] = ()
     values: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
+    @property
+    def by_name(self) -> dict[str, float]:
+        """The values by name."""
+        return dict(zip(self.names, self.values.tolist(), strict=True))
+
     def of_joints(self, kind: str, usual: float) -> np.ndarray:
         """The values (nv,) of a kind, the usual one where it is not looked for."""
         out = np.full(self.robot.nv, usual)
-        for name, value in zip(self.names, self.values, strict=True):
-            if name.endswith(f".{kind}"):
-                out[self.dof(name)] = value
+        for joint, dof in single_joints(self.robot).items():
+            out[dof] = self.by_name.get(f"{joint}.{kind}", usual)
         return out
 
     def dof(self, name: str) -> int:
         """The degree of freedom that JOINT.zero and the like are of."""
-        return next(int(joint.v.start) for joint in self.robot.joints if joint.name == name.rpartition(".")[0])
+        return single_joints(self.robot)[name.rpartition(".")[0]]
 
     @property
     def true_robot(self) -> Robot:
         """The robot in the gravity that was found."""
-        tilt = [v for name, v in zip(self.names, self.values, strict=True) if name.startswith("gravity.")]
+        tilt = [value for name, value in self.by_name.items() if name.startswith("gravity.")]
         if not any(tilt):
             return self.robot
         size, down, across = _gravity(self.robot)
@@ -74,7 +77,7 @@ class Setup:
     @property
     def delay(self) -> float:
         """The delay of the torques, s."""
-        return float(dict(zip(self.names, self.values.tolist(), strict=True)).get("delay", 0.0))
+        return self.by_name.get("delay", 0.0)
 
 
 def names_of(robot: Robot) -> tuple[str, ...]:

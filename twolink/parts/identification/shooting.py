@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from twolink.errors import QueryError, SceneError
 from twolink.integrate.motion.scene_equations import equations_of, require_no_states
@@ -59,23 +60,13 @@ class Shot:
 
     def jacobian(self, basis: np.ndarray) -> np.ndarray:
         """Derivatives of what is simulated, then of the gaps, by y with dz = basis @ y, then by the starts."""
-        nx, r, later = self.segments[0].end_by_z.shape[0], basis.shape[1], len(self.gaps)
-        rows = [segment.by_z.shape[0] * segment.by_z.shape[1] for segment in self.segments]
-        out = np.zeros((sum(rows) + nx * later, r + nx * later))
-        first = 0
-        for number, (segment, count) in enumerate(zip(self.segments, rows, strict=True)):
-            own, gap = slice(first, first + count), slice(sum(rows) + nx * number, sum(rows) + nx * (number + 1))
-            start = slice(r + nx * (number - 1), r + nx * number)
-            out[own, :r] = segment.by_z.reshape(count, -1) @ basis
-            if number:
-                out[own, start] = segment.by_start.reshape(count, nx)
-            if number < later:
-                out[gap, :r] = segment.end_by_z @ basis
-                out[gap, start.stop : start.stop + nx] = -np.eye(nx)
-                if number:
-                    out[gap, start] = segment.end_by_start
-            first += count
-        return out
+        later, (nx, k) = len(self.gaps), self.segments[0].end_by_z.shape
+        along = [*(segment.by_z.reshape(-1, k) for segment in self.segments),
+                 *(segment.end_by_z for segment in self.segments[:later])]  # fmt: skip
+        of_values = block_diag(*(segment.by_start.reshape(-1, nx) for segment in self.segments))
+        of_gaps = block_diag(*(segment.end_by_start for segment in self.segments))[: nx * later, nx:]
+        by_starts = np.vstack([of_values[:, nx:], of_gaps - np.eye(nx * later)])
+        return np.hstack([np.vstack([rows @ basis for rows in along]), by_starts])
 
     def condensed(self) -> tuple[np.ndarray, np.ndarray, list[np.ndarray], list[np.ndarray]]:
         """Residuals (n, c) with closed gaps and their derivatives by z (n, c, k), to first order.

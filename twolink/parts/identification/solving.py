@@ -13,12 +13,13 @@ from twolink.parts.identification.base_parameters import (
     Selection,
     base_parameters,
     direction,
-    independent,
     not_shown,
+    regressor,
     select,
+    single_joints,
 )
 from twolink.parts.identification.filtering import Filter, Recording, choose, require_samples
-from twolink.parts.identification.joint_models import explaining, joint_terms, single_joints
+from twolink.parts.identification.joint_models import explaining, joint_terms
 from twolink.parts.identification.measurements import Measurements, filtered, linear_system, require_enough, wider
 from twolink.parts.identification.model_errors import model_errors
 from twolink.parts.identification.regression import Fit, fit
@@ -112,8 +113,7 @@ def _with_constants(setup: Setup, first: SolvedIdentification) -> Setup:
 
 def _nominal(robot: Robot, data: Measurements) -> np.ndarray:
     """The torques (n, nv) of the robot as it was given."""
-    whole = select(robot, ["*"])
-    return np.concatenate([whole.system(robot, *state)[0] @ robot.parameter_values for state in data.states()])
+    return np.concatenate([regressor(robot, *state, np.zeros(1)) @ robot.parameter_values for state in data.states()])
 
 
 def _errors_of(result: Identification) -> np.ndarray:
@@ -158,9 +158,9 @@ def _solved(
         not_identifiable=(*plan.possible.not_identifiable(), *_untold(base, names)),
         not_excited=not_shown(plan.possible, base), noise=found.noise, t=data.averaged(data.t),
         residuals=found.residuals, condition=found.condition, correlated=found.correlated, method=plan.method,
-        filter=by, metric=found.metric, torques=data.averaged(data.tau), validation=None, model_errors=(),
+        filter=by, metric=found.metric, torques=data.averaged(data.tau),
         setup=replace(setup, values=_values(chosen, base, found.x, len(names))) if names else setup,
-        block_covariance=found.by_blocks, joint_models=None, mirrored=np.zeros(robot.nv, dtype=bool),
+        block_covariance=found.by_blocks, mirrored=np.zeros(robot.nv, dtype=bool),
     )  # fmt: skip
     return SolvedIdentification(result, data, columns, found, wide, prior[1])
 
@@ -288,15 +288,11 @@ def _excited(
     plan: IdentificationPlan, robot: Robot, names: tuple[str, ...], data: Measurements, columns: np.ndarray
 ) -> BaseParameters:
     """Base parameters and setup that this motion shows: its null space without what only noise moves."""
-    members, count = list(plan.possible.members), len(plan.chosen.names)
-    own = columns[..., members]
     if (calm := _without_noise(robot, data)) is not None:
-        own = linear_system(robot, plan.chosen, calm)[0][..., members]
-    flat = np.concatenate([own, columns[..., count:]], axis=-1).reshape(-1, len(members) + len(names))
-    seen = independent((*plan.possible.combinations, *names), flat)
-    where = tuple([*members, *range(count, count + len(names))][k] for k in seen.members)
-    matrix = np.hstack([seen.matrix[:, : len(members)] @ plan.possible.matrix, seen.matrix[:, len(members) :]])
-    return BaseParameters((*plan.chosen.names, *names), where, matrix, ())
+        own = linear_system(robot, plan.chosen, calm)[0]
+        columns = np.concatenate([own, columns[..., own.shape[-1] :]], axis=-1)
+    whole = plan.possible.beside(names)
+    return whole.within(columns[..., list(whole.members)].reshape(-1, len(whole.members)))
 
 
 def _without_noise(robot: Robot, data: Measurements) -> Measurements | None:

@@ -9,7 +9,7 @@ from twolink.errors import QueryError
 from twolink.robots.joint_layout import JointLayout
 
 DEGREE = float(np.pi / 180)
-# By the ratio of v to the rate of q: the question, and the quantity and the factor that would mend it.
+# By a ratio: the question, and the quantity, "" for the one that is odd itself, and the factor that would mend it.
 Guesses = Mapping[float, tuple[str, str, float | None]]
 LIKELY: Guesses = {
     1 / DEGREE: ("is v in degrees?", "v", DEGREE),
@@ -44,17 +44,17 @@ def check_units(robot: Robot, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> No
             what = f"v of joint {joint.name!r} is {ratio:.4g} times the rate of its q"
             if joint.v.stop - joint.v.start == 1:
                 what = f"{range_of(robot, q, joint)}, and {what}"
-            raise wrong_units(what, "v", ratio, joint.name)
+            raise wrong_units(what, "v", ratio, f"v.{joint.name}")
 
 
-def wrong_units(what: str, argument: str, ratio: float, joint: str, guesses: Guesses = LIKELY) -> QueryError:
-    """The error for values of a joint that are `ratio` times what they must be, with a guess at the reason."""
-    guess, remedy = "", "give rad, m and s throughout"
+def wrong_units(what: str, argument: str, ratio: float, column: str, guesses: Guesses = LIKELY) -> QueryError:
+    """The error for a column v.JOINT or the like that is `ratio` times what it must be, with a guess at the reason."""
+    guess, remedy, (own, _, joint) = "", "give rad, m and s throughout", column.partition(".")
     for scale, (question, letter, factor) in guesses.items():
         if abs(np.log(abs(ratio) / scale)) < 0.1:
             guess = f"; {question}"
             if factor is not None:
-                remedy = remedy_of("t" if letter == "t" else f"{letter}.{joint}", factor)
+                remedy = remedy_of("t" if letter == "t" else f"{letter or own}.{joint}", factor)
     return QueryError(what + guess, argument=argument, remedy=remedy, code="units")
 
 

@@ -74,8 +74,7 @@ class Unknowns:
     def limits(self, bounds: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
         """The least and the largest z (k,): what the names can have, and bounds by name. Raises QueryError."""
         if not isinstance(bounds, Mapping):
-            raise QueryError(f"expected bounds by name, got {bounds!r:.60}", argument="bounds", code="bounds",
-                             remedy="such as {'forearm.mass': (1.0, 3.0)}")  # fmt: skip
+            raise _bad_bounds(f"expected bounds by name, got {bounds!r:.60}", "such as {'forearm.mass': (1.0, 3.0)}")
         out, at = np.array([[-np.inf], [np.inf]]).repeat(len(self.names), axis=1), 0
         values = dict(zip(self.names, self.values(np.zeros(len(self.names))).tolist(), strict=True))
         for name in bounds:
@@ -84,17 +83,16 @@ class Unknowns:
             for place, name in enumerate(group.names):
                 pair = bounds.get(name, (-np.inf, np.inf))
                 if np.shape(pair) != (2,):
-                    raise QueryError(f"expected the least and the largest {name}, got {pair!r:.60}", argument="bounds",
-                                     remedy="such as (1.0, 3.0)", code="bounds")  # fmt: skip
+                    raise _bad_bounds(f"expected the least and the largest {name}, got {pair!r:.60}",
+                                      "such as (1.0, 3.0)")  # fmt: skip
                 low, high = pair
                 if group.inverse is None and name in bounds:
-                    raise QueryError(f"{name} has no bounds where all ten parameters of a body are looked for",
-                                     argument="bounds", remedy="leave it out: only bodies that can exist are tried",
-                                     code="bounds")  # fmt: skip
+                    raise _bad_bounds(f"{name} has no bounds where all ten parameters of a body are looked for",
+                                      "leave it out: only bodies that can exist are tried")  # fmt: skip
                 low = max(float(low), group.lowest)
                 if not low <= values[name] <= float(high):
-                    raise QueryError(f"{name} starts at {values[name]:g}, not from {low:g} to {high:g}", code="bounds",
-                                     argument="bounds", remedy="give wider bounds, or a guess within them")  # fmt: skip
+                    raise _bad_bounds(f"{name} starts at {values[name]:g}, not from {low:g} to {high:g}",
+                                      "give wider bounds, or a guess within them")  # fmt: skip
                 if group.inverse is not None:
                     out[:, at] = [x if np.isinf(x) else group.inverse(place, float(x)) for x in (low, high)]
                 at += 1
@@ -154,6 +152,10 @@ class Unknowns:
     def _parts(self, z: np.ndarray) -> list[tuple[_NameGroup, np.ndarray]]:
         ends = np.cumsum([len(group.names) for group in self._groups])
         return list(zip(self._groups, np.split(z, ends[:-1]), strict=True))
+
+
+def _bad_bounds(what: str, remedy: str) -> QueryError:
+    return QueryError(what, argument="bounds", remedy=remedy, code="bounds")
 
 
 def unknowns_of(scene: Scene, parameters: Sequence[str]) -> Unknowns:
