@@ -5,7 +5,7 @@ Newton's method acts on the forces M a = tau - h: a itself has the mass matrix i
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,7 @@ from twolink.integrate.motion.scene_equations import require_no_states
 from twolink.integrate.motion.state import Array
 from twolink.io.text import Table
 from twolink.parts.design.linearization import AT_REST, Linearization, driven, linearize
-from twolink.parts.design.smooth import allowed, depends_on_time, derivatives_of
+from twolink.parts.design.smooth import allowed, derivatives_of, require_constant_forces
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted, plot_eigenvalues
 from twolink.simulation.text import BaseResult
@@ -62,9 +62,6 @@ class Equilibria(BaseResult, Plotted, Sequence[Linearization]):
 
     def __len__(self) -> int:
         return len(self.found)
-
-    def __iter__(self) -> Iterator[Linearization]:
-        return iter(self.found)
 
     def table(self) -> Table:
         """Configuration, stability, the largest real part of the eigenvalues with its error, and the residual."""
@@ -158,10 +155,7 @@ def _equations_at_rest(scene: Scene) -> Equations:
     """The equations of the effects that act from the start. Raises SceneError."""
     equations = driven(scene, (), np.zeros(0))
     require_no_states(equations, "equilibria")
-    if depends_on_time(equations):
-        raise SceneError("its forces depend on time: it has no equilibrium", where="scene",
-                         remedy="leave out effects with functions of time, or that begin or cease at a time",
-                         code="depends-on-time")  # fmt: skip
+    require_constant_forces(equations, ": it has no equilibrium")
     waiting = equations.switching.idle_at(0.0)[1] if equations.switching else frozenset[int]()
     acting = [effect for place, effect in enumerate(scene.effects) if place not in waiting]
     return driven(scene.with_effects(acting), (), np.zeros(0)) if waiting else equations

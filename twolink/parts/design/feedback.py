@@ -10,7 +10,7 @@ from twolink.effects.controllers import Limits, StateFeedback
 from twolink.errors import SceneError
 from twolink.integrate.motion.scene_equations import equations_of, require_no_states
 from twolink.parts.design.linearization import AT_REST, Linearization, linearize
-from twolink.parts.design.smooth import depends_on_time
+from twolink.parts.design.smooth import require_constant_forces
 from twolink.scenes import Scene
 
 RESIDUAL = 1e-8  # of the Riccati equation, relative
@@ -71,10 +71,7 @@ def lqr(
     """
     equations = equations_of(instance(scene, Scene, "scene", SceneError))
     require_no_states(equations, "lqr")
-    if depends_on_time(equations):
-        raise SceneError("its forces depend on time; a regulator holds a robot at rest in constant ones", where="scene",
-                         remedy="leave out effects with functions of time, or that begin or cease at a time",
-                         code="depends-on-time")  # fmt: skip
+    require_constant_forces(equations, "; a regulator holds a robot at rest in constant ones")
     at_rest = linearized_at_rest(scene, q, inputs)
     nv, m = scene.robot.nv, len(at_rest.inputs)
     state, control = _weight(Q, len(at_rest.A), "Q"), _weight(R, m, "R", positive=True)
@@ -114,18 +111,18 @@ def _weight(value: ArrayLike, size: int, name: str, *, positive: bool = False) -
         weight, got = np.array(np.nan), f"{value!r:.60}"
     if weight.ndim < 2 and weight.size in (1, size):
         weight = np.diag(np.broadcast_to(weight.ravel(), (size,)))
-    remedy = f"give a number, {size} numbers, or a symmetric {size} x {size} matrix"
+    scale, what = float(np.abs(weight).max(initial=0.0)), ""
     if weight.shape != (size, size) or not np.isfinite(weight).all():
-        raise SceneError(f"expected finite numbers of shape ({size}, {size}), got {got}", argument=name,
-                         remedy=remedy, code="weights")  # fmt: skip
-    scale = float(np.abs(weight).max(initial=0.0))
-    if np.abs(weight - weight.T).max(initial=0.0) > SEMIDEFINITE * scale:
-        raise SceneError("it is not symmetric", argument=name, remedy=remedy, code="weights")
-    least = float(np.linalg.eigvalsh(weight).min())
-    if least <= 0.0 if positive else least < -SEMIDEFINITE * scale:
-        what = "positive" if positive else "not negative"
-        raise SceneError(f"expected eigenvalues that are {what}, got {least:.3g}", argument=name, remedy=remedy,
-                         code="weights")  # fmt: skip
+        what = f"expected finite numbers of shape ({size}, {size}), got {got}"
+    elif np.abs(weight - weight.T).max(initial=0.0) > SEMIDEFINITE * scale:
+        what = "it is not symmetric"
+    else:
+        least = float(np.linalg.eigvalsh(weight).min())
+        if least <= 0.0 if positive else least < -SEMIDEFINITE * scale:
+            what = f"expected eigenvalues that are {'positive' if positive else 'not negative'}, got {least:.3g}"
+    if what:
+        raise SceneError(what, argument=name, code="weights",
+                         remedy=f"give a number, {size} numbers, or a symmetric {size} x {size} matrix")  # fmt: skip
     return np.asarray(0.5 * (weight + weight.T))
 
 

@@ -24,6 +24,7 @@ from twolink.algorithms.mechanism import mechanism, nominal, with_nominal
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.dynamics import Robot
+from twolink.effects.checks import single_joints
 from twolink.effects.triggers import Watch
 from twolink.errors import SceneError, nearest, require_known, shown
 from twolink.integrate.dense_output import DenseOutput
@@ -350,6 +351,7 @@ def named_objective(text: str, robot: Robot, argument: str = "objective") -> Obj
     """The objective that a text names, see `KINDS`. Raises SceneError."""
     kind, _, rest = text.partition(":")
     head, _, axis = kind.partition("-")
+    one = "there is no joint {!r} with one coordinate"
     if kind in _AXES or (head == "speed" and (axis in _AXES or not axis)):
         require_known(rest, robot.frame_names, SceneError, "there is no frame {!r}", argument=argument)
         return FramePosition(rest, kind) if kind in _AXES else FrameSpeed(rest, axis)
@@ -364,13 +366,12 @@ def named_objective(text: str, robot: Robot, argument: str = "objective") -> Obj
     if kind == "rest" and rest:
         pairs = [pair.partition("=") for pair in rest.split(",")]
         for name, _, _ in pairs:
-            require_known(name.strip(), [joint.name for joint in robot.joints if joint.v.stop - joint.v.start == 1],
-                          SceneError, "there is no joint {!r} with one coordinate", argument=argument)  # fmt: skip
+            require_known(name.strip(), single_joints(robot), SceneError, one, argument=argument)
         values = _numbers([value for _, _, value in pairs], text, argument)
         return StateDistance(tuple((name.strip(), value) for (name, _, _), value in zip(pairs, values, strict=True)))
     if head in ("max", "min") and axis in ("q", "v", "a", "tau"):
-        known = [joint.name for joint in robot.joints if joint.kind == "vector" and joint.v.stop - joint.v.start == 1]
-        require_known(rest, known, SceneError, "there is no joint {!r} with one coordinate", argument=argument)
+        known = [joint.name for joint in robot.joints if joint.unit and joint.kind == "vector"]
+        require_known(rest, known, SceneError, one, argument=argument)
         return Extreme(head, axis, rest)
     plain: dict[str, Objective] = {"energy": final_energy, "time": end_time}
     plain |= {what: Integral(what) for what in ("effort", "smoothness", "motion", "jerk")}

@@ -91,17 +91,19 @@ class Shots:
         return off - exact
 
 
+@dataclass(frozen=True, eq=False)
 class Shooting:
     """A shooting problem whose first start changes along directions (2 nv, k), and the others along all.
 
     period: the guess of it, s. free_period: it changes too, but does not become 0, where nothing moves.
     """
 
-    def __init__(
-        self, scene: Scene, directions: Array, segments: int, accuracy: float, period: float, free_period: bool
-    ) -> None:
-        self.scene, self.directions, self.segments = scene, directions, segments
-        self.accuracy, self.period, self.free_period = accuracy, period, free_period
+    scene: Scene
+    directions: Array
+    segments: int
+    accuracy: float
+    period: float
+    free_period: bool
 
     def first(self) -> Shots:
         """From the scene's own start, and the states that a run from there has at the ends of the parts."""

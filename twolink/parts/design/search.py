@@ -18,6 +18,7 @@ from twolink.errors import SceneError, TwolinkError
 from twolink.io.files import write_atomic
 from twolink.io.progress import Report
 from twolink.parts.design.evaluation import BY_SENSITIVITIES, Evaluation, ObjectiveEvaluator
+from twolink.simulation.text import as_data
 
 ON_BOUND = 1e-9  # of the distance of the bounds: what is so near to a bound is moved onto it
 FIRST_STEP = 0.1  # of the distance of the bounds
@@ -158,8 +159,7 @@ class MultiStart:
         return evaluate(found.x)
 
     def _write(self, path: Path) -> None:
-        rows = [{"x": one.x.tolist(), "values": one.values.tolist(), "gradients": one.gradients.tolist(), "by": one.by,
-                 "simulations": one.simulations, "seconds": one.seconds} for one in self.known.values()]  # fmt: skip
+        rows = as_data([*self.known.values()])
         content = {"problem": self.problem, "by_runs": self.evaluate.by_runs, "evaluations": rows}
         write_atomic(path, lambda file: file.write(json.dumps(content).encode()), error=SceneError)
 
@@ -169,19 +169,18 @@ class MultiStart:
             content = json.loads(path.read_bytes())
             problem, rows, by_runs = content["problem"], content["evaluations"], content["by_runs"]
         except (OSError, ValueError, KeyError, TypeError):
-            raise SceneError("it holds no search", argument="out", where=str(path), remedy="give another file",
-                             code="not-a-search") from None  # fmt: skip
+            raise _other(path, "it holds no search", "not-a-search") from None
         other = next((name for name, value in self.problem.items() if problem.get(name) != value), None)
         if other is not None:
             theirs, ours = problem.get(other), self.problem[other]
-            raise SceneError(f"it holds another search: its {other} is {theirs!r}, not {ours!r}", argument="out",
-                             where=str(path), remedy="give another file", code="another-search")  # fmt: skip
+            raise _other(path, f"it holds another search: its {other} is {theirs!r}, not {ours!r}")
         self.evaluate.by_runs.update(by_runs)
         for row in rows:
-            x, values, gradients = (np.array(row[name], dtype=float) for name in ("x", "values", "gradients"))
-            self.known[x.tobytes()] = Evaluation(x, values, gradients, row["by"], row["simulations"], row["seconds"])
-            self.evaluate.simulations += row["simulations"]
-            self.earlier += row["seconds"]
+            arrays = {name: np.array(value, dtype=float) for name, value in row.items() if isinstance(value, list)}
+            one = Evaluation(**row | arrays)
+            self.known[one.x.tobytes()] = one
+            self.evaluate.simulations += one.simulations
+            self.earlier += one.seconds
         if self.known:
             self._require_same(min(self.known.values(), key=lambda one: self.sign * one.values[0]), path)
 
@@ -191,9 +190,13 @@ class MultiStart:
         run = evaluate.along(scene, evaluate.variables.names)[0] if one.by == BY_SENSITIVITIES else evaluate.run(scene)
         now = evaluate.values_of(run)
         if not np.abs(now - one.values).max() <= 10.0 * evaluate.accuracy * (1.0 + np.abs(one.values)).max():
-            raise SceneError(f"it holds another search: its functions give {one.values.tolist()} where these give "
-                             f"{now.tolist()}", argument="out", where=str(path), remedy="give another file",
-                             code="another-search")  # fmt: skip
+            raise _other(path, f"it holds another search: its functions give {one.values.tolist()} where these give "
+                         f"{now.tolist()}")  # fmt: skip
+
+
+def _other(path: Path, what: str, code: str = "another-search") -> SceneError:
+    """The error for a file of something else."""
+    return SceneError(what, argument="out", where=str(path), remedy="give another file", code=code)
 
 
 def starting_points(own: np.ndarray, count: int, seed: int) -> np.ndarray:

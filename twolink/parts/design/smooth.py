@@ -13,7 +13,7 @@ Loops leave some degrees of freedom independent; those of their other joints fol
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -87,6 +87,15 @@ def depends_on_time(equations: Equations) -> bool:
     x = [tape.variable() for _ in range(equations.space.size)]
     rows = accelerations(replace(equations, parameters=()), equations.mechanism, t, x, tape)
     return any(t.key in tape.inputs(row) for row in rows)
+
+
+def require_constant_forces(equations: Equations, else_what: str) -> None:
+    """Refuse forces that depend on time. Raises SceneError, code "depends-on-time"; else_what: why they may not."""
+    if depends_on_time(equations):
+        raise SceneError(
+            f"its forces depend on time{else_what}", where="scene", code="depends-on-time",
+            remedy="leave out effects with functions of time, or that begin or cease at a time",
+        )  # fmt: skip
 
 
 def _require_no_contact(run: RunState) -> None:
@@ -223,21 +232,16 @@ def _accelerations_beside(equations: Equations, t: float, x: Array, k: int, shif
     return rate(equations, t, out)[space.nq : space.moving]
 
 
-class Freedom(NamedTuple):
-    """independent (d): degrees of freedom. lift (n, 2 nv + s, 2 d + s): (dq, dv, dz) by the changes of these and dz."""
+def freedom(equations: Equations, t: Array, x: Array) -> tuple[tuple[int, ...], Array]:
+    """The independent degrees of freedom (d) at states x (size, n), the same ones at all, and a lift.
 
-    independent: tuple[int, ...]
-    lift: Array
-
-
-def freedom(equations: Equations, t: Array, x: Array) -> Freedom:
-    """The independent coordinates at states x (size, n), the same ones at all.
+    The lift (n, 2 nv + s, 2 d + s) has (dq, dv, dz) by the changes of these and dz.
 
     Raises SceneError where the loops are in a singular position, code "singular-position".
     """
     nv, size, constraints = equations.space.nv, equations.space.tangent, equations.constraints
     if constraints is None:
-        return Freedom(tuple(range(nv)), np.broadcast_to(np.eye(size), (len(t), size, size)))
+        return tuple(range(nv)), np.broadcast_to(np.eye(size), (len(t), size, size))
     rows = np.array([_jacobian(constraints, q) for q in x[: equations.space.nq].T])
     dependent = _dependent(rows)
     independent = tuple(k for k in range(nv) if k not in dependent)
@@ -250,7 +254,7 @@ def freedom(equations: Equations, t: Array, x: Array) -> Freedom:
     along = -inverse @ rows[:, :, own]
     lift[:, dependent, :d] = lift[:, [nv + k for k in dependent], d : 2 * d] = along
     lift[:, [nv + k for k in dependent], :d] = -inverse @ turning @ lift[:, :nv, :d]
-    return Freedom(independent, lift)
+    return independent, lift
 
 
 def allowed(constraints: Constraints, q: Array) -> Array:

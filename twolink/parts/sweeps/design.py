@@ -46,25 +46,25 @@ def _of_variants(scene: Scene) -> dict[str, Parameter]:
 
 def as_values(asked: Parameter, values: Any) -> np.ndarray:
     """Values of a quantity as an array (n,): booleans for effects, names of robots, else floats. Raises SceneError."""
-    where = f"vary[{asked.name!r}]"
-    array = np.asarray(values)
+    array, got = np.asarray(values), f"got {values!r:.60}"
     if asked.kind == "switch":
         if array.dtype != bool or array.ndim != 1 or not array.size:
-            raise SceneError(f"expected true or false, got {values!r:.60}", where=where, argument="vary",
-                             remedy="such as [False, True]")  # fmt: skip
+            raise _misfit(asked.name, f"expected true or false, {got}", "such as [False, True]")
         return array
     if asked.kind == "robot":
         if array.dtype.kind not in "UO" or array.ndim != 1 or not all(isinstance(x, str) for x in array.tolist()):
-            raise SceneError(f"expected names of robots, got {values!r:.60}", where=where, argument="vary",
-                             remedy='such as ["panda", "ur5"]')  # fmt: skip
+            raise _misfit(asked.name, f"expected names of robots, {got}", 'such as ["panda", "ur5"]')
         return array.astype(object)
     if array.dtype.kind not in "fiu" or array.ndim != 1 or not array.size or not np.isfinite(array).all():
-        raise SceneError(f"expected finite numbers (n,), got {values!r:.60}", where=where, argument="vary",
-                         remedy="such as [0.5, 1.0, 1.5]")  # fmt: skip
+        raise _misfit(asked.name, f"expected finite numbers (n,), {got}", "such as [0.5, 1.0, 1.5]")
     if asked.kind == "accuracy" and (array <= 0.0).any():
-        raise SceneError(f"expected numbers above 0, got {float(array.min()):g}", where=where, argument="vary",
-                         remedy="such as [1e-3, 1e-6]")  # fmt: skip
+        raise _misfit(asked.name, f"expected numbers above 0, got {float(array.min()):g}", "such as [1e-3, 1e-6]")
     return np.asarray(array, dtype=float)
+
+
+def _misfit(name: str, what: str, remedy: str) -> SceneError:
+    """The error for values that a quantity cannot have."""
+    return SceneError(what, where=f"vary[{name!r}]", argument="vary", remedy=remedy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +211,7 @@ def make_design(scene: Scene, vary: Mapping[str, Any], kind: str, count: int | N
     values = {name: as_values(quantities[name], _range(name, given)) for name, given in vary.items()}
     for name, numbers in values.items():
         if kind == "grid" and len(np.unique(numbers)) < len(numbers):
-            raise SceneError("a value is there twice", where=f"vary[{name!r}]", argument="vary", remedy="keep one")
+            raise _misfit(name, "a value is there twice", "keep one")
     if kind == "list" and len({len(numbers) for numbers in values.values()}) > 1:
         sizes = {name: len(numbers) for name, numbers in values.items()}
         raise SceneError(f"a list needs as many values of each, got {sizes}", argument="vary",
@@ -225,21 +225,19 @@ def _range(name: str, given: Any) -> Any:
         return given
     first, last, count = _numbers(name, given, ("range",), 3)[1]
     if count != int(count) or not 1 <= count <= 1e9:
-        raise SceneError(f"expected a number of values, got {count:g}", where=f"vary[{name!r}]", argument="vary",
-                         remedy="such as 100")  # fmt: skip
+        raise _misfit(name, f"expected a number of values, got {count:g}", "such as 100")
     return np.linspace(first, last, int(count))
 
 
 def _numbers(name: str, given: Any, kinds: tuple[str, ...], size: int) -> tuple[str, list[float]]:
     """The name and the numbers of a mapping of one entry. Raises SceneError."""
-    remedy = f"such as {{{kinds[0]!r}: {[0.0, 1.0, 100][:size]}}}"
     if isinstance(given, Mapping) and len(given) == 1:
         kind, numbers = next(iter(given.items()))
         array = np.asarray(numbers)
         if kind in kinds and array.shape == (size,) and array.dtype.kind in "fiu" and np.isfinite(array).all():
             return kind, [float(x) for x in array]
-    raise SceneError(f"expected {' or '.join(kinds)} with {size} numbers, got {given!r:.60}", where=f"vary[{name!r}]",
-                     argument="vary", remedy=remedy)  # fmt: skip
+    raise _misfit(name, f"expected {' or '.join(kinds)} with {size} numbers, got {given!r:.60}",
+                  f"such as {{{kinds[0]!r}: {[0.0, 1.0, 100][:size]}}}")  # fmt: skip
 
 
 def _samples(
@@ -260,13 +258,11 @@ def _samples(
     values = {}
     for (name, (law, (a, b))), u in zip(asked.items(), unit.T, strict=True):
         if b < a if law == "uniform" else b < 0.0:
-            raise SceneError(f"got {law} with {[a, b]}", where=f"vary[{name!r}]", argument="vary",
-                             remedy="[low, high], or [mean, standard deviation]")  # fmt: skip
+            raise _misfit(name, f"got {law} with {[a, b]}", "[low, high], or [mean, standard deviation]")
         tiny = 2.0**-54  # ndtri(0) is infinite
         numbers = a + (b - a) * u if law == "uniform" else a + b * ndtri(np.clip(u, tiny, 1.0 - tiny))
         if quantities[name].kind == "switch":
-            raise SceneError("an effect is on or off", where=f"vary[{name!r}]", argument="vary",
-                             remedy='give values: design="grid" or "list"')  # fmt: skip
+            raise _misfit(name, "an effect is on or off", 'give values: design="grid" or "list"')
         values[name] = as_values(quantities[name], numbers)
     return values
 

@@ -135,11 +135,11 @@ def variables(robot: Any, request: Request) -> list[OutputVariable]:
             OutputVariable("status", ", ".join(f"{i} {name}" for i, name in enumerate(STATUS)), "", "i1")]  # fmt: skip
 
 
-def coordinates(robot: Any, request: Request) -> dict[str, Any]:
+def coordinates(robot: Any, request: Request) -> dict[str, np.ndarray]:
     """The coordinates of the variables' own dimensions."""
-    found: dict[str, Any] = {}
+    found: dict[str, np.ndarray] = {}
     if {"final", "samples"} & set(request.outputs):
-        found |= {"q_name": coordinate_names(robot, "q"), "v_name": coordinate_names(robot, "v")}
+        found |= {f"{letter}_name": np.array(coordinate_names(robot, letter), dtype=object) for letter in "qv"}
     if "samples" in request.outputs:
         found["time"] = np.array(request.t_eval)
     return found

@@ -121,8 +121,7 @@ def open_store(path: Path, plan: SweepPlan) -> SweepStore:
         now = {name: plan.robots.get(name, content) for name, content in known.items()}
         text = difference(record["plan"], plan.record) or difference(known, now, "robots")
     if text:
-        raise SceneError(f"it belongs to another sweep: {text}", where=str(path), code="another-sweep",
-                         remedy="give another path, or the same scene and settings")  # fmt: skip
+        raise _another(path, text, "the same scene and settings")
     if plan.design.kind == "grid":
         plan = plan.ordered(group["status"].metadata.dimension_names)
     find = _places if plan.design.kind == "grid" else _first_places
@@ -174,26 +173,27 @@ def _fill_new(zarr: Any, path: Path, plan: SweepPlan, before: Mapping[str, Any] 
     about = {"title": plan.scene.title or robot.name, "how": "; ".join(plan.ways), "twolink": json.dumps(record)}
     about |= {"coordinates": names} if names else {}
     group = zarr.create_group(str(path), zarr_format=3, attributes=about)
-    for name, numbers in design.values.items():
-        what = design.quantities[name]
-        kind = str if what.kind == "robot" else numbers.dtype
-        dims = (name,) if design.kind == "grid" else (RUN,)
-        attributes = {"units": what.unit, "long_name": what.about}
-        _array(group, name, kind, numbers.shape, numbers.shape, dims, attributes)[:] = numbers
-    if design.kind != "grid":
-        numbered = _array(group, RUN, "i8", design.shape, design.shape, (RUN,), {"long_name": "number of the run"})
-        numbered[:] = np.arange(design.runs)
-    for name, values in coordinates(robot, plan.request).items():
-        texts = isinstance(values, list)
-        array = np.array(values, dtype=object if texts else float)
-        _array(group, name, str if texts else "f8", array.shape, array.shape, (name,),
-               {} if texts else {"units": "s"})[:] = array  # fmt: skip
+    for name, values, dim, attributes in _coordinates(plan):
+        kind = str if values.dtype == object else values.dtype
+        _array(group, name, kind, values.shape, values.shape, (dim,), attributes)[:] = values
     for variable in plan.variables:
         attributes = {"long_name": variable.description} | ({"units": variable.units} if variable.units else {})
         _array(group, variable.name, str if variable.kind == TEXT else variable.kind,
                (*design.shape, *variable.shape), (*plan.sizes, *variable.shape), (*design.dims, *variable.dims),
                attributes, variable.fill)  # fmt: skip
     return group
+
+
+def _coordinates(plan: SweepPlan) -> Iterator[tuple[str, np.ndarray, str, dict[str, str]]]:
+    """Arrays of what varies, the numbers of runs and other coordinates: name, values, dimension, attributes."""
+    design = plan.design
+    for name, numbers in design.values.items():
+        what = design.quantities[name]
+        yield name, numbers, name if design.kind == "grid" else RUN, {"units": what.unit, "long_name": what.about}
+    if design.kind != "grid":
+        yield RUN, np.arange(design.runs), RUN, {"long_name": "number of the run"}
+    for name, values in coordinates(plan.scene.robot, plan.request).items():
+        yield name, values, name, {} if values.dtype == object else {"units": "s"}
 
 
 def _array(
@@ -205,14 +205,19 @@ def _array(
                               dimension_names=list(dims), attributes=dict(attributes))  # fmt: skip
 
 
+def _another(path: Path, what: str, remedy: str) -> SceneError:
+    """The error for a store that does not go on."""
+    return SceneError(f"it belongs to another sweep: {what}", where=str(path), code="another-sweep",
+                      remedy=f"give another path, or {remedy}")  # fmt: skip
+
+
 def _places(path: Path, name: str, old: np.ndarray, new: np.ndarray) -> np.ndarray:
     """Indices of the old values among the new ones. Raises SceneError where one is missing."""
     where = {value: i for i, value in enumerate(new.tolist())}
     missing = [value for value in old.tolist() if value not in where]
     if missing:
-        raise SceneError(f"it belongs to another sweep: {name} had the value {missing[0]!r}, which is not there now",
-                         where=str(path), code="another-sweep",
-                         remedy="give another path, or keep the old values among the new ones")  # fmt: skip
+        raise _another(path, f"{name} had the value {missing[0]!r}, which is not there now",
+                       "keep the old values among the new ones")  # fmt: skip
     return np.array([where[value] for value in old.tolist()])
 
 
@@ -223,9 +228,8 @@ def _first_places(path: Path, name: str, old: np.ndarray, new: np.ndarray) -> np
     if other.size or len(new) < len(old):
         i = int(other[0]) if other.size else common
         now = repr(new[i].item()) if other.size else "not there"
-        raise SceneError(f"it belongs to another sweep: {name} of run {i} was {old[i].item()!r} and is now {now}",
-                         where=str(path), code="another-sweep",
-                         remedy="give another path, or add values behind the old ones")  # fmt: skip
+        raise _another(path, f"{name} of run {i} was {old[i].item()!r} and is now {now}",
+                       "add values behind the old ones")  # fmt: skip
     return np.arange(len(old))
 
 
