@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.refusals import refused
 from tests.urdf_text import joint, link
 from tests.urdf_text import robot_of as robot_text
 from twolink.errors import SceneError
@@ -67,12 +68,10 @@ def test_negative_damping_is_unstable() -> None:
 def test_without_equilibria() -> None:
     pushed = tl.Scene(ARM, effects=[E.Torque({"shoulder": 3.0})])
     assert len(tl.equilibria(pushed, starts=4)) == 0
-    with pytest.raises(SceneError) as caught:
+    with refused(SceneError, "no-equilibrium"):
         tl.equilibria(pushed, [0.0, 0.0])
-    assert caught.value.code == "no-equilibrium"
-    with pytest.raises(SceneError) as caught:
+    with refused(SceneError, "depends-on-time"):
         tl.equilibria(tl.Scene(ARM, effects=[E.Torque({"shoulder": E.Sine(1.0, 2.0)})]))
-    assert caught.value.code == "depends-on-time"
 
 
 SPRING = E.JointSpring({"shoulder": 50.0}, rest={"shoulder": 1.0})
@@ -88,16 +87,14 @@ def test_what_waits_for_a_condition_does_not_act() -> None:
     (near,) = tl.equilibria(tl.Scene(ARM, effects=effects), [1.5, 0.1])
     np.testing.assert_allclose(near.q, [np.pi / 2, 0.0], atol=1e-9)
     begun = [E.Gravity(), E.Engage(E.Torque({"elbow": 1.0}), when=E.JointReaches("elbow", 0.0))]
-    with pytest.raises(SceneError) as caught:
+    with refused(SceneError, "not-differentiable"):
         tl.equilibria(tl.Scene(ARM, effects=begun), [1.5, 0.1])
-    assert caught.value.code == "not-differentiable"
 
 
 def test_what_begins_or_ceases_at_a_time_leaves_no_equilibrium() -> None:
     for timed in (E.Engage(SPRING, at=9.0), E.Release(SPRING, at=9.0)):
-        with pytest.raises(SceneError) as caught:
+        with refused(SceneError, "depends-on-time"):
             tl.equilibria(tl.Scene(ARM, effects=[E.Gravity(), timed]))
-        assert caught.value.code == "depends-on-time"
 
 
 def test_one_on_a_limit_of_effort_does_not_end_the_search() -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.refusals import refused
 from tests.simulation.test_sensitivities import FREE
 from twolink.errors import SceneError
 
@@ -75,9 +76,8 @@ def test_a_configuration_off_balance_is_held_by_torques() -> None:
     np.testing.assert_allclose(list(regulator.torque.values()), expected, rtol=1e-12)
     closed = tl.Scene(ARM, [0.5, 0.7], effects=[*scene.effects, regulator])
     assert np.abs(tl.simulate(closed, 15.0).q[-1] - scene.q).max() < 1e-4
-    with pytest.raises(SceneError) as caught:
+    with refused(SceneError, "not-equilibrium"):
         tl.lqr(scene, 1.0, 1.0, inputs=["elbow"])
-    assert caught.value.code == "not-equilibrium"
 
 
 def test_a_wheel_and_a_floating_body_are_linearized_as_the_formula_says() -> None:
@@ -92,18 +92,15 @@ def test_a_wheel_and_a_floating_body_are_linearized_as_the_formula_says() -> Non
 
 
 def test_what_cannot_be_regulated_is_named() -> None:
-    with pytest.raises(SceneError) as caught:
+    with refused(SceneError, "not-stabilizable"):
         tl.lqr(tl.Scene(ARM), 1.0, 1.0, inputs=["elbow"])
-    assert caught.value.code == "not-stabilizable"
-    with pytest.raises(SceneError) as caught:
+    with refused(SceneError, "not-detectable"):
         tl.lqr(tl.Scene(ARM, UP, effects=[E.Gravity()]), [0.0, 0.0, 0.0, 0.0], 1.0)
-    assert caught.value.code == "not-detectable"
     load = E.Payload("forearm", 2.0, (0.3, 0.0, 0.0))
     for effect in (E.Torque({"elbow": E.Sine(1.0, 1.0)}), E.Release(load, at=0.1),
                    E.Engage(E.Torque({"elbow": 1.0}), at=0.1)):  # fmt: skip
-        with pytest.raises(SceneError) as caught:
+        with refused(SceneError, "depends-on-time"):
             tl.lqr(tl.Scene(ARM, UP, effects=[E.Gravity(), effect]), 1.0, 1.0)
-        assert caught.value.code == "depends-on-time"
 
 
 @pytest.mark.parametrize(("Q", "R", "argument"), [

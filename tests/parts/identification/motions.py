@@ -21,3 +21,8 @@ def motion(robot: tl.Robot, n: int = 300, seed: int = 0, duration: float = 8.0) 
 
 def noisy(values: np.ndarray, deviation: float | np.ndarray, seed: int = 1) -> np.ndarray:
     return values + deviation * np.random.default_rng(seed).standard_normal(values.shape)
+
+
+def columns(**arrays: np.ndarray) -> dict[str, np.ndarray]:
+    """The columns of arrays (n, k), with their numbers behind the names: q0, q1, ..."""
+    return {f"{name}{k}": column for name, values in arrays.items() for k, column in enumerate(values.T)}

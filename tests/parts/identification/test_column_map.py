@@ -7,7 +7,8 @@ import pytest
 
 import twolink as tl
 from tests.command import call, one_line
-from tests.parts.identification.motions import motion
+from tests.parts.identification.motions import columns, motion
+from tests.refusals import refused
 from twolink.errors import QueryError
 from twolink.identification import read_log
 from twolink.io.tables import write_table
@@ -20,21 +21,21 @@ TAU = ARM.inverse_dynamics(Q, V, A)
 GEAR = 2.76
 
 
-def written(folder: Path, **columns: np.ndarray) -> Path:
-    return write_table(folder / "log.csv", {"t": T, **columns}, {})
+def written(folder: Path, **table: np.ndarray) -> Path:
+    return write_table(folder / "log.csv", {"t": T, **table}, {})
 
 
-def joints(letter: str, columns: list[object]) -> dict[str, object]:
-    return dict(zip((f"{letter}.shoulder", f"{letter}.elbow"), columns, strict=True))
+def joints(letter: str, names: list[object]) -> dict[str, object]:
+    return dict(zip((f"{letter}.shoulder", f"{letter}.elbow"), names, strict=True))
 
 
 @pytest.mark.parametrize("first", [0, 1])
 def test_a_map_wins_over_columns_that_are_numbered(tmp_path: Path, first: int) -> None:
     """Currents in tau0, tau1 (or tau1, tau2): the torques are the gear's constant times as large."""
     names = [f"tau{first}", f"tau{first + 1}"]
-    log = written(tmp_path, enc0=Q[:, 0], enc1=Q[:, 1], **dict(zip(names, TAU.T / GEAR, strict=True)))
-    columns = joints("q", ["enc0", "enc1"]) | joints("tau", [{"column": name, "scale": GEAR} for name in names])
-    read = read_log(ARM, log, columns)
+    log = written(tmp_path, **columns(enc=Q), **dict(zip(names, TAU.T / GEAR, strict=True)))
+    mapped = joints("q", ["enc0", "enc1"]) | joints("tau", [{"column": name, "scale": GEAR} for name in names])
+    read = read_log(ARM, log, mapped)
     np.testing.assert_allclose(read.table["tau"], TAU, rtol=1e-14)
     np.testing.assert_array_equal(read.table["q"], Q)
     assert not read.notes
@@ -50,7 +51,7 @@ def test_numbers_from_one_and_names_of_other_programs_are_read_and_said(tmp_path
 
 
 def test_columns_that_change_places_are_read_from_the_log_itself(tmp_path: Path) -> None:
-    log = written(tmp_path, q0=Q[:, 1], q1=Q[:, 0], tau0=TAU[:, 1], tau1=TAU[:, 0])
+    log = written(tmp_path, **columns(q=Q[:, ::-1], tau=TAU[:, ::-1]))
     read = read_log(ARM, log, {"q0": "q1", "q1": "q0", "tau.shoulder": "tau1", "tau.elbow": "tau0"}).table
     np.testing.assert_array_equal(read["q"], Q)
     np.testing.assert_array_equal(read["tau"], TAU)
@@ -66,43 +67,38 @@ def test_what_the_map_leaves_is_read_by_its_own_name_and_what_nothing_reads_is_s
 
 def test_a_column_that_is_mapped_is_not_read_under_its_own_name_too(tmp_path: Path) -> None:
     """tau1, tau2 numbered from 1: with one of them mapped, tau1 must not stand in for the elbow's."""
-    log = written(tmp_path, q0=Q[:, 0], q1=Q[:, 1], tau1=TAU[:, 0], tau2=TAU[:, 1])
-    with pytest.raises(QueryError, match="is missing") as caught:
+    log = written(tmp_path, **columns(q=Q), tau1=TAU[:, 0], tau2=TAU[:, 1])
+    with refused(QueryError, "column-missing", match="is missing"):
         read_log(ARM, log, {"tau.shoulder": "tau1"})
-    assert caught.value.code == "column-missing"
-    with pytest.raises(QueryError, match=r"read twice, as tau.shoulder and as tau.elbow") as caught:
+    with refused(QueryError, "column-twice", match=r"read twice, as tau.shoulder and as tau.elbow"):
         read_log(ARM, log, joints("tau", ["tau1", "tau1"]))
-    assert caught.value.code == "column-twice"
 
 
-@pytest.mark.parametrize(("columns", "text"), [
+@pytest.mark.parametrize(("mapped", "text"), [
     ({"q.elbo": "q1"}, "names 'q.elbo'"), ({"current.elbow": "tau1"}, "names 'current.elbow'"),
     ({"tau.elbow": {"column": "tau1", "factor": 2.0}}, "entry 'factor'"),
     ({"tau.elbow": {"column": "tau1", "scale": "2"}}, "expected a number, got '2'"),
 ])  # fmt: skip
-def test_a_map_with_a_name_that_means_nothing_is_refused(tmp_path: Path, columns: dict[str, object], text: str) -> None:
-    log = written(tmp_path, q0=Q[:, 0], q1=Q[:, 1], tau0=TAU[:, 0], tau1=TAU[:, 1])
+def test_a_map_with_a_name_that_means_nothing_is_refused(tmp_path: Path, mapped: dict[str, object], text: str) -> None:
     with pytest.raises(QueryError, match=text):
-        read_log(ARM, log, columns)
+        read_log(ARM, written(tmp_path, **columns(q=Q, tau=TAU)), mapped)
 
 
 def test_two_columns_of_one_joint_are_refused_by_every_reader(tmp_path: Path) -> None:
-    table = {"t": T, "q0": Q[:, 0], "q1": Q[:, 1], "q.elbow": Q[:, 1], "v0": V[:, 0], "v1": V[:, 1]}
+    table = {"t": T, "q.elbow": Q[:, 1], **columns(q=Q, v=V)}
     path = write_table(tmp_path / "log.csv", table, {})
     scene = tl.Scene(ARM, Q[0], V[0])
     for read in (lambda: measurements_of(ARM, table, "table"), lambda: tl.judge(scene, path),
                  lambda: tl.fit(scene, path, ["forearm.mass"])):  # fmt: skip
-        with pytest.raises(tl.errors.QueryError, match=r"'q.elbow' and 'q1' are both q of joint 'elbow'") as caught:
+        with refused(tl.errors.QueryError, "column-twice", match=r"'q.elbow' and 'q1' are both q of joint 'elbow'"):
             read()
-        assert caught.value.code == "column-twice"
     states = tmp_path / "states.csv"
     states.write_text("q0,q1,q.elbow\n0,0,1\n")
     one_line(call("query", "arm", "gravity_torque", "--states", str(states)), 1, "are both q of joint 'elbow'")
 
 
 def test_numbers_count_entries_and_one_joint_is_read_by_its_own() -> None:
-    table = {"q0": Q[:, 0], "q1": Q[:, 1]}
-    elbow, _ = read_columns(table, ARM.joints[1:], "q")
+    elbow, _ = read_columns(columns(q=Q), ARM.joints[1:], "q")
     assert elbow is not None
     np.testing.assert_array_equal(elbow[:, 0], Q[:, 1])
 
@@ -135,8 +131,7 @@ def test_units_of_angles_leave_lengths_and_cosines(tmp_path: Path) -> None:
     q, v, tau = (rng.uniform(0.01, 0.03, (100, 9)) * np.arange(1, 101)[:, None] / 100 for _ in range(3))
     turning = np.array([np.pi / 180] * 7 + [1.0, 1.0])
     np.savez(tmp_path / "arrays.npz", t=T, q=q / turning, v=v / turning, tau=tau)
-    columns = {f"{n}{k}": x[:, k] for n, x in (("q", q / turning), ("v", v / turning), ("tau", tau)) for k in range(9)}
-    for path in (tmp_path / "arrays.npz", written(tmp_path, **columns)):
+    for path in (tmp_path / "arrays.npz", written(tmp_path, **columns(q=q / turning, v=v / turning, tau=tau))):
         read = read_log(robot, path, units=["deg"]).table
         np.testing.assert_allclose(read["q"], q, rtol=1e-12)
         np.testing.assert_allclose(read["v"], v, rtol=1e-12)

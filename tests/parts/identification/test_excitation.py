@@ -10,6 +10,7 @@ import pytest
 
 import twolink as tl
 from tests import urdf_text
+from tests.refusals import refused
 from twolink.errors import QueryError
 from twolink.identification import exciting_motion, identify
 
@@ -64,14 +65,12 @@ def test_it_starts_and_ends_at_rest_and_its_rates_are_its_own(tmp_path: Path) ->
 
 
 def test_what_cannot_be_driven_is_refused() -> None:
-    with pytest.raises(QueryError, match="load the robot with a fixed root") as caught:
+    with refused(QueryError, "floating-base", match="load the robot with a fixed root"):
         exciting_motion(tl.load_robot("anymal", root="free"), 5.0)
-    assert caught.value.code == "floating-base"
     with pytest.raises(QueryError, match="duration: expected a number above 0"):
         exciting_motion(tl.load_robot("arm"), 0.0)
-    with pytest.raises(QueryError, match="no joint torque depends on") as caught:
+    with refused(QueryError, "nothing-identifiable", match="no joint torque depends on"):
         exciting_motion(tl.load_robot("arm"), 5.0, ["forearm.first_moment.y"])
-    assert caught.value.code == "nothing-identifiable"
 
 
 @pytest.mark.slow
@@ -110,6 +109,5 @@ def test_the_predicted_intervals_are_those_that_identify_gives() -> None:
 @pytest.mark.slow
 def test_a_motion_that_its_torques_do_not_allow_is_refused() -> None:
     text = re.sub(r'effort="[^"]*"', 'effort="0.01"', tl.load_robot("arm").visuals.text)
-    with pytest.raises(QueryError, match="needs") as caught:
+    with refused(QueryError, "no-motion", match="needs"):
         exciting_motion(tl.load_robot(text, gravity=(0, 0, 0)).with_gravity([9.81, 0, 0]), 5.0, steps=0)
-    assert caught.value.code == "no-motion"

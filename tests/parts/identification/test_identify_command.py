@@ -8,7 +8,8 @@ import pytest
 
 import twolink as tl
 from tests.command import answer, call, one_line
-from tests.parts.identification.motions import motion, noisy
+from tests.parts.identification.motions import columns, motion, noisy
+from tests.refusals import refused
 from tests.simulation.test_sensitivities import FREE
 from twolink.errors import QueryError
 from twolink.identification import read_log
@@ -21,8 +22,9 @@ TAU = noisy(ARM.inverse_dynamics(Q, V, A), 0.02)
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
-    columns = {"t": T, "q.shoulder": Q[:, 0], "q.elbow": Q[:, 1], "tau0": TAU[:, 0], "tau1": TAU[:, 1]}
-    return write_table(tmp_path / "log.csv", columns, {})
+    return write_table(
+        tmp_path / "log.csv", {"t": T, "q.shoulder": Q[:, 0], "q.elbow": Q[:, 1], **columns(tau=TAU)}, {}
+    )
 
 
 def test_values_intervals_and_what_cannot_be_told(log: Path, tmp_path: Path) -> None:
@@ -53,9 +55,9 @@ def test_misuse_and_bad_files(log: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet", ".npz"])
 def test_files_of_every_kind_are_read(tmp_path: Path, ending: str) -> None:
-    columns = {"t": T, **{f"{n}{k}": x[:, k] for n, x in (("q", Q), ("v", V), ("a", A), ("tau", TAU)) for k in (0, 1)}}
-    read = read_log(ARM, write_table(tmp_path / f"log{ending}", columns, {})).table
-    for name, wanted in (("t", T), ("q", Q), ("v", V), ("a", A), ("tau", TAU)):
+    arrays = {"q": Q, "v": V, "a": A, "tau": TAU}
+    read = read_log(ARM, write_table(tmp_path / f"log{ending}", {"t": T, **columns(**arrays)}, {})).table
+    for name, wanted in (arrays | {"t": T}).items():
         assert np.array_equal(read[name], wanted)
 
 
@@ -65,20 +67,18 @@ def test_whole_arrays_are_read_and_missing_columns_are_named(tmp_path: Path) -> 
     assert "v" not in read
     assert np.array_equal(read["tau"], TAU)
     for lacking in ("t", "q1", "tau0"):
-        columns = {"t": T, "q0": Q[:, 0], "q1": Q[:, 1], "tau0": TAU[:, 0], "tau1": TAU[:, 1]}
-        del columns[lacking]
-        path = write_table(tmp_path / "log.csv", columns, {})
-        with pytest.raises(QueryError, match="is missing; there are") as caught:
+        there = {name: x for name, x in {"t": T, **columns(q=Q, tau=TAU)}.items() if name != lacking}
+        path = write_table(tmp_path / "log.csv", there, {})
+        with refused(QueryError, "column-missing", match="is missing; there are"):
             read_log(ARM, path)
-        assert caught.value.code == "column-missing"
 
 
 MAP = """
 t = "stamp"
-q.shoulder = "enc1"
-q.elbow = { column = "enc2", scale = -1.0 }
-tau.shoulder = { column = "i1", scale = 2.5 }
-tau.elbow = { column = "i2", scale = 2.5 }
+q.shoulder = "enc0"
+q.elbow = { column = "enc1", scale = -1.0 }
+tau.shoulder = { column = "i0", scale = 2.5 }
+tau.elbow = { column = "i1", scale = 2.5 }
 """
 
 
@@ -86,8 +86,8 @@ def foreign(path: Path, rows: slice, spike: int) -> Path:
     """A log in milliseconds and degrees, of currents, with an outlier."""
     q = np.degrees(Q) * [1, -1]
     q[spike, 0] += 90.0
-    columns = {"stamp": 1e3 * T, "enc1": q[:, 0], "enc2": q[:, 1], "i1": TAU[:, 0] / 2.5, "i2": TAU[:, 1] / 2.5}
-    return write_table(path, {name: x[rows] for name, x in columns.items()}, {})
+    table = {"stamp": 1e3 * T, **columns(enc=q, i=TAU / 2.5)}
+    return write_table(path, {name: x[rows] for name, x in table.items()}, {})
 
 
 def test_from_the_logs_of_a_robot_to_a_report(tmp_path: Path) -> None:
@@ -126,8 +126,7 @@ def test_odd_logs_are_refused_or_named(log: Path, tmp_path: Path) -> None:
     (tmp_path / "map.toml").write_text("t = ")
     one_line(call("identify", "arm", str(log), "--columns", str(tmp_path / "map.toml")), 1, "not TOML")
     rng = np.random.default_rng(0)
-    columns = {"t": T + rng.uniform(0, 0.01, len(T)), "q": Q, "tau": TAU}
-    np.savez(tmp_path / "jitter.npz", **columns)
+    np.savez(tmp_path / "jitter.npz", t=T + rng.uniform(0, 0.01, len(T)), q=Q, tau=TAU)
     read = read_log(ARM, tmp_path / "jitter.npz", decimate=2)
     assert "jitter" in read.notes[0]
     assert len(read.table["t"]) == len(T) // 2

@@ -13,6 +13,7 @@ import pytest
 import twolink as tl
 from tests.parts.service.serving import wait_until
 from tests.parts.service.urdfs import pendulum
+from tests.refusals import refused
 from twolink.errors import TwolinkError
 from twolink.parts.sweeps import slurm
 
@@ -118,9 +119,8 @@ def test_what_is_done_or_in_the_queue_is_not_sent_again(tmp_path: Path, jobs: Pa
 @pytest.mark.usefixtures("jobs")
 def test_what_slurm_refuses_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "runs.zarr"
-    with pytest.raises(TwolinkError, match="invalid partition") as refused:
+    with refused(TwolinkError, "batch-refused", match="invalid partition"):
         tl.sweep(scene(), vary=VARY, out=out, executor=f"slurm:{tmp_path}/shared?partition=none")
-    assert refused.value.code == "batch-refused"
     with pytest.raises(TwolinkError, match="absolute"):
         tl.sweep(scene(), vary=VARY, out=out, executor="slurm:shared")
     monkeypatch.setenv("PATH", str(tmp_path))
