@@ -40,7 +40,7 @@ def start_notes(robot: Robot, q: np.ndarray) -> list[str]:
     """Possible mistakes in a start q (nq,): joints beyond the URDF's limits, angles that may be in degrees."""
     notes = []
     for joint in robot.joints:
-        if joint.kind != "vector" or joint.v.stop - joint.v.start != 1:
+        if joint.kind != "vector":
             continue
         value, angle = float(q[joint.q.start]), joint.unit == "rad"
         lower, upper = joint.lower[0], joint.upper[0]

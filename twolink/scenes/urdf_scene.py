@@ -286,8 +286,7 @@ def _start(joint: JointLayout, home: np.ndarray, limits: Ends | None) -> np.ndar
 
 def limited_joints(robot: Robot) -> list[tuple[JointLayout, tuple[float, float]]]:
     """The joints with one coordinate, and their limits."""
-    ones = [joint for joint in robot.joints if joint.kind == "vector" and joint.v.stop - joint.v.start == 1]
-    return [(joint, (joint.lower[0], joint.upper[0])) for joint in ones]
+    return [(joint, (joint.lower[0], joint.upper[0])) for joint in robot.joints if joint.kind == "vector"]
 
 
 def limits_by_joint(robot: Robot, values: np.ndarray) -> dict[str, float]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from twolink.dynamics.arguments import Names, texts
 from twolink.errors import ShowError, nearest
-from twolink.robots.joint_layout import JointLayout, counted_on, unit_of
+from twolink.robots.joint_layout import JointLayout, angular_dofs, counted_on, unit_of
 from twolink.robots.model import RobotModel
 from twolink.show.figure import COLOURS, label_right, new_figure, plain
 from twolink.show.figure import WIDTH as LETTER
@@ -184,13 +184,8 @@ def _positions(
 
 
 def _velocities(joint: JointLayout, v: np.ndarray) -> list[tuple[str, str, np.ndarray]]:
-    if v.shape[1] == 1:
-        slides = joint.kind == "vector" and joint.unit != "rad"
-        return [("slide" if slides else "turn", "", v[:, 0])]
-    turning = {"planar": ["z"], "quaternion": list("xyz"), "free-flyer": list("xyz")}.get(joint.kind, [])
-    first = v.shape[1] - len(turning)
-    slide = [("slide", name, v[:, i]) for i, name in enumerate("xyz"[:first])]
-    return [*slide, *(("turn", name, v[:, first + i]) for i, name in enumerate(turning))]
+    turning, names = angular_dofs(joint), "xyzxyz" if v.shape[1] > 1 else [""]
+    return [("turn" if i in turning else "slide", names[i], column) for i, column in enumerate(v.T)]
 
 
 def those_that_move_most(curves: Sequence[JointCurve]) -> list[str]:

@@ -28,7 +28,7 @@ from twolink.integrate.motion.state import Array
 from twolink.integrate.steps.step_certificate import AGREEMENT, STATES, certify_projection, certify_rate
 from twolink.io.fingerprints import changed_joint
 from twolink.parts.exchange.traced_functions import Traced
-from twolink.robots.joint_layout import JointLayout, joint_columns
+from twolink.robots.joint_layout import JointLayout, angular_dofs, joint_columns
 from twolink.scenes import Scene
 from twolink.scenes.parameters import PREFIX, named_parameters, parameters_of, with_effect_number
 
@@ -215,7 +215,7 @@ def _variables(
 ) -> tuple[list[FmuVariable], int]:
     """The variables in the order of their value references, and how many constants there are."""
     space, joints, known = equations.space, scene.robot.joints, parameters_of(scene)
-    units = {letter: [unit for joint in joints for unit in _units(scene, joint, letter)] for letter in ("q", "v")}
+    units = {letter: [unit for joint in joints for unit in _units(joint, letter)] for letter in ("q", "v")}
     names = {letter: [name for name, _ in joint_columns(joints, letter)] for letter in ("q", "v", "a", "tau")}
     states = [
         *((name, f"configuration of {name[2:]}", unit) for name, unit in zip(names["q"], units["q"], strict=True)),
@@ -259,12 +259,9 @@ def _variables(
     return found, len(fixed)
 
 
-def _units(scene: Scene, joint: JointLayout, letter: str) -> list[str]:
+def _units(joint: JointLayout, letter: str) -> list[str]:
     """The unit of each entry of q of a joint; of v, that which passes in a second."""
-    size, lengths = joint.v.stop - joint.v.start, {"free-flyer": 3, "planar": 2}.get(joint.kind, 0)
-    if joint.kind == "vector":
-        shape = scene.robot.model.joints[joint.index].shortname()
-        lengths = 0 if joint.unit == "rad" or "Spherical" in shape else size
+    part = joint.v if letter == "v" else joint.q
+    lengths = joint.v.stop - joint.v.start - len(angular_dofs(joint))
     turning = "1" if letter == "q" and joint.normalized is not None else "rad"
-    total = size if letter == "v" else joint.q.stop - joint.q.start
-    return ["m"] * lengths + [turning] * (total - lengths)
+    return ["m"] * lengths + [turning] * (part.stop - part.start - lengths)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
 from twolink.errors import SceneError
-from twolink.robots.joint_layout import read_columns
+from twolink.robots.joint_layout import angular_dofs, read_columns
 from twolink.robots.log_columns import in_our_names, read_log_table
 from twolink.simulation.trajectory import Trajectory
 
@@ -169,11 +169,7 @@ def in_radians(log: TrajectoryLog, robot: Robot) -> TrajectoryLog:
 
 def _angles(robot: Robot) -> Array:
     """Flags, true of the entries of v that are angles a second (nv,)."""
-    found = np.ones(robot.nv, dtype=bool)
-    for joint in robot.joints:
-        whole = joint.v.stop - joint.v.start if joint.unit == "m" else 0
-        found[joint.v.start :][: {"free-flyer": 3, "planar": 2}.get(joint.kind, whole)] = False
-    return found
+    return np.isin(np.arange(robot.nv), [joint.v.start + k for joint in robot.joints for k in angular_dofs(joint)])
 
 
 def _turned(values: Array, turns: Array) -> Array:
