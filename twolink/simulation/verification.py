@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -15,11 +16,14 @@ from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.solver import has_columns, is_stepping, solve
 from twolink.integrate.solvers.method_choice import ATTEMPTS, MethodChoice, attempts_of
+from twolink.integrate.solvers.taylor import ROUNDING_UNIT
 from twolink.integrate.steps.companions import OFTEN, SELDOM, Companions
 from twolink.integrate.steps.failures import failure
 from twolink.integrate.steps.perturbation import (
     NO_PERTURBATION,
+    RESTARTED,
     Perturbation,
+    disturbed_finer,
     disturbed_solutions,
     finer_solution,
 )
@@ -31,7 +35,6 @@ from twolink.simulation.error_bar import (
     distances,
     truncation_factor,
 )
-from twolink.simulation.one_by_one import OneByOne
 from twolink.simulation.verified import ALONE, Verified
 
 # Disturbed solutions as columns of a batch with the run: more where rounding counts, as it does below FINE (rad or m).
@@ -42,6 +45,8 @@ EMBEDDED = Perturbation(embedded=True)
 SHORTER = 2.0  # times shorter than by their tolerance: steps that ticks decide
 WIDE = 50.0  # times rounding: their disturbances
 LESS_FINE = 3  # times that the finer solution is tried, each time nearer to the run
+LOST = "loops-singular", "steps-collapsed"  # codes of a solution that gets no farther
+Far = Callable[..., Array]  # the distance (k,) of a solution with a perturbation from the run, or from another origin
 
 
 class Verification:
@@ -91,65 +96,69 @@ class Verification:
 
     def _tried(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         if has_columns(self._equations, choice.method, choice.precision):
-            return (self._in_columns if self._equations.sampling is None else self._in_loop)(choice, finer)
+            return self._in_batches(choice, finer)
         if self._equations.sampling is not None and self._equations.has_events and is_stepping(choice.method):
             return self._from_tick_to_tick(choice, finer)
         return self._one_by_one(choice, finer)
 
-    def _in_columns(self, choice: MethodChoice, finer: Perturbation) -> Verified:
-        """The run and the others as columns of one batch; by Taylor's method, whose order all have, the others."""
-        taylor, space = choice.method.kind == "taylor", self._equations.space
+    def _in_batches(self, choice: MethodChoice, finer: Perturbation) -> Verified:
+        """The run and others as columns of one batch: more of them, until they are enough."""
         spent = 0.0
-        for count in (BY_TAYLOR,) if taylor else IN_COLUMNS if self._few else IN_COLUMNS[-1:]:
-            disturbed = disturbed_solutions(count, finer.finer if taylor else 1.0)
-            run, own, x, companions = self._batch(choice, (finer, *disturbed))
+        for others in self._columns(choice, finer):
+            run, own, x, companions = self._batch(choice, others)
             if run.solution.interrupted:
                 return run
-            undisturbed = x[:, :, :1] if taylor else own
-            each = np.concatenate([distances(space, own, x[:, :, :1]), distances(space, undisturbed, x[:, :, 1:])],
-                                  axis=1)  # fmt: skip
-            if not taylor:  # between two checks, what the later one shows
-                seen = each[companions.seldom, OFTEN:].repeat(companions.stride, axis=0)
-                each[1:, OFTEN:] = seen[-len(each) + 1 :]
-            run = replace(run, verify_seconds=run.verify_seconds + spent)
-            if self._is_enough(run, count, each):
+            each = self._distances(choice, own, x, companions)
+            enough = self._is_enough(run, each)
+            run = replace(run, verify_seconds=run.verify_seconds + spent).with_parts(_in_doubt(run, each))
+            if self._is_negligible(run) if others[0].embedded else enough:
                 break
             spent, self._few = run.seconds + run.verify_seconds, False
-        return run.with_parts(each)
+        return run
 
-    def _is_enough(self, run: Verified, count: int, each: Array) -> bool:
-        """True if so many disturbed solutions suffice: more of them could not lessen the bar by much, or not enough."""
-        finer, far = each[:, 0].max(), each[:, 1:].max()
-        least = truncation_factor(run.choice.method, run.solution.steps) * finer + DISTURBED[max(IN_COLUMNS)] * far
-        return bool(DISTURBED[count] * far <= max(ENOUGH * self._accuracy, finer) or least > self._accuracy > 0.0)
+    def _columns(self, choice: MethodChoice, finer: Perturbation) -> Iterator[tuple[Perturbation, ...]]:
+        """The solutions beside the run, for one batch after the other.
 
-    def _in_loop(self, choice: MethodChoice, finer: Perturbation) -> Verified:
-        """The run of a sampled loop and pairs of solutions whose disturbances mirror each other, as columns.
-
-        Each calls the controllers. The middle of a pair shows truncation, the distance from it rounding. Disturbances
-        are so much larger than rounding that a threshold which is near to the motion lies between two solutions.
+        A finer one, and disturbed ones; by Taylor's method, whose order all have, as fine as that one. Of a sampled
+        loop, in which each calls the controllers, pairs whose disturbances mirror each other, so much larger than
+        rounding that a threshold which is near to the motion lies between two solutions.
 
         A pair by the embedded formula takes the steps of the run, at no more evaluations; its error is that of a lower
         order. Where steps end at ticks, that is often as good as none; else pairs are finer.
         """
-        space, spent = self._equations.space, 0.0
-        for pairs, beside in ((1, EMBEDDED), *((pairs, finer) for pairs in PAIRS)):
-            if beside is EMBEDDED and not self._steps_are_ticks(choice):
-                continue
-            others = (replace(one, rounding=WIDE * one.rounding, sign=sign, embedded=beside.embedded)
-                      for one in disturbed_solutions(pairs, beside.finer) for sign in (1.0, -1.0))  # fmt: skip
-            run, own, x, _ = self._batch(choice, tuple(others))
-            if run.solution.interrupted:
-                return run
+        if self._equations.sampling is None:
+            taylor = choice.method.kind == "taylor"
+            for count in (BY_TAYLOR,) if taylor else IN_COLUMNS if self._few else IN_COLUMNS[-1:]:
+                yield finer, *disturbed_solutions(count, finer.finer if taylor else 1.0)
+            return
+        embedded = [(1, EMBEDDED)] if self._steps_are_ticks(choice) else []
+        for pairs, beside in (*embedded, *((pairs, finer) for pairs in PAIRS)):
+            yield tuple(replace(one, rounding=WIDE * one.rounding, sign=sign, embedded=beside.embedded)
+                        for one in disturbed_solutions(pairs, beside.finer) for sign in (1.0, -1.0))  # fmt: skip
+
+    def _distances(self, choice: MethodChoice, own: Array, x: Array, companions: Companions) -> Array:
+        """The distances (k, n) that show truncation, the first, and rounding.
+
+        The middle of a pair shows truncation, the distance from it rounding.
+        """
+        space, taylor = self._equations.space, choice.method.kind == "taylor"
+        if self._equations.sampling is not None:
             one, other = x[:, :, ::2], x[:, :, 1::2]
             truncation = distances(space, own, 0.5 * (one + other)).max(axis=1, keepdims=True)
-            each = np.concatenate([truncation, 0.5 / WIDE * distances(space, one, other)], axis=1)
-            enough = self._is_enough(run, pairs, each)
-            run = replace(run, verify_seconds=run.verify_seconds + spent).with_parts(_in_doubt(run, each))
-            if self._is_negligible(run) if beside is EMBEDDED else enough:
-                break
-            spent = run.seconds + run.verify_seconds
-        return run
+            return np.concatenate([truncation, 0.5 / WIDE * distances(space, one, other)], axis=1)
+        undisturbed = x[:, :, :1] if taylor else own
+        each = np.concatenate([distances(space, own, x[:, :, :1]), distances(space, undisturbed, x[:, :, 1:])], axis=1)
+        if not taylor:  # between two checks, what the later one shows
+            seen = each[companions.seldom, OFTEN:].repeat(companions.stride, axis=0)
+            each[1:, OFTEN:] = seen[-len(each) + 1 :]
+        return each
+
+    def _is_enough(self, run: Verified, each: Array) -> bool:
+        """True if so many disturbed solutions suffice: more of them could not lessen the bar by much, or not enough."""
+        finer, far = each[:, 0].max(), each[:, 1:].max()
+        least = truncation_factor(run.choice.method, run.solution.steps) * finer + DISTURBED[max(IN_COLUMNS)] * far
+        count = each.shape[1] - 1
+        return bool(DISTURBED[count] * far <= max(ENOUGH * self._accuracy, finer) or least > self._accuracy > 0.0)
 
     def _steps_are_ticks(self, choice: MethodChoice) -> bool:
         """True if ticks, not the tolerance, decide how long the steps of a method with one error estimate are."""
@@ -166,18 +175,23 @@ class Verification:
         return all(one is not None and one.max() <= 0.5 * SLACK * self._accuracy for one in parts)
 
     def _from_tick_to_tick(self, choice: MethodChoice, finer: Perturbation) -> Verified:
-        """The run and the others side by side, each with its own events and controllers."""
+        """The run and the others side by side, each with its own events and controllers.
+
+        Of two disturbed ones that mirror each other, one is on the other side of a threshold that is near to the run.
+        """
         from twolink.integrate.hybrid.located import solve_located  # with it come the effects of modes
 
-        start, perturbations = time.perf_counter(), (NO_PERTURBATION, finer, *_mirrored())
+        one, two = disturbed_solutions(ALONE)
+        start, perturbations = time.perf_counter(), (NO_PERTURBATION, finer, one, replace(one, sign=-1.0), two)
         solution, *others = solve_located(self._equations, choice.method, self._times, choice.setting, self._progress,
                                           perturbations, self._times[self._checks])  # fmt: skip
         seconds = time.perf_counter() - start - solution.compile_seconds
         run = Verified(choice, solution, seconds, self._numbers(solution))
         if solution.interrupted:
             return run
-        each = np.stack([run.distance(self._equations.space, other) for other in others], axis=1)
-        return run.with_parts(_of_mirrored(run, each))
+        finer_off, *mirrored, rounded = (run.distance(self._equations.space, other) for other in others)
+        # What mirrors another tells no more of the size of rounding.
+        return run.with_parts(_in_doubt(run, np.stack([finer_off, np.max(mirrored, axis=0), rounded], axis=1)))
 
     def _batch(
         self, choice: MethodChoice, others: tuple[Perturbation, ...]
@@ -195,15 +209,64 @@ class Verification:
         return run, own, companions.x.swapaxes(1, 2), companions
 
     def _one_by_one(self, choice: MethodChoice, finer: Perturbation) -> Verified:
-        """The run, then the others."""
-        run, times = self.unverified(choice), self._times[self._checks]
+        """The run, then the others.
+
+        A finer solution that is disturbed shows both errors, if what becomes of disturbances is in proportion to them:
+        not where a stop, a contact or a halt may just be missed. Where its bar is above the accuracy, each error has a
+        solution of its own.
+        """
+        run = self.unverified(choice)
         if run.solution.interrupted:
             return run
-        beside = OneByOne(run, self._equations.space, self._accuracy, lambda one: self._solved(choice, times, one)[0])
+        begin, others = time.perf_counter(), list[Solution]()
+
+        def far(perturbation: Perturbation, origin: Verified = run) -> Array:
+            """The distance of another solution from the run or another origin, infinite where it is lost."""
+            try:
+                other = self._solved(choice, self._times[self._checks], perturbation)[0]
+            except AccuracyError as error:
+                if error.code not in LOST:
+                    raise
+                return np.full(len(run.checks), np.inf)
+            others.append(other)
+            if other.interrupted:
+                raise KeyboardInterrupt
+            return origin.distance(self._equations.space, other)
+
         try:
-            return beside.verified(finer)
+            together = self._together(run, finer, far) if choice.method.kind == "taylor" else None
+            one = together or run.with_parts(np.stack(self._apart(run, finer, far, others), axis=1))
         except KeyboardInterrupt:
             return replace(run, solution=replace(run.solution, interrupted=True))
+        compiling = sum(other.compile_seconds for other in others)
+        solution = replace(run.solution, compile_seconds=run.solution.compile_seconds + compiling)
+        return replace(one, solution=solution, verify_seconds=time.perf_counter() - begin - compiling)
+
+    def _together(self, run: Verified, finer: Perturbation, far: Far) -> Verified | None:
+        """The run by a solution that shows both errors, where that is enough."""
+        disturbed, wide = disturbed_finer(finer, run.choice.setting, ROUNDING_UNIT[run.choice.precision])
+        if not (wide and self._accuracy > 0.0):
+            return None
+        off = far(disturbed)
+        one = run.with_parts(np.stack([off, off / wide], axis=1))
+        bar = one.bar(self._equations.space, SLACK * self._accuracy)
+        return one if bar is not None and bar[-1] <= self._accuracy else None
+
+    def _apart(self, run: Verified, finer: Perturbation, far: Far, others: list[Solution]) -> list[Array]:
+        """The distances (k,) to a finer solution, and to disturbed ones: another where the first says much."""
+        # The steps of a disturbed solution may end elsewhere than those of the run. It is compared with one of its own
+        # steps: by Taylor's method the finer one, by SciPy's one that begins anew as often.
+        kind = run.choice.method.kind
+        each, undisturbed = [far(finer)], run
+        same_steps = each[0] if kind != "scipy" else far(RESTARTED)
+        if kind in ("taylor", "scipy") and np.isfinite(same_steps).all():  # it is not lost
+            own = others[-1]
+            undisturbed = replace(run, solution=own, checks=np.arange(len(own.t)))
+        for disturbed in disturbed_solutions(ALONE, finer.finer if kind == "taylor" else 1.0):
+            each.append(far(disturbed, undisturbed))
+            if len(each) == 2 and DISTURBED[1] * each[1].max() < ENOUGH * self._accuracy:
+                break
+        return each
 
     def _solved(
         self,
@@ -226,21 +289,6 @@ class Verification:
         """The numbers of the samples that are compared, and of the last one of a solution that ended before."""
         last = len(solution.t) - 1
         return self._checks if self._checks[-1] == last else np.append(self._checks[self._checks < last], last)
-
-
-def _mirrored() -> tuple[Perturbation, ...]:
-    """The disturbed solutions of a sampled loop, each of which calls the controllers.
-
-    Of two that mirror each other, one is on the other side of a threshold that is near to the run.
-    """
-    one, other = disturbed_solutions(ALONE)
-    return one, replace(one, sign=-1.0), other
-
-
-def _of_mirrored(run: Verified, each: Array) -> Array:
-    """The distances (k, 3) to the finer solution and to two disturbed ones, from those to the mirrored ones (k, 4)."""
-    # What mirrors another tells no more of the size of rounding.
-    return _in_doubt(run, np.stack([each[:, 0], each[:, 1:3].max(axis=1), each[:, 3]], axis=1))
 
 
 def _in_doubt(run: Verified, each: Array) -> Array:
