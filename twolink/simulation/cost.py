@@ -1,11 +1,13 @@
 """Cost: what a run took."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from twolink.integrate.solution import Code
 from twolink.simulation.text import BaseResult
 
 KINDS = {"steps": "native", "": "by NumPy or SciPy"}
+SUMS = "steps", "evaluations", "rejected", "seconds", "verify_seconds", "compile_seconds"
 
 
 @dataclass(frozen=True, repr=False)
@@ -63,3 +65,8 @@ class Cost(BaseResult):
             f"{self.steps} steps ({kind}), {self.rejected} rejected, {self.evaluations} evaluations\n"
             f"solved in {seconds}"
         )
+
+
+def together(own: Cost, others: Sequence[Cost], why: str) -> Cost:
+    """The cost of a run with those of others."""
+    return replace(own, **{name: sum(getattr(cost, name) for cost in (own, *others)) for name in SUMS}, why=why)

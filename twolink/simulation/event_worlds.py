@@ -2,8 +2,8 @@
 
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from twolink.integrate.solution import Progress
 from twolink.integrate.solvers.method_choice import choose
 from twolink.scenes import Scene
 from twolink.scenes.parameters import scene_with
-from twolink.simulation.cost import Cost
+from twolink.simulation.cost import Cost, together
 from twolink.simulation.scene_run import ACCURACY, run_of
 from twolink.simulation.trajectory import Trajectory
 
@@ -25,13 +25,12 @@ if TYPE_CHECKING:
     from twolink.contact.stepping import ContactStepper
 
 
-@dataclass(frozen=True, eq=False)
-class SingleWorlds:
+class SolvedWorlds(NamedTuple):
     """The runs of n worlds at m times.
 
     q (m, n, nq), v (m, n, nv), where the last is the state at the end, or at the event that ended the world; NaN behind
     that, and for a lost world. error (n,): the bars at the end; None: not verified. steps (n,). cost: of all together.
-    events: of each. ends (n,): when each ended, s. estimated: whether some errors are estimates.
+    ends (n,): when each ended, s. events: of each. estimated: whether some errors are estimates.
     """
 
     q: Array
@@ -39,9 +38,9 @@ class SingleWorlds:
     error: Array | None
     steps: Array
     cost: Cost
-    events: tuple[tuple[Event, ...], ...]
     ends: Array
-    estimated: bool
+    events: tuple[tuple[Event, ...], ...] = ()
+    estimated: bool = False
 
 
 def solve_one_by_one(
@@ -54,7 +53,7 @@ def solve_one_by_one(
     *,
     verify: bool = True,
     contact: str | None = None,
-) -> SingleWorlds:
+) -> SolvedWorlds:
     """Solve the worlds from states (nq + nv, n), with parameters (n,) by name, for samples at the times (m,).
 
     Worlds without parameters share their equations, and so their compiled steps. Raises SceneError with the world whose
@@ -88,7 +87,8 @@ def solve_one_by_one(
             estimated |= run.estimated
         if progress is not None:
             progress(float(times[-1]) * (i + 1) / count)
-    return SingleWorlds(q, v, error if verify else None, steps, _sum(costs), tuple(events), ends, estimated)
+    cost = together(costs[0], costs[1:], "world by world") if costs else Cost("", None, 0, 0, 0.0)
+    return SolvedWorlds(q, v, error if verify else None, steps, cost, ends, tuple(events), estimated)
 
 
 def runs_of(
@@ -136,12 +136,3 @@ def _run(run: Callable[[Array], Trajectory], x: Array) -> Trajectory | None:
     except AccuracyError as error:
         best: Any = error.run
         return best if isinstance(best, Trajectory) else None
-
-
-def _sum(costs: list[Cost]) -> Cost:
-    """The cost of runs together; method and tolerance are those of the first."""
-    if not costs:
-        return Cost("", None, 0, 0, 0.0)
-    names = "steps", "evaluations", "rejected", "seconds", "verify_seconds", "compile_seconds"
-    sums = {name: sum(getattr(cost, name) for cost in costs) for name in names}
-    return replace(costs[0], **sums, why="world by world")

@@ -19,6 +19,7 @@ from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.event import STEPPED, Event
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.scenes import Scene
+from twolink.simulation.cost import together
 from twolink.simulation.error_bar import error_bar
 from twolink.simulation.stepped_run import PARTING, with_reason
 from twolink.simulation.trajectory import Trajectory
@@ -26,7 +27,6 @@ from twolink.simulation.trajectory import Trajectory
 NOT_LOCATED = ("no-impact", "no-consistent-mode", "indeterminate-forces", "no-single-point",
                "events-without-end")  # fmt: skip  # codes of contacts that stepping may solve
 BEFORE = 1e-6, 1e-3  # of the time to the failure: so much before it the located part ends, also beside the run
-SUMS = "steps", "evaluations", "rejected", "seconds", "verify_seconds", "compile_seconds"  # of both costs
 COARSER = 2.0  # times: of the steps along which the growth of an error is looked at
 Run = Callable[..., Trajectory]  # of times (n,); stepped also of a scene from the first of them, and of a step
 
@@ -103,8 +103,7 @@ def _joined(run: Trajectory, rest: Trajectory, error: np.ndarray | None, failure
         raise AccuracyError("no solution to go on from", where=f"t = {begin:.6g} s")
     event = Event(begin, STEPPED, "contacts", f"from here on the error is an estimate, for located {failure.what}")
     why = f"located until t = {begin:.6g} s, stepped from there, for {failure.what}; {rest.cost.why}"
-    sums = {name: getattr(run.cost, name) + getattr(rest.cost, name) for name in SUMS}
     t, q, v = (np.concatenate([getattr(run, name), getattr(rest, name)[1:]]) for name in "tqv")
-    return replace(rest, t=t, q=q, v=v, error=error, cost=replace(rest.cost, why=why, **sums),
+    return replace(rest, t=t, q=q, v=v, error=error, cost=together(rest.cost, [run.cost], why),
                    events=(*run.events, event, *rest.events), solution=SplicedSolution(first, second),
                    certificate=run.certificate, scene=run.scene)  # fmt: skip

@@ -20,6 +20,7 @@ from twolink.integrate.steps.perturbation import (
     finer_solution,
 )
 from twolink.integrate.steps.step_map import StepMap
+from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import (
     DISTURBED,
     ENOUGH,
@@ -38,28 +39,11 @@ AIM = 0.3  # of the accuracy: where the next bar shall be, by the one that was t
 
 
 @dataclass(eq=False)
-class SolvedWorlds:
-    """Solutions of many worlds.
-
-    x (m, size, n): states at the times. steps, rejected (n,): of what is in x. error (n,): the bars at the end, NaN
-    for a lost world; None: not verified. tolerance: of the first solution. seconds: of that. verify_seconds: of all
-    others.
-    """
-
-    x: Array
-    steps: Array
-    rejected: Array
-    error: Array | None
-    tolerance: float
-    seconds: float
-    verify_seconds: float = 0.0
-
-
-@dataclass(eq=False)
 class _Tried:
     """Solutions of some worlds, each with its tolerance.
 
-    worlds, tolerance, steps, rejected (w,), x (m, size, w). rounding (m, w): of their bars, inf where it is not known.
+    worlds, tolerance, steps, rejected (w,), x (m, size, w): at the times. rounding (m, w): of their bars, inf where it
+    is not known. error (w,): the bars at the end, NaN for a lost world, and where it is not known.
     """
 
     worlds: Array
@@ -68,11 +52,11 @@ class _Tried:
     steps: Array
     rejected: Array
     rounding: Array
+    error: Array
 
     def of(self, few: Array) -> "_Tried":
         """The solutions of few (k,) of them, or of a mask (w,)."""
-        return _Tried(self.worlds[few], self.tolerance[few], self.x[:, :, few], self.steps[few], self.rejected[few],
-                      self.rounding[:, few])  # fmt: skip
+        return _Tried(*(getattr(self, field.name)[..., few] for field in fields(self)))
 
     def take(self, few: Array, others: "_Tried") -> None:
         """Take others in place of few (k,) of the solutions."""
@@ -101,10 +85,10 @@ class _Worlds:
         values = None if self.parameters is None else self.parameters[:, worlds]
         x, steps, rejected = integrate_many(self.step_map, self.starts[:, worlds], self.times, tolerance, values,
                                             self.progress, perturbation)  # fmt: skip
-        unknown = np.full((len(x), len(worlds)), np.inf)
-        return _Tried(worlds, tolerance / perturbation.finer, x, steps, rejected, unknown)
+        unknown, none = np.full((len(x), len(worlds)), np.inf), np.full(len(worlds), np.nan)
+        return _Tried(worlds, tolerance / perturbation.finer, x, steps, rejected, unknown, none)
 
-    def first_bars(self, one: _Tried) -> tuple[Array, _Tried]:
+    def first_bars(self, one: _Tried) -> _Tried:
         """As `bars`, of first solutions: by finer ones that show rounding, too, where that is enough."""
         method, tolerance = self.step_map.method, float(one.tolerance[0])
         disturbed, wide = disturbed_finer(finer_solution(method, tolerance), tolerance)
@@ -112,17 +96,16 @@ class _Worlds:
             return self.bars(one, 0)
         finer = self.solved(one.worlds, one.tolerance, disturbed)
         far = distances(self.step_map.equations.space, one.x, finer.x)
-        bar = self._bar(one, truncation_factor(method, one.steps) * far, DISTURBED[1] / wide * far)
-        late = np.flatnonzero(bar > self.accuracy)  # not those that are lost
+        one.error = self._bar(one, truncation_factor(method, one.steps) * far, DISTURBED[1] / wide * far)
+        late = np.flatnonzero(one.error > self.accuracy)  # not those that are lost
         if late.size:
             few = one.of(late)
-            bar[late], again = self.bars(few, 0)
-            one.rounding[:, late] = few.rounding
-            finer.take(late, again)
-        return bar, finer
+            finer.take(late, self.bars(few, 0))
+            one.take(late, few)
+        return finer
 
-    def bars(self, one: _Tried, before: int) -> tuple[Array, _Tried]:
-        """The bars (w,) at the end of solutions, NaN of those that are lost; and the finer solutions.
+    def bars(self, one: _Tried, before: int) -> _Tried:
+        """Find the bars of solutions. Returns the finer solutions.
 
         before: how often these worlds have been looked at before. Some of the solutions are finer ones of then: their
         longest step is shorter, and that of their own finer solutions must be shorter again.
@@ -133,7 +116,8 @@ class _Worlds:
         truncation = truncation_factor(method, one.steps) * distances(equations.space, one.x, finer.x)
         self._look_at_rounding(one, truncation.max(axis=0))
         self.take_over(one, finer)
-        return self._bar(one, truncation, one.rounding), finer
+        one.error = self._bar(one, truncation, one.rounding)
+        return finer
 
     def _bar(self, one: _Tried, truncation: Array, rounding: Array) -> Array:
         """The bars (w,) at the end, NaN of worlds that are lost, from their parts (m, w)."""
@@ -178,34 +162,39 @@ def solve_worlds(
     progress: Progress | None = None,
     *,
     verify: bool = True,
-) -> SolvedWorlds:
+) -> tuple[Array, Array | None, Array, Cost]:
     """Solve worlds from starts (size, n), with parameters (p, n), for states at the times (m,).
 
     With `verify` solutions beside each world give its error bar. Worlds whose bar is above the accuracy are solved
     again with tolerances by how much it is above, as long as that helps; each keeps the best bar it has had.
+
+    Returns
+    -------
+    x : ndarray (m, size, n)
+        States at the times.
+    error : ndarray (n,) or None
+        The bars at the end, NaN for a lost world; None: not verified.
+    steps : ndarray (n,)
+        Steps of what is in x.
+    cost : Cost
+        Of all.
     """
     method, begin = step_map.method, time.perf_counter()
     given = _Worlds(step_map, starts, times, parameters, progress, accuracy)
     count, tolerance = starts.shape[1], first_tolerance(method, accuracy)
     one = given.solved(np.arange(count), np.full(count, tolerance))
-    result = SolvedWorlds(one.x, one.steps, one.rejected, None, tolerance, time.perf_counter() - begin)
-    if not verify:
-        return result
-    result.error, result.x = np.full(count, np.nan), one.x.copy()
-    result.steps, result.rejected = one.steps.copy(), one.rejected.copy()
+    seconds, best = time.perf_counter() - begin, one.of(one.worlds)
     least = LEAST * smallest_tolerance(method)
     for before in itertools.count():
-        if not one.worlds.size:
+        if not (verify and one.worlds.size):
             break
-        bar, finer = given.bars(one, before) if before else given.first_bars(one)
-        better = ~(bar >= result.error[one.worlds])  # than none, too
-        kept = one.worlds[better]
-        result.error[kept], result.x[:, :, kept] = bar[better], one.x[:, :, better]
-        result.steps[kept], result.rejected[kept] = one.steps[better], one.rejected[better]
+        finer = given.bars(one, before) if before else given.first_bars(one)
+        better = ~(one.error >= best.error[one.worlds])  # than none, too
+        best.take(one.worlds[better], one.of(better))
         rounding = one.rounding.max(axis=0)
         room = np.fmax(accuracy - rounding, 0.0)
-        wanted = np.fmax(one.tolerance * np.fmin(0.5, AIM * room / np.fmax(bar - rounding, 1e-300)), least)
-        again = (bar > accuracy) & (room > 0.0) & (one.tolerance > 1.01 * least)  # not the lost ones: their bar is NaN
+        wanted = np.fmax(one.tolerance * np.fmin(0.5, AIM * room / np.fmax(one.error - rounding, 1e-300)), least)
+        again = (one.error > accuracy) & (room > 0.0) & (one.tolerance > 1.01 * least)  # not the lost ones
         fine = (finer.tolerance <= wanted) & (finer.tolerance >= least)  # enough, so that they are there already
         anew = again & ~fine
         before_them, one = one.of(anew), finer.of(again & fine)
@@ -213,5 +202,8 @@ def solve_worlds(
             solved = given.solved(before_them.worlds, wanted[anew])
             given.take_over(before_them, solved)
             one = one.beside(solved)
-    result.verify_seconds = time.perf_counter() - begin - result.seconds
-    return result
+    verify_seconds = time.perf_counter() - begin - seconds if verify else 0.0
+    steps, rejected = int(best.steps.sum()), int(best.rejected.sum())
+    cost = Cost(method.name, tolerance, steps, (steps + rejected) * method.evaluations, seconds, verify_seconds,
+                step_map.compile_seconds, rejected, step_map.compiled, "a batch")  # fmt: skip
+    return best.x, best.error if verify else None, best.steps, cost

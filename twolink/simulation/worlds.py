@@ -12,14 +12,14 @@ from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.assembly import assembled
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of, with_starting_states
+from twolink.integrate.solution import Progress
 from twolink.integrate.steps.methods import METHODS
-from twolink.integrate.steps.step_map import StepMap, step_map
+from twolink.integrate.steps.step_map import step_map
 from twolink.io.progress import Report, in_time
 from twolink.scenes import Scene
 from twolink.scenes.parameters import PREFIX, Parameter, named_parameters, parameters_of, scene_with
 from twolink.scenes.scene import accuracy_of
-from twolink.simulation.cost import Cost
-from twolink.simulation.event_worlds import solve_one_by_one
+from twolink.simulation.event_worlds import SolvedWorlds, solve_one_by_one
 from twolink.simulation.many_runs import Worlds
 from twolink.simulation.sampling import duration_for, sample_times, with_check_times, with_ends
 from twolink.simulation.scene_run import ACCURACY
@@ -99,26 +99,40 @@ def simulate_many(
     kept = np.isin(times, wanted)
     begun = states[: scene.robot.nq].T.copy(), states[scene.robot.nq :].T.copy(), values
     if choose_contact_method(scene, contact).method is not None or differs_beyond_numbers(scene, values):
-        ones = solve_one_by_one(scene, states, values, times, asked, told, verify=verify, contact=contact)
-        ended = (wanted[:, None] > ones.ends)[:, :, None]
-        qs, vs = (np.where(ended, np.nan, rows[kept]) for rows in (ones.q, ones.v))
-        return Worlds(scene.robot, end, ones.q[-1], ones.v[-1], ones.error, accuracy, ones.steps, ones.cost,
-                      wanted, qs, vs, ones.events, ones.ends, scene, *begun, ones.estimated)  # fmt: skip
-    steps_by = _step_map(scene, tuple(values), end)
-    close_loops(steps_by.equations, states)
-    states = with_starting_states(steps_by.equations, states, values)
+        found = solve_one_by_one(scene, states, values, times, asked, told, verify=verify, contact=contact)
+    else:
+        found = _in_batch(scene, states, values, times, accuracy, told, verify=verify)
+    behind = (wanted[:, None] > found.ends)[:, :, None]
+    qs, vs = (np.where(behind, np.nan, rows[kept]) for rows in (found.q, found.v))
+    return Worlds(scene.robot, end, found.q[-1], found.v[-1], found.error, accuracy, found.steps, found.cost, wanted,
+                  qs, vs, found.events, found.ends, scene, *begun, found.estimated)  # fmt: skip
+
+
+def _in_batch(
+    scene: Scene,
+    states: np.ndarray,
+    values: Mapping[str, np.ndarray],
+    times: np.ndarray,
+    accuracy: float,
+    progress: Progress | None,
+    *,
+    verify: bool,
+) -> SolvedWorlds:
+    """Solve worlds whose steps are a batch, as `solve_one_by_one` does others."""
+    equations = equations_of(scene, tuple(values))
+    equations.require(0.0, float(times[-1]))
+    steps_by = step_map(equations, METHODS["dop853"])
+    close_loops(equations, states)
+    states = with_starting_states(equations, states, values)
     parameter_rows = np.array(list(values.values())) if values else None
-    check_times, method = with_check_times(times, CHECKS) if verify else times, steps_by.method
-    if verify and not can_be_finer(method, accuracy):
+    check_times = with_check_times(times, CHECKS) if verify else times
+    if verify and not can_be_finer(steps_by.method, accuracy):
         raise AccuracyError(f"{accuracy:g} is below what can be verified in batches", argument="accuracy",
                             remedy="ask for 1e-12, or verify=False", code="accuracy-not-verifiable")  # fmt: skip
-    solved = solve_worlds(steps_by, states, check_times, accuracy, parameter_rows, told, verify=verify)
-    steps, rejected = int(solved.steps.sum()), int(solved.rejected.sum())
-    cost = Cost(method.name, solved.tolerance, steps, (steps + rejected) * method.evaluations, solved.seconds,
-                solved.verify_seconds, steps_by.compile_seconds, rejected, steps_by.compiled, "a batch")  # fmt: skip
-    qs, vs = _configurations(steps_by.equations, solved.x[np.searchsorted(check_times, times)])
-    return Worlds(scene.robot, end, qs[-1], vs[-1], solved.error, accuracy, solved.steps, cost, wanted, qs[kept],
-                  vs[kept], (), np.full(len(qs[-1]), end), scene, *begun)  # fmt: skip
+    x, error, steps, cost = solve_worlds(steps_by, states, check_times, accuracy, parameter_rows, progress,
+                                         verify=verify)  # fmt: skip
+    q, v = _configurations(equations, x[np.searchsorted(check_times, times)])
+    return SolvedWorlds(q, v, error, steps, cost, np.full(len(steps), times[-1]))
 
 
 def differs_beyond_numbers(scene: Scene, names: Collection[str]) -> bool:
@@ -224,9 +238,3 @@ def _configurations(equations: Equations, x: np.ndarray) -> tuple[np.ndarray, np
         finite = np.isfinite(q).all(axis=-1)
         q[finite] = space.robot.normalize(q[finite])
     return q, v
-
-
-def _step_map(scene: Scene, parameters: tuple[str, ...], end: float) -> StepMap:
-    equations = equations_of(scene, parameters)
-    equations.require(0.0, end)
-    return step_map(equations, METHODS["dop853"])
