@@ -1,7 +1,7 @@
 """Nominal solutions: those along which derivatives are taken, of the run and second ones, and the steps along them."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple, cast
 
@@ -80,13 +80,23 @@ class NominalSolutions:
         """Times along a nominal solution, about as many as the run has steps."""
         return nominal.dense.t[:: max(1, len(nominal.dense.t) // max(1, self.run.cost.steps if self.run.cost else 1))]
 
-    def leg(self, nominal: NominalSolution, number: int, times: Array, tolerance: float) -> Leg:
-        """The leg of a segment, between those of times (m,) that are in it."""
-        begin, end = nominal.edges[number]
-        inside = times[(times > begin) & (times < end)]
-        breaks = np.array(nominal.dense.segments[number].equations.breaks(end))
-        between = np.unique(np.concatenate([[begin], inside, breaks[breaks > begin], [end]]))
-        return leg_of(self._steps_of(nominal, number), nominal.dense, number, between, tolerance)
+    def legs(self, nominal: NominalSolution, times: Array, tolerance: float) -> Iterator[Leg]:
+        """The legs of a solution, one a segment, between those of times (m,) that are in it."""
+        for number, (begin, end) in enumerate(nominal.edges):
+            inside = times[(times > begin) & (times < end)]
+            breaks = np.array(nominal.dense.segments[number].equations.breaks(end))
+            between = np.unique(np.concatenate([[begin], inside, breaks[breaks > begin], [end]]))
+            yield leg_of(self._steps_of(nominal, number), nominal.dense, number, between, tolerance)
+
+    def along(self, nominal: NominalSolution, legs: Iterable[Leg]) -> Iterator[tuple[Leg, Array]]:
+        """The legs of a solution, each with S (m, tangent + p, k) at its times."""
+        start = self.wanted.start
+        start = start if nominal.begun is None else self.saltation.start(nominal.begun, start)
+        for number, leg in enumerate(legs):
+            s = leg.along(start)
+            yield leg, s
+            jumps = nominal.jumps and number + 1 < len(nominal.edges)
+            start = self.saltation(nominal.jumps[number], s[-1], nominal.second.differences) if jumps else s[-1]
 
     def beside(self, leg: Leg, nominal: NominalSolution, number: int) -> Leg:
         """The leg of a second solution beside one of the first, with the same steps or with every step halved.
@@ -98,16 +108,6 @@ class NominalSolutions:
         if (begin, end) != (own[0], own[-1]) and own[-1] > own[0]:  # between events, which differ a little
             own = np.append(begin + (leg.t - leg.t[0])[:-1] * ((end - begin) / (leg.t[-1] - leg.t[0])), end)
         return leg_at(leg.steps, nominal.dense, number, own if nominal.second.parts == 1 else with_middles(own))
-
-    def start(self, nominal: NominalSolution) -> Array:
-        """S at the start."""
-        return self.wanted.start if nominal.begun is None else self.saltation.start(nominal.begun, self.wanted.start)
-
-    def after(self, nominal: NominalSolution, number: int, s: Array) -> Array:
-        """S after the end of a segment."""
-        if not nominal.jumps or number + 1 == len(nominal.edges):
-            return s
-        return self.saltation(nominal.jumps[number], s, nominal.second.differences)
 
     def _on_one_side(self, nominal: NominalSolution, number: int) -> Equations:
         """The equations of a segment, on its sides of limits of effort: at its ends rounding would decide."""

@@ -17,6 +17,7 @@ INTERPOLATED = 1 / 64  # of an interpolation's error, what is left of it with tw
 # its motion is 10 times or more as accurate, so that a tenth of the distance would do.
 OF_FINER = 0.25
 SMALLER = 100.0  # tolerance of the steps along a second solution of other segments
+Piece = tuple[Leg, np.ndarray]  # with S (m, tangent + p, k) at its times
 
 
 class SensitivityRun:
@@ -29,85 +30,75 @@ class SensitivityRun:
     def __init__(
         self, run: Trajectory, equations: Equations, wanted: Wanted, tolerance: float, accuracy: float
     ) -> None:
-        self.run, self.wanted, self.tolerance, self._rows = run, wanted, tolerance, equations.space.tangent
+        self.run, self.wanted, self.tolerance = run, wanted, tolerance
         self._little = ENOUGH * accuracy  # rounding for which one disturbed solution tells enough
         self._compared = 2 * equations.space.nv  # rows of q and v, not those of states of effects
         self._nominals = NominalSolutions(run, equations, wanted)
         self._nominal = nominal = self._nominals.first
-        self.s, legs, states = self._along(nominal, run.t if nominal.jumps else run.t[:0], tolerance)
-        self.t = np.concatenate([leg.t for leg in legs])
-        self._fine: list[tuple[Leg, np.ndarray]] = []
-        self.distance = self._distance(legs, states)
-        if not nominal.jumps:
-            self.s = self._interpolated(run.t)
-        self.s = self.s[:, : self._compared]
+        pieces = self._along(nominal, tolerance)
+        self.t = np.concatenate([leg.t for leg, _ in pieces])
+        self._fine: list[Piece] = []
+        self.distance = self._distance(pieces)
+        s = _at(pieces, run.t) if nominal.jumps else _at(self._fine, run.t, interpolating=True)
+        self.s = s[:, : self._compared]
 
-    def _along(
-        self, nominal: NominalSolution, samples: np.ndarray, tolerance: float
-    ) -> tuple[np.ndarray, list[Leg], list[np.ndarray]]:
-        """S at sample times (n,), the legs, and S (., 2 nv + p, k) at their times."""
-        start, times = self._nominals.start(nominal), self._nominals.times(nominal)
-        legs, states, out = list[Leg](), list[np.ndarray](), np.empty((len(samples), self._rows, start.shape[1]))
-        segment = np.maximum(np.searchsorted([begin for begin, _ in nominal.edges], samples, side="right") - 1, 0)
-        for number in range(len(nominal.edges)):
-            leg = self._nominals.leg(nominal, number, times, tolerance)
-            s = leg.along(start)
-            here = segment == number
-            out[here] = leg.at(samples[here], s)
-            legs.append(leg)
-            states.append(s)
-            start = self._nominals.after(nominal, number, s[-1])
-        return out, legs, states
+    def _along(self, nominal: NominalSolution, tolerance: float) -> list[Piece]:
+        """The legs with S."""
+        legs = self._nominals.legs(nominal, self._nominals.times(nominal), tolerance)
+        return list(self._nominals.along(nominal, legs))
 
-    def _distance(self, legs: Sequence[Leg], states: Sequence[np.ndarray]) -> np.ndarray:
+    def _distance(self, pieces: Sequence[Piece]) -> np.ndarray:
         """The largest distance to second solutions of each column at the times of all legs, (m, k), times a factor."""
         distances = list[np.ndarray]()
         for one in self._nominals.second_ones():
-            distances.append(self._distance_to(legs, states, one))
+            distances.append(self._distance_to(pieces, one))
             if len(distances) == 2 and not self._nominal.jumps:
                 finer, disturbed = (one.max(axis=0) for one in distances)
                 if (DISTURBED[1] * disturbed <= np.maximum(self._little, OF_FINER * finer)).all():
                     break
         return bound(distances, 1.0 if self._nominal.jumps else OF_FINER)
 
-    def _distance_to(self, legs: Sequence[Leg], states: Sequence[np.ndarray], second: Second) -> np.ndarray:
+    def _distance_to(self, pieces: Sequence[Piece], second: Second) -> np.ndarray:
         """The distance to one second solution."""
-        nominal = self._nominals.second(legs, second)
-        out, start, rows, paired = [], self._nominals.start(nominal), self._compared, self._nominals.paired(nominal)
-        for number, (leg, coarse) in enumerate(zip(legs[:paired], states[:paired], strict=True)):
-            other = self._nominals.beside(leg, nominal, number)
-            s = other.along(start)
+        nominal = self._nominals.second([leg for leg, _ in pieces], second)
+        out, rows, paired = [], self._compared, self._nominals.paired(nominal)
+        beside = (self._nominals.beside(leg, nominal, number) for number, (leg, _) in enumerate(pieces[:paired]))
+        others = self._nominals.along(nominal, beside)
+        for (leg, coarse), (other, s) in zip(pieces[:paired], others, strict=True):
             out.append(np.abs(s[:: second.parts, :rows] - coarse[:, :rows]).max(axis=1))
             if not nominal.jumps and second.parts > 1:
                 between = np.abs(s[1::2, :rows] - leg.at(other.t[1::2], coarse, interpolating=True)[:, :rows])
                 between = between.max(axis=1)
                 out[-1][1:] = np.maximum(out[-1][1:], INTERPOLATED * between)
                 self._fine.append((other, s))
-            start = self._nominals.after(nominal, number, s[-1])
-        if paired < len(legs):
-            out.append(self._distance_in_time(legs[paired:], states[paired:], nominal))
+        if paired < len(pieces):
+            out.append(self._distance_in_time(pieces[paired:], nominal))
         return np.concatenate(out)
 
-    def _interpolated(self, samples: np.ndarray) -> np.ndarray:
-        """S (n, 2 nv, k) at sample times, from that along the finer solution, at twice as many times."""
-        fine = self._fine
-        segment = np.maximum(np.searchsorted([leg.t[0] for leg, _ in fine], samples, side="right") - 1, 0)
-        return np.concatenate([leg.at(samples[segment == number], s, interpolating=True)
-                               for number, (leg, s) in enumerate(fine)])  # fmt: skip
-
-    def _distance_in_time(
-        self, legs: Sequence[Leg], states: Sequence[np.ndarray], nominal: NominalSolution
-    ) -> np.ndarray:
+    def _distance_in_time(self, pieces: Sequence[Piece], nominal: NominalSolution) -> np.ndarray:
         """The distance to a second solution that follows bounces farther, at the times of the legs.
 
         Not at events, nor while only one of the two follows bounces: there velocities differ by what an impact changes.
         """
-        times = np.concatenate([leg.t for leg in legs])
-        other, _, _ = self._along(nominal, times, self.tolerance / SMALLER)
-        distance = np.abs(other - np.concatenate(states)[:, : other.shape[1]])[:, : self._compared].max(axis=1)
+        times = np.concatenate([leg.t for leg, _ in pieces])
+        other = _at(self._along(nominal, self.tolerance / SMALLER), times)
+        own = np.concatenate([s for _, s in pieces])
+        distance = np.abs(other - own[:, : other.shape[1]])[:, : self._compared].max(axis=1)
         for jump in (*self._nominal.jumps[:-1], *nominal.jumps[:-1]):
             distance[(times == jump.before.t) | ((times > jump.before.t) & (times < jump.rest))] = 0.0
         return np.asarray(distance)
+
+
+def _at(pieces: Sequence[Piece], samples: np.ndarray, *, interpolating: bool = False) -> np.ndarray:
+    """S (n, tangent, k) at sample times (n,), increasing."""
+    segment = _segments([leg for leg, _ in pieces], samples)
+    return np.concatenate([leg.at(samples[segment == number], s, interpolating=interpolating)
+                           for number, (leg, s) in enumerate(pieces)])  # fmt: skip
+
+
+def _segments(legs: Sequence[Leg], samples: np.ndarray) -> np.ndarray:
+    """The numbers (n,) of the legs that times (n,) are in."""
+    return np.maximum(np.searchsorted([leg.t[0] for leg in legs], samples, side="right") - 1, 0)
 
 
 def along_solutions(
@@ -119,17 +110,15 @@ def along_solutions(
     """
     own = NominalSolutions(run, equations, wanted)
     times = np.union1d(own.times(own.first), run.t[samples])
-    legs = [own.leg(own.first, number, times, tolerance) for number in range(len(own.first.edges))]
-    segment = np.maximum(np.searchsorted([begin for begin, _ in own.first.edges], run.t[samples], side="right") - 1, 0)
-    found = list[tuple[NominalSolution, np.ndarray]]()
+    legs = list(own.legs(own.first, times, tolerance))
+    segment, found = _segments(legs, run.t[samples]), list[tuple[NominalSolution, np.ndarray]]()
     for nominal in [own.first, *(own.second(legs, one, run.t) for one in own.second_ones())]:
         own.require_alike(nominal)
-        start, out = own.start(nominal), np.zeros((len(run.t), equations.space.tangent, wanted.start.shape[1]))
-        for number, leg in enumerate(legs):
-            s = own.beside(leg, nominal, number).along(start) if found else leg.along(start)
+        out = np.zeros((len(run.t), equations.space.tangent, wanted.start.shape[1]))
+        beside = [own.beside(leg, nominal, number) for number, leg in enumerate(legs)] if found else legs
+        for number, (leg, (_, s)) in enumerate(zip(legs, own.along(nominal, beside), strict=True)):
             here = samples[segment == number]
             out[here] = s[nominal.second.parts * np.searchsorted(leg.t, run.t[here]), : out.shape[1]]
-            start = own.after(nominal, number, s[-1])
         found.append((nominal, out))
     return found
 
