@@ -147,6 +147,10 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
         del robot, place
         return self
 
+    def acting(self) -> tuple[Effect, ...]:
+        """The effects in its place, until an event lets go of them."""
+        return (self,)
+
     def check(self, robot: Robot) -> None:
         """Raise SceneError where the effect does not fit the robot; `where` begins with the field's name.
 

@@ -18,7 +18,6 @@ from twolink.effects.effect import Effect, JointName, LinkName, NotNegative, Sin
 from twolink.effects.loops import HingeLoop, PointLoop, WeldLoop
 from twolink.effects.plane_contact import PlaneContact
 from twolink.effects.sampled_control import check_clock
-from twolink.effects.switching import SwitchingEffect
 from twolink.errors import SceneError, shown
 from twolink.io.text import kebab_case
 
@@ -191,7 +190,7 @@ class StateSensor(Sensor, frozen=True):
     def check_beside(self, effects: Sequence[Effect], robot: Robot) -> None:
         """Require states that the effects have."""
         start = KinematicState(robot.model, mechanism(robot.model), list(robot.neutral), [0.0] * robot.nv, 0.0, Numbers)
-        every = [part for one in effects for part in (one.acting() if isinstance(one, SwitchingEffect) else (one,))]
+        every = [part for one in effects for part in one.acting()]
         check_subset(self.names, [name for one in every for name in one.states(start)], "names", "state")
 
     def read(self, seen: Seen) -> Array:
@@ -285,8 +284,8 @@ class ForceTorque(Sensor, frozen=True):
         """Require that no link bears forces that no joint transmits."""
         del robot
         joining = Contact, PlaneContact, PointLoop, HingeLoop, WeldLoop
-        switched = [one for e in effects if isinstance(e, SwitchingEffect) for one in e.acting()]
-        other = next((one for one in (*effects, *switched) if isinstance(one, joining)), None)
+        every = [*effects, *(one for effect in effects for one in effect.acting())]
+        other = next((one for one in every if isinstance(one, joining)), None)
         if other is not None:
             raise SceneError(f"it leaves the forces of {type(other).__name__} out", where="joint",
                              remedy="TorqueSensor, TouchSensor or run.contact_forces", code="not-seen")  # fmt: skip

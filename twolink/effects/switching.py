@@ -228,7 +228,7 @@ class Switching:
     @property
     def every(self) -> list[Effect]:
         """The effects that act at some time."""
-        return [one for e in self.effects for one in (e.acting() if isinstance(e, SwitchingEffect) else (e,))]
+        return [one for effect in self.effects for one in effect.acting()]
 
     def acting(
         self, dropped: frozenset[int] = frozenset(), constraints: Sequence[tuple[int, Loop]] = ()
@@ -237,12 +237,8 @@ class Switching:
 
         What is released changes the robot last: constants that other effects set are those of the robot without it.
         """
-        placed: list[tuple[int, Effect]] = []
-        for place, effect in enumerate(self.effects):
-            if not isinstance(effect, SwitchingEffect):
-                placed.append((place, effect))
-            elif place not in dropped:
-                placed += [(place, own) for own in effect.acting()]
+        kept = ((place, effect) for place, effect in enumerate(self.effects) if place not in dropped)
+        placed = [(place, own) for place, effect in kept for own in effect.acting()]
         placed.sort(key=lambda one: isinstance(self.effects[one[0]], SwitchingEffect) and one[1].changes)
         return (*placed, *constraints)
 

@@ -118,9 +118,10 @@ def simulate(
     if patience is not None:
         patience = positive(patience, "patience", AccuracyError, "such as 600")
     chosen = choose_contact_method(scene, contact)
+    stepped = functools.partial(_stepped, method=method, precision=precision, progress=told, patience=patience,
+                                verify=verify)  # fmt: skip
     if chosen.method == "stepped":
-        run = _stepped(scene, times, asked, method, tolerance, step, precision, told, patience, verify=verify)
-        return only_at(run, wanted, end)
+        return only_at(stepped(scene, times, asked, tolerance=tolerance, step=step), wanted, end)
     limit = TimeLimit(patience or PATIENCE, progress=told, from_now=True)
     accuracy, equations = ACCURACY if asked is None else asked, equations_of(scene, ticks=True)
     free = method == "auto" and tolerance is None and step is None
@@ -143,8 +144,6 @@ def simulate(
         from twolink.simulation.spliced_run import beyond_located  # which other scenes do not load
 
         located = functools.partial(run_of, scene, equations, choice, accuracy=accuracy, progress=limit, verify=verify)
-        stepped = functools.partial(_stepped, accuracy=None, method=method, tolerance=None, step=None,
-                                    precision=precision, progress=told, patience=patience, verify=verify)  # fmt: skip
         effort = free and contact is None and asked is None
         return only_at(beyond_located(scene, times, error, located, stepped, best_effort=effort), wanted, end)
 
@@ -152,15 +151,15 @@ def simulate(
 def _stepped(
     scene: Scene,
     times: np.ndarray,
-    accuracy: float | None,
+    accuracy: float | None = None,
+    *,
     method: str,
-    tolerance: float | None,
-    step: float | None,
     precision: Precision | Literal["auto"],
     progress: Progress | None,
     patience: float | None,
-    *,
     verify: bool,
+    tolerance: float | None = None,
+    step: float | None = None,
 ) -> Trajectory:
     """The run of a scene whose contacts are stepped, which has a step and no method."""
     from twolink.simulation.stepped_run import simulate_stepped  # which other scenes do not load
