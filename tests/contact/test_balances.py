@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import G, ball, bouncing, free_bodies
+from tests.effects.bodies import G, ball, bouncing, free_bodies, stepped
 
 E = tl.effects
 H, NAMES = 0.004, tuple("abcdef")
@@ -29,7 +29,7 @@ def falling(shape: str, restitution: float, friction: float) -> tl.Trajectory:
     q = np.hstack([places, turns / np.linalg.norm(turns, axis=1)[:, None]]).ravel()
     contact = E.Contact(("self", "ground"), friction, restitution, shapes=dict.fromkeys(NAMES, (SHAPES[shape],)))
     scene = tl.Scene(robot, q, 0.3 * random.normal(size=robot.nv), [E.Gravity(), contact])
-    return tl.simulate(scene, 0.8, contact="stepped", step=H, verify=False, samples_per_second=1 / H)
+    return stepped(scene, 0.8, H, samples=1 / H)
 
 
 @pytest.mark.parametrize(("restitution", "friction"),
@@ -75,7 +75,7 @@ def test_a_floor_without_friction_leaves_the_angular_momentum_about_the_vertical
     scene = world.with_object(E.Box((0.25, 0.12, 0.18)), (0, 0, 0.35, 0.3, 0.5, 0.1, 0.8), mass=1.0)
     contact = E.Contact(("ground",), friction=0.0, restitution=0.3)
     scene = tl.Scene(scene.robot, scene.robot.normalize(scene.q), [0.5, 0.2, 0, 3, -2, 4], [*scene.effects, contact])
-    run = tl.simulate(scene, 0.8, contact="stepped", step=step, samples_per_second=50, verify=False)
+    run = stepped(scene, 0.8, step, samples=50)
     inertia = np.diag([0.12**2 + 0.18**2, 0.25**2 + 0.18**2, 0.25**2 + 0.12**2]) / 12
     turns = [pin.Quaternion(q[3:7]).toRotationMatrix() for q in run.q]
     momentum = np.array([turn @ inertia @ v[3:] for turn, v in zip(turns, run.v, strict=True)])

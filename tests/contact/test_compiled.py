@@ -8,7 +8,7 @@ import pytest
 
 import twolink as tl
 from tests.dynamics import robots
-from tests.effects.bodies import free_bodies
+from tests.effects.bodies import free_bodies, stepped
 from twolink.contact import compiled, stepping
 from twolink.contact.bodies import FreeBodies
 from twolink.contact.compiled_steps import take_steps
@@ -226,7 +226,7 @@ def test_bundled_scenes_have_the_same_run(name: str, monkeypatch: pytest.MonkeyP
     scene = tl.load_scene(name)
 
     def run() -> tl.Trajectory:
-        return tl.simulate(scene, 0.25, contact="stepped", step=0.005, samples_per_second=40, verify=False)
+        return stepped(scene, 0.25, 0.005, samples=40)
 
     assert stepper_of(scene).native is not None
     ours = run()

@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse as sparse
 
 import twolink as tl
-from tests.effects.bodies import ball, free_bodies, planar
+from tests.effects.bodies import ball, free_bodies, planar, stepped
 from twolink.contact import impulses, step_law, stepping
 from twolink.contact.impulses import ContactProblem, Impulses, accelerated, newton, solve_impulses
 from twolink.geometry.gaps import axes_of
@@ -93,7 +93,7 @@ def test_a_step_that_misses_the_laws_is_halved_and_then_refused(monkeypatch: pyt
     effects = [E.Gravity(), E.Contact(("ground",), shapes={"ball": (E.Sphere(0.1),)})]
     scene = tl.Scene(ball(), [0, 0, 0.11, 0, 0, 0, 1], effects=effects)
     with pytest.raises(tl.errors.AccuracyError, match="no impulses obey the laws") as failure:
-        tl.simulate(scene, 0.1, contact="stepped", step=0.01)
+        stepped(scene, 0.1, 0.01)
     assert failure.value.code == "contact-not-solved"
 
 
@@ -103,7 +103,7 @@ def test_fast_bodies_do_not_pass_through_each_other(speed: float) -> None:
     shapes = {name: (E.Sphere(0.1),) for name in "ab"}
     q = [0, 0, 0, 0, 0, 0, 1, 1.0, 0, 0, 0, 0, 0, 1]
     scene = tl.Scene(free_bodies("a", "b"), q, [speed, *[0] * 11], [E.Contact(("self",), shapes=shapes)])
-    run = tl.simulate(scene, 0.1, contact="stepped", step=0.02, samples_per_second=10, verify=False)
+    run = stepped(scene, 0.1, 0.02, samples=10)
     assert run.contact_record["halved"] > 0
     assert run.q[-1, 7] - run.q[-1, 0] == pytest.approx(0.2, abs=1e-9)
     assert run.v[-1, [0, 6]] == pytest.approx([speed / 2, speed / 2])
@@ -167,7 +167,7 @@ def test_bodies_bounce_by_no_more_than_creates_no_energy() -> None:
     ends = {"body": (E.Sphere(0.0, (half, 0.0, 0.0)), E.Sphere(0.0, (-half, 0.0, 0.0)))}
     scene = tl.Scene(planar(), [0, half * math.sin(angle) + 1e-9, angle], v,
                      [E.Contact(("ground",), mu, restitution=e, shapes=ends)])  # fmt: skip
-    run = tl.simulate(scene, 0.02, contact="stepped", step=1e-4, verify=False, samples_per_second=200)
+    run = stepped(scene, 0.02, 1e-4, samples=200)
     assert run.contact_record["softened"] == 1
     assert created > 0.02 * run.energy[0]
     assert np.abs(run.energy / run.energy[0] - 1.0).max() < 1e-3
@@ -179,7 +179,7 @@ def test_balls_that_lose_nothing_keep_their_whole_restitution() -> None:
     contact = E.Contact(("ground",), restitution=1.0, shapes={"ball": (E.Sphere(0.1),)})
     scene = tl.Scene(ball(), [0, 0, 1.1, 0, 0, 0, 1], effects=[E.Gravity((0.0, 0.0, -10.0)), contact])
     for step in (1e-2, 7e-3, 3.3e-3):
-        run = tl.simulate(scene, 2.0, contact="stepped", step=step, verify=False, samples_per_second=20)
+        run = stepped(scene, 2.0, step)
         assert run.contact_record["softened"] == 0
         rise = math.sqrt(2.0 / 10.0)
         t = (run.t + rise) % (2.0 * rise) - rise

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import twolink as tl
-from tests.effects.bodies import G, planar
+from tests.effects.bodies import G, planar, stepped
 
 E = tl.effects
 L, PIN, RADIUS = 0.5, 1.0, 0.1  # m: from the pin to the centre of mass, the pin's height, the ball's radius
@@ -34,7 +34,7 @@ def angle(t: np.ndarray, lowest: float = -math.inf) -> np.ndarray:
 
 
 def run_of(height: float, step: float) -> tl.Trajectory:
-    return tl.simulate(pendulum(height), 1.0, contact="stepped", step=step, samples_per_second=20, verify=False)
+    return stepped(pendulum(height), 1.0, step)
 
 
 def test_a_loop_holds_a_rod_and_does_no_work() -> None:

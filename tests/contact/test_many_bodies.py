@@ -8,7 +8,7 @@ import pytest
 import scipy.sparse as sparse
 
 import twolink as tl
-from tests.effects.bodies import G, free_bodies
+from tests.effects.bodies import G, free_bodies, stepped
 from twolink.contact import bodies as sparse_bodies
 from twolink.contact.positions import solve_normal
 from twolink.io.fingerprints import joint_poses, model_digest, trees_of
@@ -26,7 +26,7 @@ def towers() -> tl.Trajectory:
     q = np.concatenate([places, np.tile([0, 0, 0, 1.0], (COUNT, 1))], axis=1).ravel()
     effects = [E.Gravity(), E.Contact(("self", "ground"), 0.3, shapes={name: (E.Sphere(R),) for name in names})]
     scene = tl.Scene(free_bodies(*names), q, effects=effects)
-    return tl.simulate(scene, 0.1, contact="stepped", step=5e-3, samples_per_second=200, verify=False)
+    return stepped(scene, 0.1, 5e-3, samples=200)
 
 
 def test_bodies_beyond_the_memory_of_a_whole_fall_without_overlap_or_gain_of_energy(towers: tl.Trajectory) -> None:
@@ -50,7 +50,7 @@ def test_spheres_in_a_box_come_to_rest_without_overlap_or_gain_of_energy() -> No
     pairs = ("self", "ground", *((name, wall) for name in names for wall in walls))
     contact = E.Contact(pairs, 0.3, shapes={name: (E.Sphere(R),) for name in names})
     scene = tl.Scene(free_bodies(*names, inertia=0.4 * R**2), q, effects=[E.Gravity(), contact])
-    run = tl.simulate(scene, 2.0, contact="stepped", step=5e-3, samples_per_second=200, verify=False)
+    run = stepped(scene, 2.0, 5e-3, samples=200)
     assert run.contact_record["overlap"] < 1e-8
     assert run.contact_record["halved"] == 0
     assert np.diff(run.energy).max() < 1e-12 * run.energy[0]
@@ -112,7 +112,7 @@ def test_bodies_whose_joints_are_placed_elsewhere_are_not_taken_for_those_at_the
     monkeypatch.setattr(sparse_bodies, "MANY", 1)
     effects = [E.Gravity(), E.Contact(("ground",), shapes={name: (E.Sphere(0.1),) for name in "ab"})]
     scene = tl.Scene(tl.load_robot(text), [0, 0, -0.9, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 1], effects=effects)
-    run = tl.simulate(scene, 0.1, contact="stepped", step=0.01, samples_per_second=10, verify=False)
+    run = stepped(scene, 0.1, 0.01, samples=10)
     assert run.q[-1, 2] == pytest.approx(-0.9, abs=1e-9)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import G, bouncing, free_bodies, planar
+from tests.effects.bodies import G, bouncing, free_bodies, planar, stepped
 from twolink.contact.spliced import SplicedSolution
 from twolink.integrate.hybrid import engine
 
@@ -50,7 +50,7 @@ def test_the_part_before_is_the_located_run_with_its_bar() -> None:
 
 def test_the_whole_agrees_with_finer_steps_within_the_estimate() -> None:
     run = spliced()
-    fine = tl.simulate(box(), END, samples_per_second=100, contact="stepped", step=2e-4, verify=False)
+    fine = stepped(box(), END, 2e-4, samples=100)
     off = np.abs(run.robot.difference(run.q, fine.q)).max(axis=1)
     assert (off <= run.error).all()
     assert run.error[-1] < 1e-2

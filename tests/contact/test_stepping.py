@@ -488,11 +488,11 @@ def test_corners_that_bounce_one_after_the_other_are_not_one_impact(tilt: float)
     scene = tl.Scene(ball(0.5, 0.0008), q, effects=[E.Gravity(), cube])
     located = tl.simulate(scene, 0.3, contact="located", accuracy=1e-6)
     assert abs(located.v[-1, 3]) > 0.5
-    run = tl.simulate(scene, 0.3, contact="stepped", step=0.005)
+    run = stepped(scene, 0.3, 0.005, verify=True, samples=200)
     assert (np.abs(run.q - located.q).max(axis=1) <= run.error + located.error).all()
     assert run.error.max() < 0.01
     plastic = tl.Scene(scene.base, q, effects=[E.Gravity(), msgspec.structs.replace(cube, restitution=0.0)])
     still, steps = (tl.simulate(plastic, 0.3, **way) for way in ({}, {"contact": "stepped", "step": 0.005}))
     assert (np.abs(still.q - steps.q).max(axis=1) <= steps.error + still.error).all()
     flat = tl.Scene(scene.base, [0, 0, 0.3, 0, 0, 0, 1], effects=scene.effects)
-    assert tl.simulate(flat, 0.3, contact="stepped", step=0.005).v[-1, 3:] == pytest.approx(np.zeros(3), abs=1e-9)
+    assert stepped(flat, 0.3, 0.005).v[-1, 3:] == pytest.approx(np.zeros(3), abs=1e-9)

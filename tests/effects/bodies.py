@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -81,6 +83,14 @@ def bouncing(t: np.ndarray, height: float, e: float) -> np.ndarray:
         out[inside] = speed * (t[inside] - start) - 0.5 * G * (t[inside] - start) ** 2
         start, speed = start + flight, e * speed
     return out
+
+
+def solved(
+    robot: tl.Robot, effects: Sequence[tl.effects.Effect], duration: float, q: Any = None, v: Any = None,
+    accuracy: float = 1e-9, **options: Any,
+) -> tl.Trajectory:  # fmt: skip
+    """The run of a robot with effects."""
+    return tl.simulate(tl.Scene(robot, q, v, effects), duration, accuracy=accuracy, **options)
 
 
 def stepped(scene: tl.Scene, duration: float, step: float, verify: bool = False, samples: float = 20) -> tl.Trajectory:

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import twolink as tl
-from tests.effects.bodies import ball, sliders
+from tests.effects.bodies import ball, sliders, solved
 from tests.effects.cases import CASES, E, robot
 from tests.urdf_text import joint, link, robot_of
 from twolink.effects.forces import SLOW
@@ -25,7 +25,7 @@ def test_damped_oscillator(source: str) -> None:
     inertia, k, d, rest = 0.5, 20.0, 0.6, 0.3
     damping = E.JointDamping({"axle": d}) if source == "argument" else E.JointDamping()
     effects = [E.JointSpring({"axle": k}, {"axle": rest}), damping]
-    run = tl.simulate(tl.Scene(wheel(0.0 if source == "argument" else d), [1.0], effects=effects), 5.0, accuracy=1e-10)
+    run = solved(wheel(0.0 if source == "argument" else d), effects, 5.0, [1.0], accuracy=1e-10)
     rate, w = d / (2 * inertia), np.sqrt(k / inertia - (d / (2 * inertia)) ** 2)
     expected = rest + (1 - rest) * np.exp(-rate * run.t) * (np.cos(w * run.t) + rate / w * np.sin(w * run.t))
     assert np.abs(run.q[:, 0] - expected).max() < 1e-10
@@ -33,8 +33,7 @@ def test_damped_oscillator(source: str) -> None:
 
 def test_driven_oscillator_at_resonance() -> None:
     """I q'' = -k q + a sin(w t), w^2 = k / I, from rest: a / (2 I w) (sin(w t) / w - t cos(w t))."""
-    effects = [E.JointSpring({"axle": 8.0}), E.Torque({"axle": E.Sine(0.4, 4.0)})]
-    run = tl.simulate(tl.Scene(wheel(), effects=effects), 5.0, accuracy=1e-10)
+    run = solved(wheel(), [E.JointSpring({"axle": 8.0}), E.Torque({"axle": E.Sine(0.4, 4.0)})], 5.0, accuracy=1e-10)
     expected = 0.4 / (2 * 0.5 * 4) * (np.sin(4 * run.t) / 4 - run.t * np.cos(4 * run.t))
     assert np.abs(run.q[:, 0] - expected).max() < 1e-10
 
@@ -56,7 +55,7 @@ def test_falling_with_drag_from_rest(method: str) -> None:
 def test_drag_in_wind_and_energy_in_still_air() -> None:
     """A body in wind w: w - u obeys 1 / (1 / u0 + c t); in still air the energy only falls, also below SLOW."""
     k = 0.5 * 1.225 * 0.5 / 2.0
-    run = tl.simulate(tl.Scene(ball(), effects=[E.AirDrag("ball", 0.5, wind=(4.0, 0, 0))]), 5.0, accuracy=1e-9)
+    run = solved(ball(), [E.AirDrag("ball", 0.5, wind=(4.0, 0, 0))], 5.0)
     assert np.abs(run.v[:, 0] - (4 - 1 / (1 / 4 + k * run.t))).max() < 1e-8
     for speed in (SLOW / 10, 1.0):
         run = tl.simulate(tl.Scene(ball(), v=[speed, 0, 0, 0, 0, 0], effects=[E.AirDrag("ball", 0.5)]), 2.0)
@@ -66,7 +65,7 @@ def test_drag_in_wind_and_energy_in_still_air() -> None:
 def test_spring_between_two_bodies() -> None:
     """The distance of 2 kg and 3 kg on a spring oscillates with the reduced mass 1.2 kg; the centre stays."""
     spring = E.SpringBetween("one_link", "two_link", stiffness=30.0, rest_length=2.0, second_point=(0.5, 0.0, 0.0))
-    run = tl.simulate(tl.Scene(sliders(2.0, 3.0), [0.0, 1.8], effects=[spring]), 4.0, accuracy=1e-10)
+    run = solved(sliders(2.0, 3.0), [spring], 4.0, [0.0, 1.8], accuracy=1e-10)
     distance = run.q[:, 1] + 0.5 - run.q[:, 0]
     assert np.abs(distance - (2 + 0.3 * np.cos(np.sqrt(30 / 1.2) * run.t))).max() < 1e-9
     assert np.abs(2 * run.q[:, 0] + 3 * run.q[:, 1] - 5.4).max() < 1e-9
@@ -75,14 +74,14 @@ def test_spring_between_two_bodies() -> None:
 def test_positive_force_between_two_bodies_pulls_them_together() -> None:
     """l' = -F / c (1 - e^(-c t / m)): F > 0 pulls."""
     effect = E.SpringBetween("one_link", "two_link", damping=2.4, force=1.2)
-    run = tl.simulate(tl.Scene(sliders(2.0, 3.0), [0.0, 3.0], effects=[effect]), 3.0, accuracy=1e-10)
+    run = solved(sliders(2.0, 3.0), [effect], 3.0, [0.0, 3.0], accuracy=1e-10)
     speed = run.v[:, 1] - run.v[:, 0]
     assert np.abs(speed + 1.2 / 2.4 * (1 - np.exp(-2.4 * run.t / 1.2))).max() < 1e-9
 
 
 def test_points_that_meet_are_singular_unless_the_spring_has_no_length() -> None:
     through = E.SpringBetween("one_link", "two_link", stiffness=30.0)
-    run = tl.simulate(tl.Scene(sliders(2.0, 3.0), [0.0, 1.0], effects=[through]), 2.0, accuracy=1e-9)
+    run = solved(sliders(2.0, 3.0), [through], 2.0, [0.0, 1.0])
     assert np.abs(run.q[:, 1] - run.q[:, 0] - np.cos(5 * run.t)).max() < 1e-8
     with_length = E.SpringBetween("one_link", "two_link", stiffness=30.0, rest_length=1.0)
     singular = tl.Scene(sliders(2.0, 3.0), effects=[with_length])
@@ -95,7 +94,7 @@ def test_smooth_friction_against_its_closed_form() -> None:
     """I v' = -f tanh(v / s): s log sinh(v / s) falls as f t / I; v is small when Coulomb's stops the wheel."""
     s, f, inertia, v0 = 0.05, 0.7, 0.5, 1.0
     for effect, body in ((E.SmoothFriction({"axle": f}, s), wheel()), (E.SmoothFriction(scale=s), wheel(f=f))):
-        run = tl.simulate(tl.Scene(body, v=[v0], effects=[effect]), 1.0, accuracy=1e-9)
+        run = solved(body, [effect], 1.0, v=[v0])
         expected = s * np.arcsinh(np.sinh(v0 / s) * np.exp(-f * run.t / (inertia * s)))
         assert np.abs(run.v[:, 0] - expected).max() < 1e-8
     early = run.t < 0.5
@@ -106,7 +105,7 @@ def test_rotor_and_payload_add_their_inertia() -> None:
     """A torque of 1 N m on I = 0.5 + N^2 J + m r^2 + J_payload."""
     effects = [E.Rotor({"axle": 0.02}, {"axle": -5.0}), E.Torque({"axle": 1.0}),
                E.Payload("wheel", 3.0, (0.5, 0.0, 0.2), (0.1, 0.0, 0.0, 0.1, 0.0, 0.15))]  # fmt: skip
-    run = tl.simulate(tl.Scene(wheel(), effects=effects), 2.0, accuracy=1e-10)
+    run = solved(wheel(), effects, 2.0, accuracy=1e-10)
     inertia = 0.5 + 25 * 0.02 + 3 * 0.25 + 0.15
     assert np.abs(run.q[:, 0] - run.t**2 / 2 / inertia).max() < 1e-10
 
@@ -122,7 +121,7 @@ def test_arm_against_mujoco() -> None:
         E.Payload("tip", 0.5),
         E.FrameWrench("tip", (0.0, 0.0, 2.0)),
     ]
-    run = tl.simulate(tl.Scene(arm, [0.4, -0.3], effects=effects), 2.0, accuracy=1e-9)
+    run = solved(arm, effects, 2.0, [0.4, -0.3])
     model = mujoco.MjModel.from_xml_string("""<mujoco><option gravity="0 0 -9.81"/><worldbody><body>
 <joint axis="0 -1 0" damping="0.5" armature="0.4"/><inertial pos="0.5 0 0" mass="3" diaginertia="1e-12 0.25 0.25"/>
 <body pos="1 0 0"><joint axis="0 -1 0" damping="0.2" stiffness="4" springref="0.2"/>

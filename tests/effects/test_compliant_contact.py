@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import brentq
 
 import twolink as tl
+from tests.effects.bodies import solved
 from tests.effects.cases import E
 
 R, M, G = 0.05, 0.2, 9.81
@@ -69,7 +70,7 @@ def top(spin: float) -> tl.Trajectory:
     tilt, k = 0.1, 2e3
     contact = E.CompliantContact("top", k, 1.0, friction=0.3, slip=1.0, radius=0.02)
     start = [0, 0, 0.02 - 0.02 * G / k, 0, np.sin(tilt / 2), 0, np.cos(tilt / 2)]
-    return tl.simulate(tl.Scene(TOP, start, [0, 0, 0, 0, 0, spin], [E.Gravity(), contact]), 8.0, accuracy=1e-5)
+    return solved(TOP, [E.Gravity(), contact], 8.0, start, [0, 0, 0, 0, 0, spin], accuracy=1e-5)
 
 
 @pytest.mark.parametrize(("spin", "inverts"), [(155.0, True), (60.0, False)])
@@ -95,7 +96,7 @@ def test_an_ellipsoid_touches_with_its_lowest_point() -> None:
     contact = E.PlaneContact("ball", radii=radii, normal=tuple(normal), height=-0.2)
     one = tl.Scene(tl.load_robot("world")).with_object("ball").base
     q = one.normalize([0, 0, 0, 0.3, 0.1, -0.4, 0.8])
-    run = tl.simulate(tl.Scene(one, q, [0, 0, 0, 1, 2, 3], [E.Gravity(), contact]), 0.3, accuracy=1e-9)
+    run = solved(one, [E.Gravity(), contact], 0.3, q, [0, 0, 0, 1, 2, 3])
     q_hit, _ = run.at(run.events[0].t)
     turn, place = one.frame_pose(q_hit, "ball")
     u, w = np.meshgrid(np.linspace(0, np.pi, 801), np.linspace(0, 2 * np.pi, 1601))

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad
 
 import twolink as tl
-from tests.effects.bodies import G, ball, ball_over_ball, free_bodies, kinds, planar, sliders_in_a_row, times
+from tests.effects.bodies import G, ball, ball_over_ball, free_bodies, kinds, planar, sliders_in_a_row, solved, times
 
 E = tl.effects
 BLOCK = {"body": (E.Box((1.0, 0.3, 0.2)),)}  # in the plane of x and z, of 1 kg
@@ -22,7 +22,7 @@ def test_a_block_slides_to_rest_on_its_corners_until_a_push_exceeds_static_frict
     mu, static, v0, k = 0.3, 0.5, 1.0, 4.0
     push = E.FrameWrench("body", (E.Polynomial((0.0, k)), 0.0, 0.0), point=(0.0, 0.0, -0.1))
     effects = [E.Gravity(), push, E.Contact([("body", "ground")], mu, static=static, shapes=BLOCK)]
-    run = tl.simulate(tl.Scene(planar(), [0, 0.1, 0], [v0, 0, 0], effects), 1.4, accuracy=1e-9, samples_per_second=30)
+    run = solved(planar(), effects, 1.4, [0, 0.1, 0], [v0, 0, 0], samples_per_second=30)
     rest, again = (mu * G - math.sqrt((mu * G) ** 2 - 2 * k * v0)) / k, static * G / k
     assert [(event.kind, event.t) for event in run.events] == [("roll", pytest.approx(rest, abs=1e-8)),
                                                                ("slide", pytest.approx(again, abs=1e-9))]  # fmt: skip
@@ -92,9 +92,7 @@ def test_a_block_that_is_pushed_high_tips() -> None:
     push = E.FrameWrench("body", (E.Polynomial((0.0, k)), 0.0, 0.0), point=(0.0, 0.0, height - 0.4))
     effects = [E.Gravity(), push, E.Contact(("ground",), friction=mu, shapes=shapes)]
     when = G * width / (2 * height * k)
-    run = tl.simulate(
-        tl.Scene(planar(), [0, 0.4, 0], effects=effects), when + 0.05, accuracy=1e-9, samples_per_second=20
-    )
+    run = solved(planar(), effects, when + 0.05, [0, 0.4, 0], samples_per_second=20)
     assert run.events[0].kind == "leave"
     assert run.events[0].t == pytest.approx(when, abs=1e-9)
     assert run.q[-1, 2] < -1e-5
@@ -107,12 +105,7 @@ def test_a_free_cube_that_lands_flat_keeps_its_symmetry() -> None:
     mu, height, v0 = 0.5, 1e-4, 1.0
     effects = [E.Gravity(), E.Contact("ground", friction=mu, shapes={"cube": (E.Box((0.2, 0.2, 0.2)),)})]
     robot = free_bodies("cube")
-    run = tl.simulate(
-        tl.Scene(robot, [0, 0, 0.1 + height, 0, 0, 0, 1], [v0, 0, 0, 0, 0, 0], effects),
-        0.5,
-        accuracy=1e-9,
-        samples_per_second=20,
-    )
+    run = solved(robot, effects, 0.5, [0, 0, 0.1 + height, 0, 0, 0, 1], [v0, 0, 0, 0, 0, 0], samples_per_second=20)
     fall = math.sqrt(2 * height / G)
     speed = v0 - mu * G * fall
     assert kinds(run) == ["impact", "slide", "roll"]
@@ -135,8 +128,8 @@ def test_a_ball_rolls_down_an_incline_if_friction_is_two_sevenths_of_its_tangent
     """With 5/7 g sin; else it slides."""
     angle, n = 0.5, (-math.sin(0.5), 0.0, math.cos(0.5))
     mu = share * 2 / 7 * math.tan(angle)
-    scene = tl.Scene(ball(), [*(0.1 * np.array(n)), 0, 0, 0, 1], effects=[E.Gravity(), ROUND[kind](n, mu)])
-    run = tl.simulate(scene, 1.0, accuracy=1e-9, samples_per_second=20)
+    effects = [E.Gravity(), ROUND[kind](n, mu)]
+    run = solved(ball(), effects, 1.0, [*(0.1 * np.array(n)), 0, 0, 0, 1], samples_per_second=20)
     down = np.linalg.norm(run.q[:, :3] - run.q[0, :3], axis=1)
     slope = 5 / 7 * math.sin(angle) if share > 1 else math.sin(angle) - mu * math.cos(angle)
     assert np.abs(down - slope * G * run.t**2 / 2).max() < 1e-9
@@ -152,9 +145,7 @@ def test_a_ladder_leaves_the_wall_when_it_has_fallen_by_a_third() -> None:
     # theta = first + u^2: theta' is 0 at first.
     when = quad(lambda u: 2 * u / math.sqrt(3 * G * (math.cos(first) - math.cos(first + u * u))), 1e-9,
                 math.sqrt(leaves - first), epsabs=1e-13, epsrel=1e-13)[0]  # fmt: skip
-    run = tl.simulate(
-        tl.Scene(planar(1 / 12), start, effects=effects), when + 0.1, accuracy=1e-9, samples_per_second=40
-    )
+    run = solved(planar(1 / 12), effects, when + 0.1, start, samples_per_second=40)
     assert times(run, "leave") == pytest.approx([when], abs=1e-8)
     held = run.t < when
     theta = math.pi / 2 + run.q[held, 2]
@@ -167,7 +158,7 @@ def test_a_ladder_leaves_the_wall_when_it_has_fallen_by_a_third() -> None:
 def test_two_spheres_collide_along_a_line(e: float) -> None:
     robot = sliders_in_a_row(1.0, 2.0)
     effects = [E.Contact((("b0", "b1"),), restitution=e, shapes={n: (E.Sphere(0.1),) for n in ("b0", "b1")})]
-    run = tl.simulate(tl.Scene(robot, [0, 0.5], [1.0, 0.0], effects), 1.0, accuracy=1e-9, samples_per_second=20)
+    run = solved(robot, effects, 1.0, [0, 0.5], [1.0, 0.0], samples_per_second=20)
     after = np.array([(1 - 2 * e) / 3, (1 + e) / 3])
     late = np.fmax(run.t - 0.3, 0)
     assert np.abs(run.q - np.column_stack([run.t - late, 0.5 + 0 * late]) - np.outer(late, after)).max() < 1e-9
@@ -180,7 +171,7 @@ def test_newtons_cradle_with_gaps_passes_the_speed_on() -> None:
     effects = [E.Contact(pairs, restitution=1.0, shapes={f"b{k}": (E.Sphere(0.1),) for k in range(count)})]
     start = np.arange(count) * (0.2 + gap)
     start[0] -= 0.3
-    run = tl.simulate(tl.Scene(robot, start, [1, 0, 0, 0, 0], effects), 1.0, accuracy=1e-9, samples_per_second=11)
+    run = solved(robot, effects, 1.0, start, [1, 0, 0, 0, 0], samples_per_second=11)
     assert kinds(run) == ["impact"] * 4
     assert run.v[-1] == pytest.approx([0, 0, 0, 0, 1], abs=1e-12)
     last = start[-1] + 1.0 - 0.3 - 4 * gap
@@ -192,7 +183,7 @@ def test_two_free_spheres_collide_off_centre() -> None:
     robot, r, offset = free_bodies("a", "b"), 0.5, 0.6
     effects = [E.Contact((("a", "b"),), restitution=1.0, shapes={n: (E.Sphere(r),) for n in "ab"})]
     q = [-2.0, 0, 0, 0, 0, 0, 1, 0, offset, 0, 0, 0, 0, 1]
-    run = tl.simulate(tl.Scene(robot, q, [1.0] + [0] * 11, effects), 3.0, accuracy=1e-9, samples_per_second=10)
+    run = solved(robot, effects, 3.0, q, [1.0] + [0] * 11, samples_per_second=10)
     n = np.array([0.8, 0.6, 0.0])
     assert run.v[-1, :3] == pytest.approx([1, 0, 0] - 0.8 * n, abs=1e-9)
     assert run.v[-1, 6:9] == pytest.approx(0.8 * n, abs=1e-9)
@@ -206,7 +197,7 @@ def test_a_ball_in_a_box_keeps_its_energy_and_its_unfolded_path(duration: float,
     pairs = tuple(("ball", E.Plane(n, h)) for n, h in walls)
     effects = [E.Contact(pairs, restitution=1.0, shapes={"ball": (E.Sphere(0.1),)})]
     v = np.array([3.0, 4.1, -2.3])
-    run = tl.simulate(tl.Scene(ball(), v=[*v, 0, 0, 0], effects=effects), duration, accuracy=1e-9, samples_per_second=2)
+    run = solved(ball(), effects, duration, v=[*v, 0, 0, 0], samples_per_second=2)
     wave = np.abs((np.outer(run.t, v) - 0.9) % 3.6 - 1.8) - 0.9
     assert np.abs(run.q[:, :3] - wave).max() < 1e-9
     assert len(run.events) > bounces
@@ -218,7 +209,7 @@ def test_a_sphere_rolls_off_a_sphere_at_the_classical_angle() -> None:
     robot, first = ball_over_ball(), 0.1
     effects = [E.Gravity(), E.Contact((("ball", "base"),))]
     start = [1.1 * math.sin(first), 0.0, 1.1 * math.cos(first), 0, 0, 0, 1]
-    run = tl.simulate(tl.Scene(robot, start, effects=effects), 1.6, accuracy=1e-9, samples_per_second=200)
+    run = solved(robot, effects, 1.6, start, samples_per_second=200)
     leave = times(run, "leave")[0]
     where = run.at(leave)[0]
     assert where[2] / 1.1 == pytest.approx(2 / 3 * math.cos(first), abs=1e-8)

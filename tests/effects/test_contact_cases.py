@@ -10,7 +10,18 @@ from scipy.special import ellipk
 
 import twolink as tl
 from tests.command import printed_by
-from tests.effects.bodies import G, ball, ball_over_ball, free_bodies, planar, slider, sliders_in_a_row, times
+from tests.effects.bodies import (
+    G,
+    ball,
+    ball_over_ball,
+    free_bodies,
+    planar,
+    slider,
+    sliders_in_a_row,
+    solved,
+    stepped,
+    times,
+)
 from tests.urdf_text import joint, link, robot_of
 from twolink.errors import AccuracyError, SceneError
 from twolink.hard.cases.events import ERRORS, coin
@@ -26,8 +37,7 @@ def cradle(impacts: str, e: float = 1.0) -> tl.Trajectory:
     contact = E.Contact(pairs, restitution=e, impacts=impacts, shapes={f"b{k}": (E.Sphere(0.1),) for k in range(5)})
     start = 0.2 * np.arange(5)
     start[0] -= 0.3
-    scene = tl.Scene(sliders_in_a_row(*[1.0] * 5), start, [1, 0, 0, 0, 0], [contact])
-    return tl.simulate(scene, 0.5, accuracy=1e-9, samples_per_second=10)
+    return solved(sliders_in_a_row(*[1.0] * 5), [contact], 0.5, start, [1, 0, 0, 0, 0], samples_per_second=10)
 
 
 @pytest.mark.slow
@@ -78,8 +88,7 @@ def test_a_rod_slides_although_it_could_not_at_other_angles() -> None:
     mu, inertia, start, speed = 1.4, 1.0 / 12.0, -0.395, 1.83
     ends = {"body": (E.Sphere(0.0, (1.0, 0.0, 0.0)), E.Sphere(0.0, (-1.0, 0.0, 0.0)))}
     effects = [E.Gravity(), E.Contact(("ground",), mu, 0.3, shapes=ends)]
-    scene = tl.Scene(planar(inertia), [0, -math.sin(start), start], [speed, 0, 0], effects)
-    run = tl.simulate(scene, 0.32, accuracy=1e-9, samples_per_second=50)
+    run = solved(planar(inertia), effects, 0.32, [0, -math.sin(start), start], [speed, 0, 0], samples_per_second=50)
 
     def rate(_: float, y: np.ndarray) -> list[float]:
         """z = -sin th, z'' = N - g, I th'' = N (cos th + mu sin th)."""
@@ -160,7 +169,7 @@ def test_a_cylinder_stands_and_slides_until_its_load_tips_it() -> None:
     tips = G * radius / (k * high)
     assert k * tips < mu * G
     with pytest.raises(AccuracyError, match="along a line, a flat side or an edge") as caught:
-        tl.simulate(tl.Scene(planar(), [0, half, 0], effects=[*scene.effects, push]), 2 * tips, accuracy=1e-9)
+        solved(planar(), [*scene.effects, push], 2 * tips, [0, half, 0])
     assert caught.value.data["t"] == pytest.approx(tips, abs=1e-3)
 
 
@@ -191,7 +200,7 @@ def test_a_block_that_turns_on_its_corners_has_a_determined_motion_only_about_it
                 tl.simulate(one, 0.1, accuracy=1e-6)
             assert caught.value.code == "indeterminate-forces"
             assert 'or contact="stepped" and step=1e-3' in str(caught.value)
-        assert tl.simulate(scene, 0.01, contact="stepped", step=1e-3).bound == "estimated"
+        assert stepped(scene, 0.01, 1e-3, verify=True, samples=200).bound == "estimated"
         return
     run = tl.simulate(scene, 0.5, accuracy=1e-9)
     assert run.v[-1, 1] == pytest.approx(w0 - mu * 2 * G * arm / 0.5 * 0.5, abs=1e-9)
@@ -209,8 +218,7 @@ def test_a_ball_slides_down_a_wedge_and_flies_off_its_edge() -> None:
     contact = E.Contact((("ball", "base"),), shapes={"base": (E.Convex(corners),)})
     way, t_edge = 0.4, math.sqrt(2 * 0.4 / (G * math.sin(angle)))
     start = [*(-way * down + r * n), 0, 0, 0, 1]
-    scene = tl.Scene(ball_over_ball(), start, effects=[E.Gravity(), contact])
-    run = tl.simulate(scene, t_edge + 0.1, accuracy=1e-8, samples_per_second=40)
+    run = solved(ball_over_ball(), [E.Gravity(), contact], t_edge + 0.1, start, accuracy=1e-8, samples_per_second=40)
     assert times(run, "leave") == pytest.approx([t_edge], abs=1e-12)
     on, late = np.fmin(run.t, t_edge), np.fmax(run.t - t_edge, 0.0)
     along = G * math.sin(angle) * (on**2 / 2 + t_edge * late)
@@ -306,8 +314,7 @@ def test_a_block_that_is_set_on_a_moving_cart_is_taken_along() -> None:
     robot = bodies_on_sliders(acart=(mass, "ground", "1 0 0"), bx=(1e-6, "ground", "1 0 0"), bz=(own, "bx", "0 0 1"))
     shapes = {"acart": (E.Box((2.0, 0.5, 0.2)),), "bz": (E.Box((0.4, 0.3, 0.2)),)}
     contact = E.Contact((("acart", "bz"),), mu, shapes=shapes)
-    scene = tl.Scene(robot, [0, 0, 0.2], [v0, 0, 0], [E.Gravity(), contact])
-    run = tl.simulate(scene, 0.5, accuracy=1e-9, samples_per_second=20, contact="located")
+    run = solved(robot, [E.Gravity(), contact], 0.5, [0, 0, 0.2], [v0, 0, 0], samples_per_second=20, contact="located")
     own += 1e-6  # with its cart, which friction takes along
     end = v0 / (mu * G / own + mu * G / mass)
     t, late = np.fmin(run.t, end), np.fmax(run.t - end, 0.0)
@@ -323,8 +330,8 @@ def test_boxes_whose_edges_meet_bounce() -> None:
     shapes = {"b0": (E.Box((0.2, 0.2, 0.2), rpy=(0.0, math.pi / 4, 0.0)),),
               "b1": (E.Box((0.2, 0.2, 0.2), rpy=(0.0, 0.0, math.pi / 4)),)}  # fmt: skip
     contact, d = E.Contact((("b0", "b1"),), restitution=0.5, shapes=shapes), 0.2 * math.sqrt(2.0)
-    scene = tl.Scene(sliders_in_a_row(1.0, 2.0), [0.0, 0.5], [1.0, 0.0], [contact])
-    run = tl.simulate(scene, 1.0, accuracy=1e-9, samples_per_second=20, contact="located")
+    row = sliders_in_a_row(1.0, 2.0)
+    run = solved(row, [contact], 1.0, [0.0, 0.5], [1.0, 0.0], samples_per_second=20, contact="located")
     assert times(run, "impact") == pytest.approx([0.5 - d], abs=1e-12)
     after = np.fmax(run.t - 0.5 + d, 0.0)  # momentum, and half the speed back: 0 and 1/2 m/s
     assert np.abs(run.q - np.stack([np.fmin(run.t, 0.5 - d), 0.5 + 0.5 * after], axis=1)).max() < 1e-9
@@ -337,8 +344,7 @@ def test_a_stack_of_boxes_stays_at_rest() -> None:
     sizes = {"a": 0.4, "b": 0.3, "c": 0.2}
     shapes = {name: (E.Box((size, size, 0.2)),) for name, size in sizes.items()}
     contact = E.Contact((("a", "ground"), ("a", "b"), ("b", "c")), 0.5, shapes=shapes)
-    scene = tl.Scene(robot, [0.1, 0.3, 0.5], effects=[E.Gravity(), contact])
-    run = tl.simulate(scene, 100.0, accuracy=1e-9, samples_per_second=0.1, contact="located")
+    run = solved(robot, [E.Gravity(), contact], 100.0, [0.1, 0.3, 0.5], samples_per_second=0.1, contact="located")
     assert np.abs(run.q - [0.1, 0.3, 0.5]).max() < 1e-12
     forces = run.contact_forces
     assert [forces[pair][-1, 2] for pair in ("a - ground", "a - b", "b - c")] == pytest.approx([6 * G, -3 * G, -G])
@@ -349,8 +355,7 @@ def test_an_arm_that_hits_a_table_moves_as_an_independent_integration_does() -> 
     robot, e, height = tl.load_robot("two_link"), 0.8, -0.6
     contact = E.Contact((("forearm", E.Plane(height=height)),), restitution=e,
                         shapes={"forearm": (E.Sphere(0.0, (1.0, 0.0, 0.0)),)})  # fmt: skip
-    scene = tl.Scene(robot, [0.3, -0.5], effects=[E.Gravity(), contact])
-    run = tl.simulate(scene, 1.0, accuracy=1e-9, samples_per_second=40)
+    run = solved(robot, [E.Gravity(), contact], 1.0, [0.3, -0.5], samples_per_second=40)
     model = run.robot.model
     data = model.createData()
 
@@ -430,8 +435,8 @@ def test_a_small_ball_bounces_and_turns_as_a_large_one() -> None:
         v = np.array([-0.8, -0.6, -0.8, 4.0, -2.5, 1.1]) * size ** np.repeat([0.5, -0.5], 3)
         start = [0, 0, 0.28 * size, 0.1, 0.5, -0.3, math.sqrt(0.65)]
         end = 0.6 * math.sqrt(size)
-        runs.append(tl.simulate(tl.Scene(robot, start, v, [E.Gravity(), contact]), end, accuracy=4e-9,
-                                samples_per_second=20 / end))  # fmt: skip
+        effects = [E.Gravity(), contact]
+        runs.append(solved(robot, effects, end, start, v, accuracy=4e-9, samples_per_second=20 / end))
     large, small = runs
     assert (np.abs(large.q[:, 3:] - small.q[:, 3:]).max(axis=1) <= large.error + small.error).all()
     assert (np.abs(1.5e-3 * large.q[:, :3] - small.q[:, :3]).max(axis=1) <= large.error + small.error).all()
@@ -450,5 +455,5 @@ def test_a_slip_that_turns_where_the_arm_is_stretched_goes_on(friction: float) -
     scene = tl.Scene(arm, [0.1, 0.05], [0.2, 0.1], [E.Gravity(), floor, drive])
     run = tl.simulate(scene, 1.5, contact="located")
     assert run.bound == "verified"
-    steps = tl.simulate(scene, 1.5, contact="stepped", step=1e-3, verify=False)
+    steps = stepped(scene, 1.5, 1e-3, samples=200)
     np.testing.assert_allclose(run.q, steps.q, atol=2e-3)  # of first order in the step

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import free_bodies
+from tests.effects.bodies import free_bodies, stepped
 from tests.effects.cases import assert_refused
 from tests.urdf_text import joint, link
 
@@ -117,7 +117,7 @@ def test_stepped_forces_and_accelerations_obey_newtons_law_at_every_sample() -> 
     law = E.Contact((("a", "ground"), ("b", "ground")), friction=0.5, restitution=0.3, shapes=shapes)
     scene = tl.Scene(free_bodies("a", "b"), [0, 0, 0.2, 0, 0, 0, 1, 2, 0, 0.1, 0, 0, 0, 1],
                      [0, 0, 0, 0, 0, 0, 1.0, 0.3, 0, 0, 0, 0], [E.Gravity(), law])  # fmt: skip
-    run = tl.simulate(scene, 0.35, samples_per_second=40, contact="stepped", step=2e-3, verify=False)
+    run = stepped(scene, 0.35, 2e-3, samples=40)
     forces = run.contact_forces
     smooth = np.abs(run.t - math.sqrt(0.2 / 9.81)) > 0.01  # where no step has the bounce
     for k, name in enumerate("ab"):  # neither turns, so that its velocity is along the world's axes

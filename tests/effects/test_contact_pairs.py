@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.effects.bodies import solved
 from twolink.errors import SceneError
 from twolink.robots.catalogue import catalogue_entry
 
@@ -87,6 +88,6 @@ def test_touch_sensors_feel_all_shapes_of_a_link() -> None:
     feet = [fx.Sphere(0.01, (x, y, -0.04)) for x, y in ((0.03, 0.0), (-0.03, 0.03), (-0.03, -0.03))]
     base = tl.Scene(tl.load_robot("world")).with_object("box").base
     effects = [fx.Gravity(), fx.Contact(("ground",), shapes={"box": tuple(feet)}), fx.TouchSensor("box", name="feet")]
-    run = tl.simulate(tl.Scene(base, [0, 0, 0.05, 0, 0, 0, 1], effects=effects), 0.1, accuracy=1e-8)
+    run = solved(base, effects, 0.1, [0, 0, 0.05, 0, 0, 0, 1], accuracy=1e-8)
     assert set(run.contact_forces) == {"box_0 - ground", "box_1 - ground", "box_2 - ground"}
     np.testing.assert_allclose(run.sensors["feet"].values, [[0, 0, 0.5 * 9.81]] * len(run.sensors["feet"].t), atol=1e-9)

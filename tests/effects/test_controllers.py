@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import ball, slider, times
+from tests.effects.bodies import ball, slider, solved, times
 from tests.effects.cases import E, assert_refused, robot
 from tests.effects.test_closed_forms import wheel
 from twolink.algorithms.motion import KinematicState
@@ -18,10 +18,9 @@ from twolink.integrate.motion.scene_equations import equations_of
 
 
 def test_pd_is_a_spring_and_damper_about_its_target() -> None:
-    effects = [E.JointPD({"axle": 0.7}, {"axle": 8.0}, {"axle": 1.0}, {"axle": 2.0})]
-    run = tl.simulate(tl.Scene(wheel(), effects=effects), 4.0, accuracy=1e-10)
+    run = solved(wheel(), [E.JointPD({"axle": 0.7}, {"axle": 8.0}, {"axle": 1.0}, {"axle": 2.0})], 4.0, accuracy=1e-10)
     same = [E.JointSpring({"axle": 8.0}, {"axle": 0.7}), E.JointDamping({"axle": 1.0}), E.Torque({"axle": 2.0})]
-    other = tl.simulate(tl.Scene(wheel(), effects=same), 4.0, accuracy=1e-10)
+    other = solved(wheel(), same, 4.0, accuracy=1e-10)
     assert np.abs(run.q - other.q).max() < 2e-10
 
 
@@ -45,8 +44,7 @@ def test_gravity_compensation_keeps_rest_and_kinetic_energy() -> None:
     effects = [E.Gravity(), E.Payload("tool0", 2.0, (0.0, 0.0, 0.1)), E.GravityCompensation()]
     still = tl.Scene(robot("ur5"), [0.3, -0.8, 1.0, 0.2, 0.5, 0.1], effects=effects)
     assert np.abs(rate(equations_of(still), 0.0, equations_of(still).start[:, None])).max() < 1e-11
-    moving = tl.Scene(robot("arm"), [0.3, -0.8], [1.0, -2.0], effects=[E.Gravity(), E.GravityCompensation()])
-    run = tl.simulate(moving, 3.0, accuracy=1e-9)
+    run = solved(robot("arm"), [E.Gravity(), E.GravityCompensation()], 3.0, [0.3, -0.8], [1.0, -2.0])
     kinetic = run.robot.energy(run.q, run.v)[0]
     assert np.ptp(kinetic) < 1e-7
 
@@ -70,9 +68,7 @@ def test_computed_torque_errors_fall_as_in_theory(path: str) -> None:
     begin = [derivatives_at(one, 0.0, Numbers) for one in PATHS[path].values()]
     q0, v0 = np.array([x[0] for x in begin], dtype=float) - e0, np.array([x[1] for x in begin], dtype=float) - de0
     control = E.ComputedTorque(PATHS[path], w * w, 2 * w)
-    run = tl.simulate(
-        tl.Scene(robot("arm"), q0, v0, effects=[E.Gravity(), control]), 2.9, accuracy=1e-9, samples_per_second=30
-    )
+    run = solved(robot("arm"), [E.Gravity(), control], 2.9, q0, v0, samples_per_second=30)
     reference = np.stack([derivatives_at(one, run.t, np)[0] * np.ones(len(run.t)) for one in PATHS[path].values()])
     t = run.t[:, None]
     expected = (e0 + (de0 + w * e0) * t) * np.exp(-w * t)
@@ -102,7 +98,7 @@ def test_a_joint_follows_the_paths_of_others() -> None:
     feeding, (a, b) = tl.load_robot("feeding_arm"), ((0.6, -2.1), (1.3, -1.5))
     path = {joint: E.Bezier((p,) * 3 + (q,) * 3, 2.0) for joint, p, q in zip(("shoulder", "elbow"), a, b, strict=True)}
     follow = E.ComputedTorque(path, 16.0, 8.0, following={"wrist": {"shoulder": -1.0, "elbow": -1.0}})
-    run = tl.simulate(tl.Scene(feeding, [*a, 1.4], effects=[E.Gravity(), follow]), 2.0, accuracy=1e-9)
+    run = solved(feeding, [E.Gravity(), follow], 2.0, [*a, 1.4])
     s, t = run.t / 2.0, run.t
     expected = np.array(a) + np.outer(10 * s**3 - 15 * s**4 + 6 * s**5, np.subtract(b, a))
     assert np.abs(run.q[:, :2] - expected).max() < 2e-9
@@ -127,8 +123,8 @@ def test_computed_torque_on_the_ur5() -> None:
     q = [0.3 * np.sin(0.1 * i) for i in range(6)]
     v = [0.3 * (1 + 0.2 * i) * np.cos(0.1 * i) for i in range(6)]
     effects = [E.Gravity(), E.Payload("tool0", 3.0), E.ComputedTorque(path, 25.0, 10.0)]
-    run = tl.simulate(tl.Scene(robot("ur5"), q, v, effects=effects), 1.0, accuracy=1e-6, method="scipy-dop853",
-                      samples_per_second=10, verify=False)  # fmt: skip
+    run = solved(robot("ur5"), effects, 1.0, q, v, accuracy=1e-6, method="scipy-dop853", samples_per_second=10,
+                 verify=False)  # fmt: skip
     expected = [0.3 * np.sin((1 + 0.2 * i) * run.t + 0.1 * i) for i in range(6)]
     assert np.abs(run.q.T - expected).max() < 1e-7
 
@@ -171,7 +167,7 @@ def spring_of_limited_force(t: np.ndarray, k: float, most: float) -> tuple[np.nd
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-6, 1e-9])
 def test_a_saturated_spring(accuracy: float) -> None:
     pd = E.JointPD(target={"x": 0.0}, kp={"x": 20.0}, effort={"x": 3.0})
-    run = tl.simulate(tl.Scene(slider(), [1.0], effects=[pd]), 5.0, accuracy=accuracy)
+    run = solved(slider(), [pd], 5.0, [1.0], accuracy=accuracy)
     x, ends = spring_of_limited_force(run.t, 20.0, 3.0)
     assert np.all(np.abs(run.q[:, 0] - x) <= run.error)
     assert run.error[-1] <= accuracy
@@ -179,15 +175,13 @@ def test_a_saturated_spring(accuracy: float) -> None:
 
 
 def test_a_limit_that_is_never_reached_is_no_event() -> None:
-    effects = [E.JointPD({"x": 0.0}, {"x": 4.0}, effort={"x": 4.5})]
-    run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 5.0, accuracy=1e-9)
+    run = solved(slider(), [E.JointPD({"x": 0.0}, {"x": 4.0}, effort={"x": 4.5})], 5.0, [1.0])
     assert not run.events
     assert np.abs(run.q[:, 0] - np.cos(2 * run.t)).max() < 1e-9
 
 
 def test_a_limit_that_is_just_touched_changes_nothing() -> None:
-    effects = [E.JointPD({"x": 0.0}, {"x": 4.0}, effort={"x": 4.0})]
-    run = tl.simulate(tl.Scene(slider(), [0.0], [2.0], effects), 10.0, accuracy=1e-9)
+    run = solved(slider(), [E.JointPD({"x": 0.0}, {"x": 4.0}, effort={"x": 4.0})], 10.0, [0.0], [2.0])
     assert np.abs(run.q[:, 0] - np.sin(2 * run.t)).max() < 1e-9
 
 

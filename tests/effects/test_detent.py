@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import kinds, slider, sliders, times
+from tests.effects.bodies import kinds, slider, sliders, solved, times
 from tests.effects.cases import E, robot
 
 
 @pytest.mark.parametrize("accuracy", [1e-6, 1e-10])
 def test_a_growing_torque_breaks_the_joint_loose_at_an_exact_instant(accuracy: float) -> None:
     """1 kg under t N in a notch of 2 N: at rest till t = 2, then x'' = t."""
-    effects = [E.Detent("x", 2.0), E.Torque({"x": E.Polynomial((0.0, 1.0))})]
-    run = tl.simulate(tl.Scene(slider(), effects=effects), 4.0, accuracy=accuracy)
+    run = solved(slider(), [E.Detent("x", 2.0), E.Torque({"x": E.Polynomial((0.0, 1.0))})], 4.0, accuracy=accuracy)
     exact = np.where(run.t < 2, 0.0, (run.t**3 - 8) / 6 - 2 * (run.t - 2))
     assert np.all(np.abs(run.q[:, 0] - exact) <= run.error)
     assert kinds(run) == ["breakaway"]
@@ -23,14 +22,13 @@ def test_a_growing_torque_breaks_the_joint_loose_at_an_exact_instant(accuracy: f
 
 @pytest.mark.parametrize(("load", "moves"), [(1.999, False), (2.0, False), (2.001, True), (-2.001, True)])
 def test_only_a_torque_above_the_breakaway_torque_moves_the_joint(load: float, moves: bool) -> None:
-    run = tl.simulate(tl.Scene(slider(), effects=[E.Detent("x", 2.0), E.Torque({"x": load})]), 1.0, accuracy=1e-9)
+    run = solved(slider(), [E.Detent("x", 2.0), E.Torque({"x": load})], 1.0)
     assert run.q[-1, 0] == pytest.approx(load / 2 if moves else 0.0, abs=1e-9)
 
 
 def test_a_slow_joint_is_caught_and_its_energy_is_lost() -> None:
     """1 kg on 4 N/m from 1 m passes the notch at pi / 4 s with 2 m/s."""
-    effects = [E.JointSpring({"x": 4.0}), E.Detent("x", 1.0, speed=2.5)]
-    run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 3.0, accuracy=1e-9)
+    run = solved(slider(), [E.JointSpring({"x": 4.0}), E.Detent("x", 1.0, speed=2.5)], 3.0, [1.0])
     exact = np.where(run.t < math.pi / 4, np.cos(2 * run.t), 0.0)
     assert np.abs(run.q[:, 0] - exact).max() < 1e-9
     (event,) = run.events
@@ -41,8 +39,7 @@ def test_a_slow_joint_is_caught_and_its_energy_is_lost() -> None:
 
 @pytest.mark.parametrize("speed", [0.0, 1.9])
 def test_a_fast_joint_passes_without_an_event(speed: float) -> None:
-    effects = [E.JointSpring({"x": 4.0}), E.Detent("x", 1.0, speed=speed)]
-    run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 6.0, accuracy=1e-9)
+    run = solved(slider(), [E.JointSpring({"x": 4.0}), E.Detent("x", 1.0, speed=speed)], 6.0, [1.0])
     assert np.abs(run.q[:, 0] - np.cos(2 * run.t)).max() < 1e-9
     assert not run.events
 
@@ -50,7 +47,7 @@ def test_a_fast_joint_passes_without_an_event(speed: float) -> None:
 def test_a_joint_that_slows_down_is_caught_in_the_notch_that_it_passes_slowly() -> None:
     """Coulomb's friction 1 N brakes 1 kg from 3 m/s: v^2 = 9 - 2 x, below 1.5 m/s from x = 3.375 on."""
     effects = [E.DryFriction({"x": 1.0}), E.Detent("x", 5.0, positions=(0.0, 1.0, 2.0, 3.0, 4.0), speed=1.5)]
-    run = tl.simulate(tl.Scene(slider(), v=[3.0], effects=effects), 4.0, accuracy=1e-9)
+    run = solved(slider(), effects, 4.0, v=[3.0])
     assert run.q[-1, 0] == 4.0
     assert kinds(run) == ["catch"]
     assert times(run, "catch") == pytest.approx([2.0], abs=1e-9)
@@ -59,8 +56,7 @@ def test_a_joint_that_slows_down_is_caught_in_the_notch_that_it_passes_slowly() 
 
 def test_a_caught_joint_that_is_pulled_too_hard_breaks_away_again() -> None:
     """Pulled by 3 N against 2 N, 1 kg comes back to the notch at 1 m/s, is stopped and starts again at once."""
-    effects = [E.Torque({"x": 3.0}), E.Detent("x", 2.0, speed=2.0)]
-    run = tl.simulate(tl.Scene(slider(), [-1 / 6], effects=effects), 1.0, accuracy=1e-9)
+    run = solved(slider(), [E.Torque({"x": 3.0}), E.Detent("x", 2.0, speed=2.0)], 1.0, [-1 / 6])
     hit = 1 / 3
     exact = np.where(run.t < hit, -1 / 6 + 1.5 * run.t**2, 1.5 * (run.t - hit) ** 2)
     assert np.abs(run.q[:, 0] - exact).max() < 1e-9
@@ -89,7 +85,7 @@ def test_a_catch_keeps_the_momentum_of_coupled_joints_and_the_energy_balance_clo
 
 def test_a_detent_beside_friction_holds_by_the_sum() -> None:
     effects = [E.DryFriction({"one": 1.0}), E.Detent("one", 2.0), E.Torque({"one": E.Polynomial((0.0, 1.0))})]
-    run = tl.simulate(tl.Scene(sliders(), effects=effects), 4.0, accuracy=1e-9)
+    run = solved(sliders(), effects, 4.0)
     assert run.events[0].t == pytest.approx(3.0, abs=1e-12)
     late = np.fmax(run.t - 3, 0)
     assert np.abs(run.q[:, 0] - (late**3 / 6 + late**2)).max() < 1e-9

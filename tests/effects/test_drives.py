@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import twolink as tl
-from tests.effects.bodies import slider
+from tests.effects.bodies import slider, solved
 from twolink.algorithms.motion import KinematicState
 from twolink.effects.effect import Loads
 from twolink.scenes.parameters import parameters_of
@@ -352,8 +352,8 @@ def lugre(force: Callable[[float, float], float]) -> Callable[..., list[float]]:
 def test_lugre_presliding_of_the_paper() -> None:
     """95 % of the break-away force moves the block 15 um ln 20 = 45 um, and it stays; back and forth is a loop."""
     ramp = fx.Sampled((0.0, 10.0, 15.0, 35.0, 40.0, 60.0), (0.0, 1.425, 1.425, -1.425, -1.425, 1.425))
-    run = tl.simulate(tl.Scene(slider(), effects=[PAPER, fx.Torque({"x": ramp})]), 60.0, accuracy=1e-8,
-                      t_eval=[10.0, 15.0, 25.0, 35.0, 40.0, 50.0, 60.0])  # fmt: skip
+    times = [10.0, 15.0, 25.0, 35.0, 40.0, 50.0, 60.0]
+    run = solved(slider(), [PAPER, fx.Torque({"x": ramp})], 60.0, accuracy=1e-8, t_eval=times)
     up, held, middle, down, _, back, again = 1e6 * run.q[:, 0]
     exact = 15 * np.log(20)
     assert up == pytest.approx(exact, rel=0.02)
@@ -367,7 +367,7 @@ def test_lugre_presliding_of_the_paper() -> None:
 def test_lugre_stick_slip_of_the_paper() -> None:
     """k = 2 N/m pulled at 0.1 m/s: it sticks till the spring gives 1.5 N, then jumps; against SciPy's Radau."""
     pulled = [PAPER, fx.JointSpring({"x": 2.0}), fx.Torque({"x": fx.Polynomial((0.0, 0.2))})]
-    run = tl.simulate(tl.Scene(slider(), effects=pulled), 15.0, accuracy=1e-5)
+    run = solved(slider(), pulled, 15.0, accuracy=1e-5)
     exact = by_scipy(lugre(lambda t, x: 2.0 * (0.1 * t - x)), np.zeros(3), run.t, "Radau")
     assert np.abs(run.q[:, 0] - exact[0]).max() < 1e-5
     spring = 2.0 * (0.1 * run.t - run.q[:, 0])

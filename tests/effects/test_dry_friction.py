@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import twolink as tl
-from tests.effects.bodies import G, kinds, slider, sliders, times
+from tests.effects.bodies import G, kinds, slider, sliders, solved, times
 from tests.effects.cases import E, robot
 
 
@@ -24,8 +24,7 @@ def spring_and_friction(t: np.ndarray, amplitude: float, w: float, shift: float)
 
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-6, 1e-9])
 def test_mass_on_a_spring_loses_2c_over_k_a_half_cycle_and_sticks(accuracy: float) -> None:
-    scene = tl.Scene(slider(), [1.0], effects=[E.JointSpring({"x": 100.0}), E.DryFriction({"x": 3.0})])
-    run = tl.simulate(scene, 8.0, accuracy=accuracy)
+    run = solved(slider(), [E.JointSpring({"x": 100.0}), E.DryFriction({"x": 3.0})], 8.0, [1.0], accuracy=accuracy)
     off = np.abs(run.q[:, 0] - spring_and_friction(run.t, 1.0, 10.0, 0.03))
     assert np.all(off <= run.error + 1e-15)
     assert run.error[-1] <= accuracy
@@ -39,14 +38,13 @@ def test_mass_on_a_spring_loses_2c_over_k_a_half_cycle_and_sticks(accuracy: floa
 @pytest.mark.parametrize("levels", [(3.0,), (1.0, 2.0)], ids=["one", "two that add up"])
 def test_a_sliding_block_stops_for_good(levels: tuple[float, ...]) -> None:
     effects = [E.DryFriction({"x": level}) for level in levels]
-    run = tl.simulate(tl.Scene(slider(), v=[2.0], effects=effects), 2.0, accuracy=1e-9)
+    run = solved(slider(), effects, 2.0, v=[2.0])
     assert np.abs(run.q[:, 0] - np.where(run.t < 2 / 3, 2 * run.t - 1.5 * run.t**2, 2 / 3)).max() < 1e-12
     assert kinds(run) == ["stick"]
 
 
 def test_static_friction_above_kinetic_holds_until_the_ramp_exceeds_it() -> None:
-    effects = [E.DryFriction({"x": 3.0}, {"x": 5.0}), E.Torque({"x": E.Polynomial((0.0, 2.0))})]
-    run = tl.simulate(tl.Scene(slider(), effects=effects), 4.0, accuracy=1e-9)
+    run = solved(slider(), [E.DryFriction({"x": 3.0}, {"x": 5.0}), E.Torque({"x": E.Polynomial((0.0, 2.0))})], 4.0)
     t = np.fmax(run.t, 2.5)
     expected = (t**3 - 2.5**3) / 3 - 2.5**2 * (t - 2.5) - 1.5 * (t - 2.5) ** 2
     assert np.abs(run.q[:, 0] - expected).max() < 1e-9
@@ -56,24 +54,20 @@ def test_static_friction_above_kinetic_holds_until_the_ramp_exceeds_it() -> None
 @pytest.mark.parametrize(("load", "static"), [(2.999, 3.0), (3.0, 3.0), (5.0, 5.0), (0.0, 3.0)])
 def test_what_is_not_above_static_friction_moves_nothing(load: float, static: float) -> None:
     """The very edge included: it is not more than s."""
-    scene = tl.Scene(slider(), effects=[E.DryFriction({"x": 3.0}, {"x": static}), E.Torque({"x": load})])
-    run = tl.simulate(scene, 3.0, accuracy=1e-9)
+    run = solved(slider(), [E.DryFriction({"x": 3.0}, {"x": static}), E.Torque({"x": load})], 3.0)
     assert np.all(run.q == 0)
     assert not run.events
 
 
 def test_a_load_equal_to_kinetic_friction_keeps_the_speed() -> None:
-    run = tl.simulate(
-        tl.Scene(slider(), v=[1.0], effects=[E.DryFriction({"x": 3.0}), E.Torque({"x": 3.0})]), 3.0, accuracy=1e-9
-    )
+    run = solved(slider(), [E.DryFriction({"x": 3.0}), E.Torque({"x": 3.0})], 3.0, v=[1.0])
     assert np.abs(run.q[:, 0] - run.t).max() < 1e-12
 
 
 def test_a_step_of_the_load_between_samples_of_a_table() -> None:
     """Held below 3 N, pulled by 4 N from t = 1, and braked from t = 2: q = 1/2, v = 1, stops after 1/3 s at 2/3 m."""
     table = E.Sampled((0.0, 1.0, 2.0, 4.0), (2.9, 4.0, 0.0, 0.0), interpolation="hold")
-    scene = tl.Scene(slider(), effects=[E.DryFriction({"x": 3.0}), E.Torque({"x": table})])
-    run = tl.simulate(scene, 4.0, accuracy=1e-9)
+    run = solved(slider(), [E.DryFriction({"x": 3.0}), E.Torque({"x": table})], 4.0)
     assert run.q[-1, 0] == pytest.approx(2 / 3, abs=1e-12)
     assert [(e.kind, round(e.t, 12)) for e in run.events] == [("slip", 1.0), ("stick", round(7 / 3, 12))]
 
@@ -109,7 +103,7 @@ def place(s: float, t: float, sign: float, size: float, w: float, c: float) -> f
 def test_a_hundred_seconds_of_driven_stick_slip() -> None:
     size, w, c = 5.0, 3.0, 3.0
     effects = [E.DryFriction({"x": c}), E.Torque({"x": E.Sine(size, w)})]
-    run = tl.simulate(tl.Scene(slider(), effects=effects), 100.0, accuracy=1e-8, samples_per_second=20)
+    run = solved(slider(), effects, 100.0, accuracy=1e-8, samples_per_second=20)
     slips = driven(100.0, size, w, c)
     assert len(slips) > 90
     start, x, sign = slips[-1]
@@ -195,8 +189,8 @@ def test_the_energy_lost_is_the_friction_over_the_way_in_a_closed_loop() -> None
     given = tl.load_scene("crankshaft")
     start = {"crank_joint": 8.0, "rod_joint": -8.0 * (1 + 0.1 / 0.3)}
     effects = [E.Gravity((0.0, -9.81, 0.0)), given.effects[0], E.DryFriction({"slide": 0.8}, {"slide": 1.1})]
-    scene = tl.Scene(given.base, given.q, [start.get(n, 0.0) for n in given.robot.joint_names], effects)
-    run = tl.simulate(scene, 2.0, accuracy=1e-9, samples_per_second=4000)
+    v = [start.get(n, 0.0) for n in given.robot.joint_names]
+    run = solved(given.base, effects, 2.0, given.q, v, samples_per_second=4000)
     slide = np.asarray(run.columns()["q.slide"])
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(slide)))])
     assert way[-1] > 0.2
@@ -207,13 +201,12 @@ def test_the_energy_lost_is_the_friction_over_the_way_in_a_closed_loop() -> None
 def test_one_of_two_coupled_joints_with_friction() -> None:
     """1 kg and 2 kg move as one: 3 x'' = t - 2 from t = 2 on; the friction of a joint that does not move on its own."""
     effects = [E.Coupling("one", "two", 1.0), E.DryFriction({"two": 2.0}), E.Torque({"one": E.Polynomial((0.0, 1.0))})]
-    run = tl.simulate(tl.Scene(sliders(), effects=effects), 4.0, accuracy=1e-9)
+    run = solved(sliders(), effects, 4.0)
     expected = np.fmax(run.t - 2, 0) ** 3 / 18
     assert np.abs(run.q - expected[:, None]).max() < 1e-9
     assert times(run, "slip") == pytest.approx([2.0], abs=1e-9)
 
 
 def test_friction_of_nothing_is_no_friction() -> None:
-    effects = [E.JointSpring({"x": 4.0}), E.DryFriction({"x": 0.0})]
-    run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 10.0, accuracy=1e-9)
+    run = solved(slider(), [E.JointSpring({"x": 4.0}), E.DryFriction({"x": 0.0})], 10.0, [1.0])
     assert np.abs(run.q[:, 0] - np.cos(2 * run.t)).max() < 1e-9

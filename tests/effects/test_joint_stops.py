@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import kinds, slider, sliders, times
+from tests.effects.bodies import kinds, slider, sliders, solved, times
 from tests.effects.cases import E, robot
 from twolink.errors import AccuracyError
 
@@ -14,14 +14,14 @@ STOP = {"x": (-1.0, 1.0)}
 
 
 def test_bounces_between_two_stops_are_a_triangle_wave() -> None:
-    run = tl.simulate(tl.Scene(slider(), v=[0.7], effects=[E.JointStops(STOP, restitution=1.0)]), 30.0, accuracy=1e-9)
+    run = solved(slider(), [E.JointStops(STOP, restitution=1.0)], 30.0, v=[0.7])
     way = 0.7 * run.t + 1.0
     assert np.abs(run.q[:, 0] - (1.0 - np.abs(way % 4.0 - 2.0))).max() < 1e-9
     assert len(times(run, "impact")) == 10
 
 
 def test_without_restitution_and_without_load_it_stays_at_the_stop() -> None:
-    run = tl.simulate(tl.Scene(slider(), v=[1.0], effects=[E.JointStops(STOP)]), 3.0, accuracy=1e-9)
+    run = solved(slider(), [E.JointStops(STOP)], 3.0, v=[1.0])
     assert np.abs(run.q[:, 0] - np.fmin(run.t, 1.0)).max() < 1e-12
     assert run.events[0].energy == pytest.approx(0.5, abs=1e-12)
 
@@ -29,8 +29,7 @@ def test_without_restitution_and_without_load_it_stays_at_the_stop() -> None:
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_starting_at_the_stop_at_rest_it_stays(restitution: float) -> None:
     for load in (0.0, 2.0):
-        effects = [E.JointStops(STOP, restitution=restitution), E.Torque({"x": load})]
-        run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 3.0, accuracy=1e-9)
+        run = solved(slider(), [E.JointStops(STOP, restitution=restitution), E.Torque({"x": load})], 3.0, [1.0])
         assert np.all(run.q == 1.0)
         assert np.all(run.v == 0.0)
 
@@ -38,7 +37,7 @@ def test_starting_at_the_stop_at_rest_it_stays(restitution: float) -> None:
 def test_resting_under_load_and_leaving_when_the_load_reverses() -> None:
     """Pressed by 1 - t: at the stop till t = 1, then -(t - 1)^3 / 6."""
     effects = [E.JointStops(STOP, restitution=0.5), E.Torque({"x": E.Polynomial((1.0, -1.0))})]
-    run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 2.5, accuracy=1e-9)
+    run = solved(slider(), effects, 2.5, [1.0])
     assert np.abs(run.q[:, 0] - 1 + np.fmax(run.t - 1, 0) ** 3 / 6).max() < 1e-12
     assert [(e.kind, e.t) for e in run.events] == [("leave", pytest.approx(1.0, abs=1e-12))]
 
@@ -56,7 +55,7 @@ def test_a_touch_without_room_is_not_promised() -> None:
 def test_a_grazing_touch(room: float) -> None:
     """An oscillation of amplitude 1 between stops there, but for 1e-9: each touch before the end skips 2 acos(stop)."""
     effects = [E.JointSpring({"x": 4.0}), E.JointStops({"x": (-1.0 - room, 1.0 + room)}, restitution=1.0)]
-    run = tl.simulate(tl.Scene(slider(), v=[2.0], effects=effects), 20.0, accuracy=1e-6)
+    run = solved(slider(), effects, 20.0, v=[2.0], accuracy=1e-6)
     half = math.pi / 2 - math.acos(min(1.0, 1.0 + room))
     touches = np.floor((2 * run.t + half) / (2 * half))
     expected = (-1) ** touches * np.sin(2 * run.t - touches * 2 * half)
@@ -68,7 +67,7 @@ def test_two_stops_hit_at_the_same_instant() -> None:
     both = {"one": (-1.0, 1.0), "two": (-1.0, 1.0)}
     for load, e in ((0.0, 0.5), (3.0, 0.0)):
         effects = [E.JointStops(both, restitution=e), E.Torque({"one": load, "two": 2 * load})]
-        run = tl.simulate(tl.Scene(sliders(), v=[1.0, 1.0], effects=effects), 2.0, accuracy=1e-9)
+        run = solved(sliders(), effects, 2.0, v=[1.0, 1.0])
         hit = times(run, "impact")
         assert hit[:2] == pytest.approx([1.0, 1.0] if not load else [(math.sqrt(7) - 1) / 3] * 2, abs=1e-12)
         assert run.q[-1] == pytest.approx([0.5, 0.5] if not load else [1.0, 1.0], abs=1e-9)
@@ -76,8 +75,7 @@ def test_two_stops_hit_at_the_same_instant() -> None:
 
 def test_friction_and_a_stop_in_the_same_joint() -> None:
     """From 3 m/s against 1 N: sqrt(7) at the stop, half of it back, at rest after 7/8 m."""
-    effects = [E.JointStops(STOP, restitution=0.5), E.DryFriction({"x": 1.0})]
-    run = tl.simulate(tl.Scene(slider(), v=[3.0], effects=effects), 4.0, accuracy=1e-9)
+    run = solved(slider(), [E.JointStops(STOP, restitution=0.5), E.DryFriction({"x": 1.0})], 4.0, v=[3.0])
     assert run.q[-1, 0] == pytest.approx(1 - 7 / 8, abs=1e-12)
     assert times(run, "impact") == pytest.approx([3 - math.sqrt(7)], abs=1e-12)
     assert times(run, "stick") == pytest.approx([3 - math.sqrt(7) / 2], abs=1e-12)
@@ -86,7 +84,7 @@ def test_friction_and_a_stop_in_the_same_joint() -> None:
 def test_friction_holds_at_the_stop_until_the_load_away_exceeds_it() -> None:
     """Pressed by 1 - t with friction 2: held until t = 3, then -(t - 3)^3 / 6 as it loads by t - 1 - 2."""
     effects = [E.JointStops(STOP), E.DryFriction({"x": 2.0}), E.Torque({"x": E.Polynomial((1.0, -1.0))})]
-    run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 4.0, accuracy=1e-9)
+    run = solved(slider(), effects, 4.0, [1.0])
     assert np.abs(run.q[:, 0] - 1 + np.fmax(run.t - 3, 0) ** 3 / 6).max() < 1e-9
 
 
@@ -112,7 +110,7 @@ def test_the_balance_of_momentum_and_energy_at_the_elbows_stop(e: float) -> None
 def test_an_impact_in_a_closed_loop_moves_everything_that_hangs_together() -> None:
     """1 kg and 2 kg coupled: the stop of one of them turns both round; 3 kg lose (1 - e^2) of their energy."""
     effects = [E.Coupling("one", "two", 1.0), E.JointStops({"two": (-1.0, 1.0)}, restitution=0.5)]
-    run = tl.simulate(tl.Scene(sliders(), v=[2.0, 2.0], effects=effects), 1.2, accuracy=1e-9)
+    run = solved(sliders(), effects, 1.2, v=[2.0, 2.0])
     expected = np.where(run.t < 0.5, 2 * run.t, 1.5 - run.t)
     assert np.abs(run.q - expected[:, None]).max() < 1e-9
     assert run.events[0].energy == pytest.approx(0.5 * 3 * 4 * 0.75, abs=1e-9)
@@ -121,7 +119,7 @@ def test_an_impact_in_a_closed_loop_moves_everything_that_hangs_together() -> No
 def test_a_loop_rests_at_a_stop_under_load_and_leaves() -> None:
     effects = [E.Coupling("one", "two", 1.0), E.JointStops({"two": (-1.0, 1.0)}),
                E.Torque({"one": E.Polynomial((1.0, -1.0))})]  # fmt: skip
-    run = tl.simulate(tl.Scene(sliders(), [1.0, 1.0], effects=effects), 2.0, accuracy=1e-9)
+    run = solved(sliders(), effects, 2.0, [1.0, 1.0])
     assert np.abs(run.q - 1 + (np.fmax(run.t - 1, 0) ** 3 / 18)[:, None]).max() < 1e-9
 
 
@@ -136,14 +134,14 @@ def test_an_arm_between_elastic_stops_is_chaotic_and_keeps_its_energy() -> None:
     assert np.all(run.q[:, 1] <= 1 + 1e-12)
     finer = tl.simulate(scene, 3.0, accuracy=1e-8)
     assert np.all(np.abs(run.q - finer.q).max(axis=1) <= run.error + finer.error)
-    again = tl.simulate(tl.Scene(arm, [0.3, 0.4], effects=effects), 3.0, accuracy=1e-6)
+    again = solved(arm, effects, 3.0, [0.3, 0.4], accuracy=1e-6)
     assert np.array_equal(run.q, again.q)
     assert run.events == again.events
 
 
 def test_the_stops_of_the_urdf() -> None:
     """The slider's joint ends at +-99 m."""
-    run = tl.simulate(tl.Scene(slider(), [98.0], [1.0], effects=[E.JointStops(restitution=1.0)]), 2.0, accuracy=1e-9)
+    run = solved(slider(), [E.JointStops(restitution=1.0)], 2.0, [98.0], [1.0])
     assert run.q[-1, 0] == pytest.approx(98.0, abs=1e-9)
     assert kinds(run) == ["impact"]
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.effects.bodies import solved
 from tests.effects.cases import E, robot
 from tests.effects.test_closed_forms import wheel
 from twolink.lagrange.check import arm_urdf
@@ -117,7 +118,7 @@ def test_a_wrench_that_changes_is_refused_by_its_joint() -> None:
 
 def test_what_depends_on_time_is_simulated() -> None:
     """q'' = 6 t under a torque of 6 t I, with I = 0.5 kg m^2: q = t^3."""
-    run = tl.simulate(tl.Scene(wheel(), effects=[of_shoulder(lambda m: 3.0 * m.t)]), 1.0, accuracy=1e-8)
+    run = solved(wheel(), [of_shoulder(lambda m: 3.0 * m.t)], 1.0, accuracy=1e-8)
     np.testing.assert_allclose(run.q[:, 0], run.t**3, rtol=0, atol=1e-8)
 
 
@@ -193,7 +194,7 @@ def test_wrong_calls_are_refused_with_the_right_ones(effect: tl.effects.Effect, 
 
 
 def test_a_state_follows_its_rate() -> None:
-    run = tl.simulate(tl.Scene(robot("arm"), effects=[Hydraulic(("pressure",))]), 1.0, accuracy=1e-9)
+    run = solved(robot("arm"), [Hydraulic(("pressure",))], 1.0)
     assert run.states["pressure"][-1] == pytest.approx(1.0 - 0.8 * math.exp(-1.0), abs=1e-9)
 
 
@@ -220,12 +221,11 @@ def test_a_class_defined_again_is_compiled_again(tmp_path: Path, monkeypatch: py
     monkeypatch.setenv("TWOLINK_CACHE", str(tmp_path))
     ends = {}
     for sign in (-1.0, 1.0):
-        scene = tl.Scene(robot("arm"), q=[0.5, 0.0], effects=[of_shoulder(lambda m, s=sign: s * m.q[0])])
-        run = tl.simulate(scene, 1.0, accuracy=1e-9, method="dop853")
+        run = solved(robot("arm"), [of_shoulder(lambda m, s=sign: s * m.q[0])], 1.0, [0.5, 0.0], method="dop853")
         spring = E.JointSpring({"shoulder": 1.0}) if sign < 0 else None
         ends[sign] = run.q[-1]
         if spring:
-            known = tl.simulate(tl.Scene(robot("arm"), q=[0.5, 0.0], effects=[spring]), 1.0, accuracy=1e-9)
+            known = solved(robot("arm"), [spring], 1.0, [0.5, 0.0])
             np.testing.assert_allclose(run.q[-1], known.q[-1], rtol=0, atol=2e-9)
     assert abs(ends[1.0] - ends[-1.0]).max() > 0.1
 

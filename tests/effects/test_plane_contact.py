@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 import twolink as tl
-from tests.effects.bodies import G, ball, bouncing, kinds, planar, times
+from tests.effects.bodies import G, ball, bouncing, kinds, planar, solved, times
 from tests.effects.cases import E
 
 R = 0.1
@@ -18,8 +18,7 @@ R = 0.1
 @pytest.mark.some(1)
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-6, 1e-9])
 def test_a_bouncing_point_comes_to_rest_when_the_series_ends(accuracy: float) -> None:
-    scene = tl.Scene(planar(), [0, 1.0, 0], effects=[E.Gravity(), E.PlaneContact("body", restitution=0.5)])
-    run = tl.simulate(scene, 2.0, accuracy=accuracy)
+    run = solved(planar(), [E.Gravity(), E.PlaneContact("body", restitution=0.5)], 2.0, [0, 1.0, 0], accuracy=accuracy)
     assert np.all(np.abs(run.q[:, 1] - bouncing(run.t, 1.0, 0.5)) <= run.error)
     assert run.error[-1] <= accuracy
     (rest,) = times(run, "rest")
@@ -42,8 +41,8 @@ def test_pairs_are_named_as_those_of_contact() -> None:
 
 
 def test_an_elastic_ball_bounces_for_ever() -> None:
-    scene = tl.Scene(planar(), [0, 10.0, 0], effects=[E.Gravity(), E.PlaneContact("body", restitution=1.0)])
-    run = tl.simulate(scene, 200.0, accuracy=1e-6, samples_per_second=10)
+    effects = [E.Gravity(), E.PlaneContact("body", restitution=1.0)]
+    run = solved(planar(), effects, 200.0, [0, 10.0, 0], accuracy=1e-6, samples_per_second=10)
     assert len(times(run, "impact")) == 70
     assert np.all(np.abs(run.q[:, 1] - bouncing(run.t, 10.0, 1.0)) <= run.error + 1e-15)
     assert np.ptp(run.energy) < 1e-6
@@ -52,13 +51,12 @@ def test_an_elastic_ball_bounces_for_ever() -> None:
 def test_far_from_the_origin() -> None:
     """A plane at 10 km: its rounding is no event."""
     effects = [E.Gravity(), E.PlaneContact("body", height=1e4, restitution=1.0)]
-    run = tl.simulate(tl.Scene(planar(), [0, 1e4 + 10, 0], effects=effects), 20.0, accuracy=1e-6)
+    run = solved(planar(), effects, 20.0, [0, 1e4 + 10, 0], accuracy=1e-6)
     assert np.abs(run.q[:, 1] - 1e4 - bouncing(run.t, 10.0, 1.0)).max() < 1e-6
 
 
 def test_without_restitution_it_stays_down() -> None:
-    scene = tl.Scene(planar(), [0, 1.0, 0], [0.5, 0, 0], [E.Gravity(), E.PlaneContact("body")])
-    run = tl.simulate(scene, 1.0, accuracy=1e-9)
+    run = solved(planar(), [E.Gravity(), E.PlaneContact("body")], 1.0, [0, 1.0, 0], [0.5, 0, 0])
     assert np.abs(run.q[:, 1] - bouncing(run.t, 1.0, 0.0)).max() < 1e-9
     assert np.abs(run.q[:, 0] - 0.5 * run.t).max() < 1e-9
     assert kinds(run) == ["impact", "rest"]
@@ -68,9 +66,9 @@ def test_without_restitution_it_stays_down() -> None:
 @pytest.mark.parametrize("friction", [0.0, 0.2])
 def test_without_gravity_nothing_presses_and_nothing_rubs(friction: float) -> None:
     effects = [E.PlaneContact("body", friction=friction)]
-    run = tl.simulate(tl.Scene(planar(), v=[0.5, 0, 0], effects=effects), 2.0, accuracy=1e-9)
+    run = solved(planar(), effects, 2.0, v=[0.5, 0, 0])
     assert np.abs(run.q - np.outer(run.t, [0.5, 0, 0])).max() < 1e-12
-    hit = tl.simulate(tl.Scene(planar(), [0, 1, 0], [0.5, -1, 0], effects), 3.0, accuracy=1e-9)
+    hit = solved(planar(), effects, 3.0, [0, 1, 0], [0.5, -1, 0])
     assert hit.q[-1] == pytest.approx([1.5 - 2 * friction, 0, 0], abs=1e-9)  # the impact rubs: mu times 1 N s
 
 
@@ -79,7 +77,7 @@ def test_a_bounce_off_an_inclined_plane() -> None:
     angle, fall = 0.4, math.sqrt(2 / G)
     n = np.array([-math.sin(angle), math.cos(angle)])
     effects = [E.Gravity(), E.PlaneContact("body", normal=(float(n[0]) * 3, 0.0, float(n[1]) * 3), restitution=1.0)]
-    run = tl.simulate(tl.Scene(planar(), [0, 1.0, 0], effects=effects), fall + 0.3, accuracy=1e-9)
+    run = solved(planar(), effects, fall + 0.3, [0, 1.0, 0])
     v = np.array([0.0, -G * fall])
     v -= 2 * (v @ n) * n
     assert run.q[-1, :2] == pytest.approx([0.3 * v[0], 0.3 * v[1] - 0.5 * G * 0.09], abs=1e-9)
@@ -92,9 +90,7 @@ def test_the_impact_of_a_rod_with_friction_keeps_momentum() -> None:
     contact = E.PlaneContact("body", point=(-0.5, 0.0, 0.0), restitution=e, friction=mu)
     height = float(arm[1])
     effects = [E.Gravity(), contact]
-    run = tl.simulate(
-        tl.Scene(body, [0, height, angle], [4.0, -2.0, 0.3], effects), 1e-7, accuracy=1e-10, samples_per_second=1e7
-    )
+    run = solved(body, effects, 1e-7, [0, height, angle], [4.0, -2.0, 0.3], accuracy=1e-10, samples_per_second=1e7)
     hit = run.events[0]
     before, after = np.array([4.0, -2.0, 0.3]), run.v[-1]
     # The end is at (x, z) - arm: its velocity is (vx + arm_z w, vz - arm_x w).
@@ -115,7 +111,7 @@ def test_a_sliding_ball_begins_to_roll(accuracy: float) -> None:
     """At t = 2 v0 / (7 mu g), with 5/7 of its speed."""
     mu, v0 = 0.2, 3.0
     effects = [E.Gravity(), E.PlaneContact("ball", radius=R, friction=mu)]
-    run = tl.simulate(tl.Scene(ball(), [0, 0, R, 0, 0, 0, 1], [v0, 0, 0, 0, 0, 0], effects), 1.0, accuracy=accuracy)
+    run = solved(ball(), effects, 1.0, [0, 0, R, 0, 0, 0, 1], [v0, 0, 0, 0, 0, 0], accuracy=accuracy)
     rolls = 2 * v0 / (7 * mu * G)
     sliding, late = np.fmin(run.t, rolls), np.fmax(run.t - rolls, 0)
     x = v0 * sliding - mu * G * sliding**2 / 2 + 5 / 7 * v0 * late
@@ -148,9 +144,7 @@ def test_a_block_on_two_feet_slides_if_the_slope_exceeds_its_friction(share: flo
     angle = 0.3
     n, mu = (-math.sin(angle), 0.0, math.cos(angle)), share * math.tan(angle)
     feet = [E.PlaneContact("body", point=(x, 0.0, -0.1), normal=n, height=-0.1, friction=mu) for x in (0.5, -0.5)]
-    run = tl.simulate(
-        tl.Scene(planar(), [0, 0, angle], effects=[E.Gravity(), *feet]), 1.0, accuracy=1e-9, samples_per_second=20
-    )
+    run = solved(planar(), [E.Gravity(), *feet], 1.0, [0, 0, angle], samples_per_second=20)
     slope = max(0.0, math.sin(angle) - mu * math.cos(angle))
     expected = -slope * G * run.t**2 / 2
     assert np.abs(run.q[:, 0] - expected * math.cos(angle)).max() < 1e-9
@@ -161,7 +155,7 @@ def test_a_block_on_two_feet_slides_if_the_slope_exceeds_its_friction(share: flo
 def test_a_block_beyond_the_edge_of_its_feet_tips() -> None:
     """Feet at 0.1 and 0.5 to one side: it turns about the nearer as a pendulum, and lifts the other at once."""
     feet = [E.PlaneContact("body", point=(x, 0.0, -0.1), friction=5.0) for x in (0.5, 0.1)]
-    run = tl.simulate(tl.Scene(planar(), [0, 0.1, 0], effects=[E.Gravity(), *feet]), 0.25, accuracy=1e-9)
+    run = solved(planar(), [E.Gravity(), *feet], 0.25, [0, 0.1, 0])
     angle, lever = run.q[:, 2], 0.1 * math.sqrt(2)
     inertia = 0.1 + lever**2
     height = 0.1 * np.cos(angle) - 0.1 * np.sin(angle)  # of the centre over the foot, at (-0.1, 0.1) from it
@@ -187,7 +181,7 @@ def test_a_falling_rod_slips_when_its_foot_needs_more_than_friction() -> None:
                 epsabs=1e-13, epsrel=1e-13)[0]  # fmt: skip
     foot = E.PlaneContact("body", point=(-0.5, 0.0, 0.0), friction=mu)
     start = [0.5 * math.sin(first), 0.5 * math.cos(first), math.pi / 2 - first]
-    run = tl.simulate(tl.Scene(planar(1 / 12), start, effects=[E.Gravity(), foot]), when + 0.05, accuracy=1e-9)
+    run = solved(planar(1 / 12), [E.Gravity(), foot], when + 0.05, start)
     slide = times(run, "slide")
     assert slide == pytest.approx([when], abs=2e-8)
     held = run.t < when
@@ -198,9 +192,7 @@ def test_a_falling_rod_slips_when_its_foot_needs_more_than_friction() -> None:
 @pytest.mark.slow
 def test_a_rod_falling_without_friction_keeps_its_centre_over_the_same_point() -> None:
     foot = E.PlaneContact("body", point=(-0.5, 0.0, 0.0))
-    run = tl.simulate(
-        tl.Scene(planar(1 / 12), [0, 0.5 * math.sin(1.3), 1.3], effects=[E.Gravity(), foot]), 0.5, accuracy=1e-9
-    )
+    run = solved(planar(1 / 12), [E.Gravity(), foot], 0.5, [0, 0.5 * math.sin(1.3), 1.3])
     assert np.abs(run.q[:, 0]).max() < 1e-12
     assert np.abs(run.q[:, 1] - 0.5 * np.sin(run.q[:, 2])).max() < 1e-9
     assert np.ptp(run.energy) < 1e-8
@@ -210,7 +202,7 @@ def test_a_rod_falling_without_friction_keeps_its_centre_over_the_same_point() -
 def test_what_is_lifted_leaves() -> None:
     """Pulled up by m g t: off at t = 1, then g (t - 1)^3 / 6."""
     effects = [E.Gravity(), E.FrameWrench("body", (0.0, 0.0, E.Polynomial((0.0, G)))), E.PlaneContact("body")]
-    run = tl.simulate(tl.Scene(planar(), effects=effects), 2.0, accuracy=1e-9)
+    run = solved(planar(), effects, 2.0)
     assert np.abs(run.q[:, 1] - G * np.fmax(run.t - 1, 0) ** 3 / 6).max() < 1e-9
     assert [(e.kind, e.t) for e in run.events] == [("leave", pytest.approx(1.0, abs=1e-9))]
 
@@ -218,7 +210,7 @@ def test_what_is_lifted_leaves() -> None:
 @pytest.mark.slow
 def test_the_same_contact_twice_is_one_contact() -> None:
     contact = E.PlaneContact("body", friction=0.2)
-    run = tl.simulate(tl.Scene(planar(), v=[1.0, 0, 0], effects=[E.Gravity(), contact, contact]), 1.0, accuracy=1e-9)
+    run = solved(planar(), [E.Gravity(), contact, contact], 1.0, v=[1.0, 0, 0])
     assert run.q[-1, 0] == pytest.approx(1 / (2 * 0.2 * G), abs=1e-9)
 
 
@@ -226,9 +218,7 @@ def test_the_same_contact_twice_is_one_contact() -> None:
 def test_a_box_on_four_feet_rests() -> None:
     """One more than determines their forces."""
     feet = [E.PlaneContact("ball", point=(x, y, -R)) for x in (0.5, -0.5) for y in (0.5, -0.5)]
-    run = tl.simulate(
-        tl.Scene(ball(), [0, 0, R, 0, 0, 0, 1], effects=[E.Gravity(), *feet]), 1.0, accuracy=1e-9, samples_per_second=10
-    )
+    run = solved(ball(), [E.Gravity(), *feet], 1.0, [0, 0, R, 0, 0, 0, 1], samples_per_second=10)
     assert np.abs(run.q - run.q[0]).max() < 1e-12
     assert not run.events
 

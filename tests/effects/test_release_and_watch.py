@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import G, kinds, planar, slider, times
+from tests.effects.bodies import G, kinds, planar, slider, solved, times
 from tests.effects.cases import E
 from tests.urdf_text import joint, link, robot_of
 
@@ -59,7 +59,7 @@ def test_a_welded_ball_flies_on_when_it_is_let_go(how: str) -> None:
 def test_a_payload_that_is_let_go_makes_the_oscillator_faster(when: dict) -> None:
     """1 + 3 kg on 16 N/m: w = 2; then 1 kg: w = 4, from the place and the velocity it had."""
     load = E.Release(E.Payload("x_link", 3.0), **when)
-    run = tl.simulate(tl.Scene(slider(), [1.0], effects=[E.JointSpring({"x": 16.0}), load]), 3.0, accuracy=1e-9)
+    run = solved(slider(), [E.JointSpring({"x": 16.0}), load], 3.0, [1.0])
     t1 = when.get("at", math.pi / 4)
     late = run.t - t1
     x1, v1 = math.cos(2 * t1), -2 * math.sin(2 * t1)
@@ -70,8 +70,7 @@ def test_a_payload_that_is_let_go_makes_the_oscillator_faster(when: dict) -> Non
 
 
 def test_a_release_at_the_beginning_never_held() -> None:
-    effects = [E.Release(E.JointSpring({"x": 16.0}), at=0.0)]
-    run = tl.simulate(tl.Scene(slider(), [1.0], [1.0], effects), 1.0, accuracy=1e-9)
+    run = solved(slider(), [E.Release(E.JointSpring({"x": 16.0}), at=0.0)], 1.0, [1.0], [1.0])
     assert np.abs(run.q[:, 0] - 1 - run.t).max() < 1e-12
 
 
@@ -79,7 +78,7 @@ def test_a_release_at_the_beginning_never_held() -> None:
 def test_a_second_spring_that_engages_makes_the_oscillator_faster(when: dict) -> None:
     """1 kg on 4 N/m passes 0 at pi / 4 with v = -2; then 16 N/m in all: w = 4."""
     spring = E.Engage(E.JointSpring({"x": 12.0}), **when)
-    run = tl.simulate(tl.Scene(slider(), [1.0], effects=[E.JointSpring({"x": 4.0}), spring]), 3.0, accuracy=1e-9)
+    run = solved(slider(), [E.JointSpring({"x": 4.0}), spring], 3.0, [1.0])
     late = run.t - math.pi / 4
     expected = np.where(late < 0, np.cos(2 * run.t), -0.5 * np.sin(4 * late))
     assert np.abs(run.q[:, 0] - expected).max() < 1e-9
@@ -93,8 +92,7 @@ def test_limits_of_effort_begin_and_cease_with_their_effects() -> None:
     def held(target: float, limit: float) -> E.JointPD:
         return E.JointPD({"x": target}, {"x": 100.0}, effort={"x": limit})
 
-    effects = [E.Release(held(9.0, 2.0), at=0.5), E.Engage(held(-9.0, 1.0), at=0.5)]
-    run = tl.simulate(tl.Scene(slider(), effects=effects), 1.0, accuracy=1e-9)
+    run = solved(slider(), [E.Release(held(9.0, 2.0), at=0.5), E.Engage(held(-9.0, 1.0), at=0.5)], 1.0)
     late = np.maximum(run.t - 0.5, 0.0)
     early = np.minimum(run.t, 0.5)
     assert np.abs(run.q[:, 0] - (early**2 + late - late**2 / 2)).max() < 1e-9
@@ -113,7 +111,7 @@ def test_watching_a_time_a_condition_and_a_function() -> None:
         E.Watch("right", when=E.FrameReaches("x_link", 0.5, direction=(2.0, 0.0, 0.0))),
         E.Watch("energy", function=kinetic),
     ]
-    run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 3.0, accuracy=1e-9)
+    run = solved(slider(), effects, 3.0, [1.0])
     found = {
         name: [e.t for e in run.events if e.what == name] for name in ("noon", "middle", "turn", "right", "energy")
     }
@@ -129,7 +127,7 @@ def test_watching_a_time_a_condition_and_a_function() -> None:
 
 @pytest.mark.parametrize("trigger", [{"at": 0.333}, {"when": E.JointReaches("x", 0.333)}])
 def test_a_watch_that_stops_ends_the_run_there(trigger: dict) -> None:
-    run = tl.simulate(tl.Scene(slider(), v=[1.0], effects=[E.Watch("end", stop=True, **trigger)]), 5.0, accuracy=1e-9)
+    run = solved(slider(), [E.Watch("end", stop=True, **trigger)], 5.0, v=[1.0])
     assert run.t[-1] == pytest.approx(0.333, abs=1e-12)
     assert run.q[-1, 0] == pytest.approx(0.333, abs=1e-12)
     assert len(run.t) == len(run.q) == len(run.v) == len(run.error)
@@ -140,7 +138,7 @@ def test_a_watch_that_stops_ends_the_run_there(trigger: dict) -> None:
 def test_then_gives_a_kick(at: float) -> None:
     """A block at rest in friction is given 2 m/s: it slides 2/3 m."""
     kick = E.Watch("kick", at=at, then=lambda q, v: (q, v + 2.0))
-    run = tl.simulate(tl.Scene(slider(), effects=[E.DryFriction({"x": 3.0}), kick]), 3.0, accuracy=1e-9)
+    run = solved(slider(), [E.DryFriction({"x": 3.0}), kick], 3.0)
     late = np.clip(run.t - at, 0, 2 / 3)
     assert np.abs(run.q[:, 0] - 2 * late + 1.5 * late**2).max() < 1e-9
 
@@ -155,9 +153,7 @@ def test_then_must_give_a_state(given: object) -> None:
 def test_a_release_and_an_impact() -> None:
     """Held up by a force until t = 0.5; then it falls 1 m and stays down."""
     up = E.Release(E.FrameWrench("body", (0.0, 0.0, G)), at=0.5)
-    run = tl.simulate(
-        tl.Scene(planar(), [0, 1.0, 0], effects=[E.Gravity(), up, E.PlaneContact("body")]), 2.0, accuracy=1e-9
-    )
+    run = solved(planar(), [E.Gravity(), up, E.PlaneContact("body")], 2.0, [0, 1.0, 0])
     assert kinds(run) == ["release", "impact", "rest"]
     assert times(run, "impact") == pytest.approx([0.5 + math.sqrt(2 / G)], abs=1e-10)
 
@@ -228,7 +224,7 @@ def test_an_error_at_a_tick_on_an_event_keeps_the_sample_there() -> None:
 @pytest.mark.parametrize("kind", [E.Release, E.Engage])
 def test_a_controller_with_states_may_be_the_only_force(kind: type) -> None:
     held = E.PID({"x": 0.4}, kp={"x": 20.0}, ki={"x": 10.0}, kd={"x": 1.0})
-    run, beside = (tl.simulate(tl.Scene(slider(), [0.1], effects=[*more, kind(held, at=0.3)]), 0.6, accuracy=1e-9)
+    run, beside = (solved(slider(), [*more, kind(held, at=0.3)], 0.6, [0.1])
                    for more in ([], [E.JointDamping({"x": 0.0})]))  # fmt: skip
     assert np.abs(run.q - beside.q).max() < 1e-8
     assert abs(run.q[-1, 0] - 0.1) > 0.01

@@ -9,6 +9,7 @@ import pytest
 from scipy.interpolate import BPoly, CubicSpline
 
 import twolink as tl
+from tests.effects.bodies import solved
 from tests.effects.cases import E, assert_refused, robot
 from tests.effects.test_closed_forms import wheel
 from twolink.effects.inputs import derivatives_at, value_at
@@ -107,10 +108,9 @@ def test_long_tables_share_one_compiled_step_and_their_bars_hold() -> None:
     table = E.Sampled(knots, 3 * np.sin(5 * knots), interpolation="cubic")
     scene = tl.Scene(robot("arm"), [0.2, 0.4], effects=[E.Gravity(), E.Torque({"elbow": table})])
     truth = tl.simulate(scene, 1.0, method="taylor", tolerance=1e-17, samples_per_second=10).q
-    smooth = tl.Scene(scene.robot, scene.q, effects=[E.Gravity(), E.Torque({"elbow": E.Sine(3.0, 5.0)})])
-    assert (
-        np.abs(tl.simulate(smooth, 1.0, accuracy=1e-11, samples_per_second=10).q - truth).max() < 1e-9
-    )  # what the spline leaves
+    smooth = [E.Gravity(), E.Torque({"elbow": E.Sine(3.0, 5.0)})]
+    other = solved(scene.robot, smooth, 1.0, scene.q, accuracy=1e-11, samples_per_second=10)
+    assert np.abs(other.q - truth).max() < 1e-9  # what the spline leaves
     for method in ("dop853", "rk23"):
         run = tl.simulate(scene, 1.0, accuracy=1e-6, method=method, samples_per_second=10)
         assert run.cost.steps >= 500
@@ -183,16 +183,15 @@ def test_tables_that_are_refused(table: E.Sampled, where: str, part: str) -> Non
 @pytest.mark.parametrize("interpolation", ["linear", "cubic", "hold"])
 def test_one_sample_is_a_constant(interpolation: str) -> None:
     drive = E.Torque({"axle": E.Sampled((0.5,), (1.0,), interpolation=interpolation)})
-    run = tl.simulate(tl.Scene(wheel(), effects=[drive]), 1.0, accuracy=1e-10)
+    run = solved(wheel(), [drive], 1.0, accuracy=1e-10)
     assert abs(run.q[-1, 0] - 1.0) < 1e-10
 
 
 def test_the_error_bar_of_a_table_costs_no_steps() -> None:
     """Where steps are longer than the time between two checks, solutions pass these."""
     drive = E.Torque({"shoulder": E.Sampled((0.7, 1.6), (1.0, -0.5), interpolation="hold")})
-    scene = tl.Scene(robot("two_link"), [0.3, -0.4], effects=[drive])  # in a plane, without gravity
     run, alone, finer = (
-        tl.simulate(scene, 2.0, accuracy=accuracy, verify=verify, method="dop853")
+        solved(robot("two_link"), [drive], 2.0, [0.3, -0.4], accuracy=accuracy, verify=verify, method="dop853")
         for accuracy, verify in ((1e-6, True), (1e-6, False), (1e-11, False))
     )
     assert run.cost.steps <= alone.cost.steps + 2 < 60  # there are 101 checks

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import twolink as tl
+from tests.effects.bodies import solved
 from tests.effects.cases import E
 from twolink import effects as fx
 from twolink.effects.effect import Effect
@@ -89,9 +90,7 @@ def test_values_of_the_urdf_act_as_those_given_by_joint(case: str) -> None:
     for friction, effort in ((0.5, 5.0), (3.0, 2.0)):
         robot = arm(friction, effort)
         runs = [
-            tl.simulate(
-                tl.Scene(robot, [0.5, 0.2], effects=[fx.Gravity(), effect]), 0.5, accuracy=1e-8, method="dop853"
-            )
+            solved(robot, [fx.Gravity(), effect], 0.5, [0.5, 0.2], accuracy=1e-8, method="dop853")
             for effect in (from_urdf, by_joint(friction, effort))
         ]
         assert abs(runs[0].q - runs[1].q).max() <= runs[0].error.max() + runs[1].error.max()

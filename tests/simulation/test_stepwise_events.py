@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.effects.bodies import stepped
 from tests.loop.loops import slider
 from tests.loop.quadruped import TARGET, quadruped
 from tests.loop.switched import exact_switched_slider
@@ -80,7 +81,7 @@ def test_a_motion_that_an_event_ends_goes_no_farther() -> None:
 def test_a_quadruped_stands_the_same_with_its_controller_outside_and_inside() -> None:
     scene, law = quadruped()
     control = E.Controller(law, period=1e-3, outputs=tuple(TARGET))
-    run = tl.simulate(scene.with_effects([*scene.effects, control]), 0.1, contact="stepped", step=1e-3)
+    run = stepped(scene.with_effects([*scene.effects, control]), 0.1, 1e-3)
     sim = tl.Simulation(scene, contact="stepped", verify=True)
     for _ in range(100):
         state = sim.state
