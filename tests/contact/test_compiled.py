@@ -8,7 +8,7 @@ import pytest
 
 import twolink as tl
 from tests.dynamics import robots
-from tests.effects.bodies import free_bodies, stepped
+from tests.effects.bodies import free_bodies, spheres, stepped
 from twolink.contact import compiled, stepping
 from twolink.contact.bodies import FreeBodies
 from twolink.contact.compiled_steps import take_steps
@@ -153,7 +153,7 @@ def test_steps_of_many_free_bodies_with_effects_are_those_of_the_law() -> None:
     )
     places[:, 2] += 0.2
     places[:, 6] = 1.0
-    contact = E.Contact(("self", "ground"), 0.3, shapes={name: (E.Sphere(0.1),) for name in names})
+    contact = E.Contact(("self", "ground"), 0.3, shapes=spheres(*names))
     pushes = [E.FrameWrench(name, (0.5 * k, 0.3, -2.0), point=(0.0, 0.1, 0.0)) for k, name in enumerate(names[:4])]
     scene = tl.Scene(robot, places.ravel(), random.uniform(-2.0, 2.0, 132), [E.Gravity(), contact, *pushes])
     assert isinstance(stepper_of(scene).bodies, FreeBodies)
@@ -214,7 +214,7 @@ def test_bodies_in_one_loop_are_one_island() -> None:
     robot = free_bodies("a", "b")
     q = np.array([0.0, 0, 0.1, 0, 0, 0, 1, 0.3, 0, 0.1, 0, 0, 0, 1])
     pin = E.PointLoop("a", "b", point_a=(0.15, 0.0, 0.05), point_b=(-0.15, 0.0, 0.05))
-    contact = E.Contact(("ground",), 0.4, restitution=0.2, shapes={name: (E.Sphere(0.1),) for name in "ab"})
+    contact = E.Contact(("ground",), 0.4, restitution=0.2, shapes=spheres(*"ab"))
     v = np.array([0.3, 0.2, -0.5, 0, 0, 0, 0.3, 0.2, -0.5, 0, 0, 0])
     require_same_steps(tl.Scene(robot, q, v, [E.Gravity(), contact, pin]), 0.004, 120)
 

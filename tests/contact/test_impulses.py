@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse as sparse
 
 import twolink as tl
-from tests.effects.bodies import ball, free_bodies, planar, stepped
+from tests.effects.bodies import ball, free_bodies, planar, spheres, stepped
 from twolink.contact import impulses, step_law, stepping
 from twolink.contact.impulses import ContactProblem, Impulses, accelerated, newton, solve_impulses
 from twolink.geometry.gaps import axes_of
@@ -90,7 +90,7 @@ def test_a_step_that_misses_the_laws_is_halved_and_then_refused(monkeypatch: pyt
 
     monkeypatch.setattr(step_law, "solve_impulses", never)
     monkeypatch.setattr(stepping, "compiled", lambda *_: None)
-    effects = [E.Gravity(), E.Contact(("ground",), shapes={"ball": (E.Sphere(0.1),)})]
+    effects = [E.Gravity(), E.Contact(("ground",), shapes=spheres("ball"))]
     scene = tl.Scene(ball(), [0, 0, 0.11, 0, 0, 0, 1], effects=effects)
     with pytest.raises(tl.errors.AccuracyError, match="no impulses obey the laws") as failure:
         stepped(scene, 0.1, 0.01)
@@ -100,7 +100,7 @@ def test_a_step_that_misses_the_laws_is_halved_and_then_refused(monkeypatch: pyt
 @pytest.mark.parametrize("speed", [90.0, 120.0])
 def test_fast_bodies_do_not_pass_through_each_other(speed: float) -> None:
     """At the middle of its first step a ball would be inside the other one, or out of it on the other side."""
-    shapes = {name: (E.Sphere(0.1),) for name in "ab"}
+    shapes = spheres(*"ab")
     q = [0, 0, 0, 0, 0, 0, 1, 1.0, 0, 0, 0, 0, 0, 1]
     scene = tl.Scene(free_bodies("a", "b"), q, [speed, *[0] * 11], [E.Contact(("self",), shapes=shapes)])
     run = stepped(scene, 0.1, 0.02, samples=10)
@@ -176,7 +176,7 @@ def test_bodies_bounce_by_no_more_than_creates_no_energy() -> None:
 
 def test_balls_that_lose_nothing_keep_their_whole_restitution() -> None:
     """Where in a step they meet changes nothing: z = v t - g t^2 / 2 from bounce to bounce."""
-    contact = E.Contact(("ground",), restitution=1.0, shapes={"ball": (E.Sphere(0.1),)})
+    contact = E.Contact(("ground",), restitution=1.0, shapes=spheres("ball"))
     scene = tl.Scene(ball(), [0, 0, 1.1, 0, 0, 0, 1], effects=[E.Gravity((0.0, 0.0, -10.0)), contact])
     for step in (1e-2, 7e-3, 3.3e-3):
         run = stepped(scene, 2.0, step)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import G, planar, stepped, times
+from tests.effects.bodies import G, planar, spheres, stepped, times
 
 E = tl.effects
 BLOCK = {"body": (E.Box((0.2, 0.2, 0.2)),)}
@@ -93,7 +93,7 @@ def test_a_stop_holds_a_joint_under_load_until_it_is_pulled_away() -> None:
 def arm(*, contact: bool) -> tl.Scene:
     """A swinging arm with dry friction in its shoulder, whose elbow falls on a stop; the ground is far below."""
     effects = [E.Gravity(), E.JointStops({"elbow": (-1.0, 0.5)}, 0.5), E.DryFriction({"shoulder": 1.0})]
-    far = E.Contact((("forearm", E.Plane(height=-9.0)),), shapes={"forearm": (E.Sphere(0.1),)})
+    far = E.Contact((("forearm", E.Plane(height=-9.0)),), shapes=spheres("forearm"))
     return tl.Scene(tl.load_robot("two_link"), [0.4, -0.5], [0.0, 3.0], [*effects, *([far] if contact else [])])
 
 
@@ -138,7 +138,7 @@ def test_a_joint_beyond_its_stop_is_refused() -> None:
 def test_a_ball_rolls_until_its_joint_meets_its_stop() -> None:
     """A ball that rolls with 2/3 g sin down an incline, until its joint is at 0.3 m, and rests there."""
     gravity = E.Gravity((G * math.sin(0.3), 0.0, -G * math.cos(0.3)))
-    contact = E.Contact(("ground",), 0.5, shapes={"body": (E.Sphere(0.1),)})
+    contact = E.Contact(("ground",), 0.5, shapes=spheres("body"))
     effects = [gravity, contact, E.JointStops({"x": (-1.0, 0.3)})]
     run = stepped(tl.Scene(planar(0.005), [0, 0.1, 0], effects=effects), 1.0, 0.01)
     assert run.contact_record["overlap"] < 1e-9
@@ -155,9 +155,7 @@ def test_a_quadruped_with_stops_and_dry_friction_falls_on_its_feet_and_rests() -
         q[joint.q] = target[joint.name] = side * {"HAA": 0.0, "HFE": 0.8, "KFE": -1.6}[joint.name[-3:]]
     feet = [name for name in robot.frame_names if name.endswith("FOOT")]
     q[2] = 0.0265 - min(float(robot.frame_pose(q, foot)[1][2]) for foot in feet)
-    ground = E.Contact(
-        tuple((foot, "ground") for foot in feet), 0.6, shapes={foot: (E.Sphere(0.0165),) for foot in feet}
-    )
+    ground = E.Contact(tuple((foot, "ground") for foot in feet), 0.6, shapes=spheres(*feet, radius=0.0165))
     stops = E.JointStops({name: (x - 0.1, x + 0.1) for name, x in target.items()})
     friction = E.DryFriction(dict.fromkeys(target, 0.05), dict.fromkeys(target, 0.08))
     control = E.JointPD(target, dict.fromkeys(target, 5.0), dict.fromkeys(target, 0.1))

@@ -8,7 +8,7 @@ import pytest
 import scipy.sparse as sparse
 
 import twolink as tl
-from tests.effects.bodies import G, free_bodies, stepped
+from tests.effects.bodies import G, free_bodies, spheres, stepped
 from twolink.contact import bodies as sparse_bodies
 from twolink.contact.positions import solve_normal
 from twolink.io.fingerprints import joint_poses, model_digest, trees_of
@@ -24,7 +24,7 @@ def towers() -> tl.Trajectory:
     names = [f"s{k}" for k in range(COUNT)]
     places = np.array([[0.5 * (k % 4), 0.02 * (k % 3), R + 2.05 * R * (k // 4)] for k in range(COUNT)])
     q = np.concatenate([places, np.tile([0, 0, 0, 1.0], (COUNT, 1))], axis=1).ravel()
-    effects = [E.Gravity(), E.Contact(("self", "ground"), 0.3, shapes={name: (E.Sphere(R),) for name in names})]
+    effects = [E.Gravity(), E.Contact(("self", "ground"), 0.3, shapes=spheres(*names, radius=R))]
     scene = tl.Scene(free_bodies(*names), q, effects=effects)
     return stepped(scene, 0.1, 5e-3, samples=200)
 
@@ -48,7 +48,7 @@ def test_spheres_in_a_box_come_to_rest_without_overlap_or_gain_of_energy() -> No
     q = np.concatenate([places, np.tile([0, 0, 0, 1.0], (27, 1))], axis=1).ravel()
     walls = [E.Plane(n, -wide) for n in ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0))]
     pairs = ("self", "ground", *((name, wall) for name in names for wall in walls))
-    contact = E.Contact(pairs, 0.3, shapes={name: (E.Sphere(R),) for name in names})
+    contact = E.Contact(pairs, 0.3, shapes=spheres(*names, radius=R))
     scene = tl.Scene(free_bodies(*names, inertia=0.4 * R**2), q, effects=[E.Gravity(), contact])
     run = stepped(scene, 2.0, 5e-3, samples=200)
     assert run.contact_record["overlap"] < 1e-8
@@ -110,7 +110,7 @@ def test_bodies_whose_joints_are_placed_elsewhere_are_not_taken_for_those_at_the
         '<parent link="ground"/>', '<origin xyz="0 0 1"/><parent link="ground"/>'
     )
     monkeypatch.setattr(sparse_bodies, "MANY", 1)
-    effects = [E.Gravity(), E.Contact(("ground",), shapes={name: (E.Sphere(0.1),) for name in "ab"})]
+    effects = [E.Gravity(), E.Contact(("ground",), shapes=spheres(*"ab"))]
     scene = tl.Scene(tl.load_robot(text), [0, 0, -0.9, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 1], effects=effects)
     run = stepped(scene, 0.1, 0.01, samples=10)
     assert run.q[-1, 2] == pytest.approx(-0.9, abs=1e-9)

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import G, free_bodies, stepped
+from tests.effects.bodies import G, free_bodies, spheres, stepped
 from twolink.contact import stepping
 from twolink.contact.rest import RestingSteps
 from twolink.contact.steps import Step
@@ -72,7 +72,7 @@ def test_a_force_that_begins_wakes_what_rests(wakes: float) -> None:
 def test_bodies_that_may_move_do_not_rest() -> None:
     """A ball on a plane may roll: what is slower than any number is not at rest."""
     robot = free_bodies("ball", mass=MASS, inertia=0.4 * MASS * 0.01)
-    contact = E.Contact(("ground",), MU, shapes={"ball": (E.Sphere(0.1),)})
+    contact = E.Contact(("ground",), MU, shapes=spheres("ball"))
     scene = tl.Scene(robot, [0, 0, 0.1, 0, 0, 0, 1], effects=[E.Gravity((0.0, 0.0, -G)), contact])
     assert "rest" not in solved(run_of(scene, 0.2))
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import G, ball, ball_over_ball, planar, sliders_in_a_row
+from tests.effects.bodies import G, ball, ball_over_ball, planar, sliders_in_a_row, spheres
 from tests.urdf_text import link
 
 E = tl.effects
 BLOCK = {"body": (E.Box((1.0, 0.3, 0.2)),)}
-SPHERE = {"ball": (E.Sphere(0.1),)}
+SPHERE = spheres("ball")
 WAYS = pytest.mark.parametrize("way", [{"contact": "located"}, {"contact": "stepped", "step": 0.007, "verify": False}],
                                ids=["located", "stepped"])  # fmt: skip
 
@@ -81,7 +81,7 @@ def test_the_cradle_passes_one_impulse_through_every_pair() -> None:
 @WAYS
 def test_what_touches_passes_an_impact_on(way: dict[str, object]) -> None:
     """Three of 1 kg without restitution go on together at v / 3: the pairs have 2/3 and 1/3 of m v."""
-    shapes = {f"b{k}": (E.Sphere(0.1),) for k in range(3)}
+    shapes = spheres(*(f"b{k}" for k in range(3)))
     contact = E.Contact((("b0", "b1"), ("b1", "b2")), shapes=shapes)
     run = tl.simulate(tl.Scene(sliders_in_a_row(1.0, 1.0, 1.0), [0.0, 0.5, 0.7], [1.0, 0.0, 0.0], [contact]), 0.5,
                       samples_per_second=10, **way)  # fmt: skip

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import G, bouncing, free_bodies, planar, stepped
+from tests.effects.bodies import G, bouncing, free_bodies, planar, spheres, stepped
 from twolink.contact.spliced import SplicedSolution
 from twolink.integrate.hybrid import engine
 
@@ -76,7 +76,7 @@ def test_what_a_run_tells_is_of_both_parts() -> None:
 
 def test_an_error_at_the_splice_grows_as_motions_part(monkeypatch: pytest.MonkeyPatch) -> None:
     """A ball that goes on from its first bounce: the bar there, also of the velocity, leads ever farther away."""
-    contact = E.Contact(("ground",), restitution=0.5, shapes={"body": (E.Sphere(0.1),)})
+    contact = E.Contact(("ground",), restitution=0.5, shapes=spheres("body"))
     scene = tl.Scene(planar(), [0, 0.1 + HEIGHT, 0], [1, 0, 0], [E.Gravity(), contact])
     monkeypatch.setattr(engine, "MAX_EVENTS", 0)
     run = tl.simulate(scene, 0.45, samples_per_second=40, patience=2.0)

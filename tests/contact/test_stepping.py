@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import twolink as tl
-from tests.effects.bodies import G, ball, bouncing, free_bodies, planar, stepped
+from tests.effects.bodies import G, ball, bouncing, free_bodies, planar, spheres, stepped
 from twolink.contact import bodies as sparse_bodies
 from twolink.contact.solver import SteppedSolution
 from twolink.contact.stepping import ContactStepper
@@ -25,7 +25,7 @@ from twolink.simulation import stepped_run
 from twolink.simulation.stepped_run import simulate_stepped
 
 E = tl.effects
-SPHERE = {"ball": (E.Sphere(0.1),)}
+SPHERE = spheres("ball")
 ENDS = {"body": (E.Sphere(0.0, (0.5, 0.0, 0.0)), E.Sphere(0.0, (-0.5, 0.0, 0.0)))}
 BLOCK = {"body": (E.Box((1.0, 0.3, 0.2)),)}
 
@@ -153,7 +153,7 @@ def test_an_accuracy_is_reached_by_smaller_steps_or_refused() -> None:
 
 def test_two_runs_do_not_share_the_error_of_an_impact() -> None:
     """Balls that meet obliquely near the middle between two samples, where steps of both runs could have one middle."""
-    shapes = {name: (E.Sphere(0.1),) for name in "ab"}
+    shapes = spheres(*"ab")
     q = [0, 0, 0, 0, 0, 0, 1, 0.5, 0.1, 0, 0, 0, 0, 1]
     scene = tl.Scene(free_bodies("a", "b"), q, [1.0, *[0] * 11], [E.Contact(("self",), restitution=1.0, shapes=shapes)])
     meets = 0.5 - math.sqrt(0.04 - 0.01)  # s
@@ -208,7 +208,7 @@ def test_finer_runs_that_are_elsewhere_refute_an_estimate(monkeypatch: pytest.Mo
 
 def test_located_events_without_end_are_stepped_where_nothing_was_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """A ball that bounces more often than events are followed keeps to its parabolas, and its cost says what was."""
-    bounces = E.Contact(("ground",), restitution=0.5, shapes={"ball": (E.Sphere(0.1),)})
+    bounces = E.Contact(("ground",), restitution=0.5, shapes=spheres("ball"))
     scene = tl.Scene(ball(), [0, 0, 0.6, 0, 0, 0, 1], effects=[E.Gravity((0.0, 0.0, -10.0)), bounces])
     free = tl.simulate(scene, 1.0, samples_per_second=20)
     monkeypatch.setattr(engine, "MAX_EVENTS", 1)
@@ -263,7 +263,7 @@ def test_steps_too_long_for_a_stiff_spring_are_made_smaller(stiff: float, accura
 def test_a_pile_of_balls_rests() -> None:
     """Four on the ground and one on top, held apart by friction: nothing moves in 2 s."""
     r, names = 0.1, ("a", "b", "c", "d", "top")
-    shapes = {name: (E.Sphere(r),) for name in names}
+    shapes = spheres(*names, radius=r)
     effects = [E.Gravity(), E.Contact(("ground", "self"), 0.8, shapes=shapes)]
     robot = free_bodies(*names)
     places = [(x, y, r) for x in (-r, r) for y in (-r, r)] + [(0.0, 0.0, r + math.sqrt(2) * r)]
@@ -352,7 +352,7 @@ def test_many_free_bodies_move_as_few_do(monkeypatch: pytest.MonkeyPatch) -> Non
             'izz="0.025" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="{0}_joint" type="floating"><parent '
             'link="ground"/><child link="{0}"/></joint>')  # fmt: skip
     robot = tl.load_robot(f'<robot name="two"><link name="ground"/>{body.format("a")}{body.format("b")}</robot>')
-    effects = [E.Gravity(), E.Contact(("ground", "self"), 0.4, shapes={name: (E.Sphere(0.1),) for name in "ab"})]
+    effects = [E.Gravity(), E.Contact(("ground", "self"), 0.4, shapes=spheres(*"ab"))]
     q = [0, 0, 0.11, 0, 0, 0, 1, 0.05, 0, 0.32, 0, 0, 0, 1]
     scene = tl.Scene(robot, q, [0, 0, 0, 3, 1, 2, 0, 0, 0, -2, 1, 4], effects)
     few = stepped(scene, 0.4, 0.01)
@@ -367,7 +367,7 @@ def test_balls_that_fall_on_each_other_do_not_overlap_and_gain_no_energy() -> No
     names, r, random = [f"s{k}" for k in range(4)], 0.05, np.random.default_rng(0)
     x, y = random.uniform(-0.03, 0.03, 4), random.uniform(-0.03, 0.03, 4)
     q = np.concatenate([[x[k], y[k], 0.06 + 0.105 * k, 0, 0, 0, 1] for k in range(4)])
-    effects = [E.Gravity(), E.Contact(("self", "ground"), 0.3, shapes={name: (E.Sphere(r),) for name in names})]
+    effects = [E.Gravity(), E.Contact(("self", "ground"), 0.3, shapes=spheres(*names, radius=r))]
     run = stepped(tl.Scene(free_bodies(*names), q, effects=effects), 0.3, 0.01, samples=100)
     assert run.contact_record["overlap"] < 1e-6
     assert np.diff(run.energy).max() < 1e-10 * run.energy[0]
@@ -378,7 +378,7 @@ def test_damping_is_stable_for_steps_of_less_than_two_over_its_rate() -> None:
     effects = [
         E.Gravity(),
         E.JointDamping({"x": 150.0}),
-        E.Contact(("ground",), 0.0, shapes={"body": (E.Sphere(0.1),)}),
+        E.Contact(("ground",), 0.0, shapes=spheres("body")),
     ]
     run = stepped(tl.Scene(planar(), [0.0, 0.1, 0], [1.0, 0, 0], effects), 0.5, 0.01, samples=100)
     assert abs(run.v[-1, 0]) < 1e-3
@@ -410,7 +410,7 @@ def test_damping_is_stable_in_any_step_and_of_second_order(controlled: bool) -> 
 
 def test_accelerations_are_rates_of_velocities_along_axes_that_turn() -> None:
     """A free body that spins about y falls: v' = R^T g - omega x v, and no force is left over."""
-    effects = [E.Gravity(), E.Contact("ground", 0.3, shapes={"ball": (E.Sphere(0.1),)})]
+    effects = [E.Gravity(), E.Contact("ground", 0.3, shapes=spheres("ball"))]
     for robot in (ball(), free_bodies("a", "ball")):
         count = robot.nv // 6
         scene = tl.Scene(robot, [0, 0, 5, 0, 0, 0, 1] * count, [3.0, 0, 0, 0, 4, 0] * count, effects)
@@ -442,7 +442,7 @@ def test_a_tables_time_that_differs_from_a_samples_by_rounding_makes_no_step() -
     table, times = tuple(k / 10 for k in range(11)), np.append(np.arange(10) * 0.1, 1.0)
     assert (times != table).any()
     push = E.FrameWrench("ball", (0.0, 0.0, E.Sampled(table, tuple(-10.0 * t for t in table))))
-    effects = [E.Gravity(), push, E.Contact("ground", shapes={"ball": (E.Sphere(0.1),)})]
+    effects = [E.Gravity(), push, E.Contact("ground", shapes=spheres("ball"))]
     scene = tl.Scene(ball(), [0, 0, 0.1, 0, 0, 0, 1], effects=effects)
     run = tl.simulate(scene, 1.0, t_eval=times, contact="stepped", step=0.01, verify=False)
     assert run.contact_forces["ball - ground"][1:, 2] == pytest.approx(2.0 * G + 10.0 * (times[1:] - 0.005))
@@ -452,7 +452,7 @@ def test_a_tables_time_that_differs_from_a_samples_by_rounding_makes_no_step() -
 def test_sensors_read_the_ends_of_steps_not_lines_between_samples() -> None:
     """A ball on a parabola that is sampled twice."""
     sensor = E.PoseSensor("ball", period=0.05)
-    effects = [E.Gravity(), E.Contact("ground", shapes={"ball": (E.Sphere(0.1),)}), sensor]
+    effects = [E.Gravity(), E.Contact("ground", shapes=spheres("ball")), sensor]
     run = tl.simulate(tl.Scene(ball(), [0, 0, 5, 0, 0, 0, 1], effects=effects), 0.5, t_eval=[0, 0.5], contact="stepped")
     t, values = run.sensors["pose_sensor"]
     assert values[:, 2] == pytest.approx(5 - 0.5 * G * t**2, abs=1e-6)
@@ -460,7 +460,7 @@ def test_sensors_read_the_ends_of_steps_not_lines_between_samples() -> None:
 
 def test_forces_on_links_are_shown_of_steps_too() -> None:
     push = E.FrameWrench("ball", force=(2.0, 0, 0), moment=(0, 0, 1.0))
-    effects = [E.Gravity(), push, E.Contact("ground", 0.3, shapes={"ball": (E.Sphere(0.1),)})]
+    effects = [E.Gravity(), push, E.Contact("ground", 0.3, shapes=spheres("ball"))]
     scene = tl.Scene(ball(), [0, 0, 0.3, 0, 0, 0, 1], effects=effects)
     located, steps = (tl.simulate(scene, 0.15, contact=way, accuracy=None) for way in ("located", "stepped"))
     assert located.wrenches_on_links.keys() == steps.wrenches_on_links.keys() != set()
@@ -469,7 +469,7 @@ def test_forces_on_links_are_shown_of_steps_too() -> None:
 
 
 def test_a_pair_has_one_law() -> None:
-    shapes = {"ball": (E.Sphere(0.1),)}
+    shapes = spheres("ball")
     every, own = E.Contact("ground", 0.1, shapes=shapes), E.Contact((("ball", "ground"),), 0.3, shapes=shapes)
     with pytest.raises(tl.errors.SceneError, match=r"another Contact has ball - ground too; exclude="):
         tl.Scene(ball(), effects=[every, own])

@@ -72,6 +72,11 @@ def ball_over_ball(moment: float | tuple[float, ...] = 0.008) -> tl.Robot:
                          f'{joint("free", "floating", "base", "ball")}</robot>')  # fmt: skip
 
 
+def spheres(*names: str, radius: float = 0.1) -> dict[str, tuple[tl.effects.Sphere]]:
+    """Shapes of a contact: links by name, each a sphere at its origin."""
+    return dict.fromkeys(names, (tl.effects.Sphere(radius),))
+
+
 def bouncing(t: np.ndarray, height: float, e: float) -> np.ndarray:
     """The height of a point that falls from rest and bounces, v -> -e v, in closed form."""
     fall = np.sqrt(2 * height / G)

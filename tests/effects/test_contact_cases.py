@@ -19,6 +19,7 @@ from tests.effects.bodies import (
     slider,
     sliders_in_a_row,
     solved,
+    spheres,
     stepped,
     times,
 )
@@ -34,7 +35,7 @@ E = tl.effects
 def cradle(impacts: str, e: float = 1.0) -> tl.Trajectory:
     """Five balls in a row; the first hits the others, which touch each other at rest."""
     pairs = tuple((f"b{k}", f"b{k + 1}") for k in range(4))
-    contact = E.Contact(pairs, restitution=e, impacts=impacts, shapes={f"b{k}": (E.Sphere(0.1),) for k in range(5)})
+    contact = E.Contact(pairs, restitution=e, impacts=impacts, shapes=spheres(*(f"b{k}" for k in range(5))))
     start = 0.2 * np.arange(5)
     start[0] -= 0.3
     return solved(sliders_in_a_row(*[1.0] * 5), [contact], 0.5, start, [1, 0, 0, 0, 0], samples_per_second=10)
@@ -109,7 +110,7 @@ def test_a_rod_slides_although_it_could_not_at_other_angles() -> None:
 
 def two_balls(far: float, speed: float) -> tl.Scene:
     """1 kg against 2 kg at rest, of 0.1 m, which bounce with 0.6."""
-    effects = [E.Contact((("b0", "b1"),), restitution=0.6, shapes={n: (E.Sphere(0.1),) for n in ("b0", "b1")})]
+    effects = [E.Contact((("b0", "b1"),), restitution=0.6, shapes=spheres("b0", "b1"))]
     return tl.Scene(sliders_in_a_row(1.0, 2.0), [0, far], [speed, 0.0], effects)
 
 
@@ -252,7 +253,7 @@ def test_points_without_a_radius_against_solids_are_refused() -> None:
 def test_forces_that_are_not_determined_obey_the_laws_all_the_same() -> None:
     """A slider is pressed along x onto a steep wall: N n_x + T t_x is determined, and N and T are not."""
     mu, n = 0.3, np.array([-0.5, 0.0, math.sqrt(0.75)])
-    contact = E.Contact((("x_link", E.Plane(tuple(map(float, n)))),), mu, shapes={"x_link": (E.Sphere(0.1),)})
+    contact = E.Contact((("x_link", E.Plane(tuple(map(float, n)))),), mu, shapes=spheres("x_link"))
     scene = tl.Scene(slider(), [-0.2], effects=[E.Gravity((G, 0.0, 0.0)), contact])
     run = tl.simulate(scene, 0.5, samples_per_second=10)
     (force,) = run.contact_forces.values()
@@ -276,7 +277,7 @@ def test_a_body_that_slides_across_a_slope_turns_downhill_as_it_stops() -> None:
     steep, rough = math.sin(angle), mu * math.cos(angle)
     n = (-steep, 0.0, math.cos(angle))
     robot = bodies_on_sliders(a=(1e-9, "ground", "1 0 0"), b=(1e-9, "a", "0 1 0"), body=(1.0, "b", "0 0 1"))
-    contact = E.Contact((("body", E.Plane(n)),), mu, shapes={"body": (E.Sphere(0.1),)})
+    contact = E.Contact((("body", E.Plane(n)),), mu, shapes=spheres("body"))
     v = [-v0 * math.cos(turn) * math.cos(angle), v0 * math.sin(turn), -v0 * math.cos(turn) * math.sin(angle)]
     stops = v0 * (rough + steep * math.cos(turn)) / (G * (rough**2 - steep**2))
     scene = tl.Scene(robot, [0.1 * n[0], 0, 0.1 * n[2]], v, [E.Gravity(), contact])
@@ -391,7 +392,7 @@ def test_a_coin_spins_as_its_equations_of_rolling_say() -> None:
 def test_what_does_not_touch_costs_no_operation() -> None:
     """Between contacts the equations are those of the scene without any. That loads no engine of events."""
     robot, q = free_bodies("a", "b"), [0, 0, 1, 0, 0, 0, 1, 0, 0, 2, 0, 0, 0, 1]
-    contact = E.Contact(("self", "ground"), shapes={name: (E.Sphere(0.1),) for name in "ab"})
+    contact = E.Contact(("self", "ground"), shapes=spheres(*"ab"))
     without, beside = (equations_of(tl.Scene(robot, q, effects=effects))
                        for effects in ([E.Gravity()], [E.Gravity(), contact]))  # fmt: skip
     assert beside.operations == without.operations
