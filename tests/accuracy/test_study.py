@@ -12,6 +12,7 @@ import pytest
 
 import twolink as tl
 from tests.loop.loops import slider
+from tests.near import assert_near
 from twolink.accuracy import measuring
 from twolink.accuracy import study as accuracy_study
 from twolink.accuracy.study_data import Reference, Row, with_front
@@ -60,7 +61,7 @@ def test_the_reference_is_far_better_and_right(study: tl.Study, arm: tl.Scene) -
     assert study.reference.error * 100 <= min(row.error for row in study.rows)
     assert all(row.resolved for row in study.rows)
     # The model's constants are doubles, which alone moves the end by 5.06e-16: 33 digits give the same.
-    np.testing.assert_allclose(study.reference.q_end, END, rtol=0, atol=6e-16)
+    assert_near(study.reference.q_end, END, 6e-16)
     equations, times = equations_of(arm), np.linspace(0, 10, 101)
     first = measuring.first_reference(equations, times)
     better = measuring.by_taylor(equations, times, "quad")
@@ -162,7 +163,7 @@ def test_a_motion_with_events_is_compared_with_one_that_locates_them() -> None:
     scene = tl.Scene(slider(), [1.0], effects=[fx.Torque({"rail": -9.81}), fx.JointStops({"rail": (0.0, 9.0)}, 0.5)])
     done = tl.accuracy_study(scene, 0.7, methods=["dop853", "taylor"], tolerances=[1e-6], repeats=1)
     later = 0.7 - fall
-    assert done.reference.q_end[0] == pytest.approx(0.5 * 9.81 * fall * later - 9.81 * later**2 / 2, abs=1e-12)
+    assert_near(done.reference.q_end[0], 0.5 * 9.81 * fall * later - 9.81 * later**2 / 2, 1e-12)
     assert done.reference.error < 1e-10
     assert [row.method for row in done.rows] == ["dop853"]
     assert "does not locate events" in done.failures[0].reason
@@ -176,7 +177,7 @@ def test_a_limit_of_effort_is_located_in_the_reference(arm: tl.Scene) -> None:
     scene = arm.with_effects([*arm.effects, limited])
     done = tl.accuracy_study(scene, 0.5, methods=["rk4"], tolerances=[1e-6], repeats=1)
     assert done.reference.error < 1e-10
-    assert done.reference.q_end == pytest.approx(tl.simulate(scene, 0.5, accuracy=1e-10).q[-1], abs=2e-10)
+    assert_near(done.reference.q_end, tl.simulate(scene, 0.5, accuracy=1e-10).q[-1], 2e-10)
 
 
 def test_ctrl_c_keeps_what_is_done(arm: tl.Scene) -> None:

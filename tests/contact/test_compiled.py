@@ -9,6 +9,7 @@ import pytest
 import twolink as tl
 from tests.dynamics import robots
 from tests.effects.bodies import free_bodies, spheres, stepped
+from tests.near import assert_near
 from twolink.contact import compiled, stepping
 from twolink.contact.bodies import FreeBodies
 from twolink.contact.compiled_steps import take_steps
@@ -59,24 +60,24 @@ def differ(one: Step, other: Step) -> bool:
 
 def require_same(one: Step, other: Step) -> None:
     """All that a step says and remembers, but forces that motions do not determine."""
-    assert other.v == pytest.approx(one.v, abs=SAME * max(1.0, np.abs(one.v).max()))
-    assert other.q == pytest.approx(one.q, abs=SAME * max(1.0, np.abs(one.v).max()))
+    assert_near(other.v, one.v, SAME * max(1.0, np.abs(one.v).max()))
+    assert_near(other.q, one.q, SAME * max(1.0, np.abs(one.v).max()))
     assert other.h == one.h
-    assert other.h * other.mean == pytest.approx(one.h * one.mean, abs=SAME * max(1.0, np.abs(one.v).max()))
+    assert_near(other.h * other.mean, one.h * one.mean, SAME * max(1.0, np.abs(one.v).max()))
     a, b = one.memory, other.memory
     assert np.array_equal(a.keys, b.keys)
     assert np.array_equal(a.stuck, b.stuck)
     assert np.array_equal(a.still, b.still)
     assert b.change == pytest.approx(a.change, rel=1e-6, abs=1e-6)
-    assert b.overlap == pytest.approx(a.overlap, abs=1e-12)
+    assert_near(b.overlap, a.overlap, 1e-12)
     assert b.unfollowed == pytest.approx(a.unfollowed, rel=1e-6, abs=1e-12)
     assert (one.impulses is None) == (other.impulses is None)
     assert len(one.keys) == len(other.keys)
     if one.joints is None:  # with friction in joints, those of contacts need not be determined
-        assert other.on_first.sum(axis=0) == pytest.approx(one.on_first.sum(axis=0), abs=1e-8)
+        assert_near(other.on_first.sum(axis=0), one.on_first.sum(axis=0), 1e-8)
     assert len(one.blows) == len(other.blows)
     for blow, same in zip(one.blows, other.blows, strict=True):
-        assert same.late == pytest.approx(blow.late, abs=1e-9)
+        assert_near(same.late, blow.late, 1e-9)
         assert np.array_equal(np.sort(blow.keys), np.sort(same.keys))
     assert (one.joints is None) == (other.joints is None)
 
@@ -232,10 +233,10 @@ def test_bundled_scenes_have_the_same_run(name: str, monkeypatch: pytest.MonkeyP
     ours = run()
     monkeypatch.setattr(stepping, "take_steps", lambda *_: None)
     theirs = run()
-    assert np.abs(ours.q - theirs.q).max() < 1e-9
-    assert np.abs(ours.v - theirs.v).max() < 1e-7
+    assert_near(ours.q, theirs.q, 1e-9)
+    assert_near(ours.v, theirs.v, 1e-7)
     assert ours.contact_record["solvers"] == theirs.contact_record["solvers"]
-    assert ours.contact_record["overlap"] == pytest.approx(theirs.contact_record["overlap"], abs=1e-9)
+    assert_near(ours.contact_record["overlap"], theirs.contact_record["overlap"], 1e-9)
 
 
 def test_a_step_at_rest_has_its_overlap() -> None:
@@ -246,7 +247,7 @@ def test_a_step_at_rest_has_its_overlap() -> None:
     found = take_steps(stepper.native, stepper.bodies, plan, range(100), q, v, memory)
     last = found[len(found) - 1]
     assert last.memory.rest is not None
-    assert last.overlap == pytest.approx(stepper.overlap(last.q)[0], abs=1e-15)
+    assert_near(last.overlap, stepper.overlap(last.q)[0], 1e-15)
 
 
 def test_what_the_library_does_not_take_is_taken_by_numpy(monkeypatch: pytest.MonkeyPatch) -> None:

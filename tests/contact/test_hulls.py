@@ -9,6 +9,7 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import free_bodies, stepped
+from tests.near import assert_near
 from twolink.contact.choice import choose_contact_method
 from twolink.geometry import hulls
 from twolink.geometry.hulls import facing, hull_of, separation, touching
@@ -57,7 +58,7 @@ def test_the_separation_of_hulls_that_overlap_is_coals(kinds: tuple[str, str], d
         places = overlapping(shapes, deep, random)
         a, b = (hull_of(shape).placed(*place) for shape, place in zip(shapes, places, strict=True))
         found = separation(a, b)
-        assert found.gap == pytest.approx(depth(shapes, places), abs=1e-10)
+        assert_near(found.gap, depth(shapes, places), 1e-10)
         moved = [(places[0][0], places[0][1] - found.gap * found.normal), places[1]]
         assert abs(depth(shapes, moved)) < 1e-9  # the normal is the way out
         points = touching(a, b, 1e-4)
@@ -96,7 +97,7 @@ def deepest(run: tl.Trajectory) -> float:
 def test_cubes_that_hit_with_corners_and_edges_do_not_overlap(seed: int) -> None:
     """A corner that comes from beside a face is seen when it is over it: steps in which it does so are halved."""
     run = stepped(thrown(seed), 0.25, STEP, samples=500)
-    assert deepest(run) == pytest.approx(run.contact_record["overlap"], abs=1e-9)
+    assert_near(deepest(run), run.contact_record["overlap"], 1e-9)
     assert run.contact_record["overlap"] < 1e-4
     assert np.diff(run.energy).max() < 1e-9
 
@@ -123,7 +124,7 @@ def test_features_that_look_at_each_other_decide_how_far_large_hulls_are_apart(d
         rough = places[0][1] / np.linalg.norm(places[0][1])
         parts = facing(a, b, rough)
         assert len(parts[0].edges) <= len(a.edges)
-        assert separation(*parts).gap == pytest.approx(depth(shapes, places), abs=1e-10)
+        assert_near(separation(*parts).gap, depth(shapes, places), 1e-10)
         if k % 2 and k % 3:
             assert separation(*parts).gap == separation(a, b).gap
 
@@ -160,7 +161,7 @@ def test_corners_in_single_precision_make_whole_faces() -> None:
         assert len(hull_of(rounded_cube(across)).faces) == 6
         points = touching(hull_of(rounded_cube(across)).placed(turn, np.array([0.0, 0.0, 0.2])), ground, 1e-6)
         middles = np.array([point.middle for point in points])
-        np.testing.assert_allclose(np.ptp(middles, axis=0), [0.2, 0.2, 0.0], rtol=0, atol=1e-7)
+        assert_near(np.ptp(middles, axis=0), [0.2, 0.2, 0.0], 1e-7)
 
 
 def test_prisms_in_single_precision_touch_as_they_do_in_double() -> None:
@@ -178,7 +179,7 @@ def test_prisms_in_single_precision_touch_as_they_do_in_double() -> None:
         points = [touching(hull.placed(rotation, origin), ground, 5e-3) for hull in both]
         assert len(points[0]) == len(points[1])
         first, second = (min((one.gap for one in each), default=1.0) for each in points)
-        assert first == pytest.approx(second, abs=1e-6)
+        assert_near(first, second, 1e-6)
 
 
 def test_points_inside_of_faces_change_no_touch() -> None:
@@ -192,7 +193,7 @@ def test_points_inside_of_faces_change_no_touch() -> None:
         for origin in random.uniform(0.2, 0.26, (9, 3)) * [0.3, 0.3, 1.0]:
             found, expected = (sorted([*one.middle, one.gap] for one in touching(body, ground, 0.2))
                                for body in (one.placed(rotation, origin) for one in bodies))  # fmt: skip
-            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+            assert_near(found, expected, 1e-12)
 
 
 def test_points_inside_of_faces_and_rounding_change_no_run() -> None:
@@ -204,7 +205,7 @@ def test_points_inside_of_faces_and_rounding_change_no_run() -> None:
         contact = E.Contact((("a", "b"),), 0.5, shapes={"a": (shape,), "b": (Box((1.0, 1.0, 0.2)),)})
         scene = tl.Scene(free_bodies("a", "b"), q, v, [E.Gravity((0.0, 0.0, -3.0)), held, contact], 0.5)
         ends.append(tl.simulate(scene, contact="stepped", step=5e-3, verify=False).q[-1])
-    np.testing.assert_allclose(ends, [ends[0]] * 10, rtol=0, atol=1e-3)
+    assert_near(ends, [ends[0]] * 10, 1e-3)
 
 
 @pytest.mark.parametrize(("names", "way"), [("ab", "located"), ("abc", "located"), ("abcd", "stepped")])

@@ -7,6 +7,7 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import G, planar, spheres, stepped, times
+from tests.near import assert_near
 
 E = tl.effects
 BLOCK = {"body": (E.Box((0.2, 0.2, 0.2)),)}
@@ -25,9 +26,9 @@ def test_a_block_slides_to_rest_by_friction_of_its_joint_and_of_the_ground() -> 
     run = stepped(on_ground(v0, E.DryFriction({"x": c}), contact=friction), 1.0, h)
     a = mu * G + c
     t = np.fmin(run.t, v0 / a)
-    assert np.abs(run.q[:, 0] - (v0 * t - a * t**2 / 2)).max() < a * h**2 / 2
-    assert np.abs(run.q[:, 1:] - [0.1, 0.0]).max() < 1e-12
-    assert np.abs(run.v[-1]).max() < 1e-12
+    assert_near(run.q[:, 0], v0 * t - a * t**2 / 2, a * h**2 / 2)
+    assert_near(run.q[:, 1:], [0.1, 0.0], 1e-12)
+    assert_near(run.v[-1], 0.0, 1e-12)
     slides = (run.t > 0.0) & (run.t < v0 / a - h)
     assert run.tau[slides, 0] == pytest.approx(np.full(slides.sum(), -c), rel=1e-9)
 
@@ -38,8 +39,8 @@ def test_static_friction_of_a_joint_holds_it_until_more_is_needed(push: float, m
     kinetic, static = 1.0, 3.0
     run = stepped(on_ground(0.0, E.DryFriction({"x": kinetic}, {"x": static}), E.Torque({"x": push})), 1.0, 0.02)
     a = push - kinetic if moves else 0.0
-    assert np.abs(run.q[:, 0] - a * run.t**2 / 2).max() < 1e-12
-    assert run.tau[1:, 0] == pytest.approx(np.full(20, a), abs=1e-9)
+    assert_near(run.q[:, 0], a * run.t**2 / 2, 1e-12)
+    assert_near(run.tau[1:, 0], a, 1e-9)
 
 
 @pytest.mark.parametrize("steep", [0.35, 0.55])
@@ -50,7 +51,7 @@ def test_static_friction_of_a_contact_holds_from_the_start(steep: float) -> None
     contact = E.Contact(("ground",), mu, static=static, shapes=BLOCK)
     run = stepped(tl.Scene(planar(), [0, 0.1, 0], effects=[gravity, contact]), 0.5, 0.01)
     a = G * (mu * math.cos(steep) - math.sin(steep)) if tan > static else 0.0
-    assert np.abs(run.q[:, 0] - a * run.t**2 / 2).max() < 1e-10
+    assert_near(run.q[:, 0], a * run.t**2 / 2, 1e-10)
 
 
 def test_stops_and_friction_alone_are_stepped_as_they_are_located() -> None:
@@ -67,7 +68,7 @@ def test_stops_and_friction_alone_are_stepped_as_they_are_located() -> None:
         assert 1e-3 * step < off.max() < 2.0 * step
     simulation = tl.Simulation(scene, contact="stepped", step=5e-4)
     simulation.step(2.0)
-    assert simulation.state.q == pytest.approx(run.q[-1], abs=1e-12)
+    assert_near(simulation.state.q, run.q[-1], 1e-12)
 
 
 def test_stops_with_restitution_send_a_block_back_and_forth() -> None:
@@ -77,17 +78,17 @@ def test_stops_with_restitution_send_a_block_back_and_forth() -> None:
     exact = np.where(
         run.t < first, 2.0 * run.t, np.where(run.t < second, 0.5 - (run.t - first), 0.5 * (run.t - second) - 0.3)
     )
-    assert np.abs(run.q[:, 0] - exact).max() < 1e-12
+    assert_near(run.q[:, 0], exact, 1e-12)
 
 
 def test_a_stop_holds_a_joint_under_load_until_it_is_pulled_away() -> None:
     """A force 5 - 7 t against the stop at 0: x = -7/6 (t - 5/7)^3 after 5/7 s."""
     scene = on_ground(0.0, E.JointStops({"x": (-1.0, 0.0)}), E.Torque({"x": E.Polynomial((5.0, -7.0))}))
     run = stepped(scene, 1.0, 0.01)
-    assert np.abs(run.q[:, 0] + 7 / 6 * np.fmax(run.t - 5 / 7, 0.0) ** 3).max() < 2e-4
-    assert np.abs(run.q[run.t < 0.7, 0]).max() < 1e-12
+    assert_near(run.q[:, 0] + 7 / 6 * np.fmax(run.t - 5 / 7, 0.0) ** 3, 0.0, 2e-4)
+    assert_near(run.q[run.t < 0.7, 0], 0.0, 1e-12)
     held = (run.t > 0.0) & (run.t < 0.7)
-    assert np.abs(run.tau[held, 0]).max() < 7 * 0.01
+    assert_near(run.tau[held, 0], 0.0, 7 * 0.01)
 
 
 def arm(*, contact: bool) -> tl.Scene:
@@ -109,7 +110,7 @@ def test_half_the_step_has_half_the_error_where_a_joint_hits_its_stop(located: t
     runs = [stepped(arm(contact=True), end, end / n, samples=1 / end) for n in counts]
     errors = [np.abs(run.q[-1] - located.at(end)[0]).max() for run in runs]
     order = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
-    assert order == pytest.approx(1.0, abs=0.2)
+    assert_near(order, 1.0, 0.2)
 
 
 def test_stops_and_friction_keep_their_laws_and_take_energy(located: tl.Trajectory) -> None:
@@ -143,7 +144,7 @@ def test_a_ball_rolls_until_its_joint_meets_its_stop() -> None:
     run = stepped(tl.Scene(planar(0.005), [0, 0.1, 0], effects=effects), 1.0, 0.01)
     assert run.contact_record["overlap"] < 1e-9
     exact = np.fmin(G * math.sin(0.3) / 1.5 * run.t**2 / 2, 0.3)
-    assert np.abs(run.q[:, 0] - exact).max() < 1e-9
+    assert_near(run.q[:, 0], exact, 1e-9)
 
 
 def test_a_quadruped_with_stops_and_dry_friction_falls_on_its_feet_and_rests() -> None:
@@ -160,7 +161,7 @@ def test_a_quadruped_with_stops_and_dry_friction_falls_on_its_feet_and_rests() -
     friction = E.DryFriction(dict.fromkeys(target, 0.05), dict.fromkeys(target, 0.08))
     control = E.JointPD(target, dict.fromkeys(target, 5.0), dict.fromkeys(target, 0.1))
     run = stepped(tl.Scene(robot, q, effects=[E.Gravity(), control, ground, stops, friction]), 1.0, 0.004)
-    assert np.abs(run.v[-1]).max() < 1e-9
+    assert_near(run.v[-1], 0.0, 1e-9)
     weight = sum(inertia.mass for inertia in robot.model.inertias) * G
     assert sum(force[-1, 2] for force in run.contact_forces.values()) == pytest.approx(weight, rel=1e-6)
     assert np.diff(run.energy).max() < 1e-9

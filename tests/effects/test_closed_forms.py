@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 import twolink as tl
 from tests.effects.bodies import ball, sliders, solved
 from tests.effects.cases import CASES, E, robot
+from tests.near import assert_near
 from tests.urdf_text import joint, link, robot_of
 from twolink.effects.forces import SLOW
 
@@ -28,14 +29,14 @@ def test_damped_oscillator(source: str) -> None:
     run = solved(wheel(0.0 if source == "argument" else d), effects, 5.0, [1.0], accuracy=1e-10)
     rate, w = d / (2 * inertia), np.sqrt(k / inertia - (d / (2 * inertia)) ** 2)
     expected = rest + (1 - rest) * np.exp(-rate * run.t) * (np.cos(w * run.t) + rate / w * np.sin(w * run.t))
-    assert np.abs(run.q[:, 0] - expected).max() < 1e-10
+    assert_near(run.q[:, 0], expected, 1e-10)
 
 
 def test_driven_oscillator_at_resonance() -> None:
     """I q'' = -k q + a sin(w t), w^2 = k / I, from rest: a / (2 I w) (sin(w t) / w - t cos(w t))."""
     run = solved(wheel(), [E.JointSpring({"axle": 8.0}), E.Torque({"axle": E.Sine(0.4, 4.0)})], 5.0, accuracy=1e-10)
     expected = 0.4 / (2 * 0.5 * 4) * (np.sin(4 * run.t) / 4 - run.t * np.cos(4 * run.t))
-    assert np.abs(run.q[:, 0] - expected).max() < 1e-10
+    assert_near(run.q[:, 0], expected, 1e-10)
 
 
 @pytest.mark.some(2)
@@ -47,8 +48,8 @@ def test_falling_with_drag_from_rest(method: str) -> None:
     scene = tl.Scene(ball(), effects=[E.Gravity(), E.AirDrag("ball", area)])
     accuracy = 1e-9 if method in ("auto", "dop853", "taylor") else 1e-5
     run = tl.simulate(scene, 3.0, accuracy=accuracy, method=method, samples_per_second=20)
-    assert np.abs(run.q[:, 2] + vt**2 / g * np.log(np.cosh(g * run.t / vt))).max() < accuracy
-    assert np.abs(run.v[:, 2] + vt * np.tanh(g * run.t / vt)).max() < 10 * accuracy
+    assert_near(run.q[:, 2] + vt**2 / g * np.log(np.cosh(g * run.t / vt)), 0.0, accuracy)
+    assert_near(run.v[:, 2] + vt * np.tanh(g * run.t / vt), 0.0, 10 * accuracy)
     assert run.cost.method != "taylor" or method == "taylor"
 
 
@@ -56,7 +57,7 @@ def test_drag_in_wind_and_energy_in_still_air() -> None:
     """A body in wind w: w - u obeys 1 / (1 / u0 + c t); in still air the energy only falls, also below SLOW."""
     k = 0.5 * 1.225 * 0.5 / 2.0
     run = solved(ball(), [E.AirDrag("ball", 0.5, wind=(4.0, 0, 0))], 5.0)
-    assert np.abs(run.v[:, 0] - (4 - 1 / (1 / 4 + k * run.t))).max() < 1e-8
+    assert_near(run.v[:, 0], 4 - 1 / (1 / 4 + k * run.t), 1e-8)
     for speed in (SLOW / 10, 1.0):
         run = tl.simulate(tl.Scene(ball(), v=[speed, 0, 0, 0, 0, 0], effects=[E.AirDrag("ball", 0.5)]), 2.0)
         assert np.all(np.diff(run.energy) <= 0)
@@ -67,8 +68,8 @@ def test_spring_between_two_bodies() -> None:
     spring = E.SpringBetween("one_link", "two_link", stiffness=30.0, rest_length=2.0, second_point=(0.5, 0.0, 0.0))
     run = solved(sliders(2.0, 3.0), [spring], 4.0, [0.0, 1.8], accuracy=1e-10)
     distance = run.q[:, 1] + 0.5 - run.q[:, 0]
-    assert np.abs(distance - (2 + 0.3 * np.cos(np.sqrt(30 / 1.2) * run.t))).max() < 1e-9
-    assert np.abs(2 * run.q[:, 0] + 3 * run.q[:, 1] - 5.4).max() < 1e-9
+    assert_near(distance, 2 + 0.3 * np.cos(np.sqrt(30 / 1.2) * run.t), 1e-9)
+    assert_near(2 * run.q[:, 0] + 3 * run.q[:, 1], 5.4, 1e-9)
 
 
 def test_positive_force_between_two_bodies_pulls_them_together() -> None:
@@ -76,13 +77,13 @@ def test_positive_force_between_two_bodies_pulls_them_together() -> None:
     effect = E.SpringBetween("one_link", "two_link", damping=2.4, force=1.2)
     run = solved(sliders(2.0, 3.0), [effect], 3.0, [0.0, 3.0], accuracy=1e-10)
     speed = run.v[:, 1] - run.v[:, 0]
-    assert np.abs(speed + 1.2 / 2.4 * (1 - np.exp(-2.4 * run.t / 1.2))).max() < 1e-9
+    assert_near(speed + 1.2 / 2.4 * (1 - np.exp(-2.4 * run.t / 1.2)), 0.0, 1e-9)
 
 
 def test_points_that_meet_are_singular_unless_the_spring_has_no_length() -> None:
     through = E.SpringBetween("one_link", "two_link", stiffness=30.0)
     run = solved(sliders(2.0, 3.0), [through], 2.0, [0.0, 1.0])
-    assert np.abs(run.q[:, 1] - run.q[:, 0] - np.cos(5 * run.t)).max() < 1e-8
+    assert_near(run.q[:, 1] - run.q[:, 0], np.cos(5 * run.t), 1e-8)
     with_length = E.SpringBetween("one_link", "two_link", stiffness=30.0, rest_length=1.0)
     singular = tl.Scene(sliders(2.0, 3.0), effects=[with_length])
     for method in ("auto", "scipy-dop853", "taylor"):
@@ -96,9 +97,9 @@ def test_smooth_friction_against_its_closed_form() -> None:
     for effect, body in ((E.SmoothFriction({"axle": f}, s), wheel()), (E.SmoothFriction(scale=s), wheel(f=f))):
         run = solved(body, [effect], 1.0, v=[v0])
         expected = s * np.arcsinh(np.sinh(v0 / s) * np.exp(-f * run.t / (inertia * s)))
-        assert np.abs(run.v[:, 0] - expected).max() < 1e-8
+        assert_near(run.v[:, 0], expected, 1e-8)
     early = run.t < 0.5
-    assert np.abs(run.v[early, 0] - (v0 - f * run.t[early] / inertia)).max() < 1e-3  # Coulomb's, above 3 s
+    assert_near(run.v[early, 0], v0 - f * run.t[early] / inertia, 1e-3)  # Coulomb's, above 3 s
 
 
 def test_rotor_and_payload_add_their_inertia() -> None:
@@ -107,7 +108,7 @@ def test_rotor_and_payload_add_their_inertia() -> None:
                E.Payload("wheel", 3.0, (0.5, 0.0, 0.2), (0.1, 0.0, 0.0, 0.1, 0.0, 0.15))]  # fmt: skip
     run = solved(wheel(), effects, 2.0, accuracy=1e-10)
     inertia = 0.5 + 25 * 0.02 + 3 * 0.25 + 0.15
-    assert np.abs(run.q[:, 0] - run.t**2 / 2 / inertia).max() < 1e-10
+    assert_near(run.q[:, 0], run.t**2 / 2 / inertia, 1e-10)
 
 
 def test_arm_against_mujoco() -> None:
@@ -137,7 +138,7 @@ def test_arm_against_mujoco() -> None:
         return np.concatenate([x[2:], data.qacc])
 
     truth = solve_ivp(rate, (0, 2), [0.4, -0.3, 0, 0], method="DOP853", rtol=1e-11, atol=1e-11).y[:2, -1]
-    assert np.abs(run.q[-1] - truth).max() < 1e-8
+    assert_near(run.q[-1], truth, 1e-8)
 
 
 def planned(joints: int) -> tuple:
@@ -179,7 +180,7 @@ def test_manufactured_motion(name: str) -> None:
     driven = tl.Scene(body, scene.q, scene.v, effects=[*effects, drive])
     options = {"method": "taylor", "samples_per_second": 20, "verify": name == "arm"}
     run = tl.simulate(driven, 1.0, accuracy=1e-8, **options)
-    assert np.abs(run.q - [at(t)[0] for t in run.t]).max() < 2e-7  # what cubic pieces of 5 ms leave
+    assert_near(run.q, [at(t)[0] for t in run.t], 2e-7)  # what cubic pieces of 5 ms leave
 
 
 TURNER = robot_of(

@@ -7,6 +7,7 @@ from scipy.optimize import brentq
 import twolink as tl
 from tests.effects.bodies import solved
 from tests.effects.cases import E
+from tests.near import assert_near
 
 R, M, G = 0.05, 0.2, 9.81
 TOP = tl.load_robot("tippe_top", root="free")
@@ -21,7 +22,7 @@ def test_it_rests_as_deep_as_its_weight_presses_and_oscillates_about_that() -> N
     k = 500.0
     depth, w = M * G / k, np.sqrt(k / M)
     run = tl.simulate(ball([0, 0, R - 0.5 * depth], [0] * 6, E.CompliantContact("ball", k, radius=R)), accuracy=1e-9)
-    assert np.abs(run.q[:, 2] - (R - depth + 0.5 * depth * np.cos(w * run.t))).max() < 1e-9
+    assert_near(run.q[:, 2], R - depth + 0.5 * depth * np.cos(w * run.t), 1e-9)
     assert np.ptp(run.energy + 0.5 * k * (R - run.q[:, 2]) ** 2) < 1e-9
 
 
@@ -35,7 +36,7 @@ def test_blows_rebound_as_hunt_and_crossley_say(mass: float) -> None:
     )
     after = tl.simulate(scene, accuracy=1e-8).v[-1, 2]
     kept = d * v - np.log1p(d * v)
-    assert after == pytest.approx(brentq(lambda w: -d * w - np.log1p(-d * w) - kept, 0, 1 / d - 1e-12), abs=1e-7)
+    assert_near(after, brentq(lambda w: -d * w - np.log1p(-d * w) - kept, 0, 1 / d - 1e-12), 1e-7)
 
 
 def test_spin_is_slowed_by_the_moment_of_the_patch() -> None:
@@ -102,7 +103,7 @@ def test_an_ellipsoid_touches_with_its_lowest_point() -> None:
     u, w = np.meshgrid(np.linspace(0, np.pi, 801), np.linspace(0, 2 * np.pi, 1601))
     surface = np.stack([np.sin(u) * np.cos(w), np.sin(u) * np.sin(w), np.cos(u)], -1) * radii @ turn.T + place
     lowest = (surface @ (normal / np.linalg.norm(normal))).min()
-    assert lowest == pytest.approx(-0.2, abs=1e-6)
+    assert_near(lowest, -0.2, 1e-6)
 
 
 @pytest.mark.slow

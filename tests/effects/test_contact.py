@@ -9,6 +9,7 @@ from scipy.integrate import quad
 
 import twolink as tl
 from tests.effects.bodies import G, ball, ball_over_ball, free_bodies, kinds, planar, sliders_in_a_row, solved, times
+from tests.near import assert_near
 
 E = tl.effects
 BLOCK = {"body": (E.Box((1.0, 0.3, 0.2)),)}  # in the plane of x and z, of 1 kg
@@ -28,11 +29,11 @@ def test_a_block_slides_to_rest_on_its_corners_until_a_push_exceeds_static_frict
                                                                ("slide", pytest.approx(again, abs=1e-9))]  # fmt: skip
     t, late = np.fmin(run.t, rest), np.fmax(run.t - again, 0.0)
     x = v0 * t - mu * G * t**2 / 2 + k * t**3 / 6 + k * late**3 / 6 + (static - mu) * G * late**2 / 2
-    assert np.abs(run.q[:, 0] - x).max() < 1e-9
-    assert np.abs(run.q[:, 1:] - [0.1, 0]).max() < 1e-12
+    assert_near(run.q[:, 0], x, 1e-9)
+    assert_near(run.q[:, 1:], [0.1, 0], 1e-12)
     force, held = run.contact_forces["body - ground"], (run.t > rest) & (run.t < again)
-    assert force[:, 2] == pytest.approx(np.full(len(run.t), G), abs=1e-9)
-    assert force[:, 0] == pytest.approx(np.where(held, -k * run.t, -mu * G), abs=1e-9)
+    assert_near(force[:, 2], G, 1e-9)
+    assert_near(force[:, 0], np.where(held, -k * run.t, -mu * G), 1e-9)
     again = tl.Trajectory.load(run.save(tmp_path / "x.npz"), run.robot)
     assert list(again.events) == list(run.events)
     assert np.array_equal(again.contact_forces["body - ground"], force)
@@ -59,7 +60,7 @@ def test_a_free_block_on_four_corners_slides_down_an_incline_that_exceeds_its_fr
     run = tl.simulate(on_a_slope(angle, (0.4, 0.3, 0.2), mu), 0.5, accuracy=1e-9, samples_per_second=10)
     slope = max(0.0, math.sin(angle) - mu * math.cos(angle))
     assert off_its_way(run, angle, slope * G * run.t**2 / 2) < 1e-9
-    assert np.abs(run.q[:, 3:] - run.q[0, 3:]).max() < 1e-10
+    assert_near(run.q[:, 3:], run.q[0, 3:], 1e-10)
 
 
 @pytest.mark.slow
@@ -94,9 +95,9 @@ def test_a_block_that_is_pushed_high_tips() -> None:
     when = G * width / (2 * height * k)
     run = solved(planar(), effects, when + 0.05, [0, 0.4, 0], samples_per_second=20)
     assert run.events[0].kind == "leave"
-    assert run.events[0].t == pytest.approx(when, abs=1e-9)
+    assert_near(run.events[0].t, when, 1e-9)
     assert run.q[-1, 2] < -1e-5
-    assert np.abs(run.q[run.t < when, 2]).max() < 1e-12
+    assert_near(run.q[run.t < when, 2], 0.0, 1e-12)
 
 
 @pytest.mark.slow
@@ -109,10 +110,10 @@ def test_a_free_cube_that_lands_flat_keeps_its_symmetry() -> None:
     fall = math.sqrt(2 * height / G)
     speed = v0 - mu * G * fall
     assert kinds(run) == ["impact", "slide", "roll"]
-    assert run.events[0].energy == pytest.approx((v0**2 - speed**2) / 2 + G * height, abs=1e-9)
-    assert run.q[-1, 0] == pytest.approx(v0 * fall + speed**2 / (2 * mu * G), abs=1e-9)
-    assert np.abs(run.q[:, 1]).max() < 1e-11
-    assert np.abs(run.q[:, 3:6]).max() < 1e-10
+    assert_near(run.events[0].energy, (v0**2 - speed**2) / 2 + G * height, 1e-9)
+    assert_near(run.q[-1, 0], v0 * fall + speed**2 / (2 * mu * G), 1e-9)
+    assert_near(run.q[:, 1], 0.0, 1e-11)
+    assert_near(run.q[:, 3:6], 0.0, 1e-10)
     assert repr(run.contact_forces) == "cube - ground  11 x 3, up to 10.97 N"
 
 
@@ -132,7 +133,7 @@ def test_a_ball_rolls_down_an_incline_if_friction_is_two_sevenths_of_its_tangent
     run = solved(ball(), effects, 1.0, [*(0.1 * np.array(n)), 0, 0, 0, 1], samples_per_second=20)
     down = np.linalg.norm(run.q[:, :3] - run.q[0, :3], axis=1)
     slope = 5 / 7 * math.sin(angle) if share > 1 else math.sin(angle) - mu * math.cos(angle)
-    assert np.abs(down - slope * G * run.t**2 / 2).max() < 1e-9
+    assert_near(down, slope * G * run.t**2 / 2, 1e-9)
 
 
 @pytest.mark.slow
@@ -146,11 +147,11 @@ def test_a_ladder_leaves_the_wall_when_it_has_fallen_by_a_third() -> None:
     when = quad(lambda u: 2 * u / math.sqrt(3 * G * (math.cos(first) - math.cos(first + u * u))), 1e-9,
                 math.sqrt(leaves - first), epsabs=1e-13, epsrel=1e-13)[0]  # fmt: skip
     run = solved(planar(1 / 12), effects, when + 0.1, start, samples_per_second=40)
-    assert times(run, "leave") == pytest.approx([when], abs=1e-8)
+    assert_near(times(run, "leave"), [when], 1e-8)
     held = run.t < when
     theta = math.pi / 2 + run.q[held, 2]
-    assert np.abs(run.v[held, 2] ** 2 - 3 * G * (math.cos(first) - np.cos(theta))).max() < 1e-8
-    assert np.abs(run.v[~held, 0] - run.v[~held, 0][0]).max() < 1e-9  # nothing pushes along x any more
+    assert_near(run.v[held, 2] ** 2, 3 * G * (math.cos(first) - np.cos(theta)), 1e-8)
+    assert_near(run.v[~held, 0], run.v[~held, 0][0], 1e-9)  # nothing pushes along x any more
     assert np.ptp(run.energy) < 1e-8
 
 
@@ -161,7 +162,7 @@ def test_two_spheres_collide_along_a_line(e: float) -> None:
     run = solved(robot, effects, 1.0, [0, 0.5], [1.0, 0.0], samples_per_second=20)
     after = np.array([(1 - 2 * e) / 3, (1 + e) / 3])
     late = np.fmax(run.t - 0.3, 0)
-    assert np.abs(run.q - np.column_stack([run.t - late, 0.5 + 0 * late]) - np.outer(late, after)).max() < 1e-9
+    assert_near(run.q - np.column_stack([run.t - late, 0.5 + 0 * late]), np.outer(late, after), 1e-9)
 
 
 def test_newtons_cradle_with_gaps_passes_the_speed_on() -> None:
@@ -173,9 +174,9 @@ def test_newtons_cradle_with_gaps_passes_the_speed_on() -> None:
     start[0] -= 0.3
     run = solved(robot, effects, 1.0, start, [1, 0, 0, 0, 0], samples_per_second=11)
     assert kinds(run) == ["impact"] * 4
-    assert run.v[-1] == pytest.approx([0, 0, 0, 0, 1], abs=1e-12)
+    assert_near(run.v[-1], [0, 0, 0, 0, 1], 1e-12)
     last = start[-1] + 1.0 - 0.3 - 4 * gap
-    assert run.q[-1] == pytest.approx([*(start[1:] - 0.2), last], abs=1e-9)
+    assert_near(run.q[-1], [*(start[1:] - 0.2), last], 1e-9)
 
 
 def test_two_free_spheres_collide_off_centre() -> None:
@@ -185,9 +186,9 @@ def test_two_free_spheres_collide_off_centre() -> None:
     q = [-2.0, 0, 0, 0, 0, 0, 1, 0, offset, 0, 0, 0, 0, 1]
     run = solved(robot, effects, 3.0, q, [1.0] + [0] * 11, samples_per_second=10)
     n = np.array([0.8, 0.6, 0.0])
-    assert run.v[-1, :3] == pytest.approx([1, 0, 0] - 0.8 * n, abs=1e-9)
-    assert run.v[-1, 6:9] == pytest.approx(0.8 * n, abs=1e-9)
-    assert run.q[-1, 7:10] == pytest.approx([0, offset, 0] + 0.8 * n * (3.0 - 1.2), abs=1e-9)
+    assert_near(run.v[-1, :3], [1, 0, 0] - 0.8 * n, 1e-9)
+    assert_near(run.v[-1, 6:9], 0.8 * n, 1e-9)
+    assert_near(run.q[-1, 7:10], [0, offset, 0] + 0.8 * n * (3.0 - 1.2), 1e-9)
 
 
 @pytest.mark.parametrize(("duration", "bounces"), [(20.0, 90), pytest.param(220.0, 1000, marks=pytest.mark.slow)])
@@ -199,7 +200,7 @@ def test_a_ball_in_a_box_keeps_its_energy_and_its_unfolded_path(duration: float,
     v = np.array([3.0, 4.1, -2.3])
     run = solved(ball(), effects, duration, v=[*v, 0, 0, 0], samples_per_second=2)
     wave = np.abs((np.outer(run.t, v) - 0.9) % 3.6 - 1.8) - 0.9
-    assert np.abs(run.q[:, :3] - wave).max() < 1e-9
+    assert_near(run.q[:, :3], wave, 1e-9)
     assert len(run.events) > bounces
     assert np.ptp(run.energy) < 1e-9
 
@@ -212,6 +213,6 @@ def test_a_sphere_rolls_off_a_sphere_at_the_classical_angle() -> None:
     run = solved(robot, effects, 1.6, start, samples_per_second=200)
     leave = times(run, "leave")[0]
     where = run.at(leave)[0]
-    assert where[2] / 1.1 == pytest.approx(2 / 3 * math.cos(first), abs=1e-8)
+    assert_near(where[2] / 1.1, 2 / 3 * math.cos(first), 1e-8)
     held = run.t < leave
-    assert np.abs(np.linalg.norm(run.q[held, :3], axis=1) - 1.1).max() < 1e-9
+    assert_near(np.linalg.norm(run.q[held, :3], axis=1), 1.1, 1e-9)

@@ -23,6 +23,7 @@ from tests.effects.bodies import (
     stepped,
     times,
 )
+from tests.near import assert_near
 from tests.urdf_text import joint, link, robot_of
 from twolink.errors import AccuracyError, SceneError
 from twolink.hard.cases.events import ERRORS, coin
@@ -44,15 +45,15 @@ def cradle(impacts: str, e: float = 1.0) -> tl.Trajectory:
 @pytest.mark.slow
 def test_the_law_of_reflections_passes_a_blow_through_balls_that_touch() -> None:
     run = cradle("reflections")
-    assert run.v[-1] == pytest.approx([0, 0, 0, 0, 1], abs=1e-12)
-    assert run.q[-1] == pytest.approx([0, 0.2, 0.4, 0.6, 0.8 + 0.2], abs=1e-9)
+    assert_near(run.v[-1], [0, 0, 0, 0, 1], 1e-12)
+    assert_near(run.q[-1], [0, 0.2, 0.4, 0.6, 0.8 + 0.2], 1e-9)
 
 
 @pytest.mark.slow
 def test_newtons_law_gives_balls_that_touch_one_velocity() -> None:
     """The first contact reverses its rate, the others keep theirs: 4 u - 1 + u' = 0 with u - u' = 1."""
     run = cradle("newton")
-    assert run.v[-1] == pytest.approx([-0.6, 0.4, 0.4, 0.4, 0.4], abs=1e-12)
+    assert_near(run.v[-1], [-0.6, 0.4, 0.4, 0.4, 0.4], 1e-12)
     assert np.ptp(run.energy) < 1e-12
 
 
@@ -77,10 +78,10 @@ def test_balls_that_touch_at_rest_pass_the_blow_on(count: int) -> None:
     swing = solve_ivp(lambda _, y: [y[1], -stiff * math.sin(y[0])], (0, run.t[-1]), [-angle, 0.0], "DOP853",
                       t_eval=run.t, rtol=1e-12, atol=1e-13).y[0]  # fmt: skip
     first = (run.t < period / 4) | (run.t > 3 * period / 4)
-    assert np.abs(run.q[:, 0] - np.where(first, swing, 0.0)).max() < 1e-8
-    assert np.abs(run.q[:, -1] - np.where(first, 0.0, swing)).max() < 1e-8
+    assert_near(run.q[:, 0], np.where(first, swing, 0.0), 1e-8)
+    assert_near(run.q[:, -1], np.where(first, 0.0, swing), 1e-8)
     assert np.abs(run.q[:, 1:-1]).max(initial=0.0) < 1e-8
-    assert times(run, "impact")[0] == pytest.approx(period / 4, abs=1e-9)
+    assert_near(times(run, "impact")[0], period / 4, 1e-9)
 
 
 @pytest.mark.slow
@@ -103,9 +104,9 @@ def test_a_rod_slides_although_it_could_not_at_other_angles() -> None:
     lands.terminal = True
     truth = solve_ivp(rate, (0, 1), [start, 0, 0, speed], "DOP853", rtol=1e-12, atol=1e-13, events=lands,
                       dense_output=True)  # fmt: skip
-    assert times(run, "impact")[0] == pytest.approx(truth.t[-1], abs=1e-8)
+    assert_near(times(run, "impact")[0], truth.t[-1], 1e-8)
     before = run.t < truth.t[-1]
-    assert np.abs(run.q[before][:, [2, 0]] - truth.sol(run.t[before])[[0, 2]].T).max() < 1e-8
+    assert_near(run.q[before][:, [2, 0]], truth.sol(run.t[before])[[0, 2]].T, 1e-8)
 
 
 def two_balls(far: float, speed: float) -> tl.Scene:
@@ -118,7 +119,7 @@ def two_balls(far: float, speed: float) -> tl.Scene:
 def test_fast_bodies_do_not_pass_through_each_other(far: float) -> None:
     """At 400 m/s they pass within half a millisecond, in which no step ends."""
     run = tl.simulate(two_balls(far, 400.0), 1.0, accuracy=1e-6, samples_per_second=20)
-    assert times(run, "impact") == pytest.approx([(far - 0.2) / 400.0], abs=1e-9)
+    assert_near(times(run, "impact"), [(far - 0.2) / 400.0], 1e-9)
     assert run.v[-1] == pytest.approx([-0.2 / 3 * 400.0, 1.6 / 3 * 400.0], rel=1e-9)
 
 
@@ -131,7 +132,7 @@ def test_sensitivities_of_two_balls_that_collide_are_those_of_the_closed_form() 
     )
     truths = {"v.j0": [a * t, b * t], "q.j1": [1 - a, 1 - b], "effects.0.restitution": [-2 / 3 * way, way / 3]}
     for name, truth in truths.items():
-        assert s.q[name][-1].ravel() == pytest.approx(truth, abs=max(1e-8, float(s.error[name][-1])))
+        assert_near(s.q[name][-1].ravel(), truth, max(1e-8, float(s.error[name][-1])))
         assert s.error[name][-1] < 1e-6
 
 
@@ -143,8 +144,8 @@ def test_a_cylinder_that_meets_a_wall_with_its_end(tilt: float) -> None:
     scene = tl.Scene(slider(), [0.3], [-1.0], [contact])
     if not tilt:
         run = tl.simulate(scene, 0.5, accuracy=1e-9)
-        assert times(run, "impact") == pytest.approx([0.2], abs=1e-9)
-        assert run.q[-1, 0] == pytest.approx(0.1 + 0.5 * 0.3, abs=1e-9)
+        assert_near(times(run, "impact"), [0.2], 1e-9)
+        assert_near(run.q[-1, 0], 0.1 + 0.5 * 0.3, 1e-9)
         return
     with pytest.raises(AccuracyError, match="along a line, a flat side or an edge") as caught:
         tl.simulate(scene, 0.5, contact="located")
@@ -152,7 +153,7 @@ def test_a_cylinder_that_meets_a_wall_with_its_end(tilt: float) -> None:
     stepped = tl.simulate(scene, 0.5)
     assert "touch along a line, a flat side or an edge" in stepped.cost.why
     early = 0.1 * tilt  # points of the rim whose gaps differ by less than 1e-6 m are hit as one
-    assert stepped.q[-1, 0] == pytest.approx(0.1 + early + 0.5 * (0.3 + early), abs=1e-6)
+    assert_near(stepped.q[-1, 0], 0.1 + early + 0.5 * (0.3 + early), 1e-6)
 
 
 @pytest.mark.slow
@@ -164,14 +165,14 @@ def test_a_cylinder_stands_and_slides_until_its_load_tips_it() -> None:
     scene = tl.Scene(planar(), [0, half, 0], [v0, 0, 0], [E.Gravity(), E.Contact("ground", mu, shapes=shapes)])
     run = tl.simulate(scene, 0.5, accuracy=1e-9, samples_per_second=20)
     t = np.fmin(run.t, v0 / (mu * G))
-    assert np.abs(run.q - np.column_stack([v0 * t - mu * G * t**2 / 2, half + 0 * t, 0 * t])).max() < 1e-9
+    assert_near(run.q, np.column_stack([v0 * t - mu * G * t**2 / 2, half + 0 * t, 0 * t]), 1e-9)
     force = run.contact_forces["body - ground"]
-    assert force[:, 2] == pytest.approx(np.full(len(run.t), G), abs=1e-9)
+    assert_near(force[:, 2], G, 1e-9)
     tips = G * radius / (k * high)
     assert k * tips < mu * G
     with pytest.raises(AccuracyError, match="along a line, a flat side or an edge") as caught:
         solved(planar(), [*scene.effects, push], 2 * tips, [0, half, 0])
-    assert caught.value.data["t"] == pytest.approx(tips, abs=1e-3)
+    assert_near(caught.value.data["t"], tips, 1e-3)
 
 
 def test_a_cylinder_starts_upright_but_for_a_rounding(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -204,10 +205,10 @@ def test_a_block_that_turns_on_its_corners_has_a_determined_motion_only_about_it
         assert stepped(scene, 0.01, 1e-3, verify=True, samples=200).bound == "estimated"
         return
     run = tl.simulate(scene, 0.5, accuracy=1e-9)
-    assert run.v[-1, 1] == pytest.approx(w0 - mu * 2 * G * arm / 0.5 * 0.5, abs=1e-9)
+    assert_near(run.v[-1, 1], w0 - mu * 2 * G * arm / 0.5 * 0.5, 1e-9)
     speed = math.sqrt(2 * G * fall)
     bounced = tl.simulate(falling, 1.5 * speed / G, accuracy=1e-9)
-    assert bounced.v[-1, 1] == pytest.approx(w0 - mu * 2 * (1 + e) * speed * arm / 0.5, abs=1e-9)
+    assert_near(bounced.v[-1, 1], w0 - mu * 2 * (1 + e) * speed * arm / 0.5, 1e-9)
 
 
 @pytest.mark.slow
@@ -220,7 +221,7 @@ def test_a_ball_slides_down_a_wedge_and_flies_off_its_edge() -> None:
     way, t_edge = 0.4, math.sqrt(2 * 0.4 / (G * math.sin(angle)))
     start = [*(-way * down + r * n), 0, 0, 0, 1]
     run = solved(ball_over_ball(), [E.Gravity(), contact], t_edge + 0.1, start, accuracy=1e-8, samples_per_second=40)
-    assert times(run, "leave") == pytest.approx([t_edge], abs=1e-12)
+    assert_near(times(run, "leave"), [t_edge], 1e-12)
     on, late = np.fmin(run.t, t_edge), np.fmax(run.t - t_edge, 0.0)
     along = G * math.sin(angle) * (on**2 / 2 + t_edge * late)
     truth = np.array(start[:3]) + np.outer(along, down) - np.outer(G * late**2 / 2, [0.0, 0.0, 1.0])
@@ -240,7 +241,7 @@ def test_capsules_that_meet_side_by_side_are_refused(apart: float, meets: bool) 
         tl.simulate(scene, 1.0, accuracy=1e-6)
     assert caught.value.code == "no-single-point"
     run = tl.simulate(scene, 1.0)  # a blow that stops the lighter one, by halves of the momentum
-    assert (run.v @ [1.0, 2.0]) == pytest.approx(np.ones(len(run.t)), abs=1e-9)
+    assert_near(run.v @ [1.0, 2.0], 1.0, 1e-9)
 
 
 def test_points_without_a_radius_against_solids_are_refused() -> None:
@@ -259,7 +260,7 @@ def test_forces_that_are_not_determined_obey_the_laws_all_the_same() -> None:
     (force,) = run.contact_forces.values()
     normal = force @ n
     across = np.linalg.norm(force - np.outer(normal, n), axis=1)
-    assert force[:, 0] == pytest.approx(np.full(len(run.t), -G), abs=1e-6)
+    assert_near(force[:, 0], -G, 1e-6)
     assert (across < mu * normal).all()
 
 
@@ -286,7 +287,7 @@ def test_a_body_that_slides_across_a_slope_turns_downhill_as_it_stops() -> None:
         (event,) = run.events
         assert event.kind == "roll"
         assert abs(event.t - stops) < run.accuracy ** (2 / 3)
-        assert np.abs(run.v[-1]).max() < 1e-9
+        assert_near(run.v[-1], 0.0, 1e-9)
     assert np.abs(coarse.q - fine.q).max() <= coarse.error.max() + fine.error.max()
 
 
@@ -302,10 +303,10 @@ def test_a_peg_slips_when_its_fingers_press_at_the_edge_of_the_cone() -> None:
     scene = tl.Scene(robot, [0, 0, -0.07, 0.07], effects=[E.Gravity(), squeeze, contact])
     slips = (first - mass * G / (2 * mu)) / k
     run = tl.simulate(scene, slips + 0.2, accuracy=1e-9, samples_per_second=50)
-    assert times(run, "slide") == pytest.approx([slips] * len(times(run, "slide")), abs=1e-9)
+    assert_near(times(run, "slide"), [slips] * len(times(run, "slide")), 1e-9)
     late = np.fmax(run.t - slips, 0.0)
-    assert np.abs(run.q[:, 1] + 2 * mu * k / mass * late**3 / 6).max() < 1e-9
-    assert np.abs(run.q[:, [0, 2, 3]] - [0, -0.07, 0.07]).max() < 1e-9
+    assert_near(run.q[:, 1] + 2 * mu * k / mass * late**3 / 6, 0.0, 1e-9)
+    assert_near(run.q[:, [0, 2, 3]], [0, -0.07, 0.07], 1e-9)
 
 
 @pytest.mark.slow
@@ -319,11 +320,11 @@ def test_a_block_that_is_set_on_a_moving_cart_is_taken_along() -> None:
     own += 1e-6  # with its cart, which friction takes along
     end = v0 / (mu * G / own + mu * G / mass)
     t, late = np.fmin(run.t, end), np.fmax(run.t - end, 0.0)
-    assert times(run, "roll") == pytest.approx(end, abs=1e-9)
+    assert_near(times(run, "roll"), end, 1e-9)
     common = mass * v0 / (mass + own)
-    assert np.abs(run.q[:, 0] - (v0 * t - mu * G / mass * t**2 / 2 + common * late)).max() < 1e-9
-    assert np.abs(run.q[:, 1] - (mu * G / own * t**2 / 2 + common * late)).max() < 1e-9
-    assert np.abs(run.q[:, 2] - 0.2).max() < 1e-12
+    assert_near(run.q[:, 0], v0 * t - mu * G / mass * t**2 / 2 + common * late, 1e-9)
+    assert_near(run.q[:, 1], mu * G / own * t**2 / 2 + common * late, 1e-9)
+    assert_near(run.q[:, 2], 0.2, 1e-12)
 
 
 def test_boxes_whose_edges_meet_bounce() -> None:
@@ -333,9 +334,9 @@ def test_boxes_whose_edges_meet_bounce() -> None:
     contact, d = E.Contact((("b0", "b1"),), restitution=0.5, shapes=shapes), 0.2 * math.sqrt(2.0)
     row = sliders_in_a_row(1.0, 2.0)
     run = solved(row, [contact], 1.0, [0.0, 0.5], [1.0, 0.0], samples_per_second=20, contact="located")
-    assert times(run, "impact") == pytest.approx([0.5 - d], abs=1e-12)
+    assert_near(times(run, "impact"), [0.5 - d], 1e-12)
     after = np.fmax(run.t - 0.5 + d, 0.0)  # momentum, and half the speed back: 0 and 1/2 m/s
-    assert np.abs(run.q - np.stack([np.fmin(run.t, 0.5 - d), 0.5 + 0.5 * after], axis=1)).max() < 1e-9
+    assert_near(run.q, np.stack([np.fmin(run.t, 0.5 - d), 0.5 + 0.5 * after], axis=1), 1e-9)
 
 
 @pytest.mark.slow
@@ -346,7 +347,7 @@ def test_a_stack_of_boxes_stays_at_rest() -> None:
     shapes = {name: (E.Box((size, size, 0.2)),) for name, size in sizes.items()}
     contact = E.Contact((("a", "ground"), ("a", "b"), ("b", "c")), 0.5, shapes=shapes)
     run = solved(robot, [E.Gravity(), contact], 100.0, [0.1, 0.3, 0.5], samples_per_second=0.1, contact="located")
-    assert np.abs(run.q - [0.1, 0.3, 0.5]).max() < 1e-12
+    assert_near(run.q, [0.1, 0.3, 0.5], 1e-12)
     forces = run.contact_forces
     assert [forces[pair][-1, 2] for pair in ("a - ground", "a - b", "b - c")] == pytest.approx([6 * G, -3 * G, -G])
 
@@ -377,7 +378,7 @@ def test_an_arm_that_hits_a_table_moves_as_an_independent_integration_does() -> 
         row, inverse = np.array([math.cos(x[0]) + far, far]), np.linalg.inv(pin.crba(model, data, x[:2]))
         x[2:] -= (1 + e) * (row @ x[2:]) / (row @ inverse @ row) * inverse @ row
     assert len(times(run, "impact")) > 2
-    assert np.abs(run.q - q).max() < 1e-9
+    assert_near(run.q, q, 1e-9)
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import pytest
 import twolink as tl
 from tests.effects.bodies import free_bodies, stepped
 from tests.effects.cases import assert_refused
+from tests.near import assert_near
 from tests.urdf_text import joint, link
 
 E = tl.effects
@@ -123,7 +124,7 @@ def test_stepped_forces_and_accelerations_obey_newtons_law_at_every_sample() -> 
     for k, name in enumerate("ab"):  # neither turns, so that its velocity is along the world's axes
         a, weight = run.acceleration[:, 6 * k : 6 * k + 3], np.array([0, 0, -9.81])
         assert np.abs(a - forces[f"{name} - ground"] - weight)[smooth].max() < 1e-9
-    assert forces["a - ground"][0] == pytest.approx([0, 0, 0], abs=1e-12)
+    assert_near(forces["a - ground"][0], [0, 0, 0], 1e-12)
     assert forces["b - ground"][0] == pytest.approx([*(-0.5 * 9.81 * np.array([1, 0.3]) / math.hypot(1, 0.3)), 9.81])
 
 
@@ -139,4 +140,4 @@ def test_each_of_several_planes_has_a_force_of_its_own(contact: str) -> None:
         E.Gravity(), E.Contact(pairs, shapes={"ball": (E.Sphere(r),)})])  # fmt: skip
     forces = tl.simulate(scene, 0.1, contact=contact).contact_forces
     for name, n, share in zip(("ball - plane 1", "ball - plane 2"), normals, (math.cos(math.pi / 6), 0.5), strict=True):
-        assert forces[name][-1] == pytest.approx(w * share * np.array(n), abs=1e-8 * w)
+        assert_near(forces[name][-1], w * share * np.array(n), 1e-8 * w)

@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 
 import twolink as tl
 from tests.effects.bodies import slider, solved
+from tests.near import assert_near
 from twolink.algorithms.motion import KinematicState
 from twolink.effects.effect import Loads
 from twolink.scenes.parameters import parameters_of
@@ -64,14 +65,14 @@ def test_sensitivities_of_a_lag() -> None:
     along = (lagged(t, time=0.05 + h) - lagged(t, time=0.05 - h), lagged(t, u=0.7 + h) - lagged(t, u=0.7 - h),
              lagged(t, start=0.1 + h) - lagged(t, start=0.1 - h), 2 * h * t)  # fmt: skip
     for name, difference in zip(names, along, strict=True):
-        assert np.abs(found.q[name][:, 0, 0] - difference / (2 * h)).max() < 1e-6
+        assert_near(found.q[name][:, 0, 0], difference / (2 * h), 1e-6)
 
 
 def test_worlds_with_other_lags_in_one_batch() -> None:
     values = {"effects.0.time.axle": [0.02, 0.05], "effects.0.start.axle": [0.1, -0.3]}
     worlds = tl.simulate_many(LAGGED, parameters=values, accuracy=1e-9)
     exact = [lagged(np.ones(1), time, start=start)[0] for time, start in zip(*values.values(), strict=True)]
-    assert np.abs(worlds.q[:, 0] - exact).max() < 1e-9
+    assert_near(worlds.q[:, 0], exact, 1e-9)
     assert worlds.cost.compiled
 
 
@@ -82,10 +83,10 @@ def test_lag_beside_events() -> None:
                       accuracy=1e-8)  # fmt: skip
     moves = 0.25 - 0.1 * np.log(1 - 0.5 / 2.0)  # where z = 0.5
     assert [event.kind for event in run.events[:3]] == ["engage", "slip", "impact"]
-    assert run.events[1].t == pytest.approx(moves, abs=1e-8)
+    assert_near(run.events[1].t, moves, 1e-8)
     t = np.linspace(0.0, run.events[2].t - moves, 50)
     y = by_scipy(lambda _, x: [x[1], (x[2] - 0.5) / I, (2.0 - x[2]) / 0.1], [0.0, 0.0, 0.5], t)
-    assert y[0, -1] == pytest.approx(0.4, abs=1e-8)
+    assert_near(y[0, -1], 0.4, 1e-8)
     assert run.states["axle.lag"][run.t < 0.25].max() == 0.0
 
 
@@ -100,9 +101,9 @@ def test_motor_by_the_matrix_exponential() -> None:
     for i in (10, 100, -1):
         exact = expm(a * run.t[i]) @ [0, 0, 0, 1]
         found = run.q[i, 0], run.v[i, 0], run.states["axle.current"][i]
-        assert np.abs(np.array(found) - exact[:3]).max() < 1e-8
+        assert_near(np.array(found), exact[:3], 1e-8)
     book = tl.energy_book(scene(motor, duration=2.0), run)
-    assert np.abs(book.residual).max() < 1e-8
+    assert_near(book.residual, 0.0, 1e-8)
     linear = tl.linearize(scene(motor))
     assert linear.names == ("q.axle", "v.axle", "z.axle.current")
     np.testing.assert_allclose(linear.A, a[:3, :3], rtol=1e-9, atol=1e-9)
@@ -134,9 +135,9 @@ def test_pid_motor_winding_and_gear_against_scipy() -> None:
     exact = by_scipy(geared_rate, np.zeros(6), run.t)
     names = ["axle.integral", "axle.filter", "axle.current", "axle.winding"]
     assert list(run.states) == names
-    assert np.abs(run.q[:, 0] - exact[0]).max() < 1e-7
+    assert_near(run.q[:, 0], exact[0], 1e-7)
     for name, row in zip(names, exact[2:], strict=True):
-        assert np.abs(run.states[name] - row).max() < 1e-6
+        assert_near(run.states[name], row, 1e-6)
     assert [(event.kind, event.detail) for event in run.events] == [("limit", "left")]  # the voltage, at its limit
 
 
@@ -146,7 +147,7 @@ def test_gear_without_losses_is_its_ratio() -> None:
     inner = fx.DCMotor(resistance=of_all(1.0), inductance=of_all(0.1), constant=of_all(0.02), voltage=of_all(5.0))
     whole = scene(fx.Gear(inner, of_all(10.0), inertia=of_all(2e-3)))
     runs = [tl.simulate(one, accuracy=1e-10) for one in (whole, scene(plain, fx.Rotor(of_all(2e-3), of_all(10.0))))]
-    assert np.abs(runs[0].q - runs[1].q).max() < 1e-10
+    assert_near(runs[0].q, runs[1].q, 1e-10)
 
 
 def test_gears_in_a_row_are_one_gear() -> None:
@@ -157,7 +158,7 @@ def test_gears_in_a_row_are_one_gear() -> None:
                 fx.Rotor(of_all(1.0), {"axle": np.sqrt(20.0**2 * 1e-3 + 4.0**2 * 5e-3)}))  # fmt: skip
     assert row.robot.model.armature == pytest.approx(0.48)
     runs = [tl.simulate(each, accuracy=1e-10) for each in (row, one)]
-    assert np.abs(runs[0].q - runs[1].q).max() < 1e-9
+    assert_near(runs[0].q, runs[1].q, 1e-9)
 
 
 @pytest.mark.parts
@@ -204,8 +205,8 @@ def test_modes_of_an_elastic_joint() -> None:
         return [x[1], force / I, x[3], (np.sin(3 * t) - force) / 0.1]
 
     exact = by_scipy(rate, [0.0, 1.0, 0.0, 1.0], run.t)  # the motor begins with the joint
-    assert np.abs(run.q[:, 0] - exact[0]).max() < 1e-8
-    assert np.abs(run.states["axle.motor_speed"] - exact[3]).max() < 1e-7
+    assert_near(run.q[:, 0], exact[0], 1e-8)
+    assert_near(run.states["axle.motor_speed"], exact[3], 1e-7)
 
 
 def test_backlash_has_the_exact_solution() -> None:
@@ -222,10 +223,10 @@ def test_backlash_has_the_exact_solution() -> None:
         expected += [t, t + pressed]
         t += pressed + 2 * speed / pull
     expected = [t for t in expected if t < 1.2]
-    assert [event.t for event in run.events] == pytest.approx(expected, abs=1e-9)
+    assert_near([event.t for event in run.events], expected, 1e-9)
     assert len(expected) >= 6
     momentum = I * run.v[:, 0] + inertia * run.states["axle.motor_speed"]
-    assert np.abs(momentum - torque * run.t).max() < 1e-8
+    assert_near(momentum, torque * run.t, 1e-8)
 
 
 def test_limits_of_effort_and_play_of_one_joint_are_located_each() -> None:
@@ -251,8 +252,8 @@ def test_limits_of_effort_and_play_of_one_joint_are_located_each() -> None:
     run = tl.simulate(moving, accuracy=1e-8)
     times = np.sort(np.concatenate(exact.t_events))
     assert min(len(np.concatenate(exact.t_events[:2])), len(np.concatenate(exact.t_events[2:]))) >= 2
-    assert [event.t for event in run.events] == pytest.approx(times, abs=1e-6)
-    assert run.q[-1, 0] == pytest.approx(exact.y[0, -1], abs=1e-7)
+    assert_near([event.t for event in run.events], times, 1e-6)
+    assert_near(run.q[-1, 0], exact.y[0, -1], 1e-7)
     ends = [tl.simulate(scene(fx.Gravity(), drive, v=1.5 + d, duration=1.5), accuracy=1e-10).q[-1, 0]
             for d in (-1e-5, 1e-5)]  # fmt: skip
     slope = tl.sensitivities(moving, wrt=["v.axle"]).q["v.axle"][-1].item()
@@ -275,10 +276,10 @@ def test_flanks_meet_where_the_controller_behind_them_has_no_limit_any_more() ->
     before = solve_ivp(rate, (0.0, end), [0.0, 2.0, 0.0, 2.0], "DOP853", rtol=1e-11, atol=1e-12, max_step=1e-3).y[:, -1]
     guards = [lambda _, x: x[2] - x[0] - half, lambda _, x: x[2] - x[0] + half]
     after = solve_ivp(rate, (end, 1.0), before, "DOP853", rtol=1e-11, atol=1e-12, max_step=1e-3, events=guards)
-    assert run.q[-1, 0] == pytest.approx(after.y[0, -1], abs=1e-7)
+    assert_near(run.q[-1, 0], after.y[0, -1], 1e-7)
     times = np.sort(np.concatenate(after.t_events))
     assert len(times) >= 2
-    assert [event.t for event in run.events if event.t > end] == pytest.approx(times, abs=1e-6)
+    assert_near([event.t for event in run.events if event.t > end], times, 1e-6)
 
 
 def test_backlash_makes_a_limit_cycle() -> None:
@@ -328,7 +329,7 @@ def test_backlash_limit_cycle_by_exact_pieces() -> None:
             x = expm(a * length) @ x
             met.append(t + length)
         t, side = t + length, 0 if side else int(np.sign(x[2] - x[0]))
-    assert [event.t for event in run.events] == pytest.approx([at for at in met if at < end], abs=1e-5)
+    assert_near([event.t for event in run.events], [at for at in met if at < end], 1e-5)
     assert (np.abs(run.q[:, 0] - exact) <= run.error + 1e-11).all()
     early, late = (np.ptp(run.q[(run.t > t) & (run.t < t + 2.5), 0]) for t in (5.0, 7.5))
     assert late == pytest.approx(early, rel=0.05)  # it goes on
@@ -369,9 +370,9 @@ def test_lugre_stick_slip_of_the_paper() -> None:
     pulled = [PAPER, fx.JointSpring({"x": 2.0}), fx.Torque({"x": fx.Polynomial((0.0, 0.2))})]
     run = solved(slider(), pulled, 15.0, accuracy=1e-5)
     exact = by_scipy(lugre(lambda t, x: 2.0 * (0.1 * t - x)), np.zeros(3), run.t, "Radau")
-    assert np.abs(run.q[:, 0] - exact[0]).max() < 1e-5
+    assert_near(run.q[:, 0], exact[0], 1e-5)
     spring = 2.0 * (0.1 * run.t - run.q[:, 0])
-    assert spring.max() == pytest.approx(1.5, abs=0.02)
+    assert_near(spring.max(), 1.5, 0.02)
     sticks = np.abs(run.v[:, 0]) < 1e-3
     assert 0.3 < sticks.mean() < 0.95
     assert np.count_nonzero(np.diff(sticks.astype(int)) == -1) >= 2  # jumps
@@ -404,8 +405,8 @@ def test_muscles_against_scipy() -> None:
                fx.Muscle("extensor", {J: -0.03}, 800.0, 0.1, 0.3)]  # fmt: skip
     run = tl.simulate(scene(*effects, duration=2.0), accuracy=1e-8)
     exact = by_scipy(muscle_rate(0.03, lambda t: 0.5 + 0.4 * np.sin(4 * t)), [0, 0, 0.1, 0], run.t)
-    assert np.abs(run.q[:, 0] - exact[0]).max() < 1e-7
-    assert np.abs(run.states["flexor.activation"] - exact[2]).max() < 1e-7
+    assert_near(run.q[:, 0], exact[0], 1e-7)
+    assert_near(run.states["flexor.activation"], exact[2], 1e-7)
     assert run.q[:, 0].max() > 0.3
 
 
@@ -478,7 +479,7 @@ class Valve(fx.Effect, frozen=True):
 
 def test_states_of_an_effect_of_ones_own_in_files_and_tables(tmp_path: Path) -> None:
     run = tl.simulate(scene(Valve(J, 20.0)), accuracy=1e-9)
-    assert np.abs(run.states["pressure"] - (1 - np.exp(-20 * run.t))).max() < 1e-9
+    assert_near(run.states["pressure"], 1 - np.exp(-20 * run.t), 1e-9)
     for name in ("run.npz", "run.csv", "run.parquet"):
         again = tl.Trajectory.load(run.save(tmp_path / name), WHEEL)
         assert np.array_equal(again.states["pressure"], run.states["pressure"])

@@ -8,6 +8,7 @@ from scipy.optimize import brentq
 import twolink as tl
 from tests.effects.bodies import G, kinds, slider, sliders, solved, times
 from tests.effects.cases import E, robot
+from tests.near import assert_near
 
 
 def spring_and_friction(t: np.ndarray, amplitude: float, w: float, shift: float) -> np.ndarray:
@@ -32,14 +33,14 @@ def test_mass_on_a_spring_loses_2c_over_k_a_half_cycle_and_sticks(accuracy: floa
     assert np.all(run.v[stuck] == 0)
     assert np.ptp(run.q[stuck]) < 1e-14
     assert kinds(run)[-1] == "stick"
-    assert times(run, "stick") == pytest.approx([17 * np.pi / 10], abs=10 * accuracy)
+    assert_near(times(run, "stick"), [17 * np.pi / 10], 10 * accuracy)
 
 
 @pytest.mark.parametrize("levels", [(3.0,), (1.0, 2.0)], ids=["one", "two that add up"])
 def test_a_sliding_block_stops_for_good(levels: tuple[float, ...]) -> None:
     effects = [E.DryFriction({"x": level}) for level in levels]
     run = solved(slider(), effects, 2.0, v=[2.0])
-    assert np.abs(run.q[:, 0] - np.where(run.t < 2 / 3, 2 * run.t - 1.5 * run.t**2, 2 / 3)).max() < 1e-12
+    assert_near(run.q[:, 0], np.where(run.t < 2 / 3, 2 * run.t - 1.5 * run.t**2, 2 / 3), 1e-12)
     assert kinds(run) == ["stick"]
 
 
@@ -47,8 +48,8 @@ def test_static_friction_above_kinetic_holds_until_the_ramp_exceeds_it() -> None
     run = solved(slider(), [E.DryFriction({"x": 3.0}, {"x": 5.0}), E.Torque({"x": E.Polynomial((0.0, 2.0))})], 4.0)
     t = np.fmax(run.t, 2.5)
     expected = (t**3 - 2.5**3) / 3 - 2.5**2 * (t - 2.5) - 1.5 * (t - 2.5) ** 2
-    assert np.abs(run.q[:, 0] - expected).max() < 1e-9
-    assert times(run, "slip") == pytest.approx([2.5], abs=1e-12)
+    assert_near(run.q[:, 0], expected, 1e-9)
+    assert_near(times(run, "slip"), [2.5], 1e-12)
 
 
 @pytest.mark.parametrize(("load", "static"), [(2.999, 3.0), (3.0, 3.0), (5.0, 5.0), (0.0, 3.0)])
@@ -61,14 +62,14 @@ def test_what_is_not_above_static_friction_moves_nothing(load: float, static: fl
 
 def test_a_load_equal_to_kinetic_friction_keeps_the_speed() -> None:
     run = solved(slider(), [E.DryFriction({"x": 3.0}), E.Torque({"x": 3.0})], 3.0, v=[1.0])
-    assert np.abs(run.q[:, 0] - run.t).max() < 1e-12
+    assert_near(run.q[:, 0], run.t, 1e-12)
 
 
 def test_a_step_of_the_load_between_samples_of_a_table() -> None:
     """Held below 3 N, pulled by 4 N from t = 1, and braked from t = 2: q = 1/2, v = 1, stops after 1/3 s at 2/3 m."""
     table = E.Sampled((0.0, 1.0, 2.0, 4.0), (2.9, 4.0, 0.0, 0.0), interpolation="hold")
     run = solved(slider(), [E.DryFriction({"x": 3.0}), E.Torque({"x": table})], 4.0)
-    assert run.q[-1, 0] == pytest.approx(2 / 3, abs=1e-12)
+    assert_near(run.q[-1, 0], 2 / 3, 1e-12)
     assert [(e.kind, round(e.t, 12)) for e in run.events] == [("slip", 1.0), ("stick", round(7 / 3, 12))]
 
 
@@ -108,7 +109,7 @@ def test_a_hundred_seconds_of_driven_stick_slip() -> None:
     assert len(slips) > 90
     start, x, sign = slips[-1]
     assert len(times(run, "slip")) == len(slips)
-    assert times(run, "slip") == pytest.approx([s for s, _, _ in slips], abs=1e-8)
+    assert_near(times(run, "slip"), [s for s, _, _ in slips], 1e-8)
     at = np.searchsorted(run.t, start) + 2
     moved = place(run.t[at], start, sign, size, w, c)
     assert abs(run.q[at, 0] - x - moved) <= run.error[at]
@@ -176,12 +177,12 @@ def test_both_joints_of_the_arm_stick_slip_and_reverse() -> None:
     start = [0.9, 0.4], [1.0, 0.0]
     x, noted = arm_pieces(*start, c, s, 12.0)
     run = tl.simulate(tl.Scene(robot("arm"), *start, effects=[E.Gravity(), effect]), 12.0, accuracy=1e-8)
-    assert np.abs(run.q[-1] - x[:2]).max() < 1e-8
+    assert_near(run.q[-1], x[:2], 1e-8)
     ours = [(e.kind, e.what) for e in run.events if e.kind in ("stick", "slip")]
     assert ours == [(kind, names[k]) for _, kind, k in noted]
     assert len(ours) >= 4
     reported = [e.t for e in run.events if e.kind in ("stick", "slip")]
-    assert reported == pytest.approx([t for t, _, _ in noted], abs=1e-6)
+    assert_near(reported, [t for t, _, _ in noted], 1e-6)
 
 
 def test_the_energy_lost_is_the_friction_over_the_way_in_a_closed_loop() -> None:
@@ -195,7 +196,7 @@ def test_the_energy_lost_is_the_friction_over_the_way_in_a_closed_loop() -> None
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(slide)))])
     assert way[-1] > 0.2
     turns = 4 * np.abs(np.diff(slide)).max() * 0.8  # a reversal between two samples hides some way
-    assert np.abs(run.energy[0] - run.energy - 0.8 * way).max() < turns
+    assert_near(run.energy[0] - run.energy, 0.8 * way, turns)
 
 
 def test_one_of_two_coupled_joints_with_friction() -> None:
@@ -203,10 +204,10 @@ def test_one_of_two_coupled_joints_with_friction() -> None:
     effects = [E.Coupling("one", "two", 1.0), E.DryFriction({"two": 2.0}), E.Torque({"one": E.Polynomial((0.0, 1.0))})]
     run = solved(sliders(), effects, 4.0)
     expected = np.fmax(run.t - 2, 0) ** 3 / 18
-    assert np.abs(run.q - expected[:, None]).max() < 1e-9
-    assert times(run, "slip") == pytest.approx([2.0], abs=1e-9)
+    assert_near(run.q, expected[:, None], 1e-9)
+    assert_near(times(run, "slip"), [2.0], 1e-9)
 
 
 def test_friction_of_nothing_is_no_friction() -> None:
     run = solved(slider(), [E.JointSpring({"x": 4.0}), E.DryFriction({"x": 0.0})], 10.0, [1.0])
-    assert np.abs(run.q[:, 0] - np.cos(2 * run.t)).max() < 1e-9
+    assert_near(run.q[:, 0], np.cos(2 * run.t), 1e-9)

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 import twolink as tl
 from tests.effects.bodies import G, ball_over_ball, bouncing, kinds, times
 from tests.effects.edge_truths import Block, Edge, Free, block_over_edge, falls_on_edge
+from tests.near import assert_near
 from twolink.robots.collisions import AnyShape
 
 E = tl.effects
@@ -73,7 +74,7 @@ def solve(what: tl.Scene, duration: float, samples: float = 50, accuracy: float 
 
 def in_plane(run: tl.Trajectory) -> np.ndarray:
     """x, z and the turn about y, of a motion in the plane of x and z."""
-    assert np.abs(run.q[:, [1, 3, 5]]).max() < 1e-9
+    assert_near(run.q[:, [1, 3, 5]], 0.0, 1e-9)
     return np.stack([run.q[:, 0], run.q[:, 2], np.unwrap(2 * np.arctan2(run.q[:, 4], run.q[:, 6]))], axis=1)
 
 
@@ -95,12 +96,12 @@ def test_a_cube_bounces_on_an_edge_until_it_rests_on_it(mesh: bool) -> None:
     first = math.sqrt(2 * fall / G)
     end = first * (1 + e) / (1 - e)
     run = solve(scene(base, ball, start, law=(e, 0.0)), 1.1 * end)
-    assert times(run, "impact")[:3] == pytest.approx([first, 2 * first, 2.5 * first], abs=1e-9)
+    assert_near(times(run, "impact")[:3], [first, 2 * first, 2.5 * first], 1e-9)
     before = run.t < 0.9 * end
-    assert np.abs(run.q[before, 2] - low - bouncing(run.t, fall, e)[before]).max() < 1e-9
-    assert np.abs(run.q[:, 2] - low - bouncing(run.t, fall, e)).max() < 1e-6
-    assert np.abs(run.q[:, :2]).max() < 1e-6
-    assert run.contact_forces["ball - base"][-1] == pytest.approx([0, 0, MASS * G], abs=1e-6)
+    assert_near(run.q[before, 2] - low, bouncing(run.t, fall, e)[before], 1e-9)
+    assert_near(run.q[:, 2] - low, bouncing(run.t, fall, e), 1e-6)
+    assert_near(run.q[:, :2], 0.0, 1e-6)
+    assert_near(run.contact_forces["ball - base"][-1], [0, 0, MASS * G], 1e-6)
 
 
 BLOWS = {  # of a cube with a spin: turns about x and z; where it starts, its velocities, e and mu
@@ -130,7 +131,7 @@ def struck(states: list[Free], t: np.ndarray) -> tuple[np.ndarray, list[Rotation
 def assert_moves_as(run: tl.Trajectory, states: list[Free], tolerance: float, until: float = np.inf) -> None:
     now = run.t < until
     x, turns = struck(states, run.t[now])
-    assert np.abs(run.q[now, :3] - x).max() < tolerance
+    assert_near(run.q[now, :3], x, tolerance)
     away = [(Rotation.from_quat(q[3:]).inv() * turn).magnitude() for q, turn in zip(run.q[now], turns, strict=True)]
     assert max(away) < 2 * tolerance
 
@@ -142,10 +143,10 @@ def test_a_cube_hits_an_edge_with_an_edge(name: str) -> None:
     states = falls_on_edge(start, LOWER, UPPER, MASS, np.full(3, INERTIA), law, 1)
     v = np.concatenate([turn.inv().apply(start.v), turn.inv().apply(start.w)])
     run = solve(scene(ROOF_X, CUBE, pose(start.x, turn), v, law=law), states[1].t + 0.02, samples=200)
-    assert times(run, "impact")[:1] == pytest.approx([states[1].t], abs=1e-9)
+    assert_near(times(run, "impact")[:1], [states[1].t], 1e-9)
     assert_moves_as(run, states, 1e-9)
     last = states[1].at(float(run.t[-1]))
-    assert run.v[-1] == pytest.approx([*last.turn.inv().apply(last.v), *last.turn.inv().apply(last.w)], abs=1e-8)
+    assert_near(run.v[-1], [*last.turn.inv().apply(last.v), *last.turn.inv().apply(last.w)], 1e-8)
 
 
 @pytest.mark.slow
@@ -160,9 +161,9 @@ def test_an_edge_hits_an_edge_in_a_turned_world_and_with_roles_exchanged() -> No
         base, ball = (meshed(ROOF_X), meshed(CUBE)) if mesh else (ROOF_X, CUBE)
         run = solve(scene(base, ball, q, v, law=law, swapped=swapped, world=world), 0.15)
         back = Rotation.identity() if world is None else world.inv()
-        assert np.abs(back.apply(run.q[:, :3]) - plain.q[:, :3]).max() < 1e-9
-        assert np.abs(run.v - plain.v).max() < 1e-7
-        assert times(run, "impact") == pytest.approx(times(plain, "impact"), abs=1e-9)
+        assert_near(back.apply(run.q[:, :3]), plain.q[:, :3], 1e-9)
+        assert_near(run.v, plain.v, 1e-7)
+        assert_near(times(run, "impact"), times(plain, "impact"), 1e-9)
 
 
 def test_a_body_of_three_moments_of_inertia_hits_an_edge_with_an_edge() -> None:
@@ -175,8 +176,8 @@ def test_a_body_of_three_moments_of_inertia_hits_an_edge_with_an_edge() -> None:
     run = solve(tl.Scene(ball_over_ball(moments), plain.q, plain.v, plain.effects), states[1].t + 0.01)
     after, late = states[1], 1e-9
     _, v = run.at(np.array([after.t + late]))
-    assert v[0, :3] == pytest.approx(turn.inv().apply(after.v), abs=2 * G * late)
-    assert v[0, 3:] == pytest.approx(turn.inv().apply(after.w), abs=1e-6)
+    assert_near(v[0, :3], turn.inv().apply(after.v), 2 * G * late)
+    assert_near(v[0, 3:], turn.inv().apply(after.w), 1e-6)
 
 
 def test_a_cube_hits_a_free_one_edge_on_edge() -> None:
@@ -189,11 +190,11 @@ def test_a_cube_hits_a_free_one_edge_on_edge() -> None:
     contact = E.Contact((("a", "b"),), restitution=0.6, shapes={"a": (CUBE,), "b": (CUBE,)})
     run = solve(tl.Scene(free_bodies("a", "b"), q, v, [contact]), 0.5)
     meets = (0.5 - 2 * SIDE * DIAGONAL) / 2.0
-    assert times(run, "impact") == pytest.approx([meets], abs=1e-9)
+    assert_near(times(run, "impact"), [meets], 1e-9)
     late = np.fmax(run.t - meets, 0.0)
-    assert np.abs(run.q[:, 2] + 0.8 * 2.0 * late).max() < 1e-9
-    assert np.abs(run.q[:, 9] - (0.5 - 2.0 * run.t + 0.8 * 2.0 * late)).max() < 1e-9
-    assert np.abs(run.q[:, [0, 1, 7, 8]]).max() < 1e-9
+    assert_near(run.q[:, 2] + 0.8 * 2.0 * late, 0.0, 1e-9)
+    assert_near(run.q[:, 9], 0.5 - 2.0 * run.t + 0.8 * 2.0 * late, 1e-9)
+    assert_near(run.q[:, [0, 1, 7, 8]], 0.0, 1e-9)
 
 
 # --- over the edge of a table -------------------------------------------------------------------------------------
@@ -218,13 +219,13 @@ def test_a_plate_slides_over_the_edge_of_a_table(width: float, mu: float, s: flo
     truth, when = block_over_edge(block, s, ds, end, count)
     plate = E.Box((LONG, width, HIGH))
     run = solve(scene(TABLE, plate, pose([s, 0, HIGH / 2]), [ds, 0, 0, 0, 0, 0], law=(0.0, mu)), end, count / end)
-    assert np.abs(in_plane(run) - truth).max() < 1e-9
+    assert_near(in_plane(run), truth, 1e-9)
     assert when.get("s", 0.0) < LONG / 2
     for name, kind in (("tips", "leave"), ("flies", "leave"), ("stops", "roll")):
         if name in when:
             assert np.abs(times(run, kind) - when[name]).min() < 1e-6
     if "flies" in when:
-        assert times(run, "leave").max() == pytest.approx(when["flies"], abs=1e-6)
+        assert_near(times(run, "leave").max(), when["flies"], 1e-6)
         assert not np.any(run.contact_forces["ball - base"][-1])
 
 
@@ -239,8 +240,8 @@ def test_a_plate_slides_over_an_edge_in_a_turned_world_as_a_mesh_and_with_roles_
         world = Rotation.from_euler("xyz", angles) if angles else None
         run = solve(scene(base, ball, q, v, law=(0.0, mu), swapped=swapped, world=world), end, count / end)
         x = run.q[:, :3] if world is None else world.inv().apply(run.q[:, :3])
-        assert np.abs(x[:, [0, 2]] - truth[:, :2]).max() < 1e-9
-        assert np.abs(x[:, 1]).max() < 1e-9
+        assert_near(x[:, [0, 2]], truth[:, :2], 1e-9)
+        assert_near(x[:, 1], 0.0, 1e-9)
 
 
 @pytest.mark.slow
@@ -257,15 +258,15 @@ def test_a_cube_that_overhangs_stays_or_tips_over_the_edge(share: float, mesh: b
     ball, base = (meshed(CUBE), meshed(TABLE)) if mesh else (CUBE, TABLE)
     run = solve(scene(base, ball, pose([s, 0, h]), law=(0.0, mu)), end, count / end)
     if share < 0.5:
-        assert np.abs(run.q - pose([s, 0, h])).max() < 1e-12
-        assert run.contact_forces["ball - base"] == pytest.approx(np.tile([0, 0, MASS * G], (count + 1, 1)), abs=1e-9)
+        assert_near(run.q, pose([s, 0, h]), 1e-12)
+        assert_near(run.contact_forces["ball - base"], np.tile([0, 0, MASS * G], (count + 1, 1)), 1e-9)
         return
     truth, when = block_over_edge(Block(MASS, INERTIA, h, mu), s, 0.0, end, count)
     assert "slips" in when
-    assert np.abs(in_plane(run) - truth).max() < 1e-9
+    assert_near(in_plane(run), truth, 1e-9)
     assert np.abs(times(run, "slide") - when["slips"]).min() < 1e-8
     if "flies" in when:
-        assert times(run, "leave").max() == pytest.approx(when["flies"], abs=1e-6)
+        assert_near(times(run, "leave").max(), when["flies"], 1e-6)
 
 
 # --- planks across beams ------------------------------------------------------------------------------------------
@@ -289,9 +290,9 @@ def test_a_plank_rests_on_flat_beams(beams: tuple[float, ...], mu: float, slant:
     start = pose([0, 0, 0.02], Rotation.from_euler("z", slant))
     base = tuple(beam(x, roof=False) for x in beams)
     run = solve(scene(base, PLANK, start, law=(0.0, mu)), 10.0, 1)
-    assert np.abs(run.q - start).max() < 1e-11
+    assert_near(run.q, start, 1e-11)
     total = sum(run.contact_forces.values())
-    assert total == pytest.approx(np.tile([0, 0, MASS * G], (len(run.t), 1)), abs=1e-9)
+    assert_near(total, np.tile([0, 0, MASS * G], (len(run.t), 1)), 1e-9)
 
 
 @pytest.mark.slow
@@ -300,9 +301,9 @@ def test_a_plank_rests_on_two_edges_by_its_levers(slant: float) -> None:
     """F_a + F_b = m g and F_a a = F_b b, with the edges at -a and b along the plank."""
     start = pose([0, 0, 0.02], Rotation.from_euler("z", slant))
     run = solve(scene((beam(-0.2, roof=True), beam(0.3, roof=True)), PLANK, start, law=(0.0, 0.5)), 10.0, 1)
-    assert np.abs(run.q - start).max() < 1e-12
+    assert_near(run.q, start, 1e-12)
     for pair, share in (("ball - base_0", 0.6), ("ball - base_1", 0.4)):
-        assert run.contact_forces[pair][:, 2] == pytest.approx(np.full(len(run.t), share * MASS * G), abs=1e-9)
+        assert_near(run.contact_forces[pair][:, 2], share * MASS * G, 1e-9)
 
 
 @pytest.mark.slow
@@ -313,7 +314,7 @@ def test_a_plank_on_one_edge_rocks_about_it() -> None:
     truth, when = block_over_edge(Block(MASS, INERTIA, h, mu), s, 0.0, end, round(100 * end))
     assert "slips" not in when
     assert truth[-1, 2] < math.pi / 4  # beyond it lies on the other side of the beam's edge
-    assert np.abs(in_plane(run) - truth).max() < 1e-9
+    assert_near(in_plane(run), truth, 1e-9)
 
 
 @pytest.mark.slow
@@ -324,10 +325,10 @@ def test_a_plank_tips_about_a_beams_edge_when_its_load_grows() -> None:
     plain = scene(beam(0.0, roof=False), PLANK, pose([0, 0, 0.02]), law=(0.0, 0.8))
     load = E.FrameWrench("ball", (0.0, 0.0, E.Polynomial((0.0, -k))), point=(a, 0.0, 0.0))
     run = solve(tl.Scene(plain.robot, plain.q, effects=[*plain.effects, load]), tips + 0.05, 200)
-    assert times(run, "leave")[:1] == pytest.approx([tips], abs=1e-6)
+    assert_near(times(run, "leave")[:1], [tips], 1e-6)
     still = run.t < tips
-    assert np.abs(run.q[still] - plain.q).max() < 1e-12
-    assert run.contact_forces["ball - base"][still, 2] == pytest.approx(MASS * G + k * run.t[still], abs=1e-9)
+    assert_near(run.q[still], plain.q, 1e-12)
+    assert_near(run.contact_forces["ball - base"][still, 2], MASS * G + k * run.t[still], 1e-9)
     assert np.ptp(np.hypot(run.q[:, 0] - b, run.q[:, 2])) < 1e-9
 
 
@@ -351,12 +352,12 @@ def on_plane(what: tl.Scene) -> tl.Scene:
 def assert_as_on_a_plane(what: tl.Scene, duration: float, tolerance: float = 1e-9) -> tl.Trajectory:
     run = solve(what, duration)
     plane = solve(on_plane(what), duration)
-    assert np.abs(run.q - plane.q).max() < max(tolerance, 2 * float((run.error + plane.error).max()))
+    assert_near(run.q, plane.q, max(tolerance, 2 * float((run.error + plane.error).max())))
     assert float((run.error + plane.error).max()) < 1e-8
     assert kinds(run) == kinds(plane)
     assert len(run.contact_forces) == len(plane.contact_forces)
     for here, there in zip(run.contact_forces.values(), plane.contact_forces.values(), strict=True):
-        assert np.abs(here - there).max() < 1e-5 * (1.0 + np.abs(there).max())
+        assert_near(here, there, 1e-5 * (1.0 + np.abs(there).max()))
     return run
 
 
@@ -388,5 +389,5 @@ def test_a_cube_falls_on_a_box_with_an_edge_first(e: float, mu: float) -> None:
 def test_a_cube_falls_flat_on_a_box_and_rests() -> None:
     what = scene(FLOOR, CUBE, pose([0, 0, 0.2]), [0.3, 0.1, 0, 0, 0, 0], law=(0.5, 0.3))
     run = assert_as_on_a_plane(what, 0.8, 1e-6)
-    assert np.abs(run.v[-1]).max() < 1e-9
-    assert run.contact_forces["ball - base"][-1, 2] == pytest.approx(MASS * G, abs=1e-9)
+    assert_near(run.v[-1], 0.0, 1e-9)
+    assert_near(run.contact_forces["ball - base"][-1, 2], MASS * G, 1e-9)

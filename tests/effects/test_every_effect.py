@@ -9,6 +9,7 @@ import pytest
 import twolink as tl
 from tests.command import printed_by
 from tests.effects.cases import CASES, E, robot, state
+from tests.near import assert_near
 from twolink.algorithms.namespaces import Numbers
 from twolink.integrate.motion.effect_numbers import with_effect_numbers
 from twolink.integrate.motion.equations import Equations
@@ -53,7 +54,7 @@ def test_code_for_any_numbers_agrees_with_other_numbers(case: str) -> None:
     x = equations.space.normalized(x, Numbers)
     ours = Programs(base).rate(np.concatenate([np.full((1, 4), 0.31), x, np.tile(other[:, None], 4)]))
     theirs = rate(with_effect_numbers(equations, dict(zip(base.parameters, other, strict=True))), 0.31, x)
-    np.testing.assert_allclose(ours, theirs[: len(ours)], rtol=0, atol=1e-9 * (1 + np.abs(theirs).max()))
+    assert_near(ours, theirs[: len(ours)], 1e-9 * (1 + np.abs(theirs).max()))
 
 
 @pytest.mark.some(4)
@@ -71,7 +72,7 @@ def test_compiled_steps_agree_with_portable_ones(case: str) -> None:
     portable(start, theirs)
     assert compiled.compiled
     size = equations.space.size
-    np.testing.assert_allclose(ours[:size], theirs[:size], rtol=0, atol=1e-12 * (1 + np.abs(theirs[:size]).max()))
+    assert_near(ours[:size], theirs[:size], 1e-12 * (1 + np.abs(theirs[:size]).max()))
     assert np.array_equal(ours[control_rows(size).time], theirs[control_rows(size).time])
 
 

@@ -15,6 +15,7 @@ import twolink as tl
 from tests.effects.bodies import solved
 from tests.effects.cases import E, robot
 from tests.effects.test_closed_forms import wheel
+from tests.near import assert_near
 from twolink.lagrange.check import arm_urdf
 
 Formula = Callable[[Any], Any]
@@ -119,7 +120,7 @@ def test_a_wrench_that_changes_is_refused_by_its_joint() -> None:
 def test_what_depends_on_time_is_simulated() -> None:
     """q'' = 6 t under a torque of 6 t I, with I = 0.5 kg m^2: q = t^3."""
     run = solved(wheel(), [of_shoulder(lambda m: 3.0 * m.t)], 1.0, accuracy=1e-8)
-    np.testing.assert_allclose(run.q[:, 0], run.t**3, rtol=0, atol=1e-8)
+    assert_near(run.q[:, 0], run.t**3, 1e-8)
 
 
 def test_kinks_must_be_declared() -> None:
@@ -195,7 +196,7 @@ def test_wrong_calls_are_refused_with_the_right_ones(effect: tl.effects.Effect, 
 
 def test_a_state_follows_its_rate() -> None:
     run = solved(robot("arm"), [Hydraulic(("pressure",))], 1.0)
-    assert run.states["pressure"][-1] == pytest.approx(1.0 - 0.8 * math.exp(-1.0), abs=1e-9)
+    assert_near(run.states["pressure"][-1], 1.0 - 0.8 * math.exp(-1.0), 1e-9)
 
 
 def test_what_is_no_effect_is_told_how_to_become_one() -> None:
@@ -226,7 +227,7 @@ def test_a_class_defined_again_is_compiled_again(tmp_path: Path, monkeypatch: py
         ends[sign] = run.q[-1]
         if spring:
             known = solved(robot("arm"), [spring], 1.0, [0.5, 0.0])
-            np.testing.assert_allclose(run.q[-1], known.q[-1], rtol=0, atol=2e-9)
+            assert_near(run.q[-1], known.q[-1], 2e-9)
     assert abs(ends[1.0] - ends[-1.0]).max() > 0.1
 
 

@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
+from tests.near import assert_near
 from twolink.errors import SceneError
 from twolink.io import networks
 from twolink.io.networks import read_network
@@ -105,7 +106,7 @@ def test_rows_are_answered_as_alone(tmp_path: Path, kind: str) -> None:
         y, together = network(at, together)
         for i in range(4):
             one, alone[i] = network(at[i : i + 1], alone[i])
-            np.testing.assert_allclose(one[0], y[i], rtol=0, atol=1e-14)
+            assert_near(one[0], y[i], 1e-14)
 
 
 @pytest.mark.parametrize("kind", sorted({*networks._OPERATIONS, *networks._OF_ONNX}))
@@ -201,11 +202,11 @@ def test_a_policy_is_the_law_that_it_says(tmp_path: Path, gains: Any, delay: flo
     assert run.error[-1] < 1e-6
     if not gains:
         meant = tl.simulate(arm([fx.Controller(law, 0.02, delay=delay)])).q
-        np.testing.assert_allclose(run.q, meant, rtol=0, atol=1e-7)
+        assert_near(run.q, meant, 1e-7)
     elif not delay:  # the limit of PD control of ever higher rates, to positions of the same network
         coarse, fine = (tl.simulate(arm([fx.Controller(inner(rate), 1.0 / rate, state=(0, None, None))]),
                                     verify=False).q for rate in (2000, 4000))  # fmt: skip
-        np.testing.assert_allclose(run.q, 2.0 * fine - coarse, rtol=0, atol=1e-5)
+        assert_near(run.q, 2.0 * fine - coarse, 1e-5)
 
 
 @pytest.mark.parametrize("late", [{"delay": 0.05}, {"start": 0.05}])
@@ -214,7 +215,7 @@ def test_positions_are_the_offset_until_the_first_answer_acts(tmp_path: Path, la
     policy = fx.Policy(str(mlp(tmp_path / "one.onnx", (4, 8, 2))), 0.02, offset=(0.3, 0.2), **gains, **late)
     held = fx.JointPD({"shoulder": 0.3, "elbow": 0.2}, **gains)
     run, meant = (tl.simulate(arm([one]), 0.05, accuracy=1e-9) for one in (policy, held))
-    np.testing.assert_allclose(run.q, meant.q, rtol=0, atol=1e-9)
+    assert_near(run.q, meant.q, 1e-9)
     assert tl.explain(arm([policy])).shares[-1].operations > 0
 
 
@@ -268,8 +269,8 @@ def test_a_quadruped_walks_on_its_observations(tmp_path: Path) -> None:
     tilted[:3], tilted[3:7] = turn.matrix() @ q[:3], (turn * pin.Quaternion(q[3:7])).coeffs()
     gravity = fx.Gravity(tuple(turn.matrix() @ [0.0, 0.0, -9.81]))
     other = tl.simulate(tl.Scene(robot, tilted, effects=[gravity, policy], duration=0.3))
-    np.testing.assert_allclose(other.q[-1, 7:], run.q[-1, 7:], rtol=0, atol=1e-7)
-    np.testing.assert_allclose(other.v[-1], run.v[-1], rtol=0, atol=1e-5)
+    assert_near(other.q[-1, 7:], run.q[-1, 7:], 1e-7)
+    assert_near(other.v[-1], run.v[-1], 1e-5)
 
 
 def test_a_policy_observes_the_base_that_carries_its_joints(tmp_path: Path) -> None:
@@ -285,8 +286,8 @@ def test_a_policy_observes_the_base_that_carries_its_joints(tmp_path: Path) -> N
     beside = scene.with_object("ball", (3.0, 0.0, 0.5))
     assert beside.base.joint_names[0] == "ball"
     tau = tl.simulate(beside).tau[0, 12:21]
-    np.testing.assert_allclose(tau[:6], moving, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(tau[6:], -pin.rpy.rpyToMatrix(0.3, 0.2, 0.1)[2], rtol=0, atol=1e-12)
+    assert_near(tau[:6], moving, 1e-12)
+    assert_near(tau[6:], -pin.rpy.rpyToMatrix(0.3, 0.2, 0.1)[2], 1e-12)
     arm_beside = tl.Scene(tl.load_robot("two_link")).with_object("ball", (3.0, 0.0, 0.5))
     with pytest.raises(SceneError, match="base is fixed"):  # the ball's is no base of the arm
         arm_beside.with_effects([fx.Policy(str(mlp(tmp_path / "two.onnx", (3, 8, 2))), 0.02, ("base_lin_vel",),

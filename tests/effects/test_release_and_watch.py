@@ -8,6 +8,7 @@ import pytest
 import twolink as tl
 from tests.effects.bodies import G, kinds, planar, slider, solved, times
 from tests.effects.cases import E
+from tests.near import assert_near
 from tests.urdf_text import joint, link, robot_of
 
 THROWER = robot_of(
@@ -41,18 +42,18 @@ def test_a_welded_ball_flies_on_when_it_is_let_go(how: str) -> None:
     energy = inertia * run.v[before, swing] ** 2 / 2 + 1.5 * G * np.sin(angle[before])
     assert np.ptp(energy) < 1e-9
     place = run.q[:, at["flight"] : at["flight"] + 3]
-    assert np.abs(place[before] - np.stack([np.cos(angle), 0 * angle, np.sin(angle)], 1)[before]).max() < 1e-10
+    assert_near(place[before], np.stack([np.cos(angle), 0 * angle, np.sin(angle)], 1)[before], 1e-10)
     late = np.flatnonzero(run.t >= t)[[0, -1]]
     first, last = place[late]
     for i in range(late[0], late[-1]):  # the parabola through the first and the last place
         s, whole = run.t[i] - run.t[late[0]], run.t[late[1]] - run.t[late[0]]
         fall = np.array([0.0, 0.0, G / 2]) * s * (whole - s)
-        assert np.abs(place[i] - (first + (last - first) * s / whole + fall)).max() < 1e-10
+        assert_near(place[i], first + (last - first) * s / whole + fall, 1e-10)
     if how == "time":
         assert t == 0.25
     else:
         reached = tl.simulate(scene, t, accuracy=1e-11).q[-1, at["swing"]]
-        assert reached == pytest.approx(0.4, abs=1e-10)
+        assert_near(reached, 0.4, 1e-10)
 
 
 @pytest.mark.parametrize("when", [{"at": 0.7}, {"when": E.JointReaches("x", 0.0)}])
@@ -64,14 +65,14 @@ def test_a_payload_that_is_let_go_makes_the_oscillator_faster(when: dict) -> Non
     late = run.t - t1
     x1, v1 = math.cos(2 * t1), -2 * math.sin(2 * t1)
     expected = np.where(late < 0, np.cos(2 * run.t), x1 * np.cos(4 * late) + v1 / 4 * np.sin(4 * late))
-    assert np.abs(run.q[:, 0] - expected).max() < 1e-9
+    assert_near(run.q[:, 0], expected, 1e-9)
     assert kinds(run) == ["release"]
-    assert times(run, "release") == pytest.approx([t1], abs=1e-10)
+    assert_near(times(run, "release"), [t1], 1e-10)
 
 
 def test_a_release_at_the_beginning_never_held() -> None:
     run = solved(slider(), [E.Release(E.JointSpring({"x": 16.0}), at=0.0)], 1.0, [1.0], [1.0])
-    assert np.abs(run.q[:, 0] - 1 - run.t).max() < 1e-12
+    assert_near(run.q[:, 0] - 1, run.t, 1e-12)
 
 
 @pytest.mark.parametrize("when", [{"at": math.pi / 4}, {"when": E.JointReaches("x", 0.0)}])
@@ -81,9 +82,9 @@ def test_a_second_spring_that_engages_makes_the_oscillator_faster(when: dict) ->
     run = solved(slider(), [E.JointSpring({"x": 4.0}), spring], 3.0, [1.0])
     late = run.t - math.pi / 4
     expected = np.where(late < 0, np.cos(2 * run.t), -0.5 * np.sin(4 * late))
-    assert np.abs(run.q[:, 0] - expected).max() < 1e-9
+    assert_near(run.q[:, 0], expected, 1e-9)
     assert kinds(run) == ["engage"]  # the first time that the condition is reached counts
-    assert times(run, "engage") == pytest.approx([math.pi / 4], abs=1e-10)
+    assert_near(times(run, "engage"), [math.pi / 4], 1e-10)
 
 
 def test_limits_of_effort_begin_and_cease_with_their_effects() -> None:
@@ -95,7 +96,7 @@ def test_limits_of_effort_begin_and_cease_with_their_effects() -> None:
     run = solved(slider(), [E.Release(held(9.0, 2.0), at=0.5), E.Engage(held(-9.0, 1.0), at=0.5)], 1.0)
     late = np.maximum(run.t - 0.5, 0.0)
     early = np.minimum(run.t, 0.5)
-    assert np.abs(run.q[:, 0] - (early**2 + late - late**2 / 2)).max() < 1e-9
+    assert_near(run.q[:, 0], early**2 + late - late**2 / 2, 1e-9)
     assert sorted(kinds(run)) == ["engage", "release"]
 
 
@@ -117,19 +118,19 @@ def test_watching_a_time_a_condition_and_a_function() -> None:
     }
     pi = math.pi
     assert found["noon"] == [0.3]
-    assert found["middle"] == pytest.approx([pi / 4, 3 * pi / 4], abs=1e-9)
-    assert found["turn"] == pytest.approx([pi / 2], abs=1e-9)
-    assert found["right"] == pytest.approx([pi / 6, 5 * pi / 6], abs=1e-9)
+    assert_near(found["middle"], [pi / 4, 3 * pi / 4], 1e-9)
+    assert_near(found["turn"], [pi / 2], 1e-9)
+    assert_near(found["right"], [pi / 6, 5 * pi / 6], 1e-9)
     expected = sorted(t for n in range(3) for t in (n * pi / 2 + pi / 12, n * pi / 2 - pi / 12) if 0 < t < 3)
-    assert found["energy"] == pytest.approx(expected, abs=1e-9)  # |sin 2 t| = 1/2
-    assert np.abs(run.q[:, 0] - np.cos(2 * run.t)).max() < 1e-9
+    assert_near(found["energy"], expected, 1e-9)  # |sin 2 t| = 1/2
+    assert_near(run.q[:, 0], np.cos(2 * run.t), 1e-9)
 
 
 @pytest.mark.parametrize("trigger", [{"at": 0.333}, {"when": E.JointReaches("x", 0.333)}])
 def test_a_watch_that_stops_ends_the_run_there(trigger: dict) -> None:
     run = solved(slider(), [E.Watch("end", stop=True, **trigger)], 5.0, v=[1.0])
-    assert run.t[-1] == pytest.approx(0.333, abs=1e-12)
-    assert run.q[-1, 0] == pytest.approx(0.333, abs=1e-12)
+    assert_near(run.t[-1], 0.333, 1e-12)
+    assert_near(run.q[-1, 0], 0.333, 1e-12)
     assert len(run.t) == len(run.q) == len(run.v) == len(run.error)
     assert np.all(np.diff(run.t) > 0)
 
@@ -140,7 +141,7 @@ def test_then_gives_a_kick(at: float) -> None:
     kick = E.Watch("kick", at=at, then=lambda q, v: (q, v + 2.0))
     run = solved(slider(), [E.DryFriction({"x": 3.0}), kick], 3.0)
     late = np.clip(run.t - at, 0, 2 / 3)
-    assert np.abs(run.q[:, 0] - 2 * late + 1.5 * late**2).max() < 1e-9
+    assert_near(run.q[:, 0] - 2 * late + 1.5 * late**2, 0.0, 1e-9)
 
 
 @pytest.mark.parametrize("given", [lambda q, v: None, lambda q, v: (q, v * np.nan), lambda q, v: (q[:0], v)])  # noqa: ARG005
@@ -155,7 +156,7 @@ def test_a_release_and_an_impact() -> None:
     up = E.Release(E.FrameWrench("body", (0.0, 0.0, G)), at=0.5)
     run = solved(planar(), [E.Gravity(), up, E.PlaneContact("body")], 2.0, [0, 1.0, 0])
     assert kinds(run) == ["release", "impact", "rest"]
-    assert times(run, "impact") == pytest.approx([0.5 + math.sqrt(2 / G)], abs=1e-10)
+    assert_near(times(run, "impact"), [0.5 + math.sqrt(2 / G)], 1e-10)
 
 
 @pytest.mark.parametrize("by", [1.0, 3.0])
@@ -165,7 +166,7 @@ def test_a_kick_says_what_energy_it_takes_or_gives(by: float) -> None:
     (event,) = tl.simulate(scene, 0.01).events
     mass = arm.mass_matrix([1.2, 0.5])
     before, after = (0.5 * np.array(v) @ mass @ v for v in ([1.0, 0.0], [by - 0.5, -0.5]))
-    assert event.energy == pytest.approx(before - after, abs=1e-12)
+    assert_near(event.energy, before - after, 1e-12)
     assert str(event).endswith(f"{abs(event.energy):.6g} J {'lost' if by == 1.0 else 'gained'}")
 
 
@@ -175,14 +176,14 @@ def test_a_sample_at_an_event_has_the_state_after_it() -> None:
     effects = [E.Gravity(), E.Watch("kick", at=0.5, then=lambda q, v: (q, v + 1.0)), E.JointDamping({"elbow": 0.5})]
     run = tl.simulate(tl.Scene(arm, [1.2, 0.5], effects=effects), 1.0)
     k = int(np.searchsorted(run.t, 0.5))
-    assert run.v[k] == pytest.approx(run.at(0.5)[1], abs=1e-12)
-    assert np.abs(run.v[k] - run.v[k - 1] - 1.0).max() < 0.3
-    assert run.tau == pytest.approx(arm.inverse_dynamics(run.q, run.v, run.acceleration), abs=1e-9)
+    assert_near(run.v[k], run.at(0.5)[1], 1e-12)
+    assert_near(run.v[k] - run.v[k - 1], 1.0, 0.3)
+    assert_near(run.tau, arm.inverse_dynamics(run.q, run.v, run.acceleration), 1e-9)
     ball = tl.load_scene("bouncing-ball")
     hit = tl.simulate(ball, accuracy=1e-10).events[0].t
     seen = tl.simulate(ball, 1.0, t_eval=[hit - 1e-6, hit, 1.0], accuracy=1e-10)
     speed = G * hit
-    assert seen.v[:2, 0] == pytest.approx([-speed, 0.6 * speed], abs=2e-5)
+    assert_near(seen.v[:2, 0], [-speed, 0.6 * speed], 2e-5)
 
 
 @pytest.mark.parametrize("at", [0.5, 1.0, 2.0])
@@ -191,8 +192,8 @@ def test_energies_have_what_is_held_and_books_close(at: float) -> None:
     arm, load = tl.load_robot("two_link"), E.Payload("forearm", 1.0)
     scene = tl.Scene(arm, [1.2, 0.5], effects=[E.Gravity(), E.Release(load, at=at)], duration=1.0)
     run = tl.simulate(scene, accuracy=1e-9)
-    assert run.energy[0] == pytest.approx(tl.simulate(scene.with_effects([E.Gravity(), load])).energy[0], abs=1e-9)
-    assert np.abs(tl.energy_book(scene, run).residual).max() < 1e-7
+    assert_near(run.energy[0], tl.simulate(scene.with_effects([E.Gravity(), load])).energy[0], 1e-9)
+    assert_near(tl.energy_book(scene, run).residual, 0.0, 1e-7)
 
 
 @pytest.mark.parametrize("kick", [{"at": 1.0}, {"at": 0.5, "stop": True}])
@@ -203,9 +204,9 @@ def test_a_state_that_changes_at_the_end_is_the_last_one(kick: dict) -> None:
     watch = E.Watch("kick", then=lambda q, v: (q, 0.5 * v), **kick)
     scene = tl.Scene(arm, [1.2, 0.5], effects=[E.Gravity(), watch], duration=1.0)
     run = tl.simulate(scene, accuracy=1e-9)
-    assert run.v[-1] == pytest.approx(run.at(run.end)[1], abs=1e-12)
-    assert run.v[-1] == pytest.approx(0.5 * run.at(run.end - 1e-7)[1], abs=1e-4)
-    assert np.abs(tl.energy_book(scene, run).residual).max() < 1e-7
+    assert_near(run.v[-1], run.at(run.end)[1], 1e-12)
+    assert_near(run.v[-1], 0.5 * run.at(run.end - 1e-7)[1], 1e-4)
+    assert_near(tl.energy_book(scene, run).residual, 0.0, 1e-7)
     verdict = tl.judge(scene, run)
     assert verdict.right
     assert verdict.energy < 1e-9
@@ -226,5 +227,5 @@ def test_a_controller_with_states_may_be_the_only_force(kind: type) -> None:
     held = E.PID({"x": 0.4}, kp={"x": 20.0}, ki={"x": 10.0}, kd={"x": 1.0})
     run, beside = (solved(slider(), [*more, kind(held, at=0.3)], 0.6, [0.1])
                    for more in ([], [E.JointDamping({"x": 0.0})]))  # fmt: skip
-    assert np.abs(run.q - beside.q).max() < 1e-8
+    assert_near(run.q, beside.q, 1e-8)
     assert abs(run.q[-1, 0] - 0.1) > 0.01

@@ -12,6 +12,7 @@ import twolink as tl
 from tests.effects.bodies import solved
 from tests.effects.cases import E, assert_refused, robot
 from tests.effects.test_closed_forms import wheel
+from tests.near import assert_near
 from twolink.effects.inputs import derivatives_at, value_at
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.scene_equations import equations_of
@@ -35,13 +36,13 @@ def test_values(interpolation: str, beyond: str) -> None:
         "cubic": spline(TIMES),
         "hold": VALUES[np.clip(np.searchsorted(KNOTS, TIMES, side="right") - 1, 0, None)],
     }[interpolation]
-    np.testing.assert_allclose(found[INSIDE], expected[INSIDE], rtol=0, atol=1e-13)
+    assert_near(found[INSIDE], expected[INSIDE], 1e-13)
     outside = {"hold": (1.0, 0.5), "zero": (0.0, 0.0), "error": (np.nan, np.nan)}[beyond]
     assert np.array_equal(found[TIMES < 0.1], np.full((TIMES < 0.1).sum(), outside[0]), equal_nan=True)
     assert np.array_equal(found[TIMES >= 1.3], np.full((TIMES >= 1.3).sum(), outside[1]), equal_nan=True)
     if interpolation == "cubic":
         for k, one in enumerate(derivatives_at(table, TIMES[INSIDE], np)):
-            np.testing.assert_allclose(one, spline(TIMES[INSIDE], k), rtol=0, atol=1e-10)
+            assert_near(one, spline(TIMES[INSIDE], k), 1e-10)
 
 
 @pytest.mark.parametrize("given", [2.0, E.Polynomial((1.0, -2.0, 0.5, 3.0)), E.Sine(2.0, 3.0, 0.4, 1.0),
@@ -50,15 +51,15 @@ def test_derivatives(given: object) -> None:
     t, h = np.linspace(0, 1, 7), 1e-4
     value, first, second = (np.broadcast_to(x, t.shape) for x in derivatives_at(given, t, np))
     before, here, after = (value_at(given, t + d, np) * np.ones(7) for d in (-h, 0, h))
-    np.testing.assert_allclose(value, here, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(first, (after - before) / (2 * h), rtol=0, atol=1e-6)
-    np.testing.assert_allclose(second, (after - 2 * here + before) / h**2, rtol=0, atol=1e-5)
+    assert_near(value, here, 1e-14)
+    assert_near(first, (after - before) / (2 * h), 1e-6)
+    assert_near(second, (after - 2 * here + before) / h**2, 1e-5)
 
 
 def test_a_curve_of_control_points_is_bernsteins() -> None:
     points, t = (0.3, -1.0, 2.0, 0.5, 0.25, 4.0), np.linspace(0, 1.5, 9)
     ours = value_at(E.Bezier(points, 1.5), t, np)
-    np.testing.assert_allclose(ours, BPoly(np.array(points)[:, None], [0.0, 1.5])(t), rtol=0, atol=1e-14)
+    assert_near(ours, BPoly(np.array(points)[:, None], [0.0, 1.5])(t), 1e-14)
 
 
 def exact(interpolation: str, t: np.ndarray) -> np.ndarray:
@@ -95,7 +96,7 @@ def test_samples_at_and_beside_breaks_and_quadruple_precision() -> None:
     drive = E.Torque({"axle": E.Sampled((0.0, 0.5, 1.0), (1.0, -1.0, 1.0), interpolation="hold")})
     scene = tl.Scene(wheel(), effects=[drive])
     run = tl.simulate(scene, 1.5, accuracy=1e-10, samples_per_second=4)
-    np.testing.assert_allclose(run.q[:, 0], [0, 0.0625, 0.25, 0.4375, 0.5, 0.5625, 0.75], rtol=0, atol=1e-10)
+    assert_near(run.q[:, 0], [0, 0.0625, 0.25, 0.4375, 0.5, 0.5625, 0.75], 1e-10)
     precise = tl.simulate(scene, 1.5, accuracy=1e-25, precision="quad", samples_per_second=4)
     assert abs(float(precise.precise[-1][0] - precise.precise[0][0]) - 0.75) < 1e-15
     assert precise.error[-1] <= 1e-25
@@ -110,7 +111,7 @@ def test_long_tables_share_one_compiled_step_and_their_bars_hold() -> None:
     truth = tl.simulate(scene, 1.0, method="taylor", tolerance=1e-17, samples_per_second=10).q
     smooth = [E.Gravity(), E.Torque({"elbow": E.Sine(3.0, 5.0)})]
     other = solved(scene.robot, smooth, 1.0, scene.q, accuracy=1e-11, samples_per_second=10)
-    assert np.abs(other.q - truth).max() < 1e-9  # what the spline leaves
+    assert_near(other.q, truth, 1e-9)  # what the spline leaves
     for method in ("dop853", "rk23"):
         run = tl.simulate(scene, 1.0, accuracy=1e-6, method=method, samples_per_second=10)
         assert run.cost.steps >= 500
@@ -135,7 +136,7 @@ def test_many_worlds_end_steps_at_breaks() -> None:
         assert found.shape == (3, 2, 3)
         assert np.all(steps >= 6)
         expected = exact("hold", times)[:, None] + x0[0]
-        np.testing.assert_allclose(found[:, 0], expected, rtol=0, atol=1e-8)
+        assert_near(found[:, 0], expected, 1e-8)
 
 
 def test_fixed_steps_longer_than_a_piece_are_refused_and_error_beyond_is_one() -> None:

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import twolink as tl
 from tests.command import answer
+from tests.near import assert_near
 from tests.urdf_text import joint, link, robot_of
 from twolink import effects as fx
 from twolink.errors import SceneError, TwolinkError
@@ -55,7 +56,7 @@ def contents(path: Path) -> dict[str, list]:
 @pytest.mark.parametrize("suffix", [".mcap", ".db3"])
 def test_saved_and_loaded_is_the_same(run: tl.Trajectory, suffix: str, tmp_path: Path) -> None:
     again = tl.Trajectory.load(run.save(tmp_path / "deep" / f"x{suffix}"))
-    np.testing.assert_allclose(again.t, run.t, atol=0.5e-9, rtol=0)
+    assert_near(again.t, run.t, 0.5e-9)
     np.testing.assert_allclose(again.q, run.q, atol=1e-14)  # continuous joints go through their angles
     for name in ("v", "energy", "error"):
         np.testing.assert_array_equal(getattr(again, name), getattr(run, name))

@@ -3,6 +3,7 @@
 import numpy as np
 
 import twolink as tl
+from tests.near import assert_near
 from twolink.scenes.parameters import scene_with
 from twolink.simulation.sensitivities import sensitivities_at
 
@@ -34,6 +35,6 @@ def test_a_motion_that_begins_later_goes_on_as_the_whole_one() -> None:
     k = 10
     middle = tl.Scene(SCENE.base, whole.run.q[k], whole.run.v[k], SCENE.effects)
     later = sensitivities_at(middle, ["q", "v"], times[k:], 1e-8)
-    np.testing.assert_allclose(later.run.q, whole.run.q[k:], rtol=0, atol=1e-7)
+    assert_near(later.run.q, whole.run.q[k:], 1e-7)
     first, second = (np.concatenate([matrix(s, "q"), matrix(s, "v")], axis=2) for s in (whole, later))
-    np.testing.assert_allclose(second @ first[k], first[k:], rtol=0, atol=1e-6)
+    assert_near(second @ first[k], first[k:], 1e-6)

@@ -7,6 +7,7 @@ import pytest
 
 import twolink as tl
 from scripts.studies.scenes.exact import case
+from tests.near import assert_near
 from twolink.errors import AccuracyError, QueryError, SceneError
 from twolink.hard.truths import extended_reference
 from twolink.lagrange import two_link
@@ -58,7 +59,7 @@ def test_bars_of_worlds_that_are_solved_again_in_few_steps(number: int) -> None:
     ends = np.array([0.0, one.duration])
     for i, (q, v) in enumerate(zip(one.q, one.v, strict=True)):
         exact = extended_reference(tl.Scene(one.scene.base, q, v, effects=one.scene.effects), ends)[0][-1]
-        assert np.abs(worlds.robot.difference(worlds.q[i], exact.astype(float))).max() < 0.5 * worlds.error[i]
+        assert_near(worlds.robot.difference(worlds.q[i], exact.astype(float)), 0.0, 0.5 * worlds.error[i])
 
 
 @pytest.mark.slow
@@ -94,7 +95,7 @@ def test_samples_on_the_way() -> None:
     np.testing.assert_array_equal(worlds.samples_q[-1], worlds.q)
     np.testing.assert_array_equal(worlds[3].t, worlds.samples_t)
     some = tl.simulate_many(scene, 2.0, q=q, accuracy=1e-8, t_eval=[0.5, 1.25])
-    np.testing.assert_allclose(some.samples_q, worlds.samples_q[[2, 5]], rtol=0, atol=2e-8)
+    assert_near(some.samples_q, worlds.samples_q[[2, 5]], 2e-8)
     np.testing.assert_array_equal(some[3].t, [0.5, 1.25, 2.0])
 
 

@@ -5,6 +5,7 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import planar
+from tests.near import assert_near
 from twolink.errors import TwolinkError
 
 SWING = tl.load_scene("arm-swing")
@@ -17,7 +18,7 @@ def test_a_run_has_the_times_that_are_asked_for_and_goes_on_to_its_end() -> None
     at = np.searchsorted(whole.t, TIMES)
     assert np.abs(some.q - whole.q[at]).max() <= some.error.max() + whole.error.max() <= 2e-8
     assert some.energy.shape == some.tau.shape[:1] == (3,)
-    np.testing.assert_allclose(some.at(1.0)[0], whole.q[-1], rtol=0, atol=2e-8)
+    assert_near(some.at(1.0)[0], whole.q[-1], 2e-8)
     assert tl.simulate(SWING, 1.0, t_eval=1.0).t == [1.0]
     ends = tl.simulate(SWING, 1.0, t_eval=np.arange(0.0, 1.05, 0.1))  # whose last is 1 but for rounding
     assert ends.t[-1] == 1.0
@@ -27,7 +28,7 @@ def test_a_run_that_an_event_ends_has_that_time_too() -> None:
     ball = tl.load_scene("bouncing-ball")
     stop = tl.effects.Watch("low", when=tl.effects.JointReaches("height", 0.8), stop=True)
     run = tl.simulate(ball.with_effects([*ball.effects, stop]), t_eval=[0.1, 0.5])
-    np.testing.assert_allclose(run.t, [0.1, (0.4 / 9.81) ** 0.5], rtol=0, atol=1e-9)
+    assert_near(run.t, [0.1, (0.4 / 9.81) ** 0.5], 1e-9)
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.near import assert_near
 from tests.show.test_playback import film
 from twolink.errors import SceneError, ShowError, TwolinkError
 from twolink.integrate.event import Event
@@ -99,7 +100,7 @@ def test_saved_torques_are_those_that_rnea_wants(tmp_path: Path, ending: str) ->
     loaded = tl.Trajectory.load(run.save(tmp_path / f"x{ending}"), run.robot)
     wanted = run.robot.inverse_dynamics(run.q, run.v, run.acceleration)
     assert np.abs(wanted).max() > 1e-3
-    np.testing.assert_allclose(loaded.tau, wanted, rtol=0, atol=1e-9)
+    assert_near(loaded.tau, wanted, 1e-9)
 
 
 def test_not_verified_has_no_error_column(tmp_path: Path) -> None:

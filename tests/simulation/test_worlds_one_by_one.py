@@ -8,6 +8,7 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import bouncing
+from tests.near import assert_near
 from twolink import effects
 from twolink.algorithms.mechanism import nominal
 from twolink.errors import SceneError
@@ -34,11 +35,9 @@ def test_each_world_has_events_of_its_own() -> None:
     for i, start in enumerate(q):
         alone = check(worlds, i, tl.Scene(ARM, start, effects=RUBBING.effects), 2.0)
         assert [event.kind for event in worlds.events[i]] == [event.kind for event in alone.events]
-        np.testing.assert_allclose([event.t for event in worlds.events[i]], [event.t for event in alone.events],
-                                   rtol=0, atol=1e-5)  # fmt: skip
+        assert_near([event.t for event in worlds.events[i]], [event.t for event in alone.events], 1e-5)
         assert [event["t"] for event in worlds.to_dict()["events"][i]] == [event.t for event in worlds.events[i]]
-        np.testing.assert_allclose(worlds.samples_q[:, i], np.array([alone.at(t)[0] for t in worlds.samples_t]),
-                                   rtol=0, atol=2e-6)  # fmt: skip
+        assert_near(worlds.samples_q[:, i], np.array([alone.at(t)[0] for t in worlds.samples_t]), 2e-6)
 
 
 def test_a_world_with_events_is_the_same_beside_any_others() -> None:
@@ -51,9 +50,7 @@ def test_a_world_with_events_is_the_same_beside_any_others() -> None:
 def test_balls_bounce_from_heights_of_their_own() -> None:
     heights = [0.5, 1.0, 1.7]
     worlds = tl.simulate_many(tl.load_scene("bouncing-ball"), q=[[h] for h in heights], duration=0.9, accuracy=1e-9)
-    np.testing.assert_allclose(
-        worlds.q[:, 0], [bouncing(np.array([0.9]), h, 0.6)[0] for h in heights], rtol=0, atol=1e-9
-    )
+    assert_near(worlds.q[:, 0], [bouncing(np.array([0.9]), h, 0.6)[0] for h in heights], 1e-9)
     assert [len(events) for events in worlds.events] == [2, 1, 1]
 
 
@@ -69,11 +66,11 @@ def test_an_event_ends_a_world_and_the_others_go_on() -> None:
     scene = scene.with_effects([*scene.effects, watch])
     worlds = tl.simulate_many(scene, q=[[1.0], [0.7]], duration=0.3, accuracy=1e-6, samples_per_second=20)
     fallen, one = math.sqrt(2 * 0.2 / 9.81), worlds[0]
-    assert worlds.events[0][-1].t == pytest.approx(fallen, abs=1e-6)
+    assert_near(worlds.events[0][-1].t, fallen, 1e-6)
     assert one.t[-1] == worlds.ends[0] == pytest.approx(fallen, abs=1e-9)
-    assert one.q[-1, 0] == pytest.approx(0.8, abs=1e-9)
+    assert_near(one.q[-1, 0], 0.8, 1e-9)
     assert np.isfinite(one.q).all()
-    np.testing.assert_allclose(worlds.q[:, 0], [0.8, 0.7 - 9.81 * 0.3**2 / 2], rtol=0, atol=1e-6)
+    assert_near(worlds.q[:, 0], [0.8, 0.7 - 9.81 * 0.3**2 / 2], 1e-6)
     assert np.isfinite(worlds.samples_q[:, 0, 0]).tolist() == (worlds.samples_t <= fallen).tolist()
     assert np.isfinite(worlds.samples_q[:, 1]).all()
 
@@ -85,7 +82,7 @@ def test_restitution_differs_by_world() -> None:
     values = [0.3, 0.8]
     worlds = tl.simulate_many(ball, parameters={f"effects.{place}.restitution": values}, duration=0.6, accuracy=1e-9)
     heights = [bouncing(np.array([0.6]), 1.0, e)[0] for e in values]
-    np.testing.assert_allclose(worlds.q[:, 0], heights, rtol=0, atol=1e-9)
+    assert_near(worlds.q[:, 0], heights, 1e-9)
 
 
 # A limit is a constant of the formula, so that each world has steps of its own; a payload changes the robot.
