@@ -7,7 +7,7 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import G, planar, spheres, stepped, times
-from tests.near import assert_near
+from tests.near import assert_near, assert_within
 
 E = tl.effects
 BLOCK = {"body": (E.Box((0.2, 0.2, 0.2)),)}
@@ -116,7 +116,7 @@ def test_half_the_step_has_half_the_error_where_a_joint_hits_its_stop(located: t
 def test_stops_and_friction_keep_their_laws_and_take_energy(located: tl.Trajectory) -> None:
     run = stepped(arm(contact=True), 1.0, 0.005, verify=True, samples=100)
     assert run.bound == "estimated"
-    assert (np.abs(run.q - located.q).max(axis=1) <= run.error).all()
+    assert_within(run.q, located.q, run.error)
     assert np.diff(run.energy).max() < 1e-3 * (run.energy[0] - run.energy[-1])
     record = run.contact_record
     assert sum(record["solvers"].values()) == 200

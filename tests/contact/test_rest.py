@@ -9,7 +9,7 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import G, free_bodies, spheres, stepped
-from tests.near import assert_near
+from tests.near import assert_near, assert_within
 from twolink.contact import stepping
 from twolink.contact.rest import RestingSteps
 from twolink.contact.steps import Step
@@ -108,7 +108,7 @@ def test_a_first_estimate_that_is_small_by_chance_is_held_against_a_next_one() -
     slowing = g * (mu * np.cos(slope) + np.sin(slope))
     t = np.minimum(run.t, speed / slowing)
     exact = 0.05 * normal - np.outer(speed * t - 0.5 * slowing * t**2, along)
-    assert (np.abs(run.q[:, :3] - exact).max(axis=1) <= run.error + 1e-12).all()
+    assert_within(run.q[:, :3], exact, run.error + 1e-12)
     assert run.error[-1] < 1e-6
 
 

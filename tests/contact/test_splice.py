@@ -8,7 +8,7 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import G, bouncing, free_bodies, planar, spheres, stepped
-from tests.near import assert_near
+from tests.near import assert_near, assert_within
 from twolink.contact.spliced import SplicedSolution
 from twolink.integrate.hybrid import engine
 
@@ -46,7 +46,7 @@ def test_the_part_before_is_the_located_run_with_its_bar() -> None:
     count = len(located.t)
     assert located.bound == "verified"
     assert run.error[:count].max() <= 1e-6
-    assert (np.abs(run.q[:count] - located.q).max(axis=1) <= run.error[:count]).all()
+    assert_within(run.q[:count], located.q, run.error[:count])
 
 
 def test_the_whole_agrees_with_finer_steps_within_the_estimate() -> None:
@@ -85,7 +85,7 @@ def test_an_error_at_the_splice_grows_as_motions_part(monkeypatch: pytest.Monkey
     assert 2.5 * bar < run.error[-1] < 1e-6
     assert (run.error[late] >= 2.0 * bar).all()
     truth = np.column_stack([run.t, 0.1 + bouncing(run.t, HEIGHT, 0.5), 0.0 * run.t])
-    assert (np.abs(run.q - truth).max(axis=1) <= run.error).all()
+    assert_within(run.q, truth, run.error)
 
 
 def test_controllers_and_sensors_are_stepped_throughout() -> None:

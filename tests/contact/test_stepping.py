@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 
 import twolink as tl
 from tests.effects.bodies import G, ball, bouncing, free_bodies, planar, spheres, stepped
-from tests.near import assert_near
+from tests.near import assert_agree, assert_near, assert_within
 from twolink.contact import bodies as sparse_bodies
 from twolink.contact.solver import SteppedSolution
 from twolink.contact.stepping import ContactStepper
@@ -176,7 +176,7 @@ def test_without_an_accuracy_the_best_effort_is_returned_with_its_estimate() -> 
     times = np.linspace(0.0, END, 9)
     run = simulate_stepped(rod(), times, None, None, None, verify=True, patience=4.0)
     assert (run.bound, run.accuracy) == ("estimated", None)
-    assert (np.abs(run.q[:, 2] - rod_angle(times)) <= 2.0 * run.error + 1e-12).all()
+    assert_within(run.q[:, 2], rod_angle(times), 2.0 * run.error + 1e-12)
     quick = simulate_stepped(rod(), times, None, None, None, verify=True, patience=1e-9)
     assert run.error[-1] < 0.2 * quick.error[-1]
 
@@ -215,7 +215,7 @@ def test_located_events_without_end_are_stepped_where_nothing_was_asked_for(monk
     monkeypatch.setattr(engine, "MAX_EVENTS", 1)
     run = tl.simulate(scene, 1.0, samples_per_second=20)
     assert (free.bound, run.bound) == ("verified", "estimated")
-    assert (np.abs(run.q[:, 2] - free.q[:, 2]) <= run.error + 1e-6).all()
+    assert_within(run.q[:, 2], free.q[:, 2], run.error + 1e-6)
     assert "events follow each other without end" in run.cost.why
     assert "estimate" in run.cost.why
     for asked in ({"accuracy": 1e-3}, {"contact": "located"}):
@@ -257,7 +257,7 @@ def test_steps_too_long_for_a_stiff_spring_are_made_smaller(stiff: float, accura
     scene = tl.Scene(planar(), [0.01, 0.1, 0], effects=effects)
     times = np.linspace(0.0, 0.2, 9)
     run = simulate_stepped(scene, times, accuracy, None, None, verify=True, patience=None if accuracy else 3.0)
-    assert (np.abs(run.q[:, 0] - 0.01 * np.cos(math.sqrt(stiff) * times)) <= run.error + 1e-12).all()
+    assert_within(run.q[:, 0], 0.01 * np.cos(math.sqrt(stiff) * times), run.error + 1e-12)
     assert run.error[-1] < 0.1
 
 
@@ -490,10 +490,10 @@ def test_corners_that_bounce_one_after_the_other_are_not_one_impact(tilt: float)
     located = tl.simulate(scene, 0.3, contact="located", accuracy=1e-6)
     assert abs(located.v[-1, 3]) > 0.5
     run = stepped(scene, 0.3, 0.005, verify=True, samples=200)
-    assert (np.abs(run.q - located.q).max(axis=1) <= run.error + located.error).all()
+    assert_agree(run, located)
     assert run.error.max() < 0.01
     plastic = tl.Scene(scene.base, q, effects=[E.Gravity(), msgspec.structs.replace(cube, restitution=0.0)])
     still, steps = (tl.simulate(plastic, 0.3, **way) for way in ({}, {"contact": "stepped", "step": 0.005}))
-    assert (np.abs(still.q - steps.q).max(axis=1) <= steps.error + still.error).all()
+    assert_agree(still, steps)
     flat = tl.Scene(scene.base, [0, 0, 0.3, 0, 0, 0, 1], effects=scene.effects)
     assert_near(stepped(flat, 0.3, 0.005).v[-1, 3:], 0.0, 1e-9)

@@ -23,7 +23,7 @@ from tests.effects.bodies import (
     stepped,
     times,
 )
-from tests.near import assert_near
+from tests.near import assert_near, assert_within
 from tests.urdf_text import joint, link, robot_of
 from twolink.errors import AccuracyError, SceneError
 from twolink.hard.cases.events import ERRORS, coin
@@ -226,7 +226,7 @@ def test_a_ball_slides_down_a_wedge_and_flies_off_its_edge() -> None:
     along = G * math.sin(angle) * (on**2 / 2 + t_edge * late)
     truth = np.array(start[:3]) + np.outer(along, down) - np.outer(G * late**2 / 2, [0.0, 0.0, 1.0])
     assert run.error is not None
-    assert (np.abs(run.q[:, :3] - truth).max(axis=1) <= run.error).all()
+    assert_within(run.q[:, :3], truth, run.error)
 
 
 @pytest.mark.parametrize(("apart", "meets"), [(0.1, True), (0.8, False)])  # along their axes, of capsules of 0.7 m
@@ -440,8 +440,8 @@ def test_a_small_ball_bounces_and_turns_as_a_large_one() -> None:
         effects = [E.Gravity(), contact]
         runs.append(solved(robot, effects, end, start, v, accuracy=4e-9, samples_per_second=20 / end))
     large, small = runs
-    assert (np.abs(large.q[:, 3:] - small.q[:, 3:]).max(axis=1) <= large.error + small.error).all()
-    assert (np.abs(1.5e-3 * large.q[:, :3] - small.q[:, :3]).max(axis=1) <= large.error + small.error).all()
+    assert_within(large.q[:, 3:], small.q[:, 3:], large.error + small.error)
+    assert_within(1.5e-3 * large.q[:, :3], small.q[:, :3], large.error + small.error)
 
 
 @pytest.mark.parametrize("friction", [0.1, 0.6])

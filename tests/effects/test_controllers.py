@@ -9,7 +9,7 @@ import twolink as tl
 from tests.effects.bodies import ball, slider, solved, times
 from tests.effects.cases import E, assert_refused, robot
 from tests.effects.test_closed_forms import wheel
-from tests.near import assert_near
+from tests.near import assert_near, assert_within
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.effect import Loads
@@ -170,7 +170,7 @@ def test_a_saturated_spring(accuracy: float) -> None:
     pd = E.JointPD(target={"x": 0.0}, kp={"x": 20.0}, effort={"x": 3.0})
     run = solved(slider(), [pd], 5.0, [1.0], accuracy=accuracy)
     x, ends = spring_of_limited_force(run.t, 20.0, 3.0)
-    assert np.all(np.abs(run.q[:, 0] - x) <= run.error)
+    assert_within(run.q[:, 0], x, run.error)
     assert run.error[-1] <= accuracy
     assert_near(times(run, "limit"), [t for t in ends if t < 5], 10 * accuracy)
 

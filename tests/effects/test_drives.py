@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 import twolink as tl
 from tests.effects.bodies import slider, solved
-from tests.near import assert_near
+from tests.near import assert_near, assert_within
 from twolink.algorithms.motion import KinematicState
 from twolink.effects.effect import Loads
 from twolink.scenes.parameters import parameters_of
@@ -52,9 +52,7 @@ def test_lag_by_its_closed_form(method: str) -> None:
     run = tl.simulate(LAGGED, accuracy=1e-9, method=method)
     z = 0.7 - 0.6 * np.exp(-run.t / 0.05)
     assert np.abs(run.q[:, 0] - lagged(run.t)).max() <= run.error.max() <= 1e-9
-    assert (
-        np.abs(run.states["axle.lag"] - z) <= (1 + np.abs(z)) * run.error + 1e-15
-    ).all()  # the bar holds for states too
+    assert_within(run.states["axle.lag"], z, (1 + np.abs(z)) * run.error + 1e-15)  # the bar holds for states too
 
 
 def test_sensitivities_of_a_lag() -> None:
@@ -330,7 +328,7 @@ def test_backlash_limit_cycle_by_exact_pieces() -> None:
             met.append(t + length)
         t, side = t + length, 0 if side else int(np.sign(x[2] - x[0]))
     assert_near([event.t for event in run.events], [at for at in met if at < end], 1e-5)
-    assert (np.abs(run.q[:, 0] - exact) <= run.error + 1e-11).all()
+    assert_within(run.q[:, 0], exact, run.error + 1e-11)
     early, late = (np.ptp(run.q[(run.t > t) & (run.t < t + 2.5), 0]) for t in (5.0, 7.5))
     assert late == pytest.approx(early, rel=0.05)  # it goes on
     assert late > half

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 import twolink as tl
 from tests.effects.bodies import G, ball, bouncing, kinds, planar, solved, times
 from tests.effects.cases import E
-from tests.near import assert_near
+from tests.near import assert_near, assert_within
 
 R = 0.1
 
@@ -20,7 +20,7 @@ R = 0.1
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-6, 1e-9])
 def test_a_bouncing_point_comes_to_rest_when_the_series_ends(accuracy: float) -> None:
     run = solved(planar(), [E.Gravity(), E.PlaneContact("body", restitution=0.5)], 2.0, [0, 1.0, 0], accuracy=accuracy)
-    assert np.all(np.abs(run.q[:, 1] - bouncing(run.t, 1.0, 0.5)) <= run.error)
+    assert_within(run.q[:, 1], bouncing(run.t, 1.0, 0.5), run.error)
     assert run.error[-1] <= accuracy
     (rest,) = times(run, "rest")
     assert_near(rest, 3 * math.sqrt(2 / G), 1e-9 if accuracy == 1e-9 else 1e-2)
@@ -45,7 +45,7 @@ def test_an_elastic_ball_bounces_for_ever() -> None:
     effects = [E.Gravity(), E.PlaneContact("body", restitution=1.0)]
     run = solved(planar(), effects, 200.0, [0, 10.0, 0], accuracy=1e-6, samples_per_second=10)
     assert len(times(run, "impact")) == 70
-    assert np.all(np.abs(run.q[:, 1] - bouncing(run.t, 10.0, 1.0)) <= run.error + 1e-15)
+    assert_within(run.q[:, 1], bouncing(run.t, 10.0, 1.0), run.error + 1e-15)
     assert np.ptp(run.energy) < 1e-6
 
 
@@ -116,7 +116,7 @@ def test_a_sliding_ball_begins_to_roll(accuracy: float) -> None:
     rolls = 2 * v0 / (7 * mu * G)
     sliding, late = np.fmin(run.t, rolls), np.fmax(run.t - rolls, 0)
     x = v0 * sliding - mu * G * sliding**2 / 2 + 5 / 7 * v0 * late
-    assert np.all(np.abs(run.q[:, 0] - x) <= run.error)
+    assert_within(run.q[:, 0], x, run.error)
     assert_near(times(run, "roll"), [rolls], accuracy)
     assert_near(run.v[-1, 4], 5 / 7 * v0 / R, 100 * accuracy)
 

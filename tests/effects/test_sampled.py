@@ -12,7 +12,7 @@ import twolink as tl
 from tests.effects.bodies import solved
 from tests.effects.cases import E, assert_refused, robot
 from tests.effects.test_closed_forms import wheel
-from tests.near import assert_near
+from tests.near import assert_near, assert_within
 from twolink.effects.inputs import derivatives_at, value_at
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.scene_equations import equations_of
@@ -115,7 +115,7 @@ def test_long_tables_share_one_compiled_step_and_their_bars_hold() -> None:
     for method in ("dop853", "rk23"):
         run = tl.simulate(scene, 1.0, accuracy=1e-6, method=method, samples_per_second=10)
         assert run.cost.steps >= 500
-        assert np.all(np.abs(run.q - truth).max(axis=1) <= run.error + 1e-13)
+        assert_within(run.q, truth, run.error + 1e-13)
 
 
 def test_one_table_in_two_effects_is_one_set_of_rows() -> None:
@@ -196,5 +196,5 @@ def test_the_error_bar_of_a_table_costs_no_steps() -> None:
         for accuracy, verify in ((1e-6, True), (1e-6, False), (1e-11, False))
     )
     assert run.cost.steps <= alone.cost.steps + 2 < 60  # there are 101 checks
-    assert (np.abs(run.q - finer.q).max(axis=1) <= run.error).all()
+    assert_within(run.q, finer.q, run.error)
     assert run.error[-1] < 1e-6

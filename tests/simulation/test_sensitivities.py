@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.near import assert_near
+from tests.near import assert_near, assert_within
 from twolink.algorithms.mechanism import nominal, with_nominal
 from twolink.effects.conditions import JointReaches
 from twolink.errors import AccuracyError, CertificationError, SceneError
@@ -54,7 +54,7 @@ def require_within_bars(s: tl.Sensitivities, name: str, truth: np.ndarray, noise
     """Require that every entry is within its bar of what differences of motions give, up to their own error."""
     ours = np.concatenate([s.q[name], s.v[name]], axis=1)[:, :, column]
     size = 1.0 + np.abs(truth).max()
-    assert (np.abs(ours - truth).max(axis=1) <= s.error[name] + noise * size).all()
+    assert_within(ours, truth, s.error[name] + noise * size)
 
 
 def test_an_oscillator_has_the_closed_form() -> None:
@@ -97,7 +97,7 @@ def test_a_motion_at_rest_has_sensitivities_that_grow() -> None:
     modes = np.cosh(np.sqrt(squares) * s.run.t[:, None])
     truth = np.einsum("ij,nj,jk->nik", vectors, modes, np.linalg.inv(vectors))
     assert np.abs(truth).max() > 100
-    assert (np.abs(s.q["q"] - truth).max(axis=(1, 2)) <= s.error["q"]).all()
+    assert_within(s.q["q"], truth, s.error["q"])
     assert (s.error["q"] <= 1e-8 * np.abs(truth).max(axis=(1, 2)) + 1e-12).all()
 
 
@@ -115,7 +115,7 @@ def test_the_arm_agrees_with_quadruple_precision_to_nine_digits() -> None:
         truth = (ahead - behind).astype(float) / (2 * step)
         ours = np.concatenate([s.q[name], s.v[name]], axis=1)[:, :, k]
         size = np.maximum.accumulate(np.maximum(1.0, np.abs(truth).max(axis=1)))
-        assert (np.abs(ours - truth).max(axis=1) <= np.minimum(s.error[name], 1e-9 * size) + 1e-10).all()
+        assert_within(ours, truth, np.minimum(s.error[name], 1e-9 * size) + 1e-10)
         assert s.error[name][-1] <= 1e-9 * size[-1]
 
 
@@ -285,7 +285,7 @@ def test_a_bouncing_ball_has_the_closed_form() -> None:
     last = np.concatenate([[0.0], impacts])[count]  # t_n, which grows as the root of h
     truth = np.where(count == 0, 0.0, e**count * speed / (2 * h) + g * last / (2 * h))
     assert count[-1] == 2
-    assert (np.abs(s.v["q"][:, 0, 0] - truth) <= s.error["q"] + 1e-12).all()
+    assert_within(s.v["q"][:, 0, 0], truth, s.error["q"] + 1e-12)
 
 
 def test_differences_through_impacts_are_within_the_bar() -> None:

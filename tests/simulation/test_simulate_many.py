@@ -7,7 +7,7 @@ import pytest
 
 import twolink as tl
 from scripts.studies.scenes.exact import case
-from tests.near import assert_near
+from tests.near import assert_near, assert_within
 from twolink.errors import AccuracyError, QueryError, SceneError
 from twolink.hard.truths import extended_reference
 from twolink.lagrange import two_link
@@ -83,7 +83,7 @@ def test_error_bars_of_worlds_hold() -> None:
     scene = tl.load_scene("arm-swing")
     rough = tl.simulate_many(scene, q=q, v=v, duration=2.0, accuracy=1e-3)
     fine = tl.simulate_many(scene, q=q, v=v, duration=2.0, accuracy=1e-9)
-    assert (np.abs(rough.q - fine.q).max(axis=1) <= rough.error).all()
+    assert_within(rough.q, fine.q, rough.error)
 
 
 def test_samples_on_the_way() -> None:

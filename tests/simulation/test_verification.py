@@ -10,6 +10,7 @@ import pytest
 import twolink as tl
 import twolink.effects as fx
 from tests.effects.bodies import slider
+from tests.near import assert_agree
 from twolink.errors import AccuracyError
 from twolink.hard import truths
 from twolink.hard.case import StateHistory
@@ -366,10 +367,10 @@ def test_bars_of_fixed_steps_hold_within_the_first_step(method: str, step: float
     """A sample there is a part of a step from the start, which a finer solution takes as well."""
     scene = tl.load_scene("arm-swing")
     truth, run = tl.simulate(scene, 1.0, accuracy=1e-12), tl.simulate(scene, 1.0, method=method, step=step)
-    assert (np.abs(run.q - truth.q).max(axis=1) <= run.error + truth.error).all()
+    assert_agree(run, truth)
     truth = tl.simulate(scene, 1.0, accuracy=1e-12, t_eval=[0.1 * step, 0.2 * step])
     run = tl.simulate(scene, 1.0, method=method, step=step, t_eval=truth.t)
-    assert (np.abs(run.q - truth.q).max(axis=1) <= run.error + truth.error).all()
+    assert_agree(run, truth)
 
 
 @pytest.mark.parametrize("method", ["semi-implicit-euler", "midpoint", "rk4"])
@@ -381,7 +382,7 @@ def test_bars_of_fixed_steps_hold_behind_what_breaks_a_motion(method: str) -> No
         scene = at_rest.with_effects([effect])
         truth = tl.simulate(scene, t_eval=[0.0, 0.32], accuracy=1e-12)
         run = tl.simulate(scene, t_eval=[0.0, 0.32], method=method, step=0.1)
-        assert (np.abs(run.q - truth.q).max(axis=1) <= run.error + truth.error).all()
+        assert_agree(run, truth)
 
 
 @pytest.mark.parametrize(("method", "setting"), [("dop853", {"tolerance": 1e-6}), ("rk4", {"step": 0.01})])
@@ -391,7 +392,7 @@ def test_bars_hold_after_all_solutions_have_ended_their_bounces(method: str, set
     times.sort()
     truth = tl.simulate(scene, t_eval=times, accuracy=1e-11)
     run = tl.simulate(scene, t_eval=times, method=method, **setting)
-    assert (np.abs(run.q - truth.q).max(axis=1) <= run.error + truth.error).all()
+    assert_agree(run, truth)
 
 
 @pytest.mark.parametrize("method", ["rk4", "midpoint", "suzuki4"])
@@ -401,7 +402,7 @@ def test_bars_of_fixed_steps_hold_where_events_are_a_few_steps_apart(method: str
     scene = tl.Scene(slider(), [1.0], effects=effects)
     truth, run = tl.simulate(scene, 1.0, accuracy=1e-11), tl.simulate(scene, 1.0, method=method, step=0.2)
     assert len(run.events) >= 3
-    assert (np.abs(run.q - truth.q).max(axis=1) <= run.error + truth.error).all()
+    assert_agree(run, truth)
 
 
 @pytest.mark.parametrize("method", ["scipy-radau", "scipy-rk45", "scipy-dop853", "scipy-lsoda"])
@@ -410,7 +411,7 @@ def test_bars_hold_between_the_steps_of_scipy(method: str) -> None:
     scene = tl.Scene(tl.load_robot("two_link"), [0.0, 1.0], [1.0, 2.0], [tl.effects.Gravity()])
     truth = tl.simulate(scene, 2.0, accuracy=1e-12)
     run = tl.simulate(scene, 2.0, method=method, tolerance=1e-6)
-    assert (np.abs(run.q - truth.q).max(axis=1) <= run.error + truth.error).all()
+    assert_agree(run, truth)
 
 
 def test_samples_without_a_number_are_refused() -> None:
