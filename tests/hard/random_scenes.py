@@ -53,7 +53,7 @@ def random_state(random: np.random.Generator, robot: tl.Robot, lively: float = 2
 
 def random_effects(random: np.random.Generator, robot: tl.Robot, q: np.ndarray) -> list[Any]:
     """Gravity in four of five scenes, and some of the smooth effects and loops, which are closed at q."""
-    angles = [j.name for j in robot.joints if j.kind == "vector" and j.v.stop - j.v.start == 1]
+    angles = [j.name for j in robot.joints if j.kind == "vector"]
     single = [j.name for j in robot.joints if j.v.stop - j.v.start == 1]
     links = [f"link{k}" for k in range(1, robot.model.njoints - (robot.joints[0].name == "root_joint"))]
     effects: list[Any] = [fx.Gravity()] if random.random() < 0.8 else []

@@ -149,9 +149,9 @@ def test_mujoco_sees_a_convex_shape_as_the_box_that_it_is() -> None:
     pytest.importorskip("mujoco")
     corners = tuple((x, y, z) for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.1, 0.1))
     ends = []
-    for shape in (tl.effects.Box((0.6, 0.4, 0.2)), tl.effects.Convex(corners)):
-        contact = tl.effects.Contact(("ground",), 0.5, shapes={"ball": (shape,)})
-        scene = tl.Scene(ball(), [0, 0, 0.4, 0.28, 0, 0, 0.96], effects=[tl.effects.Gravity(), contact])
+    for shape in (fx.Box((0.6, 0.4, 0.2)), fx.Convex(corners)):
+        contact = fx.Contact(("ground",), 0.5, shapes={"ball": (shape,)})
+        scene = tl.Scene(ball(), [0, 0, 0.4, 0.28, 0, 0, 0.96], effects=[fx.Gravity(), contact])
         ends.append(peer_module("mujoco").prepare(task_of(scene, TIMES), Setting("Euler", "1 ms", step=1e-3))().track.q)
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-3)
     assert np.abs(ends[0][-1, :3] - ends[0][0, :3]).max() > 0.05

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from twolink import effects as fx
 from twolink.errors import QueryError, SceneError
 from twolink.lagrange.check import arm_urdf
 from twolink.scenes.file import bundled_scenes
@@ -27,9 +28,9 @@ def same(a: tl.Scene, b: tl.Scene) -> None:
 def test_a_saved_scene_is_read_again_unchanged(tmp_path: Path) -> None:
     robot = tl.load_robot("panda", lock={"panda_finger_joint1": 0.01, "panda_finger_joint2": 0.0})
     effects = [
-        tl.effects.Gravity((0.1, 0.0, -1 / 3)),
-        tl.effects.JointDamping(),
-        tl.effects.Torque({"panda_joint3": tl.effects.Sine(1.0, 2.0), "panda_joint1": 0.1}),
+        fx.Gravity((0.1, 0.0, -1 / 3)),
+        fx.JointDamping(),
+        fx.Torque({"panda_joint3": fx.Sine(1.0, 2.0), "panda_joint1": 0.1}),
     ]
     q, v = np.linspace(0.1, 0.7, 7) / 3, np.full(7, 0.2)
     scene = tl.Scene(robot, q=q, v=v, effects=effects, duration=1.5, title='a "b"')
@@ -67,7 +68,7 @@ def test_saving_does_not_overwrite_another_urdf(tmp_path: Path) -> None:
 
 
 def test_a_controller_in_python_is_named_as_the_cause_and_saves_its_run(tmp_path: Path) -> None:
-    control = tl.effects.Controller(lambda _t, y, state: (-y.v, state))
+    control = fx.Controller(lambda _t, y, state: (-y.v, state))
     scene = tl.Scene(tl.load_robot("two_link"), effects=[control], duration=0.01)
     assert "effects   Controller (every 0.001 s)" in str(scene)
     with pytest.raises(SceneError, match="Controller calls Python at its ticks") as caught:

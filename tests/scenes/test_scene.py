@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.scenes.test_saving import same
 from tests.urdf_text import joint, link, robot_of
 from twolink import effects as fx
 from twolink.errors import SceneError, TwolinkError
@@ -102,11 +103,9 @@ def test_starts_that_may_be_mistakes_are_remarked() -> None:
 
 def test_pickling_keeps_every_part_of_a_scene() -> None:
     robot = tl.load_robot("two_link", gravity=(0, 0, -1))
-    scene = tl.Scene(robot, [0.1, 0.2], [0.3, 0.4], [tl.effects.Gravity((0.0, 0.0, -2.0))], 3.0, "title")
+    scene = tl.Scene(robot, [0.1, 0.2], [0.3, 0.4], [fx.Gravity((0.0, 0.0, -2.0))], 3.0, "title")
     again = pickle.loads(pickle.dumps(scene))
-    assert (again.effects, again.duration, again.title) == (scene.effects, scene.duration, scene.title)
-    assert np.array_equal(again.q, scene.q)
-    assert np.array_equal(again.v, scene.v)
+    same(scene, again)
     assert again.base.gravity.tolist() == [0, 0, -1]
     assert again.robot.gravity.tolist() == [0, 0, -2]
 
@@ -123,7 +122,7 @@ def test_a_scene_with_a_constructor_of_its_own_goes_to_other_processes() -> None
 
 
 def test_a_scene_prints_its_robot_state_and_effects() -> None:
-    scene = tl.Scene(tl.load_robot("two_link"), [0.25, 0], effects=[tl.effects.Torque({"elbow": 1.0})], title="<a & b>")
+    scene = tl.Scene(tl.load_robot("two_link"), [0.25, 0], effects=[fx.Torque({"elbow": 1.0})], title="<a & b>")
     for part in ("two_link", "0.25, 0", "Torque", "10 s", "<a & b>"):
         assert part in repr(scene)
     assert "&lt;a &amp; b&gt;" in scene._repr_html_()
@@ -142,20 +141,20 @@ def test_the_table_of_bundled_scenes_says_what_they_show() -> None:
 
 
 @pytest.mark.parametrize("effect", [
-    tl.effects.Payload("forearm", 1.0),
-    tl.effects.Rotor({"elbow": 1e-4}, ratio={"elbow": 50.0}),
-    tl.effects.Gear(tl.effects.Torque({"elbow": 1.0}), {"elbow": 50.0}, inertia={"elbow": 1e-4}),
+    fx.Payload("forearm", 1.0),
+    fx.Rotor({"elbow": 1e-4}, ratio={"elbow": 50.0}),
+    fx.Gear(fx.Torque({"elbow": 1.0}), {"elbow": 50.0}, inertia={"elbow": 1e-4}),
 ])  # fmt: skip
-def test_no_effect_changes_a_robot_twice(effect: tl.effects.Effect) -> None:
+def test_no_effect_changes_a_robot_twice(effect: fx.Effect) -> None:
     """scene.robot has the payload and the rotors already: with the effects of the scene they would count twice."""
-    scene = tl.Scene(tl.load_robot("two_link"), effects=[tl.effects.Gravity(), effect])
+    scene = tl.Scene(tl.load_robot("two_link"), effects=[fx.Gravity(), effect])
     for robot in (scene.robot, pickle.loads(pickle.dumps(scene.robot))):
         with pytest.raises(SceneError, match=r"effects\[1\].*already.*scene\.base") as caught:
             tl.Scene(robot, effects=scene.effects)
         assert caught.value.code == "changed-twice"
     again = tl.Scene(scene.base, effects=scene.effects)
     assert np.array_equal(again.robot.mass_matrix(scene.q), scene.robot.mass_matrix(scene.q))
-    other = tl.Scene(scene.robot, effects=[tl.effects.Gravity((0.0, 0.0, -1.6))])  # with what it carries, elsewhere
+    other = tl.Scene(scene.robot, effects=[fx.Gravity((0.0, 0.0, -1.6))])  # with what it carries, elsewhere
     assert np.array_equal(other.robot.mass_matrix(scene.q), scene.robot.mass_matrix(scene.q))
 
 

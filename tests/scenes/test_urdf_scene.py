@@ -77,7 +77,7 @@ def test_a_robot_that_gravity_does_not_move_starts_with_a_speed() -> None:
 
 
 def test_a_robot_without_joints_is_refused() -> None:
-    with pytest.raises(tl.errors.SceneError, match="no joint moves") as failure:
+    with pytest.raises(SceneError, match="no joint moves") as failure:
         tl.scene_of("spinning_box")
     assert failure.value.code == "nothing-moves"
 

@@ -205,7 +205,7 @@ def test_a_limb_is_drawn_by_a_pattern_and_the_base_where_it_moves(talos: tl.Robo
     assert "root_joint z" in curves(panels(run.plot())["position"])
     limb = [name for name in talos.joint_names if name.startswith("leg_left_")]
     assert list(curves(run.plot(joints="leg_left_*").axes[0])) == limb
-    with pytest.raises(tl.errors.ShowError, match=r"'leg_leftt_1_joint'.*leg_left_1_joint"):
+    with pytest.raises(ShowError, match=r"'leg_leftt_1_joint'.*leg_left_1_joint"):
         run.plot(joints=["leg_leftt_1_joint"])
 
 

@@ -10,6 +10,7 @@ from PIL import Image, ImageSequence
 import twolink as tl
 from tests.command import call, one_line
 from tests.urdf_text import joint, link, robot_of
+from twolink import effects as fx
 from twolink.errors import SceneError, ShowError
 from twolink.show.meshcat_scene import look_at, picture_axes, poses
 from twolink.show.raycasting import CONTACT_COLOUR, DOT, FORCE_COLOUR, Arrows, Camera, Picture
@@ -128,7 +129,7 @@ def dropped() -> Trajectory:
     shape = '<geometry><box size="0.2 0.2 0.2"/></geometry>'
     box = link("box", 2.0, more=f"<visual>{shape}</visual><collision>{shape}</collision>")
     robot = tl.load_robot(robot_of(box, joint("z", "prismatic", "ground", "box")))
-    effects = [tl.effects.Gravity(), tl.effects.Contact("ground")]
+    effects = [fx.Gravity(), fx.Contact("ground")]
     return tl.simulate(tl.Scene(robot, [0.1 + G * 0.15**2 / 2], effects=effects), 0.4, accuracy=1e-6)
 
 
@@ -155,8 +156,8 @@ def test_the_floor_of_a_film_is_where_bodies_touch_it(
 
     monkeypatch.setattr("twolink.show.video.look_at", seen)
     on_slider = tl.load_robot(robot_of(BALL, joint("z", "prismatic", "ground", "base")))
-    plane = tl.effects.PlaneContact("base", radius=0.1, restitution=0.5)
-    bouncing = tl.simulate(tl.Scene(on_slider, [0.2], effects=[tl.effects.Gravity(), plane]), 0.3, accuracy=1e-6)
+    plane = fx.PlaneContact("base", radius=0.1, restitution=0.5)
+    bouncing = tl.simulate(tl.Scene(on_slider, [0.2], effects=[fx.Gravity(), plane]), 0.3, accuracy=1e-6)
     for motion in (dropped, bouncing, run):
         motion.video(tmp_path / "a.png", size=(64, 64), contacts=arrows)
     assert [view.floor for view in floors[:2]] == pytest.approx([0.0, 0.0], abs=0.004)  # half of a sample's way

@@ -21,6 +21,7 @@ import twolink as tl
 from twolink import effects as fx
 from twolink.algorithms.motion import KinematicState
 from twolink.effects.effect import Loads
+from twolink.errors import SceneError, TwolinkError
 from twolink.scenes.parameters import scene_with
 
 T = 1.0
@@ -161,7 +162,7 @@ EXPORTED = ("arm-human", "arm-swing", "bricard", "crank-spring", "crankshaft", "
 def test_co_simulation_agrees_over_the_duration_of_every_bundled_scene(name: str, folder: Path) -> None:
     SCENES[name] = lambda: tl.load_scene(name)
     if name not in EXPORTED:
-        with pytest.raises(tl.errors.SceneError, match=r"cannot be in an FMU|its limit makes events"):
+        with pytest.raises(SceneError, match=r"cannot be in an FMU|its limit makes events"):
             exported(name, folder)
         return
     scene, tolerance = SCENES[name](), 1e-7
@@ -251,7 +252,7 @@ def test_a_rotor_is_the_armature_of_its_joint(tmp_path: Path) -> None:
     run = tl.simulate(scene_with(scene, chosen), accuracy=1e-10)
     chosen["elbow.armature"] = 3.0**2 * chosen.pop("effects.1.inertia.elbow")
     assert abs(_end(path, chosen) - run.q[-1, 0]) < 1e-7
-    with pytest.raises(tl.errors.SceneError, match=r"effects\.1\.ratio\.elbow.*armature"):
+    with pytest.raises(SceneError, match=r"effects\.1\.ratio\.elbow.*armature"):
         scene.export_fmu(tmp_path / "gear.fmu", ["effects.1.ratio.elbow"])
 
 
@@ -278,9 +279,9 @@ def test_own_effects_have_powers_and_all_comparisons(tmp_path: Path) -> None:
 
 def test_states_of_effects_begin_by_the_scenes_start(tmp_path: Path) -> None:
     """The filter of a PID begins at the velocity: with another one the importer sets it, as the description says."""
-    pid = tl.effects.PID({"shoulder": 0.3}, {"shoulder": 20.0}, {"shoulder": 5.0}, {"shoulder": 2.0},
+    pid = fx.PID({"shoulder": 0.3}, {"shoulder": 20.0}, {"shoulder": 5.0}, {"shoulder": 2.0},
                          filter={"shoulder": 0.05})  # fmt: skip
-    scene = tl.Scene(tl.load_robot("two_link"), [1.2, 0.5], [0.3, -0.2], [tl.effects.Gravity(), pid], T)
+    scene = tl.Scene(tl.load_robot("two_link"), [1.2, 0.5], [0.3, -0.2], [fx.Gravity(), pid], T)
     faster = scene_with(scene, {"v.shoulder": 2.0})
     run = tl.simulate(faster, accuracy=1e-10)
     path = str(scene.export_fmu(tmp_path / "pid.fmu", []))
@@ -411,17 +412,17 @@ def test_what_an_fmu_cannot_hold_is_refused(tmp_path: Path) -> None:
     sampled = fx.Controller(lambda _t, _y, state: (0.0, state), outputs=(joint,))
     stops = fx.JointStops({joint: (-1.0, 1.0)})
     for effect, text in ((stops, "JointStops"), (limited, "limit"), (sampled, "ticks")):
-        with pytest.raises(tl.errors.SceneError, match=text) as caught:
+        with pytest.raises(SceneError, match=text) as caught:
             with_effect(effect).export_fmu(path)
         assert caught.value.code == "no-fmu"
         assert "scene.without(" in str(caught.value)
     for given in ({"parameters": ["forearm.masss"]}, {"parameters": [f"{joint}.damping"]}, {"parameters": ["q.x"]},
                   {"platforms": ["amiga"]}):  # fmt: skip
-        with pytest.raises(tl.errors.TwolinkError):
+        with pytest.raises(TwolinkError):
             arm.export_fmu(path, **given)
-    with pytest.raises(tl.errors.TwolinkError, match=r"known: \.fmu"):
+    with pytest.raises(TwolinkError, match=r"known: \.fmu"):
         arm.export_fmu(tmp_path / "x.zip")
-    with pytest.raises(tl.errors.SceneError, match="no joint moves"):
+    with pytest.raises(SceneError, match="no joint moves"):
         tl.Scene(tl.load_robot("heavy_top")).export_fmu(path)
     assert list(tmp_path.iterdir()) == []
 

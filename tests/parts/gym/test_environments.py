@@ -19,6 +19,7 @@ from gymnasium.wrappers import vector as of_vectors
 import twolink as tl
 from docs.examples import learn_swing_up
 from scripts.tasks import FEET, on_feet
+from twolink.errors import AccuracyError, SceneError, TwolinkError
 from twolink.gym import Environment, VectorEnvironment
 from twolink.simulation.stepwise import State
 
@@ -95,7 +96,7 @@ def test_events_are_located_in_one_environment_and_refused_in_a_batch() -> None:
     env.reset(seed=0)
     env.step(np.zeros(1))
     assert env.simulation.events[0].t == pytest.approx(np.sqrt(2.0 / 9.80665), rel=1e-3)
-    with pytest.raises(tl.errors.SceneError, match="events"):
+    with pytest.raises(SceneError, match="events"):
         VectorEnvironment(ball, reward, 2)
 
 
@@ -123,21 +124,21 @@ def test_worlds_begin_with_the_states_of_effects() -> None:
     ({"period": 0.0}, "period"),
 ])  # fmt: skip
 def test_wrong_numbers_are_refused(wrong: dict, part: str) -> None:
-    with pytest.raises(tl.errors.TwolinkError) as caught:
+    with pytest.raises(TwolinkError) as caught:
         Environment(SWING, reward, **wrong)
     assert part in str(caught.value) or caught.value.argument == part
 
 
 def test_unknown_options_and_seeds_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(tl.errors.SceneError, match="unknown option 'p'"):
+    with pytest.raises(SceneError, match="unknown option 'p'"):
         Environment(SWING, reward).reset(options={"p": 1})
-    with pytest.raises(tl.errors.SceneError, match="3 seeds for 2 worlds"):
+    with pytest.raises(SceneError, match="3 seeds for 2 worlds"):
         VectorEnvironment(SWING, reward, 2).reset(seed=[1, 2, 3])
     worlds = VectorEnvironment(SWING, reward, 2)
     worlds.reset(seed=[1, None])
-    with pytest.raises(tl.errors.SceneError, match=r"expected shape \(2, 2\), got \(2,\)"):
+    with pytest.raises(SceneError, match=r"expected shape \(2, 2\), got \(2,\)"):
         worlds.step(np.zeros(2))
-    with pytest.raises(tl.errors.SceneError, match=r"expected shape \(2,\), got \(3,\)"):
+    with pytest.raises(SceneError, match=r"expected shape \(2,\), got \(3,\)"):
         Environment(SWING, reward).step(np.zeros(3))
 
 
@@ -253,11 +254,11 @@ def test_swinging_up_is_learned() -> None:
 def test_an_accuracy_that_cannot_be_is_refused_of_one_world_and_of_many(accuracy: object) -> None:
     for make in (lambda **given: Environment(SWING, reward, **given),
                  lambda **given: VectorEnvironment(SWING, reward, 2, **given)):  # fmt: skip
-        with pytest.raises(tl.errors.AccuracyError, match="accuracy: expected a number above 0"):
+        with pytest.raises(AccuracyError, match="accuracy: expected a number above 0"):
             make(accuracy=accuracy)
 
 
 @pytest.mark.parametrize("worlds", [0, -1, 2.5])
 def test_a_number_of_worlds_that_cannot_be_is_refused(worlds: float) -> None:
-    with pytest.raises(tl.errors.SceneError, match="num_envs"):
+    with pytest.raises(SceneError, match="num_envs"):
         VectorEnvironment(SWING, reward, worlds)

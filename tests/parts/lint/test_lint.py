@@ -18,7 +18,7 @@ import trimesh
 
 import twolink as tl
 from tests.command import TOP, call
-from twolink.errors import RobotError
+from twolink.errors import QueryError, RobotError, TwolinkError
 from twolink.parts.lint.findings import SEVERITIES, rules
 from twolink.parts.lint.lint import fix
 from twolink.robots.catalogue import catalogue_entry
@@ -327,7 +327,7 @@ def test_findings_become_json_sarif_and_annotations(tmp_path: Path) -> None:
     line = found.to_github().splitlines()[[each.rule for each in found.defects].index("effort-limit")]
     assert line.startswith("::warning file=")
     assert f"arm%2C left.urdf,line={one.line},title=effort-limit::" in line
-    with pytest.raises(tl.errors.TwolinkError, match=r"\.sarif"):
+    with pytest.raises(TwolinkError, match=r"\.sarif"):
         found.save(tmp_path / "f.txt")
 
 
@@ -339,7 +339,7 @@ def test_a_baseline_leaves_what_is_new(tmp_path: Path) -> None:
     path.write_text("\n\n" + SEEDED["effort 0"][0]().replace('velocity="3"', 'velocity="0"', 1))
     assert {one.rule for one in tl.lint(path, baseline=known).defects} == {"velocity-limit", "mirrored-pair"}
     (tmp_path / "none.json").write_text("[]")
-    with pytest.raises(tl.errors.QueryError, match=r"none\.json holds no findings"):
+    with pytest.raises(QueryError, match=r"none\.json holds no findings"):
         tl.lint(path, baseline=tmp_path / "none.json")
 
 

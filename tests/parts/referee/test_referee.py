@@ -13,6 +13,7 @@ import twolink as tl
 from tests.command import call
 from tests.parts.exchange.simulators import Log, exact, law_of, stepped
 from tests.parts.exchange.urdf_edits import plain_urdf, text
+from twolink.errors import SceneError
 from twolink.parts.referee.referee import best_run, verdict_of
 from twolink.parts.referee.trajectory_log import TrajectoryLog
 from twolink.robots.catalogue import our_urdfs
@@ -132,7 +133,7 @@ def test_lengths_of_a_log_in_degrees_are_metres(also: bool) -> None:
 
 
 def test_a_run_of_one_sample_is_no_trajectory() -> None:
-    with pytest.raises(tl.errors.SceneError, match="expected two samples or more, got 1"):
+    with pytest.raises(SceneError, match="expected two samples or more, got 1"):
         tl.judge(ARM, tl.simulate(ARM, 0.5, t_eval=[0.5]))
 
 
@@ -158,7 +159,7 @@ def test_a_log_that_goes_on_behind_the_end_of_the_motion_is_held_against_it_unti
             verdict = tl.judge(scene, log, start=start)
             assert (verdict.answer, verdict.unknown_from) == ("not known", pytest.approx(t[place]))
             assert tl.judge(scene, tuple(x[: place + 1] for x in log), start=start).right
-    with pytest.raises(tl.errors.SceneError, match="before the second sample"):
+    with pytest.raises(SceneError, match="before the second sample"):
         tl.judge(scene, (t[::100], q[::100], v[::100]))
 
 
@@ -201,7 +202,7 @@ def test_angles_of_continuous_joints_may_be_given() -> None:
     ([0, 1, 2], [[0]] * 3, [[0, 0]] * 3), ([0, 1, 2], [[0, np.nan]] * 3, [[0, 0]] * 3), {"t": [0, 1, 2]},
 ])  # fmt: skip
 def test_what_is_no_trajectory_is_refused(given: object) -> None:
-    with pytest.raises(tl.errors.SceneError) as failure:
+    with pytest.raises(SceneError) as failure:
         tl.judge(ARM, given)
     assert failure.value.code == "not-a-trajectory"
 
@@ -265,7 +266,7 @@ def test_a_log_without_velocities_is_judged_by_its_positions() -> None:
     assert verdict.right
     assert verdict.velocity is None
     assert tl.judge(ARM, {"t": run.t, "q": 1.01 * run.q}).answer == "wrong"
-    with pytest.raises(tl.errors.SceneError, match="no velocities to start from"):
+    with pytest.raises(SceneError, match="no velocities to start from"):
         tl.judge(ARM, {"t": run.t, "q": run.q}, start="log")
 
 
@@ -426,7 +427,7 @@ def test_of_two_logs_the_nearer_one_and_what_both_miss(tmp_path: Path) -> None:
     alike = tl.judge_many(ARM, {"a": coarse, "b": (coarse[0][:60], coarse[1][:60], coarse[2][:60])})
     assert alike.common_causes == ("semi-implicit Euler with steps of 10 ms",)
     assert "what all miss: semi-implicit Euler" in str(alike)
-    with pytest.raises(tl.errors.SceneError, match="expected trajectories by name"):
+    with pytest.raises(SceneError, match="expected trajectories by name"):
         tl.judge_many(ARM, {})
 
 
@@ -454,5 +455,5 @@ def test_compressed_csv_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize("tolerance", [float("nan"), 0.0, -1.0, "small"])
 def test_a_tolerance_that_is_none_is_refused(tolerance: object) -> None:
     """Against nan every comparison is false: nothing would be beyond it."""
-    with pytest.raises(tl.errors.SceneError, match="tolerance"):
+    with pytest.raises(SceneError, match="tolerance"):
         tl.judge(ARM, {"t": [0.0, 1.0], "q": [[0.0, 0.0]] * 2}, tolerance=tolerance)

@@ -10,6 +10,7 @@ import twolink as tl
 from tests.command import answer
 from tests.urdf_text import joint, link
 from tests.urdf_text import robot_of as robot_text
+from twolink import effects as fx
 from twolink.errors import SceneError
 
 LENGTH, MASS, G = 0.5, 2.0, 9.81
@@ -23,18 +24,18 @@ def pendulum(step: float = 0.002, integrator: str = "Euler") -> tl.Robot:
 
 
 def small(angle: float = 1e-4) -> tl.Scene:
-    return tl.Scene(pendulum(), q=[angle], effects=[tl.effects.Gravity()], duration=2.0)
+    return tl.Scene(pendulum(), q=[angle], effects=[fx.Gravity()], duration=2.0)
 
 
 def test_a_free_base_without_ground_is_said_to_fall() -> None:
     box = """<mujoco><worldbody><body name="box"><freejoint/>
     <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></worldbody></mujoco>"""
-    scene = tl.Scene(tl.load_robot(box), effects=[tl.effects.Gravity()], duration=0.1)
+    scene = tl.Scene(tl.load_robot(box), effects=[fx.Gravity()], duration=0.1)
     found = str(tl.step_table(scene, methods=["Euler"], steps=[0.01]))
     assert found.count("is free and touches nothing") == 1
     assert "is free and touches nothing" in str(tl.explain(scene))
-    ground = tl.effects.Contact(("ground",), shapes={"box": (tl.effects.Box((1, 1, 1)),)})
-    for effects in ([tl.effects.Gravity(), ground], []):
+    ground = fx.Contact(("ground",), shapes={"box": (fx.Box((1, 1, 1)),)})
+    for effects in ([fx.Gravity(), ground], []):
         assert "touches nothing" not in str(tl.explain(scene.with_effects(effects)))
 
 
@@ -60,7 +61,7 @@ def test_the_error_of_a_step_is_that_of_the_exact_recursion() -> None:
 
 
 def test_orders_are_those_of_the_integrators() -> None:
-    scene = tl.Scene(pendulum(), q=[1.0], effects=[tl.effects.Gravity()], duration=1.0)
+    scene = tl.Scene(pendulum(), q=[1.0], effects=[fx.Gravity()], duration=1.0)
     found = tl.step_table(scene, methods=["Euler", "RK4"], steps=[0.01, 0.005])
     errors = {(row.method, row.step): row.error for row in found.rows}
     assert np.log2(errors["Euler", 0.01] / errors["Euler", 0.005]) == pytest.approx(1, abs=0.2)
@@ -126,7 +127,7 @@ def test_soft_laws_are_told_from_steps() -> None:
     """A block at 1 m/s meets a stop without restitution: it rests there at once; a soft stop gives way."""
     slide = joint("j", "prismatic", "ground", "block", "1 0 0", upper=0.2)
     robot = tl.load_robot(robot_text(link("block", 2.0), slide))
-    scene = tl.Scene(robot, v=[1.0], effects=[tl.effects.JointStops()], duration=0.4)
+    scene = tl.Scene(robot, v=[1.0], effects=[fx.JointStops()], duration=0.4)
     found = tl.step_table(scene, steps=[0.01, 0.001], methods=["RK4"])
     assert found.soft == ("stops",)
     assert 1e-3 < found.softness < 0.05
