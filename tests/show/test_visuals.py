@@ -118,11 +118,6 @@ def test_no_reader_but_ours_opens_a_mesh(tmp_path: Path, monkeypatch: pytest.Mon
     assert "a.stl" not in seen[0]
 
 
-def test_pages_are_written_whole_into_new_folders(tmp_path: Path) -> None:
-    path = motion(tl.load_robot("two_link")).playback(tmp_path / "a" / "b" / "x.html")
-    assert [p.name for p in path.parent.iterdir()] == ["x.html"]
-
-
 def test_collada_files_of_a_robot_are_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is drawn from the parts that loading has read is what is drawn from the files."""
     locked = tl.load_robot("panda", lock={"panda_finger_joint1": 0.0})
