@@ -83,19 +83,19 @@ def by_hand(
     return ArmMotion(times, solution.y[:2].T, solution.y[2:].T, length, masses, ratio)
 
 
-def release(length: float, seconds: float, masses: Pair = MASSES, ratio: float = 1.0) -> Scene:
+def release(length: float, seconds: float) -> Scene:
     """A scene of the arm's release at rest in the horizontal position, from a URDF."""
-    robot = load_robot(arm_urdf(length, ratio * length, *masses))
+    robot = load_robot(arm_urdf(length, length, *MASSES))
     return Scene(robot, effects=[Gravity()], duration=seconds)
 
 
-def by_urdf(length: float, seconds: float, masses: Pair = MASSES, ratio: float = 1.0) -> ArmMotion:
+def by_urdf(length: float, seconds: float) -> ArmMotion:
     """The motion of `release`, through Pinocchio. Its global error is below ACCURACY."""
-    scene = release(length, seconds, masses, ratio)
+    scene = release(length, seconds)
     run = simulate(scene, accuracy=ACCURACY, samples_per_second=CYCLES * SAMPLES / seconds)
     if run.interrupted:
         raise KeyboardInterrupt
-    return ArmMotion(run.t, run.q, run.v, length, masses, ratio)
+    return ArmMotion(run.t, run.q, run.v, length)
 
 
 def cycle_time(motion: ArmMotion) -> float:

@@ -28,6 +28,7 @@ STYLE = Path(__file__).with_name("twolink.mplstyle")
 COLOURS = tuple(f"#{colour}" for colour in re.findall('"([0-9A-F]{6})"', STYLE.read_text("utf-8")))
 TITLE_WIDTH = 70  # letters of a line of a title
 HEIGHT, WIDTH = 1.25, 0.62  # of a letter, in font sizes
+LABEL_SIZE = 8  # points, beside curves
 # Places to try for a label's near end, in points from the line's end: near, right and above first.
 OFFSETS = [(dx, dy) for dx in (7, 16, 28, -7) for dy in (0, 9, -9, 18, -18, 28, -28, 40, -40, 54, -54, 68)]
 COVERED, OUTSIDE, FAR = 30.0, 1000.0, 0.5  # costs: of a covered label, of a label outside, per four points of distance
@@ -175,7 +176,7 @@ def label_ends(
                       arrowprops=leader if abs(dx) + abs(dy) > 20 else None, **styles[name])  # fmt: skip
 
 
-def label_right(figure: Any, axes: Iterable[Any], size: float = 8) -> None:
+def label_right(figure: Any, axes: Iterable[Any]) -> None:
     """Write the label of each line beside its axis, at the height of the line's end, or as near as others leave room.
 
     Parameters
@@ -184,20 +185,18 @@ def label_right(figure: Any, axes: Iterable[Any], size: float = 8) -> None:
         Where to write.
     axes : iterable of Axes
         Labels that begin with _ are not written, as in legends.
-    size : float
-        Font size in points.
     """
     figure.draw_without_rendering()  # computes the layout
     for axis in axes:
         lines = [line for line in axis.get_lines() if not line.get_label().startswith("_")]
         frame = axis.get_window_extent()
-        gap = HEIGHT * size * figure.dpi / 72 / frame.height
+        gap = HEIGHT * LABEL_SIZE * figure.dpi / 72 / frame.height
         to_share = axis.transData + axis.transAxes.inverted()
         ends = [float(to_share.transform((line.get_xdata()[-1], line.get_ydata()[-1]))[1]) for line in lines]
         for line, end, height in zip(lines, ends, _spread(ends, gap), strict=True):
             style = {"color": line.get_color(), "transform": axis.transAxes, "clip_on": False}
             axis.plot([1.0, 1.012], [end, height], linewidth=0.6, alpha=0.7, **style)
-            axis.text(1.016, height, line.get_label(), fontsize=size, va="center", **style)
+            axis.text(1.016, height, line.get_label(), fontsize=LABEL_SIZE, va="center", **style)
 
 
 def _spread(ends: Sequence[float], gap: float) -> list[float]:

@@ -72,12 +72,10 @@ def triangle_index(index: NDArray[np.integer]) -> Json:
     return {"itemSize": 1, "type": kind, "array": packed(new - index, kind) | {"below_new": True}}
 
 
-def mesh(
-    geometry: Json, materials: Sequence[Json], uuid: str, matrix: Floats | None = None, kind: str = "Mesh"
-) -> Json:
+def mesh(geometry: Json, materials: Sequence[Json], uuid: str, matrix: Floats | None = None) -> Json:
     """A three.js object of one geometry, with one material, or with one for each group of the geometry.
 
-    `matrix` (4, 4) places the object in its node; `kind` is three.js's class.
+    `matrix` (4, 4) places the object in its node.
     """
     names = [f"{uuid}-material-{k}" for k in range(len(materials))]
     placement = np.eye(4) if matrix is None else matrix
@@ -87,7 +85,7 @@ def mesh(
         "materials": [{"uuid": name, **material} for name, material in zip(names, materials, strict=True)],
         "object": {
             "uuid": uuid,
-            "type": kind,
+            "type": "Mesh",
             "geometry": f"{uuid}-geometry",
             "material": names if len(names) > 1 else names[0],
             "matrix": placement.T.ravel().tolist(),

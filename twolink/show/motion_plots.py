@@ -58,11 +58,11 @@ def plot_trajectory(
     energy: tuple[np.ndarray, np.ndarray],
     error: tuple[np.ndarray, np.ndarray | None],
     *,
-    estimated: bool = False,
-    events: Sequence[tuple[float, str]] = (),
-    note: str = "",
-    asked: float | None = None,
-    joints: Names = (),
+    estimated: bool,
+    events: Sequence[tuple[float, str]],
+    note: str,
+    asked: float | None,
+    joints: Names,
 ) -> Figure:
     """Draw coordinates, velocities, energy and the error bar over time, one above the other.
 
@@ -89,7 +89,7 @@ def plot_trajectory(
         Times, s, and kinds of events.
     note : str
         Stands below the title.
-    asked : float, optional
+    asked : float or None
         The accuracy asked for, rad or m, which stands behind the note.
     joints : str or sequence of str
         Names of joints to draw, or patterns of them; all where none is given.

@@ -92,7 +92,7 @@ class Picture:
     """
 
     def __init__(self, model: Any, visuals: Any, drawn: Sequence[TriangleMesh], camera: Camera) -> None:
-        self._embree = _embree()
+        self._new_scene, self._new_mesh = _embree()
         self._model, self._visuals, self._camera = model, visuals, camera
         self._data, self._placed = model.createData(), pin.GeometryData(visuals)
         self._drawn = drawn
@@ -114,10 +114,10 @@ class Picture:
 
     def _cast(self, corners: Floats, normals: Floats) -> NDArray[np.uint8]:
         """Every pixel once, and four times where a body or a shadow has an edge."""
-        scene = self._embree.EmbreeScene()
+        scene = self._new_scene()
         # Relative to the camera's target: Embree's numbers have seven digits.
         triangles = (corners - self._camera.view.centre).astype(np.float32)
-        mesh = _triangle_mesh(scene, triangles)
+        mesh = self._new_mesh(scene, triangles)
         width, height = self._camera.size
         colours, touched = self._shade(scene, self._ground, self._rays, normals)
         edges = _edges(colours.reshape(height, width, 3), touched.reshape(height, width))
@@ -216,19 +216,14 @@ def _singles(values: Floats) -> NDArray[np.float32]:
     return np.ascontiguousarray(values, dtype=np.float32)
 
 
-def _embree() -> Any:
+def _embree() -> tuple[Any, Any]:
+    """Embree's classes of scenes and of meshes in them."""
     try:
-        from embreex import rtcore_scene
+        from embreex import mesh_construction, rtcore_scene
     except ImportError:
         remedy = "pip install embreex (there is none for this kind of machine if that fails); .playback() needs none"
         raise ShowError("embreex is not installed", where="video", remedy=remedy, code="embree-missing") from None
-    return rtcore_scene
-
-
-def _triangle_mesh(scene: Any, triangles: NDArray[np.float32]) -> Any:
-    from embreex.mesh_construction import TriangleMesh
-
-    return TriangleMesh(scene, triangles)
+    return rtcore_scene.EmbreeScene, mesh_construction.TriangleMesh
 
 
 class _ArrowGroup(NamedTuple):

@@ -104,7 +104,7 @@ def _steppers(few: Intervals, scene: Scene, without: str = "") -> Iterator[Cause
         best = Cause("", np.inf)
         for count in SUBSTEPS:
             try:
-                left = few.defects(flow_of(scene, name, count, few.check))
+                left = few.defects(flow_of(scene, name, count, check=few.check))
             except TwolinkError as error:
                 if isinstance(error, OutOfTime):
                     raise

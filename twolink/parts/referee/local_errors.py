@@ -128,7 +128,7 @@ def intervals_of(scene: Scene, log: TrajectoryLog, check: Check) -> Intervals | 
     return Intervals(scene, log.part(rows), log.part(rows + 1), check) if len(rows) > 2 else None
 
 
-def flow_of(scene: Scene, stepper: str = "", substeps: int = EXACT, check: Check = lambda _: None) -> Flow:
+def flow_of(scene: Scene, stepper: str = "", substeps: int = EXACT, *, check: Check) -> Flow:
     """The motion by a scene's smooth equations: exact, from break to break; or by steps of another method."""
     equations = _smooth_equations(scene)
     space, tableau, law = equations.space, STEPPERS[stepper], functools.partial(rate, equations)
