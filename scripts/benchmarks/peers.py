@@ -8,8 +8,8 @@ the pin.Model, and their accelerations are compared with pin.aba's before anythi
 trajectory on one thread and deliver q and v at 21 equally spaced times. Another entry of twolink delivers its usual
 200 samples a second.
 Error: max |q - q_ref| over those times and all joints, rad. The reference is a Taylor series in 31 digits.
-Seconds: the solving call alone, after models are built and code is compiled; medians over rounds in which all
-contestants take turns.
+Seconds: of the processor, of the solving call alone, after models are built and code is compiled; medians over rounds
+in which all contestants take turns.
 A method's settings end after the first that takes more than the budget. Needs: pip install twolink[peers].
 --quick: every other setting, a budget of 0.3 s instead of 1 s, one round instead of 3.
 Writes out/peers.csv.
@@ -125,7 +125,7 @@ class Timing:
     def turn(self) -> None:
         """A few calls in a row; a short one is called once more before."""
         calls, short = max(1, min(10, int(TURN / self.entry.seconds))), self.entry.seconds < 4 * TURN
-        self.seconds += [once(self.run)[0] for _ in range(calls + short)][short:]
+        self.seconds += [once(self.run, time.process_time)[0] for _ in range(calls + short)][short:]
 
 
 def compared_scenes() -> dict[str, tuple[tl.Scene, float]]:
@@ -245,14 +245,14 @@ def climb(
     """Every setting once, up to the first that takes more than the budget; this is the warm-up as well."""
     first = 0.0
     for setting, run in runs:
-        start = time.perf_counter()
+        start = time.process_time()
         try:
-            first, answer = once(run)
+            first, answer = once(run, time.process_time)
             if first > budget:  # perhaps only because it compiled
-                first, answer = once(run)
+                first, answer = once(run, time.process_time)
         except PeerError as error:
             print(f"  {contestant}, {setting}: left out: {str(error).splitlines()[0]}")
-            first = time.perf_counter() - start
+            first = time.process_time() - start
         else:
             off = error_of(answer.track.q, reference)
             yield Timing(Entry(scene, contestant, setting, off, first, answer.evaluations, 1), run)
