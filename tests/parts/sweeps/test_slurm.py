@@ -63,15 +63,17 @@ def scene() -> tl.Scene:
     return tl.Scene(tl.load_robot(pendulum()), q=[0.4], effects=[tl.effects.Gravity()], duration=0.2)
 
 
-VARY = {"q.hinge": {"range": [0.1, 1.0, 8]}}
+def swept(out: Path, **options: object) -> object:
+    vary = {"q.hinge": {"range": [0.1, 1.0, 8]}}
+    return tl.sweep(scene(), out=out, **{"vary": vary, "chunk": 2, **options})
 
 
 @pytest.mark.slow
 def test_a_sweep_on_slurm_has_the_same_bits(tmp_path: Path, jobs: Path) -> None:
     folder = tmp_path / "shared"
     url = f"slurm:{folder}?partition=cpu&time=5"
-    there = tl.sweep(scene(), vary=VARY, out=tmp_path / "there.zarr", executor=url, chunk=2)
-    here = tl.sweep(scene(), vary=VARY, out=tmp_path / "here.zarr", executor=ThreadPoolExecutor(1), chunk=2)
+    there = swept(tmp_path / "there.zarr", executor=url)
+    here = swept(tmp_path / "here.zarr", executor=ThreadPoolExecutor(1))
     for name in ("q", "v", "error", "status"):
         assert np.array_equal(there[name], here[name]), name
     asked = [path.read_text().splitlines() for path in sorted(jobs.glob("*.job"))]
@@ -108,10 +110,10 @@ def test_what_is_done_or_in_the_queue_is_not_sent_again(tmp_path: Path, jobs: Pa
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(slurm.Slurm, "close", lambda self: self._closing.set())
         with pytest.raises(Killed):
-            tl.sweep(scene(), vary=VARY, out=tmp_path / "runs.zarr", executor=url, chunk=2, progress=kill)
+            swept(tmp_path / "runs.zarr", executor=url, progress=kill)
     sent = len(list(jobs.glob("*.job")))
     assert sent == 2  # the first one told how long a run takes
-    data = tl.sweep(scene(), vary=VARY, out=tmp_path / "runs.zarr", executor=url, chunk=2)
+    data = swept(tmp_path / "runs.zarr", executor=url)
     assert (data["status"] == 1).all()
     assert len(list(jobs.glob("*.job"))) == sent
 
@@ -120,12 +122,12 @@ def test_what_is_done_or_in_the_queue_is_not_sent_again(tmp_path: Path, jobs: Pa
 def test_what_slurm_refuses_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "runs.zarr"
     with refused(TwolinkError, "batch-refused", match="invalid partition"):
-        tl.sweep(scene(), vary=VARY, out=out, executor=f"slurm:{tmp_path}/shared?partition=none")
+        swept(out, executor=f"slurm:{tmp_path}/shared?partition=none")
     with pytest.raises(TwolinkError, match="absolute"):
-        tl.sweep(scene(), vary=VARY, out=out, executor="slurm:shared")
+        swept(out, executor="slurm:shared")
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(TwolinkError, match="there is no sbatch"):
-        tl.sweep(scene(), vary=VARY, out=out, executor=f"slurm:{tmp_path}/shared")
+        swept(out, executor=f"slurm:{tmp_path}/shared")
 
 
 def test_a_job_that_ends_without_a_result_is_tried_again_and_given_up(
@@ -133,8 +135,7 @@ def test_a_job_that_ends_without_a_result_is_tried_again_and_given_up(
 ) -> None:
     monkeypatch.setattr(slurm, "GONE", 0.3)
     monkeypatch.setattr(slurm.sys, "executable", "/bin/false")
-    vary = {"q.hinge": [0.1]}
-    data = tl.sweep(scene(), vary=vary, out=tmp_path / "runs.zarr", executor=f"slurm:{tmp_path}/shared")
+    data = swept(tmp_path / "runs.zarr", vary={"q.hinge": [0.1]}, executor=f"slurm:{tmp_path}/shared")
     assert data["status"].values.tolist() == [4]
     assert len(list(jobs.glob("*.job"))) == 3
     assert "without this result" in str(data["reason"].values[0])

@@ -33,6 +33,10 @@ def swept(out: Path, vary: dict = GRID, scene: tl.Scene = ARM, **options):
     return tl.sweep(scene, vary=vary, out=out, **{"duration": 1.0, "executor": HERE, **options})
 
 
+def stop(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
 def test_a_grid_in_worker_processes_is_what_simulate_gives(tmp_path: Path) -> None:
     data = swept(tmp_path / "x.zarr", executor=None, workers=2, chunk=2, outputs=["final", "cost"])
     assert dict(data.sizes) == {"q.elbow": 3, "forearm.mass": 2, "q_name": 2, "v_name": 2}
@@ -63,6 +67,8 @@ def test_where_no_accuracy_is_asked_for_contacts_are_stepped_as_well_as_by_simul
     scene, duration = tl.load_scene("dominoes"), 0.1
     data = swept(tmp_path / "x.zarr", {"v.domino_1.0": [0.0, 0.1]}, scene, duration=duration)
     assert data.status.values.tolist() == [1, 1]
+    assert "errors are estimates" in data.attrs["how"]
+    assert "or of stepped contacts an estimate" in data.error.attrs["long_name"]
     for speed, q, error in zip([0.0, 0.1], data.q.values, data.error.values, strict=True):
         run = tl.simulate(scene.with_start(scene.q, [speed, *scene.v[1:]]), duration, t_eval=[0.0, duration])
         assert error == run.error[-1] < 1e-4
@@ -95,8 +101,6 @@ def test_a_smooth_sweep_without_an_accuracy_is_that_of_1e_6(tmp_path: Path) -> N
     swept(tmp_path / "x.zarr")
     again = swept(tmp_path / "x.zarr", accuracy=1e-6)  # goes on with it
     assert (again.error <= 1e-6).all()
-    with pytest.raises(SceneError, match="accuracy was 1e-06 and is now 1e-08"):
-        swept(tmp_path / "x.zarr", accuracy=1e-8)
 
 
 def test_a_run_that_fails_is_a_row_with_its_reason(tmp_path: Path) -> None:
@@ -154,14 +158,11 @@ def test_a_robot_file_that_was_edited_is_another_sweep(edit: str, tmp_path: Path
         "shape": (effects.Contact("ground", restitution=0.9), 'radius="0.1"', 'radius="0.5"'),
     }[edit]
     high = BAR.replace('<parent link="w"/>', '<parent link="w"/><origin xyz="0 0 1"/>')
-    scenes = [
-        tl.Scene(tl.load_robot(text), effects=[effects.Gravity(), effect]) for text in (high, high.replace(old, new))
-    ]
-    ends = [tl.simulate(scene, 0.6).q[-1, 0] for scene in scenes]
-    assert abs(ends[1] - ends[0]) > 0.05
-    swept(tmp_path / "x.zarr", {"v.j": [0.0]}, scenes[0], duration=0.6)
+    before, after = (tl.Scene(tl.load_robot(text), effects=[effects.Gravity(), effect])
+                     for text in (high, high.replace(old, new)))  # fmt: skip
+    swept(tmp_path / "x.zarr", {"v.j": [0.0]}, before, duration=0.1)
     with pytest.raises(SceneError, match=r"scene\.robot\.content was"):
-        swept(tmp_path / "x.zarr", {"v.j": [0.0, 0.1]}, scenes[1], duration=0.6)
+        swept(tmp_path / "x.zarr", {"v.j": [0.0, 0.1]}, after, duration=0.1)
 
 
 class Push:
@@ -229,9 +230,6 @@ def test_a_larger_grid_computes_the_new_runs_only(tmp_path: Path) -> None:
 
 
 def test_a_grid_goes_on_in_another_order_of_what_varies(tmp_path: Path) -> None:
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
     swept(tmp_path / "x.zarr", chunk=1, progress=stop)
     turned = dict(reversed(GRID.items()))
     more = turned | {"q.elbow": [*ELBOWS, 0.6]}
@@ -241,9 +239,6 @@ def test_a_grid_goes_on_in_another_order_of_what_varies(tmp_path: Path) -> None:
 
 
 def test_another_machine_that_goes_on_is_in_the_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
     here = json.loads(swept(tmp_path / "x.zarr", chunk=1, progress=stop).attrs["twolink"])
     assert "resumed" not in here
     other = {**origin(), "machine": "another one"}
@@ -281,15 +276,6 @@ def test_a_function_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     with pytest.raises(SceneError, match="cannot be imported"):
         swept(tmp_path / "z.zarr", outputs=["own_module:change"], executor=Elsewhere())
     assert (open_sweep(tmp_path / "z.zarr").status == 0).all()
-
-
-def test_errors_of_stepped_contacts_are_called_estimates(tmp_path: Path) -> None:
-    scene = tl.load_scene("box-stack")
-    data = swept(tmp_path / "x.zarr", {"accuracy": [1e-3]}, scene, duration=0.02)
-    assert tl.simulate(scene, 0.02, accuracy=1e-3).bound == "estimated"
-    assert data.status.values.tolist() == [1]
-    assert "errors are estimates" in data.attrs["how"]
-    assert "or of stepped contacts an estimate" in data.error.attrs["long_name"]
 
 
 def test_limits_of_effort_are_events_as_simulate_has_them(tmp_path: Path) -> None:

@@ -118,8 +118,8 @@ def sweep(
     changes["vary"] = study.vary | dict(map(_varied, vary or []))
     study = msgspec.structs.replace(study, **changes)
     if not study.vary:
-        remedy = f"give --vary NAME=VALUES, or a study: {', '.join(bundled_studies())}"
-        raise Misuse("nothing varies", where="vary", remedy=remedy)
+        raise Misuse("nothing varies", where="vary",
+                     remedy=f"give --vary NAME=VALUES, or a study: {', '.join(bundled_studies())}")  # fmt: skip
     with progress_bar() as report:
         data = run_study(study, store, verify=not no_verify, executor=executor, workers=workers, progress=report)
     found = sweep_status(store)

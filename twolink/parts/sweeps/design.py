@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -82,41 +82,43 @@ class RunInputs:
     parameters: dict[str, np.ndarray]
 
 
-def variant(scene: Scene, off: tuple[int, ...], robot: str = "") -> Scene:
-    """The scene without the effects at these places, and with another robot; the same object where nothing differs."""
-    effects = [effect for place, effect in enumerate(scene.effects) if place not in off]
-    if robot:
-        base = load_robot(robot)
-        q, v = base.random_state(1, seed=0)
-        return Scene(base, q[0], v[0], effects, scene.duration, scene.title)
-    return scene.with_effects(effects) if off else scene
+class Variant(NamedTuple):
+    """Settings that a group of runs shares: places of effects that are off, accuracy, and robot ("": the scene's)."""
 
+    off: tuple[int, ...]
+    accuracy: float | None
+    robot: str
 
-def renamed(name: str, off: tuple[int, ...]) -> str | None:
-    """A parameter's name in the variant without the effects at these places; None for one of theirs."""
-    if not name.startswith(PREFIX):
-        return name
-    place, _, path = name.removeprefix(PREFIX).partition(".")
-    if int(place) in off:
-        return None
-    return f"{PREFIX}{int(place) - sum(other < int(place) for other in off)}.{path}"
+    def of(self, scene: Scene) -> Scene:
+        """The scene without the effects that are off, and with the robot; the same object where nothing differs."""
+        effects = [effect for place, effect in enumerate(scene.effects) if place not in self.off]
+        if self.robot:
+            base = load_robot(self.robot)
+            q, v = base.random_state(1, seed=0)
+            return Scene(base, q[0], v[0], effects, scene.duration, scene.title)
+        return scene.with_effects(effects) if self.off else scene
 
+    def renamed(self, name: str) -> str | None:
+        """A parameter's name without the effects that are off; None for one of theirs."""
+        if not name.startswith(PREFIX):
+            return name
+        place, _, path = name.removeprefix(PREFIX).partition(".")
+        if int(place) in self.off:
+            return None
+        return f"{PREFIX}{int(place) - sum(other < int(place) for other in self.off)}.{path}"
 
-def run_inputs(
-    scene: Scene, off: tuple[int, ...], accuracy: float | None, quantities: Mapping[str, Parameter],
-    values: Mapping[str, np.ndarray],
-) -> RunInputs:  # fmt: skip
-    """The runs with these values (n,) by name of a variant of a scene, without the effects that are `off`."""
-    count = len(next(iter(values.values())))
-    q, v = np.tile(scene.q, (count, 1)), np.tile(scene.v, (count, 1))
-    parameters = {}
-    for name, numbers in values.items():
-        what = quantities[name]
-        if what.kind in ("q", "v"):
-            what.put(q, v, numbers)
-        elif what.kind not in OF_VARIANTS and (new := renamed(name, off)) is not None:
-            parameters[new] = numbers
-    return RunInputs(scene, accuracy, q, v, parameters)
+    def inputs(self, own: Scene, quantities: Mapping[str, Parameter], values: Mapping[str, np.ndarray]) -> RunInputs:
+        """The runs with these values (n,) by name. own: what `of` gives."""
+        count = len(next(iter(values.values())))
+        q, v = np.tile(own.q, (count, 1)), np.tile(own.v, (count, 1))
+        parameters = {}
+        for name, numbers in values.items():
+            what = quantities[name]
+            if what.kind in ("q", "v"):
+                what.put(q, v, numbers)
+            elif what.kind not in OF_VARIANTS and (new := self.renamed(name)) is not None:
+                parameters[new] = numbers
+        return RunInputs(own, self.accuracy, q, v, parameters)
 
 
 RUN = "run"  # the dimension of lists and samples

@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 import types
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any
@@ -23,14 +23,15 @@ LOOK = 2.0  # s: between two looks at the number of workers
 
 
 class BlockEngine:
-    """An engine that computes tasks by an executor.
+    """An engine that computes tasks by an executor of the caller: submitit's, mpi4py's, a pool.
 
     submit: gives a future of a task's columns. width: how many workers there are. restart: after workers died. check:
     raises TwolinkError, code "cluster-lost", where there is nobody to wait for.
     """
 
-    width = 1
-    _executor: Any
+    def __init__(self, executor: Any) -> None:
+        self._executor = executor
+        self.width = getattr(executor, "_max_workers", 0) or AT_ONCE
 
     def submit(self, task: SweepTask) -> "Future[Columns]":
         """Give a task to a worker."""
@@ -110,14 +111,6 @@ class _SpawnProcess(SpawnProcess):
 
 class _Spawn(SpawnContext):
     Process = _SpawnProcess
-
-
-class Futures(BlockEngine):
-    """An executor of the caller: submitit's, mpi4py's, a pool."""
-
-    def __init__(self, executor: Executor) -> None:
-        self._executor = executor
-        self.width = getattr(executor, "_max_workers", 0) or AT_ONCE
 
 
 class Dask(BlockEngine):

@@ -230,7 +230,7 @@ def _axes(data: Any) -> list[tuple[str, np.ndarray]]:
     if len(varied) > 2:
         raise ShowError(f"{len(varied)} quantities vary: {', '.join(varied)}", argument="data",
                         remedy="select values of the others: data.sel(...)")  # fmt: skip
-    return [(plain(f"{n}, {data[n].attrs.get('units', '')}".rstrip(", ")), data[n].values) for n in varied]
+    return [(_label(data, name), data[name].values) for name in varied]
 
 
 def _curve(
@@ -279,7 +279,7 @@ def _edges(x: np.ndarray) -> np.ndarray:
     at = np.log(x) if _scale(x) == "log" else x
     middle = (at[1:] + at[:-1]) / 2
     edges = np.concatenate([[2 * at[0] - middle[0]], middle, [2 * at[-1] - middle[-1]]])
-    return np.asarray(np.exp(edges) if _scale(x) == "log" else edges)
+    return np.exp(edges) if _scale(x) == "log" else edges
 
 
 def _colours(values: np.ndarray) -> tuple[float, float, str]:

@@ -10,7 +10,7 @@ import pickle
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from twolink.dynamics.threads import one_thread
 from twolink.errors import AccuracyError, SceneError, TwolinkError
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.steps.methods import METHODS
-from twolink.parts.sweeps.design import OF_VARIANTS, Design, RunInputs, renamed, run_inputs, variant
+from twolink.parts.sweeps.design import OF_VARIANTS, Design, RunInputs, Variant
 from twolink.parts.sweeps.outputs import (
     DONE,
     FAILED,
@@ -92,28 +92,20 @@ def _compute(scene: Scene, task: SweepTask) -> Columns:
     for name in request.functions:
         function_of(name)  # a worker that lacks it fails, and not the runs
     out = {variable.name: variable.empty(task.runs) for variable in variables(scene.robot, request)}
-    for of, rows in groups(request.accuracy, quantities, values):
+    for variant, rows in groups(request.accuracy, quantities, values):
         some = {name: numbers[rows] for name, numbers in values.items()}
         try:
-            own = _kept((task.key, of.off, of.robot), functools.partial(variant, scene, of.off, of.robot))
+            own = _kept((task.key, variant.off, variant.robot), functools.partial(variant.of, scene))
         except TwolinkError as error:  # an effect does not fit the robot, or there is no such robot
             out["status"][rows], out["reason"][rows] = FAILED, str(error)[:LONGEST_REASON]
             continue
-        group = _VariantRuns(request, run_inputs(own, of.off, of.accuracy, quantities, some), out, rows)
-        (_batch if way(own, of, request, quantities)[0] else _one_by_one)(group, np.arange(len(rows)))
+        group = _VariantRuns(request, variant.inputs(own, quantities, some), out, rows)
+        (_batch if way(own, variant, request, quantities)[0] else _one_by_one)(group, np.arange(len(rows)))
     return out
 
 
-class _Variant(NamedTuple):
-    """Settings that a group of runs shares: places of effects that are off, accuracy, and robot ("": the scene's)."""
-
-    off: tuple[int, ...]
-    accuracy: float | None
-    robot: str
-
-
 def groups(accuracy: float | None, quantities: dict[str, Parameter], values: Columns,
-           ) -> Iterator[tuple[_Variant, np.ndarray]]:  # fmt: skip
+           ) -> Iterator[tuple[Variant, np.ndarray]]:  # fmt: skip
     """The runs by variant, and their rows. accuracy: where it does not vary."""
     chosen = [name for name, what in quantities.items() if what.kind in OF_VARIANTS]
     table = np.zeros((len(next(iter(values.values()))), len(chosen)), dtype=int)
@@ -124,22 +116,22 @@ def groups(accuracy: float | None, quantities: dict[str, Parameter], values: Col
         own = {name: known[name][code] for name, code in zip(chosen, codes, strict=True)}
         off = sorted(quantities[n].entries[0] for n, on in own.items() if quantities[n].kind == "switch" and not on)
         asked = float(own["accuracy"]) if "accuracy" in own else accuracy
-        yield _Variant(tuple(off), asked, str(own.get("robot", ""))), np.flatnonzero((table == codes).all(axis=1))
+        yield Variant(tuple(off), asked, str(own.get("robot", ""))), np.flatnonzero((table == codes).all(axis=1))
 
 
-def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Parameter]) -> tuple[bool, str]:
+def way(scene: Scene, variant: Variant, request: Request, quantities: dict[str, Parameter]) -> tuple[bool, str]:
     """True if runs of a variant are solved in batches, with the reason. scene: without the effects that are off."""
-    if of.robot:
+    if variant.robot:
         return False, "one by one: robots differ"
     if choose_contact_method(scene, None).method == "stepped":
         return False, "one by one: contacts are stepped, and errors are estimates"
     if request.functions:
         return False, f"one by one: {request.functions[0]} needs the whole run"
     varied = (name for name, what in quantities.items() if what.kind not in ("q", "v", *OF_VARIANTS))
-    names = tuple(new for name in varied if (new := renamed(name, of.off)) is not None)
+    names = tuple(new for name in varied if (new := variant.renamed(name)) is not None)
     if "energy" in request.outputs and names:
         return False, "one by one: the energy depends on each run's parameters"
-    bound = of.accuracy or ACCURACY
+    bound = variant.accuracy or ACCURACY
     if request.verify and not can_be_finer(METHODS["dop853"], bound):
         return False, f"one by one: {bound:g} is below what batches can verify"
     if differs_beyond_numbers(scene, names):
@@ -151,9 +143,9 @@ def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Para
 
 def ways(scene: Scene, request: Request, quantities: dict[str, Parameter], values: Columns) -> list[str]:
     """The ways in which runs with these values (n,) by name are solved, with the reasons."""
-    variants = (of for of, _ in groups(request.accuracy, quantities, values))
-    return [*dict.fromkeys(way(scene if of.robot else variant(scene, of.off), of, request, quantities)[1]
-                           for of in variants)]  # fmt: skip
+    variants = (variant for variant, _ in groups(request.accuracy, quantities, values))
+    return [*dict.fromkeys(way(scene if variant.robot else variant.of(scene), variant, request, quantities)[1]
+                           for variant in variants)]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,8 +280,8 @@ def run_scene(
         raise SceneError(f"there is no run {number}", argument="run", remedy=f"0 to {design.runs - 1}")
     at = np.unravel_index(number, design.shape)
     values = design.in_block(tuple(slice(i, i + 1) for i in at))
-    of, _ = next(groups(accuracy, design.quantities, values))
-    own = run_inputs(variant(scene, of.off, of.robot), of.off, of.accuracy, design.quantities, values)
+    variant, _ = next(groups(accuracy, design.quantities, values))
+    own = variant.inputs(variant.of(scene), design.quantities, values)
     changed = scene_with(own.scene, {name: float(numbers[0]) for name, numbers in own.parameters.items()})
     made = Scene(changed.base, own.q[0], own.v[0], changed.effects, duration, scene.title)
-    return made, of.accuracy, {name: numbers.tolist()[0] for name, numbers in values.items()}
+    return made, variant.accuracy, {name: numbers.tolist()[0] for name, numbers in values.items()}

@@ -14,7 +14,7 @@ import numpy as np
 from twolink.errors import SceneError, TwolinkError
 from twolink.io.progress import Report
 from twolink.parts.sweeps.design import Block
-from twolink.parts.sweeps.engines import BlockEngine, Dask, Futures, LocalProcesses, cluster_lost
+from twolink.parts.sweeps.engines import BlockEngine, Dask, LocalProcesses, cluster_lost
 from twolink.parts.sweeps.outputs import ABANDONED
 from twolink.parts.sweeps.plan import SweepPlan
 from twolink.parts.sweeps.runs import Columns, SweepTask
@@ -152,15 +152,14 @@ def _finished(futures: Collection[Any]) -> set[Any]:
 @contextlib.contextmanager
 def engine_of(executor: Any, workers: int | None) -> Iterator[BlockEngine]:
     """The engine for None, a Dask client or its address, Slurm's URL, or an executor. Raises SceneError otherwise."""
-    engine: BlockEngine
     if executor is None:
-        engine = LocalProcesses(workers)
+        engine: BlockEngine = LocalProcesses(workers)
     elif isinstance(executor, str) and executor.startswith(SCHEME):
         engine = Slurm(executor)
     elif isinstance(executor, str) or _is_client(executor):
         engine = Dask(executor)
     elif callable(getattr(executor, "submit", None)):
-        engine = Futures(executor)
+        engine = BlockEngine(executor)
     else:
         raise SceneError(f"expected a Dask client, an address or an executor, got {type(executor).__name__}",
                          argument="executor", remedy="leave it out for local processes")  # fmt: skip
