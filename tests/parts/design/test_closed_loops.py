@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.parts.design.test_linearize import difference_of, of_state
 from tests.refusals import refused
 from twolink.errors import SceneError
 
 CRANK = tl.load_scene("crank-spring")
-WEIGHTS = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
 
 
 @pytest.mark.slow
@@ -17,13 +17,11 @@ def test_along_a_motion_it_is_the_rate_of_sensitivities() -> None:
     run = s.run
     about = tl.linearize(CRANK, run.q[4:-4:8], run.v[4:-4:8], t=run.t[4:-4:8])
     assert about.names == ("q.crank_joint", "v.crank_joint")
-    whole = np.concatenate([np.concatenate([part[n] for n in "qv"], 2) for part in (s.q, s.v)], 1)
+    whole = of_state(s)
     own = whole[:, [about.independent[0], 3 + about.independent[0]]]
     middle = own[4:-4:8]
     np.testing.assert_allclose(about.lift @ middle, whole[4:-4:8], atol=1e-9)
-    count = len(own)
-    rate = sum(w * (own[4 + i : count - 4 + i : 8] - own[4 - i : count - 4 - i : 8]) for i, w in enumerate(WEIGHTS, 1))
-    np.testing.assert_allclose(about.A @ middle, 200 * rate, atol=1e-9)
+    np.testing.assert_allclose(about.A @ middle, 200 * difference_of(own)[::8], atol=1e-9)
 
 
 @pytest.mark.slow

@@ -3,7 +3,6 @@
 from collections import Counter
 
 import numpy as np
-import pytest
 
 import twolink as tl
 from tests.refusals import refused
@@ -30,10 +29,9 @@ def test_the_arm_has_four() -> None:
     np.testing.assert_allclose(few[0].q, [-np.pi / 2, 0.0], atol=1e-12)  # hanging is found without luck
 
 
-@pytest.mark.parametrize(("damping", "stability"), [({"shoulder": 0.5}, "asymptotically stable"), ({}, "centre")])
-def test_damping_decides_at_the_lowest(damping: dict[str, float], stability: str) -> None:
-    effects = [E.Gravity(), *([E.JointDamping(damping)] if damping else [])]
-    assert tl.equilibria(tl.Scene(ARM, effects=effects), [-1.5, 0.1])[0].stability == stability
+def test_damping_decides_at_the_lowest() -> None:
+    damped = tl.Scene(ARM, effects=[E.Gravity(), E.JointDamping({"shoulder": 0.5})])
+    assert tl.equilibria(damped, [-1.5, 0.1])[0].stability == "asymptotically stable"
 
 
 def test_a_spring_moves_them_and_counts_turns() -> None:

@@ -26,6 +26,17 @@ def panda() -> tl.Scene:
     return tl.Scene(scene.base, scene.q, random.uniform(-1, 1, 7), effects)
 
 
+def of_state(s: tl.Sensitivities) -> np.ndarray:
+    """d(q, v)/d(q, v) of the start (n, 2 nv, 2 nv)."""
+    return np.concatenate([np.concatenate([part[name] for name in "qv"], 2) for part in (s.q, s.v)], 1)
+
+
+def difference_of(rows: np.ndarray) -> np.ndarray:
+    """The rates of rows, for a step of 1, at all but the first and last four of them."""
+    n = len(rows)
+    return sum(w * (rows[4 + i : n - 4 + i] - rows[4 - i : n - 4 - i]) for i, w in enumerate(WEIGHTS, 1))
+
+
 def test_panda_against_differences_in_long_double_precision() -> None:
     scene = panda()
     a, b, names = tl.linearize(scene, t=0.3)
@@ -69,11 +80,8 @@ def test_along_a_motion_it_is_the_rate_of_sensitivities() -> None:
     q, v = robot.random_state(1, seed=4)
     scene = tl.Scene(robot, q[0], 2.0 * v[0], [E.Gravity(), E.FrameWrench("arm", (0.0, E.Sine(2.0, 3.0), 1.0))])
     s = tl.sensitivities(scene, wrt=["q", "v"], duration=0.5, accuracy=1e-10, samples_per_second=100)
-    whole = np.concatenate([np.concatenate([s.q[n] for n in "qv"], 2), np.concatenate([s.v[n] for n in "qv"], 2)], 1)
-    middle = slice(4, -4)
-    rate = sum(w * (whole[4 + i : len(whole) - 4 + i] - whole[4 - i : len(whole) - 4 - i])
-               for i, w in enumerate(WEIGHTS, 1)) / 0.01  # fmt: skip
-    run = s.run
+    whole, middle, run = of_state(s), slice(4, -4), s.run
+    rate = 100 * difference_of(whole)
     about = tl.linearize(scene, run.q[middle], run.v[middle], t=run.t[middle])
     np.testing.assert_allclose(about.A @ whole[middle], rate, atol=1e-7 * np.abs(rate).max())
     assert about.B.shape == (len(rate), 14, 1)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.show.test_playback import way
 
 UP = [np.pi / 2, 0.0]
 CAUGHT, PUSHED = 2.0, 4.0  # s
@@ -32,9 +31,3 @@ def test_the_elbow_has_no_motor(swing_up: tl.Trajectory) -> None:
     damping = next(e for e in tl.load_scene("swing-up").effects if isinstance(e, tl.effects.JointDamping)).damping
     np.testing.assert_allclose(swing_up.tau[:, 1], -damping["elbow"] * swing_up.v[:, 1], atol=1e-12)
     assert np.abs(swing_up.tau[:, 0]).max() <= 60.0
-
-
-def test_its_playback_ends_upright(swing_up: tl.Trajectory, tmp_path) -> None:
-    """The elbow's place: from 1 m below the shoulder to 1 m above it."""
-    elbow = way(swing_up.playback(tmp_path / "swing-up.html"), "forearm_1")[1][:, :3]
-    np.testing.assert_allclose([elbow[0], elbow[-1]], [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], atol=1e-3)

@@ -276,13 +276,8 @@ class Integral:
         if self.what == "jerk":
             rows = CubicSpline(run.t, run.acceleration).derivative()(run.t)
         else:
-            rows = _rows(run, {"effort": "tau", "smoothness": "a", "motion": "v"}[self.what])
+            rows = getattr(run, {"effort": "tau", "smoothness": "acceleration", "motion": "v"}[self.what])
         return float(simpson((rows**2).sum(axis=1), x=run.t))
-
-
-def _rows(run: Trajectory, what: str) -> np.ndarray:
-    """q, v, a or tau at the samples."""
-    return np.asarray(getattr(run, {"a": "acceleration"}.get(what, what)))
 
 
 @dataclass(frozen=True)
@@ -303,7 +298,8 @@ class Extreme:
     def __call__(self, run: Trajectory) -> float:
         """The value."""
         joint = next(joint for joint in run.robot.joints if joint.name == self.joint)
-        rows = _rows(run, self.what)[:, joint.q if self.what == "q" else joint.v]
+        rows = getattr(run, {"a": "acceleration"}.get(self.what, self.what))
+        rows = rows[:, joint.q if self.what == "q" else joint.v]
         return float(rows.max() if self.side == "max" else rows.min())
 
 

@@ -142,7 +142,7 @@ class Shooting:
         phase = np.zeros((1, matrix.shape[1]))
         if self.free_period:
             phase[0, : self.directions.shape[1]] = np.concatenate([run.v[0], run.acceleration[0]]) @ self.directions
-        return np.asarray(np.linalg.pinv(np.concatenate([matrix, phase]), rcond=RANK)[:, :-1])
+        return np.linalg.pinv(np.concatenate([matrix, phase]), rcond=RANK)[:, :-1]
 
     def _moved(self, shots: Shots, step: Array) -> Shots:
         """The shots from changed starts and another period."""

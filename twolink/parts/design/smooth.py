@@ -260,7 +260,7 @@ def freedom(equations: Equations, t: Array, x: Array) -> tuple[tuple[int, ...], 
 def allowed(constraints: Constraints, q: Array) -> Array:
     """The projection (nv, nv) onto the velocities that the loops allow at q."""
     rows = _jacobian(constraints, q)
-    return np.asarray(np.eye(rows.shape[1]) - np.linalg.pinv(rows, rcond=RANK) @ rows)
+    return np.eye(rows.shape[1]) - np.linalg.pinv(rows, rcond=RANK) @ rows
 
 
 def _jacobian(constraints: Constraints, q: Array) -> Array:
