@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import G, ball, bouncing, free_bodies, spheres, stepped
+from tests.effects.bodies import G, ball, bouncing, free_bodies, grounded, spheres, stepped
 from tests.near import assert_near
 
 E = tl.effects
@@ -58,8 +58,8 @@ def test_some_of_these_steps_are_taken_as_halves() -> None:
 def test_what_approaches_below_the_threshold_does_not_bounce(way: str) -> None:
     """Of bounces at sqrt(2 g z), e times that, ... those up to 1.2 m/s have none after them."""
     e, height, threshold = 0.5, 0.5, 1.2
-    contact = E.Contact(("ground",), restitution=e, threshold=threshold, shapes=spheres("ball"))
-    scene = tl.Scene(ball(), [0, 0, 0.1 + height, 0, 0, 0, 1], effects=[E.Gravity(), contact])
+    start = [0, 0, 0.1 + height, 0, 0, 0, 1]
+    scene = grounded(ball(), start, restitution=e, threshold=threshold, shapes=spheres("ball"))
     run = tl.simulate(scene, 1.5, contact=way, samples_per_second=100, **({"step": 0.005} if way == "stepped" else {}))
     hits = np.sqrt(2 * height / G) * np.array([1.0, 1.0 + 2 * e])  # the second at e sqrt(2 g z) = 1.57 m/s, then 0.78
     last = hits[1] + 2 * e * e * np.sqrt(2 * height / G)

@@ -8,7 +8,7 @@ import pytest
 
 import twolink as tl
 from tests.dynamics import robots
-from tests.effects.bodies import free_bodies, spheres, stepped
+from tests.effects.bodies import free_bodies, grounded, spheres, stepped
 from tests.near import assert_near
 from twolink.contact import compiled, stepping
 from twolink.contact.bodies import FreeBodies
@@ -215,9 +215,8 @@ def test_bodies_in_one_loop_are_one_island() -> None:
     robot = free_bodies("a", "b")
     q = np.array([0.0, 0, 0.1, 0, 0, 0, 1, 0.3, 0, 0.1, 0, 0, 0, 1])
     pin = E.PointLoop("a", "b", point_a=(0.15, 0.0, 0.05), point_b=(-0.15, 0.0, 0.05))
-    contact = E.Contact(("ground",), 0.4, restitution=0.2, shapes=spheres(*"ab"))
     v = np.array([0.3, 0.2, -0.5, 0, 0, 0, 0.3, 0.2, -0.5, 0, 0, 0])
-    require_same_steps(tl.Scene(robot, q, v, [E.Gravity(), contact, pin]), 0.004, 120)
+    require_same_steps(grounded(robot, q, v, pin, friction=0.4, restitution=0.2, shapes=spheres(*"ab")), 0.004, 120)
 
 
 @pytest.mark.parametrize(

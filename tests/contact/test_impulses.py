@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse as sparse
 
 import twolink as tl
-from tests.effects.bodies import ball, free_bodies, planar, spheres, stepped
+from tests.effects.bodies import ball, free_bodies, grounded, planar, spheres, stepped
 from tests.near import assert_near, raises
 from twolink.contact import impulses, step_law, stepping
 from twolink.contact.impulses import ContactProblem, Impulses, accelerated, newton, solve_impulses
@@ -91,8 +91,7 @@ def test_a_step_that_misses_the_laws_is_halved_and_then_refused(monkeypatch: pyt
 
     monkeypatch.setattr(step_law, "solve_impulses", never)
     monkeypatch.setattr(stepping, "compiled", lambda *_: None)
-    effects = [E.Gravity(), E.Contact(("ground",), shapes=spheres("ball"))]
-    scene = tl.Scene(ball(), [0, 0, 0.11, 0, 0, 0, 1], effects=effects)
+    scene = grounded(ball(), [0, 0, 0.11, 0, 0, 0, 1], shapes=spheres("ball"))
     with raises(tl.errors.AccuracyError, "contact-not-solved", "no impulses obey the laws"):
         stepped(scene, 0.1, 0.01)
 

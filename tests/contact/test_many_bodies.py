@@ -8,7 +8,7 @@ import pytest
 import scipy.sparse as sparse
 
 import twolink as tl
-from tests.effects.bodies import G, free_bodies, spheres, stepped
+from tests.effects.bodies import G, free_bodies, grounded, spheres, stepped
 from tests.near import assert_near, raises
 from twolink.contact import bodies as sparse_bodies
 from twolink.contact.positions import solve_normal
@@ -110,8 +110,7 @@ def test_bodies_whose_joints_are_placed_elsewhere_are_not_taken_for_those_at_the
         '<parent link="ground"/>', '<origin xyz="0 0 1"/><parent link="ground"/>'
     )
     monkeypatch.setattr(sparse_bodies, "MANY", 1)
-    effects = [E.Gravity(), E.Contact(("ground",), shapes=spheres(*"ab"))]
-    scene = tl.Scene(tl.load_robot(text), [0, 0, -0.9, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 1], effects=effects)
+    scene = grounded(tl.load_robot(text), [0, 0, -0.9, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 1], shapes=spheres(*"ab"))
     run = stepped(scene, 0.1, 0.01, samples=10)
     assert_near(run.q[-1, 2], -0.9, 1e-9)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import G, ball, ball_over_ball, planar, sliders_in_a_row, spheres
+from tests.effects.bodies import G, ball, ball_over_ball, grounded, planar, sliders_in_a_row, spheres
 from tests.near import assert_near, raises
 from tests.urdf_text import link
 
@@ -22,8 +22,9 @@ WAYS = pytest.mark.parametrize("way", [{"contact": "located"}, {"contact": "step
 def test_the_slip_of_a_block_is_that_of_its_closed_form(way: dict[str, object]) -> None:
     """v0 - mu g t, then none; friction is against it."""
     mu, v0 = 0.3, 2.0
-    effects = [E.Gravity(), E.Contact(("ground",), friction=mu, shapes=BLOCK)]
-    run = tl.simulate(tl.Scene(planar(), [0, 0.1, 0], [v0, 0, 0], effects), 1.0, samples_per_second=20, **way)
+    run = tl.simulate(
+        grounded(planar(), [0, 0.1, 0], [v0, 0, 0], friction=mu, shapes=BLOCK), 1.0, samples_per_second=20, **way
+    )
     forces = run.contact_forces
     slips = forces.slips["body - ground"]
     assert slips.shape == run.contacts["body - ground"][0].shape
@@ -54,8 +55,7 @@ def test_a_slip_is_that_of_the_first_body_on_the_second(way: dict[str, object], 
 def test_the_impulses_of_a_ball_that_bounces(way: dict[str, object]) -> None:
     """m (1 + e) v at each bounce, when it bounces."""
     e, height, mass = 0.5, 0.5, 2.0
-    effects = [E.Gravity(), E.Contact(("ground",), restitution=e, shapes=SPHERE)]
-    run = tl.simulate(tl.Scene(ball(), [0, 0, 0.1 + height, 0, 0, 0, 1], effects=effects), 0.75,
+    run = tl.simulate(grounded(ball(), [0, 0, 0.1 + height, 0, 0, 0, 1], restitution=e, shapes=SPHERE), 0.75,
                       samples_per_second=20, **way)  # fmt: skip
     found, fall = run.contact_forces.impulses["ball - ground"], math.sqrt(2 * height / G)
     assert_near(found.t, [fall, fall * (1 + 2 * e)], 1e-6)
@@ -96,8 +96,7 @@ def test_what_touches_passes_an_impact_on(way: dict[str, object]) -> None:
 def test_forces_and_impulses_change_the_momentum(way: dict[str, object]) -> None:
     """m (v(t) - v(0)) = integral (F + m g) dt + sum p, of a block that falls and slides to rest."""
     mu, v0, height, dt = 0.3, 2.0, 0.2, 1e-3
-    effects = [E.Gravity(), E.Contact(("ground",), friction=mu, shapes=BLOCK)]
-    scene = tl.Scene(planar(), [0, 0.1 + height, 0], [v0, 0, 0], effects)
+    scene = grounded(planar(), [0, 0.1 + height, 0], [v0, 0, 0], friction=mu, shapes=BLOCK)
     run = tl.simulate(scene, 1.0, samples_per_second=1 / dt, **{**way, **({"step": dt} if "step" in way else {})})
     force, (times, p) = run.contact_forces["body - ground"], run.contact_forces.impulses["body - ground"]
     hit = math.sqrt(2 * height / G)
@@ -111,7 +110,7 @@ def test_forces_and_impulses_change_the_momentum(way: dict[str, object]) -> None
 
 
 def test_a_saved_run_has_forces_and_neither_slips_nor_impulses(tmp_path: Path) -> None:
-    scene = tl.Scene(planar(), [0, 0.1, 0], [1, 0, 0], [E.Gravity(), E.Contact(("ground",), 0.3, shapes=BLOCK)])
+    scene = grounded(planar(), [0, 0.1, 0], [1, 0, 0], friction=0.3, shapes=BLOCK)
     run = tl.simulate(scene, 0.1, samples_per_second=20)
     forces = tl.Trajectory.load(run.save(tmp_path / "run.npz"), run.robot).contact_forces
     assert np.array_equal(forces["body - ground"], run.contact_forces["body - ground"])
@@ -123,7 +122,8 @@ def test_a_saved_run_has_forces_and_neither_slips_nor_impulses(tmp_path: Path) -
 def test_a_body_whose_name_has_the_sign_of_pairs() -> None:
     """It rests with its weight on the ground."""
     text = f'<robot name="r">{link("a - b", 2.0, 0.008)}</robot>'
-    effects = [E.Gravity(), E.Contact("ground", shapes={"a - b": SPHERE["ball"]})]
-    run = tl.simulate(tl.Scene(tl.load_robot(text, root="free"), [0, 0, 0.1, 0, 0, 0, 1], effects=effects), 0.1)
+    run = tl.simulate(
+        grounded(tl.load_robot(text, root="free"), [0, 0, 0.1, 0, 0, 0, 1], shapes={"a - b": SPHERE["ball"]}), 0.1
+    )
     for body, sign in (("a - b", 1.0), ("ground", -1.0)):
         assert run.contact_forces.on(body)[-1] == pytest.approx([0, 0, sign * 2.0 * G])

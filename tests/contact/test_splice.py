@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import G, bouncing, free_bodies, planar, spheres, stepped
+from tests.effects.bodies import G, bouncing, free_bodies, grounded, planar, spheres, stepped
 from tests.near import assert_near, assert_within, raises
 from twolink.contact.spliced import SplicedSolution
 from twolink.integrate.hybrid import engine
@@ -19,9 +19,9 @@ HIT = math.sqrt(2 * HEIGHT / G)
 
 def box(*effects: tl.effects.Effect) -> tl.Scene:
     """It turns, falls flat on four corners, which share the impact as no law says, and slides to rest."""
-    corners = E.Contact(("ground",), 0.2, shapes={"a": (E.Box((0.2, 0.3, 0.1)),)})
     q = [0, 0, 0.05 + HEIGHT, 0, 0, 0, 1]
-    return tl.Scene(free_bodies("a"), q, [2.0, 0, 0, 0, 0, 3.0], [E.Gravity(), corners, *effects])
+    shapes = {"a": (E.Box((0.2, 0.3, 0.1)),)}
+    return grounded(free_bodies("a"), q, [2.0, 0, 0, 0, 0, 3.0], *effects, friction=0.2, shapes=shapes)
 
 
 @functools.cache
@@ -77,8 +77,7 @@ def test_what_a_run_tells_is_of_both_parts() -> None:
 
 def test_an_error_at_the_splice_grows_as_motions_part(monkeypatch: pytest.MonkeyPatch) -> None:
     """A ball that goes on from its first bounce: the bar there, also of the velocity, leads ever farther away."""
-    contact = E.Contact(("ground",), restitution=0.5, shapes=spheres("body"))
-    scene = tl.Scene(planar(), [0, 0.1 + HEIGHT, 0], [1, 0, 0], [E.Gravity(), contact])
+    scene = grounded(planar(), [0, 0.1 + HEIGHT, 0], [1, 0, 0], restitution=0.5, shapes=spheres("body"))
     monkeypatch.setattr(engine, "MAX_EVENTS", 0)
     run = tl.simulate(scene, 0.45, samples_per_second=40, patience=2.0)
     bar, late = run.error[run.t < HIT][-1], run.t > HIT

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import twolink as tl
-from tests.effects.bodies import G, ball, bouncing, free_bodies, planar, spheres, stepped
+from tests.effects.bodies import G, ball, bouncing, free_bodies, grounded, planar, spheres, stepped
 from tests.near import assert_agree, assert_near, assert_within, raises
 from twolink.contact import bodies as sparse_bodies
 from twolink.contact.solver import SteppedSolution
@@ -38,8 +38,7 @@ HIT = brentq(lambda t: START[0] - G * t**2 / 2 - L * math.sin(START[1] + SPIN * 
 
 def rod(friction: float = 0.0) -> tl.Scene:
     """It falls on one end, on which it slides."""
-    effects = [E.Gravity(), E.Contact(("ground",), friction, shapes=ENDS)]
-    return tl.Scene(planar(), [0, *START], [0, 0, SPIN], effects)
+    return grounded(planar(), [0, *START], [0, 0, SPIN], friction=friction, shapes=ENDS)
 
 
 def rod_angle(t: np.ndarray) -> np.ndarray:
@@ -70,8 +69,7 @@ def test_a_ball_rolls_down_an_incline_as_its_closed_form() -> None:
 def test_a_block_slides_to_rest() -> None:
     """Over v0^2 / (2 mu g). Only the step in which it stops has an error: of second order, and below mu g h^2 / 2."""
     mu, v0, h = 0.3, 2.0, 0.01
-    effects = [E.Gravity(), E.Contact(("ground",), friction=mu, shapes=BLOCK)]
-    run = stepped(tl.Scene(planar(), [0, 0.1, 0], [v0, 0, 0], effects), 1.0, h)
+    run = stepped(grounded(planar(), [0, 0.1, 0], [v0, 0, 0], friction=mu, shapes=BLOCK), 1.0, h)
     t = np.fmin(run.t, v0 / (mu * G))
     assert_near(run.q[:, 0], v0 * t - mu * G * t**2 / 2, mu * G * h**2 / 2)
     assert_near(run.q[:, 1:], [0.1, 0.0], 1e-12)
@@ -80,8 +78,7 @@ def test_a_block_slides_to_rest() -> None:
 def test_a_ball_that_bounces_keeps_to_its_parabolas() -> None:
     """Impacts act when the ball meets the ground, not where a step ends. Bounces within a step are not followed."""
     h, e = 0.01, 0.7
-    effects = [E.Gravity(), E.Contact(("ground",), restitution=e, shapes=SPHERE)]
-    run = stepped(tl.Scene(ball(), [0, 0, 1.1, 0, 0, 0, 1], effects=effects), 3.0, h)
+    run = stepped(grounded(ball(), [0, 0, 1.1, 0, 0, 0, 1], restitution=e, shapes=SPHERE), 3.0, h)
     off = np.abs(run.q[:, 2] - 0.1 - bouncing(run.t, 1.0, e))
     assert off[run.t < 2.0].max() < 1e-11
     assert off.max() < G * h**2 / 2
@@ -99,8 +96,7 @@ def test_half_the_step_has_half_the_error() -> None:
 
 def test_the_end_of_a_rod_that_sticks_stays_where_it_is() -> None:
     """It tips over. That its tip has no velocity at the end of each step does not keep it in place to first order."""
-    effects = [E.Gravity(), E.Contact(("ground",), 2.0, shapes=ENDS)]
-    scene = tl.Scene(planar(), [L * math.cos(1.2), L * math.sin(1.2), 1.2], effects=effects)
+    scene = grounded(planar(), [L * math.cos(1.2), L * math.sin(1.2), 1.2], friction=2.0, shapes=ENDS)
     drifts = []
     for step in (0.02, 0.01):
         run = stepped(scene, END, step)
@@ -225,8 +221,8 @@ def test_located_events_without_end_are_stepped_where_nothing_was_asked_for(monk
 @pytest.mark.slow
 def test_a_box_that_slides_and_turns_on_four_corners_is_stepped() -> None:
     """The share of the corners, on which the motion depends, is not determined: the answer says so, and carries m g."""
-    corners = E.Contact(("ground",), 0.5, shapes={"a": (E.Box((0.2, 0.3, 0.1)),)})
-    scene = tl.Scene(free_bodies("a"), [0, 0, 0.05, 0, 0, 0, 1], [0.5, 0, 0, 0, 0, 1], [E.Gravity(), corners])
+    shapes = {"a": (E.Box((0.2, 0.3, 0.1)),)}
+    scene = grounded(free_bodies("a"), [0, 0, 0.05, 0, 0, 0, 1], [0.5, 0, 0, 0, 0, 1], friction=0.5, shapes=shapes)
     with pytest.raises(tl.errors.AccuracyError, match='contact="stepped"'):
         tl.simulate(scene, 0.2, contact="located")
     run = tl.simulate(scene, 0.2, samples_per_second=50, patience=5.0)
@@ -251,8 +247,7 @@ def test_what_an_accuracy_is_refused_for_can_be_asked_for() -> None:
 @pytest.mark.parametrize(("stiff", "accuracy"), [(1e5, None), (1e5, 2e-2), (1e7, None)])
 def test_steps_too_long_for_a_stiff_spring_are_made_smaller(stiff: float, accuracy: float | None) -> None:
     """x'' = -k x of a block that slides without friction: steps of 0.01 s grow without end for k > 4e4 / s^2."""
-    effects = [E.Gravity(), E.JointPD({"x": 0.0}, {"x": stiff}), E.Contact(("ground",), 0.0, shapes=BLOCK)]
-    scene = tl.Scene(planar(), [0.01, 0.1, 0], effects=effects)
+    scene = grounded(planar(), [0.01, 0.1, 0], None, E.JointPD({"x": 0.0}, {"x": stiff}), shapes=BLOCK)
     times = np.linspace(0.0, 0.2, 9)
     run = simulate_stepped(scene, times, accuracy, None, None, verify=True, patience=None if accuracy else 3.0)
     assert_within(run.q[:, 0], 0.01 * np.cos(math.sqrt(stiff) * times), run.error + 1e-12)
@@ -374,19 +369,14 @@ def test_balls_that_fall_on_each_other_do_not_overlap_and_gain_no_energy() -> No
 
 def test_damping_is_stable_for_steps_of_less_than_two_over_its_rate() -> None:
     """x'' = -d x' while a ball slides on the ground: also for 1 < h d, where accelerations alternate."""
-    effects = [
-        E.Gravity(),
-        E.JointDamping({"x": 150.0}),
-        E.Contact(("ground",), 0.0, shapes=spheres("body")),
-    ]
-    run = stepped(tl.Scene(planar(), [0.0, 0.1, 0], [1.0, 0, 0], effects), 0.5, 0.01, samples=100)
+    scene = grounded(planar(), [0.0, 0.1, 0], [1.0, 0, 0], E.JointDamping({"x": 150.0}), shapes=spheres("body"))
+    run = stepped(scene, 0.5, 0.01, samples=100)
     assert abs(run.v[-1, 0]) < 1e-3
 
 
 def test_steps_too_long_for_a_stiff_controller_end_with_an_error() -> None:
     """Explicit steps of x'' = -k x grow without end for h sqrt(k) > 2."""
-    effects = [E.Gravity(), E.JointPD({"x": 0.0}, {"x": 1e6}), E.Contact(("ground",), 0.5, shapes=BLOCK)]
-    scene = tl.Scene(planar(), [0.01, 0.1, 0], effects=effects)
+    scene = grounded(planar(), [0.01, 0.1, 0], None, E.JointPD({"x": 0.0}, {"x": 1e6}), friction=0.5, shapes=BLOCK)
     with raises(tl.errors.AccuracyError, "step-too-large", "take steps smaller than"):
         stepped(scene, 10.0, 0.01)
 
@@ -408,11 +398,10 @@ def test_damping_is_stable_in_any_step_and_of_second_order(controlled: bool) -> 
 
 def test_accelerations_are_rates_of_velocities_along_axes_that_turn() -> None:
     """A free body that spins about y falls: v' = R^T g - omega x v, and no force is left over."""
-    effects = [E.Gravity(), E.Contact("ground", 0.3, shapes=spheres("ball"))]
     for robot in (ball(), free_bodies("a", "ball")):
         count = robot.nv // 6
-        scene = tl.Scene(robot, [0, 0, 5, 0, 0, 0, 1] * count, [3.0, 0, 0, 0, 4, 0] * count, effects)
-        run = stepped(scene, 0.5, 0.01)
+        q, v = [0, 0, 5, 0, 0, 0, 1] * count, [3.0, 0, 0, 0, 4, 0] * count
+        run = stepped(grounded(robot, q, v, friction=0.3, shapes=spheres("ball")), 0.5, 0.01)
         for q, v, a in zip(run.q, run.v, run.acceleration, strict=True):
             turn = np.asarray(pin.Quaternion(q[3:7]).toRotationMatrix())
             assert a[:3] == pytest.approx(turn.T @ [0, 0, -G] - np.cross(v[3:6], v[:3]))
@@ -440,8 +429,7 @@ def test_a_tables_time_that_differs_from_a_samples_by_rounding_makes_no_step() -
     table, times = tuple(k / 10 for k in range(11)), np.append(np.arange(10) * 0.1, 1.0)
     assert (times != table).any()
     push = E.FrameWrench("ball", (0.0, 0.0, E.Sampled(table, tuple(-10.0 * t for t in table))))
-    effects = [E.Gravity(), push, E.Contact("ground", shapes=spheres("ball"))]
-    scene = tl.Scene(ball(), [0, 0, 0.1, 0, 0, 0, 1], effects=effects)
+    scene = grounded(ball(), [0, 0, 0.1, 0, 0, 0, 1], None, push, shapes=spheres("ball"))
     run = tl.simulate(scene, 1.0, t_eval=times, contact="stepped", step=0.01, verify=False)
     assert run.contact_forces["ball - ground"][1:, 2] == pytest.approx(2.0 * G + 10.0 * (times[1:] - 0.005))
     assert run.cost.steps == 100
@@ -450,16 +438,19 @@ def test_a_tables_time_that_differs_from_a_samples_by_rounding_makes_no_step() -
 def test_sensors_read_the_ends_of_steps_not_lines_between_samples() -> None:
     """A ball on a parabola that is sampled twice."""
     sensor = E.PoseSensor("ball", period=0.05)
-    effects = [E.Gravity(), E.Contact("ground", shapes=spheres("ball")), sensor]
-    run = tl.simulate(tl.Scene(ball(), [0, 0, 5, 0, 0, 0, 1], effects=effects), 0.5, t_eval=[0, 0.5], contact="stepped")
+    run = tl.simulate(
+        grounded(ball(), [0, 0, 5, 0, 0, 0, 1], None, sensor, shapes=spheres("ball")),
+        0.5,
+        t_eval=[0, 0.5],
+        contact="stepped",
+    )
     t, values = run.sensors["pose_sensor"]
     assert_near(values[:, 2], 5 - 0.5 * G * t**2, 1e-6)
 
 
 def test_forces_on_links_are_shown_of_steps_too() -> None:
     push = E.FrameWrench("ball", force=(2.0, 0, 0), moment=(0, 0, 1.0))
-    effects = [E.Gravity(), push, E.Contact("ground", 0.3, shapes=spheres("ball"))]
-    scene = tl.Scene(ball(), [0, 0, 0.3, 0, 0, 0, 1], effects=effects)
+    scene = grounded(ball(), [0, 0, 0.3, 0, 0, 0, 1], None, push, friction=0.3, shapes=spheres("ball"))
     located, steps = (tl.simulate(scene, 0.15, contact=way, accuracy=None) for way in ("located", "stepped"))
     assert located.wrenches_on_links.keys() == steps.wrenches_on_links.keys() != set()
     for one, other in zip(located.wrenches_on_links.values(), steps.wrenches_on_links.values(), strict=True):

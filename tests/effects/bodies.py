@@ -90,6 +90,11 @@ def bouncing(t: np.ndarray, height: float, e: float) -> np.ndarray:
     return out
 
 
+def grounded(robot: tl.Robot, q: Any, v: Any = None, *others: tl.effects.Effect, **law: Any) -> tl.Scene:
+    """A scene of bodies that fall on the ground. law: of the contact, and its shapes."""
+    return tl.Scene(robot, q, v, [tl.effects.Gravity(), *others, tl.effects.Contact("ground", **law)])
+
+
 def solved(
     robot: tl.Robot, effects: Sequence[tl.effects.Effect], duration: float, q: Any = None, v: Any = None,
     accuracy: float = 1e-9, **options: Any,

@@ -15,6 +15,7 @@ from tests.effects.bodies import (
     ball,
     ball_over_ball,
     free_bodies,
+    grounded,
     planar,
     slider,
     sliders_in_a_row,
@@ -161,7 +162,7 @@ def test_a_cylinder_stands_and_slides_until_its_load_tips_it() -> None:
     mu, v0, radius, half, k, high = 0.4, 1.0, 0.15, 0.25, 4.0, 0.4
     shapes = {"body": (E.Cylinder(radius, 2 * half),)}
     push = E.FrameWrench("body", (E.Polynomial((0.0, k)), 0.0, 0.0), point=(0.0, 0.0, high - half))
-    scene = tl.Scene(planar(), [0, half, 0], [v0, 0, 0], [E.Gravity(), E.Contact("ground", mu, shapes=shapes)])
+    scene = grounded(planar(), [0, half, 0], [v0, 0, 0], friction=mu, shapes=shapes)
     run = tl.simulate(scene, 0.5, accuracy=1e-9, samples_per_second=20)
     t = np.fmin(run.t, v0 / (mu * G))
     assert_near(run.q, np.column_stack([v0 * t - mu * G * t**2 / 2, half + 0 * t, 0 * t]), 1e-9)
@@ -178,8 +179,7 @@ def test_a_cylinder_starts_upright_but_for_a_rounding(monkeypatch: pytest.Monkey
     """The lowest point of its rim is rounding there, which compiled formulas and NumPy's do not share."""
     monkeypatch.setenv("TWOLINK_CACHE", "off")
     upright = [4.617861345417722e-16, -2.4588520612080807e-16, 0.8414537269122624, -0.5403291825040212]
-    contact = E.Contact("ground", 0.3, shapes={"c": (E.Cylinder(0.1, 0.3),)})
-    scene = tl.Scene(free_bodies("c"), [0, 0, 0.2, *upright], effects=[E.Gravity(), contact])
+    scene = grounded(free_bodies("c"), [0, 0, 0.2, *upright], friction=0.3, shapes={"c": (E.Cylinder(0.1, 0.3),)})
     state = RunState(equations_of(scene), 0.0).mode_state
     assert state.evaluate().contacts[:, 0, 0].min() == pytest.approx(0.05)
 
@@ -192,9 +192,9 @@ def test_a_block_that_turns_on_its_corners_has_a_determined_motion_only_about_it
         '<link name="lift"/>', link("block", 2.0, (1.0, 1.0, 0.5)), joint("z", "prismatic", "ground", "lift"),
         joint("turn", "revolute", "lift", "block")))  # fmt: skip
     shapes = {"block": (E.Box((2 * a, 2 * a, 0.2), (offset, 0.0, 0.0)),)}
-    scene = tl.Scene(robot, [0.1, 0.0], [0.0, w0], [E.Gravity(), E.Contact("ground", mu, shapes=shapes)])
+    scene = grounded(robot, [0.1, 0.0], [0.0, w0], friction=mu, shapes=shapes)
     e, fall, arm = 0.5, 0.02, a * math.sqrt(2)
-    falling = tl.Scene(robot, [0.1 + fall, 0.0], [0.0, w0], [E.Gravity(), E.Contact("ground", mu, e, shapes=shapes)])
+    falling = grounded(robot, [0.1 + fall, 0.0], [0.0, w0], friction=mu, restitution=e, shapes=shapes)
     if offset:
         for one, what in ((scene, "the motion depends"), (falling, "velocities after it depend")):
             with raises(AccuracyError, "indeterminate-forces", f"{what} on the share of each") as caught:
