@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import html
-import json
 import math
 import os
 import time
@@ -22,7 +20,7 @@ from twolink.dynamics.arguments import Positive, positive, texts, whole
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.steps.methods import METHODS, Method, method_named
-from twolink.io.files import path_to_write, write_atomic
+from twolink.io.files import path_to_write
 from twolink.io.progress import Report
 from twolink.io.tables import SUFFIXES, require_format, write_table
 from twolink.scenes import Scene
@@ -66,8 +64,7 @@ class Study(StudyData, BaseResult, Plotted):
         target = path_to_write(path)
         suffix = require_format(target, SAVED)
         if suffix == ".json":
-            text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
-            return write_atomic(target, lambda file: file.write(text.encode()))
+            return super().save(target)
         notes = {"robot": self.robot, "duration": repr(self.duration), "reference": self.reference.how,
                  "reference_error": repr(self.reference.error)}  # fmt: skip
         return write_table(target, self._columns(as_text=suffix == ".csv"), notes)
@@ -88,12 +85,8 @@ class Study(StudyData, BaseResult, Plotted):
     def _figure(self) -> Figure:
         return plot_study(self)
 
-    def text(self) -> str:
-        """The study as tables for people."""
-        return study_text(self)
-
     def __str__(self) -> str:
-        return self.text()
+        return study_text(self)
 
     def __repr__(self) -> str:
         ended = ", interrupted" if self.interrupted else ""
@@ -110,7 +103,7 @@ class Study(StudyData, BaseResult, Plotted):
             picture = figure_html(self.plot())
         except ShowError:  # no row has an error that can be drawn
             picture = ""
-        return f"<pre>{html.escape(self.text())}</pre>{picture}"
+        return super()._repr_html_() + picture
 
 
 def accuracy_study(
