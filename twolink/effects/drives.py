@@ -430,10 +430,7 @@ class Backlash(MotorOnSpring, frozen=True):
 
     gap: Annotated[Mapping[str, Gap], of("stiffness", each=True)] = {}
 
-    @property
-    def analytic(self) -> bool:
-        """It is smooth only between contacts."""
-        return False
+    analytic: ClassVar[bool] = False  # only between contacts
 
     def force(self, joint: str, twist: Scalar, rate: Scalar, loads: Loads, xp: Any) -> Scalar:
         """f, from how far the flanks are pressed."""

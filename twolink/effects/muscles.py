@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.spatial import Scalar, minus, plus, times
@@ -68,10 +68,7 @@ class Muscle(Effect, frozen=True):
     fall: AboveZero = 0.050
     start: NotNegative = 0.0
 
-    @property
-    def analytic(self) -> bool:
-        """Its curves have kinks."""
-        return False
+    analytic: ClassVar[bool] = False  # its curves have kinks
 
     def check(self, robot: Robot) -> None:
         """Require excitation and activation from 0 to 1."""
