@@ -14,21 +14,49 @@ import numpy as np
 
 from tests.native.tapes import random_tape
 from twolink.algorithms.tape import Tape
-from twolink.native.library import library
+from twolink.native.library import OUTCOMES, library
 from twolink.native.machine import WIDTHS, Program, assembled
 
 WHOLE = (0, 1, -1, 2, 5, 16, 17, 255, 65_535, 65_536, 2**31 - 1, -(2**31))
 LONG = (*WHOLE, 2**32, 2**40, 2**62, 2**63 - 1, -(2**63))
 NUMBERS = (0.0, -0.0, 1.0, -1.0, np.nan, np.inf, -np.inf, 1e308, -1e308, 5e-324, 1e17)
-REFUSED = range(1, 5)  # the codes
-COUNTING = "tl_attempts", "tl_ticks"  # what was made
 
 
-class Fuzzer:
-    """Sound arguments of each entry, of which some are made wrong."""
+class Calls:
+    """Calls of the library, and what came of them. refused: codes. counting: entries that give what was made."""
+
+    refused, counting = range(1, 5), ("tl_attempts", "tl_ticks")
 
     def __init__(self, seed: int) -> None:
         self.random, self.c, self.seen = np.random.default_rng(seed), library(), collections.Counter[str]()
+
+    def nothing(self) -> None:
+        """Null where an object is expected."""
+
+    def once(self) -> None:
+        """A call of each kind."""
+
+    def note(self, entry: str, code: int) -> None:
+        """Count an outcome, which is a code of the table or what an entry gives."""
+        counts = entry in self.counting
+        fine = code >= 0 if counts else code == 0
+        assert fine or (-code in range(1, len(OUTCOMES)) if counts else code in self.refused), (entry, code)
+        self.seen[f"{entry} {'fine' if fine else 'refused'}"] += 1
+
+    def tell(self, count: int) -> None:
+        """Make so many calls of each kind."""
+        self.nothing()
+        for _ in range(count):
+            self.once()
+        for name, times in sorted(self.seen.items()):
+            print(name, times)
+
+
+class Fuzzer(Calls):
+    """Sound arguments of each entry, of which some are made wrong."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
         tape, inputs, outputs = random_tape(seed)
         self.one = assembled(tape, inputs, outputs)
         self.arrays = [np.ascontiguousarray(a) for a in (
@@ -51,10 +79,11 @@ class Fuzzer:
             out[at] = None if at in pointers else int(self.random.choice(wholes[at]))
         return out
 
-    def note(self, entry: str, code: int) -> None:
-        """Count an outcome, which is a code of the table or what an entry gives."""
-        assert code == 0 or abs(code) in REFUSED or entry in COUNTING, (entry, code)
-        self.seen[f"{entry} {'fine' if (code >= 0 and entry in COUNTING) or code == 0 else 'refused'}"] += 1
+    def once(self) -> None:
+        """A program, columns, and a method with attempts and ticks."""
+        self.programs()
+        self.columns(self.program, self.one.inputs, len(self.arrays[4]))
+        self.methods()
 
     def programs(self) -> None:
         """Codes of random numbers, and lengths that are too small, below 0 or too large to be."""
@@ -75,7 +104,7 @@ class Fuzzer:
         if code_of == 0:
             self.columns(made.value, values[0], values[1])
             self.c.tl_program_free(made)
-        assert self.c.tl_program_new(*sound, None) in REFUSED
+        assert self.c.tl_program_new(*sound, None) in self.refused
         self.arrays[0][:] = keep
 
     def columns(self, program: Any, inputs: int, outputs: int) -> None:
@@ -203,7 +232,9 @@ class Fuzzer:
         y = np.zeros((40, len(self.arrays[4])))
         blocks = [ctypes.addressof(block) for block in (_block(x), _block(y))]
         narrow = c.tl_registers_new(self.program, 1)
-        assert c.tl_columns(self.program, 0, 8, narrow, 40, 1, blocks[0], 1, blocks[1]) in REFUSED  # of another width
+        assert (
+            c.tl_columns(self.program, 0, 8, narrow, 40, 1, blocks[0], 1, blocks[1]) in self.refused
+        )  # of another width
         c.tl_registers_free(narrow)
 
 
@@ -214,17 +245,5 @@ def _block(a: np.ndarray) -> Any:
     return _Block(a.ctypes.data, a.strides[1] // 8, a.strides[0] // 8, a.shape[1])
 
 
-def main(seed: int, count: int) -> None:
-    """So many calls of each kind."""
-    fuzzer = Fuzzer(seed)
-    fuzzer.nothing()
-    for _ in range(count):
-        fuzzer.programs()
-        fuzzer.columns(fuzzer.program, fuzzer.one.inputs, len(fuzzer.arrays[4]))
-        fuzzer.methods()
-    for name, times in sorted(fuzzer.seen.items()):
-        print(name, times)
-
-
 if __name__ == "__main__":
-    main(int(sys.argv[1]), int(sys.argv[2]))
+    Fuzzer(int(sys.argv[1])).tell(int(sys.argv[2]))

@@ -5,7 +5,6 @@
 Prints, by entry, how many calls were refused and how many were fine.
 """
 
-import collections
 import ctypes
 import sys
 from typing import Any
@@ -14,15 +13,14 @@ import numpy as np
 
 import twolink as tl
 from tests.effects.bodies import free_bodies
-from tests.native.fuzzing import LONG, NUMBERS, WHOLE
+from tests.native.fuzzing import LONG, NUMBERS, WHOLE, Calls
 from twolink.contact.compiled import parts_of
 from twolink.contact.solver import stepper_of
 from twolink.contact.steps import Memory
 from twolink.native.contact import Parts, StepPlan, _Told
-from twolink.native.library import OUTCOMES, library
+from twolink.native.library import OUTCOMES
 
 E = tl.effects
-REFUSED = range(1, len(OUTCOMES))  # the codes
 
 
 def scenes() -> list[Parts]:
@@ -44,21 +42,16 @@ def scenes() -> list[Parts]:
     return [parts_of(one.bodies, one.detector, one.joints, one.laws, one.loops) for one in steppers]
 
 
-class Fuzzer:
+class ContactFuzzer(Calls):
     """Sound scenes, of which some numbers are made wrong."""
 
+    refused, counting = range(1, len(OUTCOMES)), ("tl_contact_run",)
+
     def __init__(self, seed: int) -> None:
-        self.random, self.c, self.seen = np.random.default_rng(seed), library(), collections.Counter[str]()
+        super().__init__(seed)
         self.scenes = scenes()
 
-    def note(self, entry: str, code: int) -> None:
-        """Count an outcome, which is a code of the table, or how many steps there were."""
-        assert code >= 0 or -code in REFUSED, (entry, code)
-        assert entry == "tl_contact_run" or code == 0 or code in REFUSED, (entry, code)
-        fine = code == 0 if entry == "tl_contact_new" else code >= 0
-        self.seen[f"{entry} {'fine' if fine else 'refused'}"] += 1
-
-    def one(self) -> None:
+    def once(self) -> None:
         """A scene with some wrong sizes, indices or numbers, and steps of it."""
         parts, random = self.scenes[int(self.random.integers(len(self.scenes)))], self.random
         sizes, whole = np.array(parts.sizes, dtype=np.int32), np.array(parts.whole, dtype=np.int32)
@@ -117,16 +110,10 @@ class Fuzzer:
         sizes = (*plan.arguments[1:], *counts[:2])
         self.note("tl_contact_run", int(self.c.tl_contact_run(scene, at, *sizes, begin, counts[2], out)))
 
-
-def main(seed: int, count: int) -> None:
-    """So many scenes."""
-    fuzzer = Fuzzer(seed)
-    fuzzer.c.tl_contact_free(None)
-    for _ in range(count):
-        fuzzer.one()
-    for name, times in sorted(fuzzer.seen.items()):
-        print(name, times)
+    def nothing(self) -> None:
+        """Null where a scene is expected."""
+        self.c.tl_contact_free(None)
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), int(sys.argv[2]))
+    ContactFuzzer(int(sys.argv[1])).tell(int(sys.argv[2]))

@@ -1,13 +1,9 @@
 """Programs: the native library, NumPy and the tape agree; a column has the same bits in every width and place."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
-import twolink as tl
 from tests.native.tapes import OPERATIONS, evaluated, random_tape
-from twolink.algorithms.functions import function
-from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.tape import Tape
 from twolink.errors import TwolinkError
 from twolink.native import machine
@@ -60,27 +56,6 @@ def test_neighbours_change_nothing() -> None:
         np.testing.assert_array_equal(program(np.array([angle])), found[:, i])
     with np.errstate(invalid="ignore"):
         np.testing.assert_allclose(found[:2], [np.sin(angles[0]), np.cos(angles[0])], rtol=0, atol=4e-16)
-
-
-@pytest.mark.parametrize(("name", "options"), [("two_link", {}), ("ur5", {}), ("go1", {"root": "free"})])
-def test_forward_dynamics_is_pinocchios(name: str, options: dict[str, str]) -> None:
-    robot = tl.load_robot(name, **options)
-    of = function(robot.model, "forward_dynamics")
-    sizes = [size for _, size in of.arguments]
-
-    def formula(x: np.ndarray, xp: Tape) -> list[object]:
-        parts = np.split(x, np.cumsum(sizes)[:-1])
-        arguments = {key: list(part) for (key, _), part in zip(of.arguments, parts, strict=True)}
-        return of.variants[0](mechanism(robot.model), arguments, xp)
-
-    q, v = robot.random_state(20, seed=3)
-    tau = np.random.default_rng(3).uniform(-5, 5, v.shape)
-    found = Program(trace(formula, sum(sizes)))(np.concatenate([q, v, tau], axis=1).T).T
-    data = robot.model.createData()
-    for row, (one, speed, torque) in enumerate(zip(q, v, tau, strict=True)):
-        expected = pin.aba(robot.model, data, one, speed, torque)
-        condition = np.linalg.cond(robot.mass_matrix(one))
-        np.testing.assert_allclose(found[row], expected, rtol=0, atol=1e-15 * condition * (1 + np.abs(expected).max()))
 
 
 @pytest.mark.parametrize("seed", range(8))

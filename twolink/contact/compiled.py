@@ -23,9 +23,9 @@ from twolink.geometry.gaps import BoxGap, CylinderGap, RimGap, RoundGap
 from twolink.geometry.hulls import FEW, Hull
 from twolink.geometry.on_world import Group, OnFields, OnPlanes, RimsOnPlanes, bounding_radius
 from twolink.geometry.pairs import gaps_of
-from twolink.geometry.points import Links, Places, joined
+from twolink.geometry.points import Links, Places, Points, joined
 from twolink.integrate.motion.state import Array
-from twolink.native.contact import ContactScene, Found, Parts, runs_alone
+from twolink.native.contact import ContactScene, Parts, runs_alone
 from twolink.native.library import library
 
 KINDS = ("free-flyer", "spherical", "planar", "revolute", "continuous", "prismatic")
@@ -75,12 +75,11 @@ class OtherPoints:
     def __init__(self, links: Links, groups: Sequence[Group]) -> None:
         self._links, self._groups = links, groups
 
-    def points(self, rotations: Array, origins: Array, reach: float) -> Found:
+    def points(self, rotations: Array, origins: Array, reach: float) -> Points:
         """The points with gaps below the reach, by their pairs."""
         links = self._links.at(Places(rotations, origins))
         points = joined(group.points(links, reach) for group in self._groups)
-        one = points.taken(np.argsort(points.pair, kind="stable"))
-        return Found(one.key, one.pair, one.first, one.second, one.gap, one.normal, one.position)
+        return points.taken(np.argsort(points.pair, kind="stable"))
 
     def overlap(self, rotations: Array, origins: Array) -> float:
         """The largest overlap, m."""

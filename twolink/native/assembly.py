@@ -7,8 +7,8 @@
 4. Registers are given by how long values live.
 """
 
-from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -41,8 +41,8 @@ def assemble(operations: Sequence[tuple[int, Operation]], inputs: Sequence[int],
     for key, (what, *operands) in operations:
         refs[key] = nodes.made(what, [refs[x] if type(x) is int else float(x) for x in operands])
     ends = [nodes.plain(refs[x] if type(x) is int else float(x)) for x in outputs]
-    found = _live(nodes, ends)
-    uses = _uses(found, ends)
+    found = dict(enumerate(nodes.all, nodes.base))
+    uses = Counter(x for operands in (ends, *(node[1:] for node in nodes.all)) for x in operands if type(x) is int)
     _fuse(found, uses)
     _join(found, uses)
     return allocated(ordered(instructions_of(found)), len(inputs), ends)
@@ -125,25 +125,6 @@ class _Nodes:
 
 def _negative(x: Signed) -> Signed:
     return -x if isinstance(x, float) else (-x[0], x[1])
-
-
-def _live(nodes: _Nodes, ends: Iterable[Node]) -> dict[int, tuple[Any, ...]]:
-    """The nodes behind the ends, in order."""
-    wanted = {x for x in ends if type(x) is int}
-    for number in range(nodes.base + len(nodes.all) - 1, nodes.base - 1, -1):
-        if number in wanted:
-            wanted.update(x for x in nodes.all[number - nodes.base][1:] if type(x) is int)
-    return {number: nodes.all[number - nodes.base] for number in sorted(wanted) if number >= nodes.base}
-
-
-def _uses(found: dict[int, tuple[Any, ...]], ends: Iterable[Node]) -> dict[int, int]:
-    """Counts of the uses of each node."""
-    uses: dict[int, int] = defaultdict(int)
-    for operands in (tuple(ends), *(node[1:] for node in found.values())):
-        for x in operands:
-            if type(x) is int:
-                uses[x] += 1
-    return uses
 
 
 def _fuse(found: dict[int, tuple[Any, ...]], uses: dict[int, int]) -> None:

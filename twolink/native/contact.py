@@ -26,23 +26,11 @@ class Parts(NamedTuple):
     loops: Program | None
 
 
-class Found(NamedTuple):
-    """Points of other pairs, which follow each other: (n,), and normal, position (n, 3)."""
-
-    keys: Array
-    pair: Array
-    first: Array
-    second: Array
-    gap: Array
-    normal: Array
-    position: Array
-
-
 class Finder(Protocol):
     """A finder of points for which the library has no formula, at poses of all bodies, the ground first."""
 
-    def points(self, rotations: Array, origins: Array, reach: float) -> Found:
-        """The points with gaps below the reach, m."""
+    def points(self, rotations: Array, origins: Array, reach: float) -> Any:
+        """The points (n,) with gaps below the reach, m, those of a pair after each other: the arrays of `_FOUND`."""
 
     def overlap(self, rotations: Array, origins: Array) -> float:
         """The largest overlap, m."""
@@ -64,16 +52,19 @@ class Told(NamedTuple):
     record: tuple[float, ...]
 
 
+_FOUND = {"key": np.int64, "pair": np.int32, "first": np.int32, "second": np.int32, "gap": float, "normal": float,
+          "position": float}  # fmt: skip
+
+
 class _FoundPoints(ctypes.Structure):
     """tl_found of native/contact/scene.h."""
 
-    _fields_ = (("count", ctypes.c_int64), *((name, ctypes.c_void_p) for name in Found._fields),
+    _fields_ = (("count", ctypes.c_int64), *((name, ctypes.c_void_p) for name in _FOUND),
                 ("overlap", ctypes.c_double))  # fmt: skip
 
 
 _FINDER = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p,
                            ctypes.POINTER(_FoundPoints))  # fmt: skip
-_KINDS = (np.int64, np.int32, np.int32, np.int32, float, float, float)
 
 
 class _Told(ctypes.Structure):
@@ -128,7 +119,10 @@ class _Instance:
     def __init__(self, parts: Parts, finder: Finder | None, *, misses: bool) -> None:
         self._programs, made = (parts.program, parts.loops), ctypes.c_void_p()
         sizes = np.array(parts.sizes, dtype=np.int32)
-        whole, numbers = (np.ascontiguousarray(parts.whole, dtype=np.int32), _numbers(parts.numbers))
+        whole, numbers = (
+            np.ascontiguousarray(parts.whole, dtype=np.int32),
+            np.ascontiguousarray(parts.numbers, dtype=float),
+        )
         programs = [None if one is None else one.require_handle().value for one in self._programs]
         self._find = _FINDER() if finder is None else _FINDER(self._found)
         code = library().tl_contact_new(address(sizes), len(whole), address(whole), len(numbers), address(numbers),
@@ -150,9 +144,9 @@ class _Instance:
                 out.contents.overlap = finder.overlap(rotations, origins)
                 return 0
             found = finder.points(rotations, origins, reach)
-            self._points = [np.ascontiguousarray(x, dtype=kind) for x, kind in zip(found, _KINDS, strict=True)]
-            out.contents.count = len(found.keys)
-            for name, array in zip(Found._fields, self._points, strict=True):
+            self._points = [np.ascontiguousarray(getattr(found, name), dtype=kind) for name, kind in _FOUND.items()]
+            out.contents.count = len(found.key)
+            for name, array in zip(_FOUND, self._points, strict=True):
                 setattr(out.contents, name, array.ctypes.data)
         except BaseException as error:
             self._failed = error
@@ -170,14 +164,9 @@ class _Instance:
                                          self._reference)  # fmt: skip
         if self._failed is not None:
             raise self._failed
-        if taken < 0:
-            require(taken, "steps with contacts")
+        require(min(taken, 0), "steps with contacts")
         words, blows = _copied(out.words, out.word_count), _copied(out.blow_words, out.blow_count)
         return Told(taken, words, blows, out.last, out.known, bool(out.rests), tuple(out.record))
-
-
-def _numbers(x: Array) -> Array:
-    return np.ascontiguousarray(x, dtype=float)
 
 
 def _copied(place: int, count: int) -> Array:

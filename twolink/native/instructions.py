@@ -82,7 +82,9 @@ def ordered(instructions: list[Instruction]) -> list[Instruction]:
         for before in {maker[x] for x in one.reads if x in maker}:
             users[before].append(i)
             waiting[i] += 1
-    depth = _depths(users, waiting)
+    depth = [0] * len(instructions)  # how many there are on the longest way to the end: makers stand before users
+    for i in reversed(range(len(instructions))):
+        depth[i] = 1 + max((depth[user] for user in users[i]), default=0)
     ready: dict[str, list[tuple[int, int]]] = defaultdict(list)
     for i, one in enumerate(instructions):
         if not waiting[i]:
@@ -99,20 +101,6 @@ def ordered(instructions: list[Instruction]) -> list[Instruction]:
             if not waiting[user]:
                 heapq.heappush(ready[instructions[user].what], (-depth[user], user))
     return out
-
-
-def _depths(users: list[list[int]], waiting: list[int]) -> list[int]:
-    """The number of instructions on the longest way from each to the end."""
-    left, order = waiting[:], [i for i, count in enumerate(waiting) if not count]
-    for i in order:
-        for user in users[i]:
-            left[user] -= 1
-            if not left[user]:
-                order.append(user)
-    depth = [0] * len(users)
-    for i in reversed(order):
-        depth[i] = 1 + max((depth[user] for user in users[i]), default=0)
-    return depth
 
 
 def allocated(instructions: list[Instruction], inputs: int, ends: Sequence[Node]) -> Assembled:

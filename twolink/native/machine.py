@@ -2,7 +2,6 @@
 
 import ctypes
 import functools
-import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
@@ -33,9 +32,6 @@ _NUMPY: dict[str, Callable[..., Any]] = {
     "LESS": lambda a, b: np.where(a < b, 1.0, 0.0), "LESS_EQUAL": lambda a, b: np.where(a <= b, 1.0, 0.0),
     "WHERE": lambda a, b, c: np.where((a < 0.0) | (a > 0.0), b, c),
 }  # fmt: skip
-_OPERANDS = {"SQRT": 1, "NEG": 1, "EXP": 1, "TANH": 1, "COPY": 1, "FMA": 3, "FMS": 3, "FNMA": 3, "FMA_K": 3, "FMS_K": 3,
-             "WHERE": 3, "DOT2": 4, "DOT2_MINUS": 4, "E_DOT2": 5, "E_DOT2_MINUS": 5, "E_MINUS_DOT2": 5, "E_DOT3": 7,
-             "E_DOT4": 9}  # fmt: skip
 
 
 def trace(formula: Callable[[Array, Tape], Iterable[Any]], inputs: int) -> Assembled:
@@ -98,11 +94,6 @@ class Program:
         """True if so many columns fit side by side."""
         return self.arrays.registers * width <= 65_536
 
-    def widest(self, columns: int, most: int = MANY) -> int:
-        """The width for so many columns."""
-        wanted = ALONE if columns == 1 else FEW if columns <= FEW else most
-        return next(width for width in WIDTHS if width <= wanted and self.fits(width))
-
     def __call__(self, x: Array, out: Array | None = None) -> Array:
         """The outputs (outputs, n) of inputs (inputs, n), of any strides; or (outputs,) of (inputs,)."""
         x = np.asarray(x, dtype=float)
@@ -129,7 +120,7 @@ class Program:
                 begin += out.shape[1]
             return
         count = len(inputs[0])
-        pool = self._pool(width or self.widest(count, WIDTHS[0] if count > WIDE else MANY))
+        pool = self._pool(width or widest([self], count, WIDTHS[0] if count > WIDE else MANY))
         registers = pool.take()
         try:
             code = library().tl_columns(
@@ -155,8 +146,13 @@ class Program:
 
     def _pool(self, width: int) -> Pool:
         """Registers of this width."""
-        pool = self._pools.get(width)
-        return pool or self._pools.setdefault(width, Pool(functools.partial(_Registers, self, width)))
+        return self._pools.get(width) or self._pools.setdefault(width, Pool(functools.partial(_Registers, self, width)))
+
+
+def widest(programs: Sequence[Program], columns: int, most: int = MANY) -> int:
+    """The width at which programs run side by side on so many columns."""
+    wanted = ALONE if columns == 1 else FEW if columns <= FEW else most
+    return next(width for width in WIDTHS if width <= wanted and all(one.fits(width) for one in programs))
 
 
 class _Block(ctypes.Structure):
@@ -180,7 +176,7 @@ class SmallBatch:
     def __init__(self, program: Program, rows: int, inputs: Sequence[int], outputs: Sequence[int]) -> None:
         self.inputs = [np.empty((rows, size)) for size in inputs]
         self.outputs = [np.empty((rows, size)) for size in outputs]
-        self._program, self._registers = program, _Registers(program, program.widest(rows))  # which do not keep it
+        self._program, self._registers = program, _Registers(program, widest([program], rows))  # which do not keep it
         self._before = (*self._registers.arguments[:2], self._registers.width, self._registers.handle.value)
         self._after = (len(inputs), _blocks(self.inputs), len(outputs), _blocks(self.outputs))
         self._call = library().tl_columns
@@ -213,22 +209,24 @@ def _by_numpy(arrays: Assembled, constants: Array, constant_at: Array, x: Array)
             if what == "SINCOS":
                 registers[row[0]], registers[row[2]] = np.sin(registers[row[1]]), np.cos(registers[row[1]])
                 continue
-            operands = (
-                [registers[i] for i in row[1 : 1 + _OPERANDS.get(what, 2)]]
-                if what not in WITH_SCALAR
-                else [registers[row[1]], scalars[row[2]], *(registers[i] for i in row[3 : 1 + _OPERANDS.get(what, 2)])]
-            )
+            operands = [scalars[i] if k == 1 and what in WITH_SCALAR else registers[i]
+                        for k, i in enumerate(row[1 : 1 + _operands(what)])]  # fmt: skip
             registers[row[0]] = _NUMPY[what](*operands)
     return np.array([registers[i] for i in arrays.output_at]).reshape(len(arrays.output_at), x.shape[1])
+
+
+def _operands(what: str) -> int:
+    """The number of operands of an operation."""
+    function = _NUMPY[what]
+    return function.nin if isinstance(function, np.ufunc) else function.__code__.co_argcount
 
 
 def _instructions(code: list[int]) -> Iterator[tuple[str, list[int]]]:
     """The instructions of a code: operation and places."""
     at = 0
     while at < len(code):
-        what, count = OPERATIONS[code[at]], code[at + 1]
+        what, begin = OPERATIONS[code[at]], at + 4
         width = 4 * QUADS.get(what, 1)
-        at += 4
-        for _ in itertools.repeat(None, count):
-            yield what, code[at : at + width]
-            at += width
+        at = begin + width * code[at + 1]
+        for place in range(begin, at, width):
+            yield what, code[place : place + width]

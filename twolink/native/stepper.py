@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from twolink.native.library import Handle, Pool, address, level, library, require
-from twolink.native.machine import ALONE, FEW, MANY, WIDTHS, Program
+from twolink.native.machine import Program, widest
 
 Array = np.ndarray[Any, np.dtype[Any]]
 KINDS = ("explicit", "implicit", "whole")
@@ -132,19 +132,17 @@ class Stepper:
 
     def width(self, columns: int) -> int:
         """The number of columns that run side by side."""
-        wanted = ALONE if columns == 1 else FEW if columns <= FEW else MANY
-        fitting = (w for w in WIDTHS if w <= wanted and all(p.fits(w) for p in self.formulas.programs()))
-        return next(fitting)
+        return widest(self.formulas.programs(), columns)
 
     def attempts(self, states: Array, count: int, look: int, disturbances: Disturbances | None = None) -> int:
         """Up to `count` attempts of each column of states (count + 1, rows, n), of which the first is given.
 
         Returns how many were made: fewer when all columns have arrived, or, every `look` attempts, half of them.
         """
-        pool = self.pool(states.shape[2])
+        pool = self._pool(states.shape[2])
         work = pool.take()
         try:
-            return self._on(states, disturbances, work)(count, look)
+            return Attempts(self, states, disturbances, work)(count, look)
         finally:
             pool.give(work)
 
@@ -153,29 +151,17 @@ class Stepper:
 
         One thread at a time may call it; what it works with returns to the stepper when it is no longer used.
         """
-        pool = self.pool(states.shape[2])
+        pool = self._pool(states.shape[2])
         work = pool.take()
-        made = self._on(states, disturbances, work)
+        made = Attempts(self, states, disturbances, work)
         # The finalizer keeps the workspace: with __del__ the collector could free it first.
         weakref.finalize(made, pool.give, work).atexit = False
         return made
 
-    def _on(self, states: Array, disturbances: Disturbances | None, work: Handle) -> "Attempts":
-        """Attempts with a workspace."""
-        columns = states.shape[2]
-        if states.shape[1] != self.rows or not (states.flags.c_contiguous and states.dtype == float):
-            raise ValueError(f"states of {states.shape} and {states.dtype} for {self.rows} rows")
-        if disturbances is not None and disturbances.moves.shape != (self.formulas.moving, columns):
-            raise ValueError(f"disturbances of {disturbances.moves.shape} for {columns} columns")
-        return Attempts(self, states, disturbances, work)
-
-    def pool(self, columns: int) -> Pool:
+    def _pool(self, columns: int) -> Pool:
         """Workspaces for so many columns."""
-        width = self._widths.get(columns)
-        if width is None:
-            width = self._widths.setdefault(columns, self.width(columns))
-        pool = self._pools.get(width)
-        return pool or self._pools.setdefault(width, Pool(functools.partial(self._workspace, width)))
+        width = self._widths.get(columns) or self._widths.setdefault(columns, self.width(columns))
+        return self._pools.get(width) or self._pools.setdefault(width, Pool(functools.partial(self._workspace, width)))
 
     def _workspace(self, width: int) -> Handle:
         return Handle(library().tl_workspace_new(self.handle.value, width), library().tl_workspace_free)
@@ -185,8 +171,13 @@ class Attempts:
     """Attempts on states that stay where they are, with a workspace that nothing else uses."""
 
     def __init__(self, stepper: Stepper, states: Array, disturbances: Disturbances | None, work: Handle) -> None:
+        columns = states.shape[2]
+        if states.shape[1] != stepper.rows or not (states.flags.c_contiguous and states.dtype == float):
+            raise ValueError(f"states of {states.shape} and {states.dtype} for {stepper.rows} rows")
+        if disturbances is not None and disturbances.moves.shape != (stepper.formulas.moving, columns):
+            raise ValueError(f"disturbances of {disturbances.moves.shape} for {columns} columns")
         self._most, self._uses = len(states) - 1, (stepper, states, disturbances)
-        self._fixed = (work.value, level(), states.shape[2])
+        self._fixed = (work.value, level(), columns)
         self._places = (states.ctypes.data, None if disturbances is None else ctypes.byref(disturbances.pointer))
         self._call = library().tl_attempts
 
@@ -195,13 +186,11 @@ class Attempts:
         if count > self._most:
             raise ValueError(f"{count} attempts in a place for {self._most}")
         made = self._call(*self._fixed, count, look, *self._places)
-        if made < 0:
-            require(made, "steps")
+        require(min(made, 0), "steps")
         return int(made)
 
     def with_law(self, law: Any) -> int:
         """Attempts with the ticks of a law between them; how many were made."""
         made = library().tl_ticks(*self._fixed, self._most, *self._places, law)
-        if made < 0:
-            require(made, "ticks")
+        require(min(made, 0), "ticks")
         return int(made)
