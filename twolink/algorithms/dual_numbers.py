@@ -34,9 +34,7 @@ class Jet:
         return Jet([plus(a, b) for a, b in zip(self.c, x.c, strict=True)])
 
     def __sub__(self, x: Any) -> Jet:
-        if not isinstance(x, Jet):
-            return Jet([minus(self.c[0], x), *self.c[1:]])
-        return Jet([minus(a, b) for a, b in zip(self.c, x.c, strict=True)])
+        return self.__add__(-x)
 
     def __rsub__(self, x: Any) -> Jet:
         return (-self).__add__(x)

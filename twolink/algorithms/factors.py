@@ -78,19 +78,12 @@ def ldlt_outward(lower: Matrix, inverse: Scalars, parents: Sequence[int], b: Sca
 
 def ldlt_inverse(lower: Matrix, inverse: Scalars, parents: Sequence[int]) -> Matrix:
     """M^-1 of M = L^T D L: its lower triangle by L^-1 D^-1 L^-T, column by column, the rest by symmetry."""
-    n = len(parents)
-    answer: Matrix = [[0.0] * n for _ in range(n)]
-    for k in range(n):
-        x: list[Scalar] = [0.0] * n
-        x[k] = 1.0
-        for j in (k, *_ancestors(parents, k)):
-            for i in _ancestors(parents, j):
-                x[i] = minus(x[i], times(lower[j][i], x[j]))
-        for j in range(k + 1):
-            x[j] = times(x[j], inverse[j])
-            for i in _ancestors(parents, j):
-                x[j] = minus(x[j], times(lower[j][i], x[i]))
-            answer[k][j] = answer[j][k] = x[j]
+    answer: Matrix = [[0.0] * len(parents) for _ in parents]
+    for k in range(len(parents)):
+        unit = [1.0 if j == k else 0.0 for j in range(len(parents))]
+        upwards = ldlt_inward(lower, parents, unit)[: k + 1]
+        for j, entry in enumerate(ldlt_outward(lower, inverse, parents, upwards)):
+            answer[k][j] = answer[j][k] = entry
     return answer
 
 

@@ -94,8 +94,7 @@ def single_bodies(model: pin.Model, parameters: Mapping[str, Scalar] | None = No
     chosen = dict(parameters or {})
     values = nominal_values(model)
     for name, value in chosen.items():
-        require_known(name, values, QueryError, "there is no parameter {!r}", argument="parameters",
-                      code="unknown-parameter")  # fmt: skip
+        _require_parameter(name, values)
         values[name] = float(value) if isinstance(value, (int, float, np.floating)) else value
     bodies, joints = body_names(model), range(1, model.njoints)
     return Mechanism(
@@ -127,9 +126,13 @@ def nominal(model: pin.Model, name: str) -> float:
     values = nominal_values(model)
     if name not in values:
         values |= moments(model)
-    require_known(name, values, QueryError, "there is no parameter {!r}", argument="parameters",
-                      code="unknown-parameter")  # fmt: skip
+    _require_parameter(name, values)
     return values[name]
+
+
+def _require_parameter(name: str, values: Mapping[str, Scalar]) -> None:
+    require_known(name, values, QueryError, "there is no parameter {!r}", argument="parameters",
+                  code="unknown-parameter")  # fmt: skip
 
 
 def with_nominal(model: pin.Model, name: str, value: float) -> None:

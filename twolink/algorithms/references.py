@@ -107,8 +107,12 @@ class ModelState:
         """(dtau/dq, dtau/dv, dtau/da) (3, nv, nv) at an acceleration."""
         data = self.model.createData()  # the matrices are views into it
         by_q, by_v, by_a = pin.computeRNEADerivatives(self.model, data, self.q, self.v, a)
-        upper = np.triu(by_a)
-        return np.stack([by_q, by_v + np.diag(self.damping), upper + np.triu(upper, 1).T])
+        return np.stack([by_q, by_v + np.diag(self.damping), symmetric(by_a)])
+
+
+def symmetric(upper: Array) -> Array:
+    """The whole of a symmetric matrix of which Pinocchio fills the upper triangle."""
+    return np.asarray(np.triu(upper) + np.triu(upper, 1).T)
 
 
 Scale = float | Array  # for all entries, or one for each

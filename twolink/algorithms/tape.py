@@ -116,7 +116,7 @@ class Tape:
         """The symbol of an operation, made now or before."""
         keys = [x.key if isinstance(x, Symbol) else float(x) for x in operands]
         if what in "+*":
-            keys.sort(key=_constants_last)
+            keys.sort(key=lambda key: (isinstance(key, float), key))  # constants last
         return self.made((what, *keys))
 
     def made(self, operation: Operation) -> Symbol:
@@ -159,8 +159,3 @@ class Tape:
         """Counts of the operations that the outputs need, by sign or name."""
         counts = Counter(self.operations[key][0] for key in self.needed(outputs))
         return {what: n for what, n in counts.items() if what != "neg"}
-
-
-def _constants_last(key: int | float) -> tuple[bool, int | float]:
-    """Operands of what commutes, in one order."""
-    return isinstance(key, float), key

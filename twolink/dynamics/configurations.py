@@ -14,7 +14,6 @@ Sugihara 2011, "Solvability-unconcerned inverse kinematics by the Levenberg-Marq
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -43,9 +42,8 @@ def difference(robot: RobotModel, q0: ArrayLike, q1: ArrayLike) -> Array:
 
 def difference_rows(robot: RobotModel, start: Array, end: Array) -> Array:
     """The tangent vectors (n, nv) between rows of configurations (n, nq), which are not checked."""
-    out = np.empty((len(start), robot.nv))
-    for i, pair in enumerate(zip(start, end, strict=True)):
-        out[i] = pin.difference(robot.model, *pair)
+    found = [pin.difference(robot.model, *pair) for pair in zip(start, end, strict=True)]
+    out = np.reshape(found, (len(start), robot.nv))
     # Pinocchio takes these angles from an arc cosine, which is 0 for angles below 1e-8.
     for joint in robot.joints:
         if joint.kind == "cos-sin":
@@ -87,9 +85,8 @@ def integrate(robot: RobotModel, q: ArrayLike, dv: ArrayLike) -> Array:
     start, step = configuration("q", q, robot.nq, robot.joints), array("dv", dv, robot.nv)
     batch = batch_shape(q=start, dv=step)
     start, step = rows(start, batch), rows(step, batch)
-    out = np.empty((len(start), robot.nq))
-    for i, pair in enumerate(zip(start, step, strict=True)):
-        out[i] = pin.integrate(robot.model, *pair)
+    found = [pin.integrate(robot.model, *pair) for pair in zip(start, step, strict=True)]
+    out = np.reshape(found, (len(start), robot.nq))
     # Pinocchio divides by the angle, which loses digits where that is small.
     for joint in robot.joints:
         if joint.kind == "planar":
@@ -116,22 +113,6 @@ def _limits(joints: Sequence[JointLayout]) -> Array:
     return np.array([[end for both in ends for end in both[k]] for k in (0, 1)])
 
 
-class Targets(NamedTuple):
-    """Targets of a frame: positions (n, 3), rotations (n, 9), or None for any."""
-
-    positions: Array | None
-    rotations: Array | None
-
-    def off(self, i: int, pose: Array) -> Array:
-        """e (3,) or (6,) of target i from a pose (12,), its rotation first."""
-        parts = []
-        if self.positions is not None:
-            parts.append(self.positions[i] - pose[9:])
-        if self.rotations is not None:
-            parts.append(_turn(self.rotations[i].reshape(3, 3) @ pose[:9].reshape(3, 3).T))
-        return np.concatenate(parts)
-
-
 def configurations_of(
     robot: RobotModel, frame: str, position: ArrayLike | None, rotation: ArrayLike | None, q0: ArrayLike | None
 ) -> Array:
@@ -145,8 +126,8 @@ def configurations_of(
     if rotation is not None:
         given["rotation"] = _rotation(rotation)
     batch = batch_shape(**given)
-    targets = Targets(*(rows(given[name], batch) if name in given else None for name in ("position", "rotation")))
-    solver = _Solver(robot, frame, targets)
+    targets = (rows(given[name], batch) if name in given else None for name in ("position", "rotation"))
+    solver = _Solver(robot, frame, *targets)
     q = configuration("q0", robot.neutral if q0 is None else q0, robot.nq, robot.joints)
     if q.ndim != 1:
         raise QueryError(f"expected one configuration, got shape {q.shape}", argument="q0",
@@ -158,13 +139,13 @@ def configurations_of(
 
 
 class _Solver:
-    """Solutions for one frame."""
+    """Solutions for one frame. positions (n, 3), rotations (n, 9): its targets, or None for any."""
 
-    def __init__(self, robot: RobotModel, frame: str, targets: Targets) -> None:
-        self.robot, self.frame, self.targets = robot, frame, targets
+    def __init__(self, robot: RobotModel, frame: str, positions: Array | None, rotations: Array | None) -> None:
+        self.robot, self.frame, self.positions, self.rotations = robot, frame, positions, rotations
         self.pose = query_of(robot, f"frame_pose:{frame}").one
         self.jacobian = query_of(robot, f"frame_jacobian_aligned:{frame}").one
-        self.rows = slice(0 if targets.positions is not None else 3, 6 if targets.rotations is not None else 3)
+        self.rows = slice(0 if positions is not None else 3, 6 if rotations is not None else 3)
         single = [joint for joint in robot.joints if joint.kind == "vector"]
         self.q_entries = np.array([k for joint in single for k in range(joint.q.start, joint.q.stop)], dtype=int)
         self.v_entries = np.array([k for joint in single for k in range(joint.v.start, joint.v.stop)], dtype=int)
@@ -181,8 +162,8 @@ class _Solver:
             if off < least:
                 best, least = q, off
         e = self.off(i, best)
-        metres = float(np.linalg.norm(e[:3])) if self.targets.positions is not None else 0.0
-        angle = float(np.linalg.norm(e[-3:])) if self.targets.rotations is not None else 0.0
+        metres = float(np.linalg.norm(e[:3])) if self.positions is not None else 0.0
+        angle = float(np.linalg.norm(e[-3:])) if self.rotations is not None else 0.0
         raise QueryError(
             f"frame {self.frame!r} stays {metres:.3g} m and {angle:.3g} rad away within the joints' limits",
             where=f"target {i}", argument="position", code="unreachable",
@@ -191,7 +172,13 @@ class _Solver:
         )  # fmt: skip
 
     def off(self, i: int, q: Array) -> Array:
-        return self.targets.off(i, self.pose(self.robot.model, self.robot.data, q))
+        """e (3,) or (6,) of target i."""
+        pose, parts = self.pose(self.robot.model, self.robot.data, q), []
+        if self.positions is not None:
+            parts.append(self.positions[i] - pose[9:])
+        if self.rotations is not None:
+            parts.append(_turn(self.rotations[i].reshape(3, 3) @ pose[:9].reshape(3, 3).T))
+        return np.concatenate(parts)
 
     def descend(self, i: int, q: Array) -> Array:
         """The last configuration of Levenberg and Marquardt's method."""

@@ -16,6 +16,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from twolink.algorithms.functions import frame_index
+from twolink.algorithms.references import symmetric
 from twolink.dynamics.arguments import (
     Applied,
     FExt,
@@ -213,17 +214,12 @@ def momentum(model: pin.Model, data: pin.Data, q: Array, v: Array) -> Array:
 
 def forward_derivatives(model: pin.Model, data: pin.Data, q: Array, v: Array, tau: Array) -> Array:
     pin.computeABADerivatives(model, data, q, v, tau)
-    return np.stack([data.ddq_dq, data.ddq_dv, _symmetric(data.Minv)])
+    return np.stack([data.ddq_dq, data.ddq_dv, symmetric(data.Minv)])
 
 
 def inverse_derivatives(model: pin.Model, data: pin.Data, q: Array, v: Array, a: Array) -> Array:
     by_q, by_v, by_a = pin.computeRNEADerivatives(model, data, q, v, a)
-    return np.stack([by_q, by_v, _symmetric(by_a)])
-
-
-def _symmetric(upper: Array) -> Array:
-    """The whole of a symmetric matrix of which Pinocchio fills the upper triangle."""
-    return np.asarray(np.triu(upper) + np.triu(upper, 1).T)
+    return np.stack([by_q, by_v, symmetric(by_a)])
 
 
 def frame_pose(index: int, model: pin.Model, data: pin.Data, q: Array) -> Array:
@@ -262,27 +258,21 @@ def shows_all(robot: RobotModel, known: dict[str, bool], name: str) -> bool:
     stays so through sums and products; but a torque may not depend on the speed of a slider.
     """
     if name not in known:
-        plain = name in ONE_STATE and not robot.weightless and not robot.has_mimic and robot.is_whole
-        known[name] = plain and _shows_entries(robot, name)
+        plain = not robot.weightless and not robot.has_mimic and robot.is_whole
+        query = ALGORITHMS.get(name)
+        known[name] = plain and query is not None and query.shape == ("nv",) and _shows_entries(robot, query)
     return known[name]
 
 
-def _shows_entries(robot: RobotModel, name: str) -> bool:
+def _shows_entries(robot: RobotModel, query: Algorithm) -> bool:
     """Entry by entry, at a state like any other."""
-    (call, arguments), random = ONE_STATE[name], np.random.default_rng(0)
+    random = np.random.default_rng(0)
     q = pin.integrate(robot.model, pin.neutral(robot.model), random.uniform(-1.0, 1.0, robot.nv))
-    state = [q, *random.uniform(-1.0, 1.0, (2, robot.nv))][:arguments]
+    state = [q, *random.uniform(-1.0, 1.0, (2, robot.nv))][: len(query.arguments)]
     for place, values in enumerate(state):
         for i, value in itertools.product(range(len(values)), (math.nan, math.inf, -math.inf)):
             changed = [x.copy() for x in state]
             changed[place][i] = value
-            if math.isfinite(sum(call(robot.model, robot.data, *changed).tolist())):
+            if math.isfinite(sum(query.one(robot.model, robot.data, *changed).tolist())):
                 return False
     return True
-
-
-# Pinocchio's function of a query whose answer is a vector, and how many of (q, v, tau or a) it takes.
-ONE_STATE: dict[str, tuple[Callable[..., Array], int]] = {
-    "forward_dynamics": (pin.aba, 3), "inverse_dynamics": (pin.rnea, 3), "bias": (pin.nonLinearEffects, 2),
-    "gravity_torque": (pin.computeGeneralizedGravity, 1),
-}  # fmt: skip
