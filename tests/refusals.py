@@ -1,4 +1,4 @@
-"""Refusals: errors of a kind with a code."""
+"""Refusals: errors of ours that name the place, the value and the remedy."""
 
 import contextlib
 from collections.abc import Iterator
@@ -16,3 +16,15 @@ def refused(
     with pytest.raises(kind, match=match) as caught:
         yield caught
     assert caught.value.code == code
+
+
+@contextlib.contextmanager
+def refusal(kind: type[TwolinkError], *parts: str, **fields: object) -> Iterator[None]:
+    """Within it an error is raised in one line, with all parts in its text, a remedy, and fields such as its code."""
+    with pytest.raises(kind) as caught:
+        yield
+    text = str(caught.value)
+    assert [part for part in parts if part not in text] == [], text
+    assert {name: getattr(caught.value, name) for name in fields} == fields
+    assert caught.value.remedy
+    assert "\n" not in text

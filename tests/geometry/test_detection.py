@@ -10,6 +10,7 @@ import twolink as tl
 from scripts.studies.geometry import ACCURACY, placed
 from scripts.studies.geometry import PAIRS as PLACED
 from tests.effects.bodies import free_bodies
+from tests.geometry.test_gaps import SHAPES
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
@@ -21,13 +22,7 @@ from twolink.geometry.points import Places, Points
 from twolink.robots.collisions import AnyShape
 
 E = tl.effects
-TURNED = {"point": (0.02, -0.05, 0.03), "rpy": (0.3, -0.7, 1.1)}
-SPHERE, CAPSULE, BOX = (
-    E.Sphere(0.1, (0.02, -0.05, 0.03)),
-    E.Capsule(0.1, 0.5, **TURNED),
-    E.Box((0.2, 0.4, 0.6), **TURNED),
-)
-CYLINDER = E.Cylinder(0.15, 0.5, **TURNED)
+SPHERE, CAPSULE, BOX, CYLINDER = (SHAPES[kind] for kind in ("sphere", "capsule", "box", "cylinder"))
 PAIRS = [(SPHERE, E.Sphere(0.2)), (SPHERE, CAPSULE), (CAPSULE, E.Capsule(0.2, 0.3)), (SPHERE, BOX), (SPHERE, CYLINDER)]
 
 
@@ -76,16 +71,14 @@ def test_where_cores_overlap_the_gap_is_coals(shapes: tuple[AnyShape, AnyShape])
     middle = np.array(shapes[0].point) - np.array(shapes[1].point)
     q = np.array([0, 0, 0, 0, 0, 0, 1, *middle, 0, 0, 0, 1.0])
     points = found(robot, Detector(robot, [pair]), q)
-    solids = [(pair.first.shape, q[:3] if pair.first.link == "a" else q[7:10])]
-    solids += [(pair.second.shape, q[:3] if pair.second.link == "a" else q[7:10])]
-    (a, p), (b, r) = ((shape.coal(), coal.Transform3s(shape.placement.rotation, x + shape.placement.translation))
-                      for shape, x in solids)  # fmt: skip
-    depth = coal.distance(a, p, b, r, coal.DistanceRequest(), coal.DistanceResult())
+    bodies = [(solid.shape.coal(), place.rotation, place.translation + (q[:3] if solid.link == "a" else q[7:10]))
+              for solid in (pair.first, pair.second) for place in [solid.shape.placement]]  # fmt: skip
+    placed_shapes = (part for shape, *place in bodies for part in (shape, coal.Transform3s(*place)))
+    depth = coal.distance(*placed_shapes, coal.DistanceRequest(), coal.DistanceResult())
     assert depth < -0.1
     assert points.gap == pytest.approx([depth], abs=1e-9)
     (normal,) = points.normal
     assert np.linalg.norm(normal) == pytest.approx(1.0)
-    bodies = [(x.coal(), x.placement.rotation, at + x.placement.translation) for x, at in solids]
     assert separation_along(normal, *bodies) == pytest.approx(depth, abs=1e-9)
 
 

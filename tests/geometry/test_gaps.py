@@ -9,6 +9,7 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import free_bodies
+from tests.refusals import refusal
 from tests.urdf_text import joint, link
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.motion import KinematicState
@@ -227,10 +228,8 @@ BAD = [
 
 @pytest.mark.parametrize(("effect", "where", "part"), BAD)
 def test_contacts_that_are_refused(effect: object, where: str, part: str) -> None:
-    with pytest.raises(tl.errors.SceneError) as caught:
+    with refusal(tl.errors.SceneError, part, where=f"effects[0].{where}"):
         tl.Scene(chain([0.3, 0.3]), effects=[effect])
-    assert caught.value.where == f"effects[0].{where}"
-    assert part in str(caught.value)
 
 
 def test_a_robot_without_shapes_is_refused() -> None:
@@ -251,9 +250,8 @@ def test_a_mesh_of_many_faces_has_no_formula() -> None:
     scene = tl.Scene(free_bodies("a", "b"), [0, 0, 3, 0, 0, 0, 1] + [0] * 6 + [1],
                      effects=[E.Contact(("self",), shapes={"a": (stone,), "b": (E.Sphere(0.1),)})])  # fmt: skip
     assert "contacts are stepped" in str(tl.explain(scene, duration=0.01))
-    with pytest.raises(tl.errors.SceneError, match="there is none for meshes of more than 40 faces") as caught:
+    with refusal(tl.errors.SceneError, "there is none for meshes of more than 40 faces", 'contact="stepped"'):
         tl.simulate(scene, 0.1, contact="located")
-    assert 'contact="stepped"' in str(caught.value)
 
 
 def test_a_flat_disc_touches_with_points_and_a_tilted_one_with_its_rim() -> None:

@@ -7,6 +7,7 @@ from typing import BinaryIO
 
 import pytest
 
+from tests.refusals import refusal
 from twolink.errors import TwolinkError
 from twolink.io.files import read_confined, write_atomic
 
@@ -37,10 +38,8 @@ def test_permissions_follow_the_umask_unless_the_file_is_private(tmp_path: Path)
 
 def test_a_folder_that_cannot_be_is_an_error_with_a_code(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(TwolinkError, match="cannot be written") as caught:
+    with refusal(TwolinkError, "cannot be written", code="not-writable", where=str(tmp_path / "file" / "x")):
         write_atomic(tmp_path / "file" / "x", lambda file: file.write(b""))
-    assert caught.value.code == "not-writable"
-    assert caught.value.where == str(tmp_path / "file" / "x")
 
 
 @pytest.fixture

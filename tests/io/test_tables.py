@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from tests.refusals import refusal
 from twolink.errors import MissingExtraError, TwolinkError
 from twolink.io.tables import read_table, write_table
 
@@ -38,9 +39,8 @@ def test_any_name_and_every_digit_survive(suffix: str, tmp_path: Path) -> None:
 ])  # fmt: skip
 def test_damaged_files_give_one_error_of_one_line(name: str, content: bytes, part: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(TwolinkError, match=part) as failure:
+    with refusal(TwolinkError, part):
         read_table(tmp_path / name)
-    assert "\n" not in str(failure.value)
 
 
 def test_a_single_array_is_no_archive(tmp_path: Path) -> None:

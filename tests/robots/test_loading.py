@@ -160,20 +160,6 @@ def test_limits_that_no_joint_has_are_reported(kind: str, limits: str, said: boo
     assert lost == [("j",)] * said
 
 
-def test_ignored_damping_has_no_effect_on_accelerations() -> None:
-    """Damping of the double pendulum, 0.05 N m s/rad, takes no part in its accelerations."""
-    robot = tl.load_robot("double_pendulum")
-    assert np.all(robot.model.damping > 0)
-    assert any("damping" in str(f) for f in robot.report.ignored)
-    rest = np.zeros(2)
-    q = np.array([0.3, 0.4])
-    fast = robot.inverse_dynamics(q, np.array([0.0, 1.0]), rest) + robot.inverse_dynamics(
-        q, np.array([0.0, -1.0]), rest
-    )
-    squares = 2 * robot.bias(q, np.array([0.0, 1.0]))
-    np.testing.assert_allclose(fast, squares, rtol=1e-12)  # no part of it is odd in the velocity
-
-
 def test_a_decimal_comma_locale_changes_no_number(tmp_path: Path) -> None:
     localedef = shutil.which("localedef")
     if localedef is None or not Path("/usr/share/i18n/locales/de_DE").exists():

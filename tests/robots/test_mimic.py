@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
+from tests.refusals import refusal
 from twolink.errors import QueryError, RobotError
 
 LIMIT = '<limit lower="-9" upper="9" effort="1" velocity="1"/>'
@@ -160,20 +161,16 @@ REFUSED = {
 def test_what_cannot_be_coupled_is_refused_and_loads_uncoupled(case: str) -> None:
     joints, parts = REFUSED[case]
     text = chain(*joints)
-    with pytest.raises(RobotError) as caught:
+    with refusal(RobotError, *parts, code="mimic-joints"):
         tl.load_robot(text, mimic=True)
-    assert caught.value.code == "mimic-joints"
-    for part in parts:
-        assert part in str(caught.value)
     assert tl.load_robot(text).nv > 0
 
 
 @pytest.mark.parametrize("name", ["j1", "j2"])
 def test_coupled_joints_cannot_be_locked(name: str) -> None:
     text = chain(("revolute", ""), ("revolute", mimic("j1")), ("revolute", ""))
-    with pytest.raises(RobotError, match="mimics 'j1', and one of them is locked") as caught:
+    with refusal(RobotError, "mimics 'j1', and one of them is locked", code="mimic-joints"):
         tl.load_robot(text, mimic=True, lock={name: 0.5})
-    assert caught.value.code == "mimic-joints"
     assert tl.load_robot(text, lock={"j1": 0.5, "j2": 0.5}).nv == 1
 
 
@@ -190,10 +187,8 @@ def assert_same(one: pin.Model, other: pin.Model, seed: int = 0) -> None:
     rng = np.random.default_rng(seed)
     q = pin.integrate(one, pin.neutral(one), rng.uniform(-1, 1, one.nv))
     v, a = rng.uniform(-1, 1, (2, one.nv))
-    for query in (pin.rnea(one, one.createData(), q, v, a), pin.crba(one, one.createData(), q)):
-        again = pin.rnea if query.ndim == 1 else pin.crba
-        arguments = (q, v, a) if query.ndim == 1 else (q,)
-        np.testing.assert_array_equal(again(other, other.createData(), *arguments), query)
+    for query, given in ((pin.rnea, (q, v, a)), (pin.crba, (q,))):
+        np.testing.assert_array_equal(*(query(model, model.createData(), *given) for model in (one, other)))
     for index in one.mimicking_joints:
         assert str(other.joints[index].extract()) == str(one.joints[index].extract())
 
