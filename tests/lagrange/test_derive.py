@@ -10,9 +10,7 @@ from sympy.simplify.fu import TR8
 
 from tests.command import printed_by
 from twolink.lagrange import derive, formulas
-
-THETA = sp.Matrix(sp.symbols("theta1 theta2", real=True))
-SPEED = sp.Matrix(sp.symbols("td1 td2", real=True))
+from twolink.lagrange.derive import SPEED, THETA
 
 
 def normal(expression: Any) -> Any:

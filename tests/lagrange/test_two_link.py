@@ -1,4 +1,8 @@
-"""The hand-derived arm against physics: identities, limits and exact cases, never its own past output."""
+"""The hand-derived arm: its energy, batches, kinds of numbers and refusals.
+
+Its entries are Pinocchio's and SymPy's (`test_check`, `test_derive`): with that they are symmetric, positive definite,
+and the gradients and Christoffel symbols of one energy.
+"""
 
 from __future__ import annotations
 
@@ -28,61 +32,6 @@ def random_arm(rng: np.random.Generator, n: int, **kwargs: Any) -> TwoLink:
 def states(rng: np.random.Generator, n: int) -> tuple[np.ndarray, ...]:
     theta, dtheta, torque = rng.uniform(-3, 3, (3, n, 2))
     return theta, dtheta, torque
-
-
-def along(function: Any, theta: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """The derivative of function(theta) along `direction`, by complex step."""
-    return np.imag(function(theta + 1j * STEP * direction)) / STEP
-
-
-def test_mass_matrix_is_symmetric_and_positive_definite(rng: np.random.Generator) -> None:
-    mass = random_arm(rng, 500).mass_matrix(states(rng, 500)[0])
-    assert_allclose(mass, np.swapaxes(mass, -1, -2), rtol=0)
-    assert np.all(np.linalg.eigvalsh(mass) > 0)
-
-
-def test_kinetic_energy_is_that_of_the_mass_along_the_rods(rng: np.random.Generator) -> None:
-    """Integrate |velocity|^2 dm / 2 along each rod: three Gauss points are exact for a parabola."""
-    arm, (theta, dtheta, _) = random_arm(rng, 50), states(rng, 50)
-    (l1, l2), (m1, m2) = arm.lengths, arm.masses
-    nodes, weights = np.polynomial.legendre.leggauss(3)
-    s, w = (nodes + 1) / 2, weights / 2
-
-    def point(angles: np.ndarray, first: Any, second: Any) -> np.ndarray:
-        upper, lower = angles[:, 0], angles.sum(axis=1)
-        x = first * np.cos(upper) + second * np.cos(lower)
-        y = first * np.sin(upper) + second * np.sin(lower)
-        return np.stack([x, y])
-
-    kinetic = np.zeros(50)
-    for part, weight in zip(s, w, strict=True):
-        for mass, reach in ((m1, (part * l1, 0.0)), (m2, (l1, part * l2))):
-            velocity = along(lambda angles, reach=reach: point(angles, *reach), theta, dtheta)
-            kinetic += weight * mass * (velocity**2).sum(axis=0) / 2
-    assert_allclose(arm.energy(theta, dtheta)[0], kinetic, rtol=1e-13)
-
-
-def test_gravity_torque_is_the_gradient_of_the_potential(rng: np.random.Generator) -> None:
-    arm, (theta, dtheta, _) = random_arm(rng, 100), states(rng, 100)
-    for joint, axis in enumerate(np.eye(2)):
-        slope = along(lambda angles: arm.energy(angles, dtheta)[1], theta, axis)
-        assert_allclose(arm.gravity_torque(theta)[:, joint], slope, rtol=1e-12, atol=1e-12)
-
-
-def coriolis(arm: TwoLink, theta: np.ndarray, dtheta: np.ndarray) -> np.ndarray:
-    """The Coriolis matrix by Christoffel's symbols: (dM_ij/dk + dM_ik/dj - dM_jk/di) w_k / 2."""
-    slope = np.stack([along(arm.mass_matrix, theta, axis) for axis in np.eye(2)], axis=-1)  # n i j k
-    symbols = (slope + np.swapaxes(slope, -1, -2) - np.moveaxis(slope, -1, 1)) / 2
-    return np.einsum("nijk,nk->nij", symbols, dtheta)
-
-
-def test_velocity_torque_is_that_of_christoffel_and_does_no_work(rng: np.random.Generator) -> None:
-    arm, (theta, dtheta, _) = random_arm(rng, 200), states(rng, 200)
-    matrix = coriolis(arm, theta, dtheta)
-    velocity_torque = arm.bias(theta, dtheta) - arm.gravity_torque(theta)
-    assert_allclose(velocity_torque, np.einsum("nij,nj->ni", matrix, dtheta), rtol=1e-11, atol=1e-11)
-    skew = along(arm.mass_matrix, theta, dtheta) - 2 * matrix
-    assert_allclose(skew, -np.swapaxes(skew, -1, -2), atol=1e-12)
 
 
 def energy_rate(arm: TwoLink, theta: np.ndarray, dtheta: np.ndarray, torque: np.ndarray) -> np.ndarray:
@@ -133,16 +82,6 @@ def test_long_double_is_kept() -> None:
     theta = np.array([0.3, 0.4], dtype=np.longdouble)
     assert two_link((1, 1), (3, 1)).gravity_torque(theta).dtype == np.longdouble
     assert two_link((1, 1), (3, 1)).gravity_torque(theta.astype(np.float32)).dtype == np.float64
-
-
-def test_normal_modes_about_hanging() -> None:
-    """w^2 = (3 -+ 6 / sqrt 7) g / L for two equal uniform rods."""
-    arm = two_link((1, 1), (1, 1))
-    hanging, rest = np.array([-np.pi / 2, 0]), np.zeros(2)
-    columns = [along(lambda q: arm.forward_dynamics(q, rest, rest), hanging, axis) for axis in np.eye(2)]
-    squares = np.sort(np.linalg.eigvals(-np.stack(columns, axis=-1)))
-    assert_allclose(squares, (3 + np.array([-6, 6]) / np.sqrt(7)) * 9.81, rtol=1e-13)
-    assert_allclose(np.sqrt(squares), [2.6801140122533753, 7.1886708702877137], rtol=1e-13)
 
 
 @pytest.mark.parametrize(("given", "message"), [
