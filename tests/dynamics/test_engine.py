@@ -14,16 +14,6 @@ from twolink.dynamics.engine import compiled_from
 QUERIES = ("forward_dynamics", "inverse_dynamics", "mass_matrix", "bias", "gravity_torque", "energy")
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("cache")
-
-
-@pytest.fixture(autouse=True)
-def own_cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TWOLINK_CACHE", str(folder))
-
-
 def arguments(robot: tl.Robot, query: str, n: int) -> list[np.ndarray]:
     q, v, w = (np.resize(x, (n, x.shape[1])) for x in states(robot, 50))
     return [q, v, w][: {"mass_matrix": 1, "gravity_torque": 1, "bias": 2, "energy": 2}.get(query, 3)]

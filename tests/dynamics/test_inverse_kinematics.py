@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.refusals import refusal
 from tests.urdf_text import joint, link, robot_of
 from twolink.errors import QueryError
 
@@ -72,12 +73,10 @@ def test_a_free_body_is_put_anywhere() -> None:
 ])  # fmt: skip
 def test_what_cannot_be_a_target_is_refused(given: dict[str, object], part: str) -> None:
     robot = tl.load_robot("two_link")
-    with pytest.raises(QueryError) as caught:
+    with refusal(QueryError, part):
         robot.inverse_kinematics("tip", **given)
-    assert part in str(caught.value)
 
 
 def test_an_unknown_frame_is_named() -> None:
-    with pytest.raises(QueryError) as caught:
+    with refusal(QueryError, code="unknown-frame"):
         tl.load_robot("two_link").inverse_kinematics("hand", [0.0, 0.0, 0.0])
-    assert caught.value.code == "unknown-frame"

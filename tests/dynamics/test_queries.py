@@ -1,4 +1,4 @@
-"""Queries: identities of the equations of motion, second ways to a number, batches, wrenches, threads, errors."""
+"""Queries: identities of the equations of motion, batches, wrenches, threads, errors."""
 
 import dataclasses
 import itertools
@@ -7,15 +7,14 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Literal
 
-import mujoco
 import numpy as np
 import pytest
 
 import twolink as tl
 from tests.dynamics.states import close, states
+from tests.refusals import refusal
 from twolink.dynamics.queries import ALGORITHMS
 from twolink.errors import QueryError
-from twolink.robots.catalogue import our_urdfs
 
 ROBOTS = {"two_link": "fixed", "panda": "fixed", "kinova": "fixed", "anymal": "free", "talos": "free"}
 
@@ -24,28 +23,6 @@ ROBOTS = {"two_link": "fixed", "panda": "fixed", "kinova": "fixed", "anymal": "f
                                         pytest.param(name, marks=pytest.mark.slow) for name in ROBOTS])  # fmt: skip
 def robot(request: pytest.FixtureRequest) -> tl.Robot:
     return tl.load_robot(request.param, root=ROBOTS[request.param])
-
-
-@pytest.mark.parametrize("name", ["two_link", "arm", "double_pendulum_simple"])
-def test_mujoco_gives_the_same_accelerations(name: str) -> None:
-    """An engine that shares no code with Pinocchio, on the same file."""
-    robot = tl.load_robot(name)
-    path = our_urdfs() / f"{name}.urdf" if name in ("two_link", "arm") else None
-    text = (
-        path.read_text() if path else robot.visuals.text.replace("<visual", "<ignored").replace("</visual", "</ignored")
-    )
-    text = text.replace('ixx="0"', 'ixx="0.1"')  # MuJoCo wants rods with thickness; in a plane it has no effect
-    other = mujoco.MjModel.from_xml_string(text)
-    other.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    other.dof_damping[:] = 0
-    other.dof_frictionloss[:] = 0
-    data = mujoco.MjData(other)
-    q, v, tau = states(robot, 50)
-    tau = tau / 20
-    for i in range(50):
-        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q[i], v[i], tau[i]
-        mujoco.mj_forward(other, data)
-        close(robot.forward_dynamics(q[i], v[i], tau[i]), data.qacc, 1e-10)
 
 
 def of_frames_and_bodies(robot: tl.Robot) -> list[tuple[Callable[..., Any], int]]:
@@ -189,10 +166,8 @@ ERRORS = {
 @pytest.mark.parametrize("case", ERRORS)
 def test_errors_name_the_argument_expected_and_got(case: str) -> None:
     call, parts = ERRORS[case]
-    with pytest.raises(QueryError) as caught:
+    with refusal(QueryError, *parts):
         call(tl.load_robot("two_link"))
-    for part in parts:
-        assert part in str(caught.value)
 
 
 @pytest.mark.parametrize("batch", [(), (70,)])
@@ -206,10 +181,8 @@ def test_units_are_required_and_normalize_gives_them(name: str, entry: slice, wo
     v = np.zeros((*batch, robot.nv))
     q[..., entry] *= 1 + 1e-7
     for query in (robot.bias, lambda *x: robot.forward_dynamics(*x, v), lambda x, _: robot.mass_matrix(x)):  # type: ignore[call-arg]
-        with pytest.raises(QueryError) as caught:
+        with refusal(QueryError, words, "1.0000001"):
             query(q, v)
-        assert words in str(caught.value)
-        assert "1.0000001" in str(caught.value)
         assert np.isfinite(query(robot.normalize(q), v)).all()
 
 
