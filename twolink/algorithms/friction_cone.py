@@ -8,11 +8,9 @@ p_n u_n = 0; tangent u_t = 0 with |p_t| <= static p_n, or p_t = -kinetic p_n u_t
 Source: Alart, Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375.
 """
 
-from typing import Any
-
 import numpy as np
 
-Array = np.ndarray[Any, np.dtype[Any]]
+from twolink.algorithms.namespaces import Array
 
 
 def onto_cone(z: Array, kinetic: Array, static: Array | None = None) -> Array:

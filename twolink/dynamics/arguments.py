@@ -16,11 +16,9 @@ from numpy.typing import ArrayLike
 
 from twolink.algorithms.functions import frame_index
 from twolink.errors import QueryError, TwolinkError, nearest, require_known
-from twolink.robots.joint_layout import JointLayout
+from twolink.robots.joint_layout import UNIT_TOLERANCE, JointLayout
 from twolink.robots.model import RobotModel
 
-# Single precision carries 6e-8: such states are asked to be normalised rather than used with that error.
-UNIT_TOLERANCE = 1e-8
 Axes = Literal["frame", "world"]
 AXES = ("frame", "world")
 Positive = Annotated[float, msgspec.Meta(gt=0)]

@@ -17,12 +17,12 @@ from twolink.dynamics import pinocchio_queries
 from twolink.dynamics.arguments import FExt, array, batch_shape, configuration, one_of, read_wrenches, rows
 from twolink.dynamics.certificates import KernelCertificate, certify
 from twolink.dynamics.kernels import Kernel, build
+from twolink.dynamics.queries import Array
 from twolink.errors import CertificationError, QueryError, nearest
 from twolink.io import cache
 from twolink.io.fingerprints import kernel_key
 from twolink.robots.model import RobotModel
 
-Array = np.ndarray[Any, np.dtype[np.float64]]
 Parameters = Mapping[str, ArrayLike] | None
 AXES = ("aligned", "local")
 _log = logging.getLogger("twolink")

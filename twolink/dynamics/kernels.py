@@ -17,12 +17,11 @@ import pinocchio as pin
 from twolink.algorithms.functions import Function
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.tape import Tape
-from twolink.dynamics.arguments import UNIT_TOLERANCE
 from twolink.dynamics.threads import do_all, is_forked_child, is_shared, thread_count
 from twolink.native.instructions import Assembled
 from twolink.native.library import Pool
 from twolink.native.machine import Program, SmallBatch, assembled
-from twolink.robots.joint_layout import joint_layouts
+from twolink.robots.joint_layout import UNIT_TOLERANCE, joint_layouts
 
 CHUNK = 4096  # states that a thread takes at once: a multiple of every vector's length
 SHARED_FROM = 4_000_000  # operations in a batch from which threads that share its chunks pay

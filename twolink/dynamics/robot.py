@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from twolink.algorithms.functions import Shape, frame_names
 from twolink.algorithms.recursions import Axes
 from twolink.dynamics import configurations, pinocchio_queries
-from twolink.dynamics.arguments import UNIT_TOLERANCE, FExt, by_joint, one_of, states_of
+from twolink.dynamics.arguments import FExt, by_joint, one_of, states_of
 from twolink.dynamics.compiled import AXES, Compiled
 from twolink.dynamics.engine import ENGINES, compiled_from
 from twolink.dynamics.pinocchio_queries import by_axes, shows_all
@@ -25,7 +25,7 @@ from twolink.errors import CertificationError
 from twolink.io.text import facts_html
 from twolink.native.library import library
 from twolink.robots.checks import mass_matrix_by_columns
-from twolink.robots.joint_layout import Lock
+from twolink.robots.joint_layout import UNIT_TOLERANCE, Lock
 from twolink.robots.load import Policy, Purpose, Xacro, load_model
 from twolink.robots.load_report import LoadReport
 from twolink.robots.model import RobotModel, Visuals

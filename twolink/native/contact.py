@@ -6,10 +6,9 @@ from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
+from twolink.algorithms.namespaces import Array
 from twolink.native.library import Handle, Pool, address, level, library, require
 from twolink.native.machine import ALONE, Program
-
-Array = np.ndarray[Any, np.dtype[Any]]
 
 
 class Parts(NamedTuple):

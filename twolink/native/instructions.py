@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from twolink.algorithms.namespaces import Array
 from twolink.errors import TwolinkError
 
-Array = np.ndarray[Any, np.dtype[Any]]
 OPERATIONS = (
     "ADD", "SUB", "MUL", "FMA", "FMS", "FNMA", "ADD_K", "K_SUB", "MUL_K", "FMA_K", "FMS_K", "DIV", "K_DIV", "SQRT",
     "NEG", "SINCOS", "EXP", "TANH", "ATAN2", "LESS", "LESS_EQUAL", "WHERE", "POWER", "DOT2", "DOT2_MINUS", "E_DOT2",

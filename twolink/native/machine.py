@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from twolink.algorithms.namespaces import Array
 from twolink.algorithms.tape import Symbol, Tape
 from twolink.errors import TwolinkError
 from twolink.native.assembly import assemble
 from twolink.native.instructions import OPERATIONS, QUADS, WITH_SCALAR, Assembled
 from twolink.native.library import Handle, Pool, address, level, library, require
 
-Array = np.ndarray[Any, np.dtype[Any]]
 WIDTHS = (16, 8, 4, 1)  # columns side by side
 ALONE, FEW, MANY = 1, 4, 8  # the widths for one column, for up to so many, and for more
 WIDE = 64  # columns from which the widest pays

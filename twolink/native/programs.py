@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from twolink.algorithms.namespaces import Array
 from twolink.algorithms.tape import collection_paused
 from twolink.errors import CertificationError
 from twolink.io import cache
 from twolink.native.instructions import Assembled
 from twolink.native.machine import Program
 
-Array = np.ndarray[Any, np.dtype[Any]]
 AGREEMENT = 1e-8  # relative
 MAX_KEPT = 512  # in this process
 _kept: dict[str, Any] = {}

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from twolink.algorithms.namespaces import Array
 from twolink.native.library import Handle, Pool, address, level, library, require
 from twolink.native.machine import Program, widest
 
-Array = np.ndarray[Any, np.dtype[Any]]
 KINDS = ("explicit", "implicit", "whole")
 
 

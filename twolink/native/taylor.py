@@ -1,17 +1,16 @@
 """Taylor's method on programs, in the native library, in numbers of 1, 2 or 3 doubles: 16, 31 or 47 digits."""
 
 import ctypes
-from typing import Any
 
 import numpy as np
 
+from twolink.algorithms.namespaces import Array
 from twolink.errors import TwolinkError
 from twolink.native.instructions import OPERATIONS
 from twolink.native.library import OUTCOMES, Handle, address, level, library, require
 from twolink.native.machine import Program
 from twolink.native.stepper import Disturbances
 
-Array = np.ndarray[Any, np.dtype[Any]]
 NOT_FINITE = OUTCOMES.index("the state is not finite")
 NO_SERIES = OUTCOMES.index("an operation has no Taylor series")  # and the number of the operation
 

@@ -3,15 +3,14 @@
 import ctypes
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from twolink.algorithms.namespaces import Array
 from twolink.native.library import Handle, library
 from twolink.native.machine import Program
 from twolink.native.stepper import Disturbances, Stepper
 
-Array = np.ndarray[Any, np.dtype[Any]]
 TICKS = 256  # in a call
 STEPS = 4  # attempted steps a tick for which there is a place
 

@@ -20,6 +20,7 @@ JointKind = Literal["vector", "cos-sin", "planar", "quaternion", "free-flyer", "
 NO_LIMIT = 1e30  # Pinocchio writes no limit as a number beyond this
 _UNIT_PART = {"cos-sin": slice(0, 2), "planar": slice(2, 4), "quaternion": slice(0, 4), "free-flyer": slice(3, 7)}
 Lock = Mapping[str, float | str | Sequence[float]]
+# Single precision carries 6e-8: such states are asked to be normalised rather than used with that error.
 UNIT_TOLERANCE = 1e-8
 _LINK = "link\0"  # no name in XML holds a NUL
 _UNITS = {"rad": {"rad": 1.0, "deg": math.radians(1.0)}, "m": {"m": 1.0, "mm": 1e-3}}
