@@ -10,7 +10,9 @@ from sympy.simplify.fu import TR8
 
 from tests.command import printed_by
 from twolink.lagrange import derive, formulas
-from twolink.lagrange.derive import SPEED, THETA
+from twolink.lagrange.derive import PARAMETERS, SPEED, THETA
+
+LENGTHS, MASSES = PARAMETERS[:2], PARAMETERS[2:4]
 
 
 def normal(expression: Any) -> Any:
@@ -52,14 +54,12 @@ def test_a_wrong_formula_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_closed_determinant_is_that_of_the_mass_matrix() -> None:
-    l1, l2, m1, m2 = sp.symbols("l1 l2 m1 m2", positive=True)
-    closed = formulas.mass_determinant((l1, l2), (m1, m2), tuple(THETA), sp)
+    closed = formulas.mass_determinant(LENGTHS, MASSES, tuple(THETA), sp)
     assert normal(closed - derive.derive().A.det()) == 0
 
 
 def test_the_potential_of_the_formulas_is_the_derived_one() -> None:
-    l1, l2, m1, m2, g = sp.symbols("l1 l2 m1 m2 g", positive=True)
-    formula = formulas.potential_entry((l1, l2), (m1, m2), g, tuple(THETA), sp)
+    formula = formulas.potential_entry(LENGTHS, MASSES, PARAMETERS[4], tuple(THETA), sp)
     assert normal(formula - derive.energies(THETA, SPEED)[1]) == 0
 
 

@@ -131,8 +131,8 @@ def test_a_mistake_of_a_light_joint_beside_a_heavy_one_is_found(factor: float) -
     assert check(1e-8, 1e-8) == {"h[1]": {"the term of v[0] v[1]": 0.0}}
 
 
-def absolute(sine: Callable[[float], float], sign: float = 1.0) -> tuple[Callable, Callable]:
-    """The double pendulum of textbooks: both angles from one direction, along which `sine` is 0 or 1."""
+def absolute(zero: float = 0.0) -> tuple[Callable, Callable]:
+    """The double pendulum of textbooks: both angles from one direction, itself at the angle -`zero`."""
 
     def mass_of(x: Array) -> Array:
         coupling = M2 * L1 * L2 * np.cos(x[0] - x[1]) / 2
@@ -140,32 +140,26 @@ def absolute(sine: Callable[[float], float], sign: float = 1.0) -> tuple[Callabl
 
     def bias_of(x: Array, v: Array) -> Array:
         turn = M2 * L1 * L2 * np.sin(x[0] - x[1]) / 2
-        weights = np.array([(M1 / 2 + M2) * G * L1 * sine(x[0]), M2 * G * L2 / 2 * sine(x[1])])
-        return np.array([turn * v[1] ** 2, -turn * v[0] ** 2]) + sign * weights
+        weights = np.array([(M1 / 2 + M2) * G * L1, M2 * G * L2 / 2]) * np.cos(x - zero)
+        return np.array([turn * v[1] ** 2, -turn * v[0] ** 2]) + weights
 
     return mass_of, bias_of
 
 
-def relative(sign: float) -> tuple[Callable, Callable]:
-    """The first angle from a vertical, the second from the first link: sin in place of cos."""
-
-    def bias_of(x: Array, v: Array) -> Array:
-        bent, forearm = M2 * L1 * L2 * np.sin(x[1]) / 2, M2 * G * L2 / 2 * np.sin(x[0] + x[1])
-        weights = np.array([(M1 / 2 + M2) * G * L1 * np.sin(x[0]) + forearm, forearm])
-        return np.array([-bent * (2 * v[0] * v[1] + v[1] ** 2), bent * v[0] ** 2]) + sign * weights
-
-    return mass, bias_of
+def relative(zero: float) -> tuple[Callable, Callable]:
+    """The first angle from a vertical, the second from the first link."""
+    return mass, lambda x, v: bias(x - [zero, 0], v)
 
 
-T = np.array([[1.0, 0.0], [-1.0, 1.0]])
+T, DOWN = np.array([[1.0, 0.0], [-1.0, 1.0]]), np.pi / 2
 COORDINATES = {
-    "absolute angles;": (absolute(np.cos), "absolute", T),
-    "absolute angles from the downward vertical;": (absolute(np.sin), "absolute vertical",
-                                                    np.column_stack([T, [-np.pi / 2, 0]])),
-    "absolute angles from the upward vertical;": (absolute(np.sin, -1), ["vertical", "absolute"],
-                                                  np.column_stack([T, [np.pi / 2, 0]])),
-    "angles from the downward vertical;": (relative(1.0), "vertical", [[1, 0, -np.pi / 2], [0, 1, 0]]),
-    "angles from the upward vertical;": (relative(-1.0), "upright", [[1, 0, np.pi / 2], [0, 1, 0]]),
+    "absolute angles;": (absolute(), "absolute", T),
+    "absolute angles from the downward vertical;": (absolute(DOWN), "absolute vertical",
+                                                    np.column_stack([T, [-DOWN, 0]])),
+    "absolute angles from the upward vertical;": (absolute(-DOWN), ["vertical", "absolute"],
+                                                  np.column_stack([T, [DOWN, 0]])),
+    "angles from the downward vertical;": (relative(DOWN), "vertical", [[1, 0, -DOWN], [0, 1, 0]]),
+    "angles from the upward vertical;": (relative(-DOWN), "upright", [[1, 0, DOWN], [0, 1, 0]]),
 }  # fmt: skip
 
 
@@ -182,14 +176,14 @@ def test_coordinates_are_found_and_can_be_given(words: str) -> None:
 
 
 def test_a_mistake_is_found_in_coordinates_that_are_found() -> None:
-    M, h = absolute(np.sin)
+    M, h = absolute(DOWN)
     report = tl.check_equations(M, lambda x, v: h(x, v) * [1, -1] + 2 * h(x, 0 * v) * [0, 1], ARM)
     assert report.coordinates.startswith("absolute angles from the downward vertical;")
     assert wrong_entries(report) == {"h[1]": {"the term of v[0]^2": -1.0}}
 
 
 def test_a_wrong_weight_from_the_vertical_is_right_from_the_other_one_until_it_is_named() -> None:
-    equations = absolute(np.sin, -1)
+    equations = absolute(-DOWN)
     assert "upward" in tl.check_equations(*equations, ARM).coordinates
     report = tl.check_equations(*equations, ARM, to="absolute hanging")
     assert wrong_entries(report) == {name: {"the gravity term": -1.0} for name in ("h[0]", "h[1]")}
@@ -198,7 +192,7 @@ def test_a_wrong_weight_from_the_vertical_is_right_from_the_other_one_until_it_i
 def test_absolute_angles_where_an_axis_points_the_other_way() -> None:
     text = (Path(__file__).parents[2] / "urdf" / "two_link.urdf").read_text("utf-8")
     robot = tl.load_robot(text[::-1].replace('"0 1- 0"', '"0 1 0"', 1)[::-1])  # the elbow's axis
-    report = tl.check_equations(*absolute(np.cos), robot)
+    report = tl.check_equations(*absolute(), robot)
     assert report.right
     assert "q[1] = -x[1] + x[0]" in report.coordinates
 
