@@ -57,7 +57,7 @@ def test_the_coin_whirls_about_a_centre_that_stays() -> None:
 @pytest.mark.slow
 def test_the_rattleback_reverses_and_the_other_way_it_does_not() -> None:
     scene = tl.load_scene("rattleback")
-    other = tl.Scene(scene.base, scene.q, -scene.v, scene.effects)
+    other = scene.with_start(scene.q, -scene.v)
     for one, ends in ((run_of("rattleback"), 5.0), (tl.simulate(other, 4.0), 5.0)):
         spin = np.einsum("nij,nj->ni", turns(one, "rattleback"), one.v[:, 3:])[:, 2]
         assert spin[-1] == pytest.approx(ends, abs=0.05)

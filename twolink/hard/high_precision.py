@@ -49,14 +49,10 @@ def free_body(moments: Sequence[float], spin: Sequence[float], times: Sequence[f
     w, p = np.array(hy.make_vars("w1", "w2", "w3")), np.array(hy.make_vars("x", "y", "z"))
     s, half = hy.make_vars("s"), hy.expression(hy.real(0.5, BITS))
     i = np.array([hy.expression(hy.real(float(m), BITS)) for m in moments])
-    rates = [*(_cross(i * w, w) / i), *(half * (s * w + _cross(p, w))), -half * (p @ w)]
+    rates = [*(np.cross(i * w, w) / i), *(half * (s * w + np.cross(p, w))), -half * (p @ w)]
     system = list(zip([*w, *p, s], rates, strict=True))
     rows = _solved(system, [*spin, 0.0, 0.0, 0.0, 1.0], times, 7)
     return [["0", "0", "0", *row[3:]] for row in rows]
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.asarray(np.roll(a, -1) * np.roll(b, 1) - np.roll(a, 1) * np.roll(b, -1))
 
 
 def _solved(system: Any, start: Sequence[float], times: Sequence[float], count: int) -> list[list[str]]:

@@ -19,6 +19,7 @@ from gymnasium.wrappers import vector as of_vectors
 import twolink as tl
 from docs.examples import learn_swing_up
 from scripts.tasks import FEET, on_feet
+from twolink import effects as fx
 from twolink.errors import AccuracyError, SceneError, TwolinkError
 from twolink.gym import Environment, VectorEnvironment
 from twolink.simulation.stepwise import State
@@ -62,9 +63,8 @@ def test_a_world_that_ends_early_says_so() -> None:
 
 
 def test_an_event_that_ends_the_motion_is_terminal() -> None:
-    fx = tl.effects
     fallen = fx.Watch("fallen", when=fx.JointReaches("shoulder", -0.5), stop=True)
-    scene = tl.Scene(SWING.base, SWING.q, SWING.v, [*SWING.effects, fallen], duration=2.0)
+    scene = SWING.with_effects([*SWING.effects, fallen])
     env, end = Environment(scene, reward, period=0.05), tl.simulate(scene).t[-1]
     for _ in range(2):
         env.reset(seed=0)
@@ -76,7 +76,7 @@ def test_an_event_that_ends_the_motion_is_terminal() -> None:
 
 def test_a_free_base_has_the_limits_of_joints_without_effort() -> None:
     robot = tl.load_robot("go1", root="free")
-    env = Environment(tl.Scene(robot, effects=[tl.effects.Gravity()]), reward)
+    env = Environment(tl.Scene(robot, effects=[fx.Gravity()]), reward)
     np.testing.assert_array_equal(env.action_space.high[:6], 1.0)
     assert (np.abs(env.action_space.sample()) <= env.action_space.high).all()
 
@@ -194,8 +194,8 @@ def test_a_start_that_comes_again_has_the_same_motion(monkeypatch: pytest.Monkey
 
 def test_a_controller_begins_anew_with_each_episode(monkeypatch: pytest.MonkeyPatch) -> None:
     """It may remember what no save has: a start is always prepared again."""
-    law = tl.effects.Controller(lambda _, y, state: (-y.v, state), 0.05)
-    env = Environment(tl.Scene(SWING.base, SWING.q, SWING.v, [*SWING.effects, law], SWING.duration), reward, limit=2.0)
+    law = fx.Controller(lambda _, y, state: (-y.v, state), 0.05)
+    env = Environment(SWING.with_effects([*SWING.effects, law]), reward, limit=2.0)
     prepared: list[float] = []
     again = env.simulation.set_state
     monkeypatch.setattr(env.simulation, "set_state", lambda *a, t: (prepared.append(t), again(*a, t=t)))
@@ -207,7 +207,7 @@ def test_a_controller_begins_anew_with_each_episode(monkeypatch: pytest.MonkeyPa
 @UNBOUNDED
 def test_a_quadruped_stands_in_stepped_contact() -> None:
     robot, q, _, contact = on_feet("solo12")
-    scene = tl.Scene(robot, q, effects=[tl.effects.Gravity(), contact], duration=0.2)
+    scene = tl.Scene(robot, q, effects=[fx.Gravity(), contact], duration=0.2)
     env = Environment(scene, lambda state, _: float(state.q[2]), contact="stepped", limit=1.0)
     check_env(env, skip_render_check=True)
     env.reset(seed=0)

@@ -76,7 +76,7 @@ def test_the_default_step_of_mujoco_is_found() -> None:
 def test_what_a_peer_has_not_is_named(effect: fx.Effect, part: str) -> None:
     scene = sliders((9, 0.1, 0.1))
     with pytest.raises(SceneError, match=part) as caught:
-        compare(tl.Scene(scene.base, scene.q, scene.v, [effect]), "mujoco", 0.1)
+        compare(scene.with_effects([effect]), "mujoco", 0.1)
     assert caught.value.code == "no-peer"
 
 

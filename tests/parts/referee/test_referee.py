@@ -259,7 +259,7 @@ def test_wrong_velocities_alone_are_wrong() -> None:
 def test_a_robot_starts_where_its_log_does(tmp_path: Path) -> None:
     """From another state than scene_of's, and from a log that begins late."""
     made = tl.scene_of("two_link")
-    moved = tl.Scene(made.base, [0.9, -0.3], [0.5, 0.2], made.effects)
+    moved = made.with_start([0.9, -0.3], [0.5, 0.2])
     run = tl.simulate(moved, 1.0, accuracy=1e-10)
     later = (run.t[50:], run.q[50:], run.v[50:])
     for log in (run, later):

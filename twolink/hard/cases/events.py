@@ -25,7 +25,7 @@ def _stiction(t: np.ndarray) -> np.ndarray:
     n = np.minimum(np.floor(t / half), last)
     amplitude, sign, moves = 1.0 - 2 * reach * n, (-1.0) ** n, n < last
     moving = (amplitude - reach) * np.cos(w * (t - n * half))
-    return np.asarray(sign * np.where(moves, reach + moving, amplitude))[:, None]
+    return (sign * np.where(moves, reach + moving, amplitude))[:, None]
 
 
 def _grazing(*, hit: bool) -> truths.ExactMotion:
@@ -56,7 +56,7 @@ def _bounces(t: np.ndarray) -> np.ndarray:
         s = t - start
         out = np.where((s > 0) & (s <= 2 * speed / GRAVITY), speed * s - GRAVITY * s**2 / 2, out)
         start, speed = start + 2 * speed / GRAVITY, restitution * speed
-    return np.asarray(out)[:, None]
+    return out[:, None]
 
 
 def _two_stops(t: np.ndarray) -> np.ndarray:

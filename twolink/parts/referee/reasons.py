@@ -98,7 +98,7 @@ def _left_from(scene: Scene, q: Array, v: Array, t: Array, offset: Array, limit:
     Infinite where there is no solution from there.
     """
     try:
-        run = simulate(Scene(scene.base, q[0], v, scene.effects), float(t[-1]), t_eval=t, patience=limit.seconds)
+        run = simulate(scene.with_start(q[0], v), float(t[-1]), t_eval=t, patience=limit.seconds)
     except OutOfTime:
         raise
     except TwolinkError:  # that start does not fit the scene

@@ -166,8 +166,9 @@ def _spread(scene: Scene, log: TrajectoryLog) -> Pair:
         return total[0], total[1]
 
     def run(q: Array, v: Array) -> Trajectory:
-        moved = Scene(scene.base, q, v, scene.effects)
-        return simulate(moved, float(log.t[-1]), accuracy=1e-2 * max(sizes), verify=False, t_eval=log.t)
+        return simulate(
+            scene.with_start(q, v), float(log.t[-1]), accuracy=1e-2 * max(sizes), verify=False, t_eval=log.t
+        )
 
     plain = run(scene.q, scene.v)
     for k, size in enumerate(np.repeat(sizes, nv)):
