@@ -4,7 +4,7 @@ import itertools
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -124,9 +124,9 @@ def _test(prefix: str, traced: Traced, columns: list[np.ndarray], expected: np.n
     passed = [f"{'*' if len(symbols) == 1 else ''}(in[k] + {start})"
               for (_, symbols), start in zip(traced.arguments, starts, strict=False)]  # fmt: skip
     return f"""  {{
-    static const real in[{VECTORS}][{inputs.shape[1]}] = {_braces(inputs)};
-    static const real expected[{VECTORS}][{width}] = {_braces(expected)};
-    static const real scale[{VECTORS}] = {_braces(scale)};
+    static const real in[{VECTORS}][{inputs.shape[1]}] = {braces(inputs, "K({!r})")};
+    static const real expected[{VECTORS}][{width}] = {braces(expected, "K({!r})")};
+    static const real scale[{VECTORS}] = {braces(scale, "K({!r})")};
     real out[{width}];
     for (int k = 0; k < {VECTORS}; k++) {{
       {prefix}_{name}({", ".join(passed)}, out);
@@ -135,9 +135,9 @@ def _test(prefix: str, traced: Traced, columns: list[np.ndarray], expected: np.n
   }}"""
 
 
-def _braces(values: np.ndarray) -> str:
-    parts = [_braces(x) if np.ndim(x) else f"K({float(x)!r})" for x in values]
-    return "{" + ", ".join(parts) + "}"
+def braces(values: Iterable[Any], form: str = "{!r}") -> str:
+    """Numbers as C initializes an array with them, each in a form."""
+    return "{" + ", ".join(braces(x, form) if np.ndim(x) else form.format(float(x)) for x in values) + "}"
 
 
 def identifier(name: str) -> str:

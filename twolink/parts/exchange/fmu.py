@@ -12,7 +12,7 @@ import tempfile
 import uuid
 import xml.etree.ElementTree as ET
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -24,7 +24,7 @@ from twolink.integrate.steps import step_control
 from twolink.integrate.steps.methods import METHODS
 from twolink.io.files import path_to_write, write_atomic
 from twolink.io.tables import require_format
-from twolink.parts.exchange.c_code import c_files, identifier
+from twolink.parts.exchange.c_code import braces, c_files, identifier
 from twolink.parts.exchange.fmu_model import FmuModel, FmuVariable, fmu_model
 from twolink.scenes import Scene
 
@@ -146,12 +146,8 @@ def _data(model: FmuModel, stem: str) -> str:
         f"static const int SIZES[][2] = {{{sizes}{{0, 0}}}};",
         f"#define END {'INFINITY' if np.isinf(model.end) else model.end}",
         *(f"#define {name} {value + 0!r}" for name, value in values.items()),
-        *(f"static const double {name} = {_braces(value)};" for name, value in arrays.items()), "",
+        *(f"static const double {name} = {braces(value)};" for name, value in arrays.items()), "",
     ])  # fmt: skip
-
-
-def _braces(values: Iterable[Any]) -> str:
-    return "{" + ", ".join(_braces(x) if np.ndim(x) else repr(float(x)) for x in values) + "}"
 
 
 def _description(scene: Scene, model: FmuModel, stem: str, token: str) -> str:
