@@ -219,6 +219,13 @@ def urdf_tree(robot: Robot) -> Tree:
     return read_tree(parse_xml(robot.visuals.text.encode(), robot.report.source), robot.report.source)
 
 
+def followers(robot: Robot, said: Tree) -> dict[str, Mimic]:
+    """The joints that follow others by the robot's file, of which `said` is the URDF, each with its law."""
+    coupled = {given["joint"]: Mimic(given["other"], given["ratio"], given["offset"])
+               for kind, given in robot.visuals.laws.effects if kind == "coupling"}  # fmt: skip
+    return {joint.name: joint.mimic for joint in said.moving if joint.mimic} | coupled
+
+
 def _couplings(robot: Robot) -> list[Coupling]:
     """The joints that follow others by the URDF, but move freely in the robot: leaders before their followers."""
     ones = [joint.name for joint in robot.joints if joint.kind == "vector"]
@@ -235,10 +242,8 @@ def _couplings(robot: Robot) -> list[Coupling]:
 def _not_coupled(robot: Robot, couplings: Sequence[Coupling]) -> list[str]:
     """The joints that follow others by the file, but neither in the robot nor by couplings, each with its law."""
     coupled = {joint.name for joint in robot.joints if joint.kind == "mimic"} | {one.joint for one in couplings}
-    laws = {one.name: one.mimic for one in urdf_tree(robot).moving if one.mimic}
-    laws |= {given["joint"]: Mimic(given["other"], given["ratio"], given["offset"])
-             for kind, given in robot.visuals.laws.effects if kind == "coupling"}  # fmt: skip
-    return [f"{name} = {law.multiplier:g} {law.joint} + {law.offset:g}" for name, law in laws.items()
+    laws = followers(robot, urdf_tree(robot)).items()
+    return [f"{name} = {law.multiplier:g} {law.joint} + {law.offset:g}" for name, law in laws
             if name not in coupled and not {name, law.joint}.isdisjoint(robot.joint_names)]  # fmt: skip
 
 

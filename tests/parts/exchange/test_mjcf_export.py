@@ -48,6 +48,10 @@ def test_a_change_is_found(old: str, new: str, what: str) -> None:
     assert what in {d.what for d in tl.compare_models(robot, text.replace(old, new, 1)).differences}
 
 
+def test_a_joint_that_follows_a_locked_one_is_no_difference() -> None:
+    assert tl.compare_models(*(tl.load_robot(LOOP, lock={"q": 0.1}) for _ in range(2))).equal
+
+
 def test_damping_of_a_free_body_and_couplings_are_written(tmp_path: Path) -> None:
     """MuJoCo's free joint has the damping; a URDF has a coupling as <mimic>."""
     text = """<mujoco><worldbody><body name="b"><joint name="j" type="free" damping="0.7"/><geom size=".1"/></body>

@@ -8,15 +8,8 @@ import pinocchio as pin
 
 from twolink.dynamics import Robot
 from twolink.robots.model import COMPENSATION
-from twolink.robots.urdf import Mimic
 
 Law = tuple[str, tuple[str, ...]]
-
-
-def couplings(robot: Robot) -> dict[str, Mimic]:
-    """The joints that follow others by such an effect."""
-    return {given["joint"]: Mimic(given["other"], given["ratio"], given["offset"])
-            for kind, given in robot.visuals.laws.effects if kind == "coupling"}  # fmt: skip
 
 
 def law_differences(a: Robot, b: Robot, tolerance: float) -> Iterator[tuple[str, str, Any, Any, str]]:

@@ -13,14 +13,13 @@ import pinocchio as pin
 from twolink.algorithms.mechanism import single_bodies
 from twolink.dynamics import Robot
 from twolink.errors import RobotError
-from twolink.parts.exchange.law_comparison import couplings
 from twolink.parts.exchange.urdf_text import as_limit, write_robot
 from twolink.robots.joint_layout import NO_LIMIT, urdf_limits
 from twolink.robots.model import COMPENSATION
 from twolink.robots.tree import Tree
 from twolink.robots.urdf import written
 from twolink.robots.xml import Element, Reader
-from twolink.scenes.urdf_scene import urdf_tree
+from twolink.scenes.urdf_scene import followers, urdf_tree
 
 _TYPES = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "spherical": "ball", "free-flyer": "free"}
 _SHAPES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
@@ -154,8 +153,7 @@ def _geoms(body: ET.Element, said: Tree, link: str, place: pin.SE3) -> None:
 
 def _equalities(root: ET.Element, robot: Robot, said: Tree) -> Iterator[ET.Element]:
     """Mimic joints and couplings; the loops that the robot's own file said, between sites that are added."""
-    own = {joint.name: joint.mimic for joint in said.moving if joint.mimic is not None}
-    for joint, other in (own | couplings(robot)).items():
+    for joint, other in followers(robot, said).items():
         if {joint, other.joint} <= set(robot.joint_names):
             yield ET.Element("joint", joint1=joint, joint2=other.joint,
                              polycoef=written([other.offset, other.multiplier, 0, 0, 0]))  # fmt: skip

@@ -13,7 +13,7 @@ from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.arguments import Positive, positive
 from twolink.errors import QueryError
 from twolink.parts.exchange.inertia_causes import LinkInertia, centre_cause, inertia_cause, link_inertia, mirror_faults
-from twolink.parts.exchange.law_comparison import couplings, law_differences
+from twolink.parts.exchange.law_comparison import law_differences
 from twolink.parts.exchange.matching import (
     STATES,
     Match,
@@ -28,7 +28,7 @@ from twolink.parts.exchange.matching import (
 from twolink.robots.joint_layout import NO_LIMIT, urdf_kind
 from twolink.robots.tree import Tree
 from twolink.robots.urdf import Mimic
-from twolink.scenes.urdf_scene import urdf_tree
+from twolink.scenes.urdf_scene import followers, urdf_tree
 from twolink.simulation.text import BaseResult
 
 _ATTRIBUTES = {"lower limit": "<limit lower>", "upper limit": "<limit upper>", "velocity limit": "<limit velocity>",
@@ -184,8 +184,7 @@ class _Comparison:
             ours, theirs = urdf_kind(self.a.model, m.a), urdf_kind(self.b.model, m.b)
             if ours != theirs:
                 yield Difference("type", self._joint(m, "type"), ours, theirs, "another kind of joint")
-        followed = [{j.name: j.mimic for j in tree.moving if j.mimic and j.mimic.joint in robot.model.names}
-                    | couplings(robot)
+        followed = [{name: law for name, law in followers(robot, tree).items() if law.joint in robot.model.names}
                     for tree, robot in zip(self.trees, self.robots, strict=True)]  # fmt: skip
         matched = {self.a.model.names[m.a]: m for m in self.matches}
         for m in self.matches:

@@ -14,10 +14,9 @@ from twolink.dynamics import Robot
 from twolink.errors import RobotError
 from twolink.io.files import path_to_write, write_atomic
 from twolink.io.tables import require_format
-from twolink.parts.exchange.law_comparison import couplings
 from twolink.robots.joint_layout import NO_LIMIT
 from twolink.robots.urdf import moments_written, written
-from twolink.scenes.urdf_scene import urdf_tree
+from twolink.scenes.urdf_scene import followers, urdf_tree
 
 _TYPES = {"revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic", "planar": "planar",
           "free-flyer": "floating"}  # fmt: skip
@@ -65,7 +64,7 @@ def urdf_text(robot: Robot) -> str:
             _joint(root, f"{frame.name}_fixed", "fixed", kept[j], frame.name, frame.placement)
     for j in range(1 + free, model.njoints):
         _moving_joint(root, robot, j, kept[model.parents[j]], kept[j])
-    mimics = couplings(robot) | {joint.name: joint.mimic for joint in said.moving if joint.mimic}
+    mimics = followers(robot, said)
     for joint in root.iter("joint"):
         mimic = mimics.get(joint.get("name", ""))
         if mimic is not None and mimic.joint in model.names:
