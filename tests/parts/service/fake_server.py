@@ -7,6 +7,8 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
+from twolink.parts.service.client import Client
+
 JSON, PROBLEM = "application/json", "application/problem+json"
 Answer = bytes | Callable[["Request", socket.socket], bytes]
 
@@ -26,6 +28,9 @@ class Fake:
     url: str = ""
     requests: list[Request] = field(default_factory=list)
     connections: int = 0
+
+    def client(self, timeout: float = 20) -> Client:
+        return Client(self.url, timeout=timeout)
 
 
 def http(status: int, content: bytes | object, media: str = JSON, *headers: str) -> bytes:

@@ -113,7 +113,7 @@ FOREIGN = {
 @pytest.mark.parametrize("name", FOREIGN)
 def test_whatever_answers_it_is_an_error_of_twolink(name: str) -> None:
     with fake(FOREIGN[name]) as server:
-        client = tl.connect(server.url, timeout=20)
+        client = server.client()
         for call in CALLS.values():
             with pytest.raises(TwolinkError) as caught:
                 call(client)
@@ -124,7 +124,7 @@ def test_whatever_answers_it_is_an_error_of_twolink(name: str) -> None:
 @pytest.mark.parametrize("size", [0, 1, 2**14, 2**14 + 1, 10**6])
 def test_bodies_arrive_whole(size: int) -> None:
     with fake(LISTED) as server:
-        client = tl.connect(server.url, timeout=20)
+        client = server.client()
         for body in (bytes(size), b"again" * size):
             client.request("POST", "/v1/robots", body)
             assert server.requests[-1].body == body
@@ -166,7 +166,7 @@ def test_a_timeout_is_one_of_the_whole_request(start: int) -> None:
 
     with fake(answer) as server:
         with pytest.raises(TwolinkError, match=r"no answer within 0\.3 s") as caught:
-            tl.connect(server.url, timeout=0.3).robots()
+            server.client(0.3).robots()
         gate.set()
     assert caught.value.code == "no-answer"
     assert len(server.requests) == 1
@@ -186,7 +186,7 @@ def test_a_timeout_is_not_tried_again_on_other_connections() -> None:
         return LISTED
 
     with fake(*[together] * 4, silent) as server:
-        client = tl.connect(server.url, timeout=20)
+        client = server.client()
         threads = [threading.Thread(target=client.robots) for _ in range(4)]
         for thread in threads:
             thread.start()
@@ -205,7 +205,7 @@ def test_a_timeout_is_not_tried_again_on_other_connections() -> None:
 def test_a_busy_service_is_asked_again_when_it_says_so(status: int, after: str) -> None:
     busy = http(status, problem(status, "busy"), PROBLEM, f"Retry-After: {after}")
     with fake(busy, busy, http(200, {"h": [1, 2]})) as server:
-        answer = RemoteRobot(Transport(server.url, None, 20), ABOUT).bias(Q, V)
+        answer = RemoteRobot(server.client()._transport, ABOUT).bias(Q, V)
         np.testing.assert_array_equal(answer, [1, 2])
         assert len(server.requests) == 3
         assert server.connections == 1
@@ -216,7 +216,7 @@ def test_a_busy_service_that_names_no_time_in_reach_is_not_asked_again(after: st
     refusal = problem(503, "busy", retry_after=3600)
     with fake(http(503, refusal, PROBLEM, *([after] if after else []))) as server:
         with pytest.raises(TwolinkError, match="so it is") as caught:
-            tl.connect(server.url, timeout=5).robots()
+            server.client(5).robots()
         assert (caught.value.code, caught.value.retry_after) == ("busy", 3600)
         assert len(server.requests) == 1
 
@@ -224,26 +224,26 @@ def test_a_busy_service_that_names_no_time_in_reach_is_not_asked_again(after: st
 def test_only_what_is_safe_is_sent_twice() -> None:
     """The service reads a request on a kept connection, and closes it without an answer."""
     with fake(LISTED, b"", LISTED) as server:
-        client = tl.connect(server.url, timeout=20)
+        client = server.client()
         client.robots()
         assert client.robots()[0]["id"] == "two_link"
         assert len(server.requests) == 3
     with fake(LISTED, b"", LISTED) as server:
-        client = tl.connect(server.url, timeout=20)
+        client = server.client()
         client.robots()
         with pytest.raises(TwolinkError, match="no answer"):
             client.request("POST", "/v1/robots", b"{}")
         assert len(server.requests) == 2
     with fake(b"", LISTED) as server:  # a new connection is no reason to try again
         with pytest.raises(TwolinkError, match="no answer"):
-            tl.connect(server.url, timeout=20).robots()
+            server.client().robots()
         assert len(server.requests) == 1
 
 
 def test_a_connection_that_was_closed_meanwhile_is_not_used() -> None:
     """What was never sent may be sent on another connection, whatever it is."""
     with fake(LISTED) as server:
-        client = tl.connect(server.url, timeout=20)
+        client = server.client()
         client.robots()
         client._transport._idle[-1].sock.shutdown(socket.SHUT_RDWR)
         client.request("POST", "/v1/robots", b"{}")
@@ -279,7 +279,7 @@ def test_batches_go_in_parts_that_the_service_takes() -> None:
     wrench = {ROBOT.frame_names[-1]: rng.uniform(-1, 1, (6, 6))}
     counts: list[int] = []
     with fake(limited(10, counts)) as server:
-        there = RemoteRobot(Transport(server.url, None, 20), ABOUT)
+        there = RemoteRobot(server.client()._transport, ABOUT)
         np.testing.assert_allclose(there.bias(q, v), ROBOT.bias(q, v), rtol=1e-13)
         assert sum(counts) == 42
         assert max(counts) - min(counts) <= 1
@@ -294,7 +294,7 @@ def test_batches_go_in_parts_that_the_service_takes() -> None:
             assert one.shape == other.shape
         assert there.bias(np.empty((0, 2)), np.empty((0, 2))).shape == (0, 2)
     with fake(limited(0, counts)) as server, pytest.raises(TwolinkError, match="so it is"):
-        RemoteRobot(Transport(server.url, None, 20), ABOUT).bias(q, v)  # not even one state: no endless loop
+        RemoteRobot(server.client()._transport, ABOUT).bias(q, v)  # not even one state: no endless loop
 
 
 def test_large_batches_are_split_before_they_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -302,7 +302,7 @@ def test_large_batches_are_split_before_they_are_refused(monkeypatch: pytest.Mon
     counts: list[int] = []
     q = np.random.default_rng(5).uniform(-1, 1, (120, 2))
     with fake(limited(10**6, counts)) as server:
-        there = RemoteRobot(Transport(server.url, None, 20), ABOUT)
+        there = RemoteRobot(server.client()._transport, ABOUT)
         np.testing.assert_allclose(there.bias(q, q), ROBOT.bias(q, q), rtol=1e-13)
     assert counts == [40, 40, 40]
 

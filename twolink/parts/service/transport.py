@@ -1,15 +1,15 @@
 """HTTP as the client speaks it: kept connections, one time limit a request, and retries where they are safe."""
 
 import email.utils
+import functools
 import http.client
-import io
 import math
 import socket
 import ssl
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Any, cast
+from typing import Any
 from urllib.parse import SplitResult, quote, urlsplit
 
 import msgspec
@@ -65,9 +65,10 @@ class Transport:
         deadline = time.monotonic() + self.timeout
         headers = {"Accept": accept, "Content-Type": media, **self._headers}
         repeatable = repeatable or method in _REPEATABLE
+        ask = functools.partial(self._ask, method, self._path + path, body, headers, deadline)
         while True:
             try:
-                answer = self._exchange(method, self._path + path, body, headers, repeatable, deadline)
+                answer = self._exchange(ask, repeatable)
             except (OSError, http.client.HTTPException, ValueError) as error:
                 raise self._lost(error) from None
             if answer.wait is None or time.monotonic() + answer.wait >= deadline:
@@ -77,35 +78,32 @@ class Transport:
             return answer.media, answer.content
         raise error_from(self._problem(answer))
 
-    def _exchange(
-        self, method: str, path: str, body: bytes | None, headers: Mapping[str, str], repeatable: bool, deadline: float
-    ) -> "_Answer":
+    def _exchange(self, ask: "Callable[[_Connection], _Answer]", repeatable: bool) -> "_Answer":
         """One request, on a connection that is open if there is one."""
         connection = self._open_connection()
         if connection is not None:
             try:
-                return self._ask(connection, method, path, body, headers, deadline)
+                return ask(connection)
             except ConnectionError:
                 if not repeatable:
                     raise
         kind = _TLSConnection if self._parts.scheme == "https" else _Connection
-        return self._ask(kind(self._parts.hostname or "", self._port), method, path, body, headers, deadline)
+        return ask(kind(self._parts.hostname or "", self._port))
 
     def _open_connection(self) -> "_Connection | None":
         """A kept connection that the service has not closed meanwhile."""
-        while self._idle:
+        while True:
             try:
                 connection = self._idle.pop()
-            except IndexError:  # another thread was faster
+            except IndexError:
                 return None
             if connection.is_open():
                 return connection
             connection.close()
-        return None
 
     def _ask(
-        self, connection: "_Connection", method: str, path: str, body: bytes | None, headers: Mapping[str, str],
-        deadline: float,
+        self, method: str, path: str, body: bytes | None, headers: Mapping[str, str], deadline: float,
+        connection: "_Connection",
     ) -> "_Answer":  # fmt: skip
         connection.deadline = deadline
         try:
@@ -175,10 +173,6 @@ class _Connection(http.client.HTTPConnection):
 
     def connect(self) -> None:
         self.sock = self._dial()
-        self.response_class = self._response  # type: ignore[assignment]  # it is called like the class
-
-    def _response(self, sock: Any, **options: Any) -> http.client.HTTPResponse:
-        return http.client.HTTPResponse(cast(Any, _Timed(sock, self._left)), **options)
 
     def request(self, method: str, url: str, body: Any = None, *arguments: Any, **options: Any) -> None:
         """As of http.client, with a small body in one packet with the head: two wake the service twice."""
@@ -208,10 +202,11 @@ class _Connection(http.client.HTTPConnection):
             pass
         return False
 
-    def _dial(self) -> socket.socket:
+    def _dial(self) -> "_Socket":
         failure = OSError("the name has no address")
         for family, kind, protocol, _, address in socket.getaddrinfo(self.host, self.port, type=socket.SOCK_STREAM):
-            sock = socket.socket(family, kind, protocol)
+            sock = _Socket(family, kind, protocol)
+            sock.left = self._left
             try:
                 sock.settimeout(self._left())
                 sock.connect(address)
@@ -234,30 +229,29 @@ class _TLSConnection(_Connection):
     """A connection over TLS, certificates checked."""
 
     def connect(self) -> None:
-        super().connect()
-        self.sock = ssl.create_default_context().wrap_socket(self.sock, server_hostname=self.host)
+        context = ssl.create_default_context()
+        context.sslsocket_class = _TLSSocket
+        sock: Any = context.wrap_socket(self._dial(), server_hostname=self.host)
+        sock.left = self._left
+        self.sock = sock
 
 
-class _Timed(io.RawIOBase):
-    """A socket for HTTPResponse: reads from one, within the seconds that `left` says before each read."""
+class _Timed:
+    """A socket that is read within the seconds that `left` says before each read."""
 
-    def __init__(self, sock: socket.socket, left: Callable[[], float]) -> None:
-        self._sock, self._left = sock, left
-        self._raw = sock.makefile("rb", buffering=0)
+    left: Callable[[], float]
 
-    def makefile(self, _mode: str) -> io.BufferedReader:
-        return io.BufferedReader(self)
+    def recv_into(self: Any, *arguments: Any) -> int:
+        self.settimeout(self.left())
+        return super().recv_into(*arguments)  # type: ignore[misc,no-any-return]
 
-    def readable(self) -> bool:
-        return True
 
-    def readinto(self, buffer: Any) -> int | None:
-        self._sock.settimeout(self._left())
-        return self._raw.readinto(buffer)
+class _Socket(_Timed, socket.socket):
+    pass
 
-    def close(self) -> None:
-        self._raw.close()
-        super().close()
+
+class _TLSSocket(_Timed, ssl.SSLSocket):
+    pass
 
 
 def _address(url: str) -> tuple[SplitResult, int]:
