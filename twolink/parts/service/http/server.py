@@ -77,7 +77,6 @@ class Protocol(HttpToolsProtocol):
         self._unused = 0  # bytes since its begin or its last piece of body: headers, trailers, extensions of chunks
         self._ended: float | None = None  # when it was refused, or handed on
         self._stuck: float | None = None  # since when bytes wait to be sent
-        self._idle_since: float | None = None  # when the last answer was sent
 
     def connection_made(self, transport: Any) -> None:
         """A client has connected."""
@@ -159,7 +158,7 @@ class Protocol(HttpToolsProtocol):
 
     def _start_asgi_task(self, cycle: Any, app: Any) -> None:
         """Have the application answer a request, at once when a small body has arrived, or else in a task."""
-        self._answered, self._idle_since = cycle, None
+        self._answered = cycle
         is_small = 1 <= len(header(cycle.scope, b"content-length")) <= _SMALL_DIGITS
         if is_small and cycle is self.cycle and not cycle.waiting_for_100_continue and hasattr(app, "answer_now"):
             self._small = cycle, app
@@ -190,17 +189,6 @@ class Protocol(HttpToolsProtocol):
         self._ended = self.loop.time()  # what came behind the request is not read here
         super().handle_websocket_upgrade()
 
-    def on_response_complete(self) -> None:
-        """As of uvicorn, which sets a timer for each request: `_check` looks at the time anyway."""
-        self.server_state.total_requests += 1
-        if self.transport.is_closing():
-            return
-        self.flow.resume_reading()
-        if self.pipeline:
-            self._start_asgi_task(*self.pipeline.pop())
-        else:
-            self._idle_since = self.loop.time()
-
     def resume_writing(self) -> None:
         """The client has read what was sent to it."""
         self._stuck = None
@@ -215,9 +203,8 @@ class Protocol(HttpToolsProtocol):
             self._begun = now  # the client waits for the service
         reading = 0.0 if self._begun is None else now - self._begun
         ended = self._ended is not None and now - self._ended > _LINGER
-        idle = self._begun is None and now - (self._idle_since or now) > self.timeout_keep_alive
         too_slow = reading > self._seconds or self._arrived < self._rate * (reading - _SLOW_START)
-        if ended or idle or too_slow or (self._stuck is not None and now - self._stuck > SLICE / self._rate):
+        if ended or too_slow or (self._stuck is not None and now - self._stuck > SLICE / self._rate):
             self.transport.abort()
         else:
             self._timer = self.loop.call_later(min(_CHECK, self._seconds), self._check)
