@@ -155,15 +155,6 @@ def test_compiled_functions_refuse_bad_arguments(case: str, layout: str) -> None
         tl.load_robot("two_link").bias(*arrays, engine="compiled")
 
 
-def test_nan_is_refused_where_the_answer_does_not_depend_on_it() -> None:
-    """The first angle of an arm without gravity changes nothing, but NaN is no angle."""
-    robot = tl.load_robot("two_link", gravity=(0, 0, 0))
-    q = np.zeros((20, 2))
-    q[7, 0] = np.nan
-    with pytest.raises(QueryError, match=r"nan at \[7, 0\]"):
-        robot.mass_matrix(q, engine="compiled")
-
-
 def test_angles_of_many_turns_are_answered() -> None:
     """Sines of single angles are as exact at any of them; the sum of two is rounded, in both engines alike."""
     robot = tl.load_robot("two_link")

@@ -30,6 +30,11 @@ def chain(*joints: tuple[str, str], axis: str = "0.6 0 0.8") -> str:
     return f'<robot name="r">{links}{"".join(parts)}</robot>'
 
 
+def loaded(text: str) -> tuple[tl.Robot, tl.Robot]:
+    """The robot whose joints are coupled, and the free one."""
+    return tl.load_robot(text, mimic=True), tl.load_robot(text)
+
+
 COUPLED = {
     "revolute": ("revolute", "revolute", 2.0, 0.3),
     "prismatic follows revolute": ("revolute", "prismatic", -0.5, 0.1),
@@ -43,8 +48,7 @@ COUPLED = {
 def test_coupled_joints_move_as_the_free_robot_along_the_coupling(case: str) -> None:
     """M = G^T M_free G, tau = G^T tau_free and J = J_free G for q_free = G q + c."""
     leader, follower, multiplier, offset = COUPLED[case]
-    text = chain((leader, ""), ("revolute", ""), (follower, mimic("j1", multiplier, offset)))
-    coupled, free = tl.load_robot(text, mimic=True), tl.load_robot(text)
+    coupled, free = loaded(chain((leader, ""), ("revolute", ""), (follower, mimic("j1", multiplier, offset))))
     y, v, a = np.random.default_rng(5).uniform(-1, 1, (3, 2))
     G = np.array([[1, 0], [0, 1], [multiplier, 0]])
     full = G @ y + [0, 0, offset]
@@ -66,8 +70,8 @@ def test_coupled_joints_move_as_the_free_robot_along_the_coupling(case: str) -> 
 
 def test_a_joint_follows_behind_and_before_ball_joints() -> None:
     """M = G^T M_free G, and the frame at the end; whose coordinates balls have moved, also pickled."""
-    text = chain(("spherical", ""), ("revolute", ""), ("revolute", mimic("j2", 2.0, 0.3)), ("spherical", ""))
-    coupled, free = tl.load_robot(text, mimic=True), tl.load_robot(text)
+    follower = ("revolute", mimic("j2", 2.0, 0.3))
+    coupled, free = loaded(chain(("spherical", ""), ("revolute", ""), follower, ("spherical", "")))
     G = np.insert(np.eye(7), 4, 2.0 * np.eye(7)[3], axis=0)
     q = coupled.random_state(1, seed=3)[0][0]
     q_free = np.insert(q, 5, 2.0 * q[4] + 0.3)
@@ -80,8 +84,7 @@ def test_a_joint_follows_behind_and_before_ball_joints() -> None:
 def test_followers_keep_their_limits_of_speed(case: str) -> None:
     """The free robot along the coupling is at a limit of speed."""
     leader, follower, multiplier, offset = COUPLED[case]
-    text = chain((leader, ""), (follower, mimic("j1", multiplier, offset)))
-    coupled, free = tl.load_robot(text, mimic=True), tl.load_robot(text)
+    coupled, free = loaded(chain((leader, ""), (follower, mimic("j1", multiplier, offset))))
     start, end = (coupled.joints[0].entries("q", angle) for angle in (0.0, 1.0))
     motion = tl.trapezoidal_motion(coupled, start, end, acceleration=50.0)
     limits = np.ravel([joint.velocity_limit for joint in free.joints])
@@ -91,8 +94,8 @@ def test_followers_keep_their_limits_of_speed(case: str) -> None:
 def test_a_follower_without_limits_leaves_its_leader_without() -> None:
     """A velocity of 1e30 is no limit: exported URDFs have it."""
     text = chain(("continuous", ""), ("continuous", mimic("j1", 2.0))).replace('velocity="1"', 'velocity="1e30"')
-    robot = tl.load_robot(text, mimic=True)
-    assert robot.joints[0].velocity_limit == tl.load_robot(text).joints[0].velocity_limit == (np.inf,)
+    robot, free = loaded(text)
+    assert robot.joints[0].velocity_limit == free.joints[0].velocity_limit == (np.inf,)
     assert "narrowed" not in str(robot.report)
 
 
@@ -113,7 +116,7 @@ def narrow(multiplier: float, offset: float, limits: tuple[float, float]) -> str
 def test_a_follower_keeps_its_limits(multiplier: float, offset: float) -> None:
     """Random states, inverse kinematics and runs of the scene of the file; beyond them no configuration is found."""
     text, (lower, upper) = narrow(multiplier, offset, (-0.5, 0.7)), (-0.5, 0.7)
-    robot, free = tl.load_robot(text, mimic=True), tl.load_robot(text)
+    robot, free = loaded(text)
     q = robot.random_state(100, seed=1)[0][:, 0]
     followed = multiplier * q + offset
     assert lower - 1e-12 <= followed.min() < 0.1 < followed.max() <= upper + 1e-12
@@ -221,7 +224,7 @@ def test_the_armature_of_a_follower_acts_on_its_leader() -> None:
     rotor = '<dynamics damping="{}" friction="{}" armature="{}"/>'
     joints = [("revolute", rotor.format(0.3, 0.1, 0.05)), ("revolute", rotor.format(0.2, 0.4, 0.7)),
               ("revolute", mimic("j1", -2.0, 0.3) + rotor.format(0.6, 0.25, 0.5))]  # fmt: skip
-    coupled, free = tl.load_robot(chain(*joints), mimic=True), tl.load_robot(chain(*joints))
+    coupled, free = loaded(chain(*joints))
     G, q, v = np.array([[1.0, 0], [0, 1], [-2, 0]]), [0.4, -0.6], np.array([0.7, 0.9])
     q_free = G @ q + [0, 0, 0.3]
     for one in (coupled, pickle.loads(pickle.dumps(coupled))):
