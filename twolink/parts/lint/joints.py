@@ -7,7 +7,7 @@ import numpy as np
 
 from twolink.parts.lint.findings import Defect, Fix, defect
 from twolink.parts.lint.reading import Reading, lost_mesh
-from twolink.parts.lint.shapes import meshes, placement
+from twolink.parts.lint.shapes import floats, meshes, placement
 from twolink.robots.checks import mimic_fault
 from twolink.robots.meshes import missing_meshes
 from twolink.robots.tree import other_side
@@ -126,10 +126,11 @@ def shapes(reading: Reading) -> Iterator[Defect]:
     reach = max((math.hypot(*placement(joint.element).translation) for joint in reading.joints), default=0.0)
     for link in reading.links.values():
         for mesh in meshes(link.element):
-            scale = mesh.attributes.get("scale", "1 1 1").split()
-            if len(scale) != 3 or not all(_is_positive(part) for part in scale):
-                mirrored = len(scale) == 3 and all(_is_positive(part.lstrip("-")) for part in scale)
-                yield defect("mesh-scale", link.name, reading.line(mesh, link.name), f'scale="{" ".join(scale)}"',
+            written = " ".join(mesh.attributes.get("scale", "1 1 1").split())
+            scale = floats(written)
+            if len(scale) != 3 or not all(0 < factor < math.inf for factor in scale):
+                mirrored = len(scale) == 3 and all(0 < abs(factor) < math.inf for factor in scale)
+                yield defect("mesh-scale", link.name, reading.line(mesh, link.name), f'scale="{written}"',
                              "a mirrored mesh, whose sides some programs turn inside out" if mirrored else
                              "give three positive numbers", severity="note" if mirrored else None)  # fmt: skip
                 break
@@ -165,13 +166,6 @@ def _missing(reading: Reading) -> Iterator[Defect]:
                      "give --package-dir, or correct the names")  # fmt: skip
 
 
-def _is_positive(text: str) -> bool:
-    try:
-        return 0 < float(text) < math.inf
-    except ValueError:
-        return False
-
-
 def ranges(reading: Reading) -> Iterator[Defect]:
     """Ranges of hinges in the other unit than <compiler angle> says."""
     if reading.raw.tag != "mujoco":
@@ -180,8 +174,9 @@ def ranges(reading: Reading) -> Iterator[Defect]:
     if any(part.tag == "include" for part in reading.raw.inside()) or "" in compilers:
         return  # what is included may say it
     radians = "radian" in compilers
-    found = [(part, width) for part in reading.raw.inside() if part.tag == "joint"
-             and part.attributes.get("type", "hinge") == "hinge" and (width := _largest(part)) > 0]  # fmt: skip
+    hinges = [part for part in reading.raw.inside()
+              if part.tag == "joint" and part.attributes.get("type", "hinge") == "hinge"]  # fmt: skip
+    found = [(joint, max(map(abs, ends))) for joint in hinges if any(ends := floats(joint.attributes.get("range", "")))]
     narrow = not radians and len(found) >= _FEW and max(width for _, width in found) < _NARROW
     for joint, width in found:
         if narrow or (radians and width > _TURNS):
@@ -189,10 +184,3 @@ def ranges(reading: Reading) -> Iterator[Defect]:
             yield defect("range-unit", joint.attributes.get("name", ""), joint.line,
                          f'range="{joint.attributes["range"]}" in {"radians" if radians else "degrees"}',
                          f'likely in {meant}: <compiler angle="{meant[:-1]}"/>')  # fmt: skip
-
-
-def _largest(joint: Element) -> float:
-    try:
-        return float(np.abs(np.array(joint.attributes.get("range", "0").split(), dtype=float)).max())
-    except ValueError:
-        return 0.0

@@ -9,10 +9,11 @@ from typing import Any
 
 from twolink.errors import RobotError
 from twolink.io.files import write_atomic
-from twolink.io.text import parse_number, read_bytes
+from twolink.io.text import read_bytes
 from twolink.parts.lint import bodies, joints
 from twolink.parts.lint.findings import SEVERITIES, Defect, Findings, Fix, defect
 from twolink.parts.lint.reading import Reading, of_error, read
+from twolink.parts.lint.shapes import floats
 from twolink.robots.catalogue import Source, open_source
 from twolink.robots.checks import weightless_joints, without_inertia
 from twolink.robots.load import load_model
@@ -158,7 +159,7 @@ def srdf_defects(source: Source) -> Iterator[Defect]:
         for part in element.children:
             if part.tag in ("joint", "link"):
                 yield from _unknown(part, part.tag, [part.attributes.get("name", "")], known)
-            if element.tag == "group_state" and not _are_numbers(part.attributes.get("value", "")):
+            if element.tag == "group_state" and not floats(part.attributes.get("value", "")):
                 yield defect("srdf", part.attributes.get("name", ""), part.line,
                              f'value="{part.attributes.get("value", "")}" is no number', "give rad or m")  # fmt: skip
 
@@ -179,10 +180,3 @@ def _unknown(element: Element, tag: str, names: list[str], known: dict[str, set[
     for name in names:
         if known and name not in known[tag]:
             yield defect("srdf", name, element.line, f"the URDF has no {tag} {name!r}", "correct the name")
-
-
-def _are_numbers(text: str) -> bool:
-    try:
-        return bool([parse_number(part) for part in text.split()])
-    except ValueError:
-        return False

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.io.mesh_files import is_closed, read_triangles
+from twolink.io.text import parse_number
 from twolink.robots.meshes import MeshFolders
 from twolink.robots.xml import Element
 
@@ -91,12 +92,17 @@ def placement(element: Element) -> pin.SE3:
     return pin.SE3(pin.rpy.rpyToMatrix(*rpy), xyz)
 
 
+def floats(text: str) -> list[float]:
+    """The numbers of a text; none where a part of it is no number."""
+    try:
+        return [parse_number(part) for part in text.split()]
+    except ValueError:
+        return []
+
+
 def _numbers(element: Element | None, key: str, count: int, default: float = 0.0) -> np.ndarray:
     """Numbers of a shape, which strict reading leaves alone; the default where they are none."""
-    try:
-        values = np.array((element.attributes[key] if element else "").split(), dtype=float)
-    except (KeyError, ValueError):
-        values = np.empty(0)
+    values = np.array(floats(element.attributes.get(key, "") if element else ""))
     return values if len(values) == count and (np.abs(values) < _MOST).all() else np.full(count, default)
 
 

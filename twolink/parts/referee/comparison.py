@@ -159,5 +159,4 @@ def peer_log(scene: Scene, peer: str, times: np.ndarray) -> PeerLog:
         track = run().track
     seconds = time.perf_counter() - begun
     log = Trajectory(scene.robot, track.t, track.q, track.v, None, None, title=scene.title)
-    version = getattr(module, "VERSION", "")
-    return PeerLog(f"{NAMES[peer]} {version}".strip(), str(setting), log, seconds)
+    return PeerLog(f"{NAMES[peer]} {module.VERSION}", str(setting), log, seconds)

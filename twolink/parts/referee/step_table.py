@@ -272,8 +272,8 @@ def step_table(
                   {trial.task.interval: trial.task for trial in trials}.values()} if soft else {}  # fmt: skip
     rows = tuple(_row(trial, apart, limits.get(trial.task.interval), trial is trials[0]) for trial in trials)
     softness = apart(task.times, limits[task.interval]) if soft else None
-    title, version = scene.title or scene.robot.name, getattr(module, "VERSION", "")
-    return StepTable(f"{NAMES[peer]} {version}".strip(), title, end, rows, bar, soft, softness, ours,
+    title = scene.title or scene.robot.name
+    return StepTable(f"{NAMES[peer]} {module.VERSION}", title, end, rows, bar, soft, softness, ours,
                      guessed, unit_of(scene.robot.joints), tuple(fall_notes(scene)))  # fmt: skip
 
 
