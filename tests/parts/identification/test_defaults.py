@@ -8,8 +8,9 @@ from tests.parts.identification.motions import FINGERS, motion, noisy
 from tests.refusals import refused
 from twolink.errors import QueryError
 from twolink.identification import identify
-from twolink.parts.identification.base_parameters import direction, regressor
+from twolink.parts.identification.base_parameters import regressor
 from twolink.parts.identification.filtering import Folds
+from twolink.parts.identification.measurements import Measurements
 
 ARM = tl.load_robot("arm")
 COULOMB, VISCOUS = np.array([0.5, 0.3]), np.array([0.2, 0.1])
@@ -48,12 +49,6 @@ def test_a_rest_counts_as_one_sample_however_long_it_is() -> None:
     assert np.all(np.abs(long.estimate - short.estimate) < np.maximum(long.half_width, short.half_width))
 
 
-def test_the_direction_of_friction_is_the_sign_beyond_its_width() -> None:
-    v = np.array([-1.0, -0.01, 0.0, 0.01, 1.0])
-    assert np.array_equal(direction(v, np.zeros(1)), np.sign(v))
-    np.testing.assert_allclose(direction(v, np.full(1, 0.01)), np.tanh(v / 0.01))
-
-
 @pytest.mark.parametrize("name", ["arm", "panda", "kinova", "gripper"])
 def test_the_regressor_is_the_robots_own(name: str) -> None:
     robot = tl.load_robot(name)
@@ -71,6 +66,14 @@ def test_parts_that_are_left_out_are_predicted_as_by_least_squares() -> None:
         theta = np.linalg.lstsq(columns[rest, 0][:, [0, 2]], y[rest, 0], rcond=None)[0]
         left += np.sum((y[rows, 0] - columns[rows, 0][:, [0, 2]] @ theta) ** 2)
     np.testing.assert_allclose(Folds(columns, y, [30, 60, 90]).left_out([0, 2]), left / 90, rtol=1e-9)
+
+
+def test_blocks_of_runs_end_where_their_means_do() -> None:
+    """What is left of a run behind its last whole block is not of the next run."""
+    x = np.arange(14.0)[:, None]
+    data = Measurements(x[:, 0], x, x, x, x, ends=(7, 14), block=2)
+    assert data.block_ends == [3, 6]
+    np.testing.assert_array_equal(data.averaged(x)[[2, 3], 0], [4.5, 7.5])
 
 
 def test_a_filter_passes_what_bodies_do_also_where_friction_is_not_looked_for() -> None:

@@ -3,7 +3,6 @@
 import re
 from pathlib import Path
 
-import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -13,6 +12,7 @@ from tests import urdf_text
 from tests.refusals import refused
 from twolink.errors import QueryError
 from twolink.identification import exciting_motion, identify
+from twolink.robots.collisions import collision_model
 
 
 @pytest.mark.parametrize("name", ["arm", pytest.param("kinova", marks=pytest.mark.slow)])
@@ -79,18 +79,13 @@ def test_links_do_not_touch_and_torques_keep_their_limits() -> None:
     motion = exciting_motion(robot, 40.0, samples=200, steps=0, ramps=True)
     assert 0.5 < motion.share < 1, "only the joints between links that touch move less"
     assert motion.limit
-    model, geometry = robot.model, robot.solids
-    bodies = [(model.frames[model.getFrameId(solid.link)], solid.shape) for solid in geometry if "wrist_3" in solid.link
-              or "upper_arm" in solid.link]  # fmt: skip
+    geometry = collision_model(robot.model, robot.solids)
+    links = [k for k, solid in enumerate(robot.solids) if "wrist_3" in solid.link or "upper_arm" in solid.link]
+    geometry.addCollisionPair(pin.CollisionPair(*links))
+    seen = pin.GeometryData(geometry)
     for q in motion.q[::5]:
-        data = model.createData()
-        pin.forwardKinematics(model, data, q)
-        places = [data.oMi[frame.parentJoint] * frame.placement * shape.placement for frame, shape in bodies]
-        poses = [coal.Transform3s(place.rotation, place.translation) for place in places]
-        assert len(bodies) == 2
-        (_, a), (_, b) = bodies
-        result = coal.DistanceResult()
-        assert coal.distance(a.coal(), poses[0], b.coal(), poses[1], coal.DistanceRequest(), result) > 0
+        pin.computeDistances(robot.model, robot.data, geometry, seen, q)
+        assert seen.distanceResults[0].min_distance > 0
     torques = robot.inverse_dynamics(motion.q, motion.v, motion.a)
     assert np.all(np.abs(torques).max(axis=0) < np.array(robot.model.effortLimit))
 

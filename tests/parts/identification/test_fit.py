@@ -4,10 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pinocchio as pin
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.optimize import least_squares, lsq_linear
+from scipy.optimize import lsq_linear
 
 import twolink as tl
 from tests.parts.identification import motions
@@ -15,7 +13,7 @@ from tests.refusals import refused
 from tests.urdf_text import joint, link
 from tests.urdf_text import robot_of as robot_text
 from twolink.errors import QueryError, SceneError
-from twolink.identification import base_parameters, write_urdf
+from twolink.identification import base_parameters
 from twolink.io.tables import write_table
 from twolink.parts.identification.bounded_least_squares import Bounds, StepLimits, step_within
 from twolink.parts.identification.consistency import body_of, central, from_central, log_cholesky_chart, pseudo_inertia
@@ -191,30 +189,12 @@ def test_what_is_told_of_driven_links_are_pinocchios_base_parameters() -> None:
 
 
 @pytest.mark.slow
-def test_a_motion_that_a_plain_fit_loses_is_found_in_segments() -> None:
-    """A double pendulum over its top. SciPy's fit says it converged, at a mass that is far off; one piece of ours too,
-    but it says that the motion is another one."""
+def test_a_motion_that_one_piece_loses_is_found_in_segments() -> None:
+    """A double pendulum over its top. One piece ends at a mass that is far off, and says that the motion is another."""
     scene = tl.Scene(tl.load_robot("two_link"), [1.5, 1.0], [4.0, 0.0], effects=[E.Gravity()])
     times = np.linspace(0.0, 8.0, 201)
     true = {"forearm.mass": 1.1, "gravity.z": -9.5}
     q = noisy(motion_of(scene_with(scene, true), times)[0], size=1e-3)
-    start = np.concatenate([scene.q, scene.v])
-
-    def residuals(x: np.ndarray) -> np.ndarray:
-        model = scene.robot.model.copy()
-        model.inertias[2] = pin.Inertia(float(x[0]), model.inertias[2].lever, model.inertias[2].inertia)
-        model.gravity.linear = np.array([0.0, 0.0, x[1]])
-        data = model.createData()
-
-        def rate(_t: float, y: np.ndarray) -> np.ndarray:
-            return np.concatenate([y[2:], pin.aba(model, data, y[:2], y[2:], np.zeros(2))])
-
-        run = solve_ivp(rate, (0.0, 8.0), start, "DOP853", times, rtol=1e-7, atol=1e-7)
-        return np.asarray((run.y[:2].T - q).ravel())
-
-    plain = least_squares(residuals, [1.0, -9.81], diff_step=1e-5, max_nfev=60)
-    assert plain.success
-    assert abs(plain.x[0] - 1.1) > 0.05
     one = tl.fit(scene, {"t": times, "q": q}, list(true), segments=1)
     assert "the scene's motion is not the measured one" in one.warnings[0]
     found = tl.fit(scene, {"t": times, "q": q}, list(true))
@@ -279,19 +259,11 @@ def test_a_motion_driven_by_a_table_is_found(interpolation: str) -> None:
     assert found.converged
 
 
-@pytest.mark.parametrize("ending", [".csv", ".parquet", ".npz"])
-def test_files_and_what_is_written(tmp_path: Path, ending: str) -> None:
+def test_a_file_is_read_whatever_other_columns_it_has(tmp_path: Path) -> None:
     columns = {"t": TIMES, "q.shoulder": noisy(Q)[:, 0], "q.elbow": noisy(Q)[:, 1], "note": TIMES}
     damped = scene_with(SCENE, {name: x for name, x in TRUE.items() if "damping" in name})
-    found = tl.fit(damped, write_table(tmp_path / f"log{ending}", columns, {}), ["forearm.mass"])
+    found = tl.fit(damped, write_table(tmp_path / "log.csv", columns, {}), ["forearm.mass"])
     assert found.to_dict()["noise"]["q.elbow"] == pytest.approx(NOISE, rel=0.3)
-    if ending == ".csv":
-        again = tl.load_scene(found.scene.save(tmp_path / "found.toml"))
-        assert again.robot.model.inertias[2].mass == pytest.approx(found.values["forearm.mass"])
-        robot = tl.load_robot(write_urdf(found, "arm", tmp_path / "found.urdf"))
-        assert robot.model.inertias[2].mass == pytest.approx(found.values["forearm.mass"])
-        assert found.plot(tmp_path / "fit.png").stat().st_size > 10_000
-        assert "95 % intervals" in str(found)
 
 
 def test_any_coordinates_are_a_body_that_can_exist() -> None:

@@ -51,26 +51,26 @@ def test_the_armature_that_was_found_is_in_the_file(own: str, tmp_path: Path) ->
     assert pin.buildModelFromUrdf(str(path)).nv == 1  # the parser that other programs have takes it
 
 
+PANDA = tl.load_robot("panda", lock=FINGERS)
+T, Q, V, A = motion(PANDA, 60)
+
+
 def test_links_that_are_fixed_to_a_link_keep_their_own_values(tmp_path: Path) -> None:
     """The body of the last link contains the hand: the link gets what the hand leaves."""
-    robot = tl.load_robot("panda", lock=FINGERS)
-    t, q, v, a = motion(robot, 60)
-    heavier = robot.regressor(q, v, a) @ (robot.parameter_values + 0.1 * np.eye(91)[60])
-    found = identify(robot, t, q, v, heavier, ["panda_link7.mass", "panda_link7.first_moment.*"], a=a)
+    heavier = PANDA.regressor(Q, V, A) @ (PANDA.parameter_values + 0.1 * np.eye(91)[60])
+    found = identify(PANDA, T, Q, V, heavier, ["panda_link7.mass", "panda_link7.first_moment.*"], a=A)
     again = tl.load_robot(write_urdf(found, "panda", tmp_path / "found.urdf"), lock=FINGERS)
     wanted = found.found.parameter_values
-    assert wanted[60] - robot.parameter_values[60] == pytest.approx(0.1, abs=1e-4)
+    assert wanted[60] - PANDA.parameter_values[60] == pytest.approx(0.1, abs=1e-4)
     np.testing.assert_allclose(again.parameter_values, wanted, rtol=0, atol=1e-12)
 
 
 def test_a_link_for_which_no_body_is_left_takes_the_mass_of_links_that_are_fixed_to_it(tmp_path: Path) -> None:
     """The flange and the hand together are lighter than the hand of the file: other programs would refuse the rest."""
-    robot = tl.load_robot("panda", lock=FINGERS)
-    t, q, v, a = motion(robot, 60)
-    lighter = robot.parameter_values.copy()
+    lighter = PANDA.parameter_values.copy()
     lighter[60:70] *= 0.5
     names = [f"panda_link7.{kind}" for kind in ("mass", "first_moment.*", "origin_inertia.*")]
-    found = identify(robot, t, q, v, robot.regressor(q, v, a) @ lighter, names, a=a)
+    found = identify(PANDA, T, Q, V, PANDA.regressor(Q, V, A) @ lighter, names, a=A)
     path = write_urdf(found, "panda", tmp_path / "found.urdf")
     again = tl.load_robot(path, lock=FINGERS)
     np.testing.assert_allclose(again.parameter_values, found.found.parameter_values, rtol=0, atol=1e-12)

@@ -16,6 +16,11 @@ BENT = np.array([0.0, 0.1])
 TILT = np.tan(np.radians(5))
 
 
+def found_in(tau: np.ndarray, **options: object) -> Identification:
+    """The identification from torques with noise."""
+    return identify(ARM, T, Q, V, noisy(tau, 0.02), a=A, **options)
+
+
 def holds(found: Identification, **truth: float) -> None:
     """Each value is within one and a half half-widths of the truth, and so narrow that this says something."""
     for name, value in truth.items():
@@ -28,7 +33,7 @@ def holds(found: Identification, **truth: float) -> None:
 def test_the_words_of_each_joint_are_found_and_predicted() -> None:
     tau = CLEAN + [0.7, 0] + V * [0.2, 0.3] + 0.5 * np.sign(V) * [0, 1] + 0.4 * SLOW * [0, 1]
     model = {"shoulder": "viscous+offset", "elbow": ["viscous+coulomb", "stribeck:0.1"]}
-    found = identify(ARM, T, Q, V, noisy(tau, 0.02), a=A, joint_model=model)
+    found = found_in(tau, joint_model=model)
     holds(found, shoulder__offset=0.7, shoulder__damping=0.2)
     holds(found, elbow__damping=0.3, elbow__friction=0.5, elbow__stribeck=0.4)
     assert "elbow.offset" not in found.values
@@ -38,7 +43,7 @@ def test_the_words_of_each_joint_are_found_and_predicted() -> None:
 
 def test_auto_takes_what_the_data_ask_for() -> None:
     tau = CLEAN + 0.3 * V * [1, 1] + 0.5 * np.sign(V) * [0, 1] + [0.7, 0]
-    found = identify(ARM, T, Q, V, noisy(tau, 0.02), a=A, joint_model="auto")
+    found = found_in(tau, joint_model="auto")
     assert {"elbow.friction", "elbow.damping", "shoulder.damping", "shoulder.offset"} <= set(found.values)
     assert not {"elbow.offset", "elbow.stribeck", "elbow.armature"} & set(found.parameters)
     assert found.joint_models is not None
@@ -47,7 +52,7 @@ def test_auto_takes_what_the_data_ask_for() -> None:
 
 
 def test_an_asymmetry_and_an_offset_are_told_as_one() -> None:
-    found = identify(ARM, T, Q, V, noisy(CLEAN + 0.3 * np.abs(np.sign(V)), 0.02), a=A, joint_model="asymmetric+offset")
+    found = found_in(CLEAN + 0.3 * np.abs(np.sign(V)), joint_model="asymmetric+offset")
     assert any("elbow.offset" in text and "elbow.asymmetry" in text for text in found.not_identifiable)
 
 
@@ -55,13 +60,13 @@ def test_own_columns_and_motors_that_move_several_joints() -> None:
     def wave(q: np.ndarray, _v: np.ndarray, _a: np.ndarray) -> np.ndarray:
         return np.sin(10 * q)
 
-    holds(identify(ARM, T, Q, V, noisy(CLEAN + 0.1 * np.sin(10 * Q), 0.02), a=A, joint_model=[wave]), wave=0.1)
+    holds(found_in(CLEAN + 0.1 * np.sin(10 * Q), joint_model=[wave]), wave=0.1)
     matrix = np.array([[1.0, 0.0], [1.0, 1.0]])
     inverse = np.linalg.inv(matrix)
     tau = CLEAN + (np.sign(V @ inverse.T) * [0.5, 0.3]) @ inverse
-    found = identify(ARM, T, Q, V, noisy(tau, 0.02), a=A, joint_model="coulomb", coupling=matrix)
+    found = found_in(tau, joint_model="coulomb", coupling=matrix)
     holds(found, shoulder__motor_friction=0.5, elbow__motor_friction=0.3)
-    alone = identify(ARM, T, Q, V, noisy(tau, 0.02), a=A, joint_model="coulomb")
+    alone = found_in(tau, joint_model="coulomb")
     assert np.all(found.noise < 0.25 * alone.noise.max())
 
 
@@ -81,10 +86,10 @@ def test_a_delay_is_found_from_positions_alone() -> None:
 
 
 def test_a_delay_that_shows_is_found_unasked_and_said() -> None:
-    found = identify(ARM, T, Q, V, noisy(ERRORS["delay"], 0.02), a=A)
+    found = found_in(ERRORS["delay"])
     holds(found, delay=0.05)
     assert "ms late" in str(found)
-    assert identify(ARM, T, Q, V, noisy(CLEAN, 0.02), a=A).setup.names == ()
+    assert found_in(CLEAN).setup.names == ()
 
 
 def test_the_direction_of_gravity_is_found_where_it_shows_more_parameters() -> None:
@@ -127,7 +132,7 @@ ERRORS = {
 
 @pytest.mark.parametrize("name", ERRORS)
 def test_what_the_model_lacks_is_said_and_never_called_consistent(name: str) -> None:
-    found = identify(ARM, T, Q, V, noisy(ERRORS[name], 0.02), a=A, find=(), joint_model="none")
+    found = found_in(ERRORS[name], find=(), joint_model="none")
     assert name in [error.name for error in found.model_errors[:2]]
     assert found.consistency.consistent == all(error.moved < 3 for error in found.model_errors)
     values = dict(zip(ARM.parameter_names, ARM.parameter_values, strict=True))

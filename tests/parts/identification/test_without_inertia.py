@@ -19,7 +19,8 @@ from twolink.parts.identification.setup import derivatives, setup_of
 
 ARM = tl.load_robot("arm")
 BARE = re.sub(r"<inertial>.*?</inertial>", "", ARM.visuals.text, flags=re.DOTALL)
-Q, V = ARM.random_state(3)
+T, Q, V, A = motion(ARM)
+TAU = ARM.inverse_dynamics(Q, V, A)
 
 
 def test_dynamics_is_refused_by_name_and_kinematics_answer() -> None:
@@ -43,24 +44,20 @@ def test_dynamics_is_refused_by_name_and_kinematics_answer() -> None:
 
 def test_a_robot_without_inertias_is_identified_and_then_has_dynamics(tmp_path: Path) -> None:
     bare = tl.load_robot(BARE, purpose="identification")
-    t, q, v, a = motion(ARM)
-    tau = ARM.inverse_dynamics(q, v, a)
-    found = identify(bare, t, q, v, noisy(tau, 0.02), a=a)
+    found = identify(bare, T, Q, V, noisy(TAU, 0.02), a=A)
     assert found.consistency.consistent
-    np.testing.assert_allclose(found.found.inverse_dynamics(q, v, a), tau, rtol=0, atol=0.03)
+    np.testing.assert_allclose(found.found.inverse_dynamics(Q, V, A), TAU, rtol=0, atol=0.03)
     again = tl.load_robot(write_urdf(found, BARE, tmp_path / "found.urdf"))
-    np.testing.assert_allclose(again.forward_dynamics(q, v, tau), a, rtol=0, atol=0.3)
+    np.testing.assert_allclose(again.forward_dynamics(Q, V, TAU), A, rtol=0, atol=0.3)
 
 
 @pytest.mark.parametrize(("parameters", "deviation"), [(["forearm.*"], 0.02), (None, 3.0)])
 def test_a_fit_may_leave_joints_that_move_no_inertia(parameters: list[str] | None, deviation: float) -> None:
     # One link alone, or noise in which the estimate is no body.
     bare = tl.load_robot(BARE, purpose="identification")
-    t, q, v, a = motion(ARM)
-    found = identify(bare, t, q, v, noisy(ARM.inverse_dynamics(q, v, a), deviation), parameters, a=a,
-                     joint_model="viscous+coulomb")  # fmt: skip
+    found = identify(bare, T, Q, V, noisy(TAU, deviation), parameters, a=A, joint_model="viscous+coulomb")
     assert np.isfinite(found.estimate).all()
-    assert np.isfinite(found.found.regressor(q, v, a) @ found.found.parameter_values).all()
+    assert np.isfinite(found.found.regressor(Q, V, A) @ found.found.parameter_values).all()
 
 
 @pytest.mark.parametrize("given", [(1.0, 0.3, 0.3, 0.5), (0.3, 0.01, 0.02, 0.5), (0.0, 0.0, 0.0, 0.0)])

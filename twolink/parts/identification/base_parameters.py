@@ -9,6 +9,7 @@ Y_d = Y_b K, so tau = Y_b (pi_b + K pi_d), and the entries of pi_b + K pi_d are 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -16,7 +17,6 @@ import scipy.linalg
 
 from twolink.algorithms.mechanism import BODY_PARAMETERS
 from twolink.dynamics import Robot
-from twolink.dynamics.regressors import JOINT_PARAMETERS
 from twolink.errors import QueryError, nearest
 
 
@@ -48,10 +48,8 @@ def regressor(robot: Robot, q: np.ndarray, v: np.ndarray, a: np.ndarray, width: 
         for row, *state in zip(out, q, v, a, strict=True):
             row[:, :bodies] = pin.computeJointTorqueRegressor(model, data, *state)
     dofs = [*single_joints(robot).values()]
-    own = zip(JOINT_PARAMETERS, np.split(np.arange(bodies, out.shape[-1]), len(JOINT_PARAMETERS)), strict=True)
-    values = {"armature": a, "damping": v, "friction": direction(v, width)}
-    for kind, places in own:
-        out[:, dofs, places] = values[kind][:, dofs]
+    rates = (a, v, direction(v, width))  # of armature, damping and friction, each of all joints
+    out[:, len(rates) * dofs, range(bodies, out.shape[-1])] = np.hstack([rate[:, dofs] for rate in rates])
     return out
 
 
@@ -73,7 +71,7 @@ class Selection:
     def rubbing(self) -> dict[str, str]:
         """The names whose torques turn with a joint's velocity, and their joints."""
         pairs = {name: name.rpartition(".") for name in self.names}
-        return {name: joint for name, (joint, _, kind) in pairs.items() if kind in RUBBING}
+        return {name: joint for name, (joint, _, kind) in pairs.items() if kind.removeprefix("motor_") in RUBBING}
 
     def parameters(self, robot: Robot, theta: np.ndarray) -> np.ndarray:
         """pi (p,) for theta (k,)."""
@@ -134,17 +132,22 @@ def select(
 
 def _expand(parameters: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
     """The known names that the texts stand for, each once, in the order in which they are asked for."""
-    if isinstance(parameters, str) or not isinstance(parameters, Sequence) or not parameters:
-        what, remedy = f"expected a list of names, got {parameters!r:.60}", 'such as ["forearm.mass", "*.damping"]'
-        raise QueryError(what, argument="parameters", remedy=remedy)
+    require_list(parameters, "*.damping")
     found: list[str] = []
     for text in parameters:
         fitting = [name for name in known if name == text or fnmatchcase(name, str(text))]
         if not fitting:
-            what, remedy = f"there is no parameter {text!r}", _remedy(str(text), known)
-            raise QueryError(what, argument="parameters", remedy=remedy, code="unknown-parameter")
+            raise QueryError(f"there is no parameter {text!r}", argument="parameters", code="unknown-parameter",
+                             remedy=_remedy(str(text), known))  # fmt: skip
         found += fitting
     return tuple(dict.fromkeys(found))
+
+
+def require_list(parameters: Any, other: str) -> None:
+    """Require names of what is looked for; such as the forearm's mass and an other. Raises QueryError."""
+    if isinstance(parameters, str) or not isinstance(parameters, Sequence) or not parameters:
+        raise QueryError(f"expected a list of names, got {parameters!r:.60}", argument="parameters",
+                         remedy=f'such as ["forearm.mass", "{other}"]')  # fmt: skip
 
 
 def _remedy(text: str, known: Sequence[str]) -> str:
@@ -160,7 +163,7 @@ def _remedy(text: str, known: Sequence[str]) -> str:
 RANK = 1e-8
 """Columns, scaled to length 1, are dependent where what is left of one is shorter than this. URDFs write right angles
 with 6 to 16 digits; rounding of the regressor is 1e-15."""
-RUBBING = ("friction", "motor_friction", "asymmetry", "motor_asymmetry", "stribeck", "motor_stribeck")
+RUBBING = ("friction", "asymmetry", "stribeck")
 _COEFFICIENT = 1e-9  # of a combination, below which a parameter is left out of it
 _NOISE = 2.0  # what is left of a column must be this many times as long as its own error: noise alone is not
 

@@ -82,9 +82,9 @@ def least_squares(
     with the best so far: None.
     """
     u, now = np.zeros(size), cast("Evaluated", evaluate(np.zeros(size)))
-    residuals, jacobian = now.residuals, now.jacobian()
-    scale, mu, grow = np.linalg.norm(jacobian, axis=0), FIRST, 2.0
     try:
+        residuals, jacobian = now.residuals, now.jacobian()
+        scale, mu, grow = np.linalg.norm(jacobian, axis=0), FIRST, 2.0
         for _ in range(1, most):
             scale = np.maximum(scale, np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))
             d = step_within(jacobian, residuals, np.sqrt(mu) * scale, limits(u))

@@ -19,7 +19,7 @@ import numpy as np
 from twolink.dynamics import Robot
 from twolink.errors import QueryError, require_known
 from twolink.io.text import read_text
-from twolink.robots.joint_layout import JointLayout, angular_dofs, column_forms, columns_to_read
+from twolink.robots.joint_layout import JointLayout, angular_dofs, column_forms, columns_to_read, joint_columns
 from twolink.robots.log_columns import in_our_names
 
 LETTERS = ("q", "v", "a", "tau")
@@ -110,23 +110,17 @@ def convert(robot: Robot, found: dict[str, np.ndarray], unit: str) -> None:
     for letter in letters if letters == "qva" else (letters,):
         if letter in ("t", "tau"):
             names = ["t"] if letter == "t" else columns_to_read(found, robot.joints, letter)
-        elif letter in found:
-            scale = np.ones(robot.nq if letter == "q" else robot.nv)
-            for joint in robot.joints:
-                if letter != "q" or joint.kind == "vector":  # other coordinates are no angles: cos, sin, quaternions
-                    start = joint.q.start if letter == "q" else joint.v.start
-                    scale[[start + k for k in angular_dofs(joint)]] = factor
-            values = np.asarray(found[letter])
-            if scale.size == 1 or values.shape[1:] == scale.shape:  # other shapes are refused where they are read
-                found[letter] = values * scale
-            continue
         else:
+            values, own = np.asarray(found.get(letter, 0.0)), [name for name, _ in joint_columns(robot.joints, letter)]
+            if values.shape[1:] == (len(own),) or values.ndim == len(own) == 1:  # others are refused later
+                found |= dict(zip(own, values.reshape(-1, len(own)).T, strict=True))
+                del found[letter]
             names = [name for joint in robot.joints for name in _angles(joint, letter)]
         found |= {name: np.asarray(found[name]) * factor for name in names if name in found}
 
 
 def _angles(joint: JointLayout, letter: str) -> list[str]:
-    """The names of a joint's columns that are angles, or their rates."""
+    """The names of a joint's columns that are angles, or their rates; not cos, sin and quaternions."""
     forms, dofs = column_forms(joint, letter), angular_dofs(joint)
     if letter == "q" and joint.kind != "vector":
         return forms[2] if joint.kind == "cos-sin" else []

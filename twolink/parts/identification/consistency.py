@@ -42,7 +42,7 @@ def pseudo_inertia(body: np.ndarray) -> np.ndarray:
     """P (4, 4) of the ten parameters (`algorithms.mechanism.BODY_PARAMETERS`): second and first moment, mass."""
     inertia, first = _symmetric(body[4:], _ORIGIN), body[1:4, None]
     second = np.trace(inertia) / 2 * np.eye(3) - inertia
-    return np.asarray(np.block([[second, first], [first.T, body[:1, None]]]))
+    return np.block([[second, first], [first.T, body[:1, None]]])
 
 
 def body_of(pseudo: np.ndarray) -> np.ndarray:
@@ -294,7 +294,7 @@ def _least(entries: np.ndarray) -> float:
 
 
 def _at(domain: _Domain, change: np.ndarray) -> np.ndarray:
-    return np.asarray(domain.start + np.tensordot(change, domain.slopes, axes=1))
+    return domain.start + np.tensordot(change, domain.slopes, axes=1)
 
 
 def _rows(domain: _Domain, factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -24,6 +24,11 @@ _CLEARLY = 3.0  # by joint: twice the logarithm of a likelihood that is so much 
 _LEAST = 3.0  # degrees of freedom
 
 
+def spans(ends: Sequence[int]) -> list[slice]:
+    """The samples of each run or block, by where they end."""
+    return [slice(start, end) for start, end in zip((0, *ends[:-1]), ends, strict=True)]
+
+
 def slow_variances(
     columns: np.ndarray, residuals: np.ndarray, noise: np.ndarray, weights: np.ndarray, ends: Sequence[int],
     back: np.ndarray,
@@ -33,7 +38,7 @@ def slow_variances(
     columns (n, nv, r), residuals (n, nv), noise (nv,), weights (nv,): by joint. ends: of the runs. back (r, r). None
     where there are too few coefficients.
     """
-    runs = [slice(start, end) for start, end in zip((0, *ends[:-1]), ends, strict=True)]
+    runs = spans(ends)
     sines = [_sines(run.stop - run.start, columns[run]) for run in runs]
     rows = np.concatenate([np.einsum("nk,njr->kjr", s, columns[run]) for s, run in zip(sines, runs, strict=True)])
     left = np.concatenate([s.T @ residuals[run] for s, run in zip(sines, runs, strict=True)])

@@ -128,14 +128,14 @@ def exciting_motion(
     driven = [joint for joint in robot.joints if joint.v.stop > joint.v.start]
     odd = next((joint.name for joint in driven if joint.v.stop - joint.v.start > 1), None)
     if odd is not None:
-        what = f"joint {odd!r} has several degrees of freedom, and no limits that a motion could keep"
-        remedy = "load the robot with a fixed root, or lock the joint"
-        raise QueryError(what, argument="robot", remedy=remedy, code="floating-base")
+        raise QueryError(f"joint {odd!r} has several degrees of freedom, and no limits that a motion could keep",
+                         argument="robot", code="floating-base",
+                         remedy="load the robot with a fixed root, or lock the joint")  # fmt: skip
     chosen = select(robot, parameters)
     members = list(base_parameters(robot, chosen).members)
     if not members:
-        what = f"no joint torque depends on {', '.join(chosen.names[:6])}"
-        raise QueryError(what, argument="parameters", remedy="look for others", code="nothing-identifiable")
+        raise QueryError(f"no joint torque depends on {', '.join(chosen.names[:6])}", argument="parameters",
+                         code="nothing-identifiable", remedy="look for others")  # fmt: skip
     coarse = np.linspace(0, duration, max(8 * HARMONICS, 4 * len(members) // robot.nv), endpoint=False)
     most = np.inf if acceleration is None else positive(acceleration, "acceleration", QueryError, "such as 5")
 

@@ -82,6 +82,11 @@ def half_window_of(frequency: float, rate: float) -> int:
     return max(SMALLEST, round(half))
 
 
+def rate_of(runs: Sequence[Recording]) -> float:
+    """The usual rate of samples [Hz]."""
+    return float(np.median([(len(run.t) - 1) / (run.t[-1] - run.t[0]) for run in runs]))
+
+
 def states(robot: Robot, run: Recording, half: int, source: Source, at: np.ndarray) -> States:
     """States at the samples `at` (m,) with `half` others on each side in the window.
 
@@ -107,7 +112,7 @@ def choose(robot: Robot, runs: Sequence[Recording], system: System, half: int | 
     system: states and torques (m, nv) -> G (m, nv, k) and y (m, nv) of y = G theta.
     """
     measured: Source = "q" if runs[0].v is None else "v"
-    rate = float(np.median([(len(run.t) - 1) / (run.t[-1] - run.t[0]) for run in runs]))
+    rate = rate_of(runs)
     if half is not None:
         return Filter(half, measured, cutoff(half, rate))
     widest = max(SMALLEST, min(len(run.t) for run in runs) // 8)

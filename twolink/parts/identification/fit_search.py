@@ -70,7 +70,7 @@ class CondensedProblem:
     @property
     def of_members(self) -> np.ndarray:
         """The columns (n, c, r) of the combinations that are shown."""
-        return np.asarray(self.columns[..., list(self.shown.members)])
+        return self.columns[..., list(self.shown.members)]
 
 
 def linearized(unknowns: Unknowns, point: Point, weights: np.ndarray) -> CondensedProblem:
@@ -81,7 +81,7 @@ def linearized(unknowns: Unknowns, point: Point, weights: np.ndarray) -> Condens
     columns = by_z @ inverse
     error = np.concatenate([segment.error_by_z for segment in point.shot.segments]) @ np.abs(inverse)
     k = len(unknowns.names)
-    flat = (columns * weights[..., None]).reshape(-1, k)
+    flat = regression.rows_of(columns, weights)
     bound = np.linalg.norm(weights[..., None] * error[:, None], axis=(0, 1))
     bound += point.shooting.accuracy * np.linalg.norm(flat, axis=0)
     flat[:, np.linalg.norm(flat, axis=0) <= STANDS_OUT * bound] = 0.0
@@ -249,7 +249,7 @@ class LeastSquaresSearch:
         """A step of the condensed equations, which closes the gaps; the point itself where that fails."""
         now, weights = self.at(point), point.weights(self.robust)
         columns = now.columns @ self.unknowns.derivatives(point.z)[0] @ now.basis
-        flat = (columns * weights[..., None]).reshape(-1, columns.shape[-1])
+        flat = regression.rows_of(columns, weights)
         undamped = _ROUNDING * np.linalg.norm(flat, axis=0)
         limits = self._limits(point.z, now.basis)
         change = now.basis @ step_within(flat, -(now.residuals * weights).ravel(), undamped, limits)

@@ -86,8 +86,8 @@ def _named(root: ET.Element, tag: str, name: str, label: str) -> ET.Element:
     for element in root.findall(tag):
         if element.get("name") == name:
             return element
-    remedy = "give the source that the robot was loaded from"
-    raise RobotError(f"it has no {tag} {name!r}", where=label, remedy=remedy, code="other-robot")
+    raise RobotError(f"it has no {tag} {name!r}", where=label, code="other-robot",
+                     remedy="give the source that the robot was loaded from")  # fmt: skip
 
 
 def _own_parameters(tree: Tree, name: str) -> np.ndarray:

@@ -19,6 +19,7 @@ from twolink.parts.identification.filtering import (
     Folds,
     Recording,
     half_window_of,
+    rate_of,
     require_samples,
     states,
 )
@@ -27,7 +28,7 @@ from twolink.parts.identification.measurements import filtered, probability, rec
 from twolink.parts.identification.regression import METHODS
 from twolink.parts.identification.result import Identification
 from twolink.parts.identification.setup import setup_of
-from twolink.parts.identification.solving import IdentificationPlan, examined, plan_of, solve, validation
+from twolink.parts.identification.solving import IdentificationPlan, plan_of, solve, validation
 from twolink.parts.identification.units import DEGREE, beyond_reach, in_degrees, range_of, wide_joint
 
 _SURE = 0.5  # of the logarithm of the mean square: degrees must explain the torques so much better than radians
@@ -130,33 +131,32 @@ def identify(
     runs = recordings(robot, t, q, v, tau, a)
     held_out = () if validate is None else recordings(robot, validate, None, None, None)
     if method == "total" and runs[0].v is not None:
-        what, remedy = "the errors of measured velocities are not known", "leave v and a out, or use another method"
-        raise QueryError(what, argument="method", remedy=remedy, code="no-errors")
-    plan = plan_of(setup, chosen, method, confidence, _half_window(runs, half_window, cutoff))
+        raise QueryError("the errors of measured velocities are not known", argument="method", code="no-errors",
+                         remedy="leave v and a out, or use another method")  # fmt: skip
+    half = _half_window(runs, half_window, cutoff)
+    plan = plan_of(setup, runs, chosen, method, confidence, half)
     for run in runs:
         _require_radians(robot, run)
     with threadpool_limits(1, "blas"):  # the matrices are small: more threads spin while they wait for each other
-        by, table = plan.filter_of(runs, setup), None
+        by, table = plan.filter_of(setup), None
         data = filtered(robot, runs, by)
         chosen = with_width(robot, chosen, data)
         if joint_model == "auto":
             chosen, table = best_terms(robot, chosen, data)
-        plan = plan_of(setup, chosen, method, confidence, plan.half_window)
-        result = examined(plan, solve(plan, setup, runs, by))
+        plan = plan_of(setup, runs, chosen, method, confidence, half)
+        result = solve(plan, setup, by)
         if find is None:
-            result = _without_delay(plan, runs, by, result)
+            result = _without_delay(plan, by, result)
     result = replace(result, joint_models=table)
     return replace(result, validation=validation(result, held_out)) if held_out else result
 
 
-def _without_delay(
-    plan: IdentificationPlan, runs: Sequence[Recording], by: Filter | None, result: Identification
-) -> Identification:
+def _without_delay(plan: IdentificationPlan, by: Filter | None, result: Identification) -> Identification:
     """The identification with the torques' delay, where it is the clearest of the model errors."""
     if [error.name for error in result.model_errors[:1]] != ["delay"]:
         return result
     try:
-        return examined(plan, solve(plan, setup_of(plan.robot, ["delay"]), runs, by))
+        return solve(plan, setup_of(plan.robot, ["delay"]), by)
     except QueryError:  # it does not settle: `model_errors` still names it
         return result
 
@@ -164,18 +164,18 @@ def _without_delay(
 def _half_window(runs: Sequence[Recording], half: int | None, frequency: float | None) -> int | None:
     """The half window that is given, or that a frequency is; None where it is to be chosen or none is needed."""
     if half is not None and (not isinstance(half, int | np.integer) or half < SMALLEST):
-        what = f"expected a whole number from {SMALLEST} on, got {half!r}"
-        raise QueryError(what, argument="half_window", remedy="leave it out to choose by the torques")
+        raise QueryError(f"expected a whole number from {SMALLEST} on, got {half!r}", argument="half_window",
+                         remedy="leave it out to choose by the torques")  # fmt: skip
     if half is not None and frequency is not None:
-        what, remedy = "half_window is given too", "keep one: both say how wide the filter is"
-        raise QueryError(what, argument="cutoff", remedy=remedy)
+        raise QueryError("half_window is given too", argument="cutoff",
+                         remedy="keep one: both say how wide the filter is")  # fmt: skip
     if runs[0].a is not None:
         return half
     for run in runs:
         require_samples(len(run.t), wider(half or SMALLEST), "q" if run.v is None else "v")
     if half is None and frequency is not None:
-        rate = float(np.median([(len(run.t) - 1) / (run.t[-1] - run.t[0]) for run in runs]))
-        half = half_window_of(positive(frequency, "cutoff", QueryError, "such as 8", expected="a frequency, Hz"), rate)
+        given = positive(frequency, "cutoff", QueryError, "such as 8", expected="a frequency, Hz")
+        half = half_window_of(given, rate_of(runs))
         require_samples(min(len(run.t) for run in runs), wider(half))
     return half
 

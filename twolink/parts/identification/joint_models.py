@@ -123,9 +123,9 @@ def _inverse(robot: Robot, coupling: ArrayLike | None) -> np.ndarray:
         return np.eye(robot.nv)
     matrix = array("coupling", coupling, robot.nv)
     if matrix.shape != (robot.nv, robot.nv) or np.linalg.cond(matrix) > 1e8:
-        what = f"expected a matrix ({robot.nv}, {robot.nv}) that has an inverse, got shape {matrix.shape}"
-        raise QueryError(what, argument="coupling", remedy="give C of v_joint = C v_motor")
-    return np.asarray(np.linalg.inv(matrix))
+        raise QueryError(f"expected a matrix ({robot.nv}, {robot.nv}) that has an inverse, got shape {matrix.shape}",
+                         argument="coupling", remedy="give C of v_joint = C v_motor")  # fmt: skip
+    return np.linalg.inv(matrix)
 
 
 def _checked(robot: Robot, column: Callable[..., Any]) -> Callable[..., np.ndarray]:
@@ -179,7 +179,7 @@ def with_width(robot: Robot, chosen: Selection, data: Measurements) -> Selection
 def folds_of(data: Measurements, columns: np.ndarray, y: np.ndarray) -> Folds:
     """The parts of averaged data, in which only torques of joints that move count."""
     moving = data.averaged(np.where(data.v == 0.0, 1e-3, direction(data.v, data.width) ** 2))
-    return Folds(columns, y, [end // data.block for end in data.ends], moving)
+    return Folds(columns, y, data.block_ends, moving)
 
 
 def best_terms(robot: Robot, chosen: Selection, data: Measurements) -> tuple[Selection, Table]:

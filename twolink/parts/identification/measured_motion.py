@@ -77,8 +77,8 @@ class MeasuredMotion:
             ratio = sizes[1] / max(sizes[0], 1e-300)
             guess = any(abs(np.log(max(ratio, 1e-300) / scale)) < 0.5 for scale in GUESSES)
             if guess and x @ y > _ALIKE * sizes[0] * sizes[1]:
-                what = f"{name} moves {ratio:.4g} times as far as in the scene"
-                raise wrong_units(what, "measurements", ratio, name, GUESSES)
+                raise wrong_units(f"{name} moves {ratio:.4g} times as far as in the scene", "measurements", ratio, name,
+                                  GUESSES)  # fmt: skip
         self._require_same_start(q[0])
 
     def _require_same_start(self, q: np.ndarray) -> None:

@@ -15,6 +15,7 @@ from twolink.dynamics.arguments import array, configuration, positive
 from twolink.errors import QueryError
 from twolink.io.tables import in_seconds, read_table
 from twolink.parts.identification.base_parameters import Selection
+from twolink.parts.identification.drift import spans
 from twolink.parts.identification.filtering import Filter, Recording, states
 from twolink.parts.identification.units import check_units
 from twolink.robots.joint_layout import read_columns
@@ -63,11 +64,14 @@ class Measurements:
         """Means of x (n, ...) over blocks of samples, within each run."""
         if self.block == 1:
             return x
-        starts = (0, *self.ends[:-1])
-        blocks = [(e - s) // self.block for s, e in zip(starts, self.ends, strict=True)]
-        means = [x[s : s + n * self.block].reshape(n, self.block, *x.shape[1:]).mean(axis=1)
-                 for s, n in zip(starts, blocks, strict=True)]  # fmt: skip
-        return np.concatenate(means)
+        runs = (x[rows] for rows in spans(self.ends))
+        whole = (run[: len(run) // self.block * self.block] for run in runs)
+        return np.concatenate([run.reshape(-1, self.block, *x.shape[1:]).mean(axis=1) for run in whole])
+
+    @property
+    def block_ends(self) -> list[int]:
+        """The blocks behind which the runs end, as `averaged` leaves them."""
+        return [int(end) for end in np.cumsum(np.diff((0, *self.ends)) // self.block)]
 
 
 def recordings(
@@ -90,8 +94,8 @@ def recordings(
     parts = [part for number, table in enumerate(tables) for part in _parts(table, number)]
     runs = tuple(_recording(robot, **measurements_of(robot, part, where)) for part, where in parts)
     if len({(run.v is None, run.a is None) for run in runs}) > 1:
-        what, remedy = "some runs have v or a, and some have not", "give all runs the same columns"
-        raise QueryError(what, argument="t", remedy=remedy, code="column-missing")
+        raise QueryError("some runs have v or a, and some have not", argument="t", code="column-missing",
+                         remedy="give all runs the same columns")  # fmt: skip
     return runs
 
 
@@ -115,13 +119,13 @@ def _recording(
     given |= {name: array(name, x, robot.nv) for name, x in (("v", v), ("a", a)) if x is not None}
     for name, x in given.items():
         if x.shape != (len(times), x.shape[-1]):
-            what = f"expected shape ({len(times)}, {x.shape[-1]}), got {x.shape}"
-            raise QueryError(what, argument=name, remedy="give one row for each of the times t")
+            raise QueryError(f"expected shape ({len(times)}, {x.shape[-1]}), got {x.shape}", argument=name,
+                             remedy="give one row for each of the times t")  # fmt: skip
     if v is None and a is not None:
         raise QueryError("accelerations came without velocities", argument="v", remedy="give v, or leave a out too")
     if np.ptp(given["q"], axis=0).max() == 0.0 and not any(np.ptp(given[k]) for k in ("v", "a") if k in given):
-        what, remedy = "the robot never moves: all samples are the same", "measure motions, or several poses"
-        raise QueryError(what, argument="q", remedy=remedy, code="constant-data")
+        raise QueryError("the robot never moves: all samples are the same", argument="q", code="constant-data",
+                         remedy="measure motions, or several poses")  # fmt: skip
     if a is None:
         _require_no_gap(times)
     if v is not None:
@@ -136,8 +140,8 @@ def _require_no_gap(t: np.ndarray) -> None:
         row = int(np.argmax(steps))
         what = f"time jumps by {steps[row]:.4g} s at t[{row}] = {t[row]:.9g} s, "
         what += f"the usual step is {np.median(steps):.4g} s"
-        remedy = "give the parts as several runs: a list of tables, or a column `run`"
-        raise QueryError(what, argument="t", remedy=remedy, code="times")
+        raise QueryError(what, argument="t", code="times",
+                         remedy="give the parts as several runs: a list of tables, or a column `run`")  # fmt: skip
 
 
 def filtered(robot: Robot, runs: Sequence[Recording], by: Filter | None) -> Measurements:
@@ -167,8 +171,8 @@ def linear_system(robot: Robot, chosen: Selection, data: Measurements) -> tuple[
     both = data.averaged(np.concatenate(columns)), data.averaged(data.tau - np.concatenate(known))
     largest = max(float(np.abs(x).max(initial=0.0)) for x in both)
     if not largest <= _LARGEST:
-        what = f"numbers of the size {largest:.3g} cannot be used"
-        raise QueryError(what, where="identify", remedy="give SI units and radians", code="units")
+        raise QueryError(f"numbers of the size {largest:.3g} cannot be used", where="identify", code="units",
+                         remedy="give SI units and radians")  # fmt: skip
     return both
 
 
@@ -190,13 +194,13 @@ def require_enough(robot: Robot, parts: np.ndarray, y: np.ndarray, data: Measure
         Codes "too-few-samples", "nothing-identifiable", and "no-torques": G theta = 0 tells theta up to a factor.
     """
     if y.size <= parts.shape[-1]:
-        what = f"{y.size} torques at {len(data.t)} samples are too few for {parts.shape[-1]} parameters"
-        remedy = "measure longer, or look for fewer parameters"
-        raise QueryError(what, argument="t", remedy=remedy, code="too-few-samples")
+        raise QueryError(f"{y.size} torques at {len(data.t)} samples are too few for {parts.shape[-1]} parameters",
+                         argument="t", code="too-few-samples",
+                         remedy="measure longer, or look for fewer parameters")  # fmt: skip
     if not parts.shape[-1]:
-        what = "no torque in these data depends on the parameters, beyond the errors of the filter"
-        remedy = "measure a motion that moves those links more"
-        raise QueryError(what, argument="q", remedy=remedy, code="nothing-identifiable")
+        raise QueryError("no torque in these data depends on the parameters, beyond the errors of the filter",
+                         argument="q", code="nothing-identifiable",
+                         remedy="measure a motion that moves those links more")  # fmt: skip
     if max(np.abs(data.tau).max(), np.abs(y).max()) <= _NO_TORQUE * np.abs(parts).max():
         what = "all torques are 0, and without torques only ratios of parameters are determined, not all of them"
         mass = next(name for name in reversed(robot.parameter_names) if name.endswith(".mass"))
@@ -234,11 +238,12 @@ def checked_times(t: ArrayLike) -> np.ndarray:
     steps = np.diff(times)
     if np.any(steps <= 0):
         row = int(np.argmax(steps <= 0)) + 1
-        what = f"t[{row}] = {times[row]:.9g} s does not come after t[{row - 1}] = {times[row - 1]:.9g} s"
-        raise QueryError(what, argument="t", remedy="sort the samples by time and drop repeated ones", code="times")
+        raise QueryError(f"t[{row}] = {times[row]:.9g} s does not come after t[{row - 1}] = {times[row - 1]:.9g} s",
+                         argument="t", code="times",
+                         remedy="sort the samples by time and drop repeated ones")  # fmt: skip
     if len(steps) and not 1e-12 < steps.min() <= steps.max() < 1e12:
-        what = f"steps are between {steps.min():.3g} s and {steps.max():.3g} s"
-        raise QueryError(what, argument="t", remedy="give seconds", code="times")
+        raise QueryError(f"steps are between {steps.min():.3g} s and {steps.max():.3g} s", argument="t", code="times",
+                         remedy="give seconds")  # fmt: skip
     return times
 
 

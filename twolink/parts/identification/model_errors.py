@@ -17,7 +17,7 @@ import numpy as np
 import scipy.linalg
 from scipy.special import stdtrit
 
-from twolink.parts.identification.regression import correlation_length, moving_sums
+from twolink.parts.identification.regression import correlation_length, moving_sums, rows_of
 
 _CHANCE = 1e-3  # that a test of all columns errs
 _OWN = 1e-6  # of z^T z: less than this is explained by the model's own columns
@@ -57,7 +57,7 @@ def model_errors(
     columns (n, nv, r): of the model. fit: by them. wide: residuals (n, nv) by a wider window. sure: of the prior.
     """
     n, counts = len(columns), np.sqrt(fit.share) / fit.noise
-    weighted, z = ((x * counts[..., None]).reshape(-1, x.shape[-1]) for x in (columns, tried))
+    weighted, z = rows_of(columns, counts), rows_of(tried, counts)
     lengths = np.linalg.norm(weighted, axis=0)
     q, triangle = scipy.linalg.qr(np.vstack([weighted / lengths, np.diag(sure / lengths)]), mode="economic")
     q = q[: len(weighted)]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from twolink.parts.identification.drift import slow_variances
+from twolink.parts.identification.drift import slow_variances, spans
 
 METHODS = ("ordinary", "weighted", "robust", "total")
 CLEARLY = 4.0  # standard errors of an estimated noise, from which it counts more than a stated one
@@ -120,13 +120,18 @@ def _solve(
     columns: np.ndarray, y: np.ndarray, weights: np.ndarray, expected: np.ndarray, sure: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The weighted least-squares solution with a ridge, and the leverages (n, nv) of the torques."""
-    flat = (columns * weights[..., None]).reshape(y.size, -1)
+    flat = rows_of(columns, weights)
     lengths = np.linalg.norm(flat, axis=0)
     ridge = [np.diag(sure / lengths)] if sure.any() else []
     right = np.concatenate([(y * weights).ravel(), *([sure * expected] if ridge else [])])
     q, r = scipy.linalg.qr(np.vstack([flat / lengths, *ridge]), mode="economic")
     x = scipy.linalg.solve_triangular(r, q.T @ right) / lengths
     return np.asarray(x), np.sum(q[: y.size] ** 2, axis=1).reshape(y.shape)
+
+
+def rows_of(columns: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """The rows (n nv, r) of columns (n, nv, r), by weights (n, nv) of theirs."""
+    return np.asarray((columns * weights[..., None]).reshape(-1, columns.shape[-1]))
 
 
 def _block_ends(n: int, length: int) -> np.ndarray:
@@ -181,21 +186,23 @@ def _covariance(
     """
     n, dofs, r = columns.shape
     # Scores are taken in coordinates in which A is 1: forming A would square the condition number.
-    rows = (columns * (weights * full)[..., None]).reshape(-1, r)
+    rows = rows_of(columns, weights * full)
     inverse = scipy.linalg.solve_triangular(_triangle(np.vstack([rows, np.diag(sure)])), np.eye(r))
     columns = columns @ inverse
     score = np.einsum("nkr,nk->nr", columns, weights**2 * residuals)
     whole = columns * weights[..., None]
-    sums = np.stack([_left_out(whole[start:end].reshape(-1, r), score[start:end])
-                     for start, end in zip((0, *ends[:-1]), ends, strict=True)])  # fmt: skip
+    sums = np.stack([_left_out(whole[rows].reshape(-1, r), score[rows]) for rows in spans(ends.tolist())])
+
+    def independent(size: np.ndarray) -> np.ndarray:
+        flat = rows_of(columns, weights**2 * size)
+        return np.asarray(flat.T @ flat)
+
     if length == 0 and full.all():
-        flat = (columns * (weights**2 * noise)[..., None]).reshape(-1, r)
-        middle = flat.T @ flat
+        middle = independent(noise)
     else:
         middle = _long_run(score, length) * n * dofs / (n * dofs - r)
         if sigma is not None:
-            flat = (columns * (weights**2 * sigma)[..., None]).reshape(-1, r)
-            middle = _wider(flat.T @ flat, middle)
+            middle = _wider(independent(sigma), middle)
     of_prior, count = inverse.T @ np.diag(sure**2) @ inverse, max(len(ends) - 1, 1)
     first, second = (inverse @ (part + of_prior) @ inverse.T for part in (middle, sums.T @ sums * count / len(ends)))
     few = np.where(full, residuals, np.clip(residuals, -HUBER * noise, HUBER * noise))

@@ -2,16 +2,13 @@
 
 import html
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twolink.io.files import path_to_write
 from twolink.io.text import Table
 from twolink.parts.identification.filtering import Filter, cutoff
 from twolink.show.figure import COLOURS, figure_html, new_figure, plain
-from twolink.show.html_page import write_page
 from twolink.simulation.text import as_data
 from twolink.simulation.trajectory_tables import coordinate_names
 
@@ -22,13 +19,8 @@ _LONGEST = 60  # letters of a sum of parameters; JSON has it whole
 _CLEAN = "The residuals show nothing that the model lacks."
 
 
-def write_report(found: Any, path: str | Path, notes: Sequence[str] = ()) -> Path:
-    """Write the report of an `Identification`; see its `report`."""
-    title = f"{found.robot.name}: {len(found.estimate)} parameters from {len(found.t)} samples"
-    return write_page(path_to_write(path), title, _sections(found, notes))
-
-
-def _sections(found: Any, notes: Sequence[str]) -> list[tuple[str, str]]:
+def sections(found: Any, notes: Sequence[str]) -> list[tuple[str, str]]:
+    """The titles and texts of the report of an `Identification`."""
     joints = coordinate_names(found.robot, "v")
     size = np.sqrt(np.mean(found.torques**2, axis=0))
     residual = np.sqrt(np.mean(found.residuals**2, axis=0))

@@ -15,14 +15,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
+from twolink.io.files import path_to_write
 from twolink.io.text import Table
 from twolink.parts.identification.base_parameters import Selection, regressor
 from twolink.parts.identification.consistency import Consistency, consistent
 from twolink.parts.identification.filtering import Filter
 from twolink.parts.identification.model_errors import HARM, ModelError
-from twolink.parts.identification.report import write_report
+from twolink.parts.identification.report import sections
 from twolink.parts.identification.setup import Setup
 from twolink.show.figure import COLOURS, Plotted, new_figure, plain
+from twolink.show.html_page import write_page
 from twolink.simulation.text import BaseResult, as_data
 from twolink.simulation.trajectory_tables import coordinate_names
 
@@ -162,7 +164,7 @@ class Validation:
     def share(self) -> np.ndarray:
         """The residuals' root mean square (nv,), relative to that of the torques; NaN of torques of 0."""
         size = np.sqrt(np.mean(self.torques**2, axis=0))
-        return np.asarray(self.rms / np.where(size > 0, size, np.nan))
+        return self.rms / np.where(size > 0, size, np.nan)
 
     def to_dict(self, names: Iterable[str]) -> dict[str, Any]:
         """A record for JSON."""
@@ -290,7 +292,8 @@ class Identification(Estimate):
         ShowError
             The ending is another one, or the file cannot be written.
         """
-        return write_report(self, path, notes)
+        title = f"{self.robot.name}: {len(self.estimate)} parameters from {len(self.t)} samples"
+        return write_page(path_to_write(path), title, sections(self, notes))
 
     def to_dict(self) -> dict[str, Any]:
         """A record for JSON."""

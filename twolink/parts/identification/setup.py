@@ -20,6 +20,7 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import texts
 from twolink.errors import QueryError, require_known
 from twolink.parts.identification.base_parameters import regressor, single_joints
+from twolink.parts.identification.drift import spans
 from twolink.parts.identification.filtering import Recording
 from twolink.parts.identification.measurements import Measurements
 
@@ -72,7 +73,7 @@ class Setup:
         zero = self.of_joints("zero", 0.0)
         if not zero.any():
             return q
-        return np.asarray(self.robot.integrate(q, np.broadcast_to(zero, (*np.shape(q)[:-1], self.robot.nv))))
+        return self.robot.integrate(q, np.broadcast_to(zero, (*np.shape(q)[:-1], self.robot.nv)))
 
     @property
     def delay(self) -> float:
@@ -109,11 +110,10 @@ def derivatives(
     (n, nv): theirs, with those of the joint model.
     """
     robot, out = setup.true_robot, np.zeros((*torques.shape, len(names)))
-    parts = [slice(start, end) for start, end in zip((0, *data.ends[:-1]), data.ends, strict=True)]
     by_q, rest = None, np.zeros_like(data.v)
     for k, name in enumerate(names):
         if name == "delay":
-            rates = [np.gradient(torques[rows], data.t[rows], axis=0) for rows in parts]
+            rates = [np.gradient(torques[rows], data.t[rows], axis=0) for rows in spans(data.ends)]
             out[..., k] = -np.concatenate(rates)
         elif name.startswith("gravity."):
             size, _, across = _gravity(robot)
@@ -145,7 +145,7 @@ def _by_position(robot: Robot, parameters: np.ndarray, data: Measurements) -> np
 
         changed = robot.changed(change)
         changed.weightless = ()
-        return np.asarray(changed.inverse_dynamics_derivatives(data.q, data.v, data.a, engine="pinocchio")[0])
+        return changed.inverse_dynamics_derivatives(data.q, data.v, data.a, engine="pinocchio")[0]
 
     return np.asarray(of(bodies + points) - of(points))
 

@@ -39,24 +39,27 @@ _RUNS = 8  # so many runs tell the covariance from run to run, fewer are cut in 
 
 @dataclass(frozen=True)
 class IdentificationPlan:
-    """The plan of an identification: what is looked for, and how. possible: what some motion can show of it."""
+    """The plan of an identification: runs, what is looked for, and how. possible: what some motion can show of it."""
 
     robot: Robot
+    runs: Sequence[Recording]
     chosen: Selection
     possible: BaseParameters
     method: str
     confidence: float
     half_window: int | None
 
-    def filter_of(self, runs: Sequence[Recording], setup: Setup) -> Filter | None:
+    def filter_of(self, setup: Setup) -> Filter | None:
         """The window that is given, or that suits the data; None where accelerations were measured."""
-        if runs[0].a is not None:
+        if self.runs[0].a is not None:
             return None
-        corrected = [setup.corrected(run) for run in runs]
+        corrected = [setup.corrected(run) for run in self.runs]
         return choose(self.robot, corrected, explaining(setup.true_robot, corrected, self.chosen), self.half_window)
 
 
-def plan_of(setup: Setup, chosen: Selection, method: str, confidence: float, half: int | None) -> IdentificationPlan:
+def plan_of(
+    setup: Setup, runs: Sequence[Recording], chosen: Selection, method: str, confidence: float, half: int | None
+) -> IdentificationPlan:
     """A plan. Raises QueryError where no motion can show what is looked for."""
     robot = setup.robot
     base = base_parameters(replace(setup, values=setup.values + _ANY_TILT).true_robot, chosen)
@@ -64,7 +67,7 @@ def plan_of(setup: Setup, chosen: Selection, method: str, confidence: float, hal
         what = f"no joint torque depends on {', '.join(chosen.names[:6])}"
         remedy = "look for other parameters: `base_parameters(robot)` lists what can be told"
         raise QueryError(what, argument="parameters", remedy=remedy, code="nothing-identifiable")
-    return IdentificationPlan(robot, chosen, base, method, confidence, half)
+    return IdentificationPlan(robot, runs, chosen, base, method, confidence, half)
 
 
 @dataclass(frozen=True)
@@ -79,20 +82,20 @@ class SolvedIdentification:
     sure: np.ndarray
 
 
-def solve(plan: IdentificationPlan, setup: Setup, runs: Sequence[Recording], by: Filter | None) -> SolvedIdentification:
-    """The solution; what is looked for of the setup by Gauss-Newton's steps.
+def solve(plan: IdentificationPlan, setup: Setup, by: Filter | None) -> Identification:
+    """The solution, with the model errors that its residuals show; the setup by Gauss-Newton's steps.
 
     Raises
     ------
     QueryError
         Codes "too-few-samples", "nothing-identifiable", "no-torques", "units", "not-converged".
     """
-    found = _solved(plan, setup, runs, by, None)
+    found = _solved(plan, setup, by, None)
     setup = _with_constants(setup, found)
     for number in range(_ROUNDS if setup.names else 0):
-        by = plan.filter_of(runs, setup) if number else by
+        by = plan.filter_of(setup) if number else by
         for _ in range(_STEPS):
-            found = _solved(plan, setup, runs, by, found.result)
+            found = _solved(plan, setup, by, found.result)
             change, setup = np.abs(found.result.setup.values - setup.values), found.result.setup
             if np.all(change <= _CLOSE * _errors_of(found.result)):
                 break
@@ -100,7 +103,7 @@ def solve(plan: IdentificationPlan, setup: Setup, runs: Sequence[Recording], by:
             raise QueryError(f"{', '.join(setup.names)} did not settle in {_STEPS} steps", argument="find",
                              remedy="look for less of the setup, or hold parameters that act alike",
                              code="not-converged")  # fmt: skip
-    return found
+    return _examined(plan, found)
 
 
 def _with_constants(setup: Setup, first: SolvedIdentification) -> Setup:
@@ -123,12 +126,12 @@ def _errors_of(result: Identification) -> np.ndarray:
 
 
 def _solved(
-    plan: IdentificationPlan, setup: Setup, runs: Sequence[Recording], by: Filter | None, around: Identification | None
+    plan: IdentificationPlan, setup: Setup, by: Filter | None, around: Identification | None
 ) -> SolvedIdentification:
     """Linear least squares at a setup. around: what the derivatives by the setup are taken at; None leaves them out."""
     robot, names = setup.true_robot, () if around is None else setup.names
     chosen = plan.chosen.beside(names, setup.values[: len(names)])
-    data = filtered(robot, [setup.corrected(run) for run in runs], by)
+    data = filtered(robot, [setup.corrected(run) for run in plan.runs], by)
     slopes = _slopes(around, names, data)
     known = slopes @ setup.values[: len(names)]
     columns, y = linear_system(robot, plan.chosen, data)
@@ -137,8 +140,7 @@ def _solved(
     members = list(base.members)
     columns, prior = columns[..., members], _prior(robot, chosen, base)
     require_enough(robot, columns * chosen.nominal[members], y, data)
-    starts = (0, *data.ends[:-1])
-    ends = np.cumsum([(end - start) // data.block for start, end in zip(starts, data.ends, strict=True)]).tolist()
+    ends = data.block_ends
     blocks = ends if len(ends) >= _RUNS else None
     rest = _rest(robot, chosen, base, data)
     if data.coarse is None:
@@ -173,10 +175,10 @@ def _rest(
     Where a joint rests, its friction is anything within its size: a bound, once for as long as it lasts.
     """
     sizes = np.zeros((robot.nv, len(base.members)))
-    joints = single_joints(robot)
-    for k, member in enumerate(base.members):
-        if chosen.names[member] in chosen.rubbing:
-            sizes[joints[chosen.rubbing[chosen.names[member]]], k] = 1.0
+    joints, rubbing = single_joints(robot), chosen.rubbing
+    for k, name in enumerate(chosen.names[member] for member in base.members):
+        if name in rubbing:
+            sizes[joints[rubbing[name]], k] = 1.0
     still = data.averaged(1 - direction(data.v, data.width) ** 2)
     long = np.empty_like(still)
     for column, out in zip(still.T, long.T, strict=True):
@@ -234,7 +236,7 @@ def _untold(base: BaseParameters, names: Sequence[str]) -> tuple[str, ...]:
     return (*alone, *(f"only the sum {text}" for text, here in zip(base.combinations, mixed, strict=True) if here))
 
 
-def examined(plan: IdentificationPlan, found: SolvedIdentification) -> Identification:
+def _examined(plan: IdentificationPlan, found: SolvedIdentification) -> Identification:
     """The identification with the model errors that its residuals show."""
     result, data = found.result, found.data
     every = select(plan.robot, ["*"], terms=joint_terms(plan.robot, ["offset", "stribeck"])[1])
@@ -259,9 +261,8 @@ def _prior(robot: Robot, chosen: Selection, base: BaseParameters) -> tuple[np.nd
     bodies, sizes = 10 * (model.njoints - 1), np.zeros(len(robot.parameter_names))
     length = max((float(np.linalg.norm(place.translation)) for place in list(model.jointPlacements)[1:]), default=0.0)
     length = max(length, _SHORTEST)
-    for j in range(model.njoints - 1):
-        mass = max(model.inertias[j + 1].mass, robot.mass / model.njoints)
-        sizes[10 * j : 10 * j + 10] = mass * np.array([1.0, *[length] * 3, *[length**2] * 6])
+    masses = np.maximum([body.mass for body in list(model.inertias)[1:]], robot.mass / model.njoints)
+    sizes[:bodies] = np.outer(masses, [1.0, *[length] * 3, *[length**2] * 6]).ravel()
     of_names = np.abs(chosen.columns[:bodies].T) @ sizes[:bodies]
     of_names[np.any(chosen.columns[bodies:], axis=0)] = np.inf
     with np.errstate(invalid="ignore"):
@@ -276,8 +277,8 @@ def validation(found: Identification, held_out: Sequence[Recording]) -> Validati
             require_samples(len(run.t), wider(found.filter.half_window))
         held_out = [replace(run, a=None) for run in held_out]
     elif any(run.a is None for run in held_out):
-        what, remedy = "the runs that were identified have accelerations, these have not", "give q, v and a"
-        raise QueryError(what, argument="validate", remedy=remedy, code="column-missing")
+        raise QueryError("the runs that were identified have accelerations, these have not", argument="validate",
+                         code="column-missing", remedy="give q, v and a")  # fmt: skip
     data = filtered(found.robot, [found.setup.corrected(run) for run in held_out], found.filter)
     predicted = np.concatenate([found.model_torques(*state) for state in data.states()])
     tau, predicted = data.averaged(data.tau), data.averaged(predicted)

@@ -16,6 +16,7 @@ from scipy.linalg import block_diag
 from twolink.algorithms.mechanism import BODY_PARAMETERS, body_names
 from twolink.effects import Constants, JointDamping
 from twolink.errors import QueryError, SceneError, require_known
+from twolink.parts.identification.base_parameters import require_list
 from twolink.parts.identification.consistency import central, from_central, log_cholesky_chart, pseudo_inertia, size_of
 from twolink.robots.checks import is_impossible
 from twolink.scenes import Scene
@@ -168,9 +169,7 @@ def unknowns_of(scene: Scene, parameters: Sequence[str]) -> Unknowns:
     QueryError
         Code "mixed-parameters".
     """
-    if isinstance(parameters, str) or not isinstance(parameters, Sequence) or not parameters:
-        what, remedy = f"expected a list of names, got {parameters!r:.60}", 'such as ["forearm.mass", "q.elbow"]'
-        raise QueryError(what, argument="parameters", remedy=remedy)
+    require_list(parameters, "q.elbow")
     constants = [i for i, effect in enumerate(scene.effects) if isinstance(effect, Constants)]
     every = parameters_of(scene)
     lowest = {name: parameter.lowest for name, parameter in every.items()}
