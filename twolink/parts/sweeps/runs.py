@@ -239,20 +239,15 @@ def _one(group: _VariantRuns, i: int, times: np.ndarray) -> None:
               energy=run.energy[-1] if "energy" in asked.outputs else np.nan, event_count=len(events),
               events=json.dumps(events), steps=cost.steps if cost else 0,
               seconds=cost.seconds + cost.verify_seconds if cost else np.nan)  # fmt: skip
-    if "samples" in asked.outputs:
-        _put_samples(group, i, run)
+    if "samples" in asked.outputs:  # missing behind the event that ended the run
+        samples = np.array(asked.t_eval)
+        reached = np.flatnonzero(np.isin(samples, run.t))
+        taken = np.searchsorted(run.t, samples[reached])
+        for name, states in (("q_samples", run.q), ("v_samples", run.v)):
+            group.out[name][group.rows[i], reached] = states[taken]
     for name in asked.functions:
         group.put(here, **{column_of(name): float(function_of(name)(run))})
     group.put(here, status=status, reason=reason)
-
-
-def _put_samples(group: _VariantRuns, i: int, run: Trajectory) -> None:
-    """The samples of a run; missing behind the event that ended it."""
-    times = np.array(group.request.t_eval)
-    reached = np.flatnonzero(np.isin(times, run.t))
-    taken = np.searchsorted(run.t, times[reached])
-    for name, states in (("q_samples", run.q), ("v_samples", run.v)):
-        group.out[name][group.rows[i], reached] = states[taken]
 
 
 def run_scene(
