@@ -45,7 +45,7 @@ def test_spin_is_slowed_by_the_moment_of_the_patch() -> None:
     contact = E.CompliantContact("ball", k, friction=mu, patch=a, radius=R, slip=1e-7)
     run = tl.simulate(ball([0, 0, R - M * G / k], [0, 0, 0, 0, 0, w], contact), 0.5, accuracy=1e-8)
     slowing = 3 * np.pi / 16 * mu * M * G * a / (0.4 * M * R**2)
-    np.testing.assert_allclose(run.v[:, 5], w - slowing * run.t, atol=1e-4)
+    assert_near(run.v[:, 5], w - slowing * run.t, 1e-4)
 
 
 def test_spin_takes_friction_from_slip() -> None:
@@ -63,7 +63,7 @@ def test_rolling_resistance_slows_a_ball() -> None:
     r, v, k = 1e-3, 0.5, 1e4
     contact = E.CompliantContact("ball", k, friction=1.0, rolling=r, radius=R, slip=1e-4)
     run = tl.simulate(ball([0, 0, R - M * G / k], [v, 0, 0, 0, v / R, 0], contact), accuracy=1e-7)
-    np.testing.assert_allclose(run.q[:, 0], v * run.t - r * G / (2.8 * R) * run.t**2, atol=2e-4)
+    assert_near(run.q[:, 0], v * run.t - r * G / (2.8 * R) * run.t**2, 2e-4)
 
 
 def top(spin: float) -> tl.Trajectory:
@@ -111,7 +111,7 @@ def test_an_ellipsoid_with_equal_radii_is_a_ball() -> None:
     q, v = [0, 0, R + 0.05], [0.3, 0, 0, 4, 0, 0]
     ends = [tl.simulate(ball(q, v, E.PlaneContact("ball", friction=0.3, restitution=0.4, **shape)), accuracy=1e-9)
             for shape in ({"radius": R}, {"radii": (R, R, R)})]  # fmt: skip
-    np.testing.assert_allclose(ends[0].q, ends[1].q, atol=1e-9)
+    assert_near(ends[0].q, ends[1].q, 1e-9)
 
 
 def bounced(t: np.ndarray, height: float, k_over_m: float) -> np.ndarray:

@@ -454,4 +454,4 @@ def test_a_slip_that_turns_where_the_arm_is_stretched_goes_on(friction: float) -
     run = tl.simulate(scene, 1.5, contact="located")
     assert run.bound == "verified"
     steps = stepped(scene, 1.5, 1e-3, samples=200)
-    np.testing.assert_allclose(run.q, steps.q, atol=2e-3)  # of first order in the step
+    assert_near(run.q, steps.q, 2e-3)  # of first order in the step

@@ -3,11 +3,11 @@
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import twolink as tl
 from tests.effects.bodies import solved
+from tests.near import assert_near
 from twolink.errors import SceneError
 from twolink.robots.catalogue import catalogue_entry
 
@@ -90,4 +90,4 @@ def test_touch_sensors_feel_all_shapes_of_a_link() -> None:
     effects = [fx.Gravity(), fx.Contact(("ground",), shapes={"box": tuple(feet)}), fx.TouchSensor("box", name="feet")]
     run = solved(base, effects, 0.1, [0, 0, 0.05, 0, 0, 0, 1], accuracy=1e-8)
     assert set(run.contact_forces) == {"box_0 - ground", "box_1 - ground", "box_2 - ground"}
-    np.testing.assert_allclose(run.sensors["feet"].values, [[0, 0, 0.5 * 9.81]] * len(run.sensors["feet"].t), atol=1e-9)
+    assert_near(run.sensors["feet"].values, [[0, 0, 0.5 * 9.81]] * len(run.sensors["feet"].t), 1e-9)

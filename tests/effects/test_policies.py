@@ -131,7 +131,7 @@ def test_operations_are_computed_in_double(tmp_path: Path, kind: str) -> None:
         return
     x, along = np.array([[0.6180339, 1.4142136]]), np.array([[0.7, -0.4]])
     fine, wide = ((network(x + h * along)[0] - network(x - h * along)[0]) / (2.0 * h) for h in (1e-9, 1e-4))
-    np.testing.assert_allclose(fine, wide, atol=1e-6)
+    assert_near(fine, wide, 1e-6)
     assert np.abs(wide).max() > 1e-5
 
 
@@ -159,7 +159,7 @@ def test_the_angle_of_a_continuous_joint_is_that_of_a_revolute_one(tmp_path: Pat
             for kind in ("revolute", "continuous")]  # fmt: skip
     revolute, continuous = runs[0].q[:, 0], np.arctan2(runs[1].q[:, 1], runs[1].q[:, 0])
     np.testing.assert_allclose([run.tau[0, 0] for run in runs], -6.0)
-    np.testing.assert_allclose(continuous, revolute, atol=1e-5)
+    assert_near(continuous, revolute, 1e-5)
     assert np.ptp(revolute) > 1.0
     with pytest.raises(SceneError, match="kp: joint 'axle' is continuous"):  # its first coordinate is no angle
         tl.Scene(tl.load_robot(text.format("continuous")), effects=[fx.Policy(str(file), 0.02, kp={"axle": 10.0})])
@@ -260,7 +260,7 @@ def test_a_quadruped_walks_on_its_observations(tmp_path: Path) -> None:
     law.network = Seeing()
     law(0.0, Measured(q=q[None], v=v[None]), None)
     down = robot.frame_pose(q, "base_link")[0].T @ [0.0, 0.0, -1.0]
-    np.testing.assert_allclose(seen[0][0, 6:9], down, atol=1e-15)
+    assert_near(seen[0][0, 6:9], down, 1e-15)
     np.testing.assert_array_equal(seen[0][0, :6], np.concatenate([2.0 * v[:3], 0.25 * v[3:6]]))
     run = tl.simulate(tl.Scene(robot, q, effects=[fx.Gravity(), policy], duration=0.3))
     assert run.error[-1] < 1e-6

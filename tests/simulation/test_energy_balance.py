@@ -86,7 +86,7 @@ def test_a_book_begins_with_the_samples() -> None:
     scene, t = SCENES["kicks beside stops"](), np.linspace(0.0, 2.0, 21)
     whole, part = (tl.energy_book(scene, tl.simulate(scene, t_eval=own, accuracy=1e-9)) for own in (t, t[6:]))
     assert whole.lost[6] > 1.0
-    np.testing.assert_allclose(part.lost, whole.lost[6:] - whole.lost[6], atol=1e-7)
+    assert_near(part.lost, whole.lost[6:] - whole.lost[6], 1e-7)
     assert_near(part.residual, 0.0, 1e-8)
 
 
@@ -116,7 +116,7 @@ def test_a_pendulum_with_a_rotor_keeps_its_energy(axis: str) -> None:
     np.testing.assert_allclose(kinetic, run.v[:, 0] ** 2 * scene.robot.mass_matrix(run.q)[:, 0, 0] / 2, rtol=1e-13)
     assert np.ptp(kinetic) > 0.1
     assert_near(run.energy, run.energy[0], 1e-10)
-    np.testing.assert_allclose(tl.energy_book(scene, run).residual, 0.0, atol=1e-10)
+    assert_near(tl.energy_book(scene, run).residual, 0.0, 1e-10)
 
 
 def test_dry_friction_takes_the_path_times_its_level() -> None:
@@ -151,7 +151,7 @@ def test_loop_forces_explain_the_motion(name: str) -> None:
     equations = equations_of(scene)
     motion = KinematicState(model, equations.mechanism, list(run.q[k]), list(run.v[k]), run.t[k], np)
     loads = effect_loads(equations, motion, [], equations.effects)
-    np.testing.assert_allclose(applied, [float(x) for x in loads.tau], atol=2e-4 * (1.0 + np.abs(needed).max()))
+    assert_near(applied, [float(x) for x in loads.tau], 2e-4 * (1.0 + np.abs(needed).max()))
 
 
 def test_a_trajectory_without_equations_is_refused() -> None:

@@ -57,7 +57,7 @@ def contents(path: Path) -> dict[str, list]:
 def test_saved_and_loaded_is_the_same(run: tl.Trajectory, suffix: str, tmp_path: Path) -> None:
     again = tl.Trajectory.load(run.save(tmp_path / "deep" / f"x{suffix}"))
     assert_near(again.t, run.t, 0.5e-9)
-    np.testing.assert_allclose(again.q, run.q, atol=1e-14)  # continuous joints go through their angles
+    assert_near(again.q, run.q, 1e-14)  # continuous joints go through their angles
     for name in ("v", "energy", "error"):
         np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
     assert (again.robot.name, again.title, again.bound) == (run.robot.name, run.title, run.bound)
@@ -74,9 +74,9 @@ def test_the_library_of_mcap_reads_it(run: tl.Trajectory, tmp_path: Path) -> Non
     k = 17
     for transform in topics["/tf"][k][2].transforms:
         rotation, position = robot.frame_pose(run.q[k], transform.child_frame_id)
-        np.testing.assert_allclose([getattr(transform.transform.translation, x) for x in "xyz"], position, atol=1e-12)
+        assert_near([getattr(transform.transform.translation, x) for x in "xyz"], position, 1e-12)
         quaternion = [getattr(transform.transform.rotation, x) for x in "xyzw"]
-        np.testing.assert_allclose(Rotation.from_quat(quaternion).as_matrix(), rotation, atol=1e-12)
+        assert_near(Rotation.from_quat(quaternion).as_matrix(), rotation, 1e-12)
     assert {t.child_frame_id for t in topics["/tf"][k][2].transforms} == set(robot.frame_names)
     single = [joint for joint in robot.joints if joint.kind in ("vector", "cos-sin")]
     if single:
@@ -97,7 +97,7 @@ def test_angles_of_continuous_joints_go_on_beyond_a_turn(tmp_path: Path) -> None
     assert angles[-1, 0] > 2 * np.pi
     speeds = np.array([decoded.velocity for _, _, decoded in rows])
     steps = 0.5 * (speeds[1:] + speeds[:-1]) * np.diff(run.t)[:, None]
-    np.testing.assert_allclose(np.diff(angles, axis=0), steps, atol=2e-3)
+    assert_near(np.diff(angles, axis=0), steps, 2e-3)
 
 
 def test_turns_between_few_samples_are_those_of_the_speed(tmp_path: Path) -> None:
@@ -132,11 +132,11 @@ def test_a_contact_is_a_wrench_about_the_origin(tmp_path: Path) -> None:
         assert schema == "geometry_msgs/msg/WrenchStamped"
         touching = ~np.isnan(forces[k, :, 0])
         force = [getattr(decoded.wrench.force, x) for x in "xyz"]
-        np.testing.assert_allclose(force, run.contact_forces[name][k], atol=1e-12)
+        assert_near(force, run.contact_forces[name][k], 1e-12)
         moment = sum(
             (np.cross(p, f) for p, f in zip(points[k, touching], forces[k, touching], strict=True)), np.zeros(3)
         )
-        np.testing.assert_allclose([getattr(decoded.wrench.torque, x) for x in "xyz"], moment, atol=1e-9)
+        assert_near([getattr(decoded.wrench.torque, x) for x in "xyz"], moment, 1e-9)
     assert max(abs(decoded.wrench.force.z) for _, _, decoded in rows) > 0
     assert [(e.name, round(t * 1e-9, 6)) for _, t, e in topics.get("/rosout", [])] == [
         (event.kind, round(event.t, 6)) for event in run.events]  # fmt: skip
@@ -176,7 +176,7 @@ def test_the_bag_of_another_program_is_judged(arm: tl.Trajectory, start: int, tm
     assert tl.judge(scene, bag).right
     assert tl.judge(scene, next(bag.glob("*.db3"))).right
     again = tl.Trajectory.load(bag, arm.robot)
-    np.testing.assert_allclose(again.energy, arm.energy, atol=1e-9)
+    assert_near(again.energy, arm.energy, 1e-9)
     np.testing.assert_array_equal(again.v, arm.v)
     late = tl.judge(scene, {"t": again.t[:-4], "q": again.q[4:], "v": again.v[4:]})
     assert not late.right
@@ -256,7 +256,7 @@ def test_a_loaded_run_keeps_its_torques_in_a_bag(tmp_path: Path) -> None:
     rows = contents(read.save(tmp_path / "a.mcap"))["/joint_states"]
     taken = [pin.rnea(arm.model, arm.model.createData(), *state)
              for state in zip(run.q, run.v, run.acceleration, strict=True)]  # fmt: skip
-    np.testing.assert_allclose([decoded.effort for _, _, decoded in rows], taken, atol=1e-9)
+    assert_near([decoded.effort for _, _, decoded in rows], taken, 1e-9)
     bare = contents(dataclasses.replace(read, recorded_tau=None).save(tmp_path / "b.mcap"))["/joint_states"]
     assert not any(len(decoded.effort) for _, _, decoded in bare)
 
@@ -280,5 +280,5 @@ def test_wrenches_of_effects_move_the_robot_as_they_do(tmp_path: Path) -> None:
             rows = pin.computeFrameJacobian(model, data, q, model.getFrameId("forearm"), pin.LOCAL_WORLD_ALIGNED)
             moment = wrench[k, 3:] - np.cross(arm.frame_pose(q, "forearm")[1], wrench[k, :3])
             taken = pin.rnea(model, data, q, run.v[k], run.acceleration[k])
-            np.testing.assert_allclose(rows.T @ np.append(wrench[k, :3], moment), taken, atol=1e-9)
+            assert_near(rows.T @ np.append(wrench[k, :3], moment), taken, 1e-9)
     assert np.abs(found["/forces/compliant_contact_on_forearm"]).max() > 1.0

@@ -210,15 +210,15 @@ def test_damping_of_the_urdf_does_not_act_and_is_no_nominal_value() -> None:
     scene = tl.Scene(tl.load_robot(SWING), [1.2], effects=[gravity], duration=0.8)
     plain = tl.simulate(scene, accuracy=1e-10).q[-1]
     nominal = parameters_of(scene)[name].nominal
-    np.testing.assert_allclose(tl.simulate(scene_with(scene, {name: nominal}), accuracy=1e-10).q[-1], plain, atol=2e-10)
+    assert_near(tl.simulate(scene_with(scene, {name: nominal}), accuracy=1e-10).q[-1], plain, 2e-10)
     worlds = tl.simulate_many(scene, parameters={name: [0.0, 0.1]}, accuracy=1e-11)
     damped = scene.with_effects([gravity, tl.effects.JointDamping({"axle": 0.1})])
     ends = np.array([plain, tl.simulate(damped, accuracy=1e-10).q[-1]])
-    np.testing.assert_allclose(worlds.q, ends, atol=2e-10)
+    assert_near(worlds.q, ends, 2e-10)
     assert abs(ends[1] - ends[0]) > 0.01
     s = tl.sensitivities(damped, wrt=[name, "effects.1.damping.axle"], accuracy=1e-9)
     assert s.values == {name: nominal, "effects.1.damping.axle": 0.1}
-    np.testing.assert_allclose(s.q[name], s.q["effects.1.damping.axle"], atol=2e-9)
+    assert_near(s.q[name], s.q["effects.1.damping.axle"], 2e-9)
 
 
 def test_loops_are_differentiated_along_what_they_allow() -> None:

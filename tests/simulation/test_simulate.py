@@ -68,8 +68,8 @@ def test_a_thrown_body_flies_a_parabola_and_a_bare_scene_flies_straight() -> Non
     fallen = tl.simulate(tl.Scene(robot, v=v, effects=GRAVITY), duration=1.5, accuracy=1e-10)
     straight = tl.simulate(tl.Scene(robot, v=v), duration=1.5, accuracy=1e-10)
     t = fallen.t[:, None]
-    np.testing.assert_allclose(fallen.q[:, :3], t * [3, 0, 4] + t**2 / 2 * [0, 0, -9.81], atol=1e-9)
-    np.testing.assert_allclose(straight.q[:, :3], t * [3, 0, 4], atol=1e-9)
+    assert_near(fallen.q[:, :3], t * [3, 0, 4] + t**2 / 2 * [0, 0, -9.81], 1e-9)
+    assert_near(straight.q[:, :3], t * [3, 0, 4], 1e-9)
 
 
 def test_energy_is_kept_and_counts_potential_only_where_there_is_gravity() -> None:

@@ -217,7 +217,7 @@ def test_a_world_is_a_run_and_has_a_scene_that_gives_it_again(swings: tl.Worlds,
     alone = tl.simulate(scene, accuracy=1e-10, samples_per_second=21)
     np.testing.assert_allclose(one.t, alone.t)
     assert np.abs(one.q - alone.q).max() <= one.error.max() <= 1e-6
-    np.testing.assert_allclose(one.energy, alone.energy, atol=1e-4)  # of a forearm of 2 kg
+    assert_near(one.energy, alone.energy, 1e-4)  # of a forearm of 2 kg
     again = tl.Trajectory.load(one.save(tmp_path / "one.npz"), robot=scene.robot)
     np.testing.assert_array_equal(again.q, one.q)
     with pytest.raises(IndexError):

@@ -126,7 +126,7 @@ def test_a_curve_beside_events_is_followed_and_ends() -> None:
     for _ in range(5):
         state = sim.step(0.1)
     assert [event.kind for event in sim.events] == [event.kind for event in run.events] != []
-    np.testing.assert_allclose(state.q, run.q[-1], atol=1e-7)
+    assert_near(state.q, run.q[-1], 1e-7)
     with pytest.raises(tl.errors.SceneError, match=r"a curve ends at 0\.5 s, the run at 0\.6"):
         sim.step(0.1)
 

@@ -270,10 +270,10 @@ def test_forces_on_links_act_where_and_when_effects_say(tmp_path: Path) -> None:
     assert list(found) == ["frame-wrench on forearm", "spring-between on forearm"]
     turn, place = robot.frame_pose(run.q, "forearm")
     points, forces = found["frame-wrench on forearm"]
-    np.testing.assert_allclose(points[:, 0], place + turn @ [0.0, 0.0, 0.1], atol=1e-12)
+    assert_near(points[:, 0], place + turn @ [0.0, 0.0, 0.1], 1e-12)
     np.testing.assert_allclose(forces[:, 0], np.tile([3.0, 0.0, -4.0], (len(run.t), 1)))
     points, forces = found["spring-between on forearm"]
     held = run.t < 0.25
-    np.testing.assert_allclose(forces[held, 0], 20.0 * (np.array([1.0, 0.0, 1.0]) - place[held]), atol=1e-10)
+    assert_near(forces[held, 0], 20.0 * (np.array([1.0, 0.0, 1.0]) - place[held]), 1e-10)
     assert np.isnan(forces[~held]).all()
     assert np.isnan(points[~held]).all()
