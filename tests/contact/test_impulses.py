@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse as sparse
 
 import twolink as tl
-from tests.effects.bodies import ball, free_bodies, grounded, planar, spheres, stepped
+from tests.effects.bodies import above, ball, free_bodies, grounded, planar, spheres, stepped
 from tests.near import assert_near, raises
 from twolink.contact import impulses, step_law, stepping
 from twolink.contact.impulses import ContactProblem, Impulses, accelerated, newton, solve_impulses
@@ -91,7 +91,7 @@ def test_a_step_that_misses_the_laws_is_halved_and_then_refused(monkeypatch: pyt
 
     monkeypatch.setattr(step_law, "solve_impulses", never)
     monkeypatch.setattr(stepping, "compiled", lambda *_: None)
-    scene = grounded(ball(), [0, 0, 0.11, 0, 0, 0, 1], shapes=spheres("ball"))
+    scene = grounded(ball(), above(0.11), shapes=spheres("ball"))
     with raises(tl.errors.AccuracyError, "contact-not-solved", "no impulses obey the laws"):
         stepped(scene, 0.1, 0.01)
 
@@ -176,7 +176,7 @@ def test_bodies_bounce_by_no_more_than_creates_no_energy() -> None:
 def test_balls_that_lose_nothing_keep_their_whole_restitution() -> None:
     """Where in a step they meet changes nothing: z = v t - g t^2 / 2 from bounce to bounce."""
     contact = E.Contact(("ground",), restitution=1.0, shapes=spheres("ball"))
-    scene = tl.Scene(ball(), [0, 0, 1.1, 0, 0, 0, 1], effects=[E.Gravity((0.0, 0.0, -10.0)), contact])
+    scene = tl.Scene(ball(), above(1.1), effects=[E.Gravity((0.0, 0.0, -10.0)), contact])
     for step in (1e-2, 7e-3, 3.3e-3):
         run = stepped(scene, 2.0, step)
         assert run.contact_record["softened"] == 0

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import G, free_bodies, spheres, stepped
+from tests.effects.bodies import G, above, free_bodies, spheres, stepped
 from tests.near import assert_near, assert_within
 from twolink.contact import stepping
 from twolink.contact.rest import RestingSteps
@@ -23,7 +23,7 @@ def cubes(count: int, *effects: tl.effects.Effect, speed: float = 0.0) -> tl.Sce
     """A tower of cubes, the lowest of which may slide."""
     names = [f"b{k}" for k in range(count)]
     robot = free_bodies(*names, mass=MASS, inertia=MASS * EDGE**2 / 6)
-    q = np.concatenate([[0, 0, EDGE * (k + 0.5), 0, 0, 0, 1] for k in range(count)])
+    q = np.concatenate([above(EDGE * (k + 0.5)) for k in range(count)])
     v = np.zeros(6 * count)
     v[::6] = speed
     contact = E.Contact(("self", "ground"), MU, shapes={name: (E.Box((EDGE,) * 3),) for name in names})
@@ -74,7 +74,7 @@ def test_bodies_that_may_move_do_not_rest() -> None:
     """A ball on a plane may roll: what is slower than any number is not at rest."""
     robot = free_bodies("ball", mass=MASS, inertia=0.4 * MASS * 0.01)
     contact = E.Contact(("ground",), MU, shapes=spheres("ball"))
-    scene = tl.Scene(robot, [0, 0, 0.1, 0, 0, 0, 1], effects=[E.Gravity((0.0, 0.0, -G)), contact])
+    scene = tl.Scene(robot, above(0.1), effects=[E.Gravity((0.0, 0.0, -G)), contact])
     assert "rest" not in solved(run_of(scene, 0.2))
 
 

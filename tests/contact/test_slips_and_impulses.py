@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import G, ball, ball_over_ball, grounded, planar, sliders_in_a_row, spheres
+from tests.effects.bodies import G, above, ball, ball_over_ball, grounded, planar, sliders_in_a_row, spheres
 from tests.near import assert_near, raises
 from tests.urdf_text import link
 
@@ -55,7 +55,7 @@ def test_a_slip_is_that_of_the_first_body_on_the_second(way: dict[str, object], 
 def test_the_impulses_of_a_ball_that_bounces(way: dict[str, object]) -> None:
     """m (1 + e) v at each bounce, when it bounces."""
     e, height, mass = 0.5, 0.5, 2.0
-    run = tl.simulate(grounded(ball(), [0, 0, 0.1 + height, 0, 0, 0, 1], restitution=e, shapes=SPHERE), 0.75,
+    run = tl.simulate(grounded(ball(), above(0.1 + height), restitution=e, shapes=SPHERE), 0.75,
                       samples_per_second=20, **way)  # fmt: skip
     found, fall = run.contact_forces.impulses["ball - ground"], math.sqrt(2 * height / G)
     assert_near(found.t, [fall, fall * (1 + 2 * e)], 1e-6)
@@ -122,8 +122,6 @@ def test_a_saved_run_has_forces_and_neither_slips_nor_impulses(tmp_path: Path) -
 def test_a_body_whose_name_has_the_sign_of_pairs() -> None:
     """It rests with its weight on the ground."""
     text = f'<robot name="r">{link("a - b", 2.0, 0.008)}</robot>'
-    run = tl.simulate(
-        grounded(tl.load_robot(text, root="free"), [0, 0, 0.1, 0, 0, 0, 1], shapes={"a - b": SPHERE["ball"]}), 0.1
-    )
+    run = tl.simulate(grounded(tl.load_robot(text, root="free"), above(0.1), shapes={"a - b": SPHERE["ball"]}), 0.1)
     for body, sign in (("a - b", 1.0), ("ground", -1.0)):
         assert run.contact_forces.on(body)[-1] == pytest.approx([0, 0, sign * 2.0 * G])

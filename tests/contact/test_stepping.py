@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import twolink as tl
-from tests.effects.bodies import G, ball, bouncing, free_bodies, grounded, planar, spheres, stepped
+from tests.effects.bodies import G, above, ball, bouncing, free_bodies, grounded, planar, spheres, stepped
 from tests.near import assert_agree, assert_near, assert_within, raises
 from twolink.contact import bodies as sparse_bodies
 from twolink.contact.solver import SteppedSolution
@@ -78,7 +78,7 @@ def test_a_block_slides_to_rest() -> None:
 def test_a_ball_that_bounces_keeps_to_its_parabolas() -> None:
     """Impacts act when the ball meets the ground, not where a step ends. Bounces within a step are not followed."""
     h, e = 0.01, 0.7
-    run = stepped(grounded(ball(), [0, 0, 1.1, 0, 0, 0, 1], restitution=e, shapes=SPHERE), 3.0, h)
+    run = stepped(grounded(ball(), above(1.1), restitution=e, shapes=SPHERE), 3.0, h)
     off = np.abs(run.q[:, 2] - 0.1 - bouncing(run.t, 1.0, e))
     assert off[run.t < 2.0].max() < 1e-11
     assert off.max() < G * h**2 / 2
@@ -205,7 +205,7 @@ def test_finer_runs_that_are_elsewhere_refute_an_estimate(monkeypatch: pytest.Mo
 def test_located_events_without_end_are_stepped_where_nothing_was_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """A ball that bounces more often than events are followed keeps to its parabolas, and its cost says what was."""
     bounces = E.Contact(("ground",), restitution=0.5, shapes=spheres("ball"))
-    scene = tl.Scene(ball(), [0, 0, 0.6, 0, 0, 0, 1], effects=[E.Gravity((0.0, 0.0, -10.0)), bounces])
+    scene = tl.Scene(ball(), above(0.6), effects=[E.Gravity((0.0, 0.0, -10.0)), bounces])
     free = tl.simulate(scene, 1.0, samples_per_second=20)
     monkeypatch.setattr(engine, "MAX_EVENTS", 1)
     run = tl.simulate(scene, 1.0, samples_per_second=20)
@@ -222,7 +222,7 @@ def test_located_events_without_end_are_stepped_where_nothing_was_asked_for(monk
 def test_a_box_that_slides_and_turns_on_four_corners_is_stepped() -> None:
     """The share of the corners, on which the motion depends, is not determined: the answer says so, and carries m g."""
     shapes = {"a": (E.Box((0.2, 0.3, 0.1)),)}
-    scene = grounded(free_bodies("a"), [0, 0, 0.05, 0, 0, 0, 1], [0.5, 0, 0, 0, 0, 1], friction=0.5, shapes=shapes)
+    scene = grounded(free_bodies("a"), above(0.05), [0.5, 0, 0, 0, 0, 1], friction=0.5, shapes=shapes)
     with pytest.raises(tl.errors.AccuracyError, match='contact="stepped"'):
         tl.simulate(scene, 0.2, contact="located")
     run = tl.simulate(scene, 0.2, samples_per_second=50, patience=5.0)
@@ -400,7 +400,7 @@ def test_accelerations_are_rates_of_velocities_along_axes_that_turn() -> None:
     """A free body that spins about y falls: v' = R^T g - omega x v, and no force is left over."""
     for robot in (ball(), free_bodies("a", "ball")):
         count = robot.nv // 6
-        q, v = [0, 0, 5, 0, 0, 0, 1] * count, [3.0, 0, 0, 0, 4, 0] * count
+        q, v = above(5) * count, [3.0, 0, 0, 0, 4, 0] * count
         run = stepped(grounded(robot, q, v, friction=0.3, shapes=spheres("ball")), 0.5, 0.01)
         for q, v, a in zip(run.q, run.v, run.acceleration, strict=True):
             turn = np.asarray(pin.Quaternion(q[3:7]).toRotationMatrix())
@@ -429,7 +429,7 @@ def test_a_tables_time_that_differs_from_a_samples_by_rounding_makes_no_step() -
     table, times = tuple(k / 10 for k in range(11)), np.append(np.arange(10) * 0.1, 1.0)
     assert (times != table).any()
     push = E.FrameWrench("ball", (0.0, 0.0, E.Sampled(table, tuple(-10.0 * t for t in table))))
-    scene = grounded(ball(), [0, 0, 0.1, 0, 0, 0, 1], None, push, shapes=spheres("ball"))
+    scene = grounded(ball(), above(0.1), None, push, shapes=spheres("ball"))
     run = tl.simulate(scene, 1.0, t_eval=times, contact="stepped", step=0.01, verify=False)
     assert run.contact_forces["ball - ground"][1:, 2] == pytest.approx(2.0 * G + 10.0 * (times[1:] - 0.005))
     assert run.cost.steps == 100
@@ -439,7 +439,7 @@ def test_sensors_read_the_ends_of_steps_not_lines_between_samples() -> None:
     """A ball on a parabola that is sampled twice."""
     sensor = E.PoseSensor("ball", period=0.05)
     run = tl.simulate(
-        grounded(ball(), [0, 0, 5, 0, 0, 0, 1], None, sensor, shapes=spheres("ball")),
+        grounded(ball(), above(5), None, sensor, shapes=spheres("ball")),
         0.5,
         t_eval=[0, 0.5],
         contact="stepped",
@@ -450,7 +450,7 @@ def test_sensors_read_the_ends_of_steps_not_lines_between_samples() -> None:
 
 def test_forces_on_links_are_shown_of_steps_too() -> None:
     push = E.FrameWrench("ball", force=(2.0, 0, 0), moment=(0, 0, 1.0))
-    scene = grounded(ball(), [0, 0, 0.3, 0, 0, 0, 1], None, push, friction=0.3, shapes=spheres("ball"))
+    scene = grounded(ball(), above(0.3), None, push, friction=0.3, shapes=spheres("ball"))
     located, steps = (tl.simulate(scene, 0.15, contact=way, accuracy=None) for way in ("located", "stepped"))
     assert located.wrenches_on_links.keys() == steps.wrenches_on_links.keys() != set()
     for one, other in zip(located.wrenches_on_links.values(), steps.wrenches_on_links.values(), strict=True):
@@ -483,5 +483,5 @@ def test_corners_that_bounce_one_after_the_other_are_not_one_impact(tilt: float)
     plastic = tl.Scene(scene.base, q, effects=[E.Gravity(), msgspec.structs.replace(cube, restitution=0.0)])
     still, steps = (tl.simulate(plastic, 0.3, **way) for way in ({}, {"contact": "stepped", "step": 0.005}))
     assert_agree(still, steps)
-    flat = tl.Scene(scene.base, [0, 0, 0.3, 0, 0, 0, 1], effects=scene.effects)
+    flat = tl.Scene(scene.base, above(0.3), effects=scene.effects)
     assert_near(stepped(flat, 0.3, 0.005).v[-1, 3:], 0.0, 1e-9)

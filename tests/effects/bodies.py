@@ -52,6 +52,11 @@ def ball(mass: float = 2.0, moment: float | tuple[float, ...] = 0.008) -> tl.Rob
     return tl.load_robot(f'<robot name="ball">{link("ball", mass, moment)}</robot>', root="free")
 
 
+def above(height: float) -> list[float]:
+    """The configuration of a free body over the origin."""
+    return [0, 0, height, 0, 0, 0, 1]
+
+
 def free_body(name: str, mass: float, inertia: float, parent: str = "ground") -> str:
     """A free body, for a URDF."""
     return link(name, mass, inertia) + joint(f"{name}_joint", "floating", parent, name)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import free_bodies, stepped
+from tests.effects.bodies import above, free_bodies, stepped
 from tests.effects.cases import assert_refused
 from tests.near import assert_near
 from tests.urdf_text import joint, link
@@ -46,7 +46,7 @@ def test_shapes_and_pairs_that_are_refused(fields: dict, where: str, part: str) 
 def test_points_that_span_no_volume_touch_planes_alone() -> None:
     triangle = (E.Convex(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))),)
     with pytest.raises(tl.errors.SceneError, match="3 vertices span no volume"):
-        tl.explain(tl.Scene(free_bodies("a", "b"), [0, 0, 3, 0, 0, 0, 1] + [0] * 6 + [1],
+        tl.explain(tl.Scene(free_bodies("a", "b"), above(3) + [0] * 6 + [1],
                             effects=[E.Contact("self", shapes={"a": triangle, "b": BALL["a"]})]),
                    duration=0.01)  # fmt: skip
 
@@ -86,7 +86,7 @@ def test_a_mesh_with_hollows_counts_as_its_hull_and_report_and_explain_say_so(tm
     robot = body(tmp_path, mesh)
     assert robot.solids[0].hollow == pytest.approx(0.05)  # the inner sides of the walls
     assert "hollows of collision meshes (bodies touch at the convex hulls): l" in map(str, robot.report.ignored)
-    explained = str(tl.explain(tl.Scene(robot, [0, 0, 1, 0, 0, 0, 1], effects=[E.Contact("ground")]), duration=0.01))
+    explained = str(tl.explain(tl.Scene(robot, above(1), effects=[E.Contact("ground")]), duration=0.01))
     assert "1 meshes count as their convex hulls, below which their surfaces lie: l_0 0.05 m" in explained
 
 
@@ -98,7 +98,7 @@ def test_shapes_stand_in_for_a_mesh_that_is_missing_which_the_report_names(tmp_p
     assert "what <collision> has beside a shape and its origin: l" in ignored
     with pytest.raises(tl.errors.SceneError, match="or shapes= to Contact"):
         tl.Scene(robot, effects=[E.Contact("ground")])
-    scene = tl.Scene(robot, [0, 0, 1, 0, 0, 0, 1], effects=[E.Contact("ground", shapes={"l": (E.Sphere(0.1),)})])
+    scene = tl.Scene(robot, above(1), effects=[E.Contact("ground", shapes={"l": (E.Sphere(0.1),)})])
     assert "1 pair may touch: l - ground" in str(tl.explain(scene, duration=0.01))
 
 

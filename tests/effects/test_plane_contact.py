@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 import twolink as tl
-from tests.effects.bodies import G, ball, bouncing, kinds, planar, solved, times
+from tests.effects.bodies import G, above, ball, bouncing, kinds, planar, solved, times
 from tests.effects.cases import E
 from tests.near import assert_near, assert_within
 
@@ -33,7 +33,7 @@ def test_pairs_are_named_as_those_of_contact() -> None:
     """The ground bears the ball's weight, and takes its impulse; the same scene by `Contact` has the same names."""
     planes = E.PlaneContact("ball", radius=R, friction=0.3), E.Contact(["ground"], 0.3, shapes={"ball": (E.Sphere(R),)})
     for plane in planes:
-        scene = tl.Scene(ball(), [0, 0, R + 0.2, 0, 0, 0, 1], effects=[E.Gravity(), plane], duration=0.5)
+        scene = tl.Scene(ball(), above(R + 0.2), effects=[E.Gravity(), plane], duration=0.5)
         forces = tl.simulate(scene, accuracy=1e-9).contact_forces
         assert list(forces) == list(forces.slips) == list(forces.impulses) == ["ball - ground"]
         assert_near(forces.on("ball")[-1], [0.0, 0.0, 2.0 * G], 1e-9)
@@ -112,7 +112,7 @@ def test_a_sliding_ball_begins_to_roll(accuracy: float) -> None:
     """At t = 2 v0 / (7 mu g), with 5/7 of its speed."""
     mu, v0 = 0.2, 3.0
     effects = [E.Gravity(), E.PlaneContact("ball", radius=R, friction=mu)]
-    run = solved(ball(), effects, 1.0, [0, 0, R, 0, 0, 0, 1], [v0, 0, 0, 0, 0, 0], accuracy=accuracy)
+    run = solved(ball(), effects, 1.0, above(R), [v0, 0, 0, 0, 0, 0], accuracy=accuracy)
     rolls = 2 * v0 / (7 * mu * G)
     sliding, late = np.fmin(run.t, rolls), np.fmax(run.t - rolls, 0)
     x = v0 * sliding - mu * G * sliding**2 / 2 + 5 / 7 * v0 * late
@@ -130,7 +130,7 @@ def test_a_ball_whose_sliding_turns_begins_to_roll_whatever_the_steps(duration: 
     """
     contact = E.PlaneContact("ball", radius=R, friction=0.2, restitution=0.3)
     effects = [E.Gravity(), E.AirDrag("ball", 0.03), contact]
-    scene = tl.Scene(ball(), [0, 0, 0.3, 0, 0, 0, 1], [3, 1, 0, 5, -20, 7], effects)
+    scene = tl.Scene(ball(), above(0.3), [3, 1, 0, 5, -20, 7], effects)
     run = tl.simulate(scene, duration, tolerance=1e-9, method="dop853", verify=False)
     assert_near(times(run, "roll")[-1], 0.75434026768, 1e-5)
     turn = pin.Quaternion(*run.q[-1, [6, 3, 4, 5]]).toRotationMatrix()
@@ -219,7 +219,7 @@ def test_the_same_contact_twice_is_one_contact() -> None:
 def test_a_box_on_four_feet_rests() -> None:
     """One more than determines their forces."""
     feet = [E.PlaneContact("ball", point=(x, y, -R)) for x in (0.5, -0.5) for y in (0.5, -0.5)]
-    run = solved(ball(), [E.Gravity(), *feet], 1.0, [0, 0, R, 0, 0, 0, 1], samples_per_second=10)
+    run = solved(ball(), [E.Gravity(), *feet], 1.0, above(R), samples_per_second=10)
     assert_near(run.q, run.q[0], 1e-12)
     assert not run.events
 
