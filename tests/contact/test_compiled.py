@@ -60,10 +60,11 @@ def differ(one: Step, other: Step) -> bool:
 
 def require_same(one: Step, other: Step) -> None:
     """All that a step says and remembers, but forces that motions do not determine."""
-    assert_near(other.v, one.v, SAME * max(1.0, np.abs(one.v).max()))
-    assert_near(other.q, one.q, SAME * max(1.0, np.abs(one.v).max()))
+    same = SAME * max(1.0, np.abs(one.v).max())
+    assert_near(other.v, one.v, same)
+    assert_near(other.q, one.q, same)
     assert other.h == one.h
-    assert_near(other.h * other.mean, one.h * one.mean, SAME * max(1.0, np.abs(one.v).max()))
+    assert_near(other.h * other.mean, one.h * one.mean, same)
     a, b = one.memory, other.memory
     assert np.array_equal(a.keys, b.keys)
     assert np.array_equal(a.stuck, b.stuck)

@@ -1,6 +1,7 @@
 """Convex hulls that touch when stepped: their separation is Coal's, and what they overlap is of second order."""
 
 import itertools
+from typing import Any
 
 import coal
 import numpy as np
@@ -38,15 +39,16 @@ def depth(shapes: list[Box | Convex], places: list[Placed]) -> float:
     return float(coal.distance(a, p, b, q, request, coal.DistanceResult()))
 
 
-def overlapping(shapes: list[Box | Convex], deep: float, random: np.random.Generator) -> list[Placed]:
-    """Places at random rotations and in a random direction at which shapes overlap by so much, m."""
+def overlapping(shapes: list[Box | Convex], deep: float, random: np.random.Generator) -> tuple[list[Placed], Any, Any]:
+    """Random rotations, and places in a random direction at which shapes overlap by so much, m; both hulls there."""
     turned, way = [pin.exp3(random.uniform(-2, 2, 3)) for _ in shapes], random.normal(size=3)
     near, far = 0.0, 0.3
     for _ in range(60):
         middle = 0.5 * (near + far)
         places = [(turned[0], middle * way / np.linalg.norm(way)), (turned[1], np.zeros(3))]
         near, far = (middle, far) if depth(shapes, places) < -deep else (near, middle)
-    return places
+    a, b = (hull_of(shape).placed(*place) for shape, place in zip(shapes, places, strict=True))
+    return places, a, b
 
 
 @pytest.mark.parametrize("kinds", [(a, b) for a in SHAPES for b in SHAPES], ids="-".join)
@@ -55,8 +57,7 @@ def test_the_separation_of_hulls_that_overlap_is_coals(kinds: tuple[str, str], d
     """And what touches shows it, each point with a name of its own."""
     random, shapes = np.random.default_rng(3), [SHAPES[kind] for kind in kinds]
     for _ in range(12):
-        places = overlapping(shapes, deep, random)
-        a, b = (hull_of(shape).placed(*place) for shape, place in zip(shapes, places, strict=True))
+        places, a, b = overlapping(shapes, deep, random)
         found = separation(a, b)
         assert_near(found.gap, depth(shapes, places), 1e-10)
         moved = [(places[0][0], places[0][1] - found.gap * found.normal), places[1]]
@@ -119,8 +120,7 @@ def test_features_that_look_at_each_other_decide_how_far_large_hulls_are_apart(d
     random, large = np.random.default_rng(4), [stone(400, 5), stone(60, 6), SHAPES["box"]]
     for k in range(12):
         shapes = [large[k % 2], large[k % 3]]
-        places = overlapping(shapes, deep, random)
-        a, b = (hull_of(shape).placed(*place) for shape, place in zip(shapes, places, strict=True))
+        places, a, b = overlapping(shapes, deep, random)
         rough = places[0][1] / np.linalg.norm(places[0][1])
         parts = facing(a, b, rough)
         assert len(parts[0].edges) <= len(a.edges)
