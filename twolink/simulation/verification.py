@@ -1,4 +1,15 @@
-"""Verification: a run with the solutions beside it that show its truncation and its rounding."""
+"""Verification: a run with the solutions beside it that show its truncation and its rounding.
+
+    motion                  solutions beside the run                 how they are solved
+    smooth, loops           a finer one, 2 to 6 disturbed ones       columns of one batch with the run
+    sampled                 pairs that mirror each other, finer      columns of one batch with the run
+    sampled, with events    a finer one, 3 disturbed ones            side by side, each with events of its own
+    events, SciPy's,        a finer one, 1 or 2 disturbed ones; or   one after the other
+      in many digits        one that shows both errors
+
+Worlds are verified in `world_solving`, motions that go on without end in `motion_error`, stepped contacts in
+`stepped_run`, and derivatives in `sensitivity_runs`, by the factors of `error_bar` too.
+"""
 
 from __future__ import annotations
 
