@@ -42,7 +42,6 @@ class Second(NamedTuple):
     events, in those of the run's; their roundings are others.
     """
 
-    choice: MethodChoice
     perturbation: Perturbation
     differences: float = 1.0
     parts: int = 1  # of a step of the derivatives
@@ -70,9 +69,9 @@ class NominalSolutions:
         self.saltation = Saltation(self.variation)
         dense = cast("DenseOutput", run.solution)
         self._choice = MethodChoice(METHODS[dense.method], dense.setting, "", dense.precision)
-        plain = Second(self._choice, NO_PERTURBATION)
+        plain = Second(NO_PERTURBATION)
         self._columns: tuple[Solution, Companions] | None = None
-        self.first = _nominal_of(dense, float(run.t[-1]), plain)
+        self.first = self._nominal(dense, dense.t, dense.x, plain)
         if equations.has_events:
             self.first = self._solved(plain, dense.t)
 
@@ -138,10 +137,9 @@ class NominalSolutions:
 
     def second_ones(self) -> list[Second]:
         """The finer solution and the disturbed ones."""
-        choice = self._choice
-        finer = finer_solution(choice.method, choice.setting)
+        finer = finer_solution(self._choice.method, self._choice.setting)
         disturbed = zip(disturbed_solutions(len(OTHERS)), OTHERS, strict=True)
-        return [Second(choice, finer, FINER, 2), *(Second(choice, one, by) for one, by in disturbed)]
+        return [Second(finer, FINER, 2), *itertools.starmap(Second, disturbed)]
 
     def second(self, legs: Sequence[Leg], second: Second, others: Array | None = None) -> NominalSolution:
         """A second solution, at the times of the legs, between them, and at other ones (n,)."""
@@ -164,13 +162,12 @@ class NominalSolutions:
         x = beside.x[:, beside.perturbations.index(own)].T
         if not (np.isfinite(x).all() and np.array_equal(beside.t, times)):
             return None  # alone it says why it cannot be solved
-        dense = DenseOutput(solution.segments, times, x, method.name, setting, precision)
-        return _nominal_of(dense, float(times[-1]), second)
+        return self._nominal(solution, times, x, second)
 
     def _solved(self, second: Second, times: Array) -> NominalSolution:
         """A solution, with its jumps."""
         jumps: list[Jump] = []
-        begun, choice, perturbation = None, second.choice, second.perturbation
+        begun, choice, perturbation = None, self._choice, second.perturbation
         if self.equations.has_events:
             engine = RecordingEngine(self.equations, choice.method, times, choice.setting, None, perturbation)
             engine.advance(engine.end)
@@ -178,9 +175,16 @@ class NominalSolutions:
             jumps, begun = engine.jumps, engine.begun
         else:
             solution = solve(self.equations, choice.method, times, choice.setting, None, choice.precision, perturbation)
-        dense = DenseOutput(solution.segments, solution.t, solution.x[: self.equations.moving], choice.method.name,
-                            choice.setting, choice.precision)  # fmt: skip
-        return _nominal_of(dense, float(solution.t[-1]), second, jumps, begun)
+        return self._nominal(solution, solution.t, solution.x[: self.equations.moving], second, jumps, begun)
+
+    def _nominal(
+        self, solution: Solution | DenseOutput, t: Array, x: Array, second: Second, jumps: Sequence[Jump] = (),
+        begun: RunState | None = None,
+    ) -> NominalSolution:  # fmt: skip
+        """A solution by states x (nq + nv, m) at times t (m,)."""
+        choice, edges = self._choice, [*(segment.begin for segment in solution.segments), float(t[-1])]
+        dense = DenseOutput(solution.segments, t, x, choice.method.name, choice.setting, choice.precision)
+        return NominalSolution(dense, list(itertools.pairwise(edges)), list(jumps), begun, second)
 
     def require_alike(self, nominal: NominalSolution) -> None:
         """Require that a second solution has the segments of the first. Raises AccuracyError."""
@@ -225,10 +229,3 @@ def _alike(ours: Sequence[tuple[object, float]], theirs: Sequence[tuple[object, 
     """The number of events at the begin of two sequences that have the same guards."""
     alike = itertools.takewhile(lambda pair: pair[0][0] == pair[1][0], zip(ours, theirs, strict=False))
     return sum(1 for _ in alike)
-
-
-def _nominal_of(
-    dense: DenseOutput, end: float, second: Second, jumps: Sequence[Jump] = (), begun: RunState | None = None
-) -> NominalSolution:
-    edges = [*(segment.begin for segment in dense.segments), end]
-    return NominalSolution(dense, list(itertools.pairwise(edges)), list(jumps), begun, second)
