@@ -23,7 +23,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from twolink.dynamics.arguments import Names, texts
-from twolink.errors import ShowError
+from twolink.errors import ShowError, require_known
 from twolink.io.files import path_to_write, write_atomic
 from twolink.io.tables import require_format
 from twolink.show.meshcat_scene import require_pieces, scene_nodes
@@ -185,9 +185,7 @@ def _known(trails: Names, frames: Sequence[Json]) -> list[str]:
     names = [frame["name"] for frame in frames]
     chosen = texts(trails, "trails", ShowError, "give the names of links")
     for name in chosen:
-        if name not in names:
-            what = f"there is no moving link {name!r}"
-            raise ShowError(what, where="playback", remedy=f"choose among {', '.join(names)}", argument="trails")
+        require_known(name, names, ShowError, "there is no moving link {!r}", where="playback", argument="trails")
     return chosen
 
 
