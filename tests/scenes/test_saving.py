@@ -115,6 +115,8 @@ def test_the_schema_says_what_each_field_of_an_effect_is() -> None:
     assert "Parameters" not in friction["description"]
     assert friction["properties"]["static"]["description"] == "s, N m or N, not below c; c by default."
     assert definitions["Payload"]["properties"]["frame"]["format"] == "link"
+    driven = [part["properties"]["of"]["description"] for part in definitions.values() if "of" in part["properties"]]
+    assert sum("What drives the motor;" in text for text in driven) == 1  # each is told of its own
     effects = [part for part in definitions.values() if "type" in part.get("properties", {})]
     assert len(effects) > 20
     bare = [f"{part['title']}.{name}" for part in effects for name, field in part["properties"].items()

@@ -17,6 +17,7 @@ from twolink.dynamics.robot_record import robot_notes
 from twolink.effects import TYPES, Effect, effect_class
 from twolink.effects.effect import plain
 from twolink.errors import SceneError
+from twolink.io.docstrings import texts_in
 from twolink.io.files import write_atomic
 from twolink.io.fingerprints import changed_joint, model_digest
 from twolink.io.text import kebab_case
@@ -79,7 +80,7 @@ def scene_schema() -> dict[str, Any]:
     schema["$defs"] |= effects.pop("$defs")
     for kind in map(effect_class, TYPES):
         if "of" in kind.__struct_fields__:
-            schema["$defs"][kind.__name__]["properties"]["of"] = effects
+            schema["$defs"][kind.__name__]["properties"]["of"] = dict(effects)
     schema["$defs"]["SceneFile"]["properties"]["effects"]["items"] = effects
     for definition in schema["$defs"].values():
         _describe_fields(definition)
@@ -88,18 +89,11 @@ def scene_schema() -> dict[str, Any]:
 
 def _describe_fields(definition: dict[str, Any]) -> None:
     """Move the description of each field from the section "Parameters" of a class's docstring to the field."""
-    summary, _, sections = inspect.cleandoc(definition.get("description", "")).partition("\nParameters\n----------\n")
-    lines = sections.partition("\n\n")[0].splitlines()
-    fields: list[str] = []
-    for line in lines:
-        if line.startswith(" "):
-            for field in fields:
-                text = definition["properties"][field].get("description", "")
-                definition["properties"][field]["description"] = f"{text} {line.strip()}".lstrip()
-        else:
-            fields = [name for name in line.partition(" : ")[0].split(", ") if name in definition["properties"]]
-    if lines:
-        definition["description"] = summary.strip()
+    docstring = inspect.cleandoc(definition.get("description", ""))
+    for name, text in texts_in(docstring).items():
+        if name in definition["properties"]:
+            definition["properties"][name]["description"] = text
+            definition["description"] = docstring.partition("\nParameters\n")[0].strip()
 
 
 def save_scene(
