@@ -2,9 +2,8 @@
 
 The attacks are those of `attacks`, the hostile corpus among them. Each comes from an address of its own and from
 processes of lower priority, because those who attack bring their own processors. /health is asked every 20 ms on one
-connection, and so is a bare server in a process of its own, which says what the machine itself delays. Memory is the
-proportional share (PSS) of the service and its worker processes. Bars: /health p99 under 100 ms and always answered,
-memory under 2 GB, no answer 500, and all well afterwards.
+connection. Memory is the proportional share (PSS) of the service and its worker processes. Bars: /health p99 under
+100 ms and always answered, memory under 2 GB, no answer 500, and all well afterwards.
 """
 
 import contextlib
@@ -20,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 
-from scripts.benchmarks.service import BARE, server
 from scripts.runner import Bars
 from tests.parts.service.attacks import ATTACKS, Target, prepare, rounds
 from tests.parts.service.serving import Served, serving
@@ -34,7 +32,7 @@ _fork = multiprocessing.get_context("fork")
 
 @dataclass
 class Figures:
-    """health, bare: seconds of each answer, of a bare server. failures: answers of /health other than 200.
+    """health: seconds of each answer. failures: answers of /health other than 200.
 
     memory: the most, of the service and its workers [MB].
 
@@ -42,7 +40,6 @@ class Figures:
     """
 
     health: list[float] = field(default_factory=list)
-    bare: list[float] = field(default_factory=list)
     failures: int = 0
     memory: float = 0.0
     outcomes: dict[str, Counter[str]] = field(default_factory=dict)
@@ -52,8 +49,7 @@ class Figures:
         """Latency and memory in a few lines."""
         p50, p99, most = (1e3 * float(np.quantile(self.health, share)) for share in (0.5, 0.99, 1.0))
         return (f"/health: {len(self.health)} answers, p50 {p50:.1f} ms, p99 {p99:.1f} ms, max {most:.1f} ms, "
-                f"{self.failures} failed\na bare server beside it: p99 {1e3 * _p99(self.bare):.1f} ms\n"
-                f"memory: at most {self.memory:.0f} MB")  # fmt: skip
+                f"{self.failures} failed\nmemory: at most {self.memory:.0f} MB")  # fmt: skip
 
     def bars(self, *, busy: bool = False) -> Bars:
         """Each bar and whether it is met. busy: other programs use the machine; then a stall counts, not a delay."""
@@ -71,7 +67,7 @@ def attack(seconds: float) -> Figures:
     """Start a service, attack it, and measure."""
     figures = Figures()
     prepare()
-    with tempfile.TemporaryDirectory() as folder, serving(Path(folder) / "data") as served, server(BARE) as (bare, _):
+    with tempfile.TemporaryDirectory() as folder, serving(Path(folder) / "data") as served:
         port = int(served.url.rpartition(":")[2])
         _ask(port, "/v1/robots/panda/bias", b'{"q": [0,0,0,0,0,0,0,0,0]}')  # both robots are loaded
         _ask(port, "/v1/robots/two_link/bias", b'{"q": [0,0]}')
@@ -80,7 +76,7 @@ def attack(seconds: float) -> Figures:
         attackers = [_fork.Process(target=_attacker, args=(name, Target(port, f"127.0.1.{i}", end), queue), daemon=True)
                      for i, name in enumerate(ATTACKS, start=1)]  # fmt: skip
         watches = [threading.Thread(target=_watch_memory, args=(figures, served, end)),
-                   threading.Thread(target=_watch_latency, args=(figures, (port, bare), end))]  # fmt: skip
+                   threading.Thread(target=_watch_latency, args=(figures, port, end))]  # fmt: skip
         for one in [*attackers, *watches]:
             one.start()
         for _ in attackers:
@@ -123,25 +119,23 @@ def _works(served: Served, port: int) -> bool:
     return served.process.poll() is None and answers == [200, 200] and "unexpected" not in served.log
 
 
-def _watch_latency(figures: Figures, ports: tuple[int, int], end: float) -> None:
-    """Ask the service and the bare server in turns until the end."""
-    connections = [http.client.HTTPConnection("127.0.0.1", port, 10) for port in ports]
+def _watch_latency(figures: Figures, port: int, end: float) -> None:
+    """Ask the service again and again until the end."""
+    connection = http.client.HTTPConnection("127.0.0.1", port, 10)
     while time.monotonic() < end:
-        for connection, seconds in zip(connections, (figures.health, figures.bare), strict=True):
-            start, failed = time.monotonic(), False
-            try:
-                connection.request("GET", "/health")
-                answer = connection.getresponse()
-                answer.read()
-                failed = answer.status != 200
-            except OSError:
-                failed = True
-                connection.close()
-            figures.failures += failed and seconds is figures.health
-            seconds.append(time.monotonic() - start)
+        start, failed = time.monotonic(), False
+        try:
+            connection.request("GET", "/health")
+            answer = connection.getresponse()
+            answer.read()
+            failed = answer.status != 200
+        except OSError:
+            failed = True
+            connection.close()
+        figures.failures += failed
+        figures.health.append(time.monotonic() - start)
         time.sleep(_HEALTH_EVERY)
-    for connection in connections:
-        connection.close()
+    connection.close()
 
 
 def _p99(seconds: list[float]) -> float:
