@@ -44,7 +44,7 @@ MUTATIONS = {
                           "{self.content}-", "{self.operations}-", "tests/integrate"),
     "huber": Mutation("robust weights are Huber's", "parts/identification/regression.py", "HUBER = 1.345",
                       "HUBER = 13.45", "tests/parts/identification"),
-    "token": Mutation("a request needs a token", "parts/service/http/tokens.py", "in compared if is_same]",
+    "token": Mutation("a request needs a token", "parts/service/settings.py", "in compared if is_same]",
                       "in compared]", "tests/parts/service/test_access.py"),
 }  # fmt: skip
 

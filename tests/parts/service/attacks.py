@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.parts.service.hostile import JSON, NPZ, XML, ZIP, cases
-from tests.parts.service.urdfs import pendulum, zipped
+from tests.parts.service.serving import pendulum, zipped
 from tests.robots.test_bad_urdf import chain
 
 MB = 2**20

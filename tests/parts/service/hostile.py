@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.parts.service.urdfs import packed, pendulum, stl, zipped
+from tests.parts.service.serving import packed, pendulum, stl, zipped
 from tests.robots.test_bad_urdf import BAD, GOOD, chain
 
 JSON, NPZ, XML, ZIP = "application/json", "application/x-npz", "application/xml", "application/zip"

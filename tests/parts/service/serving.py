@@ -1,20 +1,27 @@
-"""A service in a process of its own, as a user starts it."""
+"""A service in a process of its own, as a user starts it; and good URDFs and archives that are sent to it."""
 
 import contextlib
+import io
 import os
 import re
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import time
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
+
+from tests.robots.test_bad_urdf import INERTIAL, JOINT
 
 TOP = Path(__file__).parents[3]
+URDFS = TOP / "urdf"
 
 
 def wait_until(condition: Callable[[], object], seconds: float = 240.0) -> None:
@@ -50,6 +57,10 @@ class Served(httpx.Client):
         answer = self.request("GET" if body is None else "POST", path, **sent, **more)
         assert answer.is_success if status is None else answer.status_code == status, answer.text
         return answer.json() if "json" in answer.headers.get("content-type", "") else answer
+
+    def begin(self, body: object, path: str = "/v1/simulations") -> str:
+        """The path of a job that is asked for."""
+        return self.post(path, json=body).headers["location"]
 
     def connect(self, source: str = "127.0.0.1") -> socket.socket:
         """A connection from an address of this machine."""
@@ -99,3 +110,31 @@ def serving(folder: Path, *options: str, environment: dict[str, str] | None = No
             except subprocess.TimeoutExpired:
                 process.kill()
                 raise
+
+
+def pendulum(visual: str = "", name: str = "r") -> str:
+    return f'<robot name="{name}">\n<link name="base"/>\n<link name="arm">{INERTIAL}{visual}</link>\n{JOINT}</robot>'
+
+
+def mesh(filename: str) -> str:
+    return f'<visual><geometry><mesh filename="{filename}"/></geometry></visual>'
+
+
+def stl() -> bytes:
+    """One triangle."""
+    return bytes(80) + struct.pack("<I12fH", 1, *(0, 0, 1), *(0, 0, 0), *(1, 0, 0), *(0, 1, 0), 0)
+
+
+def zipped(files: dict[str, bytes | str], compression: int = zipfile.ZIP_DEFLATED) -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", compression) as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    return out.getvalue()
+
+
+def packed(**arrays: Any) -> bytes:
+    """The arrays as .npz."""
+    out = io.BytesIO()
+    np.savez(out, **arrays)
+    return out.getvalue()

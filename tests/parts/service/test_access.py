@@ -8,9 +8,8 @@ import pytest
 
 from tests.parts.service.serving import Served, serving
 from twolink.errors import TwolinkError
-from twolink.parts.service.http import tokens
 from twolink.parts.service.problems import Refusal
-from twolink.parts.service.settings import Quotas, Settings, is_loopback, read_quotas
+from twolink.parts.service.settings import Quotas, Settings, Tokens, is_loopback, read_quotas
 
 BODY = {"q": [0, 0]}
 PATH = "/v1/robots/two_link/bias"
@@ -63,10 +62,10 @@ def test_tokens_allowed_hosts_and_origins(tmp_path: Path) -> None:
 
 
 def test_tokens_of_a_file_are_read_again_and_expire(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tokens, "_LOOK", -1.0)
+    monkeypatch.setattr("twolink.parts.service.settings._LOOK", -1.0)
     file = tmp_path / "tokens"
     file.write_text("ann:one 2999-01-31\n\nbob:two 2020-01-31  # has left\nthree\n")
-    who = tokens.Tokens(Settings(data="x", tokens=("cid:four",), token_file=str(file)))
+    who = Tokens(Settings(data="x", tokens=("cid:four",), token_file=str(file)))
     assert [who.owner(f"Bearer {text}".encode()) for text in ("one", "three", "four")] == ["ann", "", "cid"]
     with pytest.raises(Refusal, match="expired"):
         who.owner(b"Bearer two")
@@ -78,7 +77,7 @@ def test_tokens_of_a_file_are_read_again_and_expire(tmp_path: Path, monkeypatch:
     for text in ("a b", "ann:six tomorrow", "ann:six 2999-01-31 more"):
         file.write_text(text)
         with pytest.raises(TwolinkError, match="tokens cannot be used: line 1"):
-            tokens.Tokens(Settings(data="x", token_file=str(file)))
+            Tokens(Settings(data="x", token_file=str(file)))
     who.owner(b"Bearer five")  # while the file cannot be read, the tokens stay
 
 

@@ -14,9 +14,8 @@ import pytest
 import uvicorn
 from uvicorn.server import ServerState
 
-from tests.parts.service.serving import Served, serving, wait_until
+from tests.parts.service.serving import Served, packed, serving, wait_until
 from tests.parts.service.test_store import jobs_of, opened
-from tests.parts.service.urdfs import packed
 from twolink.errors import TwolinkError
 from twolink.parts.service.http.messages import send_answer
 from twolink.parts.service.http.server import uvicorn_options

@@ -133,7 +133,7 @@ def test_a_long_simulation_is_a_job_with_progress_that_can_be_cancelled(http: Se
 
 
 def test_deleting_a_job_ends_its_streams(http: Served) -> None:
-    path = http.post("/v1/simulations", json={**SLOW, "duration": 1001.0}).headers["location"]
+    path = http.begin({**SLOW, "duration": 1001.0})
     names = []
     for name, job in events(http, path):
         names.append((name, job["state"]))
@@ -146,7 +146,7 @@ def test_deleting_a_job_ends_its_streams(http: Served) -> None:
 @pytest.mark.slow
 def test_the_progress_of_a_job_rises_to_its_end(http: Served) -> None:
     asked = {"scene": "arm-swing", "duration": 40.0, "samples_per_second": 1, "method": "rk4", "step": 1e-4, "wait": 0}
-    path = http.post("/v1/simulations", json=asked).headers["location"]
+    path = http.begin(asked)
     seen = list(events(http, path))
     fractions = [job["progress"]["fraction"] for _, job in seen if job["progress"]]
     assert fractions == sorted(fractions)
@@ -158,7 +158,7 @@ def test_the_progress_of_a_job_rises_to_its_end(http: Served) -> None:
 def test_a_study_has_rows_tables_and_a_figure(http: Served) -> None:
     asked = {"scene": "arm-swing", "duration": 0.5, "methods": ["rk4", "dop853"], "tolerances": [1e-3, 1e-6],
              "repeats": 1, "wait": 30}  # fmt: skip
-    path = http.post("/v1/studies", json=asked).headers["location"]
+    path = http.begin(asked, "/v1/studies")
     assert {row["method"] for row in ended(http, path)["result"]["rows"]} == {"rk4", "dop853"}
     assert http.get(f"{path}/result?format=csv").text.startswith("method,")
     assert len(np.load(io.BytesIO(http.get(f"{path}/result?format=npz").content))["error"]) == 4

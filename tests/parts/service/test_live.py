@@ -19,8 +19,8 @@ from websockets.sync.client import ClientConnection, connect
 import twolink as tl
 from tests.parts.service.page_driver import Page
 from tests.parts.service.serving import Served, serving
-from twolink.parts.service.work.live_tasks import torques
 from twolink.parts.service.work.requests import Drag, LiveWords
+from twolink.parts.service.work.task_table import torques
 
 PATH = "/v1/live"
 

@@ -12,8 +12,7 @@ from tests.parts.service.fake_s3 import FakeS3, fake_s3
 from twolink.errors import TwolinkError
 from twolink.parts.service.problems import Refusal, problem_of
 from twolink.parts.service.settings import Quotas
-from twolink.parts.service.store.data_folder import PARTS
-from twolink.parts.service.store.objects import NAMED_ROBOTS, Copies, Objects
+from twolink.parts.service.store.data_folder import NAMED_ROBOTS, PARTS, Copies
 from twolink.parts.service.store.store import Store
 
 pytest.importorskip("obstore")
@@ -116,6 +115,6 @@ def test_clients_do_not_see_where_the_store_is() -> None:
 
 
 @pytest.mark.parametrize("url", ["nonsense", "ftp://host/folder", "http://[", "file://relative"])
-def test_what_is_no_store_is_refused(url: str) -> None:
+def test_what_is_no_store_is_refused(tmp_path: Path, url: str) -> None:
     with pytest.raises(TwolinkError, match="--store"):
-        Objects(url)
+        Copies(tmp_path, url)

@@ -20,11 +20,10 @@ import pytest
 import uvicorn
 
 from tests.command import call, call_process, one_line
-from tests.parts.service.serving import Served, serving, wait_until
+from tests.parts.service.serving import Served, pendulum, serving, wait_until
 from tests.parts.service.test_jobs import SLOW, SWING, ended
 from tests.parts.service.test_restart import assert_gone
 from tests.parts.service.test_store import add_done, opened
-from tests.parts.service.urdfs import pendulum
 from twolink.parts.service.logs import AccessLog, Answered, configure
 from twolink.parts.service.work.sharing import KeyedLocks
 

@@ -18,8 +18,8 @@ from twolink.parts.service.client import Client
 from twolink.parts.service.problems import Refusal
 from twolink.parts.service.settings import Quotas
 from twolink.parts.service.work import requests
-from twolink.parts.service.work.bodies import NOT_SENT, body_of_call
-from twolink.parts.service.work.operations import operate
+from twolink.parts.service.work.requests import NOT_SENT, body_of_call
+from twolink.parts.service.work.scene_tasks import operate
 from twolink.simulation.text import as_data
 
 ARM = tl.load_scene("arm-swing")

@@ -12,8 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
-from tests.parts.service.serving import Served, serving, wait_until
-from tests.parts.service.urdfs import pendulum, zipped
+from tests.parts.service.serving import Served, pendulum, serving, wait_until, zipped
 from twolink.errors import TwolinkError
 from twolink.parts.service.http.messages import AccessControl, Rates
 from twolink.parts.service.problems import Refusal

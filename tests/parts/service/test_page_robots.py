@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.parts.service.page_driver import Page
-from tests.parts.service.urdfs import pendulum
+from tests.parts.service.serving import pendulum
 from tests.robots.test_bad_urdf import INERTIAL
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]

@@ -7,7 +7,7 @@ from urllib.parse import unquote
 import pytest
 
 from tests.parts.service.page_driver import READY, Page
-from tests.parts.service.urdfs import pendulum, zipped
+from tests.parts.service.serving import pendulum, zipped
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 SCENE = "JSON.parse(document.getElementById('scene-json').value)"

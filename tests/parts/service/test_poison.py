@@ -36,7 +36,7 @@ async def test_the_service_gives_a_run_up_that_ends_its_workers(tmp_path: Path) 
         async with working(tasks=poison_tasks.__name__, **more) as workers:
             jobs = jobs_of(store, workers.run)
             key = (await jobs.submit("sweep", prepare(kind="sweep", body=json.dumps(body).encode())))["id"]
-            while (job := await jobs.views.view("sweep", key))["state"] in ("queued", "running"):
+            while (job := await jobs.view("sweep", key))["state"] in ("queued", "running"):
                 await asyncio.sleep(0.1)
             await jobs.close()
     assert job["state"] == "done"

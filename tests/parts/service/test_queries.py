@@ -12,8 +12,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
-from tests.parts.service.serving import Served
-from tests.parts.service.urdfs import packed
+from tests.parts.service.serving import Served, packed
 from tests.robots.test_bad_urdf import chain
 from twolink.dynamics.queries import QUERIES
 from twolink.parts.service.work.query_requests import STATES_IN_LOOP, answer_query

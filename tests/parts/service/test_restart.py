@@ -15,14 +15,13 @@ from typing import Any
 import pytest
 
 from tests.command import call_process, one_line
-from tests.parts.service.serving import Served, serving, wait_until
+from tests.parts.service.serving import Served, pendulum, serving, wait_until
 from tests.parts.service.test_jobs import SLOW, SWING, ended, started
-from tests.parts.service.urdfs import pendulum
 from tests.robots.test_bad_urdf import joint, link, robot
 from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store.store import Store
-from twolink.parts.service.work.cluster import Member
 from twolink.parts.service.work.job_views import Running
+from twolink.parts.service.work.jobs import beat
 
 
 def large_robot(count: int, name: str) -> str:
@@ -78,9 +77,9 @@ def test_a_killed_service_loses_nothing_that_was_done(tmp_path: Path) -> None:
     with serving(folder, "--quota", "jobs=1") as http:
         done = http.ask("/v1/simulations", SWING)
         assert done["state"] == "done"
-        path = http.post("/v1/simulations", json=SLOW).headers["location"]
+        path = http.begin(SLOW)
         started(http, path)
-        waiting = http.post("/v1/simulations", json={**SWING, "duration": 1.5, "wait": 0}).headers["location"]
+        waiting = http.begin({**SWING, "duration": 1.5, "wait": 0})
         left = http.workers()
         http.kill()
     with serving(folder) as http:
@@ -106,7 +105,7 @@ def assert_gone(processes: list[int]) -> None:
 def test_a_service_that_ends_leaves_its_job_to_the_next_and_no_process(tmp_path: Path) -> None:
     folder = tmp_path / "data"
     with serving(folder) as http:
-        path = http.post("/v1/simulations", json=SLOW).headers["location"]
+        path = http.begin(SLOW)
         started(http, path)
         left = http.workers()
     assert http.process.returncode == 0
@@ -186,6 +185,6 @@ def test_a_job_whose_result_is_stored_is_alive() -> None:
     running = Running("simulation", None, claimed=True, ending=True)
     jobs: Any = SimpleNamespace(running={"simulation-1": running})
     store: Any = SimpleNamespace(leases=leases, run=run)
-    asyncio.run(Member(store, jobs)._beat())
+    asyncio.run(beat(store, jobs))
     assert beaten == ["simulation-1"]
     assert not running.lost  # though the lease is: it is too late to end it

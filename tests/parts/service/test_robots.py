@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.parts.service.serving import Served, serving
-from tests.parts.service.urdfs import URDFS, mesh, pendulum, stl, zipped
+from tests.parts.service.serving import URDFS, Served, mesh, pendulum, serving, stl, zipped
 from twolink.parts.service.http.api_models import _from_json
 from twolink.parts.service.problems import Refusal
 
@@ -207,13 +206,6 @@ def test_an_upload_is_deleted_and_the_catalogue_is_not(http: Served) -> None:
     http.ask(f"/v1/robots/{key}", status=404)
     http.ask(f"/v1/robots/{key}/bias", {"q": [0]}, 404)
     assert http.delete("/v1/robots/panda").status_code == 409
-
-
-def test_errors_name_the_line(http: Served) -> None:
-    problem = http.ask("/v1/robots", pendulum().replace('value="2"', 'value="-2"'), 422)
-    assert problem["type"] == "urn:twolink:robot-error"
-    assert problem["where"].startswith("URDF text:3")
-    assert "-2.0 kg is negative" in problem["detail"]
 
 
 @pytest.mark.slow

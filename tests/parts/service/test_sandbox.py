@@ -21,8 +21,6 @@ from tests.parts.service import escape_tasks
 from tests.parts.service.working import working
 from twolink.errors import TwolinkError
 from twolink.parts.service.work import sandbox
-from twolink.parts.service.work.worker_pool import Workers
-from twolink.parts.service.work.worker_process import WorkerMemory
 
 CAN = sandbox.protection()
 FILES = ("read", "listing", "write", "link", "remove", "give_away", "memory_of_the_service")
@@ -70,21 +68,18 @@ def results(place: dict[str, Any], tmp_path_factory: pytest.TempPathFactory) -> 
     (library / "installed_for_one_user.py").write_text("WORD = 'found'")
 
     async def work() -> dict[str, Any]:
+        found: dict[str, Any] = {}
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("TWOLINK_TOKEN", "hush")
             patch.setenv("OTHER_SECRET", "hush")
             patch.setenv("PYTHONPATH", os.pathsep.join([str(library), *sys.path]))
-            workers = Workers(1, WorkerMemory(3000), threads=2, tasks=escape_tasks.__name__, writable=[own])
-        try:
-            found: dict[str, Any] = {}
-            for task in set(escape_tasks.TASKS) - {"all_calls"}:
-                try:
-                    found[task] = await workers.run(task, 60, **arguments(task, place))
-                except TwolinkError as failure:
-                    found[task] = failure
-            return found
-        finally:
-            await workers.close()
+            async with working(1, 3000, escape_tasks.__name__, threads=2, writable=[own]) as workers:
+                for task in set(escape_tasks.TASKS) - {"all_calls"}:
+                    try:
+                        found[task] = await workers.run(task, 60, **arguments(task, place))
+                    except TwolinkError as failure:
+                        found[task] = failure
+        return found
 
     return asyncio.run(work())
 

@@ -12,12 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.parts.service.serving import Served, serving, wait_until
+from tests.parts.service.serving import Served, pendulum, serving, wait_until
 from tests.parts.service.test_jobs import SLOW, ended, events, started
 from tests.parts.service.test_sweeps import begun
-from tests.parts.service.urdfs import pendulum
 from twolink.parts.service.settings import Quotas
-from twolink.parts.service.store import leases
+from twolink.parts.service.store import accounts
 from twolink.parts.service.store.accounts import today
 from twolink.parts.service.store.store import Store
 
@@ -125,19 +124,19 @@ def test_who_had_least_is_first(stores: list[Store]) -> None:
 def test_a_silent_process_loses_its_job_and_cannot_end_it(stores: list[Store], monkeypatch: pytest.MonkeyPatch) -> None:
     (a, b), key = stores, "simulation-00000000000000000000"
     a.new_job(key, "simulation", b"{}")
-    for tried in range(1, leases.TRIES + 1):
+    for tried in range(1, accounts.TRIES + 1):
         assert a.begin_job(key) is not None
         assert b.begin_job(key) is None
         assert a.leases.beat(key, {"fraction": 0.5}) is False
         assert b.leases.expire() == []
-        monkeypatch.setattr(leases, "LEASE", -1.0)
-        assert b.leases.expire() == [(key, "queued" if tried < leases.TRIES else "interrupted")]
+        monkeypatch.setattr(accounts, "LEASE", -1.0)
+        assert b.leases.expire() == [(key, "queued" if tried < accounts.TRIES else "interrupted")]
         monkeypatch.undo()
         assert a.leases.beat(key, None) is None
     assert not a.leases.has(key)
     a.new_job(key, "simulation", b"{}")
     a.begin_job(key)
-    monkeypatch.setattr(leases, "LEASE", -1.0)
+    monkeypatch.setattr(accounts, "LEASE", -1.0)
     b.leases.expire()
     assert b.begin_job(key) is not None
     assert a.end_job(key, state="done") is False
@@ -197,7 +196,7 @@ def test_what_one_service_is_given_another_has(tmp_path: Path, shared: tuple[str
 
 def cancelled_elsewhere(first: Served, second: Served) -> None:
     """A job that runs behind the first is watched and cancelled at the second."""
-    path = first.post("/v1/simulations", json=SLOW).headers["location"]
+    path = first.begin(SLOW)
     started(second, path)
     with second.stream("GET", f"{path}/events") as stream:
         lines = stream.iter_lines()
@@ -218,8 +217,7 @@ def test_of_a_hundred_jobs_none_is_lost_or_done_twice_when_a_service_is_killed(
         count_ends(shared[0])
         reader = running[(which + 1) % 3]
         asked = [{**RUN, "duration": 0.5 + k / 1000} for k in range(100)]
-        begun = [running[k % 2].post("/v1/simulations", json=body) for k, body in enumerate(asked)]
-        paths = [answer.headers["location"] for answer in begun]
+        paths = [running[k % 2].begin(body) for k, body in enumerate(asked)]
         assert len(set(paths)) == 100
 
         def states() -> list[str]:

@@ -18,10 +18,10 @@ from twolink.parts.service.problems import problem_of
 from twolink.parts.service.settings import Quotas, Settings
 from twolink.parts.service.store.data_folder import DATABASE
 from twolink.parts.service.store.store import Store
-from twolink.parts.service.work.budget import Budget
 from twolink.parts.service.work.jobs import Jobs
 from twolink.parts.service.work.metrics import Metrics
 from twolink.parts.service.work.requests import prepare
+from twolink.parts.service.work.sharing import Budget
 
 KEYS = [f"simulation-{k:020x}" for k in range(4)]
 ROBOT = "u-00000000000000000000"

@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from tests.parts.service.urdfs import mesh, pendulum, stl, zipped
+from tests.parts.service.serving import mesh, pendulum, stl, zipped
 from tests.parts.service.working import working
 from tests.show.pieces import DAE
 from tests.show.test_mesh_files import ENCODED, OBJ, SECRET, textured

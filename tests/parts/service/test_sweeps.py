@@ -11,9 +11,8 @@ import pandas as pd
 import pytest
 
 import twolink as tl
-from tests.parts.service.serving import Served, serving
+from tests.parts.service.serving import Served, pendulum, serving
 from tests.parts.service.test_jobs import ended, events
-from tests.parts.service.urdfs import pendulum
 from tests.parts.sweeps.dask_cluster import dask_cluster
 from twolink.errors import SceneError, TwolinkError
 
@@ -42,14 +41,13 @@ def job(served: Served, store: Any) -> str:
 
 def test_a_run_of_a_stepped_sweep_is_simulated_alone_as_in_the_sweep(http: Served) -> None:
     vary = {"v.domino_1.0": [0.0, 0.1]}
-    asked = http.ask("/v1/sweeps", {"scene": "dominoes", "duration": 0.05, "vary": vary, "wait": 30})
-    path = f"/v1/sweeps/{asked['id']}"
+    path = http.begin({"scene": "dominoes", "duration": 0.05, "vary": vary}, "/v1/sweeps")
     assert ended(http, path)["result"]["done"] == 2
     columns = http.ask(f"{path}/result")["columns"]
     for number, end in enumerate(columns["end.q.domino_1.0"]["values"]):
         alone = http.ask(f"{path}/runs/{number}")["simulation"]
-        run = http.ask("/v1/simulations", {**alone, "t_eval": [0, 0.05], "wait": 30})["result"]
-        assert run["q"][0] == end
+        run = ended(http, http.begin({**alone, "t_eval": [0, 0.05]}))
+        assert run["result"]["q"][0] == end
 
 
 def test_results_are_those_of_the_library(store: Any, tmp_path: Path) -> None:
@@ -126,7 +124,7 @@ def test_effects_accuracies_and_uploaded_robots_vary(http: Served, tmp_path: Pat
 
 def begun(http: Served) -> str:
     """The path of a long sweep, of which something is done."""
-    path = http.post("/v1/sweeps", json=LONG).headers["location"]
+    path = http.begin(LONG, "/v1/sweeps")
     assert any((job["progress"] or {}).get("done", 0) > 0 for _, job in events(http, path))
     return path
 

@@ -5,6 +5,7 @@ import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any
 
+from twolink.parts.service.work.sharing import NO_LIMIT, Budget
 from twolink.parts.service.work.worker_pool import Workers
 from twolink.parts.service.work.worker_process import WorkerMemory
 
@@ -25,7 +26,7 @@ async def working(
 ) -> AsyncIterator[Workers]:
     """Workers of some tasks, whose memory is watched. None is left at the end."""
     memory = WorkerMemory(megabytes)
-    workers = Workers(count, memory, tasks=tasks, **more)
+    workers = Workers(count, memory, Budget(None, NO_LIMIT), tasks=tasks, **more)
     watch = asyncio.create_task(memory.watch())
     try:
         yield workers

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.parts.service.serving import wait_until
-from tests.parts.service.urdfs import pendulum
+from tests.parts.service.serving import pendulum, wait_until
 from tests.refusals import refused
 from twolink.errors import TwolinkError
 from twolink.parts.sweeps import slurm

@@ -22,9 +22,7 @@ from pydantic import Field
 
 import twolink as tl
 from twolink._version import __version__
-from twolink.accuracy import accuracy_study
 from twolink.cli.common import scene_from, write_by_ending
-from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.queries import QUERIES, Numbers, answer_query
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import QueryError, TwolinkError, require_known
@@ -32,16 +30,11 @@ from twolink.io.docstrings import texts_of
 from twolink.io.files import confined, write_atomic
 from twolink.io.progress import Report
 from twolink.io.schemas import misfit
-from twolink.parts.design.linearization import linearize
-from twolink.parts.exchange.export import export as write
-from twolink.parts.referee.referee import judge
-from twolink.parts.service.work.operations import answer_of_call
 from twolink.parts.service.work.requests import OPERATIONS, operation_requests
+from twolink.parts.service.work.scene_tasks import answer_of_call
 from twolink.robots.catalogue import FILES, catalogue_folders, catalogue_names
-from twolink.scenes import Scene, bundled_scenes, scenes
+from twolink.scenes import bundled_scenes
 from twolink.scenes.urdf_scene import UrdfScene
-from twolink.simulation.explanation import explain
-from twolink.simulation.scene_run import simulate
 from twolink.simulation.text import as_data
 
 LARGEST = 20_000  # letters of an answer; more go to a file
@@ -75,7 +68,7 @@ class Tools:
     def __init__(self, folder: Path) -> None:
         self.folder = folder.resolve()
         self._one = threading.Lock()  # Pinocchio's data belong to one thread
-        self._robots = functools.lru_cache(16)(load_robot)
+        self._robots = functools.lru_cache(16)(tl.load_robot)
 
     def server(self) -> MCPServer:
         """The server with all tools."""
@@ -88,7 +81,7 @@ class Tools:
 
     def catalogue(self) -> Answer:
         """The robots and scenes known by name, and all queries and functions with their arguments and units."""
-        table = {row["name"]: row["title"] for row in scenes()}
+        table = {row["name"]: row["title"] for row in tl.scenes()}
         queries = [query.to_dict() for query in QUERIES.values()]
         functions = {name: texts_of(getattr(tl, name)) for name in OPERATIONS}
         data = {"robots": list(catalogue_names()), "scenes": table, "queries": queries, "functions": functions}
@@ -115,7 +108,7 @@ class Tools:
 
     def explain(self, scene: str, duration: float | None = None, accuracy: float = 1e-6) -> Answer:
         """Explain what a scene computes, what each effect costs, and how it would be solved; nothing is simulated."""
-        explained = explain(self._scene(scene), duration, accuracy=accuracy)
+        explained = tl.explain(self._scene(scene), duration, accuracy=accuracy)
         return Answer(str(explained), as_data(explained))
 
     def simulate(
@@ -128,7 +121,9 @@ class Tools:
         (.csv .npz .parquet .mcap ...), a figure (.png) or a playback (.html).
         """
         targets = [self._path(name) for name in save or []]
-        run = simulate(self._scene(scene), duration, accuracy=accuracy, patience=PATIENCE, progress=_progress(context))
+        run = tl.simulate(
+            self._scene(scene), duration, accuracy=accuracy, patience=PATIENCE, progress=_progress(context)
+        )
         data = run.to_dict()
         data |= {"events": data["events"][:SHOWN], "events_in_all": len(data["events"])}
         if at is not None:
@@ -141,12 +136,12 @@ class Tools:
 
     def accuracy_study(self, scene: str, context: Context, duration: float | None = None) -> Answer:
         """Measure the cost of each digit: the error and the time of the methods at several tolerances."""
-        study = accuracy_study(self._scene(scene), duration, budget=0.2, repeats=3, progress=_progress(context))
+        study = tl.accuracy_study(self._scene(scene), duration, budget=0.2, repeats=3, progress=_progress(context))
         return Answer(str(study), study.to_dict())
 
     def linearize(self, scene: str, q: list[float] | None = None, v: list[float] | None = None) -> Answer:
         """The linear equations of small motions around a state, the scene's own where it is left out."""
-        found = linearize(self._scene(scene), q, v)
+        found = tl.linearize(self._scene(scene), q, v)
         return Answer(str(found), found.to_dict())
 
     def judge(
@@ -159,7 +154,7 @@ class Tools:
         """
         asked = self._scene(scene)
         begin = start or ("log" if isinstance(asked, UrdfScene) else "scene")
-        verdict = judge(asked, self._path(log), start=begin, tolerance=tolerance)
+        verdict = tl.judge(asked, self._path(log), start=begin, tolerance=tolerance)
         data = {name: value for name, value in verdict.to_dict().items() if name not in ("t", "distance", "bar")}
         data |= {"farthest": float(verdict.distance.max())}
         return Answer(str(verdict), data, float(verdict.bar.max()), verdict.bound)
@@ -185,7 +180,7 @@ class Tools:
         of_c = path.suffix == ".c"
         if functions and not of_c:
             raise QueryError("functions are written as .c", argument="functions", remedy="leave it out, or name a .c")
-        written = [write(loaded, path, **({"functions": functions or ["forward_dynamics"]} if of_c else {}))]
+        written = [tl.export(loaded, path, **({"functions": functions or ["forward_dynamics"]} if of_c else {}))]
         written += [path.with_suffix(".h")] if of_c else []
         return Answer(f"wrote {', '.join(map(str, written))}", {}, files=[str(path) for path in written])
 
@@ -213,12 +208,12 @@ class Tools:
         answer.text = _cut(answer.text)
         return answer
 
-    def _robot(self, source: str, root: Root) -> Robot:
+    def _robot(self, source: str, root: Root) -> tl.Robot:
         kept = source in catalogue_names() or "<" in source  # what a file holds may be another robot next time
         with confined(self.folder, *catalogue_folders()):
-            return self._robots(source, root=root) if kept else load_robot(self._path(source), root=root)
+            return self._robots(source, root=root) if kept else tl.load_robot(self._path(source), root=root)
 
-    def _scene(self, source: Any) -> Scene:
+    def _scene(self, source: Any) -> tl.Scene:
         if not isinstance(source, str):
             raise QueryError("expected a name, or a file", argument="scene", remedy="write a scene into a .toml file")
         named = source in bundled_scenes() or source in catalogue_names()

@@ -7,6 +7,7 @@ import contextlib
 import errno
 import json
 import logging
+import operator
 import sqlite3
 from collections.abc import Iterator, Mapping
 from http import HTTPStatus
@@ -33,6 +34,7 @@ _NOT_DATA = ("self", "what", "status", "retry_after", "run")  # arguments of the
 _STORAGE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 _LONGEST = 2000  # letters
 _SEE_DOCS = "see the API's description: /docs"
+_TO_LIST = operator.methodcaller("tolist")
 T = TypeVar("T")
 
 
@@ -173,6 +175,11 @@ def error_from(problem: Problem) -> TwolinkError:
     if kind is not None:
         return kind(problem.detail, **parts)
     return Refusal(problem.status, problem.detail, retry_after=problem.retry_after, **parts)
+
+
+def encode(content: Any) -> bytes:
+    """JSON. NumPy's arrays become lists, and its scalars numbers."""
+    return msgspec.json.encode(content, enc_hook=_TO_LIST)
 
 
 def decode_unique(body: bytes, kind: type[T]) -> T:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from twolink.dynamics import arguments as checked
 from twolink.dynamics.queries import QUERIES, Query
 from twolink.errors import QueryError
-from twolink.parts.service.problems import JSON, Refusal
+from twolink.parts.service.problems import JSON, Refusal, encode
 from twolink.parts.service.store.archives import NPZ, write_npz
 from twolink.parts.service.transport import Transport
 from twolink.parts.service.work.query_requests import KINEMATICS
@@ -175,7 +175,7 @@ class RemoteRobot:
                     body.setdefault(head, {})[frame] = array
                 else:
                     body[name] = array
-            content, media = msgspec.json.encode(body, enc_hook=np.ndarray.tolist), JSON
+            content, media = encode(body), JSON
         kind, answer = self._transport.request("POST", path, content, media, media, repeatable=True)
         try:
             if kind != media:

@@ -1,10 +1,18 @@
-"""Settings of the service: address, data folder, access, and quotas."""
+"""Settings of the service: address, data folder, access, and quotas; and tokens, some of which a file has.
+
+Such a file is read again when it changes.
+"""
 
 import contextlib
+import hmac
 import ipaddress
+import logging
 import math
 import re
+import time
 from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import Annotated
 
 import msgspec
@@ -12,6 +20,7 @@ import msgspec
 from twolink.errors import TwolinkError, require_known
 from twolink.io.schemas import split_path
 from twolink.parts.service.logs import LogForm
+from twolink.parts.service.problems import Refusal
 
 Count = Annotated[int, msgspec.Meta(ge=1, le=10**9)]
 Amount = Annotated[float, msgspec.Meta(gt=0, le=1e9)]  # which leaves out inf and nan
@@ -19,6 +28,9 @@ _HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?")
 _ORIGIN = re.compile(r"https?://[^/\s?#@A-Z]+")
 _PATH = re.compile(r"(/[A-Za-z0-9._~-]+)+")
 _TOKEN = re.compile(r"(?:([A-Za-z0-9_.@-]{1,64}):)?([!-+\--9;-~]+)")  # NAME:TOKEN; a comma separates tokens
+_LOOK = 1.0  # s between looks at the file
+_log = logging.getLogger("twolink.service")
+Token = tuple[str, str, float]  # its owner, its text, and the time until which it opens the service, s since 1970
 
 
 def _unfit(argument: str, what: str, remedy: str) -> TwolinkError:
@@ -105,7 +117,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     tokens: bearer tokens, any of which opens the API; none: no token is asked for. NAME:TOKEN has an owner: who brings
     it lists, cancels and deletes that owner's robots and jobs only; a token without a name has an owner without one.
-    token_file: of further ones (`http.tokens`), which is read again when it changes. proxies: addresses whose
+    token_file: of further ones (`Tokens`), which is read again when it changes. proxies: addresses whose
     X-Forwarded-For is believed.
     admins: names of owners who may do so with those of all. hosts: names the service may be called by, besides
     localhost and plain addresses. origins: of pages that may call it from browsers, besides its own.
@@ -164,14 +176,13 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def owners(self) -> list[tuple[str, str]]:
         """The owner and the text of each token."""
-        found = map(owner_of, self.tokens)
-        return [(owner, text.decode()) for owner, text in filter(None, found)]
+        return [*filter(None, map(owner_of, self.tokens))]
 
 
-def owner_of(text: str) -> tuple[str, bytes] | None:
+def owner_of(text: str) -> tuple[str, str] | None:
     """The owner and the token of NAME:TOKEN or TOKEN; None: it is neither."""
     match = _TOKEN.fullmatch(text)
-    return None if match is None else (match[1] or "", match[2].encode())
+    return None if match is None else (match[1] or "", match[2])
 
 
 def ip_address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
@@ -215,3 +226,75 @@ def open_files() -> float:
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
         allowed = most
     return math.inf if allowed == resource.RLIM_INFINITY else allowed
+
+
+class Tokens:
+    """Tokens, with their owners and the times at which they end.
+
+    A line of the file is TOKEN or NAME:TOKEN, and the day or time at which it ends (ISO 8601, UTC), if it does; behind
+    # is a comment. Raises TwolinkError where the file cannot be used at the start; later the tokens stay as they were.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._fixed: list[Token] = [(*owner, math.inf) for owner in settings.owners]
+        self._file = Path(settings.token_file) if settings.token_file else None
+        self._of_file: list[Token] = []
+        self._stamp, self._looked = 0, 0.0
+        self.asked = bool(self._fixed) or self._file is not None  # whether a token is required
+        if self._file is not None:
+            self._read(self._file)
+
+    def owner(self, authorization: bytes) -> str:
+        """The owner of a token. Raises Refusal (401)."""
+        kind, _, sent = authorization.partition(b" ")
+        now = time.time()
+        if self._file is not None and now > self._looked + _LOOK:
+            try:
+                self._read(self._file)
+            except TwolinkError as error:
+                _log.error("the tokens stay as they were: %s", error)
+        # Each is compared, in constant time.
+        compared = [(hmac.compare_digest(sent.strip(), text.encode()), owner, until)
+                    for owner, text, until in self._fixed + self._of_file]  # fmt: skip
+        found = [(owner, until) for is_same, owner, until in compared if is_same]
+        remedy = "send Authorization: Bearer TOKEN"
+        if kind.lower() != b"bearer" or not found:
+            what = "the token is not one of the service's" if authorization else "a token is required"
+            raise Refusal(401, what, where="header: Authorization", remedy=remedy)
+        owner, until = max(found, key=lambda one: one[1])
+        if now >= until:
+            raise Refusal(401, "the token has expired", where="header: Authorization", remedy="ask for a new one")
+        return owner
+
+    def _read(self, file: Path) -> None:
+        """Read the file if it has changed."""
+        self._looked = time.time()
+        try:
+            stamp = file.stat().st_mtime_ns
+            if stamp == self._stamp:
+                return
+            self._stamp = stamp
+            lines = file.read_text("utf-8").splitlines()
+        except (OSError, UnicodeDecodeError) as error:
+            raise _unusable(file, str(error)) from None
+        words = [(number, line.partition("#")[0].split()) for number, line in enumerate(lines, 1)]
+        self._of_file = [_token(file, number, parts) for number, parts in words if parts]
+
+
+def _token(file: Path, number: int, parts: list[str]) -> Token:
+    """A line of the file. Raises TwolinkError, which does not show the token."""
+    owner = owner_of(parts[0])
+    try:
+        until = datetime.fromisoformat(parts[1]) if len(parts) > 1 else None
+    except ValueError:
+        owner, until = None, None
+    if owner is None or len(parts) > 2:
+        raise _unusable(file, f"line {number} is no token with the day at which it ends")
+    if until is None:
+        return (*owner, math.inf)
+    return (*owner, (until if until.tzinfo else until.replace(tzinfo=UTC)).timestamp())
+
+
+def _unusable(file: Path, what: str) -> TwolinkError:
+    remedy = "lines such as ann:SECRET 2027-01-31"
+    return TwolinkError(f"{file.name} cannot be used: {what}", argument="token_file", remedy=remedy)

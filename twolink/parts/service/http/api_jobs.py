@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
-from litestar import MediaType, Request, Response, delete, get, post
+from litestar import MediaType, Response, delete, get, post
 from litestar.params import FromPath, FromQuery, PathParameter, QueryParameter
 from litestar.response import File, Stream
 
 from twolink.errors import TwolinkError
 from twolink.io.tables import read_table
 from twolink.parts.service.http.components import Limit, Service, Shared
+from twolink.parts.service.http.messages import Asked
 from twolink.parts.service.store.store import ACTIVE, LISTED
 from twolink.parts.service.work.requests import JOB_KINDS
 from twolink.parts.service.work.scene_tasks import SAMPLES, thinned
@@ -50,7 +51,7 @@ async def result_file(service: Service, kind: str, key: str, name: str, task: st
 
     Raises Refusal unless the job is done.
     """
-    await service.jobs.views.require_done(kind, key)
+    await service.jobs.require_done(kind, key)
     path = service.store.result_folder(key) / name
     with _removed_meanwhile(service, kind, key):
         await service.make(path, task, **arguments)
@@ -68,13 +69,6 @@ async def _shown(
     return Response(content, media_type=MEDIA[path.suffix[1:]], headers={"Content-Security-Policy": policy})
 
 
-async def samples_json(service: Service, key: str, points: int) -> bytes:
-    """A simulation's samples as {"columns": {name: [numbers]}}, thinned to at most so many points, ends included."""
-    await service.jobs.views.require_done("simulation", key)
-    with _removed_meanwhile(service, "simulation", key):
-        return await asyncio.to_thread(_samples, service.store.result_folder(key) / SAMPLES, points)
-
-
 @contextlib.contextmanager
 def _removed_meanwhile(service: Service, kind: str, key: str) -> Iterator[None]:
     """Turn the failure to read a file into that of a job that was removed (404)."""
@@ -83,10 +77,11 @@ def _removed_meanwhile(service: Service, kind: str, key: str) -> Iterator[None]:
     except (FileNotFoundError, TwolinkError) as error:
         if getattr(error, "code", "not-readable") != "not-readable":
             raise
-        raise service.jobs.views.removed(kind, key) from None
+        raise service.jobs.removed(kind, key) from None
 
 
 def _samples(path: Path, points: int) -> bytes:
+    """A simulation's samples as {"columns": {name: [numbers]}}, thinned to at most so many points, ends included."""
     columns, _ = read_table(path)
     kept = thinned(columns, points)
     content = {name: values.tolist() for name, values in kept.items()}
@@ -98,7 +93,7 @@ def _shared(path: str, kind: str, summary: str) -> list[Any]:
     tags = [path]
 
     @post(f"/v1/{path}", tags=tags, summary=summary, status_code=200)
-    async def begin(request: Request[Any, Any, Any], service: Shared) -> Response[dict[str, Any]]:
+    async def begin(request: Asked, service: Shared) -> Response[dict[str, Any]]:
         """200 with the job and its result when it is done within `wait` seconds, else 202 with the job.
 
         The same request is answered from the store.
@@ -116,19 +111,19 @@ def _shared(path: str, kind: str, summary: str) -> list[Any]:
 
         At most `limit` jobs, those `created` before the time `before`: the last one's `created` asks for the next page.
         """
-        return await service.jobs.views.all(kind, math.inf if before is None else before, limit)
+        return await service.jobs.all(kind, math.inf if before is None else before, limit)
 
     @get(f"/v1/{path}/{{job:str}}", tags=tags, summary=f"A {kind}'s state and result")
     async def show_job(service: Shared, job: FromPath[str]) -> dict[str, Any]:
         """state: queued, running, done, failed, cancelled or interrupted."""
-        return await service.jobs.views.view(kind, job)
+        return await service.jobs.view(kind, job)
 
     @get(f"/v1/{path}/{{job:str}}/events", tags=tags, summary=f"A {kind}'s progress as server-sent events")
     async def events(service: Shared, job: FromPath[str]) -> Stream:
         """Events `progress` and at last `end`, each with the job as JSON, without request and result."""
-        await service.jobs.views.view(kind, job)
+        await service.jobs.view(kind, job)
         headers = {"Cache-Control": "no-store"}
-        return Stream(service.jobs.views.events(kind, job), media_type="text/event-stream", headers=headers)
+        return Stream(service.jobs.events(kind, job), media_type="text/event-stream", headers=headers)
 
     @post(f"/v1/{path}/{{job:str}}/cancel", tags=tags, summary=f"Cancel a {kind}", status_code=202)
     async def cancel(service: Shared, job: FromPath[str]) -> dict[str, Any]:
@@ -169,7 +164,10 @@ def _results(path: str, kind: str) -> list[Any]:
         A study: all of it as JSON, its rows in the other formats.
         """
         if form == "json" and kind == "simulation":
-            return Response(await samples_json(service, job, points), media_type=MediaType.JSON)
+            await service.jobs.require_done(kind, job)
+            with _removed_meanwhile(service, kind, job):
+                content = await asyncio.to_thread(_samples, service.store.result_folder(job) / SAMPLES, points)
+            return Response(content, media_type=MediaType.JSON)
         file = await result_file(service, kind, job, f"result.{form}")
         return File(file, filename=f"{job}.{form}", media_type=MEDIA[form])
 
@@ -185,7 +183,7 @@ async def motion(service: Shared, job: FromPath[str], frames: Frames = 600) -> R
     run's samples the motion is a cubic by their velocities; it is a straight line across events, and all along where
     contacts are stepped, nothing is verified, or the run is another simulator's.
     """
-    await service.jobs.views.require_done("simulation", job)
+    await service.jobs.require_done("simulation", job)
     return await service.answer("motion", folder=str(service.store.result_folder(job)), frames=frames)
 
 
@@ -212,7 +210,7 @@ async def result(
     and others by what was asked for. csv and parquet: a row a run. zip: the store, for Zarr's ZipStore.
     """
     if form == "json":
-        await service.jobs.views.bring(await service.jobs.views.job("sweep", job, whole=False))
+        await service.jobs.bring(await service.jobs.job("sweep", job, whole=False))
         folder = str(service.store.result_folder(job))
         return await service.answer("sweep_columns", folder=folder, names=variable or [])
     file = await result_file(service, "sweep", job, f"result.{form}", _TASK, variable="", turns=False)
@@ -240,7 +238,7 @@ async def run(
 
     number: the run's place in the columns of the result.
     """
-    return await service.answer("sweep_run", body=await service.jobs.views.request("sweep", job), number=number)
+    return await service.answer("sweep_run", body=await service.jobs.request("sweep", job), number=number)
 
 
 OF_KINDS = [*_results("simulations", "simulation"), *_results("studies", "study")]

@@ -9,14 +9,13 @@ import contextlib
 from typing import Any
 
 import msgspec
-import numpy as np
 from litestar import WebSocket, websocket
 from litestar.exceptions import WebSocketDisconnect
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from twolink.parts.service.http.components import Shared
 from twolink.parts.service.http.messages import BEARER, LIVE
-from twolink.parts.service.problems import Refusal, decode_unique, problem_of
+from twolink.parts.service.problems import Refusal, decode_unique, encode, problem_of
 from twolink.parts.service.work.requests import LiveRequest, LiveWords
 from twolink.parts.service.work.sharing import busy, client_of_scope
 
@@ -85,7 +84,7 @@ class Session:
 
 async def send(socket: WebSocket[Any, Any, Any], message: dict[str, Any]) -> None:
     """Send JSON."""
-    await socket.send_text(msgspec.json.encode(message, enc_hook=np.generic.item).decode())
+    await socket.send_text(encode(message).decode())
 
 
 @websocket(LIVE)
@@ -131,7 +130,7 @@ async def _run(socket: WebSocket[Any, Any, Any], service: Shared, client: str) -
         session = Session(socket, decode_unique(body, LiveRequest).frames_per_second)
         reading = asyncio.create_task(session.read())
         try:
-            await service.live.run("live", service.settings.quotas.job_seconds, on_question=session.reply, body=body,
+            await service.live.run("live", service.quotas.job_seconds, on_question=session.reply, body=body,
                                    robots=service.robots.folder)  # fmt: skip
         finally:
             reading.cancel()

@@ -8,8 +8,9 @@ import math
 from typing import Any
 
 import msgspec
-from litestar import MediaType, Request, Response, delete, get, post
+from litestar import MediaType, Response, delete, get, post
 from litestar.datastructures import MultiDict
+from litestar.handlers import HTTPRouteHandler
 from litestar.params import FromPath, FromQuery
 
 from twolink.dynamics.robot_record import robot_record
@@ -22,6 +23,7 @@ from twolink.parts.service.http.messages import (
     UNSPECIFIED,
     XML,
     ZIP,
+    Asked,
     accepts_gzip,
     body_limit,
     media_type,
@@ -96,7 +98,7 @@ async def inspect_robot(service: Shared, robot: FromPath[str]) -> dict[str, Any]
 
 
 @post("/v1/robots", tags=["robots"], summary="Upload a robot", status_code=201, opt={OWN_QUERY: True})
-async def upload_robot(request: Request[Any, Any, Any], service: Shared) -> Response[dict[str, Any]]:
+async def upload_robot(request: Asked, service: Shared) -> Response[dict[str, Any]]:
     """Load a URDF (application/xml), a zip of one with its meshes (application/zip), or JSON that says either.
 
     The query string has the options of bodies that are not JSON: root, mimic, unphysical, foreign, urdf, gravity as
@@ -107,7 +109,7 @@ async def upload_robot(request: Request[Any, Any, Any], service: Shared) -> Resp
     media = _sniffed(body) if media in (*UNSPECIFIED, OCTETS) else media
     if media == JSON:
         this_request().add(2 * len(body))  # its text, decoded and encoded again
-    parts = (body, media, request.query_params, service.settings.quotas, service.ids_of(this_request().owner))
+    parts = (body, media, request.query_params, service.quotas, service.ids_of(this_request().owner))
     key, kind, options, content = await asyncio.to_thread(_upload, *parts)  # to hash 100 MB takes 0.1 s
     async with service.locks(key):
         kept = await service.store.run(service.store.robot, key)
@@ -180,7 +182,7 @@ def _options(query: MultiDict[str]) -> RobotOptions:
 
 async def _receive(service: Service, key: str, kind: str, options: RobotOptions, content: bytes) -> dict[str, Any]:
     """Have a worker load an upload, and keep it once that has gone well."""
-    quotas, store = service.settings.quotas, service.store
+    quotas, store = service.quotas, service.store
     owner, (count, _) = this_request().owner, await store.run(store.robot_use)
     if count >= quotas.uploads:
         raise Refusal(429, f"{quotas.uploads} robots are kept already", where="request", remedy="delete some")
@@ -208,7 +210,7 @@ async def _receive(service: Service, key: str, kind: str, options: RobotOptions,
 
 
 @get("/v1/robots/{robot:str}/visuals", tags=["robots"], summary="What a robot looks like")
-async def visuals(request: Request[Any, Any, Any], service: Shared, robot: FromPath[str]) -> Response[bytes]:
+async def visuals(request: Asked, service: Shared, robot: FromPath[str]) -> Response[bytes]:
     """Shapes by link, as three.js objects in JSON; see `kinematics` for where the links are."""
     await service.robots.require(robot)
     store = service.store
@@ -272,43 +274,29 @@ async def list_methods() -> list[dict[str, Any]]:
     return methods().to_records()
 
 
-@post("/v1/scenes/validate", tags=["scenes"], summary="Check a scene", status_code=200)
-async def validate(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
-    """The scene as it is understood: robot, q, v, effects with all their fields, poses of the links at the start.
+def _of_scene(path: str, summary: str, about: str, task: str = "") -> HTTPRouteHandler:
+    """The handler of what a worker's task of that name says about a scene."""
 
-    A problem says what is wrong.
-    """
-    return await service.answer("validate", body=await request.body())
+    async def handler(request: Asked, service: Shared) -> Response[bytes]:
+        return await service.answer(task or path, body=await request.body())
 
-
-@post("/v1/scenes/visuals", tags=["scenes"], summary="What a scene looks like", status_code=200)
-async def scene_visuals(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
-    """Shapes by link as for robots, of the scene's robot with the objects beside it."""
-    return await service.answer("draw_scene", body=await request.body())
+    handler.__name__, handler.__doc__ = task or path, about
+    return post(f"/v1/scenes/{path}", tags=["scenes"], summary=summary, status_code=200)(handler)
 
 
-@post("/v1/scenes/explain", tags=["scenes"], summary="What a scene costs", status_code=200)
-async def explain(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
-    """Its operations by effect, the formulation, the method and why, and the seconds a run will take."""
-    return await service.answer("explain", body=await request.body())
+validate = _of_scene("validate", "Check a scene", """\
+The scene as it is understood: robot, q, v, effects with all their fields, poses of the links at the start.
 
+A problem says what is wrong.""")  # fmt: skip
+scene_visuals = _of_scene("visuals", "What a scene looks like", "Shapes by link as for robots, of the scene's robot "
+                          "with the objects beside it.", task="scene_visuals")  # fmt: skip
+explain = _of_scene("explain", "What a scene costs", "Its operations by effect, the formulation, the method and why, "
+                    "and the seconds a run will take.")  # fmt: skip
+preview = _of_scene("preview", "A quick look at a run", "A run without an error bar, which is kept nowhere: {result, "
+                    "columns, motion}, as simulations have them.")  # fmt: skip
+quantities = _of_scene("quantities", "What can be varied in a scene", """\
+By name: initial states, physical constants, numbers of effects; each with kind, unit and the scene's own value.
 
-@post("/v1/scenes/preview", tags=["scenes"], summary="A quick look at a run", status_code=200)
-async def preview(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
-    """A run without an error bar, which is kept nowhere: {result, columns, motion}, as simulations have them."""
-    return await service.answer("preview", body=await request.body())
-
-
-@post("/v1/scenes/quantities", tags=["scenes"], summary="What can be varied in a scene", status_code=200)
-async def quantities(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
-    """By name: initial states, physical constants, numbers of effects; each with kind, unit and the scene's own value.
-
-    Sensitivities and sweeps take these names.
-    """
-    return await service.answer("quantities", body=await request.body())
-
-
-@post("/v1/scenes/linearize", tags=["scenes"], summary="A scene's equations near a state", status_code=200)
-async def linearize(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
-    """dx/dt = A x + B u about the state: A, B, names, the bound on their entries' error, eigenvalues, stability."""
-    return await service.answer("linearize", body=await request.body())
+Sensitivities and sweeps take these names.""")  # fmt: skip
+linearize = _of_scene("linearize", "A scene's equations near a state", "dx/dt = A x + B u about the state: A, B, "
+                      "names, the bound on their entries' error, eigenvalues, stability.")  # fmt: skip

@@ -10,12 +10,12 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from litestar import MediaType, Request, Response, get
+from litestar import MediaType, Response, get
 from litestar.params import FromPath
 
 from twolink._version import __version__
 from twolink.parts.service.http.components import Shared
-from twolink.parts.service.http.messages import PAGE_POLICY
+from twolink.parts.service.http.messages import PAGE_POLICY, Asked
 from twolink.parts.service.http.openapi import openapi_document
 from twolink.parts.service.problems import Refusal
 from twolink.parts.service.work import metrics
@@ -70,13 +70,13 @@ async def show_metrics(service: Shared) -> Response[bytes]:
 
 
 @get("/openapi.json", tags=["service"], summary="This description")
-async def openapi(request: Request[Any, Any, Any]) -> dict[str, Any]:
+async def openapi(request: Asked) -> dict[str, Any]:
     """The API as an OpenAPI 3.1 document."""
     return await asyncio.to_thread(openapi_document, request.app)
 
 
 @get("/docs", include_in_schema=False)
-async def docs(request: Request[Any, Any, Any]) -> Response[str]:
+async def docs(request: Asked) -> Response[str]:
     """The description for people; no outside address."""
     document = await asyncio.to_thread(openapi_document, request.app)
     return Response(docs_page(document), media_type=MediaType.HTML, headers=_HEADERS)

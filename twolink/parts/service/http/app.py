@@ -7,7 +7,7 @@ import re
 import time
 from typing import Any
 
-from litestar import Litestar, Request, Response
+from litestar import Litestar, Response
 from litestar.di import Provide
 from litestar.handlers import BaseRouteHandler
 from litestar.openapi import OpenAPIConfig
@@ -21,6 +21,7 @@ from twolink.parts.service.http.messages import (
     LIVE,
     SECURITY,
     AccessControl,
+    Asked,
     Header,
     body_limit,
     cors_headers,
@@ -62,7 +63,7 @@ def build(settings: Settings) -> Shell:
     return Shell(service, inner)
 
 
-def _refuse(_: Request[Any, Any, Any], error: Exception) -> Response[bytes]:
+def _refuse(_: Asked, error: Exception) -> Response[bytes]:
     status, headers, body = answer_of(error)
     texts = {name.decode(): value.decode() for name, value in headers}
     return Response(body, status_code=status, media_type=texts.pop("content-type"), headers=texts)
@@ -73,8 +74,8 @@ class Shell:
 
     def __init__(self, service: Service, inner: Litestar) -> None:
         self.service, self._log = service, AccessLog(service.settings.log)
-        self._quotas = service.settings.quotas
-        self._inner, self._queries, self._metrics = inner, service.queries, service.metrics
+        self._quotas = service.quotas
+        self._inner, self._robots, self._metrics = inner, service.robots, service.metrics
         self._access = AccessControl(service.settings)
         self._memory = Shares(self._quotas.memory_in_flight_mb * 2**20)
         self._under_way, self._routes = 0, _routes(inner)
@@ -175,7 +176,7 @@ class Shell:
             return None
         self._see_client(scope)
         try:
-            answer = None if self._access.check(scope) else self._queries.answer_now(scope, body, *query)
+            answer = None if self._access.check(scope) else self._robots.answer_now(scope, body, *query)
         except Exception:
             return None
         if answer is None:
@@ -208,7 +209,7 @@ class Shell:
                 await self._to_litestar(scope, receive, send, cors, start)
                 return
             route = query[1].name
-            status, headers, body = await self._queries.answer(scope, receive, *query)
+            status, headers, body = await self._robots.answer(scope, receive, *query)
         except Exception as error:
             cause = error.__cause__  # Litestar wraps what is refused while an answer is sent
             status, headers, body = answer_of(cause if isinstance(cause, Refusal) else error)

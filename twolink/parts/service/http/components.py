@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
-import numpy as np
 from litestar import MediaType, Response
 from litestar.di import NamedDependency
 from litestar.params import QueryParameter, SkipValidation
@@ -27,19 +26,17 @@ from twolink.dynamics.queries import Query
 from twolink.dynamics.threads import thread_count
 from twolink.errors import TwolinkError, nearest
 from twolink.parts.service.http.messages import UNSPECIFIED, body_limit, header, media_type, read_body, while_connected
-from twolink.parts.service.problems import JSON, Refusal, ending
-from twolink.parts.service.settings import Settings
+from twolink.parts.service.problems import JSON, Refusal, encode, ending
+from twolink.parts.service.settings import Quotas, Settings
 from twolink.parts.service.store.archives import NPZ, RobotCache, read_robot
 from twolink.parts.service.store.data_folder import PARTS
 from twolink.parts.service.store.store import LISTED, Store
-from twolink.parts.service.work.budget import Budget
-from twolink.parts.service.work.cluster import Member
-from twolink.parts.service.work.jobs import Jobs
+from twolink.parts.service.work.jobs import Jobs, take_part
 from twolink.parts.service.work.metrics import Metrics
 from twolink.parts.service.work.query_requests import STATES_IN_LOOP, answer_query, arguments_from_json, count_of
 from twolink.parts.service.work.requests import JOB_KINDS, JobRequest, prepare
 from twolink.parts.service.work.sandbox import protection
-from twolink.parts.service.work.sharing import KeyedLocks, Shares, this_request
+from twolink.parts.service.work.sharing import Budget, KeyedLocks, Shares, this_request
 from twolink.parts.service.work.time_shares import BESIDE, PAUSED
 from twolink.parts.service.work.worker_pool import Workers
 from twolink.parts.service.work.worker_process import WorkerMemory
@@ -59,17 +56,17 @@ _LAG_EACH = 0.5  # seconds between measurements of the event loop's lag
 
 
 class RobotPool:
-    """The robots that small queries have asked for last, within the quota of their memory. Worker processes load them.
+    """The robots that small queries have asked for last, within the quota of their memory, and POST /{id}/{query}.
 
-    folder: where the uploaded robots are.
+    Worker processes load them, and answer to more than a few states. folder: where the uploaded robots are.
     """
 
-    def __init__(self, settings: Settings, store: Store, workers: Workers) -> None:
+    def __init__(self, quotas: Quotas, store: Store, workers: Workers, metrics: Metrics) -> None:
         self.folder = str(store.folder / "robots")
-        self._seconds, self._store, self._workers = settings.quotas.load_seconds, store, workers
-        self._robots = RobotCache(settings.quotas.robots_mb)
+        self._quotas, self._store, self._workers, self._metrics = quotas, store, workers, metrics
+        self._robots = RobotCache(quotas.robots_mb)
         self._locks = KeyedLocks()
-        self.loaded = self._robots.get  # the robot of an id if it is loaded
+        self.loaded, self.forget = self._robots.get, self._robots.drop  # the robot of an id if it is loaded
 
     async def get(self, key: str) -> Robot:
         """The robot of this id. Raises Refusal (404) when there is none."""
@@ -78,7 +75,7 @@ class RobotPool:
             robot = self.loaded(key)
             if robot is None:
                 await self._store.run(self._store.use_robot, key)
-                pickled = await self._workers.run("load", self._seconds, key=key, robots=self.folder)
+                pickled = await self._workers.run("load", self._quotas.load_seconds, key=key, robots=self.folder)
                 robot = self.put(key, pickled)
         return robot
 
@@ -93,17 +90,6 @@ class RobotPool:
         """Keep a robot that a worker has loaded."""
         return self._robots.put(key, read_robot(pickled))
 
-    def forget(self, key: str) -> None:
-        """Drop a robot that was deleted."""
-        self._robots.drop(key)
-
-
-class Queries:
-    """Answers POST /v1/robots/{id}/{query}."""
-
-    def __init__(self, settings: Settings, robots: RobotPool, workers: Workers, metrics: Metrics) -> None:
-        self._quotas, self._robots, self._workers, self._metrics = settings.quotas, robots, workers, metrics
-
     async def answer(self, scope: Any, receive: Any, key: str, query: Query) -> tuple[int, list[Any], bytes]:
         """Status, headers and body. Raises Refusal or QueryError."""
         sent = media_type(header(scope, b"content-type"))
@@ -116,14 +102,14 @@ class Queries:
         accept = header(scope, b"accept")
         reply = other if other.encode() in accept and same.encode() not in accept else same
         if sent == JSON and len(body) < _BODY_IN_LOOP:
-            if self._robots.loaded(key) is None:
-                await self._robots.get(key)
+            if self.loaded(key) is None:
+                await self.get(key)
             if (answer := self.answer_now(scope, body, key, query)) is not None:
                 return 200, _HEADERS[JSON], answer
-        await self._robots.require(key)
+        await self.require(key)
         work = self._workers.exchange(
             "query", self._quotas.query_seconds, body, key=key, what=query.name, sent=sent, reply=reply,
-            robots=self._robots.folder, quotas=self._quotas,
+            robots=self.folder, quotas=self._quotas,
         )  # fmt: skip
         count, content = await while_connected(receive, work)
         self._metrics.states.inc(count)
@@ -131,7 +117,7 @@ class Queries:
 
     def answer_now(self, scope: Any, body: bytes, key: str, query: Query) -> bytes | None:
         """The answer in JSON to a few states in JSON, if the robot is loaded, else None. Raises as `answer`."""
-        robot = self._robots.loaded(key)
+        robot = self.loaded(key)
         is_json = media_type(header(scope, b"content-type")) in (JSON, *UNSPECIFIED)
         if robot is None or not is_json or len(body) >= _BODY_IN_LOOP or NPZ.encode() in header(scope, b"accept"):
             return None
@@ -140,7 +126,7 @@ class Queries:
         if count > STATES_IN_LOOP or numbers > _NUMBERS_IN_LOOP:
             return None
         self._metrics.states.inc(count)
-        return msgspec.json.encode(answer_query(robot, query, arguments, count), enc_hook=np.ndarray.tolist)
+        return encode(answer_query(robot, query, arguments, count))
 
 
 class Service:
@@ -150,7 +136,7 @@ class Service:
     """
 
     def __init__(self, settings: Settings) -> None:
-        quotas = settings.quotas
+        quotas = self.quotas = settings.quotas
         self.settings = settings
         self.ending = False
         self._checked = -math.inf  # when the store was found well
@@ -163,8 +149,8 @@ class Service:
         died = self.metrics.worker_deaths.inc
         folders = [self.store.folder / part for part in PARTS]
         self._worker_memory = WorkerMemory(quotas.memory_mb)
-        pool = functools.partial(Workers, memory=self._worker_memory, waiting=quotas.waiting, on_death=died,
-                                 budget=self.budget)  # fmt: skip
+        pool = functools.partial(Workers, memory=self._worker_memory, budget=self.budget, waiting=quotas.waiting,
+                                 on_death=died)  # fmt: skip
         self._readers = pool(_READERS, writable=folders)
         threads = max(1, thread_count() // quotas.jobs)
         places = quotas.jobs + BESIDE + PAUSED
@@ -172,8 +158,7 @@ class Service:
         # A client waits for a query: beside other programs, niceness 10 takes four times as long.
         self._computers = pool(_COMPUTERS, threads=thread_count(), niceness=0, writable=[self.store.folder / "robots"],
                                tasks="twolink.parts.service.work.robot_tasks")  # fmt: skip
-        self.robots = RobotPool(settings, self.store, self._computers)
-        self.queries = Queries(settings, self.robots, self._computers, self.metrics)
+        self.robots = RobotPool(quotas, self.store, self._computers, self.metrics)
         senders = None
         if settings.dask:  # the cluster computes while they wait
             senders = pool(places, tasks="twolink.parts.service.work.sweep_tasks", writable=folders, idle=1.0)
@@ -190,7 +175,7 @@ class Service:
 
     def _require_room(self) -> None:
         """Keep to the quota of the disk; raise TwolinkError rather than delete results without being told to."""
-        quota, kept = self.settings.quotas.disk_mb, self.store.kept_bytes / 2**20
+        quota, kept = self.quotas.disk_mb, self.store.kept_bytes / 2**20
         if kept > quota and self.settings.delete_results:
             jobs = self.store.shrink(quota * 2**20 - self.store.robot_use()[1])
             robots = self.store.shrink_robots(quota * 2**20 - self.store.result_bytes())
@@ -218,7 +203,7 @@ class Service:
 
     async def read(self, task: str, **arguments: Any) -> Any:
         """Run a short task in a worker process, which takes of the folder of robots and the quotas what it needs."""
-        quotas, robots = self.settings.quotas, str(self.store.folder / "robots")
+        quotas, robots = self.quotas, self.robots.folder
         await self.store.bring_robots(arguments.get("body", b""))
         return await self._readers.run(task, quotas.load_seconds, robots=robots, quotas=quotas, **arguments)
 
@@ -241,7 +226,7 @@ class Service:
 
     async def make(self, path: Path, task: str, **arguments: Any) -> None:
         """Have a task write a file, unless it is there."""
-        limit = self.settings.quotas.answer_mb
+        limit = self.quotas.answer_mb
         async with self.locks(str(path)):
             if path.exists():
                 return
@@ -264,7 +249,7 @@ class Service:
         _log.log(logging.INFO if self.protection.complete else logging.WARNING, "%s", self.protection)
         watching = [self._worker_memory.watch(), _measure_lag(self.metrics), self.budget.note()]
         if self.store.shared:
-            watching.append(Member(self.store, self.jobs).take_part())
+            watching.append(take_part(self.store, self.jobs))
         else:
             await self.jobs.resume()
         work = (*watching, *(workers.warm() for workers in self._pools))

@@ -14,13 +14,13 @@ from litestar import Request
 from litestar.params import QueryParameter
 
 from twolink.errors import nearest
-from twolink.parts.service.http.tokens import Tokens
 from twolink.parts.service.problems import Refusal
-from twolink.parts.service.settings import Quotas, Settings, ip_address
+from twolink.parts.service.settings import Quotas, Settings, Tokens, ip_address
 from twolink.parts.service.store.archives import GZIP_LEVEL, NPZ
 from twolink.parts.service.work.sharing import OWNER, this_request
 
 T = TypeVar("T")
+Asked = Request[Any, Any, Any]
 Header = tuple[bytes, bytes]
 SECURITY: tuple[Header, ...] = (
     (b"x-content-type-options", b"nosniff"),
@@ -34,8 +34,6 @@ _LARGE = (*XML, *ZIP, OCTETS, NPZ)
 SLICE = 256 * 1024  # bytes of an answer that are handed on at once: the next when the client has read most of them
 _COMPRESSED = ("application/json", "text/html", "text/css", "text/javascript", "text/csv", "image/svg+xml")
 _WORTH_COMPRESSING = 2**11  # bytes
-_COMPRESS_BESIDE = 2**16  # bytes from which on another thread does it: a megabyte takes 20 ms
-_JOIN = 2**22  # bytes that are put together in the event loop, in some milliseconds
 OWN_QUERY = "own_query"  # of handlers that check the query string themselves
 UNSPECIFIED = ("", "application/x-www-form-urlencoded", "text/plain")  # what curl sends by default
 
@@ -69,7 +67,7 @@ async def read_body(scope: Any, receive: Any, limit: float) -> bytes:
     Raises Refusal when it has more than `limit` bytes (413), or when there is no memory for it now (503).
     """
     stated = header(scope, b"content-length")
-    if stated and (not stated.isdigit() or len(stated) > 18 or int(stated) > limit):
+    if stated and int(stated) > limit:  # the protocol has checked that it is a number
         raise too_large(limit)
     reserve, parts, size, more = this_request().add, [], 0, True
     reserved = int(stated or 0)  # from the begin: what has been let in is not refused half way
@@ -86,9 +84,7 @@ async def read_body(scope: Any, receive: Any, limit: float) -> bytes:
             reserve(2 * size)
             reserved += size
         more = message.get("more_body", False)
-    if size > _JOIN:
-        return await asyncio.to_thread(b"".join, parts)
-    return parts[0] if len(parts) == 1 else b"".join(parts)
+    return parts[0] if len(parts) == 1 else await asyncio.to_thread(b"".join, parts)
 
 
 def too_large(limit: float) -> Refusal:
@@ -125,14 +121,9 @@ async def compressed(scope: Any, headers: Sequence[Header], body: bytes) -> tupl
     kept = [pair for pair in headers if pair[0] != b"content-length"]
     kept.append((b"vary", b"accept-encoding"))
     if accepts_gzip(scope):
-        beside = len(body) >= _COMPRESS_BESIDE
-        body = await asyncio.to_thread(_gzip, body) if beside else _gzip(body)
+        body = await asyncio.to_thread(gzip.compress, body, GZIP_LEVEL, mtime=0)  # the same each time
         kept.append((b"content-encoding", b"gzip"))
     return [*kept, (b"content-length", b"%d" % len(body))], body
-
-
-def _gzip(body: bytes) -> bytes:
-    return gzip.compress(body, GZIP_LEVEL, mtime=0)  # the same each time
 
 
 def accepts_gzip(scope: Any) -> bool:
@@ -163,7 +154,7 @@ async def send_body(send: Any, body: bytes, more: bool = False) -> None:
     await send({"type": "http.response.body", "body": view[last:], "more_body": more})
 
 
-def require_taken(request: Request[Any, Any, Any]) -> None:
+def require_taken(request: Asked) -> None:
     """Refuse parameters that an operation does not take: a misspelt one would be left out without a word.
 
     PostgreSQL takes no NUL in a text.
@@ -191,7 +182,6 @@ _OPEN_PREFIX = "/page/"
 LIVE = "/v1/live"
 BEARER = "bearer"  # the subprotocol before a token as base64url: browsers send no other header with a WebSocket
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::[0-9]{1,5})?")
-_MAX_HOSTS = 1000  # checked ones that are remembered
 
 
 class AccessControl:
@@ -202,7 +192,6 @@ class AccessControl:
         self._rates = Rates(settings.quotas.owner_rate)
         self._hosts = {"localhost", settings.host.lower(), *(host.lower() for host in settings.hosts)}
         self._origins = {origin.encode() for origin in settings.origins}
-        self._checked_hosts: set[bytes] = set()
 
     def check(self, scope: Any) -> bytes | None:
         """Raise Refusal unless the request may pass. Returns the foreign origin it came from, if one is allowed.
@@ -213,8 +202,7 @@ class AccessControl:
         if len(headers) < len(scope["headers"]) and [name for name, _ in scope["headers"]].count(b"host") > 1:
             raise Refusal(400, "there are several of it", where="header: Host", remedy="send one")
         host, origin = headers.get(b"host", b""), headers.get(b"origin")
-        if host not in self._checked_hosts:
-            self._check_host(host)
+        self._check_host(host)
         foreign = None if origin is None or _is_own(origin, host) else origin
         if foreign is not None and foreign not in self._origins:
             remedy = "start the service with --allow-origin"
@@ -235,8 +223,6 @@ class AccessControl:
         if name not in self._hosts and ip_address(name) is None:
             remedy = "call it by its address, or start it with --allow-host"
             raise Refusal(421, f"the service has no name {name!r:.80}", where="header: Host", remedy=remedy)
-        if len(self._checked_hosts) < _MAX_HOSTS:
-            self._checked_hosts.add(host)
 
 
 class Rates:

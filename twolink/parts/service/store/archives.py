@@ -36,7 +36,6 @@ from twolink.robots.model import FileLaws, Visuals, restore_model
 from twolink.robots.srdf import Srdf
 
 _KEPT = (".stl", ".dae", ".obj", ".mtl", ".png", ".jpg", ".jpeg", ".urdf")
-_CHUNK = 2**20
 METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # of zips; others take memory by what the archive says
 GZIP_LEVEL = 5
 NPZ = "application/x-npz"
@@ -65,7 +64,7 @@ def unpack(archive: Path, folder: Path, quotas: Quotas, room: Callable[[int], No
             names = [name for name in by_name if name.lower().endswith(_KEPT)]
             room(sum(by_name[name].file_size for name in names))
             for name in names:
-                _copy(opened, by_name[name], folder / name)
+                opened.extract(by_name[name], folder)  # not more bytes than it states: their checksum is wrong then
             return names
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, ValueError) as error:
         raise _refused(f"it is not a zip that can be read: {error}", "pack it again, without a password") from None
@@ -79,18 +78,6 @@ def _safe(name: str) -> str:
     if name.startswith("/") or "\\" in name or ":" in parts[0] or "\0" in name or not {".", ".."}.isdisjoint(parts):
         raise _refused(f"{name[:80]!r} points outside the zip", "use names below its top folder")
     return name
-
-
-def _copy(opened: zipfile.ZipFile, member: zipfile.ZipInfo, target: Path) -> None:
-    """Unpack one file, and refuse it when more bytes come out of it than the zip states."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    size = 0
-    with opened.open(member) as source, target.open("wb") as out:
-        while chunk := source.read(_CHUNK):
-            size += len(chunk)
-            if size > member.file_size:
-                raise _refused(f"{member.filename[:80]!r} is larger than it says", "pack it again")
-            out.write(chunk)
 
 
 def choose_urdf(names: list[str], wanted: str) -> str:

@@ -22,11 +22,9 @@ import msgspec
 from twolink.parts.service.problems import Refusal, problem_of
 from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store import data_folder
-from twolink.parts.service.store.accounts import Accounts
-from twolink.parts.service.store.data_folder import RESULTS, ROBOTS, STAGING, VISUALS, size_of, to_remove
+from twolink.parts.service.store.accounts import Accounts, Leases
+from twolink.parts.service.store.data_folder import RESULTS, ROBOTS, STAGING, VISUALS, Copies, size_of, to_remove
 from twolink.parts.service.store.database import Database, PostgreSQL, SQLite, length, plain
-from twolink.parts.service.store.leases import Leases
-from twolink.parts.service.store.objects import Copies
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -3,7 +3,11 @@
 A job's id comes from its request. The same request is answered from the store when its job is done, joins it while it
 runs, and runs again when it failed, was cancelled or was interrupted; a sweep then goes on where it was stopped. A
 service that ends puts its jobs back into the queue for its next start. A job that ran when the service was killed is
-interrupted, as it may be what killed it. Where several services share a database, `cluster` has them share the jobs.
+interrupted, as it may be what killed it.
+
+Several services that share a database share the jobs: each says what it runs, and takes up what others have not begun.
+A job belongs to the process that has claimed it, as long as this says so every second; jobs of a process that is silent
+for `LEASE` go back into the queue. A process that has nothing to do claims jobs that wait elsewhere.
 """
 
 import asyncio
@@ -19,14 +23,15 @@ import msgspec
 
 from twolink.parts.service.problems import Problem, Refusal, ending, error_from, problem_of
 from twolink.parts.service.settings import Settings
+from twolink.parts.service.store.accounts import today
 from twolink.parts.service.store.store import RESUMED, Store
-from twolink.parts.service.work.budget import Budget
 from twolink.parts.service.work.job_views import LOOK, JobViews, Running, View
 from twolink.parts.service.work.metrics import Metrics
 from twolink.parts.service.work.requests import JOB_KINDS, JobRequest, upgraded
 from twolink.parts.service.work.sharing import (
     NO_TASK,
     REQUEST,
+    Budget,
     KeyedLocks,
     RequestMemory,
     Shares,
@@ -37,10 +42,13 @@ from twolink.parts.service.work.time_shares import TimeShares, Turn
 from twolink.parts.service.work.worker_pool import Workers
 
 _RETRY = 2.0  # seconds between attempts to store how a job ended
+BEAT = 1.0  # s between signs of life
+_PARTS = 10.0  # s between copies of what is done of a sweep
+_TIDY = 60.0  # s between looks at copies of what others have deleted
 _log = logging.getLogger("twolink.service")
 
 
-class Jobs:
+class Jobs(JobViews):
     """The jobs of the service. senders: the worker processes that send sweeps to a cluster, if there is one.
 
     may_pause: see `TimeShares`. running: those that wait or run in this process.
@@ -50,10 +58,9 @@ class Jobs:
         self, settings: Settings, store: Store, workers: Workers, metrics: Metrics, budget: Budget,
         senders: Workers | None = None, may_pause: Callable[[], bool] = lambda: True,
     ) -> None:  # fmt: skip
-        self._quotas, self._store, self._workers, self._metrics = settings.quotas, store, workers, metrics
+        super().__init__(store)
+        self._quotas, self._workers, self._metrics = settings.quotas, workers, metrics
         self._budget, self._senders, self._dask = budget, senders, settings.dask  # processes that may reach the cluster
-        self.views = JobViews(store)
-        self.running = self.views.running
         self._locks = KeyedLocks()
         self._turns = TimeShares(settings.quotas.jobs, may_pause)
         self._queue = Shares(2 * (settings.quotas.queue + settings.quotas.jobs))  # of which one client may have half
@@ -78,7 +85,7 @@ class Jobs:
     @property
     def free(self) -> int:
         """The number of further jobs that could run here now."""
-        return 0 if self.views.closing else self._turns.free
+        return 0 if self.closing else self._turns.free
 
     async def submit(self, kind: str, request: JobRequest) -> View:
         """Run what is asked for, or find it; wait up to request.wait seconds for its end.
@@ -93,18 +100,18 @@ class Jobs:
             elif key not in self.running and not (job is not None and job.active):
                 await self._begin(key, kind, request.content, this_request().owner)
         await self._wait(key, request.wait)
-        job = await self.views.job(kind, key)
+        job = await self.job(kind, key)
         if job.state == "failed":
             raise error_from(msgspec.json.decode(job.problem, type=Problem))
-        return self.views.view_of(job)
+        return self.view_of(job)
 
     async def again(self, kind: str, key: str) -> View:
         """Run a job again that failed, was cancelled or was interrupted."""
         async with self._locks(key):
-            job = await self.views.own(kind, key)
+            job = await self.own(kind, key)
             if not (key in self.running or job.active or job.state == "done"):
                 await self._begin(key, kind, bytes(job.request), job.owner)
-        return await self.views.view(kind, key)
+        return await self.view(kind, key)
 
     async def _begin(self, key: str, kind: str, content: bytes, owner: str) -> None:
         client = this_request().client
@@ -120,7 +127,7 @@ class Jobs:
             raise
 
     def _start(self, key: str, kind: str, client: str | None = None, *, claimed: bool = False) -> None:
-        if self.views.closing:
+        if self.closing:
             raise ending()
         running = self.running[key] = Running(kind, client, claimed=claimed)
         running.task = asyncio.create_task(self._run(key, running), name=key)
@@ -140,7 +147,7 @@ class Jobs:
             end = {"state": "done", "ended": time.time(), "result": result, "progress": {"fraction": 1.0}}
         except asyncio.CancelledError:
             end = {"state": "queued", "started": None}
-            if not self.views.closing:
+            if not self.closing:
                 end = {"state": "cancelled", "ended": time.time()}
         except Exception as error:
             end = {"state": "failed", "ended": time.time(), "problem": problem_of(error)}
@@ -207,7 +214,7 @@ class Jobs:
                 return
             except (sqlite3.Error, OSError) as error:
                 _log.error("the end of job %s cannot be stored (%s); it is tried again", key, error)
-            if self.views.closing:
+            if self.closing:
                 return
             await asyncio.sleep(_RETRY)
 
@@ -215,20 +222,20 @@ class Jobs:
         end = time.monotonic() + seconds
         if key in self.running:
             await asyncio.wait([self.running[key].task], timeout=seconds or 0.001)
-            if self.views.closing:
+            if self.closing:
                 raise ending()
-        while self._store.shared and time.monotonic() < end and await self.views.active(key) is not None:
+        while self._store.shared and time.monotonic() < end and await self.active(key) is not None:
             await asyncio.sleep(LOOK)
 
     async def cancel(self, kind: str, key: str) -> View:
         """Cancel a job that waits or runs."""
-        job = await self.views.own(kind, key)
+        job = await self.own(kind, key)
         running = self.running.get(key)
         if self._store.shared:
             await self._store.run(self._store.leases.cancel, key)
         if running is not None and not running.ending:
             running.task.cancel()
-        return self.views.view_of(job)
+        return self.view_of(job)
 
     async def remove(self, kind: str, key: str) -> None:
         """Cancel a job if it runs, and delete it with its result."""
@@ -238,8 +245,60 @@ class Jobs:
 
     async def close(self) -> None:
         """End all jobs; they are taken up at the next start."""
-        self.views.closing = True
+        self.closing = True
         tasks = [running.task for running in self.running.values()]
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def take_part(store: Store, jobs: Jobs) -> None:
+    """Be one of those that share a database, until cancelled. What fails is tried again."""
+    kept = tidied = time.monotonic()
+    keeping: asyncio.Task[None] | None = None
+    while True:
+        await asyncio.sleep(BEAT)
+        try:
+            await beat(store, jobs)
+            await _take_up(store, jobs)
+            now = time.monotonic()
+            if now > kept + _PARTS and (keeping is None or keeping.done()):
+                kept, keeping = now, asyncio.create_task(_keep(store, jobs))
+            if now > tidied + _TIDY:
+                tidied = now
+                await store.run(store.tidy)
+        except (OSError, sqlite3.Error) as error:
+            _log.error("the other processes of the service cannot be reached: %s", error)
+
+
+async def beat(store: Store, jobs: Jobs) -> None:
+    """Say of each job here that it goes on, and end those that are to end, or that others have."""
+    leases = store.leases
+    asked = [key for key, each in jobs.running.items() if not each.claimed]
+    gone = set(asked) - await store.run(leases.waiting, asked)
+    for key, running in list(jobs.running.items()):
+        is_to_end: bool | None = False
+        if running.claimed:  # also while its result is stored, which may take long
+            is_to_end = await store.run(leases.beat, key, running.progress)
+        elif key in gone:
+            is_to_end = None
+        if is_to_end is not False and not running.ending:
+            running.lost = is_to_end is None
+            running.task.cancel()
+
+
+async def _take_up(store: Store, jobs: Jobs) -> None:
+    for key, state in await store.run(store.leases.expire):
+        _log.warning("the process that ran job %s has ended: the job is %s", key, state)
+    if count := jobs.free:
+        for claimed in await store.run(store.leases.claim, count, day=today()):
+            jobs.take_up(*claimed, claimed=True)
+
+
+async def _keep(store: Store, jobs: Jobs) -> None:
+    for key, running in list(jobs.running.items()):
+        if running.claimed and not running.ending and running.kind in RESUMED:
+            try:
+                await asyncio.to_thread(store.copies.keep, key)
+            except OSError as error:
+                _log.error("what is done of job %s cannot be stored: %s", key, error)

@@ -11,7 +11,7 @@ from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.robot_record import link_frames, robot_record
 from twolink.errors import RobotError
 from twolink.io.text import decode
-from twolink.parts.service.problems import JSON, Problem, error_from, kept
+from twolink.parts.service.problems import JSON, Problem, encode, error_from, kept
 from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store.archives import (
     GZIP_LEVEL,
@@ -185,7 +185,7 @@ def query(*, key: str, what: str, sent: str, reply: str, robots: str, quotas: Qu
     exchange.seek(0)
     exchange.truncate()
     if reply == JSON:
-        exchange.write(msgspec.json.encode(result, enc_hook=np.ndarray.tolist))
+        exchange.write(encode(result))
     else:
         save_npz(exchange, {name: np.asarray(value) for name, value in result.items()})
     return count

@@ -1,10 +1,11 @@
-"""Tasks of worker processes about scenes: check and explain them, simulate, study accuracy, and write results.
+"""Tasks of worker processes about scenes: check, explain, simulate, study accuracy, and call other functions.
 
 A scene in a request has the schema of scene files, as JSON, with robots by id. Nothing is read from files.
 """
 
 import dataclasses
 import functools
+import inspect
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -13,15 +14,25 @@ from typing import Any
 import msgspec
 import numpy as np
 
+import twolink as tl
 from twolink.accuracy import Study, accuracy_study
 from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.robot_record import link_poses, robot_record
+from twolink.effects.effect import Effect
 from twolink.errors import RobotError, SceneError, TwolinkError
-from twolink.parts.service.problems import Refusal, decode_unique, kept
+from twolink.parts.service.problems import Refusal, decode_unique, encode, kept
 from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store.archives import read_robot, write_robot
-from twolink.parts.service.work.bodies import arguments_of
-from twolink.parts.service.work.requests import JOB_KINDS, SceneRequest, explain_request, preview_request
+from twolink.parts.service.store.data_folder import UPLOADED
+from twolink.parts.service.work.requests import (
+    NOT_SENT,
+    SceneRequest,
+    arguments_of,
+    explain_request,
+    job_request,
+    preview_request,
+    sent_as,
+)
 from twolink.parts.service.work.robot_tasks import robot_by_id, visuals_of
 from twolink.parts.service.work.worker import Report
 from twolink.robots.catalogue import catalogue_names
@@ -29,10 +40,13 @@ from twolink.scenes import Scene, load_scene
 from twolink.scenes.file import scene_from_data
 from twolink.scenes.file_format import RobotEntry, SceneFile
 from twolink.scenes.objects import is_mesh
+from twolink.scenes.urdf_scene import is_robot
+from twolink.scenes.urdf_scene import scene_of as scene_of_robot
 from twolink.show.meshcat_scene import plane_direction
 from twolink.show.viewer_data import contact_data, resample
 from twolink.simulation.explanation import explain as explain_scene
 from twolink.simulation.scene_run import simulate as simulate_scene
+from twolink.simulation.text import as_data
 from twolink.simulation.trajectory import Trajectory
 
 _MOST = 200  # effects or objects
@@ -90,10 +104,10 @@ def validate(*, body: bytes, robots: str) -> bytes:
     content = {"title": scene.title, "robot": robot_record(scene.robot), "duration": scene.duration,
                "q": scene.q.tolist(), "v": scene.v.tolist(), "effects": scene.effects,
                "frames": scene.robot.frame_names, "poses": link_poses(scene.robot, scene.q).tolist()}  # fmt: skip
-    return msgspec.json.encode(content, enc_hook=np.generic.item)
+    return encode(content)
 
 
-def draw_scene(*, body: bytes, robots: str) -> bytes:
+def scene_visuals(*, body: bytes, robots: str) -> bytes:
     """Draw a scene with its objects, as `visuals_of` a robot. body, robots: as for `validate`."""
     return visuals_of(scene_of(decode_unique(body, SceneRequest).scene, robots).robot)
 
@@ -101,15 +115,18 @@ def draw_scene(*, body: bytes, robots: str) -> bytes:
 def explain(*, body: bytes, robots: str, quotas: Quotas) -> bytes:
     """Explain the computation of a scene, and the cost of a run, as JSON. body: an `explain_request`."""
     request = decode_unique(body, explain_request())
-    explanation = explain_scene(**arguments_of(request) | allowed(request, robots, quotas))
-    content = {**dataclasses.asdict(explanation), "text": str(explanation)}
-    return msgspec.json.encode(content, enc_hook=np.generic.item)
+    explanation = explain_scene(**allowed(request, robots, quotas))
+    return encode({**dataclasses.asdict(explanation), "text": str(explanation)})
 
 
-def allowed(request: Any, robots: str, quotas: Quotas, robot: bytes = b"") -> dict[str, Any]:
-    """The scene of a request and its duration [s], as arguments. robots, robot: see `scene_of`."""
+def allowed(request: Any, robots: str, quotas: Quotas, *without: str, robot: bytes = b"") -> dict[str, Any]:
+    """The arguments of the call of a request, with its scene and duration [s]. robots, robot: see `scene_of`.
+
+    without: fields of the request that are no arguments.
+    """
     scene = scene_of(request.scene, robots, robot)
-    return {"scene": scene, "duration": require_allowed(request, scene, quotas)}
+    own = {"scene": scene, "duration": require_allowed(request, scene, quotas)}
+    return arguments_of(request, *without) | own
 
 
 def require_allowed(request: Any, scene: Scene, quotas: Quotas) -> float:
@@ -144,12 +161,12 @@ def simulate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
 
     body: a request for a simulation.
     """
-    request = msgspec.json.decode(body, type=JOB_KINDS["simulation"].request)
-    given = allowed(request, robots, quotas)
+    request = job_request("simulation", body)
+    given = allowed(request, robots, quotas, "simulator")
     if request.simulator != "twolink":
-        return _peers_run(request, **given, folder=Path(folder))
-    progress = ProgressOf(2 if request.verify else 1, report)
-    run = simulate_scene(**arguments_of(request, "simulator") | given, progress=progress)
+        return _peers_run(request, given["scene"], given["duration"], Path(folder))
+    progress = progress_of(2 if request.verify else 1, report)
+    run = simulate_scene(**given, progress=progress)
     path, largest = Path(folder) / SAMPLES, quotas.result_mb * 2**20
     run.save(path)
     if path.stat().st_size > largest:  # the samples matter more than what is drawn over them
@@ -180,8 +197,8 @@ def _peers_run(request: Any, scene: Scene, duration: float, folder: Path) -> dic
 def preview(*, body: bytes, robots: str, quotas: Quotas) -> bytes:
     """A run without an error bar, with its samples and the poses of its links, as JSON. body: a `preview_request`."""
     request = decode_unique(body, preview_request())
-    run = simulate_scene(**arguments_of(request, "frames") | allowed(request, robots, quotas), verify=False,
-                         patience=quotas.load_seconds)  # fmt: skip
+    given = allowed(request, robots, quotas, "frames")
+    run = simulate_scene(**given, verify=False, patience=quotas.load_seconds)
     columns = {name: values.tolist() for name, values in thinned(run.columns(), request.frames).items()}
     result = {"title": run.title, **run.to_dict()}
     return msgspec.json.encode({"result": result, "columns": columns, "motion": _motion(run, request.frames, quotas)})
@@ -194,28 +211,27 @@ def thinned(columns: dict[str, np.ndarray], points: int) -> dict[str, np.ndarray
     return {name: values[kept] for name, values in columns.items() if values.ndim == 1}
 
 
-class ProgressOf:
-    """Reports how far a run is: it is solved once, again for the error bar, and more often where that is needed."""
+def progress_of(passes: int, report: Report) -> Callable[[float, float, str], None]:
+    """The callback that reports how far a run is: solved once, again for the error bar, and more often where needed."""
+    done, last, fraction, reported = 0, 0.0, 0.0, 0.0
 
-    def __init__(self, passes: int, report: Report) -> None:
-        self._passes, self._report = passes, report
-        self._done, self._t, self._fraction, self._reported = 0, 0.0, 0.0, 0.0
+    def tell(t: float, duration: float, _label: str) -> None:
+        nonlocal done, last, fraction, reported
+        done += t < last
+        last = t
+        part = (done + t / duration) / max(passes, done + 1)
+        fraction = min(0.99, max(fraction, part))
+        if time.monotonic() - reported > _REPORT_EVERY:
+            reported = time.monotonic()
+            report({"fraction": fraction, "t": t, "solution": done + 1})
 
-    def __call__(self, t: float, duration: float, _label: str) -> None:
-        if t < self._t:
-            self._done += 1
-        self._t = t
-        part = (self._done + t / duration) / max(self._passes, self._done + 1)
-        self._fraction = min(0.99, max(self._fraction, part))
-        if time.monotonic() - self._reported > _REPORT_EVERY:
-            self._reported = time.monotonic()
-            self._report({"fraction": self._fraction, "t": t, "solution": self._done + 1})
+    return tell
 
 
 def study(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
     """Study what accuracy costs, write the study into `folder`, and return it. body: a request for a study."""
-    request = msgspec.json.decode(body, type=JOB_KINDS["study"].request)
-    result = accuracy_study(**arguments_of(request) | allowed(request, robots, quotas), progress=told(report))
+    asked = allowed(job_request("study", body), robots, quotas)
+    result = accuracy_study(**asked, progress=told(report))
     result.save(Path(folder) / ROWS)
     return result.to_dict()
 
@@ -261,3 +277,52 @@ def _run_in(folder: Path) -> Trajectory:
     """The run that `simulate` has written into a folder."""
     with kept("the run", "delete it, and ask for it again"):
         return Trajectory.load(folder / SAMPLES, read_robot((folder / ROBOT).read_bytes()))
+
+
+def answer_of_call(
+    request: Any, scene_from: Callable[[Any], Scene], robot_from: Callable[[str], Robot], **own: Any
+) -> dict[str, Any]:
+    """The result of the function that a request names, as plain data, with a title and its text for people.
+
+    request: one of the requests for an operation. own: what the caller decides, where the function takes it.
+    """
+    function = getattr(tl, request.__struct_config__.tag)
+    given = arguments_of(request)
+    scenes, robots = sent_as(function, Scene), sent_as(function, Robot)
+    for name in {*scenes, *robots}:  # which may be the same: a robot stays one, as the function means it otherwise
+        asked = given[name]
+        named = isinstance(asked, str) and bool(is_robot(asked) or UPLOADED.fullmatch(asked))
+        given[name] = (robot_from if name in robots and (named or name not in scenes) else scene_from)(asked)
+    titles = [one.title or one.robot.name if isinstance(one, Scene) else one.name
+              for one in given.values() if isinstance(one, Scene | Robot)]  # fmt: skip
+    taken = inspect.signature(function).parameters
+    found = function(**given, **{name: own[name] for name in NOT_SENT if name in taken and name in own})
+    record = msgspec.to_builtins(found) if isinstance(found, Effect) else as_data(found)
+    return {"title": ", ".join(titles), "text": str(found), **record}
+
+
+def operate(*, body: bytes, robots: str, quotas: Quotas, report: Report) -> dict[str, Any]:
+    """Call the function that a request names, and return the record of its result, which is all of it.
+
+    body: a request for an operation.
+    """
+    request = job_request("operation", body)
+
+    def scene_from(asked: Any) -> Scene:
+        scene = scene_of(asked, robots)
+        if hasattr(request, "duration"):
+            require_allowed(request, scene, quotas)
+        return scene
+
+    def robot_from(key: str) -> Robot:
+        robot = robot_by_id(key, robots)
+        if hasattr(request, "duration"):
+            require_allowed(request, scene_of_robot(robot), quotas)
+        return robot
+
+    record = answer_of_call(request, scene_from, robot_from, progress=told(report), patience=quotas.job_seconds)
+    size = len(msgspec.json.encode(record))
+    if size > quotas.answer_mb * 2**20:
+        what = f"the answer takes {size / 2**20:.0f} MB, more than {quotas.answer_mb:g}"
+        raise SceneError(what, where="request", code="too-large", remedy="ask for less: fewer samples, or shorter")
+    return record

@@ -1,4 +1,7 @@
-"""Resources that clients share fairly: memory in flight, turns at a scarce resource, and the threads of sweeps."""
+"""Resources that clients share fairly: memory in flight, turns at a scarce resource, processor time of owners.
+
+And the threads of sweeps, in processes that may die.
+"""
 
 import asyncio
 import contextlib
@@ -7,7 +10,8 @@ import hashlib
 import ipaddress
 import math
 import threading
-from collections import Counter, OrderedDict, deque
+import time
+from collections import Counter, OrderedDict, defaultdict, deque
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import ContextVar
@@ -16,17 +20,20 @@ from typing import Any
 from weakref import WeakValueDictionary
 
 import msgspec
-import numpy as np
 
 from twolink.dynamics.threads import thread_count
 from twolink.io.files import write_atomic
-from twolink.parts.service.problems import Refusal
+from twolink.parts.service.problems import Refusal, encode
+from twolink.parts.service.store.store import Store
 
 SMALL = 16 * 1024  # bytes of a body or an answer that are not counted: the number of connections limits them
 _RETRY = 2.0  # seconds
 OWNER = "twolink.owner"  # in the scope of a request whose token has been checked
 _NOBODY = ""  # the client of what the service does by itself
 NO_TASK = "no-task-under-way"
+NO_LIMIT = 1e9
+_EACH = 5.0  # s between notes in the database
+_DAY = 86_400
 
 
 class KeyedLocks:
@@ -261,5 +268,52 @@ class SweepThreads(ThreadPoolExecutor):
 def _digest(task: Any) -> str:
     """A digest of runs, equal for equal ones in each process."""
     values = {name: numbers.tolist() for name, numbers in task.values.items()}
-    content = msgspec.json.encode([task.request, values], enc_hook=np.generic.item)
-    return hashlib.sha256(content).hexdigest()[:20]
+    return hashlib.sha256(encode([task.request, values])).hexdigest()[:20]
+
+
+class Budget:
+    """The processor time that named owners may still take. seconds: of a day."""
+
+    def __init__(self, store: Store, seconds: float) -> None:
+        self._store, self._seconds = store, seconds
+        self._open = defaultdict[str, float](float)  # s that are not in the database yet
+
+    def charge(self, owner: str, seconds: float) -> None:
+        """Note that work of an owner has taken this time of a processor."""
+        if owner:
+            self._open[owner] += seconds
+
+    async def _spent(self, owner: str) -> float:
+        seconds = self._open.pop(owner, 0.0)
+        try:
+            return await self._store.run(self._store.accounts.spend, owner, seconds)
+        except BaseException:
+            self.charge(owner, seconds)
+            raise
+
+    async def require(self, owner: str) -> float:
+        """The seconds that an owner may still take today; infinite for one without a name.
+
+        Raises Refusal (429) where none are left.
+        """
+        left = self._seconds - await self._spent(owner) if owner and self._seconds < NO_LIMIT else math.inf
+        if left <= 0:
+            wait = _DAY - time.time() % _DAY
+            what = f"{owner} has had the {self._seconds:g} s of processor time of this day"
+            remedy = "ask again tomorrow (UTC), or have owner_seconds raised"
+            raise Refusal(429, what, code="no-time-left", where="request", remedy=remedy, retry_after=math.ceil(wait))
+        return left
+
+    async def note(self) -> None:
+        """Have all in the database, until cancelled."""
+        while True:
+            await asyncio.sleep(_EACH)
+            await self.flush()
+
+    async def flush(self) -> None:
+        """Have all in the database now, or later where it fails."""
+        for owner in tuple(self._open):
+            try:
+                await self._spent(owner)
+            except Exception:
+                return

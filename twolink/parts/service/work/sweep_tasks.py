@@ -9,16 +9,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import msgspec
-import numpy as np
-
 from twolink.errors import SceneError, TwolinkError
-from twolink.parts.service.problems import Refusal, kept
+from twolink.parts.service.problems import Refusal, encode, kept
 from twolink.parts.service.settings import Quotas
 from twolink.parts.service.store.archives import write_robot
 from twolink.parts.service.store.data_folder import size_of
-from twolink.parts.service.work.bodies import arguments_of
-from twolink.parts.service.work.requests import JOB_KINDS
+from twolink.parts.service.work.requests import job_request
 from twolink.parts.service.work.scene_tasks import allowed, samples_of, scene_of, told
 from twolink.parts.service.work.sharing import SweepThreads
 from twolink.parts.service.work.worker import Report
@@ -80,7 +76,7 @@ def pack_robot(*, body: bytes, robots: str) -> bytes:
 
     body: the sweep's request. Empty for a bundled scene.
     """
-    scene = _request(body).scene
+    scene = job_request("sweep", body).scene
     return b"" if isinstance(scene, str) else write_robot(scene_of(scene, robots).base)
 
 
@@ -94,8 +90,7 @@ def sweep(
     died: the process before this one died of it.
     """
     use_pipes()
-    request = _request(body)
-    given = arguments_of(request) | _allowed(request, robots, robot, quotas)
+    given = _allowed(job_request("sweep", body), robots, robot, quotas)
     path = Path(folder) / STORE
     with SweepThreads(Path(folder), died=died) as threads:
         try:
@@ -112,12 +107,8 @@ def sweep(
             "shape": shape, "columns": column_names(data), **{name: status[name] for name in STATUS[1:]}}  # fmt: skip
 
 
-def _request(body: bytes) -> Any:
-    return msgspec.json.decode(body, type=JOB_KINDS["sweep"].request)
-
-
 def _allowed(request: Any, robots: str, robot: bytes, quotas: Quotas) -> dict[str, Any]:
-    """The scene and the duration, as arguments. Raises SceneError for what is too large, or is not read here."""
+    """The arguments of the call, as `allowed`. Raises SceneError for what is too large, or is not read here."""
     runs = planned_runs(request.vary, request.design, request.count)
     if runs > quotas.runs:
         asked = f"{runs:,}" if runs < 1e18 else "more than 10^18"
@@ -128,7 +119,7 @@ def _allowed(request: Any, robots: str, robot: bytes, quotas: Quotas) -> dict[st
         if one not in catalogue_names():  # a path would be read
             raise SceneError(f"{str(one)[:80]!r} is not in the catalogue", argument="vary", where="vary['robot']",
                              remedy="GET /v1/robots lists the names")  # fmt: skip
-    given = allowed(request, robots, quotas, robot)
+    given = allowed(request, robots, quotas, robot=robot)
     size = given["scene"].robot.nq + given["scene"].robot.nv
     numbers = 4 + size * (1 + samples_of(request, given["duration"]))
     if runs * numbers * _VARIABLE_BYTES > quotas.result_mb * 2**20:
@@ -157,7 +148,7 @@ def sweep_columns(*, folder: str, names: Sequence[str], quotas: Quotas) -> bytes
     varied = {str(name): _column(data[name]) for name in data.coords if set(data[name].dims) <= set(dims)}
     content = {"dims": dims, "shape": shape, "varied": varied, "statuses": STATUS,
                "columns": {name: _column(column(data, name)) for name in chosen}}  # fmt: skip
-    return msgspec.json.encode(content, enc_hook=np.generic.item)
+    return encode(content)
 
 
 def _column(array: Any) -> dict[str, Any]:
@@ -176,8 +167,9 @@ def _opened(folder: str) -> Any:
 
 def sweep_run(*, body: bytes, robots: str, number: int, quotas: Quotas) -> bytes:
     """The request to /v1/simulations that shows one run, as JSON. body: the sweep's request. Raises as `sweep`."""
-    request = _request(body)
-    scene, duration = _allowed(request, robots, b"", quotas).values()
+    request = job_request("sweep", body)
+    given = _allowed(request, robots, b"", quotas)
+    scene, duration = given["scene"], given["duration"]
     design = make_design(scene, request.vary, request.design, request.count, request.seed)
     own, accuracy, values = run_scene(scene, design, request.accuracy, duration, number)
     tables = scene_tables(bundled_content(request.scene)) if isinstance(request.scene, str) else request.scene
@@ -185,7 +177,7 @@ def sweep_run(*, body: bytes, robots: str, number: int, quotas: Quotas) -> bytes
     entry = RobotEntry(robot) if isinstance(robot, str) else robot
     content = scene_content(entry, own.base, own.q, own.v, own.effects, duration, scene.title, tables.objects)
     asked = {"scene": content, "duration": duration, "accuracy": accuracy, "verify": request.verify}
-    return msgspec.json.encode({"run": number, "values": values, "simulation": asked}, enc_hook=np.generic.item)
+    return encode({"run": number, "values": values, "simulation": asked})
 
 
 def export_sweep(*, path: str, variable: str, turns: bool) -> None:

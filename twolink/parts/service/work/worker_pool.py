@@ -11,7 +11,6 @@ import asyncio
 import contextlib
 import functools
 import logging
-import math
 import os
 import sys
 from collections.abc import Awaitable, Callable, Sequence
@@ -22,8 +21,7 @@ import msgspec
 
 from twolink.io import cache
 from twolink.parts.service.problems import Refusal, error_from
-from twolink.parts.service.work.budget import Budget
-from twolink.parts.service.work.sharing import Turns, this_request
+from twolink.parts.service.work.sharing import Budget, Turns, this_request
 from twolink.parts.service.work.worker import LENGTH, Call, Done, Failed, Progress, packed
 from twolink.parts.service.work.worker_process import Exchange, Worker, WorkerMemory, start
 
@@ -44,19 +42,18 @@ _decode: Callable[[bytes], Progress | Done | Failed] = msgspec.msgpack.Decoder(P
 class Workers:
     """At most `count` worker processes.
 
-    memory: the limit that they share with other pools. threads: of each. niceness: how far they let the service, and
+    memory: the limit that they share with other pools. budget: of owners, to whom the time of their tasks is charged.
+    threads: of each. niceness: how far they let the service, and
     other programs, run first. waiting: tasks that may wait, see `Turns`. tasks: the module whose TASKS they run.
     writable: the folders that they may write, besides that of their kernels. on_death: called for each process that
     dies during a task. idle: what a second counts, of the time that a task may take, in which the process gets no
     processor; 1: time is that of the wall. spare: one process more is started when the last one begins a task.
-    budget: of owners, to whom the time of their tasks is charged.
     """
 
     def __init__(
-        self, count: int, memory: WorkerMemory, *, threads: int = 1, niceness: int = 10, waiting: int = 1000,
-        tasks: str = "twolink.parts.service.work.task_table", writable: Sequence[Path] = (),
+        self, count: int, memory: WorkerMemory, budget: Budget, *, threads: int = 1, niceness: int = 10,
+        waiting: int = 1000, tasks: str = "twolink.parts.service.work.task_table", writable: Sequence[Path] = (),
         on_death: Callable[[], None] = lambda: None, idle: float = 0.02, spare: bool = False,
-        budget: Budget | None = None,
     ) -> None:  # fmt: skip
         addresses = str(memory.megabytes + _ADDRESSES)
         kernels = cache.location("workers")  # not the service's: who writes kernels decides what their readers run
@@ -107,18 +104,18 @@ class Workers:
         on_question: what a task is told that asks or reports; it goes on then.
         """
         written, owner, budget = b"", this_request().owner, self._budget
-        left = math.inf if budget is None else await budget.require(owner)
+        left = await budget.require(owner)
         async with self._turns.turn():
             worker = await self._take(task)
             try:
-                charge = functools.partial(budget.charge, owner) if budget is not None else lambda _: None
+                charge = functools.partial(budget.charge, owner)
                 async with worker.limited(min(seconds, left), self._idle_counts, charge):
                     if content is not None:
                         await worker.exchange.put(content)
                     answer = await _converse(worker, Call(task, arguments), on_question)
             except TimeoutError:
                 await self._kill(worker)
-                if budget is not None and left < seconds:
+                if left < seconds:
                     await budget.require(owner)
                 remedy = "ask for less, or start the service with a larger quota"
                 what = f"it takes more than {seconds:g} s of computing"
