@@ -33,12 +33,12 @@ MANY = 2_000  # pairs beyond which a tree finds those that are near
 class OfSolids(Group):
     """Pairs of solids, looked at where their bounding spheres are near."""
 
-    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
+    def __init__(self, pair: Array, pairs: Sequence[Pair], number: dict[str, int]) -> None:
         solids: dict[int, int] = {}
-        every = [cast(Solid, solid) for _, pair in items for solid in (pair.first, pair.second)]
+        every = [cast(Solid, solid) for one in pairs for solid in (one.first, one.second)]
         self.ends = np.array([solids.setdefault(id(solid), len(solids)) for solid in every]).reshape(-1, 2)
         self.solids = list({id(solid): solid for solid in every}.values())
-        self.pairs, self.pair = [pair for _, pair in items], np.array([number for number, _ in items])
+        self.pairs, self.pair = pairs, pair
         self.shapes = [solid.shape.coal() for solid in self.solids]
         self.links, self.number = np.array([number[solid.link] for solid in self.solids]), number
         places = [solid.shape.placement for solid in self.solids]
@@ -46,9 +46,9 @@ class OfSolids(Group):
         self.origins = np.array([place.translation for place in places]).T
         self.bounds = np.array([bounding_radius(solid.shape) for solid in self.solids])
         self.of_ends: Array | None = None
-        if len(items) > MANY:
+        if len(pairs) > MANY:
             self.of_ends = np.full((len(solids), len(solids)), -1)
-            self.of_ends[self.ends[:, 0], self.ends[:, 1]] = np.arange(len(items))
+            self.of_ends[self.ends[:, 0], self.ends[:, 1]] = np.arange(len(pairs))
 
     def points(self, links: Links, reach: float) -> Points:
         """The points of the pairs that are near, one pair after the other."""
@@ -110,9 +110,9 @@ class OfSolids(Group):
 class ByFormula(OfSolids):
     """Solids with a formula of their one gap."""
 
-    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
-        super().__init__(items, number)
-        self.row = np.full(len(items), -1)  # of each pair in the formulas of those that have been near
+    def __init__(self, pair: Array, pairs: Sequence[Pair], number: dict[str, int]) -> None:
+        super().__init__(pair, pairs, number)
+        self.row = np.full(len(pairs), -1)  # of each pair in the formulas of those that have been near
         self.every: Any = None
         radius = np.array([getattr(s.shape, "radius", 0.0) * (not isinstance(s.shape, Cylinder)) for s in self.solids])
         self.radii = radius[self.ends].sum(axis=1)
@@ -143,8 +143,8 @@ class ByFormula(OfSolids):
 class Hulls(OfSolids):
     """Boxes and convex meshes against each other."""
 
-    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
-        super().__init__(items, number)
+    def __init__(self, pair: Array, pairs: Sequence[Pair], number: dict[str, int]) -> None:
+        super().__init__(pair, pairs, number)
         self.hulls: dict[int, Hull] = {}  # of those that have been near
 
     def overlaps(self, links: Links) -> Iterator[tuple[float, int]]:
@@ -197,10 +197,10 @@ class Detector:
         self.links = Links(np.array([frame.parentJoint for frame in frames], dtype=int),
                            np.array([frame.placement.rotation for frame in frames]).reshape(-1, 3, 3),
                            np.array([frame.placement.translation for frame in frames]).reshape(-1, 3))  # fmt: skip
-        kinds: dict[tuple[type[Group], str], list[tuple[int, Pair]]] = {}
+        kinds: dict[tuple[type[Group], str], list[int]] = {}
         for k, pair in enumerate(pairs):
-            kinds.setdefault(_kind(pair), []).append((k, pair))
-        self.groups = [kind(items, number) for (kind, _), items in kinds.items()]
+            kinds.setdefault(_kind(pair), []).append(k)
+        self.groups = [kind(np.array(own), [pairs[k] for k in own], number) for (kind, _), own in kinds.items()]
         self.sees_all = not any(kind is Hulls for kind, _ in kinds)
         self.extent = np.zeros(robot.model.njoints)
         for solid in solids.values():

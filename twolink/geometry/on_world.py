@@ -23,9 +23,9 @@ FEW = 64  # points that are all looked at
 
 
 class Group:
-    """Pairs of shapes of one kind, with their numbers. number: of each link, by its name."""
+    """Pairs of shapes of one kind. pair: their numbers. number: of each link, by its name."""
 
-    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
+    def __init__(self, pair: Array, pairs: Sequence[Pair], number: dict[str, int]) -> None:
         raise NotImplementedError
 
     def points(self, links: Links, reach: float) -> Points:
@@ -45,12 +45,12 @@ class OnPlanes(Group):
     each point its body. bodies: their links. centres (3, bodies), bounds (bodies,): of spheres around them.
     """
 
-    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
-        solids, planes = [pair.first for _, pair in items], [cast(Plane, pair.second) for _, pair in items]
+    def __init__(self, pair: Array, pairs: Sequence[Pair], number: dict[str, int]) -> None:
+        solids, planes = [one.first for one in pairs], [cast(Plane, one.second) for one in pairs]
         balls = [balls_of(solid) for solid in solids]
         counts = np.array([len(points) for points, _ in balls])
-        self.solid, self.first = np.repeat(np.arange(len(items)), counts), np.cumsum(counts) - counts
-        self.pair = np.array([pair_number for pair_number, _ in items])[self.solid]
+        self.solid, self.first = np.repeat(np.arange(len(pairs)), counts), np.cumsum(counts) - counts
+        self.pair = pair[self.solid]
         self.feature = np.arange(len(self.solid)) - self.first[self.solid]
         self.key, self.bodies = key_of(self.pair, self.feature), [solid.link for solid in solids]
         normals = np.array([unit(plane.normal, "pairs") for plane in planes], dtype=float)
@@ -89,11 +89,11 @@ class RimsOnPlanes(Group):
     pair, feature, gaps: of each rim.
     """
 
-    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
-        rims = [(pair_number, [gap for gap in gaps_of(pair) if isinstance(gap, RimGap)]) for pair_number, pair in items]
-        self.pair = np.array([pair_number for pair_number, gaps in rims for _ in gaps])
-        self.feature = np.array([k for _, gaps in rims for k, _ in enumerate(gaps)])
-        self.gaps = [gap for _, gaps in rims for gap in gaps]
+    def __init__(self, pair: Array, pairs: Sequence[Pair], number: dict[str, int]) -> None:
+        rims = [[gap for gap in gaps_of(one) if isinstance(gap, RimGap)] for one in pairs]
+        self.pair = np.repeat(pair, [len(gaps) for gaps in rims])
+        self.feature = np.array([k for gaps in rims for k, _ in enumerate(gaps)])
+        self.gaps = [gap for gaps in rims for gap in gaps]
         self.every = stacked(self.gaps, number)
 
     def points(self, links: Links, reach: float) -> Points:
@@ -118,16 +118,15 @@ class RimsOnPlanes(Group):
 class OnFields(Group):
     """Bodies over height fields of the world."""
 
-    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
-        self.pair = np.array([pair_number for pair_number, _ in items])
-        self.links = [pair.first.link for _, pair in items]
+    def __init__(self, pair: Array, pairs: Sequence[Pair], number: dict[str, int]) -> None:
+        self.pair, self.links = pair, [one.first.link for one in pairs]
         self.link = np.array([number[link] for link in self.links])
-        self.bodies = [FieldBody(pair.first.shape) for _, pair in items]
-        self.surfaces = [surface_of(cast(HeightField, pair.second)) for _, pair in items]
-        places = [pair.first.shape.placement for _, pair in items]
+        self.bodies = [FieldBody(one.first.shape) for one in pairs]
+        self.surfaces = [surface_of(cast(HeightField, one.second)) for one in pairs]
+        places = [one.first.shape.placement for one in pairs]
         self.rotations = np.array([place.rotation for place in places])
         self.origins = np.array([place.translation for place in places]).T
-        self.names: list[dict[Name, int]] = [{} for _ in items]
+        self.names: list[dict[Name, int]] = [{} for _ in pairs]
 
     def points(self, links: Links, reach: float) -> Points:
         """The points of one body after the other."""
