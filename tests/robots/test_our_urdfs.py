@@ -49,18 +49,6 @@ def test_positive_angles_of_the_arm_are_flexion() -> None:
     assert bent > low
 
 
-def test_two_link_has_the_dynamics_of_the_paper() -> None:
-    robot = tl.load_robot("two_link")
-    by_hand = tl.lagrange.two_link((1.0, 1.0), (3.0, 1.0))
-    rng = np.random.default_rng(0)
-    theta, speed, torque = rng.uniform(-3, 3, (3, 100, 2))
-    np.testing.assert_allclose(robot.mass_matrix(theta), by_hand.mass_matrix(theta), rtol=0, atol=1e-14)
-    np.testing.assert_allclose(robot.bias(theta, speed), by_hand.bias(theta, speed), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(
-        robot.forward_dynamics(theta, speed, torque), by_hand.forward_dynamics(theta, speed, torque), rtol=1e-12
-    )
-
-
 BODIES = {"ball": tl.effects.Sphere(0.05), "box": tl.effects.Box((0.1, 0.1, 0.1)),
           "can": tl.effects.Cylinder(0.033, 0.115), "plank": tl.effects.Box((1.0, 0.1, 0.03))}  # fmt: skip
 
