@@ -6,7 +6,9 @@ import pinocchio as pin
 import twolink as tl
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solvers import taylor
+from twolink.integrate.steps.step_map import StepMap
 from twolink.lagrange.check import arm_urdf
+from twolink.native.stepper import Disturbances
 from twolink.scenes import Scene
 
 GRAVITY = [tl.effects.Gravity()]
@@ -46,6 +48,13 @@ def random_states(robot: tl.Robot, n: int, seed: int = 0) -> np.ndarray:
     random = np.random.default_rng(seed)
     q = [pin.integrate(robot.model, robot.neutral, random.uniform(-2, 2, robot.nv)) for _ in range(n)]
     return np.concatenate([robot.normalize(np.array(q)).T, random.uniform(-1, 1, (robot.nv, n))])
+
+
+def attempted(steps: StepMap, state: np.ndarray, disturbances: Disturbances | None = None) -> np.ndarray:
+    """The state array after one attempt of each world."""
+    states = np.stack([state, state])
+    steps.attempts(states, 1, 1, disturbances)
+    return states[1]
 
 
 def tight(scene: Scene, times: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from tests.integrate.problems import BOX_END, GRAVITY, arm, box, random_states, tight
+from tests.integrate.problems import BOX_END, GRAVITY, arm, attempted, box, random_states, tight
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solvers import taylor
 from twolink.integrate.steps.methods import METHODS, Method
@@ -85,9 +85,7 @@ def _smallest_admitted(steps: StepMap, x: np.ndarray, h: float) -> np.ndarray:
     low, high = np.full(x.shape[1], 1e-16), np.full(x.shape[1], 1e3)
     for _ in range(60):
         middle = np.sqrt(low * high)
-        state = initial_state(x, 0.0, h, h, middle)
-        out = np.empty_like(state)
-        steps(state, out)
+        out = attempted(steps, initial_state(x, 0.0, h, h, middle))
         admitted = out[control_rows(len(x)).accepted] == 1
         low, high = np.where(admitted, low, middle), np.where(admitted, middle, high)
     return high

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.integrate.problems import arm, rods
+from tests.integrate.problems import arm, attempted, rods
 from twolink.integrate.core.smooth import solve_smooth
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.steps.methods import METHODS
@@ -17,10 +17,7 @@ ROWS = control_rows(4)
 def attempt(h: float, end: float, tolerance: float, longest: float = np.inf, portable: bool = True) -> np.ndarray:
     """The state array (rows,) of the arm after one attempt of dop853."""
     steps = step_map(equations_of(arm()), METHODS["dop853"], portable=portable)
-    state = initial_state(steps.equations.start[:, None], 0.0, h, end, tolerance, longest)
-    out = np.empty_like(state)
-    steps(state, out)
-    return out[:, 0]
+    return attempted(steps, initial_state(steps.equations.start[:, None], 0.0, h, end, tolerance, longest))[:, 0]
 
 
 @pytest.mark.parametrize("h", [0.051, 0.06, 0.099])

@@ -9,7 +9,7 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import free_bodies
-from tests.integrate.problems import BOX, GRAVITY, arm, box, one_joint, random_states, rods
+from tests.integrate.problems import BOX, GRAVITY, arm, attempted, box, one_joint, random_states, rods
 from twolink.errors import CertificationError
 from twolink.integrate.hybrid.modes import Mode, ModeState, System
 from twolink.integrate.motion.formulas import traced_rate
@@ -35,10 +35,7 @@ ROBOTS: dict[str, Callable[[], tl.Robot]] = {
 
 def advance(steps: StepMap, x: np.ndarray, h: float, end: float, tolerance: float) -> np.ndarray:
     """The state array after one attempt from t = 0."""
-    state = initial_state(x, 0.0, h, end, tolerance)
-    out = np.empty_like(state)
-    steps(state, out)
-    return out
+    return attempted(steps, initial_state(x, 0.0, h, end, tolerance))
 
 
 @pytest.mark.slow
@@ -180,17 +177,15 @@ def test_steps_land_on_the_end(method: Method) -> None:
     """From 0 to 0.7 in steps of 0.1, which is not a binary fraction: neither a crumb is left nor the end missed."""
     steps = step_map(equations_of(arm()), method)
     state = initial_state(steps.equations.start[:, None], 0.0, 0.1 * 0.2, 0.7 * 0.2, 1e9)
-    clock, out = control_rows(4).time, np.empty_like(state)
+    clock = control_rows(4).time
     for _ in range(20):
         if state[clock, 0] == 0.7 * 0.2:
             break
-        steps(state, out)
-        state = out.copy()
+        state = attempted(steps, state)
     assert state[clock, 0] == 0.7 * 0.2
     if not method.adaptive:
         assert state[control_rows(4).accepted, 0] == 7
-    steps(state, out)
-    np.testing.assert_array_equal(out, state)  # who has arrived stays
+    np.testing.assert_array_equal(attempted(steps, state), state)  # who has arrived stays
 
 
 @EVERY

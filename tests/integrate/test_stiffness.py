@@ -8,7 +8,7 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.pinocchio_rate import rate
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solvers.method_choice import choose
-from twolink.integrate.steps.numeric_steps import _inverse, _jacobian
+from twolink.integrate.steps.step_formulas import _inverse, _jacobian
 from twolink.integrate.steps.stiffness import fastest_decay
 
 E = tl.effects

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.integrate.problems import arm, box
+from tests.integrate.problems import arm, attempted, box
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.steps.methods import METHODS
-from twolink.integrate.steps.numeric_steps import numeric_map
 from twolink.integrate.steps.perturbation import Perturbation, step_disturbances
 from twolink.integrate.steps.programs import programs_of
 from twolink.integrate.steps.step_control import initial_state
+from twolink.integrate.steps.step_formulas import NumericSteps
 from twolink.integrate.steps.step_map import StepMap, step_map
 from twolink.native.library import library, require
 
@@ -36,11 +36,8 @@ def test_many_attempts_are_single_ones(scene: tl.Scene, name: str) -> None:
     states = np.empty((41, *state.shape))
     states[0] = state
     assert steps.attempts(states, 40, LOOK) == 40
-    now, after = state.copy(), np.empty_like(state)
     for k in range(40):
-        steps(now, after)
-        np.testing.assert_array_equal(after, states[k + 1])
-        now[:] = after
+        np.testing.assert_array_equal(attempted(steps, states[k]), states[k + 1])
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -76,16 +73,12 @@ def test_disturbances_are_those_of_numpy() -> None:
     state = started(steps, 5)
     every = (Perturbation(), *(Perturbation(1.0, 1e-9, i) for i in range(4)))
     disturbed = step_disturbances(every, state, equations)
-    states = np.empty((2, *state.shape))
-    states[0] = state
-    state[: equations.moving] += disturbed.added(np.zeros(5, dtype=int), state[: equations.moving])
-    steps.attempts(states, 1, LOOK, disturbed)
-    expected = np.empty_like(state)
-    steps(state, expected)
-    np.testing.assert_array_equal(states[1, :, 0], expected[:, 0])
-    np.testing.assert_allclose(states[1], expected, rtol=1e-13, atol=1e-15)
-    moving = slice(0, equations.moving)
-    assert (np.abs(states[1, moving, 1:] - states[1, moving, :1]).max(axis=0) > 0.0).all()
+    found, moving = attempted(steps, state, disturbed), equations.moving
+    state[:moving] += disturbed.added(np.zeros(5, dtype=int), state[:moving])
+    expected = attempted(steps, state)
+    np.testing.assert_array_equal(found[:, 0], expected[:, 0])
+    np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-15)
+    assert (np.abs(found[:moving, 1:] - found[:moving, :1]).max(axis=0) > 0.0).all()
 
 
 @pytest.mark.parametrize("name", ["rk23", "rk45", "esdirk43", "rk4"])
@@ -94,20 +87,18 @@ def test_columns_of_the_embedded_formula_lack_the_error_estimate(name: str) -> N
     equations = equations_of(arm())
     steps, moving = step_map(equations, METHODS[name]), equations.moving
     state = started(steps, 4)
-    states, alone = np.empty((2, *state.shape)), np.empty_like(state)
-    states[0] = state
     every = (Perturbation(), Perturbation(embedded=True), Perturbation(), Perturbation(embedded=True))
-    steps.attempts(states, 1, LOOK, step_disturbances(every, state, equations))
-    steps(state, alone)
-    np.testing.assert_array_equal(states[1, :, ::2], alone[:, ::2])
-    apart = np.abs(states[1, :moving, 1::2] - alone[:moving, 1::2]).max(axis=0)
+    disturbances = step_disturbances(every, state, equations)
+    found, alone = attempted(steps, state, disturbances), attempted(steps, state)
+    np.testing.assert_array_equal(found[:, ::2], alone[:, ::2])
+    apart = np.abs(found[:moving, 1::2] - alone[:moving, 1::2]).max(axis=0)
     if name == "rk4":
         assert not apart.any()
         return
-    lower = np.empty_like(state)
-    by_numpy = numeric_map(equations, METHODS[name], programs_of(equations).columns)
-    by_numpy(state, lower, np.array([0.0, 1.0, 0.0, 1.0]))
-    np.testing.assert_allclose(states[1, :moving], lower[:moving], rtol=1e-13, atol=1e-15)
+    columns = programs_of(equations).columns
+    by_numpy = StepMap(equations, METHODS[name], NumericSteps(equations, METHODS[name], columns), columns)
+    lower = attempted(by_numpy, state, disturbances)
+    np.testing.assert_allclose(found[:moving], lower[:moving], rtol=1e-13, atol=1e-15)
     assert (apart > 0.0).all()
 
 

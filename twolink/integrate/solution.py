@@ -71,8 +71,6 @@ class Solution:
         States.
     steps, evaluations, rejected : int
         Steps taken, evaluations of the equations, attempts in vain.
-    compile_seconds : float
-        Of tracing, compiling or loading, which is not part of the solving.
     compiled : {"steps", ""}
         Whether the steps were native.
     interrupted : bool
@@ -87,6 +85,8 @@ class Solution:
         The smooth parts; one at least in what `solver.solve` returns.
     companion_steps : int
         How many attempted steps solutions in the same batch took beyond those of the run: the batch went on for them.
+    compile_seconds : float
+        Of tracing, loading and comparing programs, which is not part of the solving.
     """
 
     t: np.ndarray
@@ -94,7 +94,6 @@ class Solution:
     steps: int
     evaluations: int
     rejected: int = 0
-    compile_seconds: float = 0.0
     compiled: Code = ""
     interrupted: bool = False
     precise: Any = None
@@ -102,6 +101,7 @@ class Solution:
     impulses: tuple[Impulse, ...] = ()
     segments: tuple[Segment, ...] = ()
     companion_steps: int = 0
+    compile_seconds: float = 0.0
 
 
 def joined(parts: Sequence[Solution]) -> Solution:
@@ -114,10 +114,9 @@ def joined(parts: Sequence[Solution]) -> Solution:
         sum(part.steps for part in parts),
         sum(part.evaluations for part in parts),
         sum(part.rejected for part in parts),
-        sum(part.compile_seconds for part in parts),
-        parts[-1].compiled,
-        parts[-1].interrupted,
-        None if parts[0].precise is None else np.concatenate([part.precise for part in parts]),
+        compiled=parts[-1].compiled,
+        interrupted=parts[-1].interrupted,
+        precise=None if parts[0].precise is None else np.concatenate([part.precise for part in parts]),
         segments=tuple(segment for part in parts for segment in part.segments),
         companion_steps=sum(part.companion_steps for part in parts),
     )

@@ -21,6 +21,7 @@ from twolink.integrate.steps.companions import Companions
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
 from twolink.integrate.steps.stepping import SMALLEST_TOLERANCE
+from twolink.native.programs import SPENT
 
 SMALLEST = {"explicit": SMALLEST_TOLERANCE, "implicit": SMALLEST_TOLERANCE, "taylor": 1e-16,
             "scipy": scipy_solver.SMALLEST_TOLERANCE}  # fmt: skip
@@ -81,7 +82,7 @@ def solve(
         raise AccuracyError(f"expected a number above 0, got {setting!r:.60}", argument=name, remedy="such as 1e-6")
     if precision != "double" and method.kind != "taylor":
         raise SceneError(f"{method.name} works in double precision", argument="precision", remedy='method="taylor"')
-    stepping = is_stepping(method)
+    stepping, before = is_stepping(method), SPENT.seconds
     if equations.space.size == 0:  # nothing moves
         solution = Solution(times, np.empty((0, len(times))), 0, 0)
     elif equations.has_events and stepping:
@@ -104,7 +105,7 @@ def solve(
                                      perturbation=perturbation)  # fmt: skip
         solution = in_segments(equations, times, lambda segment, part: by_scipy(segment, times=part))
     whole = Segment(equations, float(times[0]), len(solution.t))
-    return solution if solution.segments else replace(solution, segments=(whole,))
+    return replace(solution, segments=solution.segments or (whole,), compile_seconds=SPENT.seconds - before)
 
 
 def has_columns(equations: Equations, method: Method, precision: Precision) -> bool:

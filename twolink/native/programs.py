@@ -17,6 +17,15 @@ from twolink.native.machine import Program
 AGREEMENT = 1e-8  # relative
 MAX_KEPT = 512  # in this process
 _kept: dict[str, Any] = {}
+
+
+class Spent(threading.local):
+    """Seconds that a thread has spent on tracing, loading and comparing programs so far."""
+
+    seconds = 0.0
+
+
+SPENT = Spent()
 _lock = threading.Lock()  # held for lookups only: tracing and comparing go on side by side
 
 
@@ -34,40 +43,41 @@ def keep(name: str, content: Any) -> Any:
         return found
 
 
-def arrays_named(name: str, trace: Callable[[], Assembled]) -> tuple[Assembled, float]:
-    """The arrays of this name, and the seconds of loading or tracing them: 0 where they were at hand."""
-    found = _kept.get(name)
+def arrays_named(name: str, trace: Callable[[], Assembled]) -> Assembled:
+    """The arrays of this name: at hand, loaded or traced."""
+    found: Assembled | None = _kept.get(name)
     if found is not None:
-        return found, 0.0
+        return found
     start = time.perf_counter()
     found = cache.load(name)
     if not isinstance(found, Assembled):
         with collection_paused():
             found = trace()
         cache.store(name, found)
-    return keep(name, found), time.perf_counter() - start
+    SPENT.seconds += time.perf_counter() - start
+    return keep(name, found)  # type: ignore[no-any-return]
 
 
 def program_named(name: str, trace: Callable[[], Assembled], compare: Callable[[Program], None]) -> Program:
     """The program of this name, compared before its first use by a process with this disk cache."""
     found: Program | None = _kept.get(f"{name}-program")
     if found is None:
-        program = Program(arrays_named(name, trace)[0])
+        program = Program(arrays_named(name, trace))
         once(f"{name}-certified", lambda: compare(program))
         found = keep(f"{name}-program", program)
     return found
 
 
-def once(name: str, act: Callable[[], None]) -> float:
-    """Act, if this was not done yet by a process with this disk cache; the seconds of it."""
+def once(name: str, act: Callable[[], None]) -> None:
+    """Act, if this was not done yet by a process with this disk cache."""
     if name in _kept:
-        return 0.0
+        return
     start = time.perf_counter()
     if cache.load(name) is not True:
         act()
         cache.store(name, True)
     keep(name, True)
-    return time.perf_counter() - start
+    SPENT.seconds += time.perf_counter() - start
 
 
 def require_agreement(what: str, ours: Array, theirs: Array) -> None:

@@ -205,5 +205,5 @@ def solve_worlds(
     verify_seconds = time.perf_counter() - begin - seconds if verify else 0.0
     steps, rejected = int(best.steps.sum()), int(best.rejected.sum())
     cost = Cost(method.name, tolerance, steps, (steps + rejected) * method.evaluations, seconds, verify_seconds,
-                step_map.compile_seconds, rejected, step_map.compiled, "a batch")  # fmt: skip
+                rejected=rejected, compiled=step_map.compiled, why="a batch")  # fmt: skip
     return best.x, best.error if verify else None, best.steps, cost

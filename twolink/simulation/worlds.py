@@ -1,6 +1,7 @@
 """simulate_many: one scene, many initial states and physical constants, each world with steps of its own."""
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from twolink.integrate.solution import Progress
 from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.step_map import step_map
 from twolink.io.progress import Report, in_time
+from twolink.native.programs import SPENT
 from twolink.scenes import Scene
 from twolink.scenes.parameters import PREFIX, Parameter, named_parameters, parameters_of, scene_with
 from twolink.scenes.scene import accuracy_of
@@ -121,7 +123,9 @@ def _in_batch(
     """Solve worlds whose steps are a batch, as `solve_one_by_one` does others."""
     equations = equations_of(scene, tuple(values))
     equations.require(0.0, float(times[-1]))
+    before = SPENT.seconds
     steps_by = step_map(equations, METHODS["dop853"])
+    compiling = SPENT.seconds - before
     close_loops(equations, states)
     states = with_starting_states(equations, states, values)
     parameter_rows = np.array(list(values.values())) if values else None
@@ -132,6 +136,7 @@ def _in_batch(
     x, error, steps, cost = solve_worlds(steps_by, states, check_times, accuracy, parameter_rows, progress,
                                          verify=verify)  # fmt: skip
     q, v = _configurations(equations, x[np.searchsorted(check_times, times)])
+    cost = replace(cost, compile_seconds=compiling)
     return SolvedWorlds(q, v, error, steps, cost, np.full(len(steps), times[-1]))
 
 

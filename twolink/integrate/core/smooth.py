@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from twolink.integrate.core.track import Track
 from twolink.integrate.event import events_of
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Progress, Segment, Solution
+from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.steps.companions import Companions
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.outcomes import Block
@@ -258,16 +259,5 @@ def _solutions(
     motion: SmoothMotion, track: Track, loop: SampledLoop | None, interrupted: bool, until: float
 ) -> list[Solution]:
     """The run so far, with the samples up to a time."""
-    equations, by, moving = motion.equations, motion.columns.by, motion.equations.moving
-    samples = track.samples(min(until * LATER, track.t))
-    times = track.times[: samples.shape[1]]
-    t, x = track.steps()
-    held = x[:, moving:] if equations.layout.tables else None
-    segment = Segment(equations, float(times[0]), len(times), (t, x[:, :moving]) if track.whole else None, held=held,
-                  readings=None if loop is None else loop.readings)  # fmt: skip
-    accepted, rejected = motion.columns.counts
-    evaluations = (accepted + rejected + len(times)) * by.method.evaluations
-    run = Solution(times, samples[:moving], accepted, evaluations, rejected, by.compile_seconds, by.compiled,
-                   interrupted, events=() if loop is None else tuple(events_of(loop)), segments=(segment,),
-                   companion_steps=motion.columns.companion_steps)  # fmt: skip
-    return [run]
+    run = track.solution(motion.columns, min(until * LATER, track.t), readings=loop and loop.readings)
+    return [replace(run, interrupted=interrupted, events=() if loop is None else tuple(events_of(loop)))]

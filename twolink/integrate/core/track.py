@@ -1,12 +1,18 @@
 """Track: what a solution passed, and from it the state at any time."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import MAX_KEPT
+from twolink.integrate.solution import MAX_KEPT, Segment, Solution
 from twolink.integrate.steps.step_map import StepMap
+
+if TYPE_CHECKING:
+    from twolink.integrate.core.columns import Columns
 
 
 class Track:
@@ -31,7 +37,7 @@ class Track:
     """
 
     def __init__(self, by: StepMap, times: Array, t: float, x: Array) -> None:
-        self._by, self.times = by, times
+        self._by, self.times, self.begin = by, times, t
         self._most = math.inf if by.equations.layout.tables else MAX_KEPT
         self._t, self._x, self._numbers = [np.array([t])], [x[None].copy()], 0
         self._sampled: list[Array] = []  # samples of what is kept no more
@@ -47,9 +53,11 @@ class Track:
         """The last state (size,)."""
         return np.asarray(self._x[-1][-1])
 
-    def last(self) -> "Track":
+    def last(self) -> Track:
         """A track from the last state on."""
-        return Track(self._by, self.times, self.t, self.x)
+        other = Track(self._by, self.times, self.t, self.x)
+        other.begin = self.begin
+        return other
 
     def add(self, t: Array, x: Array) -> None:
         """Add the ends of attempted steps: times (k,) and states (k, size), which repeat the last where one failed."""
@@ -83,6 +91,22 @@ class Track:
         count = int(np.searchsorted(self.times, until)) if before else self._count(until)
         last = self._samples(count)
         return np.concatenate([*self._sampled, last], axis=1)[:, :count] if self._sampled else last
+
+    def solution(
+        self, columns: Columns, end: float, last: Array | None = None, *, before: bool = False, readings: Any = None
+    ) -> Solution:
+        """The solution of the first of its columns: one segment up to its end, s, with the samples within it.
+
+        last: the state at its end, before the event there. before: a sample at its end is not one of them.
+        """
+        samples, equations, by = self.samples(end, before=before), self._by.equations, self._by
+        (t, x), moving, count = self.steps(), equations.moving, samples.shape[1]
+        accepted, rejected = columns.counts
+        segment = Segment(equations, self.begin, count, (t, x[:, :moving]) if self.whole else None, last,
+                          x[:, moving:] if equations.layout.tables else None, readings)  # fmt: skip
+        evaluations = (accepted + rejected + count) * by.method.evaluations
+        return Solution(self.times[:count], samples[:moving], accepted, evaluations, rejected, by.compiled,
+                        segments=(segment,), companion_steps=columns.companion_steps)  # fmt: skip
 
     def _count(self, until: float) -> int:
         return int(np.searchsorted(self.times, until, side="right"))

@@ -6,7 +6,6 @@ The traced rate is run on dual numbers, along the entries of x and p: their zero
 several directions, which share the value and the matrices.
 """
 
-import time
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -43,7 +42,6 @@ class VariationalRate(NamedTuple):
 
     call: Program
     width: int
-    seconds: float
 
 
 def variational_rate(equations: Equations, directions: int, numbers: int) -> VariationalRate:
@@ -59,22 +57,15 @@ def variational_rate(equations: Equations, directions: int, numbers: int) -> Var
         count = sum(row_sizes(equations, width, numbers))
         return trace(lambda rows, xp: traced_variation(equations, width, numbers, rows, xp), count)
 
-    start = time.perf_counter()
     program = program_named(equations.key("variational", str(width), str(numbers)), traced,
                             lambda code: certify_variation(equations, code, width, numbers))  # fmt: skip
-    return VariationalRate(program, width, time.perf_counter() - start)
-
-
-def parameter_values(equations: Equations) -> Array:
-    """The values (p, 1) of the parameters."""
-    return np.array(nominal_vector(equations)).reshape(-1, 1)
+    return VariationalRate(program, width)
 
 
 def constant_rows(equations: Equations) -> Array:
     """The rows (., 1) that are the same for all states: numbers behind (q, v), parameters, and sides of limits."""
-    numbers = equations.start[equations.moving :].reshape(-1, 1)
-    sides = np.array(equations.sides or (), dtype=float).reshape(-1, 1)
-    return np.concatenate([numbers, parameter_values(equations), sides])
+    sides = np.array(equations.sides or (), dtype=float)
+    return np.concatenate([equations.start[equations.moving :], nominal_vector(equations), sides])[:, None]
 
 
 def side_count(equations: Equations) -> int:

@@ -40,7 +40,7 @@ class VariationalSteps:
         self.states = equations.space.tangent
         self.directions = self.states + gains.shape[1]
         numbers = len(gains) - len(equations.parameters)
-        self._rate, self.width, self.compile_seconds = variational_rate(equations, self.directions, numbers)
+        self._rate, self.width = variational_rate(equations, self.directions, numbers)
         self._constant = constant_rows(equations)
         self.numbers: Callable[[Array], Array] | None = None
 

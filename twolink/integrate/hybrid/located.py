@@ -20,6 +20,7 @@ from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
 from twolink.loop.sampled_loop import SampledLoop
+from twolink.native.programs import SPENT
 
 
 class LocatedMotion(Motion):
@@ -122,8 +123,9 @@ def solve_located(
     """
     engines = [Engine(equations, method, times if checks is None or not i else checks, setting,
                       None if i else progress, one) for i, one in enumerate(perturbations)]  # fmt: skip
-    motion = LocatedMotion(engines)
-    return driven(motion, float(times[-1]), equations.sampling, functools.partial(_solutions, motion))
+    motion, before = LocatedMotion(engines), SPENT.seconds
+    run, *others = driven(motion, float(times[-1]), equations.sampling, functools.partial(_solutions, motion))
+    return [replace(run, compile_seconds=SPENT.seconds - before), *others]
 
 
 def _solutions(motion: LocatedMotion, loop: SampledLoop | None, interrupted: bool, _: float) -> list[Solution]:

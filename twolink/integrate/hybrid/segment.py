@@ -11,7 +11,7 @@ from twolink.integrate.core.columns import Columns
 from twolink.integrate.core.track import Track
 from twolink.integrate.hybrid.locating import GuardWatcher, Hit
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Segment, Solution
+from twolink.integrate.solution import Solution
 
 
 class OpenSegment:
@@ -27,7 +27,7 @@ class OpenSegment:
     """
 
     def __init__(self, columns: Columns, watcher: GuardWatcher, times: Array) -> None:
-        self.columns, self.watcher, self.begin = columns, watcher, columns.time
+        self.columns, self.watcher = columns, watcher
         self.is_anew = False  # True of the last part of a slip that has turned
         self.track = Track(columns.by, times, columns.time, columns.x[:, 0])
         self._rows = columns.by.equations.layout.rows_of_slots()
@@ -37,6 +37,11 @@ class OpenSegment:
         other = copy.copy(self)
         other.watcher, other.columns, other.track = self.watcher.copied(), self.columns.copied(), self.track.last()
         return other
+
+    @property
+    def begin(self) -> float:
+        """The time when it began, s."""
+        return self.track.begin
 
     @property
     def x(self) -> Array:
@@ -65,17 +70,5 @@ class OpenSegment:
         self.track.change(self.columns.x[:, 0])
 
     def solution(self, end: float, last: Array, *, before: bool = False) -> Solution:
-        """The segment up to its end, where the state is `last` (moving,), with the samples within it.
-
-        before: a sample at its end is not one of them.
-        """
-        by, samples = self.columns.by, self.track.samples(end, before=before)
-        equations, moving, count = by.equations, by.equations.moving, samples.shape[1]
-        t, x = self.track.steps()
-        accepted, rejected = self.columns.counts
-        held = x[:, moving:] if self._rows else None
-        taken = (t, x[:, :moving]) if self.track.whole else None
-        segment = Segment(equations, self.begin, count, taken, last, held)
-        evaluations = (accepted + rejected + count) * by.method.evaluations
-        return Solution(self.track.times[:count], samples[:moving], accepted, evaluations, rejected,
-                        by.compile_seconds, by.compiled, segments=(segment,))  # fmt: skip
+        """The segment up to its end, where the state is `last` (moving,); see `Track.solution`."""
+        return self.track.solution(self.columns, end, last, before=before)

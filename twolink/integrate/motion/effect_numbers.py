@@ -7,10 +7,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from twolink.algorithms.mechanism import nominal, nominal_values
 from twolink.effects.inputs import Slot
 from twolink.effects.switching import Switching
 from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.state import Array
 from twolink.scenes.parameters import DAMPING, PREFIX, number_at, numbers_of, path_of, with_number
 
 
@@ -51,11 +54,11 @@ def nominal_value(equations: Equations, name: str) -> float:
     return number_at(acting_parts(equations)[i], path)
 
 
-def nominal_vector(equations: Equations) -> list[float]:
-    """The values that the parameters of the equations have in them, SI units."""
+def nominal_vector(equations: Equations) -> Array:
+    """The values (p,) that the parameters of the equations have in them, SI units."""
     constants = nominal_values(equations.robot.model)
-    return [constants[name] if name in constants and not name.endswith(DAMPING) else nominal_value(equations, name)
-            for name in equations.parameters]  # fmt: skip
+    return np.array([constants[name] if name in constants and not name.endswith(DAMPING) else
+                     nominal_value(equations, name) for name in equations.parameters], dtype=float)  # fmt: skip
 
 
 def _found(equations: Equations, name: str) -> tuple[int, tuple[str, ...]] | None:

@@ -72,7 +72,7 @@ def solve(
 
     def segment(equations: Equations, times: Array) -> Solution:
         nonlocal end
-        rate, constants, seconds = taylor_rate(equations)
+        rate, constants = taylor_rate(equations)
         numbers = np.concatenate([equations.start[equations.moving :], constants])
         start = np.zeros((equations.moving, PARTS[precision]))
         start[:, 0] = equations.start[: equations.moving]
@@ -91,8 +91,8 @@ def solve(
         end = states[done - 1]
         precise = None if precision == "double" else states[:done]
         x = np.ascontiguousarray(states[:done, :, 0].T)
-        return Solution(times[:done], x, steps, steps * order, compile_seconds=seconds, compiled="steps",
-                        interrupted=interrupted, precise=precise)  # fmt: skip
+        return Solution(times[:done], x, steps, steps * order, compiled="steps", interrupted=interrupted,
+                        precise=precise)  # fmt: skip
 
     return in_segments(equations, times, segment)
 

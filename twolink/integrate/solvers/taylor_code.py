@@ -12,7 +12,6 @@ so that u never decides the scale of the error. c = 16 costs 2 % more steps on t
 """
 
 import math
-import time
 from typing import Any, Literal
 
 import numpy as np
@@ -25,7 +24,7 @@ from twolink.integrate.motion.state import Array
 from twolink.integrate.steps.step_certificate import certify_rate
 from twolink.native.instructions import Assembled
 from twolink.native.machine import Program, assembled
-from twolink.native.programs import arrays_named, keep, kept, once
+from twolink.native.programs import program_named
 
 RESTORING = 1.0  # 1/s: how fast a quaternion's length returns to 1, which the exact motion never leaves
 COMPANION = 16.0  # c
@@ -45,23 +44,16 @@ def exact_constants(equations: Equations) -> dict[str, float]:
     return {k: v for k, v in values.items() if v not in (0.0, 1.0) and not k.endswith(".damping")}
 
 
-def taylor_rate(equations: Equations) -> tuple[Program, Array, float]:
-    """(t, x, numbers of the state array, constants) -> (x', u'), these constants, and the seconds of making it."""
+def taylor_rate(equations: Equations) -> tuple[Program, Array]:
+    """(t, x, numbers of the state array, constants) -> (x', u'), and these constants."""
     name = equations.key("taylor")
-    found, start = kept(f"{name}-program"), time.perf_counter()
-    if found is not None:
-        return *found, 0.0
     constants = exact_constants(equations)
-    program = Program(arrays_named(name, lambda: _traced(equations, list(constants)))[0])
-    values, size, moving = np.array(list(constants.values())), equations.space.size, equations.moving
+    values = np.array(list(constants.values()))
 
-    def rates(rows: Array) -> Array:
-        found = np.zeros((size, rows.shape[1]))
-        found[:moving] = program(np.concatenate([rows, np.repeat(values[:, None], rows.shape[1], axis=1)]))[:moving]
-        return found
+    def compare(program: Program) -> None:
+        certify_rate(equations, Program(program.arrays, values))
 
-    once(f"{name}-certified", lambda: certify_rate(equations, rates))
-    return *keep(f"{name}-program", (program, values)), time.perf_counter() - start
+    return program_named(name, lambda: _traced(equations, list(constants)), compare), values
 
 
 def _traced(equations: Equations, names: list[str]) -> Assembled:

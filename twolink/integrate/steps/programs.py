@@ -27,20 +27,16 @@ class Programs:
     """The programs of equations. Numbers of the scene are inputs where other scenes share the formula.
 
     equations: whose formulas are traced. values: of its parameters, where these are not rows of the state array.
-    seconds: of tracing, loading and comparing.
     """
 
     def __init__(self, equations: Equations) -> None:
         self.own, self.equations, self.values = equations, equations, None
         if equations.numbers_as_inputs and not equations.parameters:
             self.equations, self.values = structure_of(equations)
-        self.seconds = 0.0
         self._kept: dict[str, Stepper] = {}
 
     def _program(self, kind: str, trace: Callable[[], Assembled]) -> Program:
-        arrays, seconds = arrays_named(self.equations.key(kind), trace)
-        self.seconds += seconds
-        return Program(arrays, self.values)
+        return Program(arrays_named(self.equations.key(kind), trace), self.values)
 
     @functools.cached_property
     def rate(self) -> Program:
@@ -52,7 +48,7 @@ class Programs:
             return assembled(tape, z, traced_rate(self.equations, z[0], z[1 : 1 + size], tape, constants)[:moving])
 
         program = self._program("rate", trace)
-        self._certify("rate", lambda: certify_rate(self.own, lambda rows: self._padded(program(rows))))
+        once(self.own.key("rate", "certified"), lambda: certify_rate(self.own, program))
         return program
 
     @functools.cached_property
@@ -69,7 +65,7 @@ class Programs:
 
         program = self._program("projection", trace)
         if equations.constraints is not None:
-            self._certify("projection", lambda: certify_projection(self.own, self._on_moving(program)))
+            once(self.own.key("projection", "certified"), lambda: certify_projection(self.own, program))
         return program
 
     def jacobian(self) -> tuple[Program, Array]:
@@ -118,7 +114,7 @@ class Programs:
 
     def columns(self, parameters: Array | None = None) -> tuple[Columns, Callable[[Array], Array]]:
         """(rate of columns (t, x), projection of columns x), for steps by NumPy. parameters: (p, n)."""
-        rate, project = self.rate, self.projection
+        rate, project, rest = self.rate, self.projection, self.own.space.size - self.own.moving
         extra = np.zeros((0, 1)) if parameters is None else parameters
 
         def rows(x: Array, *first: Any) -> Array:
@@ -127,7 +123,7 @@ class Programs:
             return np.concatenate([*(np.broadcast_to(t, (1, width)) for t in first), x, tiled])
 
         def evaluated(t: Any, x: Array) -> Array:
-            return self._padded(rate(rows(x, t)))
+            return np.concatenate([rate(rows(x, t)), np.zeros((rest, x.shape[1]))])  # which do not move
 
         def on_manifold(x: Array) -> Array:
             return x if project is None else np.concatenate([project(rows(x)), x[self.own.moving :]])
@@ -139,19 +135,6 @@ class Programs:
         tape, size = Tape(), self.equations.space.size
         z = tape.variables(before + size + len(self.equations.parameters))
         return tape, z, dict(zip(self.equations.parameters, z[before + size :], strict=True))
-
-    def _padded(self, rates: Array) -> Array:
-        """Rates of all rows: those that do not move have 0."""
-        rest = self.own.space.size - self.own.moving
-        return np.concatenate([rates, np.zeros((rest, rates.shape[1]))]) if rest else rates
-
-    def _on_moving(self, program: Program) -> Callable[[Array], Array]:
-        """A program of the moving rows as a function of all rows."""
-        size, moving = self.own.space.size, self.own.moving
-        return lambda rows: np.concatenate([program(rows), rows[moving:size]])
-
-    def _certify(self, kind: str, act: Callable[[], None]) -> None:
-        self.seconds += once(self.own.key(kind, "certified"), act)
 
 
 def programs_of(equations: Equations) -> Programs:

@@ -39,14 +39,13 @@ def _lock_some(equations: Equations, x: Array) -> None:
 
 @np.errstate(all="ignore")
 def certify_rate(equations: Equations, compiled: Any) -> None:
-    """Compare a rate with Pinocchio's at the start and at states around it, beside closed loops too.
+    """Compare a rate of the moving rows with Pinocchio's at the start and around it, beside closed loops too.
 
     Solving for accelerations multiplies rounding by the condition number of the mass matrix, in both.
     """
-    x = _states(equations)
-    values = np.broadcast_to(_parameters(equations), (len(equations.parameters), STATES))
-    ours = compiled(np.concatenate([np.zeros((1, STATES)), x, values]))
-    theirs = rate_by_pinocchio(equations, 0.0, x)
+    x, moving = _states(equations), equations.moving
+    ours = compiled(np.concatenate([np.zeros((1, STATES)), x, _parameters(equations)]))[:moving]
+    theirs = rate_by_pinocchio(equations, 0.0, x)[:moving]
     matrices = equations.robot.mass_matrix(equations.space.rows(x)[0])
     condition = np.linalg.cond(matrices) if matrices.size else np.ones(STATES)
     size = np.abs(theirs).max(axis=0) * (1.0 + np.finfo(float).eps * condition / AGREEMENT)
@@ -62,17 +61,18 @@ def _jump(equations: Equations, rate: Array) -> float:
     shift = np.random.default_rng(2).uniform(-ROUNDING, ROUNDING, (equations.space.size, STATES))
     shift[equations.moving :] = 0.0
     x = equations.space.normalized(equations.start[:, None] + shift, Numbers)
-    return float(np.nanmax(np.abs(rate_by_pinocchio(equations, 0.0, x) - rate), initial=0.0))
+    changed = rate_by_pinocchio(equations, 0.0, x)[: equations.moving]
+    return float(np.nanmax(np.abs(changed - rate), initial=0.0))
 
 
 def certify_projection(equations: Equations, compiled: Any) -> None:
-    """Compare a projection with NumPy's."""
-    x = _states(equations)
-    values = np.broadcast_to(_parameters(equations), (len(equations.parameters), STATES))
+    """Compare a projection of the moving rows with NumPy's."""
+    x, moving = _states(equations), equations.moving
     with np.errstate(all="ignore"):
-        theirs = projected(equations, x, Numbers)
+        theirs = projected(equations, x, Numbers)[:moving]
     scale = 1.0 + np.nan_to_num(np.abs(theirs)).max(axis=0)
-    _require_agreement(equations, "projection", x, compiled(np.concatenate([x, values])), theirs, scale)
+    ours = compiled(np.concatenate([x, _parameters(equations)]))[:moving]
+    _require_agreement(equations, "projection", x, ours, theirs, scale)
 
 
 def _states(equations: Equations) -> Array:
@@ -113,12 +113,12 @@ def _smallest_pivots(equations: Equations, x: Array) -> Array:
 
 
 def _parameters(equations: Equations) -> Array:
-    """The robot's own values of the run-time parameters, (p, 1)."""
-    return np.array(nominal_vector(equations)).reshape(-1, 1)
+    """The robot's own values of the run-time parameters, (p, STATES)."""
+    return np.repeat(nominal_vector(equations)[:, None], STATES, axis=1)
 
 
 def _require_agreement(equations: Equations, what: str, x: Array, ours: Array, theirs: Array, scale: Array) -> None:
-    """Require that results (size, STATES) agree. Raises CertificationError with the worst state."""
+    """Require that results (moving, STATES) agree. Raises CertificationError with the worst state."""
     with np.errstate(all="ignore"):
         error = np.abs(ours - theirs).max(axis=0) / scale
     # Where the motion has no rate, or rounding decides about it, there is nothing to compare: the solver says so.

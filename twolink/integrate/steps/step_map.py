@@ -8,21 +8,18 @@ tolerance and an end within a step takes exactly that part of the step: samples 
 order of the method.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from twolink.algorithms.namespaces import Numbers
-from twolink.errors import TwolinkError
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import projected
 from twolink.integrate.motion.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Code
 from twolink.integrate.steps.methods import Method
-from twolink.integrate.steps.numeric_steps import Formulas, Map, numeric_map
 from twolink.integrate.steps.programs import programs_of
 from twolink.integrate.steps.step_control import Control, control_rows
+from twolink.integrate.steps.step_formulas import Formulas, NumericSteps
 from twolink.native.library import library
 from twolink.native.stepper import Disturbances, Stepper
 from twolink.native.ticks import TickedLaw, Ticks
@@ -32,71 +29,28 @@ SPREADS = (1 / 256, 1 / 64, 1 / 16, 1 / 4)  # of a step: distances of the states
 
 
 class StepMap:
-    """A method on equations. Calling it attempts one step of each world and writes the states into `out`.
+    """A method on equations.
 
-    rows: the indices of the control's rows. by: the native stepper, or NumPy's map. columns: parameters -> the rate
-    and the projection of columns. compile_seconds: what tracing, loading and comparing the programs took, 0 where they
-    were at hand.
+    rows: the indices of the control's rows. by: what makes the attempts; `attempts` and `on` are its own. columns:
+    parameters -> the rate and the projection of columns.
     """
 
-    def __init__(
-        self, equations: Equations, method: Method, by: Stepper | Map, columns: Formulas, compile_seconds: float = 0.0
-    ) -> None:
-        self.equations, self.method, self.compile_seconds = equations, method, compile_seconds
-        self._native: Stepper | None = by if isinstance(by, Stepper) else None
-        self._map: Map | None = None if isinstance(by, Stepper) else by
-        self._columns = columns
+    def __init__(self, equations: Equations, method: Method, by: Stepper | NumericSteps, columns: Formulas) -> None:
+        self.equations, self.method, self._by, self._columns = equations, method, by, columns
+        self.attempts, self.on = by.attempts, by.on
         self.rows: Control = control_rows(equations.space.size)
 
     @property
     def compiled(self) -> Code:
         """ "steps" where the native library makes them; else ""."""
-        return "steps" if self._native is not None else ""
-
-    def __call__(self, state: Array, out: Array) -> None:
-        """One attempted step of each world."""
-        if self._map is not None:
-            self._map(state, out, None)
-        else:
-            states = np.empty((2, *state.shape))
-            states[0] = state
-            self.attempts(states, 1, 1)
-            out[:] = states[1]
-
-    def on(self, states: Array, disturbances: Disturbances | None = None) -> Callable[[int, int], int]:
-        """`attempts` on states (most + 1, rows, n) that stay where they are: (count, look) -> how many were made."""
-        if self._native is not None:
-            return self._native.on(states, disturbances)
-        return lambda count, look: self.attempts(states[: count + 1], count, look, disturbances)
+        return "steps" if isinstance(self._by, Stepper) else ""
 
     def ticks(self, columns: int, law: TickedLaw, disturbances: Disturbances | None) -> Ticks | None:
         """The steps of columns with the ticks of a law between them; None where the library does not make them."""
-        if self._native is None or not (law.program is None or law.program.fits(self._native.width(columns))):
+        by = self._by
+        if not isinstance(by, Stepper) or not (law.program is None or law.program.fits(by.width(columns))):
             return None
-        return Ticks(self._native, columns, law, disturbances)
-
-    def attempts(self, states: Array, count: int, look: int, disturbances: Disturbances | None = None) -> int:
-        """Up to `count` attempts of each world of states (count + 1, rows, n), of which the first is given.
-
-        Returns how many were made: fewer when all worlds have arrived, or, every `look` attempts, half of them.
-        disturbances: added to worlds that have not arrived, before each attempt.
-        """
-        if self._native is not None:
-            return self._native.attempts(states, count, look, disturbances)
-        if self._map is None:
-            raise TwolinkError("there are no steps", code="native-library")
-        time, end = self.rows.time, self.rows.end
-        for k in range(count):
-            now = states[k]
-            if disturbances is not None:
-                now, x = now.copy(), now[: self.equations.moving]
-                tried = (now[self.rows.accepted] + now[self.rows.rejected]).astype(int)
-                now[: len(x)] += np.where(now[time] < now[end], disturbances.added(tried, x), 0.0)
-            self._map(now, states[k + 1], None if disturbances is None else disturbances.embedded)
-            going = np.count_nonzero(states[k + 1, time] < states[k + 1, end])
-            if going == 0 or ((k + 1) % look == 0 and 2 * going < now.shape[1]):
-                return k + 1
-        return count
+        return Ticks(by, columns, law, disturbances)
 
     def rate(self, t: Array | float, x: Array, parameters: Array | None = None) -> Array:
         """x' of the moving rows (moving, n) of states x (size, n) at one time or a time each."""
@@ -169,9 +123,8 @@ def step_map(equations: Equations, method: Method, *, portable: bool = False) ->
         def formulas(_: Array):  # type: ignore[no-untyped-def]
             return (lambda t, x: rate_by_pinocchio(equations, t, x)), lambda x: projected(equations, x, Numbers)
 
-        return StepMap(equations, method, numeric_map(equations, method, formulas), formulas)
+        return StepMap(equations, method, NumericSteps(equations, method, formulas), formulas)
     programs = programs_of(equations)
-    seconds = programs.seconds
-    by: Stepper | Map
-    by = numeric_map(equations, method, programs.columns) if library() is None else programs.stepper(method)
-    return StepMap(equations, method, by, programs.columns, programs.seconds - seconds)
+    native = library() is not None
+    by = programs.stepper(method) if native else NumericSteps(equations, method, programs.columns)
+    return StepMap(equations, method, by, programs.columns)

@@ -191,7 +191,7 @@ def _certify(equations: Equations, inputs: int, functions: dict[str, Traced]) ->
     def called(name: str, t: Array, x: Array, values: Array) -> Array:
         still = np.zeros((directions, x.shape[1]))
         z = np.concatenate([t, x[moving:], values, still, x[:moving], np.zeros((moving, x.shape[1]))])
-        return np.concatenate([functions[name]([z.T]).T, x[moving:] * (name == "projected")])
+        return functions[name]([z.T]).T
 
     with np.errstate(all="ignore"):
         certify_rate(equations, lambda rows: called("rate", rows[:1], rows[1 : 1 + size], rows[1 + size :]))
@@ -201,7 +201,7 @@ def _certify(equations: Equations, inputs: int, functions: dict[str, Traced]) ->
             certify_projection(equations, lambda rows: called("projected", at_start, rows[:size], rows[size:]))
     q, v = equations.robot.random_state(STATES, seed=1)
     x = np.concatenate([q.T, v.T, np.zeros((size - space.v_rows.stop, STATES))])
-    values = np.repeat(np.array(nominal_vector(equations)).reshape(-1, 1), STATES, axis=1)
+    values = np.repeat(nominal_vector(equations)[:, None], STATES, axis=1)
     parts = np.array(equations.robot.energy(q, v, engine="pinocchio"))
     found = called("energy", np.zeros((1, STATES)), x, values)[0]
     error = float((np.abs(found - parts.sum(axis=0)) / (1.0 + np.abs(parts).max(axis=0))).max())
@@ -246,7 +246,7 @@ def _variables(
     found.append(FmuVariable("energy", "kinetic energy, and potential energy of gravity", "J", "output",
                              depends=depends(traced[1], 0)))  # fmt: skip
     fixed = [name for name in _numbers(scene) if name not in equations.parameters]
-    nominal = dict(zip(equations.parameters, nominal_vector(equations), strict=True))
+    nominal = dict(zip(equations.parameters, nominal_vector(equations).tolist(), strict=True))
     for name in (*equations.parameters, *fixed):
         one, kept = known[name], name in nominal
         unit = "" if one.unit == "SI units" else one.unit
