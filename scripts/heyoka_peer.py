@@ -11,7 +11,7 @@ import numpy as np
 
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import traced_rate
-from twolink.integrate.solvers.taylor_code import COMPANION, RESTORING, exact_constants
+from twolink.integrate.solvers.taylor import COMPANION, RESTORING, exact_constants
 
 DIGITS = 256  # bits of constants
 

@@ -37,8 +37,8 @@ from twolink.effects.inputs import Slot
 from twolink.effects.sampled_control import HeldTorques, exact
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.scene_equations import make_equations
-from twolink.loop.answers import Measured
 from twolink.loop.clock import ACT, PARTS, READ, UPDATE, Random
+from twolink.loop.laws import Measured
 
 SECONDS, SAMPLES, LIMITS = Fraction(1, 2), 21, (5.0, 20.0, 60.0)
 SAMPLE = 9  # after all else that happens at an instant

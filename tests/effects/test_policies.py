@@ -14,7 +14,7 @@ from tests.near import assert_near
 from twolink.errors import SceneError
 from twolink.io import networks
 from twolink.io.networks import read_network
-from twolink.loop.answers import Measured
+from twolink.loop.laws import Measured
 
 onnx = pytest.importorskip("onnx")
 fx = tl.effects

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from twolink.integrate.steps.tableau import Row, Tableau
+from twolink.integrate.steps.methods import Row, Tableau
 
 Tree = tuple["Tree", ...]  # the subtrees that hang from its root, sorted
 ROUNDING = 1e-13  # what coefficients of 16 digits may miss a condition by

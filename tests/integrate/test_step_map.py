@@ -16,7 +16,7 @@ from twolink.integrate.motion.formulas import traced_rate
 from twolink.integrate.motion.pinocchio_rate import rate
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.steps.methods import METHODS, Method
-from twolink.integrate.steps.step_certificate import certify_rate
+from twolink.integrate.steps.programs import certify_rate
 from twolink.integrate.steps.step_control import control_rows, initial_state
 from twolink.integrate.steps.step_map import StepMap, step_map
 from twolink.lagrange.check import arm_urdf

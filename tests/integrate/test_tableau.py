@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tests.integrate.order_conditions import defect, density, matrix, require_orders, size, trees
-from twolink.integrate.steps.methods import METHODS
-from twolink.integrate.steps.tableau import Tableau
+from twolink.integrate.steps.methods import METHODS, Tableau
 
 TABLEAUS = {name: m.tableau for name, m in METHODS.items() if m.tableau is not None}
 LEAF = ()

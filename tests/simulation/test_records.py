@@ -3,7 +3,7 @@
 import json
 
 import twolink as tl
-from twolink.integrate.event import Event
+from twolink.integrate.solution import Event
 
 
 def test_a_record_says_what_the_run_says_and_is_json() -> None:

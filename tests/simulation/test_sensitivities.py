@@ -10,7 +10,7 @@ from tests.near import assert_near, assert_within, raises
 from twolink.algorithms.mechanism import nominal, with_nominal
 from twolink.effects.conditions import JointReaches
 from twolink.errors import AccuracyError, CertificationError, SceneError
-from twolink.integrate.derivatives.variational_rate import certify_variation, variational_rate
+from twolink.integrate.derivatives.variational_steps import certify_variation, variational_rate
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.scenes.parameters import effect_numbers, named_parameters, parameters_of, scene_with, with_number
 

@@ -10,7 +10,7 @@ import twolink as tl
 from tests.near import assert_near, raises
 from tests.show.test_playback import film
 from twolink.errors import SceneError, ShowError, TwolinkError
-from twolink.integrate.event import Event
+from twolink.integrate.solution import Event
 
 HEADER = b"t,q.shoulder,q.elbow,v.shoulder,v.elbow,energy"
 

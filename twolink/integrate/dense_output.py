@@ -18,7 +18,7 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Impulse, Segment
 from twolink.integrate.solver import is_stepping, solve
-from twolink.integrate.solvers.taylor_code import Precision
+from twolink.integrate.solvers.taylor import Precision
 from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.step_map import step_map
 

@@ -13,13 +13,11 @@ from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.core.smooth import solve_smooth
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Progress, Segment, Solution
+from twolink.integrate.solution import Progress, Segment, Solution, in_segments
 from twolink.integrate.solvers import scipy_solver, taylor
-from twolink.integrate.solvers.segments import in_segments
-from twolink.integrate.solvers.taylor_code import Precision
-from twolink.integrate.steps.companions import Companions
+from twolink.integrate.solvers.taylor import Precision
 from twolink.integrate.steps.methods import Method
-from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
+from twolink.integrate.steps.perturbation import NO_PERTURBATION, Companions, Perturbation
 from twolink.integrate.steps.stepping import SMALLEST_TOLERANCE
 from twolink.native.programs import SPENT
 

@@ -16,9 +16,8 @@ import numpy as np
 
 from twolink.effects.sampled_control import Controller
 from twolink.errors import ControllerError
-from twolink.loop.answers import Measured, answer, failure
-from twolink.loop.laws import Own, copied_laws, is_function, laws_apart, name_of
-from twolink.loop.watched import Watched
+from twolink.loop.copies import Watched
+from twolink.loop.laws import Measured, Own, answer, copied_laws, failure, is_function, laws_apart, name_of
 
 Array = np.ndarray[Any, np.dtype[Any]]
 Given = dict[str, Array]  # what a controller asked for (n, ...) by name

@@ -18,9 +18,8 @@ from twolink.errors import SceneError
 from twolink.loop.ambiguity import FIRST_STEPPED, Ambiguity
 from twolink.loop.calls import DiffersError, asked
 from twolink.loop.clock import ACT, ARRIVE, READ, UPDATE, Clock, Random
-from twolink.loop.controls import HeldControl, control_of
+from twolink.loop.controls import HeldControl, ManyTicks, control_of, many_ticks
 from twolink.loop.laws import own_laws
-from twolink.loop.many_ticks import ManyTicks, many_ticks
 from twolink.loop.plain_functions import seen
 from twolink.loop.readings import Readings, random_of, reading
 from twolink.loop.replay import Given, Replay

@@ -5,7 +5,7 @@ solution; the energy balance of a run; an explanation of what a run will take. T
 service.
 """
 
-from twolink.integrate.event import Event
+from twolink.integrate.solution import Event
 from twolink.simulation.certificate import Certificate
 from twolink.simulation.cost import Cost
 from twolink.simulation.explanation import Explanation, explain

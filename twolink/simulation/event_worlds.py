@@ -9,11 +9,10 @@ import numpy as np
 
 from twolink.contact.choice import choose_contact_method
 from twolink.errors import AccuracyError, ControllerError, SceneError
-from twolink.integrate.event import Event
 from twolink.integrate.motion.assembly import assembled
 from twolink.integrate.motion.scene_equations import equations_of, with_starting_states
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Progress
+from twolink.integrate.solution import Event, Progress
 from twolink.integrate.solvers.method_choice import choose
 from twolink.scenes import Scene
 from twolink.scenes.parameters import scene_with

@@ -15,7 +15,7 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solver import is_stepping
 from twolink.integrate.solvers.method_choice import ATTEMPTS, MEASURED, MethodChoice
-from twolink.integrate.solvers.taylor_code import Precision, order_of
+from twolink.integrate.solvers.taylor import Precision, order_of
 from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.perturbation import NO_PERTURBATION
 from twolink.integrate.steps.step_control import RESOLUTION

@@ -13,7 +13,7 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.errors import SceneError, import_extra
-from twolink.integrate.event import Event
+from twolink.integrate.solution import Event
 from twolink.io.files import path_to_write
 from twolink.io.tables import write_table
 from twolink.io.text import Table

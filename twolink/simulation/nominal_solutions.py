@@ -22,9 +22,14 @@ from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Solution
 from twolink.integrate.solver import has_columns, solve
 from twolink.integrate.solvers.method_choice import MethodChoice
-from twolink.integrate.steps.companions import Companions
 from twolink.integrate.steps.methods import METHODS
-from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation, disturbed_solutions, finer_solution
+from twolink.integrate.steps.perturbation import (
+    NO_PERTURBATION,
+    Companions,
+    Perturbation,
+    disturbed_solutions,
+    finer_solution,
+)
 from twolink.simulation.error_bar import DISTURBED, SAFETY
 from twolink.simulation.sensitivity_names import Wanted
 from twolink.simulation.trajectory import Trajectory

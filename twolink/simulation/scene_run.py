@@ -13,13 +13,12 @@ from twolink.dynamics.arguments import Positive, positive
 from twolink.errors import AccuracyError, ControllerError, SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.digits import decimals
-from twolink.integrate.event import Event
 from twolink.integrate.hybrid.least_bounce import LeastBounce
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of
-from twolink.integrate.solution import Progress, Solution
+from twolink.integrate.solution import Event, Progress, Solution
 from twolink.integrate.solvers.method_choice import MethodChoice
-from twolink.integrate.solvers.taylor_code import Precision
+from twolink.integrate.solvers.taylor import Precision
 from twolink.integrate.steps.methods import known_as
 from twolink.io.progress import Report, in_time
 from twolink.scenes import Scene

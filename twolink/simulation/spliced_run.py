@@ -16,8 +16,8 @@ from twolink.contact.spliced import SplicedSolution, displaced
 from twolink.contact.stepped_solution import SteppedSolution
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.dense_output import DenseOutput
-from twolink.integrate.event import STEPPED, Event
 from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.solution import STEPPED, Event
 from twolink.scenes import Scene
 from twolink.simulation.cost import together
 from twolink.simulation.error_bar import error_bar

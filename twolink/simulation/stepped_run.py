@@ -13,8 +13,7 @@ from twolink.contact.solver import solve_stepped, stepper_of
 from twolink.contact.stepped_solution import SteppedSolution
 from twolink.contact.stepping import ContactStepper
 from twolink.errors import AccuracyError, ControllerError
-from twolink.integrate.event import Event, ambiguous_events
-from twolink.integrate.solution import Progress
+from twolink.integrate.solution import Event, Progress, ambiguous_events
 from twolink.integrate.steps.failures import failure
 from twolink.scenes import Scene
 from twolink.simulation.cost import Cost

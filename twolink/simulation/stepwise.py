@@ -19,10 +19,10 @@ from twolink.effects.inputs import SAME_TIME, Sampled, curve_end, require_curves
 from twolink.errors import QueryError, SceneError
 from twolink.integrate.core.motion import Motion, drive, loop_of
 from twolink.integrate.core.smooth import SmoothMotion
-from twolink.integrate.event import Event, events_of
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of, sampled, starting_states
 from twolink.integrate.motion.state import Array
+from twolink.integrate.solution import Event, events_of
 from twolink.integrate.solvers.method_choice import first_tolerance
 from twolink.integrate.steps.step_map import step_map
 from twolink.scenes import Scene

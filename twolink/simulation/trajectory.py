@@ -16,7 +16,7 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import Names, array, instance
 from twolink.errors import SceneError, ShowError
 from twolink.integrate.dense_output import DenseOutput
-from twolink.integrate.event import UNSTABLE, Event, estimated_since
+from twolink.integrate.solution import UNSTABLE, Event, estimated_since
 from twolink.io.files import path_to_write
 from twolink.io.text import facts_html
 from twolink.scenes import Scene

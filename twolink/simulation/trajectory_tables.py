@@ -11,7 +11,7 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import Names, instance, texts
 from twolink.dynamics.robot_record import find_robot, require_same
 from twolink.errors import AccuracyError, SceneError, ShowError, import_extra, require_known
-from twolink.integrate.event import Event
+from twolink.integrate.solution import Event
 from twolink.io.bags import is_bag
 from twolink.io.tables import read_table
 from twolink.robots.joint_layout import joint_columns, unit_of, without_angles

@@ -21,18 +21,19 @@ from dataclasses import replace
 import numpy as np
 
 from twolink.errors import AccuracyError
-from twolink.integrate.event import AMBIGUOUS
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Progress, Solution
+from twolink.integrate.solution import AMBIGUOUS, Progress, Solution
 from twolink.integrate.solver import has_columns, is_stepping, solve
 from twolink.integrate.solvers.method_choice import ATTEMPTS, MethodChoice, attempts_of
 from twolink.integrate.solvers.taylor import ROUNDING_UNIT
-from twolink.integrate.steps.companions import OFTEN, SELDOM, Companions
 from twolink.integrate.steps.failures import failure
 from twolink.integrate.steps.perturbation import (
     NO_PERTURBATION,
+    OFTEN,
     RESTARTED,
+    SELDOM,
+    Companions,
     Perturbation,
     disturbed_finer,
     disturbed_solutions,

@@ -14,11 +14,10 @@ import numpy as np
 from twolink.effects.inputs import SAME_TIME
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress
-from twolink.integrate.steps.outcomes import FINE, Block, failure_of, outcome_of
 from twolink.integrate.steps.perturbation import Perturbation, step_disturbances
 from twolink.integrate.steps.step_control import MIN_SQUARE
 from twolink.integrate.steps.step_map import StepMap
-from twolink.integrate.steps.stepping import BLOCK, advance, start_state
+from twolink.integrate.steps.stepping import BLOCK, FINE, Block, advance, failure_of, outcome_of, start_state
 from twolink.native.ticks import TickedLaw, Ticks
 
 TICKS = 64  # short calls between two looks at whether steps get on

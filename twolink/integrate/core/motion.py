@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from twolink.effects.inputs import SAME_TIME
 from twolink.errors import ControllerError
-from twolink.integrate.event import Event
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
+from twolink.integrate.solution import Event
 
 if TYPE_CHECKING:
     from twolink.effects.sensors import Forces

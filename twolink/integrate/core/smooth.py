@@ -13,16 +13,13 @@ from twolink.effects.inputs import Slot
 from twolink.integrate.core.columns import Columns
 from twolink.integrate.core.motion import LATER, Motion, again, driven
 from twolink.integrate.core.track import Track
-from twolink.integrate.event import events_of
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Progress, Solution
-from twolink.integrate.steps.companions import Companions
+from twolink.integrate.solution import Progress, Solution, events_of
 from twolink.integrate.steps.methods import Method
-from twolink.integrate.steps.outcomes import Block
-from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
+from twolink.integrate.steps.perturbation import NO_PERTURBATION, Companions, Perturbation
 from twolink.integrate.steps.step_map import StepMap, step_map
-from twolink.integrate.steps.stepping import take_samples
+from twolink.integrate.steps.stepping import Block, take_samples
 from twolink.native.ticks import TICKS
 
 if TYPE_CHECKING:

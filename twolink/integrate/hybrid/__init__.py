@@ -3,14 +3,12 @@
 snapshot      accelerations, forces and what guards look at, of states in one mode
 modes         the modes of a scene, and the equations of each
 consistency   the mode that is consistent with the laws of friction and contact
-impacts       velocities after an impact
-rest          bounces too low to follow come to rest, all at once
+impacts       velocities after an impact; bounces too low to follow come to rest, all at once
 state         time, motion, mode and events of a run
-guard         a value that ends a mode where it passes 0
 features      contacts at corners and edges: which are hit, and how one follows another
 transitions   the guards of a mode, and what their zeros do
 roots         zeros and minima by evaluations in batches
-locating      the first zero of guards along a segment
+locating      guards, values that end a mode where they pass 0, and the first zero along a segment
 segment       smooth motion in one mode, up to an event
 engine        one solution, segment by segment
 located       solutions side by side as a motion, and runs for samples

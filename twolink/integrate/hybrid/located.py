@@ -11,12 +11,11 @@ import numpy as np
 
 from twolink.effects.sensors import Forces
 from twolink.integrate.core.motion import Motion, again, driven
-from twolink.integrate.event import Event, events_of
 from twolink.integrate.forces_seen import forces_seen
 from twolink.integrate.hybrid.engine import Engine, SavedEngine
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Progress, Solution
+from twolink.integrate.solution import Event, Progress, Solution, events_of
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
 from twolink.loop.sampled_loop import SampledLoop

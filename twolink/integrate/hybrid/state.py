@@ -11,7 +11,6 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.spatial import ZERO
 from twolink.errors import AccuracyError, SceneError
 from twolink.geometry.features import Feature
-from twolink.integrate.event import Event
 from twolink.integrate.hybrid.consistency import NEAR, SLOW, consistent, still_speed
 from twolink.integrate.hybrid.impacts import Impact, Touch, brought_to_rest, collide, onto_contact, whole
 from twolink.integrate.hybrid.least_bounce import EVERY_BOUNCE, LeastBounce
@@ -21,7 +20,7 @@ from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.motion.effect_numbers import contact_slots
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import motion_of
-from twolink.integrate.solution import Impulse
+from twolink.integrate.solution import Event, Impulse
 
 BEYOND = 1e-9  # m or rad: a state so far beyond a stop or a plane is refused
 SAME_PLACE = 2 * NEAR  # m: of features that touch at one place

@@ -21,8 +21,7 @@ from twolink.effects.inputs import SAME_TIME, Slot, require_curves
 from twolink.effects.switching import Switching
 from twolink.errors import SceneError
 from twolink.integrate.motion.constraints import Constraints
-from twolink.integrate.motion.layout import NO_SLOTS, Layout
-from twolink.integrate.motion.state import Array, StateSpace
+from twolink.integrate.motion.state import NO_SLOTS, Array, Layout, StateSpace
 
 if TYPE_CHECKING:
     from twolink.loop.sampled_loop import Sampling

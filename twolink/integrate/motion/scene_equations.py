@@ -28,8 +28,7 @@ from twolink.integrate.motion.constraints import all_constraints
 from twolink.integrate.motion.effect_numbers import physical, with_effect_numbers
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import accelerations, effect_loads, motion_of
-from twolink.integrate.motion.layout import layout_of
-from twolink.integrate.motion.state import Array, StateSpace
+from twolink.integrate.motion.state import Array, StateSpace, layout_of
 from twolink.io.fingerprints import kernel_key
 from twolink.scenes import Scene
 from twolink.scenes.parameters import PREFIX, numbers_of

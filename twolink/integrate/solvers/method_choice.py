@@ -15,8 +15,7 @@ from twolink.errors import SceneError, shown
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solver import smallest_tolerance
-from twolink.integrate.solvers import taylor_code
-from twolink.integrate.solvers.taylor import ROUNDING_UNIT
+from twolink.integrate.solvers.taylor import ROUNDING_UNIT, Precision
 from twolink.integrate.steps.methods import METHODS, Method, known_as, method_named
 from twolink.integrate.steps.stiffness import fastest_decay
 from twolink.native.library import library
@@ -43,11 +42,11 @@ class MethodChoice:
     method: Method
     setting: float
     why: str
-    precision: taylor_code.Precision = "double"
+    precision: Precision = "double"
 
 
 def choose(
-    equations: Equations, accuracy: float, duration: float, name: str, precision: taylor_code.Precision = "double"
+    equations: Equations, accuracy: float, duration: float, name: str, precision: Precision = "double"
 ) -> MethodChoice:
     """The method and its setting for an accuracy.
 

@@ -10,12 +10,11 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.effects.inputs import SAME_TIME
-from twolink.integrate.motion.causes import cause
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress, Solution
-from twolink.integrate.steps.failures import MAX_STEPS, failure, is_hopeless
+from twolink.integrate.steps.failures import MAX_STEPS, cause, failure, is_hopeless
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation, step_disturbances
 from twolink.integrate.steps.stiffness import fastest

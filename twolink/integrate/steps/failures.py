@@ -1,8 +1,16 @@
-"""Failures that every solver reports alike: no finite numbers, no progress, or too many steps."""
+"""Failures that every solver reports alike, and which joints make accelerations large or not finite at a state."""
 
+from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
+import pinocchio as pin
+
+from twolink.algorithms.namespaces import Numbers
 from twolink.errors import AccuracyError
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.formulas import effect_loads, motion_of
+from twolink.integrate.motion.state import Array
 
 MAX_STEPS = 10_000_000
 HOPELESS = 100  # how many times too slow the pace must be
@@ -29,3 +37,47 @@ def failure(code: str, t: float, cause: str = "", **data: float) -> AccuracyErro
 def is_hopeless(steps: Any, limit: float, t: Any, start: Any, end: Any) -> Any:
     """True if the pace so far leads beyond HOPELESS times the limit of steps; of numbers or of one a world (n,)."""
     return steps * (end - start) > HOPELESS * limit * (t - start)
+
+
+SINGULAR = 1e-6  # eigenvalues of the mass matrix with a unit diagonal: below, joints move next to no mass
+SHARE = 0.3  # of the largest entry of an eigenvector, that a joint must have to be named
+MOST_NAMES = 4
+
+
+@np.errstate(all="ignore")
+def cause(equations: Equations, t: float, x: Array) -> str:
+    """The cause of large or not finite accelerations at a state x (size,); "" where nothing stands out."""
+    robot, space = equations.robot, equations.space
+    names = [joint.name for joint in robot.joints for _ in range(joint.v.start, joint.v.stop)]
+    lost = ~np.isfinite(x[space.v_rows])
+    if not np.isfinite(x).all():
+        return f"the velocity of {_named(names, lost)} is not finite" if lost.any() else ""
+    light = _without_mass(pin.crba(robot.model, robot.model.createData(), x[: space.nq]))
+    if light.any():
+        return (f"there {_named(names, light)} can move without moving a mass, as the mass matrix is singular; give "
+                "the links between such joints inertias, or the joints armatures")  # fmt: skip
+    motion = motion_of(equations, equations.mechanism, t, x, Numbers)
+    loads = effect_loads(equations, motion, list(x[space.moving :]), equations.effects)
+    wild = ~np.isfinite([float(np.squeeze(torque)) for torque in loads.tau])
+    for i, wrench in loads.wrenches.items():
+        if not np.isfinite([float(np.squeeze(entry)) for entry in wrench]).all():
+            wild |= np.array(names) == robot.model.names[i]
+    return f"the load of effects on {_named(names, wild)} is not finite" if wild.any() else ""
+
+
+def _without_mass(mass: Array) -> Array:
+    """Degrees of freedom (nv,) that move no mass, alone or together, by the upper half of the mass matrix."""
+    diagonal = np.diag(mass)
+    if not (diagonal > 0.0).all():
+        return np.asarray(~(diagonal > 0.0))
+    root = np.sqrt(diagonal)
+    values, vectors = np.linalg.eigh(mass / np.outer(root, root), UPLO="U")
+    first = np.abs(vectors[:, 0])
+    return np.asarray((first > SHARE * first.max()) & (values[0] < SINGULAR))
+
+
+def _named(names: Iterable[str], chosen: Array) -> str:
+    """Joints by name, a few of them."""
+    found = list(dict.fromkeys(name for name, which in zip(names, chosen, strict=True) if which))
+    more = f" and {len(found) - MOST_NAMES} more" if len(found) > MOST_NAMES else ""
+    return f"joint{'s' * (len(found) > 1)} {', '.join(map(repr, found[:MOST_NAMES]))}{more}"

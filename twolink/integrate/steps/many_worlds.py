@@ -9,10 +9,9 @@ import numpy as np
 from twolink.dynamics.threads import is_forked_child, share, thread_count
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress
-from twolink.integrate.steps.outcomes import FINE
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
 from twolink.integrate.steps.step_map import StepMap
-from twolink.integrate.steps.stepping import BLOCK, advance, start_state, take_samples
+from twolink.integrate.steps.stepping import BLOCK, FINE, advance, start_state, take_samples
 from twolink.native.machine import MANY
 
 CHUNK, SMALL = 512, 64  # worlds that a thread takes at once, so that they stay in its cache; and that make one

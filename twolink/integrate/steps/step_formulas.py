@@ -14,7 +14,7 @@ import numpy as np
 
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array, StateSpace
-from twolink.integrate.steps.methods import ITERATIONS, Method
+from twolink.integrate.steps.methods import ITERATIONS, Method, Tableau
 from twolink.integrate.steps.step_control import (
     ROWS,
     Step,
@@ -23,7 +23,6 @@ from twolink.integrate.steps.step_control import (
     control_rows,
     fixed_advance,
 )
-from twolink.integrate.steps.tableau import Tableau
 from twolink.native.stepper import Disturbances
 
 MAX_NUMBERS = 200_000  # in the Jacobians of one call

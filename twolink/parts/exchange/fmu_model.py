@@ -19,13 +19,13 @@ from twolink.algorithms.tape import Tape
 from twolink.effects.inputs import Sampled, curve_end
 from twolink.effects.switching import SwitchingEffect
 from twolink.errors import CertificationError, SceneError, nearest
-from twolink.integrate.derivatives.variational_rate import certify_variation, row_sizes, traced_variation
+from twolink.integrate.derivatives.variational_steps import certify_variation, row_sizes, traced_variation
 from twolink.integrate.motion.effect_numbers import nominal_vector, physical
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import projected, traced_rate
 from twolink.integrate.motion.scene_equations import equations_of, structure_of, with_parameters
 from twolink.integrate.motion.state import Array
-from twolink.integrate.steps.step_certificate import AGREEMENT, STATES, certify_projection, certify_rate
+from twolink.integrate.steps.programs import AGREEMENT, STATES, certify_projection, certify_rate
 from twolink.io.fingerprints import changed_joint
 from twolink.parts.exchange.traced_functions import Traced
 from twolink.robots.joint_layout import JointLayout, angular_dofs, joint_columns

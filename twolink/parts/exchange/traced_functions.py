@@ -14,9 +14,8 @@ from twolink.dynamics import Robot
 from twolink.dynamics.certificates import BOUND, certify
 from twolink.errors import CertificationError, QueryError, nearest, shown
 from twolink.integrate.motion.state import Array, StateSpace
-from twolink.integrate.steps.methods import ELSEWHERE, METHODS
+from twolink.integrate.steps.methods import ELSEWHERE, METHODS, Tableau
 from twolink.integrate.steps.step_formulas import explicit_step
-from twolink.integrate.steps.tableau import Tableau
 from twolink.native.machine import Program, assembled
 
 VECTORS = 4  # states of a test

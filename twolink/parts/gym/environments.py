@@ -10,10 +10,9 @@ from twolink.dynamics.arguments import positive, whole
 from twolink.errors import MissingExtraError, SceneError
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solvers.method_choice import first_tolerance
-from twolink.integrate.steps.outcomes import FINE
 from twolink.integrate.steps.perturbation import NO_PERTURBATION
 from twolink.integrate.steps.step_map import step_map
-from twolink.integrate.steps.stepping import BLOCK, advance, start_state
+from twolink.integrate.steps.stepping import BLOCK, FINE, advance, start_state
 from twolink.robots.joint_layout import NO_LIMIT
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of

@@ -25,9 +25,8 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.pinocchio_rate import rate
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.motion.state import Array
-from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.methods import METHODS, Tableau
 from twolink.integrate.steps.step_formulas import explicit_step, semi_implicit_step
-from twolink.integrate.steps.tableau import Tableau
 from twolink.parts.referee.trajectory_log import TrajectoryLog
 from twolink.scenes import Scene
 
