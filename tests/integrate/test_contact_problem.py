@@ -123,7 +123,7 @@ def test_the_smallest_forces_on_four_corners_are_taken_while_they_obey_the_laws(
                fx.Contact(("ground",), 0.5, shapes={"block": (fx.Box((0.3, 0.2, 0.2)),)})]  # fmt: skip
     run = RunState(equations_of(tl.Scene(free_bodies("block"), [0, 0, 0.1, 0, 0, 0, 1], effects=effects)), 0.0)
     run.resolve_mode()
-    (forces,) = force_share.share_of(run.mode_state).best(run.mode_state.evaluate()).forces
+    (forces,) = force_share.share_of(run).best(run.evaluate()).forces
     ahead = push * (0.1 + high) / 0.15  # the load of the two corners in front less that of the others
     each = (G + np.array([ahead, ahead, -ahead, -ahead])) / 4
     assert forces[:, 0] == pytest.approx(each, abs=1e-9)
@@ -179,7 +179,7 @@ def test_a_body_that_rocks_too_low_to_follow_comes_to_rest(speed: float) -> None
     ends = {"body": tuple(fx.Sphere(1e-10, (side * arm, 0.0, 0.0)) for side in (-1, 1))}
     effects = [fx.Gravity(), fx.Contact(("ground",), 0.5, e, shapes=ends)]
     scene = tl.Scene(planar(), [0, 1e-10, 0], [0, speed / 2, speed / 2 / arm], effects)
-    result = brought_to_rest(RunState(equations_of(scene), 0.0).mode_state, LeastBounce(speed**2 / G))
+    result = brought_to_rest(RunState(equations_of(scene), 0.0), LeastBounce(speed**2 / G))
     v, [(_, seconds)], energy = result
     assert np.abs(v).max() < 1e-15
     assert seconds == pytest.approx(2 * speed / (G * (1 - e)), rel=1e-3)

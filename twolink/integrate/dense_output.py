@@ -196,8 +196,7 @@ class DenseOutput:
 
     def _stepped(self, group: _Group, ends: Array, states: Array) -> Array:
         """By a step map: each time by one step, which is a part of one that the solution took from one of `ends`."""
-        rows = np.asarray(group.equations.start[len(group.stored_x) :], dtype=float)
-        x = np.concatenate([group.stored_x, np.repeat(rows[:, None], len(group.t), axis=1)])
+        x = group.equations.full(group.stored_x)
         by = step_map(group.equations, METHODS[self.method])
         out = by.partial(x, group.stored_t, group.t)
         lost = ~np.isfinite(out).all(axis=0)
@@ -221,7 +220,7 @@ class DenseOutput:
         for begin in np.unique(group.stored_t):
             chosen = np.flatnonzero(group.stored_t == begin)
             grid, places = np.unique(group.t[chosen], return_inverse=True)
-            start = np.concatenate([group.stored_x[:, chosen[0]], group.equations.start[len(group.stored_x) :]])
+            start = group.equations.full(group.stored_x[:, chosen[:1]])[:, 0]
             equations = replace(group.equations, start=start, sampling=None)
             solution = solve(equations, method, np.append(begin, grid), setting, None, self.precision)
             out[:, chosen] = solution.x[: len(self.x), 1 + places]

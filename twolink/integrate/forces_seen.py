@@ -18,7 +18,7 @@ from twolink.io.text import kebab_case
 def forces_seen(equations: Equations, t: float | Array, x: Array) -> Forces:
     """Forces that sensors feel at states x (nq + nv or size, n) of one piece at a time, or at times (n,)."""
     count = x.shape[1]
-    states = np.concatenate([x, np.repeat(equations.start[len(x) :, None], count, axis=1)])
+    states = equations.full(x)
     times = np.broadcast_to(t, count)
     a, tau = accelerations_and_joint_torques(equations, times, states)
     motion = motion_of(equations, equations.mechanism, times, states, Numbers)

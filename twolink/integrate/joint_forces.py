@@ -40,7 +40,7 @@ def accelerations_and_joint_torques(equations: Equations, t: Array, x: Array) ->
     tau : ndarray (nv, n)
         Joint torques and forces of effects, dry friction and locks, N m or N.
     """
-    snapshot = Evaluator(equations).by_numpy(t, _full(equations, x))
+    snapshot = Evaluator(equations).by_numpy(t, equations.full(x))
     tau = snapshot.tau.copy()
     tau[list(equations.layout.lockable)] += snapshot.locks
     return snapshot.a, tau
@@ -59,7 +59,7 @@ def contacts(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array,
     constraints, found = equations.constraints, list[tuple[str, Array, Array]]()
     if constraints is None or not constraints.touching:
         return found
-    states = _full(equations, x)
+    states = equations.full(x)
     every = constraints.all_multipliers(Evaluator(equations).by_numpy(t, states).multipliers)
     if len(constraints.kept) < len(constraints.all_rows):
         every = within_laws(equations, constraints.touching, t, states, np.array(every, dtype=float))
@@ -75,7 +75,7 @@ def contacts(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array,
 
 def contact_slips(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array, Array]]:
     """As `contacts`, with slips in place of forces: the tangential velocity of the first body on the second, m/s."""
-    states, loops = _full(equations, x), equations.constraints.loops if equations.constraints else ()
+    states, loops = equations.full(x), equations.constraints.loops if equations.constraints else ()
     motion = motion_of(equations, equations.mechanism, t, states, Numbers)
     found = list[tuple[str, Array, Array]]()
     for loop in equations.layout.with_numbers(loops, list(states[equations.moving :])):
@@ -122,7 +122,7 @@ def wrenches_on_links(equations: Equations, t: Array, x: Array) -> list[tuple[st
         Of each, the effect and the link, the point where it acts, m, the force, N, and the moment about the point, N m;
         world's axes.
     """
-    states, found = _full(equations, x), list[tuple[str, Array, Array, Array]]()
+    states, found = equations.full(x), list[tuple[str, Array, Array, Array]]()
     motion = motion_of(equations, equations.mechanism, t, states, Numbers)
     for effect in equations.layout.with_numbers(equations.effects, list(states[equations.moving :])):
         loads = _WrenchesOnLinks(motion, equations.sides)
@@ -137,8 +137,3 @@ Acting = Sequence[tuple[Any, ...]]  # of each its name, point and vectors (3, n)
 MARKS: dict[str, Callable[[Equations, Array, Array], Acting]] = {
     "contacts": contacts, "contact_slips": contact_slips, "wrenches_on_links": wrenches_on_links,
 }  # fmt: skip
-
-
-def _full(equations: Equations, x: Array) -> Array:
-    """States (size, n) with the numbers of the segment behind (q, v)."""
-    return np.concatenate([x, np.repeat(equations.start[len(x) :, None], x.shape[1], axis=1)])

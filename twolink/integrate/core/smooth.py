@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,15 +30,6 @@ SHORT = 16  # attempted steps of a block in which solutions beside the run are l
 TOGETHER = 32  # short blocks that are looked at together
 FAR, NEAR = 1.5, 0.5  # of its step: a time for which a method of lower order is left; of that time, for which it is not
 MANY = 1_000_000  # steps, after which the count of steps of a motion without end begins anew
-
-
-class SavedColumns(NamedTuple):
-    """State of a `SmoothMotion`: its columns, the steps before them, how many breaks are over, and its `too_far`."""
-
-    columns: Columns
-    steps: int
-    passed: int
-    too_far: float
 
 
 class SmoothMotion(Motion):
@@ -216,14 +207,14 @@ class SmoothMotion(Motion):
 
         return forces_seen(self.equations, t, x)
 
-    def save(self) -> SavedColumns:
-        """The columns, and what is to come."""
-        return SavedColumns(self.columns.copied(), self._steps, self._passed, self._too_far)
+    def save(self) -> tuple[Columns, int, int, float]:
+        """The columns, the steps before them, how many breaks are over, and the time for which a step is too long."""
+        return self.columns.copied(), self._steps, self._passed, self._too_far
 
-    def restore(self, saved: SavedColumns) -> None:
+    def restore(self, saved: tuple[Columns, int, int, float]) -> None:
         """Go on from there."""
-        self.columns, self._steps, self._passed, self._too_far = saved
-        self.columns = self.columns.copied()
+        columns, self._steps, self._passed, self._too_far = saved
+        self.columns = columns.copied()
 
 
 @again

@@ -7,6 +7,7 @@ Everything that may be at rest is tried at rest. Where a force breaks its law th
 import math
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from twolink.integrate.hybrid.contact_problem import (
     solve_contacts,
 )
 from twolink.integrate.hybrid.force_share import share_of
-from twolink.integrate.hybrid.modes import Mode, ModeState
+from twolink.integrate.hybrid.modes import ContactMode, Mode, ModeState
 from twolink.integrate.motion.formulas import projected
 from twolink.integrate.motion.state import Array
 
@@ -87,8 +88,7 @@ def _with_consistent_contacts(state: ModeState, still: float, opened: frozenset[
 
 def _with_joints_at_rest(state: ModeState, still: float, opened: frozenset[Key]) -> ModeState:
     """Every joint locked that is at rest and can be locked; velocities of joints at rest are 0."""
-    system, mode, x, _ = state
-    x = np.array(x)
+    system, mode, x = state.system, state.mode, np.array(state.x)
     for k in system.lockable:
         v = x[system.nq + k]
         moving = abs(v) > still
@@ -98,7 +98,7 @@ def _with_joints_at_rest(state: ModeState, still: float, opened: frozenset[Key])
         x[system.nq + k] = 0.0
         if ("joint", k) not in opened and system.locks(k, x):
             mode = mode.locking(k)
-    return state._replace(mode=mode, x=x)
+    return state.in_mode(mode, x)
 
 
 def _with_contacts_at_rest(before: Mode, state: ModeState, still: float) -> ModeState:
@@ -107,7 +107,7 @@ def _with_contacts_at_rest(before: Mode, state: ModeState, still: float) -> Mode
              if (old, new) == ("sliding", "rolling")]  # fmt: skip
     if not stuck or np.abs(state.evaluate().contacts[stuck, 2:4, 0]).max() <= still:
         return state
-    return state._replace(x=projected(state.own.equations, state.full_state(), Numbers)[: len(state.x)])
+    return state.in_mode(state.mode, projected(state.own.equations, state.full_state(), Numbers)[: len(state.x)])
 
 
 def _with_closed_contacts(state: ModeState, still: float, opened: frozenset[Key], slow: float) -> Mode:
@@ -149,8 +149,7 @@ def _without_redundant_locks(state: ModeState) -> Mode:
 
 def _is_lawful(state: ModeState, still: float) -> bool:
     """True if all that is locked, and that presses, does so within its law, and nothing else begins the wrong way."""
-    system, mode, x, _ = state
-    own, snapshot = state.own, state.evaluate()
+    system, mode, own, snapshot = state.system, state.mode, state.own, state.evaluate()
     if not np.isfinite(snapshot.a).all():  # no forces keep it so
         return False
     allowed = ALLOWED * own.largest_load(snapshot)
@@ -158,7 +157,7 @@ def _is_lawful(state: ModeState, still: float) -> bool:
         lawful = float(share_of(state).best(snapshot).margin[0]) >= -allowed
     else:
         lawful = all(least - allowed <= torque <= greatest + allowed for torque, (least, greatest) in (
-            (float(snapshot.locks[i, 0]), system.torque_range(k, x)) for i, k in enumerate(system.lockable)
+            (float(snapshot.locks[i, 0]), system.torque_range(k, state.x)) for i, k in enumerate(system.lockable)
             if k in mode.locked))  # fmt: skip
         for i, kind in enumerate(mode.contacts):
             if kind != "free":
@@ -175,8 +174,7 @@ def _is_lawful(state: ModeState, still: float) -> bool:
 
 def _wrong_joints(state: ModeState, a: Array, small: float) -> list[int]:
     """The joints at rest that nothing locks and that begin to move into a stop, or not as their friction says."""
-    system, mode, x, _ = state
-    wrong = []
+    system, mode, x, wrong = state.system, state.mode, state.x, list[int]()
     for k in system.lockable:
         if k in mode.locked or x[system.nq + k] != 0.0 or abs(a[k]) <= small:
             continue
@@ -243,6 +241,8 @@ class ModeProblem:
         self.state, self.still, self.mass = state, still, mass_matrix(state)
         self.slips = state.evaluate().contacts[:, 2:4, 0] if state.system.contacts else np.empty((0, 2))
         self.inverse = inverse_under(self.mass, loop_rows(state))
+        free: tuple[ContactMode, ...] = tuple("free" for _ in state.mode.contacts)
+        self._open = replace(state.mode, contacts=free)
 
     def slip(self, i: int) -> Array | None:
         """The direction in which contact i slides; None where it does not."""
@@ -261,9 +261,7 @@ class ModeProblem:
 
     def solved(self, contacts: Sequence[int], joints: Sequence[int], sticking: AbstractSet[int]) -> Outcome | None:
         """The motion with these contacts and joints; those that stick, and do not begin to slide as an event says."""
-        system, mode = self.state.system, self.state.mode
-        for i in range(len(mode.contacts)):
-            mode = mode.with_contact(i, "free")
+        system, mode = self.state.system, self._open
         for k in {*joints, *mode.locked}:
             mode = mode.freeing(k, 0.0)
         without = self.state.in_mode(mode)
@@ -276,9 +274,7 @@ class ModeProblem:
         self, outcome: Outcome, contacts: Sequence[int], joints: Sequence[int], sticking: AbstractSet[int]
     ) -> ModeState:
         """The state in the mode of a solution."""
-        system, mode = self.state.system, self.state.mode
-        for i in range(len(mode.contacts)):
-            mode = mode.with_contact(i, "free")
+        system, mode = self.state.system, self._open
         for i, rates in zip(contacts, outcome.rates, strict=False):
             if not rates[0] > 0.0:
                 slides = sliding_of(system.contacts[i].friction, self._direction(i, sticking), rates)
@@ -328,4 +324,4 @@ def _without_slow_slips(state: ModeState, touching: list[int], slow: float) -> M
     change = inverse @ rows.T @ np.linalg.pinv(rows @ inverse @ rows.T, rcond=RANK) @ rows @ state.v
     x = state.x.copy()
     x[state.system.whole.space.v_rows] -= change
-    return state._replace(x=x)
+    return state.in_mode(state.mode, x)

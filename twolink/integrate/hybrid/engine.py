@@ -8,10 +8,10 @@ laws: then the next mode begins there.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -42,15 +42,6 @@ SLOWLY = 100.0  # times SLOW: slower slips do not begin anew
 MANY = 1e6  # times the length of a short piece, to which its steps are meant to go
 STRAIGHT = 1e-6  # the sine of the angle between a slip and its first direction: it has not turned
 SMALLEST_RATE = 1e-300  # so that a division has a result
-
-
-class SavedEngine(NamedTuple):
-    """State of an `Engine`: its run, the segment that goes on, accepted steps before it, and events at this instant."""
-
-    run: RunState
-    segment: OpenSegment | None
-    done: int
-    at_once: int
 
 
 @dataclass
@@ -132,7 +123,7 @@ class Engine:
     def _keeps_laws(self, segment: OpenSegment) -> bool:
         """True if the laws of the mode of a segment hold with the numbers that hold now."""
         forces = [guard for guard in segment.watcher.guards if guard.of == "force"]
-        snapshot = self.run.mode_state.evaluate() if forces else None
+        snapshot = self.run.evaluate() if forces else None
         with np.errstate(all="ignore"):
             return snapshot is None or all(np.asarray(one.value(snapshot)).item() > one.noise for one in forces)
 
@@ -173,15 +164,11 @@ class Engine:
         if self._open is not None:
             self._open.track.forget()
 
-    def saved(self) -> SavedEngine:
-        """All that it goes on from, in copies; its samples are not."""
-        segment = None if self._open is None else self._open.copied()
-        return SavedEngine(self.run.copied(), segment, self._done, self.at_once)
-
-    def restore(self, saved: SavedEngine) -> None:
-        """Go on from where it was saved, with the same bits."""
-        self.run, self._open = saved.run.copied(), None if saved.segment is None else saved.segment.copied()
-        self._done, self.at_once = saved.done, saved.at_once
+    def copied(self) -> Engine:
+        """An engine that goes on from here with the same bits, whatever this one does; its samples are not copied."""
+        other = copy.copy(self)
+        other.run, other._open, other._parts = self.run.copied(), self._open and self._open.copied(), []
+        return other
 
     def _opened(self) -> OpenSegment:
         """The segment that goes on from now."""
@@ -195,11 +182,11 @@ class Engine:
         until: the time to which it is meant to go at most; its steps are limited by that.
         """
         self.run.drop_open_features()
-        run, state = self.run, self.run.mode_state
+        run = self.run
         stop = next((t for t in self._stops if t > run.t), self.end)
-        equations = replace(state.own.equations, start=state.full_state(0.5 * (run.t + stop)))
-        steps, snapshot, space = step_map(equations, self.method), state.evaluate(), equations.space
-        watcher = GuardWatcher(state.own.evaluate, steps, guards_of(run, snapshot), self.perturbation.touch_margin)
+        equations = replace(run.own.equations, start=run.full_state(0.5 * (run.t + stop)))
+        steps, snapshot, space = step_map(equations, self.method), run.evaluate(), equations.space
+        watcher = GuardWatcher(run.own.evaluate, steps, guards_of(run, snapshot), self.perturbation.touch_margin)
         x = snapshot.x
         rate = np.concatenate([space.rate(x[: space.nq], x[space.v_rows]), snapshot.a, snapshot.rates])
         columns = Columns(steps, run.t, min(self.end, until), setting, (self.perturbation,), self.progress, rate=rate)
@@ -241,7 +228,7 @@ class Engine:
         if segment.advance(nearer, 1) is not None:  # what is nearly at once is left as it is
             return False
         self._close(None, nearer)
-        x, y = run.mode_state.evaluate().contacts[i, 2:4, 0].tolist()
+        x, y = run.evaluate().contacts[i, 2:4, 0].tolist()
         if run.mode.contacts[i] == "sliding" and (size := math.hypot(x, y)):
             run.mode = run.mode.with_contact(i, "sliding", (x / size, y / size))
         self._opened().is_anew = True

@@ -50,16 +50,16 @@ def _meet(p: int, run: RunState) -> None:
             return
     else:
         raise no_single_point(run.system.pairs[p].name, run.t)
-    rates = run.mode_state.evaluate().contacts[:, 1, 0]
+    rates = run.evaluate().contacts[:, 1, 0]
     i = min(own, key=lambda i: float(rates[i]))
-    run.x[: run.system.nq] = onto_contact(run.mode_state, i)
-    run.apply_impact(contact_touch(run.mode_state, i))
+    run.x[: run.system.nq] = onto_contact(run, i)
+    run.apply_impact(contact_touch(run, i))
     run.resolve_mode()
 
 
 def pass_edge(i: int, run: RunState) -> None:
     """A corner that leaves a face, or the end of an edge: the features beside it that touch become contacts."""
-    snapshot, name = run.mode_state.evaluate(), run.system.contacts[i].name
+    snapshot, name = run.evaluate(), run.system.contacts[i].name
     closed = [k for k, _, _ in run.features if run.mode.contacts[k] != "free"]
     gone = {i, *(k for k in closed if np.asarray(single_point(run, k, snapshot)).item() <= NEAR)}
     run.passed |= {(p, one.number) for k, p, one in run.features if k in gone}

@@ -85,7 +85,7 @@ def share_of(state: ModeState) -> ForceDistributionProblem:
     supports = [
         Support(i, k, *system.torque_range(k, state.x)) for i, k in enumerate(system.lockable) if k in mode.locked
     ]
-    return ForceDistributionProblem(state.own, mode, system.static, supports)
+    return ForceDistributionProblem(state.own, mode, np.array([one.static for one in system.contacts]), supports)
 
 
 class ForceDistributionProblem:

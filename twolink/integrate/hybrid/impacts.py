@@ -270,7 +270,7 @@ def brought_to_rest(state: ModeState, least: LeastBounce) -> tuple[Array, list[t
         # Of a state without rates: those that part have accelerations v^2 / r, which no force ends.
         x = state.x.copy()
         x[state.system.whole.space.v_rows] = problem.without_rates(contacts, joints)
-        at_rest = ModeProblem(state._replace(x=x), still)
+        at_rest = ModeProblem(state.in_mode(state.mode, x), still)
         solved = at_rest.solved(contacts, joints, {i for i in contacts if at_rest.slip(i) is None})
         if solved is None:
             return None

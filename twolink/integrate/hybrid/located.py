@@ -12,7 +12,7 @@ import numpy as np
 from twolink.effects.sensors import Forces
 from twolink.integrate.core.motion import Motion, again, driven
 from twolink.integrate.forces_seen import forces_seen
-from twolink.integrate.hybrid.engine import Engine, SavedEngine
+from twolink.integrate.hybrid.engine import Engine
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Event, Progress, Solution, events_of
@@ -86,8 +86,7 @@ class LocatedMotion(Motion):
 
     def forces(self, *_: object) -> Forces:
         """The forces that sensors feel in each solution, which has its own mode."""
-        states = [engine.run.mode_state for engine in self.engines]
-        each = [forces_seen(one.own.equations, one.t, one.full_state()[:, None]) for one in states]
+        each = [forces_seen(one.run.own.equations, one.run.t, one.run.full_state()[:, None]) for one in self.engines]
         return Forces(
             [robot for one in each for robot in one.robots],
             np.concatenate([one.a for one in each]),
@@ -96,14 +95,13 @@ class LocatedMotion(Motion):
             lambda link: np.concatenate([one.on(link) for one in each]),
         )
 
-    def save(self) -> list[SavedEngine]:
-        """The state of each engine."""
-        return [engine.saved() for engine in self.engines]
+    def save(self) -> list[Engine]:
+        """A copy of each engine."""
+        return [engine.copied() for engine in self.engines]
 
     def restore(self, saved: Any) -> None:
         """Go on from there."""
-        for engine, one in zip(self.engines, saved, strict=True):
-            engine.restore(one)
+        self.engines = [engine.copied() for engine in saved]
 
 
 @again

@@ -15,6 +15,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from twolink.integrate.core.track import states_at
 from twolink.integrate.hybrid import roots
 from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
 from twolink.integrate.motion.state import Array
@@ -156,7 +157,7 @@ class GuardWatcher:
         earliest = min(bracket.ends[1] for bracket in brackets.values())
         time, j = min((self._root(self.guards[j], bracket, t, x), j)
                       for j, bracket in brackets.items() if bracket.ends[0] <= earliest)  # fmt: skip
-        return Hit(time, self._at(np.array([time]), t, x)[:, 0], self.guards[j])
+        return Hit(time, states_at(self.map, t, x, np.array([time]))[:, 0], self.guards[j])
 
     def _within(self, t: Array, x: Array) -> tuple[Array, Array]:
         """Times (m,) and states (size, m): the ends of steps, and points within them."""
@@ -204,21 +205,8 @@ class GuardWatcher:
 
     def _values(self, guard: Guard, times: Array, t: Array, x: Array) -> Array:
         """The guard's values (n,) at times (n,), above 0 while the mode lasts."""
-        snapshot = self.evaluate(times, self._at(times, t, x))
+        snapshot = self.evaluate(times, states_at(self.map, t, x, times))
         return guard.signed(times, _row(guard.value(snapshot), times))
-
-    def _at(self, times: Array, t: Array, x: Array) -> Array:
-        """The states (size, n) at times (n,)."""
-        first, last = t[1:-1].searchsorted([times[0], times[-1]], side="right").tolist()
-        if first == last and times[0] > t[first]:  # the points of a zero lie within a step
-            return self.map.partial(x[first, :, None], t[first], times)
-        steps = t[1:-1].searchsorted(times, side="right")
-        begin = t[steps]
-        states = self.map.partial(x[steps].T, begin, times)
-        exact = times == begin
-        if np.count_nonzero(exact):
-            states[:, exact] = x[steps[exact]].T
-        return states
 
 
 def _dips(values: Array, margins: Array) -> Array:

@@ -7,7 +7,7 @@ import math
 import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -65,14 +65,6 @@ class Mode:
         """The mode with degree of freedom k locked at rest."""
         return replace(self, locked=self.locked | {k})
 
-    def without(self, place: int) -> Mode:
-        """The mode in which an effect acts no more."""
-        return replace(self, dropped=self.dropped | {place})
-
-    def beginning(self, place: int) -> Mode:
-        """The mode in which an effect that waited acts."""
-        return replace(self, waiting=self.waiting - {place})
-
     def freeing(self, k: int, slip: float) -> Mode:
         """The mode with degree of freedom k free to slip in a direction; 0: none."""
         if k not in self.locked and self.slip.get(k) == slip:
@@ -124,10 +116,7 @@ class System:
         self.lockable = equations.layout.lockable
         self.stops = self.switching.stops
         self.pairs = tuple(pair for _, pair in self.switching.pairs)
-        self.features: tuple[tuple[int, Feature], ...] = ()  # of pairs, that are contacts now
-        self.places = tuple(place for place, _ in self.switching.contacts)
-        self.contacts = tuple(contact for _, contact in self.switching.contacts)
-        self.static = np.array([contact.static for contact in self.contacts])
+        self._have(())
         limits = [(-1, Trigger("limit", name)) for _, name in equations.effort_limits]
         self.triggers = (*self.switching.triggers, *limits)
         self.names = {joint.v.start: joint.name for joint in self.robot.joints}
@@ -145,12 +134,16 @@ class System:
     def having(self, features: Sequence[tuple[int, Feature]]) -> System:
         """The system with these features as contacts behind those that it always has, each with its pair's number."""
         other = copy.copy(self)
-        other.features, other._seen = tuple(features), None
+        other._have(features)
+        other._seen = None
+        return other
+
+    def _have(self, features: Sequence[tuple[int, Feature]]) -> None:
+        """Take what are contacts, and the places of their effects."""
         own = [(self.switching.pairs[pair][0], self.pairs[pair].point(one.gap)) for pair, one in features]
         every = (*self.switching.contacts, *own)
-        other.places, other.contacts = tuple(place for place, _ in every), tuple(contact for _, contact in every)
-        other.static = np.array([contact.static for contact in other.contacts])
-        return other
+        self.features, self.places = tuple(features), tuple(place for place, _ in every)
+        self.contacts = tuple(contact for _, contact in every)
 
     def with_held(self, held: Mapping[str, float]) -> System:
         """The system with other held numbers, from now on."""
@@ -234,13 +227,11 @@ def contact_places(constraints: Constraints, contacts: Sequence[int]) -> dict[in
     return rows
 
 
-class ModeState(NamedTuple):
+class ModeState:
     """A state x = (q, v, z) of a system in a mode at time t."""
 
-    system: System
-    mode: Mode
-    x: Array
-    t: float
+    def __init__(self, system: System, mode: Mode, x: Array, t: float) -> None:
+        self.system, self.mode, self.x, self.t = system, mode, x, t
 
     @property
     def own(self) -> ModeEquations:
@@ -267,9 +258,9 @@ class ModeState(NamedTuple):
         """Its snapshot."""
         return self.system.evaluate(self)
 
-    def in_mode(self, mode: Mode) -> ModeState:
-        """Copy the state into another mode."""
-        return self._replace(mode=mode)
+    def in_mode(self, mode: Mode, x: Array | None = None) -> ModeState:
+        """The state in another mode, or another state x of it, of the same system at the same time."""
+        return ModeState(self.system, mode, self.x if x is None else x, self.t)
 
 
 def freed(state: ModeState, k: int, torque: float) -> Mode:

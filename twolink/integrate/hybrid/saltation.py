@@ -122,7 +122,7 @@ class Saltation:
                 continue
 
             def rows(other: RunState, i: int = i, count: int = 4 if kind == "rolling" else 2) -> Array:
-                return np.asarray(other.mode_state.evaluate().contacts[i, :count, 0])
+                return np.asarray(other.evaluate().contacts[i, :count, 0])
 
             if any(np.abs(self._derivative(run, rows, column, 0.0, bound=False)).max() > UNCHANGED for column in s.T):
                 names.append(run.system.contacts[i].name)
@@ -145,15 +145,11 @@ class Saltation:
 
         def value(run: RunState) -> Array:
             own = guard if run.system is before.system else guard_of(run, guard.key) or guard
-            return np.atleast_1d(np.asarray(own.value(run.mode_state.evaluate()), dtype=float)).ravel()[:1]
+            return np.atleast_1d(np.asarray(own.value(run.evaluate()), dtype=float)).ravel()[:1]
 
         flow = np.concatenate([rate, np.zeros(len(self.variation.names))])
         along_motion = self._derivative(before, value, flow, 1.0, bound=False, share=share)[0]
-        load = (
-            before.mode_state.own.largest_load(before.mode_state.evaluate())
-            if guard.of == "force"
-            else np.abs(rate).max(initial=0.0)
-        )
+        load = before.own.largest_load(before.evaluate()) if guard.of == "force" else np.abs(rate).max(initial=0.0)
         if not abs(along_motion) > GRAZING * (1.0 + load):
             raise _undefined(jump, "what causes it only touches its limit, so that another motion may miss it")
         across = [self._derivative(before, value, column, 0.0, bound=False, share=share)[0] for column in s.T]
@@ -253,20 +249,19 @@ def _beside(other: RunState, run: RunState, *, bound: bool) -> RunState:
         for lock, own in zip(other.system.every_lock(k), run.system.every_lock(k), strict=True):
             if own.entry is not None and own.acts(run.x):
                 other.x[own.entry] = lock.position
-    equations = other.mode_state.own.equations
+    equations = other.own.equations
     if bound and equations.constraints is not None:
-        other.x = projected(equations, other.mode_state.full_state(), Numbers)[: equations.moving]
+        other.x = projected(equations, other.full_state(), Numbers)[: equations.moving]
     return other
 
 
 def _rate(run: RunState, begin: float | None = None) -> Array:
     """(v, a, z') of a run; begin: of its segment, whose numbers then count, instead of those of the next segment."""
-    state = run.mode_state
     if begin is None:
-        snapshot = state.evaluate()
+        snapshot = run.evaluate()
     else:
-        snapshot = state.own.evaluate(np.array([run.t]), state.full_state(0.5 * (begin + run.t))[:, None])
-    return np.concatenate([state.v, snapshot.a[:, 0], snapshot.rates[:, 0]])
+        snapshot = run.own.evaluate(np.array([run.t]), run.full_state(0.5 * (begin + run.t))[:, None])
+    return np.concatenate([run.v, snapshot.a[:, 0], snapshot.rates[:, 0]])
 
 
 def _copy(run: RunState) -> RunState:

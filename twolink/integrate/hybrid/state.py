@@ -3,6 +3,7 @@
 import copy
 import itertools
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from twolink.integrate.hybrid.consistency import NEAR, SLOW, consistent, still_s
 from twolink.integrate.hybrid.impacts import Impact, Touch, brought_to_rest, collide, onto_contact, whole
 from twolink.integrate.hybrid.least_bounce import EVERY_BOUNCE, LeastBounce
 from twolink.integrate.hybrid.locating import Key
-from twolink.integrate.hybrid.modes import SLOW_SLIP, ContactMode, Mode, ModeState, System
+from twolink.integrate.hybrid.modes import SLOW_SLIP, Mode, ModeState, System
 from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.motion.effect_numbers import contact_slots
 from twolink.integrate.motion.equations import Equations
@@ -28,7 +29,7 @@ OF_CONTACTS = ("impact", "single", "leave", "slide", "roll", "contact")  # keys 
 Touched = tuple[int, Feature]  # with the number of its pair
 
 
-class RunState:
+class RunState(ModeState):
     """Time t, motion x = (q, v, z) and mode of a run, which transitions change.
 
     events, impulses: so far. sides: of each trigger, the sign of its value. fired: guards whose zero has caused an
@@ -39,12 +40,10 @@ class RunState:
     def __init__(
         self, equations: Equations, t: float, least: LeastBounce = EVERY_BOUNCE, slow: float = SLOW_SLIP
     ) -> None:
-        self.system = System(equations, slow)
-        self.x = np.array(equations.start[: equations.moving])
-        self.t = t
-        free: tuple[ContactMode, ...] = tuple("free" for _ in self.system.contacts)
-        dropped, waiting = self.system.switching.idle_at(t)
-        self.mode = Mode(free, ((0.0, 0.0),) * len(free), dropped=dropped, waiting=waiting)
+        system = System(equations, slow)
+        dropped, waiting = system.switching.idle_at(t)
+        mode = Mode(dropped=dropped, waiting=waiting).with_contacts((), len(system.contacts))
+        super().__init__(system, mode, np.array(equations.start[: equations.moving]), t)
         self.events: list[Event] = []
         self.impulses: list[Impulse] = []
         self.sides: dict[Key, float] = {}
@@ -69,17 +68,9 @@ class RunState:
         for happened in (self.opened, self.passed, self.fired):
             happened.clear()
 
-    @property
-    def mode_state(self) -> ModeState:
-        """The state in its mode."""
-        return ModeState(self.system, self.mode, self.x, self.t)
-
-    def note(
-        self, kind: str, what: str, detail: str = "", energy: float = 0.0, t: float | None = None,
-        effect: int | None = None, direction: int = 0,
-    ) -> None:  # fmt: skip
+    def note(self, kind: str, what: str, detail: str = "", energy: float = 0.0, **more: Any) -> None:
         """Add an event, now unless t is said."""
-        self.events.append(Event(self.t if t is None else t, kind, what, detail, energy, effect, direction))
+        self.events.append(Event(more.pop("t", self.t), kind, what, detail, energy, **more))
 
     def resolve_mode(self, before: Mode | None = None, slow: float = SLOW) -> None:
         """Go to the consistent mode, and note what has changed since the mode `before`. slow: see `consistent`."""
@@ -88,7 +79,8 @@ class RunState:
         before = before.with_contacts(range(len(before.contacts)), len(self.mode.contacts) - len(before.contacts))
         directions = self.mode.directions
         self._end_bounces()
-        _, self.mode, self.x, _ = consistent(self.mode_state, frozenset(self.opened), slow)
+        found = consistent(self, frozenset(self.opened), slow)
+        self.mode, self.x = found.mode, found.x
         for k in sorted(before.locked ^ self.mode.locked):
             self._note_joint(k)
         for i, (last, now) in enumerate(zip(directions, self.mode.directions, strict=True)):
@@ -106,13 +98,13 @@ class RunState:
 
     def _end_bounces(self) -> None:
         """Bring to rest what bounces too low to follow."""
-        result = brought_to_rest(self.mode_state, self.least)
+        result = brought_to_rest(self, self.least)
         if result is None:
             return
         self.x[self.system.whole.space.v_rows], ends, energy = result
         for name, seconds in ends:
             why = "after bounces too small to follow, summed in closed form"
-            self.note("rest", name, why, energy / len(ends), self.t + seconds)
+            self.note("rest", name, why, energy / len(ends), t=self.t + seconds)
             self._rest_noted.add(name)
 
     def _note_joint(self, k: int) -> None:
@@ -127,7 +119,7 @@ class RunState:
     def apply_impact(self, touch: Touch, kind: str = "impact") -> None:
         """Change the velocities by the impulses of what is hit, if it is not only grazed."""
         self.add_touching()
-        result = collide(self.mode_state, touch)
+        result = collide(self, touch)
         if result is None:
             return
         self.x[self.system.whole.space.v_rows], impacts = result
@@ -155,7 +147,7 @@ class RunState:
 
     def motion(self, snapshot: Snapshot | None = None) -> KinematicState:
         """The motion of the states of a snapshot, or of the present one."""
-        snapshot, equations = snapshot or self.mode_state.evaluate(), self.mode_state.own.equations
+        snapshot, equations = snapshot or self.evaluate(), self.own.equations
         return motion_of(equations, equations.mechanism, snapshot.t, snapshot.x, Numbers)
 
     def add_touching(self, reach: float = NEAR) -> None:
@@ -179,7 +171,7 @@ class RunState:
 
     def _require_normals(self, closed: Sequence[Touched], found: Sequence[Touched]) -> None:
         """Require that no corner on an edge, or on a corner, is pressed on: it has several normals. AccuracyError."""
-        motion, still = self.motion(), still_speed(self.mode_state.v)
+        motion, still = self.motion(), still_speed(self.v)
         presses = [(p, one) for p, one in found if float(np.asarray(one.gap.velocity(motion)[0]).item()) <= still]
         for (p, one), (k, other) in itertools.combinations([*closed, *presses], 2):
             if p == k and np.abs(one.place - other.place).max() <= SAME_PLACE:
@@ -222,15 +214,15 @@ class RunState:
             _require_gap(who, pair.name, pair.separation(self.motion()))
         self.add_touching()
         for i, contact in enumerate(self.system.contacts):
-            gap = float(self.mode_state.evaluate().contacts[i, 0, 0])
+            gap = float(self.evaluate().contacts[i, 0, 0])
             _require_gap(who, contact.name, gap)
             if abs(gap) <= BEYOND:
-                self.x[: self.system.nq] = onto_contact(self.mode_state, i)
+                self.x[: self.system.nq] = onto_contact(self, i)
 
     def stored_energy(self) -> float:
         """Kinetic and potential energy of what acts now, J."""
-        robot = self.mode_state.own.equations.robot
-        kinetic, potential = robot.energy(self.x[: self.system.nq], self.mode_state.v)
+        robot = self.own.equations.robot
+        kinetic, potential = robot.energy(self.x[: self.system.nq], self.v)
         return float(kinetic + potential)
 
 

@@ -3,6 +3,7 @@
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -30,11 +31,11 @@ Value = Callable[[Snapshot], Any]
 def guards_of(run: RunState, snapshot: Snapshot) -> list[Guard]:
     """The guards of the mode of a run, from its state on, of which this is the snapshot."""
     run = run.copied()  # their values are those of this mode, also where the run is in another one and comes back
-    guards = [*_joint_guards(run), *_contact_guards(run), *pair_guards(run), *_trigger_guards(run)]
+    guards = [*_every_guard(run)]
     forces = any(guard.of == "force" for guard in guards)
     state = AT_ZERO * (1.0 + float(np.abs(run.x).max(initial=0.0)))
-    noise = {"distance": 0.25 * resolved(run.mode_state), "speed": state, "state": state,
-             "force": FORCE_AT_ZERO * run.mode_state.own.largest_load(snapshot) if forces else 0.0}  # fmt: skip
+    noise = {"distance": 0.25 * resolved(run), "speed": state, "state": state,
+             "force": FORCE_AT_ZERO * run.own.largest_load(snapshot) if forces else 0.0}  # fmt: skip
     with np.errstate(all="ignore"):
         for guard in guards:
             first = np.asarray(guard.value(snapshot)).item()
@@ -44,16 +45,19 @@ def guards_of(run: RunState, snapshot: Snapshot) -> list[Guard]:
 
 def guard_of(run: RunState, key: Key) -> Guard | None:
     """The guard of this key in the mode of a run, which has not begun; None where the mode has none."""
-    every = itertools.chain(_joint_guards(run), _contact_guards(run), pair_guards(run), _trigger_guards(run))
-    return next((guard for guard in every if guard.key == key), None)
+    return next((guard for guard in _every_guard(run) if guard.key == key), None)
+
+
+def _every_guard(run: RunState) -> Iterator[Guard]:
+    return itertools.chain(_joint_guards(run), _contact_guards(run), pair_guards(run), _trigger_guards(run))
 
 
 def _joint_guards(run: RunState) -> Iterator[Guard]:
     """Locks that may be overcome, joints that may come to rest, stops that may be hit."""
-    system, mode, x, t = run.mode_state
+    system, mode, x, t = run.system, run.mode, run.x, run.t
     for i, k in enumerate(system.lockable):
         if k in mode.locked:
-            if run.mode_state.own.redundant:
+            if run.own.redundant:
                 continue  # its share is watched
             for torque, side in zip(system.torque_range(k, x), (1.0, -1.0), strict=True):
                 if math.isfinite(torque):  # the lock gives more than the least torque, and less than the greatest
@@ -70,7 +74,7 @@ def _joint_guards(run: RunState) -> Iterator[Guard]:
 
 def _contact_guards(run: RunState) -> Iterator[Guard]:
     """Gaps that may close; closed contacts that may open, begin to slide, or begin to roll."""
-    system, mode, _, t = run.mode_state
+    system, mode, t = run.system, run.mode, run.t
     fixed = len(system.contacts) - len(system.features)
     for i, contact in enumerate(system.contacts):
         if mode.contacts[i] == "free":
@@ -79,19 +83,19 @@ def _contact_guards(run: RunState) -> Iterator[Guard]:
             gap, rate = (partial(_row, "contacts", (i, row), 1.0, 0.0) for row in (0, 1))
             yield Guard(("impact", i), gap, partial(_hit_contact, i), t, of="distance", rate=rate)
             continue
-        if single_point(run, i, run.mode_state.evaluate()) is not None:
+        if single_point(run, i, run.evaluate()) is not None:
             ends = _require_point if i < fixed else pass_edge
             yield Guard(("single", i), partial(single_point, run, i), partial(ends, i), t)
         if mode.contacts[i] == "sliding" and contact.friction:
             yield Guard(("roll", i), partial(_slip, i, mode.directions[i]), _turn, t)
-        if run.mode_state.own.redundant:
+        if run.own.redundant:
             continue
-        forces = partial(run.mode_state.own.contact_forces, i=i)
+        forces = partial(run.own.contact_forces, i=i)
         yield Guard(("leave", i), partial(_normal_force, forces), partial(_open, i), t, of="force")
         if mode.contacts[i] == "rolling":
             yield Guard(("slide", i), partial(_cone, forces, contact.static), partial(_slide, i), t, of="force")
-    if run.mode_state.own.redundant:
-        share = share_of(run.mode_state)
+    if run.own.redundant:
+        share = share_of(run)
         yield Guard(("share", 0), partial(_margin, share), partial(_give_way, share), t, of="force")
 
 
@@ -169,7 +173,7 @@ def _trigger_value(run: RunState, n: int) -> Value | None:
 
 def _limit_value(run: RunState, i: int) -> Value | None:
     """The distance to the i-th limit of effort of all effects; None where its effect does not act."""
-    limits, own = run.system.whole.effort_limits, run.mode_state.own.equations.effort_limits
+    limits, own = run.system.whole.effort_limits, run.own.equations.effort_limits
     same = [row for row, limit in enumerate(own) if limit == limits[i]]  # as of a controller with play behind it
     k = len(same) - limits[i:].count(limits[i])  # from the end: what is inside comes first, and may have none in a mode
     return partial(_row, "limits", same[k], 1.0, 0.0) if k >= 0 else None
@@ -188,7 +192,7 @@ def _is_caught(run: RunState, trigger: Trigger) -> bool:
 
 def _free_joint(k: int, torque: float, run: RunState) -> None:
     before = run.mode
-    run.mode = freed(run.mode_state, k, torque)
+    run.mode = freed(run, k, torque)
     run.opened.add(("joint", k))
     run.resolve_mode(before)
 
@@ -209,11 +213,11 @@ def _hit_stop(n: int, run: RunState) -> None:
 
 
 def _hit_contact(i: int, run: RunState) -> None:
-    single = single_point(run, i, run.mode_state.evaluate())
+    single = single_point(run, i, run.evaluate())
     if single is not None and not np.asarray(single).item() > 0.0:
         _require_point(i, run)
-    run.x[: run.system.nq] = onto_contact(run.mode_state, i)
-    run.apply_impact(contact_touch(run.mode_state, i))
+    run.x[: run.system.nq] = onto_contact(run, i)
+    run.apply_impact(contact_touch(run, i))
     run.resolve_mode()
 
 
@@ -235,7 +239,7 @@ def _open(i: int, run: RunState) -> None:
 
 def _slide(i: int, run: RunState) -> None:
     _still(run)
-    before, state = run.mode, run.mode_state
+    before, state = run.mode, run
     run.mode = sliding(before, i, state.own.contact_forces(state.evaluate(), i)[:, 0])
     run.opened.add(("roll", i))
     run.resolve_mode(before)
@@ -243,18 +247,18 @@ def _slide(i: int, run: RunState) -> None:
 
 def _still(run: RunState) -> None:
     """Take the rounding of steps from slips that are 0: it would be the direction of a sliding that begins."""
-    state = run.mode_state
+    state = run
     run.x = projected(state.own.equations, state.full_state(), Numbers)[: len(run.x)]
 
 
 def _give_way(share: ForceDistributionProblem, run: RunState) -> None:
     """Free the contacts and joints at their limits, where no share of the contact forces obeys the laws any more."""
     _still(run)
-    before, best = run.mode, share.best(run.mode_state.evaluate())
+    before, best = run.mode, share.best(run.evaluate())
     tight, count = best.weight[0] > TIGHT * best.weight[0].max(), len(share.contacts)
     for one, force, gives in zip(share.supports, best.forces[0, count:], tight[count:], strict=True):
         if gives:
-            run.mode = freed(run.mode_state, one.dof, one.torque(force))
+            run.mode = freed(run, one.dof, one.torque(force))
             run.opened.add(("joint", one.dof))
     for i, force, gives in zip(share.contacts, best.forces[0], tight, strict=False):
         if gives:
@@ -292,9 +296,9 @@ def _act(run: RunState, n: int, direction: int = 0) -> None:
         return
     before = run.stored_energy() if trigger.changes else 0.0
     if trigger.begins:
-        run.mode = run.mode.beginning(place)
+        run.mode = replace(run.mode, waiting=run.mode.waiting - {place})
     if trigger.drops:
-        run.mode = run.mode.without(place)  # a payload takes its energy along
+        run.mode = replace(run.mode, dropped=run.mode.dropped | {place})  # a payload takes its energy along
     run.ended |= trigger.ends
     if trigger.state is not None:
         nq, v_rows = run.system.nq, run.system.whole.space.v_rows

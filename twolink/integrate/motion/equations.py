@@ -3,7 +3,6 @@
 formulas          what the machine runs and NumPy evaluates
 pinocchio_rate    the same by Pinocchio, state by state
 scene_equations   makes equations from a scene
-pieces            solves them from break to break
 """
 
 from __future__ import annotations
@@ -118,6 +117,10 @@ class Equations:
         """The equations from another state (q, v, z) on, with the numbers of the piece at time t."""
         numbers = self.layout.numbers_at(t, slots, locks)
         return replace(self, start=np.concatenate([x[: self.moving], numbers.astype(x.dtype)]))
+
+    def full(self, x: Array) -> Array:
+        """States (size, n) with the numbers of the start behind states of fewer rows."""
+        return np.concatenate([x, np.repeat(self.start[len(x) :, None], x.shape[1], axis=1)])
 
     def key(self, *parts: str) -> str:
         """A name for what is made of these equations: the model, the effects, our code, versions and the parts."""

@@ -30,6 +30,7 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import accelerations, effect_loads, motion_of
 from twolink.integrate.motion.state import Array, StateSpace, layout_of
 from twolink.io.fingerprints import kernel_key
+from twolink.native.programs import keep, kept
 from twolink.scenes import Scene
 from twolink.scenes.parameters import PREFIX, numbers_of
 
@@ -93,37 +94,26 @@ def with_parameters(equations: Equations, parameters: Sequence[str]) -> Equation
     return replace(other, content=_content(with_effect_numbers(other, ones), model))
 
 
-_structures: dict[str, tuple[Equations, Array]] = {}  # by content
-_fewest: dict[tuple[str, int | None], tuple[int, int, tuple[int, ...]]] = {}  # `_fewest_operations`, by content too
-MAX_KEPT = 128
-
-
-def _make_room(known: dict[Any, Any]) -> dict[Any, Any]:
-    """A dictionary with room for one more: the oldest entries are forgotten."""
-    while len(known) >= MAX_KEPT:
-        known.pop(next(iter(known)), None)
-    return known
-
-
 def structure_of(equations: Equations) -> tuple[Equations, Array]:
     """Equations with numbers as run-time parameters, so that code for them serves other numbers; and the values (p,).
 
     Masses, inertias, gravity and the numbers of our own effects. What is 0 stays so; so do lengths, for which motions
     would take many more operations, and limits of effort, which decide about events.
     """
-    if equations.content not in _structures:
+    key = equations.key("structure")
+    found: tuple[Equations, Array] | None = kept(key)
+    if found is None:
         model, chosen = equations.robot.model, {}
         for name, value in nominal_values(model).items():
             if value != 0.0 and ".origin." not in name and not name.endswith(".damping"):
                 chosen[name] = value
         for place, effect in zip(equations.places, equations.effects, strict=False):
             if not has_own(effect):
-                found = {PREFIX + ".".join((str(place), *path)): value for path, value in numbers_of(effect)
-                         if value and "effort" not in path}  # fmt: skip
-                chosen.update(found)
+                chosen |= {PREFIX + ".".join((str(place), *path)): value for path, value in numbers_of(effect)
+                           if value and "effort" not in path}  # fmt: skip
         base = with_parameters(equations, tuple(chosen))
-        _make_room(_structures)[equations.content] = base, np.array(list(chosen.values()))
-    return _structures[equations.content]
+        found = keep(key, (base, np.array(list(chosen.values()))))
+    return found
 
 
 def make_equations(
@@ -172,10 +162,8 @@ def make_equations(
         assembled=(float(moved[: robot.nq].max(initial=0.0)), float(moved[robot.nq :].max(initial=0.0))),
     )
     content = _content(equations)
-    fewest = _fewest.get((content, variant))
-    if fewest is None:
-        fewest = _make_room(_fewest)[content, variant] = _fewest_operations(equations, variant)
-    variant, operations, steady = fewest
+    fewest = f"{content}-operations-{variant}"
+    variant, operations, steady = kept(fewest) or keep(fewest, _fewest_operations(equations, variant))
     return replace(equations, variant=variant, operations=operations, steady=steady, content=content,
                    effort_limits=_effort_limits(equations))  # fmt: skip
 

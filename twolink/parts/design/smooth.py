@@ -51,7 +51,7 @@ def equations_at(equations: Equations, t: float, q: Array, v: Array) -> Equation
     """
     equations.require(t, t)
     x = np.concatenate([q, v])
-    held = RunState(equations, t).mode_state.own.equations if equations.has_events else equations  # loops at that time
+    held = RunState(equations, t).own.equations if equations.has_events else equations  # loops at that time
     if held.constraints is not None:
         x = assembled(held.constraints, x)
     x = with_starting_states(equations, x)
@@ -65,13 +65,11 @@ def equations_at(equations: Equations, t: float, q: Array, v: Array) -> Equation
     if run.ended or not np.array_equal(run.x, x):
         raise _not_smooth("an event changes the state there")
     _require_no_contact(run)
-    state = run.mode_state
-    for guard in guards_of(run, state.evaluate()):
+    for guard in guards_of(run, run.evaluate()):
         if guard.at_zero:
             kind, number = guard.key
             raise _not_smooth(f"{_name(run, kind, number)} is where its force changes abruptly")
-    start = state.full_state()
-    return replace(with_parameters(state.own.equations, equations.parameters), start=start)
+    return replace(with_parameters(run.own.equations, equations.parameters), start=run.full_state())
 
 
 def depends_on_time(equations: Equations) -> bool:
