@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.integrate.problems import arm
-from twolink.integrate.core import track
+from tests.integrate.problems import GRAVITY, arm
+from twolink.integrate.core import smooth, track
 from twolink.integrate.core.smooth import solve_smooth
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.step_map import StepMap
+from twolink.integrate.steps.stepping import Block
 from twolink.loop import calls
 
 TIMES = np.linspace(0, 2, 401)
@@ -46,3 +48,19 @@ def test_a_tick_that_ctrl_c_ends_is_due_again(monkeypatch: pytest.MonkeyPatch) -
     sim.step(1.0 - sim.t)
     other.step(1.0)
     np.testing.assert_allclose(sim.state.q, other.state.q, rtol=0, atol=1e-12)
+
+
+def test_a_sample_of_a_solution_beside_a_run_is_taken_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of an unstable loop, in which some need more steps to a tick than others: a later look changes no sample."""
+    taken = smooth.take_samples
+
+    def once(by: StepMap, block: Block, times: np.ndarray, out: np.ndarray) -> None:
+        before = out.copy()
+        taken(by, block, times, out)
+        assert (np.isnan(before) | (before == out)).all()
+
+    monkeypatch.setattr(smooth, "take_samples", once)
+    law = tl.effects.Controller(lambda _, y, s: (100.0 * (0.1 - y.q) - 20.0 * y.v, s), 1e-3, traced=False)
+    scene = tl.Scene(tl.load_robot("panda"), effects=[*GRAVITY, law])
+    run = tl.simulate(scene, 0.6, method="rk45", tolerance=1e-8)
+    assert [event.kind for event in run.events] == ["unstable-loop"]

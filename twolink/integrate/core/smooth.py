@@ -7,8 +7,6 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from twolink.effects.inputs import Slot
 from twolink.integrate.core.columns import Columns
 from twolink.integrate.core.motion import LATER, Motion, again, driven
@@ -26,8 +24,7 @@ if TYPE_CHECKING:
     from twolink.effects.sensors import Forces
     from twolink.loop.sampled_loop import SampledLoop
 
-SHORT = 16  # attempted steps of a block in which solutions beside the run are looked at at once
-TOGETHER = 32  # short blocks that are looked at together
+SHORT = 16  # attempted steps of a block in which all solutions beside the run are looked at at all times
 FAR, NEAR = 1.5, 0.5  # of its step: a time for which a method of lower order is left; of that time, for which it is not
 MANY = 1_000_000  # steps, after which the count of steps of a motion without end begins anew
 
@@ -75,7 +72,6 @@ class SmoothMotion(Motion):
         self.equations, self._by = by.equations, by
         self.columns = Columns(by, t, end, setting, perturbations, progress, lose=lose)
         self.track, self._companions, self._steps = track, companions, 0
-        self._unseen: list[Block] = []  # at whose samples of the solutions beside the first no one has looked
         self._end = end
         self._breaks, self._passed = [*(b for b in by.equations.breaks(end) if b > t), math.inf], 0
         self._checks, self._looked = [*([] if companions is None else companions.t.tolist()), math.inf], 0
@@ -163,23 +159,6 @@ class SmoothMotion(Motion):
         return True
 
     def _look(self, companions: Companions, block: Block) -> None:
-        """Look at the solutions beside the first, in many short blocks at once."""
-        if len(block.worlds) < self.columns.x.shape[1]:  # some have arrived
-            self._take_samples(companions, block)
-            return
-        self._unseen.append(Block(block.worlds, block.states.copy(), block.t.copy(), block.outcome))
-        if len(self._unseen) == TOGETHER or len(block.t) > SHORT or block.outcome.any():
-            self.look()
-
-    def look(self) -> None:
-        """Take the samples of the solutions beside the first that are left to take."""
-        if self._companions is not None and self._unseen:
-            worlds, outcome = self._unseen[-1].worlds, self._unseen[-1].outcome
-            states, t = (np.concatenate([one[i] for one in self._unseen]) for i in (1, 2))
-            self._unseen = []
-            self._take_samples(self._companions, Block(worlds, states, t, outcome))
-
-    def _take_samples(self, companions: Companions, block: Block) -> None:
         """Take the samples of the solutions beside the first, which are numbered behind it."""
         for others, often in companions.looks(block.worlds, few=len(block.t) <= SHORT):
             part = Block(block.worlds[others] - 1, *(rows[..., others] for rows in block[1:]))
@@ -238,9 +217,7 @@ def solve_smooth(
     every = (perturbation, *(() if companions is None else companions.perturbations))
     motion = SmoothMotion(by, start, end, setting, every, track=track, companions=companions, progress=progress,
                           lose=equations.sampling is None)  # fmt: skip
-    run = driven(motion, end, equations.sampling, functools.partial(_solutions, motion, track))[0]
-    motion.look()
-    return run
+    return driven(motion, end, equations.sampling, functools.partial(_solutions, motion, track))[0]
 
 
 def _solutions(
