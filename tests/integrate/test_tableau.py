@@ -5,38 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.integrate.order_conditions import defect, density, matrix, require_orders, size, trees
+from tests.integrate.order_conditions import defect, density, matrix, require_orders, trees
 from twolink.integrate.steps.methods import METHODS, Tableau
 
 TABLEAUS = {name: m.tableau for name, m in METHODS.items() if m.tableau is not None}
-LEAF = ()
 EVERY = pytest.mark.parametrize("name", TABLEAUS)
-
-
-def tall(nodes: int) -> tuple:
-    """The tree that is a chain."""
-    return (tall(nodes - 1),) if nodes > 1 else LEAF
 
 
 def test_numbers_of_rooted_trees() -> None:
     """Sloane's A000081."""
     assert [len(list(trees(n))) for n in range(1, 9)] == [1, 1, 2, 4, 9, 20, 48, 115]
-
-
-@pytest.mark.parametrize("nodes", range(1, 9))
-def test_trees_are_distinct_and_have_their_nodes(nodes: int) -> None:
-    found = list(trees(nodes))
-    assert len(set(found)) == len(found)
-    assert {size(tree) for tree in found} == {nodes}
-
-
-@pytest.mark.parametrize("n", range(2, 9))
-def test_densities(n: int) -> None:
-    """A bush of n nodes has gamma = n, a chain n!; and Hairer, Norsett, Wanner's table II.2.1."""
-    assert density((LEAF,) * (n - 1)) == n
-    assert density(tall(n)) == np.prod(range(1, n + 1))
-    assert density((LEAF, (LEAF,))) == 8
-    assert density(((LEAF, LEAF),)) == 12
 
 
 def test_a_sum_over_trees_is_the_exponential() -> None:
@@ -98,27 +76,8 @@ def test_orders_are_sharp(name: str) -> None:
         assert defect(a, embedded, order + 1) > 1e-7
 
 
-@EVERY
-def test_nodes_are_row_sums_within_the_step(name: str) -> None:
-    tableau = TABLEAUS[name]
-    np.testing.assert_allclose(tableau.c, matrix(tableau) @ np.ones(len(tableau.b)), rtol=0, atol=1e-14)
-    if name != "suzuki4":  # which goes back and forth on purpose
-        assert 0 <= min(tableau.c) <= max(tableau.c) <= 1 + 1e-15
-
-
 def test_published_nodes() -> None:
     """The nodes of the pairs as printed: Dormand, Prince 1980; Bogacki, Shampine 1989; Kennedy, Carpenter 2003."""
     np.testing.assert_allclose(TABLEAUS["rk45"].c, [0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1, 1], atol=1e-14)
     np.testing.assert_allclose(TABLEAUS["rk23"].c, [0, 1 / 2, 3 / 4, 1], atol=1e-15)
     np.testing.assert_allclose(TABLEAUS["esdirk43"].c, [0, 1 / 2, 83 / 250, 31 / 50, 17 / 20, 1], atol=1e-14)
-
-
-def test_shapes_that_are_no_method() -> None:
-    with pytest.raises(ValueError, match="beyond the diagonal"):
-        Tableau(((0.5, 0.5),), (1.0,), 1)
-    with pytest.raises(ValueError, match="as many as the weights"):
-        Tableau(((),), (0.5, 0.5), 1)
-    with pytest.raises(ValueError, match="a weight a stage"):
-        Tableau(((),), (1.0,), 1, errors=((1.0, -1.0),), error_orders=(1,))
-    with pytest.raises(ValueError, match="and its order"):
-        Tableau(((),), (1.0,), 1, errors=((0.5,),))

@@ -40,26 +40,18 @@ class Ambiguity:
         self._ratio, self._apart, self._sizes = 0.0, 0.0, np.zeros(2)
         self._ticks, self._answered, self._rounding = [np.empty(0)], 0, [np.empty(0)]
 
-    def add(self, t: float, u: Array, x: Array) -> None:
-        """Take the answers u (m, n) to the states x (size, n) at a time."""
-        k = self._count
-        if not k:
-            self._u, self._x = np.empty((BLOCK, *u.shape)), np.empty((BLOCK, *x.shape))
-        self._t[k], self._u[k], self._x[k], self._count = t, u, x, k + 1
-        if self._count == BLOCK:
-            self._look()
-
-    def add_many(self, t: Array, u: Array, x: Array) -> None:
+    def add(self, t: Array, u: Array, x: Array) -> None:
         """Take the answers u (k, m, n) to the states x (k, size, n) at times (k,)."""
         while len(t):
-            self.add(t[0], u[0], x[0])  # which may begin a block
-            k, more = self._count, max(0, min(BLOCK - self._count, len(t) - 1)) if self._count else 0
-            self._t[k : k + more], self._u[k : k + more] = t[1 : 1 + more], u[1 : 1 + more]
-            self._x[k : k + more] = x[1 : 1 + more]
-            self._count += more
+            if not self._count:
+                self._u, self._x = np.empty((BLOCK, *u.shape[1:])), np.empty((BLOCK, *x.shape[1:]))
+            some = min(BLOCK - self._count, len(t))
+            place = slice(self._count, self._count + some)
+            self._t[place], self._u[place], self._x[place] = t[:some], u[:some], x[:some]
+            self._count += some
             if self._count == BLOCK:
                 self._look()
-            t, u, x = t[1 + more :], u[1 + more :], x[1 + more :]
+            t, u, x = t[some:], u[some:], x[some:]
 
     def ticks(self) -> list[float]:
         """The times of ambiguous ticks so far."""

@@ -57,7 +57,7 @@ class HeldControl:
     def keep(self, t: float, u: Array, x: Array) -> None:
         """Take note of the answers u (m, n) to states x (size, n)."""
         if x.shape[1] > 1:
-            self.ambiguity.add(t, u, x)
+            self.ambiguity.add(np.array([t]), u[None], x[None])
         else:
             self.log.append((t, u, x.copy()))
 
@@ -131,11 +131,8 @@ class ManyTicks:
 
     def _ask(self, before: int, t: float, x: Array) -> Array:
         """The answers (m, n) to states x (rows, n)."""
-        given = self._control.given(x)
-        noted = self._replay.noted(self._control.place, given)
-        u = self._control.law(t, self._first + before, given)
-        self._replay.add(self._control.place, t, noted, u)
-        return u.T
+        control = self._control
+        return self._replay.asked(control.place, control.law, t, self._first + before, control.given(x)).T
 
     def taken(self, times: Array, ticks: Ticks) -> None:
         """Take note of ticks that were taken. Raises ControllerError."""
@@ -157,7 +154,7 @@ class ManyTicks:
         if self.law.call is None:
             law.own[0].state = ticks.z[count].T.copy()
         if u.shape[2] > 1:
-            control.ambiguity.add_many(times, u, x)
+            control.ambiguity.add(times, u, x)
         else:
             control.log += zip(times.tolist(), u.copy(), x, strict=True)
 

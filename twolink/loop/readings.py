@@ -25,11 +25,6 @@ class Readings(NamedTuple):
         return Readings(self.t[:count], self.values[:count])
 
 
-def random_of(sensor: Sensor, size: int) -> Random:
-    """The random numbers of a sensor with so many values."""
-    return Random(sensor.seed, sensor.label, size)
-
-
 def reading(sensor: Sensor, random: Random, tick: int, values: Array) -> Array:
     """The readings (n, m) at a tick of n solutions with these values, the first of which is the run.
 

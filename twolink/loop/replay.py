@@ -68,19 +68,17 @@ class Replay:
         self._ticks: list[Tick] = []
         self._checked, self._full = 0, False
 
-    def noted(self, place: int, given: Given) -> Given | None:
-        """A copy of what is given, which a law may write to; None where it is not asked again."""
+    def asked(self, place: int, law: Callable[[float, int, Given], Array], t: float, tick: int, given: Given) -> Array:
+        """The answers (n, m) of a law, which may write to what it is given; they are noted if it is asked again."""
         if place not in self._looked or self._full:
-            return None
+            return law(t, tick, given)
         if not self._asked_again:  # else the questions themselves would change the motion
             self._asked_again = True
             self._require_answers(self._before, "when it is asked again")
-        return {name: values.copy() for name, values in given.items()}
-
-    def add(self, place: int, t: float, noted: Given | None, u: Array) -> None:
-        """Take note of the answers u (n, m)."""
-        if noted is not None:
-            self._ticks.append((place, t, noted, u))
+        noted = {name: values.copy() for name, values in given.items()}
+        u = law(t, tick, given)
+        self._ticks.append((place, t, noted, u))
+        return u
 
     def saved(self) -> tuple[list[Tick], int, bool]:
         """The state of the replay, for `restore`."""

@@ -21,7 +21,7 @@ from twolink.loop.clock import ACT, ARRIVE, READ, UPDATE, Clock, Random
 from twolink.loop.controls import HeldControl, ManyTicks, control_of, many_ticks
 from twolink.loop.laws import own_laws
 from twolink.loop.plain_functions import seen
-from twolink.loop.readings import Readings, random_of, reading
+from twolink.loop.readings import Readings, reading
 from twolink.loop.replay import Given, Replay
 
 Array = np.ndarray[Any, np.dtype[Any]]
@@ -98,7 +98,7 @@ class SampledLoop:
         self._sensors: dict[int, _Measuring] = {}
         for place, sensor in sampling.sensors.items():  # before a reading arrives, that of the start without noise
             values = sensor.read(self._seen(start, x))
-            self._sensors[place] = _Measuring(sensor, values, random_of(sensor, values.shape[1]))
+            self._sensors[place] = _Measuring(sensor, values, Random(sensor.seed, sensor.label, values.shape[1]))
         self._replay = self._asked(sampling.controllers, start, x)
 
     def _asked(self, controllers: Mapping[int, Controller], start: float, x: Array) -> Replay:
@@ -206,7 +206,8 @@ class SampledLoop:
         for place, one in self._controls.items():
             one.ambiguity = Ambiguity(FIRST_STEPPED)
             for (t, *mine), (_, *theirs) in zip(one.log, other._controls[place].log, strict=False):
-                one.ambiguity.add(t, *(np.concatenate(pair, axis=1) for pair in zip(mine, theirs, strict=True)))
+                both = (np.concatenate(pair, axis=1)[None] for pair in zip(mine, theirs, strict=True))
+                one.ambiguity.add(np.array([t]), *both)
         return self.ambiguous()
 
     def unstable(self) -> list[tuple[float, str, float, float]]:
@@ -237,10 +238,7 @@ class SampledLoop:
 
     def _update(self, control: HeldControl, t: float, tick: int, x: Array) -> None:
         """Ask the controller for each solution, and keep the answers until they act."""
-        given = self._given(control, x)
-        noted = self._replay.noted(control.place, given)
-        u = control.law(t, tick, given)
-        self._replay.add(control.place, t, noted, u)
+        u = self._replay.asked(control.place, control.law, t, tick, self._given(control, x))
         moving = self._nq + self._nv
         control.require_sound(t, u, x[self._nq : moving])
         control.keep(t, u.T, x[: moving + (len(self._states) if self._of_states & {*control.controller.inputs} else 0)])

@@ -14,7 +14,8 @@ from twolink.errors import SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.forces_seen import forces_seen
 from twolink.integrate.motion.equations import Equations
-from twolink.loop.readings import Readings, random_of, reading
+from twolink.loop.clock import Random
+from twolink.loop.readings import Readings, reading
 from twolink.scenes import Scene
 
 if TYPE_CHECKING:
@@ -49,5 +50,5 @@ def _read_along(sensor: Sensor, solution: Solved) -> Readings:
         z = dict(zip(equations.space.states, states[equations.space.z_rows, places], strict=True))
         seen = Seen(equations.robot, q, v, z, functools.partial(look, equations, places, numbers))
         values |= dict(zip(places.tolist(), sensor.read(seen), strict=True))
-    random = random_of(sensor, len(values[0]))
+    random = Random(sensor.seed, sensor.label, len(values[0]))
     return Readings(times, np.array([reading(sensor, random, k, values[k][None])[0] for k in range(len(times))]))

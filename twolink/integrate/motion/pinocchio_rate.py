@@ -1,6 +1,5 @@
 """The rate x' by Pinocchio's algorithms, state by state: the reference that compiled steps are compared with."""
 
-import contextlib
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,7 +8,6 @@ import pinocchio as pin
 
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.loops import Loop
-from twolink.errors import QueryError
 from twolink.integrate.motion.constraints import Constraints, locked_matrix
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import effect_loads, motion_of, state_rates
@@ -38,10 +36,6 @@ def _accelerations(equations: Equations, t: Any, q: Array, v: Array, behind: Arr
     """
     layout, constraints = equations.layout, equations.constraints
     bound = constraints is not None or bool(layout.lockable)
-    if not (equations.effects or equations.space.states or bound):
-        with contextlib.suppress(QueryError):  # one state that overflows: the others are answered one by one
-            rows, tau = slice(None) if len(q) > 1 else 0, np.zeros(v.shape[1])  # one state is answered without checks
-            return equations.robot.forward_dynamics(q[rows], v[rows], tau, engine="pinocchio").reshape(v.shape).T
     with np.errstate(all="ignore"):  # what is not finite is NaN or infinite in the result
         x = np.concatenate([q.T, v.T, behind])
         numbers, motion = x[equations.moving :], motion_of(equations, equations.mechanism, t, x, Numbers)

@@ -29,7 +29,7 @@ class Tableau:
     """Rows `a` up to the diagonal (explicit methods: below it), weights `b`, nodes `c`, order.
 
     errors: weights e whose sum h sum_i e_i k_i estimates the error of a step, being the difference to a method of the
-    order named beside it in error_orders; none for a method of fixed steps. Raises ValueError for shapes of no method.
+    order named beside it in error_orders; none for a method of fixed steps.
     """
 
     a: tuple[Row, ...]
@@ -37,13 +37,6 @@ class Tableau:
     order: int
     errors: tuple[Row, ...] = ()
     error_orders: tuple[int, ...] = ()
-
-    def __post_init__(self) -> None:
-        stages = len(self.b)
-        if len(self.a) != stages or any(len(row) > i + 1 for i, row in enumerate(self.a)):
-            raise ValueError("the rows of a must be as many as the weights, and none may reach beyond the diagonal")
-        if any(len(e) != stages for e in self.errors) or len(self.errors) != len(self.error_orders):
-            raise ValueError("each error estimate needs a weight a stage, and its order")
 
     @functools.cached_property
     def c(self) -> Row:
