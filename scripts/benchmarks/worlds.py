@@ -24,9 +24,9 @@ from twolink.dynamics.threads import thread_count
 from twolink.hard.peers import peer_module
 from twolink.hard.peers.task import Setting, task_of
 from twolink.integrate.motion.scene_equations import equations_of
-from twolink.integrate.steps.many_worlds import integrate_many
 from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.step_map import step_map
+from twolink.integrate.steps.stepping import integrate_many
 
 ACCURACY, SHARE = 1e-6, 0.9  # of worlds whose error is compared
 FEW = 64  # worlds of MuJoCo

@@ -16,9 +16,9 @@ from tests.near import assert_near, assert_within
 from twolink.effects.inputs import derivatives_at, value_at
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.scene_equations import equations_of
-from twolink.integrate.steps.many_worlds import integrate_many
 from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.step_map import step_map
+from twolink.integrate.steps.stepping import integrate_many
 
 KNOTS, VALUES = np.array([0.1, 0.4, 0.5, 1.0, 1.3]), np.array([1.0, -2.0, 3.0, 3.5, 0.5])
 TIMES = np.linspace(-0.2, 1.6, 400)

@@ -1,6 +1,5 @@
 """Step maps: compiled is portable, worlds do not feel each other, steps land where they should."""
 
-import os
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -93,16 +92,6 @@ def test_steps_without_the_native_library_are_the_same(
     np.testing.assert_allclose(ours[len(x) :], theirs[len(x) :], rtol=1e-6)
 
 
-def test_worlds_with_parameters_have_the_same_bits_in_any_batch() -> None:
-    base = equations_of(rods(), parameters=["forearm.mass", "gravity.z"])
-    x, values = random_states(base.robot, 64), np.array([np.linspace(0.5, 3.5, 64), np.linspace(-9.8, -1.6, 64)])
-    steps = step_map(base, METHODS["dop853"])
-    every = steps.partial(x, np.zeros(64), np.full(64, 0.01), values)
-    some = np.array([40, 3, 17])
-    again = steps.partial(x[:, some], np.zeros(3), np.full(3, 0.01), values[:, some])
-    np.testing.assert_array_equal(again, every[:, some])
-
-
 def test_a_rate_that_is_wrong_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TWOLINK_CACHE", "off")
     wrong = lambda *given: 1.0000001 * traced_rate(*given)  # noqa: E731
@@ -153,23 +142,6 @@ def test_a_parameter_of_a_world_is_a_robot_built_with_it() -> None:
         alone = step_map(own, METHODS["rk4"]).partial(x[:, i : i + 1], np.zeros(1), np.full(1, 0.05))
         np.testing.assert_allclose(together[:, i], alone[:, 0], rtol=0, atol=1e-13)
     assert np.abs(steps.partial(x, np.zeros(4), np.full(4, 0.05), values * 1.01) - together).max() > 1e-6
-
-
-@pytest.mark.some(2)
-@pytest.mark.parametrize("name", ["dop853", "suzuki4"])
-def test_a_world_gets_the_same_bits_in_any_batch(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = box()
-    steps = step_map(equations_of(scene), METHODS[name])
-    x = random_states(scene.robot, 1000)
-    whole = steps.partial(x, np.zeros(1000), np.full(1000, 0.01))
-    for n in (1, 8, 9, 64):
-        some = np.random.default_rng(n).permutation(1000)[:n]
-        np.testing.assert_array_equal(steps.partial(x[:, some], np.zeros(n), np.full(n, 0.01)), whole[:, some])
-    wide = np.tile(x, 40)
-    for threads in ("1", "2"):
-        monkeypatch.setitem(os.environ, "TWOLINK_THREADS", threads)
-        found = steps.partial(wide, np.zeros(40_000), np.full(40_000, 0.01))
-        np.testing.assert_array_equal(found, np.tile(whole, 40))
 
 
 @EVERY

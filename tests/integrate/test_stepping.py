@@ -8,9 +8,9 @@ from tests.integrate.problems import GRAVITY, arm, box, random_states, rods, tig
 from twolink.errors import AccuracyError
 from twolink.integrate.core.smooth import solve_smooth
 from twolink.integrate.motion.scene_equations import equations_of
-from twolink.integrate.steps.many_worlds import integrate_many
 from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.step_map import step_map
+from twolink.integrate.steps.stepping import integrate_many
 from twolink.scenes import Scene, load_scene
 
 TIMES = np.linspace(0, 2, 401)
@@ -70,17 +70,6 @@ def test_a_lost_world_is_nan_and_the_others_go_on() -> None:
     others = np.arange(10) != 4
     assert np.isnan(found[1:, :, 4]).all()
     np.testing.assert_allclose(found[:, :, others], before[:, :, others], rtol=0, atol=1e-12)
-
-
-def test_parameters_of_worlds() -> None:
-    """Gravity turned off in one world of two: free fall and free flight of the same arm."""
-    scene = Scene(arm().robot, q=[0.3, -0.7], v=[1.0, -0.5], effects=GRAVITY)
-    equations = equations_of(scene, parameters=["gravity.z"])
-    times, x = np.array([0.0, 1.0]), np.repeat(equations.start[:, None], 2, axis=1)
-    found, *_ = integrate_many(step_map(equations, METHODS["dop853"]), x, times, 1e-11, np.array([[-9.81, 0.0]]))
-    np.testing.assert_allclose(found[-1, :, 0], tight(scene, times)[:, -1], rtol=0, atol=1e-8)
-    still = Scene(scene.robot, scene.q, scene.v)
-    np.testing.assert_allclose(found[-1, :, 1], tight(still, times)[:, -1], rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("name", ["dop853", "rk4", "esdirk43", "implicit-midpoint"])

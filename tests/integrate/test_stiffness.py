@@ -5,11 +5,10 @@ import pytest
 
 import twolink as tl
 from twolink.integrate.motion.equations import Equations
-from twolink.integrate.motion.pinocchio_rate import rate
+from twolink.integrate.motion.pinocchio_rate import fastest_decay, rate
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solvers.method_choice import choose
 from twolink.integrate.steps.step_formulas import _inverse, _jacobian
-from twolink.integrate.steps.stiffness import fastest_decay
 
 E = tl.effects
 INERTIA, DAMPING, SPEED = 1e-5, 0.1, 20.0  # kg m^2, N m s/rad, rad/s

@@ -34,25 +34,6 @@ def test_double_integrator_with_hold_and_delay_is_exact(period: str, delay: str)
     assert np.abs(run.at(between)[0] - tl.simulate(scene, 4.0, accuracy=1e-9, t_eval=between).q).max() < 1e-13
 
 
-@pytest.mark.parametrize("periods", [0, 3, 7])
-@pytest.mark.parametrize("share", [0.9, 1.1])
-def test_a_loop_goes_unstable_at_the_gain_that_theory_says(periods: int, share: float) -> None:
-    """v_{n+1} = v_n - k T v_{n-m} is stable for k T < 2 sin(pi / (2 (2 m + 1))), m the delay in periods."""
-    period = 0.02
-    gain = share * 2 * math.sin(math.pi / (2 * (2 * periods + 1))) / period
-    control = E.Controller(lambda _, y, s: (-gain * y.v, s), period=period, delay=periods * period)
-    ticks = 60 * (periods + 1)
-    run = tl.simulate(
-        tl.Scene(slider(), v=[1.0], effects=[control]), ticks * period, accuracy=1e-2, samples_per_second=50
-    )
-    v = [1.0] * (periods + 1)
-    for _ in range(ticks):
-        v.append(v[-1] - gain * period * v[-1 - periods])
-    assert run.v[-1, 0] == pytest.approx(v[ticks], rel=1e-6, abs=1e-9)
-    early, late = (np.abs(part).max() for part in np.array_split(run.v[ticks // 5 :, 0], 2))
-    assert (late > early) == (share > 1.0)
-
-
 def test_each_world_has_its_own_controller() -> None:
     """Worlds of other starts and delays against rational arithmetic; a state that is changed in place is a world's."""
     scene = tl.Scene(slider(), [1.0], effects=[E.Controller(pd, period=0.05)])
@@ -341,25 +322,6 @@ def test_the_energy_book_has_the_work_of_held_torques(friction: float) -> None:
     exact = float((-4.0 * q - 2.0 * v)[:, 0] @ np.diff(run.at(acting)[0][:, 0]))
     assert book.work["controller"][-1] == pytest.approx(exact, abs=1e-9)
     assert exact > 0.1
-
-
-def test_explain_and_cost() -> None:
-    scene = tl.Scene(slider(), [1.0], effects=[E.Controller(pd, period=0.1)], duration=1.0)
-    told = tl.explain(scene)
-    assert told.method in ("dop853", "rk45")
-    assert "Controller" in told.effects[0]
-    run = tl.simulate(scene)
-    assert run.cost.steps >= 10
-
-
-def test_states_of_effects_are_in_the_loop() -> None:
-    """With LuGre friction: the same as the law in continuous time, but for the hold of a millisecond."""
-    friction = E.LuGreFriction({"rail": 1e3}, {"rail": 0.5})
-    control = E.Controller(pd, period=1e-3)
-    run = tl.simulate(tl.Scene(slider(), [1.0], effects=[friction, control]), 0.5, accuracy=1e-7)
-    same = E.JointPD({"rail": 0.0}, {"rail": 4.0}, {"rail": 2.0})
-    other = tl.simulate(tl.Scene(slider(), [1.0], effects=[friction, same]), 0.5, accuracy=1e-7)
-    assert 1e-6 < np.abs(run.q - other.q).max() < 3e-3
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.013])

@@ -1,7 +1,5 @@
 """Attempts in the native library: many in one call are single calls, alone as in a batch, and end with the arrival."""
 
-import ctypes
-
 import numpy as np
 import pytest
 
@@ -14,7 +12,6 @@ from twolink.integrate.steps.programs import programs_of
 from twolink.integrate.steps.step_control import initial_state
 from twolink.integrate.steps.step_formulas import NumericSteps
 from twolink.integrate.steps.step_map import StepMap, step_map
-from twolink.native.library import library, require
 
 NAMES = ("dop853", "rk45", "rk4", "semi-implicit-euler", "esdirk43", "implicit-midpoint")
 LOOK = 8
@@ -100,31 +97,3 @@ def test_columns_of_the_embedded_formula_lack_the_error_estimate(name: str) -> N
     lower = attempted(by_numpy, state, disturbances)
     np.testing.assert_allclose(found[:moving], lower[:moving], rtol=1e-13, atol=1e-15)
     assert (apart > 0.0).all()
-
-
-def test_wrong_arguments_of_the_library_are_codes() -> None:
-    """Null pointers, levels and counts that are out of bounds: a code each, and never a crash."""
-    native, made = library(), ctypes.c_void_p()
-    program = programs_of(equations_of(arm())).rate
-    handle = program.handle.value
-    assert native.tl_columns(None, 0, 1, None, 1, 1, None, 1, None) == 4
-    registers = native.tl_registers_new(handle, 1)
-    block = (ctypes.c_int64 * 4)(0, 1, 1, 5)
-    for level, width, count, inputs in ((9, 1, 1, 1), (-1, 1, 1, 1), (0, 1, -5, 1), (0, 1, 1, -1), (0, 1, 1, 1)):
-        assert native.tl_columns(handle, level, width, registers, count, inputs, block, 1, block) == 4
-    native.tl_registers_free(registers)
-    assert native.tl_registers_new(handle, 3) is None
-    sizes = np.zeros(11, dtype=np.int32)
-    for place, value in ((0, -1), (1, 99), (5, 99), (6, 9), (3, 7), (9, -2)):
-        wrong = sizes.copy()
-        wrong[place] = value
-        assert native.tl_method_new(handle, None, None, wrong.ctypes.data, *[None] * 4, ctypes.byref(made)) == 4
-        assert not made.value
-    for arguments in ((-1, 0, 0), (70_000, 1, 1), (2, 3, -1)):
-        registers_, outputs, quads = arguments
-        code = native.tl_program_new(
-            1, outputs, registers_, quads, None, 0, None, 0, None, None, None, ctypes.byref(made)
-        )
-        assert code == 1
-    with pytest.raises(tl.errors.TwolinkError, match="out of bounds"):
-        require(4, "a call")

@@ -1,10 +1,12 @@
-"""The clock: what happens at which tick, in exact fractions of a second; and random numbers by seed, name and tick."""
+"""The clock: what happens at which tick, in exact fractions of a second; random numbers by seed, name and tick, and the
+readings of sensors, with their bias, noise and resolution.
+"""
 
 import heapq
 import math
 import zlib
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -130,3 +132,33 @@ class Clock:
 
     def _next(self) -> float:
         return self._heap[0][0] / self._common if self._heap else math.inf
+
+
+Array = np.ndarray[Any, np.dtype[Any]]
+AMPLIFIED = 4.0  # of a solution's distance from the run, where its reading is rounded
+
+
+class Readings(NamedTuple):
+    """Readings of a sensor: the times (n,) at which it measured, s, and the values (n, m)."""
+
+    t: Array
+    values: Array
+
+    def until(self, t: float) -> "Readings":
+        """The readings up to a time, s."""
+        count = int(np.searchsorted(self.t, t * (1.0 + SAME_TIME), side="right"))
+        return Readings(self.t[:count], self.values[:count])
+
+
+def reading(sensor: Sensor, random: Random, tick: int, values: Array) -> Array:
+    """The readings (n, m) at a tick of n solutions with these values, the first of which is the run.
+
+    Another solution stands for errors up to several times its distance from the run: so far off it is rounded, so that
+    the edge of a quantum between the run and the true motion shows.
+    """
+    white, walk, _ = random(tick)
+    values = values + (sensor.bias + sensor.noise * white + sensor.walk * math.sqrt(sensor.period) * walk)
+    if sensor.quantum:
+        values = values[:1] + AMPLIFIED * (values - values[:1]) if len(values) > 1 else values
+        values = sensor.quantum * np.round(values / sensor.quantum)
+    return np.asarray(values)

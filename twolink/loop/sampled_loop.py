@@ -17,11 +17,10 @@ from twolink.effects.sensors import Forces, Seen, Sensor, StateSensor
 from twolink.errors import SceneError
 from twolink.loop.ambiguity import FIRST_STEPPED, Ambiguity
 from twolink.loop.calls import DiffersError, asked
-from twolink.loop.clock import ACT, ARRIVE, READ, UPDATE, Clock, Random
+from twolink.loop.clock import ACT, ARRIVE, READ, UPDATE, Clock, Random, Readings, reading
 from twolink.loop.controls import HeldControl, ManyTicks, control_of, many_ticks
 from twolink.loop.laws import own_laws
 from twolink.loop.plain_functions import seen
-from twolink.loop.readings import Readings, reading
 from twolink.loop.replay import Given, Replay
 
 Array = np.ndarray[Any, np.dtype[Any]]

@@ -14,8 +14,7 @@ from twolink.errors import SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.forces_seen import forces_seen
 from twolink.integrate.motion.equations import Equations
-from twolink.loop.clock import Random
-from twolink.loop.readings import Readings, reading
+from twolink.loop.clock import Random, Readings, reading
 from twolink.scenes import Scene
 
 if TYPE_CHECKING:

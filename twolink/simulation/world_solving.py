@@ -10,7 +10,6 @@ from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress
 from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.solvers.method_choice import first_tolerance
-from twolink.integrate.steps.many_worlds import integrate_many
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.perturbation import (
     NO_PERTURBATION,
@@ -20,6 +19,7 @@ from twolink.integrate.steps.perturbation import (
     finer_solution,
 )
 from twolink.integrate.steps.step_map import StepMap
+from twolink.integrate.steps.stepping import integrate_many
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import (
     DISTURBED,

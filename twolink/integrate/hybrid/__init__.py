@@ -4,8 +4,7 @@ snapshot      accelerations, forces and what guards look at, of states in one mo
 modes         the modes of a scene, and the equations of each
 consistency   the mode that is consistent with the laws of friction and contact
 impacts       velocities after an impact; bounces too low to follow come to rest, all at once
-state         time, motion, mode and events of a run
-features      contacts at corners and edges: which are hit, and how one follows another
+state         time, motion, mode and events of a run; contacts at corners and edges, and how one follows another
 transitions   the guards of a mode, and what their zeros do
 roots         zeros and minima by evaluations in batches
 locating      guards, values that end a mode where they pass 0, and the first zero along a segment

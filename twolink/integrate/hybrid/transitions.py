@@ -13,13 +13,12 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.effects.switching import Trigger, same_time
 from twolink.errors import SceneError
 from twolink.integrate.hybrid.consistency import ALLOWED, SLOW
-from twolink.integrate.hybrid.features import pair_guards, pass_edge, single_point
 from twolink.integrate.hybrid.force_share import EMPTY, TIGHT, ForceDistributionProblem, share_of
 from twolink.integrate.hybrid.impacts import catch_touch, contact_touch, onto_contact, resolved, stop_touch
 from twolink.integrate.hybrid.locating import Guard, Key
 from twolink.integrate.hybrid.modes import freed, sliding
 from twolink.integrate.hybrid.snapshot import Snapshot
-from twolink.integrate.hybrid.state import RunState, no_single_point
+from twolink.integrate.hybrid.state import RunState, no_single_point, pair_guards, pass_edge, single_point
 from twolink.integrate.motion.formulas import projected
 from twolink.integrate.motion.state import Array
 

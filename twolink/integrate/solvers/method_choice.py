@@ -13,11 +13,11 @@ import numpy as np
 
 from twolink.errors import SceneError, shown
 from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.pinocchio_rate import fastest_decay
 from twolink.integrate.motion.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.solvers.taylor import ROUNDING_UNIT, Precision
 from twolink.integrate.steps.methods import METHODS, Method, known_as, method_named
-from twolink.integrate.steps.stiffness import fastest_decay
 from twolink.native.library import library
 
 # How many times smaller than the accuracy the first tolerance is: the errors of steps add up, and an estimate of low

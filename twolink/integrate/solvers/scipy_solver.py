@@ -11,13 +11,13 @@ import pinocchio as pin
 
 from twolink.effects.inputs import SAME_TIME
 from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.pinocchio_rate import fastest
 from twolink.integrate.motion.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.steps.failures import MAX_STEPS, cause, failure, is_hopeless
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation, step_disturbances
-from twolink.integrate.steps.stiffness import fastest
 
 LOOK = 8  # steps of an explicit method between two looks at how fast the motion changes
 DISTURBANCES = 8  # of a solution, evenly
