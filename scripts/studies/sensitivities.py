@@ -32,7 +32,7 @@ from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.effect_numbers import nominal_value
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of, structure_of, with_parameters
-from twolink.integrate.solvers.method_choice import choose
+from twolink.integrate.solver import choose
 from twolink.scenes.parameters import effect_numbers, scene_with
 from twolink.simulation.scene_run import run_of
 from twolink.simulation.time_limit import OutOfTime, TimeLimit

@@ -131,7 +131,7 @@ def test_without_the_native_library_events_are_located(monkeypatch: pytest.Monke
     scene = tl.load_scene("bouncing-ball")
     compiled = tl.simulate(scene, 0.5, accuracy=1e-6)
     monkeypatch.setattr("twolink.native.programs._kept", {})
-    for module in ("integrate.solvers.method_choice", "integrate.steps.step_map", "native.machine"):
+    for module in ("integrate.solver", "integrate.steps.step_map", "native.machine"):
         monkeypatch.setattr(f"twolink.{module}.library", lambda: None)
     run = tl.simulate(tl.load_scene("bouncing-ball"), 0.5, accuracy=1e-6)
     assert not run.cost.compiled

@@ -7,7 +7,7 @@ import twolink as tl
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.pinocchio_rate import fastest_decay, rate
 from twolink.integrate.motion.scene_equations import equations_of
-from twolink.integrate.solvers.method_choice import choose
+from twolink.integrate.solver import choose
 from twolink.integrate.steps.step_formulas import _inverse, _jacobian
 
 E = tl.effects

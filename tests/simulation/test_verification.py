@@ -17,8 +17,7 @@ from twolink.hard.case import StateHistory
 from twolink.hard.truths import extended_reference
 from twolink.integrate.digits import difference
 from twolink.integrate.motion.scene_equations import equations_of
-from twolink.integrate.solver import solve
-from twolink.integrate.solvers.method_choice import MethodChoice
+from twolink.integrate.solver import MethodChoice, solve
 from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.perturbation import finer_solution
 from twolink.simulation import verification

@@ -19,8 +19,7 @@ from twolink.errors import AccuracyError, TwolinkError
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array, StateSpace
 from twolink.integrate.solution import Solution
-from twolink.integrate.solver import smallest_tolerance, solve
-from twolink.integrate.solvers.method_choice import MethodChoice, first_setting
+from twolink.integrate.solver import MethodChoice, first_setting, smallest_tolerance, solve
 from twolink.integrate.solvers.taylor import Precision
 from twolink.integrate.steps.methods import METHODS, Method
 from twolink.integrate.steps.step_map import step_map

@@ -5,5 +5,5 @@ the work. The engine for events knows modes, guards, transitions and constraints
 knows nothing of error bars, figures or files of results.
 
 motion: the equations. steps: methods, compiled steps, batches. core: motion, and the loop that drives it. hybrid:
-events and modes. solvers: Taylor, SciPy, the choice of a method. derivatives: of motions. solver.py is the door to all.
+events and modes. solvers: Taylor, SciPy. derivatives: of motions. solver.py is the door to all, and chooses among them.
 """

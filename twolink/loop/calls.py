@@ -16,10 +16,22 @@ import numpy as np
 
 from twolink.effects.sampled_control import Controller
 from twolink.errors import ControllerError, SceneError
-from twolink.loop.laws import Measured, Own, answer, failure, name_of
+from twolink.loop.laws import (
+    Measured,
+    Own,
+    UntracedError,
+    answer,
+    failure,
+    leaves_of,
+    name_of,
+    numbers_of,
+    rebuilt,
+    row_of,
+    stacked,
+    with_numbers,
+)
 from twolink.loop.plain_functions import LawCode
 from twolink.loop.replay import REMEDY, repeated_once
-from twolink.loop.states import UntracedError, leaves_of, numbers_of, rebuilt, row_of, stacked, with_numbers
 from twolink.loop.tracing import traced
 from twolink.native.library import library
 from twolink.native.machine import Program, SmallBatch

@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twolink.algorithms.tape import Symbol, Tape, collection_paused
-from twolink.loop.laws import Measured
-from twolink.loop.states import UntracedError, leaves_of, rebuilt
+from twolink.loop.laws import Measured, UntracedError, leaves_of, rebuilt
 from twolink.native.machine import Program, assembled
 
 Array = np.ndarray[Any, np.dtype[Any]]

@@ -13,7 +13,7 @@ from twolink.integrate.motion.assembly import assembled
 from twolink.integrate.motion.scene_equations import equations_of, with_starting_states
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Event, Progress
-from twolink.integrate.solvers.method_choice import choose
+from twolink.integrate.solver import choose
 from twolink.scenes import Scene
 from twolink.scenes.parameters import scene_with
 from twolink.simulation.cost import Cost, together

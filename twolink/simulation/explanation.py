@@ -13,8 +13,7 @@ from twolink.contact.choice import Choice, choose_contact_method
 from twolink.dynamics.arguments import Positive
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of
-from twolink.integrate.solver import is_stepping
-from twolink.integrate.solvers.method_choice import ATTEMPTS, MEASURED, MethodChoice
+from twolink.integrate.solver import ATTEMPTS, MEASURED, MethodChoice, is_stepping
 from twolink.integrate.solvers.taylor import Precision, order_of
 from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.perturbation import NO_PERTURBATION
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
 
 PILOT_STEPS = 2, 20  # of stepped contacts
 MAX_SECONDS = 0.25  # of those
-FIGURES_TOLERANCE = 1e-3  # of the figures of `method_choice`
+FIGURES_TOLERANCE = 1e-3  # of the figures of `integrate.solver`
 PILOT = 10  # first steps, from whose second half the number of all is extrapolated
 PILOT_TOLERANCE = 1e-10  # of those in place of methods that have none
 CALL, STEP = 5e-4, 1e-6  # s: of a run and of a step, beside their operations

@@ -20,8 +20,7 @@ from twolink.integrate.motion.formulas import effect_loads, motion_of
 from twolink.integrate.motion.scene_equations import with_parameters
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Solution
-from twolink.integrate.solver import has_columns, solve
-from twolink.integrate.solvers.method_choice import MethodChoice
+from twolink.integrate.solver import MethodChoice, has_columns, solve
 from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.perturbation import (
     NO_PERTURBATION,

@@ -13,8 +13,7 @@ import numpy as np
 from twolink.errors import AccuracyError
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.solution import UNSTABLE
-from twolink.integrate.solver import smallest_tolerance
-from twolink.integrate.solvers.method_choice import MethodChoice, choose, first_setting
+from twolink.integrate.solver import MethodChoice, choose, first_setting, smallest_tolerance
 from twolink.integrate.solvers.taylor import ROUNDING_UNIT, Precision
 from twolink.integrate.steps.failures import MAX_STEPS
 from twolink.integrate.steps.methods import METHODS, Method

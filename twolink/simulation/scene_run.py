@@ -17,7 +17,7 @@ from twolink.integrate.hybrid.least_bounce import LeastBounce
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solution import Event, Progress, Solution
-from twolink.integrate.solvers.method_choice import MethodChoice
+from twolink.integrate.solver import MethodChoice
 from twolink.integrate.solvers.taylor import Precision
 from twolink.integrate.steps.methods import known_as
 from twolink.io.progress import Report, in_time

@@ -16,7 +16,7 @@ from twolink.errors import AccuracyError, SceneError, require_known
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solution import Progress
-from twolink.integrate.solvers.method_choice import choose
+from twolink.integrate.solver import choose
 from twolink.io.files import path_to_write
 from twolink.io.progress import Report, in_time
 from twolink.scenes import Scene

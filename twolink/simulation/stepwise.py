@@ -23,7 +23,7 @@ from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.scene_equations import equations_of, sampled, starting_states
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Event, events_of
-from twolink.integrate.solvers.method_choice import first_tolerance
+from twolink.integrate.solver import first_tolerance
 from twolink.integrate.steps.step_map import step_map
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of

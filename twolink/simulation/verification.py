@@ -24,8 +24,7 @@ from twolink.errors import AccuracyError
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import AMBIGUOUS, Progress, Solution
-from twolink.integrate.solver import has_columns, is_stepping, solve
-from twolink.integrate.solvers.method_choice import ATTEMPTS, MethodChoice, attempts_of
+from twolink.integrate.solver import ATTEMPTS, MethodChoice, attempts_of, has_columns, is_stepping, solve
 from twolink.integrate.solvers.taylor import ROUNDING_UNIT
 from twolink.integrate.steps.failures import failure
 from twolink.integrate.steps.perturbation import (

@@ -10,7 +10,7 @@ from twolink.errors import AccuracyError
 from twolink.integrate.digits import difference
 from twolink.integrate.motion.state import Array, StateSpace
 from twolink.integrate.solution import Solution
-from twolink.integrate.solvers.method_choice import MethodChoice
+from twolink.integrate.solver import MethodChoice
 from twolink.simulation.error_bar import DISTURBED, common_rounding, distances, error_bar, truncation_factor
 
 ALONE = 2  # disturbed solutions that are no columns of a batch, at most

@@ -8,8 +8,7 @@ import numpy as np
 
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress
-from twolink.integrate.solver import smallest_tolerance
-from twolink.integrate.solvers.method_choice import first_tolerance
+from twolink.integrate.solver import first_tolerance, smallest_tolerance
 from twolink.integrate.steps.methods import Method
 from twolink.integrate.steps.perturbation import (
     NO_PERTURBATION,

@@ -7,8 +7,7 @@ impacts       velocities after an impact; bounces too low to follow come to rest
 state         time, motion, mode and events of a run; contacts at corners and edges, and how one follows another
 transitions   the guards of a mode, and what their zeros do
 roots         zeros and minima by evaluations in batches
-locating      guards, values that end a mode where they pass 0, and the first zero along a segment
-segment       smooth motion in one mode, up to an event
+locating      guards, values that end a mode where they pass 0, and segments up to the first zero of one
 engine        one solution, segment by segment
 located       solutions side by side as a motion, and runs for samples
 """

@@ -20,9 +20,8 @@ from twolink.errors import AccuracyError
 from twolink.integrate.core.columns import Columns
 from twolink.integrate.hybrid.consistency import SLOW
 from twolink.integrate.hybrid.least_bounce import LeastBounce
-from twolink.integrate.hybrid.locating import Guard, GuardWatcher, Hit
+from twolink.integrate.hybrid.locating import Guard, GuardWatcher, Hit, OpenSegment
 from twolink.integrate.hybrid.modes import SLOW_SLIP
-from twolink.integrate.hybrid.segment import OpenSegment
 from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.hybrid.transitions import fire_timed, guards_of

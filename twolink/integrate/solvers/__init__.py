@@ -1,1 +1,1 @@
-"""Solvers beside compiled steps: Taylor's method, SciPy's, and the choice among all."""
+"""Solvers beside compiled steps: Taylor's method and SciPy's."""

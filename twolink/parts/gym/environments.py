@@ -9,7 +9,7 @@ import numpy as np
 from twolink.dynamics.arguments import positive, whole
 from twolink.errors import MissingExtraError, SceneError
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solvers.method_choice import first_tolerance
+from twolink.integrate.solver import first_tolerance
 from twolink.integrate.steps.perturbation import NO_PERTURBATION
 from twolink.integrate.steps.step_map import step_map
 from twolink.integrate.steps.stepping import BLOCK, FINE, advance, start_state
