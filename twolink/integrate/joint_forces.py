@@ -59,12 +59,11 @@ def contacts(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array,
     constraints, found = equations.constraints, list[tuple[str, Array, Array]]()
     if constraints is None or not constraints.touching:
         return found
-    states = equations.full(x)
+    states, motion, numbers = _moving(equations, t, x)
     every = constraints.all_multipliers(Evaluator(equations).by_numpy(t, states).multipliers)
     if len(constraints.kept) < len(constraints.all_rows):
         every = within_laws(equations, constraints.touching, t, states, np.array(every, dtype=float))
-    motion = motion_of(equations, equations.mechanism, t, states, Numbers)
-    loops = equations.layout.with_numbers(constraints.loops, list(states[equations.moving :]))
+    loops = equations.layout.with_numbers(constraints.loops, numbers)
     for loop, rows in zip(loops, np.split(every, np.cumsum(constraints.counts)[:-1]), strict=True):
         contact = loop.contact_force(motion, list(rows))
         if contact is not None:
@@ -75,14 +74,19 @@ def contacts(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array,
 
 def contact_slips(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array, Array]]:
     """As `contacts`, with slips in place of forces: the tangential velocity of the first body on the second, m/s."""
-    states, loops = equations.full(x), equations.constraints.loops if equations.constraints else ()
-    motion = motion_of(equations, equations.mechanism, t, states, Numbers)
-    found = list[tuple[str, Array, Array]]()
-    for loop in equations.layout.with_numbers(loops, list(states[equations.moving :])):
+    (_, motion, numbers), found = _moving(equations, t, x), list[tuple[str, Array, Array]]()
+    loops = equations.constraints.loops if equations.constraints else ()
+    for loop in equations.layout.with_numbers(loops, numbers):
         contact = loop.contact_force(motion, (0.0,) * loop.max_rows)
         if contact is not None:
             found.append((contact[0], _rows(contact[1], len(t)), _rows(loop.contact_slip(motion), len(t))))
     return found
+
+
+def _moving(equations: Equations, t: Array, x: Array) -> tuple[Array, KinematicState, list[Any]]:
+    """States (size, n), the moving robot in them, and their numbers behind (q, v, z)."""
+    states = equations.full(x)
+    return states, motion_of(equations, equations.mechanism, t, states, Numbers), list(states[equations.moving :])
 
 
 def _rows(vector: Vec, count: int) -> Array:
@@ -122,9 +126,8 @@ def wrenches_on_links(equations: Equations, t: Array, x: Array) -> list[tuple[st
         Of each, the effect and the link, the point where it acts, m, the force, N, and the moment about the point, N m;
         world's axes.
     """
-    states, found = equations.full(x), list[tuple[str, Array, Array, Array]]()
-    motion = motion_of(equations, equations.mechanism, t, states, Numbers)
-    for effect in equations.layout.with_numbers(equations.effects, list(states[equations.moving :])):
+    (_, motion, numbers), found = _moving(equations, t, x), list[tuple[str, Array, Array, Array]]()
+    for effect in equations.layout.with_numbers(equations.effects, numbers):
         loads = _WrenchesOnLinks(motion, equations.sides)
         effect.act(motion, loads)
         for link, point, force, moment in loads.noted:

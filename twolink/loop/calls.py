@@ -17,6 +17,8 @@ import numpy as np
 from twolink.effects.sampled_control import Controller
 from twolink.errors import ControllerError, SceneError
 from twolink.loop.laws import (
+    Array,
+    Given,
     Measured,
     Own,
     UntracedError,
@@ -36,8 +38,6 @@ from twolink.loop.tracing import traced
 from twolink.native.library import library
 from twolink.native.machine import Program, SmallBatch
 
-Array = np.ndarray[Any, np.dtype[Any]]
-Given = dict[str, Array]  # what a controller asked for (n, ...) by name
 OFTEN = 256  # ticks, of which one is repeated to see whether the answer is the same, as are the 2nd, 4th, 8th
 QUESTIONS, SPREAD, SEED = 20, (0.0, 3.0, 1.0, 0.3, 0.1), 2  # beside the motion, how far from its start, and their seed
 LATER = 10.0  # s: how much later they are

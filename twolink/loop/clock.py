@@ -134,7 +134,6 @@ class Clock:
         return self._heap[0][0] / self._common if self._heap else math.inf
 
 
-Array = np.ndarray[Any, np.dtype[Any]]
 AMPLIFIED = 4.0  # of a solution's distance from the run, where its reading is rounded
 
 

@@ -3,21 +3,19 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.effects.sampled_control import STATE, Controller
 from twolink.loop.ambiguity import Ambiguity
-from twolink.loop.calls import Asked, Given, is_often
+from twolink.loop.calls import Asked, is_often
 from twolink.loop.clock import Clock
-from twolink.loop.laws import Own, failure
+from twolink.loop.laws import Array, Given, Own, failure
 from twolink.loop.replay import Replay
 from twolink.native.library import library
 from twolink.native.ticks import TickedLaw, Ticks
 
-Array = np.ndarray[Any, np.dtype[Any]]
 FASTEST = 1e6  # rad/s or m/s: no machine moves so fast, and a loop that diverges would be solved in ever smaller steps
 
 

@@ -23,6 +23,8 @@ from twolink.effects.sampled_control import Controller
 from twolink.errors import ControllerError, SceneError
 from twolink.loop.copies import copied
 
+Array = np.ndarray[Any, np.dtype[Any]]
+Given = dict[str, Array]  # what a controller asked for (n, ...) by name
 Copy = Callable[[Any, dict[int, Any]], Any]
 
 
@@ -34,14 +36,19 @@ class Own:
     state: Any
 
 
-def own_laws(controllers: Mapping[int, Controller]) -> dict[int, Own]:
+def own_laws(controllers: Mapping[int, Controller], copy_of: Copy = copy.deepcopy) -> dict[int, Own]:
     """A new solution's own laws and states, by their controllers' places. Objects that they share stay in common."""
-    return _each(controllers, copy.deepcopy)
+    memo: dict[int, Any] = {}
+    laws = {}
+    for place, one in controllers.items():
+        law = _made(place, one.update) if is_made(one.update) else _copy(place, "update", one, copy_of, memo)
+        laws[place] = Own(law, _copy(place, "state", one, copy.deepcopy, memo))
+    return laws
 
 
 def laws_apart(controllers: Mapping[int, Controller]) -> dict[int, Own]:
     """As `own_laws`, with copies of functions too, so that calls leave nothing behind in them."""
-    return _each(controllers, copied)
+    return own_laws(controllers, copied)
 
 
 def copied_laws(laws: Mapping[int, Own], controllers: Mapping[int, Controller]) -> dict[int, Own]:
@@ -71,15 +78,6 @@ def name_of(update: Any) -> str:
     return str(getattr(update, "__qualname__", type(update).__qualname__)).rpartition("<locals>.")[2]
 
 
-def _each(controllers: Mapping[int, Controller], copy_of: Copy) -> dict[int, Own]:
-    memo: dict[int, Any] = {}
-    laws = {}
-    for place, one in controllers.items():
-        law = _made(place, one.update) if is_made(one.update) else _copy(place, "update", one, copy_of, memo)
-        laws[place] = Own(law, _copy(place, "state", one, copy.deepcopy, memo))
-    return laws
-
-
 def _made(place: int, update: Any) -> Any:
     try:
         law = update()
@@ -104,9 +102,6 @@ def _copy(place: int, name: str, one: Controller, copy_of: Copy, memo: dict[int,
                          remedy="each solution needs its own: give a class, which is made anew for each, such as "
                                 "functools.partial(Law, gain), in place of a function or an object",
                          code="controller-not-copied") from error  # fmt: skip
-
-
-Array = np.ndarray[Any, np.dtype[Any]]
 
 
 class Measured(SimpleNamespace):
@@ -147,9 +142,6 @@ def answer(place: int, joints: tuple[str, ...], own: Own, t: float, y: Measured,
 def failure(place: int, t: float, what: str, **parts: Any) -> ControllerError:
     """The error of a controller at a tick, by its place among the effects."""
     return ControllerError(what, where=f"effects[{place}] at t = {t:.9g} s", t=t, **parts)
-
-
-Array = np.ndarray[Any, np.dtype[Any]]
 
 
 class UntracedError(Exception):

@@ -17,16 +17,17 @@ import numpy as np
 from twolink.robots.model import RobotModel
 
 
-def _of(module: Any, names: str) -> set[Any]:
+def functions_of(module: Any, names: str) -> set[Any]:
+    """The functions of these names."""
     return {getattr(module, name) for name in names.split()}
 
 
-_BUILTINS = _of(
+_BUILTINS = functions_of(
     builtins,
     "abs all any bool complex dict divmod enumerate float int isinstance len list max min pow range reversed round set "
     "sorted str sum tuple zip",
 )
-_NUMPY = _of(
+_NUMPY = functions_of(
     np,
     "array asarray atleast_1d zeros zeros_like ones ones_like full full_like eye identity diag arange linspace dot "
     "vdot inner outer cross einsum tensordot trace sum prod mean max min argmax argmin where clip concatenate stack "
@@ -42,7 +43,7 @@ _INPUTS: dict[Any, int] = {
     np.roll: 3,
     np.array: 2,
 }
-_LINALG = _of(np.linalg, "norm solve inv pinv lstsq det cholesky eigvals")
+_LINALG = functions_of(np.linalg, "norm solve inv pinv lstsq det cholesky eigvals")
 _MODULES = math, np, np.linalg
 _CONSTANT = type(None), bool, int, float, complex, str, bytes, np.generic, np.ufunc, RobotModel, type(Ellipsis)
 _STORES = {"STORE_GLOBAL", "DELETE_GLOBAL", "STORE_ATTR", "DELETE_ATTR", "STORE_NAME", "LOAD_NAME", "IMPORT_NAME",

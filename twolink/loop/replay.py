@@ -10,17 +10,25 @@ import copy
 import itertools
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
 
 import numpy as np
 
 from twolink.effects.sampled_control import Controller
 from twolink.errors import ControllerError
 from twolink.loop.copies import Watched
-from twolink.loop.laws import Measured, Own, answer, copied_laws, failure, is_function, laws_apart, name_of
+from twolink.loop.laws import (
+    Array,
+    Given,
+    Measured,
+    Own,
+    answer,
+    copied_laws,
+    failure,
+    is_function,
+    laws_apart,
+    name_of,
+)
 
-Array = np.ndarray[Any, np.dtype[Any]]
-Given = dict[str, Array]  # what a controller asked for (n, ...) by name
 Tick = tuple[int, float, Given, Array]  # the place, the time, what was given, and the answers (n, m)
 MOST = 2**17  # ticks of a simulation that goes on without an end: what is behind them is not repeated
 ASKED, TOGETHER, SEED = 15, 3, 1  # questions beside the motion, how many a copy is asked, and of their random numbers

@@ -19,11 +19,9 @@ from twolink.loop.ambiguity import FIRST_STEPPED, Ambiguity
 from twolink.loop.calls import DiffersError, asked
 from twolink.loop.clock import ACT, ARRIVE, READ, UPDATE, Clock, Random, Readings, reading
 from twolink.loop.controls import HeldControl, ManyTicks, control_of, many_ticks
-from twolink.loop.laws import own_laws
+from twolink.loop.laws import Array, Given, own_laws
 from twolink.loop.plain_functions import seen
-from twolink.loop.replay import Given, Replay
-
-Array = np.ndarray[Any, np.dtype[Any]]
+from twolink.loop.replay import Replay
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twolink.algorithms.tape import Symbol, Tape, collection_paused
-from twolink.loop.laws import Measured, UntracedError, leaves_of, rebuilt
+from twolink.loop.laws import Array, Measured, UntracedError, leaves_of, rebuilt
+from twolink.loop.plain_functions import functions_of
 from twolink.native.machine import Program, assembled
 
-Array = np.ndarray[Any, np.dtype[Any]]
 MOST = 20_000  # operations of a law: what has more takes longer to trace than to call
 
 
@@ -62,10 +62,11 @@ _LOGIC: dict[Any, Callable[..., Any]] = {  # of conditions
     np.logical_or: lambda _, a, b: a + b - a * b, np.bitwise_or: lambda _, a, b: a + b - a * b,
     np.logical_not: lambda _, a: 1.0 - a, np.invert: lambda _, a: 1.0 - a,
 }  # fmt: skip
-_SHAPING = {np.sum, np.mean, np.prod, np.cumsum, np.diff, np.dot, np.inner, np.outer, np.vdot, np.cross, np.trace,
-            np.concatenate, np.stack, np.vstack, np.hstack, np.column_stack, np.reshape, np.ravel, np.transpose,
-            np.roll, np.flip, np.repeat, np.tile, np.atleast_1d, np.squeeze, np.expand_dims, np.broadcast_to, np.append,
-            np.copy, np.moveaxis, np.swapaxes}  # fmt: skip
+_SHAPING = functions_of(
+    np,
+    "sum mean prod cumsum diff dot inner outer vdot cross trace concatenate stack vstack hstack column_stack reshape "
+    "ravel transpose roll flip repeat tile atleast_1d squeeze expand_dims broadcast_to append copy moveaxis swapaxes",
+)
 _METHODS = {"sum", "mean", "prod", "cumsum", "dot", "reshape", "ravel", "transpose", "repeat", "squeeze", "copy",
             "trace"}  # fmt: skip
 _BY_NAME = {one.__name__: one for one in (np.sin, np.cos, np.sqrt, np.exp, np.tanh, np.tan, np.arctan, np.arctan2)}

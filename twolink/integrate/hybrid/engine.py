@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from twolink.errors import AccuracyError
 from twolink.integrate.core.columns import Columns
 from twolink.integrate.hybrid.consistency import SLOW
 from twolink.integrate.hybrid.least_bounce import LeastBounce
-from twolink.integrate.hybrid.locating import Guard, GuardWatcher, Hit, OpenSegment
+from twolink.integrate.hybrid.locating import GuardWatcher, Hit, OpenSegment
 from twolink.integrate.hybrid.modes import SLOW_SLIP
 from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.hybrid.state import RunState
@@ -243,14 +243,10 @@ class Engine:
         taken = 4 + 5 * sum(segment.columns.counts) // 4  # the next segment may be about as long
         self._block = min(max(taken, self._block // 2, FIRST_BLOCK), BLOCK)
         self._done, self._open = self.steps, None
-        self._keep_sides(segment.watcher.guards)
-        self._transit(hit, segment.begin, stop)
-
-    def _keep_sides(self, guards: Sequence[Guard]) -> None:
-        """Keep on which side triggers are."""
-        for guard in guards:
+        for guard in segment.watcher.guards:
             if guard.key[0] == "trigger" and guard.side is not None:
-                self.run.sides[guard.key] = guard.side
+                run.sides[guard.key] = guard.side
+        self._transit(hit, segment.begin, stop)
 
     def _transit(self, hit: Hit | None, begin: float, stop: float) -> None:
         """Cause what happens at the end of a segment. Raises AccuracyError where that has no end."""

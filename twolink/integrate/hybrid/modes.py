@@ -192,7 +192,7 @@ class System:
         kept = independent_rows(constraints, x[: self.nq], free)
         if len(kept) == len(constraints.kept):
             return own
-        return self._with_evaluator(with_rows(equations, kept), mode)
+        return self._with_evaluator(with_rows(equations, constraints, kept), mode)
 
     def _made(self, mode: Mode, x: Array) -> ModeEquations:
         closed = {i: self.contacts[i].constraint(kind == "rolling", contact_slots(i))

@@ -24,7 +24,7 @@ from twolink.effects.own_effects import formula_fingerprint, has_own
 from twolink.effects.switching import Switching, switching_of
 from twolink.errors import SceneError
 from twolink.integrate.motion.assembly import assembled, independent
-from twolink.integrate.motion.constraints import all_constraints
+from twolink.integrate.motion.constraints import Constraints, all_constraints
 from twolink.integrate.motion.effect_numbers import physical, with_effect_numbers
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import accelerations, effect_loads, motion_of
@@ -60,8 +60,8 @@ def equations_of(
         acting = tuple(enumerate(effects)) if switching is None else switching.acting()
         robot = scene.robot if switching is None else switching.robot_with([effect for _, effect in acting])
         lockable = () if switching is None else switching.lockable
-        given = (robot, scene.q, scene.v, acting, lockable, switching, tuple(parameters))
-        equations = make_equations(*given, variant=variant)
+        equations = make_equations(robot, scene.q, scene.v, acting, lockable, switching, tuple(parameters),
+                                   variant=variant)  # fmt: skip
         known[name] = replace(equations, sampling=sampling)
     return known[name]
 
@@ -200,11 +200,8 @@ def with_starting_states(equations: Equations, x: Array, values: Mapping[str, Ar
     return np.concatenate([x, *(np.broadcast_to(z, x.shape[1:])[None] for z in states)])
 
 
-def with_rows(equations: Equations, kept: Sequence[int]) -> Equations:
+def with_rows(equations: Equations, constraints: Constraints, kept: Sequence[int]) -> Equations:
     """The equations with fewer of their kept constraint rows."""
-    constraints = equations.constraints
-    if constraints is None:
-        return equations
     scales = tuple(constraints.scales[constraints.kept.index(i)] for i in kept)
     changed = replace(equations, constraints=replace(constraints, kept=tuple(kept), scales=scales, shares=None))
     return replace(changed, content=_content(changed))

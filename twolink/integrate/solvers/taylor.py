@@ -26,7 +26,7 @@ from twolink.errors import AccuracyError, MissingExtraError
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import traced_rate
 from twolink.integrate.motion.state import Array
-from twolink.integrate.solution import Progress, Solution, in_segments
+from twolink.integrate.solution import Progress, Solution, in_segments, segment_times
 from twolink.integrate.steps.failures import MAX_STEPS, failure
 from twolink.integrate.steps.perturbation import MIN_STEPS, NO_PERTURBATION, Companions, Perturbation, step_disturbances
 from twolink.integrate.steps.programs import certify_rate
@@ -204,9 +204,8 @@ def _advance_companions(
 
     What is not finite stays NaN.
     """
+    grid, _ = segment_times(companions.t, times[0], times[-1])
     first, after = np.searchsorted(companions.t, times[[0, -1]], side="right")
-    inside = companions.t[first:after]
-    grid = np.concatenate([times[:1], inside, times[-1:] if not inside.size or inside[-1] < times[-1] else []])
     for i, one in enumerate(companions.perturbations):
         states = np.full((len(grid), equations.moving, 1), np.nan)
         states[0, :, 0] = now[:, i]
@@ -217,5 +216,5 @@ def _advance_companions(
         except AccuracyError as error:
             if error.code not in ("not-finite", "too-many-steps"):
                 raise
-        companions.x[first:after, i] = states[1 : 1 + len(inside), :, 0]
+        companions.x[first:after, i] = states[1 : 1 + after - first, :, 0]
         now[:, i] = states[-1, :, 0]

@@ -220,10 +220,7 @@ class Programs:
 
     def stepper(self, method: Method) -> Stepper:
         """A method on these programs in the native library."""
-        found = self._kept.get(method.name)
-        if found is None:
-            found = self._kept.setdefault(method.name, self._stepper(method))
-        return found
+        return self._kept.get(method.name) or self._kept.setdefault(method.name, self._stepper(method))
 
     def _stepper(self, method: Method) -> Stepper:
         whole, entries, slope = method.tableau is None, np.zeros((0, 2)), None

@@ -29,7 +29,7 @@ MAX_NUMBERS = 200_000  # in the Jacobians of one call
 
 
 Rate = Callable[[Any, Array], Array]
-Formulas = Callable[[Array], tuple[Rate, Callable[[Array], Array]]]  # of parameters (p, n): rate and projection
+Formulas = Callable[[Array | None], tuple[Rate, Callable[[Array], Array]]]  # of parameters (p, n): rate and projection
 
 
 def explicit_step(tableau: Tableau, rate: Rate, t: Any, x: Array, h: Any) -> tuple[Array, list[Array], None]:

@@ -55,8 +55,7 @@ class StepMap:
     def rate(self, t: Array | float, x: Array, parameters: Array | None = None) -> Array:
         """x' of the moving rows (moving, n) of states x (size, n) at one time or a time each."""
         with np.errstate(all="ignore"):
-            none = np.zeros((0, 1))
-            rate, _ = self._columns(none if parameters is None else parameters)
+            rate, _ = self._columns(parameters)
             return np.asarray(rate(t, x)[: self.equations.moving])
 
     def partial(self, x: Array, start: Array | float, end: Array, parameters: Array | None = None) -> Array:
@@ -120,7 +119,7 @@ def step_map(equations: Equations, method: Method, *, portable: bool = False) ->
     """
     if portable:
 
-        def formulas(_: Array):  # type: ignore[no-untyped-def]
+        def formulas(_: Array | None):  # type: ignore[no-untyped-def]
             return (lambda t, x: rate_by_pinocchio(equations, t, x)), lambda x: projected(equations, x, Numbers)
 
         return StepMap(equations, method, NumericSteps(equations, method, formulas), formulas)

@@ -107,25 +107,17 @@ def advance(
     worlds = np.flatnonzero(state[rows.time] < state[rows.end])
     while worlds.size:
         own = perturbations if same else tuple(perturbations[i] for i in worlds)
-        states = _attempt(step_map, state[:, worlds], block_steps, own)
-        last = states[-1]
+        some = state[:, worlds]
+        count = max(1, min(block_steps, max(LOOK, BLOCK_NUMBERS // some.size // LOOK * LOOK)))
+        states = np.empty((count + 1, *some.shape))
+        states[0] = some
+        made = step_map.attempts(states, count, LOOK, step_disturbances(own, some, step_map.equations))
+        states, last = states[: made + 1], states[made]
         outcome = outcome_of(step_map, last, start[worlds], limit)
         state[:, worlds] = last
         yield Block(worlds, states, states[:, rows.time], outcome)
         worlds = worlds[(last[rows.time] < last[rows.end]) & (outcome == FINE)]
         block_steps = min(2 * block_steps, BLOCK)
-
-
-def _attempt(step_map: StepMap, state: Array, count: int, perturbations: tuple[Perturbation, ...]) -> Array:
-    """The states (k + 1, rows, w) of up to `count` attempts; fewer when half of the worlds have arrived.
-
-    perturbations: of each world, or one of all, which are disturbed before each attempt.
-    """
-    count = max(1, min(count, max(LOOK, BLOCK_NUMBERS // state.size // LOOK * LOOK)))
-    states = np.empty((count + 1, *state.shape))
-    states[0] = state
-    made = step_map.attempts(states, count, LOOK, step_disturbances(perturbations, state, step_map.equations))
-    return states[: made + 1]
 
 
 def take_samples(step_map: StepMap, block: Block, times: Array, out: Array, parameters: Array | None = None) -> None:
