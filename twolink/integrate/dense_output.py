@@ -31,11 +31,9 @@ class _Group(NamedTuple):
     """Asked times (k,) of one segment: their places, and the stored states before them with their times.
 
     The states are (nq + nv, k), or (size, k) where the numbers behind them change from tick to tick.
-    steps: times and states where steps ended, where each time lies within the step from its stored state.
     """
 
-    equations: Equations
-    steps: tuple[Array, Array] | None
+    segment: Segment
     places: Array
     t: Array
     stored_t: Array
@@ -110,15 +108,16 @@ class DenseOutput:
         out[:, group.places] = group.stored_x[: len(out)]
         late = group.t > group.stored_t
         if late.any():
-            group = _Group(*group[:2], *(values[..., late] for values in group[2:]))
-            out[:, group.places] = self._solved(group) if group.steps is None else self._stepped(group, *group.steps)
+            group = _Group(group.segment, *(values[..., late] for values in group[1:]))
+            taken = group.segment.taken if is_stepping(METHODS[self.method]) else None
+            out[:, group.places] = self._solved(group) if taken is None else self._stepped(group, *taken)
 
     def accelerations_and_torques(self) -> tuple[Array, Array]:
         """Accelerations (n, nv) and applied joint torques (n, nv) at the stored times."""
         nv = self.segments[0].equations.space.nv
         a, tau = np.empty((len(self.t), nv)), np.empty((len(self.t), nv))
         for group in self._groups(self.t):
-            at_group = accelerations_and_joint_torques(group.equations, group.t, group.stored_x)
+            at_group = accelerations_and_joint_torques(group.segment.equations, group.t, group.stored_x)
             a[group.places], tau[group.places] = at_group[0].T, at_group[1].T
         return a, tau
 
@@ -131,7 +130,7 @@ class DenseOutput:
         found: dict[str, list[Array]] = {}
         for group in self._groups(self.t):
             count = collections.Counter[str]()
-            for pair, *vectors in MARKS[what](group.equations, group.t, group.stored_x):
+            for pair, *vectors in MARKS[what](group.segment.equations, group.t, group.stored_x):
                 columns = found.setdefault(pair, [])
                 if count[pair] == len(columns):
                     columns.append(np.full((len(vectors), len(self.t), 3), np.nan))
@@ -141,10 +140,8 @@ class DenseOutput:
 
     def by_segment(self, times: Array) -> Iterator[tuple[Equations, Array, Array]]:
         """Of each segment that has some of the times (m,), its equations, the places of those, and its numbers then."""
-        number = self._segment_of(times)
-        for i in np.unique(number):
-            segment, places = self.segments[i], np.flatnonzero(number == i)
-            yield segment.equations, places, segment.numbers(times[places])
+        for group in self._groups(times):
+            yield group.segment.equations, group.places, group.segment.numbers(group.t)
 
     def changes(self) -> Array:
         """Times at which numbers behind the states change, as held torques do at ticks."""
@@ -156,12 +153,9 @@ class DenseOutput:
 
     def _groups(self, times: Array) -> Iterator[_Group]:
         """The times by segments; a time at which a segment begins belongs to that segment."""
-        number = self._segment_of(times)
+        number = np.searchsorted([segment.begin for segment in self.segments], times, side="right") - 1
         for i in np.unique(number):
             yield self._group(int(i), np.flatnonzero(number == i), times)
-
-    def _segment_of(self, times: Array) -> Array:
-        return np.searchsorted([segment.begin for segment in self.segments], times, side="right") - 1
 
     def _group(self, number: int, places: Array, times: Array) -> _Group:
         """The group of the times at these places, which are all within one segment."""
@@ -171,14 +165,7 @@ class DenseOutput:
         x = stored_x[:, before]
         if segment.held is not None:
             x = np.append(x, segment.numbers(stored_t[before]), axis=0)
-        return _Group(
-            segment.equations,
-            segment.taken if is_stepping(METHODS[self.method]) else None,
-            places,
-            times[places],
-            stored_t[before],
-            x,
-        )
+        return _Group(segment, places, times[places], stored_t[before], x)
 
     @functools.cached_property
     def _stored(self) -> list[tuple[Array, Array]]:
@@ -196,8 +183,8 @@ class DenseOutput:
 
     def _stepped(self, group: _Group, ends: Array, states: Array) -> Array:
         """By a step map: each time by one step, which is a part of one that the solution took from one of `ends`."""
-        x = group.equations.full(group.stored_x)
-        by = step_map(group.equations, METHODS[self.method])
+        equations = group.segment.equations
+        x, by = equations.full(group.stored_x), step_map(equations, METHODS[self.method])
         out = by.partial(x, group.stored_t, group.t)
         lost = ~np.isfinite(out).all(axis=0)
         if lost.any():
@@ -220,8 +207,8 @@ class DenseOutput:
         for begin in np.unique(group.stored_t):
             chosen = np.flatnonzero(group.stored_t == begin)
             grid, places = np.unique(group.t[chosen], return_inverse=True)
-            start = group.equations.full(group.stored_x[:, chosen[:1]])[:, 0]
-            equations = replace(group.equations, start=start, sampling=None)
+            whole = group.segment.equations
+            equations = replace(whole, start=whole.full(group.stored_x[:, chosen[:1]])[:, 0], sampling=None)
             solution = solve(equations, method, np.append(begin, grid), setting, None, self.precision)
             out[:, chosen] = solution.x[: len(self.x), 1 + places]
         return out

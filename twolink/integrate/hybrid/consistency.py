@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from twolink.algorithms.namespaces import Numbers
 from twolink.errors import AccuracyError
 from twolink.integrate.hybrid.contact_problem import (
     LockedJoint,
@@ -27,7 +26,6 @@ from twolink.integrate.hybrid.contact_problem import (
 )
 from twolink.integrate.hybrid.force_share import share_of
 from twolink.integrate.hybrid.modes import ContactMode, Mode, ModeState
-from twolink.integrate.motion.formulas import projected
 from twolink.integrate.motion.state import Array
 
 TINY = 1e-11  # relative: velocities that are 0
@@ -107,7 +105,7 @@ def _with_contacts_at_rest(before: Mode, state: ModeState, still: float) -> Mode
              if (old, new) == ("sliding", "rolling")]  # fmt: skip
     if not stuck or np.abs(state.evaluate().contacts[stuck, 2:4, 0]).max() <= still:
         return state
-    return state.in_mode(state.mode, projected(state.own.equations, state.full_state(), Numbers)[: len(state.x)])
+    return state.in_mode(state.mode, state.closed())
 
 
 def _with_closed_contacts(state: ModeState, still: float, opened: frozenset[Key], slow: float) -> Mode:

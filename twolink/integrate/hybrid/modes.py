@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from twolink.algorithms.namespaces import Numbers
 from twolink.effects.switching import JointLock, Switching, Trigger
 from twolink.geometry.features import Feature
 from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
@@ -18,6 +19,7 @@ from twolink.integrate.motion.assembly import independent_rows
 from twolink.integrate.motion.constraints import Constraints
 from twolink.integrate.motion.effect_numbers import contact_slots
 from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.formulas import projected
 from twolink.integrate.motion.scene_equations import make_equations, with_rows
 from twolink.integrate.motion.state import Array
 
@@ -253,6 +255,10 @@ class ModeState:
         slots, rest = {**system.held, **closed}, np.array(locks + friction)
         numbers = layout.numbers_at(self.t if t is None else t, slots, rest)
         return np.concatenate([self.x, numbers])
+
+    def closed(self) -> Array:
+        """x back on its manifold, with loops and contacts closed, and without slips of what sticks."""
+        return np.asarray(projected(self.own.equations, self.full_state(), Numbers)[: len(self.x)])
 
     def evaluate(self) -> Snapshot:
         """Its snapshot."""

@@ -18,7 +18,6 @@ from typing import NamedTuple
 import numpy as np
 
 from twolink.algorithms.dual_numbers import derivative
-from twolink.algorithms.namespaces import Numbers
 from twolink.effects.switching import same_time
 from twolink.errors import AccuracyError
 from twolink.integrate.derivatives.parameter_variation import ParameterVariation
@@ -27,7 +26,6 @@ from twolink.integrate.hybrid.locating import Guard, Hit
 from twolink.integrate.hybrid.modes import System
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.hybrid.transitions import fire, guard_of, timed_triggers
-from twolink.integrate.motion.formulas import projected
 from twolink.integrate.motion.state import Array
 
 STEP = 1e-3  # of differences by states and times, relative to the size of a direction; rounding is 1e-13 of the size
@@ -249,9 +247,8 @@ def _beside(other: RunState, run: RunState, *, bound: bool) -> RunState:
         for lock, own in zip(other.system.every_lock(k), run.system.every_lock(k), strict=True):
             if own.entry is not None and own.acts(run.x):
                 other.x[own.entry] = lock.position
-    equations = other.own.equations
-    if bound and equations.constraints is not None:
-        other.x = projected(equations, other.full_state(), Numbers)[: equations.moving]
+    if bound and other.own.equations.constraints is not None:
+        other.x = other.closed()
     return other
 
 

@@ -61,10 +61,9 @@ class RunState(ModeState):
     def copied(self) -> "RunState":
         """A run that may be changed."""
         other = copy.copy(self)
-        other.x, other.events, other.sides = self.x.copy(), list(self.events), dict(self.sides)
-        other.impulses = list(self.impulses)
-        other.fired, other.opened, other.passed = set(self.fired), set(self.opened), set(self.passed)
-        other._rest_noted = set(self._rest_noted)
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray | list | dict | set):
+                setattr(other, name, value.copy())
         return other
 
     def moved_on(self) -> None:

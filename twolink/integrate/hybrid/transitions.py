@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from twolink.algorithms.namespaces import Numbers
 from twolink.effects.switching import Trigger, same_time
 from twolink.errors import SceneError
 from twolink.integrate.hybrid.consistency import ALLOWED, SLOW
@@ -19,7 +18,6 @@ from twolink.integrate.hybrid.locating import Guard, Key
 from twolink.integrate.hybrid.modes import freed, sliding
 from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.hybrid.state import RunState, no_single_point, pair_guards, pass_edge, single_point
-from twolink.integrate.motion.formulas import projected
 from twolink.integrate.motion.state import Array
 
 AT_ZERO = 1e-13  # relative to the state: a guard that is so near to 0 at the start begins there
@@ -237,22 +235,16 @@ def _open(i: int, run: RunState) -> None:
 
 
 def _slide(i: int, run: RunState) -> None:
-    _still(run)
+    run.x = run.closed()  # the rounding of slips that are 0 would be the direction of a sliding that begins
     before, state = run.mode, run
     run.mode = sliding(before, i, state.own.contact_forces(state.evaluate(), i)[:, 0])
     run.opened.add(("roll", i))
     run.resolve_mode(before)
 
 
-def _still(run: RunState) -> None:
-    """Take the rounding of steps from slips that are 0: it would be the direction of a sliding that begins."""
-    state = run
-    run.x = projected(state.own.equations, state.full_state(), Numbers)[: len(run.x)]
-
-
 def _give_way(share: ForceDistributionProblem, run: RunState) -> None:
     """Free the contacts and joints at their limits, where no share of the contact forces obeys the laws any more."""
-    _still(run)
+    run.x = run.closed()  # the rounding of slips that are 0 would be the direction of a sliding that begins
     before, best = run.mode, share.best(run.evaluate())
     tight, count = best.weight[0] > TIGHT * best.weight[0].max(), len(share.contacts)
     for one, force, gives in zip(share.supports, best.forces[0, count:], tight[count:], strict=True):
