@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import G, bouncing, planar, slider, sliders, times
+from tests.effects.bodies import G, bouncing, planar, slider, times
 from tests.effects.cases import E
 from tests.effects.test_dry_friction import spring_and_friction
 
@@ -117,13 +117,6 @@ def test_tables_that_break_together_with_events() -> None:
     assert np.all(np.abs(runs[0].q - runs[1].q).max(axis=1) <= runs[0].error + runs[1].error)
     assert [e.kind for e in runs[0].events] == [e.kind for e in runs[1].events]
     assert [e.t for e in runs[0].events] == pytest.approx([e.t for e in runs[1].events], abs=1e-6)
-
-
-def test_two_stops_let_go_at_the_same_instant() -> None:
-    load = E.Polynomial((1.0, -1.0))
-    effects = [E.JointStops({"one": (-1.0, 1.0), "two": (-1.0, 1.0)}), E.Torque({"one": load, "two": load})]
-    run = tl.simulate(tl.Scene(sliders(), [1.0, 1.0], effects=effects), 2.0, accuracy=1e-9)
-    assert run.q[-1] == pytest.approx([1 - 1 / 6, 1 - 1 / 12], abs=1e-9)
 
 
 def test_without_the_native_library_events_are_located(monkeypatch: pytest.MonkeyPatch) -> None:

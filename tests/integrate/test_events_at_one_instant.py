@@ -11,7 +11,36 @@ import twolink as tl
 from tests.effects.bodies import G, planar, slider, sliders, times
 from tests.effects.cases import E
 
-RAMP = E.Polynomial((0.0, 1.0))
+RAMP, FALLING = E.Polynomial((0.0, 1.0)), E.Polynomial((1.0, -1.0))
+BOTH = E.JointStops({"one": (-1.0, 1.0), "two": (-1.0, 1.0)})
+COUPLED = E.Coupling("one", "two", 1.0)
+ENDS = {
+    "a coupled spring with friction in both": (
+        sliders, [1.0, 1.0], 1.5 * math.pi, [-0.1, -0.1],
+        [COUPLED, E.JointSpring({"one": 300.0}), E.DryFriction({"one": 4.0, "two": 5.0})]),
+    "coupled stops on both": (sliders, [1.0, 1.0], 2.0, [1 - 1 / 18] * 2, [COUPLED, BOTH, E.Torque({"one": FALLING})]),
+    "two joints slip at once": (
+        sliders, None, 2.0, [1 / 6, 1 / 12],
+        [E.DryFriction({"one": 1.0, "two": 1.0}), E.Torque({"one": RAMP, "two": RAMP})]),
+    "two stops let go at once": (
+        sliders, [1.0, 1.0], 2.0, [1 - 1 / 6, 1 - 1 / 12], [BOTH, E.Torque({"one": FALLING, "two": FALLING})]),
+    "a rod is lifted off both feet at once": (
+        planar, None, 2.0, [0, G / 6, 0],
+        [E.Gravity(), E.FrameWrench("body", (0.0, 0.0, E.Polynomial((0.0, G)))),
+         *(E.PlaneContact("body", point=(s, 0.0, 0.0)) for s in (0.5, -0.5))]),
+    "a kick at the beginning overcomes friction": (
+        slider, None, 2.0, [2 / 3], [E.DryFriction({"x": 3.0}), E.Watch("k", at=0.0, then=lambda q, v: (q, v + 2))]),
+    "what friction held against is released at the beginning": (
+        slider, None, 1.0, [1.0], [E.DryFriction({"x": 1.0}), E.Torque({"x": 3.0}),
+                                   E.Release(E.FrameWrench("x_link", (-3.0, 0.0, 0.0)), at=0.0)]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", ENDS)
+def test_what_happens_at_one_instant_leads_to_the_exact_end(case: str) -> None:
+    robot, start, duration, end, effects = ENDS[case]
+    run = tl.simulate(tl.Scene(robot(), start, effects=effects), duration, accuracy=1e-9)
+    assert run.q[-1] == pytest.approx(end, abs=1e-9)
 
 
 @pytest.mark.parametrize("c", [(1.0, 2.0), (2.0, 1.0)])
@@ -19,22 +48,6 @@ def test_coupled_joints_with_friction_in_both_slip_at_the_sum(c) -> None:
     effects = [E.Coupling("one", "two", 1.0), E.DryFriction({"one": c[0], "two": c[1]}), E.Torque({"one": RAMP})]
     run = tl.simulate(tl.Scene(sliders(), effects=effects), 5.0, accuracy=1e-9)
     assert np.abs(run.q - (np.fmax(run.t - 3, 0) ** 3 / 18)[:, None]).max() < 1e-9
-
-
-def test_coupled_spring_with_friction_in_both() -> None:
-    effects = [E.Coupling("one", "two", 1.0), E.JointSpring({"one": 300.0}), E.DryFriction({"one": 4.0, "two": 5.0})]
-    run = tl.simulate(tl.Scene(sliders(), [1.0, 1.0], effects=effects), 1.5 * math.pi, accuracy=1e-9)
-    assert run.q[-1] == pytest.approx([-0.1, -0.1], abs=1e-8)
-
-
-def test_coupled_stops_on_both() -> None:
-    effects = [
-        E.Coupling("one", "two", 1.0),
-        E.JointStops({"one": (-1.0, 1.0), "two": (-1.0, 1.0)}),
-        E.Torque({"one": E.Polynomial((1.0, -1.0))}),
-    ]
-    run = tl.simulate(tl.Scene(sliders(), [1.0, 1.0], effects=effects), 2.0, accuracy=1e-9)
-    assert run.q[-1] == pytest.approx([1 - 1 / 18] * 2, abs=1e-9)
 
 
 def test_friction_in_every_joint_of_a_four_bar_takes_its_torque_times_the_angles() -> None:
@@ -46,20 +59,6 @@ def test_friction_in_every_joint_of_a_four_bar_takes_its_torque_times_the_angles
     turned = sum(np.abs(np.diff(np.unwrap(angle))).sum() for angle in angles)
     assert turned > 1.0
     assert run.energy[0] - run.energy[-1] == pytest.approx(0.2 * turned, rel=1e-4)
-
-
-def test_two_joints_slip_at_the_same_instant() -> None:
-    effects = [E.DryFriction({"one": 1.0, "two": 1.0}), E.Torque({"one": RAMP, "two": RAMP})]
-    run = tl.simulate(tl.Scene(sliders(), effects=effects), 2.0, accuracy=1e-9)
-    assert run.q[-1] == pytest.approx([1 / 6, 1 / 12], abs=1e-9)
-
-
-@pytest.mark.slow
-def test_a_rod_is_lifted_off_both_feet_at_once() -> None:
-    feet = [E.PlaneContact("body", point=(s, 0.0, 0.0)) for s in (0.5, -0.5)]
-    lift = E.FrameWrench("body", (0.0, 0.0, E.Polynomial((0.0, G))))
-    run = tl.simulate(tl.Scene(planar(), effects=[E.Gravity(), lift, *feet]), 2.0, accuracy=1e-9)
-    assert run.q[-1] == pytest.approx([0, G / 6, 0], abs=1e-9)
 
 
 @pytest.mark.slow
@@ -76,20 +75,6 @@ def test_a_watch_whose_then_goes_back_is_noted_once() -> None:
     run = tl.simulate(tl.Scene(slider(), [0.0013], [1.0], [saw]), 3.5, accuracy=1e-9)
     assert times(run, "watch") == pytest.approx([0.9987, 1.9987, 2.9987])
     assert run.q[-1, 0] == pytest.approx(0.5013)
-
-
-def test_a_kick_at_the_beginning_overcomes_friction() -> None:
-    kick = E.Watch("k", at=0.0, then=lambda q, v: (q, v + 2))
-    run = tl.simulate(tl.Scene(slider(), effects=[E.DryFriction({"x": 3.0}), kick]), 2.0, accuracy=1e-9)
-    assert run.q[-1, 0] == pytest.approx(2 / 3)
-
-
-def test_release_at_the_beginning_of_what_friction_held_against() -> None:
-    off = E.Release(E.FrameWrench("x_link", (-3.0, 0.0, 0.0)), at=0.0)
-    run = tl.simulate(
-        tl.Scene(slider(), effects=[E.DryFriction({"x": 1.0}), E.Torque({"x": 3.0}), off]), 1.0, accuracy=1e-9
-    )
-    assert run.q[-1, 0] == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from twolink.effects.plane_contact import CompliantContact
 from twolink.effects.sensors import Forces
 from twolink.integrate.joint_forces import accelerations_and_joint_torques, contacts, wrenches_on_links
 from twolink.integrate.motion.equations import Equations
-from twolink.integrate.motion.formulas import effect_loads, motion_of
+from twolink.integrate.motion.formulas import loaded
 from twolink.integrate.motion.state import Array
 from twolink.io.text import kebab_case
 
@@ -21,8 +21,7 @@ def forces_seen(equations: Equations, t: float | Array, x: Array) -> Forces:
     states = equations.full(x)
     times = np.broadcast_to(t, count)
     a, tau = accelerations_and_joint_torques(equations, times, states)
-    motion = motion_of(equations, equations.mechanism, times, states, Numbers)
-    loads = effect_loads(equations, motion, list(states[equations.moving :]), equations.effects)
+    motion, loads = loaded(equations, equations.mechanism, times, states, Numbers)
     felt = np.zeros((count, equations.robot.model.njoints, 6))
     for body, wrench in loads.wrenches.items():
         felt[:, body] = np.array([np.broadcast_to(part, count) for part in wrench]).T

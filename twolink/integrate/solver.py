@@ -82,13 +82,11 @@ def solve(
     AccuracyError
         The motion cannot be solved (codes of `failures`), or the setting is no number above 0.
     SceneError
-        The method cannot solve these equations, or not in this precision.
+        The method cannot solve these equations.
     """
     if not (isinstance(setting, (int, float)) and math.isfinite(setting) and setting > 0):
         name = "tolerance" if method.adaptive else "step"
         raise AccuracyError(f"expected a number above 0, got {setting!r:.60}", argument=name, remedy="such as 1e-6")
-    if precision != "double" and method.kind != "taylor":
-        raise SceneError(f"{method.name} works in double precision", argument="precision", remedy='method="taylor"')
     stepping, before = is_stepping(method), SPENT.seconds
     if equations.space.size == 0:  # nothing moves
         solution = Solution(times, np.empty((0, len(times))), 0, 0)

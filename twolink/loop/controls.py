@@ -50,7 +50,7 @@ class HeldControl:
     def given(self, x: Array) -> Given:
         """The inputs of a controller that asks for q and v alone."""
         state = self.state(x)
-        return state if self.controller.inputs == STATE else {name: state[name] for name in self.controller.inputs}
+        return {name: state[name] for name in self.controller.inputs}
 
     def keep(self, t: float, u: Array, x: Array) -> None:
         """Take note of the answers u (m, n) to states x (size, n)."""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from twolink.dynamics import Robot
-from twolink.effects.sampled_control import STATE, Controller
+from twolink.effects.sampled_control import Controller
 from twolink.effects.sensors import Forces, Seen, Sensor, StateSensor
 from twolink.errors import SceneError
 from twolink.loop.ambiguity import FIRST_STEPPED, Ambiguity
@@ -220,11 +220,9 @@ class SampledLoop:
 
     def _given(self, control: HeldControl, x: Array) -> Given:
         """The inputs that a controller asked for, of each solution (n, ...), as new copies."""
-        names, state = control.controller.inputs, control.state(x)
-        if names == STATE:
-            return state
-        given = state | {one.sensor.label: one.latest.copy() for one in self._sensors.values()}
-        return {name: given[name] if name in given else self._pose(state["q"], name) for name in names}
+        given = control.state(x) | {one.sensor.label: one.latest.copy() for one in self._sensors.values()}
+        return {name: given[name] if name in given else self._pose(given["q"], name)
+                for name in control.controller.inputs}  # fmt: skip
 
     def _pose(self, q: Array, link: str) -> Array:
         """Poses (n, 4, 4)."""

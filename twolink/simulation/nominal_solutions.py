@@ -16,7 +16,7 @@ from twolink.integrate.hybrid.modes import Mode
 from twolink.integrate.hybrid.saltation import Jump, RecordingEngine, Saltation
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.motion.equations import Equations
-from twolink.integrate.motion.formulas import effect_loads, motion_of
+from twolink.integrate.motion.formulas import loaded
 from twolink.integrate.motion.scene_equations import with_parameters
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Solution
@@ -119,9 +119,8 @@ class NominalSolutions:
             return equations
         middle = np.array([0.5 * sum(nominal.edges[number])])
         x = np.concatenate([nominal.dense.states_of(number, middle)[:, 0], equations.start[equations.moving :]])
-        motion = motion_of(equations, equations.mechanism, middle[0], x, Numbers)
-        limits = effect_loads(equations, motion, list(x[equations.moving :]), equations.effects).limits
-        values = [float(np.squeeze(value)) for _, value in limits]
+        _, loads = loaded(equations, equations.mechanism, middle[0], x, Numbers)
+        values = [float(np.squeeze(value)) for _, value in loads.limits]
         sides = (
             1.0 * (above < 0.0) - 1.0 * (below < 0.0) for below, above in zip(values[::2], values[1::2], strict=True)
         )

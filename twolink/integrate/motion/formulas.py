@@ -50,11 +50,16 @@ def effect_loads(
     return loads
 
 
+def loaded(equations: Equations, mech: Mechanism, t: Any, x: Any, xp: Any) -> tuple[KinematicState, Loads]:
+    """The moving robot at a state x (size, ...), and the torques and wrenches of all effects on it."""
+    motion = motion_of(equations, mech, t, x, xp)
+    return motion, effect_loads(equations, motion, list(x[equations.moving :]), equations.effects)
+
+
 def dynamics(equations: Equations, mech: Mechanism, t: Any, x: Any, xp: Any) -> Dynamics:
     """Accelerations and constraint forces under constraints and locks."""
     layout, numbers = equations.layout, list(x[equations.moving :])
-    motion = motion_of(equations, mech, t, x, xp)
-    loads = effect_loads(equations, motion, numbers, equations.effects)
+    motion, loads = loaded(equations, mech, t, x, xp)
     for k, torque in layout.friction(numbers):
         loads.torque(k, torque)
     free = layout.free(numbers)
@@ -78,8 +83,7 @@ def accelerations(equations: Equations, mech: Mechanism, t: Any, x: Any, xp: Any
     if equations.constraints is not None or equations.layout.lockable:
         solution = dynamics(equations, mech, t, x, xp)
         return [*solution.a, *state_rates(equations, solution.loads)]
-    motion = motion_of(equations, mech, t, x, xp)
-    loads = effect_loads(equations, motion, list(x[equations.moving :]), equations.effects)
+    motion, loads = loaded(equations, mech, t, x, xp)
     arguments = {"q": motion.q, "v": motion.v, "tau": loads.tau, "f_ext": loads.wrenches}
     a = function(equations.robot.model, "forward_dynamics").variants[equations.variant](mech, arguments, xp)
     return [*a, *state_rates(equations, loads)]
@@ -92,8 +96,7 @@ def state_rates(equations: Equations, loads: Loads) -> list[Scalar]:
 
 def unbalanced_forces(equations: Equations, mech: Mechanism, t: Any, x: Any, xp: Any) -> list[Scalar]:
     """M a = tau - h (nv) of a state x (size,): what accelerates the robot, without constraints, friction and locks."""
-    motion = motion_of(equations, mech, t, x, xp)
-    loads = effect_loads(equations, motion, list(x[equations.moving :]), equations.effects)
+    motion, loads = loaded(equations, mech, t, x, xp)
     h = newton_euler(mech, poses(mech, motion.q, xp), motion.v, [0.0] * mech.nv, loads.wrenches)
     return [minus(tau, bias) for tau, bias in zip(loads.tau, h, strict=True)]
 

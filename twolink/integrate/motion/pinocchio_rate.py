@@ -13,7 +13,7 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.effects.loops import Loop
 from twolink.integrate.motion.constraints import Constraints, locked_matrix
 from twolink.integrate.motion.equations import Equations
-from twolink.integrate.motion.formulas import effect_loads, motion_of, state_rates
+from twolink.integrate.motion.formulas import loaded, state_rates
 from twolink.integrate.motion.state import Array
 
 
@@ -41,8 +41,7 @@ def _accelerations(equations: Equations, t: Any, q: Array, v: Array, behind: Arr
     bound = constraints is not None or bool(layout.lockable)
     with np.errstate(all="ignore"):  # what is not finite is NaN or infinite in the result
         x = np.concatenate([q.T, v.T, behind])
-        numbers, motion = x[equations.moving :], motion_of(equations, equations.mechanism, t, x, Numbers)
-        loads = effect_loads(equations, motion, list(numbers), equations.effects)
+        numbers, (_, loads) = x[equations.moving :], loaded(equations, equations.mechanism, t, x, Numbers)
         for k, torque in layout.friction(list(numbers)):
             loads.torque(k, torque)
     tau, free = np.zeros(v.shape), np.ones(v.shape)

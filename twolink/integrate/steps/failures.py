@@ -9,7 +9,7 @@ import pinocchio as pin
 from twolink.algorithms.namespaces import Numbers
 from twolink.errors import AccuracyError
 from twolink.integrate.motion.equations import Equations
-from twolink.integrate.motion.formulas import effect_loads, motion_of
+from twolink.integrate.motion.formulas import loaded
 from twolink.integrate.motion.state import Array
 
 MAX_STEPS = 10_000_000
@@ -56,8 +56,7 @@ def cause(equations: Equations, t: float, x: Array) -> str:
     if light.any():
         return (f"there {_named(names, light)} can move without moving a mass, as the mass matrix is singular; give "
                 "the links between such joints inertias, or the joints armatures")  # fmt: skip
-    motion = motion_of(equations, equations.mechanism, t, x, Numbers)
-    loads = effect_loads(equations, motion, list(x[space.moving :]), equations.effects)
+    _, loads = loaded(equations, equations.mechanism, t, x, Numbers)
     wild = ~np.isfinite([float(np.squeeze(torque)) for torque in loads.tau])
     for i, wrench in loads.wrenches.items():
         if not np.isfinite([float(np.squeeze(entry)) for entry in wrench]).all():
