@@ -120,6 +120,9 @@ def states_at(by: StepMap, t: Array, x: Array, times: Array) -> Array:
     """States (size, m) at times (m,), from states x (k, size) at increasing times t (k,) where steps ended."""
     step = np.searchsorted(t, times, side="right") - 1
     states, between = x[step].T, t[step] < times
-    if between.any():
-        states[:, between] = by.partial(states[:, between], t[step[between]], times[between])
+    if not between.any():
+        return states
+    if between.all():  # as the points of a zero do
+        return by.partial(states, t[step], times)
+    states[:, between] = by.partial(states[:, between], t[step[between]], times[between])
     return states
