@@ -38,8 +38,6 @@ from twolink.native.programs import program_named
 CHUNK = 200_000  # numbers in the stages of one batch, which stay in the cache
 METHOD = METHODS["dop853"]
 TABLEAU = cast("Tableau", METHOD.tableau)
-
-
 MAX_OPERATIONS = 40_000  # of one evaluation, within which it serves as many directions as possible
 DERIVATIVE = 2.0  # times as many operations as the value, along one direction
 STATES, AROUND = 4, 0.3  # compared with differences of Pinocchio's rates: so many, within [rad, m, per second]

@@ -236,8 +236,8 @@ def _open(i: int, run: RunState) -> None:
 
 def _slide(i: int, run: RunState) -> None:
     run.x = run.closed()  # the rounding of slips that are 0 would be the direction of a sliding that begins
-    before, state = run.mode, run
-    run.mode = sliding(before, i, state.own.contact_forces(state.evaluate(), i)[:, 0])
+    before = run.mode
+    run.mode = sliding(before, i, run.own.contact_forces(run.evaluate(), i)[:, 0])
     run.opened.add(("roll", i))
     run.resolve_mode(before)
 

@@ -30,8 +30,6 @@ LOOK = 8  # steps between two looks at whether half of the worlds have arrived
 BLOCK_NUMBERS = 200_000  # in a block, which stays in the cache: with many worlds it has fewer steps
 FEW = 8  # worlds, of each of which the steps before its samples are searched, as counting those of all takes longer
 SMALLEST_TOLERANCE = 1e-15  # below this the rounding of the numbers decides
-
-
 SINGULAR = 0.1  # relative: singular values of constraint rows below it are those near a singular position
 SMALLEST_STEP = 1e-60  # s: of steps at t = 0, where any step changes the time
 PACE_FROM = 10_000  # steps after which the pace so far is taken for the pace to the end
