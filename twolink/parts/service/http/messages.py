@@ -34,6 +34,8 @@ _LARGE = (*XML, *ZIP, OCTETS, NPZ)
 SLICE = 256 * 1024  # bytes of an answer that are handed on at once: the next when the client has read most of them
 _COMPRESSED = ("application/json", "text/html", "text/css", "text/javascript", "text/csv", "image/svg+xml")
 _WORTH_COMPRESSING = 2**11  # bytes
+_COMPRESS_BESIDE = 2**16  # bytes from which on another thread does it: a megabyte takes 20 ms
+_JOIN = 2**22  # bytes that are put together in the event loop, in some milliseconds
 OWN_QUERY = "own_query"  # of handlers that check the query string themselves
 UNSPECIFIED = ("", "application/x-www-form-urlencoded", "text/plain")  # what curl sends by default
 
@@ -84,7 +86,9 @@ async def read_body(scope: Any, receive: Any, limit: float) -> bytes:
             reserve(2 * size)
             reserved += size
         more = message.get("more_body", False)
-    return parts[0] if len(parts) == 1 else await asyncio.to_thread(b"".join, parts)
+    if size > _JOIN:
+        return await asyncio.to_thread(b"".join, parts)
+    return parts[0] if len(parts) == 1 else b"".join(parts)
 
 
 def too_large(limit: float) -> Refusal:
@@ -121,9 +125,14 @@ async def compressed(scope: Any, headers: Sequence[Header], body: bytes) -> tupl
     kept = [pair for pair in headers if pair[0] != b"content-length"]
     kept.append((b"vary", b"accept-encoding"))
     if accepts_gzip(scope):
-        body = await asyncio.to_thread(gzip.compress, body, GZIP_LEVEL, mtime=0)  # the same each time
+        beside = len(body) >= _COMPRESS_BESIDE
+        body = await asyncio.to_thread(_gzip, body) if beside else _gzip(body)
         kept.append((b"content-encoding", b"gzip"))
     return [*kept, (b"content-length", b"%d" % len(body))], body
+
+
+def _gzip(body: bytes) -> bytes:
+    return gzip.compress(body, GZIP_LEVEL, mtime=0)  # the same each time
 
 
 def accepts_gzip(scope: Any) -> bool:
