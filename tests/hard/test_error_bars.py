@@ -73,4 +73,5 @@ def test_error_bars_of_many_random_scenes(tmp_path: Path) -> None:
     rows = collect(tmp_path / "rows.csv", Row, range(64), lambda number: [check(number, 1)])
     show(rows)
     assert not [row for row in rows if row.fails]
-    assert all(row.samples == (WORLDS if row.kind == "worlds" else SAMPLES) for row in rows)
+    whole = [row for row in rows if row.kind != "limit"]  # a run that reaches its limit of accuracy may end before
+    assert all(row.samples == (WORLDS if row.kind == "worlds" else SAMPLES) for row in whole)
