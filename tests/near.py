@@ -1,11 +1,6 @@
-"""What tests assert of numbers, runs and errors: that they are near, agree within bars, have a code."""
-
-import contextlib
-from collections.abc import Iterator
-from typing import Any
+"""What tests assert of numbers and runs: that they are near, agree within bars."""
 
 import numpy as np
-import pytest
 from numpy.typing import ArrayLike
 
 import twolink as tl
@@ -29,13 +24,3 @@ def assert_within(found: ArrayLike, exact: ArrayLike, bars: ArrayLike) -> None:
 def assert_agree(one: tl.Trajectory, other: tl.Trajectory) -> None:
     """Require two runs whose configurations are within the bars of both."""
     assert_within(one.q, other.q, one.error + other.error)
-
-
-@contextlib.contextmanager
-def raises(
-    kind: type[tl.errors.TwolinkError], code: str, match: str | None = None
-) -> Iterator[pytest.ExceptionInfo[Any]]:
-    """Require an error of a kind and a code, whose text has a match."""
-    with pytest.raises(kind, match=match) as caught:
-        yield caught
-    assert caught.value.code == code

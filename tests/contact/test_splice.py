@@ -8,7 +8,8 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import G, bouncing, free_bodies, grounded, planar, spheres, stepped
-from tests.near import assert_near, assert_within, raises
+from tests.near import assert_near, assert_within
+from tests.refusals import refusal
 from twolink.contact.spliced import SplicedSolution
 from twolink.integrate.hybrid import engine
 
@@ -95,6 +96,6 @@ def test_controllers_and_sensors_are_stepped_throughout() -> None:
 
 
 def test_what_cannot_be_stepped_keeps_the_reason_and_the_run_so_far() -> None:
-    with raises(tl.errors.AccuracyError, "indeterminate-forces") as refused:
+    with refusal(tl.errors.AccuracyError, code="indeterminate-forces") as refused:
         tl.simulate(box(E.Watch("w", at=0.05)), END, samples_per_second=20)
     assert refused.value.run.t[-1] == pytest.approx(HIT, rel=1e-5)

@@ -9,7 +9,8 @@ import twolink as tl
 from tests.effects.bodies import ball, slider, solved, times
 from tests.effects.cases import E, assert_refused, robot
 from tests.effects.test_closed_forms import wheel
-from tests.near import assert_near, assert_within, raises
+from tests.near import assert_near, assert_within
+from tests.refusals import refusal
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.effect import Loads
@@ -113,7 +114,7 @@ def test_a_run_beyond_the_end_of_a_curve_is_refused() -> None:
     for effect in (control, E.Release(E.Torque({"elbow": E.Bezier((0.0, 1.0), 0.2)}), at=0.1)):
         scene = tl.Scene(robot("arm"), effects=[effect])
         assert tl.simulate(scene, 0.2).t[-1] == 0.2
-        with raises(SceneError, "curve-ends", r"a curve ends at 0.2 s, the run at 0.3 s"):
+        with refusal(SceneError, code="curve-ends", match=r"a curve ends at 0.2 s, the run at 0.3 s"):
             tl.simulate(scene, 0.3)
 
 

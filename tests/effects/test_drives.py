@@ -11,7 +11,8 @@ from scipy.optimize import brentq
 
 import twolink as tl
 from tests.effects.bodies import slider, solved
-from tests.near import assert_near, assert_within, raises
+from tests.near import assert_near, assert_within
+from tests.refusals import refusal
 from twolink.algorithms.motion import KinematicState
 from twolink.effects.effect import Loads
 from twolink.scenes.parameters import parameters_of
@@ -415,13 +416,13 @@ def test_what_does_not_follow_states_refuses() -> None:
         lambda: tl.lqr(LAGGED, np.eye(2), np.eye(1)),
         lambda: tl.periodic_motion(LAGGED, 1.0),
     ):
-        with raises(tl.errors.SceneError, "states-of-effects"):
+        with refusal(tl.errors.SceneError, code="states-of-effects"):
             ask()
     ball = tl.load_robot("bouncing_ball")
     ground = fx.Contact(("ground",), shapes={"ball": (fx.Sphere(0.1),)})
     lag = fx.ActuatorLag(fx.Torque({"height": 1.0}), {"height": 0.1})
     stepped = tl.Scene(ball, [0.5], effects=[fx.Gravity(), ground, lag])
-    with raises(tl.errors.SceneError, "not-stepped"):
+    with refusal(tl.errors.SceneError, code="not-stepped"):
         tl.simulate(stepped, contact="stepped")
 
 
@@ -494,5 +495,5 @@ def test_states_in_quadruple_precision() -> None:
 
 def test_two_of_a_kind_are_refused() -> None:
     twice = scene(*LAGGED.effects, *LAGGED.effects)
-    with raises(tl.errors.SceneError, "state-twice"):
+    with refusal(tl.errors.SceneError, code="state-twice"):
         tl.simulate(twice)

@@ -15,7 +15,8 @@ import twolink as tl
 from tests.effects.bodies import solved
 from tests.effects.cases import E, robot
 from tests.effects.test_closed_forms import wheel
-from tests.near import assert_near, raises
+from tests.near import assert_near
+from tests.refusals import refusal
 from twolink.lagrange.check import arm_urdf
 
 Formula = Callable[[Any], Any]
@@ -102,7 +103,9 @@ def test_what_changes_from_call_to_call_is_refused(name: str, *, inside: bool) -
     """Traced once, it would be a constant of the motion."""
     _calls.clear()
     effect = of_shoulder(FORGETFUL[name])
-    with raises(tl.errors.SceneError, "not-repeatable", r"act of Own gives another load on shoulder") as caught:
+    with refusal(
+        tl.errors.SceneError, code="not-repeatable", match=r"act of Own gives another load on shoulder"
+    ) as caught:
         tl.Scene(robot("arm"), effects=[E.Gravity(), E.Release(effect, at=0.5) if inside else effect])
     assert caught.value.where == ("effects[1].of.act" if inside else "effects[1].act")
 

@@ -7,7 +7,7 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import G, free_bodies, planar, slider
-from tests.near import raises
+from tests.refusals import refusal
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solution import Solution
 from twolink.integrate.solver import solve
@@ -61,7 +61,7 @@ def test_smooth_runs_have_none() -> None:
 def test_a_sample_beyond_a_stop_is_an_error_with_its_place() -> None:
     solution, switching = solved(STOPPED), equations_of(STOPPED).switching
     solution.x[0, 150] += 1e-6
-    with raises(tl.errors.AccuracyError, "laws-violated", "stops") as caught:
+    with refusal(tl.errors.AccuracyError, code="laws-violated", match="stops") as caught:
         certificate(switching, solution).require()
     assert caught.value.data["t"] == solution.t[150]
     assert caught.value.data["size"] == pytest.approx(1e-6)

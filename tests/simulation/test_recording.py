@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 
 import twolink as tl
 from tests.command import answer
-from tests.near import assert_near, raises
+from tests.near import assert_near
+from tests.refusals import refusal
 from tests.urdf_text import joint, link, robot_of
 from twolink import effects as fx
 from twolink.errors import SceneError, TwolinkError
@@ -194,7 +195,7 @@ def test_the_bag_of_another_program_is_judged(arm: tl.Trajectory, start: int, tm
 def test_bags_without_joint_states_of_one_robot(
     arm: tl.Trajectory, topics: dict[str, list[str]], part: str, tmp_path: Path
 ) -> None:
-    with raises(TwolinkError, "no-joint-states", part):
+    with refusal(TwolinkError, code="no-joint-states", match=part):
         tl.judge(tl.load_scene("arm-swing"), foreign(tmp_path / "bag", arm, topics))
 
 
@@ -203,7 +204,7 @@ def test_joints_that_lack_are_named(arm: tl.Trajectory, tmp_path: Path) -> None:
     bag = foreign(tmp_path / "bag", arm, {"/joint_states": ["elbow"]})
     with pytest.raises(SceneError, match=r"column 'q.shoulder' is not in it"):
         tl.Trajectory.load(bag, arm.robot)
-    with raises(SceneError, "not-a-trajectory", "expected q"):
+    with refusal(SceneError, code="not-a-trajectory", match="expected q"):
         tl.judge(tl.load_scene("arm-swing"), bag)
 
 
@@ -223,7 +224,7 @@ def test_joints_and_times_without_a_place_in_a_bag(tmp_path: Path) -> None:
     ball = '<body name="b"><joint name="j" type="ball"/><geom size="0.1"/></body>'
     robot = tl.load_robot(f"<mujoco><worldbody>{ball}</worldbody></mujoco>")
     run = tl.Trajectory(robot, np.array([0.0, 1.0]), robot.neutral[None] * [[1], [1]], np.zeros((2, 3)), None, None)
-    with raises(SceneError, "not-in-format", "quaternion joint"):
+    with refusal(SceneError, code="not-in-format", match="quaternion joint"):
         run.save(tmp_path / "x.mcap")
     two, zero = tl.load_robot("two_link"), np.zeros((2, 2))
     with pytest.raises(SceneError, match="closer than a nanosecond"):

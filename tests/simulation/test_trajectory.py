@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.near import assert_near, raises
+from tests.near import assert_near
+from tests.refusals import refusal
 from tests.show.test_playback import film
 from twolink.errors import SceneError, ShowError, TwolinkError
 from twolink.integrate.solution import Event
@@ -80,7 +81,9 @@ def test_the_accuracy_asked_for_is_kept(run: tl.Trajectory, ending: str, tmp_pat
 @pytest.mark.parametrize("name", ["at", "acceleration", "sensors", "contact_forces"])
 def test_a_loaded_run_names_what_it_has_not(run: tl.Trajectory, name: str, tmp_path: Path) -> None:
     again = tl.Trajectory.load(run.save(tmp_path / "x.csv"), run.robot)
-    with raises(SceneError, "no-equations", rf"Trajectory\.{name}: a loaded trajectory has no equations") as caught:
+    with refusal(
+        SceneError, code="no-equations", match=rf"Trajectory\.{name}: a loaded trajectory has no equations"
+    ) as caught:
         getattr(again, name)(0.005)  # a property raises before it would be called
     assert "simulate it again with its scene" in caught.value.remedy
 
@@ -248,7 +251,7 @@ def test_a_playback_takes_events_trails_and_a_second_run(run: tl.Trajectory, tmp
 
 @pytest.mark.parametrize("name", ["x.gif", "x.mp4", "x.htm", "x"])
 def test_a_playback_is_a_page_and_nothing_else(run: tl.Trajectory, name: str, tmp_path: Path) -> None:
-    with raises(ShowError, "unknown-format", "is not a format we know"):
+    with refusal(ShowError, code="unknown-format", match="is not a format we know"):
         run.playback(tmp_path / name)
     assert not (tmp_path / name).exists()
 

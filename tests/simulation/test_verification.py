@@ -10,7 +10,8 @@ import pytest
 import twolink as tl
 import twolink.effects as fx
 from tests.effects.bodies import slider
-from tests.near import assert_agree, raises
+from tests.near import assert_agree
+from tests.refusals import refusal
 from twolink.errors import AccuracyError
 from twolink.hard import truths
 from twolink.hard.case import StateHistory
@@ -297,7 +298,7 @@ def test_more_digits_come_by_themselves() -> None:
 
 def test_what_a_double_cannot_keep_is_refused_only_where_doubles_are_asked_for() -> None:
     scene, duration = double_pendulum(2)
-    with raises(AccuracyError, "accuracy-limit", "cannot be kept") as refused:
+    with refusal(AccuracyError, code="accuracy-limit", match="cannot be kept") as refused:
         tl.simulate(scene, duration, accuracy=1e-14, precision="double")
     assert len(refused.value.data["tried"]) >= 1
     run = refused.value.run
@@ -307,7 +308,7 @@ def test_what_a_double_cannot_keep_is_refused_only_where_doubles_are_asked_for()
 
 def test_patience_ends_a_search_with_the_best_run() -> None:
     scene, _ = double_pendulum(0)
-    with raises(AccuracyError, "out-of-time") as late:
+    with refusal(AccuracyError, code="out-of-time") as late:
         tl.simulate(scene, 3e4, accuracy=1e-6, samples_per_second=0.01, patience=0.5)
     assert "patience=" in late.value.remedy
 

@@ -5,7 +5,7 @@ import pytest
 
 import twolink as tl
 from tests.parts.design.test_linearize import difference_of, of_state
-from tests.refusals import refused
+from tests.refusals import refusal
 from twolink.errors import SceneError
 
 CRANK = tl.load_scene("crank-spring")
@@ -45,5 +45,5 @@ def test_a_motor_at_the_crank_holds_the_mechanism() -> None:
 
 
 def test_a_singular_position_is_named() -> None:
-    with refused(SceneError, "singular-position"):
+    with refusal(SceneError, code="singular-position"):
         tl.linearize(tl.load_scene("four-bar"), np.zeros(5))

@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 
 import twolink as tl
-from tests.refusals import refused
+from tests.refusals import refusal
 from tests.urdf_text import joint, link
 from tests.urdf_text import robot_of as robot_text
 from twolink.errors import SceneError
@@ -66,9 +66,9 @@ def test_negative_damping_is_unstable() -> None:
 def test_without_equilibria() -> None:
     pushed = tl.Scene(ARM, effects=[E.Torque({"shoulder": 3.0})])
     assert len(tl.equilibria(pushed, starts=4)) == 0
-    with refused(SceneError, "no-equilibrium"):
+    with refusal(SceneError, code="no-equilibrium"):
         tl.equilibria(pushed, [0.0, 0.0])
-    with refused(SceneError, "depends-on-time"):
+    with refusal(SceneError, code="depends-on-time"):
         tl.equilibria(tl.Scene(ARM, effects=[E.Torque({"shoulder": E.Sine(1.0, 2.0)})]))
 
 
@@ -85,13 +85,13 @@ def test_what_waits_for_a_condition_does_not_act() -> None:
     (near,) = tl.equilibria(tl.Scene(ARM, effects=effects), [1.5, 0.1])
     np.testing.assert_allclose(near.q, [np.pi / 2, 0.0], atol=1e-9)
     begun = [E.Gravity(), E.Engage(E.Torque({"elbow": 1.0}), when=E.JointReaches("elbow", 0.0))]
-    with refused(SceneError, "not-differentiable"):
+    with refusal(SceneError, code="not-differentiable"):
         tl.equilibria(tl.Scene(ARM, effects=begun), [1.5, 0.1])
 
 
 def test_what_begins_or_ceases_at_a_time_leaves_no_equilibrium() -> None:
     for timed in (E.Engage(SPRING, at=9.0), E.Release(SPRING, at=9.0)):
-        with refused(SceneError, "depends-on-time"):
+        with refusal(SceneError, code="depends-on-time"):
             tl.equilibria(tl.Scene(ARM, effects=[E.Gravity(), timed]))
 
 

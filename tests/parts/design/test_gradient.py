@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.refusals import refused
+from tests.refusals import refusal
 from tests.simulation.test_sensitivities import CONSTANTS, EIGHT, EVENTS, GRAVITY, differences, moved
 from twolink.errors import AccuracyError, SceneError
 from twolink.parts.design.objectives import NotFollowedError, named_objective, variation_by
@@ -171,14 +171,14 @@ def test_states_of_effects_that_are_not_known_are_no_numbers() -> None:
 def test_what_is_not_followed_is_named() -> None:
     landed = tl.effects.Watch("landed", when=tl.effects.FrameReaches("ball", 0.2), stop=True)
     ball = tl.Scene(tl.load_scene("bouncing-ball").base, [1.0], [0.5], [GRAVITY, landed])
-    with refused(SceneError, "gradient-end"):
+    with refusal(SceneError, code="gradient-end"):
         tl.gradient(ball, objective="time", wrt=["v"], duration=2.0)
     loaded = tl.load_scene("arm-swing")
     loaded = loaded.with_effects([*loaded.effects, tl.effects.Payload("forearm", 1.0, (0.0, 0.0, 0.3))])
-    with refused(SceneError, "gradient-objective"):
+    with refusal(SceneError, code="gradient-objective"):
         tl.gradient(loaded, objective="energy", wrt=["effects.1.mass"], duration=0.1)
     sliders = tl.Scene(tl.load_robot("two_link"), effects=[GRAVITY, tl.effects.DryFriction({"elbow": 100.0})])
-    with refused(AccuracyError, "sensitivity-undefined"):
+    with refusal(AccuracyError, code="sensitivity-undefined"):
         tl.gradient(sliders, objective=bent, wrt=["v"], duration=0.3)
     with pytest.raises(SceneError, match="finite number"):
         tl.gradient(tl.load_scene("arm-swing"), objective=lambda run: run.q, wrt=["v"], duration=0.1)

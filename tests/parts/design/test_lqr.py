@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.refusals import refused
+from tests.refusals import refusal
 from tests.simulation.test_sensitivities import FREE
 from twolink.errors import SceneError
 
@@ -69,7 +69,7 @@ def test_a_configuration_off_balance_is_held_by_torques() -> None:
     np.testing.assert_allclose(list(regulator.torque.values()), expected, rtol=1e-12)
     closed = tl.Scene(ARM, [0.5, 0.7], effects=[*scene.effects, regulator])
     assert np.abs(tl.simulate(closed, 15.0).q[-1] - scene.q).max() < 1e-4
-    with refused(SceneError, "not-equilibrium"):
+    with refusal(SceneError, code="not-equilibrium"):
         tl.lqr(scene, 1.0, 1.0, inputs=["elbow"])
 
 
@@ -85,14 +85,14 @@ def test_a_wheel_and_a_floating_body_are_linearized_as_the_formula_says() -> Non
 
 
 def test_what_cannot_be_regulated_is_named() -> None:
-    with refused(SceneError, "not-stabilizable"):
+    with refusal(SceneError, code="not-stabilizable"):
         tl.lqr(tl.Scene(ARM), 1.0, 1.0, inputs=["elbow"])
-    with refused(SceneError, "not-detectable"):
+    with refusal(SceneError, code="not-detectable"):
         tl.lqr(tl.Scene(ARM, UP, effects=[E.Gravity()]), [0.0, 0.0, 0.0, 0.0], 1.0)
     load = E.Payload("forearm", 2.0, (0.3, 0.0, 0.0))
     for effect in (E.Torque({"elbow": E.Sine(1.0, 1.0)}), E.Release(load, at=0.1),
                    E.Engage(E.Torque({"elbow": 1.0}), at=0.1)):  # fmt: skip
-        with refused(SceneError, "depends-on-time"):
+        with refusal(SceneError, code="depends-on-time"):
             tl.lqr(tl.Scene(ARM, UP, effects=[E.Gravity(), effect]), 1.0, 1.0)
 
 

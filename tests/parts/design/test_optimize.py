@@ -8,7 +8,7 @@ import pytest
 
 import twolink as tl
 from tests.parts.design.test_gradient import slope
-from tests.refusals import refused
+from tests.refusals import refusal
 from tests.urdf_text import joint, link
 from tests.urdf_text import robot_of as robot_text
 from twolink.errors import SceneError
@@ -146,7 +146,7 @@ def test_a_file_of_another_function_of_the_same_name_is_refused(tmp_path: Path) 
     first, out = tl.optimize(arm(), objective=lambda run: run.q[-1, 0], **asked), tmp_path / "search.json"
     for _ in range(2):  # written, and gone on from
         assert tl.optimize(arm(), objective=lambda run: run.q[-1, 0], out=out, **asked).values == first.values
-    with refused(SceneError, "another-search", match="its functions give"):
+    with refusal(SceneError, code="another-search", match="its functions give"):
         tl.optimize(arm(), objective=lambda run: run.q[-1, 1] ** 2 + 3.0, out=out, **asked)
 
 
@@ -176,10 +176,10 @@ def test_a_search_goes_on_from_its_file_with_the_same_result(tmp_path: Path) -> 
     assert seen[first] == 3  # the first three are not computed again
     assert rest.values == whole.values
     assert [r["objective"] for r in rest.history] == [r["objective"] for r in whole.history]
-    with refused(SceneError, "another-search", match="its maximize is False, not True"):
+    with refusal(SceneError, code="another-search", match="its maximize is False, not True"):
         tl.optimize(scene, **asked, out=out, maximize=True)
     out.write_text("{}")
-    with refused(SceneError, "not-a-search"):
+    with refusal(SceneError, code="not-a-search"):
         tl.optimize(scene, wrt=wrt, objective=objective, out=out)
     assert json.loads(json.dumps(rest.to_dict(), allow_nan=False))["simulations"] >= len(rest.history)
 

@@ -6,7 +6,7 @@ import pytest
 from scipy.special import ellipe, ellipk
 
 import twolink as tl
-from tests.refusals import refused
+from tests.refusals import refusal
 from twolink.errors import AccuracyError, SceneError
 
 E = tl.effects
@@ -97,12 +97,12 @@ def test_what_has_no_periodic_motion_is_named(pendulum_urdf: str) -> None:
     robot = tl.load_robot(pendulum_urdf)
     damped = tl.Scene(robot, [0.5], effects=[E.Gravity(), E.JointDamping({"hinge": 0.5})])
     for vary in (["q", "v"], []):
-        with refused(AccuracyError, "no-periodic-motion"):
+        with refusal(AccuracyError, code="no-periodic-motion"):
             tl.periodic_motion(damped, 1.4, vary)
     with pytest.raises(AccuracyError, match=r"after 0\.07"):  # in a period of 0 every motion repeats itself
         tl.periodic_motion(tl.scene_of("two_link"), 0.7)
     pushed = tl.Scene(robot, [0.5], effects=[E.Gravity(), E.Torque({"hinge": E.Sine(1.0, 3.0)})])
-    with refused(SceneError, "depends-on-time", match="repeat"):
+    with refusal(SceneError, code="depends-on-time", match="repeat"):
         tl.periodic_motion(pushed, 1.0)
     with pytest.raises(SceneError, match="mass") as caught:
         tl.periodic_motion(damped, 1.0, ["bob.mass"])
@@ -122,7 +122,7 @@ ONCE = {
 @pytest.mark.parametrize("what", ONCE)
 def test_what_happens_at_a_time_does_not_repeat(pendulum_urdf: str, what: str) -> None:
     scene = tl.Scene(tl.load_robot(pendulum_urdf), [0.5], effects=[E.Gravity(), ONCE[what]])
-    with refused(SceneError, "depends-on-time", match="once"):
+    with refusal(SceneError, code="depends-on-time", match="once"):
         tl.periodic_motion(scene, 1.5)
 
 
@@ -135,7 +135,7 @@ def test_a_motion_that_an_event_ends_has_no_period(pendulum_urdf: str) -> None:
                      for scene in (plain, plain.with_effects([E.Gravity(), E.Watch(**reached)])))  # fmt: skip
     assert abs(free.period - watched.period) <= free.period_error + watched.period_error
     for stop in (E.Watch(**reached, stop=True), E.Watch("end", at=1.0, stop=True)):
-        with refused(AccuracyError, "no-periodic-motion", match="ends the motion"):
+        with refusal(AccuracyError, code="no-periodic-motion", match="ends the motion"):
             tl.periodic_motion(plain.with_effects([E.Gravity(), stop]), 1.4)
 
 

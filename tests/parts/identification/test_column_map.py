@@ -8,7 +8,7 @@ import pytest
 import twolink as tl
 from tests.command import call, one_line
 from tests.parts.identification.motions import columns, motion
-from tests.refusals import refused
+from tests.refusals import refusal
 from twolink.errors import QueryError
 from twolink.identification import read_log
 from twolink.io.tables import write_table
@@ -59,9 +59,9 @@ def test_a_map_wins_over_the_logs_own_columns_and_what_is_guessed_or_left_is_sai
 def test_a_column_that_is_mapped_is_not_read_under_its_own_name_too(tmp_path: Path) -> None:
     """tau1, tau2 numbered from 1: with one of them mapped, tau1 must not stand in for the elbow's."""
     log = written(tmp_path, **columns(q=Q), tau1=TAU[:, 0], tau2=TAU[:, 1])
-    with refused(QueryError, "column-missing", match="is missing"):
+    with refusal(QueryError, code="column-missing", match="is missing"):
         read_log(ARM, log, {"tau.shoulder": "tau1"})
-    with refused(QueryError, "column-twice", match=r"read twice, as tau.shoulder and as tau.elbow"):
+    with refusal(QueryError, code="column-twice", match=r"read twice, as tau.shoulder and as tau.elbow"):
         read_log(ARM, log, joints("tau", ["tau1", "tau1"]))
 
 
@@ -81,7 +81,9 @@ def test_two_columns_of_one_joint_are_refused_by_every_reader(tmp_path: Path) ->
     scene = tl.Scene(ARM, Q[0], V[0])
     for read in (lambda: measurements_of(ARM, table, "table"), lambda: tl.judge(scene, path),
                  lambda: tl.fit(scene, path, ["forearm.mass"])):  # fmt: skip
-        with refused(tl.errors.QueryError, "column-twice", match=r"'q.elbow' and 'q1' are both q of joint 'elbow'"):
+        with refusal(
+            tl.errors.QueryError, code="column-twice", match=r"'q.elbow' and 'q1' are both q of joint 'elbow'"
+        ):
             read()
     states = tmp_path / "states.csv"
     states.write_text("q0,q1,q.elbow\n0,0,1\n")

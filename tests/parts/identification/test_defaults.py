@@ -5,7 +5,7 @@ import pytest
 
 import twolink as tl
 from tests.parts.identification.motions import FINGERS, motion, noisy
-from tests.refusals import refused
+from tests.refusals import refusal
 from twolink.errors import QueryError
 from twolink.identification import identify
 from twolink.parts.identification.base_parameters import regressor
@@ -103,7 +103,7 @@ def test_without_torques_only_ratios_are_told_and_all_parameters_are_refused() -
     run = tl.simulate(tl.Scene(ARM, [0.3, -0.5], effects=[tl.effects.Gravity()]), 2.0)
     zeros = np.zeros_like(run.v)
     for velocities, accelerations in ((None, None), (run.v, run.acceleration)):
-        with refused(QueryError, "no-torques", match=r"all torques are 0, .* only ratios") as caught:
+        with refusal(QueryError, code="no-torques", match=r"all torques are 0, .* only ratios") as caught:
             identify(ARM, run.t, run.q, velocities, zeros, a=accelerations)
         assert 'parameters=["forearm.mass"]' in caught.value.remedy
     run = [{"t": run.t, "q": run.q, "v": run.v, "tau": zeros}]

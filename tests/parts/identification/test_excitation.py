@@ -9,7 +9,7 @@ import pytest
 
 import twolink as tl
 from tests import urdf_text
-from tests.refusals import refused
+from tests.refusals import refusal
 from twolink.errors import QueryError
 from twolink.identification import exciting_motion, identify
 from twolink.robots.collisions import collision_model
@@ -65,11 +65,11 @@ def test_it_starts_and_ends_at_rest_and_its_rates_are_its_own(tmp_path: Path) ->
 
 
 def test_what_cannot_be_driven_is_refused() -> None:
-    with refused(QueryError, "floating-base", match="load the robot with a fixed root"):
+    with refusal(QueryError, code="floating-base", match="load the robot with a fixed root"):
         exciting_motion(tl.load_robot("anymal", root="free"), 5.0)
     with pytest.raises(QueryError, match="duration: expected a number above 0"):
         exciting_motion(tl.load_robot("arm"), 0.0)
-    with refused(QueryError, "nothing-identifiable", match="no joint torque depends on"):
+    with refusal(QueryError, code="nothing-identifiable", match="no joint torque depends on"):
         exciting_motion(tl.load_robot("arm"), 5.0, ["forearm.first_moment.y"])
 
 
@@ -104,5 +104,5 @@ def test_the_predicted_intervals_are_those_that_identify_gives() -> None:
 @pytest.mark.slow
 def test_a_motion_that_its_torques_do_not_allow_is_refused() -> None:
     text = re.sub(r'effort="[^"]*"', 'effort="0.01"', tl.load_robot("arm").visuals.text)
-    with refused(QueryError, "no-motion", match="needs"):
+    with refusal(QueryError, code="no-motion", match="needs"):
         exciting_motion(tl.load_robot(text, gravity=(0, 0, 0)).with_gravity([9.81, 0, 0]), 5.0, steps=0)

@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 
 import twolink as tl
 from tests.parts.identification import motions
-from tests.refusals import refused
+from tests.refusals import refusal
 from tests.urdf_text import joint, link
 from tests.urdf_text import robot_of as robot_text
 from twolink.errors import QueryError, SceneError
@@ -91,7 +91,7 @@ def test_dry_friction_is_found_through_its_events() -> None:
     low, high = found.intervals[name]
     assert low <= true <= high
     assert found.values[name] == pytest.approx(true, rel=0.01)
-    with refused(QueryError, "one-segment", match="events or closed loops"):
+    with refusal(QueryError, code="one-segment", match="events or closed loops"):
         tl.fit(scene, {"t": times, "q": q}, [name], segments=3)
 
 
@@ -305,7 +305,7 @@ REFUSED = {  # other data, and other arguments
 def test_data_that_cannot_be_used_are_refused_with_what_is_wrong(case: str) -> None:
     columns, options, code = REFUSED[case]
     data = {name: x for name, x in (GIVEN | columns).items() if x is not None}
-    with refused(SceneError if code == "unknown-parameter" else QueryError, code) as caught:
+    with refusal(SceneError if code == "unknown-parameter" else QueryError, code=code) as caught:
         tl.fit(SCENE, data, **{"parameters": ["forearm.mass"], **options})
     assert caught.value.remedy
 

@@ -8,7 +8,7 @@ import pytest
 
 import twolink as tl
 from tests.parts.identification.motions import FINGERS, motion, noisy
-from tests.refusals import refused
+from tests.refusals import refusal
 from tests.urdf_text import joint, link, robot_of
 from twolink.errors import RobotError
 from twolink.identification import identify, write_urdf
@@ -82,5 +82,5 @@ def test_another_robots_source_is_refused() -> None:
     robot = tl.load_robot("arm")
     t, q, v, a = motion(robot, 60)
     found = identify(robot, t, q, v, robot.inverse_dynamics(q, v, a), ["forearm.mass"], a=a)
-    with refused(RobotError, "other-robot", match="has no link 'forearm'"):
+    with refusal(RobotError, code="other-robot", match="has no link 'forearm'"):
         write_urdf(found, "panda", Path("never.urdf"))

@@ -9,7 +9,7 @@ import pytest
 
 import twolink as tl
 from tests.parts.identification.motions import motion, noisy
-from tests.refusals import refused
+from tests.refusals import refusal
 from tests.urdf_text import joint, link, robot_of
 from twolink.errors import QueryError
 from twolink.identification import Identification, identify
@@ -233,7 +233,7 @@ REFUSED = {
 @pytest.mark.parametrize("case", REFUSED)
 def test_data_that_cannot_be_used_are_refused_with_what_is_wrong(case: str) -> None:
     given, code, part = REFUSED[case]
-    with refused(QueryError, code, re.escape(part)) as caught:
+    with refusal(QueryError, code=code, match=re.escape(part)) as caught:
         identify(ARM, **GIVEN | given)
     assert caught.value.remedy
 

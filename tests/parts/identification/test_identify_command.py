@@ -9,7 +9,7 @@ import pytest
 import twolink as tl
 from tests.command import answer, call, one_line
 from tests.parts.identification.motions import columns, motion, noisy
-from tests.refusals import refused
+from tests.refusals import refusal
 from tests.simulation.test_sensitivities import FREE
 from twolink.errors import QueryError
 from twolink.identification import read_log
@@ -69,7 +69,7 @@ def test_whole_arrays_are_read_and_missing_columns_are_named(tmp_path: Path) -> 
     for lacking in ("t", "q1", "tau0"):
         there = {name: x for name, x in {"t": T, **columns(q=Q, tau=TAU)}.items() if name != lacking}
         path = write_table(tmp_path / "log.csv", there, {})
-        with refused(QueryError, "column-missing", match="is missing; there are"):
+        with refusal(QueryError, code="column-missing", match="is missing; there are"):
             read_log(ARM, path)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 import twolink as tl
 from tests.parts.identification.motions import motion, noisy
-from tests.refusals import refused
+from tests.refusals import refusal
 from twolink.errors import QueryError
 from twolink.identification import Identification, identify, write_urdf
 from twolink.parts.identification.filtering import Recording, cutoff, half_window_of, states
@@ -80,7 +80,7 @@ def test_several_runs_are_not_differenced_across_their_gap() -> None:
     both, one = (identify(ARM, runs, parameters=["forearm.*"], half_window=6) for runs in (parts, joined))
     np.testing.assert_allclose(both.estimate, one.estimate, rtol=1e-9, atol=1e-12)
     assert both.filter is not None
-    with refused(QueryError, "times", match="time jumps by 10") as caught:
+    with refusal(QueryError, code="times", match="time jumps by 10") as caught:
         identify(ARM, {name: x for name, x in joined.items() if name != "run"})
     assert "several runs" in str(caught.value)
 

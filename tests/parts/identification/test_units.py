@@ -9,7 +9,7 @@ import pytest
 
 import twolink as tl
 from tests.parts.identification.motions import motion, noisy
-from tests.refusals import refused
+from tests.refusals import refusal
 from twolink.errors import QueryError
 from twolink.identification import identify, read_log
 from twolink.io.tables import write_table
@@ -32,7 +32,7 @@ def test_torques_tell_degrees_where_no_limits_do(form: str) -> None:
     d = np.degrees
     given = {"positions": (d(Q), None, None), "with v in rad/s": (d(Q), V, None), "all in degrees": (d(Q), d(V), None),
              "accelerations": (d(Q), d(V), d(A))}[form]  # fmt: skip
-    with refused(QueryError, "units", match="is q in degrees") as caught:
+    with refusal(QueryError, code="units", match="is q in degrees") as caught:
         identify(ARM, T, given[0], given[1], TAU, a=given[2])
     column = re.search(r"q\.(\w+) goes from (\S+) to ([^ ,]+),", str(caught.value))
     assert column is not None
@@ -75,7 +75,7 @@ def test_fit_tells_degrees_by_the_start_of_the_scene() -> None:
     scene = tl.Scene(ARM, [0.8, -0.5], effects=[tl.effects.Gravity()], duration=1.0)
     t = np.linspace(0.0, 1.0, 60)
     q = np.degrees(scene.q + np.stack([np.sin(9 * t), 1 - np.cos(7 * t)], axis=1) * 0.3)
-    with refused(QueryError, "units", match="is q in degrees") as caught:
+    with refusal(QueryError, code="units", match="is q in degrees") as caught:
         tl.fit(scene, {"t": t, "q": q}, ["forearm.mass"])
     assert "45.84" in str(caught.value)
     assert "0.0174533" in (caught.value.remedy or "")

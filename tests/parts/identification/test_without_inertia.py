@@ -11,7 +11,7 @@ import pytest
 
 import twolink as tl
 from tests.parts.identification.motions import motion, noisy
-from tests.refusals import refused
+from tests.refusals import refusal
 from twolink.errors import QueryError, RobotError
 from twolink.identification import identify, write_urdf
 from twolink.parts.identification.measurements import Measurements
@@ -24,14 +24,14 @@ TAU = ARM.inverse_dynamics(Q, V, A)
 
 
 def test_dynamics_is_refused_by_name_and_kinematics_answer() -> None:
-    with refused(RobotError, "no-inertia", match='purpose="kinematics"'):
+    with refusal(RobotError, code="no-inertia", match='purpose="kinematics"'):
         tl.load_robot(BARE)
     bare = tl.load_robot(BARE, purpose="kinematics")
     np.testing.assert_allclose(bare.frame_jacobian(Q, "forearm"), ARM.frame_jacobian(Q, "forearm"), atol=1e-14)
     np.testing.assert_allclose(bare.regressor(Q, V, V), ARM.regressor(Q, V, V), atol=1e-12)
     for call in (bare.forward_dynamics, bare.inverse_dynamics):
         for rows in (slice(None), 0):
-            with refused(QueryError, "no-inertia", match="move no inertia"):
+            with refusal(QueryError, code="no-inertia", match="move no inertia"):
                 call(Q[rows], V[rows], V[rows])
     for query in (bare.mass_matrix, bare.gravity_torque, lambda _: bare.compiled()):
         with pytest.raises(QueryError, match="identify it first"):

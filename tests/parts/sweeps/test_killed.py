@@ -16,7 +16,7 @@ import pytest
 import twolink as tl
 from tests.parts.service.serving import wait_until
 from tests.parts.sweeps.dask_cluster import TOP, dask_cluster
-from tests.refusals import refused
+from tests.refusals import refusal
 from twolink.errors import TwolinkError
 from twolink.sweeps import open_sweep
 
@@ -159,7 +159,7 @@ def test_a_cluster_replaces_its_workers_and_its_scheduler_is_killed(
         other = swept(tmp_path / "y.zarr", "start", executor=ThreadPoolExecutor(1), chunk=3)
         assert np.array_equal(data.q, other.q)
         assert np.array_equal(data.error, other.error)
-        with refused(TwolinkError, "cluster-lost", match="what is done is kept"):
+        with refusal(TwolinkError, code="cluster-lost", match="what is done is kept"):
             swept(out, "slow_start", executor=address, progress=at_the_second(scheduler.kill))
         done = check_right(out)
         assert 2 <= done.sum() < len(ELBOWS)

@@ -12,7 +12,7 @@ import pytest
 
 import twolink as tl
 from tests.parts.service.serving import pendulum, wait_until
-from tests.refusals import refused
+from tests.refusals import refusal
 from twolink.errors import TwolinkError
 from twolink.parts.sweeps import slurm
 
@@ -120,7 +120,7 @@ def test_what_is_done_or_in_the_queue_is_not_sent_again(tmp_path: Path, jobs: Pa
 @pytest.mark.usefixtures("jobs")
 def test_what_slurm_refuses_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "runs.zarr"
-    with refused(TwolinkError, "batch-refused", match="invalid partition"):
+    with refusal(TwolinkError, code="batch-refused", match="invalid partition"):
         swept(out, executor=f"slurm:{tmp_path}/shared?partition=none")
     with pytest.raises(TwolinkError, match="absolute"):
         swept(out, executor="slurm:shared")

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.refusals import refused
+from tests.refusals import refusal
 from tests.urdf_text import joint, link, robot_of
 from twolink import effects
 from twolink.errors import MissingExtraError, SceneError, TwolinkError
@@ -136,7 +136,7 @@ def test_another_sweep_is_refused_and_the_difference_is_named(tmp_path: Path) ->
         ({"vary": {"q.elbow": ELBOWS, "forearm.mass": [1.0]}}, "forearm.mass had the value 1.5"),
         ({"vary": {"q.elbow": ELBOWS}}, "vary"),
     ):
-        with refused(SceneError, "another-sweep", match="another sweep") as caught:
+        with refusal(SceneError, code="another-sweep", match="another sweep") as caught:
             swept(tmp_path / "x.zarr", **options)
         assert part in str(caught.value)
 
@@ -200,7 +200,7 @@ def test_a_store_of_an_earlier_version_is_refused_in_words(tmp_path: Path) -> No
     group, record = store.read_record(tmp_path / "x.zarr")
     del record["plan"]["functions"], record["plan"]["scene"]["robot"]["content"]
     group.attrs["twolink"] = json.dumps(record)
-    with refused(SceneError, "another-sweep", match="an earlier version did not note the content"):
+    with refusal(SceneError, code="another-sweep", match="an earlier version did not note the content"):
         swept(tmp_path / "x.zarr")
     assert (open_sweep(tmp_path / "x.zarr").status == 1).all()
 
@@ -365,7 +365,7 @@ class Stranger(Cluster):
 def test_an_executor_of_another_kind(tmp_path: Path) -> None:
     data = swept(tmp_path / "x.zarr", executor=Cluster(), chunk=2)
     assert data.equals(swept(tmp_path / "y.zarr"))
-    with refused(TwolinkError, "workers-differ", match="workers cannot import"):
+    with refusal(TwolinkError, code="workers-differ", match="workers cannot import"):
         swept(tmp_path / "z.zarr", executor=Stranger())
     with pytest.raises(SceneError, match="an address or an executor"):
         swept(tmp_path / "z.zarr", executor=3)
