@@ -11,6 +11,7 @@ def assert_near(found: ArrayLike, exact: ArrayLike, within: float) -> None:
     found, exact = np.asarray(found), np.asarray(exact)
     assert found.ndim > exact.ndim or found.shape[:1] == exact.shape[:1], f"{found.shape} beside {exact.shape}"
     off = np.abs(found - exact)
+    assert off.shape == found.shape, f"{found.shape} beside {exact.shape}"
     assert off.max() < within, f"{off.max():.3g} off at {np.unravel_index(off.argmax(), off.shape)}"
 
 
