@@ -43,7 +43,7 @@ def difference(robot: RobotModel, q0: ArrayLike, q1: ArrayLike) -> Array:
 def difference_rows(robot: RobotModel, start: Array, end: Array) -> Array:
     """The tangent vectors (n, nv) between rows of configurations (n, nq), which are not checked."""
     found = [pin.difference(robot.model, *pair) for pair in zip(start, end, strict=True)]
-    out = np.reshape(found, (len(start), robot.nv))
+    out = np.array(found).reshape(len(start), robot.nv)
     # Pinocchio takes these angles from an arc cosine, which is 0 for angles below 1e-8.
     for joint in robot.joints:
         if joint.kind == "cos-sin":
@@ -86,7 +86,7 @@ def integrate(robot: RobotModel, q: ArrayLike, dv: ArrayLike) -> Array:
     batch = batch_shape(q=start, dv=step)
     start, step = rows(start, batch), rows(step, batch)
     found = [pin.integrate(robot.model, *pair) for pair in zip(start, step, strict=True)]
-    out = np.reshape(found, (len(start), robot.nq))
+    out = np.array(found).reshape(len(start), robot.nq)
     # Pinocchio divides by the angle, which loses digits where that is small.
     for joint in robot.joints:
         if joint.kind == "planar":

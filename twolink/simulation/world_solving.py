@@ -182,7 +182,7 @@ def solve_worlds(
     given = _Worlds(step_map, starts, times, parameters, progress, accuracy)
     count, tolerance = starts.shape[1], first_tolerance(method, accuracy)
     one = given.solved(np.arange(count), np.full(count, tolerance))
-    seconds, best = time.perf_counter() - begin, one.of(one.worlds)
+    seconds, best = time.perf_counter() - begin, one.of(one.worlds) if verify else one
     least = LEAST * smallest_tolerance(method)
     for before in itertools.count():
         if not (verify and one.worlds.size):

@@ -104,8 +104,8 @@ def simulate_many(
         found = solve_one_by_one(scene, states, values, times, asked, told, verify=verify, contact=contact)
     else:
         found = _in_batch(scene, states, values, times, accuracy, told, verify=verify)
-    behind = (wanted[:, None] > found.ends)[:, :, None]
-    qs, vs = (np.where(behind, np.nan, rows[kept]) for rows in (found.q, found.v))
+    qs, vs = found.q[kept], found.v[kept]
+    qs[wanted[:, None] > found.ends] = vs[wanted[:, None] > found.ends] = np.nan
     return Worlds(scene.robot, end, found.q[-1], found.v[-1], found.error, accuracy, found.steps, found.cost, wanted,
                   qs, vs, found.events, found.ends, scene, *begun, found.estimated)  # fmt: skip
 
