@@ -64,6 +64,16 @@ def test_points_of_all_pairs_are_those_of_the_formulas(shapes: tuple[AnyShape, A
     assert compared > 20
 
 
+@pytest.mark.parametrize("shape", [SPHERE, CAPSULE, BOX, CYLINDER], ids=lambda shape: type(shape).__name__)
+@pytest.mark.parametrize("lower", "ab")
+def test_points_on_the_ground_are_those_of_the_body_that_is_there(shape: AnyShape, lower: str) -> None:
+    robot = free_bodies("a", "b")
+    pairs = pairs_of(robot, {"a": (shape,), "b": (shape,)})
+    q = np.concatenate([[x, 0.0, 0.0 if name == lower else 9.0, 0.0, 0.0, 0.0, 1.0] for x, name in enumerate("ab")])
+    below = found(robot, Detector(robot, pairs), q)
+    assert {pairs[k].first.link for k in below.pair[below.gap < 0.0]} == {lower}
+
+
 @pytest.mark.parametrize("shapes", PAIRS, ids=lambda pair: "-".join(type(shape).__name__ for shape in pair))
 def test_where_cores_overlap_the_gap_is_coals(shapes: tuple[AnyShape, AnyShape]) -> None:
     robot = free_bodies("a", "b")
