@@ -200,21 +200,46 @@ def test_a_client_has_half_of_the_connections(small: Served) -> None:
         assert answer(later)[0] == 200
 
 
-async def test_a_connection_without_requests_is_closed(tmp_path: Path) -> None:
-    async def application(_scope: Any, _receive: Any, send: Any) -> None:
-        await send_answer(send, 204, (), b"")
-
-    options = uvicorn_options(Settings(str(tmp_path), quotas=Quotas(body_seconds=0.1)))
+async def connected(
+    application: Any, folder: Path
+) -> tuple[asyncio.StreamReader, asyncio.StreamWriter, asyncio.Server]:
+    """A connection to an application on the service's protocol, which ends it where it is idle for 0.3 s."""
+    options = uvicorn_options(Settings(str(folder), quotas=Quotas(body_seconds=0.1)))
     config = uvicorn.Config(application, **{**options, "timeout_keep_alive": 0.3, "lifespan": "off"})
     config.load()
     make = functools.partial(config.http_protocol_class, config=config, server_state=ServerState(), app_state={})  # type: ignore[call-arg]
     server = await asyncio.get_running_loop().create_server(make, "127.0.0.1", 0)
-    reader, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
+    return *await asyncio.open_connection(*server.sockets[0].getsockname()), server
+
+
+async def test_a_connection_without_requests_is_closed(tmp_path: Path) -> None:
+    async def application(_scope: Any, _receive: Any, send: Any) -> None:
+        await send_answer(send, 204, (), b"")
+
+    reader, writer, server = await connected(application, tmp_path)
     for _ in range(3):
         writer.write(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
         assert (await reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 204")
         await asyncio.sleep(0.2)
     assert await asyncio.wait_for(reader.read(), 10) == b""
+    writer.close()
+    server.close()
+
+
+async def test_a_request_behind_one_that_is_answered_at_once_is_not_idle(tmp_path: Path) -> None:
+    class Application:
+        def answer_now(self, *_: Any) -> tuple[bytes, bytes]:
+            return b"", b""
+
+        async def __call__(self, _scope: Any, _receive: Any, send: Any) -> None:
+            await asyncio.sleep(0.6)
+            await send_answer(send, 204, (), b"")
+
+    reader, writer, server = await connected(Application(), tmp_path)
+    request = b"%s / HTTP/1.1\r\nHost: localhost\r\n%s\r\n"
+    writer.write(request % (b"POST", b"Content-Length: 2\r\n") + b"{}" + request % (b"GET", b""))
+    for status in (b"HTTP/1.1 200", b"HTTP/1.1 204"):
+        assert (await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), 10)).startswith(status)
     writer.close()
     server.close()
 

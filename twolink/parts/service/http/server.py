@@ -127,6 +127,7 @@ class Protocol(HttpToolsProtocol):
         """A request begins."""
         if len(self.pipeline) >= _PIPELINED:
             raise self._refuse(busy("too many requests on one connection wait for their answers", "connection"))
+        self._unset_keepalive_if_required()  # which bytes that have come with an answered request would not do
         self._begin()
         self._unused = self._piece  # at most: it may begin anywhere in the piece
         super().on_message_begin()
