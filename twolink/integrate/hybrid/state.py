@@ -30,6 +30,7 @@ from twolink.integrate.solution import Event, Impulse
 BEYOND = 1e-9  # m or rad: a state so far beyond a stop or a plane is refused
 SAME_PLACE = 2 * NEAR  # m: of features that touch at one place
 OF_CONTACTS = ("impact", "single", "leave", "slide", "roll", "contact")  # keys with the number of a contact
+CHANGED = np.ndarray, list, dict, set  # kinds of what a run changes in place
 Touched = tuple[int, Feature]  # with the number of its pair
 
 
@@ -62,7 +63,7 @@ class RunState(ModeState):
         """A run that may be changed."""
         other = copy.copy(self)
         for name, value in vars(self).items():
-            if isinstance(value, np.ndarray | list | dict | set):
+            if isinstance(value, CHANGED):
                 setattr(other, name, value.copy())
         return other
 
