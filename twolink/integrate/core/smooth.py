@@ -7,6 +7,8 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from twolink.effects.inputs import Slot
 from twolink.integrate.core.columns import Columns
 from twolink.integrate.core.motion import LATER, Motion, again, driven
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from twolink.loop.sampled_loop import SampledLoop
 
 SHORT = 16  # attempted steps of a block in which all solutions beside the run are looked at at all times
+TOGETHER = 32  # of such blocks: they are looked at together
 FAR, NEAR = 1.5, 0.5  # of its step: a time for which a method of lower order is left; of that time, for which it is not
 MANY = 1_000_000  # steps, after which the count of steps of a motion without end begins anew
 
@@ -72,6 +75,7 @@ class SmoothMotion(Motion):
         self.equations, self._by = by.equations, by
         self.columns = Columns(by, t, end, setting, perturbations, progress, lose=lose)
         self.track, self._companions, self._steps = track, companions, 0
+        self._unseen: list[Block] = []  # at whose samples of the solutions beside the first no one has looked
         self._end = end
         self._breaks, self._passed = [*(b for b in by.equations.breaks(end) if b > t), math.inf], 0
         self._checks, self._looked = [*([] if companions is None else companions.t.tolist()), math.inf], 0
@@ -159,8 +163,26 @@ class SmoothMotion(Motion):
         return True
 
     def _look(self, companions: Companions, block: Block) -> None:
+        """Look at the solutions beside the first, in many short blocks at once."""
+        short = len(block.t) <= SHORT
+        if short and len(block.worlds) == self.columns.x.shape[1] and not block.outcome.any():
+            self._unseen.append(block._replace(states=block.states.copy(), t=block.t.copy()))
+            if len(self._unseen) == TOGETHER:
+                self.look()
+            return
+        self.look()  # for some go on alone: what they take there is in no later block
+        self._take_samples(companions, block, few=short)
+
+    def look(self) -> None:
+        """Take the samples of the solutions beside the first that are left to take."""
+        if self._companions is not None and self._unseen:
+            states, t = (np.concatenate([one[i] for one in self._unseen]) for i in (1, 2))
+            block, self._unseen = self._unseen[-1]._replace(states=states, t=t), []
+            self._take_samples(self._companions, block, few=True)
+
+    def _take_samples(self, companions: Companions, block: Block, *, few: bool) -> None:
         """Take the samples of the solutions beside the first, which are numbered behind it."""
-        for others, often in companions.looks(block.worlds, few=len(block.t) <= SHORT):
+        for others, often in companions.looks(block.worlds, few=few):
             part = Block(block.worlds[others] - 1, *(rows[..., others] for rows in block[1:]))
             take_samples(self._by, part, companions.t[often], companions.x[often])
 
@@ -224,5 +246,6 @@ def _solutions(
     motion: SmoothMotion, track: Track, loop: SampledLoop | None, interrupted: bool, until: float
 ) -> list[Solution]:
     """The run so far, with the samples up to a time."""
+    motion.look()
     run = track.solution(motion.columns, min(until * LATER, track.t), readings=loop and loop.readings)
     return [replace(run, interrupted=interrupted, events=() if loop is None else tuple(events_of(loop)))]
