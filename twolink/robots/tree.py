@@ -207,7 +207,8 @@ def _reduced(element: Element) -> Element:
 
 def other_side(name: str) -> str:
     """The name of the right link or joint that a left one has; "" of one that has no side."""
-    parts = re.findall(r"left|[a-z]+|[A-Z]+(?![a-z])|[A-Z][a-z]*|[^a-zA-Z]+", name)
+    words = re.split("(left|Left|LEFT)", name)  # also within one: "frontleft_hip"
+    parts = [part for word in words for part in re.findall(r"[a-z]+|[A-Z]+(?![a-z])|[A-Z][a-z]*|[^a-zA-Z]+", word)]
     for k, part in enumerate(parts):
         other = _SIDES.get(part.lower(), "")
         if other:

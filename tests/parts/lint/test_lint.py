@@ -171,6 +171,7 @@ def test_a_robot_without_inertials_has_one_warning_of_its_masses() -> None:
 @pytest.mark.parametrize(("left", "right"), [
     ("left_hip", "right_hip"), ("panda_leftfinger", "panda_rightfinger"), ("LShoulderYaw", "RShoulderYaw"),
     ("armLeft", "armRight"), ("FL_hip", "FR_hip"), ("lever", ""), ("right_hip", ""),
+    ("frontleft_hip", "frontright_hip"), ("Leftarm", "Rightarm"), ("ARMLEFT", "ARMRIGHT"),
 ])  # fmt: skip
 def test_a_left_name_has_a_right_one(left: str, right: str) -> None:
     assert other_side(left) == right
