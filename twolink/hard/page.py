@@ -53,7 +53,7 @@ def error_plot(result: CaseResult) -> str:
             axis.semilogy(curve.t[curve.bar > 0.0], curve.bar[curve.bar > 0.0], "--", color=colour, linewidth=1.0)
     axis.set(xlabel="time t (s)", ylabel="error; dashed: error bar")
     figure.legend(fontsize=8, loc="outside lower center", ncols=3)
-    return figure_html(figure)
+    return figure_html(figure, "error over time")
 
 
 def lines(result: CaseResult) -> Iterator[str]:

@@ -122,12 +122,12 @@ class Plotted:
         raise NotImplementedError
 
 
-def figure_html(figure: Figure) -> str:
-    """A figure as a picture in HTML, for notebooks."""
+def figure_html(figure: Figure, alt: str = "") -> str:
+    """A figure as a picture in HTML, for notebooks and pages. alt: what it shows, for those who do not see it."""
     picture = io.BytesIO()
     figure.savefig(picture, format="png", dpi=100)
     encoded = base64.b64encode(picture.getvalue()).decode("ascii")
-    return f'<img src="data:image/png;base64,{encoded}" style="max-width: 100%" alt="">'
+    return f'<img src="data:image/png;base64,{encoded}" style="max-width: 100%" alt="{alt}">'
 
 
 def plain(name: str) -> str:
