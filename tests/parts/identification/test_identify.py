@@ -86,6 +86,15 @@ def test_uneven_times_are_differentiated_too() -> None:
     np.testing.assert_allclose(found.estimate, truth(found), rtol=0, atol=2e-3)
 
 
+def test_runs_that_are_shorter_than_a_block_of_samples() -> None:
+    """Averages over blocks leave nothing of the second run, and a block or two of each of the others."""
+    clean = ARM.inverse_dynamics(Q, V, A)
+    tau = clean + 0.05 * np.cumsum(noisy(np.zeros_like(clean), 0.1), axis=0)
+    whole, *short = ({"t": T[rows], "q": Q[rows], "tau": tau[rows]} for rows in (slice(None), slice(80), slice(99)))
+    for runs in ([whole, short[0]], [short[1], *short, *short]):
+        assert np.isfinite(identify(ARM, runs, parameters=["forearm.mass"], half_window=25).covariance).all()
+
+
 def test_continuous_joints_are_differentiated_along_their_tangent() -> None:
     text = ARM.visuals.text.replace('type="revolute"', 'type="continuous"')
     robot = tl.load_robot(text)

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 _FEWEST, _MOST = 20, 60  # coefficients of a run
+_PER_SERIES = 4  # samples or blocks of a run for each of its coefficients
 _BAND = 0.9  # of the columns' squares is within them
 _RANGE = 14.0  # of the logarithms of P and W about the noise
 _CLEARLY = 3.0  # by joint: twice the logarithm of a likelihood that is so much above white noise's is not by chance
@@ -38,7 +39,9 @@ def slow_variances(
     columns (n, nv, r), residuals (n, nv), noise (nv,), weights (nv,): by joint. ends: of the runs. back (r, r). None
     where there are too few coefficients.
     """
-    runs = spans(ends)
+    runs = [run for run in spans(ends) if run.stop - run.start >= _PER_SERIES]  # others are too short for a series
+    if not runs:
+        return None
     sines = [_sines(run.stop - run.start, columns[run]) for run in runs]
     rows = np.concatenate([np.einsum("nk,njr->kjr", s, columns[run]) for s, run in zip(sines, runs, strict=True)])
     left = np.concatenate([s.T @ residuals[run] for s, run in zip(sines, runs, strict=True)])
@@ -81,7 +84,7 @@ def slow_variances(
 def _sines(n: int, columns: np.ndarray) -> np.ndarray:
     """The series (n, K) of a run, up to where most of its columns are."""
     at = (np.arange(n) + 0.5)[:, None]
-    series = np.sqrt(2 / n) * np.sin(np.pi * at * (np.arange(min(_MOST, n // 4)) + 0.5) / n)
+    series = np.sqrt(2 / n) * np.sin(np.pi * at * (np.arange(min(_MOST, n // _PER_SERIES)) + 0.5) / n)
     energy = np.cumsum(np.einsum("nk,njr->kjr", series, columns).reshape(series.shape[1], -1) ** 2, axis=0).sum(axis=1)
     enough = int(np.searchsorted(energy, _BAND * np.sum(columns**2))) + 1
     return np.asarray(series[:, : max(_FEWEST, enough)])
