@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -53,7 +54,8 @@ class Shape(
 
     def coal(self) -> Any:
         """Coal's geometry, whose class has the same name."""
-        return getattr(coal, type(self).__name__)(*map(float, np.hstack(list(self.sizes.values()))))
+        numbers = (value if isinstance(value, Iterable) else (value,) for value in self.sizes.values())
+        return getattr(coal, type(self).__name__)(*map(float, itertools.chain.from_iterable(numbers)))
 
 
 class Sphere(Shape, frozen=True):
