@@ -74,6 +74,7 @@ def test_what_a_run_tells_is_of_both_parts() -> None:
     assert_near(v[0, 2], -G * HIT / 2, 1e-6)
     assert_near(q[1, 2], 0.05, 1e-6)
     assert run.tau.shape == run.acceleration.shape == run.v.shape
+    assert run.cost.steps > run.contact_record["steps"] > 0
 
 
 def test_an_error_at_the_splice_grows_as_motions_part(monkeypatch: pytest.MonkeyPatch) -> None:

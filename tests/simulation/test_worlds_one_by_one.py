@@ -52,6 +52,7 @@ def test_balls_bounce_from_heights_of_their_own() -> None:
     worlds = tl.simulate_many(tl.load_scene("bouncing-ball"), q=[[h] for h in heights], duration=0.9, accuracy=1e-9)
     assert_near(worlds.q[:, 0], [bouncing(np.array([0.9]), h, 0.6)[0] for h in heights], 1e-9)
     assert [len(events) for events in worlds.events] == [2, 1, 1]
+    assert worlds.cost.steps == worlds.steps.sum() > worlds.steps.max()
 
 
 def test_a_start_below_the_plane_is_refused_with_its_world() -> None:
