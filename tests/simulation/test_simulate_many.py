@@ -11,6 +11,7 @@ from tests.near import assert_near, assert_within
 from twolink.errors import AccuracyError, QueryError, SceneError
 from twolink.hard.truths import extended_reference
 from twolink.lagrange import two_link
+from twolink.simulation.world_solving import _Tried, _Worlds
 
 RNG = np.random.default_rng(5)
 
@@ -84,6 +85,25 @@ def test_error_bars_of_worlds_hold() -> None:
     rough = tl.simulate_many(scene, q=q, v=v, duration=2.0, accuracy=1e-3)
     fine = tl.simulate_many(scene, q=q, v=v, duration=2.0, accuracy=1e-9)
     assert_within(rough.q, fine.q, rough.error)
+
+
+def test_a_world_keeps_the_best_bar_that_it_has_had(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Solutions with smaller tolerances whose bars are larger are not taken."""
+    bars, looks = _Worlds.bars, list[int]()
+
+    def growing(given: _Worlds, one: _Tried, before: int) -> _Tried:
+        finer = bars(given, one, before)
+        one.error[:] = (2.0 + before) * given.accuracy
+        looks.append(before)
+        return finer
+
+    monkeypatch.setattr(_Worlds, "bars", growing)
+    monkeypatch.setattr(_Worlds, "first_bars", lambda given, one: growing(given, one, 0))
+    given = {"duration": 1.0, "q": starts(3), "accuracy": 1e-6}
+    worlds = tl.simulate_many(tl.load_scene("arm-swing"), **given)
+    assert max(looks) > 0
+    np.testing.assert_array_equal(worlds.error, 2e-6)
+    np.testing.assert_array_equal(worlds.q, tl.simulate_many(tl.load_scene("arm-swing"), **given, verify=False).q)
 
 
 def test_samples_on_the_way() -> None:
