@@ -1,5 +1,6 @@
 """Programs: the native library, NumPy and the tape agree; a column has the same bits in every width and place."""
 
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from twolink.errors import TwolinkError
 from twolink.native import machine
 from twolink.native.differentiation import jacobian
 from twolink.native.machine import Program, assembled, trace
+from twolink.native.programs import SPENT, once
 
 COUNTS = (1, 2, 4, 5, 8, 11, 16, 100)
 
@@ -118,3 +120,15 @@ def test_wrong_numbers_of_inputs_are_refused() -> None:
         with pytest.raises(TwolinkError, match="a program of 2 inputs got"):
             program(np.ones(shape))
     assert program(np.ones((2, 0))).shape == (1, 0)
+
+
+def test_seconds_of_programs_are_those_of_the_own_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TWOLINK_CACHE", "off")
+    monkeypatch.setattr("twolink.native.programs._kept", {})
+    before, waited = SPENT.seconds, threading.Event()
+    other = threading.Thread(target=once, args=("another thread's", lambda: waited.wait(0.01)))
+    other.start()
+    other.join()
+    assert SPENT.seconds == before
+    once("the own", lambda: waited.wait(0.01))
+    assert SPENT.seconds >= before + 0.005

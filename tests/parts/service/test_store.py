@@ -37,8 +37,8 @@ def jobs_of(store: Store, run: Any, **quotas: float) -> Jobs:
     return Jobs(settings, store, SimpleNamespace(run=run), Metrics(), Budget(store, math.inf))
 
 
-def add_done(store: Store, key: str, size: int = 1000, request: Any = None) -> None:
-    store.new_job(key, "simulation", msgspec.json.encode(request or {"scene": "arm-swing"}))
+def add_done(store: Store, key: str, size: int = 1000, request: Any = None, owner: str = "") -> None:
+    store.new_job(key, "simulation", msgspec.json.encode(request or {"scene": "arm-swing"}), owner)
     (store.begin_job(key)[0] / "result.npz").write_bytes(bytes(size))
     store.end_job(key, state="done", ended=1.0, result={})
 
@@ -114,6 +114,21 @@ def test_requests_files_and_drawings_count_and_the_oldest_go_first(tmp_path: Pat
         assert [job.id for job in store.jobs("simulation", math.inf, 10)] == [KEYS[3], KEYS[2], KEYS[1]]
         assert store.shrink(0, keep=KEYS[3]) == 2
         assert 170_000 <= store.kept_bytes < 180_000
+
+
+def test_an_owner_keeps_to_its_part_of_the_disk_with_exports_and_no_other_loses_by_it(tmp_path: Path) -> None:
+    with opened(tmp_path, owner_disk_mb=0.1) as store:
+        for key, owner in zip(KEYS, ("ann", "ann", "bob", ""), strict=True):
+            add_done(store, key, 40_000, owner=owner)
+        assert len(store.jobs("simulation", math.inf, 10)) == 4
+        (store.result_folder(KEYS[1]) / "result.csv").write_bytes(bytes(40_000))
+        store.measure(KEYS[1])
+        assert {job.id for job in store.jobs("simulation", math.inf, 10)} == {*KEYS[1:]}
+
+
+def test_a_disk_without_room_for_a_result_is_found(tmp_path: Path) -> None:
+    with opened(tmp_path, disk_mb=1e9, result_mb=1e9) as store, pytest.raises(OSError, match="MB are free, a result"):
+        store.check()
 
 
 def test_lists_come_in_pages_without_large_requests(tmp_path: Path) -> None:
