@@ -13,10 +13,9 @@ Arrays are (size,) of one state or (size, n) of many, one state a column; entrie
 
     x = (q, v, z, numbers)
 
-`numbers` are constant within a smooth piece: the coefficients of the polynomial
-that a table of samples is there, the slots by name, then for each lockable degree of freedom whether it is locked (1
-or 0), and the friction torque on it. They are rows of the state, so that one compiled step serves all pieces and
-modes.
+`numbers` are constant within a smooth piece: the coefficients of the polynomial that a table of samples is there, the
+slots by name, then for each lockable degree of freedom whether it is locked (1 or 0), and the friction torque on it.
+They are rows of the state, so that one compiled step serves all pieces and modes.
 """
 
 import itertools

@@ -43,11 +43,11 @@ class Workers:
     """At most `count` worker processes.
 
     memory: the limit that they share with other pools. budget: of owners, to whom the time of their tasks is charged.
-    threads: of each. niceness: how far they let the service, and
-    other programs, run first. waiting: tasks that may wait, see `Turns`. tasks: the module whose TASKS they run.
-    writable: the folders that they may write, besides that of their kernels. on_death: called for each process that
-    dies during a task. idle: what a second counts, of the time that a task may take, in which the process gets no
-    processor; 1: time is that of the wall. spare: one process more is started when the last one begins a task.
+    threads: of each. niceness: how far they let the service, and other programs, run first. waiting: tasks that may
+    wait, see `Turns`. tasks: the module whose TASKS they run. writable: the folders that they may write, besides that
+    of their kernels. on_death: called for each process that dies during a task. idle: what a second counts, of the time
+    that a task may take, in which the process gets no processor; 1: time is that of the wall. spare: one process more
+    is started when the last one begins a task.
     """
 
     def __init__(
