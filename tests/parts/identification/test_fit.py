@@ -17,6 +17,7 @@ from twolink.identification import base_parameters
 from twolink.io.tables import write_table
 from twolink.parts.identification.bounded_least_squares import Bounds, StepLimits, step_within
 from twolink.parts.identification.consistency import body_of, central, from_central, log_cholesky_chart, pseudo_inertia
+from twolink.parts.identification.shooting import ShootingInterval, Shot
 from twolink.scenes.parameters import scene_with
 
 E = tl.effects
@@ -78,6 +79,7 @@ def test_ctrl_c_keeps_the_best_so_far() -> None:
     assert any("best so far" in text for text in found.warnings)
     assert "x the noise" in labels[-1]
     guess = motion_of(start)[0] - Q
+    np.testing.assert_allclose(found.residuals, Q - motion_of(scene_with(start, found.values))[0], atol=1e-5)
     assert np.abs(found.residuals).max() < 0.5 * np.abs(guess).max()
 
 
@@ -186,6 +188,22 @@ def test_what_is_told_of_driven_links_are_pinocchios_base_parameters() -> None:
     assert np.mean(np.abs(found.estimate - truth) <= found.half_width) >= 5 / 6
     for inertia in found.found.model.inertias.tolist()[1:]:
         assert np.linalg.eigvalsh(pseudo_inertia(np.asarray(inertia.toDynamicParameters()))).min() > 0
+
+
+def test_derivatives_of_segments_and_of_the_gaps_between_them() -> None:
+    """Each moves by its own start alone, and a gap by the start behind it, too."""
+    random, nx, k = np.random.default_rng(0), 4, 3
+    segments = [
+        ShootingInterval(*(np.empty(0),) * 3, random.normal(size=(m, 2, k)), random.normal(size=(m, 2, nx)),
+                         random.normal(size=(nx, k)), random.normal(size=(nx, nx)), *(np.empty(0),) * 2)
+        for m in (5, 4, 6)]  # fmt: skip
+    basis, y, starts = random.normal(size=(k, 2)), random.normal(size=2), random.normal(size=(2, nx))
+    z, moves = basis @ y, [np.zeros(nx), *starts]
+    values = [(of.by_z @ z + of.by_start @ move).ravel() for of, move in zip(segments, moves, strict=True)]
+    gaps = [of.end_by_z @ z + of.end_by_start @ move - after
+            for of, move, after in zip(segments[:2], moves[:2], moves[1:], strict=True)]  # fmt: skip
+    found = Shot(SCENE, segments, np.zeros((2, nx))).jacobian(basis) @ np.concatenate([y, *starts])
+    np.testing.assert_allclose(found, np.concatenate([*values, *gaps]), atol=1e-12)
 
 
 @pytest.mark.slow
