@@ -15,8 +15,8 @@ import twolink as tl
 from tests.command import call
 from twolink.errors import RobotError, SceneError
 from twolink.hard import ErrorCheck, RefusalCase, SimulationCase, all_cases, attempts, run_case, select_cases
-from twolink.hard.case import FOLDER, INTERRUPTED, MET, MISSED, SAID, WRONG, ErrorFunction
-from twolink.hard.page import lines, page, summary
+from twolink.hard.case import FOLDER, INTERRUPTED, MET, MISSED, SAID, WRONG, ErrorCurve, ErrorFunction
+from twolink.hard.page import error_plot, lines, page, summary
 from twolink.hard.truths import distance
 
 PATIENCE = 300.0  # seconds: more is a hang on any machine
@@ -188,6 +188,13 @@ def test_the_page_has_every_case_and_loads_nothing_from_elsewhere() -> None:
     assert "Release from exactly symmetric rest" in text
     assert re.findall('<img src="data:image/png;base64,[^"]+" [^>]*alt="(.*?)">', text) == ["error over time"]
     assert not re.search(r"https?://|src=(?!\"data:)|@import", text)
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf, 1e300])
+def test_errors_and_bars_of_any_size_are_drawn(value: float) -> None:
+    result = run_case(select_cases(["symmetric-rest"])[0])
+    curve = ErrorCurve(np.array([0.0, 1.0]), np.full(2, value), np.full(2, value))
+    assert error_plot(replace(result, ours=[replace(result.ours[0], curve=curve)])).startswith("<img ")
 
 
 def test_the_command_prints_json_and_writes_the_page(tmp_path: Path) -> None:

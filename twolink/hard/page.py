@@ -50,7 +50,8 @@ def error_plot(result: CaseResult) -> str:
         axis.semilogy(curve.t[there], np.minimum(curve.error[there], CEILING), color=colour, label=plain(label),
                       marker="." if there.sum() <= DOTS_UP_TO else "")  # fmt: skip
         if curve.bar is not None:
-            axis.semilogy(curve.t[curve.bar > 0.0], curve.bar[curve.bar > 0.0], "--", color=colour, linewidth=1.0)
+            bar = np.minimum(curve.bar, CEILING)
+            axis.semilogy(curve.t[bar > 0.0], bar[bar > 0.0], "--", color=colour, linewidth=1.0)
     axis.set(xlabel="time t (s)", ylabel="error; dashed: error bar")
     figure.legend(fontsize=8, loc="outside lower center", ncols=3)
     return figure_html(figure, "error over time")
