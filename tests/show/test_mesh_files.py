@@ -7,6 +7,7 @@ from typing import Any
 import coal
 import numpy as np
 import pytest
+import trimesh
 
 from tests.show.pieces import DAE, fixed, geometry
 from tests.show.test_playback import revived
@@ -14,6 +15,7 @@ from twolink.errors import ShowError
 from twolink.io.mesh_files import read_collada
 from twolink.show.meshcat_scene import scene_nodes
 from twolink.show.playback import write_playback
+from twolink.show.surfaces import surfaces
 
 SECRET = b"the host's own file"
 ENCODED = base64.b64encode(SECRET).decode()
@@ -38,6 +40,18 @@ def drawn(path: Path, *, override: bool = False) -> dict[str, Any]:
     nodes, skipped = scene_nodes(fixed(geometry("mesh", coal.Sphere(1.0), mesh=str(path), override=override))[1])
     assert skipped == []
     return nodes[0].object
+
+
+@pytest.mark.parametrize("scale", [(1.0, 1.0, 1.0), (1.0, 2.0, 3.0), (1.0, -2.0, 3.0)])
+def test_normals_of_a_mesh_that_is_stretched_or_mirrored(scale: tuple[float, ...], tmp_path: Path) -> None:
+    """Those of an ellipsoid, outward, of a ball's mesh."""
+    trimesh.creation.icosphere(3).export(tmp_path / "ball.stl")
+    piece = geometry("mesh", coal.Sphere(1.0), mesh=str(tmp_path / "ball.stl"))
+    piece.meshScale = np.array(scale)
+    (one,) = surfaces(fixed(piece)[1])[0]
+    exact = one.triangles / np.square(scale)
+    exact /= np.linalg.norm(exact, axis=-1, keepdims=True)
+    assert (one.normals * exact).sum(axis=-1).min() > 0.98
 
 
 def corners(drawn: dict[str, Any]) -> np.ndarray:
