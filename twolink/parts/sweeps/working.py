@@ -67,7 +67,8 @@ class Work:
 
     def _parts(self) -> Iterator[_Part]:
         for block, some in self.store.pending():
-            whole = self.plan.task(block)  # what is left of one is of a search for the runs that end workers: it goes on
+            whole = self.plan.task(block)
+            # What is left of a block is of a search for the runs that end workers, which goes on.
             yield _Part(block, some, whole.part(some), TRIES - 1 if len(some) < whole.runs else 0)
 
     def _fill(self, parts: Iterator[_Part]) -> bool:
