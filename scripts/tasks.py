@@ -64,13 +64,9 @@ def on_feet(name: str) -> tuple[tl.Robot, np.ndarray, dict[str, float], tl.effec
     q, target = bent_legs(robot)
     feet, radius = [name for name in robot.frame_names if name.endswith("FOOT")], FEET[name]
     q[2] = radius + 0.01 - min(float(robot.frame_pose(q, foot)[1][2]) for foot in feet)
-    pairs = tuple((foot, "ground") for foot in feet)
-    return (
-        robot,
-        q,
-        target,
-        tl.effects.Contact(pairs, 0.6, shapes={foot: (tl.effects.Sphere(radius),) for foot in feet}),
-    )
+    contact = tl.effects.Contact(tuple((foot, "ground") for foot in feet), 0.6,
+                                 shapes={foot: (tl.effects.Sphere(radius),) for foot in feet})  # fmt: skip
+    return robot, q, target, contact
 
 
 def scene_of(name: str) -> tl.Scene:

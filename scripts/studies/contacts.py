@@ -187,13 +187,8 @@ def show(rows: list[Row], given: argparse.Namespace) -> Bars:
     bad, bars = sum(row.fails for row in rows), Bars()
     for way in (way for way in given.ways if way != "auto"):
         judged = [row for row in rows if row.way == way and row.outcome in GOOD[:3]]
-        covered = sum(row.worst <= 1.0 for row in judged)
-        bars.append(
-            (
-                covered >= COVERED * len(judged),
-                f"{way}: estimates cover {covered} of {len(judged)} (bar: {COVERED:.0%})",
-            )
-        )
+        covered, of = sum(row.worst <= 1.0 for row in judged), len(judged)
+        bars.append((covered >= COVERED * of, f"{way}: estimates cover {covered} of {of} (bar: {COVERED:.0%})"))
     return [*bars, (not bad, f"wrong in silence, hangs, crashes: {bad} of {len(rows)} (bar: none)")]
 
 

@@ -68,7 +68,7 @@ class Work:
     def _parts(self) -> Iterator[_Part]:
         for block, some in self.store.pending():
             whole = self.plan.task(block)
-            # What is left of a block is of a search for the runs that end workers, which goes on.
+            # A block that is partly done was searched for a run that ends workers: the search goes on.
             yield _Part(block, some, whole.part(some), TRIES - 1 if len(some) < whole.runs else 0)
 
     def _fill(self, parts: Iterator[_Part]) -> bool:
