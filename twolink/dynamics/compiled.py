@@ -25,6 +25,7 @@ from twolink.robots.model import RobotModel
 
 Parameters = Mapping[str, ArrayLike] | None
 AXES = ("aligned", "local")
+_FLOAT = np.dtype(float)
 _log = logging.getLogger("twolink")
 
 
@@ -230,12 +231,9 @@ class Compiled:
 
 def _are_rows(arrays: Sequence[Any], sizes: tuple[int, ...]) -> TypeGuard[Sequence[Array]]:
     """True if arrays are (n, size) of float64 each, with one n above 0."""
-    count = 0
+    count = len(arrays[0])
     for a, size in zip(arrays, sizes, strict=True):
-        if type(a) is not np.ndarray or a.ndim != 2 or a.shape[1] != size or a.dtype != np.float64:
-            return False
-        count = count or len(a)
-        if len(a) != count:
+        if type(a) is not np.ndarray or a.shape != (count, size) or a.dtype is not _FLOAT:
             return False
     return count > 0
 

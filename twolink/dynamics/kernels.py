@@ -74,7 +74,7 @@ class Kernel:
         Where the memory of all arguments holds one state a column (transposed views), so does the result's.
         """
         count, entries = len(arguments[0]), math.prod(self.shape)
-        columns = all(_is_columns(a) for a in arguments)
+        columns = not arguments[0].flags.c_contiguous and all(map(_is_columns, arguments))
         if 0 < count <= self._few and not columns and self.program.handle is not None:
             return self._of_few(arguments, count)
         result = np.empty((entries, count)).T if columns else np.empty((count, entries))
@@ -94,18 +94,17 @@ class Kernel:
 
     def _of_few(self, arguments: Sequence[np.ndarray], count: int) -> np.ndarray | None:
         """As a call, for few states."""
-        pool = self._small
-        memory = pool.take()
+        memory = self._small.take()
         try:
+            result: np.ndarray = memory.outputs[0][:count]
             for into, values in zip(memory.inputs, arguments, strict=True):
                 into[:count] = values
             memory.run(count)
-            result, guard = memory.outputs
-            if not math.isfinite(sum(guard[:count, 0].tolist())):
+            if not math.isfinite(sum(memory.outputs[1][:count].ravel().tolist())):
                 return None
-            return np.array(result[:count].reshape(count, *self.shape))
+            return result.copy() if len(self.shape) == 1 else result.reshape(count, *self.shape).copy()
         finally:
-            pool.give(memory)
+            self._small.give(memory)
 
 
 def _work(operations: Mapping[str, int]) -> int:

@@ -523,18 +523,17 @@ class Robot(RobotModel):
 
     def _answer(self, name: str, engine: str, *arguments: Any) -> Array:
         """A query by name: one state straight from Pinocchio, other arguments checked, by the engine of the rule."""
-        query = self._queries.get(name) or self._query(name)
+        query, q = self._queries.get(name) or self._query(name), arguments[0]
+        if type(q) is np.ndarray and q.ndim == 2 and engine == "auto" and (made := self._compiled.get(())):
+            found = made.of_rows(name, arguments) if len(q) >= compiled_from(name, self.nv) else None
+            if found is not None:
+                return found
         quick = (self._shown.get(name) or shows_all(self, self._shown, name)) and self._is_state(*arguments)
         if engine in _BY_PINOCCHIO and isfinite(total := 0.0 if quick else self._sum_of_state(*arguments)):
             result = query.one(self.model, self.data, *arguments)
             # "K" is the order of the memory, which needs no copy
             if isfinite(total + ((x := result.ravel("K")).dot(x) if result.ndim > 1 else sum(result.tolist()))):
                 return result
-        q, made = arguments[0], self._compiled.get(())
-        if engine == "auto" and made is not None and type(q) is np.ndarray and q.ndim == 2:
-            found = made.of_rows(name, arguments) if len(q) >= compiled_from(name, self.nv) else None
-            if found is not None:
-                return found
         if self._is_compiled(name, engine, *arguments):
             return self._programs().answer(name, dict(zip(query.arguments, arguments, strict=True)))
         return pinocchio_queries.answer(self, query, arguments)

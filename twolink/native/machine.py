@@ -177,8 +177,12 @@ class SmallBatch:
         self.inputs = [np.empty((rows, size)) for size in inputs]
         self.outputs = [np.empty((rows, size)) for size in outputs]
         self._program, self._registers = program, _Registers(program, widest([program], rows))  # which do not keep it
-        self._before = (*self._registers.arguments[:2], self._registers.width, self._registers.handle.value)
-        self._after = (len(inputs), _blocks(self.inputs), len(outputs), _blocks(self.outputs))
+        program_at, lanes = self._registers.arguments[:2]
+        # as ctypes' own objects, which take half the time of converting them at each call
+        self._before = (ctypes.c_void_p(program_at), ctypes.c_int(lanes), ctypes.c_int(self._registers.width),
+                        ctypes.c_void_p(self._registers.handle.value))  # fmt: skip
+        self._after = (ctypes.c_int(len(inputs)), _blocks(self.inputs), ctypes.c_int(len(outputs)),
+                       _blocks(self.outputs))  # fmt: skip
         self._call = library().tl_columns
 
     def run(self, count: int) -> None:
