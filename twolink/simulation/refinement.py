@@ -1,7 +1,7 @@
 """Refinement: what is tried next where an error bar is above the accuracy, and the error where nothing is left.
 
-Smaller settings come first, as long as truncation is a part of the bar that they can make smaller. Then other methods,
-the last of them Taylor's; where rounding is in the way, in numbers of more digits: 31, then 47.
+Smaller settings come first, as long as truncation is a part of the bar that they can make smaller. Then methods of
+higher order, the last of them Taylor's; where rounding is in the way, in numbers of more digits: 31, then 47.
 """
 
 from collections.abc import Iterator
@@ -160,15 +160,24 @@ class Refinement:
         return replace(choice, setting=max(choice.setting * min(AIM, ratio), smallest))
 
     def _others(self, method: Method, one: Verified | None = None) -> Iterator[MethodChoice]:
-        """Other methods, unless rounding is in the way; then more digits."""
+        """Methods of higher order, unless rounding is in the way; Taylor's, in more digits too; then the others.
+
+        Where smaller settings did not suffice, those of lower order would take far more steps; they are left for runs
+        that were lost.
+        """
         rounding = 0.0 if one is None else self._rounding(one)
+        others = list[MethodChoice]()
         if self.any_method and method.name in OTHERS and rounding < MOST * self.accuracy:
-            for name in OTHERS if self.equations.sampling is None else OTHERS[:1]:
-                if name != method.name:
-                    yield MethodChoice(METHODS[name], first_setting(self.equations, METHODS[name], self.accuracy),
-                                       f"{method.name} did not reach the accuracy")  # fmt: skip
+            names = OTHERS if self.equations.sampling is None else OTHERS[:1]
+            others = [MethodChoice(METHODS[name], first_setting(self.equations, METHODS[name], self.accuracy),
+                                   f"{method.name} did not reach the accuracy") for name in names
+                      if name != method.name]  # fmt: skip
+        reached = one is not None and np.isfinite(_largest(one.truncation))
+        early = [choice for choice in others if not reached or choice.method.order > method.order]
+        yield from early
         if one is not None:
             yield from self._by_taylor(one)
+        yield from (choice for choice in others if choice not in early)
 
     def _by_taylor(self, one: Verified) -> Iterator[MethodChoice]:
         """Taylor's method: in a run's digits, where another method's steps are what it lacks; then in more."""
