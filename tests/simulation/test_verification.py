@@ -343,6 +343,20 @@ def test_a_bar_that_another_run_refutes_is_not_told() -> None:
     np.testing.assert_array_equal(search.best.error, fine.error)
 
 
+def test_more_digits_come_before_lower_orders() -> None:
+    """A run with the smallest tolerance, which lacks little by truncation and rounding alike: rk45 would lack more."""
+    equations = equations_of(tl.load_scene("arm-swing"))
+    times, accuracy = np.linspace(0.0, 1.0, 11), 1e-9
+    one = Verification(equations, times, np.arange(11), accuracy)(MethodChoice(METHODS["dop853"], 1e-14, ""))
+    lacking = replace(one, truncation=np.full(11, 0.7 * accuracy), rounding=np.full(11, 0.5 * accuracy))
+    search = Refinement(equations, accuracy, any_method=True, precisions=("extended",))
+    choices = [search.after(lacking) for _ in range(3)]
+    assert [(one.method.name, one.precision) for one in choices] == [
+        ("taylor", "extended"), ("rk45", "double"), ("esdirk43", "double")]  # fmt: skip
+    lost = replace(lacking, truncation=np.full(11, np.inf))
+    assert Refinement(equations, accuracy, any_method=True, precisions=("extended",)).after(lost).method.name == "rk45"
+
+
 @pytest.mark.parametrize("limit", [60_000, 20_000])
 def test_taylors_method_goes_on_where_steps_are_too_many(limit: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """A wheel after 3,000 turns, whose angle is w t; with as few steps as a million turns would leave."""
