@@ -22,7 +22,8 @@ from twolink.io.files import write_atomic
 MAGIC = b"twolink kernel 2\n"
 SUFFIX = ".kernel"
 _DIGEST = hashlib.sha256().digest_size
-_unseen: dict[Path, int] = {}  # bytes that this process has stored in a folder since it looked at it
+_LOOKS = 64  # at all files of the folder, while as much as the limit is stored
+_KEPT = 7 / 8  # of the limit, where some are deleted: files are opened then, which should not come often
 
 
 def folder() -> Path | None:
@@ -92,18 +93,17 @@ def load(name: str) -> Any:
 def store(name: str, content: Any) -> None:
     """Store content under this name, whole or not at all, and keep all kernels below TWOLINK_CACHE_MB (512).
 
-    A process looks at the folder when it first stores something, and each time it has stored a 64th of the limit.
+    A folder of years has 100,000 files, which take a second to look at. So the digest draws who looks: on the mean one
+    each time that all processes have stored a 64th of the limit.
     """
     path = kernel_path(name)
     if path is None:
         return
     payload = pickle.dumps(content)
     try:
-        write_atomic(path, lambda file: file.write(_head(name, payload) + payload), private=True)
-        limit = _limit()
-        _unseen[path.parent] = _unseen.get(path.parent, limit) + len(payload)
-        if _unseen[path.parent] > limit / 64:
-            _unseen[path.parent] = 0
+        head, limit = _head(name, payload), _limit()
+        write_atomic(path, lambda file: file.write(head + payload), private=True)
+        if int.from_bytes(head[-8:]) * limit <= 2**64 * _LOOKS * len(payload):
             _shrink(path.parent, limit)
     except (OSError, TwolinkError):
         return  # a full disk costs time, not answers
@@ -120,7 +120,7 @@ def _limit() -> int:
 
 
 def _shrink(place: Path, limit: int) -> None:
-    """Delete the least recently used kernels until all together are below the limit. Other files do not count.
+    """Delete the least recently used kernels where all together are above the limit. Other files do not count.
 
     Kernels that a killed process has begun to write, under names of their own, are among them.
     """
@@ -132,7 +132,7 @@ def _shrink(place: Path, limit: int) -> None:
     kernels = [(info.st_mtime, info.st_size, path) for path, info in written]
     total = sum(size for _, size, _ in kernels)
     for _, size, path in sorted(kernels):
-        if total <= limit:
+        if total <= _KEPT * limit:
             return
         path.unlink(missing_ok=True)
         total -= size
