@@ -1,5 +1,6 @@
 """Drives: closed forms, exact pieces of motion, and second implementations integrated by SciPy."""
 
+import copy
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -494,6 +495,6 @@ def test_states_in_quadruple_precision() -> None:
 
 
 def test_two_of_a_kind_are_refused() -> None:
-    twice = scene(*LAGGED.effects, *LAGGED.effects)
+    twice = scene(*LAGGED.effects, *map(copy.copy, LAGGED.effects))
     with refusal(tl.errors.SceneError, code="state-twice"):
         tl.simulate(twice)

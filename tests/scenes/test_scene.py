@@ -101,6 +101,17 @@ def test_starts_that_may_be_mistakes_are_remarked() -> None:
     assert all(tl.load_scene(name).notes() == [] for name in ("arm-swing", "bouncing-ball"))
 
 
+def test_an_effect_that_is_listed_twice_is_refused_and_two_equal_ones_act_both() -> None:
+    robot, torque = tl.load_robot("two_link"), {"elbow": 1.0}
+    once = fx.Torque(torque)
+    with pytest.raises(SceneError, match=r"effects\[2\]: this Torque is effects\[0\] already") as caught:
+        tl.Scene(robot, effects=[once, fx.Gravity(), once])
+    assert caught.value.data == {"effect": 2}
+    both = tl.simulate(tl.Scene(robot, effects=[once, fx.Torque(torque)]), 0.3)
+    double = tl.simulate(tl.Scene(robot, effects=[fx.Torque({"elbow": 2.0})]), 0.3)
+    np.testing.assert_allclose(both.q[-1], double.q[-1], atol=2e-6)
+
+
 def test_pickling_keeps_every_part_of_a_scene() -> None:
     robot = tl.load_robot("two_link", gravity=(0, 0, -1))
     scene = tl.Scene(robot, [0.1, 0.2], [0.3, 0.4], [fx.Gravity((0.0, 0.0, -2.0))], 3.0, "title")

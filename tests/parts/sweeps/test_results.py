@@ -116,6 +116,14 @@ def test_turns_that_the_error_bar_does_not_decide_are_left_out(store: Path, tmp_
     assert plot_sweep(data, tmp_path / "turns.png", "end.q.elbow", turns=True).stat().st_size > 5000
 
 
+def test_a_slider_has_no_turns(tmp_path: Path) -> None:
+    scene = tl.Scene(tl.load_robot("gripper"))
+    data = tl.sweep(scene, vary={"q.lift": [0.0, 0.1]}, out=tmp_path / "p.zarr", duration=0.01, executor=HERE)
+    assert plot_sweep(data, variable="end.q.lift")
+    with pytest.raises(SceneError, match=r"'end\.q\.lift' is no angle, which has turns"):
+        plot_sweep(data, variable="end.q.lift", turns=True)
+
+
 def test_tables_have_a_row_for_each_run(store: Path, tmp_path: Path) -> None:
     import pandas as pd
 

@@ -122,7 +122,11 @@ class RemoteRobot:
             batch = np.broadcast_shapes(*(array.shape[:-1] for array in arrays.values()))
         except ValueError:
             batch = ()  # they do not fit, which the service says
-        if math.prod(batch) <= self._largest(query, arrays, chosen):
+        if chosen and not math.prod(batch):  # lists of no states have no shape: that of one state is asked for
+            one = {name: np.zeros(a.shape[-1]) if name != "q" else self.neutral for name, a in arrays.items()}
+            return tuple(np.empty((*batch, *found.shape)) for found in self._send(query, one, chosen, ()))
+        in_lists = len(batch) < 2 or not chosen  # JSON has one list of states
+        if in_lists and math.prod(batch) <= self._largest(query, arrays, chosen):
             try:
                 return self._send(query, arrays, chosen, batch)
             except Refusal as refusal:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -195,7 +196,9 @@ def plot_sweep(
         There is no such variable.
     """
     numbers = [each for each in column_names(data) if column(data, each).dtype.kind in "fiu"]
-    angles = [each for each in numbers if each.startswith("end.q.") and each.replace(".q.", ".v.", 1) in numbers]
+    lengths = json.loads(data["q_name"].attrs.get("lengths", "[]")) if "q_name" in data else []
+    angles = [each for each in numbers if each.startswith("end.q.") and each.replace(".q.", ".v.", 1) in numbers
+              and each.removeprefix("end.q.") not in lengths]  # fmt: skip
     name = variable or next(each for each in numbers if column(data, each).dtype.kind == "f")
     what = "{!r} is no angle, which has turns" if turns else "the sweep has no number {!r}"
     require_known(name, angles if turns else numbers, SceneError, what, argument="variable")

@@ -192,8 +192,10 @@ def _coordinates(plan: SweepPlan) -> Iterator[tuple[str, np.ndarray, str, dict[s
         yield name, numbers, name if design.kind == "grid" else RUN, {"units": what.unit, "long_name": what.about}
     if design.kind != "grid":
         yield RUN, np.arange(design.runs), RUN, {"long_name": "number of the run"}
+    lengths = json.dumps([joint.name for joint in plan.scene.robot.joints if joint.unit == "m"])  # not angles
+    about = {"time": {"units": "s"}, "q_name": {"lengths": lengths}}
     for name, values in coordinates(plan.scene.robot, plan.request).items():
-        yield name, values, name, {} if values.dtype == object else {"units": "s"}
+        yield name, values, name, about.get(name, {})
 
 
 def _array(

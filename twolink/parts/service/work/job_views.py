@@ -17,7 +17,7 @@ View = dict[str, Any]
 LOOK = 0.5  # seconds between looks at a job of another process
 _PULSE = 0.1  # seconds between looks at a job's progress
 _KEEP_ALIVE = 10.0  # seconds between signs of life in a stream of events
-_PARTS = 10.0  # seconds between looks at the files of a job that runs in another process
+BETWEEN_COPIES = 10.0  # s between copies of what is done of a sweep, and so between looks at those of another process
 
 
 @dataclass
@@ -83,7 +83,7 @@ class JobViews:
 
     async def bring(self, job: JobRow) -> bool:
         """Have the files of a job here that another process has written. False where there are none."""
-        state = job.ended or int(time.time() / _PARTS)
+        state = job.ended or int(time.time() / BETWEEN_COPIES)
         return job.id in self.running or await asyncio.to_thread(self._store.copies.bring, job.id, state)
 
     async def request(self, kind: str, key: str) -> bytes:

@@ -25,7 +25,7 @@ from twolink.parts.service.problems import Problem, Refusal, ending, error_from,
 from twolink.parts.service.settings import Settings
 from twolink.parts.service.store.accounts import today
 from twolink.parts.service.store.store import RESUMED, Store
-from twolink.parts.service.work.job_views import LOOK, JobViews, Running, View
+from twolink.parts.service.work.job_views import BETWEEN_COPIES, LOOK, JobViews, Running, View
 from twolink.parts.service.work.metrics import Metrics
 from twolink.parts.service.work.requests import JOB_KINDS, JobRequest, upgraded
 from twolink.parts.service.work.sharing import (
@@ -43,7 +43,6 @@ from twolink.parts.service.work.worker_pool import Workers
 
 _RETRY = 2.0  # seconds between attempts to store how a job ended
 BEAT = 1.0  # s between signs of life
-_PARTS = 10.0  # s between copies of what is done of a sweep
 _TIDY = 60.0  # s between looks at copies of what others have deleted
 _log = logging.getLogger("twolink.service")
 
@@ -262,7 +261,7 @@ async def take_part(store: Store, jobs: Jobs) -> None:
             await beat(store, jobs)
             await _take_up(store, jobs)
             now = time.monotonic()
-            if now > kept + _PARTS and (keeping is None or keeping.done()):
+            if now > kept + BETWEEN_COPIES and (keeping is None or keeping.done()):
                 kept, keeping = now, asyncio.create_task(_keep(store, jobs))
             if now > tidied + _TIDY:
                 tidied = now
